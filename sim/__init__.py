@@ -4,46 +4,45 @@
     result = Fingertip.load().indent("bar:3.0", doi_mm=1.0)
 
 What a user needs is named here and imported when first used; `docs/library.md` shows it at work.
-From the bottom up, each room using only those above it in this list:
+From the bottom up, each using only those above it in this list:
 
-- `config`: what a fingertip is made from, measured skin, units.
-- `fem`: elements, assembly, condensation. `contact`: rigid shapes on a condensed skin. `devices`: virtual
-  instruments and their clock; `devices/grbl` is the board.
+- `errors`, `units`, `tables`, `workers`; `config`: what a fingertip is made from, measured skin.
+- `fem`: elements and condensation. `contact`: rigid shapes on a condensed skin. `devices`: virtual instruments and
+  their clock; `devices/grbl` is the board.
 - `finger`: the skin's geometry and its mesh.
 - `measures`: receptors under the skin, strain at them, the 18 measures.
 - `models`: a finger, a section of it, a half-space, all indented the same way; `models/catalogue.py` is the door.
-- `coding`: pressure on the skin to receptors under it, and back.
-- `plant`: what stands under the virtual devices.
-- `serve`: the same in real time, behind ports.
-- `speed_and_error`: what each model costs and how wrong it is.
+- `identification`: which fingers a few presses leave possible. `coding`: pressure on the skin to receptors, and back.
+- `plant`: what stands under the virtual devices. `serve`: the same in real time, behind ports.
+- `benchmark` and `choice`: what each model costs, how wrong it is, and which one a scene needs.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from sim import _moved
+
 if TYPE_CHECKING:
-    from sim.config.fingertip_config import FingertipConfig, Geometry, MeshSpec, Tissue
+    from sim.choice import Aim, Choice, NoModelError, choose
+    from sim.config import FingertipConfig, Geometry, MeshSpec, Tissue
     from sim.contact.height_map import HeightMap, HeightMapError
     from sim.contact.indentor import Indentor, ShapeWarning
     from sim.contact.measured_profile import MeasuredProfile, ProfileError
     from sim.contact.shapes import ShapeError, parse_shape
+    from sim.errors import ForceOutOfReachError, ModelRangeError
     from sim.measures.measures import MEASURES
     from sim.measures.receptors import ReceptorError
     from sim.models.catalogue import load
-    from sim.models.errors import ForceOutOfReachError, ModelRangeError
+    from sim.models.field import Fields
     from sim.models.fingertip import Fingertip
-    from sim.models.processes.many import WorkerLostError, indent_many
-    from sim.models.results.fields import Fields
-    from sim.models.results.indentation import IndentationResult
-    from sim.models.results.indentations import Indentations
-    from sim.models.results.point_load import PointLoadResult
-    from sim.models.results.tables import NotInstalledError, to_pandas, to_xarray, write_csv
-    from sim.speed_and_error.choice import Aim, Choice, NoModelError, choose
+    from sim.models.many import WorkerLostError, indent_many
+    from sim.models.result import IndentationResult, Indentations, PointLoadResult
+    from sim.tables import NotInstalledError, to_pandas, to_xarray, write_csv
 
     __version__: str
 
 _HOMES = {
-    "sim.config.fingertip_config": ("FingertipConfig", "Geometry", "MeshSpec", "Tissue"),
+    "sim.config": ("FingertipConfig", "Geometry", "MeshSpec", "Tissue"),
     "sim.contact.height_map": ("HeightMap", "HeightMapError"),
     "sim.contact.indentor": ("Indentor", "ShapeWarning"),
     "sim.contact.measured_profile": ("MeasuredProfile", "ProfileError"),
@@ -51,15 +50,13 @@ _HOMES = {
     "sim.measures.measures": ("MEASURES",),
     "sim.measures.receptors": ("ReceptorError",),
     "sim.models.catalogue": ("load",),
-    "sim.models.errors": ("ForceOutOfReachError", "ModelRangeError"),
+    "sim.errors": ("ForceOutOfReachError", "ModelRangeError"),
     "sim.models.fingertip": ("Fingertip",),
-    "sim.models.processes.many": ("WorkerLostError", "indent_many"),
-    "sim.models.results.fields": ("Fields",),
-    "sim.models.results.indentation": ("IndentationResult",),
-    "sim.models.results.indentations": ("Indentations",),
-    "sim.models.results.point_load": ("PointLoadResult",),
-    "sim.models.results.tables": ("NotInstalledError", "to_pandas", "to_xarray", "write_csv"),
-    "sim.speed_and_error.choice": ("Aim", "Choice", "NoModelError", "choose"),
+    "sim.models.many": ("WorkerLostError", "indent_many"),
+    "sim.models.field": ("Fields",),
+    "sim.models.result": ("IndentationResult", "Indentations", "PointLoadResult"),
+    "sim.tables": ("NotInstalledError", "to_pandas", "to_xarray", "write_csv"),
+    "sim.choice": ("Aim", "Choice", "NoModelError", "choose"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
@@ -111,3 +108,6 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted([*globals(), *__all__])
+
+
+_moved.answer()

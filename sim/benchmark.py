@@ -1,28 +1,173 @@
 """What a candidate answers in each scene, and what that costs."""
 
+import json
+import re
 import resource
+import shutil
+import subprocess
 import sys
+import tempfile
 import time
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from functools import cache, partial
+from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 from threadpoolctl import threadpool_limits
 
+from sim.config import Contact, FingertipConfig, MeshSpec
+from sim.contact.indentor import ALONG, Prismatic
 from sim.fem import pardiso
 from sim.fem.pardiso import PardisoFactor
 from sim.finger.mesh import build_mesh
 from sim.finger.surface import FingertipSurface
-from sim.models.catalogue import load
-from sim.models.discretised import discretise
-from sim.models.processes.workers import in_processes
-from sim.models.results.indentation import IndentationResult
-from sim.speed_and_error.candidates import Candidate
-from sim.speed_and_error.scenes import Scene
+from sim.models.catalogue import ModelName, load
+from sim.models.condensed import discretise
+from sim.models.full_mesh import CONTACT_STIFFNESS_MPA_PER_MM, MeshedFinger, write_contact_deck
+from sim.models.result import IndentationResult
+from sim.workers import in_processes
+
+# --- candidates ---
+#
+# What may solve a scene: a model, its element and how fine it is.
+
+SCENE_PATCH = {"patch_x_mm": 2.4, "patch_z_mm": 2.3}
+"""Enough for every scene."""
+
+_TO_NAIL_MM = 6.893 - 5.0 - 1e-6
+_ROWS = {1: 3, 2: 5, 3: 7, 4: 9, 5: 9, 8: 9}
+
+LEVELS = ("coarse", "default", "fine")
+"""Of the finger's mesh, from cheap to dear."""
+
+SHARES = (0.65, 1.0)
+"""How much of the default patch's half-widths a patch may have: a few, so that scenes share models."""
+
+_EVEN = {
+    "coarse": {"axial_spacing_mm": 0.27},
+    "default": {},
+    "fine": {"spacing_mm": 0.125, "axial_spacing_mm": 0.126},
+}
+"""Of a level under shapes that slope along the finger, too: as far apart along it as across."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One way to solve the scenes."""
+
+    model: ModelName
+    refinement: str
+    mesh: MeshSpec = field(default_factory=MeshSpec)
+
+    @property
+    def element(self) -> str:
+        """Of the mesh; for a half-space "analytic"."""
+        return "analytic" if self.model == "halfspace" else self.mesh.element
+
+    @property
+    def config(self) -> FingertipConfig:
+        """The default finger on this mesh."""
+        return FingertipConfig(mesh=self.mesh)
+
+
+def of_level(model: ModelName, level: str, axes: tuple[int, ...], share: float) -> Candidate:
+    """A level's mesh for shapes that slope along some axes, on a share of the default patch."""
+    usual = MeshSpec()
+    sizes = {name: share * getattr(usual, name) for name in ("patch_x_mm", "patch_z_mm", "round_patch_mm")}
+    given = {"level": level, **({} if axes == ALONG else _EVEN[level]), **sizes}
+    return Candidate(model, level, MeshSpec.model_validate(given))
+
+
+def nested(n: int, **other: float | str | bool) -> MeshSpec:
+    """A mesh of the family that is refined evenly everywhere, with n elements through the epidermis.
+
+    Lateral spacing and depths are those elements' size, axial spacing about twice that: _ROWS[n] rows of nodes from
+    the receptor plane to the nail's edge, so that the skin is held at the same places on every mesh.
+    """
+    spacing = 0.4 / n
+    evenly = {
+        "spacing_mm": spacing,
+        "axial_spacing_mm": _TO_NAIL_MM / _ROWS[n],
+        "epidermis_elements": n,
+        "dermis_spacing_mm": spacing,
+        "growth": 1.2 ** (2 / n),
+        "far_growth": 1.5 ** (2 / n),
+        "near_spacing_mm": 1 / n,
+        "far_spacing_mm": 3 / n,
+    }
+    return MeshSpec.model_validate({**SCENE_PATCH, **evenly, **other})
+
+
+def coarse(spacing_mm: float, element: str = "bbar") -> MeshSpec:
+    """A mesh for seconds: lateral spacing, twice that along the finger, and the default depths."""
+    given = {"spacing_mm": spacing_mm, "axial_spacing_mm": 2 * spacing_mm, "element": element}
+    return MeshSpec.model_validate({**SCENE_PATCH, **given})
+
+
+QUADRATIC = MeshSpec.model_validate(
+    {
+        **SCENE_PATCH,
+        "element": "quadratic",
+        "spacing_mm": 0.34,
+        "epidermis_elements": 1,
+        "dermis_spacing_mm": 0.4,
+        "growth": 1.2**2,
+        "far_growth": 1.5**2,
+        "near_spacing_mm": 1.0,
+        "far_spacing_mm": 3.0,
+    }
+)
+"""Elements of twice the default's size: nodes as far apart as the default's."""
+
+
+# --- scenes ---
+#
+# The scenes in which errors are measured.
+
+OFFSET_RANGE_MM = 0.17
+"""Positions are spread over one element of the default mesh, so that no answer rests on where a node falls."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """One indentation to a depth; its family says what its errors stand for."""
+
+    family: str  # "smooth", "bar" or "step"
+    shape: str
+    x_mm: float
+    doi_mm: float
+
+    @property
+    def name(self) -> str:
+        """As it is written in tables."""
+        return f"{self.shape} at {self.x_mm:g}, DOI {self.doi_mm:g}"
+
+
+def _offset(family: str, shape: str, x_mm: float, doi_mm: float, n: int) -> list[Scene]:
+    offsets = np.arange(n) * OFFSET_RANGE_MM / n
+    return [Scene(family, shape, round(x_mm + float(offset), 4), doi_mm) for offset in offsets]
+
+
+SCENES = (
+    *_offset("smooth", "cylinder:9", 0.0, 0.4, 2),
+    *_offset("smooth", "cylinder:9", 0.0, 0.67, 2),
+    *_offset("smooth", "cylinder:3", 0.0, 0.67, 2),
+    *_offset("smooth", "step:5", -1.63, 0.73, 2),
+    *_offset("bar", "bar:3.0", 0.0, 0.67, 4),
+    *_offset("bar", "bar:1.5", 0.0, 0.67, 4),
+    *_offset("step", "step:1", -1.63, 0.73, 4),
+)
+
+FAMILIES = ("smooth", "bar", "step")
+
+QUICK_SCENES = tuple(scene for scene in SCENES if scene.x_mm in (0.0, -1.63))
+"""The first position of each."""
+
 
 Array = NDArray[np.float64]
 
@@ -135,4 +280,233 @@ def dense_cholesky_s(order: int) -> float:
             start = time.perf_counter()
             lapack.dpotrf(spd, lower=1, clean=0)
             times.append(time.perf_counter() - start)
+    return min(times)
+
+
+# --- reference ---
+#
+# The reference that errors are measured against: a fine mesh and its error bars.
+#
+# `studies/accuracy/reference_levels.py` makes it.
+
+Bars = Mapping[str, Mapping[str, float]]
+
+FILE = "reference_answers.json"
+
+
+@dataclass(frozen=True)
+class Reference:
+    """(k,) values for each scene and quantity, and relative error bars for each family and quantity."""
+
+    values: Mapping[Scene, Mapping[str, Array]]
+    bars: Bars
+    provenance: Mapping[str, Any]
+
+    def error(self, scene: Scene, quantity: str, answer: Answer) -> float:
+        """Largest deviation, over the largest value of the quantity: over all receptors, where it is theirs."""
+        value = self.values[scene][quantity]
+        return float(np.abs(answer.value(quantity) - value).max() / np.abs(value).max())
+
+    def largest_errors(self, answers: Mapping[Scene, Answer]) -> dict[str, dict[str, float]]:
+        """By family and quantity, over the family's scenes."""
+        return {
+            family: {
+                quantity: max(
+                    self.error(scene, quantity, a) for scene, a in answers.items() if scene.family == family
+                )
+                for quantity in QUANTITIES
+            }
+            for family in FAMILIES
+        }
+
+
+def from_levels(coarse: Mapping[Scene, Answer], fine: Mapping[Scene, Answer], about: Mapping[str, Any]) -> Reference:
+    """The finer of two levels; its bars are the largest changes from the coarser one.
+
+    Nothing is extrapolated: under sharp shapes the changes from level to level do not fall by any one order.
+    """
+    values = {scene: {quantity: answer.value(quantity) for quantity in QUANTITIES} for scene, answer in fine.items()}
+    bars = Reference(values, {}, about).largest_errors(coarse)
+    return Reference(values, bars, about)
+
+
+def stored() -> Reference:
+    """The reference that is shipped."""
+    return _read((files("sim") / "data" / FILE).read_text(encoding="utf-8"))
+
+
+@cache
+def _read(text: str) -> Reference:
+    content = json.loads(text)
+    values = {
+        Scene(**row["scene"]): {quantity: np.array(row[quantity]) for quantity in QUANTITIES}
+        for row in content["scenes"]
+    }
+    return Reference(values, content["bars"], content["provenance"])
+
+
+def as_json(reference: Reference) -> str:
+    """What `stored` reads."""
+    rows = [
+        {"scene": asdict(scene), **{quantity: value.tolist() for quantity, value in values.items()}}
+        for scene, values in reference.values.items()
+    ]
+    content = {"provenance": reference.provenance, "bars": reference.bars, "scenes": rows}
+    return json.dumps(content, indent=1) + "\n"
+
+
+# --- rows ---
+#
+# Measured candidates as the rows that `rig bench --json` prints, and the sets of candidates that it measures.
+
+PER_LENGTH = frozenset({"section"})
+"""Models whose force is per length: it has no error against a finger's."""
+
+QUICK = (
+    Candidate("halfspace", "0.28 mm", coarse(0.28)),
+    Candidate("section", "0.28 mm", coarse(0.28)),
+    Candidate("section", "n = 3", nested(3)),
+    Candidate("finger", "0.28 mm", coarse(0.28)),
+    Candidate("finger", "n = 2", nested(2)),
+    Candidate("finger", "0.28 mm", coarse(0.28, "full")),
+    Candidate("finger", "n = 2", nested(2, element="full")),
+    Candidate("finger", "0.28 mm", coarse(0.28, "incompatible")),
+    Candidate("finger", "n = 2", nested(2, element="incompatible")),
+    Candidate("finger", "n = 1", nested(1, element="quadratic")),
+)
+WHOLE = (
+    *QUICK,
+    Candidate("halfspace", "default"),
+    Candidate("section", "default"),
+    Candidate("section", "n = 5", nested(5)),
+    Candidate("finger", "n = 3", nested(3)),
+    Candidate("finger", "n = 3", nested(3, element="full")),
+    Candidate("finger", "0.34 mm", QUADRATIC),
+    Candidate("finger", "0.34 mm, two in the epidermis", QUADRATIC.model_copy(update={"epidermis_elements": 2})),
+    Candidate("finger", "default"),
+    Candidate("finger", "default", MeshSpec(element="full")),
+    Candidate("finger", "default", MeshSpec(element="incompatible")),
+    Candidate("finger", "default, axial 0.17", MeshSpec(axial_spacing_mm=0.17)),
+    Candidate("finger", "fine", MeshSpec(level="fine")),
+)
+
+
+def rows(measured: Iterable[Measured], reference: Reference) -> Iterator[dict[str, Any]]:
+    """One for each scene and quantity; `seconds` from nothing to the answer, `error` relative."""
+    for found in measured:
+        for scene, answer in found.answers.items():
+            for quantity in QUANTITIES:
+                if quantity == "force" and found.candidate.model in PER_LENGTH:
+                    continue
+                yield {
+                    "model": found.candidate.model,
+                    "element": found.candidate.element,
+                    "refinement": found.candidate.refinement,
+                    "nodes": found.nodes,
+                    "scene": scene.name,
+                    "family": scene.family,
+                    "quantity": quantity,
+                    "error": reference.error(scene, quantity, answer),
+                    "seconds": found.build_s + answer.seconds,
+                    "contact_s": answer.seconds,
+                    "memory_mb": found.memory_mb,
+                }
+
+
+# --- calculix ---
+#
+# One contact job by CalculiX on a mesh of ours, and the same contact here.
+#
+# Debian: apt-get install calculix-ccx. The deck and its settings are `sim/models/full_mesh.py`'s.
+
+CONFIG = FingertipConfig(
+    contact=Contact(between_nodes=False),
+    mesh=MeshSpec(
+        spacing_mm=0.5, axial_spacing_mm=0.5, element="full", epidermis_elements=1, dermis_spacing_mm=0.4, growth=1.5
+    ),
+)
+"""Like with like: CalculiX's C3D8 is fully integrated, its contact at nodes. Coarse, so that its job is short."""
+
+SHAPE, DOI_MM = "bar:3.0", 0.8
+_REPEATS = 20
+_LONGEST_S = 3600
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Forces in N and CPU seconds of both."""
+
+    scene: str
+    nodes: int
+    stiffness_mpa_per_mm: float
+    force_n: float
+    cpu_s: float
+    our_force_n: float
+    our_build_s: float
+    our_cpu_s: float
+
+
+def available() -> bool:
+    """Whether CalculiX can be called."""
+    return shutil.which("ccx") is not None
+
+
+def compare(config: FingertipConfig = CONFIG, shape: str = SHAPE, doi_mm: float = DOI_MM) -> Comparison:
+    """Solve one scene, from rest at x = 0, with both; seconds on the coarse mesh."""
+    finger = load("finger", config, cached=False)
+    result = finger.indent(shape, 0.0, doi_mm=doi_mm)
+    start = time.process_time()
+    for _ in range(_REPEATS):
+        finger.indent(shape, 0.0, doi_mm=doi_mm)
+    our_cpu_s = (time.process_time() - start) / _REPEATS
+    meshed = MeshedFinger(config, build_mesh(config, finger.surface), finger.e_epidermis_mpa)
+    with tempfile.TemporaryDirectory() as folder:
+        deck = Path(folder) / "contact.inp"
+        assert isinstance(result.indentor, Prismatic)
+        write_contact_deck(deck, meshed, result.indentor.profile, 0.0, result.touch_height_mm, doi_mm)
+        force_n, cpu_s = _job(deck)
+    return Comparison(
+        f"{shape}, DOI {doi_mm} mm", finger.model.nodes, CONTACT_STIFFNESS_MPA_PER_MM, force_n, cpu_s,
+        result.force_n, finger.build_s, our_cpu_s,
+    )  # fmt: skip
+
+
+def _job(deck: Path) -> tuple[float, float]:
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    command = ["ccx", "-i", deck.stem]
+    subprocess.run(command, cwd=deck.parent, capture_output=True, timeout=_LONGEST_S, check=True)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    printed = deck.with_suffix(".dat").read_text()
+    total = re.findall(r"total force.*?\n\s*\n\s*(\S+)\s+(\S+)\s+(\S+)", printed)[-1]
+    return -float(total[1]), after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+# --- reference computation ---
+#
+# A fixed piece of dense linear algebra: times of different machines and days are told in units of it.
+#
+# It is what condensing and pressing a finger consist of, and depends on nothing of this project: a Cholesky
+# factorisation and the triangular solves with it, by LAPACK on one thread, about 0.3 s on two cores at 2.6 GHz.
+
+ORDER, RIGHT_SIDES, SEED = 2048, 768, 16
+_ROUNDS = 3
+
+
+def reference_s() -> float:
+    """Processor seconds of the reference computation on this machine, the least of a few rounds."""
+    rng = np.random.default_rng(SEED)
+    rows = rng.standard_normal((ORDER, ORDER))
+    matrix = np.asfortranarray(rows @ rows.T + ORDER * np.eye(ORDER))
+    right = np.asfortranarray(rng.standard_normal((ORDER, RIGHT_SIDES)))
+    times = []
+    with threadpool_limits(1):
+        for _ in range(_ROUNDS):
+            began = time.process_time()
+            factor, _info = lapack.dpotrf(matrix, lower=1, clean=0)
+            forth, _info = lapack.dtrtrs(factor, right, lower=1)
+            back, info = lapack.dtrtrs(factor, forth, lower=1, trans=1)
+            times.append(time.process_time() - began)
+    off = float(np.abs(matrix @ back - right).max())
+    if info or not off < 1e-9:
+        raise ArithmeticError(f"the reference computation is off by {off:.1e}")
     return min(times)

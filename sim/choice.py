@@ -4,21 +4,236 @@ It hangs on the scene and the tolerance alone, not on what happens to be in the 
 answer tomorrow.
 """
 
-from collections.abc import Mapping
+import json
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from functools import cache, lru_cache
+from importlib.resources import files
+from typing import Any, Literal, NamedTuple
 
-from sim.config.fingertip_config import FingertipConfig, MeshSpec
-from sim.contact.indentor import BOTH, Indentor
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.benchmark import QUANTITIES, SHARES, of_level
+from sim.config import FingertipConfig, Geometry, MeshSpec
+from sim.contact.indentor import ACROSS, ALONG, BOTH, Indentor
+from sim.contact.patch import X, Z
 from sim.contact.shapes import parse_shape
-from sim.measures.reach import NOWHERE, ReceptorPlaces
+from sim.contact.touch import Touch, first_touch
+from sim.errors import ModelRangeError, refuse_unless_one
+from sim.finger.surface import FingertipSurface
+from sim.measures.receptors import NOWHERE, ReceptorPlaces
+from sim.models.cache import keep_tops
 from sim.models.catalogue import ModelName, load
-from sim.models.errors import ModelRangeError, refuse_unless_one
 from sim.models.fingertip import Fingertip
-from sim.speed_and_error.candidates import of_level
-from sim.speed_and_error.expected import DEPTHS_MM, PLACES_MM, Cost, Expected, Rung, bundled
-from sim.speed_and_error.measure import QUANTITIES
-from sim.speed_and_error.situation import Situation
+from sim.models.pressing import refuse_beside_the_finger, refuse_meaningless
+
+# --- situation ---
+#
+# What of a scene says how wrong a model will be in it, and how much of the skin it needs; nothing is solved.
+
+Array = NDArray[np.float64]
+
+_AXES = {ALONG: "along", ACROSS: "across", BOTH: "both"}
+_GRID_MM = 0.1
+_TOUCHED = 0.9  # contact goes so far of how far the indentor would lie below the undeformed skin
+_MARGIN_MM = (0.3, 0.5)  # a row of nodes and a half, across and along
+
+
+def family_of(indentor: Indentor) -> str:
+    """The shapes that an indentor is measured with."""
+    return _family(indentor.axes, sharp=indentor.sharp)
+
+
+def _family(axes: tuple[int, ...], *, sharp: bool) -> str:
+    return f"{_AXES[axes]}, {'sharp' if sharp else 'smooth'}"
+
+
+FAMILIES = tuple(_family(axes, sharp=sharp) for axes in _AXES for sharp in (False, True))
+
+
+@dataclass(frozen=True)
+class Situation:
+    """A shape over a place, and how deep."""
+
+    shape: str
+    axes: tuple[int, ...]
+    sharp: bool
+    place_mm: float  # of first touch, from the pad's centre
+    depth_mm: float | None  # past first touch; None: a force, and nobody knows yet
+    reach_mm: tuple[float, float] | None  # half-widths of the skin that may be touched; None with the depth
+
+    @classmethod
+    def of(
+        cls,
+        indentor: Indentor,
+        x_mm: float,
+        z_mm: float | None,
+        doi_mm: float | None,
+        config: FingertipConfig,
+        reference: Literal["contact", "apex"] = "contact",
+    ) -> "Situation":
+        """By the undeformed skin alone. Raises ModelRangeError for a place that an indentor cannot have."""
+        refuse_beside_the_finger(config, x_mm, z_mm)
+        refuse_meaningless(indentor, x_mm, z_mm)
+        skin = _skin(config.geometry)
+        centre = np.array([0.0, config.receptor_plane_mm])
+        at = {X: x_mm, Z: centre[1] if z_mm is None else z_mm}
+        place = tuple(float(at[axis]) for axis in indentor.axes)
+        touch = first_touch(indentor, place, skin)
+        middle = [{X: 0.0, Z: centre[1]}[axis] for axis in indentor.axes]
+        zero_mm = touch.height_mm
+        if reference == "apex":
+            zero_mm = float(np.nanmax(skin.ridge(skin.ridge.x)))
+        depth = None if doi_mm is None else doi_mm - (zero_mm - touch.height_mm)
+        reach = None if depth is None else _reach(indentor, place, touch, depth, skin, centre)
+        away = float(np.hypot.reduce(np.array(touch.at_mm) - middle))
+        return cls(indentor.name, indentor.axes, indentor.sharp, away, depth, reach)
+
+    @property
+    def family(self) -> str:
+        """The shapes that it is measured with."""
+        return _family(self.axes, sharp=self.sharp)
+
+    @property
+    def share(self) -> float:
+        """The smallest of SHARES whose patch holds the skin that may be touched; the whole where none is known to."""
+        if self.reach_mm is None:
+            return SHARES[-1]
+        own = MeshSpec()
+        sides = (own.round_patch_mm,) * 2 if self.axes == BOTH else (own.patch_x_mm, own.patch_z_mm)
+        needed = max(reach / side for reach, side in zip(self.reach_mm, sides, strict=True))
+        return next((share for share in SHARES if needed <= share), SHARES[-1])
+
+
+@lru_cache(maxsize=2)
+def _skin(geometry: Geometry) -> FingertipSurface:
+    skin = FingertipSurface.fit(geometry)
+    keep_tops(skin)
+    return skin
+
+
+def _reach(
+    indentor: Indentor, place: tuple[float, ...], touch: Touch, depth_mm: float, skin: FingertipSurface, centre: Array
+) -> tuple[float, float]:
+    """How far from the pad's centre, along x and z, the indentor may touch."""
+    (x0, x1), (z0, z1) = skin.ridge.x[[0, -1]], skin.crest.x[[0, -1]]
+    x, z = np.meshgrid(np.arange(x0, x1, _GRID_MM), np.arange(z0, z1, _GRID_MM))
+    where = np.stack([x.ravel(), z.ravel()])
+    offset = np.stack([{X: where[0], Z: where[1]}[axis] for axis in indentor.axes]) - np.array(place)[:, None]
+    below = indentor.evaluate(offset).height_mm + touch.height_mm - depth_mm < skin.height(*where)
+    if not below.any():
+        return 0.0, 0.0
+    far = _TOUCHED * np.abs(where[:, below] - centre[:, None]).max(axis=1) + _MARGIN_MM
+    return float(far[0]), float(far[1])
+
+
+# --- expected ---
+#
+# How wrong and how dear each model is, as measured: a table by family of shapes, depth and place.
+#
+# `python -m studies.choice.table` makes it.
+
+FILE = "expected_errors.json"
+
+DEPTHS_MM = (0.3, 0.7, 1.35)
+PLACES_MM = (0.5, 1.8)
+"""The upper ends of the bands: of the depth, and of the first touch's distance from the pad's centre."""
+
+
+class Cell(NamedTuple):
+    """Scenes that are expected to be equally hard: a family, up to a depth, up to a distance from the centre."""
+
+    family: str
+    depth_mm: float
+    place_mm: float
+
+
+class Rung(NamedTuple):
+    """A model and the level of its mesh."""
+
+    model: ModelName
+    level: str
+
+
+class Cost(NamedTuple):
+    """Of a press, from nothing: processor seconds of one thread, and the memory that building takes."""
+
+    build_s: float  # without receptors
+    receptors_s: float  # for ten of them
+    press_s: float
+    memory_mb: float
+
+
+def cell_of(situation: Situation) -> Cell | None:
+    """Where a scene of known depth belongs; None where nothing was measured."""
+    cells = cells_of(situation)
+    return cells[0] if situation.depth_mm is not None and cells else None
+
+
+def cells_of(situation: Situation) -> list[Cell]:
+    """Where a scene may belong: at every depth, if its own is not known. None where nothing was measured."""
+    place = next((band for band in PLACES_MM if situation.place_mm <= band), None)
+    if place is None:
+        return []
+    if situation.depth_mm is None:
+        return [Cell(situation.family, depth, place) for depth in DEPTHS_MM]
+    if not situation.depth_mm > 0:
+        return []
+    return [Cell(situation.family, depth, place) for depth in DEPTHS_MM if situation.depth_mm <= depth][:1]
+
+
+@dataclass(frozen=True)
+class Expected:
+    """The largest errors in each cell, by rung and quantity, and what each rung costs on a share of the patch."""
+
+    largest: Mapping[Cell, Mapping[Rung, Mapping[str, float]]]
+    costs: Mapping[tuple[Rung, tuple[int, ...], float, bool], Cost]  # by axes of slope, share, sharp
+
+    def errors(self, situation: Situation) -> dict[Rung, dict[str, float]]:
+        """Of those measured in every cell to which a scene may belong."""
+        cells = [self.largest.get(cell, {}) for cell in cells_of(situation)]
+        if not cells:
+            return {}
+        shared = set.intersection(*(set(cell) for cell in cells))
+        return {
+            rung: {quantity: max(cell[rung][quantity] for cell in cells) for quantity in cells[0][rung]}
+            for rung in sorted(shared)
+        }
+
+    def share(self, rung: Rung, situation: Situation) -> float:
+        """Of the patch: the smallest that is large enough and whose cost is known."""
+        known = (s for s in SHARES if (rung, situation.axes, s, situation.sharp) in self.costs)
+        return next(share for share in known if share >= situation.share)
+
+    def cost(self, rung: Rung, situation: Situation) -> Cost:
+        """Of one press."""
+        return self.costs[rung, situation.axes, self.share(rung, situation), situation.sharp]
+
+
+@cache
+def bundled() -> Expected:
+    """What was measured."""
+    return from_json((files("sim") / "data" / FILE).read_text(encoding="utf-8"))
+
+
+def from_json(text: str) -> Expected:
+    """What `studies/choice/table.py` wrote."""
+    content = json.loads(text)
+    largest = {
+        Cell(row["family"], row["depth_mm"], row["place_mm"]): {
+            Rung(one["model"], one["level"]): dict(one["errors"]) for one in row["largest"]
+        }
+        for row in content["errors"]
+    }
+    return Expected(largest, {key: cost for row in content["costs"] for key, cost in _costs(row)})
+
+
+def _costs(row: Mapping[str, Any]) -> Iterator[tuple[tuple[Rung, tuple[int, ...], float, bool], Cost]]:
+    for sharp, press_s in ((False, row["smooth_press_s"]), (True, row["sharp_press_s"])):
+        key = Rung(row["model"], row["level"]), tuple(row["axes"]), row["share"], sharp
+        yield key, Cost(row["build_s"] - row["receptors_s"], row["receptors_s"], press_s, row["memory_mb"])
+
 
 AT_RECEPTORS = frozenset({"sed", "ep1"})
 """Quantities for which receptors are made."""

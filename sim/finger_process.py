@@ -12,9 +12,9 @@ from multiprocessing.process import BaseProcess
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Concatenate, ParamSpec, TypeVar, Union
 
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.errors import SimError
-from sim.models.processes.workers import TO_THE_GROUP, give_way, keep_freed_memory, leaving_signals_to_us
+from sim.workers import TO_THE_GROUP, give_way, keep_freed_memory, leaving_signals_to_us
 
 if TYPE_CHECKING:
     from sim.models.fingertip import Fingertip  # whoever begins the process has no use for what solves

@@ -1,7 +1,7 @@
 """What virtual screws and a virtual finger do: where the indentor really is, and the force that answers."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 
@@ -13,9 +13,11 @@ from sim.contact.patch import Z
 from sim.contact.profiles import Cylinder
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import REQUIRED_RESIDUAL, ContactState
-from sim.models.errors import ModelRangeError
+from sim.devices.clock import Scheduler, sample_at
+from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
 from sim.models.pressing import FARTHEST_X_MM
+from sim.models.relaxation import Ahead, Memory, Prony, PronyTerm
 
 _WARM_MOVE_MM = 0.1
 _FARTHEST_ONWARD = 2.0  # times the way between the last two states
@@ -275,3 +277,113 @@ class Plant:
     def force_n(self, t_s: float) -> float:
         """Downward force on the finger at an instant, N. Raises ModelRangeError."""
         return 0.0 if self._press is None else self._press.force_n(self._carriage.pose_at(t_s))
+
+
+# --- sampled ---
+#
+# What hangs on its past is sampled on a fixed grid of instants, whether anybody asks or not.
+
+_KEPT = 256
+
+
+class SampledForce:
+    """force_n(t) of what moves on from sample to sample."""
+
+    def __init__(self, scheduler: Scheduler, moved: Callable[[float, float], float], period_s: float) -> None:
+        """moved(t_s, step_s) is called once for each instant, in their order, and gives the force then, N."""
+        self._scheduler, self._moved, self._period_s = scheduler, moved, period_s
+        self._index = self._index_at(scheduler.monotonic_s())
+        self._forces = {self._index: 0.0}
+        self._tick()
+
+    def force_n(self, t_s: float) -> float:
+        """Force at the last sample instant by t_s, N; 0 before the first."""
+        index = self._index_at(t_s)
+        while self._index < index:
+            self._index += 1
+            self._forces[self._index] = self._moved(self._index * self._period_s, self._period_s)
+            self._forces.pop(self._index - _KEPT, None)
+        return self._forces.get(index, 0.0)
+
+    def _tick(self) -> None:
+        self.force_n(self._scheduler.monotonic_s())
+        self._scheduler.call_at((self._index + 1) * self._period_s, self._tick)
+
+    def _index_at(self, t_s: float) -> int:
+        return sample_at(t_s, self._period_s)
+
+
+# --- relaxing plant ---
+#
+# A finger whose tissue relaxes, under a stage: what it has borne decides where the indentor meets it next.
+
+
+class RelaxingPress(Press):
+    """A finger under an indentor, from one instant to the next."""
+
+    def __init__(
+        self, finger: Fingertip, indentor: str, terms: Sequence[PronyTerm], truth: Truth = AS_MODELLED
+    ) -> None:
+        """Tissue that was never touched. Raises ValueError for no Prony series, and what Press raises."""
+        super().__init__(finger, indentor, truth)
+        self._patch = finger.model_for(self._indentor.axes).patch
+        self._memory = Memory.none(Prony(terms), (len(self._patch.axes), len(self._patch)))
+        self._held: Fingertip | None = finger
+
+    def moved_to(self, pose: Pose, step_s: float) -> float:
+        """The force so much later, N, the indentor having gone to a pose meanwhile. Raises ModelRangeError."""
+        ahead = self._memory.ahead(step_s)
+        self._lie(ahead)
+        force_n = self.force_n(pose)
+        if self._known is None or force_n == 0:
+            self._memory = self._memory.released(step_s)
+        else:
+            borne = ahead.carried + self._known.stiffer * self._known.state.force
+            self._memory = self._memory.after(ahead, borne)
+        return force_n
+
+    def _lie(self, ahead: Ahead) -> None:
+        """Nothing is known yet of the skin as it lies now; a contact that goes on begins with it where it was."""
+        self._carried, self._held = ahead.carried, None
+        self._stiffness = self._truth.stiffness * ahead.stiffness
+        if self._known is not None:
+            stayed = self._patch.displaced((self._memory.borne - ahead.carried) / self._known.stiffer)
+            self._last = replace(self._known, state=replace(self._known.state, displacement=stayed))
+        self._known = self._before = None
+
+    @property
+    def _lying(self) -> Fingertip:
+        """Held by what it has borne; made when it is touched."""
+        if self._held is None:
+            self._held = self._finger.held_by(self._indentor.axes, self._carried)
+        return self._held
+
+
+class RelaxingPlant(Plant):
+    """A fingertip under a stage; an indentor that is mounted finds it recovered."""
+
+    def __init__(
+        self,
+        finger: Fingertip,
+        carriage: Carriage,
+        terms: Sequence[PronyTerm],
+        truth: Truth,
+        scheduler: Scheduler,
+        period_s: float,
+    ) -> None:
+        """Its force is known at the sample instants of a load cell."""
+        super().__init__(finger, carriage, truth)
+        self._terms = terms
+        self._relaxing: RelaxingPress | None = None
+        self._sampled = SampledForce(scheduler, self._moved, period_s)
+
+    def mount(self, indentor: str) -> None:
+        """Put an indentor on the carriage; raises ShapeError."""
+        self._press = self._relaxing = RelaxingPress(self._finger, indentor, self._terms, self._truth)
+
+    def force_n(self, t_s: float) -> float:
+        """Downward force on the finger at the last sample instant, N. Raises ModelRangeError."""
+        return self._sampled.force_n(t_s)
+
+    def _moved(self, t_s: float, step_s: float) -> float:
+        return 0.0 if self._relaxing is None else self._relaxing.moved_to(self._carriage.pose_at(t_s), step_s)

@@ -15,8 +15,8 @@ from matplotlib.figure import Figure
 import sim.models.cache as cache
 from rig.cli.program import LOOKED_THROUGH
 from rig.report.style import Plot
-from sim.config.fingertip_config import Contact
-from sim.contact.compiled.ready import make_ready
+from sim.config import Contact
+from sim.contact.warmup import make_ready
 from sim.models.fingertip import Fingertip
 
 # Processes, threads, ports and clocks of the real world: what `make shake` repeats beside a busy machine.
@@ -241,8 +241,8 @@ def work(monkeypatch: pytest.MonkeyPatch) -> Counter[str]:
 
     count("models", "sim.models.sources:build_finger")
     count("contacts", "sim.models.pressing:solve_contact")
-    count("factors", "sim.models.uncondensed.strain_map:factorise")
-    count("processes", "sim.models.processes.workers:ProcessPoolExecutor")
+    count("factors", "sim.models.full_mesh:factorise")
+    count("processes", "sim.workers:ProcessPoolExecutor")
     return done
 
 

@@ -4,11 +4,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from sim.config.fingertip_config import FingertipConfig
-from sim.models.meeting.foreseen import Foreseen, tissue_axes
-from sim.models.meeting.given import Given, Way
-from sim.models.meeting.prior import Prior
-from sim.models.meeting.shape_table import Scope, ShapeTable
+from sim.config import FingertipConfig
+from sim.identification.forward import Foreseen, Given, Way, tissue_axes
+from sim.identification.prior import Prior
+from sim.identification.shape_table import Scope, ShapeTable
 
 SHAPES: Mapping[str, tuple[float, float, float]] = {  # gwt at 1 mm, exponent of depth, exponent of the fat's modulus
     "sphere:4": (11.0, 1.5, 0.3),

@@ -4,11 +4,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim import FingertipConfig
-from sim.coding.borne import borne_by
 from sim.coding.encoding import Encoded, Noise, Receptor, encode
-from sim.coding.impulse import impulse_responses
-from sim.coding.operators import convolution, influence
-from sim.coding.sampled_section import Sampling, sampled_section
+from sim.coding.operators import convolution, impulse_responses, influence
+from sim.coding.pressure import borne_by
+from sim.coding.section import Sampling, sampled_section
 
 
 def main(config: FingertipConfig, half_length: int = 24) -> tuple[Encoded, NDArray[np.float64]]:

@@ -3,13 +3,11 @@
 import numpy as np
 
 from sim import FingertipConfig
-from sim.coding.decoded import DecodingErrors, decoding_errors
-from sim.coding.encoding import Noise, Receptor, encode
-from sim.coding.fitted_receptor import FittedReceptor, decode_through
-from sim.coding.frictionless import frictionless
-from sim.coding.profile_decoder import Profile, decode_profile
-from sim.coding.readings import Readings, sd_at_rest
-from sim.coding.sampled_section import felt_section
+from sim.coding.bayes import FittedReceptor, Profile, decode_profile, decode_through
+from sim.coding.encoding import Noise, Readings, Receptor, encode, sd_at_rest
+from sim.coding.pressure import frictionless
+from sim.coding.search import DecodingErrors, decoding_errors
+from sim.coding.section import felt_section
 
 
 def main(config: FingertipConfig, receptors: int = 30) -> tuple[Profile, DecodingErrors]:

@@ -32,8 +32,8 @@ from rig.session.page import Page
 from rig.session.resume import StoppedRun
 from rig.session.session import FinishedRun, NewRun, Session, Watch
 from rig.session.subject import checked_subject
+from sim.finger_process import Finger, FingerLostError, FingerProcess, asked
 from sim.models.fingertip import Fingertip
-from sim.models.processes.finger_process import Finger, FingerLostError, FingerProcess, asked
 
 
 class AtTheTerminal:

@@ -4,14 +4,14 @@ from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 from rig.protocol.errors import BadInputError
-from sim.config.fingertip_config import FingertipConfig, MeshSpec
-from sim.config.units import GWT_N
+from sim.benchmark import QUANTITIES
+from sim.choice import Aim, Choice, choose
+from sim.config import FingertipConfig, MeshSpec
 from sim.contact.indentor import Indentor
-from sim.measures.reach import ReceptorPlaces
+from sim.measures.receptors import ReceptorPlaces
 from sim.models.catalogue import MODELS, ModelName, load
 from sim.models.fingertip import Fingertip
-from sim.speed_and_error.choice import Aim, Choice, choose
-from sim.speed_and_error.measure import QUANTITIES
+from sim.units import GWT_N
 
 TOLERANCE, QUANTITY = "2%", "force"
 """What `auto` holds unless it is told."""

@@ -7,14 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.protocol.errors import BadInputError
-from sim.coding.borne import borne_by
-from sim.coding.energy import Energy, sed_of
-from sim.coding.impulse import impulse_responses
-from sim.coding.operators import Operator, OperatorName, centred, convolution, influence
-from sim.coding.sampled_section import SampledSection
+from sim.coding.operators import Operator, OperatorName, centred, convolution, impulse_responses, influence
+from sim.coding.pressure import borne_by
+from sim.coding.section import Energy, SampledSection, sed_of
 from sim.contact.indentor import Indentor
 from sim.contact.shapes import parse_shape
-from sim.models.results.small_strain import SmallStrain
+from sim.models.small_strain import SmallStrain
 
 Array = NDArray[np.float64]
 

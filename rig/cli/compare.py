@@ -44,7 +44,7 @@ from rig.report.comparison.place_table import place_section
 from rig.report.html import Section
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
 from sim.models.fingertip import Fingertip
-from sim.models.moduli.interpolated import HOW_MADE
+from sim.models.interpolation import HOW_MADE
 
 
 def command(

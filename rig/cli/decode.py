@@ -30,9 +30,9 @@ from rig.cli.sampling import (
 from rig.errors import code_of, fields_of
 from rig.plan.config import load_config
 from rig.protocol.errors import BadInputError
-from sim.coding.decoded import DecodingError
 from sim.coding.operators import OPERATORS
-from sim.coding.sampled_section import HALF_LENGTH, SPACING_MM
+from sim.coding.search import DecodingError
+from sim.coding.section import HALF_LENGTH, SPACING_MM
 from sim.measures.receptors import DEFAULT_DEPTH_MM
 
 

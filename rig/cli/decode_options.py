@@ -9,11 +9,11 @@ from rig.cli.decoding import DecoderName, Search
 from rig.cli.options import numbers
 from rig.cli.sampling import bounded, named
 from rig.protocol.errors import BadInputError
+from sim.coding.bayes import FittedReceptor
 from sim.coding.encoding import NOISE_PLACES, Noise, Receptor
-from sim.coding.energy import ENERGIES
-from sim.coding.fitted_receptor import FittedReceptor
 from sim.coding.operators import OPERATORS, OperatorName
-from sim.coding.sheets.axial_row import HALF_LENGTHS_MM
+from sim.coding.section import ENERGIES
+from sim.coding.sheet import HALF_LENGTHS_MM
 
 _PLUS_MINUS = re.compile(r"±|\+/?-")
 _LARGEST = 1e9

@@ -11,12 +11,11 @@ from rig.cli.decoding import Answer, DecoderName, Task
 from rig.cli.output import out
 from rig.cli.pictures import write_picture
 from rig.cli.readings_file import pa_per_pseudo
-from sim.coding.decoded import decoding_errors
 from sim.coding.operators import Operator
-from sim.coding.sheets.felt_solid import felt_solid
-from sim.coding.sheets.sheet_operator import SheetOperator
-from sim.coding.univariate import error_surface
-from sim.config.fingertip_config import FingertipConfig
+from sim.coding.search import decoding_errors, error_surface
+from sim.coding.shape_class import felt_solid
+from sim.coding.sheet import SheetOperator
+from sim.config import FingertipConfig
 
 Array = NDArray[np.float64]
 

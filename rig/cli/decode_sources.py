@@ -10,32 +10,36 @@ from rig.cli.coded import Scene, told
 from rig.cli.decoding import Noisy, Task, noise_of
 from rig.cli.readings_file import GivenReadings
 from rig.protocol.errors import BadInputError
-from sim.coding.borne import borne_by
-from sim.coding.encoding import Encoded, Noise, NoisePlace, encode
-from sim.coding.energy import Energy
-from sim.coding.fitted_receptor import FittedReceptor
-from sim.coding.frictionless import frictionless
-from sim.coding.impulse import impulse_responses
+from sim.coding.bayes import FEWEST_FOR_CONTACTS, FittedReceptor
+from sim.coding.encoding import Encoded, Noise, NoisePlace, encode, sd_at_rest
 from sim.coding.operators import (
     Operator,
     OperatorName,
     centred,
     convolution,
     felt_where,
+    impulse_responses,
     influence,
     normal_alone,
     normal_influence,
 )
-from sim.coding.profile_decoder import FEWEST_FOR_CONTACTS
-from sim.coding.readings import sd_at_rest
-from sim.coding.sampled_section import SPACING_MM, SampledSection, Sampling, felt_section, sampled_section
-from sim.coding.sheets.axial_row import ROW_ERROR, AxialShape, felt_row
-from sim.coding.sheets.felt_skin import felt_skin
-from sim.coding.sheets.sheet_operator import FEWEST_PLACES, GRID_MM, SHEET_SPACING_MM, Grid, sheet_operator
-from sim.config.fingertip_config import FingertipConfig
+from sim.coding.pressure import borne_by, frictionless
+from sim.coding.section import SPACING_MM, Energy, SampledSection, Sampling, felt_section, sampled_section
+from sim.coding.sheet import (
+    FEWEST_PLACES,
+    GRID_MM,
+    ROW_ERROR,
+    SHEET_SPACING_MM,
+    AxialShape,
+    Grid,
+    felt_row,
+    felt_skin,
+    sheet_operator,
+)
+from sim.config import FingertipConfig
 from sim.contact.patch import X, Z
 from sim.finger.surface import FingertipSurface
-from sim.measures.reach import points_below
+from sim.measures.receptors import points_below
 
 Array = NDArray[np.float64]
 

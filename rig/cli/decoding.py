@@ -9,16 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.protocol.errors import BadInputError
-from sim.coding.decoded import Decoded
-from sim.coding.encoding import Encoded, NoisePlace, Receptor
-from sim.coding.fitted_receptor import FittedReceptor, decode_through
+from sim.coding.bayes import FittedReceptor, ModelError, Profile, decode_profile, decode_through
+from sim.coding.encoding import QUIET_SD, Encoded, NoisePlace, Readings, Receptor, sd_at_rest
 from sim.coding.operators import Operator, weighted
-from sim.coding.other_searches import global_search, table_search
-from sim.coding.profile_decoder import ModelError, Profile, decode_profile
-from sim.coding.readings import QUIET_SD, Readings, sd_at_rest
-from sim.coding.sheets.sheet_decoder import decode_sheet
-from sim.coding.sheets.sheet_operator import SheetOperator
-from sim.coding.univariate import Range, converged_search, grid_search
+from sim.coding.search import Decoded, Range, converged_search, global_search, grid_search, table_search
+from sim.coding.sheet import SheetOperator, decode_sheet
 
 Array = NDArray[np.float64]
 

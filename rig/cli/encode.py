@@ -26,9 +26,8 @@ from rig.cli.sampling import (
 from rig.plan.config import load_config
 from rig.protocol.errors import BadInputError
 from sim.coding.encoding import NOISE_PLACES, Encoded, Noise, Receptor, encode
-from sim.coding.energy import ENERGIES
 from sim.coding.operators import OPERATORS
-from sim.coding.sampled_section import HALF_LENGTH, SPACING_MM, sampled_section
+from sim.coding.section import ENERGIES, HALF_LENGTH, SPACING_MM, sampled_section
 from sim.measures.receptors import DEFAULT_DEPTH_MM
 
 _ROWS = 25

@@ -10,12 +10,12 @@ from rig.cli.options import FingertipOption
 from rig.cli.output import err, out, told_in_one_line
 from rig.plan.config import load_config
 from rig.protocol.errors import BadInputError
-from sim.config.fingertip_config import Contact
+from sim.config import Contact
 from sim.contact.indentor import Indentor, Prismatic
 from sim.contact.shapes import parse_shape
 from sim.finger.mesh import build_mesh
 from sim.models.fingertip import Fingertip
-from sim.models.uncondensed.deck import MeshedFinger, write_contact_deck, write_load_deck
+from sim.models.full_mesh import MeshedFinger, write_contact_deck, write_load_deck
 
 
 def command(

@@ -11,14 +11,12 @@ from rig.cli.options import FingertipOption, JsonOption
 from rig.cli.output import complain, out, print_json, told_in_one_line
 from rig.plan.config import load_config
 from rig.protocol.errors import BadInputError
-from sim.config.fingertip_config import FingertipConfig
-from sim.finger.layers import LAYERS
-from sim.finger.mesh import FingerMesh, build_mesh
-from sim.finger.quality import POOR_SCALED_JACOBIAN, MeshQuality, mesh_quality
+from sim.config import FingertipConfig
+from sim.finger.mesh import LAYERS, POOR_SCALED_JACOBIAN, FingerMesh, MeshQuality, build_mesh, mesh_quality
 from sim.finger.surface import FingertipSurface
 from sim.finger.vtk import write_vtk
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, place_receptors
-from sim.models.discretised import young_ratios
+from sim.models.condensed import young_ratios
 
 
 def command(

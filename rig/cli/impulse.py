@@ -10,11 +10,9 @@ from rig.cli.output import busy, out, print_json, told_in_one_line
 from rig.cli.pictures import PictureOption, checked_picture, write_picture
 from rig.cli.sampling import DepthOption, EnergyOption, HalfLengthOption, SpacingOption, named, sampling_of
 from rig.plan.config import load_config
-from sim.coding.energy import ENERGIES, Energy
-from sim.coding.impulse import NAMES, ImpulseResponses, ShiftErrors, impulse_responses, shift_errors
-from sim.coding.sampled_section import HALF_LENGTH, SPACING_MM, Sampling, sampled_section
-from sim.coding.skin_line import AXES
-from sim.config.fingertip_config import FingertipConfig
+from sim.coding.operators import NAMES, ImpulseResponses, ShiftErrors, impulse_responses, shift_errors
+from sim.coding.section import AXES, ENERGIES, HALF_LENGTH, SPACING_MM, Energy, Sampling, sampled_section
+from sim.config import FingertipConfig
 from sim.measures.receptors import DEFAULT_DEPTH_MM
 
 _FARTHEST = 0.75  # of the half length: beyond, few receptors are left to compare

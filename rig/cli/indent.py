@@ -19,12 +19,10 @@ from rig.protocol.errors import BadInputError
 from sim.contact.indentor import ALONG, BOTH, Indentor
 from sim.contact.patch import X, Z
 from sim.contact.shapes import EXPECTED, parse_shape
-from sim.measures.reach import ReceptorPlaces
-from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
+from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorPlaces
 from sim.models.catalogue import MODELS
-from sim.models.results.indentation import IndentationResult
-from sim.models.results.outline import ModelOutline
-from sim.models.results.point_load import PointLoadResult
+from sim.models.pictures import ModelOutline
+from sim.models.result import IndentationResult, PointLoadResult
 
 _PLACED_MM = 1e-6
 _SAME = 1e-8

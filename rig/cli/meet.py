@@ -47,9 +47,9 @@ from rig.session.session import FinishedRun, NewRun, Session, dry_run, real_run
 from rig.session.virtual.twins import refuse_twinless
 from rig.transport.clock import WallClock
 from sim.contact.shapes import parse_shape
-from sim.models.meeting.foreseen import Foreseen
-from sim.models.meeting.prior import Prior
-from sim.models.processes.finger_process import FingerProcess
+from sim.finger_process import FingerProcess
+from sim.identification.forward import Foreseen
+from sim.identification.prior import Prior
 
 T = TypeVar("T")
 A = TypeVar("A")

@@ -14,10 +14,10 @@ from rig.protocol.script import Script
 from rig.session.meeting.meeting import BEYOND_DEPTH, DEPTHS_MM, PLACES_MM, Meeting, Told, Wanted
 from rig.session.session import FinishedRun
 from sim.contact.shapes import parse_shape
-from sim.models.meeting.in_numbers import named, plain
-from sim.models.meeting.next_press import PressAt
-from sim.models.meeting.width import Width, ends
-from sim.models.processes.finger_process import Finger
+from sim.finger_process import Finger
+from sim.identification.design import PressAt
+from sim.identification.posterior import Width, ends
+from sim.identification.prior import named, plain
 
 USUAL_GOALS = (
     *(PressAt("bar:3.0", x_mm, 0.67) for x_mm in (-1.0, 0.0, 1.0)),

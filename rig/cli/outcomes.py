@@ -12,12 +12,12 @@ from rig.errors import code_of
 from rig.protocol.errors import BadInputError
 from rig.transport.base import TransportError
 from sim.contact.shapes import ShapeError
-from sim.finger.grading import MeshError
+from sim.errors import ModelRangeError
+from sim.finger.mesh import MeshError
 from sim.finger.surface import SurfaceError
+from sim.finger_process import FingerLostError
 from sim.measures.receptors import ReceptorError
 from sim.models.cache import CacheError
-from sim.models.errors import ModelRangeError
-from sim.models.processes.finger_process import FingerLostError
 
 _BAD_INPUT = (
     *(BadInputError, RunError, FolderBusyError, NwbMissingError),

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from rig.errors import code_of, fields_of
 from rig.protocol.errors import BadInputError
-from sim.config.csv_table import TableError, read_columns
+from sim.tables import TableError, read_columns
 
 Array = NDArray[np.float64]
 

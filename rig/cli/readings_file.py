@@ -9,16 +9,15 @@ from numpy.typing import NDArray
 
 from rig.errors import code_of, fields_of
 from rig.protocol.errors import BadInputError
-from sim.coding.readings import FEWEST_AT_REST, LOWEST_SD
-from sim.coding.sampled_section import receptor_points, skin_of
-from sim.coding.sheets.sheet_decoder import FEWEST_READINGS as FEWEST_OF_SHEET
-from sim.config.csv_table import TableError, header_of, read_numbered
-from sim.config.fingertip_config import FingertipConfig
-from sim.config.units import PSEUDO_E_EPIDERMIS
+from sim.coding.encoding import FEWEST_AT_REST, LOWEST_SD
+from sim.coding.section import receptor_points, skin_of
+from sim.coding.sheet import FEWEST_READINGS as FEWEST_OF_SHEET
+from sim.config import FingertipConfig
+from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface
-from sim.measures.reach import points_below
-from sim.measures.receptors import ReceptorError
-from sim.models.errors import ModelRangeError
+from sim.measures.receptors import ReceptorError, points_below
+from sim.tables import TableError, header_of, read_numbered
+from sim.units import PSEUDO_E_EPIDERMIS
 
 Array = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from rig.session.control.stage_in_hand import StageInHand
 from rig.session.resume import StoppedRun, careful_of, ending_on_record, read_stopped
 from rig.session.session import dry_run, real_run
 from rig.transport.clock import WallClock
-from sim.models.processes.finger_process import FingerProcess
+from sim.finger_process import FingerProcess
 
 
 def command(

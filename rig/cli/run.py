@@ -23,7 +23,7 @@ from rig.cli.output import Beginning, err, screen_aside, told_in_one_line
 from rig.engine import RunAborted
 from rig.plan.config import load_config, with_finger
 from rig.protocol.script import load_script
-from sim.models.processes.finger_process import FingerProcess
+from sim.finger_process import FingerProcess
 
 
 def command(

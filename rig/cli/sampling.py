@@ -6,8 +6,7 @@ from typing import Annotated, TypeVar
 import typer
 
 from rig.protocol.errors import BadInputError
-from sim.coding.sampled_section import Sampling
-from sim.coding.skin_line import Axes
+from sim.coding.section import Axes, Sampling
 
 SpacingOption = Annotated[float, typer.Option(metavar="MM", help="Between samples of skin and receptors.")]
 HalfLengthOption = Annotated[int, typer.Option(metavar="N", help="Samples of a response to each side.")]

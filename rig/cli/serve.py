@@ -13,7 +13,7 @@ from rig.plan.config import Config, load_config
 from rig.protocol.errors import BadInputError
 from rig.session.meeting.stranger import with_stranger
 from rig.session.virtual.served_bench import ServedBench
-from sim.serve.ahead import PressStatistics
+from sim.serve.prefetch import PressStatistics
 
 
 def command(

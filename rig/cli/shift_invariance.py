@@ -12,9 +12,8 @@ from rig.cli.output import busy, err, out, print_json, say_now, told_in_one_line
 from rig.cli.pictures import PictureOption, checked_picture, write_picture
 from rig.cli.sampling import DepthOption, SpacingOption, bounded
 from rig.plan.config import load_config
-from sim.coding.point_spread.all_sites import DRAWN, AllSites, Deformed, Where
-from sim.coding.point_spread.kept_sites import Sampled, kept_sites
-from sim.coding.point_spread.spreads import HALF_WIDTH_MM, SPACING_MM, Judged, Mean, mean_over
+from sim.coding.all_sites import DRAWN, AllSites, Deformed, Sampled, Where, kept_sites
+from sim.coding.point_spread import HALF_WIDTH_MM, SPACING_MM, Judged, Mean, mean_over
 from sim.measures.receptors import DEFAULT_DEPTH_MM
 
 _WHERE: dict[Where, str] = {"pulp": "18 pulp sites", "all": "all 24 sites"}

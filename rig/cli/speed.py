@@ -12,12 +12,8 @@ import typer
 from rig.cli.options import JsonOption, checked_file
 from rig.cli.output import err, out, print_json, told_in_one_line
 from rig.report.speed_page import page
-from sim.speed_and_error import calculix
-from sim.speed_and_error.measure import QUANTITIES, Measured, measure
-from sim.speed_and_error.reference import stored
-from sim.speed_and_error.reference_computation import reference_s
-from sim.speed_and_error.rows import QUICK, WHOLE, rows
-from sim.speed_and_error.scenes import QUICK_SCENES, SCENES
+from sim import benchmark
+from sim.benchmark import QUANTITIES, QUICK, QUICK_SCENES, SCENES, WHOLE, Measured, measure, reference_s, rows, stored
 
 _STEPS = ("mesh", "assembly", "condensation", "inverse", "receptors")
 
@@ -74,6 +70,6 @@ def _breakdown(found: Measured) -> dict[str, Any]:
 def _calculix(*, quick: bool) -> dict[str, Any]:
     if quick:
         return {"calculix": None, "no_calculix": "Left out by --quick."}
-    if not calculix.available():
+    if not benchmark.available():
         return {"calculix": None, "no_calculix": "There is no ccx here (Debian: apt-get install calculix-ccx)."}
-    return {"calculix": asdict(calculix.compare()), "no_calculix": ""}
+    return {"calculix": asdict(benchmark.compare()), "no_calculix": ""}

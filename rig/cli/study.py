@@ -16,9 +16,8 @@ from rig.compare.parameter_study.cases import Case, Row, columns, read_study, so
 from rig.compare.parameter_study.interpolation import interpolated, nodes_to_build
 from rig.compare.parameter_study.workers import spread
 from rig.data.folder import replace_text
-from sim.models.moduli.interpolated import HOW_MADE, make_node
-from sim.models.moduli.node_builds import INTERPOLATED
-from sim.models.results.small_strain import small_strain
+from sim.models.interpolation import HOW_MADE, INTERPOLATED, make_node
+from sim.models.small_strain import small_strain
 
 
 def command(

@@ -17,7 +17,7 @@ from rig.compare.shape_test import THRESHOLD, shape_flags
 from rig.compare.statistics import Flags, Interval, correlation, fit_all, in_play, indistinguishable, interval
 from rig.compare.stimuli import FAMILIES, Stimulus
 from sim.measures.measures import MEASURES
-from sim.models.results.small_strain import SmallStrain, small_strain
+from sim.models.small_strain import SmallStrain, small_strain
 
 Array = NDArray[np.float64]
 

@@ -8,9 +8,9 @@ J. Neurophysiol. 46, 1204, 1981). A constant rate, the fifth, needs no value.
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.config.units import PSEUDO_E_EPIDERMIS
 from sim.contact.patch import X, Z
-from sim.models.results.indentation import IndentationResult
+from sim.models.result import IndentationResult
+from sim.units import PSEUDO_E_EPIDERMIS
 
 Array = NDArray[np.float64]
 

@@ -27,7 +27,7 @@ from rig.compare.errors import FingersError
 from rig.plan.met.finger_file import TISSUE, FingerFile, finger_file_of
 from rig.plan.toml_file import told_of
 from rig.transport.port_settings import Settings
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 
 Array = NDArray[np.float64]
 

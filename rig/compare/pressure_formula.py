@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from sim.contact.indentor import Indentor
 from sim.contact.patch import Z
-from sim.finger import section
+from sim.finger import surface as section
 from sim.finger.surface import FingertipSurface
-from sim.models.results.indentation import FILTER_SPACING_MM, REGION_GAP_MM, IndentationResult
+from sim.models.result import FILTER_SPACING_MM, REGION_GAP_MM, IndentationResult
 
 Array = NDArray[np.float64]
 Nodes = Literal["row", "patch"]

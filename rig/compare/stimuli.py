@@ -19,7 +19,7 @@ from sim.contact.shapes import shape_name
 from sim.measures.measures import MEASURES, shown
 from sim.models.cache import Arrays, cached_arrays, content_key, simulator_code
 from sim.models.fingertip import Fingertip
-from sim.models.results.indentation import IndentationResult
+from sim.models.result import IndentationResult
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ from sim.contact.shapes import parse_shape
 from sim.measures.measures import shown
 from sim.models.cache import Arrays, cached_arrays, content_key
 from sim.models.fingertip import Fingertip
-from sim.models.uncondensed.strain_map import strain_maps
+from sim.models.full_mesh import strain_maps
 
 Array = NDArray[np.float64]
 

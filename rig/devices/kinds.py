@@ -28,7 +28,7 @@ class Kind:
 
     name: as in `kind = "…"`. device: what it is, in words. settings: the table of its own, which stands in [stage] or
     [force] under `table`, or else under its name. twin: "module:function" of its virtual twin, for the virtual bench
-    alone to find (StageTwin, ForceTwin in `sim/devices/told.py`); empty where it has none. tests: the modules that
+    alone to find (StageTwin, ForceTwin in `sim/devices/line.py`); empty where it has none. tests: the modules that
     hold its driver to the bytes of the real device, from the folder of its project.
     """
 

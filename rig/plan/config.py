@@ -12,7 +12,7 @@ from rig.errors import RuleError, around
 from rig.plan.met.finger_file import Met, checked_relaxation, read_finger_file, refuse_collapsed, tables_in
 from rig.protocol.errors import WRITTEN_BY_COMMANDS, first_problem
 from rig.transport.port_settings import Settings
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 
 
 def _named(indentor: str) -> str:

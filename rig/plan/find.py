@@ -13,7 +13,7 @@ from rig.plan.config import Config
 from rig.protocol.errors import BadInputError
 from sim.finger.surface import FingertipSurface
 from sim.models.fingertip import Fingertip
-from sim.plant.plant import Pose, Turn
+from sim.plant import Pose, Turn
 
 Array = NDArray[np.float64]
 

@@ -14,9 +14,9 @@ from rig.protocol.planned import Pace, Prediction
 from rig.protocol.walk import ForceTooDeepError, NoPredictionError
 from sim.contact.indentor import Indentor
 from sim.contact.shapes import parse_shape
-from sim.models.errors import ForceOutOfReachError
+from sim.errors import ForceOutOfReachError
+from sim.finger_process import Finger, asked
 from sim.models.fingertip import Fingertip
-from sim.models.processes.finger_process import Finger, asked
 
 Predictions = dict[tuple[str, float, Target] | tuple[str, float, Target, Pace], Prediction]
 

@@ -22,8 +22,8 @@ from rig.protocol.steps import ExpectedPresses, ExpectedTouch, Step
 from rig.protocol.taken_up import TakenUp
 from rig.protocol.walk import Spot, Walk
 from sim.contact.shapes import ShapeError
-from sim.models.errors import ModelRangeError
-from sim.models.processes.finger_process import Finger, FingerLostError
+from sim.errors import ModelRangeError
+from sim.finger_process import Finger, FingerLostError
 
 E = TypeVar("E")
 A = TypeVar("A")

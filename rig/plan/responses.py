@@ -12,7 +12,7 @@ from rig.plan.shape_files import from_copy
 from sim.contact.indentor import Indentor
 from sim.contact.shapes import parse_shape
 from sim.models.fingertip import Fingertip
-from sim.models.results.indentation import IndentationResult
+from sim.models.result import IndentationResult
 
 Array = NDArray[np.float64]
 

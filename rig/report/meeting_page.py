@@ -11,11 +11,9 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from rig.data.folder import replace_text
 from rig.report.html import Figure, Section, alone, render
 from rig.report.style import BLUE, GREY, ORANGE, Plot
-from sim.models.meeting.foreseen import Foreseen
-from sim.models.meeting.given import Given
-from sim.models.meeting.in_numbers import named, plain
-from sim.models.meeting.learned import Learned
-from sim.models.meeting.width import COVERAGE
+from sim.identification.forward import Foreseen, Given
+from sim.identification.posterior import COVERAGE, Learned
+from sim.identification.prior import named, plain
 
 _SHOWN = 60  # draws of a panel
 _ACROSS = 4

@@ -15,7 +15,7 @@ from rig.engine import Engine, LimitError, RecordError, RunAborted, ScriptError,
 from rig.engine.contact import Contact, ContactKind
 from rig.engine.errors import LostRecordError
 from rig.engine.limits import AT_MM
-from sim.models.processes.finger_process import FingerLostError
+from sim.finger_process import FingerLostError
 
 Left = Literal["lifted", "raised", "held", "not moved"]
 

@@ -8,7 +8,7 @@ from rig.engine import EngineError
 from rig.plan.plan import Plan
 from rig.session.rehearsal import Rehearsed, rehearsed
 from rig.session.session import Session
-from sim.models.results.small_strain import small_strain
+from sim.models.small_strain import small_strain
 
 Lines = dict[str, str]
 

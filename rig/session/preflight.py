@@ -11,7 +11,7 @@ from rig.protocol.planned import PlannedIndentation
 from rig.protocol.script import Script
 from rig.session.rehearsal import Rehearsed, rehearsed
 from sim.models.fingertip import Fingertip
-from sim.models.results.small_strain import small_strain
+from sim.models.small_strain import small_strain
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import Any
 from rig.plan.config import Config
 from rig.plan.finger_model import about_model
 from rig.protocol.script import Script
-from sim.models.processes.finger_process import Finger, asked
+from sim.finger_process import Finger, asked
 
 _PATIENCE_S = 5.0
 _PACKAGES = ("indentation-rig", "numpy", "scipy", "h5py", "pydantic", "matplotlib")

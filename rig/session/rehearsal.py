@@ -32,8 +32,8 @@ from rig.session.running import run_script
 from rig.session.virtual.twins import with_stand_ins
 from rig.session.virtual.virtual_bench import bench_around
 from sim.devices.clock import VirtualClock
-from sim.models.processes.finger_process import Finger
-from sim.plant.plant import Carriage, TruePose
+from sim.finger_process import Finger
+from sim.plant import Carriage, TruePose
 
 E = TypeVar("E")
 A = TypeVar("A")

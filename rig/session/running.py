@@ -11,7 +11,7 @@ from rig.protocol.api import Rig
 from rig.protocol.errors import BadInputError
 from rig.protocol.script import Script, said_of_script
 from rig.transport.base import TransportError
-from sim.models.processes.finger_process import FingerLostError
+from sim.finger_process import FingerLostError
 
 AT_ONCE = "at once, by the operator"
 ENDINGS = (EngineError, StageError, ForceError, TransportError, FingerLostError)

@@ -42,7 +42,7 @@ from rig.session.virtual.virtual_bench import virtual_bench
 from rig.transport.byte_log import ByteLog, Sink
 from rig.transport.clock import Clock, WallClock
 from sim.devices.clock import VirtualClock
-from sim.models.processes.finger_process import Finger, FingerProcess
+from sim.finger_process import Finger, FingerProcess
 
 Watch = Callable[[str, Mapping[str, Any]], None]
 

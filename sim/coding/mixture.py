@@ -1,9 +1,4 @@
-"""A table of imagined pressures with their SED: each weighed by how well it explains readings, whatever its size.
-
-Where noise is loud, hundreds of tens of thousands of entries explain the readings: nothing is made linear, nothing is
-searched for. Where it is quiet too few do. The likelihood is then taken to a power below 1, as if noise were louder,
-until enough do; that power says how much of what the readings tell the table takes in.
-"""
+"""Pressures averaged over models, none below 0: what would lie there is cut off, and the others give way."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -11,12 +6,174 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import log_ndtr, ndtr
 
+from sim.coding.contacts import Model, Posterior, Seen
 from sim.coding.operators import Operator
-from sim.coding.profiles.imagined import imagined
-from sim.coding.profiles.mixture import Mixture
 
 Array = NDArray[np.float64]
+
+MOST_MODELS = 40
+FROM_BEST = 5.0
+"""In log evidence: models farther below the best are left out."""
+
+_MOST_CUTS = 8
+_SURELY_ABOVE = 2.5  # sd: what is cut off so far out moves nothing
+_HALVINGS = 40
+_NOTHING = 1e-300  # a weight whose log is still a number
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """(k,) models; (k, n) means and sds of each model's pressures, sd 0 where it has no contact."""
+
+    log_weight: Array
+    mean: Array
+    sd: Array
+
+    @property
+    def weight(self) -> Array:
+        """(k,) that sum to 1."""
+        weight = np.exp(self.log_weight - self.log_weight.max())
+        return np.asarray(weight / weight.sum())
+
+    def moments(self) -> tuple[Array, Array]:
+        """(n,) mean and standard deviation of each pressure."""
+        middle = np.maximum(0.0, self.weight @ self.mean)
+        return middle, np.sqrt(self.weight @ (self.sd**2 + (self.mean - middle) ** 2))
+
+    def quantile(self, share: float) -> Array:
+        """(n,) the lowest pressure below which so much of the probability lies; not below 0."""
+        low, high = np.zeros(self.mean.shape[1]), np.maximum(0.0, (self.mean + 8 * self.sd).max(axis=0))
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            beyond = self.weight @ self._below(middle) >= share
+            low, high = np.where(beyond, low, middle), np.where(beyond, middle, high)
+        return np.asarray(high)
+
+    def _below(self, value: Array) -> Array:
+        spread = self.sd > 0
+        z = (value - self.mean) / np.where(spread, self.sd, 1.0)
+        return np.where(spread, ndtr(z), 1.0)
+
+
+def mixed(seen: Seen, known: dict[Model, float]) -> Mixture:
+    """Of the likeliest models, each weighed by its evidence and by how probably its pressures all lie above 0."""
+    best = max(known.values())
+    models = sorted((m for m in known if known[m] > best - FROM_BEST), key=known.__getitem__, reverse=True)
+    models = models[:MOST_MODELS]
+    found = seen.posterior(models)
+    mean, covariance, above = cut_off(found.mean, found.covariance)
+    mean, variance = Posterior(found.at, mean, covariance).over(len(seen.towards))
+    sd = np.sqrt(np.maximum(variance, 0.0))
+    return Mixture(np.array([known[m] for m in models]) + above, seen.typical * mean, seen.typical * sd)
+
+
+def together(mixtures: list[Mixture]) -> Mixture:
+    """All of their models."""
+    return Mixture(*(np.concatenate([getattr(m, name) for m in mixtures]) for name in ("log_weight", "mean", "sd")))
+
+
+def pooled(first: Mixture, second: Mixture, share: float) -> Mixture:
+    """Both, the first having so much of the probability, less than 1; its models come first."""
+    weight = np.concatenate([share * first.weight, (1 - share) * second.weight])
+    both = (np.concatenate([getattr(m, name) for m in (first, second)]) for name in ("mean", "sd"))
+    return Mixture(np.log(np.maximum(weight, _NOTHING)), *both)
+
+
+def cut_off(mean: Array, covariance: Array) -> tuple[Array, Array, Array]:
+    """Moments of (k, n) normal pressures that are not negative, and the (k,) log probabilities that they are not.
+
+    By assumed-density filtering: time after time the pressure that is least surely above 0 is cut off there, and all
+    move with it as they go together.
+    """
+    models = np.arange(len(mean))
+    todo, above = np.diagonal(covariance, axis1=1, axis2=2) > 0, np.zeros(len(mean))
+    for _ in range(_MOST_CUTS):
+        variance = np.diagonal(covariance, axis1=1, axis2=2)
+        z = np.where(todo, mean / np.sqrt(np.where(todo, variance, 1.0)), np.inf)
+        cut = z.argmin(axis=1)
+        lowest = z[models, cut]
+        cutting = lowest < _SURELY_ABOVE
+        if not cutting.any():
+            break
+        log_share = np.where(cutting, log_ndtr(np.where(cutting, lowest, 0.0)), 0.0)
+        at = np.where(cutting, lowest, 0.0)
+        mills = np.where(cutting, np.exp(-0.5 * at**2 - log_share) / np.sqrt(2 * np.pi), 0.0)
+        along = covariance[models, :, cut] / np.sqrt(np.where(cutting, variance[models, cut], 1.0))[:, None]
+        mean = mean + mills[:, None] * along
+        covariance = covariance - (mills * (mills + at))[:, None, None] * along[:, :, None] * along[:, None, :]
+        todo[models[cutting], cut[cutting]] = False
+        above += log_share
+    return mean, covariance, above
+
+
+# --- imagined ---
+#
+# Pressures as contacts may bear, drawn at random: what is known of them before any reading, of any size.
+#
+# One contact, or two or three; ends anywhere, level and slow variation inside. At a sharp end, a corner's, pressure
+# rises as one over the root of the distance to it, by an amplitude that is unknown to a factor; ends of one contact
+# are more often alike than not.
+
+HOW_MANY = (0.2, 0.5, 0.3)
+"""Probabilities of one, two and three contacts. Chosen on other scenes and seeds than those reported
+(docs/coding.md), as all below."""
+
+SHARP, ALIKE = 0.6, 0.6
+"""Probabilities that an end is sharp, and that the last end is told to be as the first."""
+
+_LEVEL_SD = 0.6  # of a contact's log level, beside others
+_SLOW, _LENGTH_SAMPLES = 0.2, 4.0  # of the variation inside, over the level: sd and length (Matérn 5/2)
+_PEAK, _PEAK_SD = 1.3, 0.8  # log amplitude of a sharp end over the level
+_FADES_SAMPLES = 1.0
+_NARROWEST = 0.7  # samples
+
+
+def imagined(count: int, samples: int, seed: int = 0) -> Array:
+    """(count, samples) none below 0; about 1 inside contacts."""
+    rng = np.random.default_rng(seed)
+    found = np.zeros((count, samples))
+    several = rng.choice(len(HOW_MANY), count, p=HOW_MANY) + 1
+    for contacts in range(1, len(HOW_MANY) + 1):
+        at = np.flatnonzero(several == contacts)
+        ends = np.sort(rng.uniform(0.0, samples, (len(at), 2 * contacts)), axis=1)
+        for first, last in ends.reshape(len(at), contacts, 2).transpose(1, 2, 0):
+            level = np.exp(_LEVEL_SD * rng.normal(size=(len(at), 1)))
+            found[at] += level * _contact(first, np.maximum(last, first + _NARROWEST), samples, rng)
+    return found
+
+
+def _contact(first: Array, last: Array, samples: int, rng: np.random.Generator) -> Array:
+    """(count, samples) of contacts between (count,) places, in samples."""
+    number = np.arange(samples)
+    covered = np.clip(np.minimum(number + 1, last[:, None]) - np.maximum(number, first[:, None]), 0.0, 1.0)
+    apart = np.abs(np.subtract.outer(number, number)) * (np.sqrt(5) / _LENGTH_SAMPLES)
+    alike = np.linalg.cholesky((1 + apart + apart**2 / 3) * np.exp(-apart) + 1e-6 * np.eye(samples))
+    inside = np.maximum(0.0, 1 + _SLOW * rng.normal(size=covered.shape) @ alike.T)
+    sharp = rng.random((2, len(first))) < SHARP
+    sharp[1] = np.where(rng.random(len(first)) < ALIKE, sharp[0], sharp[1])
+    peaks = np.zeros_like(covered)
+    for is_sharp, from_end in zip(sharp, (number - first[:, None], last[:, None] - number - 1), strict=True):
+        height = np.where(is_sharp, np.exp(_PEAK + _PEAK_SD * rng.normal(size=len(first))), 0.0)
+        peaks += height[:, None] * _peak(from_end)
+    return np.asarray(covered * inside + np.where(covered > 0, peaks, 0.0))
+
+
+def _peak(from_end: Array) -> Array:
+    """Mean of 1 / √distance over a sample that begins so far from the end, fading; in samples."""
+    begins, ends = np.maximum(0.0, from_end), np.maximum(0.0, from_end + 1)
+    return np.asarray(2 * (np.sqrt(ends) - np.sqrt(begins)) * np.exp(-begins / _FADES_SAMPLES))
+
+
+# --- table ---
+#
+# A table of imagined pressures with their SED: each weighed by how well it explains readings, whatever its size.
+#
+# Where noise is loud, hundreds of tens of thousands of entries explain the readings: nothing is made linear, nothing
+# is searched for. Where it is quiet too few do. The likelihood is then taken to a power below 1, as if noise were
+# louder, until enough do; that power says how much of what the readings tell the table takes in.
+
 Singles = NDArray[np.float32]
 
 ENTRIES = 40_000

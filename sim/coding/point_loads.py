@@ -2,22 +2,24 @@
 
 from collections.abc import Sequence
 from functools import cached_property
+from importlib.resources import as_file, files
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
-from sim.config.fingertip_config import FingertipConfig
-from sim.config.units import PSEUDO_E_EPIDERMIS
+from sim.config import FingertipConfig
 from sim.contact.patch import X, Y, Z
-from sim.finger.surface import FingertipSurface
+from sim.errors import ModelRangeError
+from sim.finger.surface import FingertipSurface, published_points
 from sim.measures.measures import Elastic, stress_from_strain
 from sim.models.condensed import point_force
-from sim.models.errors import ModelRangeError
-from sim.models.inside.adjoint import Progress
-from sim.models.inside.interior import Interior, Recovery
-from sim.models.patches import HalfWidths, widened
-from sim.models.stiffening.linear_alone import refuse_stiffening
+from sim.models.sources import HalfWidths, widened
+from sim.models.stiffening import refuse_stiffening
+from sim.models.strain_field import Interior, Progress, Recovery
+from sim.tables import read_columns
+from sim.units import PSEUDO_E_EPIDERMIS
 
 Array = NDArray[np.float64]
 
@@ -134,3 +136,86 @@ def energy_density(strain: Array, young_ratio: Array, poisson: float) -> Array:
     """(…, n) SED in pseudo-units of (…, n, 6) strains where E / E(epidermis) is (n,)."""
     stress = stress_from_strain(strain, Elastic(PSEUDO_E_EPIDERMIS, poisson))
     return np.asarray(0.5 * young_ratio * (stress * strain).sum(axis=-1))
+
+
+# --- sites ---
+#
+# The 24 places at which the source loads its finger, and what it fitted there (Raju 1998, Fig. 6-3, Table 6.1).
+
+
+class Site(NamedTuple):
+    """A place on the pulp's skin."""
+
+    number: int
+    x_mm: float
+    z_mm: float
+    on_pulp: bool  # and not on the distal tip
+
+
+class Published(NamedTuple):
+    """Table 6.1: SED = A / r^m; the load's size is not printed."""
+
+    number: int
+    a: float
+    m: float
+    r2: float
+
+
+def published_sites() -> tuple[Site, ...]:
+    """Figure 6-3's, in its order."""
+    numbers, xyz, regions = published_points()
+    rows = zip(numbers.tolist(), xyz.tolist(), regions, strict=True)
+    return tuple(Site(number, x, z, region == "top") for number, (x, _, z), region in rows)
+
+
+def published_table() -> tuple[Published, ...]:
+    """Table 6.1, in its order."""
+    with as_file(files("sim") / "data" / "table_6_1.csv") as path:
+        rows = read_columns(path, ("site", "a", "m", "r2"))
+    return tuple(Published(int(number), a, m, r2) for number, a, m, r2 in rows)
+
+
+def spread_over_mean(values: Array) -> float:
+    """Standard deviation (n − 1, as the source's) over the mean."""
+    return float(values.std(ddof=1) / values.mean())
+
+
+# --- power law ---
+#
+# SED = A / r^m by least squares, of the SED itself or of its logarithm.
+
+FitKind = Literal["linear", "logarithmic"]
+FIT_KINDS: tuple[FitKind, ...] = get_args(FitKind)
+"""linear: squared differences of SED, which weighs what is near; logarithmic: a line through the logarithms."""
+
+
+class PowerLaw(NamedTuple):
+    """A / r^m, how well it correlates with what it was fitted to, and the share of the variance that it explains."""
+
+    a: float  # at r = 1 mm, in the unit of what was fitted
+    m: float
+    r: float
+    r2: float
+
+    def at(self, distance_mm: Array) -> Array:
+        """(n,) its values."""
+        return np.asarray(self.a / distance_mm**self.m)
+
+
+def fitted(distance_mm: Array, values: Array, kind: FitKind) -> PowerLaw:
+    """The law closest to (n,) positive values at (n,) distances."""
+    logs = np.log(distance_mm), np.log(values)
+    slope, intercept = np.polyfit(*logs, 1)
+    if kind == "logarithmic":
+        return _judged(intercept, -slope, logs[1], intercept + slope * logs[0])
+    size = values.max()
+    found = least_squares(
+        lambda v: np.exp(v[0] - v[1] * logs[0]) / size - values / size, [intercept, -slope], xtol=1e-12, ftol=1e-12
+    )
+    log_a, m = found.x.tolist()
+    return _judged(log_a, m, values, np.exp(log_a - m * logs[0]))
+
+
+def _judged(log_a: float, m: float, values: Array, law: Array) -> PowerLaw:
+    left = ((values - law) ** 2).sum() / ((values - values.mean()) ** 2).sum()
+    return PowerLaw(float(np.exp(log_a)), float(m), float(np.corrcoef(values, law)[0, 1]), float(1 - left))

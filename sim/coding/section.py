@@ -1,26 +1,126 @@
 """The finger's plane-strain section with receptors below its skin: anywhere, or under equally spaced places."""
 
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.integrate import cumulative_simpson
+from scipy.interpolate import CubicSpline
 
-from sim.coding.skin_line import Axes, SkinLine
-from sim.config.fingertip_config import FingertipConfig
-from sim.config.units import PSEUDO_E_EPIDERMIS
+from sim.config import FingertipConfig
 from sim.contact.patch import X, Y
+from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface
 from sim.measures.measures import Elastic
-from sim.measures.reach import points_below
-from sim.measures.receptors import DEFAULT_DEPTH_MM, ReceptorSet
+from sim.measures.receptors import DEFAULT_DEPTH_MM, ReceptorSet, points_below
 from sim.models.catalogue import load
-from sim.models.condensed import CondensedModel
-from sim.models.errors import ModelRangeError
+from sim.models.condensed import Columns, CondensedModel
 from sim.models.fingertip import Fingertip
-from sim.models.inside.columns import Columns
-from sim.models.plane_section import build_section, prismatic
+from sim.models.section import build_section, prismatic
+from sim.units import PSEUDO_E_EPIDERMIS
+
+# --- skin line ---
+#
+# The section's skin as a line: places on it, counted along the skin or across the finger, 0 where x is 0.
 
 Array = NDArray[np.float64]
+
+Axes = Literal["skin", "cartesian"]
+AXES: tuple[Axes, ...] = get_args(Axes)
+"""skin: places by length of skin, strains tangent and normal to it; cartesian, as the source: by x, along x and y."""
+
+_SIDE_RAD = 0.3  # of the section's widest places, where the nail is near
+_TABLE = np.linspace(np.pi - _SIDE_RAD, _SIDE_RAD, 2001)
+
+
+@dataclass(frozen=True)
+class SkinLine:
+    """The pulp's skin in a plane across the finger."""
+
+    surface: FingertipSurface
+    plane_mm: float
+    axes: Axes
+
+    @cached_property
+    def _angle(self) -> CubicSpline:
+        """Angle of the section (rad) at a place (mm)."""
+        return CubicSpline(self._places_at(_TABLE), _TABLE, extrapolate=False)
+
+    def _places_at(self, angle: Array) -> Array:
+        if self.axes == "cartesian":
+            return np.asarray(self.surface.section(angle, self.plane_mm)[0])
+        speed = np.linalg.norm(self.surface.tangents(angle, self.plane_mm)[0], axis=-1)
+        length = cumulative_simpson(speed, x=-angle, initial=0)
+        middle = float(self.surface.angle_at(0.0, self.plane_mm))
+        return np.asarray(length - CubicSpline(-angle, length)(-middle))
+
+    @property
+    def reach_mm(self) -> tuple[float, float]:
+        """The first and the last place."""
+        return float(self._angle.x[0]), float(self._angle.x[-1])
+
+    def angles(self, place_mm: ArrayLike) -> Array:
+        """(n,) angles of the section, rad, at places in mm. Raises ModelRangeError beside the pulp."""
+        place, (low, high) = np.atleast_1d(place_mm), self.reach_mm
+        beside = place[~((place >= low) & (place <= high))]
+        if len(beside):
+            raise ModelRangeError(
+                "place {place_mm:g} mm: expected {low_mm:.2f} … {high_mm:.2f} mm on the pulp's skin",
+                code="place_beside_pulp",
+                place_mm=float(beside[0]),
+                low_mm=low,
+                high_mm=high,
+            )
+        return np.asarray(self._angle(place))
+
+    def places(self, x_mm: ArrayLike) -> Array:
+        """(n,) places in mm of skin at x."""
+        x = np.atleast_1d(x_mm)
+        if self.axes == "cartesian":
+            return x.astype(float)
+        angle = self.surface.angle_at(x, self.plane_mm)
+        return np.asarray(CubicSpline(-_TABLE, self._angle.x)(-angle))
+
+    def normals(self, angle: Array) -> Array:
+        """(n, 2) outward unit normals, x and y."""
+        along_x, along_y, _ = np.moveaxis(self.surface.tangents(angle, self.plane_mm)[0], -1, 0)
+        return np.stack([along_y, -along_x], axis=-1) / np.hypot(along_x, along_y)[..., None]
+
+    def below(self, angle: Array, depth_mm: float | Array) -> Array:
+        """(n, 2) the points so far below the skin, along its normal; mm."""
+        return np.stack(self.surface.section(angle, self.plane_mm), axis=-1) - depth_mm * self.normals(angle)
+
+    def above(self, x_mm: float, depth_mm: float) -> float:
+        """The place of the skin above a point so deep below it; mm. Raises ModelRangeError beside the pulp."""
+        reach = np.linspace(*self.reach_mm, len(_TABLE))
+        x = self.below(self.angles(reach), depth_mm)[:, X]
+        if not x[0] <= x_mm <= x[-1]:
+            raise ModelRangeError(
+                "x {x_mm:g} mm: expected {low_mm:.2f} … {high_mm:.2f} mm, below the pulp's skin",
+                code="x_beside_pulp",
+                x_mm=float(x_mm),
+                low_mm=float(x[0]),
+                high_mm=float(x[-1]),
+            )
+        return float(np.interp(x_mm, x, reach))
+
+    def in_axes(self, strain: Array, angle: Array) -> Array:
+        """(3, n, …) strains e11 e22 e12 in these axes, from (n, 6, …) Cartesian ones under skin at these angles."""
+        e11, e22, e12 = (strain[:, k] for k in (0, 1, 3))
+        if self.axes == "cartesian":
+            return np.stack([e11, e22, e12])
+        normal = self.normals(angle).reshape(len(angle), 2, *[1] * (strain.ndim - 2))
+        s, c = -normal[:, X], normal[:, Y]  # the tangent, rising with x, is (c, s)
+        return np.stack(
+            [
+                c * c * e11 + s * s * e22 + s * c * e12,
+                s * s * e11 + c * c * e22 - s * c * e12,
+                2 * s * c * (e22 - e11) + (c * c - s * s) * e12,
+            ]
+        )
+
 
 SPACING_MM = 0.17
 """Between samples (Raju 1998, §6.5)."""
@@ -127,3 +227,34 @@ def _strain_per_node(line: SkinLine, columns: Columns, angle: Array) -> Array:
     """(3, n, n_phi, 2) strains in the line's axes under skin at (n,) angles, per pseudo-unit · mm on a skin node."""
     strain = columns.per_skin_force[:, 0, :, :2]
     return line.in_axes(strain.reshape(len(angle), 6, *strain.shape[1:]) / PSEUDO_E_EPIDERMIS, angle)
+
+
+# --- energy ---
+#
+# Strain energy density as a sum of squares of what is linear in the strains: all six, or those of plane strain.
+
+Energy = Literal["incompressible", "finite"]
+ENERGIES: tuple[Energy, ...] = get_args(Energy)
+"""incompressible: G (e11² + e22² + ½ e12²), Raju (1998) Eq. 6.1; finite: with ½ λ (e11 + e22)², as Hooke has it.
+
+Of six strains all normal and all shear ones alike."""
+
+_WEIGHT = {3: [1.0, 1.0, 0.5], 6: [1.0, 1.0, 1.0, 0.5, 0.5, 0.5]}
+
+
+def squared_parts(strain: Array, material: Elastic, energy: Energy) -> Array:
+    """(3 … 7, …) whose squares sum to the SED, in the unit of E, of engineering strains e11 e22 e12, or all six.
+
+    The six are e11 e22 e33 e12 e23 e13.
+    """
+    shear, n = material.young / (2 * (1 + material.poisson)), len(strain)
+    parts = np.sqrt(shear) * strain * np.sqrt(_WEIGHT[n]).reshape(n, *[1] * (strain.ndim - 1))
+    if energy == "incompressible":
+        return parts
+    lame = 2 * shear * material.poisson / (1 - 2 * material.poisson)
+    return np.concatenate([parts, np.sqrt(lame / 2) * strain[: 2 if n == 3 else 3].sum(axis=0, keepdims=True)])
+
+
+def sed_of(strain: Array, material: Elastic, energy: Energy) -> Array:
+    """(…) SED of (3 or 6, …) strains."""
+    return (squared_parts(strain, material, energy) ** 2).sum(axis=0)

@@ -10,7 +10,8 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.coding.frictionless import Skin
+from sim.coding.pressure import Skin
+from sim.coding.sheet import SkinOver
 from sim.contact.patch import X
 
 Array = NDArray[np.float64]
@@ -113,3 +114,84 @@ def edges_mm(skin: Skin, pressure: Array) -> tuple[float, float]:
 def _centre(along: Array, over: Array) -> float:
     over = np.maximum(over, 1e-9)
     return float(along @ over / over.sum())
+
+
+# --- felt solid ---
+#
+# What an indentor is like where it touches a sheet: class, size and extent, from the skin that lies on it.
+#
+# As `profiles/felt_shape`, over x and z: pressures move the skin by the finger's compliance, and in contact it has
+# the indentor's outline. Flat, round across, stepped across and round both ways are fitted to it; the class is the
+# one that explains it to the skin's own error with fewest numbers.
+
+Flags = NDArray[np.bool_]
+
+SolidClass = Literal["bar", "cylinder", "step", "sphere"]
+SOLIDS: tuple[SolidClass, ...] = get_args(SolidClass)
+
+SOLID_SD_MM = 0.02
+"""Of the skin under decoded pressures; chosen on other scenes than those reported (docs/coding.md)."""
+
+_SOLID_PRESSED = 0.25  # of the highest pressure: surely in contact
+_NEIGHBOURS = 2  # of four, that a place in contact has
+_SOLID_NUMBERS: dict[SolidClass, int] = {"bar": 1, "cylinder": 3, "step": 3, "sphere": 4}  # that each is fitted with
+_SOLID_HALF_WAVES_MM = np.geomspace(0.3, 4.5, 14)
+_SOLID_PLACES_MM = 0.08  # between tried references of a step
+
+
+class FeltSolid(NamedTuple):
+    """A class with its size, and how badly each class explains the skin: less is better."""
+
+    name: SolidClass
+    size_mm: float  # diameter of a cylinder or a sphere, half a wavelength of a step, width of a bar
+    extent_mm: tuple[float, float]  # of the contact along x and along z
+    cost: dict[SolidClass, float]
+
+
+def felt_solid(skin: SkinOver, pressure: Array) -> FeltSolid:
+    """From (n,) pressures at the grid's places, some above 0."""
+    inside = contact(skin, pressure)
+    at = skin.pressed(pressure, skin.lean(pressure))[:, inside]
+    extent = extent_mm(skin, pressure)
+    x, y, z = at - at.mean(axis=1, keepdims=True)
+    outlines = {
+        "bar": _Outline(float(y @ y), extent[0]),
+        "cylinder": _round(y, x),
+        "step": _step(x, y),
+        "sphere": _round(y, x, z),
+    }
+    each = np.log(max(2, len(y)))
+    cost = {name: outlines[name].squares / SOLID_SD_MM**2 + each * _SOLID_NUMBERS[name] for name in SOLIDS}
+    best = min(SOLIDS, key=cost.__getitem__)
+    return FeltSolid(best, outlines[best].size_mm, extent, cost)
+
+
+def contact(skin: SkinOver, pressure: Array) -> Flags:
+    """(n,) places surely in contact: pressed, and two of their neighbours as well."""
+    pressed = (pressure > _SOLID_PRESSED * pressure.max()).reshape(skin.grid.shape)
+    beside = np.pad(pressed, 1).astype(int)
+    neighbours = beside[:-2, 1:-1] + beside[2:, 1:-1] + beside[1:-1, :-2] + beside[1:-1, 2:]
+    inside = pressed & (neighbours >= _NEIGHBOURS)
+    return np.asarray((inside if inside.any() else pressed).ravel())
+
+
+def extent_mm(skin: SkinOver, pressure: Array) -> tuple[float, float]:
+    """Of the contact along x and along z: as wide as an even pressure of the same spread would be."""
+    inside = contact(skin, pressure)
+    weight = pressure[inside] / pressure[inside].sum()
+    x, z = (float(np.sqrt(12 * weight @ (v - weight @ v) ** 2)) for v in skin.grid.place_mm[inside].T)
+    return x, z
+
+
+def _round(up: Array, *flat: Array) -> _Outline:
+    """Convex, by algebraic least squares: a circle of one flat direction, a sphere of two."""
+    if len(up) < 3 + len(flat):
+        return _Outline(np.inf, np.nan)
+    level = sum(v * v for v in flat) + up * up
+    terms = np.stack([*flat, up, np.ones_like(up)], axis=1)
+    *across, b, c = np.linalg.lstsq(terms, -level, rcond=None)[0]
+    radius = np.sqrt(max(0.0, (sum(a * a for a in across) + b * b) / 4 - c))
+    if b > 0 or 2 * radius > _WIDEST_MM:  # the centre is below: hollow
+        return _Outline(np.inf, 2 * radius)
+    apart = np.sqrt(sum((v + a / 2) ** 2 for v, a in zip(flat, across, strict=True)) + (up + b / 2) ** 2)
+    return _Outline(float(((apart - radius) ** 2).sum()), float(2 * radius))

@@ -9,25 +9,24 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from sim.devices.balance import BalanceMenu, VirtualBalance
-    from sim.devices.cell import Load
     from sim.devices.grbl.board import VirtualGrbl
     from sim.devices.grbl.core import Mechanics
     from sim.devices.laumas import TransmitterFirmware, TransmitterMenu, VirtualLaumas
     from sim.devices.leadshine import DriveParameters, VirtualDrive
-    from sim.devices.line import SerialLine
+    from sim.devices.line import Load, SerialLine
     from sim.devices.modbus import ModbusBus
+    from sim.devices.mtsics import BalanceMenu, VirtualBalance
 
 _HOMES = {
-    "BalanceMenu": "balance",
+    "BalanceMenu": "mtsics",
     "DriveParameters": "leadshine",
-    "Load": "cell",
+    "Load": "line",
     "Mechanics": "grbl.core",
     "ModbusBus": "modbus",
     "SerialLine": "line",
     "TransmitterFirmware": "laumas",
     "TransmitterMenu": "laumas",
-    "VirtualBalance": "balance",
+    "VirtualBalance": "mtsics",
     "VirtualDrive": "leadshine",
     "VirtualGrbl": "grbl.board",
     "VirtualLaumas": "laumas",

@@ -9,11 +9,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from sim.devices.cell import Load, Samples
 from sim.devices.clock import Scheduler
-from sim.devices.line import SerialLine
+from sim.devices.line import ForceTold, Load, Samples, SerialLine
 from sim.devices.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, ModbusBus, RegisterFault, words
-from sim.devices.told import ForceTold
 
 COMMAND = 5  # the only register that is written
 CELL, ADC, OVER_MAX, OVER_SCALE, GROSS_OUT, NET_OUT = (1 << bit for bit in range(6))

@@ -8,10 +8,8 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from sim.devices.cell import Load, Samples
 from sim.devices.clock import Handle, Scheduler
-from sim.devices.line import SerialLine
-from sim.devices.told import ForceTold
+from sim.devices.line import ForceTold, Load, Samples, SerialLine
 
 MODEL, SOFTWARE = "virtual-balance", "1.00"
 LEVEL_0 = ("@", "I0", "I1", "I2", "I3", "I4", "S", "SI", "SIR", "Z", "ZI")

@@ -10,11 +10,90 @@ last two the dilatation is projected onto linear functions of place, as if by a 
 from typing import Literal
 
 import numpy as np
+import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from sim.fem.shape_functions import gauss_points, gradients, shape_functions
+# --- shape functions ---
+#
+# Shape functions of hexahedra: trilinear in eight nodes, triquadratic in 27 (Lagrange's, products of three).
+#
+# Nodes are in VTK's order: corners, then middles of edges, of faces, the centre.
 
 Array = NDArray[np.float64]
+
+HEX8 = np.array(
+    [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1], [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]],
+    float,
+)
+"""(8, 3) local coordinates of the nodes."""
+
+_NEWTON_STEPS = 30
+_LOCATED = 1e-12
+
+_EDGES = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [4, 5], [5, 6], [6, 7], [7, 4], [0, 4], [1, 5], [2, 6], [3, 7]])
+_FACES = np.array([[-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, -1], [0, 0, 1], [0, 0, 0]], float)
+HEX27 = np.concatenate([HEX8, HEX8[_EDGES].mean(axis=1), _FACES])
+"""(27, 3) local coordinates of the nodes."""
+
+
+def gauss_points(n: int) -> tuple[Array, Array]:
+    """(n³, 3) local points and (n³,) weights of the product rule."""
+    s, w = np.polynomial.legendre.leggauss(n)
+    points = np.stack(np.meshgrid(s, s, s, indexing="ij"), -1).reshape(-1, 3)
+    return points, np.einsum("i,j,k->ijk", w, w, w).ravel()
+
+
+def shape_functions(n_nodes: int, points: Array) -> tuple[Array, Array]:
+    """(…, k) values and (…, k, 3) local gradients of the functions of 8 or 27 nodes at (…, 3) local points."""
+    at = HEX8 if n_nodes == len(HEX8) else HEX27
+    s = points[..., None, :]
+    if n_nodes == len(HEX8):
+        value, slope = 0.5 * (1 + at * s), np.broadcast_to(0.5 * at, np.broadcast_shapes(at.shape, s.shape))
+    else:
+        value = np.where(at == 0, 1 - s * s, 0.5 * s * (s + at))
+        slope = np.where(at == 0, -2 * s, s + 0.5 * at)
+    x, y, z = np.moveaxis(value, -1, 0)
+    dx, dy, dz = np.moveaxis(slope, -1, 0)
+    return x * y * z, np.stack([dx * y * z, x * dy * z, x * y * dz], axis=-1)
+
+
+def gradients(corners: Array, points: Array) -> tuple[Array, Array, Array]:
+    """Of (n, k, 3) elements: (n, g, k, 3) gradients in 1/mm, (n, g) det J and (n, g, 3, 3) inverse of J transposed.
+
+    The local points are (g, 3), or (n, g, 3) where each element has its own.
+    """
+    local = shape_functions(corners.shape[1], points)[1]
+    of = "gak,nai->ngki" if points.ndim == 2 else "ngak,nai->ngki"
+    inverse_t, det = _inverse3(np.einsum(of, local, corners, optimize=True))
+    return np.matmul(local, inverse_t), det, inverse_t
+
+
+def local_coordinates(corners: Array, point: Array) -> Array:
+    """(3,) local coordinates of a point in one (k, 3) element, by Newton's iteration; outside of it they go on."""
+    local = np.zeros(3)
+    for _ in range(_NEWTON_STEPS):
+        value, gradient = shape_functions(len(corners), local)
+        step = np.linalg.solve(corners.T @ gradient, point - value @ corners)
+        local = local + step
+        if np.abs(step).max() < _LOCATED:
+            break
+    return local
+
+
+def _inverse3(m: Array) -> tuple[Array, Array]:
+    """(…, 3, 3) inverse transposed by cofactors, and the determinant."""
+    cofactor = np.stack(
+        [
+            np.cross(m[..., 1, :], m[..., 2, :]),
+            np.cross(m[..., 2, :], m[..., 0, :]),
+            np.cross(m[..., 0, :], m[..., 1, :]),
+        ],
+        axis=-2,
+    )
+    det = np.einsum("...k,...k->...", m[..., 0, :], cofactor[..., 0, :])
+    return cofactor / det[..., None, None], det
+
+
 Ints = NDArray[np.int64]
 Element = Literal["bbar", "full", "incompatible", "quadratic"]
 
@@ -105,3 +184,64 @@ def _condensed(matrix: Array, kept: int) -> Array:
     coupling = matrix[:, kept:, :kept]
     relaxed = coupling.swapaxes(1, 2) @ np.linalg.solve(matrix[:, kept:, kept:], coupling)
     return np.asarray(matrix[:, :kept, :kept] - relaxed)
+
+
+# --- strain ---
+#
+# Strain inside hexahedra.
+
+
+def strain_matrix(corners: Array, local: Array) -> Array:
+    """(n, 6, 3k) engineering strain e11 e22 e33 e12 e23 e13 of (n, k, 3) elements, each at its (n, 3) local point.
+
+    The dilatation is the mean of eight nodes and projected as in the stiffness of 27. The bubbles of "incompatible"
+    elements are left out; at the centre of a brick they strain nothing.
+    """
+    n, k, _ = corners.shape
+    points, weights = gauss_points(2 if k == len(HEX8) else 3)
+    gradient, det, _ = gradients(corners, points)
+    linear = k > len(HEX8)
+    moments, mass = dilatation_moments(pressures(corners, points, linear=linear), gradient, det * weights)
+    here = gradients(corners, local[:, None])[0][:, 0]
+    dilatation = pressures(corners, local[:, None], linear=linear) @ np.linalg.solve(mass, moments)
+    b = np.zeros((n, 6, k, 3))
+    for i in range(3):
+        b[:, i, :, i] = here[:, :, i]
+    b[:, :3] += (dilatation.reshape(n, 1, k, 3) - here[:, None]) / 3
+    for row, (i, j) in zip((3, 4, 5), ((0, 1), (1, 2), (0, 2)), strict=True):
+        b[:, row, :, i] = here[:, :, j]
+        b[:, row, :, j] = here[:, :, i]
+    return b.reshape(n, 6, 3 * k)
+
+
+# --- assembly ---
+#
+# Sparse assembly of element matrices, 3×3 block by 3×3 block.
+
+
+def assemble_upper(stiffness: Array, elements: Ints, n_nodes: int) -> sp.csr_array:
+    """Upper triangle of the (3 n_nodes, 3 n_nodes) stiffness from (n, 3k, 3k) matrices of (n, k) elements."""
+    k = elements.shape[1]
+    a, b = np.triu_indices(k)
+    rows, cols = elements[:, a], elements[:, b]
+    blocks = stiffness.reshape(-1, k, 3, k, 3).swapaxes(2, 3)[:, a, b]
+    below = rows > cols
+    blocks[below] = blocks[below].swapaxes(-1, -2)
+    folded = (rows == cols) & (a != b)  # both triangles of a wedge's coinciding nodes fall on one block
+    blocks[folded] += blocks[folded].swapaxes(-1, -2)
+    key = np.where(below, cols * n_nodes + rows, rows * n_nodes + cols).ravel()
+    order = np.argsort(key, kind="stable")
+    starts = np.flatnonzero(np.concatenate([[True], np.diff(key[order]) > 0]))
+    gather = sp.csr_array(
+        (np.ones(len(order)), order, np.append(starts, len(order))), shape=(len(starts), len(order))
+    )
+    summed = (gather @ blocks.reshape(-1, 9)).reshape(-1, 3, 3)
+    unique = key[order][starts]
+    indptr = np.searchsorted(unique // n_nodes, np.arange(n_nodes + 1))
+    shape = (3 * n_nodes, 3 * n_nodes)
+    return sp.triu(sp.bsr_array((summed, unique % n_nodes, indptr), shape=shape), format="csr")
+
+
+def symmetric(upper: sp.csr_array) -> sp.csr_array:
+    """The whole matrix of an upper triangle."""
+    return sp.csr_array(upper + sp.triu(upper, k=1).T)

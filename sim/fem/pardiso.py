@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sim.errors import SimError
-from sim.fem.dense import inverse_spd
+from sim.fem.dissection import inverse_spd
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -6,16 +6,284 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.config.fingertip_config import FingertipConfig, Tissue
-from sim.fem.shape_functions import HEX8, HEX27
-from sim.finger.grading import MeshError, angles_around, axial_places, order_of, with_middles
-from sim.finger.layers import nodes_on_rays
-from sim.finger.quality import corner_edges
-from sim.finger.skin import tributary_areas
+from sim.config import FingertipConfig, MeshSpec, Tissue
+from sim.errors import SimError
+from sim.fem.elements import HEX8, HEX27, NODES
 from sim.finger.surface import FingertipSurface
 
+# --- skin ---
+#
+# Areas of the skin that belong to its nodes.
+
 Array = NDArray[np.float64]
+
+_SLOPES = np.array([[-1.5, 2.0, -0.5], [-0.5, 0.0, 0.5], [0.5, -2.0, 1.5]])  # of a parabola through −1, 0, 1
+_SIMPSON = np.array([1.0, 4.0, 1.0]) / 3
+
+
+def tributary_areas(skin: Array, order: int) -> Array:
+    """(n_z, n_phi) areas in mm² of (n_z, n_phi, 3) nodes closed along φ: what a unit pressure puts on each.
+
+    Of order 1 a quarter of each adjacent bilinear quadrilateral; of order 2 by Simpson's rule on faces of nine nodes.
+    """
+    return _of_quadrilaterals(skin) if order == 1 else _of_nine_nodes(skin)
+
+
+def _of_quadrilaterals(skin: Array) -> Array:
+    turned = np.roll(skin, -1, axis=1)
+    d1, d2 = turned[1:] - skin[:-1], turned[:-1] - skin[1:]
+    quads = 0.125 * np.linalg.norm(np.cross(d1, d2), axis=-1)
+    quads = quads + np.roll(quads, 1, axis=1)
+    area = np.zeros(skin.shape[:2])
+    area[:-1] += quads
+    area[1:] += quads
+    return area
+
+
+def _of_nine_nodes(skin: Array) -> Array:
+    n_z, n_phi, _ = skin.shape
+    number = np.arange(n_z * n_phi).reshape(n_z, n_phi)
+    across, around = np.arange(0, n_z - 1, 2), np.arange(0, n_phi, 2)
+    k, j = (across[:, None] + np.arange(3)).ravel(), (around[:, None] + np.arange(3)).ravel() % n_phi
+    faces = number[np.ix_(k, j)].reshape(len(across), 3, len(around), 3).swapaxes(1, 2)
+    p = skin.reshape(-1, 3)[faces]
+    along_z, along_phi = np.einsum("ab,kjbpi->kjapi", _SLOPES, p), np.einsum("ab,kjpbi->kjpai", _SLOPES, p)
+    area = np.linalg.norm(np.cross(along_z, along_phi), axis=-1) * _SIMPSON[:, None] * _SIMPSON
+    return np.asarray(np.bincount(faces.ravel(), area.ravel()).reshape(n_z, n_phi), float)
+
+
+# --- grading ---
+#
+# Where a mesh's nodes lie along the finger and around it: close under the patch, farther apart away from it.
+
+
+class MeshError(SimError, ValueError):
+    """The geometry and the mesh settings do not make a valid mesh."""
+
+    default_code = "bad_mesh"
+
+
+def axial_places(config: FingertipConfig) -> tuple[Array, NDArray[np.bool_]]:
+    """Places along z (mm), and which of them are the patch's; its middle is the receptor plane."""
+    mesh, middle, length = config.mesh, config.receptor_plane_mm, config.geometry.length_mm
+    spacing = mesh.axial_mm
+    n = int(np.ceil(mesh.patch_z_mm / spacing - 1e-9))
+    fine = middle + np.arange(-n, n + 1) * spacing
+    if fine[0] < 0.5 or fine[-1] > length - 0.5:
+        raise MeshError(
+            "patch_z_mm = {patch_z_mm}: the patch leaves the finger, z 0 … {length_mm} mm",
+            code="patch_leaves_finger",
+            patch_z_mm=mesh.patch_z_mm,
+            length_mm=length,
+        )
+    below = fine[0] - _graded(mesh, spacing, fine[0])
+    above = fine[-1] + _graded(mesh, spacing, length - fine[-1])
+    z = np.concatenate([below[::-1], fine, above])
+    is_fine = np.zeros(len(z))
+    is_fine[len(below) : len(below) + len(fine)] = 1
+    order = order_of(mesh)
+    return with_middles(z, order), with_middles(is_fine, order) == 1
+
+
+def angles_around(config: FingertipConfig, surface: FingertipSurface) -> tuple[Array, NDArray[np.bool_]]:
+    """Angles (rad) and which of them are the patch's.
+
+    Spaced by arc length on the skin in the receptor plane, one of them at the pulp's apex.
+    """
+    mesh = config.mesh
+    table = np.linspace(-np.pi / 2, 3 * np.pi / 2, 20001)
+    x, y = surface.section(table, config.receptor_plane_mm)
+    arc = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+    apex = float(np.interp(np.pi / 2, table, arc))
+    sides = np.array([mesh.patch_x_mm, -mesh.patch_x_mm])
+    angles = surface.angle_at(sides, config.receptor_plane_mm)
+    if np.abs(surface.section(angles, config.receptor_plane_mm)[0] - sides).max() > 1e-6:
+        raise MeshError(
+            "patch_x_mm = {patch_x_mm}: the patch leaves the pulp, which is x {low_mm:.2f} … {high_mm:.2f} mm in the "
+            "receptor plane, z = {z_mm:.2f} mm",
+            code="patch_leaves_pulp",
+            patch_x_mm=mesh.patch_x_mm,
+            low_mm=float(x.min()),
+            high_mm=float(x.max()),
+            z_mm=config.receptor_plane_mm,
+        )
+    edges = np.interp(angles, table, arc)
+    right = int(np.ceil((apex - edges[0]) / mesh.spacing_mm - 1e-9))
+    left = int(np.ceil((edges[1] - apex) / mesh.spacing_mm - 1e-9))
+    fine = apex + np.arange(-right, left + 1) * mesh.spacing_mm
+    half_nail = np.radians(config.tissue.nail_arc_deg / 2)
+    nail = np.interp([-np.pi / 2 + half_nail, 3 * np.pi / 2 - half_nail], table, arc)
+    towards_right = fine[0] - _through(mesh, fine[0] - nail[0], fine[0])
+    towards_left = fine[-1] + _through(mesh, nail[1] - fine[-1], arc[-1] - fine[-1])
+    s = np.concatenate([towards_right[::-1], fine, towards_left])
+    is_fine = np.zeros(len(s))
+    is_fine[len(towards_right) : len(towards_right) + len(fine)] = 1
+    order = order_of(mesh)
+    s, is_fine = with_middles(s, order)[:-1], with_middles(is_fine, order)[:-1]  # both ends are the nail's middle
+    return np.interp(s, arc, table), is_fine == 1
+
+
+def order_of(mesh: MeshSpec) -> int:
+    """Intervals between nodes along an element: 1, or 2 where it is quadratic."""
+    return 1 if NODES[mesh.element] == len(HEX8) else 2
+
+
+def with_middles(ends: Array, order: int) -> Array:
+    """Places of nodes from the places of the elements' ends: the same, or with the middles between them."""
+    return np.interp(np.arange(order * (len(ends) - 1) + 1) / order, np.arange(len(ends)), ends)
+
+
+def _through(mesh: MeshSpec, edge_mm: float, distance_mm: float) -> Array:
+    """Distances from the patch's edge, across the finger, of nodes that grow towards the nail's middle.
+
+    With `nail_on_nodes` one lies at the nail's edge: where the skin is held else depends on the mesh.
+    """
+    if not (mesh.nail_on_nodes and 0 < edge_mm < distance_mm):
+        return _graded(mesh, mesh.spacing_mm, distance_mm)
+    beyond = np.linspace(edge_mm, distance_mm, 1 + int(np.ceil((distance_mm - edge_mm) / mesh.far_spacing_mm)))
+    return np.concatenate([_graded(mesh, mesh.spacing_mm, edge_mm), beyond[1:]])
+
+
+def _graded(mesh: MeshSpec, spacing_mm: float, distance_mm: float) -> Array:
+    """Distances from the patch's edge of nodes that grow from the fine spacing to the far one."""
+    steps, x = [spacing_mm], spacing_mm
+    while x < distance_mm:
+        near = x < mesh.near_width_mm
+        growth, limit = (mesh.growth, mesh.near_spacing_mm) if near else (mesh.far_growth, mesh.far_spacing_mm)
+        steps.append(min(steps[-1] * growth, limit))
+        x += steps[-1]
+    if len(steps) > 1 and x - distance_mm > distance_mm - (x - steps[-1]):
+        steps.pop()
+    return np.cumsum(steps) * (distance_mm / np.sum(steps))
+
+
+# --- layers ---
+#
+# The layers under the skin: how deep each goes, and the nodes on rays through them towards the bone's axis.
+
 Ints = NDArray[np.int64]
+
+LAYERS = ("epidermis", "dermis", "fat", "bone")
+EPIDERMIS, DERMIS, FAT, BONE = range(4)
+
+_DEEPEST_DERMIS = 0.7
+"""Lower face of the dermis: at most this part of the way to the bone, so that the fat's elements do not vanish."""
+
+
+def nodes_on_rays(config: FingertipConfig, surface: FingertipSurface, phi: Array, z_mm: Array) -> tuple[Array, Ints]:
+    """(n_z, n_phi, n_r, 3) nodes on rays from the bone's axis, and the layer of each radial element."""
+    tissue = config.tissue
+    p, z = np.meshgrid(phi, z_mm)
+    x, y = surface.section(p, z)
+    skin = np.stack([x, y, z], -1)
+    radius = np.hypot(x, y)
+    ray = np.stack([x, y, 0 * z], -1) / radius[..., None]
+    cosine = np.clip(np.einsum("zpk,zpk->zp", surface.normal(p, z), ray), 0.6, 1.0)
+    thickness = radius * (1 - tissue.bone_fraction)
+    stretch = np.minimum(1 / cosine, _DEEPEST_DERMIS * thickness / (tissue.epidermis_mm + tissue.dermis_mm))
+
+    # depths of the interfaces along each ray; the fractions between them are the same everywhere
+    apex_depth = float(thickness[np.argmin(np.abs(z_mm - config.receptor_plane_mm))].max())
+    ends, layers = _radial_fractions(config.mesh, tissue, apex_depth)
+    order = order_of(config.mesh)
+    fractions = with_middles(ends, order)
+    knots = np.stack(
+        [
+            0 * thickness,
+            tissue.epidermis_mm * stretch,
+            (tissue.epidermis_mm + tissue.dermis_mm) * stretch,
+            thickness,
+        ]
+    )
+    piece = np.minimum(fractions.astype(int), 2)
+    depth = knots[piece] + (knots[piece + 1] - knots[piece]) * (fractions - piece)[:, None, None]
+    nodes = skin[:, :, None] - np.moveaxis(depth, 0, -1)[..., None] * ray[:, :, None]
+    if tissue.bone == "elastic":
+        inwards = 1 - 0.5 * np.arange(1, order + 1)[:, None] / order
+        core = nodes[:, :, -1:] * np.concatenate([inwards, inwards, np.ones((order, 1))], axis=1)
+        nodes, layers = np.concatenate([nodes, core], axis=2), np.append(layers, BONE)
+    return nodes, layers
+
+
+def _radial_fractions(mesh: MeshSpec, tissue: Tissue, depth_mm: float) -> tuple[Array, Ints]:
+    """Node positions through the layers (0–1 epidermis, 1–2 dermis, 2–3 fat) and each element's layer."""
+    epidermis = np.linspace(0, 1, mesh.epidermis_elements + 1)
+    n_dermis = max(1, round(tissue.dermis_mm / mesh.dermis_spacing_mm))
+    dermis = 1 + np.linspace(0, 1, n_dermis + 1)[1:]
+    top = tissue.epidermis_mm + tissue.dermis_mm
+    below = depth_mm - top
+    if top > _DEEPEST_DERMIS * depth_mm:
+        raise MeshError(
+            "epidermis + dermis = {skin_mm:.2f} mm reach the bone, {bone_mm:.2f} mm below the skin, or nearly: "
+            "expected at most {most_mm:.2f} mm, so that fat is left",
+            code="no_fat",
+            skin_mm=top,
+            bone_mm=float(depth_mm),
+            most_mm=float(_DEEPEST_DERMIS * depth_mm),
+        )
+    steps, x = [], 0.0
+    step = mesh.dermis_spacing_mm
+    while x < below:
+        step = step if top + x < mesh.dermis_fine_depth_mm - 1e-9 else step * mesh.growth
+        steps.append(min(step, mesh.near_spacing_mm))
+        x += steps[-1]
+    fat = 2 + np.cumsum(steps) / np.sum(steps)
+    layers = np.repeat([EPIDERMIS, DERMIS, FAT], [mesh.epidermis_elements, n_dermis, len(steps)])
+    return np.concatenate([epidermis, dermis, fat]), layers
+
+
+# --- quality ---
+#
+# How well shaped the elements of a mesh are.
+
+POOR_SCALED_JACOBIAN = 0.1
+"""Below this an element is nearly flat at a corner."""
+
+# each corner of a hexahedron in VTK order, and its three neighbours, right-handed
+_CORNERS = np.array(
+    [
+        [0, 1, 3, 4],
+        [1, 2, 0, 5],
+        [2, 3, 1, 6],
+        [3, 0, 2, 7],
+        [4, 7, 5, 0],
+        [5, 4, 6, 1],
+        [6, 5, 7, 2],
+        [7, 6, 4, 3],
+    ]
+)
+
+
+@dataclass(frozen=True)
+class MeshQuality:
+    """Two numbers an element, and where the elements are."""
+
+    scaled_jacobian: Array  # (n,) smallest of the corners: 1 a box, 0 flat, negative folded
+    aspect_ratio: Array  # (n,) longest edge over shortest edge
+    centroid_mm: Array  # (n, 3)
+
+
+def corner_edges(nodes: Array, hexes: Ints) -> Array:
+    """(n, 8, 3, 3) edge vectors in mm from each corner of (n, 8 or 27) hexahedra; rows are edges, right-handed."""
+    p = nodes[hexes[:, :8]]
+    return np.asarray(p[:, _CORNERS[:, 1:]] - p[:, _CORNERS[:, :1]])
+
+
+def mesh_quality(nodes: Array, hexes: Ints) -> MeshQuality:
+    """Quality of (n, 8) hexahedra in VTK order; of (n, 27) that of their corners.
+
+    Source: Knupp, Ernst, Thompson, Stimpson, Pébay, The Verdict library reference manual, Sandia 2007: hexahedron,
+    "scaled Jacobian" (here at the corners only) and "edge ratio".
+    """
+    edges = corner_edges(nodes, hexes)
+    length = np.linalg.norm(edges, axis=-1)
+    scaled = np.linalg.det(edges) / length.prod(axis=-1)
+    return MeshQuality(
+        scaled_jacobian=scaled.min(axis=1),
+        aspect_ratio=length.max(axis=(1, 2)) / length.min(axis=(1, 2)),
+        centroid_mm=nodes[hexes[:, :8]].mean(axis=1),
+    )
+
 
 MOST_PATCH_NODES = 6000
 """Their compliance alone is 1.2 GB; more would not fit beside its factor."""

@@ -10,13 +10,141 @@ from importlib.resources import files
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
+from scipy.optimize import least_squares
 
-from sim.config.fingertip_config import Geometry
+from sim.config import Geometry
 from sim.errors import SimError
-from sim.finger import section
-from sim.finger.fit import fit_curves
+
+# --- section ---
+#
+# One section of the skin: a second-order Fourier curve in the angle φ.
+#
+# x = a cos φ + s ((1 + sin φ)/2)², y = b (½(1 + r) sin φ + ½(1 − r) sin² φ) with half-width a, height b and lean s in
+# mm, and r the depth of the nail side over the height.
 
 Array = NDArray[np.float64]
+
+
+def shape(phi: ArrayLike, ratio: float) -> tuple[Array, Array, Array]:
+    """What half-width, height and lean are multiplied by at angle φ."""
+    s = np.sin(phi)
+    return np.cos(phi), 0.5 * (1 + ratio) * s + 0.5 * (1 - ratio) * s * s, (0.5 * (1 + s)) ** 2
+
+
+def position(phi: ArrayLike, parameters: Array, ratio: float) -> tuple[Array, Array]:
+    """x and y in mm of sections with (3, …) half-widths, heights and leans in mm (broadcast)."""
+    a, b, lean = parameters
+    across, up, sideways = shape(phi, ratio)
+    return a * across + lean * sideways, b * up
+
+
+def first_derivative(phi: ArrayLike, parameters: Array, ratio: float) -> tuple[Array, Array]:
+    """dx/dφ and dy/dφ in mm/rad."""
+    a, b, lean = parameters
+    s, c = np.sin(phi), np.cos(phi)
+    return -a * s + 0.5 * lean * (1 + s) * c, b * c * (0.5 * (1 + ratio) + (1 - ratio) * s)
+
+
+def second_derivative(phi: ArrayLike, parameters: Array, ratio: float) -> tuple[Array, Array]:
+    """d²x/dφ² and d²y/dφ² in mm/rad²."""
+    a, b, lean = parameters
+    s, c = np.sin(phi), np.cos(phi)
+    return (
+        -a * c + 0.5 * lean * (c * c - s * (1 + s)),
+        b * ((1 - ratio) * (c * c - s * s) - 0.5 * (1 + ratio) * s),
+    )
+
+
+def normal(phi: ArrayLike, parameters: Array, ratio: float) -> Array:
+    """(…, 2) outward unit normal within the plane of the section."""
+    d_x, d_y = first_derivative(phi, parameters, ratio)
+    return np.stack([d_y, -d_x], -1) / np.hypot(d_x, d_y)[..., None]
+
+
+def nearest_angle(x: Array, y: Array, parameters: Array, ratio: float) -> Array:
+    """(n,) angles of the points closest to (n,) x and y in mm, each on its own section."""
+    a, b, lean = parameters
+    phi = np.arctan2(y / b, (x - lean) / a)
+    for _ in range(50):
+        at_x, at_y = position(phi, parameters, ratio)
+        d_x, d_y = first_derivative(phi, parameters, ratio)
+        dd_x, dd_y = second_derivative(phi, parameters, ratio)
+        speed2 = d_x**2 + d_y**2
+        bend = np.maximum(speed2 + (at_x - x) * dd_x + (at_y - y) * dd_y, 0.5 * speed2)  # convex, however far off
+        step = ((at_x - x) * d_x + (at_y - y) * d_y) / bend
+        phi = phi - step
+        if np.abs(step).max() < 1e-13:
+            break
+    return np.asarray(phi)
+
+
+# --- fit ---
+#
+# Half-width, height and lean as splines of z, fitted to points of the skin.
+
+_KNOTS = np.array([3.0, 5.0, 7.0, 9.0, 11.0]) / 12.75  # of the finger's length
+_ANCHOR_WEIGHT = 0.02 / 0.5  # 0.5 mm off an anchor costs as much as 0.02 mm off a point
+
+
+def fit_curves(geometry: Geometry, points: Array) -> BSpline:
+    """(half-width, height, lean) in mm as a cubic spline of z, closest to (n, 3) points in mm.
+
+    Least squares of the distances within the sections, with weak anchors at both ends and a bending penalty.
+    """
+    basis = _basis(geometry.length_mm)
+    at_points, (prior, wanted) = basis(points[:, 2]), _prior(geometry, basis)
+
+    def distances(v: Array) -> tuple[Array, Array]:
+        parameters = v.reshape(3, -1) @ at_points.T
+        return _distances(points[:, :2], parameters, geometry.nail_depth_ratio)
+
+    def residual(v: Array) -> Array:
+        return np.concatenate([distances(v)[0], prior @ v - wanted])
+
+    def jacobian(v: Array) -> Array:
+        by_parameter = distances(v)[1]
+        return np.concatenate([(by_parameter[:, :, None] * at_points[:, None, :]).reshape(len(points), -1), prior])
+
+    highest = points[:, 1].max()
+    start = np.repeat([highest, highest, 0.0], at_points.shape[1])
+    found = least_squares(residual, start, jacobian, method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14)
+    return BSpline(basis.t, found.x.reshape(3, -1).T, 3)
+
+
+def _basis(length_mm: float) -> BSpline:
+    knots = np.concatenate([np.zeros(4), _KNOTS * length_mm, np.full(4, length_mm)])
+    return BSpline(knots, np.eye(len(knots) - 4), 3)
+
+
+def _prior(geometry: Geometry, basis: BSpline) -> tuple[Array, Array]:
+    """Matrix and right-hand side of the anchors and the bending penalty, on the coefficients of all three curves."""
+    z_mm = np.linspace(0.0, geometry.length_mm, 60)
+    bend = np.sqrt(z_mm[1]) * geometry.stiffness_of_fit * basis.derivative(2)(z_mm)
+    ends = np.array(
+        [
+            [geometry.proximal_half_width_mm, geometry.tip_radius_mm],
+            [geometry.proximal_apex_mm, geometry.tip_radius_mm],
+            [geometry.proximal_lean_mm, 0.0],
+        ]
+    )
+    rows = np.concatenate([_ANCHOR_WEIGHT * basis(z_mm[[0, -1]]), bend])
+    wanted = np.concatenate([_ANCHOR_WEIGHT * ends, np.zeros((3, len(bend)))], axis=1)
+    return np.kron(np.eye(3), rows), wanted.ravel()
+
+
+def _distances(xy: Array, parameters: Array, ratio: float) -> tuple[Array, Array]:
+    """(n,) signed distances of the sections from (n, 2) points, and their (n, 3) derivatives by the parameters.
+
+    At the closest point the distance does not change with the angle: only the section's own move along its normal
+    counts.
+    """
+    phi = nearest_angle(xy[:, 0], xy[:, 1], parameters, ratio)
+    outward = normal(phi, parameters, ratio)
+    off = np.stack(position(phi, parameters, ratio), -1) - xy
+    across, up, sideways = shape(phi, ratio)
+    n_x, n_y = outward.T
+    return (off * outward).sum(axis=-1), np.stack([n_x * across, n_y * up, n_x * sideways], -1)
+
 
 _TOUCHABLE = np.array([2.0, 11.0]) / 12.75  # of the finger's length: beyond, it ends or is steep
 _BESIDE_MM = 1e-6
@@ -52,7 +180,7 @@ class FingertipSurface:
     """Sections at constant z, each a second-order Fourier curve in the angle φ, smooth (C²) along z.
 
     φ = π/2 is the pulp's apex at (lean, height), φ = −π/2 the nail at (0, −nail_depth_ratio · height); half-width,
-    height and lean are cubic splines of z. `sim/finger/section.py` has the curve.
+    height and lean are cubic splines of z. `sim/finger/surface.py` has the curve.
     """
 
     geometry: Geometry
@@ -87,14 +215,14 @@ class FingertipSurface:
 
     def section(self, phi: ArrayLike, z_mm: ArrayLike) -> tuple[Array, Array]:
         """x and y in mm at angle φ (rad) of the section at z (broadcast)."""
-        return section.position(phi, self.parameters(z_mm), self.geometry.nail_depth_ratio)
+        return position(phi, self.parameters(z_mm), self.geometry.nail_depth_ratio)
 
     def tangents(self, phi: ArrayLike, z_mm: ArrayLike) -> tuple[Array, Array]:
         """(…, 3) derivatives of the position with respect to φ (mm/rad) and z (mm/mm)."""
         angle, z = np.broadcast_arrays(np.asarray(phi, float), np.asarray(z_mm, float))
         slopes, ratio = np.moveaxis(self._slopes(z), -1, 0), self.geometry.nail_depth_ratio
-        d_phi = section.first_derivative(angle, self.parameters(z), ratio)
-        d_z = section.position(angle, slopes, ratio)  # the section is linear in its parameters
+        d_phi = first_derivative(angle, self.parameters(z), ratio)
+        d_z = position(angle, slopes, ratio)  # the section is linear in its parameters
         return np.stack([*d_phi, np.zeros(z.shape)], -1), np.stack([*d_z, np.ones(z.shape)], -1)
 
     def normal(self, phi: ArrayLike, z_mm: ArrayLike) -> Array:
@@ -166,7 +294,7 @@ class FingertipSurface:
         """(n,) distances in mm, within its section, of each point from the skin; of those it was fitted to."""
         x, y, z = (self.points_mm if points is None else points).T
         parameters, ratio = self.parameters(z), self.geometry.nail_depth_ratio
-        at_x, at_y = section.position(section.nearest_angle(x, y, parameters, ratio), parameters, ratio)
+        at_x, at_y = position(nearest_angle(x, y, parameters, ratio), parameters, ratio)
         return np.hypot(at_x - x, at_y - y)
 
 

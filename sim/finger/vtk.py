@@ -4,8 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.finger.mesh import FingerMesh
-from sim.finger.quality import MeshQuality
+from sim.finger.mesh import FingerMesh, MeshQuality
 
 _CELL_TYPES = {8: 12, 27: 29}  # hexahedron, triquadratic hexahedron
 

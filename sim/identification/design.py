@@ -7,10 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.models.meeting.foreseen import Foreseen
-from sim.models.meeting.given import RampAndHold, Way, nominal_way
-from sim.models.meeting.learned import PRESS_ERROR, READING_ERROR, SHAPE_ERROR, Learned
-from sim.models.meeting.width import Width, band
+from sim.identification.forward import Foreseen, RampAndHold, Way, nominal_way
+from sim.identification.posterior import PRESS_ERROR, READING_ERROR, SHAPE_ERROR, Learned, Width, band
 
 Array = NDArray[np.float64]
 

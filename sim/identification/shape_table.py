@@ -4,18 +4,21 @@ The logarithm of force is smooth in the logarithms of depth and moduli, and in t
 enters by the factor of `sim/models/stiffening`, whose parts have polynomials of their own.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, partial, reduce
+from functools import cache, cached_property, partial, reduce
+from importlib.resources import files
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.errors import ModelRangeError
 from sim.models.cache import Arrays, cached_arrays, content_key, path_of, simulator_code
-from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.models.processes.workers import Work, one_by_one
-from sim.models.stiffening.at_finite_strain import FORCE
+from sim.models.stiffening import FORCE
+from sim.workers import Work, one_by_one
 
 Array = NDArray[np.float64]
 
@@ -221,3 +224,45 @@ def _own_error(table: ShapeTable, made: Made) -> float:
         direct = FORCE.log(ln_force, np.exp(ln_strain), stiffening)
         off.append(float(np.log(foreseen[0, 0]) - direct[0]))
     return float(np.sqrt(np.mean(np.square(off))))
+
+
+# --- shipped ---
+#
+# Tables that come with the program, of the default finger under usual shapes: nobody waits for them.
+#
+# `python -m studies.meeting.shipped` makes them; `tests/rig/test_meeting_shipped.py` holds them to direct presses.
+
+FILE = "meeting_tables.json"
+_DIGITS = 5  # of ln force, and of a height in mm
+
+
+def shipped(indentor: str, scope: Scope) -> ShapeTable | None:
+    """Of the default finger; None where there is none of this shape and scope."""
+    kept = _content()
+    if indentor not in kept["tables"] or not _alike(kept["scope"], scope.about):
+        return None
+    arrays: Arrays = {name: np.array(values) for name, values in kept["tables"][indentor].items()}
+    return ShapeTable(indentor, scope, arrays)
+
+
+def as_json(tables: Iterable[ShapeTable]) -> str:
+    """The file, of tables of one scope."""
+    tables = list(tables)
+    told = {table.indentor: {name: _rounded(values) for name, values in table.arrays.items()} for table in tables}
+    return json.dumps({"scope": tables[0].scope.about, "tables": told})
+
+
+def _rounded(values: NDArray[np.generic]) -> Any:
+    return np.round(np.asarray(values, dtype=float), _DIGITS).tolist()
+
+
+def _alike(kept: list[list[Any]], about: list[list[Any]]) -> bool:
+    """Whether two scopes are the same, but for the last digit of a logarithm."""
+    names = [[axis[0], axis[3]] for axis in kept] == [[axis[0], axis[3]] for axis in about]
+    return names and bool(np.allclose([axis[1:3] for axis in kept], [axis[1:3] for axis in about], rtol=1e-9))
+
+
+@cache
+def _content() -> dict[str, Any]:
+    content: dict[str, Any] = json.loads((files("sim") / "data" / FILE).read_text(encoding="utf-8"))
+    return content

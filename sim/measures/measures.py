@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.config.units import PSEUDO_E_EPIDERMIS
+from sim.units import PSEUDO_E_EPIDERMIS
 
 Array = NDArray[np.float64]
 

@@ -6,22 +6,19 @@ A new model is a module with a Builder, and a name and a line here.
 from collections.abc import Callable, Mapping, Sequence
 from typing import Literal, get_args
 
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.contact.indentor import ALONG
+from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface
-from sim.measures.reach import ReceptorPlaces, receptors_at
-from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorSet
+from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorPlaces, ReceptorSet, receptors_at
 from sim.models.condensed import CondensedModel
-from sim.models.errors import ModelRangeError
+from sim.models.finger import build_finger
 from sim.models.fingertip import Fingertip
 from sim.models.halfspace import build_halfspace
-from sim.models.inside.interior import Interior
-from sim.models.patches import widened
-from sim.models.plane_section import build_section, prismatic
-from sim.models.processes.recipe import Recipe
-from sim.models.sources import Anew, MeshKey
-from sim.models.stiffening.linear_alone import refuse_stiffening
-from sim.models.whole_finger import build_finger
+from sim.models.section import build_section, prismatic
+from sim.models.sources import Anew, MeshKey, Recipe, widened
+from sim.models.stiffening import refuse_stiffening
+from sim.models.strain_field import Interior
 
 ModelName = Literal["halfspace", "section", "finger"]
 MODELS: tuple[ModelName, ...] = get_args(ModelName)

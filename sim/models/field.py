@@ -1,28 +1,61 @@
 """Strain at any points under presses: by columns for few points, by one solve a press for many."""
 
 from collections.abc import Iterable, Sequence
-from functools import partial
+from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
+from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface
-from sim.measures.reach import points_below
-from sim.measures.receptors import ReceptorSet
-from sim.models.condensed import CondensedModel
-from sim.models.errors import ModelRangeError
-from sim.models.inside.adjoint import Progress
-from sim.models.inside.columns import Columns
-from sim.models.inside.interior import Interior
-from sim.models.patches import HalfWidths
-from sim.models.results.fields import Fields
-from sim.models.results.indentation import IndentationResult
-from sim.models.sources import MeshKey, Source
-from sim.models.stiffening.linear_alone import refuse_stiffening
+from sim.measures.measures import MEASURES, Elastic, measures_in_layers, stress_from_strain
+from sim.measures.receptors import ReceptorSet, points_below
+from sim.models.condensed import Columns, CondensedModel
+from sim.models.result import IndentationResult
+from sim.models.sources import HalfWidths, MeshKey, Source
+from sim.models.stiffening import refuse_stiffening
+from sim.models.strain_field import Interior, Progress
+from sim.units import PSEUDO_E_EPIDERMIS
+
+# --- fields ---
+#
+# Strain, stress and the 18 measures at any points inside a pressed finger.
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Fields:
+    """What one press does at points in the undeformed finger, in the shape in which they were asked for."""
+
+    points_mm: Array  # (…, 3)
+    strain: Array  # (…, 6) engineering e11 e22 e33 e12 e23 e13
+    young_ratio: Array  # (…) E / E(epidermis)
+    poisson: float
+
+    @cached_property
+    def stress(self) -> Array:
+        """(…, 6) s11 s22 s33 s12 s23 s13 in pseudo-units."""
+        of_unit = stress_from_strain(self.strain, Elastic(PSEUDO_E_EPIDERMIS, self.poisson))
+        return self.young_ratio[..., None] * of_unit
+
+    @cached_property
+    def measures(self) -> dict[str, Array]:
+        """The 18 measures, each (…); tension positive, stresses in pseudo-units."""
+        found = measures_in_layers(self.strain.reshape(-1, 6), self.young_ratio.ravel(), self.poisson)
+        return {name: values.reshape(self.young_ratio.shape) for name, values in found.items()}
+
+    def table(self) -> dict[str, Array]:
+        """Columns x_mm, y_mm, z_mm and the 18 measures, one row a point."""
+        places = dict(zip(("x_mm", "y_mm", "z_mm"), self.points_mm.reshape(-1, 3).T, strict=True))
+        return places | {name: self.measures[name].ravel() for name in MEASURES}
+
+    def __repr__(self) -> str:
+        return f"<Fields at {self.young_ratio.size} points, SED to {self.measures['sed'].max(initial=0.0):.3g}>"
+
 
 FEW_POINTS = 40
 """For so many columns are made, whatever the number of presses: from then on they cost nothing."""

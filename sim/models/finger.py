@@ -6,15 +6,13 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.contact.patch import Patch, X, Y
 from sim.finger.mesh import build_mesh
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorSet, strain_operator
-from sim.models.condensed import CondensedModel, skin_beside
-from sim.models.discretised import discretise, factorise, meshed_for, young_ratios
-from sim.models.inside.adjoint import adjoint_columns
-from sim.models.inside.columns import Columns
+from sim.models.condensed import Columns, CondensedModel, discretise, factorise, meshed_for, skin_beside, young_ratios
+from sim.models.strain_field import adjoint_columns
 
 Ints = NDArray[np.int64]
 

@@ -12,33 +12,27 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
-from sim.config.fingertip_config import FingertipConfig
-from sim.config.units import GWT_N
-from sim.contact.compiled.ready import make_ready
+from sim.config import FingertipConfig
 from sim.contact.indentor import ALONG, Indentor
 from sim.contact.patch import X, Z
 from sim.contact.profiles import Profile
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import TARGET_RESIDUAL, ContactState
 from sim.contact.touch import first_touch
+from sim.contact.warmup import make_ready
+from sim.errors import ModelRangeError, positive, refuse_unless_one, z_outside
 from sim.finger.surface import FingertipSurface
-from sim.measures.reach import ReceptorPlaces, receptors_at
-from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
+from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorPlaces, receptors_at
+from sim.models.cache import keep_tops
 from sim.models.condensed import CondensedModel
-from sim.models.errors import ModelRangeError, positive, refuse_unless_one, z_outside
-from sim.models.inside.anywhere import Anywhere, SeenInside
-from sim.models.moduli.interpolated import Interpolated
-from sim.models.patches import HalfWidths, half_widths, larger
+from sim.models.field import Anywhere, SeenInside
+from sim.models.interpolation import Interpolated
+from sim.models.pictures import ModelOutline, finger_as_html
 from sim.models.pressing import PlacedIndentor, Pressing, RimError, refuse_beside_the_finger, refuse_meaningless
-from sim.models.processes.recipe import ByRecipe, Recipe
-from sim.models.results.indentation import IndentationResult
-from sim.models.results.outline import ModelOutline
-from sim.models.results.pictures import finger_as_html
-from sim.models.results.point_load import PointLoadResult
-from sim.models.sources import MeshKey, OnDisk, Source
-from sim.models.stiffening.linear_alone import refuse_stiffening
-from sim.models.stiffening.stiffened import Under, thickness_mm
-from sim.models.tops import keep_tops
+from sim.models.result import IndentationResult, PointLoadResult
+from sim.models.sources import ByRecipe, HalfWidths, MeshKey, OnDisk, Recipe, Source, half_widths, larger
+from sim.models.stiffening import Under, refuse_stiffening, thickness_mm
+from sim.units import GWT_N
 
 Array = NDArray[np.float64]
 Reference = Literal["contact", "apex"]

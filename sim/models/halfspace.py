@@ -8,14 +8,12 @@ real, curved skin; only the compliance is flat, homogeneous and endless.
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.contact.patch import Patch, X, Y, Z
 from sim.finger.mesh import FingerMesh, build_mesh
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorSet, depths_of
-from sim.models.condensed import CondensedModel, skin_beside
-from sim.models.discretised import meshed_for
-from sim.models.inside.columns import Columns
+from sim.models.condensed import Columns, CondensedModel, meshed_for, skin_beside
 
 Array = NDArray[np.float64]
 

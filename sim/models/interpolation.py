@@ -1,27 +1,260 @@
-"""Another finger in a moment: where only the moduli of dermis and fat differ, full builds are interpolated.
+"""How full builds at a few moduli count for a finger of other moduli.
 
-Source of the errors: `studies/accuracy/another_finger.py`, 50 fingers that were held out (`docs/performance.md`).
+What forces do to a skin, fᵀCf, is a sum of 1 / (λ + E) with weights and λ ≥ 0, in each layer's E by itself, since the
+stiffness is affine in it and semi-definite (Stieltjes). Weights that are exact for λ = 0, ∞ and two between come near
+for all others; how near is `Axis.error`, whatever the finger. Only ratios to E(epidermis) count: C(sE) = C(E) / s.
 """
 
-from collections import OrderedDict
-from collections.abc import Callable
+import logging
+from collections import OrderedDict, defaultdict
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import NamedTuple
 
-from sim.config.fingertip_config import FingertipConfig
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sim.config import FingertipConfig, Tissue
 from sim.contact.indentor import ALONG
-from sim.finger.grading import MeshError
-from sim.finger.surface import FingertipSurface
-from sim.measures.reach import ReceptorPlaces, receptors_at
-from sim.measures.receptors import ReceptorError, ReceptorSet
-from sim.models.cache import content_key
-from sim.models.condensed import CondensedModel
-from sim.models.errors import ModelRangeError
-from sim.models.inside.columns import Columns
-from sim.models.inside.interior import Interior
-from sim.models.moduli.node_builds import Node, NodeBuilds, nodes_of
-from sim.models.moduli.weights import DERMIS, FAT, FULL_BUILDS, in_range
+from sim.errors import ModelRangeError
+from sim.fem.dissection import mirror_lower
+from sim.finger.mesh import MeshError
+from sim.finger.surface import FingertipSurface, SurfaceError
+from sim.measures.receptors import ReceptorError, ReceptorPlaces, ReceptorSet, receptors_at
+from sim.models.cache import Arrays, cached_arrays, content_key, path_of
+from sim.models.condensed import Columns, CondensedModel, from_arrays, to_arrays, young_ratios
+from sim.models.finger import build_finger
 from sim.models.sources import MeshKey, OnDisk
+from sim.models.strain_field import Interior
+
+# --- packed ---
+#
+# Arrays of several builds in single precision, and their weighted sums: one pass through the memory.
+#
+# Rounding takes 6e-8 of an entry, far below what interpolation leaves. Of a symmetric matrix the lower triangle is
+# kept, in blocks of rows; the mirrored sum is symmetric to the last bit.
+
+Array = NDArray[np.float64]
+Singles = NDArray[np.float32]
+
+_ROWS = 256
+
+
+def packed(symmetric: Array) -> Singles:
+    """(k,) the lower triangle of an (n, n) matrix, each block of rows as far as its last diagonal entry."""
+    return np.concatenate(
+        [symmetric[rows, : rows.stop].ravel() for rows in _blocks(len(symmetric))], dtype=np.float32
+    )
+
+
+def unpacked(entries: Singles, n: int) -> Array:
+    """(n, n) the matrix of which the entries were packed."""
+    matrix = np.empty((n, n))
+    start = 0
+    for rows in _blocks(n):
+        block = matrix[rows, : rows.stop]
+        block[:] = entries[start : start + block.size].reshape(block.shape)
+        start += block.size
+    return mirror_lower(matrix)
+
+
+def summed(weights: Array, stacked: Singles) -> Singles:
+    """(…) the sum of (m, …) arrays with (m,) weights."""
+    flat = weights.astype(np.float32) @ stacked.reshape(len(weights), -1)
+    return np.asarray(flat, dtype=np.float32).reshape(stacked.shape[1:])
+
+
+def _blocks(n: int) -> Iterator[slice]:
+    return (slice(start, min(start + _ROWS, n)) for start in range(0, n, _ROWS))
+
+
+_LOG_POLES = (-1.0, 1.0)  # from the middle of the range; those of least error for a 16-fold one, to within a tenth
+_NODES = 2 + len(_LOG_POLES)
+_OF_NO_BUILD = {"stiffness": 1.0, "stiffening": 0.0}  # E(epidermis) is 1 MPa in all of them
+_TRIED_VALUES, _TRIED_POLES = 201, np.append(0.0, np.geomspace(1e-4, 1e4, 161))
+
+
+@dataclass(frozen=True)
+class Axis:
+    """E / E(epidermis) of a layer over a range, with Chebyshev's nodes in its logarithm."""
+
+    low: float
+    high: float
+
+    @property
+    def middle(self) -> float:
+        """Of the logarithm."""
+        return float(np.sqrt(self.low * self.high))
+
+    @cached_property
+    def nodes(self) -> Array:
+        """(4,) ascending values at which fingers are built."""
+        angle = np.pi * (np.arange(_NODES) + 0.5) / _NODES
+        return np.asarray(self.middle * (self.high / self.low) ** (-np.cos(angle) / 2))
+
+    def weights(self, value: ArrayLike) -> Array:
+        """(…, 4) of the nodes for a value of the range."""
+        return np.asarray(self._functions(value) @ self._inverse)
+
+    @cached_property
+    def error(self) -> float:
+        """The largest, relative, of any 1 / (λ + E)."""
+        values = np.geomspace(self.low, self.high, _TRIED_VALUES)[:, None]
+        poles = _TRIED_POLES * self.middle
+        found = self.weights(values[:, 0]) @ (1 / (poles + self.nodes[:, None]))
+        return float(np.abs(found * (poles + values) - 1).max())
+
+    @cached_property
+    def growth(self) -> float:
+        """How much an error at the nodes can grow between them, relative to a compliance there."""
+        values = np.geomspace(self.low, self.high, _TRIED_VALUES)
+        softer = np.maximum(1, values[:, None] / self.nodes)  # C(E') ≤ C(E) E / E' for E' < E, and ≤ C(E) otherwise
+        return float((np.abs(self.weights(values)) * softer).sum(axis=1).max())
+
+    @cached_property
+    def _inverse(self) -> Array:
+        return np.asarray(np.linalg.inv(self._functions(self.nodes)), dtype=float)
+
+    def _functions(self, value: ArrayLike) -> Array:
+        """(…, 4) 1, 1 / E and two between."""
+        e = np.asarray(value, dtype=float)
+        poles = self.middle * np.exp(_LOG_POLES)
+        return np.stack([np.ones_like(e), 1 / e, *(1 / (e + pole) for pole in poles)], axis=-1)
+
+
+DERMIS, FAT = Axis(0.04, 0.64), Axis(0.02, 0.32)
+"""E / E(epidermis) of a finger to be interpolated; the default's is 0.1 of both."""
+
+FULL_BUILDS = _NODES**2
+"""Fingers that are built to interpolate between."""
+
+
+def in_range(tissue: Tissue) -> bool:
+    """Whether a finger of such layers is interpolated."""
+    return DERMIS.low <= tissue.e_dermis <= DERMIS.high and FAT.low <= tissue.e_fat <= FAT.high
+
+
+def node_tissues(tissue: Tissue) -> list[Tissue]:
+    """(16) the layers of the fingers that are built, the fat's modulus fastest; alike in all else."""
+    linear = tissue.model_copy(update=_OF_NO_BUILD)
+    return [
+        linear.model_copy(update={"e_dermis": e_dermis, "e_fat": e_fat})
+        for e_dermis in DERMIS.nodes.tolist()
+        for e_fat in FAT.nodes.tolist()
+    ]
+
+
+def node_weights(tissue: Tissue) -> Array:
+    """(16,) how much each of them counts; they sum to 1."""
+    return np.outer(DERMIS.weights(tissue.e_dermis), FAT.weights(tissue.e_fat)).ravel()
+
+
+def largest_error() -> float:
+    """Bound of |fᵀ(C′ − C)f| / fᵀCf for the interpolated compliance C′ and any forces f, of any finger.
+
+    Below 1 it says that C′ is positive definite: I_d I_f C − C = I_d(I_f C − C) + (I_d C − C).
+    """
+    return min(DERMIS.error + DERMIS.growth * FAT.error, FAT.error + FAT.growth * DERMIS.error)
+
+
+# --- node builds ---
+#
+# The full builds between which fingers of other moduli are interpolated: made once, each a file of its own.
+
+INTERPOLATED = "interpolated finger"
+"""The kind of model that answers say they are from."""
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Node:
+    """A finger that is built in full. Compliance and columns have files of their own: a stop loses one build."""
+
+    source: OnDisk
+    slopes: tuple[int, ...]
+
+    @cached_property
+    def key(self) -> str:
+        """Of its compliance."""
+        return content_key(["node", self.source.made_of((self.slopes, None))])
+
+    @property
+    def kept(self) -> bool:
+        """Whether nothing of it has to be made."""
+        return all(path.exists() for path in self.files)
+
+    @property
+    def files(self) -> tuple[Path, Path]:
+        """Where both are kept."""
+        return path_of(self.key, "node"), self.source.columns_path((self.slopes, None))
+
+    def compliance(self) -> tuple[Arrays, bool]:
+        """Packed, with what no modulus changes; read or built, and whether it was read."""
+        return cached_arrays(self.key, self._build, "node")
+
+    def columns(self) -> Columns:
+        """Those of the finger's receptors; read or solved for."""
+        return self.source.columns((self.slopes, None), self.source.receptors)
+
+    def _build(self) -> Arrays:
+        source = self.source
+        built = build_finger(source.config, source.surface, source.receptors, self.slopes, source.solver)
+        source.columns((self.slopes, None), source.receptors, lambda: built.columns)
+        return {**to_arrays(built), "compliance": packed(built.patch.compliance)}
+
+
+def nodes_of(source: OnDisk, slopes: tuple[int, ...]) -> list[Node]:
+    """Those of a source's finger and of all that differ from it in the moduli of dermis and fat."""
+    config = source.config
+    tissues = node_tissues(config.tissue)
+    return [Node(replace(source, config=config.model_copy(update={"tissue": t})), slopes) for t in tissues]
+
+
+@dataclass(frozen=True)
+class NodeBuilds:
+    """Compliances and columns of the nodes, in their order, and what all of them share."""
+
+    compliance: Singles  # (16, k) packed
+    columns: Singles  # (16, 6 n_receptors, n_z, n_phi, 3)
+    layer: NDArray[np.int64]  # (n_receptors,) in which each receptor lies
+    shared: Arrays
+
+    @classmethod
+    def of(cls, nodes: Sequence[Node]) -> tuple["NodeBuilds", bool]:
+        """Read or built, and whether all were read."""
+        compliance, columns, shared, read = [], [], Arrays(), True
+        for n, node in enumerate(nodes, 1):
+            if not node.kept:
+                _log.info("full build %d of %d, to interpolate between, made once …", n, len(nodes))
+            shared, was_read = node.compliance()
+            compliance.append(shared.pop("compliance"))
+            columns.append(node.columns())
+            read = read and was_read
+        stiff = young_ratios(nodes[0].source.config.tissue)
+        layer = np.argmin(np.abs(columns[0].young_ratio[:, None] - stiff), axis=1)
+        per_force = np.stack([one.per_skin_force for one in columns], dtype=np.float32, casting="same_kind")
+        return cls(np.stack(compliance), per_force, layer, shared), read
+
+    def model(self, source: OnDisk) -> CondensedModel:
+        """The source's finger."""
+        weights = node_weights(source.config.tissue)
+        unknowns = len(self.shared["axes"]) * len(self.shared["position_mm"])
+        compliance = unpacked(summed(weights, self.compliance), unknowns)
+        young = young_ratios(source.config.tissue)[self.layer]
+        columns = Columns(source.receptors, young, summed(weights, self.columns).astype(float))
+        model = from_arrays({**self.shared, "compliance": compliance}, source.surface, columns)
+        return replace(model, kind=INTERPOLATED)
+
+
+# --- interpolated ---
+#
+# Another finger in a moment: where only the moduli of dermis and fat differ, full builds are interpolated.
+#
+# Source of the errors: `studies/accuracy/another_finger.py`, 50 fingers that were held out (`docs/performance.md`).
 
 FORCE_ERROR, SED_ERROR = 0.005, 0.015
 """None was larger, relative, against full builds of fingers that were held out."""
@@ -102,3 +335,59 @@ def make_node(node: Node) -> None:
     with suppress(MeshError, ReceptorError):
         node.compliance()
         node.columns()
+
+
+# --- families ---
+#
+# Which of many fingers are interpolated: those that differ from others in the moduli of dermis and fat alone.
+
+PAYS_FROM = 9
+"""Fingers of a family for which it is made: 16 builds instead of 9, and none for those that come later."""
+
+
+class Asked(NamedTuple):
+    """A finger with its receptors."""
+
+    config: FingertipConfig
+    places: ReceptorPlaces
+
+    @classmethod
+    def of(cls, config_json: str, receptor_x_mm: Sequence[float], receptor_depth_mm: float) -> "Asked":
+        """As a piece of work names it."""
+        config = FingertipConfig.model_validate_json(config_json)
+        return cls(config, ReceptorPlaces.of(receptor_x_mm, receptor_depth_mm, None))
+
+    @property
+    def family(self) -> "Asked":
+        """The same for all that differ in the moduli alone."""
+        first = node_tissues(self.config.tissue)[0]
+        return self._replace(config=self.config.model_copy(update={"tissue": first}))
+
+
+def worth_interpolating(fingers: Sequence[Asked]) -> list[bool]:
+    """Whether each is to be interpolated: where full builds are kept for its family, or it has enough members."""
+    members: dict[Asked, set[tuple[float, float]]] = defaultdict(set)
+    for one in fingers:
+        if in_range(one.config.tissue):
+            members[one.family].add((one.config.tissue.e_dermis, one.config.tissue.e_fat))
+    chosen = {family for family, moduli in members.items() if _pays(family, len(moduli))}
+    return [in_range(one.config.tissue) and one.family in chosen for one in fingers]
+
+
+def _pays(family: Asked, members: int) -> bool:
+    return members >= PAYS_FROM or (members > 1 and not missing_nodes([family], [ALONG]))
+
+
+def missing_nodes(fingers: Iterable[Asked], slopes: Iterable[tuple[int, ...]]) -> list[Node]:
+    """The full builds that are not on disk, for indentors that slope along some axes."""
+    families = dict.fromkeys(one.family for one in fingers)
+    every = (node for one in families for axes in slopes for node in _nodes(one, axes))
+    return [node for node in every if not node.kept]
+
+
+def _nodes(family: Asked, slopes: tuple[int, ...]) -> list[Node]:
+    """None where there is no such finger: whoever presses it is told why."""
+    try:
+        return nodes_for(family.config, family.places, slopes)
+    except (SurfaceError, ReceptorError):
+        return []

@@ -16,10 +16,9 @@ from sim.contact.indentor import Indentor
 from sim.contact.profiles import Profile
 from sim.errors import ArgumentError, SimError
 from sim.models.fingertip import Fingertip, Reference
-from sim.models.processes.workers import in_processes, keep_freed_memory
-from sim.models.results.indentation import IndentationResult
-from sim.models.results.indentations import Answer, Asked, Indentations
-from sim.models.results.outline import ModelOutline
+from sim.models.pictures import ModelOutline
+from sim.models.result import Answer, Asked, IndentationResult, Indentations
+from sim.workers import in_processes, keep_freed_memory
 
 Shape = Indentor | Profile | str
 Progress = Callable[[int, int], object]

@@ -10,19 +10,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.config.fingertip_config import FingertipConfig
-from sim.config.units import GWT_N
-from sim.contact.control import ForceNotReachedError, TooDeepError, solve_for_force
+from sim.config import FingertipConfig
+from sim.contact.force_control import ForceNotReachedError, TooDeepError, solve_for_force
 from sim.contact.indentor import EDGE_RADIUS_MM, SHARP_RADIUS_MM, Indentor
 from sim.contact.patch import X, Y, Z
 from sim.contact.planes import Gathered
 from sim.contact.points import Pose
 from sim.contact.solver import ContactState, solve_contact
 from sim.contact.touch import Touch
+from sim.errors import ForceOutOfReachError, ModelRangeError, z_outside
 from sim.models.condensed import CondensedModel
-from sim.models.errors import ForceOutOfReachError, ModelRangeError, z_outside
-from sim.models.relaxing.held import held_at
-from sim.models.stiffening.stiffened import LINEAR_TISSUE, Stiffened, Under
+from sim.models.relaxation import held_at
+from sim.models.stiffening import LINEAR_TISSUE, Stiffened, Under
+from sim.units import GWT_N
 
 Array = NDArray[np.float64]
 

@@ -7,16 +7,58 @@ Source: Taylor, Pister & Goudreau, Int. J. Numer. Methods Eng. 2 (1970) 45–59.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm
 
+from sim.contact.patch import Patch
 from sim.errors import ArgumentError
 
+# --- held ---
+#
+# Skin that forces hold where it would not lie by itself.
+
 Array = NDArray[np.float64]
+
+
+def held_by(patch: Patch, force: Array) -> Patch:
+    """The patch where (m, n) forces hold it: further ones act on it as on skin at rest; its areas stay."""
+    return held_at(patch, patch.displaced(force))
+
+
+def held_at(patch: Patch, displaced_mm: Array) -> Patch:
+    """The same where (m, n) displacements are known."""
+    position_mm = patch.position_mm.copy()
+    position_mm[:, list(patch.axes)] += displaced_mm.T
+    return replace(patch, position_mm=position_mm)
+
+
+# --- moves ---
+#
+# What relaxation leaves of a force whose elastic course is known: moves, each even, with rests between them.
+
+
+@dataclass(frozen=True)
+class Moves:
+    """From no force to one elastic force after another, each reached evenly: when (p,) and in how long (p,), s."""
+
+    ended_s: Array
+    took_s: Array
+
+    def fading(self, tau_s: float, asked_s: Array, last: NDArray[np.intp]) -> Array:
+        """(r, p) what a term of relaxation has left of the elastic forces at (r,) instants: ∫ exp(−(t−s)/τ) dF.
+
+        Exact. Moves after the last (r,) that counts then are still to come.
+        """
+        took_s = np.where(self.took_s > 0, self.took_s, 1.0)
+        still = np.where(self.took_s > 0, -np.expm1(-took_s / tau_s) * tau_s / took_s, 1.0)
+        there = np.arange(len(self.ended_s)) <= last[:, None]
+        since_s = np.where(there, asked_s[:, None] - self.ended_s, 0.0)
+        left = np.where(there, np.exp(-since_s / tau_s) * still, 0.0)
+        return np.asarray(left - np.concatenate([left[:, 1:], np.zeros((len(left), 1))], axis=1))
 
 
 @dataclass(frozen=True)

@@ -11,17 +11,15 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.interpolate import BSpline
 
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.contact.indentor import ALONG
 from sim.contact.patch import Patch, X, Y
-from sim.fem.assembly import symmetric
+from sim.errors import ModelRangeError
+from sim.fem.elements import symmetric
 from sim.finger.mesh import FingerMesh, section_mesh
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorSet, strain_operator
-from sim.models.condensed import CondensedModel, skin_beside
-from sim.models.discretised import assembled, condense, young_ratios
-from sim.models.errors import ModelRangeError
-from sim.models.inside.columns import Columns
+from sim.models.condensed import Columns, CondensedModel, assembled, condense, skin_beside, young_ratios
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -11,7 +11,7 @@ from importlib.resources import files
 from itertools import pairwise
 from typing import Any, NamedTuple
 
-from sim.models.stiffening.at_finite_strain import FORCE_ERROR, SED_ERROR
+from sim.models.stiffening import FORCE_ERROR, SED_ERROR
 
 FILE = "small_strain.json"
 _LEAST_SAID = 0.01

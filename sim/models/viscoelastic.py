@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.config.units import GWT_N
 from sim.contact.indentor import Indentor
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import ContactState
 from sim.models.fingertip import Fingertip
-from sim.models.relaxing.prony import Ahead, Memory, Prony
-from sim.models.results.indentation import IndentationResult
+from sim.models.relaxation import Ahead, Memory, Prony
+from sim.models.result import IndentationResult
+from sim.units import GWT_N
 
 Array = NDArray[np.float64]
 

@@ -4,6 +4,6 @@
 """
 
 from sim.serve.ports import PortBusyError, PtyPort, TcpPort
-from sim.serve.press_ahead import PressAhead
+from sim.serve.prefetch import PressAhead
 
 __all__ = ["PortBusyError", "PressAhead", "PtyPort", "TcpPort"]

@@ -5,21 +5,22 @@ import math
 import multiprocessing
 import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection
-from typing import Generic, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.contact.shapes import ShapeError
-from sim.errors import SimError
-from sim.models.errors import ModelRangeError
+from sim.errors import ModelRangeError, SimError
 from sim.models.fingertip import Fingertip
-from sim.models.processes.workers import give_way, keep_freed_memory, leaving_ctrl_c_to_us
-from sim.plant.plant import AS_MODELLED, Pose, Press, Truth
+from sim.models.relaxation import PronyTerm
+from sim.plant import AS_MODELLED, Pose, Press, RelaxingPress, Truth
+from sim.workers import give_way, keep_freed_memory, leaving_ctrl_c_to_us
 
 _READY_S = 300.0  # building a model takes some 15 s, minutes on a small machine
 _WARM_MM = 0.1
@@ -142,3 +143,88 @@ def _answer(press: Press, pose: Pose) -> PressAnswer:
     except Exception as error:  # a scene beyond the model must not end this process
         force, problem = math.nan, told(error)
     return PressAnswer(pose, force, time.perf_counter() - began, problem)
+
+
+# --- way process ---
+#
+# A finger that relaxes, in a process of its own: forces along a way, one step of time after another.
+
+
+class Leg(NamedTuple):
+    """A step of time, s, and where the indentor is at its end."""
+
+    step_s: float
+    pose: Pose
+
+
+@dataclass(frozen=True)
+class Way:
+    """Legs since the last way: those that have been gone, and those that are planned after them."""
+
+    gone: tuple[Leg, ...]
+    planned: tuple[Leg, ...] = ()
+
+
+@dataclass(frozen=True)
+class WayAnswer:
+    """The force at the end of each leg, gone and planned, N (NaN with a problem), and the time they took, s."""
+
+    forces_n: tuple[float, ...]
+    solve_s: float
+    problem: str = ""
+
+
+class WayProcess(FingerProcess[Way, WayAnswer]):
+    """Forces along one way after another."""
+
+    def __init__(
+        self, config: FingertipConfig, indentor: str, terms: Sequence[PronyTerm], truth: Truth = AS_MODELLED
+    ) -> None:
+        """Returns when the finger is loaded. Raises FingerNotLoadedError where it cannot be."""
+        super().__init__(partial(_going, config, indentor, tuple(terms), truth))
+
+
+class Going:
+    """What was foreseen is taken where it came so; the tissue remembers what was gone, not what was planned."""
+
+    def __init__(self, press: RelaxingPress) -> None:
+        self._press = press
+        self._foreseen: list[tuple[Leg, float, RelaxingPress]] = []
+
+    def __call__(self, way: Way) -> WayAnswer:
+        """Its forces; what has no answer is not remembered."""
+        began, self._problem = time.perf_counter(), ""
+        gone = [self._next(leg) for leg in way.gone]
+        here, foreseen = self._press, self._foreseen
+        self._foreseen = []
+        for leg in way.planned:
+            if foreseen and foreseen[0][0] == leg:
+                self._foreseen.append(foreseen.pop(0))
+            else:
+                foreseen = []
+                last = self._foreseen[-1][2] if self._foreseen else here
+                self._foreseen.append((leg, *self._moved(last, leg)))
+        forces = (*gone, *(force for _, force, _ in self._foreseen))
+        return WayAnswer(forces, time.perf_counter() - began, self._problem)
+
+    def _next(self, leg: Leg) -> float:
+        if self._foreseen and self._foreseen[0][0] == leg:
+            _, force, self._press = self._foreseen.pop(0)
+            return force
+        self._foreseen = []
+        force, self._press = self._moved(self._press, leg)
+        return force
+
+    def _moved(self, press: RelaxingPress, leg: Leg) -> tuple[float, RelaxingPress]:
+        onward = copy(press)
+        try:
+            return onward.moved_to(leg.pose, leg.step_s), onward
+        except Exception as error:  # a scene beyond the model must not end this process
+            self._problem = told(error)
+            return math.nan, press
+
+
+def _going(config: FingertipConfig, indentor: str, terms: tuple[PronyTerm, ...], truth: Truth) -> Going:
+    finger = Fingertip.load(config)
+    warmed(RelaxingPress(finger, indentor, terms, truth))
+    return Going(RelaxingPress(finger, indentor, terms, truth))

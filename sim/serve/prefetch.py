@@ -5,14 +5,21 @@ STALE_S it is no answer at all, and one line says so. Nothing queues: the proces
 it is asked next is chosen when it has answered, of where the indentor is by then and will be.
 """
 
+import contextlib
 import math
 from abc import ABC, abstractmethod
+from collections import OrderedDict
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
+from itertools import pairwise, takewhile
 from typing import Protocol
 
+import numpy as np
+
 from sim.devices.clock import sample_at
-from sim.serve.wall_clock import WallScheduler
+from sim.plant import Carriage, Pose
+from sim.serve.clock import WallScheduler
+from sim.serve.force_process import Leg, PressAnswer, PressProcess, Way, WayAnswer, WayProcess
 
 STALE_S = 0.5
 _SHORTEST_S = 0.01  # between two solves
@@ -147,3 +154,193 @@ class Ahead(ABC):
         if problem and not self._troubled:
             self._complain(problem)
         self._troubled = bool(problem)
+
+
+# --- press ahead ---
+#
+# An elastic finger in real time: the poses of the coming sample instants are solved before anybody asks for them.
+#
+# A stage under way has its path planned, so where the indentor will be at the next sample instants is known before it
+# is there. A cell that is sampled faster than contact is solved gets forces in between, linear in the height. A plan
+# that changes (a stop, a hold) makes an answer late for a sample or two.
+
+_BETWEEN_MM = 0.02  # farther apart, two forces say too little of those between them
+_AHEAD = 4  # periods
+_KEPT = 512
+
+
+class PressAhead(Ahead):
+    """Forces by pose."""
+
+    def __init__(
+        self,
+        scheduler: WallScheduler,
+        carriage: Carriage,
+        press: PressProcess,
+        period_s: float,
+        complain: Callable[[str], object],
+    ) -> None:
+        """period_s: of the samples; complain gets one line each time the finger begins to have no answer."""
+        super().__init__(scheduler, press, period_s, complain)
+        self._carriage, self._press = carriage, press
+        self._forces: OrderedDict[Pose, float] = OrderedDict()
+        self._asked: tuple[float, Pose] | None = None
+        self._press.ask(carriage.pose_at(scheduler.monotonic_s()))
+        self._learn(self._press.answer())
+        self._begin()
+
+    def _known_at(self, t_s: float) -> float | None:
+        pose = self._carriage.pose_at(t_s)
+        if pose in self._forces:
+            return self._forces[pose]
+        index = math.floor(t_s / self._period_s)
+        before, after = (self._carriage.pose_at((index + k) * self._period_s) for k in (0, 1))
+        way_mm = after.above_apex_mm - before.above_apex_mm
+        if not (before.over(pose) and pose.over(after) and 0 < abs(way_mm) <= _BETWEEN_MM):
+            return None
+        share = (pose.above_apex_mm - before.above_apex_mm) / way_mm
+        if before not in self._forces or after not in self._forces or not 0 <= share <= 1:
+            return None
+        return (1 - share) * self._forces[before] + share * self._forces[after]
+
+    def _ask_next(self) -> None:
+        """The next unsolved pose from the last sample instant on; who is behind begins with the farthest.
+
+        That is where the indentor will be when the answer comes, and often where it will rest.
+        """
+        if self._asked is not None or self.ended:
+            return
+        index, took = self._index(), self._samples_ahead()
+        ahead = range(max(_AHEAD, took) + 1)
+        in_time = took == 1 and self._known_at(index * self._period_s) is not None
+        for k in ahead if in_time else reversed(ahead):
+            t_s = (index + k) * self._period_s
+            pose = self._carriage.pose_at(t_s)
+            if pose not in self._forces:
+                self._asked = t_s, pose
+                with contextlib.suppress(OSError):  # a process that has just died is noticed at its pipe
+                    self._press.ask(pose)
+                return
+
+    def _take_answer(self) -> None:
+        answer = self._press.answer()
+        asked, self._asked = self._asked, None
+        self._learn(answer)
+        if asked is not None:  # it may have taken so long that its instant is past
+            self._note(asked[0])
+
+    def _learn(self, answer: PressAnswer) -> None:
+        self._forces[answer.pose] = answer.force_n
+        if len(self._forces) > _KEPT:
+            self._forces.popitem(last=False)
+        self._solved(answer.solve_s, answer.problem)
+
+
+# --- way ahead ---
+#
+# A finger that relaxes, in real time: its force hangs on the way there, so that instants are solved in their order.
+#
+# Sample instants that are past have been gone as they were; the next ones are solved by the stage's plan, and again
+# where it changes. Who is behind takes few steps, so as not to fall behind farther: to now by the last turn of the
+# way, since a step at rest is exact however long it is, and from now to where the answer will come.
+
+_WAYS_AHEAD = 2  # samples
+_TURNS = 1  # on the way to now
+_LOOKED_AT = 64  # instants for turns of the way
+_STRAIGHT_MM = 0.006  # two steps of a usual screw
+_LONGEST_MM = 0.1  # a press goes on from a state no farther away
+
+
+class WayAhead(Ahead):
+    """Forces by sample instant."""
+
+    def __init__(
+        self,
+        scheduler: WallScheduler,
+        carriage: Carriage,
+        process: WayProcess,
+        period_s: float,
+        complain: Callable[[str], object],
+    ) -> None:
+        """period_s: of the samples; complain gets one line each time the finger begins to have no answer."""
+        super().__init__(scheduler, process, period_s, complain)
+        self._carriage, self._way_process = carriage, process
+        self._asked: list[tuple[int, Pose]] | None = None
+        self._planned: list[tuple[int, Pose]] = []
+        self._forces: dict[int, tuple[Pose, float]] = {}
+        self._gone = self._index()
+        first = self._carriage.pose_at(self._gone * self._period_s)
+        process.ask(Way((Leg(0.0, first),)))
+        self._learn([(self._gone, first)], process.answer())
+        self._begin()
+
+    def _known_at(self, t_s: float) -> float | None:
+        """At a sample instant, or between two of them, linear in time."""
+        index = sample_at(t_s, self._period_s)
+        share = max(t_s / self._period_s - index, 0.0)
+        here = self._force_of(index)
+        if here is None or share < 1e-6:
+            return here
+        there = self._force_of(index + 1)
+        return None if there is None else (1 - share) * here + share * there
+
+    def _force_of(self, index: int) -> float | None:
+        pose, force_n = self._forces.get(index, (None, math.nan))
+        return force_n if pose == self._pose_of(index) else None
+
+    def _pose_of(self, index: int) -> Pose:
+        return self._carriage.pose_at(index * self._period_s)
+
+    def _ask_next(self) -> None:
+        now = self._index()
+        if self._asked is not None or self.ended or now <= self._gone:
+            return
+        gone, apart = self._gone_to(now), self._samples_ahead()
+        planned = [now + 1, now + _WAYS_AHEAD] if apart == 1 else [now + apart]
+        starts = [self._gone, *gone, *planned]
+        legs = [Leg((after - before) * self._period_s, self._pose_of(after)) for before, after in pairwise(starts)]
+        self._asked = [(index, leg.pose) for index, leg in zip(starts[1:], legs, strict=True)]
+        self._planned, self._gone = self._asked[len(gone) :], now
+        with contextlib.suppress(OSError):  # a process that has just died is noticed at its pipe
+            self._way_process.ask(Way(tuple(legs[: len(gone)]), tuple(legs[len(gone) :])))
+
+    def _gone_to(self, now: int) -> list[int]:
+        """Instants on the way to now: by those that were planned and came so, which are solved, then by its turns."""
+        came = takewhile(lambda one: one[0] <= now and one[1] == self._pose_of(one[0]), self._planned)
+        solved = [index for index, _ in came]
+        start = solved[-1] if solved else self._gone
+        return [*solved, *self._turns(start, now)] if start < now else solved
+
+    def _turns(self, start: int, now: int) -> list[int]:
+        each = max(math.ceil((now - start) / _LOOKED_AT), 1)
+        looked_at = [start, *range(now, start, -each)[::-1]]
+        turns, last = list[int](), self._pose_of(start)
+        for before, at, after in zip(looked_at, looked_at[1:], looked_at[2:], strict=False):
+            here, there = self._pose_of(at), self._pose_of(after)
+            if not _straight(self._pose_of(before), here, there) or _apart_mm(last, there) > _LONGEST_MM:
+                turns.append(at)
+                last = here
+        return [*turns[-_TURNS:], now]
+
+    def _take_answer(self) -> None:
+        answer = self._way_process.answer()
+        asked, self._asked = self._asked, None
+        self._learn(asked or [], answer)
+        for index, _ in asked or []:  # it may have taken so long that they are past
+            self._note(index * self._period_s)
+
+    def _learn(self, asked: list[tuple[int, Pose]], answer: WayAnswer) -> None:
+        self._forces.update({i: (pose, force) for (i, pose), force in zip(asked, answer.forces_n, strict=True)})
+        for old in [index for index in self._forces if index < self._index() - _KEPT]:
+            del self._forces[old]
+        self._solved(answer.solve_s, answer.problem)
+
+
+def _straight(before: Pose, here: Pose, after: Pose) -> bool:
+    """Whether the indentor went on as it came."""
+    first, second, third = (np.array(astuple(pose)) for pose in (before, here, after))
+    return float(np.abs(first - 2 * second + third).max()) <= _STRAIGHT_MM
+
+
+def _apart_mm(one: Pose, other: Pose) -> float:
+    return float(np.abs(np.subtract(astuple(one), astuple(other))).max())

@@ -15,14 +15,13 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from sim.config.fingertip_config import FingertipConfig, Tissue
-from sim.measures.reach import ReceptorPlaces
+from sim.benchmark import FAMILIES, QUICK_SCENES
+from sim.config import FingertipConfig, Tissue
+from sim.measures.receptors import ReceptorPlaces
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
-from sim.models.moduli.interpolated import forget_kept, make_node, nodes_for
-from sim.models.moduli.weights import DERMIS, FAT, largest_error
-from sim.models.results.indentation import IndentationResult
-from sim.speed_and_error.scenes import FAMILIES, QUICK_SCENES
+from sim.models.interpolation import DERMIS, FAT, forget_kept, largest_error, make_node, nodes_for
+from sim.models.result import IndentationResult
 
 T = TypeVar("T")
 Row = dict[str, Any]

@@ -19,12 +19,12 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.config.fingertip_config import Contact, FingertipConfig, MeshSpec
+from sim.config import Contact, FingertipConfig, MeshSpec
 from sim.contact.indentor import Indentor
 from sim.contact.measured_profile import MeasuredProfile
 from sim.contact.profiles import Bar, Grating, Profile, Step, Wedge
 from sim.contact.solver import ContactState
-from sim.models.errors import ModelRangeError
+from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
 from sim.models.pressing import OTHER_STEPS_MM
 from studies.accuracy.random_poses import ON_ITS_PATCH, ROUND_OR_LINE, draw

@@ -2,11 +2,11 @@
 
     .venv/bin/python -m studies.accuracy.calculix_jobs
 
-Fully integrated elements and contact at nodes in both; deck and settings are `sim/models/uncondensed/deck.py`'s.
+Fully integrated elements and contact at nodes in both; deck and settings are `sim/models/full_mesh.py`'s.
 """
 
-from sim.config.fingertip_config import Contact, FingertipConfig, MeshSpec
-from sim.speed_and_error.calculix import compare
+from sim.benchmark import compare
+from sim.config import Contact, FingertipConfig, MeshSpec
 
 LIKE_WITH_LIKE = FingertipConfig(mesh=MeshSpec(element="full"), contact=Contact(between_nodes=False))
 SCENES = (("cylinder:9", 0.67), ("bar:3.0", 0.8))

@@ -12,7 +12,7 @@ from rig.compare.fingers.finger_fit import free_of, weights
 from rig.compare.parameter_study.workers import spread
 from rig.compare.plausible import read_plausible
 from rig.compare.stimuli import Stimulus
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_DEPTH_MM
 from studies.accuracy.interval_coverage import POSITIONS_MM, RANGES, TRUTHS, drawn, families, inside, with_design

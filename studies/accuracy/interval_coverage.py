@@ -27,7 +27,7 @@ from rig.compare.recordings.recorded import Recording, recording
 from rig.compare.recordings.synthetic import Afferent, afferent_for, record
 from rig.compare.statistics import Interval
 from rig.compare.stimuli import Stimulus
-from sim.config.fingertip_config import FingertipConfig, Tissue
+from sim.config import FingertipConfig, Tissue
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_DEPTH_MM
 from sim.models.fingertip import Fingertip

@@ -5,12 +5,9 @@
 What `auto` goes by is measured in more scenes: `studies/choice/table.py`.
 """
 
-from sim.config.fingertip_config import MeshSpec
+from sim.benchmark import QUANTITIES, SCENES, Candidate, Measured, Reference, measure, stored
+from sim.config import MeshSpec
 from sim.models.halfspace import EFFECTIVE_MODULUS
-from sim.speed_and_error.candidates import Candidate
-from sim.speed_and_error.measure import QUANTITIES, Measured, measure
-from sim.speed_and_error.reference import Reference, stored
-from sim.speed_and_error.scenes import SCENES
 
 SHIPPED = (
     Candidate("halfspace", "default"),

@@ -20,7 +20,7 @@ from rig.compare.place.whereabouts import PlaceRow
 from rig.compare.recordings.recorded import Recording
 from rig.compare.recordings.synthetic import afferent_for, record
 from rig.compare.stimuli import Stimulus
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
 from studies.source.simulated_stimuli import stimulus
 

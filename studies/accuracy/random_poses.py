@@ -13,16 +13,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sim.config.fingertip_config import Contact, FingertipConfig
+from sim.config import Contact, FingertipConfig
 from sim.contact.indentor import Indentor, Revolved
 from sim.contact.measured_profile import MeasuredProfile
 from sim.contact.patch import X, Z
 from sim.contact.profiles import Bar, Cylinder, Grating, Profile, Step, Wedge
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import TARGET_RESIDUAL
-from sim.models.errors import ModelRangeError
+from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.models.results.indentation import IndentationResult
+from sim.models.result import IndentationResult
 
 PRISMATIC = ("step", "bar", "sharp bar", "cylinder", "grating", "wedge", "profile", "kinked profile")
 ROUND_OR_LINE = ("sphere", "cone", "flat", "line")

@@ -9,10 +9,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-from sim.speed_and_error.candidates import Candidate, nested
-from sim.speed_and_error.measure import Measured, measure
-from sim.speed_and_error.reference import FILE, Reference, as_json, from_levels
-from sim.speed_and_error.scenes import SCENES
+from sim.benchmark import FILE, SCENES, Candidate, Measured, Reference, as_json, from_levels, measure, nested
 
 COARSE, FINE = nested(3), nested(4)
 FURTHER = nested(5, dermis_spacing_mm=0.1, growth=1.12, far_growth=1.25, near_spacing_mm=0.25, far_spacing_mm=0.75)

@@ -2,7 +2,7 @@
 
     .venv/bin/python -m studies.accuracy.round_shapes    # the table of docs/performance.md; 12 GB, some ten minutes
 
-The reference is the family of `sim/speed_and_error/candidates.py` with the same spacing along the finger as across;
+The reference is the family of `sim/benchmark.py` with the same spacing along the finger as across;
 its bars are the largest changes from the level before. There is no further level: it would not fit into the memory
 of a desk.
 """
@@ -11,14 +11,12 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from sim.config.fingertip_config import FingertipConfig, MeshSpec
+from sim.benchmark import Answer, Scene, answered, nested
+from sim.config import FingertipConfig, MeshSpec
 from sim.contact.shapes import parse_shape
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
-from sim.models.results.indentation import IndentationResult
-from sim.speed_and_error.candidates import nested
-from sim.speed_and_error.measure import Answer, answered
-from sim.speed_and_error.scenes import Scene
+from sim.models.result import IndentationResult
 
 TO_NAIL_MM = FingertipConfig().receptor_plane_mm - FingertipConfig().tissue.nail_from_z_mm - 1e-6
 OFFSETS_MM = (0.0, 0.0425, 0.085, 0.1275)

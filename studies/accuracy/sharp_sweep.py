@@ -15,9 +15,9 @@ import numpy as np
 from sim.contact.measured_profile import MeasuredProfile
 from sim.contact.profiles import Bar, Grating, Profile, Step, Wedge
 from sim.contact.solver import TARGET_RESIDUAL
-from sim.models.errors import ModelRangeError
+from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.models.results.indentation import IndentationResult
+from sim.models.result import IndentationResult
 from studies.accuracy.random_poses import ON_ITS_PATCH
 
 Scene = tuple[Profile, float, float]  # profile, x and DOI in mm

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.config.fingertip_config import FingertipConfig, MeshSpec
-from sim.config.units import PSEUDO_E_EPIDERMIS
-from sim.fem.shape_functions import local_coordinates, shape_functions
+from sim.benchmark import FAMILIES, QUADRATIC, SCENES, Scene, stored
+from sim.config import FingertipConfig, MeshSpec
+from sim.fem.elements import local_coordinates, shape_functions
 from sim.finger.mesh import FingerMesh, build_mesh
 from sim.measures.measures import Elastic, measures_from_strain
 from sim.measures.receptors import (
@@ -34,10 +34,8 @@ from sim.measures.receptors import (
     sampled,
 )
 from sim.models.catalogue import load
-from sim.models.discretised import discretise, factorise, young_ratios
-from sim.speed_and_error.candidates import QUADRATIC
-from sim.speed_and_error.reference import stored
-from sim.speed_and_error.scenes import FAMILIES, SCENES, Scene
+from sim.models.condensed import discretise, factorise, young_ratios
+from sim.units import PSEUDO_E_EPIDERMIS
 
 Array = NDArray[np.float64]
 Way = Callable[[FingerMesh, Array], Samples]

@@ -31,7 +31,7 @@ from rig.compare.plausible import PlausibleFingers, read_plausible
 from rig.compare.recordings.recorded import Recording, recording
 from rig.compare.recordings.synthetic import Afferent, afferent_for
 from rig.compare.stimuli import Stimulus
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_DEPTH_MM
 from studies.accuracy.interval_coverage import (

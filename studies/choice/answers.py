@@ -10,13 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from sim.config.fingertip_config import Contact
+from sim.benchmark import of_level, peak_memory_mb
+from sim.config import Contact
+from sim.errors import ModelRangeError
 from sim.models.catalogue import ModelName, load
-from sim.models.errors import ModelRangeError
-from sim.models.processes.workers import in_processes
-from sim.models.results.indentation import IndentationResult
-from sim.speed_and_error.candidates import of_level
-from sim.speed_and_error.measure import peak_memory_mb
+from sim.models.result import IndentationResult
+from sim.workers import in_processes
 from studies.choice.drawn import Drawn
 
 Row = dict[str, Any]

@@ -6,11 +6,10 @@ from itertools import product
 
 import numpy as np
 
-from sim.config.fingertip_config import FingertipConfig
+from sim.choice import DEPTHS_MM, FAMILIES, PLACES_MM, Cell, Situation, cell_of, family_of
+from sim.config import FingertipConfig
 from sim.contact.indentor import Indentor
 from sim.contact.patch import X
-from sim.speed_and_error.expected import DEPTHS_MM, PLACES_MM, Cell, cell_of
-from sim.speed_and_error.situation import FAMILIES, Situation, family_of
 from studies.accuracy import random_poses
 
 CONFIG = FingertipConfig()

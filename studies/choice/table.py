@@ -15,12 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from sim.benchmark import LEVELS, PER_LENGTH, QUANTITIES, SHARES
+from sim.choice import FILE, Cell, Rung, Situation, cell_of
 from sim.contact.indentor import ACROSS, ALONG, BOTH
-from sim.speed_and_error.candidates import LEVELS, SHARES
-from sim.speed_and_error.expected import FILE, Cell, Rung, cell_of
-from sim.speed_and_error.measure import QUANTITIES
-from sim.speed_and_error.rows import PER_LENGTH
-from sim.speed_and_error.situation import Situation
 from studies.choice.answers import Row, Solver, answers, error, numbered
 from studies.choice.drawn import Drawn, stratified
 
@@ -129,7 +126,7 @@ def _median(seconds: Sequence[float]) -> float:
 
 
 def as_json(found: Mapping[Cell, Sequence[Mapping[Rung, Errors]]], cost: list[dict[str, Any]], each: int) -> str:
-    """What `sim/speed_and_error/expected.py` reads: a line for each row."""
+    """What `sim/choice.py` reads: a line for each row."""
     about = {
         "command": f"python -m studies.choice.table {each}",
         "seed": SEED,

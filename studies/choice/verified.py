@@ -14,10 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sim.speed_and_error.candidates import SHARES
-from sim.speed_and_error.choice import Aim, Choice, NoModelError, cheapest
-from sim.speed_and_error.expected import Rung, bundled
-from sim.speed_and_error.situation import Situation
+from sim.benchmark import SHARES
+from sim.choice import Aim, Choice, NoModelError, Rung, Situation, bundled, cheapest
 from studies.choice.answers import Row, Solver, answers, error, numbered
 from studies.choice.drawn import Drawn, natural
 from studies.choice.table import truth

@@ -10,12 +10,10 @@ from rig.report.coding.impulse_figure import Drawn, impulse_figure
 from rig.report.coding.search_figures import search_figure
 from rig.report.html import Figure
 from rig.report.style import BLUE, GREY, ORANGE, Plot
-from sim.coding.impulse import ImpulseResponses, impulse_responses, shift_errors
-from sim.coding.point_spread.all_sites import DRAWN, AllSites, Where
-from sim.coding.point_spread.kept_sites import Sampled, kept_sites
-from sim.coding.point_spread.spreads import mean_over
-from sim.coding.sampled_section import HALF_LENGTH, SampledSection, Sampling, sampled_section
-from sim.coding.skin_line import AXES, Axes
+from sim.coding.all_sites import DRAWN, AllSites, Sampled, Where, kept_sites
+from sim.coding.operators import ImpulseResponses, impulse_responses, shift_errors
+from sim.coding.point_spread import mean_over
+from sim.coding.section import AXES, HALF_LENGTH, Axes, SampledSection, Sampling, sampled_section
 from studies.coding.decoding_part import DRAWS, GRID_STEPS, Searched, converged_errors, searched
 from studies.coding.two_samples import TRUE
 from studies.source.printed.answers import Answers, once

@@ -15,12 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.pressure_formula import Constants, curvature_at, finger_curvature, fit, together
-from sim.coding.encoding import noise_sd
-from sim.coding.frictionless import Skin
-from sim.coding.profile_decoder import decode_profile
-from sim.coding.profiles.felt_shape import felt_shape
-from sim.coding.readings import Readings
-from sim.coding.sampled_section import SampledSection
+from sim.coding.bayes import decode_profile
+from sim.coding.encoding import Readings, noise_sd
+from sim.coding.pressure import Skin
+from sim.coding.section import SampledSection
+from sim.coding.shape_class import felt_shape
 from sim.contact.patch import X, Y
 from studies.coding.profiles_part import default_operator, pressed_finger
 from studies.coding.profiles_read_back import SNR_DB, Scene, default_section, pressed

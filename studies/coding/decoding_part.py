@@ -11,16 +11,20 @@ from numpy.typing import NDArray
 from rig.report.coding.noise_figures import cloud_figure, noise_figure
 from rig.report.coding.search_figures import Surface, extents, grid_figure, search_figure
 from rig.report.html import Figure, Section
-from sim.coding.decoded import decoding_errors
-from sim.coding.encoding import Encoded, Noise, encode
-from sim.coding.impulse import impulse_responses
-from sim.coding.operators import Operator, convolution
-from sim.coding.other_searches import global_search, table_search
-from sim.coding.profile_decoder import decode_profile
-from sim.coding.readings import Readings
-from sim.coding.sampled_section import Sampling, sampled_section
-from sim.coding.univariate import Range, converged_search, error_surface, grid_search
-from sim.config.fingertip_config import FingertipConfig
+from sim.coding.bayes import decode_profile
+from sim.coding.encoding import Encoded, Noise, Readings, encode
+from sim.coding.operators import Operator, convolution, impulse_responses
+from sim.coding.search import (
+    Range,
+    converged_search,
+    decoding_errors,
+    error_surface,
+    global_search,
+    grid_search,
+    table_search,
+)
+from sim.coding.section import Sampling, sampled_section
+from sim.config import FingertipConfig
 from studies.coding.limits import bayes_found
 from studies.coding.two_samples import ENDS, SEED, SNR_DB, START, TRUE, TRUTHS, WITHIN
 

@@ -21,8 +21,8 @@ from rig.data.folder import replace_bytes, replace_text
 from rig.report.html import Section, as_png, render
 from rig.report.pdf import as_pdf
 from rig.session.provenance import commit
-from sim.config.stiffness import E_EPIDERMIS_MPA
-from sim.models.results.small_strain import small_strain
+from sim.config import E_EPIDERMIS_MPA
+from sim.models.small_strain import small_strain
 from studies.coding import (
     curvature_read_back,
     decoding_part,

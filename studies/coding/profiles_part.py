@@ -8,11 +8,10 @@ import numpy as np
 
 from rig.report.coding.decoded_figure import Drawn, decoded_figure
 from rig.report.html import Figure, Section
-from sim.coding.encoding import noise_sd
-from sim.coding.frictionless import Frictionless, frictionless
+from sim.coding.encoding import Readings, noise_sd
 from sim.coding.operators import centred
-from sim.coding.readings import Readings
-from sim.coding.sampled_section import SPACING_MM, SampledSection
+from sim.coding.pressure import Frictionless, frictionless
+from sim.coding.section import SPACING_MM, SampledSection
 from studies.coding.profiles_read_back import (
     SAMPLES,
     SCENES,

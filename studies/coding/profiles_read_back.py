@@ -15,18 +15,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.coding.borne import borne_by
-from sim.coding.decoded import decoding_errors
-from sim.coding.encoding import noise_sd
-from sim.coding.frictionless import Frictionless, frictionless
+from sim.coding.bayes import Profile, decode_profile
+from sim.coding.encoding import Readings, noise_sd
+from sim.coding.mixture import table_of
 from sim.coding.operators import centred
-from sim.coding.other_searches import global_search
-from sim.coding.profile_decoder import Profile, decode_profile
-from sim.coding.profiles.table import table_of
-from sim.coding.readings import Readings
-from sim.coding.sampled_section import SPACING_MM, SampledSection, Sampling, sampled_section
-from sim.coding.univariate import Range, converged_search
-from sim.config.fingertip_config import FingertipConfig, MeshSpec
+from sim.coding.pressure import Frictionless, borne_by, frictionless
+from sim.coding.search import Range, converged_search, decoding_errors, global_search
+from sim.coding.section import SPACING_MM, SampledSection, Sampling, sampled_section
+from sim.config import FingertipConfig, MeshSpec
 from studies.coding.limits import profile_bound
 
 Array = NDArray[np.float64]

@@ -12,11 +12,9 @@ from rig.report.coding.impulse_figure import Drawn as DrawnResponses
 from rig.report.coding.impulse_figure import impulse_figure
 from rig.report.html import Figure, Section
 from sim.coding.encoding import Encoded, Noise, encode
-from sim.coding.impulse import ImpulseResponses, ShiftErrors, impulse_responses, shift_errors
-from sim.coding.operators import convolution
-from sim.coding.sampled_section import HALF_LENGTH, SPACING_MM, SampledSection, Sampling, sampled_section
-from sim.coding.skin_line import AXES, Axes
-from sim.config.fingertip_config import FingertipConfig
+from sim.coding.operators import ImpulseResponses, ShiftErrors, convolution, impulse_responses, shift_errors
+from sim.coding.section import AXES, HALF_LENGTH, SPACING_MM, Axes, SampledSection, Sampling, sampled_section
+from sim.config import FingertipConfig
 from sim.contact.shapes import parse_shape
 from studies.coding.two_samples import TRUE
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Literal, get_args
 
 from rig.report.html import Section
-from sim.coding.profiles.felt_shape import CLASSES
+from sim.coding.shape_class import CLASSES
 from studies.coding import curvature_read_back, edge_place, shapes_read_back
 from studies.coding.bands.drawn_presses import NEAR, cell, drawn, held, with_noise
 from studies.coding.profiles_part import default_operator, pressed_finger

@@ -14,15 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.coding.encoding import noise_sd
-from sim.coding.frictionless import Skin, frictionless
-from sim.coding.impulse import impulse_responses
-from sim.coding.operators import Operator, centred, convolution, felt_where
-from sim.coding.profile_decoder import decode_profile
-from sim.coding.profiles.felt_shape import CLASSES, ShapeClass, felt_shape
-from sim.coding.readings import Readings
-from sim.coding.sampled_section import SPACING_MM, SampledSection, Sampling, sampled_section
-from sim.config.fingertip_config import FingertipConfig, MeshSpec, Tissue
+from sim.coding.bayes import decode_profile
+from sim.coding.encoding import Readings, noise_sd
+from sim.coding.operators import Operator, centred, convolution, felt_where, impulse_responses
+from sim.coding.pressure import Skin, frictionless
+from sim.coding.section import SPACING_MM, SampledSection, Sampling, sampled_section
+from sim.coding.shape_class import CLASSES, ShapeClass, felt_shape
+from sim.config import FingertipConfig, MeshSpec, Tissue
 from studies.coding.profiles_read_back import SAMPLES, SNR_DB, Scene, default_section, finer_section
 
 Array = NDArray[np.float64]

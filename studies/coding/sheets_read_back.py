@@ -15,29 +15,33 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.coding.borne import Borne
-from sim.coding.decoded import decoding_errors
-from sim.coding.encoding import noise_sd
-from sim.coding.frictionless import frictionless
+from sim.coding.bayes import decode_profile
+from sim.coding.encoding import Readings, noise_sd
 from sim.coding.operators import centred, felt_where
-from sim.coding.profile_decoder import decode_profile
-from sim.coding.profiles.felt_shape import felt_shape
-from sim.coding.readings import Readings
-from sim.coding.sampled_section import SPACING_MM, felt_section
-from sim.coding.sheets.axial_row import HALF_LENGTHS_MM, AxialShape, FeltRow, decode_row, felt_row
-from sim.coding.sheets.felt_skin import felt_skin
-from sim.coding.sheets.felt_solid import SOLIDS, SolidClass, extent_mm, felt_solid
-from sim.coding.sheets.sheet_decoder import decode_sheet
-from sim.coding.sheets.sheet_operator import Grid, SheetOperator, sheet_operator
-from sim.config.fingertip_config import FingertipConfig, MeshSpec, Tissue
-from sim.config.units import PSEUDO_E_EPIDERMIS
+from sim.coding.pressure import Borne, frictionless
+from sim.coding.search import decoding_errors
+from sim.coding.section import SPACING_MM, felt_section
+from sim.coding.shape_class import SOLIDS, SolidClass, extent_mm, felt_shape, felt_solid
+from sim.coding.sheet import (
+    HALF_LENGTHS_MM,
+    AxialShape,
+    FeltRow,
+    Grid,
+    SheetOperator,
+    decode_row,
+    decode_sheet,
+    felt_row,
+    felt_skin,
+    sheet_operator,
+)
+from sim.config import FingertipConfig, MeshSpec, Tissue
 from sim.contact.patch import X, Z
 from sim.contact.shapes import parse_shape
 from sim.finger.surface import FingertipSurface
-from sim.measures.reach import points_below
-from sim.measures.receptors import DEFAULT_DEPTH_MM
+from sim.measures.receptors import DEFAULT_DEPTH_MM, points_below
 from sim.models.fingertip import Fingertip
-from sim.models.results.indentation import IndentationResult
+from sim.models.result import IndentationResult
+from sim.units import PSEUDO_E_EPIDERMIS
 from studies.coding.profiles_read_back import SAMPLES, SCENES, Scene
 from studies.coding.shapes_read_back import OTHER_TISSUE
 

@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 from rig.report.coding.point_spread_figure import Drawn, point_spread_figure
 from rig.report.html import Figure, Section
 from rig.report.style import Plot
-from sim.coding.point_spread.all_sites import DRAWN, AllSites, Deformed, Where, all_sites, deformed_by
-from sim.coding.point_spread.loaded_finger import LoadedFinger
-from sim.coding.point_spread.moved_response import MovedResponse
-from sim.coding.point_spread.spreads import mean_over, receptor_sheet
-from sim.config.fingertip_config import FingertipConfig
+from sim.coding.all_sites import DRAWN, AllSites, Deformed, Where, all_sites, deformed_by
+from sim.coding.point_loads import LoadedFinger
+from sim.coding.point_spread import MovedResponse, mean_over, receptor_sheet
+from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
 from studies.source import shift_by_shape
 

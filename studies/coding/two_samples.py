@@ -15,16 +15,20 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.coding.decoded import Decoded, decoding_errors
-from sim.coding.encoding import Encoded, Noise, encode
-from sim.coding.impulse import impulse_responses
-from sim.coding.operators import Operator, convolution
-from sim.coding.other_searches import global_search, table_search
-from sim.coding.profile_decoder import decode_profile
-from sim.coding.readings import Readings
-from sim.coding.sampled_section import Sampling, sampled_section
-from sim.coding.univariate import Range, converged_search, grid_search
-from sim.config.fingertip_config import FingertipConfig
+from sim.coding.bayes import decode_profile
+from sim.coding.encoding import Encoded, Noise, Readings, encode
+from sim.coding.operators import Operator, convolution, impulse_responses
+from sim.coding.search import (
+    Decoded,
+    Range,
+    converged_search,
+    decoding_errors,
+    global_search,
+    grid_search,
+    table_search,
+)
+from sim.coding.section import Sampling, sampled_section
+from sim.config import FingertipConfig
 from studies.coding.limits import bayes_found
 
 Array = NDArray[np.float64]

@@ -21,7 +21,7 @@ from rig.plan.config import Config
 from rig.session.stop_button import stop_inputs_heeded
 from rig.session.virtual.virtual_bench import VirtualBench, bench_around
 from sim.devices.clock import VirtualClock
-from sim.plant.plant import Carriage, TruePose
+from sim.plant import Carriage, TruePose
 
 BUTTONS = {"door": "grbl", "hold": "grbl", "di1": "leadshine"}
 STOP = {"grbl": "2118", "leadshine": "6002"}

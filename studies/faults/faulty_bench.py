@@ -16,9 +16,8 @@ from rig.session.rehearsal import Spring
 from rig.session.virtual.twins import virtual_force, virtual_stage
 from rig.session.virtual.virtual_devices import true_carriage
 from rig.transport import LoopbackTransport
-from sim.devices.cell import Load
 from sim.devices.clock import VirtualClock
-from sim.devices.line import SerialLine
+from sim.devices.line import Load, SerialLine
 
 TARGET = Target("force_gwt", 8.0)
 PREDICTED = Spring(contact_mm=-0.3, doi_mm=1.0, force_n=10 * GWT_N, exponent=1.5)

@@ -17,12 +17,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.config.fingertip_config import Contact, FingertipConfig, MeshSpec, Tissue
+from sim.config import Contact, FingertipConfig, MeshSpec, Tissue
 from sim.fem.elements import lame
-from sim.finger.layers import DERMIS, EPIDERMIS, FAT
+from sim.finger.mesh import DERMIS, EPIDERMIS, FAT
 from sim.finger.surface import FingertipSurface
-from sim.models.discretised import young_ratios
-from sim.models.plane_section import prismatic
+from sim.models.condensed import young_ratios
+from sim.models.section import prismatic
 from studies.finite_strain.solver.body import Body, LinearBricks
 from studies.finite_strain.solver.bricks import Dilatation, Moduli, bricks
 from studies.finite_strain.solver.laws import NeoHookean

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.contact.indentor import Prismatic
-from sim.models.uncondensed.deck import MeshedFinger, write_contact_deck, write_load_deck
+from sim.models.full_mesh import MeshedFinger, write_contact_deck, write_load_deck
 from studies.finite_strain.solver.laws import NeoHookean
 from studies.finite_strain.solver.press import Pressed, presses
 from studies.finite_strain.solver.scene import Specimen

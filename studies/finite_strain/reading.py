@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.config.units import PSEUDO_E_EPIDERMIS
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, place_receptors
+from sim.units import PSEUDO_E_EPIDERMIS
 from studies.finite_strain.solver.inside import Receptors
 from studies.finite_strain.solver.laws import Law
 from studies.finite_strain.solver.press import Pressed

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sim.config.fingertip_config import Contact, FingertipConfig, MeshSpec, Tissue
+from sim.config import Contact, FingertipConfig, MeshSpec, Tissue
 from studies.finite_strain.reading import Reader
 from studies.finite_strain.solver.bricks import Dilatation
 from studies.finite_strain.solver.laws import Law, NeoHookean

@@ -19,13 +19,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.config.fingertip_config import Contact, FingertipConfig, MeshSpec, Tissue
-from sim.config.stiffness import E_EPIDERMIS_MPA
-from sim.config.units import GWT_N
+from sim.config import E_EPIDERMIS_MPA, Contact, FingertipConfig, MeshSpec, Tissue
 from sim.contact.shapes import parse_shape
 from sim.measures.measures import MEASURES, measures_in_layers
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
+from sim.units import GWT_N
 from studies.finite_strain.reading import Reader
 from studies.finite_strain.solver.body import Body
 from studies.finite_strain.solver.inside import Receptors

@@ -15,11 +15,10 @@ from rig.session.virtual.virtual_bench import VirtualBench, bench_around
 from rig.session.virtual.virtual_devices import relaxation, truth
 from rig.transport.byte_log import Sink
 from sim.devices.clock import VirtualClock
-from sim.models.errors import ModelRangeError
-from sim.models.meeting.given import RampAndHold, Way
-from sim.models.meeting.next_press import PressAt
-from sim.plant.plant import Carriage, Pose
-from sim.plant.relaxing_plant import RelaxingPlant, RelaxingPress
+from sim.errors import ModelRangeError
+from sim.identification.design import PressAt
+from sim.identification.forward import RampAndHold, Way
+from sim.plant import Carriage, Pose, RelaxingPlant, RelaxingPress
 from studies.meeting.strangers import Stranger
 
 Array = NDArray[np.float64]

@@ -10,15 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.contact.indentor import Indentor
 from sim.contact.shapes import parse_shape
+from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface
-from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.models.processes.recipe import Recipe
-from sim.models.sources import Source
-from sim.models.stiffening.stiffened import LINEAR_TISSUE, Stiffened, Under
+from sim.models.sources import Recipe, Source
+from sim.models.stiffening import LINEAR_TISSUE, Stiffened, Under
 from studies.stiffening.references import read
 
 Array = NDArray[np.float64]

@@ -30,13 +30,12 @@ from rig.session.meeting.meeting import SHAPES, Meeting, Told, Wanted, felt_sure
 from rig.session.meeting.meeting_script import MeetingScript
 from rig.session.provenance import commit
 from rig.session.session import NewRun, Session, run_on
-from sim.config.fingertip_config import FingertipConfig, MeshSpec
+from sim.config import FingertipConfig, MeshSpec
+from sim.identification.design import PressAt
+from sim.identification.forward import Foreseen, Given
+from sim.identification.prior import Prior
 from sim.models.fingertip import Fingertip
-from sim.models.meeting.foreseen import Foreseen
-from sim.models.meeting.given import Given
-from sim.models.meeting.next_press import PressAt
-from sim.models.meeting.prior import Prior
-from sim.models.processes.workers import in_processes, one_by_one
+from sim.workers import in_processes, one_by_one
 from studies.meeting.hidden import Keeper
 from studies.meeting.strangers import Stranger, inside, outside
 from studies.meeting.tables import as_markdown

@@ -9,11 +9,10 @@ from pathlib import Path
 
 from rig.cli.meeting_said import USUAL_GOALS, scope_of
 from rig.session.meeting.meeting import SHAPES, Wanted
-from sim.config.fingertip_config import FingertipConfig
-from sim.models.meeting.foreseen import Foreseen, finger_of, made_of
-from sim.models.meeting.prior import Prior
-from sim.models.meeting.shape_table import ShapeTable
-from sim.models.meeting.shipped import FILE, as_json
+from sim.config import FingertipConfig
+from sim.identification.forward import Foreseen, finger_of, made_of
+from sim.identification.prior import Prior
+from sim.identification.shape_table import FILE, ShapeTable, as_json
 
 
 def main() -> None:

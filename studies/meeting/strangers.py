@@ -7,7 +7,7 @@ import numpy as np
 
 from rig.plan.config import Config
 from rig.session.meeting.stranger import as_told, truth_of
-from sim.config.fingertip_config import MeshSpec
+from sim.config import MeshSpec
 from sim.models.fingertip import Fingertip
 from studies.meeting.ogden import OgdenFinger
 from studies.meeting.ogden_references import FINGER

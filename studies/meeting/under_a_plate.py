@@ -15,10 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.identification.posterior import ends
+from sim.identification.prior import Prior, tissue_of
 from sim.models.fingertip import Fingertip
-from sim.models.meeting.in_numbers import tissue_of
-from sim.models.meeting.prior import Prior
-from sim.models.meeting.width import ends
 from studies.stiffening.fingers import finger
 
 Array = NDArray[np.float64]

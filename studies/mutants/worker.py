@@ -23,7 +23,7 @@ _LIBRARIES = (
     *("serial", "rich.console", "rich.table", "jinja2", "filelock", "platformdirs", "threadpoolctl", "hypothesis"),
     *("pymodbus.client", "pymodbus.server", "pymodbus.framer"),
 )
-_SIMULATOR = ("sim.models.fingertip", "sim.devices", "sim.plant.plant", "sim.serve", "sim.measures.measures")
+_SIMULATOR = ("sim.models.fingertip", "sim.devices", "sim.plant", "sim.serve", "sim.measures.measures")
 _MOST_BYTES = 12 * 2**30
 OPTIONS = (
     *("-q", "-x", "--assert=plain", "--hypothesis-seed=0", "-p", "no:cacheprovider", "-p", "no:xdist"),

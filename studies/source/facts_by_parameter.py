@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
 from rig.compare.shape_test import shape_test
-from sim.config.fingertip_config import MESH_LEVELS, FingertipConfig, MeshSpec, Tissue
+from sim.config import MESH_LEVELS, FingertipConfig, MeshSpec, Tissue
 from sim.contact.profiles import BAR_EDGE_RADIUS_MM, Bar
 from sim.models.fingertip import Fingertip
-from sim.models.results.indentation import median_of_four
+from sim.models.result import median_of_four
 from studies.source.printed.bars import edge_ratios, in_words
 from studies.source.simulated_stimuli import bars as simulated_bars
 

@@ -6,9 +6,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.coding.impulse import impulse_responses
-from sim.coding.sampled_section import SampledSection, Sampling, sampled_section
-from sim.config.fingertip_config import FingertipConfig, MeshSpec
+from sim.coding.operators import impulse_responses
+from sim.coding.section import SampledSection, Sampling, sampled_section
+from sim.config import FingertipConfig, MeshSpec
 
 Array = NDArray[np.float64]
 _WITHIN = 41  # places over one sample, for a pressure that is even over it

@@ -30,9 +30,9 @@ from rig.compare.pressure_formula import (
 )
 from rig.report.html import Figure, Section
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, Plot
-from sim.config.fingertip_config import FingertipConfig, Tissue
+from sim.config import FingertipConfig, Tissue
 from sim.models.fingertip import Fingertip
-from sim.models.results.indentation import IndentationResult
+from sim.models.result import IndentationResult
 
 Array = NDArray[np.float64]
 

@@ -5,10 +5,9 @@
 
 from collections.abc import Iterator
 
-from sim.coding.point_spread.loaded_finger import LoadedFinger
-from sim.coding.point_spread.moved_response import MovedResponse
-from sim.coding.point_spread.spreads import receptor_sheet
-from sim.config.fingertip_config import FingertipConfig
+from sim.coding.point_loads import LoadedFinger
+from sim.coding.point_spread import MovedResponse, receptor_sheet
+from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
 from studies.coding import section_part
 

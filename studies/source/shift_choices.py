@@ -8,11 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from sim.coding.point_spread.loaded_finger import LoadedFinger
-from sim.coding.point_spread.power_law import PowerLaw
-from sim.coding.point_spread.sites import published_sites
-from sim.coding.point_spread.spreads import SPACING_MM, Judged, Sheet, judged, mean_over, receptor_sheet, spreads
-from sim.config.fingertip_config import FingertipConfig, MeshSpec, Tissue
+from sim.coding.point_loads import LoadedFinger, PowerLaw, published_sites
+from sim.coding.point_spread import SPACING_MM, Judged, Sheet, judged, mean_over, receptor_sheet, spreads
+from sim.config import FingertipConfig, MeshSpec, Tissue
 from sim.contact.patch import Y, Z
 from sim.measures.receptors import DEFAULT_DEPTH_MM
 

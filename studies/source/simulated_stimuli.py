@@ -11,7 +11,7 @@ from rig.compare.stimuli import Stimulus, answers_key, contact_regions
 from sim.measures.measures import MEASURES, shown
 from sim.models.cache import Arrays, cached_arrays
 from sim.models.fingertip import Fingertip
-from sim.models.results.indentation import IndentationResult
+from sim.models.result import IndentationResult
 
 Array = NDArray[np.float64]
 

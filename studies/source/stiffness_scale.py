@@ -1,10 +1,10 @@
-"""The stiffness scale of the default fingertip, to be stored in sim/config/stiffness.py.
+"""The stiffness scale of the default fingertip, to be stored in sim/config.py.
 
 .venv/bin/python -m studies.source.stiffness_scale
 """
 
-from sim.config.units import GWT_N
 from sim.models.fingertip import Fingertip
+from sim.units import GWT_N
 
 X_MM, DOI_MM, FORCE_GWT = -1.63, 0.73, 8.0  # Raju (1998): step 1 in this pose stands for this force
 

@@ -18,7 +18,7 @@ from rig.compare.table_5_2 import agreement, agreement_limits, source_flags
 from rig.report.html import Figure, Section
 from rig.report.labels import label
 from rig.report.style import BLUE, Plot
-from sim.config.fingertip_config import FingertipConfig, Tissue
+from sim.config import FingertipConfig, Tissue
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_DEPTH_MM
 from sim.models.fingertip import Fingertip

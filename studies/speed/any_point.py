@@ -17,9 +17,9 @@ from typing import TypeVar
 
 import numpy as np
 
+from sim.models.field import FEW_POINTS
 from sim.models.fingertip import Fingertip
-from sim.models.inside.anywhere import FEW_POINTS
-from sim.models.results.indentation import IndentationResult
+from sim.models.result import IndentationResult
 
 Done = TypeVar("Done")
 

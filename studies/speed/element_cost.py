@@ -9,13 +9,13 @@ from functools import partial
 
 import scipy.sparse as sp
 
-from sim.config.fingertip_config import FingertipConfig, MeshSpec
+from sim.benchmark import QUADRATIC, SCENE_PATCH, nested
+from sim.config import FingertipConfig, MeshSpec
 from sim.fem.elements import Ints
 from sim.fem.pardiso import PardisoFactor
 from sim.finger.mesh import build_mesh
 from sim.finger.surface import FingertipSurface
-from sim.models.discretised import discretise
-from sim.speed_and_error.candidates import QUADRATIC, SCENE_PATCH, nested
+from sim.models.condensed import discretise
 
 MESHES = {
     "B-bar, n = 2": nested(2),

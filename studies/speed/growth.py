@@ -19,12 +19,12 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from rig.compare.parameter_study.workers import spread
-from sim.config.fingertip_config import AXIAL_STRETCH, FingertipConfig, MeshSpec, Tissue
+from sim.benchmark import peak_memory_mb
+from sim.config import AXIAL_STRETCH, FingertipConfig, MeshSpec, Tissue
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
-from sim.models.processes.many import indent_many
-from sim.models.processes.workers import in_processes
-from sim.speed_and_error.measure import peak_memory_mb
+from sim.models.many import indent_many
+from sim.workers import in_processes
 
 SIZES = (1.8, 1.5, 1.25, 1.0, 0.85, 0.7, 0.6, 0.55)
 """Of the default's elements."""

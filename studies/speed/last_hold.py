@@ -32,7 +32,7 @@ from rig.session.virtual.served_bench import ServedBench
 from rig.session.virtual.virtual_bench import bench_around
 from rig.transport.stop_gate import StopGate
 from sim.devices.clock import VirtualClock
-from sim.plant.plant import Carriage, TruePose
+from sim.plant import Carriage, TruePose
 
 KINDS: dict[str, dict[str, Any]] = {
     "GRBL, balance": {"force": {"baud": 115200}},

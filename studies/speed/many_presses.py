@@ -16,9 +16,8 @@ import numpy as np
 
 from sim.contact.indentor import ACROSS, ALONG, BOTH
 from sim.models.fingertip import Fingertip
-from sim.models.processes.many import indent_many
-from sim.models.results.indentation import IndentationResult
-from sim.models.results.indentations import Indentations
+from sim.models.many import indent_many
+from sim.models.result import IndentationResult, Indentations
 from studies.accuracy.random_poses import ON_ITS_PATCH, Scene, solved
 
 Done = TypeVar("Done")

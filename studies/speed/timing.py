@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 from threadpoolctl import threadpool_limits
 
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.contact import planes
 from sim.contact.lcp import LcpSolution
 from sim.contact.measured_profile import MeasuredProfile
@@ -29,10 +29,10 @@ from sim.fem.pardiso import PardisoFactor
 from sim.finger.mesh import build_mesh
 from sim.finger.surface import FingertipSurface
 from sim.models.cache import cache_dir
-from sim.models.discretised import discretise, factorise
+from sim.models.condensed import discretise, factorise
 from sim.models.fingertip import Fingertip
 from sim.models.pressing import Pressing
-from sim.models.results.indentation import IndentationResult
+from sim.models.result import IndentationResult
 
 Shape = str | MeasuredProfile
 Array = NDArray[np.float64]

@@ -2,13 +2,13 @@
 
     .venv/bin/python -m studies.speed.warm_contact    # some minutes
 
-Each shape is pressed 1 mm deep at 1 mm/s by the virtual bench's own press (`sim/plant/plant.py`), which goes on
+Each shape is pressed 1 mm deep at 1 mm/s by the virtual bench's own press (`sim/plant.py`), which goes on
 from the last sample's contact. At 100 Hz every sample is solved. At 1 kHz most are served from answers at 100 Hz:
 *behind*, as if nothing were known of the stage's path, by extrapolation from answers that have had a period to be
 solved in; *ahead*, where the path is planned and the next pose solved before it is reached, by interpolation. The
 errors of both are against solving each millisecond, over the largest force.
 
-The last table is of the load cell itself, on the wall clock: `rig serve`'s own way (`sim/serve/press_ahead.py`, the
+The last table is of the load cell itself, on the wall clock: `rig serve`'s own way (`sim/serve/prefetch.py`, the
 finger in a second process) with a carriage on its way down, asked at every hundredth or thousandth of a second.
 """
 
@@ -19,13 +19,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
-from sim.models.processes.workers import keep_freed_memory
-from sim.plant.plant import Carriage, Placement, Pose, Press, Screws
-from sim.serve.press_ahead import PressAhead
-from sim.serve.press_process import PressProcess
-from sim.serve.wall_clock import WallScheduler
+from sim.plant import Carriage, Placement, Pose, Press, Screws
+from sim.serve.clock import WallScheduler
+from sim.serve.force_process import PressProcess
+from sim.serve.prefetch import PressAhead
+from sim.workers import keep_freed_memory
 
 Array = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.models.uncondensed.deck import MeshedFinger, write_held_deck
+from sim.models.full_mesh import MeshedFinger, write_held_deck
 from studies.finite_strain.confirmed import MISSING, displacements, run
 from studies.finite_strain.solver.laws import Yeoh
 from studies.finite_strain.solver.press import presses

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from functools import partial
 
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
 
 SHAPES = ("bar:3.0", "cylinder:9", "sphere:4", "flat:3")

@@ -4,8 +4,8 @@ import tomllib
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from sim.config.fingertip_config import Contact, FingertipConfig
-from sim.models.patches import HalfWidths, widened
+from sim.config import Contact, FingertipConfig
+from sim.models.sources import HalfWidths, widened
 
 HUMAN = Path(__file__).parents[2] / "examples" / "human_finger" / "finger.toml"
 

@@ -1,4 +1,4 @@
-"""The numbers of `sim/models/stiffening/at_finite_strain.py`, fitted to the kept references, and how near they come.
+"""The numbers of `sim/models/stiffening.py`, fitted to the kept references, and how near they come.
 
     .venv/bin/python -m studies.stiffening.fitted          # seconds; the table of docs/meet.md
 
@@ -15,16 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from sim.models.stiffening.at_finite_strain import (
-    ENERGY,
-    FORCE,
-    Energy,
-    Felt,
-    Force,
-    Press,
-    log_energy,
-    log_force,
-)
+from sim.models.stiffening import ENERGY, FORCE, Energy, Felt, Force, Press, log_energy, log_force
 from studies.finite_strain.tables import kept_ratios
 from studies.stiffening.fingers import finger
 from studies.stiffening.twins import Pair, kept_pairs, pressed

@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
-from sim.models.relaxing.in_time import InTime
-from sim.models.relaxing.prony import Prony, PronyTerm
+from sim.models.relaxation import Prony, PronyTerm
+from sim.models.viscoelastic import InTime
 from studies.finite_strain.solver.laws import Yeoh
 from studies.finite_strain.solver.press import presses
 from studies.finite_strain.solver.relaxing import PressInTime

@@ -18,12 +18,11 @@ from numpy.typing import NDArray
 from sim.contact.patch import X, Z
 from sim.contact.shapes import parse_shape
 from sim.contact.touch import first_touch
+from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface
 from sim.models.catalogue import load
-from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.models.stiffening.at_finite_strain import Felt, Press
-from sim.models.stiffening.stiffened import Under
+from sim.models.stiffening import Felt, Press, Under
 from studies.stiffening.fingers import finger
 from studies.stiffening.references import read
 

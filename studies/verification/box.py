@@ -13,11 +13,9 @@ from numpy.typing import NDArray
 
 from sim.contact.patch import Patch, X, Y, Z
 from sim.fem import pardiso
-from sim.fem.assembly import assemble_upper, symmetric
 from sim.fem.dissection import DissectionFactor
-from sim.fem.elements import Element, stiffness
+from sim.fem.elements import Element, assemble_upper, stiffness, strain_matrix, symmetric
 from sim.fem.pardiso import PardisoFactor
-from sim.fem.strain import strain_matrix
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

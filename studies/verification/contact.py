@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.contact.control import solve_for_force
+from sim.contact.force_control import solve_for_force
 from sim.contact.indentor import Indentor, Revolved
 from sim.contact.patch import Patch
 from sim.contact.points import Pose

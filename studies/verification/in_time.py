@@ -13,8 +13,8 @@ import numpy as np
 from sim.contact.patch import Patch
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
-from sim.models.relaxing.in_time import InTime
-from sim.models.relaxing.prony import Prony, PronyTerm
+from sim.models.relaxation import Prony, PronyTerm
+from sim.models.viscoelastic import InTime
 from studies.verification import relaxing_contact as exact
 
 NODES = 33

@@ -17,8 +17,7 @@ from sim.contact.points import Pose
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import solve_contact
 from sim.models.halfspace import surface_compliance
-from sim.models.relaxing.held import held_by
-from sim.models.relaxing.prony import Memory, Prony, PronyTerm
+from sim.models.relaxation import Memory, Prony, PronyTerm, held_by
 
 Array = NDArray[np.float64]
 

@@ -2,8 +2,7 @@
 
 from sim.devices.clock import Scheduler
 from sim.devices.grbl.board import VirtualGrbl
-from sim.devices.line import SerialLine
-from sim.devices.told import StageTold
+from sim.devices.line import SerialLine, StageTold
 
 
 class VirtualHobby(VirtualGrbl):

@@ -1,9 +1,7 @@
 """The virtual twin of the scale that answers in plain numbers."""
 
-from sim.devices.cell import Load, Samples
 from sim.devices.clock import Scheduler
-from sim.devices.line import SerialLine
-from sim.devices.told import ForceTold
+from sim.devices.line import ForceTold, Load, Samples, SerialLine
 
 
 class PlainScale:

@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorSet
 from sim.models.condensed import CondensedModel

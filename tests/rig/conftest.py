@@ -24,8 +24,8 @@ from rig.transport import LoopbackTransport
 from rig.transport.byte_log import LoggedTransport
 from sim.devices import Load, SerialLine, VirtualBalance, VirtualGrbl
 from sim.devices.clock import VirtualClock
+from sim.finger_process import FingerProcess
 from sim.models.fingertip import Fingertip
-from sim.models.processes.finger_process import FingerProcess
 from tests.confirmed_moves import Confirmed, confirmed_moves
 from tests.program import Program, program_of
 from tests.waiting import DEADLINE_S

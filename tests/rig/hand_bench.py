@@ -18,7 +18,7 @@ from rig.session.by_hand.hand_owner import HandOwner
 from rig.session.virtual.virtual_bench import bench_around
 from rig.transport.stop_gate import StopGate
 from sim.devices.clock import VirtualClock
-from sim.plant.plant import Carriage, TruePose
+from sim.plant import Carriage, TruePose
 
 KINDS: dict[str, dict[str, Any]] = {
     "grbl": {"force": {"baud": 115200}},

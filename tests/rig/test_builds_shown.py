@@ -12,7 +12,7 @@ from rich.console import Console
 from rig.cli import output
 
 LOGGER = logging.getLogger("sim")
-BUILDER = logging.getLogger("sim.models.discretised")
+BUILDER = logging.getLogger("sim.models.condensed")
 
 
 @pytest.fixture(autouse=True)

@@ -21,7 +21,7 @@ from rig.engine.sensing import NoReadingError, Sensing, Zero
 from rig.plan.config import Config
 from rig.session.virtual.virtual_bench import bench_around
 from sim.devices.clock import VirtualClock
-from sim.plant.plant import Carriage
+from sim.plant import Carriage
 from tests.raising import has_code, raises
 from tests.rig.hand_bench import APEX_MM, KINDS, Spring
 

@@ -26,10 +26,8 @@ from rig.session.virtual.twins import refuse_twinless, virtual_force, virtual_st
 from rig.session.virtual.virtual_bench import bench_around
 from rig.transport import LoopbackTransport
 from rig.transport.port_settings import Settings
-from sim.devices.cell import Load
 from sim.devices.clock import VirtualClock
-from sim.devices.line import SerialLine
-from sim.devices.told import ForceTold, StageTold
+from sim.devices.line import ForceTold, Load, SerialLine, StageTold
 from tests.offered import EXAMPLE, forget, offer
 from tests.raising import has_code, raises
 
@@ -352,7 +350,7 @@ def test_a_device_that_is_not_served_needs_no_twin(offered: Offer) -> None:
 
 ECHO = """
 from rig.devices.kinds import ForceKind, StageKind
-from sim.devices.told import TwinError
+from sim.devices.line import TwinError
 
 def make(*told):
     return told

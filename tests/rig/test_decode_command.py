@@ -8,11 +8,11 @@ from numpy.testing import assert_allclose
 
 from rig.cli import decoding
 from rig.cli.readings_file import pa_per_pseudo
-from sim.coding import univariate
+from sim.coding import search
 from sim.coding.encoding import noise_sd
 from sim.coding.operators import influence
-from sim.coding.sampled_section import FeltSection, felt_section
-from sim.config.fingertip_config import FingertipConfig
+from sim.coding.section import FeltSection, felt_section
+from sim.config import FingertipConfig
 from tests.program import Program, program_of
 from tests.sim.coarse import as_toml, coarse_mesh
 
@@ -308,7 +308,7 @@ def test_the_page_shows_a_file_that_can_be_read(rig: Program) -> None:
 def test_a_search_that_is_cut_off_or_ends_at_its_range_says_so(rig: Program, monkeypatch: pytest.MonkeyPatch) -> None:
     narrow = rig(*TWO, "--start", "10,10", "--range", "0,15", "--decoder", "univariate", "--json").json
     assert narrow["problems"][0] == "2 of 2 pressures stand at the end of the range, 15"
-    monkeypatch.setattr(univariate, "MOST_SWEEPS", 3)
+    monkeypatch.setattr(search, "MOST_SWEEPS", 3)
     cut = rig(*WORKED, "--decoder", "univariate", "--json").json
     assert (cut["converged"], cut["moves"]) == (False, 6)
     assert cut["problems"][0] == decoding.CUT_OFF

@@ -14,12 +14,10 @@ from rig.cli.decode_said import left
 from rig.cli.decode_sources import Encoding
 from rig.cli.decoding import NO_NOISE, TABLE_ENTRIES, Answer, DecoderName, Noisy, Search, Task, decode, noise_of
 from rig.protocol.errors import BadInputError
-from sim.coding.encoding import NOISE_PLACES, Encoded, Noise, NoisePlace, Receptor
-from sim.coding.fitted_receptor import FittedReceptor
+from sim.coding.bayes import FittedReceptor
+from sim.coding.encoding import NOISE_PLACES, Encoded, Noise, NoisePlace, Receptor, sd_at_rest
 from sim.coding.operators import Operator
-from sim.coding.other_searches import table_search
-from sim.coding.readings import sd_at_rest
-from sim.coding.univariate import Range
+from sim.coding.search import Range, table_search
 
 M = 8
 SQUARES = Operator("influence", "finite", np.eye(M)[None], np.arange(M) * 1.0, np.arange(M) * 1.0)

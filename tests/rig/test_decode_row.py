@@ -11,9 +11,9 @@ from rig.cli import decode_options, decoding
 from rig.cli.decode_options import axial_of
 from rig.protocol.errors import BadInputError
 from sim.coding.operators import centred
-from sim.coding.sheets.axial_row import HALF_LENGTHS_MM, ROW_ERROR
-from sim.coding.skin_line import SkinLine
-from sim.config.fingertip_config import FingertipConfig
+from sim.coding.section import SkinLine
+from sim.coding.sheet import HALF_LENGTHS_MM, ROW_ERROR
+from sim.config import FingertipConfig
 from sim.contact.patch import X
 from sim.models.catalogue import load
 from tests.program import Program, program_of

@@ -11,7 +11,7 @@ from rig.cli import decode_sources
 from rig.cli.readings_file import read_readings
 from rig.protocol.errors import BadInputError
 from sim.coding.operators import centred
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.contact.patch import X, Z
 from sim.models.catalogue import load
 from tests.program import Program, program_of

@@ -14,9 +14,9 @@ from rig.plan.plan import make_plan
 from rig.protocol.errors import BadInputError
 from rig.protocol.script import load_script
 from rig.session.session import NewRun, Session, dry_run
-from sim.models.errors import ModelRangeError
+from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.plant.plant import Pose, Press, Truth, Turn
+from sim.plant import Pose, Press, Truth, Turn
 from tests.raising import raises
 
 TRUTH = {"pad_centre_x_mm": 0.4, "apex_z_mm": -0.15, "pad_y_mm": 0.5, "roll_deg": 4.0, "tilt_deg": -3.0}

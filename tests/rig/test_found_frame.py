@@ -16,7 +16,7 @@ from rig.plan.config import Config
 from rig.plan.find import NAMES, Lie, find
 from rig.protocol.errors import BadInputError
 from sim.models.fingertip import Fingertip
-from sim.plant.plant import Pose, Turn
+from sim.plant import Pose, Turn
 from tests.raising import raises
 
 RADIUS_MM = 2.4

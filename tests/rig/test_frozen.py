@@ -24,9 +24,8 @@ from rig.cli.output import ExitCode
 from rig.cli.program import COMMANDS
 from rig.engine.streams import STREAMS
 from rig.plan.config import Config
+from sim.benchmark import QUICK_SCENES, Candidate, coarse
 from sim.models.fingertip import Fingertip
-from sim.speed_and_error.candidates import Candidate, coarse
-from sim.speed_and_error.scenes import QUICK_SCENES
 from studies.reference_run import BENCHES, carried_out, fingerprint
 from tests.program import Program
 from tests.sim.coarse import as_toml, coarse_mesh

@@ -14,7 +14,7 @@ from rig.protocol.errors import BadInputError
 from rig.session.stop_button import refuse_stop_inputs, stop_inputs_heeded
 from rig.session.virtual.virtual_bench import VirtualBench, bench_around
 from sim.devices.clock import VirtualClock
-from sim.plant.plant import Carriage, TruePose
+from sim.plant import Carriage, TruePose
 from tests.raising import raises
 
 K_GWT, CONTACT_MM = 30.0, -0.1  # five times as stiff as a finger

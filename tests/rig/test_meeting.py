@@ -41,13 +41,13 @@ from rig.session.meeting.written_finger import finger_file
 from rig.session.session import FinishedRun, NewRun, Session, run_on
 from rig.session.virtual.virtual_bench import bench_around
 from sim.devices.clock import VirtualClock
+from sim.identification.design import PressAt
+from sim.identification.forward import Given, Way
+from sim.identification.posterior import standard_deviations
+from sim.identification.prior import TAU_FAST_S, Prior
 from sim.models.fingertip import Fingertip
-from sim.models.meeting.given import Given, Way
-from sim.models.meeting.next_press import PressAt
-from sim.models.meeting.prior import TAU_FAST_S, Prior
-from sim.models.meeting.width import standard_deviations
-from sim.models.relaxing.prony import Memory, Prony, PronyTerm
-from sim.plant.plant import Carriage, TruePose
+from sim.models.relaxation import Memory, Prony, PronyTerm
+from sim.plant import Carriage, TruePose
 from tests.made_up_fingers import made_up
 from tests.program import Program
 

@@ -8,15 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-import sim.models.meeting.foreseen as foreseen_module
+import sim.identification.forward as foreseen_module
 from rig.cli.meeting_said import USUAL_GOALS, scope_of
 from rig.session.meeting.meeting import Wanted
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
+from sim.identification.forward import Foreseen
+from sim.identification.prior import Prior
+from sim.identification.shape_table import Scope, ShapeTable, _content, as_json, shipped
 from sim.models.fingertip import Fingertip
-from sim.models.meeting.foreseen import Foreseen
-from sim.models.meeting.prior import Prior
-from sim.models.meeting.shape_table import Scope, ShapeTable
-from sim.models.meeting.shipped import _content, as_json, shipped
 from tests.sim.coarse import coarse_mesh
 
 WANTED = Wanted(USUAL_GOALS)

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from sim.models.fingertip import Fingertip
-from sim.models.results.indentation import IndentationResult
+from sim.models.result import IndentationResult
 from tests.program import Program
 
 pytestmark = pytest.mark.usefixtures("empty_figures")

@@ -20,7 +20,7 @@ from rig.session.control.stage_in_hand import StageInHand
 from rig.session.virtual.virtual_bench import VirtualBench, virtual_bench
 from rig.transport import TransportError
 from sim.devices.clock import VirtualClock
-from sim.models.errors import ModelRangeError
+from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
 from tests.program import Ended, Program
 

@@ -10,7 +10,7 @@ from rig.plan.config import Config
 from rig.plan.plan import Plan, make_plan
 from rig.protocol.errors import BadInputError
 from rig.protocol.script import Script, load_script, script_with
-from sim.config.fingertip_config import FingertipConfig, MeshSpec
+from sim.config import FingertipConfig, MeshSpec
 from sim.models.fingertip import Fingertip
 from tests.raising import has_code, raises
 

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from rig.cli.readings_file import FEWEST, MOST, GivenReadings, pa_per_pseudo, read_readings
 from rig.protocol.errors import BadInputError
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from tests.raising import raises
 
 FINGER = FingertipConfig()

@@ -8,7 +8,7 @@ import pytest
 
 from rig.cli.options import numbers
 from rig.protocol.errors import BadInputError
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
 from tests.program import Program
 from tests.sim.coarse import as_toml, coarse_mesh

@@ -15,9 +15,9 @@ from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
 from rig.session.virtual.served_bench import ServedBench
 from sim.contact.shapes import ShapeError, parse_shape, shape_name
-from sim.models.errors import ModelRangeError
+from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.plant.plant import Pose, Press
+from sim.plant import Pose, Press
 
 # Options that a shape does not take.
 MEANINGLESS = (

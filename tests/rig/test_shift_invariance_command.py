@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import sim.coding.point_spread.kept_sites as kept
+import sim.coding.all_sites as kept
 from rig.cli import shift_invariance
-from sim.config.fingertip_config import Contact, FingertipConfig, Tissue
+from sim.config import Contact, FingertipConfig, Tissue
 from tests.program import Program, program_of
 from tests.sim.coarse import as_toml, coarse_mesh
 

@@ -19,11 +19,11 @@ from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
 from rig.session.page import Page
 from rig.session.session import NewRun, Session
-from sim.config.fingertip_config import Tissue
+from sim.config import Tissue
+from sim.models import small_strain as module
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
-from sim.models.results import small_strain as module
-from sim.models.results.small_strain import Range, small_strain
+from sim.models.small_strain import Range, small_strain
 from studies.coding import pages
 from studies.source import matrix_page
 from studies.source.printed.answers import Answers, deep

@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 
 from rig.report.speed_page import exponent, page
-from sim.speed_and_error.candidates import Candidate, coarse
-from sim.speed_and_error.measure import QUANTITIES, measure
-from sim.speed_and_error.reference import stored
-from sim.speed_and_error.rows import rows
-from sim.speed_and_error.scenes import QUICK_SCENES
+from sim.benchmark import QUANTITIES, QUICK_SCENES, Candidate, coarse, measure, rows, stored
 
 
 @pytest.fixture(scope="module")

@@ -22,7 +22,7 @@ from rig.protocol.errors import BadInputError
 from rig.session.control.stage_in_hand import StageInHand
 from rig.session.stop_button import BY_THE_BUTTON, stop_inputs_heeded
 from sim.devices.clock import VirtualClock
-from sim.devices.told import StopPins
+from sim.devices.line import StopPins
 from sim.models.fingertip import Fingertip
 from tests.program import Ended, Program
 from tests.raising import raises

@@ -7,9 +7,8 @@ import pytest
 
 from rig.plan.met.finger_file import Band, Draw, FingerFile, Met, Place, Posterior
 from rig.session.meeting.stranger import truth_of
-from sim.config.fingertip_config import FingertipConfig
-from sim.models.meeting.in_numbers import named
-from sim.models.meeting.prior import Prior
+from sim.config import FingertipConfig
+from sim.identification.prior import Prior, named
 from tests.program import Program
 
 NAMES = Prior().names

@@ -21,7 +21,7 @@ from rig.engine.journal import NoJournal
 from rig.plan.config import Config
 from rig.session.virtual.virtual_bench import VirtualBench, bench_around
 from sim.devices.clock import VirtualClock
-from sim.plant.plant import Carriage, Pose, TruePose
+from sim.plant import Carriage, Pose, TruePose
 
 GRBL: dict[str, Any] = {"force": {"baud": 115200}}
 LEADSHINE: dict[str, Any] = {"stage": {"kind": "leadshine"}, "force": {"kind": "laumas", "baud": 115200}}

@@ -17,8 +17,8 @@ from rig.session.virtual.twins import virtual_force, virtual_stage
 from rig.transport import LoopbackTransport
 from rig.transport.byte_log import LoggedTransport
 from sim.devices import SerialLine
-from sim.devices.cell import Load
 from sim.devices.clock import VirtualClock
+from sim.devices.line import Load
 
 Recorded = Callable[[str, Any], None]
 DAY = {"date": "2026-01-01", "expires": "2027-01-01"}

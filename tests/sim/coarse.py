@@ -4,7 +4,7 @@ from typing import Any
 
 import tomlkit
 
-from sim.config.fingertip_config import MeshSpec
+from sim.config import MeshSpec
 
 _BELOW_THE_SKIN = {
     "epidermis_elements": 1,

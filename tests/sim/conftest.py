@@ -2,11 +2,11 @@
 
 import pytest
 
-from sim.config.fingertip_config import FingertipConfig, Geometry
+from sim.config import FingertipConfig, Geometry
 from sim.finger.mesh import FingerMesh, build_mesh
 from sim.finger.surface import FingertipSurface
 from sim.models.catalogue import load
-from sim.models.discretised import FiniteElements, discretise
+from sim.models.condensed import FiniteElements, discretise
 from sim.models.fingertip import Fingertip
 from tests.sim.coarse import coarse_mesh
 

@@ -3,9 +3,8 @@
 import numpy as np
 from scipy.sparse.linalg import eigsh
 
-from sim.fem.assembly import assemble_upper, symmetric
-from sim.fem.elements import stiffness
-from sim.models.discretised import FiniteElements
+from sim.fem.elements import assemble_upper, stiffness, symmetric
+from sim.models.condensed import FiniteElements
 
 
 def test_assembly_is_the_dense_loop() -> None:

@@ -8,22 +8,20 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from sim.coding.borne import Borne
-from sim.coding.decoded import decoding_errors
-from sim.coding.encoding import noise_sd
+from sim.coding import sheet
+from sim.coding.bayes import Profile
+from sim.coding.encoding import Readings, noise_sd
 from sim.coding.operators import centred
-from sim.coding.profile_decoder import Profile
-from sim.coding.readings import Readings
-from sim.coding.sheets import axial_row
-from sim.coding.sheets.axial_row import AxialShape, FeltRow, decode_row, felt_row
-from sim.coding.sheets.felt_skin import FeltSkin
-from sim.coding.skin_line import SkinLine
-from sim.config.fingertip_config import FingertipConfig
-from sim.config.units import PSEUDO_E_EPIDERMIS
+from sim.coding.pressure import Borne
+from sim.coding.search import decoding_errors
+from sim.coding.section import SkinLine
+from sim.coding.sheet import AxialShape, FeltRow, FeltSkin, decode_row, felt_row
+from sim.config import FingertipConfig
 from sim.contact.patch import X, Z
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
-from sim.models.results.indentation import IndentationResult
+from sim.models.result import IndentationResult
+from sim.units import PSEUDO_E_EPIDERMIS
 from studies.coding.sheets_read_back import in_plane
 from tests.sim.coarse import coarse_mesh
 
@@ -135,13 +133,13 @@ def test_of_several_shapes_each_is_as_it_is_alone_and_only_the_best_has_a_table(
         assert_allclose(operator.lateral, alone.lateral)
         assert_allclose(operator.skin.moved_mm, alone.skin.moved_mm)
     made: list[bool] = []
-    decode = axial_row.decode_profile
+    decode = sheet.decode_profile
 
     def told(*given: Any, table: bool = True) -> Profile:
         made.append(table)
         return decode(*given, table=False)
 
-    monkeypatch.setattr(axial_row, "decode_profile", told)
+    monkeypatch.setattr(sheet, "decode_profile", told)
     sed = cylinder.receptor_measures["sed"]
     decode_row(row, shapes, ENDS, Readings.of_sed(sed, noise_sd(sed, 30.0)))
     assert made == [False, False, True]

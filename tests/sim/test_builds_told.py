@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.contact.indentor import ACROSS, ALONG, BOTH
 from sim.finger.surface import FingertipSurface
-from sim.models import discretised
+from sim.models import condensed
 from sim.models.catalogue import BUILDERS, load
 from sim.models.fingertip import Fingertip
-from sim.models.uncondensed.strain_map import strain_maps
+from sim.models.full_mesh import strain_maps
 from tests.sim.coarse import coarse_mesh
 
 Build = Callable[[FingertipConfig], object]
@@ -24,7 +24,7 @@ Build = Callable[[FingertipConfig], object]
 @pytest.fixture(autouse=True)
 def everything_is_long(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """And nothing is in the cache."""
-    monkeypatch.setattr(discretised, "LONG", 1)
+    monkeypatch.setattr(condensed, "LONG", 1)
     monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path))
 
 
@@ -75,21 +75,21 @@ def test_every_builder_is_walked() -> None:
 def test_what_takes_no_time_is_said_quietly(
     unknowns: int, level: int, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(discretised, "LONG", 3)
-    matrix = discretised.sp.csr_array(np.eye(unknowns))
+    monkeypatch.setattr(condensed, "LONG", 3)
+    matrix = condensed.sp.csr_array(np.eye(unknowns))
     with caplog.at_level(logging.DEBUG, "sim.models"):
-        discretised.condense(matrix, np.array([0]), np.zeros((unknowns, 1), np.int64), "dissection")
+        condensed.condense(matrix, np.array([0]), np.zeros((unknowns, 1), np.int64), "dissection")
     assert [(record.levelno, record.getMessage()) for record in caplog.records] == [
         (level, f"building a model: a stiffness of {unknowns} unknowns is factorised …")
     ]
 
 
 def test_each_step_of_a_finger_is_said_quietly(skin: FingertipSurface, caplog: pytest.LogCaptureFixture) -> None:
-    with caplog.at_level(logging.DEBUG, "sim.models.whole_finger"):
+    with caplog.at_level(logging.DEBUG, "sim.models.finger"):
         finger = load(
             "finger", FingertipConfig(mesh=coarse_mesh(0.5, 0.5, patch_x_mm=1.5, patch_z_mm=1.5)), cached=False
         )
-    steps = [record for record in caplog.records if record.name == "sim.models.whole_finger"]
+    steps = [record for record in caplog.records if record.name == "sim.models.finger"]
     assert {record.levelno for record in steps} == {logging.DEBUG}
     for name, record in zip(finger.model.timing_s, steps, strict=True):
         assert f"building a model: {name} done, " in record.getMessage()

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.finger.surface import published_points
 from sim.models.cache import Arrays, CacheError, cache_dir, cached_arrays, content_key, model_code
 from tests.raising import raises

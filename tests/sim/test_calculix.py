@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.config.fingertip_config import Contact, FingertipConfig, MeshSpec
+from sim.config import Contact, FingertipConfig, MeshSpec
 from sim.finger.mesh import build_mesh
 from sim.models.fingertip import Fingertip
-from sim.models.results.indentation import IndentationResult
-from sim.models.uncondensed.deck import MeshedFinger, write_contact_deck, write_load_deck
+from sim.models.full_mesh import MeshedFinger, write_contact_deck, write_load_deck
+from sim.models.result import IndentationResult
 
 pytestmark = [
     pytest.mark.skipif(shutil.which("ccx") is None, reason="no ccx (Debian package calculix-ccx)"),

@@ -5,16 +5,28 @@ from dataclasses import replace
 
 import pytest
 
-from sim.config.fingertip_config import FingertipConfig, MeshSpec
+from sim.benchmark import LEVELS, QUANTITIES, SHARES
+from sim.choice import (
+    DEPTHS_MM,
+    FAMILIES,
+    PLACES_MM,
+    Aim,
+    Cell,
+    Choice,
+    Cost,
+    Expected,
+    NoModelError,
+    Rung,
+    Situation,
+    bundled,
+    cheapest,
+    from_json,
+)
+from sim.config import FingertipConfig, MeshSpec
 from sim.contact.indentor import ACROSS, ALONG, BOTH
-from sim.measures.reach import ReceptorPlaces
+from sim.errors import ModelRangeError
+from sim.measures.receptors import ReceptorPlaces
 from sim.models.catalogue import MODELS
-from sim.models.errors import ModelRangeError
-from sim.speed_and_error.candidates import LEVELS, SHARES
-from sim.speed_and_error.choice import Aim, Choice, NoModelError, cheapest
-from sim.speed_and_error.expected import DEPTHS_MM, PLACES_MM, Cell, Cost, Expected, Rung, bundled, from_json
-from sim.speed_and_error.measure import QUANTITIES
-from sim.speed_and_error.situation import FAMILIES, Situation
 from tests.raising import raises
 from tests.sim.coarse import coarse_mesh
 

@@ -7,11 +7,10 @@ from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
 from sim.fem import dissection, pardiso
-from sim.fem.assembly import symmetric
-from sim.fem.dense import IndefiniteError, inverse_spd
-from sim.fem.dissection import DissectionFactor
+from sim.fem.dissection import DissectionFactor, IndefiniteError, inverse_spd
+from sim.fem.elements import symmetric
 from sim.fem.pardiso import PardisoFactor
-from sim.models.discretised import FiniteElements, factorise
+from sim.models.condensed import FiniteElements, factorise
 from tests.raising import raises
 
 Factor = PardisoFactor | DissectionFactor

@@ -7,14 +7,14 @@ import pytest
 from numpy.typing import NDArray
 
 from sim.contact import solver
-from sim.contact.control import ForceNotReachedError, TooDeepError, solve_for_force
+from sim.contact.force_control import ForceNotReachedError, TooDeepError, solve_for_force
 from sim.contact.points import ContactPoints, Pose, displaced_gap
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import ContactState, solve_contact
 from sim.contact.touch import first_touch
 from sim.finger.surface import FingertipSurface
 from sim.models.fingertip import Fingertip
-from sim.models.results.indentation import IndentationResult
+from sim.models.result import IndentationResult
 from tests.raising import raises
 
 Array = NDArray[np.float64]

@@ -10,18 +10,26 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import norm
 
-from sim.coding import univariate
-from sim.coding.decoded import Decoded, DecodingError, checked_readings, decoding_errors, misfit
-from sim.coding.encoding import Noise, Receptor, encode
-from sim.coding.impulse import impulse_responses
-from sim.coding.operators import Operator, convolution
-from sim.coding.other_searches import global_search, table_search
-from sim.coding.profile_decoder import ModelError, Profile, decode_profile
-from sim.coding.profiles import smooth_fit
-from sim.coding.readings import Readings, sd_at_rest
-from sim.coding.sampled_section import Sampling, sampled_section
-from sim.coding.univariate import Range, converged_search, grid_search, quartic_along
-from sim.config.fingertip_config import FingertipConfig
+from sim.coding import bayes
+from sim.coding import search as univariate
+from sim.coding.bayes import ModelError, Profile, decode_profile
+from sim.coding.encoding import Noise, Readings, Receptor, encode, sd_at_rest
+from sim.coding.operators import Operator, convolution, impulse_responses
+from sim.coding.search import (
+    Decoded,
+    DecodingError,
+    Range,
+    checked_readings,
+    converged_search,
+    decoding_errors,
+    global_search,
+    grid_search,
+    misfit,
+    quartic_along,
+    table_search,
+)
+from sim.coding.section import Sampling, sampled_section
+from sim.config import FingertipConfig
 from tests.raising import raises
 
 Array = NDArray[np.float64]
@@ -232,8 +240,8 @@ def test_it_minimises_its_cost_as_scipy_does(small: Operator) -> None:
     true = np.array([2.0, 0.0, 1.0])
     reading = small.sed(true) + 0.3 * np.random.default_rng(1).normal(size=6)
     readings = Readings(reading, 0.3, np.array([False, True, False, False, False, False]))
-    penalty = 0.5 * smooth_fit._prior(3)
-    found = smooth_fit._fitted(small, readings, penalty, np.ones(3))
+    penalty = 0.5 * bayes._prior(3)
+    found = bayes._fitted(small, readings, penalty, np.ones(3))
 
     def cost(pressure: Array) -> float:
         return float(readings.cost(small.sed(pressure))[0].sum() + 0.5 * pressure @ penalty @ pressure)
@@ -246,7 +254,7 @@ def test_it_minimises_its_cost_as_scipy_does(small: Operator) -> None:
 
 
 def test_smoothness_is_of_differences_and_a_tenth_of_level() -> None:
-    prior = smooth_fit._prior(3)
+    prior = bayes._prior(3)
     assert_allclose(prior, [[1.1, -1, 0], [-1, 2.1, -1], [0, -1, 1.1]])
 
 
@@ -302,12 +310,12 @@ def test_it_is_better_than_the_univariate_search_where_noise_is_loud(
 def test_the_smoothing_is_bounded_by_the_discrepancy_principle(
     two: Operator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(smooth_fit, "_evidence", lambda *_: 0.0)  # of equals the first: the smoothest allowed
+    monkeypatch.setattr(bayes, "_evidence", lambda *_: 0.0)  # of equals the first: the smoothest allowed
     said = encode(two, TRUE, None, Noise(20.0, seed=1))
     readings = Readings.of_sed(said.rate, said.noise_sd)
     smoothest = decode_profile(two, readings)
     assert smoothest.misfit <= 50 < 2 * smoothest.misfit  # 50 receptors, explained to their noise and not beyond
-    monkeypatch.setattr(smooth_fit, "_evidence", lambda *a: -float(a[2][0, 0]))  # the roughest allowed
+    monkeypatch.setattr(bayes, "_evidence", lambda *a: -float(a[2][0, 0]))  # the roughest allowed
     roughest = decode_profile(two, readings)
     assert smoothest.smoothing / roughest.smoothing == pytest.approx(10**3, rel=1e-6)
 
@@ -338,7 +346,7 @@ def test_the_same_seed_gives_the_same_answer(two: Operator) -> None:
 
 
 def test_a_fit_that_is_cut_off_says_so(two: Operator, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(smooth_fit, "_MOST_STEPS", 1)
+    monkeypatch.setattr(bayes, "_MOST_STEPS", 1)
     said = encode(two, TRUE, None, Noise(30.0, seed=0))
     assert not decode_profile(two, Readings.of_sed(said.rate, said.noise_sd)).converged
 

@@ -8,18 +8,15 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from sim.coding.borne import Borne
-from sim.coding.decoded import DecodingError, misfit
-from sim.coding.encoding import Receptor
-from sim.coding.fitted_receptor import FittedReceptor, decode_through
+from sim.coding.bayes import FittedReceptor, Profile, decode_profile, decode_through
+from sim.coding.encoding import QUIET_SD, Readings, Receptor
 from sim.coding.operators import Operator, felt_where, influence, normal_influence, weighted
-from sim.coding.profile_decoder import Profile, decode_profile
-from sim.coding.readings import QUIET_SD, Readings
-from sim.coding.sampled_section import FeltSection, SampledSection, Sampling, felt_section, sampled_section, skin_of
-from sim.coding.univariate import error_surface
-from sim.config.fingertip_config import FingertipConfig
+from sim.coding.pressure import Borne
+from sim.coding.search import DecodingError, error_surface, misfit
+from sim.coding.section import FeltSection, SampledSection, Sampling, felt_section, sampled_section, skin_of
+from sim.config import FingertipConfig
+from sim.errors import ModelRangeError
 from sim.measures.receptors import ReceptorError
-from sim.models.errors import ModelRangeError
 from tests.raising import raises
 from tests.sim.coarse import coarse_mesh
 

@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import pytest
 
-from sim.devices.drive_motion import DriveAxis, ramps_to_rest
+from sim.devices.leadshine import DriveAxis, ramps_to_rest
 
 UP, DOWN, CRUISE = 4000.0, 2500.0, 1000.0
 

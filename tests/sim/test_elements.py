@@ -10,9 +10,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim.fem.elements import NODES, Element, lame, stiffness
-from sim.fem.shape_functions import HEX8, HEX27, gauss_points, gradients, local_coordinates, shape_functions
-from sim.fem.strain import strain_matrix
+from sim.fem.elements import (
+    HEX8,
+    HEX27,
+    NODES,
+    Element,
+    gauss_points,
+    gradients,
+    lame,
+    local_coordinates,
+    shape_functions,
+    stiffness,
+    strain_matrix,
+)
 from sim.finger.mesh import FingerMesh
 
 Array = NDArray[np.float64]

@@ -5,13 +5,11 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from sim.coding.borne import borne_by
 from sim.coding.encoding import Encoded, Noise, Receptor, encode, noise_sd
-from sim.coding.energy import Energy, sed_of
-from sim.coding.impulse import ImpulseResponses, impulse_responses
-from sim.coding.operators import Operator, centred, convolution, influence
-from sim.coding.sampled_section import SampledSection, Sampling, sampled_section
-from sim.config.fingertip_config import FingertipConfig
+from sim.coding.operators import ImpulseResponses, Operator, centred, convolution, impulse_responses, influence
+from sim.coding.pressure import borne_by
+from sim.coding.section import Energy, SampledSection, Sampling, sampled_section, sed_of
+from sim.config import FingertipConfig
 from sim.measures.measures import Elastic
 from tests.sim.coarse import coarse_mesh
 

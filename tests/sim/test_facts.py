@@ -11,10 +11,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
-from sim.config.fingertip_config import MeshSpec
+from sim.config import MeshSpec
 from sim.contact.profiles import BAR_EDGE_RADIUS_MM, STEP_HALF_WAVELENGTH_MM
 from sim.models.fingertip import Fingertip
-from sim.models.results.indentation import IndentationResult, median_of_four
+from sim.models.result import IndentationResult, median_of_four
 
 Array = NDArray[np.float64]
 

@@ -5,12 +5,11 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from sim.coding.borne import borne_by
-from sim.coding.frictionless import Skin, frictionless
 from sim.coding.operators import centred
-from sim.coding.profiles.felt_shape import CLASSES, FeltShape, edges_mm, felt_shape
-from sim.coding.sampled_section import SampledSection, Sampling, sampled_section
-from sim.config.fingertip_config import FingertipConfig
+from sim.coding.pressure import Skin, borne_by, frictionless
+from sim.coding.section import SampledSection, Sampling, sampled_section
+from sim.coding.shape_class import CLASSES, FeltShape, edges_mm, felt_shape
+from sim.config import FingertipConfig
 from studies.coding.shapes_read_back import OTHER_TISSUE, SEED, draw, felt
 
 Array = NDArray[np.float64]

@@ -13,14 +13,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-import sim.models.processes.finger_process as finger_process
-from sim.config.fingertip_config import FingertipConfig
-from sim.errors import SimError
+import sim.finger_process as finger_process
+from sim.config import FingertipConfig
+from sim.errors import ForceOutOfReachError, ModelRangeError, SimError
+from sim.finger_process import FingerLostError, FingerProcess, asked
 from sim.models.cache import CacheError
-from sim.models.errors import ForceOutOfReachError, ModelRangeError
 from sim.models.fingertip import Fingertip
 from sim.models.pressing import RimError
-from sim.models.processes.finger_process import FingerLostError, FingerProcess, asked
 from tests.raising import has_code, raises
 from tests.waiting import DEADLINE_S, until
 
@@ -171,8 +170,8 @@ def test_one_that_was_closed_is_gone(finger: Fingertip) -> None:
 
 OWNER = """
 import signal, time
-from sim.models.processes.finger_process import FingerProcess
-from sim.config.fingertip_config import FingertipConfig
+from sim.finger_process import FingerProcess
+from sim.config import FingertipConfig
 from tests.sim.test_finger_process import never_ends
 if __name__ == "__main__":
     process = FingerProcess(FingertipConfig())

@@ -6,13 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.config.fingertip_config import Contact, FingertipConfig, MeshSpec
-from sim.config.stiffness import E_EPIDERMIS_MPA
-from sim.config.units import GWT_N
+from sim.config import E_EPIDERMIS_MPA, Contact, FingertipConfig, MeshSpec
 from sim.contact.shapes import ShapeError
-from sim.models.errors import ModelRangeError
+from sim.errors import ModelRangeError
 from sim.models.fingertip import DEEPEST_DOI_MM, Fingertip
 from sim.models.pressing import RimError
+from sim.units import GWT_N
 from tests.raising import raises
 
 POSITIONS = [round(float(x), 4) for x in np.linspace(2.0, -3.7, 30)]

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim.config.fingertip_config import FingertipConfig, MeshSpec, Tissue
+from sim.config import FingertipConfig, MeshSpec, Tissue
 from sim.contact.height_map import HeightMap
 from sim.contact.indentor import Indentor
 from sim.contact.measured_profile import MeasuredProfile
 from sim.contact.profiles import Bar, Grating, Profile, Step, Wedge
 from sim.contact.shapes import parse_shape
-from sim.fem.assembly import symmetric
+from sim.fem.elements import symmetric
 from sim.finger.mesh import build_mesh
-from sim.models.discretised import discretise, factorise
+from sim.models.condensed import discretise, factorise
 from sim.models.fingertip import Fingertip
 from sim.models.pressing import RimError
 from tests.raising import raises

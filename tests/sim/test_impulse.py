@@ -4,15 +4,13 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sim.coding.energy import sed_of, squared_parts
-from sim.coding.impulse import ImpulseResponses, impulse_responses, shift_errors
-from sim.coding.sampled_section import SampledSection, Sampling, sampled_section
-from sim.coding.skin_line import SkinLine
-from sim.config.fingertip_config import FingertipConfig, Geometry, Tissue
-from sim.config.units import PSEUDO_E_EPIDERMIS
+from sim.coding.operators import ImpulseResponses, impulse_responses, shift_errors
+from sim.coding.section import SampledSection, Sampling, SkinLine, sampled_section, sed_of, squared_parts
+from sim.config import FingertipConfig, Geometry, Tissue
+from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface
 from sim.measures.measures import Elastic, measures_from_strain
-from sim.models.errors import ModelRangeError
+from sim.units import PSEUDO_E_EPIDERMIS
 from tests.raising import raises
 from tests.sim.coarse import coarse_mesh
 
@@ -159,7 +157,7 @@ def test_a_point_load_on_the_section_is_the_same_line_load(section: SampledSecti
 
 
 def test_one_depth_lies_in_one_layer_or_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    from sim.coding import sampled_section as module
+    from sim.coding import section as module
 
     finger = module.load("section", COARSE)
     finger.model.columns.young_ratio[0] = 1.0

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from sim.devices import SerialLine, VirtualBalance
-from sim.devices.cell import Load, load_cell
 from sim.devices.clock import VirtualClock
+from sim.devices.line import Load, load_cell
 
 
 def ramp(t_s: float) -> float:

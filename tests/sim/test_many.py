@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.contact.indentor import Indentor
 from sim.contact.profiles import Bar, Cylinder
 from sim.errors import ArgumentError
 from sim.measures.measures import MEASURES
+from sim.models import many
 from sim.models.fingertip import Fingertip
-from sim.models.processes import many
-from sim.models.processes.many import WorkerLostError, indent_many
-from sim.models.processes.workers import in_processes
-from sim.models.results.indentations import Answer, Asked, Indentations
-from sim.models.results.tables import NotInstalledError, to_pandas, to_xarray, write_csv
+from sim.models.many import WorkerLostError, indent_many
+from sim.models.result import Answer, Asked, Indentations
+from sim.tables import NotInstalledError, to_pandas, to_xarray, write_csv
+from sim.workers import in_processes
 from tests.raising import raises
 
 

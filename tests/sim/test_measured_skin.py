@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from sim.config.csv_table import TableError, read_columns
-from sim.config.fingertip_config import FingertipConfig, Geometry
+from sim.config import FingertipConfig, Geometry
 from sim.finger.surface import FingertipSurface, SurfaceError, published_points
 from sim.models.cache import content_key
+from sim.tables import TableError, read_columns
 from tests.raising import raises
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "own_finger"

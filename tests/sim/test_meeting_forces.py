@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.config.fingertip_config import FingertipConfig
-from sim.models.meeting.foreseen import finger_of, tissue_axes
-from sim.models.meeting.given import RampAndHold, Way, nominal_way
-from sim.models.meeting.prior import PARAMETERS, TAU_FAST_S, Prior
-from sim.models.meeting.shape_table import Axis, Scope, ShapeTable
-from sim.models.relaxing.prony import Memory, Prony, PronyTerm
-from sim.models.stiffening.at_finite_strain import FORCE
+from sim.config import FingertipConfig
+from sim.identification.forward import RampAndHold, Way, finger_of, nominal_way, tissue_axes
+from sim.identification.prior import PARAMETERS, TAU_FAST_S, Prior
+from sim.identification.shape_table import Axis, Scope, ShapeTable
+from sim.models.relaxation import Memory, Prony, PronyTerm
+from sim.models.stiffening import FORCE
 from tests.made_up_fingers import SHAPES, STRAIN, lying, made_up
 from tests.sim.coarse import coarse_mesh
 

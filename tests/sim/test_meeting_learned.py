@@ -6,13 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-import sim.models.meeting.learned as learned_module
-from sim.models.meeting.given import Given, RampAndHold, nominal_way
-from sim.models.meeting.learned import Learned, learn, nothing_learned
-from sim.models.meeting.misfit import Surprise, no_finger
-from sim.models.meeting.next_press import Chooser, PressAt, Search, held_gwt, highest_gwt
-from sim.models.meeting.prior import Prior
-from sim.models.meeting.width import Width, band
+import sim.identification.posterior as learned_module
+from sim.identification.design import Chooser, PressAt, Search, held_gwt, highest_gwt
+from sim.identification.forward import Given, RampAndHold, nominal_way
+from sim.identification.posterior import Learned, Surprise, Width, band, learn, no_finger, nothing_learned
+from sim.identification.prior import Prior
 from tests.made_up_fingers import made_up, pressed
 
 FORESEEN, PACE, NOISE_GWT = made_up(), RampAndHold(), 0.02

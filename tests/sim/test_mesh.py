@@ -5,11 +5,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from sim.config.fingertip_config import FingertipConfig, MeshSpec, Tissue
+from sim.config import FingertipConfig, MeshSpec, Tissue
 from sim.finger import mesh as mesh_module
-from sim.finger.grading import MeshError
-from sim.finger.layers import BONE, DERMIS, EPIDERMIS, FAT
-from sim.finger.mesh import FingerMesh, build_mesh
+from sim.finger.mesh import BONE, DERMIS, EPIDERMIS, FAT, FingerMesh, MeshError, build_mesh
 from sim.finger.surface import FingertipSurface
 from tests.raising import raises
 

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim.finger.mesh import FingerMesh
-from sim.finger.quality import POOR_SCALED_JACOBIAN, mesh_quality
+from sim.finger.mesh import POOR_SCALED_JACOBIAN, FingerMesh, mesh_quality
 from sim.finger.vtk import write_vtk
 
 Array = NDArray[np.float64]

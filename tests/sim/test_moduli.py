@@ -9,28 +9,37 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh
 
-from sim.config.fingertip_config import FingertipConfig, Tissue
+from sim.config import FingertipConfig, Tissue
 from sim.contact.indentor import ALONG, BOTH
-from sim.finger.grading import MeshError
+from sim.errors import ModelRangeError
+from sim.finger.mesh import MeshError
 from sim.finger.surface import SurfaceError
-from sim.measures.reach import ReceptorPlaces
-from sim.measures.receptors import ReceptorError
-from sim.models.errors import ModelRangeError
+from sim.measures.receptors import ReceptorError, ReceptorPlaces
+from sim.models import interpolation
 from sim.models.fingertip import Fingertip
-from sim.models.moduli import families, interpolated
-from sim.models.moduli.families import Asked, missing_nodes, worth_interpolating
-from sim.models.moduli.interpolated import FORCE_ERROR, HOW_MADE, SED_ERROR, forget_kept, make_node, nodes_for
-from sim.models.moduli.node_builds import INTERPOLATED, Node
-from sim.models.moduli.packed import packed, summed, unpacked
-from sim.models.moduli.weights import (
+from sim.models.interpolation import (
     DERMIS,
     FAT,
+    FORCE_ERROR,
     FULL_BUILDS,
+    HOW_MADE,
+    INTERPOLATED,
+    SED_ERROR,
+    Asked,
     Axis,
+    Node,
+    forget_kept,
     in_range,
     largest_error,
+    make_node,
+    missing_nodes,
     node_tissues,
     node_weights,
+    nodes_for,
+    packed,
+    summed,
+    unpacked,
+    worth_interpolating,
 )
 from tests.raising import raises
 from tests.sim.coarse import coarse_mesh
@@ -112,8 +121,8 @@ def test_the_bound_takes_the_better_order(monkeypatch: pytest.MonkeyPatch) -> No
     both = sorted([wide.error + wide.growth * narrow.error, narrow.error + narrow.growth * wide.error])
     assert both[0] < 0.9 * both[1]
     for dermis, fat in ((wide, narrow), (narrow, wide)):
-        monkeypatch.setattr("sim.models.moduli.weights.DERMIS", dermis)
-        monkeypatch.setattr("sim.models.moduli.weights.FAT", fat)
+        monkeypatch.setattr("sim.models.interpolation.DERMIS", dermis)
+        monkeypatch.setattr("sim.models.interpolation.FAT", fat)
         assert largest_error() == both[0]
 
 
@@ -249,15 +258,15 @@ def test_beyond_the_range_it_is_refused(e_dermis: float, e_fat: float) -> None:
 def test_another_finger_reads_nothing(nodes: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """And of two sets that are kept in memory the one used last stays."""
     load(config(), exact=False)
-    assert len(interpolated._kept) == 1
-    monkeypatch.setattr(interpolated.NodeBuilds, "of", lambda nodes: pytest.fail("read again"))
+    assert len(interpolation._kept) == 1
+    monkeypatch.setattr(interpolation.NodeBuilds, "of", lambda nodes: pytest.fail("read again"))
     assert load(config(0.3, 0.03), exact=False).from_cache
-    kept = interpolated._kept
+    kept = interpolation._kept
     first = next(iter(kept))
     kept["second"] = kept[first]
     load(config(0.3, 0.05), exact=False)
     assert list(kept) == ["second", first]
-    monkeypatch.setattr(interpolated.NodeBuilds, "of", lambda nodes: (kept[first], False))
+    monkeypatch.setattr(interpolation.NodeBuilds, "of", lambda nodes: (kept[first], False))
     places = ReceptorPlaces((0.0,), (0.76,))
     assert not Fingertip.load(config(), exact=False, **places.as_options()).from_cache
     assert len(kept) == 2
@@ -329,7 +338,7 @@ def test_what_is_to_be_built(nodes: Path) -> None:
     assert len({node.key for node in round_ones}) == FULL_BUILDS
     deeper = [one._replace(places=ReceptorPlaces((0.0,), (1.0,))) for one in asked(*NINE)]
     assert len(missing_nodes(deeper, [ALONG])) == FULL_BUILDS
-    assert families.PAYS_FROM == 9
+    assert interpolation.PAYS_FROM == 9
 
 
 @pytest.mark.usefixtures("nothing_kept")
@@ -340,7 +349,7 @@ def test_fingers_that_cannot_be_are_left_to_whoever_presses_them(
     def none(*_: object) -> None:
         raise error("no such finger")
 
-    monkeypatch.setattr(families, "nodes_for", none)
+    monkeypatch.setattr(interpolation, "nodes_for", none)
     assert missing_nodes(asked(*NINE), [ALONG]) == []
     assert worth_interpolating(asked(*NINE[:2])) == [True, True]
 

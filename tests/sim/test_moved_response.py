@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sim.coding.point_spread.loaded_finger import Load, LoadedFinger, energy_density
-from sim.coding.point_spread.moved_response import MovedResponse, in_frames
-from sim.coding.point_spread.sites import Site
-from sim.coding.point_spread.spreads import Spread, receptor_sheet, spreads
-from sim.config.fingertip_config import FingertipConfig
+from sim.coding.point_loads import Load, LoadedFinger, Site, energy_density
+from sim.coding.point_spread import MovedResponse, Spread, in_frames, receptor_sheet, spreads
+from sim.config import FingertipConfig
 from sim.contact.patch import X, Z
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip

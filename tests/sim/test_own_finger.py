@@ -5,12 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from sim.config.fingertip_config import FingertipConfig, Geometry, MeshSpec, Tissue
+from sim.config import FingertipConfig, Geometry, MeshSpec, Tissue
 from sim.contact.profiles import Profile
 from sim.contact.shapes import parse_shape
-from sim.finger.grading import MeshError
-from sim.finger.mesh import build_mesh
-from sim.finger.quality import mesh_quality
+from sim.finger.mesh import MeshError, build_mesh, mesh_quality
 from sim.finger.surface import FingertipSurface, published_points
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
 from sim.models.fingertip import Fingertip

@@ -6,15 +6,15 @@ from copy import copy
 import numpy as np
 import pytest
 
-from sim.config.fingertip_config import Contact, FingertipConfig, Geometry, MeshSpec
+from sim.config import Contact, FingertipConfig, Geometry, MeshSpec
 from sim.contact.indentor import ACROSS, ALONG, BOTH
+from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface
 from sim.models.catalogue import load
-from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.models.patches import half_widths, larger, widened
+from sim.models.full_mesh import mesh_of
 from sim.models.pressing import RimError
-from sim.models.uncondensed.strain_map import mesh_of
+from sim.models.sources import half_widths, larger, widened
 from tests.raising import raises
 
 OWN = (2.5, 2.5)

@@ -16,10 +16,9 @@ from sim.contact.shapes import parse_shape
 from sim.contact.solver import ContactState
 from sim.contact.touch import Touch, first_touch
 from sim.models.fingertip import Fingertip
+from sim.models.many import indent_many
 from sim.models.pressing import OTHER_STEPS_MM, PlacedIndentor, Pressing
-from sim.models.processes.many import indent_many
-from sim.models.results.indentation import IndentationResult
-from sim.models.results.indentations import Answer, Asked, Indentations
+from sim.models.result import Answer, Asked, IndentationResult, Indentations
 
 Array = NDArray[np.float64]
 

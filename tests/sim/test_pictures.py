@@ -9,8 +9,8 @@ import pytest
 
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
-from sim.models.results.indentation import IndentationResult
-from sim.models.results.pictures import cut
+from sim.models.pictures import cut
+from sim.models.result import IndentationResult
 
 SCENES = {
     "bar:3": (0.2, None),

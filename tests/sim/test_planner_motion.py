@@ -8,9 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim.devices.grbl.blocks import AxisLimits, Share
-from sim.devices.grbl.motion import Counts, Track, trapezoid
-from sim.devices.grbl.planner import Planner
+from sim.devices.grbl.planner import AxisLimits, Counts, Planner, Share, Track, trapezoid
 
 PER_MM = 400
 LIMITS = AxisLimits((400.0, 400.0, 400.0), (10.0, 10.0, 5.0), (50.0, 50.0, 50.0), 0.01)

@@ -7,9 +7,9 @@ import pytest
 
 from sim.contact.indentor import Indentor
 from sim.contact.shapes import ShapeError
-from sim.models.errors import ModelRangeError
+from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.plant.plant import Carriage, Placement, Plant, Pose, Press, Screws, Truth
+from sim.plant import Carriage, Placement, Plant, Pose, Press, Screws, Truth
 from tests.raising import raises
 
 PLACE = Placement(pad_centre_x_mm=-30.0, apex_z_mm=-25.0)

@@ -4,10 +4,19 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sim.coding.point_spread.loaded_finger import Load, LoadedFinger, _all_along, energy_density
-from sim.coding.point_spread.power_law import PowerLaw, fitted
-from sim.coding.point_spread.sites import Site, published_sites, published_table, spread_over_mean
-from sim.coding.point_spread.spreads import (
+from sim.coding.point_loads import (
+    Load,
+    LoadedFinger,
+    PowerLaw,
+    Site,
+    _all_along,
+    energy_density,
+    fitted,
+    published_sites,
+    published_table,
+    spread_over_mean,
+)
+from sim.coding.point_spread import (
     HALF_WIDTH_MM,
     SECTORS,
     SPACING_MM,
@@ -20,11 +29,11 @@ from sim.coding.point_spread.spreads import (
     receptor_sheet,
     spreads,
 )
-from sim.config.fingertip_config import FingertipConfig, Geometry, MeshSpec
+from sim.config import FingertipConfig, Geometry, MeshSpec
+from sim.errors import ModelRangeError
 from sim.measures.measures import Elastic, measures_from_strain
 from sim.measures.receptors import depths_of
 from sim.models.condensed import point_force
-from sim.models.errors import ModelRangeError
 from tests.raising import raises
 
 MIDDLE = Site(10, 0.098, 6.893, on_pulp=True)

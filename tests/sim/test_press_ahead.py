@@ -8,13 +8,12 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
-from sim.plant.plant import Carriage, Placement, Pose, Screws, Truth
-from sim.serve.ahead import STALE_S
-from sim.serve.press_ahead import PressAhead
-from sim.serve.press_process import FingerNotLoadedError, PressAnswer, PressProcess
-from sim.serve.wall_clock import WallScheduler
+from sim.plant import Carriage, Placement, Pose, Screws, Truth
+from sim.serve.clock import WallScheduler
+from sim.serve.force_process import FingerNotLoadedError, PressAnswer, PressProcess
+from sim.serve.prefetch import STALE_S, PressAhead
 from tests.raising import raises
 from tests.waiting import DEADLINE_S, until
 

@@ -7,20 +7,17 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from sim.coding import profile_decoder
-from sim.coding.decoded import decoding_errors
-from sim.coding.encoding import noise_sd
-from sim.coding.frictionless import Frictionless, frictionless
+from sim.coding import bayes
+from sim.coding import mixture as imagining
+from sim.coding import mixture as tables
+from sim.coding.bayes import decode_profile
+from sim.coding.encoding import Readings, noise_sd
+from sim.coding.mixture import Mixture, ProfileTable, Weighed, imagined, pooled, table_of
 from sim.coding.operators import Operator, centred
-from sim.coding.profile_decoder import decode_profile
-from sim.coding.profiles import imagined as imagining
-from sim.coding.profiles import table as tables
-from sim.coding.profiles.imagined import imagined
-from sim.coding.profiles.mixture import Mixture, pooled
-from sim.coding.profiles.table import ProfileTable, Weighed, table_of
-from sim.coding.readings import Readings
-from sim.coding.sampled_section import Sampling, sampled_section
-from sim.config.fingertip_config import FingertipConfig
+from sim.coding.pressure import Frictionless, frictionless
+from sim.coding.search import decoding_errors
+from sim.coding.section import Sampling, sampled_section
+from sim.config import FingertipConfig
 
 Array = NDArray[np.float64]
 
@@ -199,7 +196,7 @@ def flat() -> Array:
 def test_where_noise_is_loud_the_table_is_the_answer(
     operator: Frictionless, flat: Array, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(profile_decoder, "_by_search", None)
+    monkeypatch.setattr(bayes, "_by_search", None)
     found = decode_profile(operator, _said(operator, flat, 0.0, 0))
     assert found.converged
     assert found.mixture is not None
@@ -210,8 +207,8 @@ def test_without_the_table_the_search_alone_is_the_answer(
     operator: Frictionless, flat: Array, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     one = Mixture(np.zeros(1), np.full((1, 39), 100.0), np.zeros((1, 39)))
-    monkeypatch.setattr(profile_decoder, "_by_table", None)
-    monkeypatch.setattr(profile_decoder, "_by_search", lambda *_: (one, False))
+    monkeypatch.setattr(bayes, "_by_table", None)
+    monkeypatch.setattr(bayes, "_by_search", lambda *_: (one, False))
     found = decode_profile(operator, _said(operator, flat, 0.0, 0), table=False)
     assert found.mixture is one
     assert not found.converged
@@ -222,8 +219,8 @@ def test_the_tables_share_falls_with_what_it_takes_in(
     operator: Frictionless, flat: Array, monkeypatch: pytest.MonkeyPatch, power: float, share: float
 ) -> None:
     one, other = (Mixture(np.zeros(1), np.full((1, 39), mean), np.zeros((1, 39))) for mean in (100.0, 0.0))
-    monkeypatch.setattr(profile_decoder, "_by_table", lambda *_: Weighed(one, power))
-    monkeypatch.setattr(profile_decoder, "_by_search", lambda *_: (other, False))
+    monkeypatch.setattr(bayes, "_by_table", lambda *_: Weighed(one, power))
+    monkeypatch.setattr(bayes, "_by_search", lambda *_: (other, False))
     found = decode_profile(operator, _said(operator, flat, 30.0, 0))
     assert_allclose(found.pressure, 100.0 * share)
     assert found.converged is (share == 1.0)
@@ -260,8 +257,5 @@ def test_bands_hold_in_loud_noise_with_and_without_corners(
 
 def test_the_models_error_is_noise_to_the_table(operator: Frictionless, flat: Array) -> None:
     readings, start = _said(operator, flat, 40.0, 0), flat + 10.0
-    exact, wrong = (
-        profile_decoder._by_table(operator, readings, profile_decoder.ModelError(share), start)
-        for share in (0.0, 0.3)
-    )
+    exact, wrong = (bayes._by_table(operator, readings, bayes.ModelError(share), start) for share in (0.0, 0.3))
     assert wrong.power > 3 * exact.power

@@ -5,19 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.config.fingertip_config import FingertipConfig, MeshSpec, Tissue
-from sim.fem.assembly import symmetric
+from sim.config import FingertipConfig, MeshSpec, Tissue
 from sim.fem.dissection import DissectionFactor
-from sim.fem.shape_functions import HEX8, HEX27, gauss_points, gradients, shape_functions
-from sim.finger.grading import MeshError
-from sim.finger.mesh import FingerMesh, build_mesh, section_mesh
-from sim.finger.quality import mesh_quality
-from sim.finger.skin import tributary_areas
+from sim.fem.elements import HEX8, HEX27, gauss_points, gradients, shape_functions, symmetric
+from sim.finger.mesh import FingerMesh, MeshError, build_mesh, mesh_quality, section_mesh, tributary_areas
 from sim.finger.surface import FingertipSurface
 from sim.finger.vtk import write_vtk
 from sim.models.catalogue import load
-from sim.models.discretised import assembled, discretise, factorise
-from sim.models.uncondensed.deck import MeshedFinger
+from sim.models.condensed import assembled, discretise, factorise
+from sim.models.full_mesh import MeshedFinger
 from tests.raising import raises
 
 COARSE = {

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from numba.core.event import Event, EventStatus, broadcast
 
-from sim.contact import lcp, newton
-from sim.contact.compiled import chords, compiling, curves, elastic, factors, gaps, ready
+from sim.contact import lcp, newton, warmup
+from sim.contact.compiled import chords, compiling, curves, elastic, factors, gaps
 from sim.contact.measured_profile import MeasuredProfile
 from sim.models.fingertip import Fingertip
 
@@ -84,30 +84,30 @@ def test_numba_keeps_its_own_settings(modules: Path) -> None:
 
 
 def test_a_compilation_is_told_of_once(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
-    ready.make_ready.cache_clear()
+    warmup.make_ready.cache_clear()
 
     def compiles(*_: object, **__: object) -> None:
         for _event in range(2):
             broadcast(Event("numba:compile", EventStatus.START))
             broadcast(Event("numba:compile", EventStatus.END))
 
-    monkeypatch.setattr(ready, "solve_contact", compiles)
+    monkeypatch.setattr(warmup, "solve_contact", compiles)
     with caplog.at_level(logging.INFO, "sim"):
-        ready.make_ready()
+        warmup.make_ready()
     assert [line.split(" are ")[0] for line in caplog.messages] == ["the contact's loops"]
-    ready.make_ready.cache_clear()
+    warmup.make_ready.cache_clear()
 
 
 def test_what_is_ready_is_not_told_of(caplog: pytest.LogCaptureFixture, finger: Fingertip) -> None:
     """A finger has made it ready; pressing one compiles nothing else."""
-    ready.make_ready.cache_clear()
+    warmup.make_ready.cache_clear()
     with caplog.at_level(logging.INFO, "sim"):
-        ready.make_ready()
+        warmup.make_ready()
     assert not caplog.messages
 
 
 def test_the_few_nodes_are_pressed() -> None:
-    patch = ready._few_nodes()
+    patch = warmup._few_nodes()
     assert len(patch) == 15
     assert np.linalg.eigvalsh(patch.compliance).min() > 0
     assert np.ptp(patch.x) == pytest.approx(0.8)
@@ -129,7 +129,7 @@ def test_whatever_is_pressed_was_compiled_before(coarse_finger: Fingertip) -> No
     """Each loop is compiled for one kind of arguments: no press waits for a compiler."""
     modules = (elastic, gaps, curves, chords, factors, lcp, newton)
     loops = [loop for module in modules for loop in vars(module).values() if hasattr(loop, "signatures")]
-    ready.make_ready()
+    warmup.make_ready()
     before = [set(loop.signatures) for loop in loops]
     ridges = MeasuredProfile("two ridges", (-1.2, -0.6, 0.0, 0.6, 1.2), (0.4, 0.0, 0.25, 0.0, 0.4))
     for shape in (*EVERY_KIND, ridges):

@@ -5,10 +5,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from sim.config.fingertip_config import FingertipConfig, MeshSpec
-from sim.fem.shape_functions import shape_functions
-from sim.finger.layers import DERMIS, EPIDERMIS, FAT
-from sim.finger.mesh import FingerMesh, build_mesh
+from sim.config import FingertipConfig, MeshSpec
+from sim.fem.elements import shape_functions
+from sim.finger.mesh import DERMIS, EPIDERMIS, FAT, FingerMesh, build_mesh
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import (
     DEFAULT_DEPTH_MM,

@@ -6,16 +6,16 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-from sim.config.fingertip_config import FingertipConfig, MeshSpec
+from sim.config import FingertipConfig, MeshSpec
 from sim.contact.patch import Patch
 from sim.devices.clock import VirtualClock
 from sim.errors import ArgumentError
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.pressing import RimError
-from sim.models.relaxing.in_time import InTime
-from sim.models.relaxing.prony import Memory, Prony, PronyTerm
-from sim.plant.sampled import SampledForce
+from sim.models.relaxation import Memory, Prony, PronyTerm
+from sim.models.viscoelastic import InTime
+from sim.plant import SampledForce
 from studies.verification import relaxing_contact
 from tests.raising import raises
 

@@ -5,19 +5,17 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.devices.clock import VirtualClock
+from sim.errors import ModelRangeError
 from sim.models.catalogue import load
-from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.models.relaxing.in_time import InTime
-from sim.models.relaxing.prony import Prony, PronyTerm
-from sim.plant.plant import Carriage, Placement, Pose, Press, Screws, Truth, Turn
-from sim.plant.relaxing_plant import RelaxingPlant, RelaxingPress
-from sim.serve.ahead import STALE_S
-from sim.serve.wall_clock import WallScheduler
-from sim.serve.way_ahead import WayAhead
-from sim.serve.way_process import Going, Leg, Way, WayAnswer, WayProcess
+from sim.models.relaxation import Prony, PronyTerm
+from sim.models.viscoelastic import InTime
+from sim.plant import Carriage, Placement, Pose, Press, RelaxingPlant, RelaxingPress, Screws, Truth, Turn
+from sim.serve.clock import WallScheduler
+from sim.serve.force_process import Going, Leg, Way, WayAnswer, WayProcess
+from sim.serve.prefetch import STALE_S, WayAhead
 from tests.raising import raises
 from tests.waiting import until
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim.config.fingertip_config import FingertipConfig, Geometry, Tissue
+from sim.config import FingertipConfig, Geometry, Tissue
 from sim.contact.indentor import ACROSS, ALONG, BOTH
 from sim.contact.patch import PatchNodes, X, Y, Z
 from sim.contact.points import ContactPoints
@@ -25,10 +25,9 @@ from sim.measures.receptors import ReceptorSet
 from sim.models import sources
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
-from sim.models.processes.recipe import Recipe, made
-from sim.models.results.indentation import IndentationResult, median_of_four
-from sim.models.results.outline import ModelOutline
-from sim.models.results.point_load import PointLoadResult
+from sim.models.pictures import ModelOutline
+from sim.models.result import IndentationResult, PointLoadResult, median_of_four
+from sim.models.sources import Recipe, made
 
 Result = IndentationResult | PointLoadResult
 LARGEST_BYTES = 100_000

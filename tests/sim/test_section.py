@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sim.config.fingertip_config import Contact, FingertipConfig
+from sim.benchmark import nested
+from sim.config import Contact, FingertipConfig
+from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface
 from sim.models.catalogue import load
-from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.models.plane_section import prismatic
 from sim.models.pressing import RimError
-from sim.speed_and_error.candidates import nested
+from sim.models.section import prismatic
 from tests.raising import raises
 
 

@@ -7,16 +7,22 @@ from typing import Any
 
 import pytest
 
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
-from sim.models.relaxing.prony import PronyTerm
-from sim.plant.plant import AS_MODELLED, Carriage, Placement, Pose, Press, Screws
-from sim.plant.relaxing_plant import RelaxingPress
-from sim.serve.ahead import STALE_S, Ahead
-from sim.serve.press_ahead import PressAhead
-from sim.serve.press_process import FingerProcess, PressAnswer, PressProcess, _pressing
-from sim.serve.way_ahead import WayAhead
-from sim.serve.way_process import Leg, Way, WayAnswer, WayProcess, _going
+from sim.models.relaxation import PronyTerm
+from sim.plant import AS_MODELLED, Carriage, Placement, Pose, Press, RelaxingPress, Screws
+from sim.serve.force_process import (
+    FingerProcess,
+    Leg,
+    PressAnswer,
+    PressProcess,
+    Way,
+    WayAnswer,
+    WayProcess,
+    _going,
+    _pressing,
+)
+from sim.serve.prefetch import STALE_S, Ahead, PressAhead, WayAhead
 from tests.sim.test_press_ahead import PERIOD_S, SteppedScheduler
 
 TERMS = (PronyTerm(0.3, 0.07),)

@@ -5,24 +5,21 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from sim.coding.decoded import DecodingError, decoding_errors
-from sim.coding.encoding import Receptor, noise_sd
-from sim.coding.energy import sed_of
+from sim.coding import sheet
+from sim.coding.bayes import ModelError
+from sim.coding.encoding import Readings, Receptor, noise_sd
 from sim.coding.operators import centred, felt_where, weighted
-from sim.coding.profile_decoder import ModelError
-from sim.coding.readings import Readings
-from sim.coding.sheets import sheet_decoder
-from sim.coding.sheets.felt_skin import FeltSkin, felt_skin
-from sim.coding.sheets.felt_solid import SOLIDS, contact, extent_mm, felt_solid
-from sim.coding.sheets.sheet_decoder import decode_sheet
-from sim.coding.sheets.sheet_operator import Grid, SheetOperator, SkinOver, hats, sheet_operator
-from sim.config.fingertip_config import FingertipConfig, MeshSpec
+from sim.coding.search import DecodingError, decoding_errors
+from sim.coding.section import sed_of
+from sim.coding.shape_class import SOLIDS, contact, extent_mm, felt_solid
+from sim.coding.sheet import FeltSkin, Grid, SheetOperator, SkinOver, decode_sheet, felt_skin, hats, sheet_operator
+from sim.config import FingertipConfig, MeshSpec
 from sim.contact.patch import X, Y, Z
+from sim.errors import ModelRangeError
 from sim.measures.measures import Elastic, measures_from_strain
 from sim.models.catalogue import load
-from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.models.results.indentation import IndentationResult
+from sim.models.result import IndentationResult
 from studies.coding import sheets_read_back
 from tests.raising import raises
 from tests.sim.coarse import coarse_mesh
@@ -260,7 +257,7 @@ def test_silent_receptors_and_known_model_errors(
 
 
 def test_the_prior_is_of_neighbours_both_ways_and_a_little_of_each() -> None:
-    rows = sheet_decoder._differences((2, 3))
+    rows = sheet._differences((2, 3))
     pressure = np.array([1.0, 2.0, 4.0, 8.0, 16.0, 32.0])
     along_x, along_z = 7.0**2 + 14.0**2 + 28.0**2, 1.0 + 2.0**2 + 8.0**2 + 16.0**2
     assert ((rows @ pressure) ** 2).sum() == pytest.approx(along_x + along_z + 0.1 * (pressure**2).sum())

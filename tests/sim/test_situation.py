@@ -5,19 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sim.config.fingertip_config import FingertipConfig, MeshSpec
+from sim.benchmark import of_level
+from sim.choice import DEPTHS_MM, FAMILIES, Cell, Situation, cell_of, cells_of, choose, family_of
+from sim.config import FingertipConfig, MeshSpec
 from sim.contact.indentor import ACROSS, ALONG, BOTH
 from sim.contact.shapes import parse_shape
+from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface
-from sim.measures.reach import NOWHERE, ReceptorPlaces
-from sim.measures.receptors import ReceptorSet
+from sim.measures.receptors import NOWHERE, ReceptorPlaces, ReceptorSet
 from sim.models.catalogue import MODELS, load
-from sim.models.errors import ModelRangeError
-from sim.models.whole_finger import build_finger
-from sim.speed_and_error.candidates import of_level
-from sim.speed_and_error.choice import choose
-from sim.speed_and_error.expected import DEPTHS_MM, Cell, cell_of, cells_of
-from sim.speed_and_error.situation import FAMILIES, Situation, family_of
+from sim.models.finger import build_finger
 from tests.raising import raises
 from tests.sim.coarse import coarse_mesh
 

@@ -6,20 +6,33 @@ from functools import cache
 import numpy as np
 import pytest
 
-from sim.config.fingertip_config import FingertipConfig, MeshSpec
+from sim.benchmark import (
+    FAMILIES,
+    ORDER,
+    QUANTITIES,
+    QUICK_SCENES,
+    RIGHT_SIDES,
+    SCENES,
+    SEED,
+    Answer,
+    Candidate,
+    Scene,
+    answered,
+    coarse,
+    from_levels,
+    measure,
+    nested,
+    reference_s,
+    rows,
+    stored,
+)
+from sim.choice import Situation, bundled
+from sim.config import FingertipConfig, MeshSpec
 from sim.contact.shapes import parse_shape
 from sim.finger.mesh import build_mesh
 from sim.finger.surface import FingertipSurface
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
-from sim.speed_and_error.candidates import Candidate, coarse, nested
-from sim.speed_and_error.expected import bundled
-from sim.speed_and_error.measure import QUANTITIES, Answer, answered, measure
-from sim.speed_and_error.reference import from_levels, stored
-from sim.speed_and_error.reference_computation import ORDER, RIGHT_SIDES, SEED, reference_s
-from sim.speed_and_error.rows import rows
-from sim.speed_and_error.scenes import FAMILIES, QUICK_SCENES, SCENES, Scene
-from sim.speed_and_error.situation import Situation
 
 SMOOTH, SHARP = ("smooth",), ("bar", "step")
 

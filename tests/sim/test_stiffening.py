@@ -8,43 +8,43 @@ import pytest
 from numpy.testing import assert_allclose
 
 from rig.plan.config import load_config
-from sim.config.fingertip_config import FingertipConfig, Tissue
+from sim.config import FingertipConfig, Tissue
 from sim.contact.shapes import parse_shape
 from sim.contact.touch import first_touch
+from sim.errors import ForceOutOfReachError, ModelRangeError
 from sim.finger.surface import FingertipSurface
 from sim.measures.measures import STRAINS, STRESSES
 from sim.models.catalogue import load
-from sim.models.errors import ForceOutOfReachError, ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.models.relaxing.in_time import InTime
-from sim.models.relaxing.prony import Prony, PronyTerm
-from sim.models.results.small_strain import small_strain
-from sim.models.stiffening.at_finite_strain import (
+from sim.models.relaxation import Prony, PronyTerm
+from sim.models.small_strain import small_strain
+from sim.models.stiffening import (
     ENERGY,
     FORCE,
     FORCE_ERROR,
+    LINEAR_TISSUE,
+    ROOFS,
     SED_ERROR,
     Energy,
     Felt,
     Force,
+    Overlap,
     Press,
+    Squeezed,
+    Stiffened,
+    Under,
     force_factor,
     log_energy,
     log_force,
-    strain_and_stress,
-)
-from sim.models.stiffening.overlap import Overlap, Squeezed, overlap, squeezed
-from sim.models.stiffening.stiffened import (
-    LINEAR_TISSUE,
-    ROOFS,
-    Stiffened,
-    Under,
+    overlap,
     roof,
+    squeezed,
+    strain_and_stress,
     thickness_mm,
     young_below,
 )
-from sim.plant.plant import Pose
-from sim.plant.relaxing_plant import RelaxingPress
+from sim.models.viscoelastic import InTime
+from sim.plant import Pose, RelaxingPress
 from tests.raising import raises
 from tests.sim.coarse import coarse_mesh
 

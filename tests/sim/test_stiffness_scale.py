@@ -9,23 +9,19 @@ import pytest
 
 from rig.cli.readings_file import pa_per_pseudo
 from rig.compare.stimuli import answers_key
-from sim.coding.point_spread.all_sites import deformed_by
-from sim.coding.point_spread.loaded_finger import LoadedFinger
-from sim.coding.point_spread.moved_response import MovedResponse
-from sim.coding.point_spread.sites import Site
-from sim.coding.point_spread.spreads import Spread, judged, receptor_sheet, spreads
-from sim.config.fingertip_config import FingertipConfig, Tissue
-from sim.config.stiffness import E_EPIDERMIS_MPA
+from sim.coding.all_sites import deformed_by
+from sim.coding.point_loads import LoadedFinger, Site
+from sim.coding.point_spread import MovedResponse, Spread, judged, receptor_sheet, spreads
+from sim.config import E_EPIDERMIS_MPA, FingertipConfig, Tissue
+from sim.errors import ModelRangeError
 from sim.finger.mesh import build_mesh
 from sim.finger.surface import FingertipSurface
-from sim.measures.reach import ReceptorPlaces, receptors_at
+from sim.measures.receptors import ReceptorPlaces, receptors_at
 from sim.models.catalogue import load
-from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.models.moduli.families import Asked
-from sim.models.moduli.weights import node_tissues
+from sim.models.full_mesh import MeshedFinger
+from sim.models.interpolation import Asked, node_tissues
 from sim.models.sources import OnDisk
-from sim.models.uncondensed.deck import MeshedFinger
 from tests.raising import raises
 from tests.sim.coarse import coarse_mesh
 
@@ -88,7 +84,7 @@ def test_what_knows_the_calibrated_modulus_is_the_configuration_alone() -> None:
     root = Path(__file__).parents[2]
     users = [path for package in ("sim", "rig") for path in (root / package).rglob("*.py")]
     knowing = {path.relative_to(root).as_posix() for path in users if "E_EPIDERMIS_MPA" in path.read_text("utf-8")}
-    assert knowing == {"sim/config/stiffness.py", "sim/config/fingertip_config.py"}
+    assert knowing == {"sim/config.py"}
     assert Tissue().e_epidermis_mpa == E_EPIDERMIS_MPA
 
 

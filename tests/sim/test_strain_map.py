@@ -8,8 +8,8 @@ import pytest
 from numpy.typing import NDArray
 
 from sim.models.fingertip import Fingertip
-from sim.models.results.indentation import IndentationResult
-from sim.models.uncondensed.strain_map import StrainMap, displacements, mesh_of, strain_maps
+from sim.models.full_mesh import StrainMap, displacements, mesh_of, strain_maps
+from sim.models.result import IndentationResult
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ def solved(finger: Fingertip, coarse_finger: Fingertip) -> dict[str, Solved]:
         return moved[-1]
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sim.models.uncondensed.strain_map.displacements", noted)
+        patch.setattr("sim.models.full_mesh.displacements", noted)
         maps = strain_maps(finger.config, along)
         mixed = strain_maps(coarse_finger.config, [across[0], beside, across[1]])
     fine, *both = moved

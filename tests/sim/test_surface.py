@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim.config.fingertip_config import Geometry
+from sim.config import Geometry
 from sim.finger.surface import FingertipSurface, published_points
 
 Array = NDArray[np.float64]

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.config.fingertip_config import Geometry
+from sim.config import Geometry
 from sim.finger.surface import FingertipSurface
+from sim.models.cache import keep_tops
 from sim.models.fingertip import Fingertip
-from sim.models.tops import keep_tops
 
 
 @pytest.fixture

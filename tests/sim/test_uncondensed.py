@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim.config.fingertip_config import FingertipConfig
-from sim.fem.assembly import symmetric
+from sim.config import FingertipConfig
+from sim.fem.elements import symmetric
 from sim.finger.mesh import FingerMesh
 from sim.measures.receptors import strain_operator
-from sim.models.discretised import discretise, factorise
+from sim.models.condensed import discretise, factorise
 from sim.models.fingertip import Fingertip
-from sim.models.results.indentation import IndentationResult
+from sim.models.result import IndentationResult
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from sim.errors import ArgumentError
-from sim.serve.wall_clock import WallScheduler
+from sim.serve.clock import WallScheduler
 from tests.raising import raises
 from tests.waiting import DEADLINE_S
 

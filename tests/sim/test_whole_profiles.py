@@ -7,18 +7,16 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from sim.coding import profile_decoder
-from sim.coding.borne import borne_by
-from sim.coding.decoded import DecodingError, decoding_errors
-from sim.coding.encoding import Receptor, noise_sd
-from sim.coding.frictionless import Frictionless, frictionless
+from sim.coding import bayes
+from sim.coding.bayes import ModelError, Profile, decode_profile
+from sim.coding.encoding import Readings, Receptor, noise_sd
+from sim.coding.mixture import Mixture
 from sim.coding.operators import centred, felt_where, influence, weighted
-from sim.coding.profile_decoder import ModelError, Profile, decode_profile
-from sim.coding.profiles.mixture import Mixture
-from sim.coding.readings import Readings
-from sim.coding.sampled_section import SampledSection, Sampling, sampled_section
-from sim.config.fingertip_config import FingertipConfig, MeshSpec
-from sim.models.errors import ModelRangeError
+from sim.coding.pressure import Frictionless, borne_by, frictionless
+from sim.coding.search import DecodingError, decoding_errors
+from sim.coding.section import SampledSection, Sampling, sampled_section
+from sim.config import FingertipConfig, MeshSpec
+from sim.errors import ModelRangeError
 from tests.raising import raises
 
 Array = NDArray[np.float64]
@@ -236,7 +234,7 @@ def test_what_is_cut_off_says_so(
 ) -> None:
     _, readings, whole = bar
     assert whole.converged
-    monkeypatch.setattr(profile_decoder, "_MOST_ROUNDS", 1)
+    monkeypatch.setattr(bayes, "_MOST_ROUNDS", 1)
     assert not decode_profile(operator, readings).converged
 
 

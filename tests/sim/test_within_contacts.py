@@ -8,20 +8,26 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.stats import multivariate_normal, norm, truncnorm
 
-from sim.coding.profiles.climb import (
+from sim.coding.contacts import (
+    KINDS,
     MOST_CONTACTS,
     Climb,
+    Contact,
+    Kind,
+    Model,
+    Posterior,
+    Seen,
     Sort,
     alone,
     climbed,
+    linearised,
     neighbours,
     runs,
     sort_of,
+    table_of_contacts,
 )
-from sim.coding.profiles.contact import KINDS, Contact, Kind, table_of_contacts
-from sim.coding.profiles.evidence import explained
-from sim.coding.profiles.mixture import Mixture, cut_off, mixed, together
-from sim.coding.profiles.seen import Model, Posterior, Seen, linearised
+from sim.coding.evidence import explained
+from sim.coding.mixture import Mixture, cut_off, mixed, together
 
 Array = NDArray[np.float64]
 
@@ -212,7 +218,7 @@ def test_the_best_of_each_sort_unless_far_below() -> None:
 
 
 def test_a_climb_that_is_cut_off_says_so(seven: Seen, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sim.coding.profiles.climb._MOST_STEPS", 1)
+    monkeypatch.setattr("sim.coding.contacts._MOST_STEPS", 1)
     assert not climbed(seven, [(Contact(0, 1, BLUNT),)]).at_top
 
 

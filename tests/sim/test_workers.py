@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from sim.models.processes.workers import in_processes
+from sim.workers import in_processes
 
 
 def test_answers_come_in_the_order_of_the_items() -> None:
@@ -37,7 +37,7 @@ def test_they_end_at_once_when_no_more_is_asked_for() -> None:
 _USED_OFTEN = """
 import resource
 import numpy as np
-from sim.models.processes.workers import keep_freed_memory
+from sim.workers import keep_freed_memory
 
 def faults_after_use() -> int:
     held = [np.ones(1 << 16) for _ in range(40)]

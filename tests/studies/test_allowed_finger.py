@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from sim.config.units import GWT_N
 from sim.contact.indentor import ALONG
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorError, ReceptorSet
 from sim.models.fingertip import Fingertip
+from sim.units import GWT_N
 from studies.source.allowed import one_finger
 from studies.source.allowed.facts import FACTS
 from studies.source.allowed.one_finger import BuiltOnce, OwnAnswers, facts_of, finger

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import check_grad
 
-from sim.config.fingertip_config import FingertipConfig, Tissue
+from sim.config import FingertipConfig, Tissue
 from sim.models import catalogue
 from studies.source.allowed import design, emulator, kept
 from studies.source.allowed.emulator import HELD_BACK, Emulator, held_back, learn

@@ -5,9 +5,9 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from sim.coding.decoded import decoding_errors
+from sim.coding.encoding import Readings
 from sim.coding.operators import Operator
-from sim.coding.readings import Readings
+from sim.coding.search import decoding_errors
 from studies.coding import decoding_part
 from studies.coding.limits import bayes_found, profile_bound
 from studies.coding.profiles_read_back import WITHIN, baselines, default_section, frictionless

@@ -9,13 +9,12 @@ import pytest
 
 from rig.report.html import Section
 from rig.session.provenance import commit
-from sim.coding.borne import borne_by
+from sim.coding.all_sites import all_sites, deformed_by
 from sim.coding.operators import centred
-from sim.coding.point_spread.all_sites import all_sites, deformed_by
-from sim.coding.point_spread.loaded_finger import LoadedFinger
-from sim.coding.point_spread.moved_response import MovedResponse
-from sim.coding.point_spread.spreads import receptor_sheet
-from sim.config.fingertip_config import FingertipConfig
+from sim.coding.point_loads import LoadedFinger
+from sim.coding.point_spread import MovedResponse, receptor_sheet
+from sim.coding.pressure import borne_by
+from sim.config import FingertipConfig
 from studies.coding import (
     curvature_read_back,
     decoding_part,

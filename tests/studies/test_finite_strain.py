@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.config.fingertip_config import Contact, FingertipConfig, MeshSpec
+from sim.config import Contact, FingertipConfig, MeshSpec
 from sim.contact.shapes import parse_shape
 from sim.fem.elements import lame, stiffness
 from sim.measures.measures import Elastic, measures_from_strain

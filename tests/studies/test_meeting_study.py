@@ -14,12 +14,11 @@ from rig.session.attendant import Nobody
 from rig.session.meeting.meeting import Meeting, Wanted, felt_surely
 from rig.session.meeting.meeting_script import MeetingScript
 from rig.session.session import NewRun, Session, run_on
-from sim.config.fingertip_config import FingertipConfig
-from sim.models.errors import ModelRangeError
+from sim.config import FingertipConfig
+from sim.errors import ModelRangeError
+from sim.identification.design import PressAt
 from sim.models.fingertip import Fingertip
-from sim.models.meeting.next_press import PressAt
-from sim.plant.plant import Pose
-from sim.plant.relaxing_plant import RelaxingPress
+from sim.plant import Pose, RelaxingPress
 from studies.meeting.hidden import Keeper, OnlyMounts, TruthReadError
 from studies.meeting.ogden import OgdenFinger
 from studies.meeting.strangers import COARSER, inside, outside

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from sim.coding.bayes import CONTACTS_ERROR, ModelError
 from sim.coding.encoding import noise_sd
-from sim.coding.frictionless import Frictionless, frictionless
 from sim.coding.operators import centred
-from sim.coding.profile_decoder import CONTACTS_ERROR, ModelError
+from sim.coding.pressure import Frictionless, frictionless
 from studies.coding.bands import model_error
 from studies.coding.bands.drawn_presses import CHOOSING_SEED, NEAR, drawn
 from studies.coding.bands.model_error import Wrong

@@ -5,11 +5,10 @@ import pytest
 
 from rig.session.meeting.meeting import SHAPES as PRESSED
 from sim.contact.shapes import parse_shape
-from sim.models.errors import ModelRangeError
+from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.models.relaxing.prony import PronyTerm
-from sim.plant.plant import Pose
-from sim.plant.relaxing_plant import RelaxingPress
+from sim.models.relaxation import PronyTerm
+from sim.plant import Pose, RelaxingPress
 from studies.meeting.ogden import KEPT, OgdenFinger, factor
 from studies.meeting.ogden_references import ALPHA, SHAPES
 from studies.meeting.proof import GOALS

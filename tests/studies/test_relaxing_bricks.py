@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from sim.config.fingertip_config import Contact, FingertipConfig, MeshSpec
+from sim.config import Contact, FingertipConfig, MeshSpec
 from sim.fem.elements import lame
-from sim.models.relaxing.prony import Prony, PronyTerm
+from sim.models.relaxation import Prony, PronyTerm
 from studies.finite_strain.solver.bricks import Bricks, Dilatation, Moduli, bricks
 from studies.finite_strain.solver.laws import Law, Yeoh
 from studies.finite_strain.solver.ogden import Ogden

@@ -13,10 +13,10 @@ from rig.cli import program
 from rig.compare.pressure_formula import Places
 from rig.protocol.script import find_script
 from rig.report.html import Section
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
-from sim.models.results.indentation import median_of_four
+from sim.models.result import median_of_four
 from studies.coding import chapter_6
 from studies.coding.decoding_part import converged_errors, noisy
 from studies.source import bench_pages, pages, pressure_fits

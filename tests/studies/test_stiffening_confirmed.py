@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.models.errors import ModelRangeError
-from sim.models.uncondensed.deck import MeshedFinger, write_held_deck
+from sim.errors import ModelRangeError
+from sim.models.full_mesh import MeshedFinger, write_held_deck
 from studies.finite_strain.solver.scene import Specimen
 from studies.stiffening import confirmed
 from studies.stiffening.fingers import finger

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.models.stiffening.at_finite_strain import ENERGY, FORCE, FORCE_ERROR, SED_ERROR, Felt, Force, Press
+from sim.models.stiffening import ENERGY, FORCE, FORCE_ERROR, SED_ERROR, Felt, Force, Press
 from studies.stiffening import at_receptors, in_time, references, twins
 from studies.stiffening.fingers import FINGERS, deepest_mm, finger
 from studies.stiffening.fitted import (

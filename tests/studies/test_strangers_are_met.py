@@ -11,10 +11,10 @@ import pytest
 
 from rig.plan.config import Config
 from rig.session.meeting.meeting import felt_surely
+from sim.identification.design import PressAt
+from sim.identification.forward import Foreseen
+from sim.identification.prior import Prior
 from sim.models.fingertip import Fingertip
-from sim.models.meeting.foreseen import Foreseen
-from sim.models.meeting.next_press import PressAt
-from sim.models.meeting.prior import Prior
 from studies.meeting.proof import met
 from studies.meeting.strangers import Stranger, inside, outside
 

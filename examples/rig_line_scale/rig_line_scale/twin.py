@@ -1,9 +1,7 @@
 """The virtual twin of the scale. Source: README.md of this package, "What it speaks"."""
 
-from sim.devices.cell import Load, Samples
 from sim.devices.clock import Scheduler
-from sim.devices.line import SerialLine
-from sim.devices.told import ForceTold
+from sim.devices.line import ForceTold, Load, Samples, SerialLine
 
 MOST_G, LEAST_G = 200.0, -20.0
 _STABLE_SAMPLES, _STABLE_BAND_G = 3, 0.02

@@ -10,10 +10,8 @@ from rig.devices.units import GWT_N
 from rig.transport import LoopbackTransport
 from rig_line_scale.driver import LineScaleForce
 from rig_line_scale.twin import line_scale_twin
-from sim.devices.cell import Load
 from sim.devices.clock import VirtualClock
-from sim.devices.line import SerialLine
-from sim.devices.told import ForceTold
+from sim.devices.line import ForceTold, Load, SerialLine
 
 
 class Pairs:

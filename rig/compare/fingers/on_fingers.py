@@ -13,17 +13,16 @@ from rig.compare.parameter_study.workers import spread
 from rig.compare.plausible import DesignFinger, PlausibleFingers
 from rig.compare.stimuli import Stimulus
 from rig.data import Run
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.contact.shapes import parse_shape
-from sim.finger.grading import MeshError
+from sim.errors import ModelRangeError
+from sim.finger.mesh import MeshError
 from sim.finger.surface import SurfaceError
 from sim.measures.measures import MEASURES, shown
 from sim.measures.receptors import ReceptorError
 from sim.models.cache import cached_arrays, content_key, simulator_code
-from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.models.moduli.families import Asked
-from sim.models.moduli.interpolated import make_node
+from sim.models.interpolation import Asked, make_node
 
 Array = NDArray[np.float64]
 

@@ -23,16 +23,16 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 
 from rig.compare.parameter_study.errors import StudyError
 from rig.plan.toml_file import told_of
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.contact.patch import X
 from sim.contact.shapes import ShapeError, parse_shape
-from sim.finger.grading import MeshError
+from sim.errors import ModelRangeError
+from sim.finger.mesh import MeshError
 from sim.finger.surface import SurfaceError
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorError
-from sim.models.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.models.moduli.families import Asked
+from sim.models.interpolation import Asked
 
 _NATIVE_LISTS = ("points", "sections")
 """Keys of a finger whose values are tables; they are not varied."""

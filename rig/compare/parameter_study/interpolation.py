@@ -6,8 +6,7 @@ from typing import Any, ClassVar, Protocol, TypeVar
 
 from sim.contact.indentor import ALONG
 from sim.contact.shapes import parse_shape
-from sim.models.moduli.families import Asked, missing_nodes, worth_interpolating
-from sim.models.moduli.node_builds import Node
+from sim.models.interpolation import Asked, Node, missing_nodes, worth_interpolating
 
 
 class OnAFinger(Protocol):

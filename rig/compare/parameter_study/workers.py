@@ -9,7 +9,7 @@ from typing import TypeVar
 from threadpoolctl import threadpool_limits
 
 from rig.compare.parameter_study.errors import WorkersError
-from sim.models.processes.workers import in_processes
+from sim.workers import in_processes
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.errors import ComparisonError
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
 
 Array = NDArray[np.float64]

@@ -13,7 +13,7 @@ from rig.compare.recordings.recorded import Recording
 from rig.compare.stimuli import stimuli
 from rig.data import Run
 from rig.plan.config import load_config
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rig.compare.errors import RecordingError
 from rig.compare.recordings.table_file import no_rows, read_table, told
 from sim.contact.patch import Z
-from sim.models.results.indentation import IndentationResult
+from sim.models.result import IndentationResult
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from rig.panel.drawn.outlines import finger_outlines, indentor_outline
 from rig.plan.config import load_config
 from rig.plan.shape_files import from_copy
 from rig.protocol.errors import BadInputError
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.contact.indentor import Indentor
 from sim.contact.shapes import ShapeError, parse_shape
 from sim.finger.surface import FingertipSurface

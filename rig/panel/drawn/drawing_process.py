@@ -9,7 +9,7 @@ from typing import Any
 
 from rig.errors import RigError
 from rig.panel.drawn.job import Job
-from sim.models.processes.workers import give_way, leaving_ctrl_c_to_us
+from sim.workers import give_way, leaving_ctrl_c_to_us
 
 PATIENCE_S = 120.0
 """A larger patch takes a minute on a busy machine; what takes longer is not waited for."""

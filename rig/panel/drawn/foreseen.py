@@ -8,9 +8,9 @@ from rig.errors import code_of
 from rig.panel.drawn.job import Press
 from rig.panel.drawn.outlines import points
 from sim.contact.indentor import Indentor
-from sim.models.errors import ModelRangeError
+from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.models.results.indentation import IndentationResult
+from sim.models.result import IndentationResult
 
 DEPTHS = 8
 NONE: dict[str, Any] = {"doi_mm": None, "force_gwt": None}

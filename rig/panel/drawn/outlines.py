@@ -5,11 +5,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.contact.indentor import Indentor
 from sim.contact.patch import X, Z
-from sim.finger.grading import order_of
-from sim.finger.layers import nodes_on_rays
+from sim.finger.mesh import nodes_on_rays, order_of
 from sim.finger.surface import FingertipSurface
 
 Array = NDArray[np.float64]

@@ -12,10 +12,10 @@ from rig.engine.records import Target
 from rig.plan.met.finger_file import Met, fingers_of
 from rig.plan.met.left import Left, left_of
 from rig.protocol.planned import Band, Pace
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.contact.indentor import Indentor
+from sim.identification.posterior import band
 from sim.models.fingertip import Fingertip
-from sim.models.meeting.width import band
 
 Array = NDArray[np.float64]
 

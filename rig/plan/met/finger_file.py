@@ -14,8 +14,8 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 from rig.errors import RuleError
 from rig.protocol.errors import BadInputError, first_problem
 from rig.transport.port_settings import Settings
-from sim.config.fingertip_config import FingertipConfig, Tissue
-from sim.models.moduli.weights import DERMIS, FAT
+from sim.config import FingertipConfig, Tissue
+from sim.models.interpolation import DERMIS, FAT
 
 TISSUE = ("stiffness", "e_dermis", "e_fat", "stiffening")
 """What likely fingers differ in, besides how they relax: keys of `finger.tissue`."""

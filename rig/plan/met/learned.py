@@ -20,9 +20,9 @@ from rig.plan.met.expected import answers
 from rig.plan.met.finger_file import Draw, FingerFile, Met, Posterior
 from rig.protocol.planned import Pace
 from sim.contact.shapes import parse_shape
+from sim.identification.prior import LEAST_STIFFENING
 from sim.models.fingertip import Fingertip
-from sim.models.meeting.prior import LEAST_STIFFENING
-from sim.models.moduli.weights import DERMIS, FAT
+from sim.models.interpolation import DERMIS, FAT
 
 Array = NDArray[np.float64]
 

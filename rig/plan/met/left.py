@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rig.engine.pressing.touch_fit import CONTACT_EXPONENT
 from rig.protocol.planned import Pace
-from sim.models.relaxing.moves import Moves
+from sim.models.relaxation import Moves
 
 Array = NDArray[np.float64]
 

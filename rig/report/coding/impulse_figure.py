@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, Plot
-from sim.coding.impulse import NAMES, ImpulseResponses, ShiftErrors
+from sim.coding.operators import NAMES, ImpulseResponses, ShiftErrors
 
 _COLOURS = (BLUE, ORANGE, GREEN)
 _MEANS = ("e11", "e22", "e12")

@@ -10,8 +10,8 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from rig.report.style import BLUE, GREY, ORANGE, Plot
-from sim.coding.point_spread.all_sites import Deformed
-from sim.coding.point_spread.spreads import Judged
+from sim.coding.all_sites import Deformed
+from sim.coding.point_spread import Judged
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from rig.compare.plausible import PlausibleFingers
 from rig.compare.tables import Pair, joint_row, number
 from rig.report.html import Section
 from rig.report.labels import as_limits, as_number, as_positions
-from sim.models.moduli.interpolated import HOW_MADE
+from sim.models.interpolation import HOW_MADE
 
 Row = dict[str, Any]
 

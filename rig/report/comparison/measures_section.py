@@ -5,8 +5,8 @@ import numpy as np
 from rig.compare.comparison import Comparison
 from rig.report.html import Section
 from rig.report.labels import as_number, label, unit
-from sim.config.units import PSEUDO_E_EPIDERMIS
 from sim.measures.measures import MEASURES, PLOTTED_AS_MAGNITUDE
+from sim.units import PSEUDO_E_EPIDERMIS
 
 WHAT = {
     "e11": "normal strain across the finger (x)",

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from rig.report.style import BLUE, GREY, ORANGE, Plot
 from sim.contact.indentor import BOTH, Indentor, Revolved
 from sim.contact.patch import X, Z
-from sim.models.results.indentation import IndentationResult
+from sim.models.result import IndentationResult
 
 PICTURES_A_PAGE = 6
 _COLUMNS = 3

@@ -13,7 +13,7 @@ from rig.data import Run
 from rig.data.bench_time import Span, spans
 from rig.report.run.conditions import Condition, Samples, by_target, conditions, loading, samples_of
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, Plot, Room, position_scale, shade_of
-from sim.config.units import GWT_N
+from sim.units import GWT_N
 
 Array = NDArray[np.float64]
 

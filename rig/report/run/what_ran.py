@@ -13,7 +13,7 @@ from rig.data.bench_time import booked_s
 from rig.plan.responses import Response
 from rig.report.labels import as_number
 from rig.report.run.conditions import Condition, conditions
-from sim.config.units import GWT_N
+from sim.units import GWT_N
 
 _LIMITS = (
     "hard_trip_n",

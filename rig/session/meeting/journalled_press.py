@@ -10,7 +10,7 @@ import numpy as np
 from rig.data.reader import Events
 from rig.devices.units import GWT_N
 from rig.engine.rig_settings import RigSettings
-from sim.models.meeting.given import Given, Way
+from sim.identification.forward import Given, Way
 
 _ABOVE_MM = 0.1  # over the first touch nothing is felt
 _TOUCHES = 4  # of the readings just before contact was found

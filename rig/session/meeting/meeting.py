@@ -11,14 +11,21 @@ from rig.engine.rig_settings import RigSettings
 from rig.plan.config import Config
 from rig.plan.plan import SMALLEST_SOFT_TRIP_N, SOFT_TRIP_OVER_BAND
 from rig.protocol.planned import BETWEEN_INCREMENTS_S
-from sim.models.errors import ModelRangeError
-from sim.models.meeting.foreseen import Foreseen
-from sim.models.meeting.given import Given, RampAndHold
-from sim.models.meeting.in_numbers import named
-from sim.models.meeting.learned import PRESS_ERROR, SHAPE_ERROR, learn, nothing_learned
-from sim.models.meeting.misfit import Surprise, no_finger
-from sim.models.meeting.next_press import Chooser, PressAt, Search, highest_gwt
-from sim.models.meeting.width import Width, band, standard_deviations
+from sim.errors import ModelRangeError
+from sim.identification.design import Chooser, PressAt, Search, highest_gwt
+from sim.identification.forward import Foreseen, Given, RampAndHold
+from sim.identification.posterior import (
+    PRESS_ERROR,
+    SHAPE_ERROR,
+    Surprise,
+    Width,
+    band,
+    learn,
+    no_finger,
+    nothing_learned,
+    standard_deviations,
+)
+from sim.identification.prior import named
 
 SHAPES = ("sphere:4", "flat:3", "bar:3.0")
 PLACES_MM = (-1.2, 0.0, 1.2)

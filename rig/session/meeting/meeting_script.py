@@ -18,7 +18,7 @@ from rig.session.live import Live
 from rig.session.meeting import SCRIPT
 from rig.session.meeting.journalled_press import given_press
 from rig.session.meeting.meeting import Meeting, Told
-from sim.models.meeting.next_press import PressAt
+from sim.identification.design import PressAt
 
 E = TypeVar("E")
 A = TypeVar("A")

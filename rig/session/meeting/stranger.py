@@ -3,8 +3,7 @@
 import numpy as np
 
 from rig.plan.config import Config
-from sim.models.meeting.in_numbers import series_of, tissue_of
-from sim.models.meeting.prior import Prior
+from sim.identification.prior import Prior, series_of, tissue_of
 
 CELL_NOISE_GWT = 0.02
 MOST_DRIFT_GWT_PER_MIN = 0.1  # of the cell's zero, either way

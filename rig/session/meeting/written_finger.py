@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 from rig.plan.config import Config
 from rig.plan.met.finger_file import Band, Draw, FingerFile, Met, Place, Posterior
 from rig.session.meeting.meeting import Meeting
-from sim.models.meeting.in_numbers import series_of, tissue_of
-from sim.models.meeting.prior import Prior
-from sim.models.meeting.width import COVERAGE
+from sim.identification.posterior import COVERAGE
+from sim.identification.prior import Prior, series_of, tissue_of
 
 Array = NDArray[np.float64]
 

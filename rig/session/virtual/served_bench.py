@@ -17,17 +17,12 @@ from rig.session.virtual.virtual_devices import (
     with_kinds,
 )
 from sim.contact.shapes import parse_shape
-from sim.devices.cell import Load
-from sim.devices.line import SerialLine
-from sim.devices.told import VirtualStage
-from sim.plant.plant import Carriage
-from sim.serve.ahead import Ahead, PressStatistics
+from sim.devices.line import Load, SerialLine, VirtualStage
+from sim.plant import Carriage
+from sim.serve.clock import WallScheduler
+from sim.serve.force_process import FingerNotLoadedError, PressProcess, WayProcess
 from sim.serve.ports import PortBusyError, PtyPort, TcpPort
-from sim.serve.press_ahead import PressAhead
-from sim.serve.press_process import FingerNotLoadedError, PressProcess
-from sim.serve.wall_clock import WallScheduler
-from sim.serve.way_ahead import WayAhead
-from sim.serve.way_process import WayProcess
+from sim.serve.prefetch import Ahead, PressAhead, PressStatistics, WayAhead
 
 Process = TypeVar("Process", PressProcess, WayProcess)
 

@@ -12,10 +12,8 @@ from rig.errors import around
 from rig.plan.config import Config
 from rig.protocol.errors import BadInputError
 from rig.session.virtual.virtual_devices import believed_steps_per_mm, lost_steps, with_kinds
-from sim.devices.cell import Load
 from sim.devices.clock import Scheduler
-from sim.devices.line import SerialLine
-from sim.devices.told import ForceTold, Relay, StageTold, StopPins, TwinError, VirtualStage
+from sim.devices.line import ForceTold, Load, Relay, SerialLine, StageTold, StopPins, TwinError, VirtualStage
 
 
 def virtual_stage(scheduler: Scheduler, line: SerialLine, config: Config) -> VirtualStage:

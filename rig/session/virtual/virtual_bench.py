@@ -21,13 +21,10 @@ from rig.session.virtual.virtual_devices import load_on_sensor, relaxation, true
 from rig.transport.byte_log import LoggedTransport, Sink
 from rig.transport.loopback import LoopbackTransport
 from rig.transport.stop_gate import StopGate
-from sim.devices.cell import Load
 from sim.devices.clock import VirtualClock
-from sim.devices.line import SerialLine
-from sim.devices.told import VirtualStage
+from sim.devices.line import Load, SerialLine, VirtualStage
 from sim.models.fingertip import Fingertip
-from sim.plant.plant import Carriage, Plant, TruePose
-from sim.plant.relaxing_plant import RelaxingPlant
+from sim.plant import Carriage, Plant, RelaxingPlant, TruePose
 
 
 class AnyPlant(Protocol):

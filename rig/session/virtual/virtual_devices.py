@@ -8,10 +8,9 @@ from rig.devices.units import GWT_N
 from rig.plan.config import Config
 from rig.protocol.errors import first_problem
 from rig.transport.port_settings import Framing
-from sim.devices.cell import Load, load_cell
-from sim.devices.told import VirtualStage
-from sim.models.relaxing.prony import PronyTerm
-from sim.plant.plant import Carriage, Placement, Screws, Truth, Turn
+from sim.devices.line import Load, VirtualStage, load_cell
+from sim.models.relaxation import PronyTerm
+from sim.plant import Carriage, Placement, Screws, Truth, Turn
 
 
 def believed_steps_per_mm(config: Config, axis: str) -> float:

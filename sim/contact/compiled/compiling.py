@@ -16,8 +16,18 @@ from typing import Any, TypeVar, cast
 
 from numba import config as numba_config
 from numba import njit
+from platformdirs import user_cache_path
 
-from sim.contact.compiled.kept import cache_dir
+# --- kept ---
+#
+# Where this project keeps what took long to make.
+
+
+def cache_dir() -> Path:
+    """Folder of all that is kept: RIG_CACHE_DIR, or the user's cache folder."""
+    chosen = os.environ.get("RIG_CACHE_DIR")
+    return Path(chosen) if chosen else user_cache_path("indentation-rig")
+
 
 Loops = TypeVar("Loops", bound=Callable[..., Any])
 

@@ -8,18 +8,14 @@ arcs, probe, hard limits.
 from math import inf
 
 from sim.devices.clock import Scheduler
-from sim.devices.grbl import report
-from sim.devices.grbl.core import Mechanics, Wait
-from sim.devices.grbl.gcode import Command, parse
-from sim.devices.grbl.lines import GcodeError
-from sim.devices.grbl.motion import Vec
-from sim.devices.grbl.overrides import Overrides
-from sim.devices.grbl.planner import BLOCKS
+from sim.devices.grbl import core
+from sim.devices.grbl.commands import INVALID_STATEMENT, NOT_IDLE, GrblSystem
+from sim.devices.grbl.core import Mechanics, Overrides, Wait
+from sim.devices.grbl.gcode import Command, GcodeError, parse
+from sim.devices.grbl.planner import BLOCKS, Vec
 from sim.devices.grbl.settings import SOFT_LIMITS, STEP_DIRECTION, STEPS_PER_MM
 from sim.devices.grbl.settings import TRAVEL as TRAVEL_MM
-from sim.devices.grbl.system import INVALID_STATEMENT, NOT_IDLE, GrblSystem
-from sim.devices.line import SerialLine
-from sim.devices.told import StageTold
+from sim.devices.line import SerialLine, StageTold
 
 LOCKED, TRAVEL = 9, 15
 SOFT_LIMIT = 2
@@ -104,7 +100,7 @@ class VirtualGrbl(GrblSystem):
         self._modal = ended
         self._set_overrides(Overrides(), now_s)
         self._reports.show_offset()
-        self._send(report.PROGRAM_END)
+        self._send(core.PROGRAM_END)
         self._reply(0)
 
     def _dwell(self, seconds: float) -> None:

@@ -5,19 +5,181 @@ Source: GRBL 1.1 interface wiki and the behaviour of the 1.1h firmware.
 
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import copysign, floor, inf
 
 from sim.devices.clock import Handle, Scheduler
-from sim.devices.grbl import report
-from sim.devices.grbl.gcode import Modal
-from sim.devices.grbl.lines import LineAssembler
-from sim.devices.grbl.motion import Counts, Vec
-from sim.devices.grbl.offsets import Offsets
-from sim.devices.grbl.overrides import Overrides
-from sim.devices.grbl.planner import Planner
+from sim.devices.grbl.gcode import MM_PER_INCH, LineAssembler, Modal, Offsets
+from sim.devices.grbl.planner import Counts, Planner, Share, Vec
 from sim.devices.grbl.settings import HOMING, GrblSettings
 from sim.devices.line import SerialLine
+
+# --- overrides ---
+#
+# Feed, rapid and spindle overrides: percentages that a pendant or another program may set at any time.
+#
+# Source: GRBL 1.1 interface wiki; the 1.1h firmware: protocol.c, config.h (steps of 10 and 1, from 10 to 200).
+
+FULL, LEAST, MOST = 100, 10, 200
+_STEPS = {0x91: ("feed", 10), 0x92: ("feed", -10), 0x93: ("feed", 1), 0x94: ("feed", -1),
+          0x9A: ("spindle", 10), 0x9B: ("spindle", -10), 0x9C: ("spindle", 1), 0x9D: ("spindle", -1)}  # fmt: skip
+_VALUES = {
+    0x90: ("feed", FULL),
+    0x95: ("rapid", FULL),
+    0x96: ("rapid", 50),
+    0x97: ("rapid", 25),
+    0x99: ("spindle", FULL),
+}
+OVERRIDE_BYTES = (*_STEPS, *_VALUES)
+
+
+@dataclass(frozen=True)
+class Overrides:
+    """Per cent."""
+
+    feed: int = FULL
+    rapid: int = FULL
+    spindle: int = FULL
+
+    def after(self, byte: int) -> "Overrides":
+        """What one real-time byte makes of them."""
+        if byte in _VALUES:
+            name, value = _VALUES[byte]
+        else:
+            name, step = _STEPS[byte]
+            value = min(max(getattr(self, name) + step, LEAST), MOST)
+        return replace(self, **{name: value})
+
+    @property
+    def share(self) -> Share:
+        return Share(self.feed / FULL, self.rapid / FULL)
+
+    def __str__(self) -> str:
+        return f"{self.feed},{self.rapid},{self.spindle}"
+
+
+# --- report ---
+#
+# What a GRBL 1.1h board says of itself. Source: GRBL 1.1 interface wiki.
+
+BANNER = "\r\nGrbl 1.1h ['$' for help]"
+HELP = "[HLP:$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x]"
+ENABLED, DISABLED, PROGRAM_END = "[MSG:Enabled]", "[MSG:Disabled]", "[MSG:Pgm End]"
+UNLOCK = "[MSG:'$H'|'$X' to unlock]"
+RX_BYTES = 128
+
+_WCO_EVERY = {True: 30, False: 10}
+_OV_EVERY = {True: 20, False: 10}
+_SPINDLE_LETTER = {3: "S", 4: "C", 5: ""}
+
+
+@dataclass
+class Snapshot:
+    """The board at the instant of a `?`: mm, mm/min, planner blocks and receive bytes free, limit pins."""
+
+    state: str
+    machine_mm: Vec
+    feed: float
+    blocks_free: int
+    bytes_free: int
+    pins: str
+    modal: Modal
+    offset_mm: Vec
+    overrides: Overrides
+
+
+class StatusReports:
+    """Formats `<…>` lines; WCO and Ov come only now and then, less often while busy."""
+
+    def __init__(self, settings: GrblSettings) -> None:
+        self._settings = settings
+        self._wco_in = 0
+        self._ov_in = 0
+
+    def start_over(self) -> None:
+        self._wco_in = self._ov_in = 0
+
+    def show_offset(self) -> None:
+        """Work coordinates, or what they are printed in, have changed."""
+        self._wco_in = 0
+
+    def show_overrides(self) -> None:
+        """Outputs were switched, or an override: Ov, and with it A, comes as soon as it can."""
+        self._ov_in = 0
+
+    def line(self, at: Snapshot) -> str:
+        mask = int(self._settings[10])
+        inches = self._settings.flag(13)
+        parts = [at.state, self._position(at, bool(mask & 1), inches)]
+        if mask & 2:
+            parts.append(f"Bf:{at.blocks_free},{at.bytes_free}")
+        parts.append(f"FS:{rate(at.feed, inches)},{self._rpm(at):.0f}")
+        if at.pins:
+            parts.append(f"Pn:{at.pins}")
+        return f"<{'|'.join(parts + self._now_and_then(at, inches))}>"
+
+    def _rpm(self, at: Snapshot) -> float:
+        asked = 0.0 if at.modal.spindle == 5 else at.modal.speed * at.overrides.spindle / FULL
+        return min(max(asked, self._settings[31]), self._settings[30]) if asked else 0.0
+
+    def _position(self, at: Snapshot, as_machine: bool, inches: bool) -> str:
+        if as_machine:
+            return "MPos:" + coordinates(at.machine_mm, inches)
+        (x, y, z), (i, j, k) = at.machine_mm, at.offset_mm
+        return "WPos:" + coordinates((x - i, y - j, z - k), inches)
+
+    def _now_and_then(self, at: Snapshot, inches: bool) -> list[str]:
+        busy = at.state not in ("Idle", "Alarm", "Check", "Sleep")
+        parts = []
+        if self._wco_in > 0:
+            self._wco_in -= 1
+        else:
+            self._wco_in = _WCO_EVERY[busy] - 1
+            # The firmware never sends both in one line: Ov follows in the next.
+            self._ov_in = max(self._ov_in, 1)
+            parts.append("WCO:" + coordinates(at.offset_mm, inches))
+        if self._ov_in > 0:
+            self._ov_in -= 1
+        else:
+            self._ov_in = _OV_EVERY[busy] - 1
+            parts.append(f"Ov:{at.overrides}")
+            accessories = _SPINDLE_LETTER[at.modal.spindle] + ("F" if at.modal.coolant == 8 else "")
+            parts += [f"A:{accessories}"] if accessories else []
+        return parts
+
+
+def coordinates(mm: Vec, inches: bool = False) -> str:
+    x, y, z = mm
+    if inches:
+        return f"{x / MM_PER_INCH:.4f},{y / MM_PER_INCH:.4f},{z / MM_PER_INCH:.4f}"
+    return f"{x:.3f},{y:.3f},{z:.3f}"
+
+
+def build(info: str) -> list[str]:
+    """The answer to `$I`."""
+    return [f"[VER:1.1h.20190830:{info}]", "[OPT:V,15,128]"]
+
+
+def rate(mm_min: float, inches: bool) -> str:
+    return f"{mm_min / MM_PER_INCH:.1f}" if inches else f"{mm_min:.0f}"
+
+
+def parser_state(modal: Modal, inches: bool) -> str:
+    """The answer to `$G`; the tool is that of the line before, so nearly always 0."""
+    units, distance, mode = 21 if modal.metric else 20, 90 if modal.absolute else 91, 93 if modal.inverse_time else 94
+    places = f"G{modal.motion} G{54 + modal.system} G{modal.plane} G{units} G{distance} G{mode}"
+    outputs = f"M{modal.spindle} M{modal.coolant}"
+    return f"[GC:{places} {outputs} T0 F{rate(modal.feed, inches)} S{modal.speed:.0f}]"
+
+
+def parameters(offsets: Offsets, inches: bool) -> list[str]:
+    """The answer to `$#`; nothing was ever probed."""
+    stored = [*offsets.systems, offsets.g28, offsets.g30, offsets.g92]
+    names = ("G54", "G55", "G56", "G57", "G58", "G59", "G28", "G30", "G92")
+    places = [f"[{name}:{coordinates(mm, inches)}]" for name, mm in zip(names, stored, strict=True)]
+    length = coordinates((offsets.length_mm, 0.0, 0.0), inches).split(",")[0]
+    return [*places, f"[TLO:{length}]", f"[PRB:{coordinates((0.0, 0.0, 0.0), inches)}:0]"]
+
 
 OVERFLOW = 11
 _OUTPUTS_KEPT = 1000
@@ -60,7 +222,7 @@ class GrblCore:
         self._wire = line
         self._settings = GrblSettings(settings)
         self._offsets, self._slip_steps = Offsets().with_system(0, work_offset_mm), mechanics.slip_steps
-        self._reports = report.StatusReports(self._settings)
+        self._reports = StatusReports(self._settings)
         self._planner = Planner(self._settings.limits(), self._to_steps(mechanics.start_mm), mechanics.play_steps)
         self._rx: deque[int] = deque()
         self._state = self._after_jog = "Idle"
@@ -107,7 +269,7 @@ class GrblCore:
     def _take(self, byte: int, now_s: float) -> None:
         if not self._busy():
             self._feed(byte, now_s)
-        elif len(self._rx) < report.RX_BYTES:
+        elif len(self._rx) < RX_BYTES:
             self._rx.append(byte)
 
     def _pump(self, now_s: float) -> None:
@@ -157,7 +319,7 @@ class GrblCore:
         self._after_jog = "Idle"
         self._state = "Alarm" if locked else "Idle"
         self._sync(now_s)
-        self._send(report.BANNER, *([report.UNLOCK] if locked else []))
+        self._send(BANNER, *([UNLOCK] if locked else []))
 
     def _switch_outputs(self, to: Modal, now_s: float) -> None:
         changed = [f"M{new}" for new, old in zip(to.outputs, self._modal.outputs, strict=True) if new != old]

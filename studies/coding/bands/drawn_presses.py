@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.coding.frictionless import frictionless
 from sim.coding.operators import centred
-from sim.coding.sampled_section import SPACING_MM
+from sim.coding.pressure import frictionless
+from sim.coding.section import SPACING_MM
 from studies.coding.profiles_read_back import (
     OURS,
     SAMPLES,

@@ -12,11 +12,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.coding.bayes import CONTACTS_ERROR, ModelError
 from sim.coding.encoding import noise_sd
-from sim.coding.frictionless import Frictionless, frictionless
 from sim.coding.operators import centred
-from sim.coding.profile_decoder import CONTACTS_ERROR, ModelError
-from sim.coding.sampled_section import SPACING_MM
+from sim.coding.pressure import Frictionless, frictionless
+from sim.coding.section import SPACING_MM
 from studies.coding.bands.drawn_presses import CHOOSING_SEED, NEAR, Press, drawn
 from studies.coding.profiles_read_back import SAMPLES, default_section, finer_section, pressed
 

@@ -24,8 +24,8 @@ from rig.engine.by_hand.bench_memory import BenchMemory
 from rig.plan.config import Config
 from rig.session.real_bench import open_bench
 from rig.transport.clock import WallClock
+from sim.serve.clock import WallScheduler
 from sim.serve.ports import TcpPort
-from sim.serve.wall_clock import WallScheduler
 from studies.faults.campaign.cases import Case, content, is_command, shape
 from studies.faults.campaign.faults import FaultyCarriage, cell
 from studies.faults.campaign.judge import claim_of, claim_on_record, exemption_of, hidden, true_claim, violations

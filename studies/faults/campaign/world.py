@@ -22,9 +22,8 @@ from rig.session.virtual.virtual_devices import true_carriage
 from rig.transport import TransportError
 from rig.transport.clock import Clock
 from rig.transport.loopback import LoopbackTransport
-from sim.devices.cell import Load
 from sim.devices.clock import Scheduler, VirtualClock
-from sim.devices.line import SerialLine
+from sim.devices.line import Load, SerialLine
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N
 
 TRUTH_S = 0.002

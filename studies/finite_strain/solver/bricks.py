@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.fem.shape_functions import gauss_points, gradients
+from sim.fem.elements import gauss_points, gradients
 from studies.finite_strain.solver.laws import Energy, Law
 from studies.finite_strain.solver.ogden import Ogden, Stretched
 

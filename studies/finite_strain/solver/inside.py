@@ -10,14 +10,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.config.fingertip_config import FingertipConfig
-from sim.config.units import PSEUDO_E_EPIDERMIS
-from sim.fem.elements import lame
-from sim.fem.shape_functions import gauss_points, gradients
+from sim.config import FingertipConfig
+from sim.fem.elements import gauss_points, gradients, lame
 from sim.finger.mesh import FingerMesh
 from sim.measures.measures import MEASURES, measures_in_layers
 from sim.measures.receptors import blended, located
-from sim.models.discretised import young_ratios
+from sim.models.condensed import young_ratios
+from sim.units import PSEUDO_E_EPIDERMIS
 from studies.finite_strain.solver.bricks import Moduli, deformation
 from studies.finite_strain.solver.laws import Law
 from studies.finite_strain.solver.ogden import Ogden, Stretched

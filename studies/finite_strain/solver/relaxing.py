@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.models.relaxing.prony import Memory, Prony
+from sim.models.relaxation import Memory, Prony
 from studies.finite_strain.solver.body import Body
 from studies.finite_strain.solver.bricks import Bricks, deformation, outer, summed, swapped
 from studies.finite_strain.solver.equilibrium import NotFoundError, followed, rest

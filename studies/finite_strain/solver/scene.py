@@ -7,15 +7,15 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.contact.patch import X, Z
 from sim.contact.shapes import parse_shape
 from sim.contact.touch import first_touch
 from sim.fem.elements import lame
 from sim.finger.mesh import FingerMesh, build_mesh, section_mesh
 from sim.finger.surface import FingertipSurface
-from sim.models.discretised import young_ratios
-from sim.models.plane_section import prismatic
+from sim.models.condensed import young_ratios
+from sim.models.section import prismatic
 from studies.finite_strain.solver.body import Body, LinearBricks
 from studies.finite_strain.solver.bricks import Dilatation, Moduli, bricks
 from studies.finite_strain.solver.laws import Law, NeoHookean

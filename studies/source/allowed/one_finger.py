@@ -8,17 +8,20 @@ from typing import Any
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.finger.surface import FingertipSurface
-from sim.measures.reach import ReceptorPlaces, receptors_at
-from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorError, ReceptorSet
-from sim.models.condensed import CondensedModel
+from sim.measures.receptors import (
+    DEFAULT_DEPTH_MM,
+    DEFAULT_X_MM,
+    ReceptorError,
+    ReceptorPlaces,
+    ReceptorSet,
+    receptors_at,
+)
+from sim.models.condensed import Columns, CondensedModel
+from sim.models.finger import build_finger
 from sim.models.fingertip import Fingertip
-from sim.models.inside.columns import Columns
-from sim.models.patches import widened
-from sim.models.processes.recipe import Recipe
-from sim.models.sources import MeshKey
-from sim.models.whole_finger import build_finger
+from sim.models.sources import MeshKey, Recipe, widened
 from studies.source.allowed.facts import FACTS, SCENES
 from studies.source.allowed.ranges import LOW_FORCE, Values, finger_of
 from studies.source.printed.answers import LOW_GWT, ROW_DEPTH_MM, ROW_X_MM, Answers, Scene

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.config.fingertip_config import FingertipConfig, Geometry, MeshSpec
+from sim.config import FingertipConfig, Geometry, MeshSpec
 from sim.finger.surface import published_points
 
 Array = NDArray[np.float64]

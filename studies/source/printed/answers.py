@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.stimuli import Stimulus
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.measures.measures import shown
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
 from sim.models.fingertip import Fingertip
-from sim.models.processes.many import indent_many
-from sim.models.results.indentation import IndentationResult
-from sim.models.results.small_strain import SmallStrain, small_strain
+from sim.models.many import indent_many
+from sim.models.result import IndentationResult
+from sim.models.small_strain import SmallStrain, small_strain
 from studies.source.simulated_stimuli import stimulus_of
 
 Array = NDArray[np.float64]

@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 
 from rig.report.html import Figure
-from sim.models.results.indentation import FILTER_SPACING_MM, IndentationResult
+from sim.models.result import FILTER_SPACING_MM, IndentationResult
 from studies.source.printed.answers import Answers, Scene, deep, once
 from studies.source.printed.drawing import maps, pressures
 from studies.source.printed.entry import Claim, Entry

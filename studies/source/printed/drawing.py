@@ -13,7 +13,7 @@ from rig.report.html import Figure
 from rig.report.labels import label, unit
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, Plot, signed
 from sim.contact.patch import X, Z
-from sim.models.results.indentation import FILTER_SPACING_MM, IndentationResult, median_of_four
+from sim.models.result import FILTER_SPACING_MM, IndentationResult, median_of_four
 from studies.source.printed.answers import Answers, Scene
 
 Array = NDArray[np.float64]

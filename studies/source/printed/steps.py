@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rig.report.html import Figure
 from rig.report.style import BLUE, GREEN, ORANGE, PURPLE, Plot
 from sim.contact.profiles import STEP_HALF_WAVELENGTH_MM
-from sim.models.results.indentation import FILTER_SPACING_MM
+from sim.models.result import FILTER_SPACING_MM
 from studies.source.printed.answers import HIGH_GWT, LOW_GWT, Answers, Scene, deep, forced, once
 from studies.source.printed.drawing import filtered, maps, pressures
 from studies.source.printed.entry import Claim, Entry

@@ -13,8 +13,7 @@ from rig.cli import main, study
 from rig.compare.parameter_study.cases import read_study, solve
 from rig.compare.parameter_study.interpolation import interpolated, nodes_to_build
 from sim.contact.indentor import ALONG, BOTH
-from sim.models.moduli.interpolated import HOW_MADE, forget_kept
-from sim.models.moduli.node_builds import INTERPOLATED
+from sim.models.interpolation import HOW_MADE, INTERPOLATED, forget_kept
 from tests.sim.coarse import as_toml, coarse_mesh
 
 NINE = f"""\

@@ -21,11 +21,11 @@ from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
 from rig.session.session import NewRun, Session, dry_run
-from sim.config.fingertip_config import FingertipConfig, MeshSpec
+from sim.config import FingertipConfig, MeshSpec
 from sim.contact.indentor import ALONG
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
-from sim.models.moduli.interpolated import make_node
+from sim.models.interpolation import make_node
 from tests.raising import raises
 
 Array = NDArray[np.float64]

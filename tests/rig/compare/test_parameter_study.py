@@ -15,7 +15,7 @@ from rig.cli import main
 from rig.compare.parameter_study.cases import Case, columns, read_study, solve
 from rig.compare.parameter_study.errors import StudyError, WorkersError
 from rig.compare.parameter_study.workers import spread
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
 from tests.raising import raises
 

@@ -7,7 +7,7 @@ import pytest
 
 from rig.compare.errors import ComparisonError
 from rig.compare.place.place_grid import PlaceRange, nodes, place_range, spline_weights
-from sim.config.fingertip_config import FingertipConfig, Tissue
+from sim.config import FingertipConfig, Tissue
 from tests.raising import raises
 
 

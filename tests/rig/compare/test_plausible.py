@@ -8,7 +8,7 @@ import pytest
 
 from rig.compare.errors import FingersError
 from rig.compare.plausible import PlausibleFingers, design_places, read_plausible
-from sim.config.fingertip_config import FingertipConfig, Tissue
+from sim.config import FingertipConfig, Tissue
 from tests.raising import raises
 
 FILE = """\

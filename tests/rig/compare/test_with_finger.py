@@ -17,7 +17,7 @@ from rig.compare.recordings.recorded import Recording, recording
 from rig.compare.stimuli import Stimulus
 from rig.report.comparison.finger_tables import finger_section, finger_tables, fingers_as_json
 from sim.measures.measures import MEASURES
-from sim.models.moduli.interpolated import HOW_MADE
+from sim.models.interpolation import HOW_MADE
 
 Array = NDArray[np.float64]
 Make = Callable[..., Stimulus]

@@ -3,7 +3,7 @@
 import numpy as np
 
 from rig.plan.met.finger_file import Band, Draw, FingerFile, Met, Place, Posterior
-from sim.config.fingertip_config import FingertipConfig, Tissue
+from sim.config import FingertipConfig, Tissue
 from tests.sim.coarse import coarse_mesh
 
 MESH = coarse_mesh(0.5, 0.7, patch_x_mm=2.3, patch_z_mm=2.3)

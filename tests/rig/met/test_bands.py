@@ -10,8 +10,8 @@ from rig.plan.met.learned import Seen, taken_in
 from rig.plan.met.left import left_of
 from rig.plan.plan import Plan
 from rig.protocol.planned import Band, Pace, PlannedIndentation
-from sim.config.units import GWT_N
-from sim.models.relaxing.prony import Memory, Prony, PronyTerm
+from sim.models.relaxation import Memory, Prony, PronyTerm
+from sim.units import GWT_N
 from tests.rig.met.met_file import SERIES, met_file
 
 PACE = Pace(speed_mm_s=1.0, increment_mm=0.05, ramps=1, hold_s=1.0)
@@ -30,7 +30,7 @@ def test_elastic_tissue_keeps_all() -> None:
 @pytest.mark.parametrize("ramps", [1, 2, 3])
 @pytest.mark.parametrize("doi_mm", [0.1, 1.0])
 def test_what_is_left_is_that_of_the_series(ramps: int, doi_mm: float) -> None:
-    """Against the exact step of `sim/models/relaxing/prony.py` in 400 steps a ramp; 0.02 % is theirs."""
+    """Against the exact step of `sim/models/relaxation.py` in 400 steps a ramp; 0.02 % is theirs."""
     pace = PACE._replace(ramps=ramps)
     prony = Prony([PronyTerm(*term) for term in SERIES])
     memory, felt = Memory.none(prony), 0.0

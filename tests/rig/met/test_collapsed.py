@@ -18,8 +18,8 @@ from rig.plan.met.finger_file import FingerFile
 from rig.protocol.errors import BadInputError
 from rig.session.meeting.meeting import Meeting, Wanted, felt_surely
 from rig.session.meeting.written_finger import finger_file
-from sim.models.meeting.learned import least_effective
-from sim.models.meeting.next_press import PressAt
+from sim.identification.design import PressAt
+from sim.identification.posterior import least_effective
 from tests.made_up_fingers import made_up
 from tests.program import Program
 from tests.raising import raises

@@ -20,7 +20,7 @@ from rig.panel.drawn.job import Job, Press
 from rig.panel.drawn.outlines import HIGHEST_MM, finger_outlines, indentor_outline
 from rig.panel.outlet import Outlet
 from rig.plan.shape_files import copy_name
-from sim.config.fingertip_config import FingertipConfig, Tissue
+from sim.config import FingertipConfig, Tissue
 from sim.contact.shapes import ShapeError, parse_shape
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip

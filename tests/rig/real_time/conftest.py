@@ -19,8 +19,8 @@ from rig.session.virtual.served_bench import ServedBench
 from rig.transport import open_port
 from rig.transport.clock import WallClock
 from sim.devices import BalanceMenu, Load, SerialLine, VirtualBalance, VirtualGrbl
+from sim.serve.clock import WallScheduler
 from sim.serve.ports import PtyPort
-from sim.serve.wall_clock import WallScheduler
 from tests.program import Program
 from tests.waiting import DEADLINE_S, gathered, until
 

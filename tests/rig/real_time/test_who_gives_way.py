@@ -11,14 +11,14 @@ import pytest
 from threadpoolctl import threadpool_info
 
 import rig.panel.drawn.drawing_process as drawing_process
-import sim.models.processes.finger_process as finger_process
-import sim.models.processes.workers as workers
+import sim.finger_process as finger_process
+import sim.workers as workers
 from rig.panel.drawn.drawing_process import DrawingProcess
 from rig.panel.drawn.job import Job
-from sim.config.fingertip_config import FingertipConfig
+from sim.config import FingertipConfig
+from sim.finger_process import FingerProcess
 from sim.models.fingertip import Fingertip
-from sim.models.processes.finger_process import FingerProcess
-from sim.serve.press_process import FingerProcess as ServedFinger
+from sim.serve.force_process import FingerProcess as ServedFinger
 
 REPOSITORY = Path(__file__).parents[3]
 
@@ -50,7 +50,7 @@ def _drawings(folder: Path) -> Iterator[int]:
 
 
 BEGUN = {
-    "sim/models/processes/finger_process.py": (_finger, finger_process._GIVES_WAY, 5),
+    "sim/finger_process.py": (_finger, finger_process._GIVES_WAY, 5),
     "rig/panel/drawn/drawing_process.py": (_drawings, drawing_process._GIVES_WAY, 10),
 }
 NEITHER_SOLVES_NOR_DRAWS = {
@@ -58,9 +58,9 @@ NEITHER_SOLVES_NOR_DRAWS = {
     "rig/session/provenance.py": "asks git",
 }
 NOT_BESIDE_A_STAGE = {
-    "sim/models/processes/workers.py": "many presses at once, for studies, comparisons and benches",
-    "sim/serve/press_process.py": "a virtual finger in real time: what a real one is to a real stage",
-    "sim/speed_and_error/calculix.py": "rig bench",
+    "sim/workers.py": "many presses at once, for studies, comparisons and benches",
+    "sim/serve/force_process.py": "a virtual finger in real time: what a real one is to a real stage",
+    "sim/benchmark.py": "rig bench",
 }
 
 

@@ -21,6 +21,6 @@ DEVICE = ForceKind(
     name="mtsics",
     device="balance that speaks MT-SICS",
     driver=_driver,
-    twin="sim.devices.balance:balance_twin",
+    twin="sim.devices.mtsics:balance_twin",
     tests=("tests/rig/test_mtsics_driver.py",),
 )

@@ -1,0 +1,179 @@
+"""Modules of 0.1 under their old names: they answer for one release, with a warning; pickled results for good."""
+
+import sys
+import warnings
+from importlib import import_module
+from types import ModuleType
+from typing import Any
+
+_NEW = """\
+coding.borne coding.pressure
+coding.decoded coding.search
+coding.energy coding.section
+coding.fitted_receptor coding.bayes
+coding.frictionless coding.pressure
+coding.impulse coding.operators
+coding.other_searches coding.search
+coding.point_spread.all_sites coding.all_sites
+coding.point_spread.kept_sites coding.all_sites
+coding.point_spread.loaded_finger coding.point_loads
+coding.point_spread.moved_response coding.point_spread
+coding.point_spread.power_law coding.point_loads
+coding.point_spread.sites coding.point_loads
+coding.point_spread.spreads coding.point_spread
+coding.profile_decoder coding.bayes
+coding.profiles -
+coding.profiles.climb coding.contacts
+coding.profiles.contact coding.contacts
+coding.profiles.evidence coding.evidence
+coding.profiles.felt_shape coding.shape_class
+coding.profiles.imagined coding.mixture
+coding.profiles.mixture coding.mixture
+coding.profiles.seen coding.contacts
+coding.profiles.smooth_fit coding.bayes
+coding.profiles.table coding.mixture
+coding.readings coding.encoding
+coding.sampled_section coding.section
+coding.sheets -
+coding.sheets.axial_row coding.sheet
+coding.sheets.felt_skin coding.sheet
+coding.sheets.felt_solid coding.shape_class
+coding.sheets.sheet_decoder coding.sheet
+coding.sheets.sheet_operator coding.sheet
+coding.skin_line coding.section
+coding.univariate coding.search
+config.csv_table tables
+config.fingertip_config config
+config.measured_skin config
+config.stiffness config
+config.units units
+contact.compiled.kept contact.compiled.compiling
+contact.compiled.ready contact.warmup
+contact.control contact.force_control
+devices.balance devices.mtsics
+devices.cell devices.line
+devices.drive_motion devices.leadshine
+devices.grbl.blocks devices.grbl.planner
+devices.grbl.homing devices.grbl.settings
+devices.grbl.lines devices.grbl.gcode
+devices.grbl.motion devices.grbl.planner
+devices.grbl.offsets devices.grbl.gcode
+devices.grbl.overrides devices.grbl.core
+devices.grbl.realtime devices.grbl.commands
+devices.grbl.report devices.grbl.core
+devices.grbl.system devices.grbl.commands
+devices.told devices.line
+fem.assembly fem.elements
+fem.dense fem.dissection
+fem.shape_functions fem.elements
+fem.strain fem.elements
+finger.fit finger.surface
+finger.grading finger.mesh
+finger.layers finger.mesh
+finger.quality finger.mesh
+finger.section finger.surface
+finger.skin finger.mesh
+measures.reach measures.receptors
+models.discretised models.condensed
+models.errors errors
+models.inside -
+models.inside.adjoint models.strain_field
+models.inside.anywhere models.field
+models.inside.columns models.condensed
+models.inside.interior models.strain_field
+models.meeting -
+models.meeting.foreseen identification.forward
+models.meeting.given identification.forward
+models.meeting.in_numbers identification.prior
+models.meeting.learned identification.posterior
+models.meeting.misfit identification.posterior
+models.meeting.next_press identification.design
+models.meeting.prior identification.prior
+models.meeting.shape_table identification.shape_table
+models.meeting.shipped identification.shape_table
+models.meeting.width identification.posterior
+models.moduli -
+models.moduli.families models.interpolation
+models.moduli.interpolated models.interpolation
+models.moduli.node_builds models.interpolation
+models.moduli.packed models.interpolation
+models.moduli.weights models.interpolation
+models.patches models.sources
+models.plane_section models.section
+models.processes -
+models.processes.finger_process finger_process
+models.processes.many models.many
+models.processes.recipe models.sources
+models.processes.workers workers
+models.relaxing -
+models.relaxing.held models.relaxation
+models.relaxing.in_time models.viscoelastic
+models.relaxing.moves models.relaxation
+models.relaxing.prony models.relaxation
+models.results -
+models.results.fields models.field
+models.results.indentation models.result
+models.results.indentations models.result
+models.results.outline models.pictures
+models.results.pictures models.pictures
+models.results.point_load models.result
+models.results.small_strain models.small_strain
+models.results.tables tables
+models.stiffening.at_finite_strain models.stiffening
+models.stiffening.linear_alone models.stiffening
+models.stiffening.overlap models.stiffening
+models.stiffening.stiffened models.stiffening
+models.tops models.cache
+models.uncondensed -
+models.uncondensed.deck models.full_mesh
+models.uncondensed.strain_map models.full_mesh
+models.whole_finger models.finger
+plant.plant plant
+plant.relaxing_plant plant
+plant.sampled plant
+serve.ahead serve.prefetch
+serve.press_ahead serve.prefetch
+serve.press_process serve.force_process
+serve.wall_clock serve.clock
+serve.way_ahead serve.prefetch
+serve.way_process serve.force_process
+speed_and_error -
+speed_and_error.calculix benchmark
+speed_and_error.candidates benchmark
+speed_and_error.choice choice
+speed_and_error.expected choice
+speed_and_error.measure benchmark
+speed_and_error.reference benchmark
+speed_and_error.reference_computation benchmark
+speed_and_error.rows benchmark
+speed_and_error.scenes benchmark
+speed_and_error.situation choice
+"""
+"""An old module and where its names are now, below the package; - for a package that is no more."""
+
+
+class _Moved(ModuleType):
+    """A module of 0.1, which looks its names up where they are now."""
+
+    def __init__(self, name: str, new: str | None) -> None:
+        super().__init__(name)
+        self._new = new
+
+    def __getattr__(self, name: str) -> Any:
+        if self._new is None or (name.startswith("__") and name.endswith("__")):
+            raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
+        warnings.warn(f"{self.__name__} is {self._new} now", DeprecationWarning, stacklevel=2)
+        return getattr(import_module(self._new), name)
+
+
+def answer() -> None:
+    """Have the old names answer; nothing is imported before one of them is asked for something."""
+    package = __name__.rpartition(".")[0]
+    shells = dict[str, _Moved]()
+    for row in _NEW.splitlines():
+        old, new = row.split()
+        shell = _Moved(f"{package}.{old}", None if new == "-" else f"{package}.{new}")
+        shells[old] = sys.modules[shell.__name__] = shell
+        above, _, name = old.rpartition(".")
+        if above in shells:
+            setattr(shells[above], name, shell)

@@ -1,1 +1,0 @@
-"""Fingers in other processes: what they are made from, processes that press them, many presses by one call."""

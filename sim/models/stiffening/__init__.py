@@ -1,1 +1,0 @@
-"""Tissue that stiffens with strain."""

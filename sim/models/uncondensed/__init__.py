@@ -1,1 +1,0 @@
-"""A finger on its whole mesh, not condensed: strain maps (`strain_map`) and CalculiX decks (`deck`)."""
