@@ -1,0 +1,45 @@
+"""Modules of 0.1 answer under their old names, and so do the pickles that name them."""
+
+import pickle
+import subprocess
+import sys
+from importlib import import_module
+
+import pytest
+
+from sim import _moved
+
+ROWS = [row.split() for row in _moved._NEW.splitlines()]
+
+
+@pytest.mark.parametrize(("old", "new"), ROWS, ids=[old for old, _ in ROWS])
+def test_an_old_module_has_the_names_of_the_new_one(old: str, new: str) -> None:
+    there = import_module(f"sim.{old}")
+    if new == "-":  # a package of modules that have moved
+        assert [module for module, _ in ROWS if module.startswith(f"{old}.")]
+        return
+    now = import_module(f"sim.{new}")
+    name = next(name for name in vars(now) if not name.startswith("__"))
+    with pytest.warns(DeprecationWarning, match=rf"sim\.{new} now"):
+        assert getattr(there, name) is getattr(now, name)
+    with pytest.raises(AttributeError):
+        there.__path__  # noqa: B018
+
+
+@pytest.mark.parametrize(
+    ("module", "name"),
+    [
+        ("sim.models.results.indentation", "IndentationResult"),
+        ("sim.models.results.point_load", "PointLoadResult"),
+        ("sim.config.fingertip_config", "FingertipConfig"),
+        ("sim.models.errors", "ModelRangeError"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:.* now:DeprecationWarning")
+def test_a_pickle_of_0_1_is_read(module: str, name: str) -> None:
+    assert pickle.loads(f"c{module}\n{name}\n.".encode()).__name__ == name
+
+
+def test_no_old_name_is_imported_before_it_is_asked_for() -> None:
+    code = "import sys, sim; sys.exit('numpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
