@@ -77,7 +77,7 @@ measures.reach measures.receptors
 models.discretised models.condensed
 models.errors errors
 models.inside -
-models.inside.adjoint models.strain_field
+models.inside.adjoint models.adjoint
 models.inside.anywhere models.field
 models.inside.columns models.condensed
 models.inside.interior models.strain_field
@@ -91,13 +91,13 @@ models.meeting.next_press identification.design
 models.meeting.prior identification.prior
 models.meeting.shape_table identification.shape_table
 models.meeting.shipped identification.shape_table
-models.meeting.width identification.posterior
+models.meeting.width identification.bands
 models.moduli -
 models.moduli.families models.interpolation
 models.moduli.interpolated models.interpolation
 models.moduli.node_builds models.interpolation
 models.moduli.packed models.interpolation
-models.moduli.weights models.interpolation
+models.moduli.weights models.weights
 models.patches models.sources
 models.plane_section models.section
 models.processes -

@@ -15,8 +15,8 @@ from rig.session.meeting.meeting import BEYOND_DEPTH, DEPTHS_MM, PLACES_MM, Meet
 from rig.session.session import FinishedRun
 from sim.contact.shapes import parse_shape
 from sim.finger_process import Finger
+from sim.identification.bands import Width, ends
 from sim.identification.design import PressAt
-from sim.identification.posterior import Width, ends
 from sim.identification.prior import named, plain
 
 USUAL_GOALS = (

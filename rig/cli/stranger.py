@@ -10,7 +10,7 @@ from rig.cli.options import JsonOption
 from rig.cli.output import out, print_json, told_in_one_line
 from rig.plan.met.finger_file import Met, read_finger_file
 from rig.session.meeting.stranger import truth_of
-from sim.identification.posterior import standard_deviations
+from sim.identification.bands import standard_deviations
 from sim.identification.prior import named, plain
 
 

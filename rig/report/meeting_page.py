@@ -11,8 +11,9 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from rig.data.folder import replace_text
 from rig.report.html import Figure, Section, alone, render
 from rig.report.style import BLUE, GREY, ORANGE, Plot
+from sim.identification.bands import COVERAGE
 from sim.identification.forward import Foreseen, Given
-from sim.identification.posterior import COVERAGE, Learned
+from sim.identification.posterior import Learned
 from sim.identification.prior import named, plain
 
 _SHOWN = 60  # draws of a panel

@@ -21,8 +21,8 @@ from sim.coding.point_spread import (
 from sim.config import FingertipConfig
 from sim.contact.patch import X, Y
 from sim.measures.receptors import DEFAULT_DEPTH_MM
+from sim.models.adjoint import Progress
 from sim.models.cache import Arrays, cached_arrays, content_key, simulator_code
-from sim.models.strain_field import Progress
 from sim.units import GWT_N
 
 Array = NDArray[np.float64]

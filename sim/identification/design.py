@@ -7,8 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.identification.bands import Width, band
 from sim.identification.forward import Foreseen, RampAndHold, Way, nominal_way
-from sim.identification.posterior import PRESS_ERROR, READING_ERROR, SHAPE_ERROR, Learned, Width, band
+from sim.identification.posterior import PRESS_ERROR, READING_ERROR, SHAPE_ERROR, Learned
 
 Array = NDArray[np.float64]
 

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
-from scipy.special import ndtri
 from scipy.stats import chi2
 
+from sim.identification.bands import Width
 from sim.identification.forward import Foreseen, Given
 from sim.identification.prior import TISSUE, Prior
 
@@ -229,45 +229,6 @@ def _systematic(weights: Array, n: int, chance: np.random.Generator) -> NDArray[
     """(n,) indices, each as often as its weight says."""
     at = (np.arange(n) + chance.random()) / n
     return np.minimum(np.searchsorted(np.cumsum(weights), at), len(weights) - 1)
-
-
-# --- width ---
-#
-# How well a force, or a depth, is known: a band about the middle of what equally likely fingers answer.
-
-COVERAGE = 0.9
-
-
-@dataclass(frozen=True)
-class Width:
-    """A number that is known to a band, in its own unit."""
-
-    middle: float
-    low: float
-    high: float
-
-    @property
-    def half(self) -> float:
-        """Half of the band over the middle."""
-        return (self.high - self.low) / (2 * self.middle)
-
-
-def band(values: Array, own_error: float, coverage: float = COVERAGE) -> Width:
-    """Of (n,) equally likely values, widened by a relative error of their own: normal in the logarithm."""
-    ln = np.log(values)
-    half = standard_deviations(coverage) * np.hypot(ln.std(ddof=1), own_error)
-    middle = float(ln.mean())
-    return Width(*(float(np.exp(middle + sign * half)) for sign in (0, -1, 1)))
-
-
-def standard_deviations(coverage: float = COVERAGE) -> float:
-    """How many either side of a normal's mean hold so much of it."""
-    return float(ndtri(ends(coverage)[1]))
-
-
-def ends(coverage: float = COVERAGE) -> tuple[float, float]:
-    """The shares that lie below a band of so much, and below its upper end."""
-    return 0.5 - coverage / 2, 0.5 + coverage / 2
 
 
 # --- misfit ---

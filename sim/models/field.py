@@ -13,11 +13,12 @@ from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface
 from sim.measures.measures import MEASURES, Elastic, measures_in_layers, stress_from_strain
 from sim.measures.receptors import ReceptorSet, points_below
+from sim.models.adjoint import Progress
 from sim.models.condensed import Columns, CondensedModel
 from sim.models.result import IndentationResult
 from sim.models.sources import HalfWidths, MeshKey, Source
 from sim.models.stiffening import refuse_stiffening
-from sim.models.strain_field import Interior, Progress
+from sim.models.strain_field import Interior
 from sim.units import PSEUDO_E_EPIDERMIS
 
 # --- fields ---

@@ -11,8 +11,8 @@ from sim.contact.patch import Patch, X, Y
 from sim.finger.mesh import build_mesh
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorSet, strain_operator
+from sim.models.adjoint import adjoint_columns
 from sim.models.condensed import Columns, CondensedModel, discretise, factorise, meshed_for, skin_beside, young_ratios
-from sim.models.strain_field import adjoint_columns
 
 Ints = NDArray[np.int64]
 

@@ -1,8 +1,6 @@
-"""How full builds at a few moduli count for a finger of other moduli.
+"""Fingers that are alike but for the moduli of dermis and fat, interpolated between full builds (`weights`).
 
-What forces do to a skin, fᵀCf, is a sum of 1 / (λ + E) with weights and λ ≥ 0, in each layer's E by itself, since the
-stiffness is affine in it and semi-definite (Stieltjes). Weights that are exact for λ = 0, ∞ and two between come near
-for all others; how near is `Axis.error`, whatever the finger. Only ratios to E(epidermis) count: C(sE) = C(E) / s.
+Builds are kept in single precision and summed with weights; families for which that pays are found here, too.
 """
 
 import logging
@@ -15,9 +13,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from sim.config import FingertipConfig, Tissue
+from sim.config import FingertipConfig
 from sim.contact.indentor import ALONG
 from sim.errors import ModelRangeError
 from sim.fem.dissection import mirror_lower
@@ -29,6 +27,7 @@ from sim.models.condensed import Columns, CondensedModel, from_arrays, to_arrays
 from sim.models.finger import build_finger
 from sim.models.sources import MeshKey, OnDisk
 from sim.models.strain_field import Interior
+from sim.models.weights import DERMIS, FAT, FULL_BUILDS, in_range, node_tissues, node_weights
 
 # --- packed ---
 #
@@ -69,95 +68,6 @@ def summed(weights: Array, stacked: Singles) -> Singles:
 
 def _blocks(n: int) -> Iterator[slice]:
     return (slice(start, min(start + _ROWS, n)) for start in range(0, n, _ROWS))
-
-
-_LOG_POLES = (-1.0, 1.0)  # from the middle of the range; those of least error for a 16-fold one, to within a tenth
-_NODES = 2 + len(_LOG_POLES)
-_OF_NO_BUILD = {"stiffness": 1.0, "stiffening": 0.0}  # E(epidermis) is 1 MPa in all of them
-_TRIED_VALUES, _TRIED_POLES = 201, np.append(0.0, np.geomspace(1e-4, 1e4, 161))
-
-
-@dataclass(frozen=True)
-class Axis:
-    """E / E(epidermis) of a layer over a range, with Chebyshev's nodes in its logarithm."""
-
-    low: float
-    high: float
-
-    @property
-    def middle(self) -> float:
-        """Of the logarithm."""
-        return float(np.sqrt(self.low * self.high))
-
-    @cached_property
-    def nodes(self) -> Array:
-        """(4,) ascending values at which fingers are built."""
-        angle = np.pi * (np.arange(_NODES) + 0.5) / _NODES
-        return np.asarray(self.middle * (self.high / self.low) ** (-np.cos(angle) / 2))
-
-    def weights(self, value: ArrayLike) -> Array:
-        """(…, 4) of the nodes for a value of the range."""
-        return np.asarray(self._functions(value) @ self._inverse)
-
-    @cached_property
-    def error(self) -> float:
-        """The largest, relative, of any 1 / (λ + E)."""
-        values = np.geomspace(self.low, self.high, _TRIED_VALUES)[:, None]
-        poles = _TRIED_POLES * self.middle
-        found = self.weights(values[:, 0]) @ (1 / (poles + self.nodes[:, None]))
-        return float(np.abs(found * (poles + values) - 1).max())
-
-    @cached_property
-    def growth(self) -> float:
-        """How much an error at the nodes can grow between them, relative to a compliance there."""
-        values = np.geomspace(self.low, self.high, _TRIED_VALUES)
-        softer = np.maximum(1, values[:, None] / self.nodes)  # C(E') ≤ C(E) E / E' for E' < E, and ≤ C(E) otherwise
-        return float((np.abs(self.weights(values)) * softer).sum(axis=1).max())
-
-    @cached_property
-    def _inverse(self) -> Array:
-        return np.asarray(np.linalg.inv(self._functions(self.nodes)), dtype=float)
-
-    def _functions(self, value: ArrayLike) -> Array:
-        """(…, 4) 1, 1 / E and two between."""
-        e = np.asarray(value, dtype=float)
-        poles = self.middle * np.exp(_LOG_POLES)
-        return np.stack([np.ones_like(e), 1 / e, *(1 / (e + pole) for pole in poles)], axis=-1)
-
-
-DERMIS, FAT = Axis(0.04, 0.64), Axis(0.02, 0.32)
-"""E / E(epidermis) of a finger to be interpolated; the default's is 0.1 of both."""
-
-FULL_BUILDS = _NODES**2
-"""Fingers that are built to interpolate between."""
-
-
-def in_range(tissue: Tissue) -> bool:
-    """Whether a finger of such layers is interpolated."""
-    return DERMIS.low <= tissue.e_dermis <= DERMIS.high and FAT.low <= tissue.e_fat <= FAT.high
-
-
-def node_tissues(tissue: Tissue) -> list[Tissue]:
-    """(16) the layers of the fingers that are built, the fat's modulus fastest; alike in all else."""
-    linear = tissue.model_copy(update=_OF_NO_BUILD)
-    return [
-        linear.model_copy(update={"e_dermis": e_dermis, "e_fat": e_fat})
-        for e_dermis in DERMIS.nodes.tolist()
-        for e_fat in FAT.nodes.tolist()
-    ]
-
-
-def node_weights(tissue: Tissue) -> Array:
-    """(16,) how much each of them counts; they sum to 1."""
-    return np.outer(DERMIS.weights(tissue.e_dermis), FAT.weights(tissue.e_fat)).ravel()
-
-
-def largest_error() -> float:
-    """Bound of |fᵀ(C′ − C)f| / fᵀCf for the interpolated compliance C′ and any forces f, of any finger.
-
-    Below 1 it says that C′ is positive definite: I_d I_f C − C = I_d(I_f C − C) + (I_d C − C).
-    """
-    return min(DERMIS.error + DERMIS.growth * FAT.error, FAT.error + FAT.growth * DERMIS.error)
 
 
 # --- node builds ---

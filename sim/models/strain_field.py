@@ -1,8 +1,7 @@
 """The inside of a finger: its whole stiffness, factorised, which gives strain at any point of it."""
 
-import logging
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
@@ -15,44 +14,11 @@ from sim.config import FingertipConfig
 from sim.finger.mesh import build_mesh
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorSet, strain_operator
+from sim.models.adjoint import Progress, adjoint_columns
 from sim.models.condensed import Columns, Factor, FiniteElements, discretise, factorise, meshed_for, young_ratios
 from sim.models.result import IndentationResult
 
-# --- adjoint ---
-#
-# Columns by adjoint solves: six at each place, whatever the number of forces on the skin.
-
 Array = NDArray[np.float64]
-Progress = Callable[[int, int], object]
-
-_log = logging.getLogger(__name__)
-
-_PLACES_AT_ONCE = 20  # 120 right-hand sides: their displacements take 0.1 GB on the default mesh
-
-
-def adjoint_columns(
-    problem: FiniteElements, factor: Factor, operator: sp.csr_array, progress: Progress | None = None
-) -> Array:
-    """(6 n, n_z, n_phi, 3) strains that an operator recovers at n places, 1/N of a force on each skin node.
-
-    K⁻¹ is applied to its rows, those of some places at once; `progress(done, of)` is called as places are done.
-    """
-    n_z, n_phi, n_r = problem.mesh.grid
-    rows_of_free = operator.tocsc()[:, problem.free].tocsr()
-    node, component = np.divmod(problem.free, 3)
-    on_skin = np.flatnonzero(node % n_r == 0)
-    at = 3 * (node[on_skin] // n_r) + component[on_skin]
-    columns = np.zeros((operator.shape[0], 3 * n_z * n_phi))
-    for start in range(0, len(columns), 6 * _PLACES_AT_ONCE):
-        some = slice(start, start + 6 * _PLACES_AT_ONCE)
-        columns[some, at] = factor.solve(rows_of_free[some].toarray())[:, on_skin]
-        done, of = min(some.stop, len(columns)) // 6, len(columns) // 6
-        _log.debug("building a model: strain at %d of %d places …", done, of)
-        if progress:
-            progress(done, of)
-    return columns.reshape(-1, n_z, n_phi, 3)
-
-
 Ints = NDArray[np.int64]
 
 _POINTS_AT_ONCE = 200  # each takes a quarter of a megabyte while its strains are recovered

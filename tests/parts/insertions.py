@@ -66,7 +66,7 @@ MEASURE = [
 ]
 
 MODEL = [
-    ("sim/models/catalogue.py", "from sim.models.finger", "from sim.models.soft import build_soft\n"),
+    ("sim/models/catalogue.py", "from sim.models.finger import", "from sim.models.soft import build_soft\n"),
     ("sim/models/catalogue.py", '"finger"]\n', '"soft", '),
     ("sim/models/catalogue.py", '    "finger": build_finger', '    "soft": build_soft,\n'),
 ]

@@ -41,9 +41,9 @@ from rig.session.meeting.written_finger import finger_file
 from rig.session.session import FinishedRun, NewRun, Session, run_on
 from rig.session.virtual.virtual_bench import bench_around
 from sim.devices.clock import VirtualClock
+from sim.identification.bands import standard_deviations
 from sim.identification.design import PressAt
 from sim.identification.forward import Given, Way
-from sim.identification.posterior import standard_deviations
 from sim.identification.prior import TAU_FAST_S, Prior
 from sim.models.fingertip import Fingertip
 from sim.models.relaxation import Memory, Prony, PronyTerm

@@ -63,7 +63,7 @@ def test_nothing_is_factorised_elsewhere() -> None:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, ast.Call) and getattr(node.func, "id", "") in ("PardisoFactor", "DissectionFactor")
     }
-    assert makers == {"models/discretised.py", "speed_and_error/measure.py"}  # which measures how long one takes
+    assert makers == {"models/condensed.py", "benchmark.py"}  # which measures how long one takes
 
 
 def test_every_builder_is_walked() -> None:

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 import sim.identification.posterior as learned_module
+from sim.identification.bands import Width, band
 from sim.identification.design import Chooser, PressAt, Search, held_gwt, highest_gwt
 from sim.identification.forward import Given, RampAndHold, nominal_way
-from sim.identification.posterior import Learned, Surprise, Width, band, learn, no_finger, nothing_learned
+from sim.identification.posterior import Learned, Surprise, learn, no_finger, nothing_learned
 from sim.identification.prior import Prior
 from tests.made_up_fingers import made_up, pressed
 

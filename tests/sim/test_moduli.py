@@ -18,29 +18,22 @@ from sim.measures.receptors import ReceptorError, ReceptorPlaces
 from sim.models import interpolation
 from sim.models.fingertip import Fingertip
 from sim.models.interpolation import (
-    DERMIS,
-    FAT,
     FORCE_ERROR,
-    FULL_BUILDS,
     HOW_MADE,
     INTERPOLATED,
     SED_ERROR,
     Asked,
-    Axis,
     Node,
     forget_kept,
-    in_range,
-    largest_error,
     make_node,
     missing_nodes,
-    node_tissues,
-    node_weights,
     nodes_for,
     packed,
     summed,
     unpacked,
     worth_interpolating,
 )
+from sim.models.weights import DERMIS, FAT, FULL_BUILDS, Axis, in_range, largest_error, node_tissues, node_weights
 from tests.raising import raises
 from tests.sim.coarse import coarse_mesh
 
@@ -121,8 +114,8 @@ def test_the_bound_takes_the_better_order(monkeypatch: pytest.MonkeyPatch) -> No
     both = sorted([wide.error + wide.growth * narrow.error, narrow.error + narrow.growth * wide.error])
     assert both[0] < 0.9 * both[1]
     for dermis, fat in ((wide, narrow), (narrow, wide)):
-        monkeypatch.setattr("sim.models.interpolation.DERMIS", dermis)
-        monkeypatch.setattr("sim.models.interpolation.FAT", fat)
+        monkeypatch.setattr("sim.models.weights.DERMIS", dermis)
+        monkeypatch.setattr("sim.models.weights.FAT", fat)
         assert largest_error() == both[0]
 
 
@@ -276,7 +269,7 @@ def test_another_finger_reads_nothing(nodes: Path, monkeypatch: pytest.MonkeyPat
 def test_a_build_that_is_missing_is_made_and_told(nodes: Path, caplog: pytest.LogCaptureFixture) -> None:
     node = nodes_for(config(), PLACES)[6]
     node.files[0].unlink()
-    with caplog.at_level(logging.INFO, "sim.models.moduli"):
+    with caplog.at_level(logging.INFO, "sim.models.interpolation"):
         assert not load(config(), exact=False).from_cache
     assert caplog.messages == ["full build 7 of 16, to interpolate between, made once …"]
     assert node.kept

@@ -20,8 +20,9 @@ from sim.measures.receptors import ReceptorPlaces, receptors_at
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.full_mesh import MeshedFinger
-from sim.models.interpolation import Asked, node_tissues
+from sim.models.interpolation import Asked
 from sim.models.sources import OnDisk
+from sim.models.weights import node_tissues
 from tests.raising import raises
 from tests.sim.coarse import coarse_mesh
 

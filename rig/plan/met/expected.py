@@ -14,7 +14,7 @@ from rig.plan.met.left import Left, left_of
 from rig.protocol.planned import Band, Pace
 from sim.config import FingertipConfig
 from sim.contact.indentor import Indentor
-from sim.identification.posterior import band
+from sim.identification.bands import band
 from sim.models.fingertip import Fingertip
 
 Array = NDArray[np.float64]

@@ -15,7 +15,7 @@ from rig.errors import RuleError
 from rig.protocol.errors import BadInputError, first_problem
 from rig.transport.port_settings import Settings
 from sim.config import FingertipConfig, Tissue
-from sim.models.interpolation import DERMIS, FAT
+from sim.models.weights import DERMIS, FAT
 
 TISSUE = ("stiffness", "e_dermis", "e_fat", "stiffening")
 """What likely fingers differ in, besides how they relax: keys of `finger.tissue`."""

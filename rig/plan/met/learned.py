@@ -22,7 +22,7 @@ from rig.protocol.planned import Pace
 from sim.contact.shapes import parse_shape
 from sim.identification.prior import LEAST_STIFFENING
 from sim.models.fingertip import Fingertip
-from sim.models.interpolation import DERMIS, FAT
+from sim.models.weights import DERMIS, FAT
 
 Array = NDArray[np.float64]
 

@@ -12,19 +12,10 @@ from rig.plan.config import Config
 from rig.plan.plan import SMALLEST_SOFT_TRIP_N, SOFT_TRIP_OVER_BAND
 from rig.protocol.planned import BETWEEN_INCREMENTS_S
 from sim.errors import ModelRangeError
+from sim.identification.bands import Width, band, standard_deviations
 from sim.identification.design import Chooser, PressAt, Search, highest_gwt
 from sim.identification.forward import Foreseen, Given, RampAndHold
-from sim.identification.posterior import (
-    PRESS_ERROR,
-    SHAPE_ERROR,
-    Surprise,
-    Width,
-    band,
-    learn,
-    no_finger,
-    nothing_learned,
-    standard_deviations,
-)
+from sim.identification.posterior import PRESS_ERROR, SHAPE_ERROR, Surprise, learn, no_finger, nothing_learned
 from sim.identification.prior import named
 
 SHAPES = ("sphere:4", "flat:3", "bar:3.0")

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rig.plan.config import Config
 from rig.plan.met.finger_file import Band, Draw, FingerFile, Met, Place, Posterior
 from rig.session.meeting.meeting import Meeting
-from sim.identification.posterior import COVERAGE
+from sim.identification.bands import COVERAGE
 from sim.identification.prior import Prior, series_of, tissue_of
 
 Array = NDArray[np.float64]
