@@ -1,80 +1,82 @@
-"""The base of every error of the rig: one sentence, a code that does not change with it, and its fields."""
+"""Bad input, told in one line: what, where, and what was expected."""
 
-import re
-from typing import Any, ClassVar, TypeVar
+from collections.abc import Iterator
+from difflib import get_close_matches
+from reprlib import Repr
+from typing import Any, get_args
+
+from pydantic import BaseModel, JsonValue, ValidationError
+
+from rig.errors import RigError, is_coded
+
+WRITTEN_BY_COMMANDS: dict[str, JsonValue] = {"written_by_commands": True}
+"""Marks the field of a table that no person writes."""
+
+_SHORT = Repr()
+_SHORT.maxlist = _SHORT.maxdict = 3
+_SHORT.maxstring = _SHORT.maxother = 200
 
 
-class RigError(Exception):
-    """An error with a stable code.
+class BadInputError(RigError):
+    """Something the user gave is not usable; nothing has moved."""
 
-    Parameters
-    ----------
-    sentence : str
-        What went wrong, where, and what to do. With `fields` it is a format string over them: "{port}: no reply to
-        {command} within {timeout_s:g} s". Without fields it is printed as it is, so a driver may raise plain text.
-    code : str, optional
-        What went wrong, for programs: lower case, with underscores. The class's own `default_code` if not given.
-    **fields
-        Numbers in the unit that their name ends with, names, and choices.
+    default_code = "bad_input"
+
+
+def first_problem(where: str, error: ValidationError, model: type[BaseModel] | None = None) -> BadInputError:
+    """The first complaint of a validation, with the place and the value it is about.
+
+    model: what was validated; an unknown key is then told with its nearest neighbours.
+
+    Codes: unknown_key, missing_key, invalid_value, invalid_table, or that of the error which a validator raised.
+    Fields: where, key, value, rule (the validation's own name for it), and the rule's bounds.
     """
-
-    default_code: ClassVar[str] = "error"
-
-    def __init__(self, sentence: str = "", /, *, code: str | None = None, **fields: Any) -> None:
-        super().__init__(sentence.format_map(fields) if fields else sentence)
-        self.sentence, self.fields = sentence, fields
-        self.code = self.default_code if code is None else code
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _raised_again, (type(self), self.args), self.__dict__
-
-
-class RuleError(RigError, ValueError):
-    """Values that do not go together, found by a validator; code and fields survive the validation."""
-
-    default_code = "invalid_value"
-
-
-Coded = TypeVar("Coded", bound=RigError)
-
-
-def code_of(error: BaseException) -> str:
-    """The code of an error: its own, or for one of another library the name of its class (`file_not_found`).
-
-    An error of the simulation has its own too: packages below this one cannot be imported here.
-    """
-    code = getattr(error, "code", None)
-    if isinstance(code, str) and not isinstance(error, SystemExit):
-        return code
-    name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", type(error).__name__).lower()
-    return name if name == "os_error" else name.removesuffix("_exception").removesuffix("_error")
+    problem = error.errors()[0]
+    place = ".".join(str(part) for part in problem["loc"])
+    rule = problem["type"]
+    if rule == "extra_forbidden":
+        near = [] if model is None else _neighbours(problem["loc"], model)
+        meant = f", did you mean {' or '.join(near)}?" if near else ""
+        return BadInputError("{where}: {key}: there is no such key{meant}", code="unknown_key", where=where,
+                             key=place, near=near, meant=meant)  # fmt: skip
+    context = problem.get("ctx", {})
+    raised = context.get("error")
+    fields = {name: bound for name, bound in context.items() if name != "error"}
+    code = {"missing": "missing_key"}.get(rule)
+    if raised is not None and is_coded(raised):
+        fields, code = dict(raised.fields), raised.code
+    what = str(raised) if rule == "value_error" else problem["msg"].lower()
+    fields |= {"where": where, "key": place, "rule": rule, "problem": what}
+    if isinstance(problem["input"], dict):  # about a whole table: the message says which keys
+        parts = ("{where}" if where else "", "{key}" if place else "", "{problem}" if what else "")
+        return BadInputError(": ".join(part for part in parts if part), code=code or "invalid_table", **fields)
+    fields |= {"value": problem["input"], "shown": _SHORT.repr(problem["input"])}
+    return BadInputError("{where}: {key} = {shown}: {problem}", code=code or "invalid_value", **fields)
 
 
-def is_coded(error: Any) -> bool:
-    """Whether it is an error with code and fields, of the rig or of the simulation, which is not imported here."""
-    return isinstance(getattr(error, "fields", None), dict) and isinstance(getattr(error, "code", None), str)
+def _neighbours(place: tuple[str | int, ...], model: type[BaseModel]) -> list[str]:
+    """Keys that look like the last one of a place: in its own table, else in any other one."""
+    table, wanted = model, str(place[-1])
+    for name in place[:-1]:
+        inner = _table(table.model_fields[str(name)].annotation) if str(name) in table.model_fields else None
+        table = inner or table
+    near = get_close_matches(wanted, table.model_fields, n=2)
+    everywhere = dict(_keys(model))
+    return near or [everywhere[key] for key in get_close_matches(wanted, everywhere, n=2)]
 
 
-def around(kind: type[Coded], sentence: str, error: Any, /, *, code: str | None = None, **fields: Any) -> Coded:
-    """Return an error that has the sentence of another one in its own, as {problem}, and its code and fields."""
-    known = error.fields if is_coded(error) else {}
-    kept = error.code if code is None and is_coded(error) else code
-    return kind(sentence, code=kept, **{**known, **fields, "problem": str(error)})
+def _keys(model: type[BaseModel], above: str = "") -> Iterator[tuple[str, str]]:
+    """Every key of a model and of its tables that a person writes, with its whole place."""
+    for name, field in model.model_fields.items():
+        if field.json_schema_extra == WRITTEN_BY_COMMANDS:
+            continue
+        yield name, f"{above}{name}"
+        inner = _table(field.annotation)
+        if inner is not None:
+            yield from _keys(inner, f"{above}{name}.")
 
 
-def recast(kind: type[Coded], error: Exception) -> Coded:
-    """Return the same words, code and fields as an error of another kind; of one that has words alone, these."""
-    if isinstance(error, RigError):
-        return kind(error.sentence, code=error.code, **error.fields)
-    return kind(str(error))
-
-
-def fields_of(error: BaseException) -> dict[str, Any]:
-    """The fields of an error; none of one that has none."""
-    return dict(getattr(error, "fields", {}))
-
-
-def _raised_again(kind: type[RigError], args: tuple[Any, ...]) -> RigError:
-    error = kind.__new__(kind)
-    error.args = args
-    return error
+def _table(annotation: Any) -> type[BaseModel] | None:
+    """The table that a key holds, or may hold."""
+    kinds = (annotation, *get_args(annotation))
+    return next((kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)), None)

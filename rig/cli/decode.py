@@ -1,126 +1,185 @@
-"""`rig decode`: pressure on the skin, read back from what receptors under it say."""
+"""What `rig decode` says of what it found: a table, one JSON object, a picture."""
 
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Any
 
-import typer
+import numpy as np
+from numpy.typing import NDArray
+from rich.table import Table
 
-from rig.cli.coded import pressed
-from rig.cli.decode_options import axial_of, encoding_of, operator_of, receptor_of, refuse_together, search_of
-from rig.cli.decode_said import as_json_object, draw, print_decoded
-from rig.cli.decode_sources import task_of_press, task_of_pressures, task_of_readings, tasks_of_row
-from rig.cli.decoding import DECODERS, Answer, DecoderName, Search, Task, best_explained, decode
-from rig.cli.options import FingertipOption, JsonOption
-from rig.cli.output import THE_FINGER, busy, print_json, told_in_one_line
-from rig.cli.pictures import PictureOption, checked_picture
-from rig.cli.pressures import read_pressures
-from rig.cli.readings_file import read_readings
-from rig.cli.sampling import (
-    DepthOption,
-    EnergyOption,
-    HalfLengthOption,
-    NoisePlaceOption,
-    SnrOption,
-    SpacingOption,
-    named,
-    sampling_of,
-)
-from rig.errors import code_of, fields_of
-from rig.plan.config import load_config
-from rig.protocol.errors import BadInputError
-from sim.coding.operators import OPERATORS
-from sim.coding.search import DecodingError
-from sim.coding.section import HALF_LENGTH, SPACING_MM
-from sim.measures.receptors import DEFAULT_DEPTH_MM
+from rig.cli.decoding import Answer, DecoderName, Task
+from rig.cli.output import out
+from rig.cli.pictures import write_picture
+from rig.cli.readings_file import pa_per_pseudo
+from sim.coding.operators import Operator
+from sim.coding.search import decoding_errors, error_surface
+from sim.coding.shape_class import felt_solid
+from sim.coding.sheet import SheetOperator
+from sim.config import FingertipConfig
+
+Array = NDArray[np.float64]
+
+_ROWS = 25
+_FINE = 121  # values of a pressure across a picture of the error surface
 
 
-def command(
-    pressure: Annotated[
-        str | None, typer.Option(metavar="P", help="Encode these first: 20,14, or a CSV with a column pressure.")
-    ] = None,
-    shape: Annotated[str | None, typer.Option(metavar="S", help="Or press this, prismatic along z.")] = None,
-    readings: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.csv", help="Or take these: places, depths, readings, noise; with z_mm a sheet."),
-    ] = None,
-    axial: Annotated[
-        str | None,
-        typer.Option(metavar="A", help="Of a row in the whole finger: ellipse:HALF-LENGTH in mm; ellipse: the best."),
-    ] = None,
-    x_mm: Annotated[float, typer.Option(metavar="X", help="Of the indentor's reference point.")] = 0.0,
-    doi_mm: Annotated[float | None, typer.Option(metavar="D", help="How deep it is pressed.")] = None,
-    decoder: Annotated[str, typer.Option(metavar="NAME", help=", ".join(DECODERS))] = "ours",
-    operator: Annotated[
-        str | None, typer.Option(metavar="O", help=f"{' or '.join(OPERATORS)}; absent: the first for --pressure.")
-    ] = None,
-    energy: EnergyOption = "finite",
-    snr_db: SnrOption = None,
-    noise: NoisePlaceOption = "receptor",
-    gain: Annotated[
-        str | None,
-        typer.Option(metavar="K", help="Of the receptor, in R = k (S − S₀); 30±2 with its standard error."),
-    ] = None,
-    threshold: Annotated[
-        str | None, typer.Option(metavar="S0", help="Of the receptor, 1.5±0.2 likewise; absent: no receptor.")
-    ] = None,
-    start: Annotated[str | None, typer.Option(metavar="P", help="Where univariate and grid begin: 10,10.")] = None,
-    within: Annotated[
-        str | None, typer.Option("--range", metavar="LOW,HIGH", help="Of pressures, for all decoders but ours.")
-    ] = None,
-    grid_step: Annotated[
-        float | None, typer.Option(metavar="P", help="Of grid; absent: a 30th of the range.")
-    ] = None,
-    seed: Annotated[int, typer.Option(metavar="N", help="Of the noise, and of what is drawn at random.")] = 0,
-    spacing_mm: SpacingOption = SPACING_MM,
-    half_length: HalfLengthOption = HALF_LENGTH,
-    receptor_depth_mm: DepthOption = DEFAULT_DEPTH_MM,
-    config: FingertipOption = None,
-    picture: PictureOption = None,
-    as_json: JsonOption = False,
-) -> None:
-    """Print the pressures found, how sure they are and, where the true ones are known, how wrong."""
-    with told_in_one_line(as_json=as_json):
-        refuse_together(pressure, shape, readings, snr_db=snr_db, operator=operator, doi_mm=doi_mm)
-        name, by = named("--decoder", decoder, DECODERS), operator_of(operator, pressures=pressure is not None)
-        how = encoding_of(energy, noise, snr_db, seed, receptor_of(gain, threshold))
-        search = search_of(name, start, within, grid_step, seed)
-        sampling = sampling_of(spacing_mm, half_length, receptor_depth_mm)
-        half_lengths = axial_of(axial, name, readings)
-        checked_picture(picture)
-        finger = load_config(config).finger
-        make: Callable[[], Task | list[Task]]
-        what = "the plane-strain section: about a second …"
-        if pressure is not None:
-            samples = read_pressures(pressure)
-            make = partial(task_of_pressures, finger, sampling, by, how, samples)
-        elif shape is not None:
-            scene = pressed(shape, x_mm, doi_mm)
-            make = partial(task_of_press, finger, sampling, by, how, scene)
-        else:
-            assert readings is not None
-            given = read_readings(readings, finger)
-            what = what if given.z_mm is None and axial is None else THE_FINGER
-            if half_lengths:
-                make = partial(tasks_of_row, finger, how, given, spacing_mm, half_lengths)
-            else:
-                make = partial(task_of_readings, finger, how, given, spacing_mm, contacts=name == "ours")
-        with busy(what, as_json=as_json):
-            task, answer = _answered(make, name, search)
-        if picture is not None:
-            draw(task, answer, picture)
-        if as_json:
-            print_json({"decoder": name, **as_json_object(finger, task, answer)})
-        else:
-            print_decoded(finger, name, task, answer)
+def left(task: Task, answer: Answer) -> float:
+    """Root mean square of SED that the pressures found do not explain, of receptors that are not silent."""
+    return float(np.sqrt(np.mean((task.operator.sed(answer.pressure) - task.sed)[task.heard] ** 2)))
 
 
-def _answered(make: Callable[[], Task | list[Task]], decoder: DecoderName, search: Search) -> tuple[Task, Answer]:
-    """Of several tasks of the same readings the one that explains them best."""
-    try:
-        made = make()
-        task = made if isinstance(made, Task) else best_explained(made)
-        return task, decode(task, decoder, search)
-    except DecodingError as error:
-        raise BadInputError("{problem}", code=code_of(error), **{**fields_of(error), "problem": str(error)}) from None
+def as_json_object(finger: FingertipConfig, task: Task, answer: Answer) -> dict[str, Any]:
+    """Arrays and numbers; what is not known is null."""
+    operator, noise, profile = task.operator, task.noise, answer.profile
+    band = None if profile is None else dict(zip(("low", "high"), (v.tolist() for v in profile.band()), strict=True))
+    return {
+        "operator": operator.name,
+        "energy": operator.energy,
+        "place_mm": operator.place_mm.tolist(),
+        "pressure": answer.pressure.tolist(),
+        "pa_per_pseudo": pa_per_pseudo(finger),
+        "sd": None if profile is None else profile.sd.tolist(),
+        "band_90": band,
+        "true": None if task.true is None else task.true.tolist(),
+        "errors": None if task.true is None else decoding_errors(task.true, answer.pressure)._asdict(),
+        "receptor_mm": operator.receptor_mm.tolist(),
+        "reading": task.reading.tolist(),
+        "explained_sed": operator.sed(answer.pressure).tolist(),
+        "samples": len(task.reading),
+        "noise": {
+            "sd": None if noise is None else noise.sd.tolist(),
+            "known": None if noise is None else noise.known,
+            "left_of_sed": left(task, answer),
+        },
+        "range": None if answer.within is None else list(answer.within),
+        "moves": max(0, len(answer.path) - 1),
+        "converged": answer.converged,
+        "problems": list(answer.problems),
+        "felt": _felt(operator, answer),
+        "axial": task.axial,
+        "ms": answer.ms,
+    }
+
+
+def print_decoded(finger: FingertipConfig, decoder: DecoderName, task: Task, answer: Answer) -> None:
+    """For people; a search that was cut off, and readings that are not explained, say so."""
+    operator, found = task.operator, answer.pressure
+    moves = f", {len(answer.path) - 1} moves" if len(answer.path) else ""
+    out.print(
+        f"{decoder}, {operator.name}, SED {operator.energy}: {len(found)} pressures from M = {len(task.reading)} "
+        f"readings in {answer.ms:.0f} ms, {'converged' if answer.converged else 'not converged'}{moves}"
+    )
+    if task.axial is not None:
+        out.print(f"  of the receptor plane of the whole finger, under {task.axial} along it")
+    if task.noise is not None and answer.profile is not None:
+        out.print(f"  noise sd {np.median(task.noise.sd):.3g} of a reading, {task.noise.known}")
+    out.print(f"  left of SED, root mean square {left(task, answer):.3g}, {_share(task, answer):.2%} of the highest")
+    if task.true is not None:
+        errors = decoding_errors(task.true, found)
+        out.print(
+            f"  Eq. 6.8 {errors.eq_6_8:.3g} (squared), relative L2 {errors.relative_l2:.1%}, "
+            f"RMSE over the peak {errors.rmse_over_peak:.1%}"
+        )
+    else:
+        out.print(f"  one pseudo-unit is {pa_per_pseudo(finger):.4g} Pa")
+    for problem in answer.problems:
+        out.print(f"  beware: {problem}")
+    if isinstance(operator, SheetOperator):
+        felt = felt_solid(operator.skin, found)
+        out.print(
+            f"  felt as a {felt.name}, {felt.size_mm:.2g} mm; in contact over {felt.extent_mm[0]:.2f} mm along x, "
+            f"{felt.extent_mm[1]:.2f} mm along z"
+        )
+        out.print(_map(operator, answer))
+    else:
+        out.print(_table(task, answer))
+
+
+def _share(task: Task, answer: Answer) -> float:
+    return left(task, answer) / float(task.sed.max())
+
+
+def _felt(operator: Operator, answer: Answer) -> dict[str, Any] | None:
+    """Class and size of what touches a sheet."""
+    if not isinstance(operator, SheetOperator):
+        return None
+    felt = felt_solid(operator.skin, answer.pressure)
+    return {"class": felt.name, "size_mm": felt.size_mm, "extent_mm": list(felt.extent_mm)}
+
+
+def _map(operator: SheetOperator, answer: Answer) -> Table:
+    """Pressures, x downwards and z to the right; pseudo-units."""
+    grid = operator.skin.grid
+    table = Table("x \\ z (mm)", *(f"{z:.1f}" for z in grid.z_mm), box=None, padding=(0, 1))
+    for x, row in zip(grid.x_mm, answer.pressure.reshape(grid.shape), strict=True):
+        table.add_row(f"{x:.1f}", *(f"{v:.0f}" for v in row))
+    return table
+
+
+def _table(task: Task, answer: Answer) -> Table:
+    digits = max(0, 2 - int(np.floor(np.log10(max(float(answer.pressure.max()), 1e-6)))))
+    columns = {"place (mm)": [f"{v:.2f}" for v in task.operator.place_mm]}
+    if task.true is not None:
+        columns["true"] = [f"{v:.{digits}f}" for v in task.true]
+    columns["found (pseudo)"] = [f"{v:.{digits}f}" for v in answer.pressure]
+    if answer.profile is not None:
+        band = zip(*answer.profile.band(), strict=True)
+        columns["90 % band"] = [f"{low:.{digits}f} … {high:.{digits}f}" for low, high in band]
+    table = Table(*columns, box=None, padding=(0, 2))
+    rows = list(zip(*columns.values(), strict=True))
+    for k in np.unique(np.linspace(0, len(rows) - 1, _ROWS).round().astype(int)).tolist():
+        table.add_row(*rows[k])
+    return table
+
+
+def draw(task: Task, answer: Answer, picture: Path) -> None:
+    """The way over the error surface where two pressures were searched for, else the pressures with their band."""
+    if isinstance(task.operator, SheetOperator):
+        _draw_sheet(task.operator, answer, picture)
+    elif len(answer.pressure) == 2 and len(answer.path) > 1:
+        _draw_search(task, answer, picture)
+    else:
+        _draw_pressures(task, answer, picture)
+
+
+def _draw_sheet(operator: SheetOperator, answer: Answer, picture: Path) -> None:
+    from rig.report.coding.sheet_figure import Drawn, sheet_figure  # matplotlib: only where it is wanted
+
+    grid = operator.skin.grid
+    assert answer.profile is not None
+    found, sd = (values.reshape(grid.shape) for values in (answer.pressure, answer.profile.sd))
+    write_picture(sheet_figure(Drawn(grid.x_mm, grid.z_mm, found, sd, operator.receptor_mm)), picture)
+
+
+def _draw_search(task: Task, answer: Answer, picture: Path) -> None:
+    from rig.report.coding.search_figures import (
+        Surface,
+        extents,
+        search_figure,
+    )  # matplotlib: only where it is wanted
+
+    def surface(low: Array, high: Array) -> Surface:
+        first, second = np.linspace(low, high, _FINE).T
+        return Surface(first, second, error_surface(task.operator, task.sed, first, second))
+
+    assert answer.within is not None
+    whole = {"the error surface": (np.full(2, answer.within.low), np.full(2, answer.within.high))}
+    surfaces = {title: surface(*ends) for title, ends in (whole | extents(answer.path)).items()}
+    write_picture(search_figure(surfaces, {"univariate": answer.path}, task.true), picture)
+
+
+def _draw_pressures(task: Task, answer: Answer, picture: Path) -> None:
+    from rig.report.coding.decoded_figure import Drawn, decoded_figure  # matplotlib: only where it is wanted
+
+    band = None if answer.profile is None else answer.profile.band()
+    operator = task.operator
+    drawn = Drawn(
+        operator.place_mm,
+        answer.pressure,
+        band,
+        task.true,
+        operator.receptor_mm,
+        task.sed,
+        operator.sed(answer.pressure),
+    )
+    write_picture(decoded_figure(drawn), picture)

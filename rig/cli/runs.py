@@ -1,119 +1,159 @@
-"""`rig runs`: the runs of a folder, as a list or as one table of all their indentations."""
+"""`rig show`: one run, as its folder tells it."""
 
-import csv
-import io
-from collections.abc import Sequence
+import tomllib
 from dataclasses import asdict
-from datetime import date
+from itertools import groupby
 from pathlib import Path
-from typing import Annotated
+from statistics import fmean
+from typing import Annotated, Any
 
 import typer
 
-from rig.cli.options import JsonOption, checked_file
-from rig.cli.output import complain, looking_busy, out, print_json, told_in_one_line
-from rig.data.folder import replace_text
-from rig.data.reader import RunError
-from rig.data.run_index import Entry, listed
-from rig.data.summary import HOLD_COLUMNS, RUN_COLUMNS, STATES, Summary
-from rig.data.wanted import Wanted
+from rig.cli.options import JsonOption
+from rig.cli.output import out, print_json, told_in_one_line
+from rig.data import dictionary
+from rig.data.reader import Run, RunError, provenance_of, read_run
+from rig.data.run_tables import tables
+from rig.data.summary import FOREIGN, alive, foreign, summary_of
 
-_DAY = "a day such as 2026-03-01"
+_UNKNOWN = "not known"
 
 
 def command(
-    runs: Annotated[Path, typer.Argument(metavar="[DIR]", help="The folder in which runs have theirs.")] = Path(
-        "runs"
-    ),
-    subject: Annotated[str | None, typer.Option(metavar="CODE", help="Of this subject only.")] = None,
-    shape: Annotated[str | None, typer.Option(metavar="S", help="That pressed bar:3.0, or any bar.")] = None,
-    protocol: Annotated[str | None, typer.Option(metavar="NAME", help="Of this protocol only.")] = None,
-    state: Annotated[str | None, typer.Option(metavar="STATE", help=", ".join(STATES) + ".")] = None,
-    since: Annotated[str | None, typer.Option(metavar="DAY", help=f"Begun on it or later (UTC): {_DAY}.")] = None,
-    until: Annotated[str | None, typer.Option(metavar="DAY", help="Begun on it or before.")] = None,
-    table: Annotated[
-        Path | None, typer.Option(metavar="CSV", help="All their holds into one file, a row for each.")
-    ] = None,
+    run: Annotated[Path | None, typer.Argument(metavar="RUN", help="A run folder.")] = None,
+    columns: Annotated[
+        bool, typer.Option("--columns", help="Instead: every column of a run's tables, as in docs/data.md.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """List runs, the newest last; what is no readable run gets one line on standard error."""
+    """What ran, in which state it is, limits, versions, forces, how it ended, and its files."""
     with told_in_one_line(as_json=as_json):
-        if state not in (None, *STATES):
-            raise RunError(
-                "{option} {value!r}: expected one of {expected}",
-                code="unknown_choice", option="--state", value=state, expected=", ".join(STATES),
-            )  # fmt: skip
-        wanted = Wanted(subject, shape, protocol, state, _day("--since", since), _day("--until", until))
-        if table is not None:
-            checked_file("--table", table)
-        entries = _entries(runs)
-        found = [one for one in entries if not one.summary.problem and wanted.has(one.summary)]
-        broken = [one.summary for one in entries if one.summary.problem]
-        if table is not None:
-            replace_text(table, _as_csv(found))
+        if columns == (run is not None):
+            raise RunError("show: expected RUN, a run folder, or --columns", code="exactly_one")
+        told = _columns() if run is None else _described(run)
         if as_json:
-            print_json(_told(found, broken, table))
-            return
-        for one in broken:
-            complain(f"{runs / one.name}: {one.problem}")
-        out.print(
-            _list(found)
-            if table is None
-            else f"{sum(len(one.rows) for one in found)} holds of {_runs(found)}: {table}"
-        )
+            print_json(told)
+        elif run is None:
+            out.print(dictionary.as_markdown(), end="")
+        else:
+            out.print("\n".join(f"{name:<12}{line}" for name, line in _lines(told)))
 
 
-def _entries(runs: Path) -> list[Entry]:
-    with looking_busy(f"reading the runs in {runs} …"):
-        try:
-            return listed(runs)
-        except OSError as error:
-            raise RunError(
-                "{folder}: {problem}, expected the folder in which runs have theirs",
-                code="no_such_folder",
-                folder=runs,
-                problem=error.strerror,
-            ) from None
+def _columns() -> dict[str, Any]:
+    return {"columns": [asdict(one) for one in dictionary.columns()]}
 
 
-def _day(option: str, text: str | None) -> date | None:
+def _described(path: Path) -> dict[str, Any]:
     try:
-        return None if text is None else date.fromisoformat(text)
-    except ValueError:
-        raise RunError(
-            "{option} {value!r}: expected {expected}", code="no_day", option=option, value=text, expected=_DAY
-        ) from None
+        return _told(read_run(path, readings=False))
+    except FOREIGN as error:
+        raise RunError("run {run}: {problem}", code="foreign_run", run=path, problem=foreign(error)) from None
 
 
-def _list(found: Sequence[Entry]) -> str:
-    """A line for each, in columns."""
-    lines = [_line(one.summary) for one in found]
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    padded = ("  ".join(word.ljust(width) for word, width in zip(line, widths, strict=True)) for line in lines)
-    return "\n".join([*(line.rstrip() for line in padded), _runs(found)])
+def _told(run: Run) -> dict[str, Any]:
+    about = alive(summary_of(run), run.folder.path.parent)
+    made = provenance_of(run)
+    return {
+        "run": str(run.folder.path),
+        "title": about.title,
+        "protocol": about.protocol,
+        "source": str(run.start.get("source", "")),
+        "parameters": run.start.get("parameters", {}),
+        "subject": about.subject or None,
+        "began_utc": about.date_utc,
+        "duration_s": about.duration_s,
+        "virtual": about.virtual,
+        "state": about.state,
+        "planned": about.planned,
+        "done": about.done,
+        "ending": ending_of(run, about.state),
+        "presses": _presses(run),
+        "limits": {**_limits(run), "soft_trip_of_the_plan_n": run.start.get("soft_trip_n")},
+        "devices": made.get("devices", {}) | _identities(run),
+        "versions": {"python": made.get("python", _UNKNOWN), **made.get("versions", {})},
+        "model": made.get("model", {}),
+        "files": {name: (run.folder.path / name).stat().st_size for name in sorted(run.folder.files)},
+    }
 
 
-def _line(run: Summary) -> list[str]:
-    shapes = f"{run.shapes[0]} and {len(run.shapes) - 1} more" if len(run.shapes) > 1 else "".join(run.shapes)
-    done = f"{run.done} of {run.planned}"
-    return [run.name, run.subject or "-", shapes or "-", done, run.state + (", virtual" if run.virtual else "")]
+def _limits(run: Run) -> dict[str, Any]:
+    """Of the configuration's copy; nothing where it is gone or is none: the journal is the truth."""
+    try:
+        found = tomllib.loads(run.folder.config.read_text(encoding="utf-8")).get("limits", {})
+    except (OSError, ValueError):
+        return {}
+    return dict(found)
 
 
-def _runs(found: Sequence[Entry]) -> str:
-    return f"{len(found)} run{'' if len(found) == 1 else 's'}"
+def ending_of(run: Run, state: str) -> dict[str, Any] | None:
+    """Of a run that did not end well: why, and where that left the indentor."""
+    if state in ("done", "running"):
+        return None
+    from rig.session.ending import Ending, Whereabouts  # with the engine: a run that is done does without
+
+    if run.stop is None:
+        return Ending.killed(run).as_json()
+    at = Whereabouts(**run.stop["indentor"]) if "indentor" in run.stop else None
+    words = None if at is None else at.words
+    return {"reason": run.stop.get("reason") or "the script did less than was planned", "words": words}
 
 
-def _as_csv(found: Sequence[Entry]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow([*RUN_COLUMNS, *HOLD_COLUMNS])
-    for one in found:
-        writer.writerows(one.rows)
-    return text.getvalue()
+def _identities(run: Run) -> dict[str, str]:
+    """What the devices said of themselves."""
+    said = {"controller": run.stream("home"), "sensor": run.stream("zero")}
+    return {name: str(events[-1][name]) for name, events in said.items() if events and name in events[-1]}
 
 
-def _told(found: Sequence[Entry], broken: Sequence[Summary], table: Path | None) -> dict[str, object]:
-    runs = [{name: value for name, value in asdict(one.summary).items() if name != "problem"} for one in found]
-    told: dict[str, object] = {"runs": runs}
-    told["unreadable"] = [{"name": one.name, "problem": one.problem} for one in broken]
-    return told if table is None else told | {"table": str(table), "holds": sum(len(one.rows) for one in found)}
+def _presses(run: Run) -> list[dict[str, Any]]:
+    """Holds that ended, by what was pressed and how far."""
+    rows = tables(run)["hold_end"].rows if run.stream("hold_end") else []
+    target = ("indentor", "target_doi_mm", "target_force_gwt")
+    kinds = [tuple(row.get(name) for name in target) for row in rows]
+    order = list(dict.fromkeys(kinds))
+    together = groupby(sorted(zip(kinds, rows, strict=True), key=lambda one: order.index(one[0])), lambda one: one[0])
+    return [_kind(dict(zip(target, kind, strict=True)), [row for _, row in members]) for kind, members in together]
+
+
+def _kind(told: dict[str, Any], rows: list[dict[str, Any]]) -> dict[str, Any]:
+    means = {f"mean_{name}": fmean(row[name] for row in rows) for name in ("force_gwt", "doi_mm")}
+    peak_gwt = max(row["peak_gwt"] for row in rows)
+    places = {"from_x_mm": min(row["x_mm"] for row in rows), "to_x_mm": max(row["x_mm"] for row in rows)}
+    return {**told, "holds": len(rows), **places, **means, "peak_gwt": peak_gwt}
+
+
+def _lines(told: dict[str, Any]) -> list[tuple[str, str]]:
+    """Name and words of each line for people."""
+    ending = {} if told["ending"] is None else {name: told["ending"].get(name) for name in _OF_AN_ENDING}
+    size = sum(told["files"].values()) / 1e6
+    return [
+        ("run", told["run"]),
+        ("what", f"{told['title']} ({told['protocol']}){', on the virtual bench' if told['virtual'] else ''}"),
+        ("source", told["source"] or "-"),
+        ("parameters", _pairs(told["parameters"])),
+        ("subject", told["subject"] or "none given"),
+        ("began", f"{told['began_utc']}, {told['duration_s']:.0f} s"),
+        ("state", f"{told['state']}, {told['done']} of {told['planned']} indentations"),
+        *((_OF_AN_ENDING[name], str(words)) for name, words in ending.items() if words),
+        *(("pressed" if n == 0 else "", _pressed(one)) for n, one in enumerate(told["presses"])),
+        *((name, _pairs(told[name])) for name in ("limits", "devices", "versions", "model")),
+        ("files", f"{len(told['files'])}, {size:.1f} MB: {', '.join(told['files'])}"),
+    ]
+
+
+_OF_AN_ENDING = {"reason": "because", "words": "where", "next": "next", "resume": "resume"}
+
+
+def _pressed(one: dict[str, Any]) -> str:
+    unit, target = (
+        ("mm", one["target_doi_mm"]) if one["target_doi_mm"] is not None else ("gwt", one["target_force_gwt"])
+    )
+    to = _UNKNOWN if target is None else f"{target:g} {unit}"
+    return (
+        f"{one['indentor']} to {to}, x = {one['from_x_mm']:.2f} … {one['to_x_mm']:.2f} mm: {one['holds']} "
+        f"hold{'' if one['holds'] == 1 else 's'}, "
+        f"mean {one['mean_force_gwt']:.2f} gwt at {one['mean_doi_mm']:.3f} mm, peak {one['peak_gwt']:.2f} gwt"
+    )
+
+
+def _pairs(told: dict[str, Any]) -> str:
+    return ", ".join(f"{name} {value}" for name, value in told.items()) or "none"

@@ -1,92 +1,127 @@
-"""The shape test of a spatial response profile: has it the form that recorded profiles have?
+"""How often the shape test is passed by chance: random smooth profiles at the positions of a schedule.
 
-A recorded step profile shows a peak, then a smaller dip, then recovers; a recorded bar profile shows two peaks
-flanking a dip (Raju 1998, ch. 5, by eye). The rules below are ours. They were fixed before any simulated profile was
-looked at, and they are not adjusted to the source's verdicts.
-
-Profiles are given in the signs of `shown` and at the positions of the schedule, in any order.
+A profile is drawn from a Gaussian process of correlation exp(−d²/2ℓ²); ℓ is called what it is smooth over. A response
+that moves with the skin has one such profile for each shape, which receptors see shifted by their own place.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.compare.shape_test import THRESHOLD, shape_flags
+from rig.compare.stimuli import Stimulus
+
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-Judged = tuple[Flags, dict[str, Array]]
 
-THRESHOLD = 0.05
-"""A dip smaller than this part of the peak (steps) or of the range (bars) does not count."""
-
-THRESHOLDS = (0.02, 0.03, 0.05, 0.08, 0.10, 0.15)
-"""Those for which verdicts are shown beside the default."""
-
-_RECOVERED = 0.5
-_FEWEST_POSITIONS = 5
+DRAWS = 1000
+SEED = 52
+NEAR_CENTRE_MM = 0.25
+"""Bars must pass at a receptor this near to x = 0, as of a candidate."""
 
 
-@dataclass(frozen=True)
-class Verdict:
-    """Whether a profile passes, and the lengths it was judged by, in the measure's unit.
+class Schedule(NamedTuple):
+    """A shape and the positions (n,) mm that it is pressed at."""
 
-    Steps: baseline b, peak p, dip q and recovery; bars: range, first and second prominence.
+    shape: str
+    x_mm: Array
+
+
+def smooth_profiles(x_mm: Array, over_mm: float, draws: int, rng: np.random.Generator) -> Array:
+    """(draws, n) random profiles of unit variance at positions (n,) mm, in any order."""
+    apart = np.subtract.outer(np.asarray(x_mm, dtype=float), x_mm) / over_mm
+    values, vectors = np.linalg.eigh(np.exp(-0.5 * apart * apart))
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    return np.asarray(rng.standard_normal((draws, len(x_mm))) @ root.T)
+
+
+def smooth_over_mm(x_mm: Array, profiles: Array) -> float:
+    """ℓ of random profiles as smooth as profiles (N, n) at ascending positions (n,) mm; NaN of flat ones.
+
+    As smooth: with the same median ratio of the rms deviation from the mean to the rms slope. Between 0.1 and 5 mm.
     """
+    rng = np.random.default_rng(SEED)
+    tried = np.geomspace(*_SMOOTH_BETWEEN_MM, _TRIED)
+    ratios = [_deviation_over_slope(x_mm, smooth_profiles(x_mm, over_mm, _EACH, rng)) for over_mm in tried]
+    return float(np.interp(_deviation_over_slope(x_mm, profiles), np.maximum.accumulate(ratios), tried))
 
-    passed: bool
-    judged_by: dict[str, float]
+
+_SMOOTH_BETWEEN_MM = (0.1, 5.0)
+_TRIED, _EACH = 16, 1000
 
 
-def shape_test(shape: str, x_mm: Array, profile: Array, threshold: float = THRESHOLD) -> Verdict | None:
-    """The verdict on one profile (n,) at indentor positions (n,) mm, or None where no test is defined.
+def _deviation_over_slope(x_mm: Array, profiles: Array) -> float:
+    """In mm, trapezoids over the positions; the median of the profiles that vary, NaN where none does."""
+    step = np.diff(x_mm)
+    middle = 0.5 * (profiles[..., 1:] + profiles[..., :-1])
+    away = middle - np.average(middle, axis=-1, weights=step)[..., None]
+    deviation, slope = (np.average(v * v, axis=-1, weights=step) for v in (away, np.diff(profiles) / step))
+    varies = slope > 0
+    return float(np.sqrt(np.median(deviation[varies] / slope[varies]))) if varies.any() else np.nan
 
-    Tests are defined for steps and bars along the finger, at five positions or more.
+
+def passed_by_chance(
+    schedule: Schedule, over_mm: float, threshold: float = THRESHOLD, draws: int = DRAWS
+) -> float | None:
+    """The share of random smooth profiles that pass; None where no test is defined. A fixed seed."""
+    profiles = smooth_profiles(schedule.x_mm, over_mm, draws, np.random.default_rng(SEED))
+    flags = shape_flags(schedule.shape, schedule.x_mm, profiles, threshold)
+    return None if flags is None else float(flags.mean())
+
+
+def moved_response(
+    schedule: Schedule, receptor_mm: Array, over_mm: float, draws: int, rng: np.random.Generator
+) -> Array:
+    """(draws, receptors, n) profiles of a response that each receptor sees shifted by its own place."""
+    places = schedule.x_mm - np.asarray(receptor_mm)[:, None]
+    different, where = np.unique(places.round(6), return_inverse=True)
+    return smooth_profiles(different, over_mm, draws, rng)[:, where.reshape(places.shape)]
+
+
+def candidates_by_chance(
+    schedules: Sequence[Schedule],
+    receptor_mm: Array,
+    over_mm: float,
+    threshold: float = THRESHOLD,
+    draws: int = DRAWS,
+) -> float | None:
+    """The share of unrelated responses that one receptor passes under every step, and one near x = 0 under every bar.
+
+    None where no schedule has a test.
     """
-    found = _judged(shape, x_mm, np.asarray(profile, dtype=float), threshold)
-    if found is None:
-        return None
-    passed, judged_by = found
-    return Verdict(bool(passed), {name: float(value) for name, value in judged_by.items()})
+    rng = np.random.default_rng(SEED)
+    found: dict[str, Flags] = {}
+    near = np.abs(receptor_mm) <= NEAR_CENTRE_MM
+    for schedule in schedules:
+        flags = shape_flags(
+            schedule.shape, schedule.x_mm, moved_response(schedule, receptor_mm, over_mm, draws, rng), threshold
+        )
+        if flags is not None:
+            family = schedule.shape.partition(":")[0]
+            flags = flags & near if family == "bar" else flags
+            found[family] = found.get(family, np.array(True)) & flags
+    return float(np.logical_and.reduce([flags.any(axis=1) for flags in found.values()]).mean()) if found else None
 
 
-def shape_flags(shape: str, x_mm: Array, profiles: Array, threshold: float = THRESHOLD) -> Flags | None:
-    """(…,) which of many profiles (…, n) pass, or None where no test is defined."""
-    found = _judged(shape, x_mm, np.asarray(profiles, dtype=float), threshold)
-    return None if found is None else found[0]
-
-
-def _judged(shape: str, x_mm: Array, profiles: Array, threshold: float) -> Judged | None:
-    kind, _, how = shape.partition(":")
-    test = {"step": _step_test, "bar": _bar_test}.get(kind)
-    if test is None or "," in how or len(x_mm) < _FEWEST_POSITIONS:
-        return None
-    in_order_of_motion = np.argsort(-np.asarray(x_mm), kind="stable")
-    return test(profiles[..., in_order_of_motion], threshold)
-
-
-def _step_test(profile: Array, threshold: float) -> Judged:
-    """p = max − b, q = b − min after the peak, b = mean of the ends; p > q > threshold · p, half of q recovered."""
-    baseline = 0.5 * (profile[..., 0] + profile[..., -1])
-    place = np.arange(profile.shape[-1])
-    top = np.argmax(profile, axis=-1)[..., None]
-    bottom = np.argmin(np.where(place >= top, profile, np.inf), axis=-1)[..., None]
-    highest, lowest = (np.take_along_axis(profile, at, -1)[..., 0] for at in (top, bottom))
-    p, q = highest - baseline, baseline - lowest
-    recovery = np.where(place >= bottom, profile, -np.inf).max(axis=-1) - lowest
-    passed = (p > q) & (q > threshold * p) & (recovery >= _RECOVERED * q)
-    return passed, {"baseline": baseline, "peak": p, "dip": q, "recovery": recovery}
-
-
-def _bar_test(profile: Array, threshold: float) -> Judged:
-    """Two maxima inside the schedule, and so a minimum between them, of prominence > threshold · range each."""
-    found = np.apply_along_axis(_prominences, -1, profile)
-    first, second, size = found[..., 0], found[..., 1], np.ptp(profile, axis=-1)
-    return second > threshold * size, {"range": size, "first": first, "second": second}
-
-
-def _prominences(profile: Array) -> Array:
-    """The two largest, 0 where there are fewer."""
-    from scipy.signal import find_peaks  # takes as long to load as a comparison of steps takes
-
-    found = np.sort(find_peaks(profile, prominence=0)[1]["prominences"])[::-1]
-    return np.append(found, [0.0, 0.0])[:2]
+def chance_rows(stimuli: Sequence[Stimulus]) -> list[dict[str, Any]]:
+    """For `--json`: of each stimulus with a shape test, what random profiles as smooth as its own pass."""
+    rows = []
+    for stimulus in stimuli:
+        if shape_flags(stimulus.indentor, stimulus.x_mm, stimulus.x_mm) is None:
+            continue
+        profiles = np.moveaxis(stimulus.measures, 1, -1).reshape(-1, len(stimulus.x_mm))
+        over_mm = smooth_over_mm(stimulus.x_mm, profiles)
+        by_chance = passed_by_chance(Schedule(stimulus.indentor, stimulus.x_mm), over_mm) if over_mm > 0 else None
+        rows.append(
+            {
+                "shape": stimulus.indentor,
+                "condition": stimulus.condition,
+                "positions": len(stimulus.x_mm),
+                "smooth_over_mm": round(over_mm, 3) if over_mm > 0 else None,
+                "passes_by_chance": by_chance,
+                "draws": DRAWS,
+            }
+        )
+    return rows

@@ -1,77 +1,174 @@
-"""The journal as tables: data.h5 and one tidy CSV a stream, each put in place by one rename."""
+"""A run as Neurodata Without Borders (NWB 2, HDF5), for sharing beside a recording. Needs the extra `nwb`.
 
-import csv
+Times are seconds of the run's clock, t = 0 at its start. Positions are in the finger's frame, in metres as NWB asks.
+"""
+
 import io
-from collections.abc import Mapping
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
-from rig.data.dictionary import FLAGS, TEXT, about_table, meaning
-from rig.data.folder import replace_bytes, replace_text
+from rig.data.folder import replace_bytes
 from rig.data.reader import Run, provenance_of
-from rig.data.run_tables import Table, tables
+from rig.devices.units import GWT_N
+from rig.errors import RigError
+
+_M_PER_MM = 1e-3
+_MARKS = {
+    "block": "of the schedule, from 1; 0 outside of one",
+    "repeat": "of the condition in its block, from 1; 0 outside of a schedule",
+    "condition": "item of the schedule",
+}
+_OUTSIDE: dict[str, Any] = {"block": 0, "repeat": 0, "condition": ""}
 
 
-def export_run(run: Run, *, again: bool = True) -> None:
-    """Write data.h5 (units as attributes) and STREAM.csv beside the journal; not again: only those that are missing.
+class NwbMissingError(RigError):
+    """The libraries that write NWB are not installed."""
 
-    Events of indentations that were interrupted and begun again go into tables of their own, STREAM_superseded.
-    """
-    found = tables(run)
-    if again or not run.folder.data.exists():
-        _write_hdf5(run, found)
-    for name, table in found.items():
-        path = run.folder.path / f"{name}.csv"
-        if again or not path.exists():
-            replace_text(path, _as_csv(table.columns))
+    default_code = "pynwb_missing"
 
 
-def _write_hdf5(run: Run, found: Mapping[str, Table]) -> None:
-    image = io.BytesIO()  # a full disk met by HDF5 itself leaves a file that nobody can close
-    with h5py.File(image, "w") as file:
-        file.attrs.update(_attributes(run))
-        for stream, table in found.items():
-            group = file.create_group(stream)
-            group.attrs["description"] = about_table(stream)
-            for name, values in table.columns.items():
-                dataset = group.create_dataset(name, data=_as_array(name, values))
-                dataset.attrs["unit"] = table.units[name]
-                dataset.attrs["description"] = meaning(stream, name)
-    replace_bytes(run.folder.data, image.getvalue())
+def export_nwb(run: Run) -> Path:
+    """Write run.nwb into the run's folder, by one rename; raises NwbMissingError without pynwb, UnwritableError."""
+    try:
+        import pynwb
+    except ImportError:
+        raise NwbMissingError("export --nwb: needs pynwb, expected pip install 'indentation-rig[nwb]'") from None
+    path = run.folder.path / "run.nwb"
+    image = io.BytesIO()  # a full disk met by HDF5 itself ends the program
+    with h5py.File(image, "w") as hdf5, pynwb.NWBHDF5IO(mode="w", file=hdf5) as file:
+        file.write(_as_nwb(run, pynwb))
+    replace_bytes(path, image.getvalue())
+    return path
 
 
-def _attributes(run: Run) -> dict[str, Any]:
-    """Of the whole file, as rig/data/dictionary.py tells them."""
-    start = run.start
-    return {
-        "run": run.folder.path.resolve().name,
-        "uid": start.get("uid", ""),
-        "date_utc": datetime.fromtimestamp(start["unix_s"], UTC).isoformat(timespec="seconds"),
-        "version": provenance_of(run).get("versions", {}).get("indentation-rig", ""),
-        "protocol": start["protocol"],
-        "title": start["title"],
-        "subject": start.get("subject") or "",
-        "virtual": bool(start["virtual"]),
-        "planned_indentations": start["planned_indentations"],
-        "complete": run.complete,
-    }
+def _as_nwb(run: Run, pynwb: Any) -> Any:
+    began = datetime.fromtimestamp(run.start["unix_s"] - run.start["t_s"], UTC)
+    file = pynwb.NWBFile(
+        session_description=f"{run.start['title']}. {run.start['source']}".strip(),
+        identifier=run.start["uid"],
+        session_start_time=began,
+        file_create_date=began,
+        session_id=run.folder.path.name,
+        protocol=run.start["protocol"],
+        notes=f"virtual bench: {run.start['virtual']}; complete: {run.complete}",
+    )
+    _add_devices(run, file)
+    _add_samples(run, file, pynwb)
+    _add_indentations(run, file)
+    _add_holds(run, file, pynwb)
+    _add_sync(run, file, pynwb)
+    return file
 
 
-def _as_array(name: str, values: list[Any]) -> Any:
-    """Numbers as float64 (NaN where absent), flags as they are, text as UTF-8."""
-    if name in FLAGS:
-        return np.array([value is True for value in values])
-    if name not in TEXT and all(value is None or isinstance(value, int | float) for value in values):
-        return np.array([np.nan if value is None else float(value) for value in values])
-    return np.array(["" if value is None else str(value) for value in values], dtype=h5py.string_dtype())
+def _add_devices(run: Run, file: Any) -> None:
+    """Stage, force sensor and indentors: what they are, and what they say of themselves."""
+    kinds = provenance_of(run).get("devices", {})
+    said = {"stage": _said(run, "home", "controller"), "force": _said(run, "zero", "sensor")}
+    for name, about in {"stage": "moves the indentor", "force": "feels what presses on the finger"}.items():
+        kind = kinds.get(name, "kind not known")
+        file.create_device(name=name, description=f"{about}: {kind}; says of itself: {said[name]}")
+    shapes = dict.fromkeys(str(event["indentor"]) for event in run.stream("mount"))
+    for number, shape in enumerate(shapes, 1):  # a name has no colon and no slash there, as those of shapes have
+        file.create_device(name=f"indentor {number}", description=f"rigid shape {shape}")
 
 
-def _as_csv(columns: dict[str, list[Any]]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(zip(*columns.values(), strict=True))
-    return text.getvalue()
+def _said(run: Run, stream: str, key: str) -> str:
+    events = run.stream(stream)
+    return str(events[-1][key]) if events else "nothing"
+
+
+def _add_samples(run: Run, file: Any, pynwb: Any) -> None:
+    """Force readings with the stage's position at each."""
+    samples = run.stream("sample")
+    if not samples:
+        return
+    t_s = np.array([sample["t_s"] for sample in samples])
+    force = pynwb.TimeSeries(
+        name="force",
+        description="Force on the finger as read by the sensor.",
+        data=_numbers(samples, "force_gwt"),
+        unit="newtons",
+        conversion=GWT_N,
+        timestamps=t_s,
+        comments="Stored in gram-weight.",
+    )
+    file.add_acquisition(force)
+    position = pynwb.behavior.SpatialSeries(
+        name="position",
+        description="Indentor's reference point: x across the finger from the pad's centre, height over its apex.",
+        data=np.stack([_numbers(samples, "x_mm"), _numbers(samples, "height_mm")], axis=1),
+        reference_frame="the finger's: x = 0 at the pad's centre, height 0 at the finger's nominal apex",
+        unit="meters",
+        conversion=_M_PER_MM,
+        timestamps=force,
+        comments="Stored in mm.",
+    )
+    file.add_acquisition(position)
+
+
+def _add_indentations(run: Run, file: Any) -> None:
+    """One trial for each finished indentation."""
+    ends = {event["index"]: event["t_s"] for event in run.stream("indentation_end")}
+    starts = [event for event in run.stream("indentation_start") if event["index"] in ends]
+    if not starts:
+        return
+    for name, about in {
+        "index": "number of the indentation in the script",
+        "indentor": "shape, as the program names it",
+        "x_mm": "indentor's reference point from the pad's centre",
+        "target": "what was commanded: doi_mm (depth past contact) or force_gwt (gram-weight)",
+        "value": "how much of it",
+        "increments": "holds at equal parts of the target",
+    }.items():
+        file.add_trial_column(name, about)
+    marked = any("block" in event for event in starts)
+    for name, about in _MARKS.items() if marked else ():
+        file.add_trial_column(name, about)
+    for event in starts:
+        columns = {name: event[name] for name in ("index", "indentor", "x_mm", "target", "value", "increments")}
+        if marked:
+            columns |= {name: event.get(name, outside) for name, outside in _OUTSIDE.items()}
+        file.add_trial(start_time=event["t_s"], stop_time=ends[event["index"]], **columns)
+
+
+def _add_holds(run: Run, file: Any, pynwb: Any) -> None:
+    ends = {(event["index"], event["hold"]): event for event in run.stream("hold_end")}
+    began = [event for event in run.stream("hold_start") if (event["index"], event["hold"]) in ends]
+    if not began:
+        return
+    table = pynwb.epoch.TimeIntervals(name="holds", description="Indentor at rest on the finger, as delivered.")
+    for name, about in {
+        "index": "number of the indentation in the script",
+        "hold": "number of the hold within it, from 1",
+        "x_mm": "indentor's reference point from the pad's centre",
+        "doi_mm": "depth past the fitted contact",
+        "force_gwt": "mean force in gram-weight",
+        "force_sd_gwt": "its standard deviation over readings",
+    }.items():
+        table.add_column(name, about)
+    for event in began:
+        end = ends[event["index"], event["hold"]]
+        columns = {name: end[name] for name in ("index", "hold", "x_mm", "doi_mm", "force_gwt", "force_sd_gwt")}
+        table.add_row(start_time=event["t_s"], stop_time=end["t_s"], **columns)
+    file.add_time_intervals(table)
+
+
+def _add_sync(run: Run, file: Any, pynwb: Any) -> None:
+    """Pulses for the recording amplifier."""
+    pulses = run.stream("sync")
+    if not pulses:
+        return
+    table = pynwb.epoch.TimeIntervals(name="sync_pulses", description="Pulses on the sync output.")
+    table.add_column("uncertainty_s", "how well the rise is known, s")
+    for pulse in pulses:
+        rise, width = pulse["rise_s"], pulse["width_s"]
+        table.add_row(start_time=rise, stop_time=rise + width, uncertainty_s=pulse["uncertainty_s"])
+    file.add_time_intervals(table)
+
+
+def _numbers(events: list[dict[str, Any]], key: str) -> np.ndarray:
+    return np.array([np.nan if event.get(key) is None else float(event[key]) for event in events])

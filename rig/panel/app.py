@@ -1,75 +1,141 @@
-"""The panel as an application: its routes behind its gate."""
+"""The panel served on loopback, until it is told to end."""
 
-from http import HTTPStatus
+import asyncio
+import contextlib
+import secrets
+import signal
+import socket
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
-from starlette.applications import Starlette
-from starlette.exceptions import HTTPException
-from starlette.requests import Request
-from starlette.responses import FileResponse, JSONResponse, PlainTextResponse, Response
-from starlette.routing import Mount, Route
-from starlette.staticfiles import StaticFiles
-from starlette.types import ASGIApp, Receive, Scope, Send
+import uvicorn
 
-from rig.panel.asked import RequestError
+from rig.panel.app import application
 from rig.panel.by_hand_process import ByHandProcess
-from rig.panel.gate import Gate
-from rig.panel.outlet import MOST_STREAMS, stream
-from rig.panel.posts import Posts
-from rig.panel.run_files import RunFiles
+from rig.panel.drawn.drawer import Drawer
+from rig.panel.owners import Find
+from rig.panel.seen.seen_bench import SeenBench
 from rig.panel.watcher import Watcher
+from rig.plan.config import load_config
+from rig.session.control.announcements import announced
+from rig.session.control.control_socket import quick_switches
+from rig.transport.clock import WallClock
 
-STATIC = Path(__file__).parent / "static"
-
-
-def application(watcher: Watcher, bench: ByHandProcess, port: int, token: str) -> ASGIApp:
-    """Everything that is served; the watcher is looked after elsewhere."""
-    files = RunFiles(watcher.out)
-    routes = [
-        Route("/", _page, methods=["GET"]),
-        Route("/events", _Events(watcher), methods=["GET"]),
-        Route("/runs.json", files.catalogue, methods=["GET"]),
-        Route("/runs/{name}/", files.files, methods=["GET"]),
-        Route("/runs/{name}/{file}", files.file, methods=["GET"]),
-        *Posts(watcher, bench).routes,
-        Mount("/static", StaticFiles(directory=STATIC, check_dir=False)),
-    ]
-    app = Starlette(routes=routes, exception_handlers={HTTPException: _refused, RequestError: _refused})
-    app.router.redirect_slashes = False
-    return Gate(app, port, token)
+HOST = "127.0.0.1"
+_BACKLOG = 64
+_SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
-async def _page(request: Request) -> Response:
-    return FileResponse(STATIC / "index.html", media_type="text/html")
+@dataclass(frozen=True)
+class Offered:
+    """What is served: runs below a folder, a bench where there is a configuration; the port, 0 for any."""
+
+    out: Path
+    config: Path | None = None
+    port: int = 0
 
 
-async def _refused(request: Request, error: Exception) -> Response:
-    if isinstance(error, RequestError):
-        return JSONResponse({"ok": False, "problem": str(error), "code": error.code}, error.status)
-    assert isinstance(error, HTTPException)
-    told = {"ok": False, "problem": error.detail, "code": HTTPStatus(error.status_code).name.lower()}
-    return JSONResponse(told, error.status_code, error.headers)
+class Panel:
+    """One server; `url` is known before it begins, and holds the token where no log has it."""
 
+    def __init__(self, offered: Offered, find: Find = announced) -> None:
+        """Raises BadInputError, OSError where the port is taken."""
+        config = None if offered.config is None else load_config(offered.config)
+        self._socket = _bound(offered.port)
+        self.port = int(self._socket.getsockname()[1])
+        self._token = secrets.token_urlsafe(32)
+        self._bench = ByHandProcess(offered.config, find)
+        bench = SeenBench(offered.config, config)
+        self._watcher = Watcher(offered.out.absolute(), bench, find, WallClock())
+        self._watcher.last_words = lambda: self._bench.last_words
+        self._drawer = Drawer(lambda: self._watcher.job, self._watcher.outlet, self._watcher.clock)
+        app = application(self._watcher, self._bench, self.port, self._token)
+        self._server = _Server(_quiet(app), self._watcher.outlet.close)
 
-class _Events:
-    """GET /events?tab=NAME: all that happens, as server-sent events."""
+    @property
+    def url(self) -> str:
+        """For the browser's line, or to be clicked at; what is behind the # no server is told."""
+        return f"http://{HOST}:{self.port}/#token={self._token}"
 
-    def __init__(self, watcher: Watcher) -> None:
-        self._watcher = watcher
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        outlet, tabs, clock = self._watcher.outlet, self._watcher.tabs, self._watcher.clock
-        tab = Request(scope).query_params.get("tab", "")[:64]
-        if scope["method"] == "HEAD":
-            await Response()(scope, receive, send)
-            return
-        if outlet.full:
-            words = f"{MOST_STREAMS} pages look on already: close one of them"
-            await PlainTextResponse(words, 503)(scope, receive, send)
-            return
-        tabs.opened(tab)
+    def serve(self) -> None:
+        """Until Ctrl-C, another signal that asks for it, or `end`; the bench is left then."""
         try:
-            with outlet.joined() as client:
-                await stream(outlet, client, receive, send, clock.unix_s)
+            with quick_switches(), contextlib.suppress(KeyboardInterrupt):  # where signals do not come to the loop
+                asyncio.run(self._serve())
         finally:
-            tabs.closed(tab, clock.monotonic_s())
+            self._socket.close()
+            self._drawer.close()
+            self._bench.leave()
+            self._bench.forget()
+
+    def end(self) -> None:
+        """From any thread."""
+        self._server.should_exit = True
+
+    async def _serve(self) -> None:
+        """Whatever fails ends the panel, and is raised."""
+        self._end_at_signals()
+        serving = asyncio.create_task(self._server.serve(sockets=[self._socket]))
+        looking = [asyncio.create_task(one.look_on()) for one in (self._watcher, self._drawer)]
+        await asyncio.wait([serving, *looking], return_when=asyncio.FIRST_COMPLETED)
+        self._server.should_exit = True
+        await serving
+        for task in looking:
+            task.cancel()
+            with contextlib.suppress(asyncio.CancelledError):
+                await task
+
+    def _end_at_signals(self) -> None:
+        for number in _SIGNALS:
+            with contextlib.suppress(
+                NotImplementedError, RuntimeError, ValueError
+            ):  # elsewhere than in a main thread
+                asyncio.get_running_loop().add_signal_handler(number, self.end)
+
+
+class _Server(uvicorn.Server):
+    """Signals are the panel's; streams, which have no end of their own, are closed before it waits for them."""
+
+    def __init__(self, config: uvicorn.Config, close: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._close = close
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """They are left alone."""
+        yield
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """End."""
+        self._close()
+        await super().shutdown(sockets)
+
+
+def _quiet(app: object) -> uvicorn.Config:
+    """No log of what is asked, no header that says who serves; nothing that is not needed on loopback."""
+    return uvicorn.Config(
+        app,  # type: ignore[arg-type]
+        loop="asyncio",
+        http="h11",
+        ws="none",
+        lifespan="off",
+        access_log=False,
+        log_config=None,
+        proxy_headers=False,
+        server_header=False,
+        timeout_graceful_shutdown=2,
+    )
+
+
+def _bound(port: int) -> socket.socket:
+    """Raises OSError, which names the port."""
+    found = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    try:
+        found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        found.bind((HOST, port))
+        found.listen(_BACKLOG)
+    except OSError as error:
+        found.close()
+        raise OSError(error.errno, error.strerror, f"{HOST}:{port}") from None
+    return found

@@ -1,101 +1,145 @@
-"""The whole configuration: the rig's own settings, the finger model and the virtual bench."""
+"""Every key of a configuration: what it is, its unit, its default, and what it may be."""
 
-from pathlib import Path
-from typing import Annotated, Self
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from datetime import date
+from typing import Any, Literal, get_args, get_origin
 
 import tomlkit
-from pydantic import AfterValidator, Field, ValidationError, model_validator
+from annotated_types import Ge, Gt, Le, Lt
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
 
-from rig.devices.own_table import as_asked
-from rig.engine.rig_settings import RigSettings
-from rig.errors import RuleError, around
-from rig.plan.met.finger_file import Met, checked_relaxation, read_finger_file, refuse_collapsed, tables_in
-from rig.protocol.errors import WRITTEN_BY_COMMANDS, first_problem
-from rig.transport.port_settings import Settings
-from sim.config import FingertipConfig
+from rig.devices.catalogue import names
+from rig.devices.own_table import DeviceSettings
+from rig.protocol.errors import WRITTEN_BY_COMMANDS
 
-
-def _named(indentor: str) -> str:
-    if not indentor.strip():
-        raise ValueError("expected an indentor, such as bar:3.0")
-    return indentor
-
-
-class VirtualSettings(Settings):
-    """How the virtual bench differs from what the rig believes; by default in nothing."""
-
-    x_screw_steps_per_mm: float | None = Field(
-        None, gt=1, lt=1e6, description="of the true screw; absent: as the rig believes"
-    )
-    z_screw_steps_per_mm: float | None = Field(None, gt=1, lt=1e6, description="the same of the vertical axis")
-    x_screw_backlash_mm: float = Field(0.0, ge=0, le=1, description="true lost motion; felt when going up")
-    z_screw_backlash_mm: float = Field(0.0, ge=0, le=1, description="the same of the vertical axis")
-    compliance_mm_per_n: float = Field(0.0, ge=0, le=1, description="how far the true rig gives under a force")
-    finger_x_offset_mm: float = Field(0.0, ge=-5, le=5, description="true pad centre − frame.pad_centre_x_mm")
-    finger_z_offset_mm: float = Field(0.0, ge=-2, le=2, description="true apex − frame.apex_z_mm")
-    finger_along_offset_mm: float = Field(0.0, ge=-3, le=3, description="true receptor plane − frame.pad_y_mm")
-    finger_roll_deg: float = Field(0.0, ge=-20, le=20, description="about the finger's axis; for spheres only")
-    finger_tilt_deg: float = Field(0.0, ge=-20, le=20, description="about x; for spheres only")
-    stiffness: float = Field(1.0, gt=0, le=100, description="true force over the predicted one")
-    relaxation: tuple[tuple[float, float], ...] = Field(
-        (), description="Prony series of the tissue: [share, time constant in s], shares sum to less than 1"
-    )
-    cell_noise_gwt: float = Field(0.0, ge=0, le=10, description="standard deviation of each sample")
-    cell_drift_gwt_per_min: float = Field(0.0, ge=-5, le=5, description="how fast the zero of the cell goes away")
-    cell_latency_s: float = Field(0.0, ge=0, le=1, description="how late a sample truly is")
-    cell_resolution_gwt: float = Field(0.01, ge=0.001, le=10, description="one step of what the virtual sensor shows")
-    noise_seed: int = Field(0, ge=0, description="the same seed gives the same noise")
-    indentor: Annotated[str, AfterValidator(_named)] = Field("bar:3.0", description="on the carriage of `rig serve`")
-
-    @model_validator(mode="after")
-    def _relaxes(self) -> Self:
-        try:
-            checked_relaxation(self.relaxation)
-        except ValueError as error:
-            raise around(RuleError, "relaxation: {problem}", error) from None
-        return self
+# Endings of names, the longer before those that they end on.
+UNITS = {
+    "steps_per_mm": "steps/mm",
+    "mm_per_n": "mm/N",
+    "n_cm2": "N/cm²",
+    "mm_s2": "mm/s²",
+    "mm_s": "mm/s",
+    "gwt": "gwt",
+    "deg": "°",
+    "rpm": "1/min",
+    "mm": "mm",
+    "ms": "ms",
+    "gb": "GB",
+    "baud": "bit/s",
+    "s": "s",
+    "n": "N",
+    "g": "g",
+}
+ABSENT = "…"
+_KINDS: dict[Any, str] = {
+    bool: "true | false",
+    int: "whole number",
+    float: "number",
+    str: "text",
+    date: "day, such as 2026-03-01",
+}
+_SIGNS = {Gt: ">", Ge: "≥", Lt: "<", Le: "≤"}
 
 
-class Config(RigSettings):
-    """A configuration file; every table and key has a default."""
+@dataclass(frozen=True)
+class Key:
+    """One key, or an optional table as a whole; `value` is the configuration's, None where it says nothing."""
 
-    finger: FingertipConfig = FingertipConfig()
-    virtual: VirtualSettings = VirtualSettings()
-    met: Met | None = Field(
-        None, description="how well the finger is known: docs/meet.md", json_schema_extra=WRITTEN_BY_COMMANDS
-    )
+    table: str
+    name: str
+    value: Any
+    default: Any
+    unit: str
+    allowed: str
+    what: str
 
-    def as_toml(self) -> str:
-        """Every table and value, as a configuration file that gives this configuration."""
-        return tomlkit.dumps(self.model_dump(mode="json", exclude_none=True))
+    @property
+    def place(self) -> str:
+        """As it is named in errors."""
+        return f"{self.table}.{self.name}"
 
+    @property
+    def allowed_in_words(self) -> str:
+        """Unit and what it may be."""
+        return ", ".join(part for part in (self.unit, self.allowed) if part)
 
-def load_config(path: Path | None) -> Config:
-    """The configuration in a TOML file, or the defaults. Raises BadInputError.
-
-    Paths in it are relative to the file's folder.
-    """
-    if path is None:
-        return Config()
-    tables = tables_in(f"config {path}", path)
-    try:
-        found = Config.model_validate(tables, context={"folder": path.parent})
-    except ValidationError as error:
-        raise first_problem(f"config {path}", error, as_asked(Config, tables)) from None
-    if found.met is not None:
-        refuse_collapsed(f"config {path}", found.met)
-    return found
+    @property
+    def lines(self) -> str:
+        """As it stands in a file, what it is above it; what has no value is a comment."""
+        usual = "" if self.value == self.default else f"; by default {as_toml(self.default)}"
+        given = self.name if self.value is not None else f"# {self.name}"
+        return f"# {self.what} ({self.allowed_in_words}{usual})\n{given} = {as_toml(self.value)}\n"
 
 
-def with_finger(config: Config, path: Path | None) -> Config:
-    """The configuration with the finger of a file that `rig meet` wrote; None: as it is. Raises BadInputError.
+def keys(settings: BaseModel) -> Iterator[Key]:
+    """Every key of a configuration that a person writes, in the order of its tables."""
+    return _keys(settings, type(settings)(), "")
 
-    The virtual bench's finger relaxes as that one does, unless the configuration says how.
-    """
-    if path is None:
-        return config
-    found = read_finger_file(path)
-    told = "relaxation" in config.virtual.model_fields_set
-    relaxes = {} if told else {"relaxation": found.relaxation}
-    virtual = config.virtual.model_copy(update=relaxes)
-    return config.model_copy(update={"finger": found.finger, "met": found.met, "virtual": virtual})
+
+def _keys(settings: BaseModel, default: BaseModel | None, table: str) -> Iterator[Key]:
+    inner = []
+    for name, field in type(settings).model_fields.items():
+        if field.json_schema_extra == WRITTEN_BY_COMMANDS:
+            continue
+        value, usual = getattr(settings, name), _usual(default, name, field)
+        if isinstance(value, BaseModel):
+            inner.append((value, usual, f"{table}.{name}".lstrip(".")))
+        else:
+            allowed = _allowed(field, settings if name == "kind" else None)
+            yield Key(table, name, value, usual, unit(name), allowed, field.description or "")
+    for value, usual, place in inner:
+        yield from _keys(value, usual, place)
+
+
+def _usual(default: BaseModel | None, name: str, field: FieldInfo) -> Any:
+    """What a key is where nothing is said, in a table that may be absent itself."""
+    if default is not None:
+        return getattr(default, name, None)
+    return None if field.is_required() else field.get_default(call_default_factory=True)
+
+
+def unit(name: str) -> str:
+    """Of a key, by the end of its name; empty for what is counted, named or a ratio."""
+    return next((said for end, said in UNITS.items() if name == end or name.endswith(f"_{end}")), "")
+
+
+def _allowed(field: FieldInfo, device: BaseModel | None) -> str:
+    """The words, the range or the kind of value."""
+    if isinstance(device, DeviceSettings):
+        return " | ".join(names(device.kinds.room))
+    options = [one for one in get_args(field.annotation) if one is not type(None)]
+    kind = options[0] if type(None) in get_args(field.annotation) else field.annotation
+    bounds = [*field.metadata, *getattr(kind, "__metadata__", ())]
+    kind = get_args(kind)[0] if hasattr(kind, "__metadata__") else kind
+    if get_origin(kind) is Literal:
+        return " | ".join(get_args(kind))
+    if get_origin(kind) is tuple:
+        return _several(get_args(kind), bounds)
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        return f"table of {', '.join(kind.model_fields)}"
+    return f"{_KINDS.get(kind, kind)} {_range(bounds)}".rstrip()
+
+
+def _several(parts: tuple[Any, ...], bounds: list[Any]) -> str:
+    if parts[-1] is ...:
+        return f"rows of {len(get_args(parts[0]))} numbers"
+    each = getattr(parts[0], "__metadata__", ())
+    return f"{len(parts)} numbers {_range([*bounds, *each])}".rstrip()
+
+
+def _range(bounds: Iterable[Any]) -> str:
+    found = []
+    for bound in bounds:
+        for kind, sign in _SIGNS.items():
+            if isinstance(bound, kind):
+                found.append(f"{sign} {getattr(bound, kind.__name__.lower()):.7g}")
+    return ", ".join(found)
+
+
+def as_toml(value: Any) -> str:
+    """A value as it stands in a file."""
+    if value is None:
+        return ABSENT
+    return tomlkit.item(list(value) if isinstance(value, tuple) else value).as_string()

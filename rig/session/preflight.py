@@ -1,94 +1,111 @@
-"""What `rig check` says before anything moves: steps, duration, predicted forces and pressures, margins, stopping."""
+"""What is read and confirmed before anything real moves: one page on a run."""
 
+import time
 from dataclasses import dataclass
-from typing import Any
 
 from rig.devices.units import GWT_N
-from rig.engine.stopping import Stopping
-from rig.plan.config import Config
+from rig.engine import EngineError
 from rig.plan.plan import Plan
-from rig.protocol.planned import PlannedIndentation
-from rig.protocol.script import Script
 from rig.session.rehearsal import Rehearsed, rehearsed
-from sim.models.fingertip import Fingertip
+from rig.session.session import Session
 from sim.models.small_strain import small_strain
+
+Lines = dict[str, str]
 
 
 @dataclass(frozen=True)
-class Preflight:
-    """A plan held against the limits; nothing has moved for it."""
+class Page:
+    """A session that is to begin, and its rehearsal or why it has none; `took_s` is what rehearsing cost."""
 
-    plan: Plan
-    config: Config
-    rehearsed: Rehearsed
+    session: Session
+    rehearsal: Rehearsed | EngineError
+    took_s: float
+
+    @classmethod
+    def of(cls, session: Session) -> "Page":
+        """Rehearse a session on springs; nothing moves."""
+        began = time.perf_counter()
+        found: Rehearsed | EngineError
+        try:
+            found = rehearsed(session.script, session.config, session.finger, session.plan, session.before)
+        except EngineError as error:
+            found = error
+        return cls(session, found, time.perf_counter() - began)
 
     @property
-    def trip_gwt(self) -> float:
-        """The force that would trip, the contact's area aside."""
-        limits = self.config.limits
-        return min(limits.soft_trip_n, limits.hard_trip_n, self.plan.soft_trip_n) / GWT_N
+    def lines(self) -> Lines:
+        """What each line is about, and its words."""
+        session, config = self.session, self.session.config
+        stage, force = config.stage, config.force
+        return {
+            "protocol": f"{session.script.title} ({session.script.path.name})",
+            "subject": session.into.subject or "none given",
+            "devices": f"{stage.kind} on {' and '.join(stage.ports)}, {force.kind} on {force.port}",
+            "steps": self._steps,
+            "duration": self._duration,
+            "force": self._force,
+            "trips": f"soft {_both(self._soft_trip_n)}, hard {_both(config.limits.hard_trip_n)}",
+            "first": self._first,
+            "safety": "is the emergency stop in reach, the finger clear of the indentor?",
+        }
 
     @property
-    def stopping(self) -> Stopping:
-        """How the stage stops from the fastest press that the limits allow."""
-        return Stopping.of(self.config, self.config.limits.max_press_speed_mm_s)
+    def _plan(self) -> Plan:
+        return self.session.plan
 
-    def as_json(self) -> dict[str, Any]:
-        """What `rig check --json` prints."""
-        steps = [self._step(index, planned) for index, planned in enumerate(self.plan.indentations)]
-        deepest_mm = max(planned.deepest_mm for planned in self.plan.all_presses)
-        limits, peak_gwt = self.config.limits, self.plan.peak_force_gwt
-        return {
-            "indentations": len(steps),
-            "other_presses": len(self.plan.all_presses) - len(steps),
-            "duration_s": self.rehearsed.duration_s,
-            "contact_s": self.rehearsed.contact_s,
-            "peak_force_n": peak_gwt * GWT_N,
-            "peak_force_gwt": peak_gwt,
-            "small_strain": small_strain("finger", deepest_mm, self.config.finger.tissue.stiffening).as_json(),
-            "peak_pressure_n_cm2": max(step["peak_pressure_n_cm2"] for step in steps),
-            "soft_trip_n": min(limits.soft_trip_n, self.plan.soft_trip_n),
-            "hard_trip_n": limits.hard_trip_n,
-            "margins": {
-                "force_gwt": self.trip_gwt - peak_gwt,
-                "doi_mm": min(limits.max_doi_mm - planned.deepest_mm for planned in self.plan.indentations),
-                "mean_pressure_n_cm2": min(limits.max_pressure_n_cm2 - step["mean_pressure_n_cm2"] for step in steps),
-                "contact_s": limits.max_contact_s - self.rehearsed.contact_s,
-            },
-            "stop_distance_mm": self.stopping.distance_mm,
-            "overshoot_gwt": max(step["overshoot_gwt"] for step in steps),
-            "steps": steps,
-        }
+    @property
+    def _soft_trip_n(self) -> float:
+        limits = self.session.config.limits
+        return min(limits.soft_trip_n, limits.hard_trip_n, self._plan.soft_trip_n)
 
-    def _step(self, index: int, planned: PlannedIndentation) -> dict[str, Any]:
-        return {
-            "index": index,
-            "indentor": planned.indentor,
-            "x_mm": planned.x_mm,
-            "target": planned.target.kind,
-            "value": planned.target.value,
-            "increments": planned.increments,
-            "hold_s": planned.hold_s,
-            **_band(planned),
-            "doi_mm": planned.predicted_doi_mm,
-            "force_gwt": planned.predicted_force_gwt,
-            "contact_area_mm2": planned.contact_area_mm2,
-            "mean_pressure_n_cm2": planned.mean_pressure_n_cm2,
-            "peak_pressure_n_cm2": 100 * planned.peak_pressure_mpa,
-            "overshoot_gwt": self.stopping.overshoot_gwt(
-                self.trip_gwt, planned.predicted_force_gwt, planned.predicted_doi_mm
-            ),
-        }
+    @property
+    def _steps(self) -> str:
+        presses = self._plan.presses
+        counts = {"indentations": len(presses["data"]), "touches": len(self._plan.touches)}
+        counts |= {"preconditioning presses": len(presses["precondition"]), "references": len(presses["reference"])}
+        told = ", ".join(f"{number} {what}" for what, number in counts.items() if number) or "nothing to press"
+        before = self.session.before
+        return (
+            told
+            if before is None
+            else f"{told}: what is missing of {before.start['planned_indentations']} indentations"
+        )
 
+    @property
+    def _duration(self) -> str:
+        cost = f"rehearsed on springs in {self.took_s:.1f} s"
+        if isinstance(self.rehearsal, EngineError):
+            return f"not known: {cost}, it ended with {self.rehearsal}"
+        found = self.rehearsal
+        return f"about {found.duration_s:.0f} s, the finger touched for {found.contact_s:.0f} s of them ({cost})"
 
-def _band(planned: PlannedIndentation) -> dict[str, Any]:
-    """Of a finger that was met."""
-    if planned.band is None:
-        return {}
-    force, depth = planned.band.force_gwt, planned.band.doi_mm
-    return {"force_band_gwt": list(force), "doi_band_mm": list(depth), "highest_gwt": planned.band.highest_gwt}
+    @property
+    def _force(self) -> str:
+        peak_n = self._plan.peak_force_gwt * GWT_N
+        met = self.session.config.met
+        band = "" if met is None else f", the upper end for the finger met on {met.date} in {met.presses} presses"
+        below = f"{_both(self._soft_trip_n - peak_n)} below the trip"
+        return f"predicted peak {_both(peak_n)}{band}, {below}{self._small_strain}"
+
+    @property
+    def _small_strain(self) -> str:
+        depths = [planned.deepest_mm for planned in self._plan.all_presses]
+        stiffening = self.session.config.finger.tissue.stiffening
+        return f"; {small_strain('finger', max(depths), stiffening).note}" if depths else ""
+
+    @property
+    def _first(self) -> str:
+        """What moves first, whatever the script: homing, and on the way down to the first place."""
+        config = self.session.config
+        mounted = next(iter(dict.fromkeys(planned.indentor for planned in self._plan.all_presses)), None)
+        by_hand = "" if mounted is None else f"you mount {mounted}; "
+        places = [planned.x_mm for planned in self._plan.all_presses]
+        to = f", then to x = {places[0]:g} mm and down to" if places else ", and no lower than"
+        return (
+            f"{by_hand}homing, the indentor up to its switch before anything moves sideways{to} "
+            f"{config.habits.clearance_mm:g} mm above the finger"
+        )
 
 
-def preflight(script: Script, config: Config, finger: Fingertip, plan: Plan) -> Preflight:
-    """Rehearse a plan for its duration and hold it against the limits. Raises EngineError."""
-    return Preflight(plan, config, rehearsed(script, config, finger, plan))
+def _both(force_n: float) -> str:
+    return f"{force_n:.3g} N ({force_n / GWT_N:.4g} gwt)"
