@@ -1,7 +1,7 @@
 """A grating stepped across the pad over whole pitches, or over a range, pressed at each position to one force."""
 
 from rig.protocol import Field, RangeParameters, Rig, about_the_centre
-from rig.protocol.ranges import SPACING_MM
+from rig.protocol.schedule import SPACING_MM
 
 METADATA = {
     "title": "Grating stepped across the pad",

@@ -4,10 +4,9 @@ from collections import defaultdict
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from rig.devices.stage.leadshine.leadshine_drive import LeadshineDrive
-from rig.devices.stage.leadshine.leadshine_settings import DriveSettings
-from rig.devices.stage.leadshine.leadshine_stage import LeadshineStage
-from rig.devices.stage.leadshine.leadshine_words import number, words
+from rig.devices.leadshine import LeadshineStage
+from rig.devices.leadshine_drive import LeadshineDrive, number, words
+from rig.settings import DriveSettings
 from sim.devices.clock import VirtualClock
 
 X, Z = 1, 2

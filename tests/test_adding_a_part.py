@@ -226,7 +226,7 @@ def test_a_measure(tree: Tree) -> None:
     tree.add("measure", "gmax", {}, insertions.MEASURE)
     found = tree.rig("indent", "--shape", "bar:3.0", *PRESS, "--model", "halfspace")["receptors"]
     assert found["gmax"] == pytest.approx([high - low for high, low in zip(found["ep3"], found["ep1"], strict=True)])
-    assert tree.python("from rig.report.labels import *; print(unit('gmax'), unit('s11'))").split() == [
+    assert tree.python("from rig.report.style import *; print(unit('gmax'), unit('s11'))").split() == [
         "strain",
         "pseudo-units",
     ]

@@ -100,9 +100,9 @@ def test_nothing_is_imported_but_the_kinds_that_are_used(folder: Path) -> None:
     """A stage's entry, for its outputs; no sensor's, no package's, and no other stage's driver."""
     code = "import sys; from rig.plan.config import Config; Config(); print(*sys.modules)"
     told = _python(folder, "-c", code).stdout.split()
-    assert [name for name in told if name.endswith("_kind")] == ["rig.devices.stage.grbl.grbl_kind"]
+    assert [name for name in told if name.endswith("_kind")] == ["rig.devices.grbl"]
     drivers = [name for name in told if name.endswith(("_force", "_stage")) and name.startswith("rig.devices.")]
-    assert drivers == ["rig.devices.stage.grbl.grbl_stage"]
+    assert drivers == ["rig.devices.grbl"]
     assert not [name for name in told if name.startswith("rig_line_scale")]
 
 

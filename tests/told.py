@@ -3,12 +3,11 @@
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from rig.devices.force.base import ForceReading
-from rig.devices.stage.base import LOOK_S, StageNotHomed, StageStatus
-from rig.devices.units import GWT_N
+from rig.devices.base import LOOK_S, ForceReading, StageNotHomed, StageStatus
 from rig.engine import Engine, Pause, verbs
-from rig.engine.heartbeat import Heartbeat
+from rig.engine.bench import Heartbeat
 from rig.engine.rig_settings import RigSettings
+from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 
 

@@ -4,7 +4,7 @@ import math
 import re
 from typing import Any
 
-from rig.devices.stage.grbl.grbl_stage import GrblStage
+from rig.devices.grbl import GrblStage
 from sim.devices.clock import VirtualClock
 
 BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"

@@ -1,17 +1,102 @@
-"""What the devices of a bench say when they are asked and nothing is changed: for `rig status` and `rig doctor`."""
+"""Checks of a bench before it is used: configuration, calibrations, subject code, what the devices report."""
 
+import datetime
+import os
+import re
+from collections.abc import Iterator
 from contextlib import closing
 from typing import Any
 
+import tomlkit
+
+from rig.clock import WallClock
+from rig.control.client import at_work
+from rig.devices.base import ForceError, StageError, StageStatus
 from rig.devices.drivers import open_force, open_stage
-from rig.devices.force.base import ForceError
-from rig.devices.stage.base import StageError, StageStatus
-from rig.engine.by_hand.bench_memory import BenchMemory
-from rig.errors import code_of
+from rig.engine.bench_memory import BenchMemory
+from rig.errors import BadInputError, around, code_of
 from rig.plan.config import Config
-from rig.session.control.at_work import at_work
+from rig.protocol.check import refuse_place
 from rig.transport import PortOwner, TransportError, first_owner, port_owner
-from rig.transport.clock import WallClock
+
+
+def bench_problems(config: Config) -> list[str]:
+    """One line for each."""
+    return [str(problem) for problem in _problems(config)]
+
+
+def refuse_bench(config: Config) -> None:
+    """Raises BadInputError for the first of them."""
+    for problem in _problems(config):
+        raise problem
+
+
+def _problems(config: Config) -> Iterator[BadInputError]:
+    force = config.force.port
+    for port in config.stage.ports:
+        if _same_port(port, force):
+            yield BadInputError("stage.port and force.port: both are {port}, expected a port for each",
+                                code="same_port", port=port)  # fmt: skip
+    try:
+        refuse_place(0.0, 0.0, config)
+    except BadInputError as error:
+        yield around(BadInputError, "frame: the pad at clearance: {problem}", error)
+    apex_mm, lowest_mm = config.frame.apex_z_mm, -config.stage.travel_mm[2]
+    if not lowest_mm <= apex_mm <= 0:
+        yield BadInputError("{key} = {value:g}: outside the stage's travel, {low:g} … 0 mm",
+                            code="apex_outside_travel", key="frame.apex_z_mm", value=apex_mm, low=lowest_mm,
+                            high=0.0)  # fmt: skip
+
+
+def _same_port(one: str, other: str) -> bool:
+    """Under whichever of its names: a link by id is the device that it leads to."""
+    return one == other or (os.path.exists(one) and os.path.exists(other) and os.path.samefile(one, other))
+
+
+def today() -> datetime.date:
+    """The day at the bench."""
+    return datetime.datetime.fromtimestamp(WallClock().unix_s()).date()
+
+
+def expired_calibrations(config: Config) -> list[str]:
+    """One line for each calibration that may no longer be used: refused on hardware, a warning in a dry-run."""
+    return [str(problem) for problem in _expired(config)]
+
+
+def refuse_expired(config: Config) -> None:
+    """Raises BadInputError for a calibration that may no longer be used."""
+    for problem in _expired(config):
+        raise problem
+
+
+def _expired(config: Config) -> Iterator[BadInputError]:
+    for name in config.calibration.expired(today()):
+        expires = getattr(config.calibration, name).expires
+        yield BadInputError("{key}: expired on {expires}, expected a newer measurement", code="expired",
+                            key=f"calibration.{name}", expires=expires)  # fmt: skip
+
+
+def as_table(name: str, value: float, valid_days: int, sd: float | None = None) -> str:
+    """A calibration made today, as lines for the configuration file."""
+    date = today()
+    expires = date + datetime.timedelta(days=valid_days)
+    known_to = {} if sd is None else {"sd": tomlkit.value(f"{sd:.3g}")}
+    table = {"value": tomlkit.value(f"{value:.6g}"), **known_to, "date": date, "expires": expires}
+    return tomlkit.dumps({"calibration": {name: table}})
+
+
+_CODE = re.compile(r"[A-Z]{1,3}[0-9]{2,6}")
+
+
+def checked_subject(code: str | None) -> str | None:
+    """The code, if it is one: no name looks like it. Raises BadInputError."""
+    if code is None or _CODE.fullmatch(code):
+        return code
+    raise BadInputError(
+        "--subject: expected a code such as S07, one to three capital letters and two to six digits, never a name",
+        code="no_subject_code",
+    )
+
 
 _AT_REST = ("Idle", "Alarm")
 

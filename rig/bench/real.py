@@ -5,19 +5,17 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, Literal, Self
 
+from rig.clock import WallClock
+from rig.control.stop import StageInHand
+from rig.devices.base import ForceSensor, Stage, StageError
 from rig.devices.bench_settings import BenchSettings
 from rig.devices.drivers import open_force, open_stage
-from rig.devices.force.base import ForceSensor
-from rig.devices.stage.base import Stage, StageError
-from rig.engine.bench import NO_PAUSE, Pause
-from rig.engine.by_hand.bench_memory import BenchMemory, LastKnown
+from rig.engine.bench import NO_PAUSE, Heartbeat, Pause, looked_after
+from rig.engine.bench_memory import BenchMemory, LastKnown
 from rig.engine.contact import Contact
-from rig.engine.heartbeat import Heartbeat, looked_after
 from rig.engine.sensing import Zero
-from rig.session.control.stage_in_hand import StageInHand
 from rig.transport import TransportError
-from rig.transport.byte_log import Sink
-from rig.transport.clock import WallClock
+from rig.transport.wire import Sink
 
 
 class PortError(TransportError):

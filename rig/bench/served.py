@@ -4,18 +4,20 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from typing import TypeVar
 
-from rig.errors import around
-from rig.plan.config import Config
-from rig.protocol.errors import BadInputError
-from rig.session.virtual.twins import refuse_twinless, virtual_force, virtual_stage, wire_hardware_trip
-from rig.session.virtual.virtual_devices import (
+from rig.bench.virtual import (
     load_on_sensor,
+    refuse_twinless,
     relaxation,
     true_carriage,
     truth,
+    virtual_force,
+    virtual_stage,
+    wire_hardware_trip,
     with_framing,
     with_kinds,
 )
+from rig.errors import BadInputError, around
+from rig.plan.config import Config
 from sim.contact.shapes import parse_shape
 from sim.devices.line import Load, SerialLine, VirtualStage
 from sim.plant import Carriage

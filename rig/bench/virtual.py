@@ -1,30 +1,203 @@
-"""The bench of a dry-run: real drivers, real bytes, and virtual devices on one virtual clock."""
+"""The bench of a dry-run: real drivers and real bytes, virtual devices on one virtual clock."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, Protocol, Self
 
+from pydantic import ValidationError
+
+from rig.devices.base import ForceSensor, Stage
+from rig.devices.bench_settings import NOMINAL_STEPS_PER_MM, ForceSettings, StageSettings, SyncSettings
 from rig.devices.drivers import force_driver, stage_driver
-from rig.devices.force.base import ForceSensor
-from rig.devices.stage.base import Stage
-from rig.engine.bench import NO_PAUSE, Pause
-from rig.engine.by_hand.bench_memory import LastKnown
+from rig.devices.registry import DEFAULTS, DeviceSettings, Kind, as_kind
+from rig.engine.bench import LOOK_S, NO_PAUSE, Heartbeat, Pause
+from rig.engine.bench_memory import LastKnown
 from rig.engine.contact import Contact
-from rig.engine.heartbeat import LOOK_S, Heartbeat
 from rig.engine.sensing import Zero
+from rig.errors import BadInputError, around, first_problem
 from rig.plan.config import Config
-from rig.plan.shape_files import kept_in
-from rig.session.virtual.twins import virtual_force, virtual_stage, wire_hardware_trip
-from rig.session.virtual.virtual_devices import load_on_sensor, relaxation, true_carriage, truth, with_framing
-from rig.transport.byte_log import LoggedTransport, Sink
-from rig.transport.loopback import LoopbackTransport
+from rig.plan.finger_model import kept_in
+from rig.settings import Framing
 from rig.transport.stop_gate import StopGate
-from sim.devices.clock import VirtualClock
-from sim.devices.line import Load, SerialLine, VirtualStage
+from rig.transport.wire import LoggedTransport, LoopbackTransport, Sink
+from rig.units import GWT_N
+from sim.devices.clock import Scheduler, VirtualClock
+from sim.devices.line import (
+    ForceTold,
+    Load,
+    Relay,
+    SerialLine,
+    StageTold,
+    StopPins,
+    TwinError,
+    VirtualStage,
+    load_cell,
+)
 from sim.models.fingertip import Fingertip
-from sim.plant import Carriage, Plant, RelaxingPlant, TruePose
+from sim.models.relaxation import PronyTerm
+from sim.plant import Carriage, Placement, Plant, RelaxingPlant, Screws, TruePose, Truth, Turn
+
+
+def believed_steps_per_mm(config: Config, axis: str) -> float:
+    """As measured, or nominal; negative where the motor runs against the axis."""
+    return config.calibration.value(f"{axis}_steps_per_mm", NOMINAL_STEPS_PER_MM)
+
+
+def _screw(config: Config, axis: str) -> float:
+    """Steps in a mm of the true screw."""
+    true: float | None = getattr(config.virtual, f"{axis}_screw_steps_per_mm")
+    return true or abs(believed_steps_per_mm(config, axis))
+
+
+def lost_steps(config: Config, axis: str) -> float:
+    """Lost motion of the true screw."""
+    backlash_mm: float = getattr(config.virtual, f"{axis}_screw_backlash_mm")
+    return backlash_mm * _screw(config, axis)
+
+
+def with_framing(config: Config, framing: Framing) -> Config:
+    """The configuration, Modbus framed like this where it does not say."""
+    stage = config.stage.model_copy(update={"framing": config.stage.framing or framing})
+    force = config.force.model_copy(update={"framing": config.force.framing or framing})
+    return config.model_copy(update={"stage": stage, "force": force})
+
+
+def with_kinds(config: Config, stage: str | None, force: str | None) -> Config:
+    """The configuration with devices of these kinds; None leaves what is there. Raises BadInputError."""
+    parts: dict[str, DeviceSettings] = {}
+    try:
+        parts["stage"] = config.stage if stage is None else as_kind(StageSettings, config.stage, stage)
+        parts["force"] = config.force if force is None else as_kind(ForceSettings, config.force, force)
+    except ValidationError as error:
+        raise first_problem("--force" if "stage" in parts else "--stage", error) from None
+    return config.model_copy(update=parts)
+
+
+def true_carriage(stage: VirtualStage, config: Config) -> Carriage:
+    """Where the stage's steps really put the indentor: true screws, true place of the finger."""
+    virtual, frame = config.virtual, config.frame
+    return Carriage(
+        stage.nut_steps_at,
+        Screws(_screw(config, "x"), _screw(config, "z")),
+        Placement(
+            frame.pad_centre_x_mm + virtual.finger_x_offset_mm,
+            frame.apex_z_mm + virtual.finger_z_offset_mm,
+            frame.pad_y_mm + virtual.finger_along_offset_mm if config.stage.moves_along else None,
+        ),
+    )
+
+
+def truth(config: Config) -> Truth:
+    """How the finger and the rig of the virtual bench differ from the model."""
+    virtual = config.virtual
+    turn = Turn(virtual.finger_roll_deg, virtual.finger_tilt_deg)
+    return Truth(virtual.stiffness, virtual.compliance_mm_per_n, turn)
+
+
+def relaxation(config: Config) -> list[PronyTerm]:
+    """Of the tissue; none: it is elastic."""
+    return [PronyTerm(share, tau_s) for share, tau_s in config.virtual.relaxation]
+
+
+def load_on_sensor(felt: Load, config: Config) -> Load:
+    """The force on the finger as the sensor gets it: late, noisy and drifting where that is configured."""
+    virtual = config.virtual
+    latency_s = virtual.cell_latency_s
+    force_n = load_cell(
+        felt.force_n,
+        sample_period_s=config.force.sample_period_s,
+        noise_n=virtual.cell_noise_gwt * GWT_N,
+        latency_s=latency_s,
+        drift_n_per_s=virtual.cell_drift_gwt_per_min * GWT_N / 60,
+        seed=virtual.noise_seed,
+    )
+    return Load(force_n, lambda t_s: felt.fresh(t_s - latency_s))
+
+
+def virtual_stage(scheduler: Scheduler, line: SerialLine, config: Config) -> VirtualStage:
+    """The twin of the configured stage, on a line. Raises BadInputError."""
+    x, y, z = (believed_steps_per_mm(config, axis) for axis in "xyz")
+    told = StageTold(
+        config.stage.travel_mm,
+        (x, y, z),
+        (lost_steps(config, "x"), 0.0, lost_steps(config, "z")),
+        config.stage.framing or "rtu",
+        _own(config.stage),
+        config.sync.model_dump(),
+        config.stop.inputs_register,
+    )
+    return _made(config.stage, lambda twin: twin(scheduler, line, told))
+
+
+def virtual_force(scheduler: Scheduler, line: SerialLine, config: Config, load: Load) -> object:
+    """The twin of the configured force sensor, on a line, under a load. Raises BadInputError."""
+    force = config.force
+    told = ForceTold(
+        force.sample_period_s,
+        config.virtual.cell_resolution_gwt,
+        force.framing or "rtu",
+        _own(force),
+        config.stop.trip_gwt,
+    )
+    return _made(force, lambda twin: twin(scheduler, line, told, load))
+
+
+def wire_hardware_trip(config: Config, stage: object, sensor: object) -> None:
+    """Lead the relay of the virtual transmitter to the stop input of the virtual stage, as [stop] says."""
+    name = config.stop.trip_input
+    if name is None or not (isinstance(stage, StopPins) and isinstance(sensor, Relay)):
+        return
+    sensor.wire(lambda closed: stage.press(name) if closed else stage.release(name))
+
+
+def refuse_twinless(*devices: DeviceSettings) -> None:
+    """Raises BadInputError for a device without a virtual twin, or with one that is not there."""
+    for device in devices:
+        _twin(device.entry)
+
+
+def with_stand_ins(config: Config) -> Config:
+    """The usual kind of device in the place of one without a virtual twin: what a rehearsal can do without."""
+    stage = None if config.stage.entry.twin else DEFAULTS["stage"]
+    force = None if config.force.entry.twin else DEFAULTS["force"]
+    sync = config.sync if stage is None else SyncSettings()  # whose outputs are others
+    return with_kinds(config, stage, force).model_copy(update={"sync": sync})
+
+
+def _own(device: DeviceSettings) -> Mapping[str, Any]:
+    entry = device.entry
+    return {} if entry.settings is None else device.own(entry.settings).model_dump()
+
+
+def _made(device: DeviceSettings, make: Callable[[Callable[..., Any]], Any]) -> Any:
+    try:
+        return make(_twin(device.entry))
+    except TwinError as problem:
+        raise around(BadInputError, "{room}.{problem}", problem, room=device.entry.room) from None
+
+
+def _twin(entry: Kind) -> Callable[..., Any]:
+    what = f"{entry.room}.kind = {entry.name!r}"
+    if not entry.twin:
+        usual = f"{entry.room}.kind = {DEFAULTS[entry.room]!r}"
+        raise BadInputError("{what}: this device has no virtual twin, expected another one here, such as {usual}",
+                            code="no_twin", what=what, room=entry.room, kind=entry.name, usual=usual)  # fmt: skip
+    module, _, function = entry.twin.partition(":")
+    try:
+        twin: Callable[..., Any] = getattr(import_module(module), function)
+    except (Exception, SystemExit) as error:  # whatever a package does when it is imported
+        raise BadInputError(
+            "{what}: its virtual twin {twin}: {exception}: {problem}",
+            code="twin_not_loaded",
+            what=what,
+            twin=entry.twin,
+            exception=type(error).__name__,
+            problem=" ".join(str(error).split()),
+        ) from error
+    return twin
 
 
 class AnyPlant(Protocol):

@@ -1,26 +1,30 @@
-"""The bench-side verbs: `rig home`, `zero` and `status`, each for whoever stands beside the rig."""
+"""`rig home`, `rig zero` and `rig status`, and what these share with `rig jog`."""
 
 import io
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from typing import Annotated, Any
 
 import typer
+from rich.live import Live
 
-from rig.cli.interrupts import at_once, interrupt_main
-from rig.cli.looking import contact, in_one_line, look, position
+from rig.bench.checks import contact, in_one_line, look, position
+from rig.bench.real import PortError, RealBench, open_bench
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
-from rig.cli.output import ExitCode, complain, out, print_json, told_in_one_line
+from rig.cli.output import ExitCode, complain, err, out, print_json, told_in_one_line
+from rig.cli.signals import at_once, interrupt_main
+from rig.clock import Clock, WallClock
+from rig.devices.base import Stage, StageStatus
 from rig.devices.drivers import open_force, open_stage
-from rig.devices.stage.base import Stage, StageStatus
-from rig.engine.by_hand.bench_memory import BenchMemory
+from rig.engine.bench_memory import BenchMemory
 from rig.engine.contact import Contact
 from rig.engine.sensing import Sensing
+from rig.manual import bench as manual_bench
+from rig.manual.bench import at_hand, feel, unfelt
+from rig.manual.jog import ByHand, Show
 from rig.plan.config import Config, load_config
-from rig.session.by_hand import at_hand
-from rig.session.real_bench import PortError, RealBench, open_bench
 from rig.session.stop_button import key_interrupting
-from rig.transport.clock import WallClock
+from rig.transport import TransportError
 
 
 @contextmanager
@@ -48,7 +52,7 @@ def _home(settings: Config) -> tuple[StageStatus, Contact]:
     with at_once(), key_interrupting(settings, interrupt_main), closing(_bench_at_hand(settings)) as bench:
         sensing = Sensing(settings, bench.clock, bench.force)
         sensing.zero = bench.memory.read().zero
-        known = at_hand.home(settings, bench, sensing)
+        known = manual_bench.home(settings, bench, sensing)
         return bench.stage.status(), known
 
 
@@ -57,7 +61,7 @@ def _bench_at_hand(settings: Config) -> RealBench:
     try:
         return open_bench(settings, WallClock(), io.StringIO(), ask=lambda request: "")
     except PortError as error:
-        raise at_hand.unfelt(error) if error.device == "force" else error from None
+        raise manual_bench.unfelt(error) if error.device == "force" else error from None
 
 
 def _home_unfelt(settings: Config) -> tuple[StageStatus, Contact]:
@@ -83,7 +87,7 @@ def zero(
         settings, clock = load_config(config), WallClock()
         with closing(open_force(settings, clock)) as force:
             sensing = Sensing(settings, clock, force)
-            name = at_hand.zero(settings, sensing, anyway=anyway)
+            name = manual_bench.zero(settings, sensing, anyway=anyway)
             tell({"identity": name, "force_n": sensing.raw().force_n}, as_json=as_json)
 
 
@@ -110,3 +114,49 @@ def tell(found: dict[str, Any], *, as_json: bool) -> None:
         if isinstance(value, dict):
             value = in_one_line(value)
         out.print(f"{name:<12}{value}")
+
+
+@contextmanager
+def by_hand(settings: Config, show: Show, *, without_force: bool) -> Iterator[tuple[ByHand, Clock]]:
+    """Motions on the ports of the configuration. Raises BadInputError where no force sensor answers."""
+    known = BenchMemory(settings).read()
+    with (
+        stage_at_hand(settings) as (stage, clock),
+        _sensing(settings, clock, without=without_force) as sensing,
+        at_hand(settings, stage, clock, sensing, show, known) as hand,
+    ):
+        yield hand, clock
+
+
+@contextmanager
+def _sensing(settings: Config, clock: Clock, *, without: bool) -> Iterator[Sensing | None]:
+    if without:
+        err.print("without force: nothing stops the stage at a finger")
+        yield None
+        return
+    try:
+        sensor = open_force(settings, clock)
+    except TransportError as error:
+        raise unfelt(error) from None
+    with closing(sensor):
+        yield feel(Sensing(settings, clock, sensor))
+
+
+@contextmanager
+def live_line(settings: Config) -> Iterator[Show]:
+    """Where the stage is and what is felt, on a line that is kept up to date where somebody looks."""
+    if not err.is_terminal:
+        yield lambda at, force_gwt: None
+        return
+    with Live(console=err, transient=True, refresh_per_second=10) as live:
+        yield _shown(live.update, settings)
+
+
+def _shown(update: Callable[[str], None], settings: Config) -> Show:
+    apex_mm = settings.frame.apex_z_mm
+
+    def show(at: StageStatus, force_gwt: float | None) -> None:
+        force = "no force" if force_gwt is None else f"{force_gwt:.2f} gwt"
+        update(f"x {at.x_mm:.3f}  y {at.y_mm:.3f}  z {at.z_mm:.3f} mm (apex {apex_mm:g})  {force}  {at.state}")
+
+    return show

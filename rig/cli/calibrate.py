@@ -7,26 +7,26 @@ from typing import Annotated
 
 import typer
 
-from rig.cli.by_hand import by_hand, live_line
-from rig.cli.interrupts import at_once, interrupt_main, typed_line
+from rig.bench.checks import as_table
+from rig.bench.real import open_bench
+from rig.cli.bench import by_hand, live_line
 from rig.cli.jog import way
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import err, out, print_json, told_in_one_line
 from rig.cli.run import ask_at_the_bench
+from rig.cli.signals import at_once, interrupt_main, typed_line
+from rig.clock import WallClock
+from rig.data.journal import NoJournal
+from rig.devices.base import ForceSensor
 from rig.devices.drivers import open_force
-from rig.devices.force.base import ForceSensor
-from rig.devices.units import GWT_N
 from rig.engine import Engine, verbs
-from rig.engine.journal import NoJournal
-from rig.engine.pressing.compliance import Compliance, measure_compliance
+from rig.engine.reference import Compliance, measure_compliance
+from rig.errors import BadInputError
 from rig.plan.config import Config, load_config
-from rig.protocol.errors import BadInputError
-from rig.protocol.refusals import refuse_approach, refuse_place
-from rig.session.calibration import as_table
-from rig.session.real_bench import open_bench
-from rig.session.running import stopped_at_once
+from rig.protocol.check import refuse_approach, refuse_place
+from rig.session.session import stopped_at_once
 from rig.session.stop_button import key_interrupting
-from rig.transport.clock import WallClock
+from rig.units import GWT_N
 
 _READINGS = 20
 # Beyond this it is not a calibration that is wrong but a setting or a unit.

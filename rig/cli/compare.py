@@ -14,34 +14,29 @@ import typer
 
 from rig.cli.options import ExactOption, JsonOption, checked_file, numbers
 from rig.cli.output import THE_FINGER, busy, out, print_json, told_in_one_line
-from rig.compare.answers.answer import Answer
-from rig.compare.answers.answer_json import answers_as_json
-from rig.compare.answers.judging import answers
-from rig.compare.answers.likeliest import Form
-from rig.compare.answers.wording import sentence
-from rig.compare.comparison import Comparison, compare
-from rig.compare.fingers.on_fingers import on_plausible_fingers
-from rig.compare.left_out import left_out_lines, left_out_rows
-from rig.compare.place.place_grid import PlaceRange
-from rig.compare.place.placed import Sought, places, sought_in
-from rig.compare.place.whereabouts import Whereabouts, place_lines, places_as_json
-from rig.compare.plausible import PlausibleFingers, read_plausible
-from rig.compare.recordings.column_map import column_map
-from rig.compare.recordings.inputs import Reading, read_recordings, sha256
-from rig.compare.recordings.recorded import Recording
-from rig.compare.shape_chance import chance_rows
-from rig.compare.stimuli import Stimulus, stimuli
-from rig.compare.stimulus_maps import stimulus_maps
-from rig.compare.tables import as_json as comparison_as_json
+from rig.compare.comparison import Comparison, compare, left_out_lines, left_out_rows
+from rig.compare.fingers import PlausibleFingers, on_plausible_fingers, read_plausible
+from rig.compare.judge import answers
+from rig.compare.likelihood import Form
+from rig.compare.place_grid import PlaceRange, Whereabouts, place_lines, places_as_json
+from rig.compare.receptor_place import Sought, places, sought_in
+from rig.compare.recordings.columns import column_map
+from rig.compare.recordings.reading import Reading, read_recordings, sha256
+from rig.compare.recordings.recording import Recording
+from rig.compare.results import answers_as_json
+from rig.compare.results import as_json as comparison_as_json
+from rig.compare.shape_test import chance_rows
+from rig.compare.stimuli import Stimulus, stimuli, stimulus_maps
+from rig.compare.verdict import Answer
+from rig.compare.verdict_text import sentence
 from rig.data import Run, read_run
 from rig.data.folder import replace_text
+from rig.errors import BadInputError
 from rig.plan.config import load_config
-from rig.protocol.errors import BadInputError
-from rig.report.comparison.comparison_report import write_comparison
-from rig.report.comparison.deflection import deflection_section, read_deflections, simulated
-from rig.report.comparison.finger_tables import finger_section, finger_tables, fingers_as_json
-from rig.report.comparison.place_table import place_section
-from rig.report.html import Section
+from rig.report.comparison_report import place_section, write_comparison
+from rig.report.finger_tables import finger_section, finger_tables, fingers_as_json
+from rig.report.page import Section
+from rig.report.recording_sections import deflection_section, read_deflections, simulated
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
 from sim.models.fingertip import Fingertip
 from sim.models.interpolation import HOW_MADE

@@ -5,18 +5,17 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
-from rig.cli.interrupts import typed_line
+from rig.bench.checks import refuse_bench, refuse_expired
 from rig.cli.output import NotConfirmedError, busy, err
+from rig.cli.signals import typed_line
+from rig.clock import WallClock
+from rig.errors import BadInputError
 from rig.plan.config import Config
-from rig.protocol.errors import BadInputError
-from rig.session.bench_problems import refuse_bench
-from rig.session.calibration import refuse_expired
 from rig.session.ending import Ending
-from rig.session.page import Page
+from rig.session.preflight import Page
 from rig.session.session import Session
 from rig.session.stop_button import StopButton
 from rig.transport import refuse_missing
-from rig.transport.clock import WallClock
 
 Confirm = Callable[[Session], Page]
 """Has a checked session confirmed, nothing having moved; returns its page."""

@@ -1,21 +1,180 @@
-"""What `rig decode` says of what it found: a table, one JSON object, a picture."""
+"""`rig decode`: estimate pressure on the skin from the readings of receptors under it."""
 
+import math
+import re
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import typer
 from numpy.typing import NDArray
 from rich.table import Table
 
-from rig.cli.decoding import Answer, DecoderName, Task
-from rig.cli.output import out
-from rig.cli.pictures import write_picture
-from rig.cli.readings_file import pa_per_pseudo
-from sim.coding.operators import Operator
-from sim.coding.search import decoding_errors, error_surface
+from rig.cli.coding_task import (
+    DECODERS,
+    Answer,
+    DecoderName,
+    Encoding,
+    Search,
+    Task,
+    best_explained,
+    decode,
+    pressed,
+    task_of_press,
+    task_of_pressures,
+    task_of_readings,
+    tasks_of_row,
+)
+from rig.cli.options import (
+    DepthOption,
+    EnergyOption,
+    FingertipOption,
+    HalfLengthOption,
+    JsonOption,
+    NoisePlaceOption,
+    PictureOption,
+    SnrOption,
+    SpacingOption,
+    bounded,
+    checked_picture,
+    named,
+    numbers,
+    sampling_of,
+    write_picture,
+)
+from rig.cli.output import THE_FINGER, busy, out, print_json, told_in_one_line
+from rig.cli.readings_file import pa_per_pseudo, read_pressures, read_readings
+from rig.errors import BadInputError, code_of, fields_of
+from rig.plan.config import load_config
+from sim.coding.bayes import FittedReceptor
+from sim.coding.encoding import NOISE_PLACES, Noise, Receptor
+from sim.coding.operators import OPERATORS, Operator, OperatorName
+from sim.coding.search import DecodingError, decoding_errors, error_surface
+from sim.coding.section import ENERGIES, HALF_LENGTH, SPACING_MM
 from sim.coding.shape_class import felt_solid
-from sim.coding.sheet import SheetOperator
+from sim.coding.sheet import HALF_LENGTHS_MM, SheetOperator
 from sim.config import FingertipConfig
+from sim.measures.receptors import DEFAULT_DEPTH_MM
+
+_PLUS_MINUS = re.compile(r"±|\+/?-")
+_LARGEST = 1e9
+LEAST_MM, MOST_MM = 0.3, 10.0
+"""Half-lengths of contacts along the finger."""
+
+
+def refuse_together(pressure: str | None, shape: str | None, readings: Path | None, **others: object) -> None:
+    """Readings have one source, and those of a file their own noise and operator."""
+    if [pressure, shape, readings].count(None) != 2:
+        raise BadInputError(
+            "expected exactly one of {options}", code="exactly_one", options="--pressure, --shape and --readings"
+        )
+    for name, value in others.items():
+        if readings is not None and value is not None:
+            raise BadInputError(
+                "{option} beside {beside}: expected it with --pressure or --shape",
+                code="not_together", option=f"--{name.replace('_', '-')}", beside="--readings",
+            )  # fmt: skip
+
+
+def operator_of(operator: str | None, *, pressures: bool) -> OperatorName:
+    """Of pressures by default the source's, of presses and readings by finite elements."""
+    return named("--operator", operator or ("convolution" if pressures else "influence"), OPERATORS)
+
+
+def encoding_of(
+    energy: str, noise: str, snr_db: float | None, seed: int, receptor: FittedReceptor | None
+) -> Encoding:
+    """Raises BadInputError for unknown words and numbers beyond their bounds."""
+    at = named("--noise", noise, NOISE_PLACES)
+    drawn = int(bounded("--seed", seed, 0, 2**32))
+    added = None if snr_db is None else Noise(bounded("--snr-db", snr_db, -40, 100), at, drawn)
+    return Encoding(named("--energy", energy, ENERGIES), receptor, added, at)
+
+
+def receptor_of(gain: str | None, threshold: str | None) -> FittedReceptor | None:
+    """R = k (S − S₀) with the standard errors of k and S₀; none without a threshold. Raises BadInputError."""
+    if threshold is None:
+        if gain is not None:
+            raise BadInputError(
+                "{option}: expected {needs} beside it", code="needs_option", option="--gain", needs="--threshold"
+            )
+        return None
+    k, k_se = _with_error("--gain", "1" if gain is None else gain)
+    s0, s0_se = _with_error("--threshold", threshold)
+    bounded("--gain", k, 1e-9, _LARGEST)
+    if k_se >= k:
+        raise BadInputError(
+            "{option} {value}: expected a standard error below the gain itself",
+            code="error_too_large", option="--gain", value=gain,
+        )  # fmt: skip
+    return FittedReceptor(Receptor(k, bounded("--threshold", s0, -_LARGEST, _LARGEST)), k_se, s0_se)
+
+
+def _with_error(option: str, text: str) -> tuple[float, float]:
+    """A number, and its standard error where it has one: 30, 30±2, 30+-2."""
+    try:
+        value, error = map(float, [*_PLUS_MINUS.split(text), "0"][:2]) if text.count("±") < 2 else (math.nan, 0.0)
+    except ValueError:
+        value = error = math.nan
+    if not (math.isfinite(value) and math.isfinite(error) and error >= 0):
+        raise BadInputError(
+            "{option} {value!r}: expected a number, or one with its standard error as 30±2",
+            code="not_a_number", option=option, value=text,
+        )  # fmt: skip
+    return value, error
+
+
+def search_of(decoder: DecoderName, start: str | None, within: str | None, step: float | None, seed: int) -> Search:
+    """Raises BadInputError for what this decoder does not go by."""
+    _refuse("--start", start, decoder, ("univariate", "grid"))
+    _refuse("--range", within, decoder, ("univariate", "grid", "table", "global"))
+    _refuse("--grid-step", step, decoder, ("grid",))
+    places = None if start is None else numbers("--start", start)
+    ends = None if within is None else numbers("--range", within)
+    if ends is not None and not (len(ends) == 2 and 0 <= ends[0] < ends[1] <= _LARGEST):
+        raise BadInputError(
+            "{option} {value}: expected two ascending numbers, as 0,30",
+            code="not_ascending", option="--range", value=within,
+        )  # fmt: skip
+    if step is not None:
+        bounded("--grid-step", step, 1e-6, _LARGEST)
+    return Search(places, ends and (ends[0], ends[1]), step, seed)
+
+
+def axial_of(axial: str | None, decoder: DecoderName, readings: Path | None) -> tuple[float, ...]:
+    """Half-lengths of ellipses along the finger, mm, of which readings choose; none where no shape is named."""
+    if axial is None:
+        return ()
+    if readings is None:
+        raise BadInputError(
+            "{option} without {needs}: expected a row of receptors in the whole finger",
+            code="needs_option", option="--axial", needs="--readings",
+        )  # fmt: skip
+    _refuse("--axial", axial, decoder, ("ours",))
+    word, named, length = axial.partition(":")
+    if word == "ellipse" and not named:
+        return HALF_LENGTHS_MM
+    try:
+        half = float(length) if word == "ellipse" else math.nan
+    except ValueError:
+        half = math.nan
+    if not LEAST_MM <= half <= MOST_MM:
+        raise BadInputError(
+            "{option} {value}: expected ellipse, or ellipse:HALF-LENGTH of {low_mm:g} … {high_mm:g} mm",
+            code="bad_value", option="--axial", value=axial, low_mm=LEAST_MM, high_mm=MOST_MM,
+        )  # fmt: skip
+    return (half,)
+
+
+def _refuse(option: str, value: object, decoder: DecoderName, takers: tuple[DecoderName, ...]) -> None:
+    if value is not None and decoder not in takers:
+        raise BadInputError(
+            "{option} beside --decoder {decoder}: expected {expected}",
+            code="not_this_decoder", option=option, decoder=decoder, expected=" or ".join(takers),
+        )  # fmt: skip
+
 
 Array = NDArray[np.float64]
 
@@ -143,7 +302,8 @@ def draw(task: Task, answer: Answer, picture: Path) -> None:
 
 
 def _draw_sheet(operator: SheetOperator, answer: Answer, picture: Path) -> None:
-    from rig.report.coding.sheet_figure import Drawn, sheet_figure  # matplotlib: only where it is wanted
+    from rig.report.coding_figures import DrawnSheet as Drawn  # matplotlib: only where it is wanted
+    from rig.report.coding_figures import sheet_figure
 
     grid = operator.skin.grid
     assert answer.profile is not None
@@ -152,11 +312,7 @@ def _draw_sheet(operator: SheetOperator, answer: Answer, picture: Path) -> None:
 
 
 def _draw_search(task: Task, answer: Answer, picture: Path) -> None:
-    from rig.report.coding.search_figures import (
-        Surface,
-        extents,
-        search_figure,
-    )  # matplotlib: only where it is wanted
+    from rig.report.coding_figures import Surface, extents, search_figure  # matplotlib: only where it is wanted
 
     def surface(low: Array, high: Array) -> Surface:
         first, second = np.linspace(low, high, _FINE).T
@@ -169,7 +325,8 @@ def _draw_search(task: Task, answer: Answer, picture: Path) -> None:
 
 
 def _draw_pressures(task: Task, answer: Answer, picture: Path) -> None:
-    from rig.report.coding.decoded_figure import Drawn, decoded_figure  # matplotlib: only where it is wanted
+    from rig.report.coding_figures import DrawnDecoding as Drawn  # matplotlib: only where it is wanted
+    from rig.report.coding_figures import decoded_figure
 
     band = None if answer.profile is None else answer.profile.band()
     operator = task.operator
@@ -183,3 +340,93 @@ def _draw_pressures(task: Task, answer: Answer, picture: Path) -> None:
         operator.sed(answer.pressure),
     )
     write_picture(decoded_figure(drawn), picture)
+
+
+def decode_command(
+    pressure: Annotated[
+        str | None, typer.Option(metavar="P", help="Encode these first: 20,14, or a CSV with a column pressure.")
+    ] = None,
+    shape: Annotated[str | None, typer.Option(metavar="S", help="Or press this, prismatic along z.")] = None,
+    readings: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.csv", help="Or take these: places, depths, readings, noise; with z_mm a sheet."),
+    ] = None,
+    axial: Annotated[
+        str | None,
+        typer.Option(metavar="A", help="Of a row in the whole finger: ellipse:HALF-LENGTH in mm; ellipse: the best."),
+    ] = None,
+    x_mm: Annotated[float, typer.Option(metavar="X", help="Of the indentor's reference point.")] = 0.0,
+    doi_mm: Annotated[float | None, typer.Option(metavar="D", help="How deep it is pressed.")] = None,
+    decoder: Annotated[str, typer.Option(metavar="NAME", help=", ".join(DECODERS))] = "ours",
+    operator: Annotated[
+        str | None, typer.Option(metavar="O", help=f"{' or '.join(OPERATORS)}; absent: the first for --pressure.")
+    ] = None,
+    energy: EnergyOption = "finite",
+    snr_db: SnrOption = None,
+    noise: NoisePlaceOption = "receptor",
+    gain: Annotated[
+        str | None,
+        typer.Option(metavar="K", help="Of the receptor, in R = k (S − S₀); 30±2 with its standard error."),
+    ] = None,
+    threshold: Annotated[
+        str | None, typer.Option(metavar="S0", help="Of the receptor, 1.5±0.2 likewise; absent: no receptor.")
+    ] = None,
+    start: Annotated[str | None, typer.Option(metavar="P", help="Where univariate and grid begin: 10,10.")] = None,
+    within: Annotated[
+        str | None, typer.Option("--range", metavar="LOW,HIGH", help="Of pressures, for all decoders but ours.")
+    ] = None,
+    grid_step: Annotated[
+        float | None, typer.Option(metavar="P", help="Of grid; absent: a 30th of the range.")
+    ] = None,
+    seed: Annotated[int, typer.Option(metavar="N", help="Of the noise, and of what is drawn at random.")] = 0,
+    spacing_mm: SpacingOption = SPACING_MM,
+    half_length: HalfLengthOption = HALF_LENGTH,
+    receptor_depth_mm: DepthOption = DEFAULT_DEPTH_MM,
+    config: FingertipOption = None,
+    picture: PictureOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Print the pressures found, how sure they are and, where the true ones are known, how wrong."""
+    with told_in_one_line(as_json=as_json):
+        refuse_together(pressure, shape, readings, snr_db=snr_db, operator=operator, doi_mm=doi_mm)
+        name, by = named("--decoder", decoder, DECODERS), operator_of(operator, pressures=pressure is not None)
+        how = encoding_of(energy, noise, snr_db, seed, receptor_of(gain, threshold))
+        search = search_of(name, start, within, grid_step, seed)
+        sampling = sampling_of(spacing_mm, half_length, receptor_depth_mm)
+        half_lengths = axial_of(axial, name, readings)
+        checked_picture(picture)
+        finger = load_config(config).finger
+        make: Callable[[], Task | list[Task]]
+        what = "the plane-strain section: about a second …"
+        if pressure is not None:
+            samples = read_pressures(pressure)
+            make = partial(task_of_pressures, finger, sampling, by, how, samples)
+        elif shape is not None:
+            scene = pressed(shape, x_mm, doi_mm)
+            make = partial(task_of_press, finger, sampling, by, how, scene)
+        else:
+            assert readings is not None
+            given = read_readings(readings, finger)
+            what = what if given.z_mm is None and axial is None else THE_FINGER
+            if half_lengths:
+                make = partial(tasks_of_row, finger, how, given, spacing_mm, half_lengths)
+            else:
+                make = partial(task_of_readings, finger, how, given, spacing_mm, contacts=name == "ours")
+        with busy(what, as_json=as_json):
+            task, answer = _answered(make, name, search)
+        if picture is not None:
+            draw(task, answer, picture)
+        if as_json:
+            print_json({"decoder": name, **as_json_object(finger, task, answer)})
+        else:
+            print_decoded(finger, name, task, answer)
+
+
+def _answered(make: Callable[[], Task | list[Task]], decoder: DecoderName, search: Search) -> tuple[Task, Answer]:
+    """Of several tasks of the same readings the one that explains them best."""
+    try:
+        made = make()
+        task = made if isinstance(made, Task) else best_explained(made)
+        return task, decode(task, decoder, search)
+    except DecodingError as error:
+        raise BadInputError("{problem}", code=code_of(error), **{**fields_of(error), "problem": str(error)}) from None

@@ -1,4 +1,4 @@
-"""`rig encode`: from pressure on the skin of the section to what receptors under it say."""
+"""`rig encode`, `rig impulse` and `rig shift-invariance`: from pressure on the skin to receptor responses."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -7,33 +7,40 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from rig.cli.coded import Told, pressed, told, told_of_press
-from rig.cli.options import FingertipOption, JsonOption
-from rig.cli.output import busy, out, print_json, told_in_one_line
-from rig.cli.pictures import PictureOption, checked_picture, write_picture
-from rig.cli.pressures import read_pressures
-from rig.cli.sampling import (
+from rig.cli.coding_task import Told, pressed, told, told_of_press
+from rig.cli.options import (
     DepthOption,
     EnergyOption,
+    FingertipOption,
     HalfLengthOption,
+    JsonOption,
     NoisePlaceOption,
+    PictureOption,
     SnrOption,
     SpacingOption,
     bounded,
+    checked_picture,
     named,
     sampling_of,
+    write_picture,
 )
+from rig.cli.output import busy, err, out, print_json, say_now, told_in_one_line
+from rig.cli.readings_file import read_pressures
+from rig.errors import BadInputError
 from rig.plan.config import load_config
-from rig.protocol.errors import BadInputError
+from sim.coding.all_sites import DRAWN, AllSites, Deformed, Sampled, Where, kept_sites
 from sim.coding.encoding import NOISE_PLACES, Encoded, Noise, Receptor, encode
-from sim.coding.operators import OPERATORS
-from sim.coding.section import ENERGIES, HALF_LENGTH, SPACING_MM, sampled_section
+from sim.coding.operators import NAMES, OPERATORS, ImpulseResponses, ShiftErrors, impulse_responses, shift_errors
+from sim.coding.point_spread import HALF_WIDTH_MM, Judged, Mean, mean_over
+from sim.coding.point_spread import SPACING_MM as SITE_SPACING_MM
+from sim.coding.section import AXES, ENERGIES, HALF_LENGTH, SPACING_MM, Energy, Sampling, sampled_section
+from sim.config import FingertipConfig
 from sim.measures.receptors import DEFAULT_DEPTH_MM
 
 _ROWS = 25
 
 
-def command(
+def encode_command(
     pressure: Annotated[
         str | None, typer.Option(metavar="P", help="Samples as 20,14, or a CSV with a column pressure.")
     ] = None,
@@ -94,7 +101,8 @@ def command(
 
 
 def _draw(mine: Told, encoded: Encoded, picture: Path) -> None:
-    from rig.report.coding.encoding_figure import Drawn, encoding_figure  # matplotlib: only where it is wanted
+    from rig.report.coding_figures import DrawnEncoding as Drawn  # matplotlib: only where it is wanted
+    from rig.report.coding_figures import encoding_figure
 
     write_picture(encoding_figure(Drawn(mine.operator, mine.pressure, encoded, mine.true)), picture)
 
@@ -136,3 +144,209 @@ def _print(mine: Told, encoded: Encoded, added: Noise | None) -> None:
     for k in np.unique(np.linspace(0, encoded.samples - 1, _ROWS).round().astype(int)).tolist():
         table.add_row(f"{operator.receptor_mm[k]:.2f}", f"{encoded.sed[k]:.4g}", f"{encoded.rate[k]:.4g}")
     out.print(table)
+
+
+_FARTHEST = 0.75  # of the half length: beyond, few receptors are left to compare
+Found = tuple[ImpulseResponses, ShiftErrors]
+
+
+def impulse_command(
+    spacing_mm: SpacingOption = SPACING_MM,
+    half_length: HalfLengthOption = HALF_LENGTH,
+    receptor_depth_mm: DepthOption = DEFAULT_DEPTH_MM,
+    energy: EnergyOption = "finite",
+    config: FingertipOption = None,
+    picture: PictureOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Print h, g, f, how nearly h is −g, and what shifting them misses, in the skin's axes and in Cartesian ones."""
+    with told_in_one_line(as_json=as_json):
+        kind = named("--energy", energy, ENERGIES)
+        samplings = [sampling_of(spacing_mm, half_length, receptor_depth_mm, axes) for axes in AXES]
+        checked_picture(picture)
+        finger = load_config(config).finger
+        with busy("two plane-strain sections: about a second each …", as_json=as_json):
+            found = {sampling.axes: _found(finger, sampling, kind) for sampling in samplings}
+        if picture is not None:
+            _draw_impulse(found, picture)
+        if as_json:
+            print_json({"energy": kind, **{axes: _as_json_impulse(*both) for axes, both in found.items()}})
+        else:
+            _print_impulse(found, kind)
+
+
+def _found(finger: FingertipConfig, sampling: Sampling, energy: Energy) -> Found:
+    section = sampled_section(finger, sampling)
+    return impulse_responses(section), shift_errors(section, energy, int(_FARTHEST * sampling.half_length))
+
+
+def _draw_impulse(found: dict[Any, Found], picture: Path) -> None:
+    from rig.report.coding_figures import DrawnImpulse as Drawn  # matplotlib: only where a picture is wanted
+    from rig.report.coding_figures import impulse_figure
+
+    write_picture(impulse_figure({axes: Drawn(*both) for axes, both in found.items()}), picture)
+
+
+def _as_json_impulse(responses: ImpulseResponses, errors: ShiftErrors) -> dict[str, Any]:
+    frequency, amplitude = responses.spectra()
+    return {
+        "place_mm": responses.sampling.place_mm.tolist(),
+        **{name: values.tolist() for name, values in zip(NAMES, responses.strain, strict=True)},
+        "spectra": {
+            "cycles_per_mm": frequency.tolist(),
+            **{name: values.tolist() for name, values in zip(NAMES, amplitude, strict=True)},
+        },
+        "g_is_minus_h": responses.opposite._asdict(),
+        "tails_over_peak": dict(zip(NAMES, responses.tails.tolist(), strict=True)),
+        "shift_errors_relative_l2": {
+            "place_mm": errors.place_mm.tolist(),
+            **{name: values.tolist() for name, values in zip(("e11", "e22", "e12"), errors.strain, strict=True)},
+            "sed": errors.sed.tolist(),
+        },
+    }
+
+
+def _print_impulse(found: dict[Any, Found], energy: Energy) -> None:
+    for axes, (responses, errors) in found.items():
+        opposite = responses.opposite
+        peaks = ", ".join(f"{name} {abs(v).max():.3g}" for name, v in zip(NAMES, responses.strain, strict=True))
+        tails = ", ".join(f"{name} {v:.1%}" for name, v in zip(NAMES, responses.tails, strict=True))
+        out.print(f"{axes} axes, {responses.strain.shape[1]} samples {responses.sampling.spacing_mm:g} mm apart")
+        out.print(f"  peaks, per pseudo-unit on one sample  {peaks}")
+        out.print(f"  ends over peak                        {tails}")
+        out.print(
+            f"  h + g over h                          {opposite.relative_l2:.1%} relative L2, "
+            f"{opposite.largest:.1%} of the peak at most, r = {opposite.correlation:.4f}"
+        )
+        _print_errors(errors, energy)
+
+
+def _print_errors(errors: ShiftErrors, energy: Energy) -> None:
+    out.print("  what shifting them misses, relative L2")
+    table = Table("  load at (mm)", "e11", "e22", "e12", f"SED ({energy})", box=None, padding=(0, 2))
+    every = max(1, len(errors.place_mm) // 12)
+    for k in range(0, len(errors.place_mm), every):
+        table.add_row(f"{errors.place_mm[k]:.2f}", *(f"{v:.1%}" for v in errors.strain[:, k]), f"{errors.sed[k]:.1%}")
+    out.print(table)
+
+
+_WHERE: dict[Where, str] = {"pulp": "18 pulp sites", "all": "all 24 sites"}
+
+
+_BUSY = "24 point loads on the whole finger: from the cache, or about twenty seconds …"
+_TOLD_EACH = 1000  # receptors, where nothing turns
+
+
+def shift_invariance_command(
+    force_gwt: Annotated[float, typer.Option(metavar="F", help="Of each load; the source does not say.")] = 1.0,
+    half_width_mm: Annotated[
+        float, typer.Option(metavar="MM", help="Of a site's neighbourhood, along x and along z.")
+    ] = HALF_WIDTH_MM,
+    spacing_mm: SpacingOption = SITE_SPACING_MM,
+    receptor_depth_mm: DepthOption = DEFAULT_DEPTH_MM,
+    config: FingertipOption = None,
+    picture: PictureOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Fit SED = A / r^m under 24 equal point loads, and print A and m beside the source's Table 6.1."""
+    with told_in_one_line(as_json=as_json):
+        sampled = Sampled(
+            bounded("--spacing-mm", spacing_mm, 0.05, 0.5),
+            bounded("--half-width-mm", half_width_mm, 0.5, 4.0),
+            bounded("--receptor-depth-mm", receptor_depth_mm, 0.1, 3.0),
+            bounded("--force-gwt", force_gwt, 1e-3, 100.0),
+        )
+        checked_picture(picture)
+        settings = load_config(config).finger
+        with busy(_BUSY, as_json=as_json):
+            found, deformed = kept_sites(settings, sampled, None if as_json else _told)
+            if picture is not None:
+                _draw_shift_invariance(deformed, found.sites[DRAWN], picture)
+        if as_json:
+            print_json(_as_json_shift_invariance(found, sampled))
+        else:
+            _print_shift_invariance(found, sampled)
+
+
+def _told(done: int, of: int) -> None:
+    """How many of the receptors have their strain; then the stiffness is factorised, which takes as long."""
+    if err.is_terminal or done % _TOLD_EACH == 0:
+        say_now(f"strain at {done} of {of} receptors …")
+    if done == of >= _TOLD_EACH:
+        say_now("a factorisation, then 24 loads …")
+
+
+def _draw_shift_invariance(deformed: Deformed, site: Judged, picture: Path) -> None:
+    from rig.report.coding_figures import DrawnPointSpread as Drawn  # matplotlib, if wanted
+    from rig.report.coding_figures import point_spread_figure
+
+    write_picture(point_spread_figure(Drawn(deformed, site)), picture)
+
+
+def _as_json_shift_invariance(found: AllSites, sampled: Sampled) -> dict[str, Any]:
+    return {
+        "sampled": sampled._asdict(),
+        "common_factor": found.common_factor,
+        "sites": [
+            {
+                **site.spread.site._asdict(),
+                "receptors": len(site.spread.sed),
+                "linear": site.linear._asdict(),
+                "logarithmic": site.logarithmic._asdict(),
+                "by_azimuth": [None if np.isnan(v) else v for v in site.spread.by_azimuth(site.linear).tolist()],
+                "moved_response_relative_l2": missed,
+                "printed": {"a": printed.a, "m": printed.m, "r2": printed.r2},
+            }
+            for site, missed, printed in zip(found.sites, found.missed, found.printed, strict=True)
+        ],
+        **{
+            where: {
+                "linear": mean_over(found.laws(where))._asdict(),
+                "logarithmic": mean_over(found.laws(where, "logarithmic"))._asdict(),
+                "printed": mean_over(found.published(where))._asdict(),
+            }
+            for where in _WHERE
+        },
+    }
+
+
+def _print_shift_invariance(found: AllSites, sampled: Sampled) -> None:
+    factor = found.common_factor
+    out.print(
+        f"SED {sampled.depth_mm:g} mm below the skin = A / r^m, under {sampled.force_gwt:g} gwt along the inward "
+        f"normal,\nreceptors {sampled.spacing_mm:g} mm apart within ± {sampled.half_width_mm:g} mm of each site in x "
+        f"and in z; A × {factor:.4g}, so that its mean over the\npulp is the printed one"
+    )
+    header = (
+        "site",
+        "A",
+        "m",
+        "r",
+        "R²",
+        "m by\nlogs",
+        "round\nto",
+        "moved",
+        "A\nprinted",
+        "m\nprinted",
+        "R²\nprinted",
+    )
+    table = Table(*header, box=None, padding=(0, 1))
+    for site, missed, printed in zip(found.sites, found.missed, found.printed, strict=True):
+        law, log = site.linear, site.logarithmic
+        table.add_row(
+            f"{printed.number}{'' if site.spread.site.on_pulp else ' tip'}",
+            f"{factor * law.a:.2f}", f"{law.m:.2f}", f"{law.r:.3f}", f"{law.r2:.3f}", f"{log.m:.2f}",
+            f"{site.asymmetry:.0%}", f"{missed:.0%}", f"{printed.a:.2f}", f"{printed.m:.2f}", f"{printed.r2:.3f}",
+        )  # fmt: skip
+    out.print(table)
+    for where, name in _WHERE.items():
+        for kind, laws in (
+            ("linear", found.laws(where)),
+            ("logarithmic", found.laws(where, "logarithmic")),
+            ("printed", found.published(where)),
+        ):
+            out.print(f"{name}, {kind:<12}{_said(mean_over(laws), 1.0 if kind == 'printed' else factor)}")
+
+
+def _said(mean: Mean, factor: float) -> str:
+    return f"m {mean.m:.3f} ± {mean.m_spread:.1%}, A {factor * mean.a:.2f} ± {mean.a_spread:.1%}"

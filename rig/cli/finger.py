@@ -1,4 +1,4 @@
-"""`rig finger`: the skin and the mesh that a configuration makes, before anything is solved."""
+"""`rig finger` and `rig export-deck`: the mesh of a configuration, and a scene as a CalculiX deck."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -8,18 +8,22 @@ import numpy as np
 import typer
 
 from rig.cli.options import FingertipOption, JsonOption
-from rig.cli.output import complain, out, print_json, told_in_one_line
+from rig.cli.output import complain, err, out, print_json, told_in_one_line
+from rig.errors import BadInputError
 from rig.plan.config import load_config
-from rig.protocol.errors import BadInputError
-from sim.config import FingertipConfig
+from sim.config import Contact, FingertipConfig
+from sim.contact.indentor import Indentor, Prismatic
+from sim.contact.shapes import parse_shape
 from sim.finger.mesh import LAYERS, POOR_SCALED_JACOBIAN, FingerMesh, MeshQuality, build_mesh, mesh_quality
 from sim.finger.surface import FingertipSurface
 from sim.finger.vtk import write_vtk
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, place_receptors
 from sim.models.condensed import young_ratios
+from sim.models.fingertip import Fingertip
+from sim.models.full_mesh import MeshedFinger, write_contact_deck, write_load_deck
 
 
-def command(
+def finger_command(
     config: FingertipOption = None,
     vtk: Annotated[Path | None, typer.Option(metavar="FILE.vtk", help="Write the mesh there.")] = None,
     as_json: JsonOption = False,
@@ -151,4 +155,44 @@ def _doubts(found: dict[str, Any], config: FingertipConfig) -> Iterator[str]:
         yield (
             f"{quality['poor']} elements have a scaled Jacobian below {POOR_SCALED_JACOBIAN}, the worst "
             f"at {_place(quality['smallest_scaled_jacobian_at_mm'])}"
+        )
+
+
+def export_deck_command(
+    shape: Annotated[str, typer.Option(metavar="S", help="As for `rig indent`; one that lies along the finger.")],
+    x_mm: Annotated[float, typer.Option(metavar="X", help="Indentor's reference point from the pad's centre.")],
+    doi_mm: Annotated[float, typer.Option(metavar="D", help="Depth past first contact.")],
+    out_file: Annotated[Path, typer.Option("--out", metavar="FILE.inp", help="The deck to write.")],
+    loads: Annotated[
+        bool, typer.Option("--loads", help="Our contact forces as loads, instead of a contact job.")
+    ] = False,
+    config: FingertipOption = None,
+) -> None:
+    """Solve the scene here, write it for CalculiX, and say what its answer should be compared with."""
+    with told_in_one_line(as_json=False):
+        if out_file.exists():
+            raise BadInputError(
+                "{option} {path}: exists already, expected a new file",
+                code="exists_already", option="--out", path=out_file,
+            )  # fmt: skip
+        indentor = parse_shape(shape)
+        if not (isinstance(indentor, Prismatic) and indentor == Indentor.along(indentor.profile)):
+            raise BadInputError(
+                "--shape {shape}: a deck has shapes that lie along the finger only", code="not_along", shape=shape
+            )
+        settings = load_config(config).finger.model_copy(update={"contact": Contact(between_nodes=False, patch_gb=0)})
+        finger = Fingertip.load(settings)
+        result = finger.indent(indentor, x_mm, doi_mm=doi_mm)
+        meshed = MeshedFinger(settings, build_mesh(settings, finger.model.surface), finger.e_epidermis_mpa)
+        if loads:
+            active = result.state.active
+            force = np.zeros((int(active.sum()), 3))
+            force[:, :2] = result.state.force[:, active].T * finger.e_epidermis_mpa
+            write_load_deck(out_file, meshed, meshed.mesh.patch_nodes[active], force)
+        else:
+            write_contact_deck(out_file, meshed, indentor.profile, x_mm, result.touch_height_mm, doi_mm)
+        if settings.mesh.element != "full":
+            err.print('rig: CalculiX\'s C3D8 is fully integrated: compare with mesh.element = "full"')
+        out.print(
+            f"{out_file}: expect a total reaction of {-result.force_n:.6g} N along y; {result.small_strain.note}"
         )

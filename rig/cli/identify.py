@@ -1,55 +1,184 @@
-"""`rig meet`: learn in a few gentle presses which finger lies there."""
+"""`rig meet` and `rig find`: identify the finger, and find where it lies."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, NoReturn, TypeVar
+from typing import Annotated, Any, NoReturn, TypeVar
 
+import numpy as np
 import typer
 
-from rig.cli.carrying_out import AtTheTerminal, failure, leave, loaded, new_run
-from rig.cli.confirming import confirmed_with, ready_for_a_real_run
-from rig.cli.interrupts import at_a_safe_point, at_once
-from rig.cli.meeting_said import (
-    force_rows,
-    goals_of,
-    number_rows,
-    page_lines,
-    press_rows,
-    said_after,
-    said_at_the_end,
-    said_before,
-    scope_of,
-    usual_goals,
-)
+from rig.bench.virtual import refuse_twinless
+from rig.cli.confirm import confirmed_with, ready_for_a_real_run
+from rig.cli.execution import AtTheTerminal, Owner, failure, leave, loaded, new_run, owning
+from rig.cli.monitor import counted, progress
 from rig.cli.options import JsonOption, OutOption, SubjectOption, YesOption, checked_file
-from rig.cli.output import Beginning, ExitCode, complain, err, out, print_json, told_in_one_line
-from rig.cli.progress import counted, progress
+from rig.cli.output import Beginning, ExitCode, complain, err, loading_the_finger, out, print_json, told_in_one_line
 from rig.cli.run import ask_at_the_bench
-from rig.cli.run_owner import Owner, owning
-from rig.compare.parameter_study.workers import spread
-from rig.data import RunFolder
-from rig.data.folder import replace_text
+from rig.cli.signals import at_a_safe_point, at_once
+from rig.clock import WallClock
+from rig.compare.workers import spread
+from rig.control.stop import StageInHand
+from rig.data import RunFolder, read_run
+from rig.data.folder import MEETING_PAGE, replace_text
+from rig.errors import BadInputError
+from rig.identify.frame import find
+from rig.identify.meeting_script import MeetingScript, as_script
+from rig.identify.procedure import BEYOND_DEPTH, DEPTHS_MM, PLACES_MM, SHAPES, Meeting, Told, Wanted, felt_surely
+from rig.identify.result import finger_file
 from rig.plan.config import Config, load_config
-from rig.plan.plan import Plan
+from rig.plan.plan import Plan, make_plan
 from rig.protocol.api import Rig
-from rig.protocol.errors import BadInputError
-from rig.protocol.script import load_script
-from rig.report.meeting_page import Met, write_meeting_page
-from rig.session.control.stage_in_hand import StageInHand
-from rig.session.meeting import MEETING_PAGE
-from rig.session.meeting.meeting import SHAPES, Meeting, Wanted, felt_surely
-from rig.session.meeting.meeting_script import MeetingScript, as_script
-from rig.session.meeting.written_finger import finger_file
+from rig.protocol.script import Script, load_script
+from rig.report.identification_page import Met, write_meeting_page
 from rig.session.session import FinishedRun, NewRun, Session, dry_run, real_run
-from rig.session.virtual.twins import refuse_twinless
-from rig.transport.clock import WallClock
+from rig.units import GWT_N
 from sim.contact.shapes import parse_shape
-from sim.finger_process import FingerProcess
+from sim.finger_process import Finger, FingerProcess
+from sim.identification.bands import Width, ends
+from sim.identification.design import PressAt
 from sim.identification.forward import Foreseen
-from sim.identification.prior import Prior
+from sim.identification.prior import Prior, named, plain
+from sim.models.fingertip import Fingertip
+
+USUAL_GOALS = (
+    *(PressAt("bar:3.0", x_mm, 0.67) for x_mm in (-1.0, 0.0, 1.0)),
+    PressAt("cylinder:9", 0.0, 0.67),
+    PressAt("sphere:6", 0.0, 0.5),
+)
+
+_BEYOND_X_MM = 0.6
+_SECONDS_A_PRESS = 15.0
+
+
+def usual_goals(shapes: Sequence[str]) -> tuple[PressAt, ...]:
+    """A few common presses, of shapes that slope as those do that are pressed: each other kind wants a model more."""
+    axes = {parse_shape(shape).axes for shape in shapes}
+    return tuple(goal for goal in USUAL_GOALS if parse_shape(goal.indentor).axes in axes)
+
+
+def goals_of(script: Script, config: Config, finger: Finger) -> tuple[PressAt, ...]:
+    """The presses of a protocol, each once, as deep as the configured finger lets them go. Raises BadInputError."""
+    plan = make_plan(script, config, finger)
+    found = [PressAt(p.indentor, p.x_mm, round(p.predicted_doi_mm, 3)) for p in plan.indentations]
+    if any("," in press.indentor and "across" in press.indentor for press in found):
+        raise BadInputError(
+            "protocol {protocol}: presses across the finger cannot be foreseen yet",
+            code="not_foreseen", protocol=script.name,
+        )  # fmt: skip
+    return tuple(dict.fromkeys(found))
+
+
+def scope_of(wanted: Wanted) -> tuple[float, float]:
+    """How far from the pad's centre and how deep forces are to be foreseen, mm."""
+    places = [*map(abs, PLACES_MM), *(abs(goal.x_mm) for goal in wanted.goals)]
+    depths = [*DEPTHS_MM, *(goal.doi_mm for goal in wanted.goals)]
+    return max(places) + _BEYOND_X_MM, BEYOND_DEPTH * max(depths)
+
+
+def page_lines(config: Config, wanted: Wanted) -> dict[str, str]:
+    """What is confirmed before anything real moves."""
+    stage, force = config.stage, config.force
+    return {
+        "meeting": f"at most {wanted.presses} presses, none expected above {wanted.most_gwt:g} gwt, gentle first",
+        "devices": f"{stage.kind} on {' and '.join(stage.ports)}, {force.kind} on {force.port}",
+        "shapes": f"{', '.join(wanted.shapes)}: each is asked for when it is to be mounted",
+        "duration": f"about {wanted.presses * _SECONDS_A_PRESS + 35:.0f} s, mounting aside",
+        "safety": "is the emergency stop in reach, the finger clear of the indentor?",
+    }
+
+
+def said_before(meeting: Meeting, press: PressAt | None) -> None:
+    """One line on what begins now."""
+    if press is None:
+        err.print("homing, then the sensor's zero …")
+        return
+    where = f"{press.indentor} at {press.x_mm:+.1f} mm to {press.doi_mm:.2f} mm"
+    trip_gwt = min(meeting.trip_n(press), meeting.settings.limits.soft_trip_n) / GWT_N
+    err.print(
+        f"press {len(meeting.told) + 1} of at most {meeting.wanted.presses}: {where}, trips at {trip_gwt:.1f} gwt …"
+    )
+
+
+def said_after(meeting: Meeting, told: Told) -> None:
+    """One line: measured on foreseen with its band, what is known now, how much is left."""
+    left = meeting.wanted.presses - told.number
+    goes_on = "enough" if meeting.enough else f"at most {left} presses, {left * _SECONDS_A_PRESS:.0f} s left"
+    foreseen = _in_brackets(told.surprise.foreseen, " gwt")
+    err.print(
+        f"press {told.number}: {told.surprise.measured_gwt:.2f} gwt, foreseen {foreseen}; "
+        f"forces known to ± {100 * told.widest:.0f} % of ± {100 * meeting.wanted.width:g} %; "
+        f"{goes_on}"
+    )
+
+
+def press_rows(meeting: Meeting) -> list[tuple[str, ...]]:
+    """Of each press: what it was, what was foreseen before it, what was measured, what was known after it."""
+    return [
+        (
+            f"{told.number}",
+            told.press.indentor,
+            f"{told.press.x_mm:+.1f}",
+            f"{told.press.doi_mm:.2f}",
+            _in_brackets(told.surprise.foreseen),
+            f"{told.surprise.measured_gwt:.2f}",
+            f"± {100 * told.widest:.0f} %",
+        )
+        for told in meeting.told
+    ]
+
+
+def force_rows(meeting: Meeting) -> list[tuple[str, ...]]:
+    """Of each force that was asked for: of which press, its band, how well it is known."""
+    return [
+        (goal.indentor, f"{goal.x_mm:+.1f}", f"{goal.doi_mm:.2f}", _in_brackets(w), f"± {100 * w.half:.0f} %")
+        for goal, w in zip(meeting.wanted.goals, meeting.widths, strict=True)
+    ]
+
+
+def number_rows(meeting: Meeting) -> list[tuple[str, ...]]:
+    """Of each parameter, as what it is of: the likeliest, and its bands after and before."""
+    known = [np.quantile(one.draws, ends(), axis=0) for one in (meeting.learned, meeting.before)]
+    return [
+        (
+            named(name),
+            f"{plain(name, likeliest):.3g}",
+            *(" … ".join(f"{plain(name, end):.3g}" for end in band[:, k]) for band in known),
+        )
+        for k, (name, likeliest) in enumerate(
+            zip(meeting.learned.prior.names, meeting.learned.likeliest.tolist(), strict=True)
+        )
+    ]
+
+
+def said_at_the_end(done: FinishedRun, meeting: Meeting, to: object) -> dict[str, Any]:
+    """What was met, and what was not learned."""
+    said: dict[str, Any] = {"run": str(done.folder.path), "presses": len(meeting.given)}
+    if done.problem is not None and done.ending is not None:
+        told = {about: words for about, words in done.ending.told.items() if about != "resume"}
+        said |= {"ended": done.ending.reason} | told
+    if meeting.learned.collapsed:
+        said["collapsed"] = (
+            f"too few draws explain these presses ({meeting.learned.effective:.1f} effective): "
+            f"the bands mean nothing, and no command accepts {to}; repeat the identification"
+        )
+    if meeting.stranger is not None:
+        said["no finger"] = f"{meeting.stranger}; was another indentor on than was asked for?"
+    if meeting.given:
+        learned = [f"{name} {likeliest} ({after})" for name, likeliest, after, _ in number_rows(meeting)]
+        forces = [
+            f"{goal.indentor} at {goal.x_mm:+.1f} mm to {goal.doi_mm:.2f} mm: {_in_brackets(w, ' gwt')}"
+            for goal, w in zip(meeting.wanted.goals, meeting.widths, strict=True)
+        ]
+        said |= {"finger": str(to), "learned": learned, "forces": forces, "not learned": meeting.not_learned}
+    return said | {"duration_s": round(done.duration_s, 1)}
+
+
+def _in_brackets(width: Width, unit: str = "") -> str:
+    return f"{width.middle:.2f}{unit} ({width.low:.2f} … {width.high:.2f})"
+
 
 T = TypeVar("T")
 A = TypeVar("A")
@@ -66,7 +195,7 @@ class MeetingAttendant(AtTheTerminal):
         super().begins(folder)
 
 
-def command(
+def meet_command(
     protocol: Annotated[
         str | None, typer.Argument(help="The protocol whose forces are to be known; none: a few common presses.")
     ] = None,
@@ -186,3 +315,27 @@ def _written(done: FinishedRun, meeting: Meeting, settings: Config, to: Path, *,
             out.print(f"{about:<12}{line}")
     if done.problem is not None:
         err.print("what was learned until then is kept" if meeting.given else "nothing was learned")
+
+
+_LARGEST_TURN_DEG = 3.0
+
+
+def find_command(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a run that touched at several places.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Fit pad centre, height, roll and tilt to the touches; print [frame] for the configuration."""
+    with told_in_one_line(as_json=as_json):
+        recorded, settings = read_run(run), load_config(run / "config.toml")
+        with loading_the_finger():
+            finger = Fingertip.load(settings.finger)
+        lie = find(recorded, settings, finger)
+        if as_json:
+            found = {"value": lie.value, "sd": lie.sd, "correlation": lie.correlation.tolist()}
+            print_json({**found, "residual_mm": lie.residual_mm, "touches": lie.touches, "toml": lie.as_toml()})
+        else:
+            out.print(f"{lie.touches} touches, {1000 * lie.residual_mm:.1f} µm off the finger\n\n{lie.as_toml()}")
+        for name in ("roll_deg", "tilt_deg"):
+            turned, sd = lie.value.get(name, 0.0), lie.sd.get(name, 0.0)
+            if abs(turned) > max(_LARGEST_TURN_DEG, 2 * sd):
+                complain(f"{name} = {turned:.1f}: the stage cannot turn the finger, turn its holder by that")

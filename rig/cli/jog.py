@@ -9,19 +9,17 @@ from typing import Annotated, get_args
 
 import typer
 
-from rig.cli.at_the_bench import tell
-from rig.cli.by_hand import by_hand, live_line
-from rig.cli.looking import contact, position
+from rig.bench.checks import contact, position
+from rig.cli.bench import by_hand, live_line, tell
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import ExitCode, complain, err, told_in_one_line
+from rig.clock import Clock
+from rig.devices.base import Axis
 from rig.devices.bench_settings import SLOWEST_MM_S
-from rig.devices.stage.base import Axis
-from rig.engine.by_hand import ByHand, Direction, Moved
-from rig.engine.by_hand.held import FASTEST_MM_S, Held
-from rig.engine.errors import LimitError
+from rig.engine.dead_man import Direction
+from rig.errors import BadInputError, LimitError
+from rig.manual.jog import FASTEST_MM_S, ByHand, HeldWord, Moved
 from rig.plan.config import load_config
-from rig.protocol.errors import BadInputError
-from rig.transport.clock import Clock
 
 _FARTHEST_MM = 1000.0
 KEYS = {
@@ -127,7 +125,7 @@ class HeldKey:
 
     def __init__(self, clock: Clock, read_keys: Callable[[], bytes | None]) -> None:
         """read_keys gives what has been typed since the last time, None when there will be no more."""
-        self._held, self._read_keys = Held(clock, RELEASED_S), read_keys
+        self._held, self._read_keys = HeldWord(clock, RELEASED_S), read_keys
         self.finished = False
 
     def __call__(self) -> Direction | None:

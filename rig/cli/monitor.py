@@ -1,19 +1,217 @@
-"""How far a run, or work of many pieces, is: a bar where somebody looks, elsewhere a line now and then."""
+"""`rig watch`, and the progress that a terminal shows of a run: force, step now and next, time left."""
 
 import time
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any, TypeVar
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
 
-from rich.console import Group
+import typer
+from rich.console import Console, ConsoleOptions, Group, RenderResult
+from rich.live import Live
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, Task, TextColumn, track
 from rich.text import Text
 
-from rig.cli.output import a_screen, complain, err
-from rig.cli.screen import Force, Screen, named
-from rig.plan.agenda import Agenda, Course
-from rig.plan.timeline import TimeLeft, as_clock
+from rig.cli.options import JsonOption
+from rig.cli.output import ExitCode, a_screen, complain, err, out, print_json, told_in_one_line
+from rig.cli.runs import ending_of
+from rig.clock import WallClock
+from rig.data import run_state
+from rig.data.folder import RunFolder
+from rig.data.journal import Document
+from rig.data.run import Following, RunError, followed, read_run
+from rig.data.run_state import Agenda, Course, TimeLeft, as_clock
+from rig.data.tables import FOREIGN, RUNNING, alive, foreign, summary_of
 from rig.session.session import Watch
+
+BLOCKS = " ▁▂▃▄▅▆▇█"
+COLUMNS, ROWS, EACH = 64, 3, 4
+"""Of the trace: columns and lines of characters, readings a column."""
+
+
+class Force:
+    """The last readings: the newest as a number, the highest of each few as a column of a trace."""
+
+    def __init__(self) -> None:
+        self._columns: deque[float] = deque(maxlen=COLUMNS)
+        self._readings = 0
+        self.newest: Mapping[str, Any] = {}
+
+    def event(self, stream: str, data: Mapping[str, Any]) -> None:
+        """What the journal is told; readings only count."""
+        if not stream.endswith("sample"):
+            return
+        self.newest, force_gwt = data, float(data["force_gwt"])
+        if self._readings % EACH:
+            self._columns[-1] = max(self._columns[-1], force_gwt)
+        else:
+            self._columns.append(force_gwt)
+        self._readings += 1
+
+    @property
+    def line(self) -> str:
+        """Force, depth and place of the newest reading."""
+        if not self.newest:
+            return "no reading yet"
+        depth, place = self.newest.get("doi_mm"), self.newest.get("x_mm")
+        parts = [f"{self.newest['force_gwt']:.2f} gwt"]
+        parts += [] if depth is None else [f"depth {depth:.3f} mm"]
+        parts += [] if place is None else [f"x = {place:+.2f} mm"]
+        return ", ".join([*parts, str(self.newest["phase"])])
+
+    @property
+    def highest_gwt(self) -> float:
+        """Of what the trace shows: its full height."""
+        return max(self._columns, default=0.0)
+
+    @property
+    def trace(self) -> list[str]:
+        """Lines of blocks from the top, each as wide as the trace; what is below zero is drawn as zero."""
+        full = self.highest_gwt
+        levels = [round(len(BLOCKS[1:]) * ROWS * force / full) if full > 0 else 0 for force in self._columns]
+        lines = []
+        for row in reversed(range(ROWS)):
+            below = len(BLOCKS[1:]) * row
+            lines.append("".join(BLOCKS[min(max(level - below, 0), len(BLOCKS) - 1)] for level in levels))
+        return [line.ljust(COLUMNS) for line in lines]
+
+
+class Screen:
+    """Lines of at most the width of the terminal; above and below the force stands what they say."""
+
+    def __init__(self, force: Force, above: Callable[[], list[str]], below: Callable[[], list[str]]) -> None:
+        self._force, self._above, self._below = force, above, below
+
+    @property
+    def lines(self) -> list[str]:
+        """As they are now."""
+        force = self._force
+        trace = force.trace
+        trace[0] += f" {force.highest_gwt:.2f} gwt"
+        trace[-1] += " 0"
+        return [*self._above(), named("force", force.line), *(f"  {line}" for line in trace), *self._below()]
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        for line in self.lines:
+            yield Text(line, no_wrap=True, overflow="ellipsis")
+
+
+def named(name: str, words: str) -> str:
+    """A line of the screen."""
+    return f"{name:<8}{words}"
+
+
+LOOK_S = 0.2
+
+
+class Onlooker(run_state.Onlooker):
+    """The same with the force as a screen shows it."""
+
+    def __init__(self, folder: RunFolder) -> None:
+        super().__init__(folder)
+        self.force = Force()
+
+    def event(self, stream: str, data: Mapping[str, Any]) -> None:
+        """What the journal was told."""
+        self.force.event(stream, data)
+        super().event(stream, data)
+
+    @property
+    def done(self) -> str:
+        """Of the indentations."""
+        return f"{len(self.finished)} of {'?' if self.planned is None else self.planned}"
+
+    def above(self) -> list[str]:
+        """What stands above the force."""
+        subject = f", subject {self.start['subject']}" if self.start.get("subject") else ""
+        virtual = ", virtual bench" if self.start.get("virtual") else ""
+        return [named("run", f"{self.folder.path.name}{subject}{virtual}")]
+
+    def below(self) -> list[str]:
+        """And below it."""
+        left = "time left not known" if self.left_s is None else f"{as_clock(self.left_s)} left on the run's clock"
+        return [named("now", self.now or "-"), named("next", self.next or "-"), named("done", f"{self.done}, {left}")]
+
+
+def watch_command(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Live force, step now and next, and the time left, until the run ends; in a pipe one line an event.
+
+    With --json: how it is now, at once.
+    """
+    with told_in_one_line(as_json=as_json):
+        seen = Onlooker(RunFolder(run))
+        try:
+            if as_json:
+                seen.take(Following(seen.folder).new())
+                print_json(_now(seen))
+                return
+            (_on_a_screen if out.is_terminal else _line_by_line)(seen)
+            out.print("\n".join(_end(seen)))
+        except FOREIGN as error:
+            raise RunError("run {run}: {problem}", code="foreign_run", run=run, problem=foreign(error)) from None
+        except KeyboardInterrupt:
+            err.print("not watched any more; the run was told nothing")
+            raise typer.Exit(ExitCode.ABORTED) from None
+
+
+def _on_a_screen(seen: Onlooker) -> None:
+    clock, screen = WallClock(), Screen(seen.force, seen.above, seen.below)
+    with Live(screen, console=out, auto_refresh=False) as live:
+        for documents in followed(seen.folder, lambda: clock.wait_s(LOOK_S)):
+            seen.take(documents)
+            live.refresh()
+
+
+def _line_by_line(seen: Onlooker) -> None:
+    clock = WallClock()
+    for documents in followed(seen.folder, lambda: clock.wait_s(LOOK_S)):
+        seen.take(documents)
+        out.print("\n".join(line for document in documents for line in _line(document)))
+
+
+def _line(document: Document) -> list[str]:
+    """One for each document but those that only describe others."""
+    if document["doc"] == "descriptor":
+        return []
+    of_an_event = document["doc"] == "event"
+    name, data = (document["stream"], document["data"]) if of_an_event else (document["doc"], document)
+    hidden = () if of_an_event else ("doc", "uid", "seq", "t_s", "unix_s", "parameters")
+    told = ", ".join(f"{key} {value}" for key, value in data.items() if value is not None and key not in hidden)
+    return [f"{document['t_s']:10.3f}  {name:<18}  {told}".rstrip()]
+
+
+def _end(seen: Onlooker) -> list[str]:
+    """How the run ended, or left off."""
+    found = read_run(seen.folder.path)
+    about = alive(summary_of(found), seen.folder.path.parent)
+    ending = ending_of(found, about.state) or {}
+    told = {name: ending.get(name) for name in ("reason", "words", "next", "resume")}
+    lines = [named("state", f"{about.state}, {about.done} of {about.planned} indentations")]
+    names = {"reason": "because", "words": "where"}
+    return lines + [named(names.get(name, name), words) for name, words in told.items() if words]
+
+
+def _now(seen: Onlooker) -> dict[str, Any]:
+    found = read_run(seen.folder.path)
+    about = alive(summary_of(found), seen.folder.path.parent)
+    newest = {name: seen.force.newest.get(name) for name in ("force_gwt", "doi_mm", "x_mm", "height_mm", "phase")}
+    goes_on = about.state == RUNNING
+    return {
+        "run": str(seen.folder.path),
+        "state": about.state,
+        "done": about.done,
+        "planned": about.planned,
+        **newest,
+        "now": seen.now if goes_on else None,
+        "next": seen.next if goes_on else None,
+        "left_s": seen.left_s if goes_on else None,
+        "ending": ending_of(found, about.state),
+    }
+
 
 T = TypeVar("T")
 

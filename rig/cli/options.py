@@ -1,11 +1,19 @@
-"""What several commands take on the command line."""
+"""Options that several commands share, and how each is checked."""
 
 import math
 import os
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
+
+from rig.errors import BadInputError
+from sim.coding.section import Axes, Sampling
+
+if TYPE_CHECKING:
+    from rig.report.style import Plot
+
 
 ProtocolArgument = Annotated[str, typer.Argument(help="A path, or the name of a shipped protocol.")]
 MoreArgument = Annotated[list[str] | None, typer.Argument(metavar="[K=V]...", help="Further settings.")]
@@ -39,7 +47,7 @@ def numbers(option: str, text: str) -> tuple[float, ...]:
             first, *rest = map(float, part.split(":"))
             found += _range(first, *rest) if rest else [first]
         except (TypeError, ValueError):
-            from rig.protocol.errors import BadInputError
+            from rig.errors import BadInputError
 
             raise BadInputError(
                 "{option} {value!r}: expected numbers separated by commas, or FROM:TO:STEP with up to {most} of them",
@@ -61,7 +69,7 @@ def _range(first: float, last: float, step: float) -> list[float]:
 def checked_file(option: str, path: Path) -> Path:
     """A file that can be written later, before the work that fills it begins. Raises BadInputError."""
     if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
-        from rig.protocol.errors import BadInputError  # a list of runs does without what scripts are made of
+        from rig.errors import BadInputError  # a list of runs does without what scripts are made of
 
         raise BadInputError(
             "{option} {path}: expected a file in a folder that exists and may be written to",
@@ -73,3 +81,77 @@ def checked_file(option: str, path: Path) -> Path:
 WithoutForceOption = Annotated[
     bool, typer.Option("--without-force", help="Move although no force sensor answers. Nothing stops it at a finger.")
 ]
+
+
+SpacingOption = Annotated[float, typer.Option(metavar="MM", help="Between samples of skin and receptors.")]
+HalfLengthOption = Annotated[int, typer.Option(metavar="N", help="Samples of a response to each side.")]
+DepthOption = Annotated[float, typer.Option(metavar="MM", help="Of the receptors, below the skin.")]
+EnergyOption = Annotated[
+    str,
+    typer.Option(
+        metavar="E",
+        help="SED of incompressible tissue (the source's Eq. 6.1), or finite: with the tissue's own compression.",
+    ),
+]
+SnrOption = Annotated[float | None, typer.Option(metavar="DB", help="Adds noise of this ratio.")]
+NoisePlaceOption = Annotated[str, typer.Option(metavar="AT", help="receptor (before it, on SED) or output.")]
+
+
+_Word = TypeVar("_Word", bound=str)
+
+
+def bounded(option: str, value: float, low: float, high: float) -> float:
+    """The value; raises BadInputError beyond its bounds."""
+    if not low <= value <= high:
+        raise BadInputError(
+            "{option} {value:g}: expected {low:g} … {high:g}",
+            code="outside_range", option=option, value=value, low=low, high=high,
+        )  # fmt: skip
+    return value
+
+
+def named(option: str, text: str, words: Sequence[_Word]) -> _Word:
+    """The word of that name; raises BadInputError for no such word."""
+    for word in words:
+        if text == word:
+            return word
+    raise BadInputError(
+        "{option} {value!r}: expected {expected}",
+        code="unknown_choice", option=option, value=text, expected=" or ".join(words),
+    )  # fmt: skip
+
+
+def sampling_of(spacing_mm: float, half_length: int, depth_mm: float, axes: Axes = "skin") -> Sampling:
+    """Raises BadInputError for numbers beyond their bounds."""
+    bounded("--spacing-mm", spacing_mm, 0.05, 0.5)
+    bounded("--half-length", half_length, 4, 100)
+    bounded("--receptor-depth-mm", depth_mm, 0.1, 3.0)
+    return Sampling(spacing_mm, half_length, axes, depth_mm)
+
+
+PictureOption = Annotated[Path | None, typer.Option(metavar="FILE.svg", help="Draw it there; or a .png.")]
+
+
+def checked_picture(picture: Path | None) -> None:
+    """Raises BadInputError for a name that is no picture's, exists, or has no folder."""
+    if picture is None:
+        return
+    if picture.suffix not in (".svg", ".png"):
+        raise BadInputError(
+            "--picture {path}: expected a name that ends in .svg or .png", code="no_picture_name", path=picture
+        )
+    if picture.exists():
+        raise BadInputError(
+            "{option} {path}: exists already, expected a new file",
+            code="exists_already", option="--picture", path=picture,
+        )  # fmt: skip
+    if not picture.parent.is_dir():
+        raise BadInputError(
+            "{option} {path}: no such folder {folder}",
+            code="no_such_folder", option="--picture", path=picture, folder=picture.parent,
+        )  # fmt: skip
+
+
+def write_picture(plot: "Plot", picture: Path) -> None:
+    """As its name says."""
+    picture.write_bytes(plot.svg.encode() if picture.suffix == ".svg" else plot.png)

@@ -1,25 +1,38 @@
-"""`rig panel`: a page of the run that goes on, or of the bench by hand, for a browser on this machine."""
+"""`rig panel` and `rig by-hand`: the page in a browser, and the process that owns the bench for it."""
 
 import os
 import webbrowser
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, closing, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rig.cli.options import JsonOption
-from rig.cli.output import err, out, print_json, told_in_one_line
-from rig.protocol.errors import BadInputError
+from rig.bench.real import PortError, RealBench, open_bench
+from rig.cli.options import ConfigOption, JsonOption
+from rig.cli.output import complain, err, out, print_json, told_in_one_line
+from rig.cli.signals import asked_to_leave, at_once
+from rig.clock import WallClock
+from rig.control.client import Announcement
+from rig.control.server import ControlSocket
+from rig.control.stop import StageInHand
+from rig.engine.bench_memory import BenchMemory
+from rig.errors import BadInputError
+from rig.manual.bench import unfelt
+from rig.manual.server import HandOwner
+from rig.manual.status import HandLog
+from rig.plan.config import Config, load_config
+from rig.session.stop_button import StopButton
 
 if TYPE_CHECKING:
-    from rig.panel.serving import Panel
+    from rig.panel.app import Panel
+
 
 _LOWEST_PORT = 1024
 
 
-def command(
+def panel_command(
     config: Annotated[
         Path | None, typer.Option(metavar="TOML", help="Configuration of the rig, to move it by hand.")
     ] = None,
@@ -49,7 +62,7 @@ def command(
 
 def _panel(config: Path | None, out_dir: Path, port: int) -> "Panel":
     try:
-        from rig.panel.serving import Offered, Panel
+        from rig.panel.app import Offered, Panel
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in ("starlette", "uvicorn"):
             raise
@@ -64,7 +77,7 @@ def _panel(config: Path | None, out_dir: Path, port: int) -> "Panel":
 @contextmanager
 def _shown(url: str) -> Iterator[None]:
     """In the browser, by way of a file that only this user reads: others see what programs are begun with."""
-    from rig.session.control.announcements import runtime_folder
+    from rig.control.client import runtime_folder
 
     leads_there = runtime_folder() / f"panel-{os.getpid()}.html"
     page = f'<!doctype html><meta http-equiv="refresh" content="0; url={url}"><a href="{url}">rig panel</a>\n'
@@ -80,3 +93,45 @@ def _shown(url: str) -> Iterator[None]:
 @contextmanager
 def _not_shown() -> Iterator[None]:
     yield
+
+
+Answers = Mapping[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]
+
+
+def owning_command(config: ConfigOption) -> None:
+    """What rig panel starts; it ends with it, at rest. It is ready when it has announced itself."""
+    with told_in_one_line(as_json=False), at_once():
+        settings, clock, parent = load_config(config), WallClock(), os.getppid()
+        known = BenchMemory(settings).read()  # a bench that is open says no more
+        with (
+            HandLog(clock) as log,
+            closing(StageInHand(settings, clock)) as stage,
+            closing(_bench(settings, log, stage)) as bench,
+            ExitStack() as opened,
+        ):
+            button = opened.enter_context(StopButton(settings.stop, stage, stage.stop))
+            button.arm()
+            owner = HandOwner(settings, bench, stage.gate, log, known)
+            announcement = Announcement(
+                pid=os.getpid(), kind="by hand", virtual=False, ports=(*settings.stage.ports, settings.force.port),
+                config=os.path.abspath(config), began_unix_s=clock.unix_s(),
+            )  # fmt: skip
+            with owner.begun(), asked_to_leave(owner.leave), ControlSocket(announcement, _answers(owner, button)):
+                owner.run(lambda: os.getppid() != parent)
+            if log.problem is not None:
+                complain(f"what was done by hand is not logged from some moment on: {log.problem}")
+
+
+def _answers(owner: HandOwner, button: StopButton) -> Answers:
+    """Those of the bench, and how the participant's stop button is where there is one."""
+    if not button.there:
+        return owner.answers
+    status = owner.answers["status"]
+    return {**owner.answers, "status": lambda told: {**status(told), "stop_button": button.last_state}}
+
+
+def _bench(settings: Config, log: HandLog, stage: StageInHand) -> RealBench:
+    try:
+        return open_bench(settings, stage.clock, log, ask=lambda request: "", in_hand=stage)
+    except PortError as error:
+        raise unfelt(error) if error.device == "force" else error from None

@@ -1,4 +1,4 @@
-"""Readings of receptors from a CSV file (`docs/coding.md`): where they lie, what they say, how noisy they are."""
+"""Receptor readings and pressures from a command line or a CSV file (`docs/coding.md`)."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.errors import code_of, fields_of
-from rig.protocol.errors import BadInputError
+from rig.errors import BadInputError, code_of, fields_of
 from sim.coding.encoding import FEWEST_AT_REST, LOWEST_SD
 from sim.coding.section import receptor_points, skin_of
 from sim.coding.sheet import FEWEST_READINGS as FEWEST_OF_SHEET
@@ -16,7 +15,7 @@ from sim.config import FingertipConfig
 from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorError, points_below
-from sim.tables import TableError, header_of, read_numbered
+from sim.tables import TableError, header_of, read_columns, read_numbered
 from sim.units import PSEUDO_E_EPIDERMIS
 
 Array = NDArray[np.float64]
@@ -219,3 +218,39 @@ class _Rows:
                 "{path}, {column}: none is above 0, expected receptors that feel",
                 code="none_above_zero", path=self.path, column=self.kind,
             )  # fmt: skip
+
+
+MOST_SAMPLES = 400
+
+
+def read_pressures(text: str) -> Array:
+    """(n,) pressures from `20,14` or a CSV with a column pressure; pseudo-units. Raises BadInputError."""
+    values = _numbers(text)
+    if values is None:
+        try:
+            values = np.array(read_columns(Path(text), ("pressure",)))[:, 0]
+        except TableError as error:
+            raise BadInputError(
+                "--pressure {problem}: expected numbers, as 20,14, or a CSV with a column pressure",
+                code=code_of(error),
+                **{**fields_of(error), "problem": str(error)},
+            ) from None
+    if not 1 <= len(values) <= MOST_SAMPLES:
+        raise BadInputError(
+            "{option}: {numbers} samples, expected 1 … {most}",
+            code="wrong_count", option="--pressure", numbers=len(values), most=MOST_SAMPLES,
+        )  # fmt: skip
+    wrong = values[~(np.isfinite(values) & (values >= 0))]
+    if len(wrong):
+        raise BadInputError(
+            "{option} {value:g}: expected numbers that are not negative, nothing pulls at skin",
+            code="negative", option="--pressure", value=float(wrong[0]),
+        )  # fmt: skip
+    return values
+
+
+def _numbers(text: str) -> Array | None:
+    try:
+        return np.array([float(cell) for cell in text.split(",")])
+    except ValueError:
+        return None

@@ -1,17 +1,54 @@
-"""`rig check`: what a protocol will do, before anything moves."""
+"""`rig check`, `rig dry-run`, `rig run` and `rig resume`."""
 
 import math
-from typing import Any
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
 
+import typer
 from rich.table import Table
 
-from rig.cli.options import FingerConfigOption, JsonOption, MetFingerOption, MoreArgument, ProtocolArgument, SetOption
-from rig.cli.output import THE_FINGER, busy, checking_the_script, out, print_json, told_in_one_line
+from rig.bench.checks import expired_calibrations, refuse_bench
+from rig.bench.virtual import refuse_twinless
+from rig.cli.confirm import Confirm, at_the_page, careful, ready_for_a_real_run
+from rig.cli.execution import Owner, carry_out, leave, make_whole, new_run, owning
+from rig.cli.options import (
+    FingerConfigOption,
+    JsonOption,
+    MetFingerOption,
+    MoreArgument,
+    OutOption,
+    ProtocolArgument,
+    SetOption,
+    SubjectOption,
+    YesOption,
+)
+from rig.cli.output import (
+    THE_FINGER,
+    Beginning,
+    busy,
+    checking_the_script,
+    complain,
+    err,
+    out,
+    print_json,
+    screen_aside,
+    told_in_one_line,
+)
+from rig.cli.signals import typed_line
+from rig.clock import WallClock
+from rig.control.stop import StageInHand
+from rig.engine import RunAborted
+from rig.errors import BadInputError
 from rig.plan.config import load_config, with_finger
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.session.bench_problems import refuse_bench
 from rig.session.preflight import preflight
+from rig.session.resume import StoppedRun, careful_of, ending_on_record, read_stopped
+from rig.session.session import dry_run, real_run
+from sim.finger_process import FingerProcess
 from sim.models.fingertip import Fingertip
 
 _COLUMNS = {
@@ -26,7 +63,7 @@ _COLUMNS = {
 }
 
 
-def command(
+def check_command(
     protocol: ProtocolArgument,
     more: MoreArgument = None,
     set_: SetOption = None,
@@ -87,3 +124,170 @@ def _short(value: object) -> str:
         low, high = value
         return "asked for" if math.isclose(low, high, rel_tol=1e-6) else f"{low:.3g}–{high:.3g}"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def dry_run_command(
+    protocol: ProtocolArgument,
+    more: MoreArgument = None,
+    set_: SetOption = None,
+    config: FingerConfigOption = None,
+    finger_file: MetFingerOption = None,
+    out_dir: OutOption = Path("runs"),
+    speed: Annotated[str, typer.Option(metavar="max|N", help="Virtual seconds per real second.")] = "max",
+    subject: SubjectOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Check the script, run it on the virtual bench, write the run folder and its report."""
+    beginning = Beginning(aloud=False)
+    with told_in_one_line(as_json=as_json, beginning=beginning):
+        settings = with_finger(load_config(config), finger_file)
+        refuse_twinless(settings.stage, settings.force)
+        for problem in expired_calibrations(settings):
+            complain(f"warning: {problem}; `rig run` would refuse")
+        script = load_script(protocol, [*(set_ or []), *(more or [])])
+        faster = _times_real(speed)
+        into = new_run(out_dir, subject)
+        with owning(script, settings, into, config_file=config) as owner:
+            done = carry_out(
+                script,
+                settings,
+                into,
+                lambda session: dry_run(session, faster),
+                owner,
+                as_json=as_json,
+                pace=None if faster is None else 1 / faster,
+                begins=beginning.begins,
+            )
+    leave(done)
+
+
+def _times_real(text: str) -> float | None:
+    if text == "max":
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = 0.0
+    if not 0 < value < 1e6:
+        raise BadInputError(
+            "{option} {value!r}: expected max or a positive number", code="bad_value", option="--speed", value=text
+        )
+    return value
+
+
+def run_command(
+    protocol: ProtocolArgument,
+    config: Annotated[Path, typer.Option(metavar="TOML", help="Configuration of rig and finger.")],
+    more: MoreArgument = None,
+    set_: SetOption = None,
+    finger_file: MetFingerOption = None,
+    out_dir: OutOption = Path("runs"),
+    subject: SubjectOption = None,
+    yes: YesOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Check the script, have the page confirmed, carry it out, write the run folder and its report."""
+    beginning = Beginning(aloud=True)
+    with told_in_one_line(as_json=as_json, beginning=beginning):
+        settings = with_finger(load_config(config), finger_file)
+        with FingerProcess(settings.finger) as finger:
+            # Its process reads the model while this one reads what follows.
+            from rig.cli.confirm import at_the_page, ready_for_a_real_run
+            from rig.cli.execution import carry_out, leave, new_run, owning
+            from rig.clock import WallClock
+            from rig.control.stop import StageInHand
+            from rig.session.resume import left_on_record
+            from rig.session.session import real_run
+
+            script = load_script(protocol, [*(set_ or []), *(more or [])])
+            into = new_run(out_dir, subject)
+            ready_for_a_real_run("run", settings, out_dir, yes=yes)
+            clock = WallClock(into.begins_at_s)
+            with (
+                closing(StageInHand(settings, clock).open()) as stage,
+                owning(script, settings, into, stage, config) as owner,
+            ):
+                done = carry_out(
+                    script,
+                    settings,
+                    into,
+                    partial(real_run, ask=partial(ask_at_the_bench, asking=owner.asking), stage=stage),
+                    owner,
+                    as_json=as_json,
+                    finger=finger,
+                    confirm=at_the_page(
+                        left_on_record(out_dir, settings), yes=yes, asking=owner.asking, button=owner.button
+                    ),
+                    begins=beginning.begins,
+                )
+    leave(done)
+
+
+def ask_at_the_bench(request: str, asking: Callable[[], AbstractContextManager[None]] = nullcontext) -> str:
+    """Ask the person at the bench and return the line that answers; no answer at all ends the run."""
+    with screen_aside(), asking():
+        err.print(f"{request}, then press Enter")
+        answer = typed_line()
+    if not answer:
+        raise RunAborted("nobody answered: {request}", code="nobody_answered", request=request)
+    return answer
+
+
+def resume_command(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="The run's folder.")],
+    yes: YesOption = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Take the script, its parameters and the configuration from the run's own copies, and go on."""
+    beginning = Beginning(aloud=True)
+    with told_in_one_line(as_json=as_json, beginning=beginning):
+        stopped = read_stopped(run)
+        with (
+            _stage(stopped, run, yes=yes) as stage,
+            owning(stopped.script, stopped.config, stopped, stage) as owner,
+        ):
+            if stopped.run is not None and stopped.complete:
+                leave(make_whole(stopped, stopped.run, owner, as_json=as_json))
+            with nullcontext() if stage is None else FingerProcess(stopped.config.finger) as finger:
+                confirm = _checked(stopped, owner, yes=yes)
+                done = carry_out(
+                    stopped.script,
+                    stopped.config,
+                    stopped,
+                    dry_run
+                    if stage is None
+                    else partial(real_run, ask=partial(ask_at_the_bench, asking=owner.asking), stage=stage),
+                    owner,
+                    as_json=as_json,
+                    finger=finger,
+                    confirm=confirm,
+                    pace=None if stage is None else 1.0,
+                    begins=beginning.begins,
+                )
+    leave(done)
+
+
+@contextmanager
+def _stage(stopped: StoppedRun, run: Path, *, yes: bool) -> Iterator[StageInHand | None]:
+    """Of what is left to do on real ports, open; where nothing is left it is opened for a stop alone."""
+    if stopped.virtual:
+        yield None
+        return
+    with closing(StageInHand(stopped.config, WallClock(stopped.begins_at_s))) as stage:
+        if not stopped.complete:
+            ready_for_a_real_run("resume", stopped.config, run.parent, yes=yes)
+            stage.open()
+        yield stage
+
+
+def _checked(stopped: StoppedRun, owner: Owner, *, yes: bool) -> Confirm | None:
+    """Where it goes on, and how it was left."""
+    left = None if stopped.run is None else ending_on_record(stopped.run)
+    if stopped.run is not None and stopped.run.last_checkpoint is not None:
+        err.print(f"goes on after the checkpoint {stopped.run.last_checkpoint!r}")
+    if not stopped.virtual:
+        before = careful_of(left, stopped.config)
+        return at_the_page(before, yes=yes, asking=owner.asking, button=owner.button)
+    if left is not None:
+        complain(careful(left))
+    return None

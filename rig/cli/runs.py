@@ -1,7 +1,11 @@
-"""`rig show`: one run, as its folder tells it."""
+"""`rig runs`, `rig show` and `rig export`: list runs, describe one, write its tables."""
 
+import csv
+import io
 import tomllib
+from collections.abc import Sequence
 from dataclasses import asdict
+from datetime import date
 from itertools import groupby
 from pathlib import Path
 from statistics import fmean
@@ -9,17 +13,120 @@ from typing import Annotated, Any
 
 import typer
 
-from rig.cli.options import JsonOption
-from rig.cli.output import out, print_json, told_in_one_line
-from rig.data import dictionary
-from rig.data.reader import Run, RunError, provenance_of, read_run
-from rig.data.run_tables import tables
-from rig.data.summary import FOREIGN, alive, foreign, summary_of
+from rig.cli.options import JsonOption, checked_file
+from rig.cli.output import complain, looking_busy, out, print_json, told_in_one_line
+from rig.data import dictionary, export_nwb, export_run
+from rig.data.folder import replace_text
+from rig.data.index import Entry, Wanted, listed
+from rig.data.run import Run, RunError, provenance_of, read_run
+from rig.data.tables import FOREIGN, HOLD_COLUMNS, RUN_COLUMNS, STATES, Summary, alive, foreign, summary_of, tables
+from rig.errors import BadInputError
+
+_DAY = "a day such as 2026-03-01"
+
+
+def runs_command(
+    runs: Annotated[Path, typer.Argument(metavar="[DIR]", help="The folder in which runs have theirs.")] = Path(
+        "runs"
+    ),
+    subject: Annotated[str | None, typer.Option(metavar="CODE", help="Of this subject only.")] = None,
+    shape: Annotated[str | None, typer.Option(metavar="S", help="That pressed bar:3.0, or any bar.")] = None,
+    protocol: Annotated[str | None, typer.Option(metavar="NAME", help="Of this protocol only.")] = None,
+    state: Annotated[str | None, typer.Option(metavar="STATE", help=", ".join(STATES) + ".")] = None,
+    since: Annotated[str | None, typer.Option(metavar="DAY", help=f"Begun on it or later (UTC): {_DAY}.")] = None,
+    until: Annotated[str | None, typer.Option(metavar="DAY", help="Begun on it or before.")] = None,
+    table: Annotated[
+        Path | None, typer.Option(metavar="CSV", help="All their holds into one file, a row for each.")
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """List runs, the newest last; what is no readable run gets one line on standard error."""
+    with told_in_one_line(as_json=as_json):
+        if state not in (None, *STATES):
+            raise RunError(
+                "{option} {value!r}: expected one of {expected}",
+                code="unknown_choice", option="--state", value=state, expected=", ".join(STATES),
+            )  # fmt: skip
+        wanted = Wanted(subject, shape, protocol, state, _day("--since", since), _day("--until", until))
+        if table is not None:
+            checked_file("--table", table)
+        entries = _entries(runs)
+        found = [one for one in entries if not one.summary.problem and wanted.has(one.summary)]
+        broken = [one.summary for one in entries if one.summary.problem]
+        if table is not None:
+            replace_text(table, _as_csv(found))
+        if as_json:
+            print_json(_told_runs(found, broken, table))
+            return
+        for one in broken:
+            complain(f"{runs / one.name}: {one.problem}")
+        out.print(
+            _list(found)
+            if table is None
+            else f"{sum(len(one.rows) for one in found)} holds of {_runs(found)}: {table}"
+        )
+
+
+def _entries(runs: Path) -> list[Entry]:
+    with looking_busy(f"reading the runs in {runs} …"):
+        try:
+            return listed(runs)
+        except OSError as error:
+            raise RunError(
+                "{folder}: {problem}, expected the folder in which runs have theirs",
+                code="no_such_folder",
+                folder=runs,
+                problem=error.strerror,
+            ) from None
+
+
+def _day(option: str, text: str | None) -> date | None:
+    try:
+        return None if text is None else date.fromisoformat(text)
+    except ValueError:
+        raise RunError(
+            "{option} {value!r}: expected {expected}", code="no_day", option=option, value=text, expected=_DAY
+        ) from None
+
+
+def _list(found: Sequence[Entry]) -> str:
+    """A line for each, in columns."""
+    lines = [_line(one.summary) for one in found]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    padded = ("  ".join(word.ljust(width) for word, width in zip(line, widths, strict=True)) for line in lines)
+    return "\n".join([*(line.rstrip() for line in padded), _runs(found)])
+
+
+def _line(run: Summary) -> list[str]:
+    shapes = f"{run.shapes[0]} and {len(run.shapes) - 1} more" if len(run.shapes) > 1 else "".join(run.shapes)
+    done = f"{run.done} of {run.planned}"
+    return [run.name, run.subject or "-", shapes or "-", done, run.state + (", virtual" if run.virtual else "")]
+
+
+def _runs(found: Sequence[Entry]) -> str:
+    return f"{len(found)} run{'' if len(found) == 1 else 's'}"
+
+
+def _as_csv(found: Sequence[Entry]) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([*RUN_COLUMNS, *HOLD_COLUMNS])
+    for one in found:
+        writer.writerows(one.rows)
+    return text.getvalue()
+
+
+def _told_runs(found: Sequence[Entry], broken: Sequence[Summary], table: Path | None) -> dict[str, object]:
+    runs = [{name: value for name, value in asdict(one.summary).items() if name != "problem"} for one in found]
+    told: dict[str, object] = {"runs": runs}
+    told["unreadable"] = [{"name": one.name, "problem": one.problem} for one in broken]
+    return told if table is None else told | {"table": str(table), "holds": sum(len(one.rows) for one in found)}
+
 
 _UNKNOWN = "not known"
 
 
-def command(
+def show_command(
     run: Annotated[Path | None, typer.Argument(metavar="RUN", help="A run folder.")] = None,
     columns: Annotated[
         bool, typer.Option("--columns", help="Instead: every column of a run's tables, as in docs/data.md.")
@@ -157,3 +264,28 @@ def _pressed(one: dict[str, Any]) -> str:
 
 def _pairs(told: dict[str, Any]) -> str:
     return ", ".join(f"{name} {value}" for name, value in told.items()) or "none"
+
+
+def export_command(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.")],
+    as_csv: Annotated[bool, typer.Option("--csv", help="HDF5 and tidy CSV.")] = False,
+    as_nwb: Annotated[bool, typer.Option("--nwb", help="Neurodata Without Borders; needs the extra nwb.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Export again what the journal holds, also of a run that crashed, and renew the checksums."""
+    with told_in_one_line(as_json=as_json):
+        if not (as_csv or as_nwb):
+            raise BadInputError("export: no format given, expected --csv or --nwb", code="no_format")
+        found = read_run(run)
+        written = []
+        if as_csv:
+            export_run(found)
+            tables = (f"{stream}.csv" for stream in found.units if found.stream(stream))
+            written += [str(found.folder.data), *(str(run / name) for name in tables)]
+        if as_nwb:
+            written.append(str(export_nwb(found)))
+        found.folder.write_checksums()
+        if as_json:
+            print_json({"run": str(run), "files": written})
+        else:
+            out.print("\n".join(written))

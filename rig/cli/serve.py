@@ -1,22 +1,26 @@
-"""`rig serve`: the virtual devices in real time, for any client."""
+"""`rig serve` and `rig stranger`: virtual devices in real time, and the truth of a drawn finger."""
 
+import math
 import signal
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
 
-from rig.cli.options import FingerConfigOption
-from rig.cli.output import ExitCode, complain, err, loading_the_finger, print_json, told_in_one_line
-from rig.devices.catalogue import names
-from rig.devices.kinds import Room
+from rig.bench.served import ServedBench
+from rig.cli.options import FingerConfigOption, JsonOption
+from rig.cli.output import ExitCode, complain, err, loading_the_finger, out, print_json, told_in_one_line
+from rig.devices.registry import Room, names
+from rig.errors import BadInputError
+from rig.identify.result import truth_of, with_stranger
 from rig.plan.config import Config, load_config
-from rig.protocol.errors import BadInputError
-from rig.session.meeting.stranger import with_stranger
-from rig.session.virtual.served_bench import ServedBench
+from rig.plan.finger_file import Met, read_finger_file
+from sim.identification.bands import standard_deviations
+from sim.identification.prior import named, plain
 from sim.serve.prefetch import PressStatistics
 
 
-def command(
+def serve_command(
     stage: Annotated[str | None, typer.Option(metavar="|".join(names("stage")), help="The stage's kind.")] = None,
     force: Annotated[str | None, typer.Option(metavar="|".join(names("force")), help="The sensor's kind.")] = None,
     pty: Annotated[bool, typer.Option("--pty", help="Behind pseudo-terminals (the default).")] = False,
@@ -82,3 +86,35 @@ def _told(found: PressStatistics) -> str:
         f"{found.stalest_s:.2f} s old; {found.unknown} refused); {found.solved} solved, slowest "
         f"{1e3 * found.slowest_s:.0f} ms"
     )
+
+
+def stranger_command(
+    seed: Annotated[int, typer.Argument(min=0, help="The stranger's.")],
+    beside: Annotated[Path | None, typer.Option(metavar="TOML", help="The file that `rig meet` wrote.")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Each number of the finger; with a file its 90 % band, and whether the truth lies in it."""
+    with told_in_one_line(as_json=as_json):
+        truth = truth_of(seed)
+        met = None if beside is None else read_finger_file(beside).met
+        found = {named(name): _beside(name, value, met) for name, value in truth.items()}
+        if as_json:
+            print_json(found)
+            return
+        for name, one in found.items():
+            out.print(f"{name:<14}{one['truth']:<8.3g}{_band(one)}")
+
+
+def _beside(name: str, value: float, met: Met | None) -> dict[str, Any]:
+    """Logarithms as what they are of."""
+    told: dict[str, Any] = {"truth": plain(name, value)}
+    if met is None or name not in met.posterior.names:
+        return told
+    k = met.posterior.names.index(name)
+    mean, sd = met.posterior.mean[k], math.sqrt(met.posterior.covariance[k][k])
+    low, high = (mean + sign * standard_deviations() * sd for sign in (-1, 1))
+    return {**told, "low": plain(name, low), "high": plain(name, high), "in": low <= value <= high}
+
+
+def _band(one: dict[str, Any]) -> str:
+    return "" if "low" not in one else f"  met {one['low']:.3g} … {one['high']:.3g}{'' if one['in'] else '  !'}"

@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 from rig.cli.output import err
-from rig.transport.clock import WallClock
+from rig.clock import WallClock
 
 # Not on Windows, where `rig stop` can only open a port that nobody owns.
 STOP_SIGNAL: signal.Signals | None = getattr(signal, "SIGUSR1", None)

@@ -6,15 +6,14 @@ from typing import Any
 
 import typer
 
-from rig.cli.interrupts import STOP_SIGNAL
 from rig.cli.options import ConfigOption, JsonOption
 from rig.cli.output import ExitCode, complain, out, print_json
+from rig.cli.signals import STOP_SIGNAL
+from rig.control.stop import NoStageError, SentStop, send_stop, stage_alone
 from rig.errors import code_of
-from rig.session.control.lenient_stage import NoStageError, stage_alone
-from rig.session.control.sent_stop import SentStop, send_stop
 
 
-def command(config: ConfigOption, as_json: JsonOption = False) -> None:
+def stop_command(config: ConfigOption, as_json: JsonOption = False) -> None:
     """Tell whoever owns the stage's port to stop, and send the stop down the wire."""
     try:
         settings, passed = stage_alone(config)

@@ -1,31 +1,168 @@
-"""`rig doctor`: what this installation has and where things are."""
+"""`rig config`, `rig cache`, `rig doctor` and `rig bench`: this installation."""
 
 import os
 import platform
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+from datetime import UTC, datetime
+from difflib import get_close_matches
 from importlib.metadata import version
+from itertools import groupby
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from serial.tools import list_ports
 
-from rig.cli.looking import contact, in_one_line, look
-from rig.cli.options import JsonOption
-from rig.cli.output import out, print_json, told_in_one_line
+from rig.bench.checks import bench_problems, contact, in_one_line, look, today
+from rig.cli.options import FingerConfigOption, JsonOption, checked_file
+from rig.cli.output import err, out, print_json, told_in_one_line
 from rig.data.bug_report import LEFT_OUT, bug_report, bundle_name
-from rig.devices import catalogue
-from rig.plan.config import Config, load_config
+from rig.devices import registry
+from rig.errors import BadInputError
+from rig.plan.config import Config, Key, as_toml, keys, load_config
 from rig.protocol.script import shipped_protocols
-from rig.session.bench_problems import bench_problems
-from rig.session.calibration import today
+from rig.report.benchmark_page import page
 from rig.session.resume import left_on_record
+from sim import benchmark
+from sim.benchmark import QUANTITIES, QUICK, QUICK_SCENES, SCENES, WHOLE, Measured, measure, reference_s, rows, stored
 from sim.fem import pardiso
-from sim.models.cache import KINDS, cache_dir
+from sim.models.cache import KINDS, Entry, cache_dir, entries, most_bytes, prune
+
+HEAD = """# Configuration reference
+
+Every table and key of a configuration file, as `rig config --markdown` writes it. `rig config` prints the same as a
+file to begin with, `rig config KEY` one key or table; with `--config rig.toml` it says what that file sets. An
+unknown key is an error; a key without a default here is absent unless it is given.
+"""
+
+
+def config_command(
+    key: Annotated[str | None, typer.Argument(metavar="[KEY]", help="A key or a table, such as limits.")] = None,
+    config: FingerConfigOption = None,
+    markdown: Annotated[bool, typer.Option("--markdown", help="As the reference in the documentation.")] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """A configuration file with a line about each key; of one key or table if that is named."""
+    with told_in_one_line(as_json=as_json):
+        found = _named(list(keys(load_config(config))), key)
+        if as_json:
+            print_json({"keys": [_described(one) for one in found]})
+        else:
+            out.print(
+                _page(found) if markdown else _file(found), markup=False, highlight=False, soft_wrap=True, end=""
+            )
+
+
+def _named(every: Sequence[Key], name: str | None) -> list[Key]:
+    """All keys, those of a table and its tables, or those of a name. Raises BadInputError."""
+    if name is None:
+        return list(every)
+    found = [one for one in every if name in (one.place, one.name) or f"{one.place}.".startswith(f"{name}.")]
+    if not found:
+        whole = "." in name
+        known = dict.fromkeys(word for one in every for word in (one.place if whole else one.name, one.table))
+        near = " or ".join(get_close_matches(name, known, n=2)) or "a key or table that `rig config` lists"
+        raise BadInputError(
+            "{key}: there is no such key, expected {expected}", code="unknown_key", key=name, expected=near
+        )
+    return found
+
+
+def _file(found: Sequence[Key]) -> str:
+    tables = groupby(found, lambda one: one.table)
+    return "\n".join(f"[{table}]\n" + "".join(one.lines for one in members) for table, members in tables)
+
+
+def _page(found: Sequence[Key]) -> str:
+    parts = [HEAD]
+    for table, members in groupby(found, lambda one: one.table):
+        parts += [f"\n## `[{table}]`\n\n| key | default | unit and range | what it is |\n|---|---|---|---|\n"]
+        parts += [_row(one) for one in members]
+    return "".join(parts)
+
+
+def _row(one: Key) -> str:
+    default = "" if one.default is None else f"`{as_toml(one.default)}`"
+    return f"| `{one.name}` | {default} | {one.allowed_in_words.replace('|', 'or')} | {one.what} |\n"
+
+
+def _described(one: Key) -> dict[str, object]:
+    told = {"key": one.place, "value": one.value, "default": one.default}
+    return told | {"unit": one.unit, "allowed": one.allowed, "what": one.what}
+
+
+_ABOUT = {
+    "model": "condensed fingers",
+    "node": "builds to interpolate between",
+    "columns": "strain under them, a file for each set of receptors",
+    "skin": "where a skin is highest",
+    "answers": "what fingers said of runs",
+    "sites": "SED under point loads at the source's 24 sites",
+}
+
+
+def cache_command(
+    prune_it: Annotated[bool, typer.Option("--prune", help="Remove it; all of it is made anew when needed.")] = False,
+    keep_gb: Annotated[
+        float,
+        typer.Option(metavar="G", help="With --prune: but for what was read last, up to G GB.", min=0),
+    ] = 0.0,
+    as_json: JsonOption = False,
+) -> None:
+    """Say what is kept, and with --prune remove what was not read for longest."""
+    with told_in_one_line(as_json=as_json):
+        if keep_gb and not prune_it:
+            raise BadInputError(
+                "{option} {value:g}: says what {needs} leaves, expected {needs} too",
+                code="needs_option", option="--keep-gb", value=keep_gb, needs="--prune",
+            )  # fmt: skip
+        limit_gb = most_bytes() / 1e9
+        removed = prune(1e9 * keep_gb) if prune_it else []
+        kept = entries()
+        if as_json:
+            print_json({
+                "folder": str(cache_dir()), "entries": [_as_json(entry) for entry in kept], "bytes": _bytes(kept),
+                "limit_gb": limit_gb, "removed": len(removed), "removed_bytes": _bytes(removed),
+            })  # fmt: skip
+            return
+        _print(kept, limit_gb)
+        if prune_it:
+            out.print(f"removed     {len(removed)} files, {_megabytes(removed)}")
+
+
+def _print(kept: Sequence[Entry], limit_gb: float) -> None:
+    out.print(f"folder      {cache_dir()} (RIG_CACHE_DIR)")
+    for kind in KINDS:
+        them = [entry for entry in kept if entry.kind == kind]
+        if them:
+            last = f"read last {_read(them[0]):%Y-%m-%d}, longest ago {_read(them[-1]):%Y-%m-%d}"
+            out.print(f"{kind:<12}{len(them)} files, {_megabytes(them)}: {_ABOUT[kind]}; {last}")
+    out.print(f"in all      {_megabytes(kept)}; beyond {limit_gb:g} GB (RIG_CACHE_GB) what was read longest ago goes")
+
+
+def _as_json(entry: Entry) -> dict[str, Any]:
+    read = _read(entry).isoformat(timespec="seconds")
+    return {"name": entry.path.name, "kind": entry.kind, "bytes": entry.size, "read_utc": read}
+
+
+def _read(entry: Entry) -> datetime:
+    return datetime.fromtimestamp(entry.read_ns / 1e9, UTC)
+
+
+def _bytes(them: Sequence[Entry]) -> int:
+    return sum(entry.size for entry in them)
+
+
+def _megabytes(them: Sequence[Entry]) -> str:
+    return f"{_bytes(them) / 1e6:.1f} MB"
+
 
 _PACKAGES = ("indentation-rig", "numpy", "scipy", "h5py", "pydantic", "pyserial", "pymodbus", "matplotlib")
 
 
-def command(
+def doctor_command(
     config: Annotated[Path | None, typer.Option(metavar="TOML", help="Also look at the devices it names.")] = None,
     bundle: Annotated[
         Path | None,
@@ -53,14 +190,14 @@ def _bundled(run: Path, settings: Config) -> dict[str, Any]:
     told = {name: here[name] for name in ("python", "versions", "devices", "solver", "protocols")}
     to = Path(bundle_name(run))
     shipped = {path.name: path.read_bytes() for path in shipped_protocols().glob("*.py")}
-    members = bug_report(run, to, told | {"problems": list(map(str, catalogue.problems()))}, shipped)
+    members = bug_report(run, to, told | {"problems": list(map(str, registry.problems()))}, shipped)
     return {"bundle": str(to), "holds": members, "left out": list(LEFT_OUT)}
 
 
 def _examine(config: Path | None) -> dict[str, Any]:
     settings = load_config(config)
     found = _installation(settings)
-    broken = list(map(str, catalogue.problems()))
+    broken = list(map(str, registry.problems()))
     if config is not None:
         return found | {"problems": [*broken, *bench_problems(settings)]} | _bench(settings)
     return found | ({"problems": broken} if broken else {})
@@ -68,13 +205,13 @@ def _examine(config: Path | None) -> dict[str, Any]:
 
 def _kinds() -> dict[str, str]:
     """Those of packages with their packages."""
-    added = catalogue.third_party()
+    added = registry.third_party()
     return {
         kind.room: " ".join(
-            f"{name} ({added[f'{kind.room}.{name}']})" if name not in catalogue.built_in(kind.room) else name
-            for name in catalogue.names(kind.room)
+            f"{name} ({added[f'{kind.room}.{name}']})" if name not in registry.built_in(kind.room) else name
+            for name in registry.names(kind.room)
         )
-        for kind in catalogue.KINDS
+        for kind in registry.KINDS
     }
 
 
@@ -112,3 +249,63 @@ def _installation(settings: Config) -> dict[str, Any]:
         "cache": f"{folder}, {len(stored['model'])} models, {len(stored['answers'])} answers, {size / 1e6:.0f} MB",
         "protocols": [path.stem for path in sorted(shipped_protocols().glob("*.py"))],
     }
+
+
+_STEPS = ("mesh", "assembly", "condensation", "inverse", "receptors")
+
+
+def speed_command(
+    quick: Annotated[bool, typer.Option("--quick", help="Coarse meshes only: about a minute.")] = False,
+    page_file: Annotated[Path, typer.Option("--out", metavar="HTML", help="The page to write.")] = Path("bench.html"),
+    as_json: JsonOption = False,
+) -> None:
+    """Measure every model, element and refinement in a process of its own, and write the page."""
+    with told_in_one_line(as_json=as_json):
+        checked_file("--out", page_file)
+        start = time.perf_counter()
+        reference = stored()
+        measured = []
+        for found in measure(QUICK if quick else WHOLE, QUICK_SCENES if quick else SCENES):
+            measured.append(found)
+            err.print(f"{_name(found)}: {found.nodes} nodes, {found.build_s:.1f} s, {found.memory_mb:.0f} MB")
+        table, unit_s = list(rows(measured, reference)), reference_s()
+        text = page(
+            table,
+            machine=f"{platform.machine()}, {os.cpu_count()} processors, Python {platform.python_version()}",
+            wall_s=time.perf_counter() - start,
+            quick=quick,
+            quantities=QUANTITIES,
+            reference=reference,
+            reference_s=unit_s,
+            steps=_STEPS,
+            breakdown=[_breakdown(found) for found in measured if found.candidate.model == "finger"],
+            **_calculix(quick=quick),
+        )
+        page_file.write_text(text, encoding="utf-8")
+        if as_json:
+            print_json({"rows": table, "page": str(page_file), "reference_s": unit_s})
+        else:
+            out.print(f"{page_file}: {len(measured)} candidates, {time.perf_counter() - start:.0f} s")
+            out.print(f"the reference computation: {unit_s:.3f} processor seconds")
+
+
+def _name(found: Measured) -> str:
+    return f"{found.candidate.model} {found.candidate.element} {found.candidate.refinement}"
+
+
+def _breakdown(found: Measured) -> dict[str, Any]:
+    return {
+        "name": _name(found),
+        "timing": found.timing_s,
+        "factor_s": found.factor_s,
+        "contact_s": found.contact_s,
+        "limit_s": found.limit_s,
+    }
+
+
+def _calculix(*, quick: bool) -> dict[str, Any]:
+    if quick:
+        return {"calculix": None, "no_calculix": "Left out by --quick."}
+    if not benchmark.available():
+        return {"calculix": None, "no_calculix": "There is no ccx here (Debian: apt-get install calculix-ccx)."}
+    return {"calculix": asdict(benchmark.compare()), "no_calculix": ""}

@@ -1,20 +1,20 @@
-"""Stimuli against recordings: shape tests, correlations, single and joint fits, candidates."""
+"""Compare stimuli with recordings: shape tests, correlations, joint fits, positions that no run covers."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import groupby, pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
 from rig.compare.errors import ComparisonError
-from rig.compare.fit import Fit
-from rig.compare.plausible import PlausibleFingers
-from rig.compare.recordings.recorded import Recording
+from rig.compare.fingers import PlausibleFingers
+from rig.compare.fit import Fit, Flags, Interval, correlation, fit_all, in_play, indistinguishable, interval
+from rig.compare.recordings.recording import Recording
 from rig.compare.shape_test import THRESHOLD, shape_flags
-from rig.compare.statistics import Flags, Interval, correlation, fit_all, in_play, indistinguishable, interval
 from rig.compare.stimuli import FAMILIES, Stimulus
 from sim.measures.measures import MEASURES
 from sim.models.small_strain import SmallStrain, small_strain
@@ -288,3 +288,62 @@ def _collinear(group: Sequence[Stimulus]) -> list[list[str]]:
 def _conditions(group: Sequence[Stimulus]) -> str:
     """For example "step:1, step:3, step:5 at 8 gwt"."""
     return f"{', '.join(stimulus.indentor for stimulus in group)} at {group[0].condition}"
+
+
+_DECIMALS = 6
+
+
+def left_out(overlay: Overlay) -> NDArray[np.bool_]:
+    """(p, receptors) recorded positions at which a receptor's SSRP is not known."""
+    return np.isnan(overlay.eps[0])
+
+
+def range_needed(overlay: Overlay) -> tuple[float, float]:
+    """Lowest and highest x in mm of a run that covers the recording at every receptor."""
+    position, receptor = overlay.recording.position_mm, overlay.stimulus.receptor_mm
+    return float(position.min() + receptor.min()), float(position.max() + receptor.max())
+
+
+def left_out_rows(comparison: Comparison) -> list[dict[str, Any]]:
+    """For `--json`: each recording under each stimulus, and what is left out of it at each receptor."""
+    return [_row(overlay) for overlay in comparison.overlays]
+
+
+def _row(overlay: Overlay) -> dict[str, Any]:
+    missing = left_out(overlay)
+    return {
+        "shape": overlay.stimulus.indentor,
+        "condition": overlay.stimulus.condition,
+        "recording": overlay.recording.name,
+        "positions": len(missing),
+        "left_out": [
+            {"receptor_mm": round(float(x), _DECIMALS), "positions_mm": _rounded(overlay.recording.position_mm[gone])}
+            for x, gone in zip(overlay.stimulus.receptor_mm, missing.T, strict=True)
+            if gone.any()
+        ],
+        "range_needed_mm": [round(x, _DECIMALS) for x in range_needed(overlay)],
+    }
+
+
+def left_out_lines(comparison: Comparison) -> list[str]:
+    """For people: one line for each recording under a stimulus that does not cover it at every receptor."""
+    return [_line(overlay) for overlay in comparison.overlays if left_out(overlay).any()]
+
+
+def _line(overlay: Overlay) -> str:
+    missing = left_out(overlay)
+    never, sometimes = missing.all(axis=1), missing.any(axis=1)
+    position = overlay.recording.position_mm
+    low, high = range_needed(overlay)
+    said = [f"{overlay.stimulus.title}: {sometimes.sum()} of {len(position)} positions of {overlay.recording.name}"]
+    said.append(f"at some receptors ({_told(position[sometimes & ~never])})" if (sometimes & ~never).any() else "")
+    said.append(f"at every one ({_told(position[never])})" if never.any() else "")
+    return f"{', '.join(filter(None, said))}; a run from {high:g} to {low:g} mm covers them"
+
+
+def _told(position: NDArray[np.float64]) -> str:
+    return f"{', '.join(f'{x:g}' for x in _rounded(position))} mm"
+
+
+def _rounded(position: NDArray[np.float64]) -> list[float]:
+    return [round(float(x), _DECIMALS) + 0.0 for x in position]

@@ -1,4 +1,4 @@
-"""Plausible fingers: how well the finger under the rig is known, as ranges of its parameters.
+"""Comparison over plausible fingers: their ranges, their responses, and fits that leave the finger free.
 
 The file is TOML; each key is given the lowest and the highest value that is plausible:
 
@@ -8,26 +8,42 @@ The file is TOML; each key is given the lowest and the highest value that is pla
 
 The file of a finger that `rig meet` met is one, too (`docs/meet.md`). SSRPs are computed on a design, every
 combination of the lowest, middle and highest value of each parameter, and are interpolated between its fingers
-(`rig/compare/fingers/finger_fit.py`).
+(`rig/compare/fingers.py`).
 """
 
 import hashlib
 import itertools
 import tomllib
+from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
+from functools import reduce
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
 from rig.compare.errors import FingersError
-from rig.plan.met.finger_file import TISSUE, FingerFile, finger_file_of
-from rig.plan.toml_file import told_of
-from rig.transport.port_settings import Settings
+from rig.compare.fit import Fit, fit_rates, predicted
+from rig.compare.parameter_study import interpolated, nodes_to_build
+from rig.compare.stimuli import Stimulus
+from rig.compare.workers import spread
+from rig.data import Run
+from rig.plan.config import told_of
+from rig.plan.finger_file import TISSUE, FingerFile, finger_file_of
+from rig.settings import Settings
 from sim.config import FingertipConfig
+from sim.contact.shapes import parse_shape
+from sim.errors import ModelRangeError
+from sim.finger.mesh import MeshError
+from sim.finger.surface import SurfaceError
+from sim.measures.measures import MEASURES, shown
+from sim.measures.receptors import ReceptorError
+from sim.models.cache import cached_arrays, content_key, simulator_code
+from sim.models.fingertip import Fingertip
+from sim.models.interpolation import Asked, make_node
 
 Array = NDArray[np.float64]
 
@@ -189,3 +205,259 @@ def _number(config: FingertipConfig, name: str, source: str) -> float:
             table=table,
         )
     return float(value)
+
+
+# Fits in which the finger is not known: k, ε₀ and the place of the finger in its plausible ranges, together.
+#
+# A place has one coordinate for each free parameter, −1 at the lowest and 1 at the highest value. SSRPs at a place
+# are interpolated between the fingers of the design (`rig/compare/fingers.py`), quadratically in each parameter.
+
+Flags = NDArray[np.bool_]
+Ints = NDArray[np.int64]
+
+_STARTS, _STEPS = 3, 12
+_DAMPING, _EASED, _RAISED = 1e-2, 0.2, 5.0
+
+
+class FingerFit(NamedTuple):
+    """The best fits of N pairs: places (N, free), k, ε₀ and residual (N,), and the SSRPs (N, p) there."""
+
+    place: Array
+    fit: Fit
+    eps: Array
+
+
+def weights(place: Array) -> Array:
+    """(…, 3^free) of the design's fingers at places (…, free): Lagrange's quadratics through −1, 0 and 1."""
+    return _products(_along(place))
+
+
+def _slopes(place: Array) -> Array:
+    """(…, free, 3^free) derivatives of the weights."""
+    values, slopes = _along(place), np.stack([place - 0.5, -2 * place, place + 0.5], axis=-1)
+    free = np.arange(place.shape[-1])
+    return np.stack([_products(np.where((free == j)[:, None], slopes, values)) for j in free], axis=-2)
+
+
+def _along(place: Array) -> Array:
+    """(…, free, 3) weights of the lowest, middle and highest value of each parameter."""
+    return np.stack([place * (place - 1) / 2, 1 - place * place, place * (place + 1) / 2], axis=-1)
+
+
+def _products(each: Array) -> Array:
+    """(…, 3^free) of weights (…, free, 3) of each parameter, the last one fastest."""
+    one = np.ones((*each.shape[:-2], 1))
+    parts = np.moveaxis(each, -2, 0)
+    return reduce(lambda a, b: (a[..., :, None] * b[..., None, :]).reshape(*a.shape[:-1], -1), parts, one)
+
+
+def fit_with_finger(eps: Array, rate: Array, weight: Array | None = None, *, silent: bool = False) -> FingerFit:
+    """The best k, ε₀ and place of each pair, for SSRPs (fingers, N, p) on the design, rates (p,) and weights (p,).
+
+    `silent` as in `fit_rates`.
+
+    From the best few fingers of the design on: variable projection (Golub and Pereyra 1973), that is k and ε₀ exactly
+    at every place, and the place by damped Gauss–Newton steps that stay inside the ranges.
+    """
+    weight = np.ones_like(rate) if weight is None else weight
+    found = fit_rates(eps, rate, weight, silent=silent)
+    order = np.argsort(np.where(np.isnan(found.rss), np.inf, found.rss), axis=0, kind="stable")
+    at = _Rates(rate, weight, silent)
+    ended = [_from(first, found, eps, at) for first in order[:_STARTS]]
+    return reduce(lambda a, b: _chosen(b.fit.rss < a.fit.rss, b, a), ended)
+
+
+class _Rates(NamedTuple):
+    """What is fitted: rates and weights (p,), and whether k > 0 and ε₀ ≥ 0."""
+
+    rate: Array
+    weight: Array
+    silent: bool
+
+    def line(self, eps: Array) -> Fit:
+        """Of SSRPs (N, p) that rise with the rate."""
+        return fit_rates(eps, self.rate, self.weight, sign=1, silent=self.silent)
+
+
+def _from(first: Ints, found: Fit, eps: Array, rates: _Rates) -> FingerFit:
+    """The best near a finger of the design, for each pair its own (N,); k keeps its sign."""
+    pair = np.arange(len(first))
+    start = Fit(*(value[first, pair] for value in found))
+    sign = np.where(start.k < 0, -1.0, 1.0)
+    rising = np.moveaxis(sign[:, None] * eps, 0, 1)
+    best = FingerFit(design_places(free_of(eps))[first], _signed(sign, start), rising[pair, first])
+    if free_of(eps):
+        best = _improved(best, rising, rates)
+    return FingerFit(best.place, _signed(sign, best.fit), sign[:, None] * best.eps)
+
+
+def fit_all_with_finger(eps: Array, rate: Array) -> tuple[Array, Fit]:
+    """Places (18, receptors, free) and fits (18, receptors) of every pair, over the positions that it covers.
+
+    eps is (fingers, 18, p, receptors), rate (p,). NaN below three positions.
+    """
+    place = np.full((eps.shape[1], eps.shape[3], free_of(eps)), np.nan)
+    values = np.full((3, eps.shape[1], eps.shape[3]), np.nan)
+    for j in range(eps.shape[3]):
+        known = ~np.isnan(eps[0, 0, :, j])
+        if known.sum() >= 3:
+            found = fit_with_finger(eps[:, :, known, j], rate[known])
+            place[:, j], values[:, :, j] = found.place, found.fit
+    return place, Fit(*values)
+
+
+def _improved(best: FingerFit, eps: Array, rates: _Rates) -> FingerFit:
+    """For SSRPs (N, fingers, p) of k > 0."""
+    damping = np.full(len(eps), _DAMPING)
+    for _ in range(_STEPS):
+        place = np.clip(best.place + _step(best, eps, rates, damping), -1, 1)
+        there = np.einsum("nf,nfp->np", weights(place), eps)
+        tried = FingerFit(place, rates.line(there), there)
+        better = tried.fit.rss < best.fit.rss
+        damping *= np.where(better, _EASED, _RAISED)
+        best = _chosen(better, tried, best)
+    return best
+
+
+def _chosen(first: Flags, a: FingerFit, b: FingerFit) -> FingerFit:
+    fit = Fit(*(np.where(first, x, y) for x, y in zip(a.fit, b.fit, strict=True)))
+    rows = first[:, None]
+    return FingerFit(np.where(rows, a.place, b.place), fit, np.where(rows, a.eps, b.eps))
+
+
+def _step(at: FingerFit, eps: Array, given: _Rates, damping: Array) -> Array:
+    """(N, free) damped Gauss–Newton step of the place, zero along ranges whose end is in the way."""
+    rates = predicted(Fit(*(value[:, None] for value in at.fit)), at.eps)
+    fires = rates > 0
+    jacobian = np.einsum("ndf,nfp->ndp", _slopes(at.place), eps) * np.nan_to_num(at.fit.k)[:, None, None]
+    jacobian = _without_line(np.where(fires[:, None], jacobian, 0.0), at.eps, np.where(fires, given.weight, 0.0))
+    descent = np.einsum("ndp,np->nd", jacobian, given.weight * (given.rate - np.nan_to_num(rates)))
+    blocked = (np.abs(at.place) >= 1) & (at.place * descent > 0)
+    jacobian, descent = np.where(blocked[..., None], 0.0, jacobian), np.where(blocked, 0.0, descent)
+    curvature = (given.weight * jacobian) @ jacobian.swapaxes(1, 2)
+    size = np.maximum(np.trace(curvature, axis1=1, axis2=2), np.finfo(float).tiny ** 0.5)
+    damped = curvature + (damping * size)[:, None, None] * np.eye(descent.shape[1])
+    return np.linalg.solve(damped, descent[..., None])[..., 0]
+
+
+def _without_line(jacobian: Array, eps: Array, weight: Array) -> Array:
+    """What is left of (N, free, p) columns when k and ε₀ follow: nothing of 1 and ε, at weights (N, p)."""
+    total = np.maximum(weight.sum(axis=1), np.finfo(float).tiny)
+    fires = weight > 0
+    centred = np.where(fires, eps - ((weight * eps).sum(axis=1) / total)[:, None], 0.0)
+    square = (weight * centred * centred).sum(axis=1)
+    unit = centred / np.sqrt(np.where(square > 0, square, 1.0))[:, None]
+    mean = (weight[:, None] * jacobian).sum(axis=2, keepdims=True) / total[:, None, None]
+    jacobian = np.where(fires[:, None], jacobian - mean, 0.0)
+    return jacobian - (jacobian @ (weight * unit)[..., None]) * unit[:, None]
+
+
+def _signed(sign: Array, fit: Fit) -> Fit:
+    return Fit(sign * fit.k, sign * fit.eps0, fit.rss)
+
+
+def free_of(eps: Array) -> int:
+    """Free parameters of SSRPs (3^free, …) on a design."""
+    return round(np.log(len(eps)) / np.log(3))
+
+
+@dataclass(frozen=True)
+class PressRow:
+    """One indentor at a row of places, each to its own depth or force."""
+
+    indentor: str
+    kind: str  # doi_mm or force_gwt
+    x_mm: tuple[float, ...]
+    target: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class FingerWork:
+    """All rows of presses on one finger: a piece of work."""
+
+    name: str
+    config_json: str
+    receptor_x_mm: tuple[float, ...]
+    receptor_depth_mm: float
+    press_rows: tuple[PressRow, ...]
+    exact: bool = True  # built in full; else interpolated between full builds
+
+    @property
+    def finger(self) -> Asked:
+        """With its receptors."""
+        return Asked.of(self.config_json, self.receptor_x_mm, self.receptor_depth_mm)
+
+    @property
+    def shapes(self) -> tuple[str, ...]:
+        """By their names."""
+        return tuple(row.indentor for row in self.press_rows)
+
+
+def on_plausible_fingers(
+    run: Run, pressed: Sequence[Stimulus], finger: Fingertip, plausible: PlausibleFingers, *, exact: bool = False
+) -> list[Stimulus]:
+    """The stimuli of a run with their measures on the whole design, pressed over this machine's processes.
+
+    What was controlled stays: the force of a press to a force, the depth of one to a depth; on hardware the force
+    that was recorded. Fingers that differ in the moduli of dermis and fat alone may be interpolated, unless `exact`.
+    Kept in the cache. Raises FingersError.
+    """
+    if not pressed:
+        return []
+    virtual = bool(run.start["virtual"])
+    press_rows = tuple(_press_row(stimulus, virtual) for stimulus in pressed)
+    design = plausible.design(finger.config, finger.model.receptors.depth_mm)
+    x_mm = tuple(pressed[0].receptor_mm.tolist())
+    work = [_work(one, x_mm, press_rows) for one in design]
+    if not exact:
+        work = interpolated(work)
+    key = content_key([simulator_code(), [asdict(one) for one in work]])
+    try:
+        found, _ = cached_arrays(key, lambda: _all_answers(work), kind="answers")
+    except FingersError as error:
+        fields = {**error.fields, "where": plausible.source, "problem": str(error)}
+        raise FingersError("{where}: {problem}", code=error.code, **fields) from None
+    between = not all(one.exact for one in work)
+    said = [np.asarray(found[f"{n}"], dtype=float) for n in range(len(pressed))]
+    return [replace(s, on_fingers=one, interpolated=between) for s, one in zip(pressed, said, strict=True)]
+
+
+def _press_row(stimulus: Stimulus, virtual: bool) -> PressRow:
+    kind = stimulus.kind if virtual else "force_gwt"
+    target = stimulus.doi_mm if kind == "doi_mm" else stimulus.force_gwt
+    return PressRow(stimulus.read_as, kind, tuple(stimulus.x_mm.tolist()), tuple(target.tolist()))
+
+
+def _work(finger: DesignFinger, receptor_x_mm: tuple[float, ...], press_rows: tuple[PressRow, ...]) -> FingerWork:
+    return FingerWork(
+        finger.name, finger.config.model_dump_json(), receptor_x_mm, finger.receptor_depth_mm, press_rows
+    )
+
+
+def _all_answers(work: Sequence[FingerWork]) -> dict[str, NDArray[np.generic]]:
+    """For each row by its number (fingers, 18, n, receptors)."""
+    deque(spread(make_node, nodes_to_build(work)), maxlen=0)
+    answers = list(spread(measures_on, work))
+    return {f"{n}": np.stack(each) for n, each in enumerate(zip(*answers, strict=True))}
+
+
+def measures_on(work: FingerWork) -> list[Array]:
+    """For each row the measures (18, n, receptors) in the signs of `shown`. Raises FingersError."""
+    config = FingertipConfig.model_validate_json(work.config_json)
+    try:
+        places = {"receptor_x_mm": work.receptor_x_mm, "receptor_depth_mm": work.receptor_depth_mm}
+        finger = Fingertip.load(config, **places, exact=work.exact)  # type: ignore[arg-type]
+        return [_measures(finger, row) for row in work.press_rows]
+    except (ModelRangeError, MeshError, SurfaceError, ReceptorError) as error:
+        raise FingersError(
+            "on the finger with {finger}: {problem}", code="not_pressed", finger=work.name, problem=str(error)
+        ) from None
+
+
+def _measures(finger: Fingertip, row: PressRow) -> Array:
+    shape = parse_shape(row.indentor)
+    results = [
+        finger.indent(shape, shape.lateral_mm(x), **{row.kind: target})  # type: ignore[arg-type]
+        for x, target in zip(row.x_mm, row.target, strict=True)
+    ]
+    return np.array([[shown(name, result.receptor_measures[name]) for result in results] for name in MEASURES])

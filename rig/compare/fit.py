@@ -1,4 +1,4 @@
-"""Correlation, confidence intervals and the set of measures that a recording cannot tell apart."""
+"""Fit the rate model R = max(0, k(ε − ε₀)) by least squares, with correlations and intervals."""
 
 from typing import Literal, NamedTuple
 
@@ -6,9 +6,100 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
-from rig.compare.fit import Fit, fit_rates, predicted
-
 Array = NDArray[np.float64]
+
+
+class Fit(NamedTuple):
+    """k (rate per unit of the measure), ε₀ (unit of the measure) and the sum of squared residuals.
+
+    k is negative where the rate falls as the measure rises. All NaN where no line explains more than a constant.
+    """
+
+    k: Array
+    eps0: Array
+    rss: Array
+
+    @property
+    def fires_unloaded(self) -> NDArray[np.bool_]:
+        """Whether the model fires at ε = 0: for a positive k, whether ε₀ is negative."""
+        return self.k * self.eps0 < 0
+
+
+def predicted(fit: Fit, eps: Array) -> Array:
+    """Rates at ε; fit and ε broadcast."""
+    return np.maximum(0.0, fit.k * (eps - fit.eps0))
+
+
+def fit_rates(eps: Array, rate: Array, weight: Array | None = None, sign: int = 0, *, silent: bool = False) -> Fit:
+    """The best k and ε₀ for ε (…, n) and non-negative rates (…, n), with weights (…, n), one fit for each row.
+
+    `sign` restricts k to that sign; 0 takes whichever leaves the smaller residual. `silent`: at ε = 0, so that k > 0
+    and ε₀ ≥ 0.
+
+    Exact, not iterative: the points with R > 0 are those of the largest ε, so each number of them has one regression
+    line, and the best line that is positive on just its own points is the answer. No minimum lies where ε₀ passes a
+    point, because a non-negative rate can only pull ε₀ down.
+    """
+    weight = np.ones_like(eps) if weight is None else weight
+    if silent:
+        return _silent(eps, rate, weight)
+    if sign:
+        fit = _rising(sign * eps, rate, weight)
+        return Fit(sign * fit.k, sign * fit.eps0, fit.rss)
+    up, down = (fit_rates(eps, rate, weight, s) for s in (1, -1))
+    better_up = ~(down.rss < up.rss) & ~np.isnan(up.rss)
+    return Fit(*(np.where(better_up, a, b) for a, b in zip(up, down, strict=True)))
+
+
+_TOLERANCE = 1e-9
+
+
+def _silent(eps: Array, rate: Array, weight: Array) -> Fit:
+    """k > 0 and ε₀ ≥ 0: the best line that ends above zero, or the one through the origin."""
+    above, up = _rising(eps, rate, weight, 0.0), np.maximum(eps, 0.0)
+    square = (weight * up * up).sum(axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        k = np.where(square > 0, (weight * up * rate).sum(axis=-1) / square, np.nan)
+    k = np.where(k > 0, k, np.nan)
+    rss = (weight * (rate - k[..., None] * up) ** 2).sum(axis=-1)
+    better = np.isnan(above.rss) | (rss < above.rss)
+    origin = Fit(k, np.where(np.isnan(k), np.nan, 0.0), rss)
+    return Fit(*(np.where(better, a, b) for a, b in zip(origin, above, strict=True)))
+
+
+def _rising(eps: Array, rate: Array, weight: Array, least: float = -np.inf) -> Fit:
+    """k > 0, ε₀ ≥ `least`. Row sums over the j largest ε, for every j at once."""
+    order = np.argsort(-eps, axis=-1, kind="stable")
+    scale, centre = np.ptp(eps, axis=-1, keepdims=True), eps.mean(axis=-1, keepdims=True)
+    scale = np.where(scale > 0, scale, 1.0)
+    e = (np.take_along_axis(eps, order, -1) - centre) / scale
+    y, w = _ordered(rate, order), _ordered(weight, order)
+    n, se, sy = (np.cumsum(v, axis=-1) for v in (w, w * e, w * y))
+    see, sey, syy = (np.cumsum(v, axis=-1) for v in (w * e * e, w * e * y, w * y * y))
+    determinant = n * see - se * se
+    flat = _TOLERANCE * y.max(axis=-1, keepdims=True)  # a slope below this is round-off
+    next_e = np.concatenate([e[..., 1:], np.full_like(e[..., :1], -np.inf)], axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        k = np.where(determinant > _TOLERANCE * n * n, (n * sey - se * sy) / determinant, np.nan)
+        eps0 = (se - sy / k) / n
+        good = (k > flat) & (eps0 <= e + _TOLERANCE) & (eps0 >= next_e - _TOLERANCE)
+        good &= centre + scale * eps0 >= least
+        rss = np.where(good, syy[..., -1:] - k * (sey - eps0 * sy), np.inf)
+    best = np.argmin(rss, axis=-1)[..., None]
+    k, eps0, rss = (np.take_along_axis(v, best, axis=-1)[..., 0] for v in (k, eps0, rss))
+    found = np.isfinite(rss)
+    scale, centre = scale[..., 0], centre[..., 0]
+    return Fit(*(np.where(found, v, np.nan) for v in (k / scale, centre + scale * eps0, np.maximum(rss, 0.0))))
+
+
+def _ordered(values: Array, order: NDArray[np.int64]) -> Array:
+    """Rows in an order of their own; the two broadcast."""
+    if order.ndim == 1:
+        return values[..., order]
+    shape = np.broadcast_shapes(values.shape, order.shape)
+    return np.take_along_axis(np.broadcast_to(values, shape), np.broadcast_to(order, shape), -1)
+
+
 Flags = NDArray[np.bool_]
 
 CONFIDENCE = 0.95

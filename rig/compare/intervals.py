@@ -6,12 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtri
 
-from rig.compare.answers.answer import LEVEL, Limits
-from rig.compare.answers.candidates import Candidates, Fitted
-from rig.compare.answers.likeliest import Form, at_saturation, saturations
-from rig.compare.answers.observed import Observed
-from rig.compare.fingers.finger_fit import weights
-from rig.compare.plausible import places
+from rig.compare.candidates import Candidates, Fitted
+from rig.compare.fingers import places, weights
+from rig.compare.likelihood import Form, Observed, at_saturation, saturations
+from rig.compare.verdict import LEVEL, Limits
 
 Array = NDArray[np.float64]
 

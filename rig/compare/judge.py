@@ -7,7 +7,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compare.answers.answer import (
+from rig.compare.candidates import Candidates, Fitted, by_monotone, by_repeats, detectable, tail
+from rig.compare.comparison import Comparison, Overlay
+from rig.compare.fingers import PlausibleFingers
+from rig.compare.fit import Flags, by_pair, compared, correlation, fit_rates
+from rig.compare.intervals import Region, limits
+from rig.compare.likelihood import Form, Observed, observed
+from rig.compare.model_set import Predicted, imitated, predicted_left_out, set_probabilities
+from rig.compare.stimuli import CONTROLS
+from rig.compare.verdict import (
     A_CONSTANT,
     LEVEL,
     Answer,
@@ -20,19 +28,6 @@ from rig.compare.answers.answer import (
     Together,
     titled,
 )
-from rig.compare.answers.candidates import Candidates, Fitted
-from rig.compare.answers.confidence_set import set_probabilities
-from rig.compare.answers.goodness import by_monotone, by_repeats, detectable, tail
-from rig.compare.answers.likeliest import Form
-from rig.compare.answers.observed import Observed, observed
-from rig.compare.answers.power import imitated
-from rig.compare.answers.prediction import Predicted, predicted_left_out
-from rig.compare.answers.profile_limits import Region, limits
-from rig.compare.comparison import Comparison, Overlay
-from rig.compare.controls import CONTROLS
-from rig.compare.fit import fit_rates
-from rig.compare.plausible import PlausibleFingers
-from rig.compare.statistics import Flags, by_pair, compared, correlation
 from sim.measures.measures import MEASURES
 
 Array = NDArray[np.float64]

@@ -1,7 +1,13 @@
-"""A model confidence set (Hansen, Lunde and Nason, Econometrica 79, 453, 2011): which candidates may be the best."""
+"""Which candidates may be the best: the model confidence set, cross-validation and the power of the test."""
+
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from rig.compare.candidates import Candidates, blocks, rejected
+from rig.compare.likelihood import Observed
 
 Array = NDArray[np.float64]
 
@@ -65,3 +71,50 @@ def _taken_out(t: Array) -> NDArray[np.int64]:
         t[worst, :] = -np.inf
         t[:, worst] = -np.inf
     return np.array(order)
+
+
+BLOCKS = 5
+
+
+class Predicted(NamedTuple):
+    """Deviances (N, p) where each position was not fitted, and (p,) those of the mean of what was fitted."""
+
+    deviance: Array
+    of_mean: Array
+
+    def share(self, at: NDArray[np.bool_] | slice = slice(None)) -> Array:
+        """(N,) of the deviance of the mean that is predicted, at some positions; 0: no better than the mean."""
+        of_mean = self.of_mean[at].sum()
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(1 - self.deviance[:, at].sum(axis=1) / of_mean)
+
+
+def predicted_left_out(candidates: Candidates, observed: Observed) -> Predicted:
+    """Every position is predicted once, from the stimuli or the blocks that it is not of."""
+    several = len(np.unique(observed.stimulus)) > 1
+    fold = observed.stimulus if several else blocks(observed, BLOCKS)
+    mean = np.empty(candidates.eps.shape[1:])
+    level = np.empty(len(observed.rate))
+    for number in np.unique(fold):
+        out = fold == number
+        fit = candidates.fitted(observed, ~out)
+        mean[:, out] = fit.found.rates(fit.eps[:, out])
+        level[out] = np.average(observed.rate[~out], weights=observed.base[~out])
+    return Predicted(observed.deviance(mean), observed.deviance(level))
+
+
+def imitated(measures: Candidates, observed: Observed, truth: Array) -> tuple[int, float]:
+    """The candidate that imitates expected rates (p,) best, and how probably even its fit would be rejected.
+
+    The candidates are fitted to these rates without noise; what is left is the non-centrality of the F test.
+    """
+    noise, even = observed.noise, observed.evenness
+    told = replace(observed, rate=truth)
+    fit = measures.fitted(told)
+    variance = noise.dispersion * told.variance(fit.found.mean)
+    shrunk = variance / (variance + measures.discrepancy(fit))
+    misfit = (fit.found.deviance / noise.dispersion * shrunk).sum(axis=1)
+    best = int(np.argmin(misfit))
+    freedom = max(float(told.share(truth).sum()) - measures.parameters, 1.0)
+    chance = rejected(np.array(even * misfit[best]), even * freedom, even * noise.freedom)
+    return best, float(chance)

@@ -1,4 +1,4 @@
-"""Parameter studies: the same presses on many fingers and receptors, every combination of what is given as a list.
+"""Parameter studies: the same presses on every combination of fingers and receptors.
 
 The file is TOML:
 
@@ -11,19 +11,21 @@ The file is TOML:
     force_gwt = [2.33, 8.0]             # or doi_mm
 """
 
+import dataclasses
 import itertools
 import tomllib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Protocol, Self, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from rig.compare.parameter_study.errors import StudyError
-from rig.plan.toml_file import told_of
+from rig.errors import RigError
+from rig.plan.config import told_of
 from sim.config import FingertipConfig
+from sim.contact.indentor import ALONG
 from sim.contact.patch import X
 from sim.contact.shapes import ShapeError, parse_shape
 from sim.errors import ModelRangeError
@@ -32,7 +34,51 @@ from sim.finger.surface import SurfaceError
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorError
 from sim.models.fingertip import Fingertip
-from sim.models.interpolation import Asked
+from sim.models.interpolation import Asked, Node, missing_nodes, worth_interpolating
+
+
+class OnAFinger(Protocol):
+    """Presses on one finger: a dataclass, with `exact` where the finger is built in full."""
+
+    __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
+
+    @property
+    def exact(self) -> bool: ...
+
+    @property
+    def finger(self) -> Asked: ...
+
+    @property
+    def shapes(self) -> Sequence[str]: ...
+
+
+Work = TypeVar("Work", bound=OnAFinger)
+
+
+def interpolated(work: Sequence[Work]) -> list[Work]:
+    """The same, those interpolated where fingers differ in the moduli of dermis and fat alone."""
+    chosen = worth_interpolating([one.finger for one in work])
+    return [replace(one, exact=not other) for one, other in zip(work, chosen, strict=True)]
+
+
+def nodes_to_build(work: Sequence[OnAFinger]) -> list[Node]:
+    """Full builds that interpolated fingers need and that are not on disk: pieces of work for `make_node`."""
+    them = [one for one in work if not one.exact]
+    axes = dict.fromkeys([ALONG, *(parse_shape(shape).axes for one in them for shape in one.shapes)])
+    return missing_nodes([one.finger for one in them], axes)
+
+
+class StudyError(RigError, ValueError):
+    """The file of a study is not understood; the message names file and key."""
+
+    default_code = "study"
+
+
+class WorkersError(RigError):
+    """The work cannot be given out, or those who did it have gone."""
+
+    default_code = "workers"
+
 
 _NATIVE_LISTS = ("points", "sections")
 """Keys of a finger whose values are tables; they are not varied."""

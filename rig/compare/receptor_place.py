@@ -1,29 +1,179 @@
-"""The likeliest place of the receptor for each measure, with profile-likelihood limits.
+"""Fit the place of a receptor to its recording, with profile-likelihood limits.
 
 Every measure has its own k and ε₀ at every place. The frame is that of all comparisons, x_indentor = position +
 x_receptor, with the offset added where one is asked for; all places are judged over the same positions.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtri
 
-from rig.compare.answers.answer import LEVEL
-from rig.compare.answers.goodness import lack_of_fit
-from rig.compare.answers.likeliest import Form, Likeliest, likeliest
-from rig.compare.answers.observed import Observed, observed
-from rig.compare.comparison import Overlay
-from rig.compare.place.place_grid import PlaceRange, Range, spline_weights
-from rig.compare.place.place_search import least, region
-from rig.compare.place.whereabouts import PlaceRow, Whereabouts
-from rig.compare.statistics import Flags, compared
+from rig.compare.candidates import lack_of_fit
+from rig.compare.comparison import Overlay, compare
+from rig.compare.fit import Flags, compared
+from rig.compare.judge import afferents
+from rig.compare.likelihood import Form, Likeliest, Observed, likeliest, observed
+from rig.compare.place_grid import (
+    PlaceRange,
+    PlaceRow,
+    Range,
+    Whereabouts,
+    finger_with_grid,
+    nodes,
+    place_range,
+    spline_weights,
+)
+from rig.compare.recordings.recording import Recording
+from rig.compare.stimuli import stimuli
+from rig.compare.verdict import LEVEL
+from rig.data import Run
+from rig.plan.config import load_config
+from sim.config import FingertipConfig
 from sim.measures.measures import MEASURES
+from sim.models.fingertip import Fingertip
+
+# The least of a deviance over places, and the region about it that is not unlikely.
+#
+# Deviances have narrow, slanting valleys, narrower than a grid of the whole range: the best nodes of one are followed
+# down by grids that shrink about the best place, and the region is looked for along rays from the least, in
+# coordinates in which it would be round if the deviance were a parabola.
 
 Array = NDArray[np.float64]
+Deviance = Callable[[Array], Array]
+"""(n,) of places (n, 3): x, depth and offset in mm."""
+
+_AROUND = np.linspace(-1.0, 1.0, 5)
+_STARTS, _ROUNDS, _SHRUNK, _FINE_MM = 4, 60, 0.4, 1e-3
+_FIRST_STEP_MM = 2e-3
+_DIRECTIONS = 64
+_RADII = np.concatenate([np.linspace(0.1, 2.0, 20), np.geomspace(2.2, 20.0, 10)])
+
+
+def least(deviance: Deviance, low: Array, high: Array, steps: Array) -> Array:
+    """(3,) the place in a box with the least deviance, from the best nodes of a grid with steps (3,) on."""
+    axes = [nodes((a, b), step) for a, b, step in zip(low, high, steps, strict=True)]
+    grid = np.array(list(product(*axes)))
+    total = deviance(grid)
+    ended = [
+        follow(deviance, start, low, high, steps) for start in _apart(grid[np.argsort(total, kind="stable")], steps)
+    ]
+    return ended[int(np.argmin(deviance(np.array(ended))))]
+
+
+def _apart(ordered: Array, steps: Array) -> list[Array]:
+    """The first few places that are no neighbours of one that was taken."""
+    taken: list[Array] = []
+    for place in ordered:
+        if all((np.abs(place - other) > 1.5 * steps).any() for other in taken):
+            taken.append(place)
+        if len(taken) == _STARTS:
+            break
+    return taken
+
+
+def follow(deviance: Deviance, start: Array, low: Array, high: Array, steps: Array) -> Array:
+    """(3,) downhill from a place: the grid about it moves along while its edge is better, and shrinks where not."""
+    free = low < high
+    around = np.array(list(product(*(_AROUND if one else [0.0] for one in free))))
+    at, step, middle = start, steps.copy(), len(around) // 2
+    for _ in range(_ROUNDS):
+        tried = np.clip(at + around * step, low, high)
+        total = deviance(tried)
+        best = int(np.argmin(total))
+        if not total[best] < total[middle]:
+            best = middle  # level ground leads nowhere
+        if not (np.abs(around[best]) == 1).any():
+            step = _SHRUNK * step
+        at = tried[best]
+        if (step[free] < _FINE_MM).all():
+            break
+    return at
+
+
+def region(deviance: Deviance, best: Array, low: Array, high: Array, limit: float) -> tuple[Array, Array]:
+    """(3,) lowest and highest x, depth and offset at which the deviance, from the least on, is within a limit.
+
+    Rays that meet an end of the box go on along it.
+    """
+    free = np.flatnonzero(low < high)
+    rays = _rays(_round(deviance, best, low, high, limit), len(free))
+    places = np.broadcast_to(best, (len(rays), len(_RADII), 3)).copy()
+    places[..., free] += _RADII[:, None] * rays[:, None, :]
+    places = np.clip(places, low, high)
+    above = deviance(places.reshape(-1, 3)).reshape(places.shape[:2]) - limit
+    here = float(deviance(best[None])[0]) - limit
+    inside = [best]
+    for along, excess in zip(places, above, strict=True):
+        out = np.flatnonzero(excess > 0)
+        last = int(out[0]) if len(out) else len(along)
+        inside += list(along[:last])
+        if len(out):
+            before, was = (along[last - 1], excess[last - 1]) if last else (best, here)
+            inside.append(before + (along[last] - before) * was / (was - excess[last]))
+    return np.min(inside, axis=0), np.max(inside, axis=0)
+
+
+def _round(deviance: Deviance, best: Array, low: Array, high: Array, limit: float) -> Array:
+    """(free, free) columns that lead from the least to the limit, were the deviance a parabola."""
+    free = np.flatnonzero(low < high)
+    room = limit - float(deviance(best[None])[0])
+    steps = np.array([_until(deviance, best, axis, low, high, 0.5 * room) for axis in free])
+    centre = best.copy()
+    centre[free] = np.clip(best[free], low[free] + steps, high[free] - steps)
+    stencil = np.array(list(product((-1, 0, 1), repeat=len(free))), dtype=float)
+    places = np.repeat(centre[None], len(stencil), axis=0)
+    places[:, free] += stencil * steps
+    value = deviance(places)
+    pairs = [(a, b) for a in range(len(free)) for b in range(a, len(free))]
+    terms = np.stack([np.ones(len(stencil)), *stencil.T, *(stencil[:, a] * stencil[:, b] for a, b in pairs)], axis=1)
+    found = np.linalg.lstsq(terms, value, rcond=None)[0][1 + len(free) :]
+    curved = np.zeros((len(free), len(free)))
+    for (a, b), one in zip(pairs, found, strict=True):
+        curved[a, b] += 0.5 * one
+        curved[b, a] += 0.5 * one
+    bend, axes = np.linalg.eigh(curved)
+    widest = float(np.max((high - low)[free] / steps))
+    return steps[:, None] * axes * np.sqrt(room / np.maximum(bend, room / widest**2))
+
+
+def _until(deviance: Deviance, best: Array, axis: np.int64, low: Array, high: Array, rise: float) -> float:
+    """How far along an axis the deviance rises by so much, on either side; a quarter of the range at most."""
+    widest = 0.25 * (high - low)[axis]
+    steps = _FIRST_STEP_MM * 1.5 ** np.arange(20)
+    steps = np.append(steps[steps < widest], widest)
+    places = np.repeat(best[None], 2 * len(steps), axis=0)
+    places[:, axis] += np.concatenate([steps, -steps])
+    there = deviance(np.clip(places, low, high)).reshape(2, -1).max(axis=0)
+    enough = np.flatnonzero(there - deviance(best[None]) >= rise)
+    return float(steps[enough[0]] if len(enough) else widest)
+
+
+def _rays(columns: Array, free: int) -> Array:
+    """(n, free) vectors of the round region: spread evenly, and those that lead farthest along each axis."""
+    if free == 1:
+        return np.array([columns[0], -columns[0]])
+    even = _circle() if free == 2 else _sphere()
+    farthest = columns / np.linalg.norm(columns, axis=1, keepdims=True)
+    return np.asarray(np.concatenate([even, farthest, -farthest]) @ columns.T)
+
+
+def _circle() -> Array:
+    turn = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    return np.stack([np.cos(turn), np.sin(turn)], axis=1)
+
+
+def _sphere() -> Array:
+    """A spiral from pole to pole."""
+    number = np.arange(_DIRECTIONS) + 0.5
+    height, turn = 1 - 2 * number / _DIRECTIONS, np.pi * (1 + 5**0.5) * number
+    flat = np.sqrt(1 - height**2)
+    return np.asarray(np.stack([flat * np.cos(turn), flat * np.sin(turn), height], axis=1))
+
 
 _STEPS_MM = np.array([0.05, 0.15, 0.05])
 """Of the first grid in x, depth and offset: profiles change within a tenth of a millimetre."""
@@ -161,3 +311,37 @@ def _at_bounds(crossed: Sequence[Range], ranges: Sequence[Range]) -> tuple[str, 
 
 
 _SAME_MM = 1e-9
+
+
+class Sought(NamedTuple):
+    """Ranges in mm that are asked for; None: the usual depths, and no offset."""
+
+    x_mm: Range
+    depth_mm: Range | None = None
+    offset_mm: Range | None = None
+
+
+def sought_in(runs: Sequence[Run], sought: Sought) -> PlaceRange:
+    """The range of the fit, which must lie in one layer of every run's finger. Raises ComparisonError."""
+    configs = [_finger(run) for run in runs]
+    where = place_range(*sought, configs[0])
+    for config in configs[1:]:
+        place_range(where.x_mm, where.depth_mm, sought.offset_mm, config)
+    return where
+
+
+def places(
+    runs: Sequence[Run], recordings: Mapping[str, Recording], where: PlaceRange, form: Form, *, normalise: bool
+) -> list[Whereabouts]:
+    """One for each afferent, as of the answers; none of one with too few positions covered."""
+    fingers: dict[str, Fingertip] = {}
+    for config in map(_finger, runs):
+        name = config.model_dump_json()
+        fingers[name] = fingers.get(name) or finger_with_grid(config, where)
+    on_grid = [one for run in runs for one in stimuli(run, fingers[_finger(run).model_dump_json()])]
+    laid = afferents(compare(on_grid, recordings, normalise=normalise))
+    return [found for overlays in laid if (found := whereabouts(overlays, where, form)) is not None]
+
+
+def _finger(run: Run) -> FingertipConfig:
+    return load_config(run.folder.path / "config.toml").finger

@@ -1,4 +1,4 @@
-"""Spatial response profiles: what each receptor sees while an indentor is stepped across the pad.
+"""Stimuli: what each receptor sees while an indentor steps across the pad, with controls and maps.
 
 A population response is a measure at all receptors for one indentor position; an SSRP is a measure at one receptor
 against the indentor's position (Raju 1998, ch. 5). One run gives both.
@@ -7,21 +7,79 @@ against the indentor's position (Raju 1998, ch. 5). One run gives both.
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compare.controls import controls
 from rig.data import Run
-from rig.plan.responses import Response, responses
-from rig.plan.shape_files import from_copy
-from sim.contact.shapes import shape_name
+from rig.plan.finger_model import Response, from_copy, responses
+from sim.contact.patch import X, Z
+from sim.contact.shapes import parse_shape, shape_name
 from sim.measures.measures import MEASURES, shown
 from sim.models.cache import Arrays, cached_arrays, content_key, simulator_code
 from sim.models.fingertip import Fingertip
+from sim.models.full_mesh import strain_maps
 from sim.models.result import IndentationResult
+from sim.units import PSEUDO_E_EPIDERMIS
+
+# Controls: what a measure inside the finger has to beat, at the same receptors and positions.
+#
+# Pressure on the skin above a receptor and the skin's displacement there, the curvature of the indentor above it, and
+# the strain that a uniform elastic half-space would have at its depth under the same pressures (Phillips and Johnson,
+# J. Neurophysiol. 46, 1204, 1981). A constant rate, the fifth, needs no value.
 
 Array = NDArray[np.float64]
+
+CONTROLS = ("skin pressure", "skin displacement", "indentor curvature", "half-space strain")
+"""Pseudo-units, mm downwards, 1/mm (convex is positive), the maximum compressive strain as a magnitude."""
+
+_ACROSS_MM = 0.17  # the spacing of schedules: over it a corner's curvature is averaged
+_POISSON = 0.48
+
+
+def controls(result: IndentationResult) -> Array:
+    """(4, receptors) of one indentation, in the order of `CONTROLS`."""
+    x_mm, pressure = result.pressure_profile
+    receptors = result.model.receptors
+    at_mm = receptors.position_mm[:, X]
+    order = np.argsort(x_mm)
+    down_mm = -result.state.displacement[-1][result.model.across]
+    strain = half_space_strain(x_mm[order], pressure[order], at_mm, receptors.depths_mm)
+    return np.array(
+        [
+            np.interp(at_mm, x_mm[order], pressure[order]),
+            np.interp(at_mm, x_mm[order], down_mm[order]),
+            _curvature(result),
+            strain,
+        ]
+    )
+
+
+def half_space_strain(x_mm: Array, pressure: Array, at_mm: Array, depth_mm: Array) -> Array:
+    """(k,) maximum compressive strain (magnitude) at x and depth (k,) mm under pressures (n,) at ascending x (n,).
+
+    Plane strain, line loads summed (Johnson, Contact Mechanics, 1985, Eq. 2.17); E is the epidermis's 10 000.
+    """
+    load = pressure * np.gradient(x_mm)
+    s, d = x_mm - at_mm[:, None], depth_mm[:, None]
+    radial = -2 * load * d / (np.pi * (s * s + d * d) ** 2)
+    sxx, syy, sxy = ((radial * part).sum(axis=1) for part in (s * s, d * d, s * d))
+    shear = 2 * (1 + _POISSON) / PSEUDO_E_EPIDERMIS
+    middle = (1 + _POISSON) * (1 - 2 * _POISSON) / PSEUDO_E_EPIDERMIS * (sxx + syy) / 2
+    return np.asarray(shear / 2 * np.hypot((sxx - syy) / 2, sxy) - middle)
+
+
+def _curvature(result: IndentationResult) -> Array:
+    """(receptors,) turn of the indentor's surface above each, over the length in which it turns."""
+    receptors = result.model.receptors.position_mm
+    place = {X: receptors[:, X] - result.x_mm, Z: receptors[:, Z] - result.z_mm}
+    offset = np.array([place[axis] for axis in result.indentor.axes])
+    half = np.zeros_like(offset)
+    half[0] = _ACROSS_MM / 2
+    before, after = (np.arctan(result.indentor.evaluate(offset + side * half).slope[0]) for side in (-1, 1))
+    return np.asarray((after - before) / _ACROSS_MM)
+
 
 FAMILIES = ("step", "bar")
 """Shapes that are judged together."""
@@ -36,7 +94,7 @@ class Stimulus:
     `regions_mm` (n, k, 2) ends of the contact regions there, NaN where there are fewer.
     `on_fingers` (fingers, 18, n, receptors) are the measures on the design of plausible fingers, where one is stated;
     `interpolated` says that some of these fingers were not built in full. `controls` (4, n, receptors) are those of
-    `rig/compare/controls.py`, None where they are not known.
+    `rig/compare/stimuli.py`, None where they are not known.
     Strains are numbers, stresses and pressures pseudo-units.
     """
 
@@ -226,3 +284,53 @@ def answers_key(finger: Fingertip, asked: object) -> str:
     receptors = finger.model.receptors
     what = [asked, simulator_code(), finger.config.model_dump(mode="json"), finger.e_epidermis_mpa]
     return content_key([*what, receptors.position_mm.tolist(), receptors.depths_mm.tolist()])
+
+
+MAPPED = ("sed", "ep1")
+_SHOWN_POSITIONS = 3
+
+
+@dataclass(frozen=True)
+class StimulusMap:
+    """One stimulus at one position, deformed: corners (n + 1, m + 1, 2), receptors (r, 2), values (n, m)."""
+
+    stimulus: Stimulus
+    x_mm: float
+    corner_mm: Array
+    receptor_mm: Array
+    values: dict[str, Array]  # in the signs of `shown`
+
+
+def stimulus_maps(run: Run, finger: Fingertip, stimuli: Sequence[Stimulus]) -> list[StimulusMap]:
+    """Maps at three positions of each stimulus of a run, fewer of a shorter schedule; cached like its responses."""
+    scenes = [(stimulus, k) for stimulus in stimuli for k in _positions(len(stimulus.x_mm))]
+    key = content_key(["stimulus maps", *MAPPED, _SHOWN_POSITIONS, responses_key(run, finger)])
+    arrays, _ = cached_arrays(key, lambda: _arrays(finger, scenes), kind="answers")
+    found = cast(dict[str, Array], arrays)
+    return [_from_arrays(stimulus, k, found, n) for n, (stimulus, k) in enumerate(scenes)]
+
+
+def _from_arrays(stimulus: Stimulus, k: int, found: dict[str, Array], n: int) -> StimulusMap:
+    values = {name: found[f"{name} {n}"] for name in MAPPED}
+    return StimulusMap(stimulus, float(stimulus.x_mm[k]), found[f"corner {n}"], found[f"receptor {n}"], values)
+
+
+def _positions(n: int) -> list[int]:
+    """A quarter, half and three quarters of the way through a schedule."""
+    quarters = np.arange(1, _SHOWN_POSITIONS + 1) / (_SHOWN_POSITIONS + 1)
+    return sorted({int(k) for k in np.round(quarters * (n - 1))})
+
+
+def _arrays(finger: Fingertip, scenes: Sequence[tuple[Stimulus, int]]) -> Arrays:
+    shapes = {name: parse_shape(name) for name in {s.read_as for s, _ in scenes}}
+    results = [
+        finger.indent(shapes[s.read_as], shapes[s.read_as].lateral_mm(float(s.x_mm[k])), doi_mm=float(s.doi_mm[k]))
+        for s, k in scenes
+    ]
+    maps = strain_maps(finger.config, results) if results else []
+    arrays: Arrays = {}
+    for n, one in enumerate(maps):  # a mesh for each kind of indentor: they need not be of one size
+        arrays[f"corner {n}"] = one.moved_mm
+        arrays[f"receptor {n}"] = one.carried(finger.model.receptors.position_mm[:, :2])
+        arrays |= {f"{name} {n}": shown(name, one.measures[name]) for name in MAPPED}
+    return arrays

@@ -7,10 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.comparison import Joint
-from rig.compare.fingers.finger_fit import fit_all_with_finger, fit_with_finger, free_of, weights
-from rig.compare.fit import Fit, fit_rates
-from rig.compare.plausible import places
-from rig.compare.statistics import Flags, Interval, by_pair, compared, interval, not_worse, squared_residuals
+from rig.compare.fingers import fit_all_with_finger, fit_with_finger, free_of, places, weights
+from rig.compare.fit import Fit, Flags, Interval, by_pair, compared, fit_rates, interval, not_worse, squared_residuals
 
 Array = NDArray[np.float64]
 

@@ -1,4 +1,4 @@
-"""Who owns ports now: one note a process, in a folder that only this user reads, and how such a process is asked."""
+"""Find the process that owns a port and ask it what it is doing."""
 
 import errno
 import os
@@ -6,6 +6,7 @@ import stat
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from datetime import datetime
 from multiprocessing import AuthenticationError
 from pathlib import Path
 from typing import Any, Literal
@@ -14,8 +15,8 @@ import filelock
 from platformdirs import user_runtime_path
 from pydantic import BaseModel, ValidationError
 
+from rig.control.messages import BROKEN, Wire, connected, encoded
 from rig.errors import RigError
-from rig.session.control.conversation import BROKEN, Wire, connected, encoded
 
 ASK_S = 1.0
 STOP = {"do": "stop"}
@@ -173,3 +174,33 @@ def _private(folder: Path) -> Path:
         if stat.S_IMODE(found.st_mode) != 0o700:
             folder.chmod(0o700)
     return folder
+
+
+_ANSWER_S = 0.5
+
+
+def at_work(owner: int) -> dict[str, str]:
+    """What a process does, since when, and what stops it; nothing of one that has not announced itself."""
+    try:
+        found = next((one for one in announced() if one.pid == owner), None)
+    except OSError:  # nobody can be announced there
+        found = None
+    if found is None:
+        return {}
+    since = datetime.fromtimestamp(found.began_unix_s).isoformat(" ", "seconds")
+    return {"does": f"{_what(found)}, {_state(found)}", "since": since, "stopped by": _stop(found)}
+
+
+def _what(owner: Announced) -> str:
+    return owner.kind if owner.protocol is None else f"{owner.kind} of {owner.protocol}"
+
+
+def _state(owner: Announced) -> str:
+    try:
+        return str(owner.ask("status", within_s=_ANSWER_S)["state"])
+    except ControlError as error:
+        return str(error)
+
+
+def _stop(owner: Announced) -> str:
+    return "rig stop" if owner.config is None else f"rig stop --config {owner.config}"

@@ -12,7 +12,7 @@ from multiprocessing import AuthenticationError
 from multiprocessing.connection import Client, Connection, answer_challenge, deliver_challenge
 from typing import Any
 
-from rig.transport.clock import WallClock
+from rig.clock import WallClock
 
 MOST_BYTES = 1 << 16
 _AGAIN_S = 0.005

@@ -13,17 +13,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from rig.control.client import STOP, Announced, Announcement, RefusedError, lock_of, remove, runtime_folder
+from rig.control.messages import BROKEN, Wire, connected, encoded
 from rig.errors import RigError
-from rig.session.control.announcements import (
-    STOP,
-    Announced,
-    Announcement,
-    RefusedError,
-    lock_of,
-    remove,
-    runtime_folder,
-)
-from rig.session.control.conversation import BROKEN, Wire, connected, encoded
 
 Answers = Mapping[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]
 """What is done for each request, and said of it; called from threads of their own, several at once."""

@@ -1,17 +1,333 @@
-"""A stop from a process that does not own the stage: it goes out whatever the state of owners, locks and disks is."""
+"""Stop the stage: from another thread, from another process, whatever the state of locks and disks."""
 
+import io
+import re
 import threading
+import tomllib
 from collections.abc import Callable, Iterable
 from contextlib import closing, suppress
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
+from typing import Any, Self
 
+from pydantic import ValidationError
+
+from rig.clock import Clock, WallClock
+from rig.control.client import Announced, ControlError, announced
+from rig.devices.base import Stage, StageError
 from rig.devices.bench_settings import BenchSettings, StageSettings
-from rig.devices.drivers import stage_driver
-from rig.devices.stage.base import StageError
-from rig.session.control.announcements import Announced, ControlError, announced
+from rig.devices.drivers import open_stage, stage_driver
+from rig.devices.registry import DEFAULTS, KindError, StageKind, find
+from rig.errors import RigError
 from rig.transport import NotOwnedError, PortOwner, Transport, TransportError, first_owner, open_port, port_owner
-from rig.transport.clock import Clock, WallClock
+from rig.transport.stop_gate import StopGate
+from rig.transport.wire import Sink
+
+_OPEN_S = 3.0
+_IN_HAND_AGAIN_S = 0.005
+
+
+class StageInHand:
+    """Opened once, before anybody can ask for a stop; lent to the run's bench; closed when nobody can ask any more.
+
+    A stage that was stopped is let go when the bench gives it back: somebody may have to lift it at once. Where a
+    port was let go, or has dropped, it is opened anew for whoever needs it.
+    """
+
+    def __init__(self, settings: BenchSettings, clock: WallClock) -> None:
+        """clock: the run's."""
+        self.clock, self.gate = clock, StopGate()
+        self._settings = settings
+        self._kept = io.StringIO()
+        self._log: Sink = self._kept
+        self._stage: Stage | None = None
+        self._wires: list[Transport] = []
+        self._lent = False
+        self._changing = threading.RLock()
+
+    @property
+    def kept(self) -> str:
+        """The bytes that went while no run's byte log was there, as its lines."""
+        return self._kept.getvalue()
+
+    def write(self, text: str, /) -> None:
+        """A line of a byte log, for the one that is there."""
+        self._log.write(text)
+
+    def open(self) -> Self:
+        """Raises TransportError."""
+        self._opened()
+        return self
+
+    def lend(self, byte_log: Sink) -> Stage:
+        """To the run's bench, until it gives it back; meanwhile the bytes go to its log. Raises TransportError."""
+        with self._changing:
+            self._log = byte_log
+            stage = self._stage
+            if stage is None or self._dropped():
+                stage = self._opened()
+            self._lent = True
+            return stage
+
+    def give_back(self) -> None:
+        """Its wires stay open for a stop, unless it was stopped."""
+        with self._changing:
+            self._lent, self._log = False, self._kept
+            if self._stage is not None and not self._stage.homed:
+                self.close()
+
+    def active_inputs(self) -> frozenset[str]:
+        """Ask a stage that has not been spoken to for its stop inputs; changes nothing. From the run's thread.
+
+        Raises TransportError, StageError.
+        """
+        stage = self._stage or self._opened()
+        stage.look()
+        return stage.active_inputs()
+
+    def stop(self) -> None:
+        """From any thread but the run's; behind it nothing else goes out. Raises TransportError, StageError."""
+        with self.gate.stopping(), self._changing:
+            if self._stage is not None:
+                with suppress(TransportError):
+                    self._stage.stop()
+                    if self._lent or not self._dropped():
+                        return
+            self._stop_anew()
+
+    def close(self) -> None:
+        """Give the ports back."""
+        with self._changing:
+            stage, self._stage = self._stage, None
+            self._wires.clear()
+            if stage is not None:
+                stage.close()
+
+    def _opened(self) -> Stage:
+        with self._changing:
+            self.close()
+            self._stage = open_stage(self._settings, self.clock, self, self._guarded)
+            return self._stage
+
+    def _guarded(self, wire: Transport) -> Transport:
+        self._wires.append(wire)
+        return self.gate.guarded(wire)
+
+    def _dropped(self) -> bool:
+        """Whether a wire has come to its end while nobody listened; what has come on it is not waited for."""
+        try:
+            for wire in self._wires:
+                while wire.read(0.0):
+                    pass
+        except TransportError:
+            return True
+        return False
+
+    def _stop_anew(self) -> None:
+        """Through ports that are opened for it, beside whoever has them meanwhile: a stop waits for no lock."""
+        deadline_s = self.clock.monotonic_s() + _OPEN_S
+        while True:
+            try:
+                stage = self._opened()
+                break
+            except TransportError as busy:
+                if isinstance(busy, NotOwnedError):
+                    with suppress(TransportError):  # a gateway that takes one client: it may be free soon
+                        self._stop_beside()
+                        return
+                if self.clock.monotonic_s() >= deadline_s:
+                    raise
+                self.clock.wait_s(_IN_HAND_AGAIN_S)
+        stage.stop()
+
+    def _stop_beside(self) -> None:
+        """Without owning the ports, which are given back at once: nothing but a stop may go out like this."""
+        with closing(open_stage(self._settings, self.clock, self, self.gate.guarded, owned=False)) as stage:
+            stage.stop()
+
+
+def answer_to_a_stop(stop: Callable[[], None]) -> dict[str, Any]:
+    """What whoever asked for it is told; also where the stage was not reached, or does not say that it stands."""
+    try:
+        stop()
+    except (StageError, TransportError) as error:
+        return {"stopped": True, "unconfirmed": str(error)}
+    return {"stopped": True}
+
+
+class EndedError(RigError):
+    """What was to be stopped has ended. One line."""
+
+    default_code = "ended"
+
+
+class StopSwitch:
+    """Stops the stage past whatever the main thread does, and then ends that.
+
+    Whoever asks may come before the main thread is there to be ended, and after it has ended by itself. It learns of
+    a stop when it begins, is interrupted meanwhile, and no stop is taken once it writes down how it ended.
+    """
+
+    def __init__(self, stage: StageInHand | None, interrupt: Callable[[], None]) -> None:
+        """stage: None for a virtual bench, which the main thread stops itself. interrupt: ends what that does."""
+        self._stage, self._interrupt_main = stage, interrupt
+        self._one, self._guard = threading.Lock(), threading.Lock()
+        self._taken, self._over = True, False
+        self.stopped = False
+
+    @property
+    def kept(self) -> str:
+        """The bytes that are in no run's byte log, as its lines."""
+        return "" if self._stage is None else self._stage.kept
+
+    def stop(self) -> None:
+        """From any thread but the main one.
+
+        Raises TransportError, StageError where the stage could not be told, EndedError where nothing of it moves any
+        more.
+        """
+        with self._one:
+            if self._over:
+                raise EndedError("it has just ended: nothing of it moves any more")
+            self.stopped = True  # first: whatever the main thread meets from now on is this
+            try:
+                if self._stage is not None:
+                    self._stage.stop()
+            finally:
+                self._interrupt()
+
+    def noticed(self) -> bool:
+        """Whether there was a stop, which the main thread knows of from here on: it is not interrupted any more."""
+        if self.stopped:
+            with self._guard:
+                self._taken = True
+        return self.stopped
+
+    def begins(self) -> None:
+        """The main thread can be interrupted from here on. Raises KeyboardInterrupt where a stop has come before."""
+        with self._guard:
+            self._taken = already = self.stopped
+        if already:
+            raise KeyboardInterrupt
+
+    def ready(self) -> None:
+        """The main thread begins something else, which a stop may end."""
+        with self._guard:
+            self._taken = False
+
+    def over(self) -> None:
+        """The main thread is not interrupted any more. Returns when no stop is under way; none is taken after it."""
+        with self._guard:
+            self._taken = True
+        with self._one:
+            self._over = True
+
+    def _interrupt(self) -> None:
+        with self._guard:  # also while it is sent: none is on its way when over() returns
+            if not self._taken:
+                self._taken = True
+                self._interrupt_main()
+
+
+_HEADER = re.compile(r"\s*\[+\s*[\"']?([A-Za-z_]\w*)")
+_WHICH = ("kind", "port", "device_id")
+_TRIES = 100  # values that are passed over
+
+
+class NoStageError(RigError):
+    """The file does not say which stage. One line."""
+
+    default_code = "no_stage"
+
+
+def stage_alone(path: Path) -> tuple[BenchSettings, tuple[str, ...]]:
+    """Read [stage] of a configuration file, however wrong the rest of it is.
+
+    A value of [stage] that is wrong is left at its default, unless it says what the stage is or where; the table of
+    another kind is not read.
+
+    Parameters
+    ----------
+    path : Path
+        The configuration file.
+
+    Returns
+    -------
+    tuple of (BenchSettings, tuple of str)
+        Settings of which only the stage is read, and one line for each thing that was passed over.
+
+    Raises
+    ------
+    NoStageError
+        If the file cannot be read, or kind, port or device id are wrong.
+    """
+    tables, passed = _tables(path)
+    stage = _of_its_kind(tables.get("stage", {}))
+    for _ in range(_TRIES):
+        try:
+            return BenchSettings(stage=StageSettings.model_validate(stage)), tuple(passed)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            where = [str(key) for key in first["loc"]]
+            wrong = NoStageError("config {path}: {key}: {problem}", code="invalid_value", path=str(path),
+                                 key=".".join(["stage", *where]), problem=first["msg"])  # fmt: skip
+            if not where or where[-1] in _WHICH or not _dropped(stage, where):
+                raise wrong from None
+            passed.append(str(wrong))
+    raise NoStageError("config {path}: [stage] cannot be read", path=str(path))
+
+
+def _tables(path: Path) -> tuple[dict[str, Any], list[str]]:
+    try:
+        text = path.read_bytes().decode("utf-8-sig", "replace")
+    except OSError as error:
+        problem = str(error.strerror or error)
+        raise NoStageError("config {path}: {problem}", code="unreadable", path=str(path), problem=problem) from None
+    try:
+        return tomllib.loads(text), []
+    except tomllib.TOMLDecodeError as error:
+        whole = NoStageError("config {path}: not valid TOML: {problem}", code="no_toml", path=str(path),
+                             problem=str(error))  # fmt: skip
+    try:
+        return tomllib.loads(_of_the_stage(text)), [str(whole)]
+    except tomllib.TOMLDecodeError:
+        raise whole from None
+
+
+def _of_its_kind(stage: Any) -> Any:
+    try:
+        place = find(StageKind, stage.get("kind", DEFAULTS["stage"])).place
+    except (AttributeError, KindError):
+        return stage
+    return {key: value for key, value in stage.items() if key == place or not isinstance(value, dict)}
+
+
+def _of_the_stage(text: str) -> str:
+    """The lines of [stage] and of the tables in it."""
+    kept, inside = [], False
+    for line in text.splitlines():
+        header = _HEADER.match(line)
+        if header is not None:
+            inside = header[1] == "stage"
+        if inside:
+            kept.append(line)
+    if not kept:
+        raise tomllib.TOMLDecodeError("no [stage]")
+    return "\n".join(kept)
+
+
+def _dropped(table: Any, where: list[str]) -> bool:
+    """Whether a value was there to be taken out: the innermost that is named, since a place may be inside a list."""
+    inner = table
+    for n, key in enumerate(where):
+        if not isinstance(inner, dict) or key not in inner:
+            return False
+        if n == len(where) - 1 or not isinstance(inner[key], dict):
+            del inner[key]
+            return True
+        inner = inner[key]
+    return False
+
 
 BESIDE_S = 0.025
 """An owner that has not answered by then may hang: the bytes go out beside it."""

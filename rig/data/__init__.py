@@ -5,10 +5,9 @@ from typing import TYPE_CHECKING
 from rig import door
 
 if TYPE_CHECKING:
-    from rig.data.export import export_run
+    from rig.data.export import NwbMissingError, export_nwb, export_run
     from rig.data.folder import FolderBusyError, RunFolder, new_run_folder
-    from rig.data.nwb import NwbMissingError, export_nwb
-    from rig.data.reader import Run, RunError, read_run
+    from rig.data.run import Run, RunError, read_run
 
 __all__ = [
     "FolderBusyError",
@@ -25,17 +24,17 @@ __all__ = [
 __getattr__ = door(
     __name__,
     {
-        "rig.data.export": ("export_run",),
+        "rig.data.export": (
+            "NwbMissingError",
+            "export_nwb",
+            "export_run",
+        ),
         "rig.data.folder": (
             "FolderBusyError",
             "RunFolder",
             "new_run_folder",
         ),
-        "rig.data.nwb": (
-            "NwbMissingError",
-            "export_nwb",
-        ),
-        "rig.data.reader": (
+        "rig.data.run": (
             "Run",
             "RunError",
             "read_run",

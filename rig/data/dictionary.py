@@ -3,9 +3,8 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from rig.data.run_tables import OF_THE_PRESS, SUPERSEDED
-from rig.data.summary import HOLD_COLUMNS, RUN_COLUMNS
-from rig.engine.streams import PRESS_STREAMS, STREAMS
+from rig.data.schema import PRESS_STREAMS, STREAMS
+from rig.data.tables import HOLD_COLUMNS, OF_THE_PRESS, RUN_COLUMNS, SUPERSEDED
 
 TABLES = {
     "indentation_start": "an indentation begins",

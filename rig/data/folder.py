@@ -254,3 +254,10 @@ def replace_bytes(path: Path, content: bytes) -> None:
 
 def _digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+SCRIPT = "meeting_script.py"
+"""What the provenance of a meeting names as its script."""
+
+MEETING_PAGE = "meeting.html"
+"""In the folder of the run, once it has ended with something learned."""

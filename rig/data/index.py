@@ -1,4 +1,4 @@
-"""The runs of a folder: their folders are the truth, and an index spares reading every journal again.
+"""List and select the runs of a folder; an index spares reading every journal again.
 
 The index is one SQLite file beside the runs. It is believed of a run whose journal is the very file that was read;
 all else is read anew and written into it. Lost, corrupt, of another version, locked or not writable, it costs time.
@@ -12,10 +12,11 @@ import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass, fields
+from datetime import date
 from pathlib import Path
 
 from rig.data.folder import RunFolder
-from rig.data.summary import HOLD_COLUMNS, Row, Summary, alive, summarised
+from rig.data.tables import HOLD_COLUMNS, Row, Summary, alive, summarised
 
 INDEX = ".runs.sqlite"
 _EDITION = 1  # another one where the same columns mean something else
@@ -149,3 +150,25 @@ def _remove(path: Path) -> None:
             one.unlink(missing_ok=True)
         except OSError:
             return
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Which runs are asked for; None is all of them."""
+
+    subject: str | None = None
+    shape: str | None = None
+    protocol: str | None = None
+    state: str | None = None
+    since: date | None = None
+    until: date | None = None
+
+    def has(self, run: Summary) -> bool:
+        """Whether it is one of them; a shape is meant with and without what stands behind its colon."""
+        named = ((self.subject, run.subject), (self.protocol, run.protocol), (self.state, run.state))
+        if any(wanted not in (None, found) for wanted, found in named):
+            return False
+        if self.shape is not None and not any(self.shape in (one, one.partition(":")[0]) for one in run.shapes):
+            return False
+        day = date.fromisoformat(run.date_utc[:10])
+        return (self.since is None or day >= self.since) and (self.until is None or day <= self.until)

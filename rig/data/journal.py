@@ -1,4 +1,4 @@
-"""The truth about a run while it is running: one JSON document a line, on disk before it counts.
+"""The journal of a run: one JSON document a line, on disk before it counts.
 
 Documents: start, descriptor (the keys and units of a stream), event, stop, and resume where a run that had stopped
 goes on. A missing stop means a crash; a torn last line is dropped by the reader and cut off before anything is added.
@@ -8,17 +8,17 @@ import contextlib
 import json
 import os
 import uuid
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol
 
-from rig.engine.errors import LimitError, LostRecordError, RecordError, RunAborted, TripError
-from rig.errors import RigError
+from rig.errors import LimitError, LostRecordError, RecordError, RigError, RunAborted, TripError
 from rig.line_file import LineFile, LostFileError
 
 if TYPE_CHECKING:
-    from rig.transport.clock import Clock  # with which ports would come: a journal is read without any
+    from rig.clock import Clock
+
 
 Document = dict[str, Any]
 
@@ -241,3 +241,47 @@ def is_document(found: object) -> bool:
     """Whether something read is one, by the keys that each has."""
     needed = _NEEDED.get(str(found.get("doc"))) if isinstance(found, dict) else None
     return needed is not None and isinstance(found, dict) and needed <= found.keys()
+
+
+# A journal for a list of many runs: every line is seen to be whole, and of the events few are taken apart.
+#
+# It is cut at once where one event follows another, as the journal writes them. Written otherwise, torn, or with
+# bytes that are no ASCII it is read as for anything else.
+
+_BETWEEN = '}}\n{"doc": "event", '
+_READING = 'sample", "data": {'
+"""Nine lines in ten are readings: with this in it a line is one of them."""
+_STREAM = '"stream": "'
+"""The first one in a line is its own: what is recorded comes after it."""
+_BLOCK = 1 << 15
+"""Bytes at a time: what is cut is thrown away while it is near."""
+
+
+def listed_documents(path: Path, streams: Collection[str]) -> list[Document]:
+    """All but the events of other streams, of which some may be among them. Raises OSError, JournalError."""
+    found = _documents(_BETWEEN.join(_kept(path, tuple(f'{_STREAM}{stream}"' for stream in streams))))
+    return list(read_journal(path, readings=False)) if found is None else found
+
+
+def _kept(path: Path, wanted: tuple[str, ...]) -> Iterator[str]:
+    """The begin and the end, events that are wanted, and whatever stands between events."""
+    with path.open("rb", buffering=0) as file:
+        left, first = "", True
+        while block := file.read(_BLOCK):
+            *lines, left = (left + block.decode("latin-1")).split(_BETWEEN)
+            for line in lines:
+                if first or "\n" in line or (_READING not in line and line.startswith(wanted, line.find(_STREAM))):
+                    yield line
+                first = False
+        yield left
+
+
+def _documents(text: str) -> list[Document] | None:
+    """Of lines; None where they are not as the journal writes them."""
+    if not (text.isascii() and text.endswith("\n")):
+        return None
+    try:
+        found = json.loads(f"[{text[:-1].replace(chr(10), ',')}]")
+    except ValueError:
+        return None
+    return found if len(found) == text.count("\n") and all(map(is_document, found)) else None

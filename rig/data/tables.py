@@ -1,14 +1,132 @@
-"""What a list says of one run, and its holds as rows of one table of many runs."""
+"""The journal as tables, a run's summary for lists, and what its time was spent on."""
 
 import os
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 from rig.data.folder import RunFolder
-from rig.data.reader import Run, RunError, read_run
-from rig.data.run_tables import table
+from rig.data.run import Run, RunError, read_run
+from rig.data.schema import PRESS_STREAMS, WAITED_FOR
+
+OF_THE_PRESS = {
+    "indentor": "", "target_doi_mm": "mm", "target_force_gwt": "gwt", "block": "", "repeat": "", "condition": "",
+}  # fmt: skip
+"""Columns that every table of a press ends with, and their units: what was pressed, how far, and why."""
+
+SUPERSEDED = "_superseded"
+_START = "indentation_start"
+
+TableRow = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Events of one stream: their columns with units, and a row for each, which may lack some of them."""
+
+    units: Mapping[str, str]
+    rows: list[dict[str, Any]]
+
+    @property
+    def columns(self) -> dict[str, list[Any]]:
+        """By name, None where a row has nothing."""
+        return {name: [row.get(name) for row in self.rows] for name in self.units}
+
+
+def tables(run: Run) -> dict[str, Table]:
+    """One for each stream that has events, by its name; what was begun anew has tables of its own."""
+    found = {name: table(run, name) for name, events in run.events.items() if events}
+    return found | {name + SUPERSEDED: _table(run, name, events) for name, events in run.superseded.items()}
+
+
+def table(run: Run, stream: str) -> Table:
+    """Of one stream that has events."""
+    return _table(run, stream, run.stream(stream))
+
+
+def _table(run: Run, stream: str, events: list[dict[str, Any]]) -> Table:
+    units = {"t_s": "s", **run.units[stream]}
+    name = next((name for name in PRESS_STREAMS if stream.endswith(name)), None)
+    if name is None:
+        return Table(units, events)
+    starts = _starts(run, stream.removesuffix(name) + _START)
+    own = {column: unit for column, unit in units.items() if column not in OF_THE_PRESS}
+    return Table(own | OF_THE_PRESS, [{**event, **_press(starts.get(event["index"]), event)} for event in events])
+
+
+def _starts(run: Run, stream: str) -> dict[int, TableRow]:
+    events: Iterable[TableRow] = [*run.superseded.get(stream, []), *run.stream(stream)]
+    return {event["index"]: event for event in events}
+
+
+def _press(start: TableRow | None, event: TableRow) -> dict[str, Any]:
+    """Of the press that an event belongs to; a hold's own target where it has one."""
+    if start is None:
+        return {}
+    told = {name: start[name] for name in ("indentor", "block", "repeat", "condition") if name in start}
+    return {**told, f"target_{start['target']}": event.get("commanded", start["value"])}
+
+
+_LEADS_TO = {
+    **dict.fromkeys(WAITED_FOR, "waiting for a person"),
+    **dict.fromkeys(("home", "zero", "note", "checkpoint", "trip"), "homing, zero and notes"),
+    **dict.fromkeys(("clearance", "move", "moving"), "lateral moves"),
+    "rest": "rest",
+    "approach": "approach",
+    "back off": "touch-off",
+    "touch": "touch-off",
+    "press": "press and seek",
+    "hold": "hold",
+    "retract": "lift",
+}
+_UNTIL_THEN = "paused"  # what leads to it belongs to what it came between
+
+
+@dataclass(frozen=True)
+class Span:
+    """A stretch of the run's clock and what it went to."""
+
+    begin_s: float
+    end_s: float
+    what: str
+
+
+def spans(run: Run) -> list[Span]:
+    """What led to each event, presses that are no data or were begun anew too; together they are the whole run."""
+    found, paused = list[Span](), list[tuple[float, float]]()
+    last_s = run.start["t_s"]
+    for t_s, kind in sorted(_stamps(run)):
+        gone, last_s = (last_s, t_s), t_s
+        if kind == _UNTIL_THEN:
+            paused.append(gone)
+            continue
+        found.append(Span(*gone, _LEADS_TO[kind]))
+        if kind not in WAITED_FOR:
+            found += [Span(*before, _LEADS_TO[kind]) for before in paused]
+            paused = []
+    return found
+
+
+def booked_s(run: Run) -> dict[str, float]:
+    """Seconds of the run's clock that led to each kind of event."""
+    totals = dict.fromkeys(_LEADS_TO.values(), 0.0)
+    for span in spans(run):
+        totals[span.what] += span.end_s - span.begin_s
+    return totals
+
+
+def _stamps(run: Run) -> list[tuple[float, str]]:
+    stamps = list[tuple[float, str]]()
+    for events in (run.events, run.superseded):
+        for stream, found in events.items():
+            if stream.endswith("sample"):
+                stamps += [(event["t_s"], event["phase"]) for event in found]
+            elif stream in _LEADS_TO or stream == _UNTIL_THEN:
+                stamps += [(event["t_s"], stream) for event in found]
+    return stamps
+
 
 RUNNING, KILLED, SHORT = "running", "killed", "incomplete"
 STATES = ("done", SHORT, "aborted", "tripped", "limited", "failed", KILLED, RUNNING)

@@ -7,14 +7,9 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import AfterValidator, Field, PositiveFloat, SerializeAsAny, model_validator
 
-from rig.devices.catalogue import DEFAULTS, find
-from rig.devices.force.laumas.laumas_settings import LaumasSettings
-from rig.devices.kinds import ForceKind, Kind, StageKind
-from rig.devices.own_table import DeviceSettings, known
-from rig.devices.stage.leadshine.leadshine_settings import DrivesSettings
-from rig.devices.stop_settings import StopSettings
+from rig.devices.registry import DEFAULTS, DeviceSettings, ForceKind, Kind, StageKind, find, known
 from rig.errors import RuleError
-from rig.transport.port_settings import EIGHT_N_ONE, Character, Framing, Port, Settings
+from rig.settings import EIGHT_N_ONE, Character, DrivesSettings, Framing, LaumasSettings, Port, Settings, StopSettings
 
 SLOWEST_MM_S = 1 / 60  # GRBL moves no slower, whatever F says
 NOMINAL_STEPS_PER_MM = 400.0

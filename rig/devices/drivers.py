@@ -3,14 +3,12 @@
 from collections.abc import Callable
 from functools import partial
 
+from rig.clock import Clock
+from rig.devices.base import ForceSensor, Stage
 from rig.devices.bench_settings import BenchSettings, ForceSettings, StageSettings
-from rig.devices.catalogue import find
-from rig.devices.force.base import ForceSensor
-from rig.devices.kinds import ForceKind, Opener, StageKind
-from rig.devices.stage.base import Stage
+from rig.devices.registry import ForceKind, Opener, StageKind, find
 from rig.transport import LoggedTransport, Transport, open_port
-from rig.transport.byte_log import Sink
-from rig.transport.clock import Clock
+from rig.transport.wire import Sink
 
 
 def stage_driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal, NoReturn
 
-from rig.devices.bench_settings import StageBounds
-from rig.devices.stage.base import (
+from rig.clock import Clock
+from rig.devices.base import (
     LOOK_S,
     Axis,
     Looks,
@@ -22,40 +22,42 @@ from rig.devices.stage.base import (
     is_held,
     next_look_s,
 )
-from rig.devices.stage.grbl.grbl_link import ASK_TIMES, REPLY_S, GrblLink
-from rig.devices.stage.grbl.grbl_settings import (
+from rig.devices.bench_settings import BenchSettings, StageBounds
+from rig.devices.grbl_link import (
+    ASK_TIMES,
+    FULL,
     INCHES,
+    JOG_CANCEL,
+    OUTPUT_WORDS,
+    REPLY_S,
     STEP_DIRECTION,
     STEPS_PER_MM,
+    STOP_PINS,
+    GrblLink,
     Misplaced,
+    Xyz,
     at_home,
     differences,
     differs,
+    doubt_about_zero,
     enforced_settings,
     expected_s_of,
+    expected_settings,
+    feed_word,
     keys_of,
+    machine_from,
     misplaced,
+    number,
     on_a_step,
     overrun,
-    told,
-    unsuited,
-)
-from rig.devices.stage.grbl.grbl_words import (
-    FULL,
-    JOG_CANCEL,
-    OUTPUT_WORDS,
-    STOP_PINS,
-    Xyz,
-    feed_word,
-    machine_from,
-    number,
     parse_setting,
     refuse_move,
     states,
+    told,
+    unsuited,
 )
-from rig.devices.stage.grbl.work_zero import doubt_about_zero
+from rig.devices.registry import Opener, StageKind
 from rig.transport import Transport
-from rig.transport.clock import Clock
 
 POLL_S = 0.02
 HOME_S = 180.0
@@ -531,3 +533,26 @@ class GrblStage(Stage):
                 missed=str(missed),
                 **missed._asdict(),
             )
+
+
+def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
+    x, y, z = (settings.calibration.value(f"{axis}_backlash_mm", 0.0) for axis in "xyz")
+    return GrblStage(
+        opener(settings.stage.port),
+        clock,
+        expected=expected_settings(settings),
+        bounds=settings.bounds,
+        output="off" if settings.sync.output == "drive" else settings.sync.output,
+        backlash_mm=(x, y, z),
+    )
+
+
+DEVICE = StageKind(
+    name="grbl",
+    device="GRBL 1.1 board, or one with grblHAL",
+    driver=_driver,
+    outputs=("off", "coolant", "spindle"),
+    inputs=("door", "hold"),
+    twin="sim.devices.grbl.board:grbl_twin",
+    tests=("tests/rig/test_grbl_driver.py", "tests/rig/test_grbl_conformance.py"),
+)

@@ -1,15 +1,20 @@
-"""The conversation with a GRBL board: one line, one answer, and everything that comes unasked.
+"""The conversation with a GRBL board: lines, reports, settings and work zero. Source: GRBL 1.1 wiki.
 
 Source: GRBL 1.1 interface wiki. Send-response on purpose, not character counting: nothing may be queued
 beyond one safe increment.
 """
 
 import math
-from collections.abc import Generator
+import re
+from collections.abc import Generator, Iterable, Mapping
 from contextlib import suppress
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
-from rig.devices.stage.base import (
+from rig.clock import Clock
+from rig.devices.base import (
+    LOOK_S,
+    MoveError,
     StageAlarm,
     StageError,
     StageHeld,
@@ -19,20 +24,166 @@ from rig.devices.stage.base import (
     StageTimeout,
     is_held,
 )
-from rig.devices.stage.grbl.grbl_words import (
-    ALARMS,
-    ERRORS,
-    FULL,
-    HOLD_AND_RESET,
-    OVERRIDDEN,
-    StatusFields,
-    Xyz,
-    is_banner,
-    number_after,
-    parse_status,
-)
+from rig.devices.bench_settings import SLOWEST_MM_S, BenchSettings, StageBounds
 from rig.transport import LineReader, Transport
-from rig.transport.clock import Clock
+
+ALARMS = {
+    1: "hard limit",
+    2: "soft limit: the target lies outside the travel",
+    3: "reset while in motion: steps may be lost",
+    4: "probe not in the expected state",
+    5: "probe found nothing",
+    6: "homing: reset during the cycle",
+    7: "homing: door opened during the cycle",
+    8: "homing: pull-off did not clear the switch",
+    9: "homing: switch not found",
+}
+ERRORS = {
+    1: "a word begins with no letter",
+    2: "bad number",
+    3: "unknown $ command or setting",
+    4: "negative value",
+    5: "homing is switched off ($22)",
+    8: "not while the stage is busy",
+    9: "locked: home or unlock first",
+    10: "soft limits need homing ($22)",
+    11: "line too long",
+    15: "the jog target lies outside the travel",
+    16: "not allowed in a jog",
+    20: "unsupported command",
+    22: "no feed rate",
+    53: "unknown setting (grblHAL)",
+}
+_BANNER = re.compile(r"Grbl(HAL)? \d\S* \[")
+Xyz = tuple[float, float, float]
+Overrides = tuple[int, int, int]
+FULL: Overrides = (100, 100, 100)
+HOLD_AND_RESET, JOG_CANCEL = b"!\x18", b"\x85"
+OUTPUT_WORDS = {"coolant": ("M9", "M8"), "spindle": ("M5", "M3S1000")}
+STOP_PINS = {"D": "door", "H": "hold"}
+OVERRIDDEN = ("feed", "rapid", "spindle")
+
+
+@dataclass(frozen=True, slots=True)
+class StatusFields:
+    """One `<…>` line, as far as it went: mm; machine or work position, seldom the offset between them.
+
+    Seldom the overrides too, in per cent.
+    """
+
+    state: str
+    machine: Xyz | None
+    work: Xyz | None
+    offset: Xyz | None
+    overrides: Overrides | None = None
+    pins: str = ""  # letters of the inputs that are active
+
+
+def is_banner(line: str) -> bool:
+    """A banner, also with the half of another line before it."""
+    return "Grbl" in line and _BANNER.search(line) is not None
+
+
+def parse_status(line: str) -> StatusFields | None:
+    """Read whichever fields come; None if the line is garbled."""
+    if line[:1] != "<" or line[-1:] != ">" or "<" in line[1:]:
+        return None
+    state, *parts = line[1:-1].split("|")
+    fields = dict(part.partition(":")[::2] for part in parts)
+    try:
+        machine, work, offset = (_xyz(fields.get(name)) for name in ("MPos", "WPos", "WCO"))
+        return StatusFields(state, machine, work, offset, _overrides(fields.get("Ov")), fields.get("Pn", ""))
+    except ValueError:
+        return None
+
+
+def states(printed: Iterable[str]) -> list[str]:
+    """The states of the statuses among some lines."""
+    return [fields.state for line in printed if (fields := parse_status(line))]
+
+
+def machine_from(work: Xyz | None, offset: Xyz | None) -> Xyz:
+    """A machine position from a work position and what lies between them."""
+    assert work is not None
+    assert offset is not None
+    return (work[0] + offset[0], work[1] + offset[1], work[2] + offset[2])
+
+
+def parse_setting(line: str) -> tuple[int, float] | None:
+    """Read `$n=v`; None for anything else, startup lines, text and garbled numbers included."""
+    match = re.match(r"\$(\d+)=(-?\d+(?:\.\d*)?)(?![\d.])", line, re.ASCII)
+    return (int(match[1]), float(match[2])) if match else None
+
+
+def number_after(line: str, prefix: str) -> int | None:
+    """The n of `prefix:n`, None if the line is something else; a garbled number counts as 0."""
+    if not line.startswith(prefix):
+        return None
+    digits = line[len(prefix) :].strip()
+    return int(digits) if digits.isdigit() else 0
+
+
+def refuse_move(target: Mapping[str, float], speed_mm_s: float) -> None:
+    """Raises MoveError for a move that no line can express."""
+    if not target:
+        raise MoveError("a move needs at least one of x_mm, y_mm, z_mm", code="no_target")
+    for name, value in (*target.items(), ("speed_mm_s", speed_mm_s)):
+        if not math.isfinite(value):
+            raise MoveError("{name} must be a finite number, got {value}", code="not_finite", name=name, value=value)
+    if speed_mm_s < SLOWEST_MM_S:
+        raise MoveError(
+            "speed_mm_s must be at least {least_mm_s:.4f}, got {speed_mm_s}",
+            code="too_slow",
+            least_mm_s=SLOWEST_MM_S,
+            speed_mm_s=speed_mm_s,
+        )
+
+
+def number(value: float, decimals: int = 4) -> str:
+    """Return a number as a line holds it, without needless zeros."""
+    text = f"{value:.{decimals}f}".rstrip("0").rstrip(".")
+    return "0" if text == "-0" else text
+
+
+def feed_word(speed_mm_s: float) -> str:
+    """Return the F word, mm/min."""
+    return f"F{number(60 * speed_mm_s, 3)}"
+
+
+def parse_modes(printed: Iterable[str]) -> tuple[frozenset[str], float | None]:
+    """Return the modal words of the answer to `$G` and its feed (mm/min); nothing and None where there is none."""
+    for line in printed:
+        if line.startswith("[GC:") and line.endswith("]"):
+            words = line[4:-1].split()
+            feeds = [text[1:] for text in words if text.startswith("F")]
+            with suppress(ValueError):
+                return frozenset(words), float(feeds[0]) if feeds else None
+    return frozenset(), None
+
+
+def travel_s(mm: float, speed: float, accel: float) -> float:
+    """From rest to rest over a length in mm, at mm/s and mm/s²."""
+    ramp_mm = speed * speed / accel
+    if mm <= ramp_mm:
+        return 2 * math.sqrt(mm / accel)
+    return mm / speed + speed / accel
+
+
+def _overrides(text: str | None) -> Overrides | None:
+    if text is None:
+        return None
+    feed, rapid, spindle = map(int, text.split(","))
+    return (feed, rapid, spindle)
+
+
+def _xyz(text: str | None) -> Xyz | None:
+    if text is None:
+        return None
+    x, y, z = map(float, text.split(",")[:3])
+    if not math.isfinite(x + y + z):
+        raise ValueError(text)
+    return (x, y, z)
+
 
 REPLY_S = 2.0
 STATUS_S = 0.3
@@ -235,3 +386,281 @@ class GrblLink:
         if code is not None:
             self.in_step = self.trusted = False
             raise StageAlarm(code, ALARMS.get(code, "see the controller's manual"), port=self.name)
+
+
+STEP_DIRECTION, REPORTS, INCHES, SOFT_LIMITS, HOMING, LASER = 3, 10, 13, 20, 22, 32
+HOMING_DIRECTION, PULL_OFF = 23, 27
+STEPS_PER_MM, MOST_MM_MIN, ACCELERATION, TRAVEL = 100, 110, 120, 130
+VOLATILE_OFFSET = 384  # grblHAL stores G92, which would wear its memory out, unless this is 1
+_REPORTED = 1 << 5 | 1 << 6  # of $10 in grblHAL: the offset of work zero, and overrides
+
+# Boards print three decimals.
+_TOLERANCE = 5e-4
+_PRINTED_MM = 1e-3
+# The board reckons in 24 bits: a target that is just within its soft limits must not come out just beyond them.
+_INSIDE_MM, _ROUND_OFF_MM = 2e-4, 1e-9
+
+
+class Difference(NamedTuple):
+    """A setting that is not as it should be, as the line that would set it; `with_which` ends the words for it."""
+
+    number: int
+    wanted: float
+    found: float
+    with_which: str = ""
+
+    def __str__(self) -> str:
+        return f"${self.number}={self.wanted:g} (it has {self.found:g}{self.with_which})"
+
+
+class Misplaced(NamedTuple):
+    """An axis that is not where it was told to be."""
+
+    axis: str
+    at_mm: float
+    target_mm: float
+
+    def __str__(self) -> str:
+        return f"{self.axis} is at {self.at_mm} mm, not at {self.target_mm} mm"
+
+
+def expected_settings(settings: BenchSettings) -> dict[int, float]:
+    """Settings by number that the board must have: limits and homing on, the travel, and what was calibrated.
+
+    The travel of the vertical axis is not among them: it is one of enforced_settings().
+    """
+    expected: dict[int, float] = {INCHES: 0, SOFT_LIMITS: 1, HOMING: 1, LASER: 0}
+    expected |= {TRAVEL + i: mm for i, mm in enumerate(settings.stage.travel_mm[:2])}
+    measured = dict(settings.calibration.measured())
+    steps = [measured.get(f"{axis}_steps_per_mm") for axis in "xyz"]
+    expected |= {STEPS_PER_MM + i: abs(one.value) for i, one in enumerate(steps) if one}
+    directions = [one.value < 0 for one in steps if one]
+    if len(directions) == len(steps):
+        expected[STEP_DIRECTION] = sum(against << i for i, against in enumerate(directions))
+    return expected
+
+
+def enforced_settings(board: Mapping[int, float], bounds: StageBounds) -> dict[int, float]:
+    """Return what the board is to enforce itself: the lowest height, and a rate that is never raised.
+
+    A board that is slower than the rig would ever ask is left as it is: its motors may not be able to go faster.
+    """
+    most_mm_min = 60 * bounds.fastest_mm_s
+    rates = {n: most_mm_min for n in range(MOST_MM_MIN, MOST_MM_MIN + 3) if board.get(n, 0.0) > most_mm_min}
+    return {**rates, TRAVEL + 2: -bounds.lowest_z_mm}
+
+
+def differences(board: Mapping[int, float], expected: Mapping[int, float]) -> list[Difference]:
+    """What to send to the board so that it is as the configuration says; a setting it lacks counts as 0."""
+    return [
+        Difference(number, value, board.get(number, 0.0))
+        for number, value in expected.items()
+        if differs(board, number, value)
+    ]
+
+
+def told(wrong: Iterable[Difference]) -> dict[str, Any]:
+    """Return the fields of an error about settings."""
+    all_wrong = list(wrong)
+    return {
+        "settings": ", ".join(map(str, all_wrong)),
+        "wanted": {one.number: one.wanted for one in all_wrong},
+        "found": {one.number: one.found for one in all_wrong},
+    }
+
+
+def unsuited(printed: Iterable[str], board: Mapping[int, float]) -> list[Difference]:
+    """What to send to the board so that its moves can be confirmed; GRBL 1.1 always reports what is needed."""
+    found, homes_down = list[Difference](), int(board.get(HOMING_DIRECTION, 0.0))
+    if homes_down & 4:
+        up = homes_down & ~4
+        found.append(Difference(HOMING_DIRECTION, up, homes_down, ", with which Z homes downwards"))
+    if "[FIRMWARE:grblHAL]" not in printed:
+        return found
+    mask = int(board.get(REPORTS, _REPORTED))
+    if mask & _REPORTED != _REPORTED:
+        found.append(Difference(REPORTS, mask | _REPORTED, mask, ", which hides its work zero or its overrides"))
+    if board.get(VOLATILE_OFFSET, 1.0) != 1:
+        found.append(Difference(VOLATILE_OFFSET, 1, 0, ", which stores each target in a memory that wears out"))
+    return found
+
+
+def expected_s_of(
+    board: Mapping[int, float], was: Xyz | None, target: Mapping[str, float], speed_mm_s: float
+) -> float:
+    """How long a move from where it was takes a board of these settings; 0 where either is not known."""
+    if was is None:
+        return 0.0
+    moves = {i: abs(target[axis] - was[i]) for i, axis in enumerate("XYZ") if target.get(axis, was[i]) != was[i]}
+    length, accel = math.hypot(*moves.values()), math.inf
+    for i, mm in moves.items():
+        most, steepest = (board.get(first + i, math.inf) for first in (MOST_MM_MIN, ACCELERATION))
+        speed_mm_s = min(speed_mm_s, most / 60 * length / mm)
+        accel = min(accel, steepest * length / mm)
+    return travel_s(length, speed_mm_s, accel)
+
+
+def overrun(target: dict[str, float], was: Xyz | None, backlash_mm: Xyz) -> dict[str, float]:
+    """The target, overrun by twice the backlash on the axes that would get there in their positive direction."""
+    if was is None:
+        return target
+    slack = {
+        axis: 2 * backlash
+        for axis, backlash, from_mm in zip("XYZ", backlash_mm, was, strict=True)
+        if target.get(axis, from_mm) > from_mm
+    }
+    return {axis: min(mm + slack[axis], 0.0) if slack.get(axis) else mm for axis, mm in target.items()}
+
+
+def near(board: Mapping[int, float], axis: int, printed_mm: float, meant_mm: float) -> bool:
+    """Whether a position that the board prints is the one that was meant: to half a step and the last digit."""
+    steps_per_mm = board.get(STEPS_PER_MM + axis)
+    tolerance_mm = 0.5 / steps_per_mm + _PRINTED_MM if steps_per_mm else 0.5 * _PRINTED_MM
+    return abs(printed_mm - meant_mm) <= tolerance_mm
+
+
+def misplaced(board: Mapping[int, float], target: Mapping[str, float], at: Xyz) -> Misplaced | None:
+    """Which axis is not where it was told to be; None where all are."""
+    for i, (axis, is_mm) in enumerate(zip("XYZ", at, strict=True)):
+        if axis in target and not near(board, i, is_mm, target[axis]):
+            return Misplaced(axis, is_mm, target[axis])
+    return None
+
+
+def on_a_step(board: Mapping[int, float], axis: int, mm: float) -> float:
+    """The position of the step nearest to mm, as the board rounds; within the soft limits by less than half a step.
+
+    What the board prints has three decimals, and where its parser stands is on a step: so it is known exactly.
+    """
+    steps_per_mm = board.get(STEPS_PER_MM + axis)
+    if steps_per_mm:
+        mm = math.copysign(math.floor(abs(mm) * steps_per_mm + 0.5), mm) / steps_per_mm
+    lowest_mm = -board.get(TRAVEL + axis, math.inf)
+    if -_INSIDE_MM < mm <= _ROUND_OFF_MM:
+        return -_INSIDE_MM
+    return lowest_mm + _INSIDE_MM if lowest_mm - _ROUND_OFF_MM <= mm < lowest_mm + _INSIDE_MM else mm
+
+
+def at_home(board: Mapping[int, float]) -> dict[str, float]:
+    """Where homing ends, mm, by axis; nothing where the board does not tell its pull-off."""
+    if PULL_OFF not in board:
+        return {}
+    negative, off_mm = int(board.get(HOMING_DIRECTION, 0.0)), board[PULL_OFF]
+    ends = (off_mm - board.get(TRAVEL + i, 0.0) if negative >> i & 1 else -off_mm for i in range(3))
+    return dict(zip("XYZ", ends, strict=True))
+
+
+def keys_of(board: Mapping[int, float], expected: Mapping[int, float]) -> str:
+    """Which key of the configuration a difference may be about, in brackets; nothing for what is always expected."""
+    travel = [number for number in (TRAVEL, TRAVEL + 1) if number in expected]
+    return " (stage.travel_mm)" if any(differs(board, number, expected[number]) for number in travel) else ""
+
+
+def differs(board: Mapping[int, float], number: int, value: float) -> bool:
+    """Whether a setting is another than a value, as far as boards print it; one that the board lacks counts as 0."""
+    return abs(board.get(number, 0.0) - value) > _TOLERANCE
+
+
+# Work zero: where the target of a motion is placed and read back before anything can move (decision 0036).
+#
+# GRBL has no checksums. A target is sent as an offset (G92), which moves nothing, and the board prints where that
+# puts work zero (WCO in the next status). Only a place that was read back is gone to, by a trigger that is always the
+# same.
+
+SHORT_MM = 0.1
+"""An increment, which is over before it is fast: at 50 mm/s² the feed hardly matters."""
+
+MODES = "G90G21G94"
+_OFFSET_ROUND_OFF_MM = 1e-9
+# `$G` prints the feed without decimals.
+_FEED_SHOWN_MM_MIN = 0.51
+
+
+class Doubt(NamedTuple):
+    """What the board did not confirm: words, a code and fields for the error that it ends in."""
+
+    words: str
+    code: str
+    fields: dict[str, Any]
+
+
+def offset_line(coordinates: Xyz, speed_mm_s: float) -> str:
+    """Return the line that makes these the work coordinates of the present place, and sets modes and feed.
+
+    G92 comes first and each word after it is there twice if one bit of G92 turns it into another command that would
+    move: `G90`, `G93` and `F92` are then refused, and a lost G leaves no number for it to join.
+    """
+    x, y, z = map(number, coordinates)
+    return f"G92X{x}Y{y}Z{z}{MODES}{feed_word(speed_mm_s)}"
+
+
+def doubt_about_zero(
+    link: GrblLink,
+    board: Mapping[int, float],
+    present: Xyz,
+    coordinates: Xyz,
+    speed_mm_s: float,
+    *,
+    confirm_modes: bool = False,
+) -> Doubt | None:
+    """Place work zero and read it back; nothing moves. Before a long motion modes and feed are read back, too.
+
+    Parameters
+    ----------
+    link : GrblLink
+        The conversation with the board.
+    board : mapping of int to float
+        Its settings, by number.
+    present : tuple of float
+        Where the stage stands, machine mm.
+    coordinates : tuple of float
+        The work coordinates that this place gets, mm.
+    speed_mm_s : float
+        The speed of the motion to come, mm/s.
+    confirm_modes : bool
+        Whether modes and feed are read back before a short motion, too.
+
+    Returns
+    -------
+    Doubt, optional
+        What the board did not confirm; None where all is as it should be.
+
+    Raises
+    ------
+    StageError
+        If the board refuses the line, does not answer, is held, or is not idle.
+    """
+    link.offset = None  # what was known of it is over: positions in work coordinates wait for the new one
+    link.command(offset_line(coordinates, speed_mm_s), look_s=LOOK_S)
+    if confirm_modes or max(map(abs, coordinates)) > SHORT_MM + _OFFSET_ROUND_OFF_MM:
+        printed = link.command("$G", look_s=LOOK_S)
+        if (doubt := _doubt_about_modes(printed, 60 * speed_mm_s)) is not None:
+            return doubt
+    fields = link.ask_status()
+    link.refuse_interference(fields.state)
+    if fields.state != "Idle":
+        raise StageError("{port}: {state} before a move", code="not_idle", port=link.name, state=fields.state)
+    if fields.offset is None:
+        return Doubt("the status after G92 holds no WCO", "no_offset", {})
+    meant = tuple(mm - coordinate for mm, coordinate in zip(present, coordinates, strict=True))
+    wrong = [
+        (axis, found, mm)
+        for i, (axis, found, mm) in enumerate(zip("XYZ", fields.offset, meant, strict=True))
+        if not near(board, i, found, mm)
+    ]
+    if not wrong:
+        return None
+    said = ", ".join(f"work zero {axis} is at {found} mm, not at {mm:.4f} mm" for axis, found, mm in wrong)
+    zeros = {axis: found for axis, found, _ in wrong}
+    return Doubt(said, "wrong_work_zero", {"found_mm": zeros, "meant_mm": {axis: mm for axis, _, mm in wrong}})
+
+
+def _doubt_about_modes(printed: list[str], feed_mm_min: float) -> Doubt | None:
+    words, feed = parse_modes(printed)
+    missing = sorted({"G90", "G21", "G94"} - words)
+    if missing:
+        return Doubt(f"$G does not show {', '.join(missing)}", "modes_missing", {"missing": missing})
+    if feed is None or abs(feed - feed_mm_min) > _FEED_SHOWN_MM_MIN:
+        said = f"$G shows a feed of {feed} mm/min, not of {feed_mm_min:g} mm/min"
+        return Doubt(said, "wrong_feed", {"found_mm_min": feed, "meant_mm_min": feed_mm_min})
+    return None

@@ -1,4 +1,4 @@
-"""A Laumas TLB / TLU load-cell transmitter over Modbus, as a force sensor.
+"""A Laumas TLB or TLU load-cell transmitter over Modbus, as a force sensor.
 
 Source: Laumas TLU manual, list of registers; LCB manual, status register 1. What is second-hand lies in
 LaumasSettings.
@@ -8,19 +8,22 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from rig.devices.force.base import (
+from rig.clock import Clock
+from rig.devices.base import (
     ForceBroken,
     ForceBusy,
     ForceError,
     ForceOverload,
     ForceReading,
+    ForceSensor,
     ForceTimeout,
     ForceUnderload,
 )
-from rig.devices.force.laumas.laumas_settings import LaumasSettings
-from rig.devices.units import GWT_N
-from rig.transport.clock import Clock
+from rig.devices.bench_settings import BenchSettings
+from rig.devices.registry import ForceKind, Opener
+from rig.settings import LaumasSettings
 from rig.transport.modbus import ModbusError, ModbusMaster, ModbusRefused, ModbusTimeout
+from rig.units import GWT_N
 
 # Registers by their 0-based address; weights are two registers, high word first.
 IDENTITY, COMMAND, STATUS, GROSS, NET, UNITS = 0, 5, 6, 7, 9, 13
@@ -183,3 +186,25 @@ class LaumasForce:
 
 def _bit(word: int, bit: int) -> bool:
     return bool(word >> bit & 1)
+
+
+def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> ForceSensor:
+    force = settings.force
+    return LaumasForce(
+        ModbusMaster.on_port(opener(force.port), clock, force.port, framing=force.framing, baud=force.baud),
+        clock,
+        force.laumas,
+        sample_period_s=force.sample_period_s,
+        resolution_gwt=force.resolution_gwt,
+        scale=settings.calibration.value("force_scale", 1.0),
+    )
+
+
+DEVICE = ForceKind(
+    name="laumas",
+    device="Laumas TLB or TLU load-cell transmitter",
+    driver=_driver,
+    settings=LaumasSettings,
+    twin="sim.devices.laumas:laumas_twin",
+    tests=("tests/rig/test_laumas_driver.py", "tests/rig/test_modbus_counterparties.py"),
+)

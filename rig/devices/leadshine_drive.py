@@ -1,4 +1,4 @@
-"""One axis on a Leadshine CS2RS / iEM-RS drive in PR mode. Source: CS2RS and iEM-RS user manuals.
+"""One axis on a Leadshine CS2RS or iEM-RS drive in PR mode. Source: CS2RS and iEM-RS user manuals.
 
 Nothing is ever saved to the drive's EEPROM, which wears out: what this driver writes is gone when the drive is off.
 
@@ -11,16 +11,64 @@ Modbus TCP has no checksum, so one wrong bit on the wire must not move anything 
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from enum import IntFlag
 from typing import Any
 
-from rig.devices.stage.base import LOOK_S, MoveError, StageAlarm, StageError, StageTimeout, next_look_s
-from rig.devices.stage.leadshine import leadshine_words as reg
-from rig.devices.stage.leadshine.leadshine_settings import DriveSettings
-from rig.devices.stage.leadshine.leadshine_words import Status
-from rig.transport.clock import Clock
+from rig.clock import Clock
+from rig.devices.base import LOOK_S, MoveError, StageAlarm, StageError, StageTimeout, next_look_s
+from rig.settings import DriveSettings
 from rig.transport.modbus import ModbusError, ModbusMaster, ModbusTimeout
+
+STATUS, ALARM, CONTROL, TRIGGER = 0x1003, 0x2203, 0x1801, 0x6002
+INPUTS = 0x0179  # second-hand: [stop] inputs_register can say another
+INPUT_NAMES = tuple(f"di{n}" for n in range(1, 8))
+COMMANDED, FEEDBACK = 0x602C, 0x1014  # 32 bits each
+PR0 = 0x6200  # mode, position (32 bits), rpm, ramp up, ramp down, pause; then its trigger, which is never written
+PATHS = range(PR0, PR0 + 16 * 8, 8)  # the mode of each path, PR0 to PR15
+SOFT_LIMITS, POSITIVE_LIMIT, NEGATIVE_LIMIT = 0x6000, 0x6006, 0x6008
+HOMING_MODE, HOMING_SPEEDS = 0x600A, 0x600F  # high and low rpm, ramp up, ramp down
+NO_PATH, ABSOLUTE = 0x0000, 0x0001
+RUN_PR0, HOME, QUICK_STOP = 0x0010, 0x0020, 0x0040
+SOFT_LIMITS_ON = 0x0002
+CLEAR_ALARM, JOG_POSITIVE, JOG_NEGATIVE = 0x1111, 0x4001, 0x4002
+
+ALARMS = {
+    0xE0: "over-current",
+    0xC0: "over-voltage",
+    0xA1: "current sensing",
+    0x152: "motor phase",
+    0x240: "EEPROM",
+}
+
+
+class Status(IntFlag):
+    """Bits of the motion status word."""
+
+    FAULT = 1 << 0
+    ENABLED = 1 << 1
+    RUNNING = 1 << 2
+    COMMAND_DONE = 1 << 4
+    PATH_DONE = 1 << 5
+    HOMED = 1 << 6
+
+
+def words(value: int) -> list[int]:
+    """A 32-bit number, two's complement, as two registers, high word first."""
+    return [value >> 16 & 0xFFFF, value & 0xFFFF]
+
+
+def number(pair: Sequence[int]) -> int:
+    """Two registers, high word first, as a 32-bit number in two's complement."""
+    value = pair[0] << 16 | pair[1]
+    return value - (1 << 32) if value & 1 << 31 else value
+
+
+def path(position: int, rpm: int, ramp_ms: int) -> list[int]:
+    """The first seven registers of PR0 for an absolute move: all but its trigger."""
+    return [ABSOLUTE, *words(position), rpm, ramp_ms, ramp_ms, 0]
+
 
 POLL_S, ALARM_S = 0.02, 0.25
 HOME_S = 180.0
@@ -90,8 +138,8 @@ class LeadshineDrive:
         """
         ramp = self._settings.homing_ramp_ms
         for name, register, harmless in (
-            *((f"path {number}", register, [reg.NO_PATH]) for number, register in enumerate(reg.PATHS)),
-            ("homing speeds", reg.HOMING_SPEEDS, [CREEP_RPM, CREEP_RPM, ramp, ramp]),
+            *((f"path {number}", register, [NO_PATH]) for number, register in enumerate(PATHS)),
+            ("homing speeds", HOMING_SPEEDS, [CREEP_RPM, CREEP_RPM, ramp, ramp]),
             ("jog speed", self._settings.jog_rpm_register, [CREEP_RPM]),
         ):
             if self._read(register, len(harmless)) != harmless:
@@ -103,9 +151,9 @@ class LeadshineDrive:
         """Have the drive itself refuse to leave 0 … −travel, and make sure that it was heard. Raises StageError."""
         low, high = sorted((0, self._pulses(-self.travel_mm)))
         for name, register, value in (
-            ("positive soft limit", reg.POSITIVE_LIMIT, reg.words(high)),
-            ("negative soft limit", reg.NEGATIVE_LIMIT, reg.words(low)),
-            ("soft limits", reg.SOFT_LIMITS, [reg.SOFT_LIMITS_ON]),
+            ("positive soft limit", POSITIVE_LIMIT, words(high)),
+            ("negative soft limit", NEGATIVE_LIMIT, words(low)),
+            ("soft limits", SOFT_LIMITS, [SOFT_LIMITS_ON]),
         ):
             self._set(name, register, value)
 
@@ -125,10 +173,10 @@ class LeadshineDrive:
             raise StageError(f"{_DRIVE} runs; a soft limit is only set at rest", code="runs", **self._names)
         lowest = self._pulses(min(max(lowest_mm, -self.travel_mm), 0.0))
         if self.pulses_per_mm > 0:
-            self._set("negative soft limit", reg.NEGATIVE_LIMIT, reg.words(lowest))
+            self._set("negative soft limit", NEGATIVE_LIMIT, words(lowest))
         else:
-            self._set("positive soft limit", reg.POSITIVE_LIMIT, reg.words(lowest))
-        self._expect("soft limits", reg.SOFT_LIMITS, [reg.SOFT_LIMITS_ON])
+            self._set("positive soft limit", POSITIVE_LIMIT, words(lowest))
+        self._expect("soft limits", SOFT_LIMITS, [SOFT_LIMITS_ON])
 
     # --- motion ---
 
@@ -141,10 +189,10 @@ class LeadshineDrive:
         self._going_to = None
         settings = self._settings
         ramp = settings.homing_ramp_ms
-        self._set("homing mode", reg.HOMING_MODE, [settings.homing_mode])
+        self._set("homing mode", HOMING_MODE, [settings.homing_mode])
         speeds = [settings.homing_high_rpm, settings.homing_low_rpm, ramp, ramp]
-        self._set("homing speeds", reg.HOMING_SPEEDS, speeds)
-        self._trigger(reg.HOME, keep_on)
+        self._set("homing speeds", HOMING_SPEEDS, speeds)
+        self._trigger(HOME, keep_on)
         begun, begins_by_s = False, self._clock.monotonic_s() + HOMING_BEGINS_S
 
         def at_home(status: Status) -> bool:
@@ -214,10 +262,10 @@ class LeadshineDrive:
         self._going_to = None
         self._drop_path()
         self._set("jog speed", self._settings.jog_rpm_register, [rpm])
-        word = reg.JOG_POSITIVE if sign * self.pulses_per_mm > 0 else reg.JOG_NEGATIVE
+        word = JOG_POSITIVE if sign * self.pulses_per_mm > 0 else JOG_NEGATIVE
         while held():
             written_s = self._clock.monotonic_s()
-            self._write(reg.CONTROL, word)
+            self._write(CONTROL, word)
             self._clock.wait_s(written_s + JOG_PERIOD_S - self._clock.monotonic_s())
         for _ in self._until(lambda status: True, STOP_S, 0.0, "the end of a jog"):
             pass
@@ -230,7 +278,7 @@ class LeadshineDrive:
         problem: StageError | None = None
         while self._clock.monotonic_s() < deadline_s:
             try:
-                self._write(reg.TRIGGER, reg.QUICK_STOP)
+                self._write(TRIGGER, QUICK_STOP)
                 if Status.RUNNING not in self.status():
                     if self._loose:
                         self._drop_path()
@@ -253,7 +301,7 @@ class LeadshineDrive:
 
     def status(self) -> Status:
         """The status word. Raises StageError."""
-        return Status(self._read(reg.STATUS)[0])
+        return Status(self._read(STATUS)[0])
 
     def inputs(self, register: int) -> int:
         """The word of its digital inputs, DI1 in the lowest bit. Raises StageError."""
@@ -261,7 +309,7 @@ class LeadshineDrive:
 
     def position_mm(self) -> float:
         """Where the feedback says it is. Raises StageError."""
-        return reg.number(self._read(reg.FEEDBACK, 2)) / self.pulses_per_mm
+        return number(self._read(FEEDBACK, 2)) / self.pulses_per_mm
 
     def refuse_fault(self) -> None:
         """Look before anything moves. Raises StageAlarm for an alarm, StageError for a drive that is not enabled."""
@@ -269,7 +317,7 @@ class LeadshineDrive:
 
     def clear_alarm(self) -> None:
         """Clear an alarm. Raises StageAlarm if it is still there afterwards."""
-        self._write(reg.CONTROL, reg.CLEAR_ALARM)
+        self._write(CONTROL, CLEAR_ALARM)
         self.refuse_fault()
 
     def rpm(self, speed_mm_s: float) -> int:
@@ -291,17 +339,17 @@ class LeadshineDrive:
     def _start(self, target: int, rpm: int, keep_on: Callable[[], bool]) -> None:
         """Begin an absolute move that the drive has confirmed before."""
         self._loose = True
-        self._set("path 0", reg.PR0, reg.path(target, rpm, self._settings.ramp_ms))
-        self._trigger(reg.RUN_PR0, keep_on)
+        self._set("path 0", PR0, path(target, rpm, self._settings.ramp_ms))
+        self._trigger(RUN_PR0, keep_on)
 
     def _trigger(self, word: int, keep_on: Callable[[], bool]) -> None:
         """Begin what was set, unless somebody has stopped the drive meanwhile."""
         if not keep_on():
             raise self._stopped()
-        self._write(reg.TRIGGER, word)
+        self._write(TRIGGER, word)
 
     def _drop_path(self) -> None:
-        self._set("path 0", reg.PR0, [reg.NO_PATH])
+        self._set("path 0", PR0, [NO_PATH])
         self._loose = False
 
     def _standing(self) -> int:
@@ -354,8 +402,8 @@ class LeadshineDrive:
 
     def _refuse(self, status: Status) -> None:
         if Status.FAULT in status:
-            code = self._read(reg.ALARM)[0]
-            meaning = f"{_DRIVE.format_map(self._names)}: {reg.ALARMS.get(code, 'see the manual')} ({code:X} hex)"
+            code = self._read(ALARM)[0]
+            meaning = f"{_DRIVE.format_map(self._names)}: {ALARMS.get(code, 'see the manual')} ({code:X} hex)"
             raise StageAlarm(code, meaning, **self._names)
         if Status.ENABLED not in status:
             raise StageError(f"{_DRIVE}: the drive is not enabled", code="not_enabled", **self._names)
@@ -368,7 +416,7 @@ class LeadshineDrive:
         return pulses / pulses_s + ramp_s
 
     def _commanded(self) -> int:
-        return reg.number(self._read(reg.COMMANDED, 2))
+        return number(self._read(COMMANDED, 2))
 
     def _pulses(self, mm: float) -> int:
         return round(mm * self.pulses_per_mm)

@@ -6,10 +6,20 @@ the serial number is second-hand, so I4 stands in for it.
 
 import re
 
-from rig.devices.force.base import ForceBusy, ForceError, ForceOverload, ForceReading, ForceTimeout, ForceUnderload
-from rig.devices.units import GWT_N
+from rig.clock import Clock
+from rig.devices.base import (
+    ForceBusy,
+    ForceError,
+    ForceOverload,
+    ForceReading,
+    ForceSensor,
+    ForceTimeout,
+    ForceUnderload,
+)
+from rig.devices.bench_settings import BenchSettings
+from rig.devices.registry import ForceKind, Opener
 from rig.transport import LineReader, Transport
-from rig.transport.clock import Clock
+from rig.units import GWT_N
 
 REPLY_S = 0.5
 # Zero and tare wait in the balance for a stable load.
@@ -153,3 +163,22 @@ class MtSicsForce:
     def _garbled(self, answer: str) -> ForceError:
         self._in_step = False
         return ForceError("{port}: garbled answer {reply!r}", code="garbled", port=self._transport.name, reply=answer)
+
+
+def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> ForceSensor:
+    return MtSicsForce(
+        opener(settings.force.port),
+        clock,
+        sample_period_s=settings.force.sample_period_s,
+        resolution_gwt=settings.force.resolution_gwt,
+        scale=settings.calibration.value("force_scale", 1.0),
+    )
+
+
+DEVICE = ForceKind(
+    name="mtsics",
+    device="balance that speaks MT-SICS",
+    driver=_driver,
+    twin="sim.devices.mtsics:balance_twin",
+    tests=("tests/rig/test_mtsics_driver.py",),
+)

@@ -1,4 +1,4 @@
-"""The catalogue: every kind of device, by the name that a configuration says.
+"""The registry of devices: every kind by the name that a configuration gives.
 
 The kinds of this program are the folders beside this file: `stage/NAME/NAME_kind.py` holds DEVICE. A package that is
 installed adds one by an entry point of the group rig.devices: `"force.NAME" = "its_module:DEVICE"`. A list of names
@@ -6,15 +6,90 @@ imports nothing, and the use of a kind imports that one alone.
 """
 
 import pkgutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, TypeVar
 
-from rig.devices.kinds import ForceKind, Kind, Room, StageKind
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    Field,
+    ModelWrapValidatorHandler,
+    create_model,
+    model_validator,
+)
+
+from rig.clock import Clock
+from rig.devices.base import ForceSensor, Stage
 from rig.errors import RigError
+from rig.settings import Settings
+from rig.transport import Transport
+
+if TYPE_CHECKING:
+    from rig.devices.bench_settings import BenchSettings, StageSettings
+
+
+Opener = Callable[[str], Transport]
+Room = Literal["stage", "force"]
+
+
+def own_port(stage: "StageSettings") -> tuple[str, ...]:
+    """One device on one port."""
+    return (stage.port,)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Kind:
+    """What every entry says.
+
+    name: as in `kind = "…"`. device: what it is, in words. settings: the table of its own, which stands in [stage] or
+    [force] under `table`, or else under its name. twin: "module:function" of its virtual twin, for the virtual bench
+    alone to find (StageTwin, ForceTwin in `sim/devices/line.py`); empty where it has none. tests: the modules that
+    hold its driver to the bytes of the real device, from the folder of its project.
+    """
+
+    room: ClassVar[Room]
+    name: str
+    device: str
+    tests: tuple[str, ...]
+    settings: type[Settings] | None = None
+    table: str = ""
+    twin: str = ""
+
+    @property
+    def place(self) -> str:
+        """Where in [stage] or [force] its own table stands."""
+        return self.table or self.name
+
+
+@dataclass(frozen=True, kw_only=True)
+class StageKind(Kind):
+    """A kind of stage.
+
+    driver raises what the opener raises. ports: every one that it is on, by its settings. axes: those with a motor,
+    x lateral, y along the finger, z vertical. outputs: of sync.output, those that it can switch. inputs: names of the
+    stop inputs that its driver can report, for [stop].
+    """
+
+    room: ClassVar[Room] = "stage"
+    driver: Callable[[Opener, Clock, "BenchSettings"], Stage]
+    ports: Callable[["StageSettings"], tuple[str, ...]] = own_port
+    axes: Literal["xz", "xyz"] = "xyz"
+    outputs: tuple[str, ...] = ("off",)
+    inputs: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForceKind(Kind):
+    """A kind of force sensor; driver raises what the opener raises."""
+
+    room: ClassVar[Room] = "force"
+    driver: Callable[[Opener, Clock, "BenchSettings"], ForceSensor]
+
 
 GROUP = "rig.devices"
 DEFAULTS: dict[Room, str] = {"stage": "grbl", "force": "mtsics"}
@@ -150,3 +225,92 @@ def _loaded(of: type[K], name: str, point: EntryPoint) -> K:
 
 def _either(words: list[str]) -> str:
     return f"{', '.join(words[:-1])} or {words[-1]}"
+
+
+T = TypeVar("T", bound=Settings)
+D = TypeVar("D", bound="DeviceSettings")
+M = TypeVar("M", bound=BaseModel)
+
+
+def known(of: type[Kind]) -> BeforeValidator:
+    """Checks `kind = "…"` against the catalogue."""
+
+    def check(name: object) -> object:
+        find(of, name if isinstance(name, str) else "")
+        return name
+
+    return BeforeValidator(check)
+
+
+class DeviceSettings(Settings):
+    """[stage] or [force]. A kind's own table is a part of it, checked like any other, for that kind only."""
+
+    kinds: ClassVar[type[Kind]]
+    kind: str
+
+    @property
+    def entry(self) -> Kind:
+        """Its kind, in the catalogue."""
+        return find(self.kinds, self.kind)
+
+    def own(self, table: type[T]) -> T:
+        """The kind's own table. Raises TypeError if it is another one."""
+        found = getattr(self, self.entry.place, None)
+        if not isinstance(found, table):
+            raise TypeError(f"{self.entry.name} has no {table.__name__}")
+        return found
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _with_its_table(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        wanted = cls if not isinstance(data, Mapping) else of_kind(cls, data.get("kind"))
+        if wanted is not cls:
+            return wanted.model_validate(data)
+        _refuse_table_of_another(cls, data)
+        return handler(data)
+
+
+def _refuse_table_of_another(settings: type[DeviceSettings], data: object) -> None:
+    unknown = [key for key in data if key not in settings.model_fields] if isinstance(data, Mapping) else []
+    for key in unknown:
+        if key in names(settings.kinds.room):
+            raise ValueError(f"{key}: expected with kind = {key!r} only")
+
+
+def as_kind(settings: type[D], told: D, name: str) -> D:
+    """The same for another kind, whose own table is as by default. Raises ValidationError."""
+    if name == told.kind:
+        return told
+    return settings.model_validate(told.model_dump(include=set(settings.model_fields)) | {"kind": name})
+
+
+def of_kind(settings: type[D], name: object) -> type[D]:
+    """The settings with the own table of a kind, if it has one and they have not; a bad name is told elsewhere."""
+    try:
+        entry = find(settings.kinds, name) if isinstance(name, str) else None
+    except KindError:
+        entry = None
+    if entry is None or entry.settings is None or entry.place in settings.model_fields:
+        return settings
+    return _with(settings, entry.place, entry.settings)
+
+
+@cache
+def _with(settings: type[D], place: str, table: type[Settings]) -> type[D]:
+    required = any(field.is_required() for field in table.model_fields.values())
+    return create_model(
+        settings.__name__,
+        __base__=settings,
+        **{place: (table, Field(...) if required else Field(default_factory=table))},
+    )  # type: ignore[call-overload]
+
+
+def as_asked(model: type[M], tables: Mapping[str, Any]) -> type[M]:
+    """The model of a whole configuration, with the own tables of the kinds that it names."""
+    parts: dict[str, Any] = {}
+    for room in DEFAULTS:
+        part: Any = model.model_fields[room].annotation
+        table = tables.get(room)
+        if isinstance(table, Mapping):
+            parts[room] = (of_kind(part, table.get("kind")), Field(default_factory=part))
+    return create_model(model.__name__, __base__=model, **parts)

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from rig.transport.base import TransportError
+from rig.transport.wire import TransportError
 
 _EVENT = struct.Struct("llHHi")  # seconds, microseconds, type, code, value
 _KEY = 1

@@ -5,20 +5,12 @@ from typing import TYPE_CHECKING
 from rig import door
 
 if TYPE_CHECKING:
+    from rig.data.journal import Journal
     from rig.engine.bench import Bench, Operator, Pause, WatchedBench
     from rig.engine.engine import Engine
-    from rig.engine.errors import (
-        EngineError,
-        LimitError,
-        NotReadyError,
-        RecordError,
-        RunAborted,
-        ScriptError,
-        TripError,
-    )
-    from rig.engine.journal import Journal
-    from rig.engine.pressing.indent import indent
-    from rig.engine.records import Hold, Indentation, PressId, Target
+    from rig.engine.indentation import indent
+    from rig.errors import EngineError, LimitError, NotReadyError, RecordError, RunAborted, ScriptError, TripError
+    from rig.records import Hold, Indentation, PressId, Target
 
 __all__ = [
     "Bench",
@@ -51,7 +43,7 @@ __getattr__ = door(
             "WatchedBench",
         ),
         "rig.engine.engine": ("Engine",),
-        "rig.engine.errors": (
+        "rig.errors": (
             "EngineError",
             "LimitError",
             "NotReadyError",
@@ -60,9 +52,9 @@ __getattr__ = door(
             "ScriptError",
             "TripError",
         ),
-        "rig.engine.journal": ("Journal",),
-        "rig.engine.pressing.indent": ("indent",),
-        "rig.engine.records": (
+        "rig.data.journal": ("Journal",),
+        "rig.engine.indentation": ("indent",),
+        "rig.records": (
             "Hold",
             "Indentation",
             "PressId",

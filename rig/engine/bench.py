@@ -1,17 +1,65 @@
-"""What an engine works on: a clock, a stage, a force sensor, and whoever stands there."""
+"""What an engine works on: clock, stage, force sensor and operator; and the heartbeat that watches it."""
 
-from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from rig.devices.force.base import ForceSensor
-from rig.devices.stage.base import Stage
-from rig.engine.by_hand.bench_memory import LastKnown
+from rig.clock import Clock
+from rig.devices.base import ForceSensor, Stage
+from rig.engine.bench_memory import LastKnown
 from rig.engine.contact import Contact
-from rig.engine.heartbeat import Heartbeat
 from rig.engine.sensing import Zero
-from rig.transport.clock import Clock
+
+LOOK_S = 0.02
+
+
+class Heartbeat:
+    """A promise to be heard of again; look() keeps it, from a thread or a timer that waits for nothing.
+
+    Only what is promised is watched: a rig that touches nothing may wait for its operator all day.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._due_s: float | None = None
+        self.stop: Callable[[], None] = lambda: None
+        self.lost = False
+
+    def beat(self, within_s: float) -> None:
+        """Here; and again within so many seconds."""
+        self._due_s = self._clock.monotonic_s() + within_s
+
+    def rest(self) -> None:
+        """Nothing is touched: there is nothing to watch."""
+        self._due_s = None
+
+    def look(self) -> None:
+        """Stop the stage, once, if the beat that was promised has not come."""
+        due_s = self._due_s
+        if due_s is None or self.lost or self._clock.monotonic_s() <= due_s:
+            return
+        self.lost = True
+        self.stop()
+
+
+@contextmanager
+def looked_after(heartbeat: Heartbeat) -> Iterator[None]:
+    """A thread of its own that looks, on the real clock, every LOOK_S."""
+    over = threading.Event()
+
+    def watch() -> None:
+        while not over.wait(LOOK_S):
+            heartbeat.look()
+
+    thread = threading.Thread(target=watch, name="heartbeat", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
 
 
 @dataclass(frozen=True)

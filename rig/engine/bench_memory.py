@@ -15,12 +15,12 @@ from pathlib import Path
 from platformdirs import user_state_path
 from pydantic import BaseModel, ValidationError
 
+from rig.clock import WallClock
+from rig.devices.base import StageStatus
 from rig.devices.bench_settings import BenchSettings
-from rig.devices.stage.base import StageStatus
 from rig.engine.contact import Contact
-from rig.engine.errors import RecordError
 from rig.engine.sensing import Zero
-from rig.transport.clock import WallClock
+from rig.errors import RecordError
 
 _SAME_PLACE_MM = 0.003  # a board prints 0.001 mm and stands on a step
 

@@ -8,8 +8,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from rig.devices.stage.base import StageStatus
-from rig.engine.errors import EngineError
+from rig.devices.base import StageStatus
+from rig.errors import EngineError
 
 PRINTED_MM = 0.003
 """What a controller rounds, and how far the feedback of a drive may lie from its command, besides one step."""

@@ -6,23 +6,27 @@ from collections.abc import Callable, Mapping
 from enum import Enum
 from typing import Any, NoReturn, Protocol, TypeVar
 
-from rig.devices.force.base import ForceReading
-from rig.devices.stage.base import StageError
-from rig.devices.units import GWT_N
-from rig.engine.bench import Bench
-from rig.engine.by_hand.dead_man import UP, dead_man_jog
+from rig.data.journal import Recorder
+from rig.devices.base import ForceReading, StageError
+from rig.engine.bench import Bench, Heartbeat
 from rig.engine.contact import Contact, ContactKind, judged
-from rig.engine.errors import NotReadyError, RecordError, TripError
-from rig.engine.heartbeat import Heartbeat
-from rig.engine.journal import Recorder
-from rig.engine.limits import AT_MM, ContactTime, Trips, longer_than_an_increment, refuse_height, trip_height_mm
+from rig.engine.dead_man import UP, dead_man_jog
+from rig.engine.limits import (
+    AT_MM,
+    ContactTime,
+    Touched,
+    Trips,
+    longer_than_an_increment,
+    refuse_height,
+    trip_height_mm,
+)
 from rig.engine.motion import FeltError, Motion, StrayedError, TouchError, insist
-from rig.engine.records import NO_PRESS, Phase, PressId, as_fine
 from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import NoReadingError, Sensing
-from rig.engine.touched import Touched
-from rig.errors import code_of, recast
-from rig.transport.base import TransportError
+from rig.errors import NotReadyError, RecordError, TripError, code_of, recast
+from rig.records import NO_PRESS, Phase, PressId, as_fine
+from rig.transport.wire import TransportError
+from rig.units import GWT_N
 
 _T = TypeVar("_T")
 

@@ -1,11 +1,17 @@
-"""What must not be passed: forces, each layer on its own, and the time that a finger is touched."""
+"""Limits and trips: forces, stop distance, time in contact, and where the finger was touched."""
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
-from rig.devices.units import GWT_N
-from rig.engine.errors import LimitError, TripError
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.clock import Clock
 from rig.engine.rig_settings import LimitSettings, RigSettings
-from rig.transport.clock import Clock
+from rig.errors import LimitError, TripError
+from rig.records import Touch
+from rig.units import GWT_N
 
 TRIP_MARGIN = 0.9  # no step is made that would go beyond so much of a trip, at the last stiffness
 AT_MM = 0.02  # heights closer than this are the same place
@@ -159,3 +165,113 @@ def refuse_height(
             floor=settings.floor,
             floor_mm=settings.bounds.lowest_z_mm,
         )
+
+
+CONTACT_EXPONENT = 1.5  # F ∝ d^1.5, a sphere pressed on an elastic solid (Hertz)
+
+_TRIED = 201  # contact heights looked at together
+_FINER = 4  # times that those about the best are looked at, each a hundred times closer
+
+
+def fit_contact(readings: Sequence[tuple[float, float]], threshold_gwt: float, resolution_gwt: float) -> Touch:
+    """Contact height from (height mm, force gwt) readings that descend to the threshold.
+
+    The least-squares fit of F = a · (contact − height)^1.5, none above contact, to all readings: one that noise has
+    lifted is outvoted by its neighbours. It is the last height where fewer than two readings show more than half a
+    step of the sensor, resolution_gwt.
+    """
+    height, force = np.array(readings).T
+    shown = force > 0.5 * resolution_gwt
+    contact = float(height[-1]) if shown.sum() < 2 else _least_squares(height, force)
+    return Touch(threshold_gwt, float(height[-1]), float(force[-1]), contact, int(shown.sum()))
+
+
+def _least_squares(height_mm: NDArray[np.float64], force_gwt: NDArray[np.float64]) -> float:
+    """Contact height, mm, within the descent; for each one tried the stiffness a that fits it best is known."""
+
+    def misfits(contact_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+        shape = np.maximum(contact_mm[:, None] - height_mm, 0.0) ** CONTACT_EXPONENT
+        stiffness = shape @ force_gwt / np.einsum("ij,ij->i", shape, shape)
+        return ((force_gwt - stiffness[:, None] * shape) ** 2).sum(1)
+
+    lowest, highest = height_mm[-1], height_mm[0]
+    tried, step = np.linspace(lowest, highest, _TRIED, retstep=True)
+    tried = tried[1:]  # at the last height itself nothing is below contact
+    lowest += 0.5 * step
+    for _ in range(_FINER):
+        best = tried[int(np.argmin(misfits(tried)))]
+        tried, step = np.linspace(max(best - step, lowest), min(best + step, highest), _TRIED, retstep=True)
+    return float(tried[int(np.argmin(misfits(tried)))])
+
+
+# What a controller has prepared it steps at full speed first: 0.05 s GRBL 1.1h, 0.11 s grblHAL (docs/devices.md).
+PREPARED_S = 0.11
+# The longest that the force goes unread while anything moves: 0.34 s behind `rig serve` (docs/speed.md).
+UNREAD_S = 0.35
+
+
+@dataclass(frozen=True)
+class Stopping:
+    """A stage at a speed, told to stop late by latency_s; it never has more than most_mm to go."""
+
+    speed_mm_s: float
+    latency_s: float
+    deceleration_mm_s2: float
+    most_mm: float
+
+    @classmethod
+    def of(cls, settings: RigSettings, speed_mm_s: float) -> "Stopping":
+        """Late by sensor, wait for a reading and what is prepared; no more than an increment is ever queued."""
+        waited_s = settings.habits.settle_readings * settings.force.sample_period_s
+        late_s = settings.force.latency_s + waited_s + PREPARED_S
+        return cls(speed_mm_s, late_s, settings.stage.acceleration_mm_s2, settings.habits.increment_mm)
+
+    @classmethod
+    def in_one_move(cls, settings: RigSettings, speed_mm_s: float) -> "Stopping":
+        """In a move of any length that is looked at on the way: the force may also have gone unread for UNREAD_S."""
+        late = cls.of(settings, speed_mm_s)
+        return replace(late, latency_s=late.latency_s + UNREAD_S, most_mm=math.inf)
+
+    @property
+    def distance_mm(self) -> float:
+        """v · latency + v² / 2a, or the whole of an increment where that is less."""
+        free_mm = self.speed_mm_s * self.latency_s + self.speed_mm_s**2 / (2 * self.deceleration_mm_s2)
+        return min(free_mm, self.most_mm)
+
+    def overshoot_gwt(self, trip_gwt: float, force_gwt: float, doi_mm: float) -> float:
+        """What the force gains over the trip in that distance, on F ∝ d^1.5 through (doi_mm, force_gwt)."""
+        trip_doi_mm = doi_mm * (trip_gwt / force_gwt) ** (1 / CONTACT_EXPONENT)
+        return trip_gwt * ((1 + self.distance_mm / trip_doi_mm) ** CONTACT_EXPONENT - 1)
+
+
+class Touched:
+    """Heights of first contact above the nominal apex, mm, by place; of one indentor, since the last homing."""
+
+    def __init__(self, settings: RigSettings) -> None:
+        self._settings = settings
+        self._contact_mm: dict[tuple[float, float], float] = {}
+
+    def at(self, x_mm: float, along_mm: float, contact_mm: float) -> None:
+        """Contact was here, and the indentor has been lifted from it."""
+        self._contact_mm[x_mm, along_mm] = contact_mm
+
+    def forget_at(self, x_mm: float, along_mm: float) -> None:
+        """What was here counts no more."""
+        self._contact_mm.pop((x_mm, along_mm), None)
+
+    def forget(self) -> None:
+        """Nothing counts any more: another indentor, a new homing, somebody at the finger."""
+        self._contact_mm.clear()
+
+    def free_mm(self, x_mm: float, along_mm: float, speed_mm_s: float) -> float:
+        """Above which height one move at this speed meets nothing, and stops in time for what has come nearer.
+
+        The last contact here, the margin, and how far the stage goes on after a touch; clearance where that is lower,
+        or where this place was not touched.
+        """
+        habits = self._settings.habits
+        contact_mm = self._contact_mm.get((x_mm, along_mm))
+        if contact_mm is None:
+            return habits.clearance_mm
+        goes_on_mm = Stopping.in_one_move(self._settings, speed_mm_s).distance_mm
+        return min(contact_mm + habits.retouch_margin_mm + goes_on_mm, habits.clearance_mm)

@@ -5,11 +5,11 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
-from rig.devices.stage.base import Looks, Stage, StageError, StageHeld, StageOverridden, StageStatus, is_held
+from rig.clock import Clock
+from rig.devices.base import Looks, Stage, StageError, StageHeld, StageOverridden, StageStatus, is_held
 from rig.engine.corridor import PRINTED_MM, Corridor
 from rig.engine.rig_settings import RigSettings
 from rig.errors import RigError, recast
-from rig.transport.clock import Clock
 
 _ATTEMPTS = 5
 

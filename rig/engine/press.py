@@ -1,4 +1,4 @@
-"""One press past the skin: to a depth or to a force, and held there."""
+"""Press past the skin to a depth or a force and hold it; detect a frozen reading; pulse the sync output."""
 
 import math
 import statistics
@@ -6,13 +6,56 @@ from collections import deque
 from itertools import pairwise
 
 from rig.engine.engine import Engine
-from rig.engine.errors import LimitError, TripError
-from rig.engine.limits import TRIP_MARGIN
-from rig.engine.pressing.frozen import Unanswered
-from rig.engine.pressing.pulse import pulse
-from rig.engine.pressing.touch_fit import CONTACT_EXPONENT
-from rig.engine.records import Hold, Phase, PressId, Target, Touch
+from rig.engine.limits import CONTACT_EXPONENT, TRIP_MARGIN
 from rig.engine.verbs import safe_point
+from rig.errors import LimitError, TripError
+from rig.records import Hold, Phase, PressId, Target, Touch
+
+_MOVES, _STEPS, _SHARE = 3, 5, 0.1
+
+
+class Unanswered:
+    """Moves, and the change of force (gwt) that was expected of them, since the reading last changed."""
+
+    def __init__(self, resolution_gwt: float) -> None:
+        self._resolution_gwt, self._moves, self._expected_gwt = resolution_gwt, 0, 0.0
+
+    def too_long(self, before_gwt: float, force_gwt: float, expected_gwt: float) -> bool:
+        """Whether the force has not answered by any step of the sensor for far too long, this move included."""
+        if abs(force_gwt - before_gwt) > 0.5 * self._resolution_gwt:
+            self._moves, self._expected_gwt = 0, 0.0
+            return False
+        self._expected_gwt += expected_gwt
+        self._moves += 1
+        enough_gwt = max(_STEPS * self._resolution_gwt, _SHARE * force_gwt)
+        return self._moves >= _MOVES and self._expected_gwt > enough_gwt
+
+
+def pulse(engine: Engine, press: PressId, at: str) -> None:
+    """Say that this is the instant, where an output is configured; of data only.
+
+    rise_s is when the device had confirmed the rise, uncertainty_s how long before that it may have been.
+    """
+    sync, clock, stage = engine.settings.sync, engine.clock, engine.bench.stage
+    if sync.output == "off" or press.purpose != "data":
+        return
+    asked_s = clock.monotonic_s()
+    engine.guarded(lambda: stage.set_output(True))
+    rise_s = clock.monotonic_s()
+    clock.wait_s(sync.width_s)
+    engine.guarded(lambda: stage.set_output(False))
+    width_s = clock.monotonic_s() - rise_s
+    engine.record(
+        "sync",
+        {
+            "index": press.index,
+            "at": at,
+            "rise_s": round(rise_s, 6),
+            "uncertainty_s": round(rise_s - asked_s, 6),
+            "width_s": round(width_s, 6),
+        },
+    )
+
 
 _MAX_SEEK_MOVES = 400
 _FORCE_TOLERANCE_GWT, _FORCE_TOLERANCE = 0.05, 0.01

@@ -5,7 +5,7 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from rig.devices.bench_settings import SLOWEST_MM_S, BenchSettings, StageBounds
-from rig.transport.port_settings import Settings
+from rig.settings import Settings
 
 FASTEST_PRESS_MM_S = 5.0
 

@@ -5,12 +5,12 @@ import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from rig.devices.force.base import ForceBusy, ForceError, ForceOverload, ForceReading, ForceSensor, ForceUnderload
-from rig.devices.units import GWT_N
+from rig.clock import Clock
+from rig.devices.base import ForceBusy, ForceError, ForceOverload, ForceReading, ForceSensor, ForceUnderload
 from rig.engine.rig_settings import RigSettings
 from rig.errors import RigError, code_of
-from rig.transport.base import TransportError
-from rig.transport.clock import Clock
+from rig.transport.wire import TransportError
+from rig.units import GWT_N
 
 _OUT_OF_RANGE = (ForceOverload, ForceUnderload, ForceBusy)
 _READINGS_AT_ZERO = 12

@@ -6,13 +6,13 @@ from contextlib import suppress
 from dataclasses import replace
 from typing import Any, TypeVar
 
-from rig.devices.units import GWT_N
-from rig.engine.by_hand.bench_memory import LastKnown
+from rig.engine.bench_memory import LastKnown
 from rig.engine.engine import Engine, State
-from rig.engine.errors import LimitError, NotReadyError, PressPaused, RunAborted, TripError
 from rig.engine.limits import AT_MM
-from rig.engine.records import NO_PRESS
 from rig.engine.sensing import several_gwt
+from rig.errors import LimitError, NotReadyError, PressPaused, RunAborted, TripError
+from rig.records import NO_PRESS
+from rig.units import GWT_N
 
 _T = TypeVar("_T")
 

@@ -9,8 +9,8 @@ from scipy.optimize import least_squares
 from scipy.stats import t as student
 
 from rig.data import Run
+from rig.errors import BadInputError
 from rig.plan.config import Config
-from rig.protocol.errors import BadInputError
 from sim.finger.surface import FingertipSurface
 from sim.models.fingertip import Fingertip
 from sim.plant import Pose, Turn

@@ -6,18 +6,17 @@ from pathlib import Path
 from typing import TypeVar
 
 from rig.data import RunFolder
-from rig.data.following import Following
-from rig.data.reader import Events, add_event
+from rig.data.folder import SCRIPT
+from rig.data.run import Events, Following, add_event
 from rig.engine import Engine, LimitError
 from rig.engine.limits import Trips
+from rig.identify.press_record import given_press
+from rig.identify.procedure import Meeting, Told
 from rig.protocol.api import ProtocolParameters, Rig
+from rig.protocol.check import Spot, Walk
 from rig.protocol.script import Script
 from rig.protocol.steps import Indent, Step
-from rig.protocol.walk import Spot, Walk
-from rig.session.live import Live
-from rig.session.meeting import SCRIPT
-from rig.session.meeting.journalled_press import given_press
-from rig.session.meeting.meeting import Meeting, Told
+from rig.session.execute import Live
 from sim.identification.design import PressAt
 
 E = TypeVar("E")

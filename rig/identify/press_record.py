@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from rig.data.reader import Events
-from rig.devices.units import GWT_N
+from rig.data.run import Events
 from rig.engine.rig_settings import RigSettings
+from rig.units import GWT_N
 from sim.identification.forward import Given, Way
 
 _ABOVE_MM = 0.1  # over the first touch nothing is felt

@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rig.devices.units import GWT_N
 from rig.engine.rig_settings import RigSettings
 from rig.plan.config import Config
 from rig.plan.plan import SMALLEST_SOFT_TRIP_N, SOFT_TRIP_OVER_BAND
-from rig.protocol.planned import BETWEEN_INCREMENTS_S
+from rig.records import BETWEEN_INCREMENTS_S
+from rig.units import GWT_N
 from sim.errors import ModelRangeError
 from sim.identification.bands import Width, band, standard_deviations
 from sim.identification.design import Chooser, PressAt, Search, highest_gwt

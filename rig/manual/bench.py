@@ -4,22 +4,21 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from datetime import datetime
 
-from rig.devices.force.base import ForceError
-from rig.devices.stage.base import Stage
-from rig.devices.units import GWT_N
+from rig.clock import Clock
+from rig.data.journal import NoJournal
+from rig.devices.base import ForceError, Stage
 from rig.engine import Engine, LimitError, verbs
 from rig.engine.bench import Bench
-from rig.engine.by_hand import ByHand, Guard, Show
-from rig.engine.by_hand.bench_memory import BenchMemory, LastKnown
+from rig.engine.bench_memory import BenchMemory, LastKnown
 from rig.engine.contact import Contact
-from rig.engine.journal import NoJournal
 from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import NoReadingError, Sensing, several_gwt
-from rig.errors import around
-from rig.protocol.errors import BadInputError
-from rig.session.running import stopped_at_once
-from rig.transport.base import TransportError
-from rig.transport.clock import Clock
+from rig.errors import BadInputError, around
+from rig.manual.guard import Guard
+from rig.manual.jog import ByHand, Show
+from rig.session.session import stopped_at_once
+from rig.transport.wire import TransportError
+from rig.units import GWT_N
 
 
 def unfelt(error: Exception) -> BadInputError:

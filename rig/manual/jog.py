@@ -1,21 +1,20 @@
-"""One motion at a time that a person asks for: felt on the way, and down only as far as what is felt allows."""
+"""Move by hand, one motion at a time: force is read on the way and limits how far it goes down."""
 
 import math
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 
-from rig.devices.stage.base import Axis, Stage, StageError, StageOverridden, StageStatus
-from rig.engine.by_hand.dead_man import DOWN, UP, Direction, dead_man_jog
-from rig.engine.by_hand.guard import Guard
+from rig.clock import Clock
+from rig.devices.base import Axis, Stage, StageError, StageOverridden, StageStatus
 from rig.engine.contact import Contact, ContactKind, judged
-from rig.engine.errors import LimitError
+from rig.engine.dead_man import DOWN, UP, Direction, dead_man_jog
 from rig.engine.limits import AT_MM
 from rig.engine.motion import FeltError, StrayedError, insist
 from rig.engine.rig_settings import RigSettings
-from rig.errors import RigError, code_of, recast
-from rig.transport.base import TransportError
-from rig.transport.clock import Clock
+from rig.errors import LimitError, RigError, code_of, recast
+from rig.manual.guard import Guard
+from rig.transport.wire import TransportError
 
 Held = Callable[[], Direction | None]
 Show = Callable[[StageStatus, float | None], None]
@@ -239,3 +238,28 @@ class ByHand:
             fields["lifted_mm"] = back_mm
         self._show(at, self._force_gwt)
         return Moved(at, self._force_gwt, FeltError(words, code=felt.code, **fields))
+
+
+FASTEST_MM_S = 10.0
+"""By hand, in any direction; down a finger's own limit counts besides."""
+
+
+class HeldWord:
+    """What was said last, for counts_s from when it was said."""
+
+    def __init__(self, clock: Clock, counts_s: float) -> None:
+        self._clock, self._counts_s = clock, counts_s
+        self._said: tuple[Direction, float] | None = None  # and until when it counts
+
+    def say(self, direction: Direction | None, ago_s: float = 0.0) -> None:
+        """It is held, None: it is not; so it was ago_s ago. What was said later counts on."""
+        until_s = self._clock.monotonic_s() + self._counts_s - ago_s
+        if direction is not None and self._said is not None and self._said[0] == direction:
+            until_s = max(until_s, self._said[1])
+        self._said = None if direction is None else (direction, until_s)
+
+    def __call__(self) -> Direction | None:
+        if self._said is None:
+            return None
+        direction, until_s = self._said
+        return direction if self._clock.monotonic_s() < until_s else None

@@ -1,26 +1,81 @@
-"""The process that owns the ports while somebody works by hand: the one thread of it that moves anything."""
+"""The process that owns the ports while somebody works by hand: one thread moves, others answer."""
 
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from typing import Any
 
-from rig.devices.stage.base import StageError, StageOverridden, StageRejected, StageStatus, is_held
+from rig.control.stop import answer_to_a_stop
+from rig.devices.base import Stage, StageError, StageOverridden, StageRejected, StageStatus, is_held
 from rig.engine.bench import Bench
-from rig.engine.by_hand import ByHand
-from rig.engine.by_hand.bench_memory import BenchMemory, LastKnown
+from rig.engine.bench_memory import BenchMemory, LastKnown
 from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import NoReadingError, Sensing
-from rig.protocol.errors import BadInputError
-from rig.session.by_hand import at_hand
-from rig.session.by_hand.hand_answers import hand_answers
-from rig.session.by_hand.hand_readings import OverheardSensor
-from rig.session.by_hand.hand_status import HandStatus
-from rig.session.by_hand.holds import HOLD_S, Hold
-from rig.session.by_hand.orders import Orders, Verb
-from rig.session.running import ENDINGS
-from rig.transport.base import TransportError
-from rig.transport.byte_log import Sink
+from rig.errors import BadInputError, LimitError
+from rig.manual import bench as at_hand
+from rig.manual.jog import ByHand
+from rig.manual.requests import HOLD_S, Hold, Orders, Verb
+from rig.manual.status import HandStatus, OverheardSensor
+from rig.session.session import ENDINGS
 from rig.transport.stop_gate import StopGate
+from rig.transport.wire import Sink, TransportError
+
+Request = Mapping[str, Any]
+Answers = Mapping[str, Callable[[Request], Mapping[str, Any]]]
+
+
+def hand_answers(orders: Orders, status: HandStatus, stage: Stage, gate: StopGate) -> Answers:
+    """By what is asked for; what they raise is a refusal, in one line."""
+
+    def stop(request: Request) -> Mapping[str, Any]:
+        """Past every queue, from this thread; nothing of what is under way goes out after it."""
+        orders.stop()
+        with gate.stopping():
+            return answer_to_a_stop(stage.stop)
+
+    def told(request: Request) -> Mapping[str, Any]:
+        found = status.as_json(stopped=orders.stopped, since=_since(request))
+        return {**found, "busy": orders.busy, "tab": orders.tab, "stopped": orders.stopped}
+
+    def hold(request: Request) -> Mapping[str, Any]:
+        orders.hold(Hold.asked(request))
+        return {}
+
+    def release(request: Request) -> Mapping[str, Any]:
+        orders.release(*_press(request))
+        return {}
+
+    def home(request: Request) -> Mapping[str, Any]:
+        orders.do("home")
+        return {}
+
+    def zero(request: Request) -> Mapping[str, Any]:
+        orders.do("zero anyway" if request.get("anyway") is True else "zero")
+        return {}
+
+    def leave(request: Request) -> Mapping[str, Any]:
+        orders.leave()
+        return {}
+
+    return {"stop": stop, "status": told, "hold": hold, "release": release, "home": home, "zero": zero,
+            "leave": leave}  # fmt: skip
+
+
+def _since(request: Request) -> int | None:
+    since = request.get("since")
+    if since is None or (isinstance(since, int) and since >= 0):
+        return since
+    raise LimitError("{do}: {key} = {value!r}, expected a number of readings", code="invalid_request", do="status",
+                     key="since", value=since)  # fmt: skip
+
+
+def _press(request: Request) -> tuple[str, int]:
+    tab, press = request.get("tab"), request.get("press")
+    if isinstance(tab, str) and isinstance(press, int):
+        return tab, press
+    raise LimitError("{do}: tab = {tab!r}, press = {press!r}, expected those of a hold", code="invalid_request",
+                     do="release", tab=tab, press=press)  # fmt: skip
+
 
 LOOK_S = 0.1
 """With nothing to do the stage is looked at so often, and the force as often as the sensor has a new value."""

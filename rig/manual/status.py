@@ -1,21 +1,113 @@
-"""What the process at the bench tells of it: where the stage is, what is felt, how the last thing ended."""
+"""What the process that owns the bench by hand reports: position, force, readings, byte log."""
 
+import json
 import math
+import os
 import threading
-from collections.abc import Mapping
+from collections import deque
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from datetime import UTC, datetime
+from itertools import islice
+from types import TracebackType
 from typing import Any
 
-from rig.devices.force.base import ForceReading
-from rig.devices.stage.base import StageStatus
-from rig.devices.units import GWT_N
-from rig.engine.by_hand.held import FASTEST_MM_S
+from rig.clock import Clock
+from rig.devices.base import ForceError, ForceReading, ForceSensor, StageStatus
+from rig.engine.bench_memory import state_folder
 from rig.engine.contact import Contact
 from rig.engine.limits import Trips
 from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import Sensing
-from rig.session.by_hand.hand_readings import Backlog
-from rig.session.by_hand.orders import HOME_FIRST
-from rig.transport.clock import Clock
+from rig.manual.jog import FASTEST_MM_S
+from rig.manual.requests import HOME_FIRST
+from rig.transport.wire import ByteLog, TransportError
+from rig.units import GWT_N
+
+COLUMNS = ("unix_s", "t_s", "force_gwt", "x_mm", "y_mm", "z_mm", "height_mm")
+KEPT = 3600
+"""A little more than a minute of 50 a second."""
+
+AT_A_TIME = 400
+"""So many rows in an answer: it stays well below what the wire takes."""
+
+Row = tuple[float | None, ...]
+
+
+class OverheardSensor:
+    """A force sensor whose every reading, or lack of one, is told, whoever asks for it."""
+
+    def __init__(
+        self, sensor: ForceSensor, told: Callable[[ForceReading], None], failed: Callable[[str], None]
+    ) -> None:
+        self._sensor, self._told, self._failed = sensor, told, failed
+
+    def connect(self) -> str:
+        """Make contact. Raises ForceError, TransportError."""
+        return self._sensor.connect()
+
+    def identify(self) -> str:
+        """Who it is. Raises ForceError, TransportError."""
+        return self._sensor.identify()
+
+    def zero(self) -> None:
+        """Take the present load for zero. Raises ForceError, TransportError."""
+        self._sensor.zero()
+
+    def close(self) -> None:
+        """Give the port back."""
+        self._sensor.close()
+
+    @property
+    def sample_period_s(self) -> float:
+        """How often it has a new value."""
+        return self._sensor.sample_period_s
+
+    @property
+    def resolution_gwt(self) -> float:
+        """One step of what it shows."""
+        return self._sensor.resolution_gwt
+
+    def read(self) -> ForceReading:
+        """The latest value. Raises ForceError, TransportError."""
+        try:
+            reading = self._sensor.read()
+        except (ForceError, TransportError) as error:
+            self._failed(str(error))
+            raise
+        self._told(reading)
+        return reading
+
+
+class Backlog:
+    """The last KEPT readings, numbered from 0; written by one thread, read by others under the owner's lock."""
+
+    def __init__(self) -> None:
+        self._rows: deque[Row] = deque(maxlen=KEPT)
+        self._told = 0
+
+    def add(self, row: Row) -> None:
+        """One reading, as COLUMNS."""
+        self._rows.append(row)
+        self._told += 1
+
+    def since(self, number: int) -> dict[str, Any]:
+        """Those from this number on (0: all that is kept), AT_A_TIME at most, and where to go on.
+
+        more: there are some already. lost: so many were asked for too late.
+        """
+        first = self._told - len(self._rows)
+        start = min(max(number, first), self._told)
+        rows = list(islice(self._rows, start - first, start - first + AT_A_TIME))
+        onward = start + len(rows)
+        return {
+            "columns": COLUMNS,
+            "rows": rows,
+            "next": onward,
+            "more": onward < self._told,
+            "lost": first - number if 0 < number < first else 0,
+        }
+
 
 NOT_FELT = "nothing moves while the force sensor does not answer"
 IN_STEPS = "home: where it is not homed heights are not known, and down it goes in steps of one increment"
@@ -113,3 +205,52 @@ class HandStatus:
         if not self.placed:
             return IN_STEPS
         return None if self.zeroed else ZERO_FIRST
+
+
+FILE_BYTES = 8 << 20
+KEPT_FILES = 16
+"""Files, of all benches together: some hours of readings."""
+
+
+class HandLog:
+    """A sink of whole lines, of any thread; each file begins with the wall time, unix_s, at a t_s of its lines."""
+
+    def __init__(self, clock: Clock) -> None:
+        """Raises OSError."""
+        self._clock, self._lock = clock, threading.Lock()
+        self._folder = state_folder() / "by_hand"
+        self._folder.mkdir(parents=True, exist_ok=True)
+        self._begin()
+
+    @property
+    def problem(self) -> OSError | None:
+        """Why nothing is written any more, if so."""
+        return self._file.problem
+
+    def write(self, text: str, /) -> None:
+        """A line; a file that is full is followed by another one."""
+        with self._lock:
+            self._file.write(text)
+            self._bytes += len(text)
+            if self._bytes >= FILE_BYTES:
+                full = self._file
+                with suppress(OSError):  # the full one goes on rather than none
+                    self._begin()
+                    full.__exit__(None, None, None)
+
+    def _begin(self) -> None:
+        now_s = self._clock.unix_s()
+        stamp = datetime.fromtimestamp(now_s, UTC).strftime("%Y%m%d-%H%M%S.%f")
+        path = self._folder / f"{stamp}-{os.getpid()}.jsonl"
+        self._file, self.path, self._bytes = ByteLog(path), path, 0
+        self._file.write(json.dumps({"t_s": round(self._clock.monotonic_s(), 6), "unix_s": now_s}) + "\n")
+        for old in sorted(self._folder.glob("*.jsonl"))[:-KEPT_FILES]:
+            old.unlink(missing_ok=True)
+
+    def __enter__(self) -> "HandLog":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.__exit__(kind, error, trace)

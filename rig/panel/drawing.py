@@ -1,22 +1,67 @@
-"""Drawings made in a process of its own, which solves what must be solved while the server answers."""
+"""Draw the section of the finger and the indentor for a page, in a process of its own."""
 
+import asyncio
 import contextlib
+import math
 import multiprocessing
 import signal
 import threading
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import lru_cache
 from multiprocessing.connection import Connection
+from pathlib import Path
 from typing import Any
 
-from rig.errors import RigError
-from rig.panel.drawn.job import Job
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.clock import Clock
+from rig.errors import BadInputError, RigError, code_of
+from rig.panel.stream import Outlet
+from rig.plan.config import load_config
+from rig.plan.finger_model import from_copy
+from sim.config import FingertipConfig
+from sim.contact.indentor import Indentor
+from sim.contact.patch import X, Z
+from sim.contact.shapes import ShapeError, parse_shape
+from sim.errors import ModelRangeError
+from sim.finger.mesh import nodes_on_rays, order_of
+from sim.finger.surface import FingertipSurface
+from sim.models.fingertip import Fingertip
+from sim.models.result import IndentationResult
 from sim.workers import give_way, leaving_ctrl_c_to_us
+
+
+@dataclass(frozen=True)
+class Press:
+    """One press of a run: its number among those of its purpose, its place and its target."""
+
+    index: int
+    purpose: str
+    x_mm: float
+    target: str  # doi_mm or force_gwt
+    value: float
+
+
+@dataclass(frozen=True)
+class Job:
+    """All that a drawing needs; config and, in a run's folder, its own copies of the files that shapes name."""
+
+    config: Path
+    folder: Path | None = None
+    indentor: str | None = None
+    along_mm: float = 0.0  # from the receptor plane
+    press: Press | None = None
+
 
 PATIENCE_S = 120.0
 """A larger patch takes a minute on a busy machine; what takes longer is not waited for."""
 _GIVES_WAY = 10
 """To whoever moves something, and to the model that they wait for."""
 
-Drawing = dict[str, Any]
+DrawingAnswer = dict[str, Any]
 """Of `section`, with `prediction` where there is a press, or a `problem`."""
 
 
@@ -31,10 +76,10 @@ class DrawingProcess:
 
     def __init__(self) -> None:
         self._process: multiprocessing.process.BaseProcess | None = None
-        self._near: Connection[Job, Drawing] | None = None
+        self._near: Connection[Job, DrawingAnswer] | None = None
         self._changing = threading.Lock()
 
-    def ask(self, job: Job) -> Drawing:
+    def ask(self, job: Job) -> DrawingAnswer:
         """Waits for it. Raises DrawingError; what cannot be drawn is a `problem` in it."""
         try:
             near = self._begun()
@@ -57,7 +102,7 @@ class DrawingProcess:
             process.join()
             near.close()
 
-    def _begun(self) -> "Connection[Job, Drawing]":
+    def _begun(self) -> "Connection[Job, DrawingAnswer]":
         with self._changing:
             if self._near is None:
                 context = multiprocessing.get_context("spawn")
@@ -69,11 +114,204 @@ class DrawingProcess:
             return self._near
 
 
-def _serve(far: "Connection[Drawing, Job]") -> None:
+def _serve(far: "Connection[DrawingAnswer, Job]") -> None:
     give_way(_GIVES_WAY)
-    from rig.panel.drawn.drawing import drawn  # solver and libraries: here alone
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with contextlib.suppress(EOFError, OSError):
         while True:
             far.send(drawn(far.recv()))
+
+
+_LOOK_S = 0.05
+NO_CURVE: DrawingAnswer = {"doi_mm": None, "force_gwt": None}
+
+
+class Drawer:
+    """Has drawn what `wanted` says; what was wanted meanwhile and is no more, is never drawn."""
+
+    def __init__(self, wanted: Callable[[], Job | None], outlet: Outlet, clock: Clock) -> None:
+        self._wanted, self._outlet, self._clock = wanted, outlet, clock
+        self.process = DrawingProcess()
+        self._thread = ThreadPoolExecutor(1, "drawing")
+        self._drawn: Job | None = None
+        self._told_of: Job | None = None
+
+    async def look_on(self) -> None:
+        """Until it is cancelled."""
+        while True:
+            await self.look()
+            await asyncio.sleep(_LOOK_S)
+
+    async def look(self) -> None:
+        """Have drawn what is not: finger and indentor first, since what is solved takes longer."""
+        job = self._wanted()
+        if job != self._told_of:
+            self._told_of = job
+            self._foresee(job, NO_CURVE)
+        if job is None or job == self._drawn:
+            return
+        still = replace(job, press=None)
+        if self._drawn is None or replace(self._drawn, press=None) != still:
+            await self._draw(still)
+        else:
+            await self._draw(job)
+
+    async def _draw(self, job: Job) -> None:
+        try:
+            told = await asyncio.get_running_loop().run_in_executor(self._thread, self.process.ask, job)
+        except DrawingError as error:
+            told = {"problem": str(error), "code": error.code}
+        self._drawn = job
+        prediction = told.pop("prediction", NO_CURVE)
+        self._outlet.publish("section", {**self._of(job), "skin": [], **told})
+        if job.press is not None and job == self._wanted():
+            self._foresee(job, prediction)
+
+    def _foresee(self, job: Job | None, curve: DrawingAnswer) -> None:
+        self._outlet.publish("prediction", {**self._of(job), **curve})
+
+    def _of(self, job: Job | None) -> dict[str, Any]:
+        """Of what it is."""
+        press = None if job is None else job.press
+        return {
+            "unix_s": self._clock.unix_s(),
+            "run": None if job is None or job.folder is None else job.folder.name,
+            "index": None if press is None else press.index,
+            "purpose": None if press is None else press.purpose,
+            "shape": None if job is None else job.indentor,
+        }
+
+    def close(self) -> None:
+        """End the process that draws."""
+        self.process.close()
+        self._thread.shutdown(wait=False)
+
+
+Array = NDArray[np.float64]
+Line = list[list[float]]
+
+HIGHEST_MM = 2.0
+"""Above its lowest point no more of an indentor is drawn."""
+_REACH_MM, _STEP_MM = 8.0, 0.02
+_ANGLES = 181
+_DIGITS = 4
+
+
+def finger_outlines(
+    config: FingertipConfig, surface: FingertipSurface, z_mm: float, apex_mm: float
+) -> dict[str, Line | list[Line]]:
+    """Skin, layers below it, bone and nail of the section at z; heights from the nominal apex, at `apex_mm`."""
+    phi = np.linspace(-math.pi, math.pi, _ANGLES)
+    nodes, layer = nodes_on_rays(config, surface, phi, np.array([z_mm]))
+    changes = np.flatnonzero(np.diff(layer)) + 1
+    ends = order_of(config.mesh) * np.append(changes, len(layer))
+    rings = [points(nodes[0, :, end, 0], nodes[0, :, end, 1] - apex_mm) for end in ends[:3]]
+    skin = points(nodes[0, :, 0, 0], nodes[0, :, 0, 1] - apex_mm)
+    return {"skin": skin, "layers": rings[:2], "bone": rings[2], "nail": _nail(config, surface, z_mm, apex_mm)}
+
+
+def _nail(config: FingertipConfig, surface: FingertipSurface, z_mm: float, apex_mm: float) -> Line:
+    """Where the skin is held still; nothing where the section has no nail."""
+    if z_mm < config.tissue.nail_from_z_mm or config.tissue.nail_arc_deg <= 0:
+        return []
+    half = math.radians(0.5 * config.tissue.nail_arc_deg)
+    x, y = surface.section(np.linspace(-0.5 * math.pi - half, -0.5 * math.pi + half, _ANGLES), z_mm)
+    return points(x, y - apex_mm)
+
+
+def indentor_outline(indentor: Indentor) -> Line:
+    """The indentor cut through its reference point, across the finger; its lowest point is at height 0."""
+    s = np.arange(-_REACH_MM, _REACH_MM + 0.5 * _STEP_MM, _STEP_MM)
+    offset = {X: s, Z: np.zeros_like(s)}
+    height = indentor.evaluate(np.stack([offset[axis] for axis in indentor.axes])).height_mm
+    height = np.minimum(height - min(float(height.min()), 0.0), HIGHEST_MM)
+    low = np.flatnonzero(height < HIGHEST_MM)
+    if not len(low):
+        return []
+    cut = slice(max(low[0] - 1, 0), low[-1] + 2)
+    s, height = s[cut], height[cut]
+    bent = np.ones(len(s), dtype=bool)
+    bent[1:-1] = np.abs(np.diff(height, 2)) > 1e-9
+    return points(s[bent], height[bent])
+
+
+def points(x: Array, z: Array) -> Line:
+    """As a page takes them."""
+    return np.round(np.stack([x, z], axis=1), _DIGITS).tolist()
+
+
+DEPTHS = 8
+NONE: dict[str, Any] = {"doi_mm": None, "force_gwt": None}
+
+
+def foreseen(finger: Fingertip, shape: Indentor, press: Press) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Of `prediction` the curve up to the target, of `section` skin and contact there; empty where there is none."""
+    try:
+        x_mm, ways = shape.lateral_mm(press.x_mm), finger.keeping_ways()
+        last = ways.indent(shape, x_mm, **{press.target: press.value})  # type: ignore[arg-type]
+        depths = last.doi_mm * np.arange(1, DEPTHS) / DEPTHS
+        found = [ways.indent(shape, x_mm, doi_mm=float(doi_mm)) for doi_mm in depths]
+    except ModelRangeError as error:
+        return {**NONE, "problem": str(error), "code": code_of(error)}, {}
+    curve = [one for one in [*found, last] if one.state.converged]
+    told = {"doi_mm": [0.0, *(one.doi_mm for one in curve)], "force_gwt": [0.0, *(one.force_gwt for one in curve)]}
+    return told, _at_target(last, finger.apex_height_mm) if last.state.converged else {}
+
+
+def _at_target(found: IndentationResult, apex_mm: float) -> dict[str, Any]:
+    x, y = found.skin_profile
+    return {
+        "contact": [list(region) for region in found.contact_regions_mm],
+        "pressed_skin": points(x, y - apex_mm),
+    }
+
+
+Drawing = dict[str, Any]
+
+
+def drawn(job: Job) -> Drawing:
+    """The section of a job, with `prediction` where it has a press; what cannot be had is told in `problem`."""
+    try:
+        config = _finger_config(job.config, _written_ns(job.config))
+        told = _still(config, job)
+        return told if job.press is None else _pressed(config, job, told)
+    except (BadInputError, ShapeError, OSError) as error:
+        return {"problem": str(error), "code": code_of(error)}
+    except Exception as error:  # a scene beyond the model must not end this process
+        return {"problem": f"{type(error).__name__}: {error}", "code": code_of(error)}
+
+
+def _still(config: FingertipConfig, job: Job) -> Drawing:
+    """Finger and indentor, with nothing solved."""
+    surface = FingertipSurface.fit(config.geometry)
+    ridge = surface.ridge
+    apex_mm = float(ridge(ridge.derivative().roots(extrapolate=False)).max())
+    told: Drawing = finger_outlines(config, surface, config.receptor_plane_mm + job.along_mm, apex_mm)
+    told["indentor"] = None if job.indentor is None else indentor_outline(_shape(job))
+    return {**told, "along_mm": job.along_mm}
+
+
+def _pressed(config: FingertipConfig, job: Job, told: Drawing) -> Drawing:
+    assert job.press is not None
+    prediction, at_target = foreseen(_finger(config), _shape(job), job.press)
+    return {**told, **at_target, "prediction": prediction}
+
+
+def _shape(job: Job) -> Indentor:
+    assert job.indentor is not None
+    return parse_shape(job.indentor if job.folder is None else from_copy(job.folder, job.indentor))
+
+
+@lru_cache(maxsize=4)
+def _finger_config(path: Path, written_ns: int) -> FingertipConfig:
+    return load_config(path).finger
+
+
+def _written_ns(path: Path) -> int:
+    return path.stat().st_mtime_ns
+
+
+@lru_cache(maxsize=1)
+def _finger(config: FingertipConfig) -> Fingertip:
+    return Fingertip.load(config)

@@ -1,30 +1,151 @@
-"""What a page asks for: stop, pause, go on, the bench; each answer is {"ok": …, "problem": …} and a status."""
+"""What a page asks for by POST, read strictly: stop, pause, continue, the bench."""
 
 import asyncio
+import json
 import threading
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from functools import partial
-from typing import Any
+from typing import Any, Literal, NamedTuple, TypeVar
 
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
+from rig.control.client import ControlError, RefusedError
+from rig.control.stop import BESIDE_S, SentStop, send_stop
 from rig.devices.bench_settings import BenchSettings
 from rig.errors import RigError
-from rig.panel.asked import HeldButton, RequestError, body_of, flag, whole
-from rig.panel.by_hand_process import ByHandProcess, NotTakenError
-from rig.panel.few import Few
 from rig.panel.gate import TAB_HEADER
-from rig.panel.owners import NobodyError, Owner, Said, asked, say_stop, stop_all
-from rig.panel.watcher import Watcher
-from rig.session.control.announcements import ControlError, RefusedError
-from rig.session.control.sent_stop import BESIDE_S, SentStop, send_stop
+from rig.panel.owners import ByHandProcess, NobodyError, NotTakenError, Owner, Said, asked, say_stop, stop_all
+from rig.panel.state import Watcher
+
+MOST_BYTES = 4096
+_LARGEST = 1e12
+_SIGNS = (-1, 1)
+_AXES = ("x", "y", "z")
+_STATUS = {"no_such_run": 404, "no_such_file": 404, "body_too_large": 413, "content_type": 415}
+
+
+class RequestError(RigError):
+    """A request that is not understood, or for something that there is not. One line."""
+
+    default_code = "bad_request"
+
+    @property
+    def status(self) -> int:
+        """Of HTTP."""
+        return _STATUS.get(self.code, 400)
+
+
+async def body_of(request: Request) -> dict[str, Any]:
+    """The JSON object that was sent. Raises RequestError."""
+    if request.headers.get("content-type", "").partition(";")[0].strip() != "application/json":
+        raise RequestError("content-type: expected application/json", code="content_type")
+    found = bytearray()
+    async for piece in request.stream():
+        found += piece
+        if len(found) > MOST_BYTES:
+            raise RequestError("body: expected at most {most} bytes", code="body_too_large", most=MOST_BYTES)
+    try:
+        told = json.loads(found, parse_constant=_no_number)
+    except (ValueError, RecursionError):
+        raise RequestError("body: expected a JSON object", code="no_json_object") from None
+    if not isinstance(told, dict):
+        raise RequestError("body: expected a JSON object", code="no_json_object")
+    return told
+
+
+def _no_number(name: str) -> float:
+    raise ValueError(name)
+
+
+def _not_understood(code: str, key: str, expected: str) -> RequestError:
+    return RequestError("{key}: expected {expected}", code=code, key=key, expected=expected)
+
+
+class HeldButton(NamedTuple):
+    """A button that is down: which way, how fast, which press of it, and when the page said so."""
+
+    axis: Literal["x", "y", "z"]
+    sign: Literal[-1, 1]
+    speed_mm_s: float
+    press: int
+    unix_s: float
+
+    @classmethod
+    def of(cls, body: Mapping[str, Any]) -> "HeldButton":
+        """Raises RequestError."""
+        axis, sign = body.get("axis"), body.get("sign")
+        if axis not in _AXES:
+            raise _not_understood("unknown_choice", "axis", "x, y or z")
+        if type(sign) is not int or sign not in _SIGNS:
+            raise _not_understood("unknown_choice", "sign", "1 or -1")
+        speed_mm_s = number("speed_mm_s", body)
+        if speed_mm_s <= 0:
+            raise _not_understood("not_positive", "speed_mm_s", "more than 0")
+        return cls(axis, sign, speed_mm_s, whole("press", body), number("unix_s", body))  # type: ignore[arg-type]
+
+
+def number(name: str, body: Mapping[str, Any]) -> float:
+    """A finite one. Raises RequestError."""
+    found = body.get(name)
+    if isinstance(found, bool) or not isinstance(found, int | float) or not abs(found) <= _LARGEST:
+        raise _not_understood("not_a_number", name, "a number")
+    return float(found)
+
+
+def whole(name: str, body: Mapping[str, Any]) -> int:
+    """A whole number from 0. Raises RequestError."""
+    found = body.get(name)
+    if type(found) is not int or found < 0:
+        raise _not_understood("not_whole", name, "a whole number")
+    return found
+
+
+def flag(name: str, body: Mapping[str, Any]) -> bool:
+    """True or false, which it is where nothing is said. Raises RequestError."""
+    found = body.get(name, False)
+    if type(found) is not bool:
+        raise _not_understood("not_a_flag", name, "true or false")
+    return found
+
+
+Answer = TypeVar("Answer")
+Given = TypeVar("Given")
+
+
+class Few:
+    """So many at once, each in a thread; what comes while all are busy is refused, and waits nowhere."""
+
+    def __init__(self, threads: int, name: str, problem: str, code: str = "busy") -> None:
+        """problem, code: what is said where all are busy."""
+        self._pool, self._problem, self._code = ThreadPoolExecutor(threads, name), problem, code
+        self._idle = threading.Semaphore(threads)
+
+    def begin(self, do: Callable[[], Answer]) -> "asyncio.Future[Answer]":
+        """Have it done. Raises ControlError."""
+        return self.begin_behind(lambda: None, lambda _: do())
+
+    def begin_behind(self, first: Callable[[], Given], do: Callable[[Given], Answer]) -> "asyncio.Future[Answer]":
+        """Have it done with what comes of `first`, which is done here and now: a thread may wait for its turn.
+
+        Raises ControlError, and then neither is done.
+        """
+        if not self._idle.acquire(blocking=False):
+            raise ControlError(self._problem, code=self._code)
+        try:
+            begun = self._pool.submit(do, first())
+        except BaseException:
+            self._idle.release()
+            raise
+        begun.add_done_callback(lambda _: self._idle.release())
+        return asyncio.wrap_future(begun)
+
 
 Body = Mapping[str, Any]
-Answer = Mapping[str, Any]
+PostAnswer = Mapping[str, Any]
 
 HELD_S = 0.25
 """A button that was down longer ago than this is down no more."""
@@ -49,7 +170,7 @@ class Posts:
     @property
     def routes(self) -> list[Route]:
         """Every one of them."""
-        with_controls: dict[str, Callable[[str, Body], Awaitable[Answer]]] = {
+        with_controls: dict[str, Callable[[str, Body], Awaitable[PostAnswer]]] = {
             "pause": self._of_the_run("pause"),
             "go_on": self._of_the_run("go_on"),
             "by_hand": self._take_the_bench,
@@ -65,17 +186,17 @@ class Posts:
 
     # --- how they are answered ---
 
-    def _guarded(self, do: Callable[[str, Body], Awaitable[Answer]]) -> Callable[[Request], Awaitable[Response]]:
+    def _guarded(self, do: Callable[[str, Body], Awaitable[PostAnswer]]) -> Callable[[Request], Awaitable[Response]]:
         """Only for the tab that has the controls."""
 
-        async def guarded(tab: str, body: Body) -> Answer:
+        async def guarded(tab: str, body: Body) -> PostAnswer:
             if not self._watcher.tabs.may(tab, self._watcher.clock.monotonic_s()):
                 raise NobodyError("another tab has the controls", code="another_tab")
             return await do(tab, body)
 
         return self._answered(guarded)
 
-    def _answered(self, do: Callable[[str, Body], Awaitable[Answer]]) -> Callable[[Request], Awaitable[Response]]:
+    def _answered(self, do: Callable[[str, Body], Awaitable[PostAnswer]]) -> Callable[[Request], Awaitable[Response]]:
         async def answered(request: Request) -> Response:
             body, tab = await body_of(request), request.headers.get(TAB_HEADER, "")
             if not (0 < len(tab) <= 64 and tab.isascii() and tab.isprintable()):
@@ -91,11 +212,11 @@ class Posts:
 
     # --- what is done ---
 
-    async def _take(self, tab: str, body: Body) -> Answer:
+    async def _take(self, tab: str, body: Body) -> PostAnswer:
         self._watcher.tabs.take(tab, self._watcher.clock.monotonic_s())
         return {}
 
-    async def _stop(self, tab: str, body: Body) -> Answer:
+    async def _stop(self, tab: str, body: Body) -> PostAnswer:
         """Past everything else, and in no other thread: whoever is known is told here and now.
 
         Who has come since, and what they answer, has threads of its own; it is waited for shortly.
@@ -109,7 +230,7 @@ class Posts:
             raise answer
         return answer
 
-    def _stop_all(self, said: Said) -> Answer | NobodyError | ControlError:
+    def _stop_all(self, said: Said) -> PostAnswer | NobodyError | ControlError:
         """What comes of it; its failure is an answer, too, since nobody may be there any more to be told."""
         try:
             owners = self._watcher.find()
@@ -133,27 +254,27 @@ class Posts:
         finally:
             answered.set()
 
-    def _of_the_run(self, do: str) -> Callable[[str, Body], Awaitable[Answer]]:
-        async def done(tab: str, body: Body) -> Answer:
+    def _of_the_run(self, do: str) -> Callable[[str, Body], Awaitable[PostAnswer]]:
+        async def done(tab: str, body: Body) -> PostAnswer:
             return await self._asked(self._asking, "run", do, _ANSWER_S)
 
         return done
 
-    def _by_hand(self, do: str) -> Callable[[str, Body], Awaitable[Answer]]:
-        async def done(tab: str, body: Body) -> Answer:
+    def _by_hand(self, do: str) -> Callable[[str, Body], Awaitable[PostAnswer]]:
+        async def done(tab: str, body: Body) -> PostAnswer:
             return await self._asked(self._asking, "by hand", do, _ANSWER_S)
 
         return done
 
-    async def _zero(self, tab: str, body: Body) -> Answer:
+    async def _zero(self, tab: str, body: Body) -> PostAnswer:
         return await self._asked(self._asking, "by hand", "zero", _ANSWER_S, anyway=flag("anyway", body))
 
-    async def _take_the_bench(self, tab: str, body: Body) -> Answer:
+    async def _take_the_bench(self, tab: str, body: Body) -> PostAnswer:
         self._refuse_a_busy_bench()
         await self._bench.take()
         return {}
 
-    async def _leave(self, tab: str, body: Body) -> Answer:
+    async def _leave(self, tab: str, body: Body) -> PostAnswer:
         answer = await self._asked(self._asking, "by hand", "leave", _ANSWER_S)
         await self._bench.ended()
         return answer
@@ -166,7 +287,7 @@ class Posts:
             if owner.kind == "run" and ports & set(owner.ports):
                 raise NobodyError("a run has the ports: process {pid}", code="ports_taken", pid=owner.pid)
 
-    async def _hold(self, tab: str, body: Body) -> Answer:
+    async def _hold(self, tab: str, body: Body) -> PostAnswer:
         """Passed on at once and while it is fresh: nothing that waited somewhere moves anything."""
         button = HeldButton.of(body)
         if self._watcher.tabs.is_released(button.press):
@@ -182,12 +303,12 @@ class Posts:
             self._watcher.tabs.release(button.press)
             raise
 
-    async def _release(self, tab: str, body: Body) -> Answer:
+    async def _release(self, tab: str, body: Body) -> PostAnswer:
         press = whole("press", body)
         self._watcher.tabs.release(press)
         return await self._asked(self._asking, "by hand", "release", _ANSWER_S, tab=tab, press=press)
 
-    def _asked(self, few: Few, kind: str, do: str, within_s: float, **more: Any) -> Awaitable[Answer]:
+    def _asked(self, few: Few, kind: str, do: str, within_s: float, **more: Any) -> Awaitable[PostAnswer]:
         """The answer of whoever is shown. Raises ControlError where too much is asked already."""
         return few.begin(partial(asked, self._watcher.owner, kind, do, within_s, **more))
 

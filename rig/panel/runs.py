@@ -13,11 +13,10 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.types import Send
 
-from rig.data.run_index import listed
-from rig.data.wanted import Wanted
+from rig.data.index import Wanted, listed
 from rig.errors import code_of
-from rig.panel.asked import RequestError
 from rig.panel.gate import FILE_POLICY
+from rig.panel.requests import RequestError
 
 _AS_TEXT = (".csv", ".jsonl", ".log", ".md", ".py", ".toml", ".txt", "SHA256SUMS")
 _CHUNK = 1 << 16

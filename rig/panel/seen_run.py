@@ -1,24 +1,70 @@
-"""A run as a page is told of it: read from its journal while it grows, and never written to."""
+"""What a page shows of a run: read from its journal while it grows, never written."""
 
+import stat
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from rig.data.folder import RunFolder
-from rig.data.following import Following
-from rig.data.reader import RunError
-from rig.data.summary import FOREIGN, foreign
-from rig.devices.units import GWT_N
-from rig.engine.journal import Document
-from rig.panel.drawn.job import Job, Press
-from rig.panel.outlet import SHOWN_S, Row, Source
-from rig.panel.seen.ages import age_s
-from rig.panel.seen.growing import GROWS_S, written_s
-from rig.panel.seen.limits_told import limits_told
+from rig.data.journal import Document
+from rig.data.run import Following, RunError
+from rig.data.run_state import BEGUN, Onlooker
+from rig.data.tables import FOREIGN, foreign
+from rig.engine.limits import Trips
+from rig.errors import BadInputError
+from rig.panel.drawing import Job, Press
+from rig.panel.stream import SHOWN_S, Row, Source
 from rig.plan.config import Config, load_config
-from rig.plan.onlooker import Onlooker
-from rig.plan.timeline import BEGUN
-from rig.protocol.errors import BadInputError
+from rig.units import GWT_N
+
+
+def age_s(then_s: float | None, now_s: float) -> float | None:
+    """Seconds, never less than none; None where nothing was heard."""
+    return None if then_s is None else max(now_s - then_s, 0.0)
+
+
+GROWS_S = 5.0
+"""A journal that was written to so lately is one that goes on."""
+_NEWEST = 50  # folders, whose names begin with the time
+
+
+def growing(out: Path, unix_s: float) -> Path | None:
+    """A run's folder below `out`; None where nothing is written to."""
+    try:
+        names = sorted((path.name for path in out.iterdir() if not path.name.startswith(".")), reverse=True)
+    except OSError:
+        return None
+    found = [(written_s(out / name), out / name) for name in names[:_NEWEST]]
+    then_s, path = max(found, key=lambda one: one[0], default=(0.0, None))
+    return path if unix_s - then_s < GROWS_S else None
+
+
+def written_s(run: Path) -> float:
+    """When a run's journal was last written to; 0 where it has none."""
+    try:
+        about = RunFolder(run).events.stat()
+    except OSError:
+        return 0.0
+    return about.st_mtime if stat.S_ISREG(about.st_mode) else 0.0
+
+
+def limits_told(config: Config, soft_trip_n: float | None, force_gwt: float | None) -> dict[str, Any]:
+    """Trips, margins of the newest force (None without one) and the deepest press."""
+    trips = Trips(config.limits, soft_trip_n)
+    told: dict[str, Any] = {"max_doi_mm": config.limits.max_doi_mm, "max_force_gwt": config.limits.max_force_gwt}
+    for name, margin, trip_gwt in (
+        ("trip", "margin", trips.soft_gwt),
+        ("hard_trip", "hard_margin", trips.hard_gwt),
+    ):
+        left_gwt = None if force_gwt is None else trip_gwt - abs(force_gwt)
+        told |= in_both(name, trip_gwt) | in_both(margin, left_gwt)
+    return told
+
+
+def in_both(name: str, force_gwt: float | None) -> dict[str, float | None]:
+    """A force under its name in either unit."""
+    return {f"{name}_gwt": force_gwt, f"{name}_n": None if force_gwt is None else force_gwt * GWT_N}
+
 
 COLUMNS = (
     *("unix_s", "t_s", "force_gwt", "doi_mm", "x_mm", "height_mm"),

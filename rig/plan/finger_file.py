@@ -11,9 +11,8 @@ from typing import Any, Self
 import tomlkit
 from pydantic import Field, ValidationError, field_validator, model_validator
 
-from rig.errors import RuleError
-from rig.protocol.errors import BadInputError, first_problem
-from rig.transport.port_settings import Settings
+from rig.errors import BadInputError, RuleError, first_problem
+from rig.settings import Settings
 from sim.config import FingertipConfig, Tissue
 from sim.models.weights import DERMIS, FAT
 

@@ -1,22 +1,136 @@
-"""The finger as a script's steps see it: predictions, each solved once."""
+"""The finger model as a script's steps ask it: predictions, each solved once, and responses of a run."""
 
+import hashlib
+import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import groupby
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rig.engine.records import Target
+from rig.data import Run
+from rig.data.folder import SHAPE_COPY, replace_bytes
+from rig.engine.limits import CONTACT_EXPONENT
 from rig.errors import around
-from rig.plan.met.expected import answers, band_of
-from rig.plan.met.finger_file import Met
-from rig.protocol.planned import Pace, Prediction
-from rig.protocol.walk import ForceTooDeepError, NoPredictionError
+from rig.plan.finger_file import Met, fingers_of
+from rig.protocol.check import ForceTooDeepError, NoPredictionError
+from rig.records import Band, Pace, Prediction, Target
+from sim.config import FingertipConfig
+from sim.contact import shapes
 from sim.contact.indentor import Indentor
 from sim.contact.shapes import parse_shape
 from sim.errors import ForceOutOfReachError
 from sim.finger_process import Finger, asked
+from sim.identification.bands import band
 from sim.models.fingertip import Fingertip
+from sim.models.relaxation import Moves
+from sim.models.result import IndentationResult
+
+# What relaxing tissue leaves of the elastic force of a press, on the way and in the last hold.
+#
+# The depth grows evenly up to each hold, and f(t) = ∫ G(t − s) dF(s), with F ∝ d^1.5 as the engine takes it to be.
+
+Array = NDArray[np.float64]
+
+_STEPS = 32  # of a ramp, and of a hold
+
+
+class Left(NamedTuple):
+    """Shares of the elastic force at the target."""
+
+    held: float  # mean of the last hold
+    highest: float  # on a ramp that nothing interrupts
+
+
+def left_of(series: tuple[tuple[float, float], ...], pace: Pace, doi_mm: float) -> Left:
+    """Of tissue with a Prony series of (share, time constant in s); all of it where there is none."""
+    if not series:
+        return Left(1.0, 1.0)
+    each_s, quick_s = pace.ramp_s(doi_mm) / pace.ramps, doi_mm / pace.speed_mm_s
+    since_s = pace.hold_s * (np.arange(_STEPS) + 0.5) / _STEPS
+    return Left(_felt(series, pace.ramps, each_s, pace.hold_s, since_s), _felt(series, 1, quick_s, 0.0, np.zeros(1)))
+
+
+def _felt(series: tuple[tuple[float, float], ...], ramps: int, ramp_s: float, hold_s: float, since_s: Array) -> float:
+    """Mean force so long after the last of some ramps, holds between them, over the elastic one at the target."""
+    ramp, part_of_one = np.arange(ramps)[:, None], np.arange(1, _STEPS + 1) / _STEPS
+    ended_s = (ramp * (ramp_s + hold_s) + ramp_s * part_of_one).ravel()
+    elastic = ((ramp + part_of_one).ravel() / ramps) ** CONTACT_EXPONENT
+    moves, asked_s = Moves(ended_s, np.full(len(ended_s), ramp_s / _STEPS)), ended_s[-1] + since_s
+    last = np.full(len(asked_s), len(ended_s) - 1)
+    relaxing = sum(part * moves.fading(tau_s, asked_s, last) @ elastic for part, tau_s in series)
+    return float(np.mean((1 - sum(part for part, _ in series)) * elastic[-1] + relaxing))
+
+
+class Answers(NamedTuple):
+    """Of each likely finger, (draws,), to one press."""
+
+    held_gwt: Array  # mean force in the last hold
+    doi_mm: Array
+    highest_gwt: Array
+
+
+def answers(finger: Fingertip, shape: Indentor, x_mm: float, target: Target, pace: Pace, met: Met) -> Answers:
+    """Raises ModelRangeError; not a number where the model does not converge."""
+    return Answers(
+        *np.array(
+            [
+                _answer(one, shape, x_mm, target, pace, draw.relaxation)
+                for one, draw in zip(_likely(finger.config, met), met.draw, strict=True)
+            ]
+        ).T
+    )
+
+
+def band_of(found: Answers, met: Met) -> tuple[float, float, Band]:
+    """Force and depth in the middle, and their band: log-normal, widened by what the simulator leaves."""
+    error, coverage = met.band.model_error, met.band.coverage
+    controlled = float(np.ptp(np.log(found.held_gwt))) < 1e-9  # a force that was asked for
+    force = band(found.held_gwt, 0.0 if controlled else error, coverage)
+    depth = band(found.doi_mm, error / CONTACT_EXPONENT if controlled else 0.0, coverage)
+    most = float(found.held_gwt[0]) if controlled else band(found.highest_gwt, error, coverage).high
+    return force.middle, depth.middle, Band((force.low, force.high), (depth.low, depth.high), most)
+
+
+@lru_cache(maxsize=1)
+def _likely(config: FingertipConfig, met: Met) -> list[Fingertip]:
+    return [Fingertip.load(one, exact=False).keeping_ways() for one in fingers_of(config, met)]
+
+
+def _answer(
+    finger: Fingertip,
+    shape: Indentor,
+    x_mm: float,
+    target: Target,
+    pace: Pace,
+    series: tuple[tuple[float, float], ...],
+) -> tuple[float, float, float]:
+    """Held force, depth and highest force."""
+    if target.kind == "doi_mm":
+        left = left_of(series, pace, target.value)
+        found = finger.indent(shape, x_mm, doi_mm=target.value)
+        force = found.force_gwt if found.state.converged else math.nan
+        return left.held * force, found.doi_mm, left.highest * force
+    left = _left_at_force(finger, shape, x_mm, target.value, pace, series)
+    found = finger.indent(shape, x_mm, force_gwt=target.value / left.held)
+    return target.value, found.doi_mm if found.state.converged else math.nan, target.value
+
+
+def _left_at_force(
+    finger: Fingertip,
+    shape: Indentor,
+    x_mm: float,
+    force_gwt: float,
+    pace: Pace,
+    series: tuple[tuple[float, float], ...],
+) -> Left:
+    """With a ramp as long as elastic tissue would take; relaxed it is a little longer, and as much is left."""
+    return left_of(series, pace, finger.indent(shape, x_mm, force_gwt=force_gwt).doi_mm) if series else Left(1.0, 1.0)
+
 
 Predictions = dict[tuple[str, float, Target] | tuple[str, float, Target, Pace], Prediction]
 
@@ -123,3 +237,90 @@ def _predicted(finger: Fingertip, shape: Indentor, press: Asked) -> Prediction:
         found.contact_area_mm2,
         found.peak_pressure_mpa,
     )
+
+
+def named_file(indentor: str) -> str | None:
+    """The file that an indentor's name names, as the script wrote it."""
+    return shapes.named_file(indentor) if isinstance(indentor, str) else None
+
+
+def copy_name(file: str) -> str:
+    """What a file is called in a run folder: told from another one of the same name elsewhere."""
+    return f"{SHAPE_COPY}{hashlib.sha256(file.encode()).hexdigest()[:8]}_{Path(file).name}"
+
+
+def from_copy(folder: Path, indentor: str) -> str:
+    """The same shape, read from the run's own copy where there is one; runs of earlier versions have none."""
+    file = named_file(indentor)
+    if file is None or not (folder / copy_name(file)).is_file():
+        return indentor
+    return shapes.with_file(indentor, str(folder / copy_name(file)))
+
+
+def kept_in(folder: Path, indentor: str) -> str:
+    """The same, copying a file that the run meets for the first time. Raises OSError."""
+    file = named_file(indentor)
+    if file is not None and Path(file).is_file() and not (folder / copy_name(file)).is_file():
+        replace_bytes(folder / copy_name(file), Path(file).read_bytes())
+    return from_copy(folder, indentor)
+
+
+@dataclass(frozen=True)
+class Response:
+    """One hold and the model's answer to it."""
+
+    index: int
+    indentor: str
+    kind: str  # what was commanded: doi_mm or force_gwt
+    commanded: float
+    last: bool  # of its indentation
+    hold: dict[str, Any]
+    touch: dict[str, Any]
+    result: IndentationResult
+
+    @property
+    def group(self) -> str:
+        """What it can be compared with over positions, e.g. "step:1 at 2.33 gwt"."""
+        unit = {"doi_mm": "mm", "force_gwt": "gwt"}[self.kind]
+        return f"{self.indentor} at {self.commanded:g} {unit}"
+
+
+def responses(run: Run, finger: Fingertip, *, last_only: bool = False) -> list[Response]:
+    """One response for each hold, or each last hold, of each finished indentation, in the order of the run.
+
+    A virtual run is answered at the true x and DOI; a run on hardware at the force it recorded.
+    """
+    starts = {event["index"]: event for event in run.stream("indentation_start")}
+    touches = {event["index"]: event for event in run.stream("touch")}
+    asked = {(event["index"], event["hold"]): event for event in run.stream("hold_start")}
+    found = []
+    shapes: dict[str, Indentor] = {}
+    for hold in run.stream("hold_end"):
+        index = hold["index"]
+        last = hold["hold"] == starts[index]["increments"]
+        if index not in run.done or (last_only and not last):
+            continue
+        indentor, start = starts[index]["indentor"], asked[index, hold["hold"]]
+        if indentor not in shapes:
+            shapes[indentor] = parse_shape(from_copy(run.folder.path, indentor))
+        shape = shapes[indentor]
+        if hold.get("true_doi_mm") is not None:
+            result = finger.indent(shape, shape.lateral_mm(hold["true_x_mm"]), doi_mm=hold["true_doi_mm"])
+        else:
+            result = finger.indent(shape, shape.lateral_mm(hold["x_mm"]), force_gwt=hold["force_gwt"])
+        found.append(
+            Response(index, indentor, start["target"], start["commanded"], last, hold, touches[index], result)
+        )
+    return found
+
+
+def by_group(found: list[Response]) -> dict[str, list[Response]]:
+    """The responses that differ in position only, each list ordered by x."""
+    ordered = sorted(found, key=lambda r: (r.indentor, r.kind, r.commanded, r.hold["x_mm"]))
+    return {name: list(members) for name, members in groupby(ordered, key=lambda r: r.group)}
+
+
+def measured(found: list[Response], measure: str) -> tuple[Array, Array]:
+    """Indentor positions (n,) mm and the raw measure (n, receptors): rows are population responses, columns SSRPs."""
+    x = np.array([response.hold["x_mm"] for response in found])
+    return x, np.array([response.result.receptor_measures[measure] for response in found])

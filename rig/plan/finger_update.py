@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.data import Run
-from rig.engine.records import Target
 from rig.plan.config import Config, load_config
-from rig.plan.met.expected import answers
-from rig.plan.met.finger_file import Draw, FingerFile, Met, Posterior
-from rig.protocol.planned import Pace
+from rig.plan.finger_file import Draw, FingerFile, Met, Posterior
+from rig.plan.finger_model import answers
+from rig.records import Pace, Target
 from sim.contact.shapes import parse_shape
 from sim.identification.prior import LEAST_STIFFENING
 from sim.models.fingertip import Fingertip

@@ -1,26 +1,23 @@
-"""The check before anything moves: a script is walked through against the limits and the finger model."""
+"""Plan a script: check every step against limits and the finger model before anything moves."""
 
 import inspect
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from rig.data import Run
-from rig.devices.units import GWT_N
-from rig.engine.records import Purpose
+from rig.errors import BadInputError
 from rig.plan.config import Config
-from rig.plan.finger_model import FingerModel, Predictions
-from rig.plan.patience import Patience, SilentScriptError, impatient
-from rig.plan.shape_files import copy_name, kept_in, named_file
+from rig.plan.finger_model import FingerModel, Predictions, copy_name, kept_in, named_file
 from rig.protocol.api import Handler, Rig
-from rig.protocol.errors import BadInputError
-from rig.protocol.planned import PlannedIndentation
+from rig.protocol.check import Spot, Walk
+from rig.protocol.handlers import Patience, SilentScriptError, TakenUp, impatient
 from rig.protocol.script import Script, said_of_script
 from rig.protocol.steps import ExpectedPresses, ExpectedTouch, Step
-from rig.protocol.taken_up import TakenUp
-from rig.protocol.walk import Spot, Walk
+from rig.records import PlannedIndentation, Purpose
+from rig.units import GWT_N
 from sim.contact.shapes import ShapeError
 from sim.errors import ModelRangeError
 from sim.finger_process import Finger, FingerLostError
@@ -140,3 +137,64 @@ class Planner:
         elif isinstance(expected, ExpectedTouch):
             self._plan.touches.append(expected)
         return step.foreseen(expected)
+
+
+_PREFIX: Mapping[str, str] = {"data": "", "precondition": "precondition_", "reference": "reference_"}
+
+
+@dataclass(frozen=True)
+class Promise:
+    """The band of what a press does not control: the force at a depth (gwt), the depth at a force (mm)."""
+
+    purpose: Purpose
+    index: int
+    key: str  # of hold_end
+    low: float
+    middle: float
+    high: float
+
+
+@dataclass(frozen=True)
+class Found:
+    """A promise beside what was measured in the last hold."""
+
+    promise: Promise
+    indentor: str
+    x_mm: float
+    measured: float
+
+    @property
+    def kept(self) -> bool:
+        """Whether it lies in the band."""
+        return self.promise.low <= self.measured <= self.promise.high
+
+
+def promised(plan: Plan) -> list[dict[str, Any]]:
+    """As the run's first document says it; nothing of a finger that nobody met."""
+    return [
+        asdict(_promise(purpose, index, press))
+        for purpose, presses in plan.presses.items()
+        for index, press in enumerate(presses)
+        if press.band is not None
+    ]
+
+
+def _promise(purpose: Purpose, index: int, press: PlannedIndentation) -> Promise:
+    assert press.band is not None
+    if press.target.kind == "doi_mm":
+        low, high = press.band.force_gwt
+        return Promise(purpose, index, "force_gwt", low, press.predicted_force_gwt, high)
+    low, high = press.band.doi_mm
+    return Promise(purpose, index, "doi_mm", low, press.predicted_doi_mm, high)
+
+
+def found(run: Run) -> list[Found]:
+    """Of every press that was promised and finished."""
+    pairs = []
+    for promise in (Promise(**one) for one in run.start.get("promised", [])):
+        prefix = _PREFIX[promise.purpose]
+        begun = [e for e in run.stream(f"{prefix}indentation_start") if e["index"] == promise.index]
+        holds = [e for e in run.stream(f"{prefix}hold_end") if e["index"] == promise.index]
+        if begun and len(holds) == begun[0]["increments"]:
+            pairs.append(Found(promise, begun[0]["indentor"], begun[0]["x_mm"], holds[-1][promise.key]))
+    return pairs

@@ -3,8 +3,14 @@
 from pydantic import Field
 
 from rig.protocol.api import ProtocolParameters, Rig
-from rig.protocol.ranges import RangeParameters, about_the_centre
-from rig.protocol.schedule import Block, ReferencePress, Schedule, ScheduledParameters
+from rig.protocol.schedule import (
+    Block,
+    RangeParameters,
+    ReferencePress,
+    Schedule,
+    ScheduledParameters,
+    about_the_centre,
+)
 
 __all__ = [
     "Block",

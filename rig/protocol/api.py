@@ -6,7 +6,7 @@ from typing import Any, Protocol, TypeVar
 
 from pydantic import BaseModel, ConfigDict
 
-from rig.engine.records import Indentation
+from rig.protocol.check import Spot, Walk
 from rig.protocol.steps import (
     Checkpoint,
     Home,
@@ -22,7 +22,7 @@ from rig.protocol.steps import (
     Touch,
     Zero,
 )
-from rig.protocol.walk import Spot, Walk
+from rig.records import Indentation
 
 E = TypeVar("E")
 A = TypeVar("A")

@@ -15,9 +15,8 @@ from typing import Any
 from pydantic import ValidationError
 
 import rig
-from rig.errors import Coded, around
+from rig.errors import BadInputError, Coded, around, first_problem
 from rig.protocol.api import ProtocolParameters, Rig
-from rig.protocol.errors import BadInputError, first_problem
 
 
 @dataclass(frozen=True)

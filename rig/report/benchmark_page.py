@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from rig.report.html import Figure, render
+from rig.report.page import PageFigure, render
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, Plot
 
 Row = Mapping[str, Any]
@@ -137,17 +137,19 @@ def _errors(rows: Sequence[Row]) -> dict[tuple[str, str], float | None]:
     return {key: _largest(found) if found else None for key, found in by.items()}
 
 
-def _figures(rows: Sequence[Row]) -> list[Figure]:
+def _figures(rows: Sequence[Row]) -> list[PageFigure]:
     return [
-        Figure(
+        PageFigure(
             "Error against time",
             pareto(rows),
             "The largest error over the scenes of a family, against the seconds from nothing (no cache) to one "
             "answer. SED and ep1: the largest deviation at any receptor over the largest value at any. A section "
             "has no force to compare: its force is per millimetre.",
         ),
-        Figure("Error against memory", pareto(rows, "memory_mb"), "The same against the peak memory of the process."),
-        Figure(
+        PageFigure(
+            "Error against memory", pareto(rows, "memory_mb"), "The same against the peak memory of the process."
+        ),
+        PageFigure(
             "Cost against size",
             cost_against_nodes(rows),
             "Straight lines through the points in the logarithms; a half-space's nodes are those of its patch.",

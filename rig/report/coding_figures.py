@@ -1,16 +1,246 @@
-"""Two pressures searched for: the error surface with its narrow valley, the ways over it, and where grids stick."""
+"""Figures of encoding and decoding."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from rig.report.style import BLUE, GREEN, GREY, ORANGE, Plot
+from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, Plot
+from sim.coding.all_sites import Deformed
+from sim.coding.encoding import Encoded
+from sim.coding.operators import NAMES, ImpulseResponses, Operator, ShiftErrors
+from sim.coding.point_spread import Judged
 
 Array = NDArray[np.float64]
+
+
+class DrawnDecoding(NamedTuple):
+    """What was found; pseudo-units."""
+
+    place_mm: Array  # (n,)
+    pressure: Array  # (n,)
+    band: tuple[Array, Array] | None  # (n,) lower and upper
+    true: Array | None  # (n,)
+    receptor_mm: Array  # (m,) in any order
+    reading: Array  # (m,) as SED
+    explained: Array  # (m,) SED under the pressures that were found
+
+
+def decoded_figure(drawn: DrawnDecoding) -> Plot:
+    """Pressures over readings, against the place on the skin."""
+    return Plot((6.0, 5.4), lambda figure: _draw_decoded(figure, drawn))
+
+
+def _draw_decoded(figure: Figure, drawn: DrawnDecoding) -> None:
+    skin, energy = figure.subplots(2, sharex=True)
+    if drawn.band is not None:
+        skin.fill_between(drawn.place_mm, *drawn.band, color=BLUE, alpha=0.25, lw=0, label="90 % band")
+    skin.plot(drawn.place_mm, drawn.pressure, ".-", color=BLUE, label="found")
+    if drawn.true is not None:
+        skin.plot(drawn.place_mm, drawn.true, color="black", ls="--", marker="x", ms=4, label="true")
+    order = np.argsort(drawn.receptor_mm, kind="stable")
+    energy.plot(drawn.receptor_mm[order], drawn.reading[order], ".", color=ORANGE, label="readings")
+    energy.plot(drawn.receptor_mm[order], drawn.explained[order], color=GREY, lw=1, label="explained")
+    skin.set_ylabel("pressure (pseudo-units)")
+    energy.set(ylabel="SED (pseudo-units)", xlabel="place on the skin (mm)")
+    skin.legend()
+    energy.legend()
+
+
+class DrawnEncoding(NamedTuple):
+    """What is encoded, and what finite elements say of the same press where there was one."""
+
+    operator: Operator
+    pressure: Array
+    encoded: Encoded
+    true: tuple[Array, Array] | None  # places in mm and SED
+
+
+def encoding_figure(drawn: DrawnEncoding) -> Plot:
+    """Pressure, SED and rate against the place on the skin."""
+    return Plot((6.0, 7.2), lambda figure: _draw_encoding(figure, drawn))
+
+
+def _draw_encoding(figure: Figure, drawn: DrawnEncoding) -> None:
+    operator, encoded = drawn.operator, drawn.encoded
+    skin, energy, said = figure.subplots(3, sharex=True)
+    ends = np.flatnonzero(np.diff(operator.place_mm) < 0) + 1  # lateral pressures come after the normal ones
+    kinds = zip(np.split(operator.place_mm, ends), np.split(drawn.pressure, ends), strict=True)
+    for (place, pressure), name, colour in zip(kinds, ("normal", "lateral"), (BLUE, ORANGE), strict=False):
+        skin.plot(place, pressure, ".-", color=colour, label=name)
+    skin.axhline(0, color=GREY, lw=0.6)
+    energy.plot(operator.receptor_mm, encoded.sed, color=BLUE, label=operator.name)
+    if drawn.true is not None:
+        energy.plot(*drawn.true, color=GREY, ls="--", label="finite elements")
+    said.plot(operator.receptor_mm, encoded.rate, ".-", color=GREEN)
+    for axes, label in zip((skin, energy, said), ("pressure", f"SED, {operator.energy}", "rate"), strict=True):
+        axes.set_ylabel(f"{label} (pseudo-units)" if axes is not said else label)
+    said.set_xlabel("place on the skin (mm)")
+    skin.legend()
+    energy.legend()
+
+
+_IMPULSE_COLOURS = (BLUE, ORANGE, GREEN)
+_MEANS = ("e11", "e22", "e12")
+
+
+class DrawnImpulse(NamedTuple):
+    """What is drawn of one kind of axes."""
+
+    responses: ImpulseResponses
+    errors: ShiftErrors
+
+
+def impulse_figure(drawn: Mapping[str, DrawnImpulse]) -> Plot:
+    """One column for each kind of axes, by its name."""
+    return Plot((4.6 * len(drawn), 8.4), lambda figure: _draw_impulse(figure, drawn))
+
+
+def _draw_impulse(figure: Figure, drawn: Mapping[str, DrawnImpulse]) -> None:
+    panels = figure.subplots(3, len(drawn), squeeze=False, sharey="row")
+    for (response, spectrum, error), (name, (responses, errors)) in zip(panels.T, drawn.items(), strict=True):
+        response.set_title(f"{name} axes")
+        _responses(response, responses)
+        _spectra(spectrum, responses)
+        _errors(error, errors)
+    panels[0, 0].set_ylabel("strain per pseudo-unit on one sample")
+    panels[1, 0].set_ylabel("amplitude over its largest")
+    panels[2, 0].set_ylabel("relative L2 of shifting (%)")
+    for row in panels[:, 0]:
+        row.legend()
+
+
+def _responses(axes: Axes, responses: ImpulseResponses) -> None:
+    for name, means, colour, values in zip(NAMES, _MEANS, _IMPULSE_COLOURS, responses.strain, strict=True):
+        axes.plot(responses.sampling.place_mm, values, color=colour, label=f"{name} ({means})")
+    axes.plot(responses.sampling.place_mm, -responses.strain[1], color=GREY, lw=0.8, ls="--", label="−g")
+    axes.set_xlabel("place on the skin (mm)")
+
+
+def _spectra(axes: Axes, responses: ImpulseResponses) -> None:
+    frequency, amplitude = responses.spectra()
+    for name, colour, values in zip(NAMES, _IMPULSE_COLOURS, amplitude, strict=True):
+        axes.plot(frequency, values / values.max(), color=colour, label=name)
+    axes.set_xlabel("spatial frequency (cycles/mm)")
+
+
+def _errors(axes: Axes, errors: ShiftErrors) -> None:
+    for means, colour, values in zip(_MEANS, _IMPULSE_COLOURS, errors.strain, strict=True):
+        axes.plot(errors.place_mm, 100 * values, color=colour, label=means)
+    axes.plot(errors.place_mm, 100 * errors.sed, color="black", label="SED")
+    axes.set_xlabel("place of the load (mm)")
+
+
+_NOISE_COLOURS = (ORANGE, BLUE, GREEN, PURPLE)
+_ACROSS_IN, _HIGH_IN = 3.0, 2.8
+_NOISE_LOWEST = 1e-8
+
+
+def cloud_figure(found: Mapping[str, Mapping[str, Array]], true: Array) -> Plot:
+    """A row for each decoder, a panel for each SNR, by name: (draws, 2) pressures found, about the true ones."""
+    across = max(len(panels) for panels in found.values())
+    return Plot((_ACROSS_IN * across, _HIGH_IN * len(found)), lambda figure: _draw_clouds(figure, found, true))
+
+
+def _draw_clouds(figure: Figure, found: Mapping[str, Mapping[str, Array]], true: Array) -> None:
+    across = max(len(panels) for panels in found.values())
+    rows = figure.subplots(len(found), across, squeeze=False, sharex=True, sharey=True)
+    for row, (decoder, panels), colour in zip(rows, found.items(), _NOISE_COLOURS, strict=False):
+        for axes, (snr, pressures) in zip(row, panels.items(), strict=False):
+            axes.plot(*true, "*", color="white", mec="black", ms=11)
+            axes.plot(*pressures.T, "o", color=colour, ms=3, alpha=0.6)
+            axes.set_title(f"{decoder}, {snr}")
+        row[0].set_ylabel("second pressure")
+    for axes in rows[-1]:
+        axes.set_xlabel("first pressure (pseudo-units)")
+
+
+def noise_figure(snr_db: Array, errors: Mapping[str, Array], samples: int, limit: Array | None = None) -> Plot:
+    """(k, draws) errors of Eq. 6.8 by decoder, against (k,) SNRs over so many samples: mean ± its error.
+
+    With the (k,) least mean errors that any reader could have.
+    """
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        if limit is not None:
+            axes.plot(snr_db, limit, "--", color=GREY, lw=1.2, label="limit, told the distribution")
+        _draw_errors(axes, snr_db, errors, samples)
+
+    return Plot((5.8, 4.0), draw)
+
+
+def _draw_errors(axes: Axes, snr_db: Array, errors: Mapping[str, Array], samples: int) -> None:
+    for (decoder, values), colour in zip(errors.items(), _NOISE_COLOURS, strict=False):
+        mean, se = values.mean(axis=1), values.std(axis=1, ddof=1) / np.sqrt(values.shape[1])
+        axes.plot(snr_db, mean, "o-", color=colour, label=decoder)
+        axes.fill_between(snr_db, np.maximum(mean - se, _NOISE_LOWEST), mean + se, color=colour, alpha=0.2, lw=0)
+    axes.axhline(0.1, color=GREY, lw=0.8, ls=":", label="10 %, squared")
+    axes.set(yscale="log", xlabel=f"SNR (dB, over M = {samples} samples)", ylabel="mean Σ(x − x̂)² / Σx² (Eq. 6.8)")
+    axes.legend()
+
+
+_LARGEST_MM = 0.5  # drawn displacement under the load
+
+
+class DrawnPointSpread(NamedTuple):
+    """A site's own plane, and what spreads under it."""
+
+    deformed: Deformed
+    judged: Judged
+
+
+def point_spread_figure(drawn: DrawnPointSpread) -> Plot:
+    """Deformed mesh, SED over the skin, SED against the distance."""
+    return Plot((10.2, 3.6), lambda figure: _draw_point_spread(figure, drawn))
+
+
+def _draw_point_spread(figure: Figure, drawn: DrawnPointSpread) -> None:
+    mesh, spread, fall = figure.subplots(1, 3)
+    _mesh(mesh, drawn.deformed, drawn.judged.spread.load_mm)
+    _spread(figure, spread, drawn.judged)
+    _fall(fall, drawn.judged)
+
+
+def _mesh(axes: Axes, section: Deformed, load_mm: Array) -> None:
+    times = _LARGEST_MM / np.linalg.norm(section.moved_mm, axis=-1).max()
+    closed = [
+        np.concatenate([nodes, nodes[:1]]) for nodes in (section.at_mm, section.at_mm + times * section.moved_mm)
+    ]
+    axes.plot(*closed[0][:, 0].T, color=GREY, lw=0.8, ls="--")
+    axes.add_collection(LineCollection([*closed[1].swapaxes(0, 1), *closed[1]], colors=BLUE, linewidths=0.3))
+    x, y = load_mm[:2].tolist()
+    axes.annotate("", (x, y), (x, y + 0.8), arrowprops={"arrowstyle": "->", "color": ORANGE})
+    axes.set_ylim(top=y + 1.0)
+    axes.set(xlabel="x (mm)", ylabel="y (mm)", aspect="equal", title=f"displacements × {times:.3g}")
+
+
+def _spread(figure: Figure, axes: Axes, judged: Judged) -> None:
+    x, _, z = judged.spread.sheet.skin_mm.T
+    shown = axes.tricontourf(x, z, judged.spread.sed, levels=12, cmap="viridis")
+    axes.plot(*judged.spread.load_mm[[0, 2]], "+", color="white")
+    figure.colorbar(shown, ax=axes, label="SED (pseudo-units)")
+    axes.set(xlabel="x (mm)", ylabel="z (mm)", aspect="equal", title=f"site {judged.spread.site.number}")
+
+
+def _fall(axes: Axes, judged: Judged) -> None:
+    distance = judged.spread.distance_mm
+    axes.loglog(distance, judged.spread.sed, ".", ms=2, color=GREY, label="receptors")
+    r = np.linspace(distance.min(), distance.max(), 60)
+    for law, name, colour in ((judged.linear, "linear", BLUE), (judged.logarithmic, "logarithmic", ORANGE)):
+        axes.loglog(r, law.at(r), color=colour, label=rf"{name}: $r^{{-{law.m:.2f}}}$")
+    axes.set(xlabel="distance from the load (mm)", ylabel="SED (pseudo-units)")
+    axes.legend()
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
+
 
 _COLOURS = (ORANGE, BLUE, GREEN)
 _DECADES = np.linspace(-4.5, 0.0, 19)  # of the error that are told apart, below its highest
@@ -29,7 +259,7 @@ class Surface(NamedTuple):
 
 def search_figure(surfaces: Mapping[str, Surface], paths: Mapping[str, Array], true: Array | None) -> Plot:
     """A panel for each surface, by title, with (moves + 1, 2) ways over it, by name; below, how far off moves are."""
-    return Plot((3.6 * len(surfaces), 6.4), lambda figure: _draw(figure, surfaces, paths, true))
+    return Plot((3.6 * len(surfaces), 6.4), lambda figure: _draw_search(figure, surfaces, paths, true))
 
 
 def extents(path: Array) -> dict[str, tuple[Array, Array]]:
@@ -43,7 +273,9 @@ def _about(places: Array) -> tuple[Array, Array]:
     return low - room, high + room
 
 
-def _draw(figure: Figure, surfaces: Mapping[str, Surface], paths: Mapping[str, Array], true: Array | None) -> None:
+def _draw_search(
+    figure: Figure, surfaces: Mapping[str, Surface], paths: Mapping[str, Array], true: Array | None
+) -> None:
     panels = figure.subplot_mosaic([list(surfaces), ["left"] * len(surfaces)], height_ratios=[1.6, 1])
     for title, surface in surfaces.items():
         _surface(panels[title], surface)
@@ -91,3 +323,29 @@ def _draw_grid(axes: Axes, step: Array, error: Array, converged: float) -> None:
     axes.axhline(0.1, color=GREY, lw=0.8, ls=":", label="10 %")
     axes.set(xscale="log", yscale="log", xlabel="grid step (pseudo-units)", ylabel="Σ(x − x̂)² / Σx² (Eq. 6.8)")
     axes.legend()
+
+
+class DrawnSheet(NamedTuple):
+    """What was found; pseudo-units."""
+
+    x_mm: Array  # (n_x,)
+    z_mm: Array  # (n_z,)
+    pressure: Array  # (n_x, n_z)
+    sd: Array  # (n_x, n_z)
+    receptor_mm: Array  # (m, 2) x and z
+
+
+def sheet_figure(drawn: DrawnSheet) -> Plot:
+    """Pressures, and their standard deviation in the same colours, with the receptors."""
+    return Plot((9.6, 4.2), lambda figure: _draw_sheet(figure, drawn))
+
+
+def _draw_sheet(figure: Figure, drawn: DrawnSheet) -> None:
+    highest = max(float(drawn.pressure.max()), float(drawn.sd.max()))
+    for axes, values, title in zip(
+        figure.subplots(1, 2, sharey=True), (drawn.pressure, drawn.sd), ("pressure", "its sd"), strict=True
+    ):
+        shown = axes.pcolormesh(drawn.z_mm, drawn.x_mm, values, vmin=0.0, vmax=highest, cmap="viridis")
+        axes.plot(drawn.receptor_mm[:, 1], drawn.receptor_mm[:, 0], ".", color="white", ms=2)
+        axes.set(title=title, xlabel="z (mm)", ylabel="x (mm)", aspect="equal")
+        figure.colorbar(shown, ax=axes, label="pseudo-units")

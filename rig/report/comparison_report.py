@@ -1,30 +1,45 @@
-"""Which figures a comparison's report has, and what is written under them."""
+"""The report of a comparison: one self-contained HTML file, the same bytes for the same input."""
 
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from functools import partial
+from importlib.metadata import version
 from itertools import groupby
+from pathlib import Path
+from typing import Any
 
-from rig.compare.answers.answer import Answer
-from rig.compare.comparison import Comparison
-from rig.compare.shape_test import THRESHOLD
-from rig.compare.stimuli import Stimulus
-from rig.compare.stimulus_maps import StimulusMap
-from rig.report.comparison import map_figures, profile_figures
-from rig.report.comparison.source_section import SURVIVORS
-from rig.report.comparison.strain_figures import strain_maps
-from rig.report.html import Figure, figures_of
-from sim.measures.measures import MEASURES
+import numpy as np
+
+from rig.compare.comparison import COLLINEAR, Comparison, Overlay
+from rig.compare.place_grid import PlaceRow, Whereabouts, in_mm, within
+from rig.compare.recordings.reading import sha256
+from rig.compare.results import threshold_rows
+from rig.compare.shape_test import DRAWS, THRESHOLD, chance_rows
+from rig.compare.stimuli import Stimulus, StimulusMap
+from rig.compare.verdict import Answer
+from rig.data import Run
+from rig.data.folder import replace_bytes, replace_text
+from rig.report import profile_figures
+from rig.report import profile_figures as map_figures
+from rig.report.page import PageFigure, Section, alone, as_png, figures_of, render
+from rig.report.profile_figures import strain_maps
+from rig.report.recording_sections import SURVIVORS, frame, source_sections
+from rig.report.style import as_number, as_positions, label, unit
+from rig.report.verdict_section import answer_sections
+from sim.measures.measures import MEASURES, PLOTTED_AS_MAGNITUDE
+from sim.models.fingertip import Fingertip
+from sim.units import PSEUDO_E_EPIDERMIS
 
 _MOST_SHOWN = 3
 
 
-def shape_figures(comparison: Comparison, shown: Sequence[str]) -> list[Figure]:
+def shape_figures(comparison: Comparison, shown: Sequence[str]) -> list[PageFigure]:
     """Profiles and their shape tests; no figure is larger than a printed page holds."""
     profiles = [_profiles(s, shown, tested=comparison.passes(s) is not None) for s in _moved(comparison)]
     return [*_heat_maps(comparison), *profiles]
 
 
-def simulation_figures(comparison: Comparison, shown: Sequence[str], maps: Sequence[StimulusMap]) -> list[Figure]:
+def simulation_figures(comparison: Comparison, shown: Sequence[str], maps: Sequence[StimulusMap]) -> list[PageFigure]:
     """What the finger does, in the order of the page."""
     moved = _moved(comparison)
     return [
@@ -46,7 +61,7 @@ def _moved(comparison: Comparison) -> list[Stimulus]:
     return [stimulus for stimulus in comparison.stimuli if len(stimulus.x_mm) > 1]
 
 
-def _heat_maps(comparison: Comparison) -> list[Figure]:
+def _heat_maps(comparison: Comparison) -> list[PageFigure]:
     title, caption = f"Shape test, {len(MEASURES)} measures × receptors", "Dots: the SSRP passes the shape test. "
     if comparison.overlays:
         title = f"Correlation and {title[0].lower()}{title[1:]}"
@@ -59,7 +74,7 @@ def _heat_maps(comparison: Comparison) -> list[Figure]:
     return figures_of(title, comparison.judged, map_figures.CORRELATIONS_A_PAGE, draw, caption)
 
 
-def _profiles(stimulus: Stimulus, shown: Sequence[str], *, tested: bool) -> Figure:
+def _profiles(stimulus: Stimulus, shown: Sequence[str], *, tested: bool) -> PageFigure:
     caption = (
         "One profile a receptor, shifted upwards. Dotted: the mean of the two ends; black tick: the receptor's own x."
     )
@@ -69,12 +84,12 @@ def _profiles(stimulus: Stimulus, shown: Sequence[str], *, tested: bool) -> Figu
     )
     drawn = profile_figures.ssrps(stimulus, shown)
     if tested:
-        return Figure(f"SSRPs and shape test: {stimulus.title}", drawn, caption + test)
-    return Figure(f"SSRPs: {stimulus.title}", drawn, caption)
+        return PageFigure(f"SSRPs and shape test: {stimulus.title}", drawn, caption + test)
+    return PageFigure(f"SSRPs: {stimulus.title}", drawn, caption)
 
 
-def _population(stimulus: Stimulus, shown: Sequence[str]) -> Figure:
-    return Figure(
+def _population(stimulus: Stimulus, shown: Sequence[str]) -> PageFigure:
+    return PageFigure(
         f"Population responses: {stimulus.title}",
         profile_figures.populations(stimulus, shown),
         "The measures at all receptors for each position of the indentor. In images a row is a position; dotted: "
@@ -82,7 +97,7 @@ def _population(stimulus: Stimulus, shown: Sequence[str]) -> Figure:
     )
 
 
-def _pressures(moved: Sequence[Stimulus]) -> list[Figure]:
+def _pressures(moved: Sequence[Stimulus]) -> list[PageFigure]:
     return figures_of(
         "Pressure and contact regions along the schedules",
         moved,
@@ -93,9 +108,9 @@ def _pressures(moved: Sequence[Stimulus]) -> list[Figure]:
     )
 
 
-def _strain_maps(maps: Sequence[StimulusMap]) -> list[Figure]:
+def _strain_maps(maps: Sequence[StimulusMap]) -> list[PageFigure]:
     return [
-        Figure(
+        PageFigure(
             f"Strain under the skin: {title}",
             strain_maps(list(members)),
             "The receptor plane, deformed, at up to three positions of the schedule: one value an element, not "
@@ -104,3 +119,240 @@ def _strain_maps(maps: Sequence[StimulusMap]) -> list[Figure]:
         )
         for title, members in groupby(maps, key=lambda one: one.stimulus.title)
     ]
+
+
+WHAT = {
+    "e11": "normal strain across the finger (x)",
+    "e22": "normal strain along the normal of the pulp (y)",
+    "e33": "normal strain along the finger (z)",
+    "e12": "shear strain between x and y, engineering (γ = s12 / G)",
+    "e23": "shear strain between y and z, engineering",
+    "e13": "shear strain between x and z, engineering",
+    "ep1": "smallest principal strain: the largest compression in any direction",
+    "ep2": "middle principal strain",
+    "ep3": "largest principal strain: the largest extension in any direction",
+    "s11": "normal stress across the finger (x)",
+    "s22": "normal stress along the normal of the pulp (y)",
+    "s33": "normal stress along the finger (z)",
+    "sp1": "smallest principal stress: the most compressive",
+    "sp2": "middle principal stress",
+    "sp3": "largest principal stress: the least compressive",
+    "mean": "mean normal stress, (s11 + s22 + s33) / 3: minus the hydrostatic pressure",
+    "sed": "strain energy density, ½ σ:ε, of shape and volume together; never negative",
+    "third": "third invariant of stress, det σ: the product of the principal stresses",
+}
+_HEADER = ("measure", "what it is", "unit", "drawn as", "here from … to, as drawn", "of the other sign")
+
+
+def measures_section(comparison: Comparison, young_mpa: float) -> Section:
+    """Each with its unit and sign, and its range over all receptors and positions; E of the epidermis in MPa."""
+    pseudo_unit = as_number(young_mpa / PSEUDO_E_EPIDERMIS)
+    return Section(
+        "What the measures are",
+        "At a receptor in the receptor plane: x across the finger, y out of the pulp, z along the finger, small "
+        "strains. Raw values have tension (and extension) positive. Those that are compressive at almost every "
+        "receptor are drawn with their sign changed, so that more compression is more; where one is not, it stays "
+        "negative and is not folded over. k and ε₀ are in the sign and unit that is drawn. Stresses and energy are "
+        f"in pseudo-units, of which the epidermis' E is 10 000; one pseudo-unit is {pseudo_unit} MPa here.",
+        _HEADER,
+        tuple(_row(comparison, m, name) for m, name in enumerate(MEASURES)),
+    )
+
+
+def _row(comparison: Comparison, number: int, name: str) -> tuple[str, ...]:
+    values = np.concatenate([stimulus.measures[number].ravel() for stimulus in comparison.stimuli])
+    turned = name in PLOTTED_AS_MAGNITUDE
+    return (
+        name,
+        WHAT.get(name, "–"),
+        unit(name),
+        f"{label(name)}, as magnitude" if turned else f"{label(name)}, as it is",
+        f"{as_number(float(values.min()))} … {as_number(float(values.max()))}",
+        f"{100 * np.mean(values < 0):.0f} %" if turned else "",
+    )
+
+
+_ONLY_SIMULATED = (
+    "A property of the simulation: it asks whether simulated profiles have the form that the source's recordings "
+    "have (for steps a peak above its dip, for bars two peaks), and ignores every recording given here."
+)
+
+
+def shape_sections(comparison: Comparison, figures: list[PageFigure]) -> list[Section]:
+    """Its verdicts with `figures` below, how they hang on its threshold, and which measures go together."""
+    judged = [stimulus for stimulus in comparison.stimuli if comparison.passes(stimulus) is not None]
+    title = "The shape test: a property of the simulation"
+    if not judged:
+        none = "None is defined for these indentors or schedules: it needs steps or bars at five positions or more."
+        return [
+            Section(title, f"{_ONLY_SIMULATED}\n\n{none}", figures=tuple(figures)),
+            *_collinear(comparison),
+        ]
+    return [
+        Section(
+            title,
+            f"{_ONLY_SIMULATED}\n\n{_candidates(comparison)} The table lists the receptors (x in mm) at which each "
+            f"measure passes, at a threshold of {100 * THRESHOLD:g} %. {_by_chance(comparison)}",
+            ("measure", "candidate", *(stimulus.title for stimulus in judged)),
+            _rows(comparison, judged),
+            tuple(figures),
+            points=_by_condition(comparison),
+        ),
+        _thresholds(comparison, judged),
+        *_collinear(comparison),
+    ]
+
+
+def _candidates(comparison: Comparison) -> str:
+    names = ", ".join(comparison.candidates()) or "none"
+    return (
+        f"Candidates: {names}. A candidate passes at one and the same receptor under every step given here, at every "
+        "force, and near x = 0 under every bar."
+    )
+
+
+def _by_chance(comparison: Comparison) -> str:
+    """What the test lets pass that has no form at all."""
+    rows = [row for row in chance_rows(comparison.stimuli) if row["passes_by_chance"] is not None]
+    shares = [f"{row['shape']} at {row['condition']} {100 * row['passes_by_chance']:.0f} %" for row in rows]
+    return f"Of {DRAWS} random profiles as smooth as a stimulus's own pass: {', '.join(shares)}." if rows else ""
+
+
+def _by_condition(comparison: Comparison) -> tuple[str, ...]:
+    found = comparison.candidates_by_condition()
+    return tuple(f"{name}: {', '.join(names) or 'none'}" for name, names in found) if len(found) > 1 else ()
+
+
+def _rows(comparison: Comparison, judged: list[Stimulus]) -> tuple[tuple[str, ...], ...]:
+    candidates = comparison.candidates()
+    passed = [(s.receptor_mm, comparison.passes(s)) for s in judged]
+    return tuple(
+        (
+            name,
+            "yes" if name in candidates else "no",
+            *(as_positions(x[flags[measure]]) for x, flags in passed if flags is not None),
+        )
+        for measure, name in enumerate(MEASURES)
+    )
+
+
+def _thresholds(comparison: Comparison, judged: list[Stimulus]) -> Section:
+    receptors = len(comparison.stimuli[0].receptor_mm)
+    return Section(
+        "How the shape test hangs on its threshold",
+        f"Number of passing profiles, of {len(MEASURES)} measures × {receptors} receptors, and the candidates.",
+        ("threshold", *(stimulus.title for stimulus in judged), "candidates"),
+        tuple(
+            (f"{100 * row['threshold']:g} %", *map(str, row["counts"]), ", ".join(row["candidates"]) or "none")
+            for row in threshold_rows(comparison)
+        ),
+    )
+
+
+def _collinear(comparison: Comparison) -> list[Section]:
+    found = [(name, groups) for name, groups in comparison.collinear() if groups]
+    if not found:
+        return []
+    return [
+        Section(
+            "Nearly collinear measures",
+            "Which a recording with these stimuli can hardly tell apart, whatever is recorded (|r| ≥ "
+            f"{COLLINEAR:g} over all positions and receptors).",
+            points=tuple(f"{name}: {'; '.join(' = '.join(names) for names in groups)}" for name, groups in found),
+        )
+    ]
+
+
+def write_comparison(
+    path: Path,
+    comparison: Comparison,
+    runs: Sequence[Run],
+    finger: Fingertip,
+    command: str,
+    extra: Sequence[Section] = (),
+    title: str = "Which measure explains the response?",
+    maps: Sequence[StimulusMap] = (),
+    pdf: Path | None = None,
+    answers: Sequence[Answer] = (),
+) -> None:
+    """Write the report as HTML, and as PDF where asked for, dated by the newest run.
+
+    `answers` are what the recordings say; `extra` sections come after them; `command` makes the report again.
+    """
+    shown = shown_measures(comparison, answers)
+    page = partial(
+        render,
+        "comparison.html.j2",
+        title=title,
+        sections=[
+            *answer_sections(answers, frame(comparison.overlays), recorded=bool(comparison.overlays)),
+            *extra,
+            *simulation_sections(comparison, shown, maps),
+            measures_section(comparison, finger.e_epidermis_mpa),
+            *source_sections(comparison),
+        ],
+        **_provenance(comparison, runs, finger, command),
+    )
+    replace_text(path, page())
+    if pdf is not None:
+        from rig.report.pdf import as_pdf  # most comparisons do without
+
+        newest = datetime.fromtimestamp(max(int(run.start["unix_s"]) for run in runs), UTC)
+        replace_bytes(pdf, as_pdf(page(picture=as_png), newest))
+
+
+def simulation_sections(comparison: Comparison, shown: Sequence[str], maps: Sequence[StimulusMap]) -> list[Section]:
+    """What the simulation says, whatever was recorded, of the measures that are shown."""
+    figures = simulation_figures(comparison, shown, maps)
+    return [*shape_sections(comparison, shape_figures(comparison, shown)), *map(alone, figures)]
+
+
+def _provenance(comparison: Comparison, runs: Sequence[Run], finger: Fingertip, command: str) -> dict[str, Any]:
+    return {
+        "comparison": comparison,
+        "finger": finger,
+        "small_strain": comparison.small_strain.note,
+        "runs": [(run, sha256(run.folder.events), sha256(run.folder.path / "config.toml")) for run in runs],
+        "recordings": list(dict.fromkeys(map(_recording, comparison.overlays))),
+        "command": command,
+        "versions": {name: version(name) for name in ("indentation-rig", "numpy", "scipy", "matplotlib")},
+    }
+
+
+def _recording(overlay: Overlay) -> tuple[str, str, str, str]:
+    """Its file, the shape, what was done to its numbers, and SHA-256; laid over several conditions it is one."""
+    found = overlay.recording
+    return found.name, overlay.stimulus.shape, ", ".join(found.changes), found.sha256
+
+
+HEADER = ("measure", "x (mm)", "depth (mm)", "offset (mm)", "k", "ε₀", "deviance over the noise", "its own fit",
+          "held by a bound")  # fmt: skip
+
+
+def place_section(found: Whereabouts) -> Section:
+    """Every measure at its likeliest place, the likeliest first."""
+    x, depth = (f"{in_mm(low)} to {in_mm(high)} mm" for low, high in found.where[:2])
+    return Section(
+        f"Where the receptor is: {', '.join(found.stimuli)}",
+        f"Each measure at its likeliest place, with 95 % limits by profile likelihood: x sought from {x}, depth from "
+        f"{depth}; {found.frame}. Over {found.positions} of {found.recorded} recorded positions, the same for every "
+        "place. An interval that is held by a bound goes on beyond it. Intervals hold given this finger model.",
+        HEADER,
+        tuple(_cells(row, found) for row in found.rows),
+    )
+
+
+def _cells(row: PlaceRow, found: Whereabouts) -> tuple[str, ...]:
+    offset = within(row.offset_mm, row.offset_interval) if found.with_offset else "not fitted"
+    fit = "not rejected" if row.fits else "rejected"
+    return (
+        row.measure,
+        within(row.x_mm, row.x_interval),
+        within(row.depth_mm, row.depth_interval),
+        offset,
+        as_number(row.k),
+        as_number(row.eps0),
+        f"{row.deviance:.1f}",
+        f"{fit} (p = {row.p_fit:.2g})",
+        ", ".join(row.at_bounds) or "–",
+    )

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from rig.compare.comparison import Comparison, Joint
-from rig.compare.fingers.with_finger import WithFinger
-from rig.compare.plausible import PlausibleFingers
-from rig.compare.tables import Pair, joint_row, number
-from rig.report.html import Section
-from rig.report.labels import as_limits, as_number, as_positions
+from rig.compare.fingers import PlausibleFingers
+from rig.compare.results import Pair, joint_row, number
+from rig.compare.with_finger import WithFinger
+from rig.report.page import Section
+from rig.report.style import as_limits, as_number, as_positions
 from sim.models.interpolation import HOW_MADE
 
 Row = dict[str, Any]

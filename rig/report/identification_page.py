@@ -9,7 +9,7 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from rig.data.folder import replace_text
-from rig.report.html import Figure, Section, alone, render
+from rig.report.page import PageFigure, Section, alone, render
 from rig.report.style import BLUE, GREY, ORANGE, Plot
 from sim.identification.bands import COVERAGE
 from sim.identification.forward import Foreseen, Given
@@ -51,10 +51,10 @@ def write_meeting_page(path: Path, met: Met) -> None:
             ("press", *_PRESS, "foreseen (gwt)", "measured (gwt)", "all known to"),
             tuple(met.presses),
         ),
-        alone(Figure("Each press over time", _presses(met), _OVER_TIME)),
+        alone(PageFigure("Each press over time", _presses(met), _OVER_TIME)),
         Section("Numbers of the finger", _AFTER_AND_BEFORE, ("", "likeliest", "after", "before"), tuple(met.numbers)),
-        alone(Figure("Before and after", _marginals(met), _BEFORE_AND_AFTER)),
-        alone(Figure("What goes with what", _correlations(met), _CORRELATED)),
+        alone(PageFigure("Before and after", _marginals(met), _BEFORE_AND_AFTER)),
+        alone(PageFigure("What goes with what", _correlations(met), _CORRELATED)),
     ]
     presses = f"{len(met.given)} press{'es' if len(met.given) > 1 else ''}"
     title = "A finger was met" if met.stranger is None else "What was met is no finger that is known"

@@ -14,7 +14,7 @@ Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
-class Figure:
+class PageFigure:
     """A figure with its heading and caption."""
 
     title: str
@@ -30,35 +30,35 @@ class Section:
     text: str
     header: tuple[str, ...] = ()
     rows: tuple[tuple[str, ...], ...] = ()
-    figures: tuple[Figure, ...] = ()
+    figures: tuple[PageFigure, ...] = ()
     points: tuple[str, ...] = ()
 
 
-def alone(figure: Figure) -> Section:
+def alone(figure: PageFigure) -> Section:
     """A section that is one figure, under its title."""
     return Section(figure.title, "", figures=(figure,))
 
 
 def figures_of(
     title: str, items: Sequence[Item], most: int, draw: Callable[[Sequence[Item]], Plot], caption: str
-) -> list[Figure]:
+) -> list[PageFigure]:
     """One figure with a panel for each item, or several where a page has no room for so many."""
     parts = [items[k : k + most] for k in range(0, len(items), most)]
     numbers = [f", {k + 1} of {len(parts)}" if len(parts) > 1 else "" for k in range(len(parts))]
-    return [Figure(title + number, draw(part), caption) for number, part in zip(numbers, parts, strict=True)]
+    return [PageFigure(title + number, draw(part), caption) for number, part in zip(numbers, parts, strict=True)]
 
 
-def as_svg(figure: Figure) -> str:
+def as_svg(figure: PageFigure) -> str:
     """For the src of an img on a page."""
     return "data:image/svg+xml;base64," + base64.b64encode(figure.plot.svg.encode()).decode()
 
 
-def as_png(figure: Figure) -> str:
+def as_png(figure: PageFigure) -> str:
     """For the src of an img on a page that becomes a PDF."""
     return "data:image/png;base64," + base64.b64encode(figure.plot.png).decode()
 
 
-def render(template: str, picture: Callable[[Figure], str] = as_svg, **about: Any) -> str:
+def render(template: str, picture: Callable[[PageFigure], str] = as_svg, **about: Any) -> str:
     """A self-contained page from a template of this package."""
     return _templates().get_template(template).render(picture=picture, **about)
 

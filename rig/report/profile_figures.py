@@ -1,4 +1,4 @@
-"""Figures of stimuli: SSRPs with their shape tests, and population responses."""
+"""Figures of stimuli: response profiles, populations, correlation and pressure maps, strain maps."""
 
 from collections.abc import Sequence
 
@@ -6,14 +6,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from rig.compare.comparison import Comparison
 from rig.compare.shape_test import THRESHOLD, shape_test
-from rig.compare.stimuli import Stimulus
-from rig.report.labels import label, unit
-from rig.report.style import BLUE, GREY, ORANGE, Plot, Room, shade_of, signed, some_of
+from rig.compare.stimuli import MAPPED, Stimulus, StimulusMap
+from rig.report.recording_sections import frame
+from rig.report.style import BLUE, GREY, ORANGE, Plot, Room, label, shade_of, signed, some_of, unit
 from sim.measures.measures import MEASURES
 
 Array = NDArray[np.float64]
@@ -128,3 +130,155 @@ def _image(axes: Axes, stimulus: Stimulus, values: Array) -> QuadMesh:
     seen = (of >= at.min()) & (of <= at.max())
     axes.plot(of[seen], of[seen], ls=(0, (2, 3)), lw=1.0, color="white", path_effects=_OUTLINED)
     return image
+
+
+CORRELATIONS_A_PAGE, PRESSURES_A_PAGE = 8, 9
+_MOST_RECEPTORS = 12
+_DARK = 0.5  # |r| beyond which black is not seen on a map's colours
+
+
+def correlations(comparison: Comparison, judged: Sequence[Stimulus]) -> Plot:
+    """18 measures × receptors for each stimulus: Pearson's r in colour, a dot where the shape test is passed."""
+    rows, columns = _grid(len(judged), 4)
+    size = (1.2 + 2.35 * columns, 0.5 + 2.85 * rows)
+    return Plot(size, lambda figure: _correlations(figure, comparison, judged, rows, columns))
+
+
+def pressure_maps(stimuli: Sequence[Stimulus]) -> Plot:
+    """Pressure in the receptor plane for each position of each schedule, and the ends of the contact regions."""
+    rows, columns = _grid(len(stimuli), 3)
+    size = (0.6 + 3.2 * columns, 0.45 + 1.95 * rows)
+    return Plot(size, lambda figure: _pressure_maps(figure, stimuli, rows, columns))
+
+
+def _grid(panels: int, widest: int) -> tuple[int, int]:
+    """Rows and columns that leave few places empty."""
+    rows = -(-panels // widest)
+    return rows, -(-panels // rows)
+
+
+def _correlations(
+    figure: Figure, comparison: Comparison, judged: Sequence[Stimulus], rows: int, columns: int
+) -> None:
+    panels = figure.subplots(rows, columns, squeeze=False, sharey=True).ravel()
+    recorded = {overlay.stimulus: overlay.r for overlay in comparison.overlays}
+    image = None
+    for axes in panels[len(judged) :]:
+        axes.set_visible(False)
+    for axes, stimulus in zip(panels, judged, strict=False):
+        drawn = _heat_map(axes, stimulus, recorded.get(stimulus), comparison.passes(stimulus))
+        image = drawn if stimulus in recorded else image
+    figure.supxlabel("receptor x (mm)", fontsize=8)
+    if image is not None:
+        figure.colorbar(image, ax=panels.tolist(), label="Pearson's r", shrink=0.6)
+        figure.suptitle(frame(comparison.overlays), fontsize=7, color=GREY)
+
+
+def _heat_map(axes: Axes, stimulus: Stimulus, r: Array | None, passed: NDArray[np.bool_] | None) -> AxesImage:
+    n = len(stimulus.receptor_mm)
+    shown = np.full((len(MEASURES), n), np.nan) if r is None else r
+    image = axes.imshow(shown, cmap="PuOr_r", vmin=-1, vmax=1, aspect="auto", interpolation="nearest")
+    _mark_negative(axes, shown)
+    if passed is not None:
+        measure, receptor = np.nonzero(passed)
+        axes.plot(receptor, measure, "o", ms=4, mfc="black", mec="white", mew=0.6)
+    written = some_of(n, _MOST_RECEPTORS)
+    axes.set_xticks(written, [signed(x) for x in stimulus.receptor_mm[written]], fontsize=6.5, rotation=90)
+    axes.set_yticks(range(len(MEASURES)), [label(m) for m in MEASURES], fontsize=7)
+    axes.set_xticks(np.arange(n - 1) + 0.5, minor=True)
+    axes.set_yticks(np.arange(len(MEASURES) - 1) + 0.5, minor=True)
+    axes.grid(which="minor", color="#dddddd", lw=0.4)
+    axes.tick_params(which="minor", length=0)
+    axes.set_title(stimulus.title + ("" if passed is not None else "\nno shape test"), fontsize=8)
+    for side in axes.spines.values():
+        side.set_visible(True)
+    return image
+
+
+def _mark_negative(axes: Axes, r: Array) -> None:
+    """A dash, since in grey the two ends of the colours are alike."""
+    for colour, chosen in (("black", (r < 0) & (r > -_DARK)), ("white", r <= -_DARK)):
+        measure, receptor = np.nonzero(chosen)
+        axes.plot(receptor, measure, "_", ms=10, mew=0.6, color=colour)
+
+
+def _pressure_maps(figure: Figure, stimuli: Sequence[Stimulus], rows: int, columns: int) -> None:
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    for axes in panels[len(stimuli) :]:
+        axes.set_visible(False)
+    for k, (axes, stimulus) in enumerate(zip(panels, stimuli, strict=False)):
+        image = _pressure_map(axes, stimulus)
+        last = k % columns == columns - 1 or k == len(stimuli) - 1
+        bar = figure.colorbar(image, ax=axes)
+        bar.set_label("pressure (pseudo-units)" if last else "", fontsize=8)
+        bar.ax.tick_params(labelsize=7)
+    figure.supxlabel("skin, undeformed x (mm)", fontsize=9)
+    figure.supylabel("indentor x (mm)", fontsize=9)
+
+
+def _pressure_map(axes: Axes, stimulus: Stimulus) -> QuadMesh:
+    at, of, pressure = stimulus.skin_mm, stimulus.x_mm, stimulus.pressure
+    image = axes.pcolormesh(at, of, pressure, cmap="viridis", shading="nearest", rasterized=True, vmin=0)
+    ends = [
+        (end, x)
+        for position, x in enumerate(stimulus.x_mm)
+        for region in stimulus.contact_regions_mm(position)
+        for end in region
+    ]
+    outline = [withStroke(linewidth=2.2, foreground="black")]
+    marks = np.array(ends).reshape(-1, 2).T
+    axes.plot(*marks, "|", ms=4.5, mew=1.0, color="white", path_effects=outline)
+    axes.set_title(stimulus.title, fontsize=8)
+    axes.tick_params(labelsize=7)
+    return image
+
+
+_SHOWN_MM = ((-3.4, 3.4), (2.0, 5.2))
+_TOP_QUANTILE = 0.97
+_ROOM = Room(left=0.5, right=1.0, bottom=0.42, top=0.28, columns=0.12, rows=0.15)
+
+
+def strain_maps(maps: Sequence[StimulusMap]) -> Plot:
+    """One stimulus: measures down, positions across; one scale a measure."""
+    size = (1.2 + 3.0 * len(maps), 0.5 + 1.55 * len(MAPPED))
+    return Plot(size, lambda figure: _strain_maps(figure, maps), layout=None)
+
+
+def _strain_maps(figure: Figure, maps: Sequence[StimulusMap]) -> None:
+    panels = _ROOM.panels(figure, len(MAPPED), len(maps), sharex=True, sharey=True)
+    for row, measure in zip(panels, MAPPED, strict=True):
+        top = max(_top(one, measure) for one in maps)
+        drawn = [_map(axes, one, measure, top) for axes, one in zip(row, maps, strict=True)]
+        name = f"{label(measure)} ({unit(measure)})"
+        figure.colorbar(drawn[-1], cax=_beside(figure, row[-1]), label=name, extend="max")
+        row[0].set_ylabel("y (mm)")
+    for axes, one in zip(panels[0], maps, strict=True):
+        axes.set_title(f"indentor at x = {signed(one.x_mm)} mm", fontsize=8)
+    for axes in panels[-1]:
+        axes.set_xlabel("x (mm)")
+
+
+def _beside(figure: Figure, axes: Axes) -> Axes:
+    """Room for a scale at the right of a row."""
+    width, _ = figure.get_size_inches()
+    place = axes.get_position()
+    return figure.add_axes((place.x1 + 0.15 / width, place.y0, 0.12 / width, place.height))
+
+
+def _map(axes: Axes, one: StimulusMap, measure: str, top: float) -> QuadMesh:
+    x, y = np.moveaxis(one.corner_mm, -1, 0)
+    image = axes.pcolormesh(
+        x, y, one.values[measure], cmap="viridis", shading="flat", vmin=0, vmax=top, rasterized=True
+    )
+    axes.plot(x[:, 0], y[:, 0], color="black", lw=0.7)
+    axes.plot(*one.receptor_mm.T, "o", ms=3, mfc="white", mec="black", mew=0.6)
+    axes.set(xlim=_SHOWN_MM[0], ylim=_SHOWN_MM[1], aspect="equal")
+    return image
+
+
+def _top(one: StimulusMap, measure: str) -> float:
+    """The top of the colour scale: the epidermis under an edge would take all of it."""
+    (left, right), (low, high) = _SHOWN_MM
+    x, y = np.moveaxis(one.corner_mm[:-1, :-1], -1, 0)
+    seen = (x > left) & (x < right) & (y > low) & (y < high)
+    return float(np.quantile(one.values[measure][seen], _TOP_QUANTILE))

@@ -1,19 +1,111 @@
-"""Which figures of the source's chapter 5 hang on recordings, which file would fill each, and those that are filled.
+"""Sections of a comparison's report on recordings: fits, the source's figures, the skin's deflection.
 
 The published recordings are figures, not tables, and are not shipped. Source: Raju 1998, ch. 5.
 """
 
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.figure import Figure as Canvas
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
 
 from rig.compare.comparison import Comparison, Joint, Overlay
-from rig.compare.tables import Pair
-from rig.report.comparison import fit_figures
-from rig.report.html import Figure, Section
-from rig.report.labels import as_number, label
-from rig.report.style import signed
+from rig.compare.fit import Fit, predicted
+from rig.compare.recordings.columns import no_rows, read_table
+from rig.compare.results import Pair
+from rig.data import Run
+from rig.plan.finger_model import from_copy, responses
+from rig.report.page import PageFigure, Section
+from rig.report.style import BLUE, GREEN, GREY, ORANGE, Plot, as_number, label, shade, signed, unit
+from sim.contact.indentor import ACROSS
+from sim.contact.shapes import parse_shape
 from sim.measures.measures import MEASURES
+from sim.models.fingertip import Fingertip
+
+_SHAPE_STYLES = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "^"), (GREY, "D"))
+_RATE = "discharge rate (unit of the recording)"
+_WIDEST_IN = 9.8
+
+
+def overlays(joint: Joint, pairs: list[Pair]) -> Plot:
+    """Rates that the joint line predicts from the SSRP, over the recorded ones: pairs down, shapes across."""
+    rows, columns = (len(pairs), len(joint.overlays)) if len(joint.overlays) > 1 else (1, len(pairs))
+    size = (0.6 + min(3.2 * columns, _WIDEST_IN), 0.7 + 1.85 * rows)
+    return Plot(size, lambda figure: _overlays(figure, joint, pairs, rows, columns))
+
+
+def scatter(joint: Joint, pairs: list[Pair]) -> Plot:
+    """Recorded rate against the measure, all shapes, with the joint line."""
+    return Plot((0.4 + 2.7 * len(pairs), 3.1), lambda figure: _scatter(figure, joint, pairs))
+
+
+def _overlays(figure: Figure, joint: Joint, pairs: list[Pair], rows: int, columns: int) -> None:
+    panels = figure.subplots(rows, columns, squeeze=False, sharex=rows == 1 or "col", sharey=True)
+    figure.suptitle(frame(joint.overlays), fontsize=7, color=GREY)
+    shown = [(overlay, pair) for pair in pairs for overlay in joint.overlays]
+    for axes, (overlay, pair) in zip(panels.ravel(), shown, strict=True):
+        _overlay(axes, overlay, joint.fit, pair)
+        axes.set_title(f"{overlay.stimulus.title}: {named(overlay.stimulus.receptor_mm, pair)}", fontsize=8)
+    figure.supylabel(_RATE, fontsize=9)
+    for axes in panels[-1]:
+        axes.set_xlabel("position from field centre (mm)")
+    handles = [
+        Line2D([], [], color="black", marker="o", ms=3, ls="", label="recorded, ± 1 sd"),
+        Line2D([], [], color=BLUE, label="predicted by the joint line"),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=2, fontsize=8)
+
+
+def _overlay(axes: Axes, overlay: Overlay, fit: Fit, pair: Pair) -> None:
+    recording = overlay.recording
+    fine = np.linspace(recording.position_mm[0], recording.position_mm[-1], 241)
+    line = Fit(*(np.asarray(v[pair]) for v in fit))
+    axes.plot(fine, predicted(line, overlay.stimulus.at(fine)[pair[0], :, pair[1]]), color=BLUE, lw=1.4)
+    bars = np.nan_to_num(recording.sd)
+    axes.errorbar(recording.position_mm, recording.rate, bars, fmt="o", ms=3, color="black", elinewidth=0.7)
+
+
+def _scatter(figure: Figure, joint: Joint, pairs: list[Pair]) -> None:
+    panels = figure.subplots(1, len(pairs), squeeze=False, sharey=True)[0]
+    figure.suptitle(frame(joint.overlays), fontsize=7, color=GREY)
+    for axes, pair in zip(panels, pairs, strict=True):
+        _against_measure(axes, joint, pair)
+    figure.supylabel(_RATE, fontsize=9)
+    handles, names = panels[0].get_legend_handles_labels()
+    figure.legend(handles, names, loc="outside lower center", ncols=len(names), fontsize=8)
+
+
+def _against_measure(axes: Axes, joint: Joint, pair: Pair) -> None:
+    measure, receptor = pair
+    for overlay, (colour, marker) in zip(joint.overlays, _SHAPE_STYLES, strict=False):
+        eps, name = overlay.eps[measure, :, receptor], overlay.stimulus.indentor
+        axes.plot(eps, overlay.recording.rate, marker, ms=4, mfc="none", mec=colour, label=name)
+    k, eps0 = joint.fit.k[pair], joint.fit.eps0[pair]
+    low, high = (float(f(joint.eps[measure, :, receptor])) for f in (np.nanmin, np.nanmax))
+    fine = np.linspace(low - 0.05 * (high - low), high + 0.05 * (high - low), 101)
+    axes.plot(fine, np.maximum(0, k * (fine - eps0)), color="black", lw=1)
+    fitted = f"R² = {joint.explained[pair]:.3f}, k = {k:.3g}, ε₀ = {eps0:.3g}".replace("-", "−")
+    axes.set_title(f"{named(joint.overlays[0].stimulus.receptor_mm, pair)}\n{fitted}", fontsize=8)
+    axes.set_xlabel(f"{label(MEASURES[measure])} ({unit(MEASURES[measure])})")
+
+
+def frame(overlays: Sequence[Overlay]) -> str:
+    """How recorded positions and rates were laid over the simulation; printed on every figure that does."""
+    changed = {f"{p.stimulus.indentor} {change}" for p in overlays for change in p.recording.changes}
+    return "; ".join(["indentor x = recorded position + receptor x, no offset fitted", *sorted(changed)])
+
+
+def named(receptor_mm: NDArray[np.float64], pair: Pair) -> str:
+    """A measure at a receptor."""
+    return f"{label(MEASURES[pair[0]])} at {signed(receptor_mm[pair[1]])} mm"
+
 
 SURVIVORS = ("ep1", "ep3", "sed")
 """What the source is left with, and draws."""
@@ -111,21 +203,21 @@ def _joint(comparison: Comparison, one: Published) -> tuple[Joint, list[Pair]] |
     return joint, [pair for pair in pairs if np.isfinite(joint.fit.k[pair])]
 
 
-def _figures(comparison: Comparison, one: Published) -> list[Figure]:
+def _figures(comparison: Comparison, one: Published) -> list[PageFigure]:
     found = _joint(comparison, one)
     if found is None or not found[1]:
         return []
     joint, pairs = found
     files = ", ".join(overlay.recording.name for overlay in joint.overlays)
     return [
-        Figure(
+        PageFigure(
             f"Fig. {one.scatter} of the source: rate against measure",
-            fit_figures.scatter(joint, pairs),
+            scatter(joint, pairs),
             f"Each point is a recorded position, black the line over all shapes. {files}.",
         ),
-        Figure(
+        PageFigure(
             f"Fig. {one.profiles} of the source: predicted over recorded",
-            fit_figures.overlays(joint, pairs),
+            overlays(joint, pairs),
             f"Rates that this line predicts. {files}.",
         ),
     ]
@@ -142,3 +234,95 @@ def _correlation(joint: Joint, pair: Pair) -> tuple[str, ...]:
     fitted = (float(v[pair]) for v in (joint.fit.k, joint.fit.eps0, joint.explained))
     place = signed(float(joint.overlays[0].stimulus.receptor_mm[receptor]))
     return (joint.title, label(MEASURES[measure]), place, "  ".join(r), *map(as_number, fitted))
+
+
+# The skin's deflection along the finger under what lies across it, and a measured one laid over it.
+#
+# Measured deflections are a CSV of the columns `z_mm,deflection_mm[,doi_mm]`: z along the finger in the model's frame
+# (0 at the proximal edge, 12.75 at the tip), the skin's downward displacement there, and the depth that goes with it.
+
+Array = NDArray[np.float64]
+
+_SAME_DEPTH_MM = 0.05
+
+
+@dataclass(frozen=True)
+class Deflection:
+    """(n,) downward displacements at (n,) z along the pad's centre line, in mm, at one depth."""
+
+    doi_mm: float  # NaN where a measured one does not say
+    z_mm: Array
+    deflection_mm: Array
+
+
+def simulated(run: Run, finger: Fingertip) -> list[Deflection]:
+    """What the model gives at every hold of a run with an indentor that lies across the finger; none of others."""
+    if not any(
+        parse_shape(from_copy(run.folder.path, event["indentor"])).axes == ACROSS for event in run.stream("mount")
+    ):
+        return []
+    results = [one.result for one in responses(run, finger) if one.result.indentor.axes == ACROSS]
+    return [Deflection(result.doi_mm, *result.axial_profile) for result in results]
+
+
+def read_deflections(path: Path) -> list[Deflection]:
+    """One for each depth that the file names, in ascending order. Raises RecordingError with row and column."""
+    rows = []
+    for row in read_table(path, ("z_mm", "deflection_mm"), ("doi_mm",)):
+        doi = row.number("doi_mm", least=0.0) if row.cells.get("doi_mm") else math.nan
+        rows.append((doi, row.number("z_mm"), row.number("deflection_mm")))
+    if not rows:
+        raise no_rows(path, "z_mm,deflection_mm[,doi_mm]")
+    table = np.array(sorted(rows))
+    depths, which = np.unique(table[:, 0], return_inverse=True)  # NaNs count as one
+    return [Deflection(float(depth), *table[which == k, 1:].T) for k, depth in enumerate(depths)]
+
+
+def partner(measured: Deflection, among: list[Deflection]) -> Deflection | None:
+    """The simulated deflection at a measured one's depth; None where none is within 0.05 mm of it."""
+    if math.isnan(measured.doi_mm) or not among:
+        return None
+    nearest = min(among, key=lambda one: abs(one.doi_mm - measured.doi_mm))
+    return nearest if abs(nearest.doi_mm - measured.doi_mm) <= _SAME_DEPTH_MM else None
+
+
+def deflection_section(profiles: list[Deflection], measured: list[Deflection], source: str = "") -> Section:
+    """The profiles, and how far the measured points lie from them."""
+    rows = tuple(_row(one, partner(one, profiles)) for one in measured)
+    figure = PageFigure(
+        "Deflection of the skin along the finger",
+        Plot((7.2, 3.8), lambda canvas: _draw(canvas, profiles, measured)),
+        "Downward displacement of the skin along the pad's centre line against undeformed z (proximal to the left). "
+        + ("Circles: measured, in the colour of their depth, black where none is given." if measured else ""),
+    )
+    text = "The indentor lies across the finger; what it does to the skin beside it is what can be measured by eye."
+    text += f" Measured: {source}." if source else ""
+    header = ("measured at DOI (mm)", "points", "measured − model, mean (mm)", "rms (mm)") if measured else ()
+    return Section("Deflection along the finger", text, header, rows, (figure,))
+
+
+def _row(one: Deflection, other: Deflection | None) -> tuple[str, ...]:
+    depth = "not given" if math.isnan(one.doi_mm) else f"{one.doi_mm:g}"
+    if other is None:
+        return depth, f"{len(one.z_mm)}", "–", "–"
+    inside = (one.z_mm >= other.z_mm[0]) & (one.z_mm <= other.z_mm[-1])
+    left = (one.deflection_mm - np.interp(one.z_mm, other.z_mm, other.deflection_mm))[inside]
+    if not len(left):
+        return depth, "0", "–", "–"
+    mean, rms = f"{left.mean():+.3f}".replace("-", "−"), f"{np.sqrt(np.mean(left**2)):.3f}"
+    return depth, f"{len(left)}", mean, rms
+
+
+def _draw(canvas: Canvas, profiles: list[Deflection], measured: list[Deflection]) -> None:
+    axes = canvas.subplots()
+    colours = {id(one): shade(k, len(profiles)) for k, one in enumerate(profiles)}
+    for one in profiles:
+        axes.plot(one.z_mm, one.deflection_mm, color=colours[id(one)], lw=1.4, label=f"DOI {one.doi_mm:.2f} mm")
+    for points in measured:
+        other = partner(points, profiles)
+        colour = "black" if other is None else colours[id(other)]
+        axes.plot(points.z_mm, points.deflection_mm, "o", ms=4, mfc="none", mec=colour)
+    axes.axhline(0, color="black", lw=0.6)
+    axes.set(xlabel="along the finger, z (mm)", ylabel="deflection of the skin (mm)")
+    axes.invert_yaxis()
+    axes.legend(fontsize=8)

@@ -1,19 +1,188 @@
-"""Figures of what the force sensor read: over the run, in each press, and against depth."""
+"""Figures of a run: force, contact, and what receptors feel according to the finger model."""
 
 import math
 from collections.abc import Sequence
+from textwrap import wrap
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from rig.data import Run
-from rig.data.bench_time import Span, spans
-from rig.report.run.conditions import Condition, Samples, by_target, conditions, loading, samples_of
-from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, Plot, Room, position_scale, shade_of
+from rig.data.tables import Span, spans
+from rig.plan.finger_model import Response, by_group, measured
+from rig.report.run_tables import Condition, Samples, by_target, conditions, loading, samples_of
+from rig.report.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    YELLOW,
+    Plot,
+    Room,
+    label,
+    position_scale,
+    shade,
+    shade_of,
+    signed,
+    unit,
+)
+from sim.contact.indentor import BOTH, Indentor, Revolved
+from sim.contact.patch import X, Z
+from sim.measures.measures import shown
+from sim.models.result import IndentationResult
 from sim.units import GWT_N
+
+CONTACTS_A_PAGE = 12
+HEIGHTS_MM = (1.9, 5.7)
+_CONTACT_COLUMNS = 4
+_LEFT_IN, _WIDE_IN, _GAP_IN = 0.6, 2.25, 0.12
+_TITLE_IN, _SKIN_IN, _PRESSURE_IN, _AXIS_IN = 0.36, 0.9, 0.7, 0.5
+_CONTACT_ROW_IN = _TITLE_IN + _SKIN_IN + _PRESSURE_IN
+_LATERAL_MM = (-3.6, 3.6)
+_DRAWN = 361
+_HIGHEST_MM = 1.3
+"""Above its lowest point no more of an indentor is drawn."""
+
+
+def contact_panels(found: Sequence[Sequence[Response]], top: float) -> Plot:
+    """A panel for each condition, its repeats over one another; all pressures on an axis that holds `top`."""
+    rows = -(-len(found) // _CONTACT_COLUMNS)
+    columns = min(len(found), _CONTACT_COLUMNS)
+    size = (_LEFT_IN + columns * (_WIDE_IN + _GAP_IN), rows * _CONTACT_ROW_IN + _AXIS_IN)
+    return Plot(size, lambda figure: _contact_panels(figure, found, top), layout=None)
+
+
+def highest_pressure(found: Sequence[Response]) -> float:
+    """Of all in the receptor plane, in pseudo-units."""
+    return max((float(r.result.pressure_profile[1].max()) for r in found), default=0.0) or 1.0
+
+
+def _contact_panels(figure: Figure, found: Sequence[Sequence[Response]], top: float) -> None:
+    scale = [tick for tick in MaxNLocator(3).tick_values(0, top) if tick <= 1.02 * top]
+    for k, repeats in enumerate(found):
+        above = _axes(figure, k, _TITLE_IN + _SKIN_IN, _SKIN_IN)
+        below = _axes(figure, k, _CONTACT_ROW_IN, _PRESSURE_IN)
+        _skin(above, repeats)
+        _pressures(below, repeats)
+        below.hlines(scale, *_LATERAL_MM, color=GREY, lw=0.3, alpha=0.5)
+        above.set(xlim=_LATERAL_MM, ylim=HEIGHTS_MM, xticks=())
+        below.set(xlim=_LATERAL_MM, ylim=(0, 1.08 * top))
+        _scales(above, below, scale, first=k % _CONTACT_COLUMNS == 0, lowest=k + _CONTACT_COLUMNS >= len(found))
+
+
+def _scales(above: Axes, below: Axes, scale: Sequence[float], *, first: bool, lowest: bool) -> None:
+    """Ticks are slow to draw, and read at the outer panels alone."""
+    above.set_yticks((3, 5) if first else ())
+    below.set_yticks(scale if first else ())
+    below.set_xticks((-2, 0, 2) if lowest else ())
+    for axes, name in ((above, "height (mm)"), (below, "pressure")):
+        axes.set_ylabel(name if first else "", fontsize=8)
+        axes.tick_params(labelsize=7, length=2)
+    below.set_xlabel("lateral x (mm)" if lowest else "", fontsize=8)
+
+
+def _axes(figure: Figure, k: int, below_in: float, high_in: float) -> Axes:
+    """In the place of the k-th panel, its lower end so far below the row's upper one."""
+    width, height = figure.get_size_inches()
+    row, column = divmod(k, _CONTACT_COLUMNS)
+    left, bottom = _LEFT_IN + column * (_WIDE_IN + _GAP_IN), height - row * _CONTACT_ROW_IN - below_in
+    return figure.add_axes((left / width, bottom / height, _WIDE_IN / width, high_in / height))
+
+
+def _skin(axes: Axes, repeats: Sequence[Response]) -> None:
+    """The first repeat's indentor and skin: repeats differ by less than a line is wide."""
+    result = repeats[0].result
+    (x, y), (undeformed, _) = result.skin_profile, result.pressure_profile
+    axes.plot(x, y, color=GREY, lw=1)
+    s = np.linspace(*_LATERAL_MM, _DRAWN)
+    offset = {X: s - result.x_mm, Z: np.full_like(s, result.model.plane_mm - result.z_mm)}
+    h = result.indentor.evaluate(np.stack([offset[axis] for axis in result.indentor.axes])).height_mm
+    height = result.touch_height_mm - result.doi_mm + np.minimum(h, _HIGHEST_MM)
+    axes.plot(s, np.where(h < _HIGHEST_MM, height, np.nan), color="black", lw=1.2)
+    for low, high in result.contact_regions_mm:  # their ends lie between nodes
+        at = np.r_[low, undeformed[(undeformed > low) & (undeformed < high)], high]
+        touching = (np.interp(at, undeformed, x), np.interp(at, undeformed, y))
+        axes.plot(*touching, color=ORANGE, lw=4, solid_capstyle="round", alpha=0.8)
+    axes.set_title(_title(repeats), fontsize=7.5, y=1.02, pad=0)
+
+
+def _pressures(axes: Axes, repeats: Sequence[Response]) -> None:
+    for response in repeats:
+        undeformed, pressure = response.result.pressure_profile
+        axes.plot(undeformed, pressure, color=BLUE, lw=0.8)
+    axes.fill_between(undeformed, pressure, color=BLUE, alpha=0.25, lw=0)
+
+
+def _title(repeats: Sequence[Response]) -> str:
+    force, doi = ([r.hold[key] for r in repeats] for key in ("force_gwt", "doi_mm"))
+    times = f"{len(repeats)} times, " if len(repeats) > 1 else ""
+    return f"x = {signed(repeats[0].hold['x_mm'])} mm\n{times}{np.mean(force):.2f} gwt, DOI {np.mean(doi):.3f} mm"
+
+
+PICTURES_A_PAGE = 6
+_PICTURE_COLUMNS = 3
+_CONTOURS_MM = (0.02, 0.1, 0.2, 0.3, 0.4)  # above the lowest point: where skin may still come
+_RELIEF_STEPS = 181
+_TITLE_WIDTH = 46
+
+
+def is_relief(indentor: Indentor) -> bool:
+    """Whether it is neither round nor carried along or across the finger: one section does not show it."""
+    return indentor.axes == BOTH and not isinstance(indentor, Revolved)
+
+
+def contacts_from_below(found: Sequence[IndentationResult], titles: Sequence[str]) -> Plot:
+    """One picture for each contact, the finger's tip up."""
+    rows, columns = -(-len(found) // _PICTURE_COLUMNS), min(len(found), _PICTURE_COLUMNS)
+    return Plot((0.4 + 3.2 * columns, 0.4 + 3.0 * rows), lambda figure: _draw(figure, found, titles))
+
+
+def _draw(figure: Figure, found: Sequence[IndentationResult], titles: Sequence[str]) -> None:
+    columns = min(len(found), _PICTURE_COLUMNS)
+    panels = figure.subplots(-(-len(found) // columns), columns, squeeze=False)
+    top = max(float(result.peak_pressure_pseudo) for result in found) or 1.0
+    for axes in panels.ravel()[len(found) :]:
+        axes.set_visible(False)
+    for axes, result, title in zip(panels.ravel(), found, titles, strict=False):
+        drawn = _panel(axes, result, top)
+        axes.set_title("\n".join(wrap(title, _TITLE_WIDTH)), fontsize=8)
+    for axes in panels[:, 0]:
+        axes.set_ylabel("along the finger, z (mm)")
+    for axes in panels.ravel()[: len(found)]:
+        axes.set_xlabel("lateral x (mm)")
+    figure.colorbar(drawn, ax=panels, label="pressure (pseudo-units)", shrink=0.8)
+
+
+def _panel(axes: Axes, result: IndentationResult, top: float) -> QuadMesh:
+    patch = result.model.patch
+    x, z = (patch.position_mm[:, axis].reshape(patch.shape) for axis in (X, Z))
+    pressure = result.nodal_pressure_pseudo.reshape(patch.shape)
+    drawn = axes.pcolormesh(x, z, pressure, shading="gouraud", cmap="Blues", vmin=0, vmax=top)
+    _relief(axes, result)
+    at = result.state.held.on(patch).interpolate(patch.position_mm.T)
+    axes.plot(at[X], at[Z], ".", ms=2, color=ORANGE)
+    plane_mm = result.model.plane_mm
+    axes.axhline(plane_mm, color=BLUE, lw=0.5, ls=":")
+    axes.set(xlim=(x.min(), x.max()), ylim=(z.min(), z.max()), aspect="equal")
+    return drawn
+
+
+def _relief(axes: Axes, result: IndentationResult) -> None:
+    """Lines of equal height of the indentor."""
+    (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+    x, z = np.meshgrid(np.linspace(left, right, _RELIEF_STEPS), np.linspace(low, high, _RELIEF_STEPS))
+    offset = {X: x.ravel() - result.x_mm, Z: z.ravel() - result.z_mm}
+    height = result.indentor.evaluate(np.stack([offset[axis] for axis in result.indentor.axes])).height_mm
+    if height.max() > _CONTOURS_MM[0]:
+        axes.contour(x, z, height.reshape(x.shape), levels=_CONTOURS_MM, colors=GREY, linewidths=0.6)
+
 
 Array = NDArray[np.float64]
 
@@ -148,3 +317,77 @@ def _force_depth(figure: Figure, groups: dict[str, list[Condition]], samples: Sa
 def _panels(figure: Figure, rows: int) -> Any:
     """(rows, 2) axes with room for a scale of positions beside them."""
     return Room(right=1.0, columns=0.8, rows=0.85).panels(figure, rows, _COLUMNS)
+
+
+_LEGEND_IN = 0.2  # a line of one
+_NAMES_A_LINE = 4
+
+
+def population_responses(found: list[Response]) -> Plot:
+    """ep1 and SED at all receptors, one line for each indentor position."""
+    return Plot((9.6, 3.6), lambda figure: _population(figure, found), layout=None)
+
+
+def ssrps(found: list[Response], measure: str) -> Plot:
+    """The measure at each receptor against the indentor's position."""
+    return Plot((10.2, 4.8), lambda figure: _ssrps(figure, found, measure), layout=None)
+
+
+def _population(figure: Figure, found: list[Response]) -> None:
+    """Coloured by position where one thing was moved, by what was commanded where one place was pressed."""
+    receptor_x = found[0].result.model.receptors.position_mm[:, 0]
+    groups = by_group(found)
+    moved = len({response.hold["x_mm"] for response in found}) > 1
+    name, chosen = list(groups.items())[-1]
+    lines = [(r.hold["x_mm"], r) for r in chosen] if moved else [(k, m[0]) for k, m in enumerate(groups.values())]
+    shades = [value for value, _ in lines]
+    room = (
+        Room(left=0.75, right=0.9, columns=0.9)
+        if moved
+        else Room(0.75, bottom=0.6 + _legend_in(len(lines)), columns=0.9)
+    )
+    panels = room.panels(figure, 1, 2).ravel()
+    for axes, measure in zip(panels, ("ep1", "sed"), strict=True):
+        for value, response in lines:
+            row = shown(measure, measured([response], measure)[1][0])
+            axes.plot(receptor_x, row, "-o", ms=2.5, lw=1, color=shade_of(value, shades), label=response.group)
+        axes.set(xlabel="receptor x (mm)", ylabel=f"{label(measure)} ({unit(measure)})", title=name if moved else "")
+    if moved:
+        position_scale(panels[-1], shades)
+    else:
+        _legend(figure, *panels[0].get_legend_handles_labels())
+
+
+def _ssrps(figure: Figure, found: list[Response], measure: str) -> None:
+    """One line for each thing that was moved: the same indentor pressed to the same depth or force."""
+    receptor_x = found[0].result.model.receptors.position_mm[:, 0]
+    groups = {name: members for name, members in by_group(found).items() if len(members) > 1}
+    columns = -(-len(receptor_x) // 2)
+    room = Room(0.75, bottom=0.6 + _legend_in(len(groups)), columns=0.12, rows=0.35)
+    panels = room.panels(figure, 2, columns, sharex=True, sharey=True)
+    for k, (name, members) in enumerate(groups.items()):
+        positions, values = _over_repeats(*measured(members, measure))
+        for axes, column in zip(panels.ravel(), shown(measure, values).T, strict=False):
+            axes.plot(positions, column, "-o", ms=2, lw=1, color=shade(k, len(groups)), label=name)
+    for axes, x in zip(panels.ravel(), receptor_x, strict=False):
+        axes.axvline(x, color=GREY, lw=0.6, ls=":")
+        axes.set_title(f"receptor at {signed(x)} mm", fontsize=8)
+    for axes in panels[-1]:
+        axes.set_xlabel("indentor x (mm)")
+    for axes in panels[:, 0]:
+        axes.set_ylabel(f"{label(measure)} ({unit(measure)})")
+    _legend(figure, *panels[0, 0].get_legend_handles_labels())
+
+
+def _over_repeats(x_mm: Array, values: Array) -> tuple[Array, Array]:
+    """Each place once (n,), with the mean of its repeats (n, receptors)."""
+    places, back = np.unique(x_mm, return_inverse=True)
+    return places, np.stack([values[back == k].mean(axis=0) for k in range(len(places))])
+
+
+def _legend_in(names: int) -> float:
+    return _LEGEND_IN * -(-names // _NAMES_A_LINE)
+
+
+def _legend(figure: Figure, handles: list[Artist], labels: list[str]) -> None:
+    figure.legend(handles, labels, loc="lower center", ncols=_NAMES_A_LINE, fontsize=8)

@@ -1,22 +1,69 @@
-"""One self-contained HTML file for a run."""
+"""The report of a run: one self-contained HTML file."""
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rig.data import Run
 from rig.data.folder import replace_text
-from rig.plan.responses import Response, by_group, responses
-from rig.report.html import Figure, figures_of, render
-from rig.report.run import contact_figures, force_figures, run_figures, what_ran
-from rig.report.run.conditions import Condition, by_target, conditions
-from rig.report.run.contact_picture import PICTURES_A_PAGE, contacts_from_below, is_relief
-from rig.report.run.met_finger import met_finger
-from rig.report.run.numbers import numbers_missing, write_numbers
+from rig.plan.config import load_config
+from rig.plan.finger_file import TISSUE, Draw
+from rig.plan.finger_model import Response, by_group, responses
+from rig.plan.finger_update import learned
+from rig.plan.plan import Found, found
+from rig.report import run_figures, run_tables
+from rig.report import run_figures as contact_figures
+from rig.report import run_figures as force_figures
+from rig.report.page import PageFigure, figures_of, render
+from rig.report.run_figures import PICTURES_A_PAGE, contacts_from_below, is_relief
+from rig.report.run_tables import Condition, by_target, conditions, numbers_missing, write_numbers
 from rig.report.style import signed
 from sim.models.fingertip import Fingertip
+
+AFTER = "finger_after.toml"
+Row = tuple[str, str, str]
+
+
+@dataclass(frozen=True)
+class MetFinger:
+    """Promises beside what was found, and parameters before and after."""
+
+    sentence: str
+    found: list[Found]
+    learned: list[Row]
+
+
+def met_finger(run: Run, finger: Fingertip) -> MetFinger | None:
+    """None for a finger that nobody met. Writes its file anew where reference presses say something of it."""
+    pairs = found(run)
+    if not pairs:
+        return None
+    met = load_config(run.folder.config).met
+    assert met is not None
+    after = learned(run, finger)
+    if after is not None:
+        replace_text(run.folder.path / AFTER, after.as_toml())
+    inside = sum(one.kept for one in pairs)
+    sentence = (
+        f"Met on {met.date} in {met.presses} presses. Of {len(pairs)} presses here {inside} lie in their band, "
+        f"which is to hold {met.band.coverage:.0%}."
+    )
+    return MetFinger(sentence, pairs, [] if after is None else _rows(met.draw, after.met.draw))
+
+
+def _rows(before: Sequence[Draw], after: Sequence[Draw]) -> list[Row]:
+    return [(name, _told(before, name), _told(after, name)) for name in TISSUE]
+
+
+def _told(draws: Sequence[Draw], name: str) -> str:
+    values = np.array([getattr(draw, name) for draw in draws])
+    return f"{values.mean():.3g} ± {values.std(ddof=1):.2g}"
+
 
 _KPA_PER_MPA = 1000
 
@@ -56,15 +103,15 @@ def _write_page(
     text = render(
         "run.html.j2",
         run=run,
-        found=what_ran.one_by_one(run, found),
-        conditions=what_ran.condition_rows(run, found),
+        found=run_tables.one_by_one(run, found),
+        conditions=run_tables.condition_rows(run, found),
         figures=_figures(run, found, finger),
         small_strain=_small_strain(found),
-        phases=what_ran.phases(run),
-        why_approach=what_ran.why_approach(run),
+        phases=run_tables.phases(run),
+        why_approach=run_tables.why_approach(run),
         met=met_finger(run, finger),
-        limits=what_ran.limits(run),
-        devices=what_ran.devices(run, provenance),
+        limits=run_tables.limits(run),
+        devices=run_tables.devices(run, provenance),
         provenance=provenance,
         checksums=_checksums(run),
         finger=finger,
@@ -75,7 +122,7 @@ def _write_page(
     return run.folder.report
 
 
-def _figures(run: Run, found: list[Response], finger: Fingertip) -> list[Figure]:
+def _figures(run: Run, found: list[Response], finger: Fingertip) -> list[PageFigure]:
     read = any(run.stream(stream) for stream in force_figures.SAMPLES)
     over_time = [_over_time(run)] if read else []
     if not found:
@@ -91,8 +138,8 @@ def _small_strain(found: Sequence[Response]) -> str:
     return "" if deepest is None else deepest.small_strain.note
 
 
-def _over_time(run: Run) -> Figure:
-    return Figure(
+def _over_time(run: Run) -> PageFigure:
+    return PageFigure(
         "Force against time",
         force_figures.force_time(run),
         "Every reading of the run; grey: presses that are no data. Below: what the time went to; white is what moved "
@@ -100,15 +147,15 @@ def _over_time(run: Run) -> Figure:
     )
 
 
-def _press_figures(run: Run) -> list[Figure]:
+def _press_figures(run: Run) -> list[PageFigure]:
     return [
-        Figure(
+        PageFigure(
             "Press, hold and relaxation",
             force_figures.presses(run),
             "Left: force from the beginning of each press, all repeats. Right: force in each hold over its first "
             "reading. Coloured by the indentor's position. Numbers: sample.csv.",
         ),
-        Figure(
+        PageFigure(
             "Force against depth",
             force_figures.force_depth(run),
             "While pressing, against the depth from the contact fitted at each touch-off. Left: the mean of each "
@@ -118,7 +165,7 @@ def _press_figures(run: Run) -> list[Figure]:
     ]
 
 
-def _contact_figures(run: Run, found: list[Response], finger: Fingertip) -> list[Figure]:
+def _contact_figures(run: Run, found: list[Response], finger: Fingertip) -> list[PageFigure]:
     last = [response for response in found if response.last]
     top, kpa = contact_figures.highest_pressure(last), finger.e_epidermis_mpa * _KPA_PER_MPA / 10
     caption = (
@@ -147,7 +194,7 @@ def _contact_figures(run: Run, found: list[Response], finger: Fingertip) -> list
             "Nodal pressure over x and z, the finger's tip up; grey: lines of equal height of the indentor, orange: "
             "places that bear, dotted: the receptor plane. The last hold of each indentation.",
         ),
-        Figure(
+        PageFigure(
             "Population responses",
             run_figures.population_responses(found),
             "−ep1 (compression is plotted upwards) and strain energy density at the receptors, "
@@ -168,15 +215,15 @@ def _title(response: Response) -> str:
     return f"x = {signed(result.x_mm)}, {result.force_gwt:.2f} gwt, DOI {result.doi_mm:.3f} mm"
 
 
-def _ssrp_figures(found: list[Response]) -> list[Figure]:
+def _ssrp_figures(found: list[Response]) -> list[PageFigure]:
     return [
-        Figure(
+        PageFigure(
             "SSRP of ep1",
             run_figures.ssrps(found, "ep1"),
             "Simulated spatial response profiles: −ep1 at one receptor against the indentor's position, the mean of "
             "repeats, one line for each depth or force. Dotted: the receptor's own x. Numbers: model_measures.csv.",
         ),
-        Figure(
+        PageFigure(
             "SSRP of strain energy density",
             run_figures.ssrps(found, "sed"),
             "As above, for the strain energy density in pseudo-units.",

@@ -1,19 +1,170 @@
-"""Tables of a run's report: what ran, by condition and one by one; what the time went to; limits and devices."""
+"""Tables of a run's report, repeats by condition, and the numbers behind its figures as CSV."""
 
+import csv
+import io
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import groupby, pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.data import Run
-from rig.data.bench_time import booked_s
-from rig.plan.responses import Response
-from rig.report.labels import as_number
-from rig.report.run.conditions import Condition, conditions
+from rig.data.dictionary import MODEL_TABLES, OF_A_HOLD
+from rig.data.folder import replace_text
+from rig.data.tables import booked_s, tables
+from rig.plan.finger_model import Response
+from rig.report.style import as_number, signed
+from sim.measures.measures import MEASURES
 from sim.units import GWT_N
+
+COLUMNS = {
+    name: tuple(OF_A_HOLD) + (("receptor_x_mm", *MEASURES) if name == "model_measures" else tuple(own))
+    for name, own in MODEL_TABLES.items()
+}
+"""Of each file, in order."""
+
+
+def numbers_missing(run: Run) -> bool:
+    """Whether a file is not there."""
+    return not all(_file(run, name).exists() for name in COLUMNS)
+
+
+def write_numbers(run: Run, found: Sequence[Response], *, again: bool = True) -> None:
+    """Write contact regions, pressure and skin in the receptor plane, and receptor measures of every hold.
+
+    again: also what is there.
+    """
+    holds = {(row["index"], row["hold"]): row for row in tables(run)["hold_end"].rows}
+    rows_of = {"model_contact": _contact, "model_pressure": _pressure, "model_measures": _measures}
+    for name, rows in rows_of.items():
+        if not again and _file(run, name).exists():
+            continue
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(COLUMNS[name])
+        for response in found:
+            hold = holds[response.index, response.hold["hold"]]
+            of_a_hold = [hold.get(column) for column in OF_A_HOLD]
+            writer.writerows([*of_a_hold, *row] for row in rows(response))
+        replace_text(_file(run, name), text.getvalue())
+
+
+def _file(run: Run, name: str) -> Path:
+    return run.folder.path / f"{name}.csv"
+
+
+Rows = Iterable[Sequence[object]]
+
+
+def _contact(response: Response) -> Rows:
+    result = response.result
+    whole = (_digits(result.doi_mm), _digits(result.force_gwt), _digits(result.peak_pressure_pseudo))
+    return [(*whole, k, _digits(a), _digits(b)) for k, (a, b) in enumerate(result.contact_regions_mm, 1)]
+
+
+def _pressure(response: Response) -> Rows:
+    (x, pressure), (skin_x, skin_y) = response.result.pressure_profile, response.result.skin_profile
+    return [tuple(map(_digits, row)) for row in zip(x, skin_x, skin_y, pressure, strict=True)]
+
+
+def _measures(response: Response) -> Rows:
+    receptors = response.result.model.receptors.position_mm[:, 0]
+    values = [response.result.receptor_measures[measure] for measure in MEASURES]
+    return [tuple(map(_digits, row)) for row in zip(receptors, *values, strict=True)]
+
+
+def _digits(value: float) -> str:
+    return f"{value:.7g}"
+
+
+Array = NDArray[np.float64]
+Samples = dict[int, list[dict[str, Any]]]
+
+_UNITS = {"doi_mm": "mm", "force_gwt": "gwt"}
+_LOADING = ("press", "hold")
+_DEPTHS = 60
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What was pressed alike: the indentor, its x, the target of the last hold, and the indices of the repeats."""
+
+    indentor: str
+    x_mm: float
+    target: str  # doi_mm or force_gwt
+    value: float
+    indices: tuple[int, ...]
+
+    @property
+    def group(self) -> str:
+        """What it shares with other places, e.g. "step:1 to 2.33 gwt"."""
+        return f"{self.indentor} to {self.value:g} {_UNITS[self.target]}"
+
+    @property
+    def place(self) -> str:
+        """For example "x = −1.63"."""
+        return f"x = {signed(self.x_mm)}"
+
+
+@dataclass(frozen=True)
+class Loading:
+    """Force against depth of a condition's repeats: (n,) mm, the mean and its sd in gwt (NaN of one repeat)."""
+
+    doi_mm: Array
+    mean_gwt: Array
+    sd_gwt: Array
+
+
+def conditions(run: Run) -> list[Condition]:
+    """Those of the finished indentations, by indentor, target and place."""
+    begun = [event for event in run.stream("indentation_start") if event["index"] in run.done]
+    ordered = sorted(begun, key=_alike)
+    return [Condition(*alike, tuple(e["index"] for e in same)) for alike, same in _runs_of(ordered)]
+
+
+def by_target(found: Sequence[Condition]) -> dict[str, list[Condition]]:
+    """The conditions that differ in place alone, under what they share."""
+    return {name: list(members) for name, members in groupby(found, key=lambda condition: condition.group)}
+
+
+def loading(condition: Condition, samples: Samples) -> Loading | None:
+    """Its repeats on the depths that all of them reached; None where there is no such depth."""
+    curves = [_curve(samples[index]) for index in condition.indices]
+    low, high = max(doi[0] for doi, _ in curves), min(doi[-1] for doi, _ in curves)
+    if not low < high:
+        return None
+    at = np.linspace(low, high, _DEPTHS)
+    force = np.stack([np.interp(at, *curve) for curve in curves])
+    sd = force.std(axis=0, ddof=1) if len(curves) > 1 else np.full(_DEPTHS, np.nan)
+    return Loading(at, force.mean(axis=0), sd)
+
+
+def _curve(samples: Sequence[Mapping[str, Any]]) -> tuple[Array, Array]:
+    """(n,) depths ascending and forces; readings at one depth, as in a hold, are one."""
+    mine = [s for s in samples if s["doi_mm"] is not None and s["phase"] in _LOADING]
+    doi, back = np.unique([s["doi_mm"] for s in mine], return_inverse=True)
+    return doi, np.bincount(back, [s["force_gwt"] for s in mine]) / np.bincount(back)
+
+
+def samples_of(run: Run) -> Samples:
+    """The readings of each indentation by its index, in order of time."""
+    found: Samples = {}
+    for sample in run.stream("sample"):
+        found.setdefault(sample["index"], []).append(sample)
+    return found
+
+
+def _alike(start: dict[str, Any]) -> tuple[str, float, str, float]:
+    return start["indentor"], start["x_mm"], start["target"], start["value"]
+
+
+def _runs_of(ordered: list[dict[str, Any]]) -> "groupby[tuple[str, float, str, float], dict[str, Any]]":
+    return groupby(ordered, key=_alike)
+
 
 _LIMITS = (
     "hard_trip_n",

@@ -1,7 +1,7 @@
-"""How figures look: labelled, in colours that survive colour blindness and print, the same bytes every time."""
+"""The style of figures and labels: colours that survive print, the same bytes every time."""
 
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
@@ -9,6 +9,8 @@ from typing import Any, Literal
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+from sim.measures.measures import PLOTTED_AS_MAGNITUDE, STRAINS
 
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"  # Okabe & Ito
 PURPLE, YELLOW = "#CC79A7", "#E69F00"
@@ -133,3 +135,36 @@ class Room:
             "hspace": self.rows / down,
         }
         return figure.subplots(rows, columns, squeeze=False, gridspec_kw=grid, **how)
+
+
+_ABBREVIATED = {"sed": "SED"}
+_WIDEST_PLAIN = 1e5
+
+
+def label(measure: str) -> str:
+    """A measure with its sign convention: "−ep1" where compression is plotted upwards."""
+    name = _ABBREVIATED.get(measure, measure)
+    return f"−{name}" if measure in PLOTTED_AS_MAGNITUDE else name
+
+
+def unit(measure: str) -> str:
+    """Strains are numbers, everything else is in pseudo-units."""
+    return "strain" if measure in STRAINS else "pseudo-units³" if measure == "third" else "pseudo-units"
+
+
+def as_number(value: float | None, digits: int = 3) -> str:
+    """A number for a table with a typographic minus; a dash where there is none."""
+    if value is None:
+        return "–"
+    plain = f"{float(f'{value:.{digits}g}'):.12g}" if abs(value) < _WIDEST_PLAIN else f"{value:.{digits}g}"
+    return plain.replace("-", "−")
+
+
+def as_positions(values: Iterable[float]) -> str:
+    """Places in mm for a table; a dash where there are none."""
+    return " ".join(as_number(round(float(v), 3) + 0.0, 4) for v in values) or "–"
+
+
+def as_limits(values: Sequence[float | None] | None) -> str:
+    """An interval for a table; nothing where there is none."""
+    return f"[{as_number(values[0])}, {as_number(values[1])}]" if values else ""

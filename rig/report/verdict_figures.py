@@ -12,9 +12,8 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 from numpy.typing import NDArray
 
-from rig.compare.answers.answer import Answer, PairRow
-from rig.report.labels import as_number, label, unit
-from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, Plot, Room, signed, some_of
+from rig.compare.verdict import Answer, PairRow
+from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, Plot, Room, as_number, label, signed, some_of, unit
 
 Array = NDArray[np.float64]
 Places = NDArray[np.int64]

@@ -6,21 +6,12 @@ from typing import Literal
 
 import numpy as np
 
-from rig.compare.answers.answer import LEVEL, Answer, PairRow
-from rig.compare.answers.methods import methods
-from rig.compare.answers.wording import percent, probability, sentence, sentences
-from rig.report.comparison import answer_figures
-from rig.report.comparison.answer_figures import (
-    STIMULI_ACROSS,
-    apart,
-    drawn_pairs,
-    most_telling,
-    of_stimulus,
-    ranking,
-    rival,
-)
-from rig.report.html import Figure, Section, figures_of
-from rig.report.labels import as_limits, as_number
+from rig.compare.verdict import LEVEL, Answer, PairRow
+from rig.compare.verdict_text import methods, percent, probability, sentence, sentences
+from rig.report import verdict_figures
+from rig.report.page import PageFigure, Section, figures_of
+from rig.report.style import as_limits, as_number
+from rig.report.verdict_figures import STIMULI_ACROSS, apart, drawn_pairs, most_telling, of_stimulus, ranking, rival
 
 _PAIR = (
     "pair", "in the set", "misfit F", "p of the fit", "p in the set", "left out: predicted", "k [95 %]",
@@ -64,13 +55,13 @@ def _sections(answer: Answer, frame: str, of: str) -> list[Section]:
     ]
 
 
-def _verdict(answer: Answer, frame: str, of: str) -> Figure:
+def _verdict(answer: Answer, frame: str, of: str) -> PageFigure:
     shown = most_telling(answer)
     all_of_them = len(shown) == len(answer.stimuli)
     some = "" if all_of_them else f"The {len(shown)} of {len(answer.stimuli)} stimuli that tell most. "
-    return Figure(
+    return PageFigure(
         f"Verdicts{of}",
-        answer_figures.the_answer(answer, shown, frame),
+        verdict_figures.the_answer(answer, shown, frame),
         f"{some}Above: recorded rates, and what the likeliest pair of measure and receptor, the likeliest pair of "
         "another measure and the likeliest control predict there; grey crosses: positions left out. Below: the "
         "likeliest receptor of the likeliest measures and controls, best first, with the p of its own fit.",
@@ -107,14 +98,14 @@ def _recorded(answer: Answer, frame: str, of: str) -> Section:
         title,
         range(len(answer.stimuli)),
         STIMULI_ACROSS,
-        lambda shown: answer_figures.profiles(answer, shown, frame),
+        lambda shown: verdict_figures.profiles(answer, shown, frame),
         "One k and ε₀ for all stimuli. Bars: one standard error of the mean. Lines join what is predicted at the "
         "recorded positions. Crosses: recorded positions that are left out, since a receptor in play does not see "
         f"them in the simulation. {', '.join(answer.recordings)}.",
     )
-    against = Figure(
+    against = PageFigure(
         f"Rate against measure{of}",
-        answer_figures.scatter(answer, frame),
+        verdict_figures.scatter(answer, frame),
         "Each point is a recorded position; the measure is interpolated linearly in the SSRP. Black: the fit.",
     )
     return Section(
@@ -131,7 +122,7 @@ def _residuals(answer: Answer, frame: str, of: str) -> Section:
         title,
         range(len(answer.stimuli)),
         STIMULI_ACROSS,
-        lambda shown: answer_figures.residuals(answer, shown, frame),
+        lambda shown: verdict_figures.residuals(answer, shown, frame),
         "Shaded: two standard deviations of the noise.",
     )
     limit = as_number(2 / max(len(_neighbours(answer)), 1) ** 0.5, 2)
@@ -154,7 +145,7 @@ def _neighbours(answer: Answer) -> list[tuple[int, int]]:
 def _residual_words(answer: Answer, row: PairRow) -> str:
     size = row.residual
     k = int(np.argmax(np.abs(size)))
-    beyond = int((np.abs(size) > answer_figures.USUAL).sum())
+    beyond = int((np.abs(size) > verdict_figures.USUAL).sum())
     products = sum(float(size[a] * size[b]) for a, b in _neighbours(answer))
     r = products / (float(size @ size) or 1.0)
     return (
@@ -167,9 +158,9 @@ def _fits(answer: Answer, of: str) -> Section:
     finger = "They hold for this finger (--fingers states how well it is known)."
     if answer.fingers > 1:
         finger = f"The finger was fitted with each pair, between {answer.fingers} fingers of the stated ranges."
-    figure = Figure(
+    figure = PageFigure(
         f"Every pair of measure and receptor{of}",
-        answer_figures.every_pair(answer),
+        verdict_figures.every_pair(answer),
         "Colour: lack-of-fit F of each measure and control at each receptor; noise alone gives about 1. Filled: in "
         "the set; ring: fits, but worse; none: rejected by its own fit. White: no fit.",
     )

@@ -13,8 +13,8 @@ from rig.data import Run
 from rig.data.folder import free_space
 from rig.engine import Engine, LimitError, RecordError, RunAborted, ScriptError, TripError
 from rig.engine.contact import Contact, ContactKind
-from rig.engine.errors import LostRecordError
 from rig.engine.limits import AT_MM
+from rig.errors import LostRecordError
 from sim.finger_process import FingerLostError
 
 Left = Literal["lifted", "raised", "held", "not moved"]

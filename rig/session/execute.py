@@ -3,8 +3,8 @@
 from typing import TypeVar
 
 from rig.engine import Engine
+from rig.protocol.check import Spot, Walk
 from rig.protocol.steps import Step
-from rig.protocol.walk import Spot, Walk
 
 E = TypeVar("E")
 A = TypeVar("A")

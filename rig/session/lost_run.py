@@ -9,12 +9,11 @@ from typing import Self
 from rig.data import Run, RunError, RunFolder, read_run
 from rig.data.folder import rescued_folder
 from rig.engine import Journal
-from rig.engine.by_hand.bench_memory import state_folder
-from rig.engine.errors import LostRecordError
-from rig.errors import around
+from rig.engine.bench_memory import state_folder
+from rig.errors import LostRecordError, around
 from rig.line_file import LineFile
 from rig.session.ending import Whereabouts
-from rig.transport.byte_log import ByteLog
+from rig.transport.wire import ByteLog
 
 
 @dataclass(frozen=True)

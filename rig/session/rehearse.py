@@ -11,26 +11,22 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TypeVar
 
+from rig.bench.virtual import bench_around, with_stand_ins
 from rig.data import Run
-from rig.devices.units import GWT_N
+from rig.data.run_state import Course, Marks, Milestone, Timeline
 from rig.engine import Engine, Target, verbs
-from rig.engine.pressing.touch_fit import CONTACT_EXPONENT
-from rig.plan.agenda import Course, Marks
+from rig.engine.limits import CONTACT_EXPONENT
 from rig.plan.config import Config, VirtualSettings
-from rig.plan.finger_model import FingerModel
-from rig.plan.patience import Patience
+from rig.plan.finger_model import FingerModel, kept_in
 from rig.plan.plan import Plan
-from rig.plan.shape_files import kept_in
-from rig.plan.timeline import Milestone, Timeline
 from rig.protocol.api import Handler, Rig
-from rig.protocol.planned import Prediction
+from rig.protocol.check import Model, NoPredictionError, Spot, Walk
+from rig.protocol.handlers import Patience, TakenUp
 from rig.protocol.script import Script
 from rig.protocol.steps import ExpectedPresses, ExpectedTouch, Step
-from rig.protocol.taken_up import TakenUp
-from rig.protocol.walk import Model, NoPredictionError, Spot, Walk
-from rig.session.running import run_script
-from rig.session.virtual.twins import with_stand_ins
-from rig.session.virtual.virtual_bench import bench_around
+from rig.records import Prediction
+from rig.session.session import run_script
+from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from sim.finger_process import Finger
 from sim.plant import Carriage, TruePose

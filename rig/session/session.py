@@ -1,4 +1,4 @@
-"""A script carried out, on the virtual bench or on real ports, from its check to a finished run folder."""
+"""Carry a script out, on the virtual bench or on real ports, to a finished run folder."""
 
 import shutil
 import time
@@ -8,41 +8,123 @@ from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
+from rig.bench.checks import refuse_expired
+from rig.bench.real import open_bench
+from rig.bench.virtual import virtual_bench
+from rig.clock import Clock, WallClock
+from rig.control.stop import StageInHand
 from rig.data import Run, RunFolder, export_run, new_run_folder, read_run
 from rig.data.folder import UnwritableError
-from rig.engine import Engine, Journal, Pause, RecordError, RunAborted, WatchedBench, verbs
-from rig.engine.errors import LostRecordError
-from rig.engine.pressing.reference import Reference
-from rig.engine.streams import STREAMS
+from rig.data.journal import add_to_end, read_journal
+from rig.data.schema import STREAMS
+from rig.devices.base import ForceError, StageError
+from rig.engine import Engine, EngineError, Journal, Pause, RecordError, RunAborted, ScriptError, WatchedBench, verbs
+from rig.engine.reference import Reference
+from rig.errors import BadInputError, LostRecordError
 from rig.line_file import LostFileError
 from rig.plan.config import Config
-from rig.plan.finger_model import FingerModel
-from rig.plan.met.promises import promised
-from rig.plan.patience import Patience
-from rig.plan.plan import Plan
-from rig.plan.shape_files import kept_in
+from rig.plan.finger_model import FingerModel, kept_in
+from rig.plan.plan import Plan, promised
 from rig.protocol.api import Handler, Rig
-from rig.protocol.script import Script
-from rig.protocol.taken_up import TakenUp
-from rig.protocol.walk import Walk
-from rig.session.attendant import Attendant, Nobody
-from rig.session.calibration import refuse_expired
-from rig.session.control.stage_in_hand import StageInHand
+from rig.protocol.check import Walk
+from rig.protocol.handlers import Patience, SilentScriptError, TakenUp, impatient
+from rig.protocol.script import Script, said_of_script
 from rig.session.ending import Ending, Whereabouts
-from rig.session.live import Live
+from rig.session.execute import Live
 from rig.session.lost_run import LostRun
-from rig.session.provenance import provenance
-from rig.session.real_bench import open_bench
-from rig.session.resume import StoppedRun, first_reference_gwt
-from rig.session.running import AT_ONCE, ENDINGS, run_script, stopped_at_once
+from rig.session.resume import StoppedRun, first_reference_gwt, provenance
 from rig.session.stop_button import BY_THE_BUTTON, StopButton, refuse_stop_inputs, stop_inputs_heeded
-from rig.session.virtual.virtual_bench import virtual_bench
-from rig.transport.byte_log import ByteLog, Sink
-from rig.transport.clock import Clock, WallClock
+from rig.transport.wire import ByteLog, Sink, TransportError
 from sim.devices.clock import VirtualClock
-from sim.finger_process import Finger, FingerProcess
+from sim.finger_process import Finger, FingerLostError, FingerProcess
+
+AT_ONCE = "at once, by the operator"
+ENDINGS = (EngineError, StageError, ForceError, TransportError, FingerLostError)
+"""What ends a run before its end: the engine has lifted or stopped before it raises these."""
+
+
+@contextmanager
+def stopped_at_once(
+    engine: Engine, stopped: Callable[[], bool] = lambda: False, why: Callable[[], str] = lambda: ""
+) -> Iterator[None]:
+    """A second Ctrl-C, or `rig stop`, stops the stage past every queue, whatever is being done.
+
+    stopped: whether another thread has done so already; then whatever fails here has failed for that. why: in words.
+    """
+    try:
+        yield
+    except BaseException as error:
+        if isinstance(error, Exception) and not stopped():
+            raise
+        engine.stop()
+        if isinstance(error, Exception):
+            raise KeyboardInterrupt(why()) from error
+        error.args = error.args or (why(),)
+        raise
+
+
+def run_script(script: Script, engine: Engine, rig: Rig) -> None:
+    """Run it; a failure elsewhere than in the engine lifts the indentor, and no swallowed trip ends well.
+
+    A script that makes no step for too long has failed; what a step takes is none of its silence.
+    """
+    try:
+        with impatient():
+            script.run(rig)
+    except FingerLostError:
+        engine.make_safe()
+        raise
+    except ENDINGS:
+        raise
+    except (Exception, SystemExit, SilentScriptError) as error:
+        engine.make_safe()
+        raise said_of_script(ScriptError, script.path, error, (BadInputError, SilentScriptError)) from error
+    if engine.problem is not None:
+        raise engine.problem
+
+
+class Attendant(Protocol):
+    """Whoever looks on: sees every event, may ask for a pause or stop, and says whether to go on after a pause."""
+
+    def stopped(self) -> bool:
+        """Whether somebody has stopped the stage from another thread; asked where something has failed."""
+
+    def begins(self, folder: RunFolder) -> None:
+        """Ports are open and the journal in this folder has begun: from now on something may move."""
+
+    def watch(self, stream: str, data: Mapping[str, Any]) -> None:
+        """An event is on disk."""
+
+    def interrupted(self) -> bool:
+        """Whether a pause is asked for at the next safe point."""
+
+    def go_on(self) -> bool:
+        """Whether the run goes on after the pause."""
+
+
+class Nobody:
+    """Looks on and asks for nothing."""
+
+    def stopped(self) -> bool:
+        """No."""
+        return False
+
+    def begins(self, folder: RunFolder) -> None:
+        """Nothing comes of it."""
+
+    def watch(self, stream: str, data: Mapping[str, Any]) -> None:
+        """Nothing comes of it."""
+
+    def interrupted(self) -> bool:
+        """No."""
+        return False
+
+    def go_on(self) -> bool:
+        """No."""
+        return False
+
 
 Watch = Callable[[str, Mapping[str, Any]], None]
 
@@ -334,3 +416,59 @@ def _paced(session: Session, clock: Clock, speed: float | None) -> Watch:
         session.attendant.watch(stream, data)
 
     return paced
+
+
+def record_before(script: Script, config: Config, into: NewRun | StoppedRun, *, virtual: bool) -> RunFolder:
+    """A run that was stopped while it was planned: aborted, and nothing moved.
+
+    In a folder of its own, or as one part more of the run that was to be taken up. Raises OSError, FolderBusyError.
+    """
+    if isinstance(into, NewRun):
+        now = datetime.now(UTC)
+        about = provenance(script, config, None, now, virtual=virtual, subject=into.subject)
+        folder = new_run_folder(into.out, script.name, now, script.path, config.as_toml(), about)
+    else:
+        folder = into.folder
+    before = None if isinstance(into, NewRun) else into.run
+    clock = WallClock(into.begins_at_s)
+    with folder.owned(), Journal(folder.events, clock, STREAMS, virtual=virtual) as journal:
+        if before is None:
+            journal.start(
+                {
+                    "protocol": script.name,
+                    "title": script.title,
+                    "source": script.source,
+                    "parameters": script.parameters.model_dump(mode="json"),
+                    "planned_indentations": 0,
+                    "subject": into.subject,
+                    "virtual": virtual,
+                }
+            )
+            at = Whereabouts("not moved")
+        else:
+            journal.resume({"missing": before.missing, "after": before.last_checkpoint})
+            known = None if before.stop is None else before.stop.get("indentor")
+            at = Whereabouts(**known) if known else Whereabouts.last_known(before)
+        journal.at_end = lambda: {"indentor": asdict(at), "stopped_while": "planning"}
+        journal.stop("aborted", AT_ONCE)
+    return folder
+
+
+def record_after(folder: RunFolder, state: str, wire: str) -> None:
+    """The bytes of a stop, and the stop itself where the run's last document does not say it.
+
+    A run that had ended stays what it was: its end is said again, with the state that it was stopped in.
+    Raises OSError, FolderBusyError.
+    """
+    with folder.owned():
+        with ByteLog(folder.bytes_log) as log:
+            for line in wire.splitlines(keepends=True):
+                log.write(line)
+        *_, last = read_journal(folder.events)
+        if last["doc"] != "stop":
+            at = asdict(Whereabouts.last_known(read_run(folder.path)))
+            end = {"doc": "stop", "status": "aborted", "reason": AT_ONCE, "indentor": at, "stopped_while": state}
+            add_to_end(folder.events, end, WallClock().unix_s())
+        elif last["status"] != "aborted" or state == "reporting":
+            add_to_end(folder.events, {"stopped_while": state}, WallClock().unix_s())
+        folder.write_checksums()

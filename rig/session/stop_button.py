@@ -5,15 +5,13 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from rig.control.stop import StageInHand
+from rig.devices.base import HasSetPoint, Stage, StageAlarm, StageError, StageHeld, is_held
 from rig.devices.bench_settings import BenchSettings
-from rig.devices.force.base import HasSetPoint
-from rig.devices.stage.base import Stage, StageAlarm, StageError, StageHeld, is_held
 from rig.devices.stop_key import StopKey, StopKeyError
-from rig.devices.stop_settings import StopSettings
 from rig.engine import Engine, RunAborted, TripError, WatchedBench
-from rig.errors import around
-from rig.protocol.errors import BadInputError
-from rig.session.control.stage_in_hand import StageInHand
+from rig.errors import BadInputError, around
+from rig.settings import StopSettings
 from rig.transport import TransportError
 
 BY_THE_BUTTON = "at once, by the participant's stop button"

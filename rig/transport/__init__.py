@@ -3,15 +3,9 @@
 Modbus frames over them are in `rig/transport/modbus.py`, for those who speak it.
 """
 
-from rig.transport.base import Transport, TransportError
-from rig.transport.byte_log import LoggedTransport
-from rig.transport.lines import LineReader
-from rig.transport.loopback import LoopbackTransport
-from rig.transport.machine_lock import PortOwner
-from rig.transport.opening import open_port, refuse_missing
-from rig.transport.ownership import NotOwnedError, first_owner, port_owner
-from rig.transport.serial_port import SerialTransport
-from rig.transport.tcp import TcpTransport
+from rig.transport.ownership import NotOwnedError, PortOwner, first_owner, port_owner
+from rig.transport.ports import SerialTransport, TcpTransport, open_port, refuse_missing
+from rig.transport.wire import LineReader, LoggedTransport, LoopbackTransport, Transport, TransportError
 
 __all__ = [
     "LineReader",

@@ -20,11 +20,11 @@ from pymodbus.pdu.register_message import (
     WriteSingleRegisterRequest,
 )
 
+from rig.clock import Clock
 from rig.errors import RigError
-from rig.transport.base import Transport
-from rig.transport.clock import Clock
-from rig.transport.port_settings import Framing
-from rig.transport.tcp import SCHEME
+from rig.settings import Framing
+from rig.transport.ownership import SCHEME
+from rig.transport.wire import Transport
 
 REPLY_S = 0.2
 READ_TRIES = 3

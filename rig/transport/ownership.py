@@ -1,23 +1,129 @@
-"""A lock that every account of this machine sees, and that the system takes back when its process ends.
-
-POSIX: a record lock on an empty file in a fixed folder that everybody may write to. The system itself names the
-process that holds one (F_GETLK): no note is written that could be forged, left behind, or written through a link.
-Windows has a lock file, and nobody's number; what it lacks stands in the class of that name.
-"""
+"""One owner a port, by what the port is and not by its name, on a lock that every account sees."""
 
 import errno
+import ipaddress
 import os
 import re
 import secrets
+import socket
 import stat
 import struct
 import sys
 import threading
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
 
 from rig.errors import RigError
+from rig.transport.wire import TransportError
+
+SCHEME = "tcp://"
+
+Address = tuple[int, tuple[Any, ...]]
+"""Family and socket address."""
+
+_OVER_TCP = ("socket://", "rfc2217://")  # pyserial's own ways to a TCP port
+
+
+def tcp_addresses(port: str) -> tuple[Address, ...]:
+    """Resolve a TCP port, once for its lock and its connection.
+
+    Parameters
+    ----------
+    port : str
+        ``tcp://HOST:PORT``.
+
+    Returns
+    -------
+    tuple of (int, tuple)
+        Family and socket address of each address of the host, in the system's order.
+
+    Raises
+    ------
+    TransportError
+        If the port has another form, or its host has no address.
+    """
+    host, colon, number = port.removeprefix(SCHEME).rpartition(":")
+    if not (port.startswith(SCHEME) and host and colon and number.isdigit() and 0 < int(number) < 65536):
+        raise TransportError("{port!r} is no TCP port, expected tcp://HOST:PORT", code="no_address", port=port)
+    try:
+        found = socket.getaddrinfo(host.strip("[]"), int(number), type=socket.SOCK_STREAM)
+    except (OSError, UnicodeError) as problem:
+        raise TransportError(
+            "cannot open {port}: {problem}", code="unknown_host", port=port, problem=str(problem)
+        ) from problem
+    return tuple(dict.fromkeys((int(family), address) for family, _, _, _, address in found))
+
+
+def identities(port: str) -> tuple[str, ...]:
+    """Return what a port is, in as many parts as it has.
+
+    Two names of which one part is the same may reach the same device. All addresses of this machine are one, since a
+    listener may be bound to all of them.
+
+    Parameters
+    ----------
+    port : str
+        ``tcp://HOST:PORT``, a serial device or a pyserial URL.
+
+    Returns
+    -------
+    tuple of str
+        Sorted, so that whoever locks them all does so in the same order as everybody else.
+
+    Raises
+    ------
+    TransportError
+        If the host of a TCP port has no address.
+    """
+    if port.startswith(_OVER_TCP):
+        url = urlsplit(port)
+        port = f"{SCHEME}[{url.hostname}]:{url.port}"
+    if port.startswith(SCHEME):
+        return tuple(sorted({_of_address(*address) for address in tcp_addresses(port)}))
+    return (port if "://" in port else _of_device(port),)
+
+
+def _of_address(family: int, address: tuple[Any, ...]) -> str:
+    ip = ipaddress.ip_address(address[0])
+    mapped = getattr(ip, "ipv4_mapped", None) or ip
+    here = mapped.is_loopback or mapped.is_unspecified or _is_here(family, address)
+    return f"tcp-{'this-machine' if here else mapped}-{address[1]}"
+
+
+def _is_here(family: int, address: tuple[Any, ...]) -> bool:
+    """Whether an address is one of this machine's own: the system would send from it to itself. Nothing is sent."""
+    try:
+        with socket.socket(family, socket.SOCK_DGRAM) as probe:
+            probe.connect(address)
+            return bool(probe.getsockname()[0] == address[0])
+    except OSError:
+        return False
+
+
+def _of_device(path: str) -> str:
+    if sys.platform == "win32":
+        return re.sub(r"^\\\\\.\\", "", path).upper()
+    real = os.path.realpath(path)
+    if sys.platform == "darwin":  # a line has two devices there, for calling in and out
+        real = real.replace("/dev/cu.", "/dev/tty.")
+    try:
+        found = os.stat(real)
+    except OSError:
+        return real
+    if stat.S_ISCHR(found.st_mode):
+        return f"device-{os.major(found.st_rdev)}-{os.minor(found.st_rdev)}"
+    return f"file-{found.st_dev}-{found.st_ino}"
+
+
+# A lock that every account of this machine sees, and that the system takes back when its process ends.
+#
+# POSIX: a record lock on an empty file in a fixed folder that everybody may write to. The system itself names the
+# process that holds one (F_GETLK): no note is written that could be forged, left behind, or written through a link.
+# Windows has a lock file, and nobody's number; what it lacks stands in the class of that name.
 
 FOLDERS = ("/run/lock", "/tmp")
 """The first that is everybody's; neither an account nor its environment has a say in it."""
@@ -227,3 +333,71 @@ else:
 
 def _file_name(name: str) -> str:
     return f"rig-port-{re.sub(r'[^A-Za-z0-9.]', '-', name)[:150]}.lock"
+
+
+class NotOwnedError(TransportError):
+    """The port cannot be had for oneself; owner: who has it, None where it cannot be locked at all."""
+
+    default_code = "in_use"
+
+    def __init__(self, sentence: str, owner: PortOwner | None, /, *, code: str | None = None, **fields: Any) -> None:
+        super().__init__(sentence, code=code, **fields)
+        self.owner = owner
+
+
+class PortOwnership:
+    """This process's hold on a port, under all of its names and for every account.
+
+    Raises
+    ------
+    NotOwnedError
+        If another process owns it, or it cannot be locked.
+    TransportError
+        If the host of a TCP port has no address.
+    """
+
+    def __init__(self, port: str) -> None:
+        self._locks: list[MachineLock] = []
+        self.names = identities(port)
+        try:
+            for name in self.names:
+                self._locks.append(MachineLock(name))
+        except LockHeldError as held:
+            self.release()
+            raise NotOwnedError(
+                "{port} is already in use by {owner}",
+                held.owner,
+                code="in_use",
+                port=port,
+                owner=str(held.owner),
+                pid=held.owner.pid,
+            ) from None
+        except OSError as problem:
+            self.release()
+            raise NotOwnedError(
+                "cannot lock {port}: {path}: {problem}; expected its owner to remove that",
+                None,
+                code="not_lockable",
+                port=port,
+                path=str(problem.filename),
+                problem=problem.strerror,
+            ) from problem
+
+    def release(self) -> None:
+        """Let others have the port."""
+        while self._locks:
+            self._locks.pop().release()
+
+
+def port_owner(port: str) -> PortOwner | None:
+    """Return who owns a port, None if nobody does, or it is not there."""
+    try:
+        names = identities(port)
+    except TransportError:
+        return None
+    return next((owner for name in names if (owner := lock_owner(name)) is not None), None)
+
+
+def first_owner(ports: Iterable[str]) -> PortOwner | None:
+    """Return who owns one of these ports, None if nobody does."""
+    return next((owner for port in ports if (owner := port_owner(port)) is not None), None)

@@ -1,14 +1,17 @@
-"""A real serial port, owned by one process at a time."""
+"""Open a port by its name: serial, or TCP to a gateway or to virtual devices."""
 
 import errno
+import os
+import select
+import socket
+from contextlib import suppress
 from typing import Any
 
 import serial
 
-from rig.transport.base import TransportError
-from rig.transport.identity import identities
-from rig.transport.ownership import PortOwnership
-from rig.transport.port_settings import EIGHT_N_ONE
+from rig.settings import EIGHT_N_ONE
+from rig.transport.ownership import SCHEME, Address, PortOwnership, identities, tcp_addresses
+from rig.transport.wire import Transport, TransportError
 
 WRITE_TIMEOUT_S = 1.0
 
@@ -111,3 +114,123 @@ def _not_opened(port: str, problem: Exception) -> TransportError:
         return TransportError("no permission to open {port}", code="no_permission", port=port)
     first = "".join(str(problem).splitlines()[:1])
     return TransportError("cannot open {port}: {problem}", code="not_opened", port=port, problem=first)
+
+
+__all__ = ["SCHEME", "TcpTransport"]
+
+CONNECT_S = 3.0
+WRITE_S = 1.0
+_CHUNK = 4096
+
+
+class TcpTransport:
+    """Transport over one TCP connection to `tcp://HOST:PORT`, owned by one process of this machine at a time.
+
+    owned: False for a stop alone, which goes out beside whoever owns the port.
+
+    Raises TransportError, in one line that names the port, if nobody answers; NotOwnedError if somebody else owns it.
+    """
+
+    def __init__(self, port: str, *, name: str | None = None, owned: bool = True) -> None:
+        self.name = name or port
+        self._port = port
+        addresses = tcp_addresses(port)
+        self._ownership = PortOwnership(port) if owned else None
+        try:
+            self._socket = _connect(port, addresses)
+        except BaseException:
+            if self._ownership is not None:
+                self._ownership.release()
+            raise
+
+    def write(self, data: bytes) -> None:
+        try:
+            self._socket.sendall(data)
+        except OSError as problem:
+            raise TransportError(
+                "cannot write to {port}: {problem}", code="not_written", port=self._port, problem=_said(problem)
+            ) from problem
+
+    def read(self, timeout_s: float) -> bytes:
+        try:
+            readable, _, _ = select.select([self._socket], [], [], max(timeout_s, 0.0))
+            data = self._socket.recv(_CHUNK) if readable else None
+        except (OSError, ValueError) as problem:
+            raise TransportError(
+                "cannot read from {port}: {problem}", code="not_read", port=self._port, problem=_said(problem)
+            ) from problem
+        if data == b"":
+            raise TransportError(
+                "cannot read from {port}: the other side closed the connection", code="hung_up", port=self._port
+            )
+        return data or b""
+
+    def close(self) -> None:
+        self._socket.close()
+        if self._ownership is not None:
+            self._ownership.release()
+
+
+def _connect(port: str, addresses: tuple[Address, ...]) -> socket.socket:
+    try:
+        connection = _connected(addresses)
+    except ConnectionRefusedError as problem:
+        raise TransportError(
+            "cannot open {port}: {problem}, nothing listens there, expected a device that is on, "
+            "or `rig serve` that has said its ports",
+            code="no_listener",
+            port=port,
+            problem=_said(problem),
+        ) from problem
+    except OSError as problem:
+        raise TransportError(
+            "cannot open {port}: {problem}", code="not_opened", port=port, problem=_said(problem)
+        ) from problem
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # a stop must not wait for more bytes
+    connection.settimeout(WRITE_S)
+    return connection
+
+
+def _connected(addresses: tuple[Address, ...]) -> socket.socket:
+    """To the first address that answers. Raises OSError, that of the last one."""
+    *others, last = addresses
+    for family, address in others:
+        with suppress(OSError):
+            return _connected(((family, address),))
+    connection = socket.socket(last[0], socket.SOCK_STREAM)
+    try:
+        connection.settimeout(CONNECT_S)
+        connection.connect(last[1])
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def _said(problem: Exception) -> str:
+    number = getattr(problem, "errno", None)
+    return os.strerror(number).lower() if number and number > 0 else str(problem)
+
+
+def open_port(
+    port: str,
+    baud: int,
+    *,
+    name: str | None = None,
+    character: str = EIGHT_N_ONE,
+    dtr: bool = True,
+    owned: bool = True,
+) -> Transport:
+    """Open `tcp://HOST:PORT`, a serial device or a pyserial URL.
+
+    Raises TransportError; NotOwnedError where somebody has the port, unless owned is False, as for a stop alone.
+    """
+    if port.startswith(SCHEME):
+        return TcpTransport(port, name=name, owned=owned)
+    return SerialTransport(port, baud, name=name, character=character, dtr=dtr, owned=owned)
+
+
+def refuse_missing(port: str) -> None:
+    """Raises TransportError for a device that is not there; opens nothing, and asks nothing of a URL."""
+    if os.name == "posix" and "://" not in port and not os.path.exists(port):
+        raise TransportError("there is no port {port}", code="no_port", port=port)

@@ -4,7 +4,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from rig.transport.base import Transport, TransportError
+from rig.transport.wire import Transport, TransportError
 
 STUCK_S = 0.05
 """A write that has not come back after so long does not hold up a stop."""

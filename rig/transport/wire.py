@@ -1,13 +1,93 @@
-"""Every byte on the wire, with its time, into bytes.jsonl."""
+"""A wire as drivers see it: bytes, lines, the byte log, and a loopback for virtual devices."""
 
 import json
+from collections import deque
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol
 
+from rig.clock import Clock
+from rig.errors import RigError
 from rig.line_file import LineFile
-from rig.transport.base import Transport
-from rig.transport.clock import Clock
+
+
+class TransportError(RigError):
+    """The wire itself failed: no such port, port busy, unplugged, closed."""
+
+    default_code = "wire_failed"
+
+
+class Transport(Protocol):
+    """A two-way stream of bytes."""
+
+    @property
+    def name(self) -> str:
+        """The port as a person knows it."""
+        ...
+
+    def write(self, data: bytes) -> None:
+        """Send now, past anything that waits in read(). Raises TransportError."""
+        ...
+
+    def read(self, timeout_s: float) -> bytes:
+        """Return as soon as there is at least one byte, b"" after timeout_s. Raises TransportError."""
+        ...
+
+    def close(self) -> None: ...
+
+
+LONGEST_LINE = 4096
+
+
+class LineReader:
+    """Assembles lines that end in LF or CR LF; empty ones are skipped, non-ASCII bytes become U+FFFD."""
+
+    def __init__(self, transport: Transport, clock: Clock) -> None:
+        self._transport = transport
+        self._clock = clock
+        self._rest = b""
+        self._lines: deque[str] = deque()
+
+    def read_line(self, deadline_s: float) -> str | None:
+        """Return the next line, or None if monotonic_s() gets to deadline_s first. Raises TransportError."""
+        while not self._lines:
+            left_s = deadline_s - self._clock.monotonic_s()
+            data = self._transport.read(max(left_s, 0.0))
+            if data:
+                self._take(data)
+            elif left_s <= 0:
+                return None
+        return self._lines.popleft()
+
+    def next_pending(self) -> str | None:
+        """Return a line that is already there, without waiting."""
+        if not self._lines:
+            data = self._transport.read(0.0)
+            if data:
+                self._take(data)
+        return self._lines.popleft() if self._lines else None
+
+    def discard(self) -> None:
+        """Forget everything that has arrived, half lines included."""
+        while self._transport.read(0.0):
+            pass
+        self._rest = b""
+        self._lines.clear()
+
+    def _take(self, data: bytes) -> None:
+        *whole, self._rest = (self._rest + data).split(b"\n")
+        for raw in whole:
+            line = raw.decode("ascii", "replace").strip()
+            if line:
+                self._lines.append(line)
+        if len(self._rest) > LONGEST_LINE:
+            self._rest = b""
+            raise TransportError(
+                "{port}: {longest} bytes without an end of line",
+                code="line_too_long",
+                port=self._transport.name,
+                longest=LONGEST_LINE,
+            )
 
 
 class Sink(Protocol):
@@ -79,3 +159,39 @@ class LoggedTransport:
 
     def _log(self, t_s: float, middle: str, data: bytes) -> None:
         self._sink.write(f'{{"t_s": {t_s:.6f}{middle}{data.hex()}"}}\n')
+
+
+class HostLine(Protocol):
+    """The host's end of a virtual serial line."""
+
+    def host_write(self, data: bytes) -> None: ...
+
+    def host_read(self) -> bytes: ...
+
+    def host_pending(self) -> bool: ...
+
+
+class LoopbackTransport:
+    """Transport over a HostLine; waiting lets the clock run to the next byte."""
+
+    def __init__(self, line: HostLine, clock: Clock, name: str = "loopback") -> None:
+        self.name = name
+        self._line: HostLine | None = line
+        self._clock = clock
+
+    def write(self, data: bytes) -> None:
+        self._open_line().host_write(data)
+
+    def read(self, timeout_s: float) -> bytes:
+        line = self._open_line()
+        if timeout_s > 0 and not line.host_pending():
+            self._clock.wait_until(line.host_pending, self._clock.monotonic_s() + timeout_s)
+        return line.host_read()
+
+    def close(self) -> None:
+        self._line = None
+
+    def _open_line(self) -> HostLine:
+        if self._line is None:
+            raise TransportError("{port} is closed", code="closed", port=self.name)
+        return self._line

@@ -8,10 +8,9 @@ The fingers are those of interval_coverage.py, drawn within the ranges of exampl
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compare.fingers.finger_fit import free_of, weights
-from rig.compare.parameter_study.workers import spread
-from rig.compare.plausible import read_plausible
+from rig.compare.fingers import free_of, read_plausible, weights
 from rig.compare.stimuli import Stimulus
+from rig.compare.workers import spread
 from sim.config import FingertipConfig
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_DEPTH_MM

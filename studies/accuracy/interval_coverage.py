@@ -20,13 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.comparison import Joint, compare
-from rig.compare.fingers.with_finger import WithFinger
-from rig.compare.parameter_study.workers import spread
-from rig.compare.plausible import PlausibleFingers, read_plausible
-from rig.compare.recordings.recorded import Recording, recording
-from rig.compare.recordings.synthetic import Afferent, afferent_for, record
-from rig.compare.statistics import Interval
+from rig.compare.fingers import PlausibleFingers, read_plausible
+from rig.compare.fit import Interval
+from rig.compare.recordings.recording import Recording, recording
+from rig.compare.recordings.spikes import Afferent, afferent_for, record
 from rig.compare.stimuli import Stimulus
+from rig.compare.with_finger import WithFinger
+from rig.compare.workers import spread
 from sim.config import FingertipConfig, Tissue
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_DEPTH_MM

@@ -12,13 +12,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compare.answers.likeliest import Form
 from rig.compare.comparison import compare
-from rig.compare.place.place_fit import whereabouts
-from rig.compare.place.place_grid import PlaceRange, finger_with_grid
-from rig.compare.place.whereabouts import PlaceRow
-from rig.compare.recordings.recorded import Recording
-from rig.compare.recordings.synthetic import afferent_for, record
+from rig.compare.likelihood import Form
+from rig.compare.place_grid import PlaceRange, PlaceRow, finger_with_grid
+from rig.compare.receptor_place import whereabouts
+from rig.compare.recordings.recording import Recording
+from rig.compare.recordings.spikes import afferent_for, record
 from rig.compare.stimuli import Stimulus
 from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip

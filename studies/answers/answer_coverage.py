@@ -20,17 +20,16 @@ from typing import Any, NamedTuple, TextIO
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compare.answers.confidence_set import set_probabilities
-from rig.compare.answers.judging import Laid, answers, laid
-from rig.compare.answers.likeliest import Form
-from rig.compare.answers.profile_limits import limits
 from rig.compare.comparison import Joint, compare
-from rig.compare.controls import CONTROLS
-from rig.compare.fingers.with_finger import WithFinger
-from rig.compare.plausible import PlausibleFingers, read_plausible
-from rig.compare.recordings.recorded import Recording, recording
-from rig.compare.recordings.synthetic import Afferent, afferent_for
-from rig.compare.stimuli import Stimulus
+from rig.compare.fingers import PlausibleFingers, read_plausible
+from rig.compare.intervals import limits
+from rig.compare.judge import Laid, answers, laid
+from rig.compare.likelihood import Form
+from rig.compare.model_set import set_probabilities
+from rig.compare.recordings.recording import Recording, recording
+from rig.compare.recordings.spikes import Afferent, afferent_for
+from rig.compare.stimuli import CONTROLS, Stimulus
+from rig.compare.with_finger import WithFinger
 from sim.config import FingertipConfig
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_DEPTH_MM

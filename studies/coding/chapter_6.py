@@ -6,9 +6,8 @@ import numpy as np
 from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
-from rig.report.coding.impulse_figure import Drawn, impulse_figure
-from rig.report.coding.search_figures import search_figure
-from rig.report.html import Figure
+from rig.report.coding_figures import DrawnImpulse, impulse_figure, search_figure
+from rig.report.page import PageFigure
 from rig.report.style import BLUE, GREY, ORANGE, Plot
 from sim.coding.all_sites import DRAWN, AllSites, Sampled, Where, kept_sites
 from sim.coding.operators import ImpulseResponses, impulse_responses, shift_errors
@@ -57,13 +56,13 @@ def _by_logarithms(answers: Answers, where: Where) -> str:
     return f"{mean_over(sites(answers).laws(where, 'logarithmic')).m:.2f} by logarithms"
 
 
-def _site_figures(answers: Answers) -> tuple[Figure, ...]:
+def _site_figures(answers: Answers) -> tuple[PageFigure, ...]:
     caption = (
         "m and A of every site, ours (blue) beside the printed ones (orange); A multiplied by one factor, which "
         "makes its mean over the pulp the printed one. Sites beyond the line are on the tip."
     )
     plot = Plot((10.2, 3.2), lambda canvas: _draw_sites(canvas, sites(answers)))
-    return (Figure("The power law at 24 sites", plot, caption),)
+    return (PageFigure("The power law at 24 sites", plot, caption),)
 
 
 def _draw_sites(canvas: Canvas, found: AllSites) -> None:
@@ -103,14 +102,14 @@ def at_rest(answers: Answers, k: int) -> float:
     return float(amplitude[0] / amplitude.max())
 
 
-def _impulse_figures(answers: Answers) -> tuple[Figure, ...]:
+def _impulse_figures(answers: Answers) -> tuple[PageFigure, ...]:
     farthest = int(0.75 * HALF_LENGTH)
-    drawn: dict[str, Drawn] = {
-        axes: Drawn(impulse_responses(section), shift_errors(section, "finite", farthest))
+    drawn: dict[str, DrawnImpulse] = {
+        axes: DrawnImpulse(impulse_responses(section), shift_errors(section, "finite", farthest))
         for axes, section in sections(answers).items()
     }
     caption = "After Fig. 6-5. Left: in the skin's axes; right: Cartesian, as the source."
-    return (Figure("h, g, f, their spectra, and what shifting them misses", impulse_figure(drawn), caption),)
+    return (PageFigure("h, g, f, their spectra, and what shifting them misses", impulse_figure(drawn), caption),)
 
 
 # --- decoding ---
@@ -142,13 +141,15 @@ def under_noise(_: Answers, snr_db: int) -> float:
     return float(converged_errors(TRUTHS, snr_db, DRAWS).mean())
 
 
-def _search_figures(answers: Answers) -> tuple[Figure, ...]:
+def _search_figures(answers: Answers) -> tuple[PageFigure, ...]:
     found = search(answers)
     caption = (
         "After Figs 6-8 and 6-9. Grey: decades of the squared error. White dot: start; square: end; star: truth."
     )
     return (
-        Figure("The error surface and the ways over it", search_figure(found.surfaces, found.paths, TRUE), caption),
+        PageFigure(
+            "The error surface and the ways over it", search_figure(found.surfaces, found.paths, TRUE), caption
+        ),
     )
 
 

@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.report.coding.noise_figures import cloud_figure, noise_figure
-from rig.report.coding.search_figures import Surface, extents, grid_figure, search_figure
-from rig.report.html import Figure, Section
+from rig.report.coding_figures import Surface, cloud_figure, extents, grid_figure, noise_figure, search_figure
+from rig.report.page import PageFigure, Section
 from sim.coding.bayes import decode_profile
 from sim.coding.encoding import Encoded, Noise, Readings, encode
 from sim.coding.operators import Operator, convolution, impulse_responses
@@ -152,13 +151,13 @@ def search_sections(found: Searched) -> list[Section]:
             ("decoder", "found", "Eq. 6.8", "relative L2", "moves", "after the first move"),
             tuple(found.rows),
             (
-                Figure(
+                PageFigure(
                     "The error surface and the ways over it",
                     search_figure(found.surfaces, found.paths, TRUE),
                     "After Figs 6-8 and 6-9. Grey: decades of the squared error. White dot: start; square: end; "
                     "star: truth.",
                 ),
-                Figure(
+                PageFigure(
                     "The univariate search on grids",
                     grid_figure(np.array(GRID_STEPS), found.grid_errors, found.converged_error),
                     "The source's search takes values of a grid; with steps of a tenth of a pseudo-unit it still "
@@ -174,7 +173,7 @@ def noise_sections(by_truths: dict[str, dict[int, Noisy]], clouds: dict[int, Noi
     draws = next(iter(clouds.values())).errors.shape[1]
     rows = tuple(_noise_row(truths, snr, one) for truths, by in by_truths.items() for snr, one in by.items())
     figures = [
-        Figure(
+        PageFigure(
             f"Error against noise, truths from {truths}",
             noise_figure(
                 np.array(list(by), dtype=float),
@@ -188,7 +187,7 @@ def noise_sections(by_truths: dict[str, dict[int, Noisy]], clouds: dict[int, Noi
         )
         for truths, by in by_truths.items()
     ]
-    cloud = Figure(
+    cloud = PageFigure(
         "Where single draws end",
         cloud_figure(
             {name: {f"{snr} dB": one.found[k] for snr, one in clouds.items()} for k, name in enumerate(DECODERS)},

@@ -16,11 +16,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from rig.compare.parameter_study.workers import spread
+from rig.compare.workers import spread
 from rig.data.folder import replace_bytes, replace_text
-from rig.report.html import Section, as_png, render
+from rig.report.page import Section, as_png, render
 from rig.report.pdf import as_pdf
-from rig.session.provenance import commit
+from rig.session.resume import commit
 from sim.config import E_EPIDERMIS_MPA
 from sim.models.small_strain import small_strain
 from studies.coding import (

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rig.report.coding.decoded_figure import Drawn, decoded_figure
-from rig.report.html import Figure, Section
+from rig.report.coding_figures import DrawnDecoding, decoded_figure
+from rig.report.page import PageFigure, Section
 from sim.coding.encoding import Readings, noise_sd
 from sim.coding.operators import centred
 from sim.coding.pressure import Frictionless, frictionless
@@ -31,7 +31,7 @@ class ReadBackScene(NamedTuple):
     """One press, read back many times by each decoder, and once to be drawn."""
 
     rows: dict[str, Row]
-    drawn: Drawn
+    drawn: DrawnDecoding
     receptors: int
 
 
@@ -59,7 +59,7 @@ def profile(scene: Scene, draws: int) -> ReadBackScene:
     sd = noise_sd(sed, SNR_DB)
     said = sed + sd * np.random.default_rng(SEED).normal(size=len(sed))
     ours = next(iter(by.values()))(Readings.of_sed(said, sd))
-    drawn = Drawn(
+    drawn = DrawnDecoding(
         operator.place_mm, ours.pressure, ours.band(), true, operator.receptor_mm, said, operator.sed(ours.pressure)
     )
     return ReadBackScene(rows, drawn, len(sed))
@@ -80,7 +80,9 @@ def profile_sections(found: Mapping[Scene, ReadBackScene], draws: int) -> list[S
             ("press", "decoder", "relative L2", "coverage", "width over peak", "ms"),
             tuple(rows),
             tuple(
-                Figure(f"One draw of {_name(scene)}", decoded_figure(one.drawn), "The first decoder of the table.")
+                PageFigure(
+                    f"One draw of {_name(scene)}", decoded_figure(one.drawn), "The first decoder of the table."
+                )
                 for scene, one in found.items()
             ),
         )

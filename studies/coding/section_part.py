@@ -5,12 +5,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rig.cli.coded import Scene, Told, told_of_press
-from rig.report.coding.encoding_figure import Drawn as DrawnEncoding
-from rig.report.coding.encoding_figure import encoding_figure
-from rig.report.coding.impulse_figure import Drawn as DrawnResponses
-from rig.report.coding.impulse_figure import impulse_figure
-from rig.report.html import Figure, Section
+from rig.cli.coding_task import Scene, Told, told_of_press
+from rig.report.coding_figures import DrawnEncoding, encoding_figure, impulse_figure
+from rig.report.coding_figures import DrawnImpulse as DrawnResponses
+from rig.report.page import PageFigure, Section
 from sim.coding.encoding import Encoded, Noise, encode
 from sim.coding.operators import ImpulseResponses, ShiftErrors, convolution, impulse_responses, shift_errors
 from sim.coding.section import AXES, HALF_LENGTH, SPACING_MM, Axes, SampledSection, Sampling, sampled_section
@@ -105,7 +103,7 @@ def section_sections(found: Coded) -> list[Section]:
         ),
         rows,
         (
-            Figure(
+            PageFigure(
                 "h, g, f, their spectra, and what shifting them misses",
                 impulse_figure({axes: DrawnResponses(*both) for axes, both in found.responses.items()}),
                 "After Fig. 6-5. Left: in the skin's axes; right: Cartesian, as the source.",
@@ -129,7 +127,7 @@ def section_sections(found: Coded) -> list[Section]:
         _SHAPE_HEADER,
         tuple(found.by_shape),
         tuple(
-            Figure(
+            PageFigure(
                 f"Encoding of {name}",
                 encoding_figure(DrawnEncoding(told.operator, told.pressure, said, told.true)),
                 f"{caption} Noise of {_SNR_DB:g} dB over M = {said.samples} samples, sd {said.share_of_peak:.1%} "

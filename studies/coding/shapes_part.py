@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Literal, get_args
 
-from rig.report.html import Section
+from rig.report.page import Section
 from sim.coding.shape_class import CLASSES
 from studies.coding import curvature_read_back, edge_place, shapes_read_back
 from studies.coding.bands.drawn_presses import NEAR, cell, drawn, held, with_noise

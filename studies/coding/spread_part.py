@@ -6,8 +6,8 @@ import numpy as np
 from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
-from rig.report.coding.point_spread_figure import Drawn, point_spread_figure
-from rig.report.html import Figure, Section
+from rig.report.coding_figures import DrawnPointSpread, point_spread_figure
+from rig.report.page import PageFigure, Section
 from rig.report.style import Plot
 from sim.coding.all_sites import DRAWN, AllSites, Deformed, Where, all_sites, deformed_by
 from sim.coding.point_loads import LoadedFinger
@@ -58,9 +58,9 @@ def spreads_of_the_finger() -> Spreads:
 def spread_sections(found: Spreads) -> list[Section]:
     """Three."""
     sites = found.sites
-    drawn = Figure(
+    drawn = PageFigure(
         "The finger under a point load, and SED about it",
-        point_spread_figure(Drawn(found.deformed, sites.sites[DRAWN])),
+        point_spread_figure(DrawnPointSpread(found.deformed, sites.sites[DRAWN])),
         "Site 10, after Fig. 6-4: the mesh in the load's plane, deformed; SED 0.76 mm below the skin, seen from "
         "outside; "
         "SED against the distance in space, with both fits.",
@@ -83,7 +83,7 @@ def spread_sections(found: Spreads) -> list[Section]:
         "How much of SED within ± 1.5 mm of a load is missed by moving the response of the pad's middle along the "
         "skin.",
         figures=(
-            Figure(
+            PageFigure(
                 "Relative L2 of SED at each site",
                 _map(sites),
                 "Dots are the source's sites; the pad's middle is at the cross.",

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from rig.data import Run
-from rig.engine.journal import read_journal
-from rig.engine.streams import PRESS_STREAMS
+from rig.data.journal import read_journal
+from rig.data.schema import PRESS_STREAMS
 
 Told = list[tuple[int, str, dict[str, Any]]]  # part of the run, stream, event
 

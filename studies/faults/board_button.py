@@ -14,12 +14,12 @@ import random
 from statistics import median
 from typing import Any
 
-from rig.devices.units import GWT_N
+from rig.bench.virtual import VirtualBench, bench_around
+from rig.data.journal import NoJournal
 from rig.engine import Engine, PressId, RunAborted, verbs
-from rig.engine.journal import NoJournal
 from rig.plan.config import Config
 from rig.session.stop_button import stop_inputs_heeded
-from rig.session.virtual.virtual_bench import VirtualBench, bench_around
+from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from sim.plant import Carriage, TruePose
 

@@ -20,7 +20,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from statistics import median
 
-from rig.session.control.announcements import Announced
+from rig.control.client import Announced
 from studies.faults.stops import Benches, Stop
 
 PHASES = ("approach", "solve", "hold")

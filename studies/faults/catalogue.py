@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from rig.devices.units import GWT_N
+from rig.units import GWT_N
 from studies.faults.faulty_bench import Change, FaultyBench, bad_crc, delayed, framed, lost, once, swapped
 
 GRBL: dict[str, Any] = {}

@@ -15,13 +15,12 @@ from contextlib import suppress
 from dataclasses import dataclass
 from itertools import groupby, pairwise
 
-from rig.devices.stage.base import Axis, StageError
-from rig.devices.stage.leadshine.leadshine_drive import LeadshineDrive
-from rig.devices.stage.leadshine.leadshine_settings import DriveSettings
-from rig.devices.stage.leadshine.leadshine_stage import LeadshineStage
+from rig.devices.base import Axis, StageError
+from rig.devices.leadshine import LeadshineStage
+from rig.devices.leadshine_drive import LeadshineDrive
+from rig.settings import DriveSettings, Framing
 from rig.transport import LoopbackTransport, TransportError
 from rig.transport.modbus import ModbusMaster
-from rig.transport.port_settings import Framing
 from sim.devices import ModbusBus, SerialLine, VirtualDrive
 from sim.devices.clock import VirtualClock
 

@@ -6,16 +6,15 @@ from typing import Any
 
 from pymodbus.framer import FramerRTU
 
+from rig.bench.virtual import true_carriage, virtual_force, virtual_stage
+from rig.data.schema import STREAMS
 from rig.devices.drivers import force_driver, stage_driver
-from rig.devices.units import GWT_N
 from rig.engine import Engine, Journal, Target
 from rig.engine.bench import NO_PAUSE
-from rig.engine.streams import STREAMS
 from rig.plan.config import Config
-from rig.session.rehearsal import Spring
-from rig.session.virtual.twins import virtual_force, virtual_stage
-from rig.session.virtual.virtual_devices import true_carriage
+from rig.session.rehearse import Spring
 from rig.transport import LoopbackTransport
+from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from sim.devices.line import Load, SerialLine
 

@@ -23,15 +23,14 @@ from contextlib import redirect_stderr
 from pathlib import Path
 from typing import Any
 
-from rig.cli.interrupts import Pause, at_a_safe_point
+from rig.cli.signals import Pause, at_a_safe_point
 from rig.data import Run, RunError, read_run
-from rig.engine.journal import read_journal
+from rig.data.journal import read_journal
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import Script, load_script
-from rig.session.attendant import Nobody
 from rig.session.resume import StoppedRun, read_stopped
-from rig.session.session import NewRun, Session, dry_run
+from rig.session.session import NewRun, Nobody, Session, dry_run
 from sim.models.fingertip import Fingertip
 from studies.faults.attempts import mixed
 from studies.faults.strikes import Strike, cuts, kills

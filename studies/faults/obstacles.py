@@ -26,8 +26,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from statistics import median
 
-from rig.transport.identity import identities
-from rig.transport.machine_lock import MachineLock
+from rig.transport.ownership import MachineLock, identities
 
 STOP = b"!\x18"
 SOMEBODY = 60001
@@ -46,8 +45,8 @@ from rig.transport import open_port
 port, announced = sys.argv[1:]
 wire = open_port(port, 9600)
 if announced == "announced":
-    from rig.session.control.announcements import Announcement
-    from rig.session.control.control_socket import ControlSocket
+    from rig.control.client import Announcement
+    from rig.control.server import ControlSocket
     about = Announcement(pid=os.getpid(), kind="run", virtual=False, ports=(port,), began_unix_s=time.time())
     ControlSocket(about, {"stop": lambda request: {}}).__enter__()
 print("ready", flush=True)

@@ -14,14 +14,13 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from rig.devices.force.base import ForceError
-from rig.devices.stage.base import StageError
-from rig.devices.units import GWT_N
+from rig.devices.base import ForceError, StageError
 from rig.engine import EngineError, indent, verbs
-from rig.engine.stopping import Stopping
+from rig.engine.limits import Stopping
 from rig.errors import RigError
 from rig.plan.config import Config
 from rig.transport import TransportError
+from rig.units import GWT_N
 from studies.faults.catalogue import CATALOGUE, Fault
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, TARGET, FaultyBench
 

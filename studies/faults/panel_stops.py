@@ -17,7 +17,7 @@ from itertools import cycle
 from pathlib import Path
 from typing import Any
 
-from rig.session.control.announcements import Announced
+from rig.control.client import Announced
 from studies.faults.stops import PHASES, STOP, Benches, table
 from studies.pictures.chromium import MISSING, chromium
 from studies.pictures.panel_page import browser, panel

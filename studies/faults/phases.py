@@ -17,15 +17,16 @@ from typing import Any
 
 import numpy as np
 
-from rig.devices.force.base import ForceError
-from rig.devices.stage.base import StageError
-from rig.devices.units import GWT_N
+from rig.devices.base import ForceError, StageError
 from rig.engine import EngineError, TripError, indent, verbs
-from rig.engine.by_hand import ByHand, Direction, Guard
+from rig.engine.dead_man import Direction
 from rig.engine.sensing import Sensing
 from rig.errors import RigError
+from rig.manual.guard import Guard
+from rig.manual.jog import ByHand
 from rig.plan.config import Config
 from rig.transport import TransportError
+from rig.units import GWT_N
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, TARGET, FaultyBench
 from studies.faults.outcomes import bound_gwt
 

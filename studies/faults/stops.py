@@ -23,9 +23,9 @@ from statistics import median
 from types import MappingProxyType
 from typing import Any
 
-from rig.devices.stage.leadshine import leadshine_words as reg
+from rig.control.client import Announced, ControlError, announced
+from rig.devices import leadshine_drive as reg
 from rig.plan.config import Config
-from rig.session.control.announcements import Announced, ControlError, announced
 from rig.transport import open_port
 
 PHASES = ("plan", "approach", "solve", "hold", "report")

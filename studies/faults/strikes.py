@@ -11,11 +11,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+import rig.bench.virtual as benches
 import rig.session.session as sessions
-import rig.session.virtual.virtual_bench as benches
-from rig.engine.journal import Journal
-from rig.transport.clock import Clock
-from rig.transport.loopback import HostLine, LoopbackTransport
+from rig.clock import Clock
+from rig.data.journal import Journal
+from rig.transport.wire import HostLine, LoopbackTransport
 
 SIGNALS = ("KILL", "TERM", "HUP")
 STAGES = ("before the write", "half written", "before the flush", "on disk")

@@ -14,9 +14,9 @@ from pathlib import Path
 from statistics import mean
 from typing import Any
 
+from rig.clock import Clock, WallClock
 from rig.transport import LoopbackTransport, Transport
-from rig.transport.clock import Clock, WallClock
-from rig.transport.opening import open_port
+from rig.transport.ports import open_port
 from sim.devices import SerialLine, VirtualGrbl
 from sim.devices.clock import VirtualClock
 from studies.firmware.conversation import comparable, exchanges, reports_of_a_flood, set_up

@@ -3,8 +3,8 @@
 import re
 from collections.abc import Iterator
 
+from rig.clock import Clock
 from rig.transport import LineReader, Transport
-from rig.transport.clock import Clock
 
 ANSWER_S = 5.0
 QUIET_S = 0.3

@@ -6,9 +6,9 @@ own slowness is not measured.
 
 import math
 
-from rig.devices.stage.grbl.grbl_words import StatusFields, parse_status
+from rig.clock import Clock
+from rig.devices.grbl_link import StatusFields, parse_status
 from rig.transport import LineReader, Transport
-from rig.transport.clock import Clock
 from studies.firmware.conversation import ANSWER_S, JOG_CANCEL, RESET, listen
 
 SPEEDS_MM_S = (0.5, 1.0, 2.0, 5.0, 10.0)

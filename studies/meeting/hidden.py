@@ -8,12 +8,11 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.bench.virtual import VirtualBench, bench_around, relaxation, truth
 from rig.data import RunFolder
-from rig.devices.units import GWT_N
 from rig.engine.bench import Pause, WatchedBench
-from rig.session.virtual.virtual_bench import VirtualBench, bench_around
-from rig.session.virtual.virtual_devices import relaxation, truth
-from rig.transport.byte_log import Sink
+from rig.transport.wire import Sink
+from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from sim.errors import ModelRangeError
 from sim.identification.design import PressAt

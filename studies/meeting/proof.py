@@ -22,14 +22,13 @@ from typing import Any
 import numpy as np
 
 from rig.data import RunFolder
-from rig.devices.units import GWT_N
+from rig.identify.meeting_script import MeetingScript
+from rig.identify.procedure import SHAPES, Meeting, Told, Wanted, felt_surely
 from rig.plan.config import Config
 from rig.plan.plan import Plan
-from rig.session.attendant import Nobody
-from rig.session.meeting.meeting import SHAPES, Meeting, Told, Wanted, felt_surely
-from rig.session.meeting.meeting_script import MeetingScript
-from rig.session.provenance import commit
-from rig.session.session import NewRun, Session, run_on
+from rig.session.resume import commit
+from rig.session.session import NewRun, Nobody, Session, run_on
+from rig.units import GWT_N
 from sim.config import FingertipConfig, MeshSpec
 from sim.identification.design import PressAt
 from sim.identification.forward import Foreseen, Given

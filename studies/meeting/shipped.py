@@ -7,8 +7,8 @@ from functools import partial
 from importlib.resources import files
 from pathlib import Path
 
-from rig.cli.meeting_said import USUAL_GOALS, scope_of
-from rig.session.meeting.meeting import SHAPES, Wanted
+from rig.cli.identify import USUAL_GOALS, scope_of
+from rig.identify.procedure import SHAPES, Wanted
 from sim.config import FingertipConfig
 from sim.identification.forward import Foreseen, finger_of, made_of
 from sim.identification.prior import Prior

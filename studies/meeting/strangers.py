@@ -5,8 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rig.identify.result import as_told, truth_of
 from rig.plan.config import Config
-from rig.session.meeting.stranger import as_told, truth_of
 from sim.config import MeshSpec
 from sim.models.fingertip import Fingertip
 from studies.meeting.ogden import OgdenFinger

@@ -40,7 +40,7 @@ FIRST_GROUP = (
     "rig/devices/force/laumas/*.py",
     "rig/devices/force/mtsics/*.py",
     "rig/devices/*.py",
-    "rig/cli/interrupts.py",
+    "rig/cli/signals.py",
 )
 LEFT_OUT = ("tests/rig/real_time", "tests/sim/oracles", "tests/rig/test_patience.py")
 """Tests in real time and against closed forms: slow, and what they notice others notice too. And alarms that raise

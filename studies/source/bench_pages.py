@@ -15,19 +15,18 @@ from pathlib import Path
 
 import numpy as np
 
-from rig.compare.answers.judging import answers
 from rig.compare.comparison import compare
-from rig.compare.parameter_study.workers import spread
-from rig.compare.recordings.inputs import Reading, read_recordings
-from rig.compare.recordings.synthetic import afferent_for, record, write_synthetic
-from rig.compare.stimuli import Stimulus, stimuli
-from rig.compare.stimulus_maps import stimulus_maps
+from rig.compare.judge import answers
+from rig.compare.recordings.reading import Reading, read_recordings
+from rig.compare.recordings.spikes import afferent_for, record, write_synthetic
+from rig.compare.stimuli import Stimulus, stimuli, stimulus_maps
+from rig.compare.workers import spread
 from rig.data import Run, read_run
 from rig.plan.config import load_config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.report.comparison.comparison_report import write_comparison
-from rig.report.run.run_report import write_report
+from rig.report.comparison_report import write_comparison
+from rig.report.run_report import write_report
 from rig.session.session import NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
-from rig.report.html import Figure, Section
+from rig.report.page import PageFigure, Section
 from rig.report.style import BLUE, GREY, ORANGE, PURPLE, Plot
 from studies.source.printed.entry import VERDICTS, Found, Row
 
@@ -59,7 +59,7 @@ def cells(row: Row) -> tuple[str, ...]:
     return entry.number, entry.shows, *measured, row.told, entry.command
 
 
-def summary(rows: Sequence[Row]) -> Figure:
+def summary(rows: Sequence[Row]) -> PageFigure:
     """Every claim with its verdict, and ours over each printed number."""
     shown = [row for row in rows if row.verdict in VERDICTS[:3]]
     numbers = [(row.entry.number, one) for row in shown for one in row.found if one.ratio is not None]
@@ -68,7 +68,7 @@ def summary(rows: Sequence[Row]) -> Figure:
         "ours over the printed number, where one is printed; the line is equality, the band a quarter."
     )
     height = 0.9 + 0.27 * max(len(shown), len(numbers))
-    return Figure("Ours beside the source's", Plot((10.2, height), lambda c: _draw(c, shown, numbers)), caption)
+    return PageFigure("Ours beside the source's", Plot((10.2, height), lambda c: _draw(c, shown, numbers)), caption)
 
 
 def _draw(canvas: Canvas, rows: Sequence[Row], numbers: Sequence[tuple[str, Found]]) -> None:

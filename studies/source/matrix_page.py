@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.data.folder import replace_bytes, replace_text
-from rig.report.html import Figure, Section, as_png, render
+from rig.report.page import PageFigure, Section, as_png, render
 from rig.report.pdf import as_pdf
 from studies.source.matrix import VERDICT_COLUMN, matrix
 from studies.source.printed.answers import Answers
@@ -34,7 +34,7 @@ PAGES = (
 class Shown:
     """What an entry draws."""
 
-    figures: tuple[Figure, ...]
+    figures: tuple[PageFigure, ...]
     tables: tuple[Section, ...]
 
 

@@ -28,7 +28,7 @@ from rig.compare.pressure_formula import (
     residual,
     together,
 )
-from rig.report.html import Figure, Section
+from rig.report.page import PageFigure, Section
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, Plot
 from sim.config import FingertipConfig, Tissue
 from sim.models.fingertip import Fingertip
@@ -178,7 +178,7 @@ def k2_alone(parts: Sequence[Places]) -> float:
 
 def fits_section(study: PressureStudy) -> Section:
     """Constants by choice of shapes, nodes and edges, and what the inversion gives."""
-    figure = Figure(
+    figure = PageFigure(
         "The pressure formula and its inverse",
         Plot((10.2, 3.6), lambda canvas: _draw(canvas, study)),
         "On the patch. Left: pressures by the formula against the model's, away from the indentor's edges. "

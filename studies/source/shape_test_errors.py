@@ -8,10 +8,16 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compare.shape_chance import Schedule, candidates_by_chance, chance_rows, passed_by_chance, smooth_profiles
-from rig.compare.shape_test import shape_flags
+from rig.compare.shape_test import (
+    Schedule,
+    candidates_by_chance,
+    chance_rows,
+    passed_by_chance,
+    shape_flags,
+    smooth_profiles,
+)
 from rig.compare.stimuli import Stimulus
-from rig.report.html import Section
+from rig.report.page import Section
 from sim.models.fingertip import Fingertip
 from studies.source.printed.steps import POSITIONS_MM
 from studies.source.simulated_stimuli import bars, stimulus

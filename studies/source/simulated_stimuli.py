@@ -6,8 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compare.controls import controls
-from rig.compare.stimuli import Stimulus, answers_key, contact_regions
+from rig.compare.stimuli import Stimulus, answers_key, contact_regions, controls
 from sim.measures.measures import MEASURES, shown
 from sim.models.cache import Arrays, cached_arrays
 from sim.models.fingertip import Fingertip

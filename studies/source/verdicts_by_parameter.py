@@ -12,12 +12,11 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.patches import Patch
 
 from rig.compare.comparison import compare
-from rig.compare.parameter_study.workers import spread
 from rig.compare.shape_test import THRESHOLD
 from rig.compare.table_5_2 import agreement, agreement_limits, source_flags
-from rig.report.html import Figure, Section
-from rig.report.labels import label
-from rig.report.style import BLUE, Plot
+from rig.compare.workers import spread
+from rig.report.page import PageFigure, Section
+from rig.report.style import BLUE, Plot, label
 from sim.config import FingertipConfig, Tissue
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_DEPTH_MM
@@ -97,7 +96,7 @@ def sensitivity_section(found: Sequence[Verdicts]) -> Section:
         HEADER,
         tuple(one.row for one in found),
         (
-            Figure(
+            PageFigure(
                 "Survivors over receptor depth, epidermis, stiffness and force",
                 Plot((7.6, 5.4), lambda canvas: _draw(canvas, found)),
                 "Light: the measure survives steps 1, 3 and 5 at some receptor. Dark: both bars near x = 0, too. Two "

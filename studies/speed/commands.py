@@ -17,8 +17,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from rig.cli import main as rig
-from rig.data.run_index import INDEX
-from rig.devices.stage.grbl.grbl_stage import GrblStage
+from rig.data.index import INDEX
+from rig.devices.grbl import GrblStage
 from rig.transport import LoopbackTransport
 from sim.devices import SerialLine, VirtualGrbl
 from sim.devices.clock import VirtualClock

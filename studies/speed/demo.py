@@ -23,15 +23,15 @@ from typing import Any
 HERE = Path(__file__).parents[2]
 DEMO = ("dry-run", "protocols/steps.py", "--set", "step=1", "force_gwt=2.33")
 PARTS = {
-    "the finger and its loops": "rig.cli.carrying_out:_loaded",
-    "plan": "rig.cli.carrying_out:make_plan",
-    "rehearsal on springs": "rig.session.page:rehearsed",
+    "the finger and its loops": "rig.cli.execution:_loaded",
+    "plan": "rig.cli.execution:make_plan",
+    "rehearsal on springs": "rig.session.preflight:rehearsed",
     "run": "rig.session.session:_on_a_bench",
     "its journal read and exported": "rig.session.session:read_run rig.session.session:export_run",
     "report: libraries that draw": "",
-    "report: the model asked": "rig.report.run.run_report:responses",
+    "report: the model asked": "rig.report.run_report:responses",
     "report: figures": "rig.report.style:Plot._save",
-    "report: the rest": "rig.cli.carrying_out:make_report",
+    "report: the rest": "rig.cli.execution:make_report",
 }
 STARTING, REST, ALL = "starting: interpreter and imports", "the rest", "in all"
 
@@ -76,17 +76,17 @@ def once(out: str) -> None:
     """The demo in this process; prints the seconds of each part as JSON."""
     program: Any = import_module("rig.cli.program")
     parts, names = Parts(), list(PARTS)
-    program._imported("rig.cli.dry_run")  # as it does itself
+    program._imported("rig.cli.run")  # as it does itself
     parts.spent_s[STARTING] = time.process_time()
     for name in (*names[:5], names[8]):
         for where in PARTS[name].split():
             parts.watch(name, where)
-    reporting: Any = import_module("rig.cli.carrying_out")
+    reporting: Any = import_module("rig.cli.execution")
     report = reporting.make_report
 
     def with_libraries(*about: Any) -> None:
         with parts.part(names[5]):
-            import_module("rig.report.run.run_report")
+            import_module("rig.report.run_report")
         for name in names[6:8]:
             parts.watch(name, PARTS[name])
         report(*about)

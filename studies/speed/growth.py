@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from rig.compare.parameter_study.workers import spread
+from rig.compare.workers import spread
 from sim.benchmark import peak_memory_mb
 from sim.config import AXIAL_STRETCH, FingertipConfig, MeshSpec, Tissue
 from sim.models.catalogue import load

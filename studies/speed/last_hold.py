@@ -21,15 +21,15 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from rig.devices.stage.base import StageStatus
-from rig.engine.by_hand.bench_memory import LastKnown
-from rig.engine.by_hand.dead_man import SLICE_S
+from rig.bench.served import ServedBench
+from rig.bench.virtual import bench_around
+from rig.control.client import announced
+from rig.devices.base import StageStatus
+from rig.engine.bench_memory import LastKnown
+from rig.engine.dead_man import SLICE_S
+from rig.manual.requests import HOLD_S
+from rig.manual.server import HandOwner
 from rig.plan.config import Config
-from rig.session.by_hand.hand_owner import HandOwner
-from rig.session.by_hand.holds import HOLD_S
-from rig.session.control.announcements import announced
-from rig.session.virtual.served_bench import ServedBench
-from rig.session.virtual.virtual_bench import bench_around
 from rig.transport.stop_gate import StopGate
 from sim.devices.clock import VirtualClock
 from sim.plant import Carriage, TruePose

@@ -14,15 +14,15 @@ from contextlib import closing, contextmanager
 from itertools import pairwise
 from typing import Any
 
-from rig.devices.stage.base import Looks
+from rig.bench.real import open_bench
+from rig.bench.served import ServedBench
+from rig.bench.virtual import virtual_bench
+from rig.clock import WallClock
+from rig.data.journal import NoJournal
+from rig.devices.base import Looks
 from rig.engine import Engine, Target, indent, verbs
 from rig.engine.bench import NO_PAUSE, Bench
-from rig.engine.journal import NoJournal
 from rig.plan.config import Config
-from rig.session.real_bench import open_bench
-from rig.session.virtual.served_bench import ServedBench
-from rig.session.virtual.virtual_bench import virtual_bench
-from rig.transport.clock import WallClock
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
 

@@ -23,12 +23,12 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from rig.engine.journal import Journal
-from rig.engine.streams import STREAMS
+from rig.clock import WallClock
+from rig.control.client import Announcement
+from rig.control.server import ControlSocket
+from rig.data.journal import Journal
+from rig.data.schema import STREAMS
 from rig.plan.config import Config
-from rig.session.control.announcements import Announcement
-from rig.session.control.control_socket import ControlSocket
-from rig.transport.clock import WallClock
 
 PER_S, PRESS_S = 50, 12.0
 _SETTLED_S, _EACH_S, _TOLD_S = 120.0, 5.0, 180.0

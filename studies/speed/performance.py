@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rig.report.speed_page import cost_against_nodes, pareto
+from rig.report.benchmark_page import cost_against_nodes, pareto
 
 FAMILIES = {"smooth": "smooth", "bar": "bars", "step": "step 1"}
 QUANTITIES = {"force": "force", "width": "width", "sed": "SED", "ep1": "ep1"}

@@ -12,12 +12,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from rig.engine.journal import read_journal
+from rig.data.journal import read_journal
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
 from rig.plan.plan import make_plan
-from rig.protocol.planned import Prediction
 from rig.protocol.script import load_script
+from rig.records import Prediction
 from rig.session.preflight import preflight
 from rig.session.resume import read_stopped
 from rig.session.session import NewRun, Session, dry_run

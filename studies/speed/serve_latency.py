@@ -17,12 +17,12 @@ import time
 
 import numpy as np
 
-from rig.devices.force import ForceBusy
-from rig.devices.force.mtsics.mtsics_force import MtSicsForce
-from rig.devices.stage.grbl.grbl_stage import GrblStage
+from rig.clock import WallClock
+from rig.devices.base import ForceBusy
+from rig.devices.grbl import GrblStage
+from rig.devices.mtsics import MtSicsForce
 from rig.plan.config import Config
 from rig.transport import open_port
-from rig.transport.clock import WallClock
 
 DEEPEST_MM, INCREMENT_MM = 0.8, 0.05
 

@@ -16,12 +16,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rig.devices.base import ForceError, ForceReading, ForceSensor, ForceTimeout
 from rig.devices.bench_settings import BenchSettings
-from rig.devices.catalogue import find
-from rig.devices.force import ForceError, ForceReading, ForceSensor, ForceTimeout
-from rig.devices.kinds import ForceKind
-from rig.devices.units import GWT_N
+from rig.devices.registry import ForceKind, find
 from rig.transport import TransportError
+from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from tests.raising import has_code, raises
 

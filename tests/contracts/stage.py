@@ -14,11 +14,18 @@ from typing import Any, ClassVar
 
 import pytest
 
+from rig.devices.base import (
+    LOOK_S,
+    MoveError,
+    Stage,
+    StageAlarm,
+    StageError,
+    StageNotHomed,
+    StageStatus,
+    StageTimeout,
+)
 from rig.devices.bench_settings import BenchSettings
-from rig.devices.catalogue import find
-from rig.devices.kinds import StageKind
-from rig.devices.stage import Stage, StageAlarm, StageError, StageStatus, StageTimeout
-from rig.devices.stage.base import LOOK_S, MoveError, StageNotHomed
+from rig.devices.registry import StageKind, find
 from rig.errors import RigError
 from rig.transport import TransportError
 from sim.devices.clock import VirtualClock

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from rig.devices.catalogue import built_in
-from rig.devices.force import ForceError, ForceTimeout
+from rig.devices.base import ForceError, ForceTimeout
+from rig.devices.registry import built_in
 from rig.engine.sensing import NoReadingError, read
 from sim.devices.clock import VirtualClock
 from tests.contracts.force import Connected, ForceBytes, ForceContract

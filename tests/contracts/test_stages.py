@@ -8,9 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from rig.devices.catalogue import built_in
-from rig.devices.stage import StageError, StageReset, StageTimeout
-from rig.devices.stage.base import MoveError, StageNotHomed, StageOverridden, arrive
+from rig.devices.base import MoveError, StageError, StageNotHomed, StageOverridden, StageReset, StageTimeout, arrive
+from rig.devices.registry import built_in
 from sim.devices.clock import VirtualClock
 from tests.contracts.stage import StageBytes, StageContract, StageEnd, sentences
 from tests.parts.hobby_driver import HobbyStage

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs
 
-from rig.transport.clock import WallClock
+from rig.clock import WallClock
 
 STATIC = Path(__file__).parents[2] / "rig" / "panel" / "static"
 KINDS = {".html": "text/html", ".js": "text/javascript", ".css": "text/css", ".svg": "image/svg+xml"}

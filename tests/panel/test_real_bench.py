@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from rig.session.control.announcements import announced
+from rig.control.client import announced
 from studies.faults.stops import Benches
 from studies.pictures.panel_page import panel
 from tests.waiting import until

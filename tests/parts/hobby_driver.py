@@ -1,7 +1,7 @@
 """A stage that is not there: a hobby board that speaks GRBL under a name of its own. Source: this file."""
 
-from rig.devices.stage.base import StageError
-from rig.devices.stage.grbl.grbl_stage import GrblStage
+from rig.devices.base import StageError
+from rig.devices.grbl import GrblStage
 
 
 class HobbyStage(GrblStage):

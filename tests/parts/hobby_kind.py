@@ -2,11 +2,11 @@
 
 from rig.devices.stage.hobby.hobby_stage import HobbyStage
 
+from rig.clock import Clock
+from rig.devices.base import Stage
 from rig.devices.bench_settings import BenchSettings
-from rig.devices.kinds import Opener, StageKind
-from rig.devices.stage.base import Stage
-from rig.devices.stage.grbl.grbl_settings import expected_settings
-from rig.transport.clock import Clock
+from rig.devices.grbl_link import expected_settings
+from rig.devices.registry import Opener, StageKind
 
 
 def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:

@@ -3,7 +3,7 @@
 VERB = [
     (
         "rig/protocol/steps/__init__.py",
-        "from rig.protocol.steps.touch_step",
+        "from rig.protocol.steps",
         "from rig.protocol.steps.tap_step import Tap\n",
     ),
     ("rig/protocol/steps/__init__.py", '    "Touch",\n', '    "Tap",\n'),
@@ -14,7 +14,7 @@ VERB = [
         '    def tap(self, *, times: int) -> None:\n        """Tap."""\n        self._do(Tap(times=times))\n\n',
     ),
     (
-        "rig/engine/streams.py",
+        "rig/data/schema.py",
         '    "note": {"text": ""},\n',
         '    "tap": {"times": "", "x_mm": "mm", "contact_height_mm": "mm"},\n',
     ),
@@ -81,7 +81,7 @@ COMMAND = [
 
 RUN_SECTION = [
     (
-        "rig/report/run/run_figures.py",
+        "rig/report/run_figures.py",
         "def population_responses(",
         '''\
 def final_depths(found: list[Response]) -> Plot:
@@ -98,7 +98,7 @@ def _final_depths(figure: Figure, found: list[Response]) -> None:
 ''',
     ),
     (
-        "rig/report/run/run_report.py",
+        "rig/report/run_report.py",
         '        Figure(\n            "Population',
         '        Figure("Final depths", run_figures.final_depths(found), "Every hold."),\n',
     ),
@@ -106,7 +106,7 @@ def _final_depths(figure: Figure, found: list[Response]) -> None:
 
 COMPARISON_SECTION = [
     (
-        "rig/report/comparison/profile_figures.py",
+        "rig/report/profile_figures.py",
         "def populations(",
         '''\
 def depths(stimulus: Stimulus) -> Plot:
@@ -123,12 +123,12 @@ def _depths(figure: Figure, stimulus: Stimulus) -> None:
 ''',
     ),
     (
-        "rig/report/comparison/comparison_figures.py",
+        "rig/report/comparison_report.py",
         "        *_pressures(moved),\n",
         "        *map(_depths, moved),\n",
     ),
     (
-        "rig/report/comparison/comparison_figures.py",
+        "rig/report/comparison_report.py",
         "def _pressures(",
         "def _depths(stimulus: Stimulus) -> Figure:\n"
         '    return Figure(f"Depths: {stimulus.title}", profile_figures.depths(stimulus), "As held.")\n\n\n',

@@ -1,9 +1,9 @@
 """A force sensor that is not there: a scale that answers in plain numbers. Source: this file."""
 
-from rig.devices.force.base import ForceError, ForceReading, ForceTimeout
-from rig.devices.units import GWT_N
+from rig.clock import Clock
+from rig.devices.base import ForceError, ForceReading, ForceTimeout
 from rig.transport import LineReader, Transport
-from rig.transport.clock import Clock
+from rig.units import GWT_N
 
 REPLY_S = 0.5
 

@@ -4,11 +4,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from rig.engine import Engine
-from rig.engine.pressing.indent import touch_place
-from rig.protocol.refusals import refuse_approach, refuse_count
-from rig.protocol.steps.base import Owed, Step
-from rig.protocol.steps.touch_step import ExpectedTouch
-from rig.protocol.walk import Spot, Walk
+from rig.engine.indentation import touch_place
+from rig.protocol.check import Spot, Walk, refuse_approach, refuse_count
+from rig.protocol.steps import ExpectedTouch, Owed, Step
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,15 +13,15 @@ from typing import Any
 
 import pytest
 
+from rig.bench.served import ServedBench
+from rig.data.schema import STREAMS
 from rig.devices.drivers import force_driver, stage_driver
-from rig.devices.units import GWT_N
 from rig.engine import Engine, Journal, Pause, verbs
 from rig.engine.rig_settings import RigSettings
-from rig.engine.streams import STREAMS
 from rig.plan.config import Config
-from rig.session.virtual.served_bench import ServedBench
 from rig.transport import LoopbackTransport
-from rig.transport.byte_log import LoggedTransport
+from rig.transport.wire import LoggedTransport
+from rig.units import GWT_N
 from sim.devices import Load, SerialLine, VirtualBalance, VirtualGrbl
 from sim.devices.clock import VirtualClock
 from sim.finger_process import FingerProcess
@@ -217,7 +217,7 @@ class SpringBench:
 @pytest.fixture
 def spring(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., SpringBench]]:
     """Make a spring bench; its journal skips the disk's flush, which test_journal.py looks at."""
-    monkeypatch.setattr("rig.engine.journal.os.fsync", lambda fd: None)
+    monkeypatch.setattr("rig.data.journal.os.fsync", lambda fd: None)
     made: list[SpringBench] = []
 
     def make(**options: Any) -> SpringBench:

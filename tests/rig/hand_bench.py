@@ -9,14 +9,14 @@ import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from rig.devices.units import GWT_N
-from rig.engine.by_hand.bench_memory import BenchMemory
-from rig.engine.errors import EngineError
+from rig.bench.virtual import bench_around
+from rig.engine.bench_memory import BenchMemory
 from rig.engine.sensing import Zero
+from rig.errors import EngineError
+from rig.manual.server import HandOwner
 from rig.plan.config import Config
-from rig.session.by_hand.hand_owner import HandOwner
-from rig.session.virtual.virtual_bench import bench_around
 from rig.transport.stop_gate import StopGate
+from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from sim.plant import Carriage, TruePose
 

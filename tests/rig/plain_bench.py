@@ -3,14 +3,13 @@
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from rig.devices.force.base import ForceReading
-from rig.devices.stage.base import StageStatus
-from rig.devices.units import GWT_N
+from rig.devices.base import ForceReading, StageStatus
 from rig.engine import Engine, PressId, verbs
 from rig.engine.bench import Pause
-from rig.engine.pressing.press import Press
-from rig.engine.records import Touch
+from rig.engine.press import Press
 from rig.engine.rig_settings import RigSettings
+from rig.records import Touch
+from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from tests.told import ToldStage
 

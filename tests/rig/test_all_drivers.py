@@ -11,14 +11,10 @@ from typing import Any
 
 import pytest
 
-import rig.devices.force
-import rig.devices.stage
+import rig.devices
+from rig.devices.base import DeadManStage, ForceError, ForceSensor, Stage, StageError
 from rig.devices.bench_settings import BenchSettings
-from rig.devices.catalogue import built_in, find
-from rig.devices.force import ForceError, ForceSensor
-from rig.devices.kinds import ForceKind
-from rig.devices.stage import Stage, StageError
-from rig.devices.stage.base import DeadManStage
+from rig.devices.registry import ForceKind, built_in, find
 from rig.errors import RigError
 from rig.transport.modbus import ModbusError
 from sim.devices.clock import VirtualClock

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from rig.engine import PressId, TripError
-from rig.engine.pressing.approach import Approach
+from rig.engine.indentation import Approach
 from tests.raising import has_code, raises
 from tests.rig.plain_bench import PlainBench
 

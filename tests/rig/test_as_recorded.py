@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from rig.devices.units import GWT_N
 from rig.engine import EngineError, Target, indent
-from rig.engine.pressing.compliance import measure_compliance
-from rig.engine.pressing.indent import touch_place
+from rig.engine.indentation import touch_place
+from rig.engine.reference import measure_compliance
 from rig.engine.rig_settings import RigSettings
+from rig.units import GWT_N
 
 Make = Callable[..., Any]
 Recorded = Callable[[str, Any], None]

@@ -9,10 +9,9 @@ from typing import Any
 
 import pytest
 
-from rig.session.control import at_work as at_work_module
-from rig.session.control.announcements import Announcement
-from rig.session.control.at_work import at_work
-from rig.session.control.control_socket import ControlSocket
+from rig.control import client as at_work_module
+from rig.control.client import Announcement, at_work
+from rig.control.server import ControlSocket
 from rig.transport.ownership import PortOwnership
 from tests.program import Program
 

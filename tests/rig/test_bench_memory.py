@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from rig.devices.stage.base import StageStatus
-from rig.engine.by_hand.bench_memory import BenchMemory, LastKnown
+from rig.devices.base import StageStatus
+from rig.engine.bench_memory import BenchMemory, LastKnown
 from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import Zero
 

@@ -9,11 +9,10 @@ from typing import Any
 import pytest
 from pydantic import BaseModel, ValidationError
 
+from rig import settings
 from rig.devices import bench_settings as room
 from rig.devices.bench_settings import BenchSettings, Calibration, StageSettings, SyncSettings
-from rig.devices.force.laumas import laumas_settings
-from rig.devices.stage.leadshine import leadshine_settings
-from rig.devices.stage.leadshine.leadshine_settings import DriveSettings
+from rig.settings import DriveSettings
 from tests.config_keys import TABLE, Key
 
 JUST_ABOVE_0 = 1e-6
@@ -85,7 +84,7 @@ def test_a_number_may_be_as_low_and_as_high_as_this_and_no_more(name: str) -> No
 
 
 def _model(name: str) -> type[BaseModel]:
-    return next(getattr(place, name) for place in (room, leadshine_settings, laumas_settings) if hasattr(place, name))
+    return next(getattr(place, name) for place in (room, settings, settings) if hasattr(place, name))
 
 
 def _made(name: str, key: str, value: float) -> BaseModel:

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from rig.data.bench_time import booked_s
-from rig.data.reader import Run
+from rig.data.run import Run
+from rig.data.tables import booked_s
 
 Event = tuple[float, str, str | None]
 NOTHING = dict.fromkeys(

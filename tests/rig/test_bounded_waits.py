@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from rig.devices.stage import StageAlarm, StageError, StageTimeout
-from rig.devices.stage.grbl.grbl_stage import GrblStage
-from rig.devices.stage.leadshine.leadshine_drive import LeadshineDrive
-from rig.devices.stage.leadshine.leadshine_settings import DriveSettings
-from rig.devices.stage.leadshine.leadshine_stage import LeadshineStage
+from rig.devices.base import StageAlarm, StageError, StageTimeout
+from rig.devices.grbl import GrblStage
+from rig.devices.leadshine import LeadshineStage
+from rig.devices.leadshine_drive import LeadshineDrive
+from rig.settings import DriveSettings
 from rig.transport.modbus import ModbusMaster
 from sim.devices.clock import VirtualClock
 from tests.raising import raises

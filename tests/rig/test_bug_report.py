@@ -11,8 +11,7 @@ from pathlib import Path
 import pytest
 
 from rig.data import RunError
-from rig.data.bug_report import LEFT_OUT, bug_report
-from rig.data.scrubbed import GONE, Scrubber
+from rig.data.bug_report import GONE, LEFT_OUT, Scrubber, bug_report
 from rig.protocol.script import shipped_protocols
 from tests.program import Program
 from tests.raising import raises

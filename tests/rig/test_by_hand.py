@@ -11,15 +11,15 @@ from typing import Any
 
 import pytest
 
-from rig.devices.force.base import ForceBusy, ForceReading
-from rig.devices.stage.base import StageOverridden, StageStatus
-from rig.devices.units import GWT_N
-from rig.engine.by_hand import ByHand, Direction, Guard, Moved
-from rig.engine.by_hand.dead_man import dead_man_jog
-from rig.engine.errors import LimitError
+from rig.bench.virtual import bench_around
+from rig.devices.base import ForceBusy, ForceReading, StageOverridden, StageStatus
+from rig.engine.dead_man import Direction, dead_man_jog
 from rig.engine.sensing import NoReadingError, Sensing, Zero
+from rig.errors import LimitError
+from rig.manual.guard import Guard
+from rig.manual.jog import ByHand, Moved
 from rig.plan.config import Config
-from rig.session.virtual.virtual_bench import bench_around
+from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from sim.plant import Carriage
 from tests.raising import has_code, raises
@@ -245,7 +245,7 @@ def test_the_next_step_down_is_no_longer_than_the_room_that_is_left(monkeypatch:
         steps.append(by_mm)
         return dead_man_jog(stage, clock, held, speed_mm_s, by_mm, *glance)
 
-    monkeypatch.setattr("rig.engine.by_hand.by_hand.dead_man_jog", jog)
+    monkeypatch.setattr("rig.manual.jog.dead_man_jog", jog)
     bench.jog("z", -0.05)
     assert steps == pytest.approx([0.02, 0.02, 0.01])
 
@@ -266,7 +266,7 @@ def test_a_lift_from_a_trip_whose_speed_somebody_changes_is_made_all_the_same(
                 raise StageOverridden("somebody changed the speed")
         return dead_man_jog(stage, clock, held, speed_mm_s, by_mm, *glance)
 
-    monkeypatch.setattr("rig.engine.by_hand.by_hand.dead_man_jog", jog)
+    monkeypatch.setattr("rig.manual.jog.dead_man_jog", jog)
     halt = bench.bench.stage.halt
     monkeypatch.setattr(bench.bench.stage, "halt", lambda: (halts.append(1), halt()))
     moved = bench.jog("z", -1.0)

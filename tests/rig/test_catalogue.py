@@ -11,21 +11,18 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
+from rig.bench.served import ServedBench
+from rig.bench.virtual import bench_around, refuse_twinless, virtual_force, virtual_stage, with_stand_ins
 from rig.cli import main
-from rig.devices import catalogue
+from rig.devices import registry
 from rig.devices.bench_settings import BenchSettings, ForceSettings, StageSettings
-from rig.devices.catalogue import KindError, find, names
 from rig.devices.drivers import force_driver, stage_driver
-from rig.devices.kinds import ForceKind, Kind, Room, StageKind
-from rig.devices.own_table import as_kind
+from rig.devices.registry import ForceKind, Kind, KindError, Room, StageKind, as_kind, find, names
+from rig.errors import BadInputError
 from rig.plan.config import Config, load_config
-from rig.protocol.errors import BadInputError
-from rig.session.rehearsal import SpringPlant
-from rig.session.virtual.served_bench import ServedBench
-from rig.session.virtual.twins import refuse_twinless, virtual_force, virtual_stage, with_stand_ins
-from rig.session.virtual.virtual_bench import bench_around
+from rig.session.rehearse import SpringPlant
+from rig.settings import Settings
 from rig.transport import LoopbackTransport
-from rig.transport.port_settings import Settings
 from sim.devices.clock import VirtualClock
 from sim.devices.line import ForceTold, Load, SerialLine, StageTold
 from tests.offered import EXAMPLE, forget, offer
@@ -34,9 +31,7 @@ from tests.raising import has_code, raises
 ROOT = Path(__file__).parents[2]
 WORDS = {"register_address": 0x157, "on_word": 0x80, "off_word": 0}
 ONE_LINE_FOR_ALL = {"bits"}  # tables whose keys the page does not list one by one
-BUILT_IN: list[tuple[type[Kind], str]] = [
-    (of, name) for of in catalogue.KINDS for name in catalogue.built_in(of.room)
-]
+BUILT_IN: list[tuple[type[Kind], str]] = [(of, name) for of in registry.KINDS for name in registry.built_in(of.room)]
 EVERY = [*BUILT_IN, (ForceKind, "line_scale")]
 every_kind = pytest.mark.parametrize(("of", "name"), EVERY, ids=lambda it: it if isinstance(it, str) else it.room)
 
@@ -49,14 +44,14 @@ def offered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Offer]:
     folder = tmp_path / "site"
     folder.mkdir()
     monkeypatch.syspath_prepend(folder)
-    catalogue._offered.cache_clear()
+    registry._offered.cache_clear()
 
     def put(name: str, points: dict[str, str], **modules: str) -> None:
         offer(folder, name, points, modules)
-        catalogue._offered.cache_clear()
+        registry._offered.cache_clear()
 
     yield put
-    catalogue._offered.cache_clear()
+    registry._offered.cache_clear()
     forget("odd_")
 
 
@@ -153,7 +148,7 @@ def test_driver_and_twin_meet_on_one_line(of: type[Kind], name: str, example: No
         assert force.read().force_n == pytest.approx(0.02, abs=1e-4)
 
 
-@pytest.mark.parametrize("name", catalogue.built_in("stage"))
+@pytest.mark.parametrize("name", registry.built_in("stage"))
 def test_a_stage_has_the_ports_axes_and_outputs_that_it_says(name: str) -> None:
     entry, stage = find(StageKind, name), StageSettings(kind=name, port="/dev/a")
     assert stage.ports == entry.ports(stage) == ("/dev/a",)
@@ -174,7 +169,7 @@ def test_a_list_of_names_imports_nothing(offered: Offer) -> None:
 
 
 def test_packages_are_looked_for_only_where_this_program_has_no_such_kind(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(catalogue, "_offered", lambda: pytest.fail("looked"))
+    monkeypatch.setattr(registry, "_offered", lambda: pytest.fail("looked"))
     for of, name in BUILT_IN:
         assert getattr(_config(of, name), of.room).entry.name == name
 
@@ -244,8 +239,8 @@ def test_a_table_that_must_be_given_is_asked_for(offered: Offer) -> None:
 # --- what cannot be used ---
 
 ENTRY = """
-from rig.devices.kinds import ForceKind
-from rig.transport.port_settings import Settings
+from rig.devices.registry import ForceKind
+from rig.settings import Settings
 
 class Table(Settings):
     may: int = 1
@@ -275,7 +270,7 @@ def test_a_broken_package_is_named_and_harms_nobody_else(
     assert "\n" not in str(caught.value)
     with pytest.raises(ValueError, match=re.escape(str(caught.value))):
         _config(ForceKind, "odd")
-    (problem,) = catalogue.problems()
+    (problem,) = registry.problems()
     has_code(problem, code, room="force", kind="odd", problem=str(caught.value), **fields)
     for of, name in BUILT_IN:
         assert getattr(_config(of, name), of.room).kind == name
@@ -297,7 +292,7 @@ def test_a_name_that_is_taken(offered: Offer) -> None:
     offered("odd-two", {"force.odd": "odd_there:DEVICE", "force": "odd_there:DEVICE", "camera.x": "odd_there:DEVICE"})
     with raises(KindError, "offered_twice", packages="odd-one 1.0 and odd-two 1.0"):
         find(ForceKind, "odd")
-    camera, nameless, twice, taken = catalogue.problems()
+    camera, nameless, twice, taken = registry.problems()
     has_code(camera, "bad_entry_point", package="odd-two 1.0", entry="camera.x")
     has_code(nameless, "bad_entry_point", package="odd-two 1.0", entry="force")
     has_code(twice, "offered_twice", room="force", kind="odd", packages="odd-one 1.0 and odd-two 1.0")
@@ -349,7 +344,7 @@ def test_a_device_that_is_not_served_needs_no_twin(offered: Offer) -> None:
 
 
 ECHO = """
-from rig.devices.kinds import ForceKind, StageKind
+from rig.devices.registry import ForceKind, StageKind
 from sim.devices.line import TwinError
 
 def make(*told):
@@ -416,7 +411,7 @@ def test_no_other_module_asks_for_a_kind_by_its_name(room: Room) -> None:
             continue
         text = path.read_text(encoding="utf-8")
         assert not re.search(rf"{room}\.kind (==|!=|in|not in) |\[[\w.]*{room}\.kind\]", text), path
-        for name in catalogue.built_in(room):
+        for name in registry.built_in(room):
             assert f'"{name}"' not in text, path
 
 

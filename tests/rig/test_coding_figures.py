@@ -6,9 +6,16 @@ from matplotlib.figure import Figure
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from rig.report.coding.decoded_figure import Drawn, decoded_figure
-from rig.report.coding.noise_figures import cloud_figure, noise_figure
-from rig.report.coding.search_figures import Surface, extents, grid_figure, search_figure
+from rig.report.coding_figures import (
+    DrawnDecoding,
+    Surface,
+    cloud_figure,
+    decoded_figure,
+    extents,
+    grid_figure,
+    noise_figure,
+    search_figure,
+)
 from rig.report.style import Plot
 
 Array = NDArray[np.float64]
@@ -78,7 +85,9 @@ def test_pressures_over_readings(known: bool) -> None:
     place, receptor = np.array([-1.0, 0.0, 1.0]), np.array([2.0, -2.0, 0.0])
     band = (np.zeros(3), np.full(3, 9.0)) if known else None
     true = np.full(3, 4.0) if known else None
-    given = Drawn(place, np.array([3.0, 5.0, 4.0]), band, true, receptor, np.array([1.0, 2.0, 3.0]), receptor**2)
+    given = DrawnDecoding(
+        place, np.array([3.0, 5.0, 4.0]), band, true, receptor, np.array([1.0, 2.0, 3.0]), receptor**2
+    )
     skin, energy = drawn(decoded_figure(given)).axes
     assert_allclose(lines(skin)["found"], [place, [3, 5, 4]])
     assert ("true" in lines(skin)) is known

@@ -12,7 +12,7 @@ import pytest
 from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
-from rig.report.run.force_figures import PHASES
+from rig.report.run_figures import PHASES
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, shade
 
 SEEN = {

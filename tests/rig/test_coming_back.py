@@ -6,13 +6,11 @@ from typing import Any
 
 import pytest
 
-from rig.devices.units import GWT_N
 from rig.engine import Engine, LimitError, RunAborted, Target, TripError, indent, verbs
-from rig.engine.limits import refuse_height
-from rig.engine.pressing.indent import touch_place
+from rig.engine.indentation import touch_place
+from rig.engine.limits import UNREAD_S, Stopping, Touched, refuse_height
 from rig.engine.rig_settings import RigSettings
-from rig.engine.stopping import UNREAD_S, Stopping
-from rig.engine.touched import Touched
+from rig.units import GWT_N
 from tests.raising import raises
 from tests.rig.plain_bench import PlainBench
 

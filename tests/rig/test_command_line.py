@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from rig.cli.output import print_json
-from rig.engine.journal import read_journal
+from rig.data.journal import read_journal
 from sim.models.fingertip import Fingertip
 from tests.program import EMPTY_FIGURES, Ended, Program
 from tests.waiting import DEADLINE_S, journal_says, until

@@ -5,8 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.plan.config import Config, load_config
-from rig.plan.config_keys import ABSENT, UNITS, keys, unit
+from rig.plan.config import ABSENT, UNITS, Config, keys, load_config, unit
 from tests.config_keys import TABLE
 from tests.program import Ended, Program
 

@@ -10,19 +10,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.cli.looking import contact as printed_contact
-from rig.data.reader import read_run
-from rig.devices.stage.base import StageError
-from rig.devices.units import GWT_N
+from rig.bench.checks import contact as printed_contact
+from rig.data.run import read_run
+from rig.devices.base import StageError
 from rig.engine import Engine, RecordError, RunAborted, TripError, indent, verbs
-from rig.engine.by_hand import ByHand, Direction, Guard
-from rig.engine.by_hand.bench_memory import BenchMemory
+from rig.engine.bench_memory import BenchMemory
 from rig.engine.contact import KINDS, Contact, ContactKind, judged
+from rig.engine.dead_man import Direction
 from rig.engine.sensing import Sensing
+from rig.manual.guard import Guard
+from rig.manual.jog import ByHand
+from rig.manual.status import HandStatus
 from rig.plan.config import Config
-from rig.session.by_hand.hand_status import HandStatus
 from rig.session.ending import Ending, Whereabouts
 from rig.session.resume import careful_of, left_on_record
+from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, TARGET, FaultyBench
 from tests.raising import raises

@@ -20,26 +20,19 @@ from typing import Any
 import filelock
 import pytest
 
-import rig.session.control.announcements as announcements
-import rig.session.control.control_socket as control_socket
+import rig.control.client as announcements
+import rig.control.server as control_socket
+from rig.control.client import Announced, Announcement, ControlError, RefusedError, announced, runtime_folder
+from rig.control.messages import Wire, connected
+from rig.control.server import ControlSocket
 from rig.errors import RigError
-from rig.session.control.announcements import (
-    Announced,
-    Announcement,
-    ControlError,
-    RefusedError,
-    announced,
-    runtime_folder,
-)
-from rig.session.control.control_socket import ControlSocket
-from rig.session.control.conversation import Wire, connected
 from tests.raising import raises
 from tests.waiting import DEADLINE_S, until
 
 OWNER = """
 import os, sys, time
-from rig.session.control.announcements import Announcement
-from rig.session.control.control_socket import ControlSocket
+from rig.control.client import Announcement
+from rig.control.server import ControlSocket
 
 about = Announcement(pid=os.getpid(), kind="run", virtual=True, ports=("a", "b"), began_unix_s=5.0)
 with ControlSocket(about, {"status": lambda _: {"state": "planning"}, "end": lambda _: os._exit(3)}):

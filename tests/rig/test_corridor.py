@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.devices.stage.base import StageStatus
+from rig.devices.base import StageStatus
 from rig.engine.corridor import Corridor
 from rig.engine.motion import StrayedError, refuse_strayed
 from sim.devices.clock import VirtualClock

@@ -13,9 +13,8 @@ from typing import Literal
 
 import pytest
 
-from rig.devices.stage import StageError
-from rig.devices.stage.base import Axis
-from rig.devices.stage.grbl.grbl_stage import GrblStage
+from rig.devices.base import Axis, StageError
+from rig.devices.grbl import GrblStage
 from rig.transport import LoopbackTransport
 from sim.devices import SerialLine, VirtualGrbl
 from sim.devices.clock import VirtualClock

@@ -13,10 +13,9 @@ import pytest
 
 from rig.data import Run, export_nwb, export_run, read_run
 from rig.data.dictionary import ATTRIBUTES, FAMILIES, FLAGS, MEANINGS, TABLES, TEXT, about_table, columns, meaning
-from rig.data.run_tables import OF_THE_PRESS, tables
-from rig.data.summary import HOLD_COLUMNS, RUN_COLUMNS
+from rig.data.schema import PRESS_STREAMS, STREAMS
+from rig.data.tables import HOLD_COLUMNS, OF_THE_PRESS, RUN_COLUMNS, tables
 from rig.engine import PressId, Target, indent, verbs
-from rig.engine.streams import PRESS_STREAMS, STREAMS
 from tests.program import Program
 
 OLD = Path(__file__).parents[1] / "data" / "runs_of_0_1"

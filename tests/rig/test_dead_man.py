@@ -5,10 +5,9 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from rig.devices.stage.base import StageError, StageHeld, StageStatus
-from rig.engine.by_hand import Direction
-from rig.engine.by_hand import dead_man as module
-from rig.engine.by_hand.dead_man import dead_man_jog
+from rig.devices.base import StageError, StageHeld, StageStatus
+from rig.engine import dead_man as module
+from rig.engine.dead_man import Direction, dead_man_jog
 from sim.devices.clock import VirtualClock
 from tests.raising import raises
 

@@ -8,12 +8,21 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from rig.cli import decoding
-from rig.cli.decode_options import encoding_of, operator_of, receptor_of, refuse_together, search_of
-from rig.cli.decode_said import left
-from rig.cli.decode_sources import Encoding
-from rig.cli.decoding import NO_NOISE, TABLE_ENTRIES, Answer, DecoderName, Noisy, Search, Task, decode, noise_of
-from rig.protocol.errors import BadInputError
+from rig.cli import coding_task
+from rig.cli.coding_task import (
+    NO_NOISE,
+    TABLE_ENTRIES,
+    Answer,
+    DecoderName,
+    Encoding,
+    Noisy,
+    Search,
+    Task,
+    decode,
+    noise_of,
+)
+from rig.cli.decode import encoding_of, left, operator_of, receptor_of, refuse_together, search_of
+from rig.errors import BadInputError
 from sim.coding.bayes import FittedReceptor
 from sim.coding.encoding import NOISE_PLACES, Encoded, Noise, NoisePlace, Receptor, sd_at_rest
 from sim.coding.operators import Operator
@@ -213,7 +222,7 @@ def test_the_range_is_of_what_one_pressure_alone_would_need() -> None:
 @pytest.mark.parametrize("decoder", ["table", "ours"])
 def test_milliseconds_are_those_of_the_decoder(decoder: DecoderName, monkeypatch: pytest.MonkeyPatch) -> None:
     times = iter((5.0, 5.25))
-    monkeypatch.setattr(decoding, "time", SimpleNamespace(perf_counter=lambda: next(times)))
+    monkeypatch.setattr(coding_task, "time", SimpleNamespace(perf_counter=lambda: next(times)))
     assert decode(two_pressures(), decoder, Search()).ms == 250.0
 
 
@@ -258,10 +267,10 @@ def test_noise_that_differs_weighs_readings(gain: float) -> None:
 
 
 def test_ours_says_when_it_was_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
-    real = decoding.decode_profile
-    monkeypatch.setattr(decoding, "decode_profile", lambda *a, **b: replace(real(*a, **b), converged=False))
+    real = coding_task.decode_profile
+    monkeypatch.setattr(coding_task, "decode_profile", lambda *a, **b: replace(real(*a, **b), converged=False))
     found = decode(two_pressures(), "ours", Search())
-    assert (found.converged, found.problems) == (False, (decoding.CUT_OFF,))
+    assert (found.converged, found.problems) == (False, (coding_task.CUT_OFF,))
 
 
 def test_ours_needs_to_know_the_noise() -> None:

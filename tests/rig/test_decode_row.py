@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from rig.cli import decode_options, decoding
-from rig.cli.decode_options import axial_of
-from rig.protocol.errors import BadInputError
+from rig.cli import coding_task, decode
+from rig.cli.decode import axial_of
+from rig.errors import BadInputError
 from sim.coding.operators import centred
 from sim.coding.section import SkinLine
 from sim.coding.sheet import HALF_LENGTHS_MM, ROW_ERROR
@@ -59,7 +59,7 @@ def test_a_row_is_decoded_under_the_shape_that_is_named_or_that_explains_it_best
     assert ended.err.startswith("fingertip: from the cache, or built in about 15 s …\n")
     assert "  of the receptor plane of the whole finger, under ellipse:1.5 along it\n" in ended.out
     assert "24 pressures from M = 25 readings" in ended.out
-    monkeypatch.setattr(decode_options, "HALF_LENGTHS_MM", (0.8, 1.5, 3.0))
+    monkeypatch.setattr(decode, "HALF_LENGTHS_MM", (0.8, 1.5, 3.0))
     best = rig(*given, "--axial", "ellipse", "--json").json
     assert best["axial"] == "ellipse:1.5"
     assert_allclose(best["place_mm"], centred(24, 0.2), atol=1e-9)
@@ -119,9 +119,9 @@ def test_names_of_axial_shapes() -> None:
 
 
 def test_readings_without_noise_are_refused_before_any_shape_is_chosen() -> None:
-    task = decoding.Task(None, PLACES, None, None)  # type: ignore[arg-type]
+    task = coding_task.Task(None, PLACES, None, None)  # type: ignore[arg-type]
     with pytest.raises(BadInputError, match="expected a column sd or at_rest"):
-        decoding.best_explained([task, task])
+        coding_task.best_explained([task, task])
 
 
 def test_a_row_is_wrong_by_more_than_a_section() -> None:

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from rig.cli import decode_sources
+from rig.cli import coding_task
 from rig.cli.readings_file import read_readings
-from rig.protocol.errors import BadInputError
+from rig.errors import BadInputError
 from sim.coding.operators import centred
 from sim.config import FingertipConfig
 from sim.contact.patch import X, Z
@@ -142,7 +142,7 @@ def test_the_same_x_at_another_z_is_another_receptor(rig: Program, sphere: Cells
 def test_places_lie_between_the_outermost_receptors_on_the_patch(
     low: float, high: float, middle: float, apart: float, expected: np.ndarray
 ) -> None:
-    found = decode_sources._places("x_mm", np.array([high, low]), middle, apart)
+    found = coding_task._places("x_mm", np.array([high, low]), middle, apart)
     assert_allclose(found, expected, atol=1e-9)
     with pytest.raises(BadInputError, match="expected 1 mm or more"):
-        decode_sources._places("x_mm", np.array([0.0, 0.99]), 0.0, 0.5)
+        coding_task._places("x_mm", np.array([0.0, 0.99]), 0.0, 0.5)

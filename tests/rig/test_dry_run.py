@@ -12,16 +12,15 @@ from typing import Any, get_args
 import pytest
 
 from rig.data import Run, read_run
+from rig.data.journal import read_journal
 from rig.engine import RunAborted, TripError
-from rig.engine.journal import read_journal
-from rig.engine.records import Phase
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.report.run.run_report import write_report
-from rig.report.run.what_ran import phases
-from rig.session.attendant import Nobody
-from rig.session.session import FinishedRun, NewRun, Session, dry_run
+from rig.records import Phase
+from rig.report.run_report import write_report
+from rig.report.run_tables import phases
+from rig.session.session import FinishedRun, NewRun, Nobody, Session, dry_run
 from sim.models.fingertip import Fingertip
 
 PRESS = """\

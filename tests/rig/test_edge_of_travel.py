@@ -11,14 +11,14 @@ from typing import Any
 import pytest
 
 from rig.cli import main
-from rig.devices.stage.base import StageError
+from rig.devices.base import StageError
+from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
 from rig.plan.plan import make_plan
-from rig.protocol.errors import BadInputError
-from rig.protocol.planned import Prediction
 from rig.protocol.script import Script, load_script
-from rig.session.rehearsal import rehearsed
+from rig.records import Prediction
+from rig.session.rehearse import rehearsed
 from sim.models.fingertip import Fingertip
 from tests.raising import raises
 

@@ -2,10 +2,10 @@
 
 import pytest
 
+from rig.devices.base import StageError, StageRejected
 from rig.devices.bench_settings import StageBounds
-from rig.devices.stage import StageError, StageRejected
-from rig.devices.stage.grbl.grbl_settings import enforced_settings, expected_settings
-from rig.devices.stage.grbl.grbl_stage import GrblStage
+from rig.devices.grbl import GrblStage
+from rig.devices.grbl_link import enforced_settings, expected_settings
 from rig.engine.rig_settings import RigSettings
 from rig.transport import LoopbackTransport
 from sim.devices import SerialLine, VirtualGrbl

@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 
-from rig.devices.stage import StageAlarm, StageReset
-from rig.devices.units import GWT_N
+from rig.data.journal import read_journal
+from rig.devices.base import StageAlarm, StageReset
 from rig.engine import LimitError, NotReadyError, PressId, RunAborted, Target, TripError, indent, verbs
 from rig.engine.engine import State
-from rig.engine.journal import read_journal
 from rig.engine.rig_settings import RigSettings
+from rig.units import GWT_N
 from tests.raising import raises
 
 STOP = b"!\x18"

@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from rig.devices.force.base import ForceTimeout
-from rig.devices.units import GWT_N
+from rig.devices.base import ForceTimeout
 from rig.engine import LimitError, PressId, TripError, verbs
 from rig.engine.engine import State
+from rig.units import GWT_N
 from tests.raising import raises
 from tests.told import Told, raising
 

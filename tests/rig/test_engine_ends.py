@@ -5,12 +5,11 @@ from typing import Any
 
 import pytest
 
-from rig.devices.force.base import ForceTimeout
-from rig.devices.stage.base import StageError
+from rig.devices.base import ForceTimeout, StageError
 from rig.engine import NotReadyError, PressId, RecordError, TripError, verbs
 from rig.engine.engine import State
 from rig.errors import RigError
-from rig.transport.base import TransportError
+from rig.transport.wire import TransportError
 from tests.raising import raises
 from tests.told import Told, raising
 

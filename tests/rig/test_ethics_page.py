@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from rig.devices.units import GWT_N
 from rig.engine.rig_settings import LimitSettings
+from rig.units import GWT_N
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "ethics.md").read_text(encoding="utf-8")

@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 
 import rig.session.session as sessions
-from rig.devices.force import ForceReading
-from rig.engine.journal import Journal, read_journal
+from rig.data.journal import Journal, read_journal
+from rig.devices.base import ForceReading
 from sim.models.fingertip import Fingertip
 from tests.program import Ended, Program
 from tests.waiting import DEADLINE_S, journal_says, until

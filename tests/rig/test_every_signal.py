@@ -12,14 +12,14 @@ from typing import Any, NoReturn
 import pytest
 
 import rig.session.session as sessions
-from rig.devices.stage.base import StageError
-from rig.devices.stage.grbl.grbl_stage import GrblStage
+from rig.bench.served import ServedBench
+from rig.bench.virtual import virtual_bench
+from rig.control.stop import StageInHand
+from rig.devices.base import StageError
+from rig.devices.grbl import GrblStage
 from rig.engine import EngineError, Journal
+from rig.manual.server import HandOwner
 from rig.plan.config import Config
-from rig.session.by_hand.hand_owner import HandOwner
-from rig.session.control.stage_in_hand import StageInHand
-from rig.session.virtual.served_bench import ServedBench
-from rig.session.virtual.virtual_bench import virtual_bench
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
 from tests.program import Program
@@ -123,7 +123,7 @@ def dispositions(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     for motion in ("homing", "moving", "jog"):
         monkeypatch.setattr(GrblStage, motion, told)
     monkeypatch.setattr(HandOwner, "run", told)
-    monkeypatch.setattr("rig.session.page.rehearsed", unrehearsed)
+    monkeypatch.setattr("rig.session.preflight.rehearsed", unrehearsed)
     return found
 
 

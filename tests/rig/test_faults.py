@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from rig.devices.units import GWT_N
-from rig.engine.stopping import Stopping
+from rig.engine.limits import Stopping
 from rig.plan.config import Config
+from rig.units import GWT_N
 from studies.faults import phases
 from studies.faults.catalogue import CATALOGUE, Fault
 from studies.faults.faulty_bench import SOFT_TRIP_N

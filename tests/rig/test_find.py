@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rig.errors import BadInputError
+from rig.identify.frame import Lie, find
 from rig.plan.config import Config
-from rig.plan.find import Lie, find
 from rig.plan.plan import make_plan
-from rig.protocol.errors import BadInputError
 from rig.protocol.script import load_script
 from rig.session.session import NewRun, Session, dry_run
 from sim.errors import ModelRangeError

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-import rig.session.virtual.virtual_devices as devices
+import rig.bench.virtual as devices
 from rig.data import Run
-from rig.devices.units import GWT_N
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
 from rig.session.session import NewRun, Session, dry_run
+from rig.units import GWT_N
 from sim.models.fingertip import Fingertip
 
 TARGETS_GWT = (1.0, 2.33, 8.0)

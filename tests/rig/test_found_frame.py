@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from scipy.stats import t as student
 
+from rig.errors import BadInputError
+from rig.identify.frame import NAMES, Lie, find
 from rig.plan.config import Config
-from rig.plan.find import NAMES, Lie, find
-from rig.protocol.errors import BadInputError
 from sim.models.fingertip import Fingertip
 from sim.plant import Pose, Turn
 from tests.raising import raises

@@ -22,7 +22,7 @@ from typer.models import ArgumentInfo, ParameterInfo
 
 from rig.cli.output import ExitCode
 from rig.cli.program import COMMANDS
-from rig.engine.streams import STREAMS
+from rig.data.schema import STREAMS
 from rig.plan.config import Config
 from sim.benchmark import QUICK_SCENES, Candidate, coarse
 from sim.models.fingertip import Fingertip
@@ -249,8 +249,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, empty_figures: None)
     (tmp_path / "kept").mkdir()
     (tmp_path / "kept" / "one.model").write_bytes(b"kept")
     few = (Candidate("halfspace", "0.28 mm", coarse(0.28)),)
-    monkeypatch.setattr("rig.cli.speed.QUICK", few)
-    monkeypatch.setattr("rig.cli.speed.QUICK_SCENES", QUICK_SCENES[:1])
+    monkeypatch.setattr("rig.cli.system.QUICK", few)
+    monkeypatch.setattr("rig.cli.system.QUICK_SCENES", QUICK_SCENES[:1])
     return tmp_path
 
 

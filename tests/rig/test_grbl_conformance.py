@@ -9,12 +9,11 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from rig.devices.stage import StageAlarm, StageError, StageRejected
-from rig.devices.stage.base import StageOverridden
-from rig.devices.stage.grbl.grbl_stage import GrblStage
-from rig.session.virtual.served_bench import ServedBench
+from rig.bench.served import ServedBench
+from rig.clock import Clock, WallClock
+from rig.devices.base import StageAlarm, StageError, StageOverridden, StageRejected
+from rig.devices.grbl import GrblStage
 from rig.transport import LineReader, LoopbackTransport, SerialTransport, Transport
-from rig.transport.clock import Clock, WallClock
 from sim.devices import SerialLine, VirtualGrbl
 from sim.devices.clock import VirtualClock
 from tests.raising import raises

@@ -5,11 +5,9 @@ from typing import Any
 
 import pytest
 
-from rig.devices.stage import Stage, StageAlarm, StageError, StageRejected, StageReset, StageStatus, StageTimeout
-from rig.devices.stage.grbl.grbl_link import ASK_TIMES
-from rig.devices.stage.grbl.grbl_settings import expected_settings
-from rig.devices.stage.grbl.grbl_stage import GrblStage
-from rig.devices.stage.grbl.grbl_words import StatusFields, is_banner, parse_status
+from rig.devices.base import Stage, StageAlarm, StageError, StageRejected, StageReset, StageStatus, StageTimeout
+from rig.devices.grbl import GrblStage
+from rig.devices.grbl_link import ASK_TIMES, StatusFields, expected_settings, is_banner, parse_status
 from rig.engine.rig_settings import RigSettings
 from sim.devices.clock import VirtualClock
 from tests.raising import raises

@@ -4,8 +4,7 @@ import math
 
 import pytest
 
-from rig.devices.stage import StageAlarm, StageError, StageReset, StageStatus
-from rig.devices.stage.base import StageOverridden
+from rig.devices.base import StageAlarm, StageError, StageOverridden, StageReset, StageStatus
 from sim.devices.clock import VirtualClock
 from tests.raising import raises
 from tests.told_board import BANNER, At, Board, at, connected

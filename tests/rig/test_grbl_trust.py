@@ -4,9 +4,8 @@ from collections.abc import Callable
 
 import pytest
 
-from rig.devices.stage import StageAlarm, StageError, StageRejected, StageReset, StageTimeout
-from rig.devices.stage.base import StageNotHomed
-from rig.devices.stage.grbl.grbl_stage import GrblStage
+from rig.devices.base import StageAlarm, StageError, StageNotHomed, StageRejected, StageReset, StageTimeout
+from rig.devices.grbl import GrblStage
 from sim.devices.clock import VirtualClock
 from tests.raising import raises
 from tests.told_board import BANNER, Board, at, connected

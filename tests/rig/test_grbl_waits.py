@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from rig.devices.stage import StageRejected, StageStatus, StageTimeout
+from rig.devices.base import StageRejected, StageStatus, StageTimeout
 from sim.devices.clock import VirtualClock
 from tests.raising import raises
 from tests.told_board import BANNER, SETTINGS, Board, at, connected

@@ -5,11 +5,9 @@ from typing import Any
 
 import pytest
 
-from rig.devices.stage import StageAlarm, StageError, StageRejected
-from rig.devices.stage.base import MoveError
-from rig.devices.stage.grbl.grbl_settings import expected_settings
-from rig.devices.stage.grbl.grbl_stage import GrblStage
-from rig.devices.stage.grbl.grbl_words import travel_s
+from rig.devices.base import MoveError, StageAlarm, StageError, StageRejected
+from rig.devices.grbl import GrblStage
+from rig.devices.grbl_link import expected_settings, travel_s
 from rig.engine.rig_settings import RigSettings
 from sim.devices.clock import VirtualClock
 from tests.raising import raises

@@ -5,13 +5,13 @@ from typing import Any
 
 import pytest
 
-from rig.devices.force.base import ForceOverload, ForceReading
-from rig.devices.units import GWT_N
-from rig.engine.by_hand import Guard
-from rig.engine.errors import LimitError
+from rig.devices.base import ForceOverload, ForceReading
 from rig.engine.motion import FeltError
 from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import NoReadingError, Sensing
+from rig.errors import LimitError
+from rig.manual.guard import Guard
+from rig.units import GWT_N
 from tests.raising import has_code, raises
 
 TOUCH_GWT, STEP_MM = 0.05, 0.05

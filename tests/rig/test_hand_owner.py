@@ -8,18 +8,16 @@ from typing import Any
 
 import pytest
 
-from rig.devices.force.base import ForceReading, ForceTimeout
-from rig.devices.stage.base import StageError, StageRejected
-from rig.devices.units import GWT_N
-from rig.engine.by_hand.bench_memory import BenchMemory
-from rig.engine.errors import LimitError
+from rig.devices.base import ForceReading, ForceTimeout, StageError, StageRejected
+from rig.engine.bench_memory import BenchMemory
 from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import Sensing, Zero
-from rig.protocol.errors import BadInputError
-from rig.session.by_hand import at_hand, hand_log
-from rig.session.by_hand.hand_log import HandLog
-from rig.session.by_hand.hand_readings import AT_A_TIME, COLUMNS, KEPT, Backlog, OverheardSensor
-from rig.transport.base import TransportError
+from rig.errors import BadInputError, LimitError
+from rig.manual import bench as at_hand
+from rig.manual import status as hand_log
+from rig.manual.status import AT_A_TIME, COLUMNS, KEPT, Backlog, HandLog, OverheardSensor
+from rig.transport.wire import TransportError
+from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from tests.raising import raises
 from tests.rig.hand_bench import APEX_MM, KINDS, HandBench, Person

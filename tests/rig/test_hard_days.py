@@ -8,17 +8,16 @@ from typing import Any
 import pytest
 
 from rig.data import RunError, read_run
-from rig.devices.force import ForceReading
-from rig.devices.stage import StageAlarm
-from rig.devices.units import GWT_N
+from rig.data.journal import JournalError
+from rig.devices.base import ForceReading, StageAlarm
 from rig.engine import LimitError, NotReadyError, RunAborted, Target, TripError, indent, verbs
 from rig.engine.engine import State
-from rig.engine.journal import JournalError
+from rig.errors import BadInputError
 from rig.plan.config import Config, load_config
 from rig.plan.plan import make_plan
-from rig.protocol.errors import BadInputError
 from rig.protocol.script import load_script
 from rig.transport import TransportError
+from rig.units import GWT_N
 from tests.raising import has_code, raises
 
 Make = Callable[..., Any]

@@ -6,13 +6,13 @@ from typing import Any
 
 import pytest
 
-from rig.devices.units import GWT_N
+from rig.bench.virtual import VirtualBench, bench_around
+from rig.data.journal import NoJournal
 from rig.engine import Engine, RunAborted, TripError, verbs
-from rig.engine.journal import NoJournal
+from rig.errors import BadInputError
 from rig.plan.config import Config, load_config
-from rig.protocol.errors import BadInputError
 from rig.session.stop_button import refuse_stop_inputs, stop_inputs_heeded
-from rig.session.virtual.virtual_bench import VirtualBench, bench_around
+from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from sim.plant import Carriage, TruePose
 from tests.raising import raises

@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 
 from rig.engine import Pause, PressId, Target
-from rig.engine.heartbeat import LOOK_S, Heartbeat
-from rig.engine.records import NO_PRESS, Touch
+from rig.engine.bench import LOOK_S, Heartbeat
+from rig.engine.limits import Stopping
 from rig.engine.rig_settings import RigSettings
-from rig.engine.stopping import Stopping
+from rig.records import NO_PRESS, Touch
 from sim.devices.clock import VirtualClock
 
 DOCS = Path(__file__).parents[2] / "docs" / "safety.md"

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from rig.engine import Hold, PressId, Target
-from rig.engine.pressing.press import Press
+from rig.engine.press import Press
 from tests.rig.plain_bench import PlainBench, pressing
 
 # What was asked for, and the force at the start of a hold, as it was read or as the mean of readings.

@@ -5,11 +5,10 @@ from typing import Any
 
 import pytest
 
-from rig.engine.by_hand import Direction
-from rig.engine.by_hand.held import FASTEST_MM_S, Held
-from rig.engine.errors import LimitError, NotReadyError
-from rig.session.by_hand.holds import AHEAD_S, HOLD_S, Hold, Holds
-from rig.session.by_hand.orders import Orders
+from rig.engine.dead_man import Direction
+from rig.errors import LimitError, NotReadyError
+from rig.manual.jog import FASTEST_MM_S, HeldWord
+from rig.manual.requests import AHEAD_S, HOLD_S, Hold, Holds, Orders
 from sim.devices.clock import VirtualClock
 from tests.raising import raises
 
@@ -35,7 +34,7 @@ def a_hold(clock: VirtualClock, ago_s: float = 0.0, **other: Any) -> Hold:
 
 
 def test_what_is_said_counts_for_so_long_from_when_it_was_so(clock: VirtualClock) -> None:
-    held = Held(clock, 0.25)
+    held = HeldWord(clock, 0.25)
     assert held() is None
     held.say(X_UP, 0.1)
     clock.wait_s(0.1499)
@@ -45,7 +44,7 @@ def test_what_is_said_counts_for_so_long_from_when_it_was_so(clock: VirtualClock
 
 
 def test_what_was_said_later_counts_on_and_another_way_counts_from_its_own_time(clock: VirtualClock) -> None:
-    held = Held(clock, 0.25)
+    held = HeldWord(clock, 0.25)
     held.say(X_UP)
     held.say(X_UP, 0.2)
     clock.wait_s(0.24)

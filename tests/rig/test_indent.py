@@ -10,8 +10,7 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
-from rig.devices.stage.base import StageError
-from rig.devices.units import GWT_N
+from rig.devices.base import StageError
 from rig.engine import (
     Engine,
     Hold,
@@ -25,12 +24,12 @@ from rig.engine import (
     verbs,
 )
 from rig.engine.engine import State
-from rig.engine.pressing.compliance import measure_compliance
-from rig.engine.pressing.indent import ready_to_indent, touch_place
-from rig.engine.pressing.pulse import pulse
-from rig.engine.pressing.reference import Reference
-from rig.engine.records import Purpose
+from rig.engine.indentation import ready_to_indent, touch_place
+from rig.engine.press import pulse
+from rig.engine.reference import Reference, measure_compliance
 from rig.engine.rig_settings import RigSettings
+from rig.records import Purpose
+from rig.units import GWT_N
 from tests.raising import raises
 from tests.rig.plain_bench import PlainBench
 

@@ -5,10 +5,9 @@ from typing import Any
 
 import pytest
 
-from rig.devices.stage import StageError
-from rig.devices.stage.base import LOOK_S, StageHeld, StageOverridden, arrive, is_held
-from rig.devices.stage.grbl.grbl_stage import GrblStage
-from rig.engine.by_hand.dead_man import SLICE_S, Direction, dead_man_jog
+from rig.devices.base import LOOK_S, StageError, StageHeld, StageOverridden, arrive, is_held
+from rig.devices.grbl import GrblStage
+from rig.engine.dead_man import SLICE_S, Direction, dead_man_jog
 from rig.transport import LoopbackTransport
 from sim.devices import SerialLine, VirtualGrbl
 from sim.devices.clock import VirtualClock

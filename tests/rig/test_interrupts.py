@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.cli.interrupts import STOP_SIGNAL, Pause, asked_to_leave, at_a_safe_point, at_once
+from rig.cli.signals import STOP_SIGNAL, Pause, asked_to_leave, at_a_safe_point, at_once
 
 if STOP_SIGNAL is None:
     pytest.skip("only where there are signals", allow_module_level=True)
@@ -194,8 +194,8 @@ def test_where_terminals_send_no_signal_ctrl_c_works_all_the_same(
     enter: Callable[[], AbstractContextManager[object]], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Windows has neither SIGHUP nor what `rig stop` sends."""
-    monkeypatch.setattr("rig.cli.interrupts._HANG_UP", None)
-    monkeypatch.setattr("rig.cli.interrupts.STOP_SIGNAL", None)
+    monkeypatch.setattr("rig.cli.signals._HANG_UP", None)
+    monkeypatch.setattr("rig.cli.signals.STOP_SIGNAL", None)
     with enter() as pause:
         if isinstance(pause, Pause):
             signal.raise_signal(signal.SIGINT)

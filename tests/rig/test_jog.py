@@ -6,10 +6,10 @@ from typing import Any
 import pytest
 
 from rig.cli.jog import RELEASED_S, HeldKey, way
-from rig.devices.stage import StageRejected, StageStatus
-from rig.devices.stage.grbl.grbl_stage import GrblStage
-from rig.engine.by_hand.dead_man import SLICE_S, Direction, dead_man_jog
-from rig.protocol.errors import BadInputError
+from rig.devices.base import StageRejected, StageStatus
+from rig.devices.grbl import GrblStage
+from rig.engine.dead_man import SLICE_S, Direction, dead_man_jog
+from rig.errors import BadInputError
 from rig.transport import LoopbackTransport, TransportError
 from sim.devices import SerialLine, VirtualGrbl
 from sim.devices.clock import VirtualClock

@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
+from rig.data.journal import Journal, JournalError, read_journal
+from rig.data.schema import STREAMS
 from rig.engine import LimitError, NotReadyError, RunAborted, TripError
-from rig.engine.journal import Journal, JournalError, read_journal
-from rig.engine.streams import STREAMS
 from sim.devices.clock import VirtualClock
 from tests.raising import raises
 
@@ -36,7 +36,7 @@ def _write(path: Path, clock: VirtualClock, **options: Any) -> None:
 def test_what_is_virtual_is_in_the_file_and_waits_for_no_disk(
     path: Path, clock: VirtualClock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rig.engine.journal.os.fsync", lambda fd: pytest.fail("a disk was waited for"))
+    monkeypatch.setattr("rig.data.journal.os.fsync", lambda fd: pytest.fail("a disk was waited for"))
     with Journal(path, clock, SOME, virtual=True) as journal:
         lines = []
         for write in _calls(journal):
@@ -69,7 +69,7 @@ def test_every_document_is_on_disk_before_the_call_returns(
         fsync(fd)
         done.append(("fsync", path.read_bytes().count(b"\n")))
 
-    monkeypatch.setattr("rig.engine.journal.os.fsync", noted)
+    monkeypatch.setattr("rig.data.journal.os.fsync", noted)
 
     def seen(stream: str, data: object) -> None:
         done.append((f"seen {stream}", path.read_bytes().count(b"\n")))

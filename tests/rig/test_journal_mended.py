@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from rig.data.journal import Journal, JournalError, mend_journal, read_journal
 from rig.engine import RecordError
-from rig.engine.journal import Journal, JournalError, mend_journal, read_journal
 from sim.devices.clock import VirtualClock
 from tests.raising import raises
 
@@ -27,7 +27,7 @@ def path(tmp_path: Path) -> Path:
 def synced(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     """Each flush to the disk; none is made."""
     done: list[int] = []
-    monkeypatch.setattr("rig.engine.journal.os.fsync", done.append)
+    monkeypatch.setattr("rig.data.journal.os.fsync", done.append)
     return done
 
 
@@ -136,7 +136,7 @@ def _full(after: int) -> Callable[[int], None]:
 def test_a_full_disk_keeps_whole_lines_and_what_comes_after_it(
     path: Path, clock: VirtualClock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rig.engine.journal.os.fsync", _full(after=3))
+    monkeypatch.setattr("rig.data.journal.os.fsync", _full(after=3))
     with Journal(path, clock, SOME) as journal:
         journal.start({})
         journal.event("note", {"text": "a"})
@@ -160,7 +160,7 @@ def test_an_error_without_words_from_the_system_is_told_in_its_own(
         raise OSError("the disk is gone")
 
     with Journal(path, clock, SOME) as journal:
-        monkeypatch.setattr("rig.engine.journal.os.fsync", broken)
+        monkeypatch.setattr("rig.data.journal.os.fsync", broken)
         with raises(RecordError, "cannot_be_written", path=str(path), error="the disk is gone"):
             journal.start({})
     assert path.read_bytes() == b""

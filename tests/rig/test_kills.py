@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from rig.data import read_run
-from rig.transport.loopback import LoopbackTransport
+from rig.transport.wire import LoopbackTransport
 from sim.devices.clock import VirtualClock
 from sim.devices.line import SerialLine
 from sim.models.fingertip import Fingertip

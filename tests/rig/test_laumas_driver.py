@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
-from rig.devices.force import ForceBroken, ForceBusy, ForceError, ForceOverload, ForceReading, ForceUnderload
-from rig.devices.force.laumas.laumas_force import COMMAND, IDENTITY, STATUS, LaumasForce
-from rig.devices.force.laumas.laumas_settings import LaumasSettings
+from rig.devices.base import ForceBroken, ForceBusy, ForceError, ForceOverload, ForceReading, ForceUnderload
+from rig.devices.laumas import COMMAND, IDENTITY, STATUS, LaumasForce
+from rig.settings import LaumasSettings
 from rig.transport.modbus import ModbusMaster
 from sim.devices.clock import VirtualClock
 from tests.raising import raises

@@ -8,11 +8,10 @@ from typing import Any
 
 import pytest
 
-from rig.devices.stage import StageError, StageTimeout
-from rig.devices.stage.leadshine.leadshine_drive import LeadshineDrive
-from rig.devices.stage.leadshine.leadshine_settings import DriveSettings
-from rig.devices.stage.leadshine.leadshine_stage import LeadshineStage
-from rig.devices.stage.leadshine.leadshine_words import Status
+from rig.devices.base import StageError, StageTimeout
+from rig.devices.leadshine import LeadshineStage
+from rig.devices.leadshine_drive import LeadshineDrive, Status
+from rig.settings import DriveSettings
 from rig.transport.modbus import ModbusRefused
 from sim.devices.clock import VirtualClock
 from tests.drives_as_registers import CONTROL, HOME, HOMED, RUN_PR0, RUNNING, STATUS, TRIGGER, Bus, X, Z, homed_stage

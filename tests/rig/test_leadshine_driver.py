@@ -7,12 +7,11 @@ from typing import Any
 
 import pytest
 
+from rig.devices.base import StageAlarm, StageError, StageNotHomed, StageStatus, StageTimeout
 from rig.devices.bench_settings import SyncSettings
-from rig.devices.stage import StageAlarm, StageError, StageStatus, StageTimeout
-from rig.devices.stage.base import StageNotHomed
-from rig.devices.stage.leadshine.leadshine_drive import LeadshineDrive
-from rig.devices.stage.leadshine.leadshine_settings import DriveSettings
-from rig.devices.stage.leadshine.leadshine_stage import LeadshineStage
+from rig.devices.leadshine import LeadshineStage
+from rig.devices.leadshine_drive import LeadshineDrive
+from rig.settings import DriveSettings
 from rig.transport.modbus import ModbusMaster
 from sim.devices.clock import VirtualClock
 from tests.raising import raises

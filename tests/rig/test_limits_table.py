@@ -11,13 +11,12 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from rig.devices.bench_settings import SLOWEST_MM_S
-from rig.devices.units import GWT_N
-from rig.engine.errors import LimitError
 from rig.engine.limits import ContactTime, Trips, refuse_height
 from rig.engine.rig_settings import RigSettings
+from rig.errors import BadInputError, LimitError
 from rig.plan.config import Config
 from rig.protocol import Rig
-from rig.protocol.errors import BadInputError
+from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from tests.config_keys import TABLE, Key
 from tests.rig.walked import StandIn, ready, walked

@@ -10,7 +10,7 @@ import pytest
 from rig.errors import RigError
 from rig.line_file import LineFile, LostFileError
 from rig.transport import NotOwnedError, PortOwner
-from rig.transport.machine_lock import LockHeldError
+from rig.transport.ownership import LockHeldError
 from tests.raising import raises
 
 

@@ -6,11 +6,10 @@ from typing import Any
 
 import pytest
 
-import rig.data.listed_journal as listed_journal
-from rig.data.listed_journal import listed_documents
-from rig.data.reader import read_run
-from rig.data.summary import LISTED, _holds, summarised, summary_of
-from rig.engine.journal import JournalError, read_journal
+import rig.data.journal as listed_journal
+from rig.data.journal import JournalError, listed_documents, read_journal
+from rig.data.run import read_run
+from rig.data.tables import LISTED, _holds, summarised, summary_of
 from tests.raising import raises
 
 OLD = Path(__file__).parents[1] / "data" / "runs_of_0_1"

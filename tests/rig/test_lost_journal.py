@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 
 import rig.session.session as sessions
+from rig.bench.virtual import virtual_bench
+from rig.control.stop import StageInHand
 from rig.data import read_run
 from rig.engine import Journal
-from rig.session.control.stage_in_hand import StageInHand
-from rig.session.virtual.virtual_bench import virtual_bench
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
 from tests.program import Ended, Program

@@ -13,13 +13,12 @@ from PIL import Image
 
 from rig.cli import main
 from rig.data import RunFolder, read_run
+from rig.errors import BadInputError
 from rig.plan.config import Config, load_config
+from rig.plan.finger_model import copy_name, from_copy, kept_in, named_file, responses
 from rig.plan.plan import make_plan
-from rig.plan.responses import responses
-from rig.plan.shape_files import copy_name, from_copy, kept_in, named_file
-from rig.protocol.errors import BadInputError
 from rig.protocol.script import load_script
-from rig.report.run.contact_picture import contacts_from_below, is_relief
+from rig.report.run_figures import contacts_from_below, is_relief
 from sim.contact.patch import X, Z
 from sim.contact.shapes import parse_shape
 from sim.models.catalogue import load

@@ -11,10 +11,10 @@ from typing import Any
 
 import pytest
 
-from rig.devices.stage.base import StageError
-from rig.devices.units import GWT_N
+from rig.devices.base import StageError
 from rig.engine import EngineError, TripError, indent, verbs
 from rig.session.ending import Whereabouts
+from rig.units import GWT_N
 from studies.faults.catalogue import COARSE_SCREW, GRBL, MODBUS, SCREW
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, TARGET, FaultyBench
 from studies.faults.outcomes import bound_gwt

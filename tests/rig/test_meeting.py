@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-import rig.session.meeting.meeting as course
-from rig.cli.meeting_said import (
+import rig.identify.procedure as course
+from rig.bench.virtual import bench_around
+from rig.cli.identify import (
     force_rows,
     number_rows,
     page_lines,
@@ -24,22 +25,19 @@ from rig.cli.meeting_said import (
     scope_of,
 )
 from rig.data import RunFolder, read_run
-from rig.devices.units import GWT_N
-from rig.engine.errors import LimitError, TripError
+from rig.data.folder import MEETING_PAGE
+from rig.errors import LimitError, TripError
+from rig.identify.meeting_script import MeetingScript
+from rig.identify.press_record import given_press
+from rig.identify.procedure import Meeting, Wanted, felt_surely
+from rig.identify.result import CELL_NOISE_GWT, finger_file, truth_of, with_stranger
 from rig.plan.config import Config, VirtualSettings
-from rig.plan.met.finger_file import read_finger_file
+from rig.plan.finger_file import read_finger_file
 from rig.plan.plan import Plan
 from rig.protocol.api import Rig
-from rig.report.meeting_page import Met, write_meeting_page
-from rig.session.attendant import Nobody
-from rig.session.meeting import MEETING_PAGE
-from rig.session.meeting.journalled_press import given_press
-from rig.session.meeting.meeting import Meeting, Wanted, felt_surely
-from rig.session.meeting.meeting_script import MeetingScript
-from rig.session.meeting.stranger import CELL_NOISE_GWT, truth_of, with_stranger
-from rig.session.meeting.written_finger import finger_file
-from rig.session.session import FinishedRun, NewRun, Session, run_on
-from rig.session.virtual.virtual_bench import bench_around
+from rig.report.identification_page import Met, write_meeting_page
+from rig.session.session import FinishedRun, NewRun, Nobody, Session, run_on
+from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from sim.identification.bands import standard_deviations
 from sim.identification.design import PressAt

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import sim.identification.forward as foreseen_module
-from rig.cli.meeting_said import USUAL_GOALS, scope_of
-from rig.session.meeting.meeting import Wanted
+from rig.cli.identify import USUAL_GOALS, scope_of
+from rig.identify.procedure import Wanted
 from sim.config import FingertipConfig
 from sim.identification.forward import Foreseen
 from sim.identification.prior import Prior

@@ -9,14 +9,13 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel, ValidationError
 
-import rig.plan.patience as patience
+import rig.protocol.handlers as patience
+from rig.bench.checks import bench_problems
 from rig.cli import main
-from rig.plan.config import Config, load_config
-from rig.plan.config_keys import keys
+from rig.errors import BadInputError, first_problem
+from rig.plan.config import Config, keys, load_config
 from rig.plan.plan import make_plan
-from rig.protocol.errors import BadInputError, first_problem
 from rig.protocol.script import load_script
-from rig.session.bench_problems import bench_problems
 from sim.models.fingertip import Fingertip
 
 READY = "rig.mount('bar:3.0'); rig.home(); rig.zero(); rig.move_to(x_mm=0.0)"

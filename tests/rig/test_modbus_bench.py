@@ -9,20 +9,19 @@ from typing import Any
 
 import pytest
 
+from rig.bench.virtual import virtual_force, virtual_stage
+from rig.data.schema import STREAMS
+from rig.devices.base import StageAlarm, StageError, StageNotHomed, StageTimeout
 from rig.devices.drivers import force_driver, stage_driver
-from rig.devices.force.laumas.laumas_force import LaumasForce
-from rig.devices.stage import StageAlarm, StageError, StageTimeout
-from rig.devices.stage.base import StageNotHomed
-from rig.devices.stage.leadshine.leadshine_stage import LeadshineStage
-from rig.devices.units import GWT_N
+from rig.devices.laumas import LaumasForce
+from rig.devices.leadshine import LeadshineStage
 from rig.engine import Engine, Journal, Target, TripError, indent, verbs
 from rig.engine.bench import NO_PAUSE
-from rig.engine.by_hand.dead_man import Direction, dead_man_jog
+from rig.engine.dead_man import Direction, dead_man_jog
 from rig.engine.engine import State
-from rig.engine.streams import STREAMS
 from rig.plan.config import Config
-from rig.session.virtual.twins import virtual_force, virtual_stage
 from rig.transport import LoggedTransport, LoopbackTransport, TransportError
+from rig.units import GWT_N
 from sim.devices import Load, ModbusBus, SerialLine, VirtualDrive
 from sim.devices.clock import VirtualClock
 from sim.devices.leadshine import DrivePair
@@ -103,7 +102,7 @@ class Bench:
 
 @pytest.fixture
 def make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Make]:
-    monkeypatch.setattr("rig.engine.journal.os.fsync", lambda fd: None)
+    monkeypatch.setattr("rig.data.journal.os.fsync", lambda fd: None)
     made: list[Bench] = []
 
     def bench(**options: Any) -> Bench:

@@ -14,11 +14,11 @@ from typing import Any
 import pytest
 import serial
 
+from rig.bench.served import ServedBench
+from rig.clock import WallClock
 from rig.devices.drivers import open_force, open_stage
-from rig.devices.units import GWT_N
 from rig.plan.config import Config
-from rig.session.virtual.served_bench import ServedBench
-from rig.transport.clock import WallClock
+from rig.units import GWT_N
 from sim.models.fingertip import Fingertip
 from tests.waiting import DEADLINE_S, until
 

@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from rig.settings import Framing
 from rig.transport import LoopbackTransport
 from rig.transport.modbus import ModbusError, ModbusMaster
-from rig.transport.port_settings import Framing
 from sim.devices import Load, ModbusBus, SerialLine, VirtualDrive, VirtualLaumas
 from sim.devices.clock import VirtualClock
 from tests.raising import has_code

@@ -11,12 +11,11 @@ from typing import Any
 
 import pytest
 
-from rig.devices.stage.base import StageHeld, StageNotHomed, StageStatus
-from rig.engine.errors import TripError
+from rig.devices.base import StageHeld, StageNotHomed, StageStatus
 from rig.engine.motion import FeltError, Motion, StrayedError
 from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import NoReadingError
-from rig.errors import recast
+from rig.errors import TripError, recast
 from sim.devices.clock import VirtualClock
 from tests.raising import has_code, raises
 from tests.told import ToldStage

@@ -5,8 +5,8 @@ from typing import Any
 
 import pytest
 
-from rig.devices.force import ForceBusy, ForceError, ForceOverload, ForceTimeout, ForceUnderload
-from rig.devices.force.mtsics.mtsics_force import MtSicsForce
+from rig.devices.base import ForceBusy, ForceError, ForceOverload, ForceTimeout, ForceUnderload
+from rig.devices.mtsics import MtSicsForce
 from sim.devices.clock import VirtualClock
 from tests.raising import raises
 

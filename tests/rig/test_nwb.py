@@ -13,8 +13,8 @@ from rig.compare.errors import RecordingError
 from rig.compare.recordings.spikes import read_spike_times
 from rig.data import NwbMissingError, Run, export_nwb, read_run
 from rig.data.folder import RunFolder
-from rig.devices.units import GWT_N
 from rig.engine import Target, indent, verbs
+from rig.units import GWT_N
 from tests.raising import raises
 
 pynwb: Any = pytest.importorskip("pynwb", reason="needs pynwb: pip install 'indentation-rig[nwb]'")

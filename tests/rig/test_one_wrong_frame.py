@@ -9,10 +9,10 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from rig.devices.stage.base import StageError
-from rig.devices.stage.leadshine.leadshine_drive import LeadshineDrive
-from rig.devices.stage.leadshine.leadshine_stage import LeadshineStage
-from rig.transport.port_settings import Framing
+from rig.devices.base import StageError
+from rig.devices.leadshine import LeadshineStage
+from rig.devices.leadshine_drive import LeadshineDrive
+from rig.settings import Framing
 from sim.devices import VirtualDrive
 from studies.faults.drive_frames import MOTIONS, Bench, Fault, faults, wrong
 

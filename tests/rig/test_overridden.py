@@ -5,11 +5,11 @@ from typing import Any
 
 import pytest
 
-from rig.devices.stage.base import StageOverridden
+from rig.devices.base import StageOverridden
 from rig.engine import Target, TripError, indent, verbs
-from rig.engine.by_hand import Moved
 from rig.engine.engine import Engine, State
 from rig.engine.motion import FeltError, insist
+from rig.manual.jog import Moved
 from tests.rig.test_by_hand import AtHand
 from tests.rig.test_watched_moves import GRBL, Watched
 

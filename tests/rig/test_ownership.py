@@ -14,10 +14,16 @@ from typing import Any
 
 import pytest
 
-from rig.transport import TransportError, identity, open_port, port_owner
-from rig.transport.identity import identities
-from rig.transport.machine_lock import FOLDERS, MachineLock, PortOwner, lock_owner
-from rig.transport.ownership import NotOwnedError, PortOwnership
+from rig.transport import TransportError, open_port, ownership, port_owner
+from rig.transport.ownership import (
+    FOLDERS,
+    MachineLock,
+    NotOwnedError,
+    PortOwner,
+    PortOwnership,
+    identities,
+    lock_owner,
+)
 from tests.raising import raises
 
 pty = pytest.importorskip("pty", reason="needs pseudo-terminals")
@@ -195,9 +201,9 @@ def test_other_machines_and_other_numbers_are_other_ports() -> None:
 
 
 def test_all_addresses_of_this_machine_are_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert identity._is_here(socket.AF_INET, ("127.0.0.1", 9))
-    assert not identity._is_here(socket.AF_INET, ("192.0.2.7", 9))
-    monkeypatch.setattr(identity, "_is_here", lambda family, address: address[0] == "192.0.2.7")
+    assert ownership._is_here(socket.AF_INET, ("127.0.0.1", 9))
+    assert not ownership._is_here(socket.AF_INET, ("192.0.2.7", 9))
+    monkeypatch.setattr(ownership, "_is_here", lambda family, address: address[0] == "192.0.2.7")
     assert identities("tcp://192.0.2.7:5") == identities("tcp://127.0.0.1:5") != identities("tcp://192.0.2.8:5")
 
 

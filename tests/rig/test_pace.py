@@ -2,7 +2,7 @@
 
 import pytest
 
-from rig.engine.by_hand.pace import Pace
+from rig.engine.dead_man import Pace
 
 STEP_MM, LOOK_S, HEARD_S = 0.0025, 0.02, 0.005
 

@@ -10,15 +10,15 @@ from typing import Any
 
 import pytest
 
-import rig.cli.carrying_out as carrying_out
-import rig.cli.confirming as confirming
-import rig.cli.run_owner as run_owner
+import rig.cli.confirm as confirming
+import rig.cli.execution as carrying_out
+import rig.cli.execution as run_owner
 import rig.session.session as sessions
-from rig.devices.units import GWT_N
+from rig.bench.virtual import VirtualBench, virtual_bench
+from rig.control.stop import StageInHand
 from rig.errors import code_of
-from rig.session.control.stage_in_hand import StageInHand
-from rig.session.virtual.virtual_bench import VirtualBench, virtual_bench
 from rig.transport import TransportError
+from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
@@ -286,7 +286,7 @@ def test_a_resume_and_a_dry_run_that_are_refused_say_so_too(rig: Run, tmp_path: 
 def test_what_fails_after_it_began_does_not_say_that_nothing_was_moved(
     rig: Run, opened: list[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rig.cli.carrying_out.make_report", _raising(ModelRangeError("no such force")))
+    monkeypatch.setattr("rig.cli.execution.make_report", _raising(ModelRangeError("no such force")))
     ended = rig(*RUN, "--yes", "--json")
     assert (ended.code, len(opened)) == (2, 1)
     told = json.loads(ended.out)

@@ -11,17 +11,16 @@ from pathlib import Path
 
 import pytest
 
-import rig.plan.patience as patience
+import rig.protocol.handlers as patience
 from rig.engine import ScriptError
+from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
 from rig.plan.plan import make_plan
-from rig.protocol.errors import BadInputError
 from rig.protocol.script import Script, load_script
-from rig.session.attendant import Nobody
-from rig.session.rehearsal import rehearsed
+from rig.session.rehearse import rehearsed
 from rig.session.resume import read_stopped
-from rig.session.session import FinishedRun, NewRun, Session, dry_run
+from rig.session.session import FinishedRun, NewRun, Nobody, Session, dry_run
 from sim.models.fingertip import Fingertip
 from tests.raising import has_code, raises
 from tests.waiting import until

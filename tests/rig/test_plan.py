@@ -6,14 +6,13 @@ from typing import Any
 
 import pytest
 
-from rig.engine.records import Target
+from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
 from rig.plan.plan import Plan, make_plan
-from rig.protocol.errors import BadInputError
-from rig.protocol.planned import PlannedIndentation
+from rig.protocol.check import NoPredictionError
 from rig.protocol.script import load_script
-from rig.protocol.walk import NoPredictionError
+from rig.records import PlannedIndentation, Target
 from sim.contact.shapes import ShapeError
 from sim.models.fingertip import Fingertip
 from tests.raising import raises

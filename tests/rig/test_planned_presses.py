@@ -6,15 +6,14 @@ from typing import Any
 import pytest
 
 from rig.engine import EngineError
-from rig.engine.pressing.reference import Reference as Comparison
-from rig.engine.records import Hold, Indentation, PressId, Target
+from rig.engine.reference import Reference as Comparison
 from rig.engine.rig_settings import RigSettings
 from rig.protocol import Rig
 from rig.protocol.api import ProtocolParameters
-from rig.protocol.planned import PlannedIndentation
+from rig.protocol.check import Spot, Walk
 from rig.protocol.steps import Precondition, Reference
-from rig.protocol.walk import Spot, Walk
-from rig.session.live import Live
+from rig.records import Hold, Indentation, PlannedIndentation, PressId, Target
+from rig.session.execute import Live
 from tests.rig.walked import StandIn, Walked, ready, walked
 
 Make = Callable[..., Any]

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from rig.engine import LimitError, Target, TripError, indent
-from rig.engine.pressing.press import Press
+from rig.engine.press import Press
 from rig.engine.rig_settings import RigSettings
 from tests.raising import has_code, raises
 from tests.rig.plain_bench import PlainBench, pressing, shows

@@ -10,20 +10,20 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+import rig.cli.monitor as shown
 import rig.cli.output as output
-import rig.cli.progress as shown
 import rig.cli.study as study_command
 import rig.session.session as sessions
+from rig.bench.virtual import VirtualBench, virtual_bench
 from rig.cli import main
-from rig.cli.carrying_out import time_left
-from rig.cli.progress import Indentations, counted, progress
+from rig.cli.execution import time_left
+from rig.cli.monitor import Indentations, counted, progress
+from rig.control.stop import StageInHand
+from rig.data.run_state import TimeLeft
 from rig.engine import TripError
 from rig.plan.config import Config
-from rig.plan.timeline import TimeLeft
-from rig.session.control.stage_in_hand import StageInHand
-from rig.session.page import Page
-from rig.session.rehearsal import Rehearsed
-from rig.session.virtual.virtual_bench import VirtualBench, virtual_bench
+from rig.session.preflight import Page
+from rig.session.rehearse import Rehearsed
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
 from tests.sim.coarse import as_toml, coarse_mesh

@@ -10,10 +10,9 @@ from typing import Any
 
 import pytest
 
-from rig.devices.force.base import ForceReading
-from rig.devices.stage.base import StageOverridden
-from rig.devices.units import GWT_N
+from rig.devices.base import ForceReading, StageOverridden
 from rig.engine.sensing import Zero
+from rig.units import GWT_N
 from tests.rig.hand_bench import APEX_MM, KINDS, STOPS, HandBench, Person
 
 Make = Callable[..., HandBench]

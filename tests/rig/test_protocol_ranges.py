@@ -5,8 +5,8 @@ from unittest.mock import MagicMock, call
 
 import pytest
 
+from rig.errors import BadInputError
 from rig.protocol import RangeParameters, about_the_centre
-from rig.protocol.errors import BadInputError
 from rig.protocol.script import load_script
 from tests.raising import raises
 

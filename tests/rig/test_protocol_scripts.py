@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import Plan, make_plan
-from rig.protocol.errors import BadInputError
 from rig.protocol.script import Script, load_script, script_with
 from sim.config import FingertipConfig, MeshSpec
 from sim.models.fingertip import Fingertip

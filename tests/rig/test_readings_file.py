@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from rig.cli.readings_file import FEWEST, MOST, GivenReadings, pa_per_pseudo, read_readings
-from rig.protocol.errors import BadInputError
+from rig.errors import BadInputError
 from sim.config import FingertipConfig
 from tests.raising import raises
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rig.cli.options import numbers
-from rig.protocol.errors import BadInputError
+from rig.errors import BadInputError
 from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
 from tests.program import Program

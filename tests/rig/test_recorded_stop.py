@@ -8,16 +8,15 @@ from typing import Any
 import pytest
 
 from rig.data import RunFolder, read_run
-from rig.data.summary import state_of, summary_of
-from rig.engine.journal import add_to_end, read_journal
+from rig.data.journal import add_to_end, read_journal
+from rig.data.tables import state_of, summary_of
+from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
-from rig.protocol.errors import BadInputError
 from rig.protocol.script import Script, load_script
-from rig.session.control.recorded_stop import record_after, record_before
 from rig.session.ending import Whereabouts
 from rig.session.resume import ending_on_record, read_stopped
-from rig.session.session import NewRun, Session, dry_run
+from rig.session.session import NewRun, Session, dry_run, record_after, record_before
 from sim.models.fingertip import Fingertip
 from tests.raising import raises
 

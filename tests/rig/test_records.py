@@ -5,13 +5,13 @@ from typing import Any
 
 import pytest
 
+from rig.data.schema import STREAMS
 from rig.engine import Pause, Target, indent
-from rig.engine.errors import PressPaused
-from rig.engine.pressing.compliance import measure_compliance
-from rig.engine.pressing.indent import touch_place
-from rig.engine.records import as_fine
-from rig.engine.streams import STREAMS
+from rig.engine.indentation import touch_place
+from rig.engine.reference import measure_compliance
 from rig.engine.verbs import unpaused
+from rig.errors import PressPaused
+from rig.records import as_fine
 from tests.told import Told
 
 Make = Callable[..., Any]

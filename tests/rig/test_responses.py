@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.plan.responses import by_group, measured, responses
+from rig.plan.finger_model import by_group, measured, responses
 from sim.contact.indentor import Indentor
 
 

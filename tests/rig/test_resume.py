@@ -13,12 +13,12 @@ from typing import Any
 import pytest
 
 from rig.data import FolderBusyError, RunFolder, read_run
+from rig.data.journal import Journal, mend_journal, read_journal
 from rig.engine import RecordError, Target, TripError, indent
 from rig.engine.bench import Pause
-from rig.engine.journal import Journal, mend_journal, read_journal
+from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
-from rig.protocol.errors import BadInputError
 from rig.protocol.script import Script, load_script
 from rig.session.resume import StoppedRun, read_stopped
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
@@ -294,7 +294,7 @@ def test_a_full_disk_lifts_and_leaves_whole_lines(spring: Make, monkeypatch: pyt
         raise OSError(28, "No space left on device")
 
     bench.on_event = lambda stream, data: (
-        monkeypatch.setattr("rig.engine.journal.os.fsync", full) if data.get("phase") == "press" else None
+        monkeypatch.setattr("rig.data.journal.os.fsync", full) if data.get("phase") == "press" else None
     )
     full_disk = {"path": str(bench.journal_path), "error": "No space left on device"}
     with raises(RecordError, "cannot_be_written", **full_disk):
@@ -312,7 +312,7 @@ def test_a_trip_on_a_full_disk_is_still_a_trip(spring: Make, monkeypatch: pytest
         raise OSError(28, "No space left on device")
 
     bench.on_event = lambda stream, data: (
-        monkeypatch.setattr("rig.engine.journal.os.fsync", full) if data.get("force_gwt", 0.0) > 2.0 else None
+        monkeypatch.setattr("rig.data.journal.os.fsync", full) if data.get("force_gwt", 0.0) > 2.0 else None
     )
     with pytest.raises(TripError):
         indent(engine, Target("force_gwt", 2.0), hold_s=0.2)

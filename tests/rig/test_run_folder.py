@@ -14,12 +14,12 @@ import pytest
 
 from rig.data import RunError, RunFolder, export_run, new_run_folder, read_run
 from rig.data.folder import UnwritableError
-from rig.data.run_tables import OF_THE_PRESS
+from rig.data.journal import JournalError
+from rig.data.schema import PRESS_STREAMS, STREAMS
+from rig.data.tables import OF_THE_PRESS
 from rig.engine import Target, indent, verbs
-from rig.engine.journal import JournalError
-from rig.engine.streams import PRESS_STREAMS, STREAMS
 from rig.plan.config import Config
-from rig.report.run.run_report import write_report
+from rig.report.run_report import write_report
 from sim.models.fingertip import Fingertip
 from tests.raising import raises
 

@@ -13,19 +13,18 @@ from typing import Any
 
 import pytest
 
-import rig.cli.interrupts as interrupts
-import rig.cli.run_owner as owning_module
-from rig.cli.interrupts import STOP_SIGNAL, Pause, at_a_safe_point, interrupt_main, stoppable
-from rig.cli.run_owner import Owner, owning
+import rig.cli.execution as owning_module
+import rig.cli.signals as interrupts
+from rig.cli.execution import Owner, owning
+from rig.cli.signals import STOP_SIGNAL, Pause, at_a_safe_point, interrupt_main, stoppable
+from rig.clock import WallClock
+from rig.control.client import RefusedError, announced
+from rig.control.server import ControlSocket
+from rig.control.stop import EndedError, StageInHand, StopSwitch
 from rig.data import RunFolder
 from rig.plan.config import Config
-from rig.session.control.announcements import RefusedError, announced
-from rig.session.control.control_socket import ControlSocket
-from rig.session.control.stage_in_hand import StageInHand
-from rig.session.control.stop_switch import EndedError, StopSwitch
 from rig.session.session import NewRun
 from rig.transport import TransportError
-from rig.transport.clock import WallClock
 from tests.waiting import DEADLINE_S, until
 
 if STOP_SIGNAL is None:

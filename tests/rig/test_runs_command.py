@@ -16,13 +16,13 @@ from typing import Any
 
 import pytest
 
-import rig.data.run_index as run_index
+import rig.data.index as run_index
 from rig.cli.runs import Wanted, _line
 from rig.data.folder import RunFolder
-from rig.data.reader import read_run
-from rig.data.run_index import INDEX, Entry, listed
-from rig.data.summary import HOLD_COLUMNS, RUN_COLUMNS, Row, Summary, summarised
-from rig.engine.journal import JournalError, mend_journal, read_journal
+from rig.data.index import INDEX, Entry, listed
+from rig.data.journal import JournalError, mend_journal, read_journal
+from rig.data.run import read_run
+from rig.data.tables import HOLD_COLUMNS, RUN_COLUMNS, Row, Summary, summarised
 from tests.program import Program
 from tests.raising import raises
 from tests.waiting import DEADLINE_S
@@ -448,7 +448,7 @@ def test_an_index_that_cannot_be_written_is_done_without(runs: Path, monkeypatch
     (runs / INDEX).rmdir()
     listed(runs)
     shutil.copytree(runs / "complete", runs / "copied")
-    monkeypatch.setattr("rig.data.run_index._BUSY_S", 0.0)
+    monkeypatch.setattr("rig.data.index._BUSY_S", 0.0)
     with closing(sqlite3.connect(runs / INDEX)) as held:
         held.execute("BEGIN EXCLUSIVE")
         assert sorted(names(listed(runs))) == sorted([*NAMES, "copied"])

@@ -6,13 +6,13 @@ from typing import Any
 
 import pytest
 
-from rig.devices.units import GWT_N
+from rig.clock import WallClock
 from rig.engine import EngineError, NotReadyError, Target, TripError, indent, verbs
+from rig.engine.bench import Heartbeat, looked_after
 from rig.engine.engine import State
-from rig.engine.heartbeat import Heartbeat, looked_after
+from rig.engine.limits import Stopping
 from rig.engine.rig_settings import RigSettings
-from rig.engine.stopping import Stopping
-from rig.transport.clock import WallClock
+from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from tests.raising import raises
 from tests.waiting import DEADLINE_S, until

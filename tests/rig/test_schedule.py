@@ -11,21 +11,21 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+from rig.bench.checks import checked_subject
 from rig.cli import main
 from rig.data import read_run
 from rig.engine import LimitError, NotReadyError, PressId, RunAborted, Target, TripError, indent, verbs
 from rig.engine.engine import State
 from rig.engine.rig_settings import RigSettings
+from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol import ReferencePress, Rig, Schedule, ScheduledParameters
-from rig.protocol.errors import BadInputError
 from rig.protocol.script import load_script
 from rig.protocol.steps import Checkpoint, Mount, MoveTo, Note, Reference, Rest, Step, Zero
 from rig.session.preflight import preflight
 from rig.session.resume import read_stopped
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
-from rig.session.subject import checked_subject
 from sim.models.fingertip import Fingertip
 from tests.raising import raises
 from tests.rig.walked import walked

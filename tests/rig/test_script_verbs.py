@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from rig.engine.records import PressId
 from rig.protocol import Field, Rig
 from rig.protocol.api import ProtocolParameters
 from rig.protocol.steps import (
@@ -25,6 +24,7 @@ from rig.protocol.steps import (
     Touch,
     Zero,
 )
+from rig.records import PressId
 from tests.raising import has_code
 from tests.rig.walked import Walked, ready, refused, walked
 

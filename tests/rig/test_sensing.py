@@ -5,11 +5,11 @@ from typing import Any
 
 import pytest
 
-from rig.devices.force.base import ForceBroken, ForceBusy, ForceOverload, ForceReading, ForceTimeout, ForceUnderload
-from rig.devices.units import GWT_N
+from rig.devices.base import ForceBroken, ForceBusy, ForceOverload, ForceReading, ForceTimeout, ForceUnderload
 from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import NoReadingError, Sensing, read
-from rig.transport.base import TransportError
+from rig.transport.wire import TransportError
+from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from tests.raising import raises
 from tests.told import ToldSensor, raising

@@ -7,13 +7,12 @@ from typing import Any
 
 import pytest
 
+from rig.bench.served import ServedBench
 from rig.cli import main
-from rig.compare.parameter_study.cases import read_study
-from rig.compare.parameter_study.errors import StudyError
-from rig.engine.records import Target
+from rig.compare.parameter_study import StudyError, read_study
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
-from rig.session.virtual.served_bench import ServedBench
+from rig.records import Target
 from sim.contact.shapes import ShapeError, parse_shape, shape_name
 from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip

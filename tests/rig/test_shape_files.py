@@ -8,8 +8,7 @@ from typing import Any
 import pytest
 
 from rig.data import RunFolder, read_run
-from rig.plan.responses import responses
-from rig.plan.shape_files import copy_name, from_copy
+from rig.plan.finger_model import copy_name, from_copy, responses
 from sim.models.fingertip import Fingertip
 from tests.program import Program
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import sim.coding.all_sites as kept
-from rig.cli import shift_invariance
+from rig.cli import encode
 from sim.config import Contact, FingertipConfig, Tissue
 from tests.program import Program, program_of
 from tests.sim.coarse import as_toml, coarse_mesh
@@ -64,7 +64,7 @@ def test_as_json_it_has_every_number(rig: Program) -> None:
 
 def test_what_was_solved_once_is_read_and_listed_by_rig_cache(rig: Program, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RIG_CACHE_DIR", "kept")
-    monkeypatch.setattr(shift_invariance, "_TOLD_EACH", 100)
+    monkeypatch.setattr(encode, "_TOLD_EACH", 100)
     made = rig("shift-invariance", *QUICK)
     assert "strain at 200 of " in made.err
     monkeypatch.setattr(kept, "LoadedFinger", None)  # no mesh is made again
@@ -95,11 +95,11 @@ def test_other_choices_are_solved_for_anew(monkeypatch: pytest.MonkeyPatch, tmp_
 
 def test_a_large_sheet_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     said: list[str] = []
-    monkeypatch.setattr(shift_invariance, "say_now", said.append)
+    monkeypatch.setattr(encode, "say_now", said.append)
     for done in range(200, 2700, 200):
-        shift_invariance._told(done, 2693)
-    shift_invariance._told(2693, 2693)
-    shift_invariance._told(300, 300)
+        encode._told(done, 2693)
+    encode._told(2693, 2693)
+    encode._told(300, 300)
     assert said == [
         "strain at 1000 of 2693 receptors …",
         "strain at 2000 of 2693 receptors …",

@@ -11,13 +11,13 @@ import pytest
 
 from rig.cli.study import _small_strain
 from rig.compare.comparison import compare
-from rig.compare.parameter_study.cases import read_study
+from rig.compare.parameter_study import read_study
 from rig.compare.stimuli import stimuli
 from rig.data import read_run
 from rig.plan.config import load_config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.session.page import Page
+from rig.session.preflight import Page
 from rig.session.session import NewRun, Session
 from sim.config import Tissue
 from sim.models import small_strain as module

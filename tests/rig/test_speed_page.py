@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 
-from rig.report.speed_page import exponent, page
+from rig.report.benchmark_page import exponent, page
 from sim.benchmark import QUANTITIES, QUICK_SCENES, Candidate, coarse, measure, rows, stored
 
 

@@ -10,14 +10,13 @@ from typing import Any
 import pytest
 
 import rig.devices.drivers as drivers
-from rig.cli.run_owner import Owner
-from rig.devices.catalogue import built_in
-from rig.devices.stage.base import Stage
+from rig.bench.virtual import virtual_stage
+from rig.cli.execution import Owner
+from rig.control.stop import StageInHand, StopSwitch
+from rig.devices.base import Stage
+from rig.devices.registry import built_in
 from rig.errors import RigError
 from rig.plan.config import Config
-from rig.session.control.stage_in_hand import StageInHand
-from rig.session.control.stop_switch import StopSwitch
-from rig.session.virtual.twins import virtual_stage
 from rig.transport import LoopbackTransport, NotOwnedError, PortOwner, TransportError
 from sim.devices import SerialLine
 from sim.devices.clock import VirtualClock

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from rig.devices.stage import StageError
+from rig.devices.base import StageError
 from rig.engine import EngineError, NotReadyError, Target, TripError, indent, verbs
 from rig.engine.engine import State
 from tests.raising import has_code, raises

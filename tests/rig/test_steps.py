@@ -11,17 +11,16 @@ import pytest
 
 from rig.data import Run, export_nwb, read_run
 from rig.engine import Engine, verbs
-from rig.engine.records import PressId
+from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
 from rig.plan.plan import make_plan
 from rig.protocol.api import Rig
-from rig.protocol.errors import BadInputError
-from rig.protocol.planned import Prediction
+from rig.protocol.check import Spot, Walk
+from rig.protocol.handlers import TakenUp
 from rig.protocol.script import Script, load_script
 from rig.protocol.steps import Home, Indent, Mount, MoveTo, Note, Owed, Rest, Retract, Step, Zero
-from rig.protocol.taken_up import TakenUp
-from rig.protocol.walk import Spot, Walk
+from rig.records import Prediction, PressId
 from rig.session.preflight import preflight
 from rig.session.resume import read_stopped
 from rig.session.session import FinishedRun, NewRun, Session, dry_run

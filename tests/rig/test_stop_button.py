@@ -10,17 +10,17 @@ from typing import Any
 
 import pytest
 
-import rig.cli.confirming as confirming
+import rig.bench.virtual as benches
+import rig.cli.confirm as confirming
 import rig.session.session as sessions
-import rig.session.virtual.virtual_bench as benches
+from rig.control.stop import StageInHand
 from rig.data import read_run
 from rig.devices.stop_key import StopKey, StopKeyError
-from rig.devices.stop_settings import StopSettings
 from rig.engine import Journal, TripError
+from rig.errors import BadInputError
 from rig.plan.config import load_config
-from rig.protocol.errors import BadInputError
-from rig.session.control.stage_in_hand import StageInHand
 from rig.session.stop_button import BY_THE_BUTTON, stop_inputs_heeded
+from rig.settings import StopSettings
 from sim.devices.clock import VirtualClock
 from sim.devices.line import StopPins
 from sim.models.fingertip import Fingertip
@@ -167,8 +167,8 @@ def test_a_run_begins_with_no_input_active(
         return board
 
     monkeypatch.setattr(benches, "virtual_stage", pressed)
-    monkeypatch.setattr("rig.session.rehearsal.with_stand_ins", lambda config: config, raising=False)
-    monkeypatch.setattr("rig.session.page.rehearsed", _unrehearsed)
+    monkeypatch.setattr("rig.session.rehearse.with_stand_ins", lambda config: config, raising=False)
+    monkeypatch.setattr("rig.session.preflight.rehearsed", _unrehearsed)
     ended = bench.dry_run()
     assert ended.code == 2, ended.err
     assert f"stop.{key} = {name!r}: " in ended.err

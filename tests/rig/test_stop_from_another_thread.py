@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from rig.devices.stage.base import StageError, StageNotHomed
-from rig.devices.stage.leadshine.leadshine_stage import LeadshineStage
-from rig.transport.clock import WallClock
+from rig.clock import WallClock
+from rig.devices.base import StageError, StageNotHomed
+from rig.devices.leadshine import LeadshineStage
 from rig.transport.modbus import ModbusMaster
 from sim.devices.clock import VirtualClock
 from tests.raising import raises

@@ -6,8 +6,8 @@ from collections.abc import Callable
 import pytest
 
 from rig.transport import stop_gate
-from rig.transport.base import TransportError
 from rig.transport.stop_gate import StopGate
+from rig.transport.wire import TransportError
 from tests.raising import raises
 from tests.waiting import DEADLINE_S, until
 

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from rig.devices.stage.base import StageError
+from rig.control.stop import EndedError, StopSwitch, answer_to_a_stop
+from rig.devices.base import StageError
 from rig.engine import LimitError
-from rig.session.control.stop_switch import EndedError, StopSwitch, answer_to_a_stop
-from rig.session.running import stopped_at_once
+from rig.session.session import stopped_at_once
 from rig.transport import TransportError
 from tests.raising import raises
 from tests.waiting import DEADLINE_S, until

@@ -10,9 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from rig.session.control.announcements import ControlError
-from rig.session.control.lenient_stage import NoStageError, stage_alone
-from rig.session.control.sent_stop import BESIDE_S, SentStop, send_stop
+from rig.control.client import ControlError
+from rig.control.stop import BESIDE_S, NoStageError, SentStop, send_stop, stage_alone
 from rig.transport import PortOwner, open_port
 from tests.raising import raises
 
@@ -76,7 +75,7 @@ def test_an_owner_that_hangs_is_named_and_told(tmp_path: Path) -> None:
 def test_only_an_owner_of_this_account_is_signalled(
     owner: PortOwner | None, account: int, signalled: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    from rig.session.control import sent_stop
+    from rig.control import stop as sent_stop
 
     board = obstacles.Board()
     signals: list[int] = []

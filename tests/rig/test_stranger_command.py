@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from rig.plan.met.finger_file import Band, Draw, FingerFile, Met, Place, Posterior
-from rig.session.meeting.stranger import truth_of
+from rig.identify.result import truth_of
+from rig.plan.finger_file import Band, Draw, FingerFile, Met, Place, Posterior
 from sim.config import FingertipConfig
 from sim.identification.prior import Prior, named
 from tests.program import Program

@@ -11,14 +11,14 @@ from typing import Any, ClassVar
 import pytest
 
 from rig.data import Run, RunFolder, new_run_folder
-from rig.engine.journal import Journal
-from rig.engine.records import Hold, Indentation, PressId, Target
-from rig.engine.streams import STREAMS
+from rig.data.journal import Journal
+from rig.data.schema import STREAMS
+from rig.errors import BadInputError
 from rig.plan.config import Config
-from rig.protocol.errors import BadInputError
+from rig.protocol.check import Spot
+from rig.protocol.handlers import TakenUp
 from rig.protocol.steps import Checkpoint, Home, Indent, MoveTo, Note, Owed, Rest, Retract, Step, Touch, Zero
-from rig.protocol.taken_up import TakenUp
-from rig.protocol.walk import Spot
+from rig.records import Hold, Indentation, PressId, Target
 from rig.session.resume import first_reference_gwt, read_stopped
 from sim.devices.clock import VirtualClock
 from tests.raising import raises

@@ -2,7 +2,7 @@
 
 import pytest
 
-from rig.plan.timeline import Milestones, TimeLeft, Timeline, as_clock
+from rig.data.run_state import Milestones, TimeLeft, Timeline, as_clock
 
 START = ("indentation_start", {"index": 0})
 HELD = ("hold_end", {"index": 0, "hold": 1})

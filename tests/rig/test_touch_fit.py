@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from rig.engine.pressing.touch_fit import fit_contact
+from rig.engine.limits import fit_contact
 
 Floats = NDArray[np.float64]
 

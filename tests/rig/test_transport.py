@@ -12,6 +12,7 @@ import pytest
 import serial
 from pydantic import ValidationError
 
+from rig.clock import WallClock
 from rig.devices.drivers import open_force, open_stage
 from rig.plan.config import Config
 from rig.transport import (
@@ -28,7 +29,6 @@ from rig.transport import (
     port_owner,
     refuse_missing,
 )
-from rig.transport.clock import WallClock
 from sim.devices import SerialLine
 from sim.devices.clock import VirtualClock
 from tests.raising import raises

@@ -10,10 +10,10 @@ from typing import Any
 
 import pytest
 
-from rig.devices.units import GWT_N
 from rig.engine import LimitError, TripError
 from rig.engine.limits import ContactTime, Trips, refuse_height, trip_height_mm
 from rig.engine.rig_settings import LimitSettings, RigSettings
+from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from tests.raising import has_code, raises
 

@@ -7,13 +7,15 @@ from typing import Any
 
 import pytest
 
-from rig.devices.units import GWT_N
 from rig.engine import Engine, RunAborted, TripError, verbs
 from rig.engine.bench import Pause
-from rig.engine.by_hand import ByHand, Direction, Guard
-from rig.engine.by_hand.bench_memory import LastKnown
+from rig.engine.bench_memory import LastKnown
 from rig.engine.contact import Contact
+from rig.engine.dead_man import Direction
 from rig.engine.sensing import Sensing
+from rig.manual.guard import Guard
+from rig.manual.jog import ByHand
+from rig.units import GWT_N
 from studies.faults.catalogue import GRBL, MODBUS
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, FaultyBench
 from tests.raising import raises

@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
-from rig.devices.force import ForceError
-from rig.devices.units import GWT_N
+from rig.devices.base import ForceError
 from rig.engine import LimitError, NotReadyError, Pause, RunAborted, Target, TripError, indent, verbs
 from rig.engine.engine import State
-from rig.engine.errors import PressPaused
 from rig.engine.rig_settings import RigSettings
+from rig.errors import PressPaused
+from rig.units import GWT_N
 from tests.raising import raises
 
 Make = Callable[..., Any]

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from rig.bench.virtual import virtual_bench
 from rig.data import Run
 from rig.engine.bench import NO_PAUSE
+from rig.errors import first_problem
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
-from rig.protocol.errors import first_problem
 from rig.protocol.script import load_script
 from rig.session.session import NewRun, Session, dry_run
-from rig.session.virtual.virtual_bench import virtual_bench
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
 

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 import rig.session.session as sessions
-from rig.session.control.stage_in_hand import StageInHand
-from rig.session.virtual.virtual_bench import virtual_bench
+from rig.bench.virtual import virtual_bench
+from rig.control.stop import StageInHand
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
 from tests.program import Program

@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from rig.transport.clock import Clock, WallClock
+from rig.clock import Clock, WallClock
 from tests.waiting import DEADLINE_S
 
 
@@ -18,7 +18,7 @@ def test_wall_clock() -> None:
 
 def test_a_wait_is_no_longer_than_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     waited_s: list[float] = []
-    monkeypatch.setattr("rig.transport.clock.time.sleep", waited_s.append)
+    monkeypatch.setattr("rig.clock.time.sleep", waited_s.append)
     WallClock().wait_s(0.01)
     WallClock().wait_s(-1.0)
     assert waited_s == [0.01, 0.0]

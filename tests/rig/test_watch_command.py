@@ -13,24 +13,20 @@ import pytest
 from rich.console import Console
 from rich.live import Live
 
+import rig.cli.monitor as watch_command
 import rig.cli.output as output
-import rig.cli.watch as watch_command
-from rig.cli.carrying_out import AtTheTerminal
-from rig.cli.interrupts import Pause
+from rig.cli.execution import AtTheTerminal
+from rig.cli.monitor import BLOCKS, COLUMNS, EACH, ROWS, Force, Indentations, Onlooker, Screen
 from rig.cli.output import a_screen, screen_aside
-from rig.cli.progress import Indentations
 from rig.cli.run import ask_at_the_bench
-from rig.cli.screen import BLOCKS, COLUMNS, EACH, ROWS, Force, Screen
-from rig.cli.watch import Onlooker
+from rig.cli.signals import Pause
+from rig.clock import WallClock
+from rig.data import run_state
 from rig.data.folder import RunFolder, UnwritableError
-from rig.data.following import Following, followed
-from rig.data.reader import RunError, read_run
-from rig.engine.journal import Document, mend_journal
-from rig.plan import onlooker
-from rig.plan.agenda import Agenda, Ahead, Course, written_ns
-from rig.plan.timeline import Timeline, step_in_words
-from rig.session.rehearsal import Rehearsed
-from rig.transport.clock import WallClock
+from rig.data.journal import Document, mend_journal
+from rig.data.run import Following, RunError, followed, read_run
+from rig.data.run_state import Agenda, Ahead, Course, Timeline, step_in_words, written_ns
+from rig.session.rehearse import Rehearsed
 from tests.program import Program
 
 OLD = Path(__file__).parents[1] / "data" / "runs_of_0_1"
@@ -321,12 +317,12 @@ def test_who_comes_after_it_was_taken_up_reads_it_in_pieces(course: Course, tmp_
 @pytest.mark.parametrize(("more", "now"), [(0, REST), (1, MOUNT)])
 def test_a_course_is_waited_for_with_so_many_events(more: int, now: str, course: Course, tmp_path: Path) -> None:
     """What came before it is then passed at once; later than that it counts from where the run is."""
-    assert onlooker.LATE == 1000
+    assert run_state.LATE == 1000
     seen = Onlooker(RunFolder(tmp_path))
     seen.take([{"doc": "start", "t_s": 100.0}])
     seen.take([{"doc": "event", "t_s": 110.0, "stream": stream, "data": data} for stream, data in EVENTS[:6]])
     note = {"doc": "event", "t_s": 120.0, "stream": "note", "data": {"text": ""}}
-    seen.take([note] * (onlooker.LATE - 7 + more))
+    seen.take([note] * (run_state.LATE - 7 + more))
     course.keep(seen.folder)
     seen.take([])
     assert seen.now == now
@@ -503,7 +499,7 @@ def run(rig):
 def test_a_run_leaves_its_course_and_shows_it(
     program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import rig.cli.progress as progress
+    import rig.cli.monitor as progress
 
     screen = io.StringIO()
     console = Console(file=screen, force_terminal=True, width=80, highlight=False, markup=False)
@@ -545,7 +541,7 @@ def test_a_rehearsal_without_an_end_leaves_no_course_and_no_disk_ends_a_run(
         raise UnwritableError.of(path, OSError(28, "No space left on device"))
 
     with monkeypatch.context() as patched:
-        patched.setattr("rig.plan.agenda.replace_text", full)
+        patched.setattr("rig.data.run_state.replace_text", full)
         attendant(course).begins(folder)
     assert (begun, list(tmp_path.iterdir())) == ([1, 1], [])
     attendant(course).begins(folder)

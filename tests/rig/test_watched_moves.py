@@ -11,15 +11,14 @@ from typing import Any
 
 import pytest
 
-from rig.devices.stage import StageError
-from rig.devices.stage.base import LOOK_S, StageNotHomed, next_look_s
-from rig.devices.units import GWT_N
+from rig.bench.virtual import VirtualBench, bench_around
+from rig.data.journal import NoJournal
+from rig.devices.base import LOOK_S, StageError, StageNotHomed, next_look_s
 from rig.engine import LimitError, NotReadyError, Target, TripError, indent, verbs
 from rig.engine.bench import NO_PAUSE
 from rig.engine.engine import Engine, State
-from rig.engine.journal import NoJournal
 from rig.plan.config import Config
-from rig.session.virtual.virtual_bench import VirtualBench, bench_around
+from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from sim.plant import Carriage, Pose, TruePose
 

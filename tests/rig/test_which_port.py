@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from rig.cli.at_the_bench import _bench_at_hand
+from rig.bench import real
+from rig.bench.real import PortError, open_bench
+from rig.cli.bench import _bench_at_hand
+from rig.errors import BadInputError
 from rig.plan.config import Config
-from rig.protocol.errors import BadInputError
-from rig.session import real_bench
-from rig.session.real_bench import PortError, open_bench
 from rig.transport import TransportError
 from sim.devices.clock import VirtualClock
 from tests.raising import raises
@@ -50,8 +50,8 @@ def test_a_sensor_that_is_not_there_is_told_as_one(
 ) -> None:
     monkeypatch.setenv("RIG_STATE_DIR", str(tmp_path))
     stage = Closed()
-    monkeypatch.setattr(real_bench, "open_stage", lambda *_: stage)
-    monkeypatch.setattr(real_bench, "open_force", _missing)
+    monkeypatch.setattr(real, "open_stage", lambda *_: stage)
+    monkeypatch.setattr(real, "open_force", _missing)
     with raises(PortError, "no_port", device="force", port="/dev/no-such10"):
         open_bench(config, NO_TIME, io.StringIO(), lambda request: "")
     assert stage.closed == 1

@@ -9,11 +9,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rig.devices.force import ForceOverload, ForceTimeout
-from rig.devices.force.mtsics.mtsics_force import MtSicsForce
-from rig.devices.stage import StageAlarm, StageError, StageRejected, StageReset, StageTimeout
-from rig.devices.stage.base import StageHeld
-from rig.devices.stage.grbl.grbl_stage import GrblStage
+from rig.devices.base import (
+    ForceOverload,
+    ForceTimeout,
+    StageAlarm,
+    StageError,
+    StageHeld,
+    StageRejected,
+    StageReset,
+    StageTimeout,
+)
+from rig.devices.grbl import GrblStage
+from rig.devices.mtsics import MtSicsForce
 from rig.transport import LoopbackTransport
 from sim.devices import Load, Mechanics, SerialLine, VirtualBalance, VirtualGrbl
 from sim.devices.clock import VirtualClock

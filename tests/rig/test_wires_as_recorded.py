@@ -9,13 +9,12 @@ from typing import Any
 
 import pytest
 
+from rig.bench.virtual import virtual_force, virtual_stage
+from rig.devices.base import ForceError, Stage, StageError
 from rig.devices.drivers import force_driver, stage_driver
-from rig.devices.force import ForceError
-from rig.devices.stage import Stage, StageError
 from rig.plan.config import Config
-from rig.session.virtual.twins import virtual_force, virtual_stage
 from rig.transport import LoopbackTransport
-from rig.transport.byte_log import LoggedTransport
+from rig.transport.wire import LoggedTransport
 from sim.devices import SerialLine
 from sim.devices.clock import VirtualClock
 from sim.devices.line import Load

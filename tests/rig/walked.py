@@ -6,14 +6,13 @@ from typing import Any
 
 import pytest
 
-from rig.engine.records import Target
 from rig.engine.rig_settings import RigSettings
+from rig.errors import BadInputError
 from rig.protocol import Rig
 from rig.protocol.api import ProtocolParameters
-from rig.protocol.errors import BadInputError
-from rig.protocol.planned import Pace, Prediction
+from rig.protocol.check import NoPredictionError, Spot, Walk
 from rig.protocol.steps import Step
-from rig.protocol.walk import NoPredictionError, Spot, Walk
+from rig.records import Pace, Prediction, Target
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.report.html import Section
-from rig.session.provenance import commit
+from rig.report.page import Section
+from rig.session.resume import commit
 from sim.coding.all_sites import all_sites, deformed_by
 from sim.coding.operators import centred
 from sim.coding.point_loads import LoadedFinger

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.engine.by_hand.bench_memory import state_folder
+from rig.engine.bench_memory import state_folder
 from rig.session.ending import Whereabouts
 from studies.faults.campaign import runner
 from studies.faults.campaign.__main__ import sample

@@ -7,13 +7,12 @@ from typing import Any
 import pytest
 
 from rig.data import RunFolder
-from rig.devices.units import GWT_N
+from rig.identify.meeting_script import MeetingScript
+from rig.identify.procedure import Meeting, Wanted, felt_surely
 from rig.plan.config import Config
 from rig.plan.plan import Plan
-from rig.session.attendant import Nobody
-from rig.session.meeting.meeting import Meeting, Wanted, felt_surely
-from rig.session.meeting.meeting_script import MeetingScript
-from rig.session.session import NewRun, Session, run_on
+from rig.session.session import NewRun, Nobody, Session, run_on
+from rig.units import GWT_N
 from sim.config import FingertipConfig
 from sim.errors import ModelRangeError
 from sim.identification.design import PressAt

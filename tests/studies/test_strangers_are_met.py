@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rig.identify.procedure import felt_surely
 from rig.plan.config import Config
-from rig.session.meeting.meeting import felt_surely
 from sim.identification.design import PressAt
 from sim.identification.forward import Foreseen
 from sim.identification.prior import Prior

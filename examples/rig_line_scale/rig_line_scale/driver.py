@@ -2,10 +2,10 @@
 
 import re
 
-from rig.devices.force.base import ForceError, ForceOverload, ForceReading, ForceTimeout, ForceUnderload
-from rig.devices.units import GWT_N
+from rig.clock import Clock
+from rig.devices.base import ForceError, ForceOverload, ForceReading, ForceTimeout, ForceUnderload
 from rig.transport import LineReader, Transport
-from rig.transport.clock import Clock
+from rig.units import GWT_N
 
 REPLY_S = 0.5
 _WEIGHT = re.compile(r"([SD])([+-]\d{4}\.\d\d)")

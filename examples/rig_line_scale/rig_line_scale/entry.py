@@ -2,11 +2,11 @@
 
 from pydantic import Field
 
+from rig.clock import Clock
+from rig.devices.base import ForceSensor
 from rig.devices.bench_settings import BenchSettings
-from rig.devices.force.base import ForceSensor
-from rig.devices.kinds import ForceKind, Opener
-from rig.transport.clock import Clock
-from rig.transport.port_settings import Settings
+from rig.devices.registry import ForceKind, Opener
+from rig.settings import Settings
 from rig_line_scale.driver import LineScaleForce
 
 

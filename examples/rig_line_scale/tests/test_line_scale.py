@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from rig.devices.force.base import ForceError, ForceOverload, ForceTimeout, ForceUnderload
-from rig.devices.units import GWT_N
+from rig.devices.base import ForceError, ForceOverload, ForceTimeout, ForceUnderload
 from rig.transport import LoopbackTransport
+from rig.units import GWT_N
 from rig_line_scale.driver import LineScaleForce
 from rig_line_scale.twin import line_scale_twin
 from sim.devices.clock import VirtualClock

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.errors import RecordingError
-from rig.compare.recordings.table_file import no_rows, read_table, told
+from rig.compare.recordings.columns import no_rows, read_table, told
 from sim.contact.patch import Z
 from sim.models.result import IndentationResult
 

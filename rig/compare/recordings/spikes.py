@@ -1,20 +1,115 @@
-"""Discharge rates from spike times recorded during a run."""
+"""Discharge rates from spike times: text files, NWB units, and synthetic ones, which are not data."""
 
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.errors import RecordingError
-from rig.compare.recordings.column_map import ColumnMap
-from rig.compare.recordings.nwb_spikes import read_nwb
-from rig.compare.recordings.recorded import Recording, recording
-from rig.compare.recordings.shape_key import condition_of, shape_key
-from rig.compare.recordings.table_file import read_table
+from rig.compare.recordings.columns import ColumnMap, read_table
+from rig.compare.recordings.recording import Recording, condition_of, recording, shape_key
+from rig.compare.stimuli import Stimulus
 from rig.data import Run
+from rig.data.folder import replace_text
 from sim.contact.shapes import shape_name
+from sim.measures.measures import MEASURES
+
+# Spike times of one unit from an NWB file.
+#
+# Layout: NWB 2 schema, `units` (spike_times, its index, id), read as the HDF5 that it is, so that h5py is enough.
+# Sync pulses, where the file has them: a table of intervals or a TimeSeries called `sync_pulses`.
 
 Array = NDArray[np.float64]
+
+_TIMES = "spike_times"
+
+
+def read_nwb(path: Path, unit: str, columns: ColumnMap) -> tuple[Array, Array]:
+    """Spike times and sync pulses (s, ascending) of the unit with an id, "" for the only one; RecordingError.
+
+    Another column of times, its unit, and the pulses' name are the columns' time and sync.
+    """
+    if not path.is_file():
+        reason = "Is a directory" if path.is_dir() else "No such file or directory"
+        raise RecordingError("{path}: {reason}", code="unreadable", path=str(path), reason=reason)
+    factor = columns["time"].factor
+    try:
+        with h5py.File(path) as file:
+            return factor * np.sort(_spikes(file, path, unit, columns)), factor * np.sort(
+                _pulses(file, path, columns)
+            )
+    except OSError:
+        raise RecordingError("{path}: not an NWB file (HDF5)", code="no_hdf5", path=str(path)) from None
+
+
+def _spikes(file: h5py.File, path: Path, unit: str, columns: ColumnMap) -> Array:
+    name = columns["time"].name if "time" in columns.given else _TIMES
+    wanted = (name, f"{name}_index", "id")
+    if any(f"units/{column}" not in file for column in wanted):
+        raise RecordingError(
+            "{path}: no spike times, expected a table units with a column {column} (and {column}_index and id)",
+            code="no_spike_times",
+            path=str(path),
+            column=name,
+        )
+    times, ends, numbers = (file[f"units/{column}"][:] for column in wanted)
+    ids = [str(number) for number in numbers]
+    if unit not in ids and not (unit == "" and len(ids) == 1):
+        known = "no unit {unit}" if unit else "{units} units"
+        raise RecordingError(
+            "{path}: " + known + ", expected SHAPE={file}#UNIT, UNIT one of {ids}",
+            code="no_unit" if unit else "several_units",
+            path=str(path),
+            file=path.name,
+            unit=unit,
+            units=len(ids),
+            ids=", ".join(ids),
+        )
+    row = ids.index(unit) if unit else 0
+    begin, end = np.concatenate([[0], ends])[row : row + 2].astype(int)
+    return _numbers(times[begin:end], path, f"unit {ids[row]}, column {name}")
+
+
+def _pulses(file: h5py.File, path: Path, columns: ColumnMap) -> Array:
+    name = columns["sync"].name
+    places = (f"intervals/{name}/start_time", f"acquisition/{name}/timestamps")
+    found = next((place for place in places if place in file), None)
+    if found is None and "sync" in columns.given:
+        raise RecordingError(
+            "{path}: no sync pulses {name}, expected {places}",
+            code="no_pulses",
+            path=str(path),
+            name=name,
+            places=" or ".join(places),
+        )
+    return np.empty(0) if found is None else _numbers(file[found][:], path, found)
+
+
+def _numbers(values: NDArray[np.generic], path: Path, dataset: str) -> Array:
+    try:
+        times = np.asarray(values, dtype=float)
+    except ValueError:
+        raise RecordingError(
+            "{path}, {dataset}: {dtype} values, expected times in numbers",
+            code="no_numbers",
+            path=str(path),
+            dataset=dataset,
+            dtype=str(values.dtype),
+        ) from None
+    wrong = np.flatnonzero(~np.isfinite(times))
+    if len(wrong):
+        raise RecordingError(
+            "{path}, {dataset}, entry {entry}: {value:g}, expected a number",
+            code="not_finite",
+            path=str(path),
+            dataset=dataset,
+            entry=int(wrong[0]) + 1,
+            value=float(times[wrong[0]]),
+        )
+    return times
+
 
 _SAME_PLACE_DECIMALS = 3
 
@@ -154,3 +249,64 @@ def _last_holds(run: Run, shape: str, name: str) -> list[tuple[float, float, flo
             first=told[0],
         )
     return [(x, start, stop) for condition, x, start, stop in found if meant.condition in ("", condition)]
+
+
+# Synthetic recordings, for demonstrations and for testing the statistics. They are not data.
+#
+# Rule: at each position the mean rate is max(0, k(ε − ε₀)), ε the SSRP of a chosen measure at a chosen receptor; each
+# repeat counts spikes in a window, Poisson with that mean, and the rate is the count over the window.
+
+
+@dataclass(frozen=True)
+class Afferent:
+    """A receptor that fires by the rule; ε₀ in the sign and unit of the measure's profile, rates per second."""
+
+    measure: str
+    receptor: int
+    k: float
+    eps0: float
+
+    def rate(self, stimulus: Stimulus, position_mm: Array) -> Array:
+        """(p,) mean rates; NaN where the run did not go."""
+        eps = stimulus.at(position_mm)[MEASURES.index(self.measure), :, self.receptor]
+        return np.maximum(0.0, self.k * (eps - self.eps0))
+
+
+def afferent_for(stimuli: list[Stimulus], measure: str, receptor: int, peak: float, silent: float) -> Afferent:
+    """One that fires at `peak` where ε is largest over the stimuli, and not below a part `silent` of its range."""
+    values = np.concatenate([stimulus.ssrp(measure, receptor) for stimulus in stimuli])
+    eps0 = float(values.min() + silent * np.ptp(values))
+    return Afferent(measure, receptor, peak / (float(values.max()) - eps0), eps0)
+
+
+def record(
+    afferent: Afferent,
+    stimulus: Stimulus,
+    position_mm: Array,
+    rng: np.random.Generator,
+    repeats: int = 5,
+    window_s: float = 1.0,
+) -> Recording:
+    """What would be recorded at the positions (p,) that the run covers."""
+    mean = afferent.rate(stimulus, position_mm)
+    covered = np.isfinite(mean)
+    counts = rng.poisson(window_s * mean[covered], size=(repeats, int(covered.sum())))
+    places = np.asarray(position_mm)[covered]
+    rows = [(float(x), float(n) / window_s, np.nan) for column in counts for x, n in zip(places, column, strict=True)]
+    return replace(recording(_file_name(afferent, stimulus), rows, window_s), changes=("synthetic",))
+
+
+def write_synthetic(folder: Path, found: Recording) -> Path:
+    """Write a synthetic recording as the CSV that `rig compare` reads; its name begins with "synthetic"."""
+    lines = ["position_mm,rate,repeat"]
+    for x, rates in zip(found.position_mm, found.repeats, strict=True):
+        lines += [f"{x:.4f},{rate:.4f},{number}" for number, rate in enumerate(rates, 1)]
+    path = folder / found.name
+    replace_text(path, "\n".join(lines) + "\n")
+    return path
+
+
+def _file_name(afferent: Afferent, stimulus: Stimulus) -> str:
+    shape = stimulus.shape.replace(":", "").replace(",", "-")
+    x = f"{round(float(stimulus.receptor_mm[afferent.receptor]), 2) + 0.0:g}"
+    return f"synthetic_{shape}_{stimulus.condition.replace(' ', '')}_{afferent.measure}_at_{x}.csv"

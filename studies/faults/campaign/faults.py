@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from rig.devices.units import GWT_N
+from rig.units import GWT_N
 
 if TYPE_CHECKING:
     from studies.faults.campaign.world import World

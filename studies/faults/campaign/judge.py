@@ -8,9 +8,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from rig.devices.units import GWT_N
-from rig.engine.by_hand.bench_memory import LastKnown
+from rig.engine.bench_memory import LastKnown
 from rig.session.ending import Whereabouts
+from rig.units import GWT_N
 from studies.faults.campaign.faults import GOES_FARTHER, MOVES_WITHOUT_COMMAND, READS_LOW
 from studies.faults.faulty_bench import PREDICTED
 from studies.faults.outcomes import bound_gwt

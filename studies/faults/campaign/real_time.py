@@ -19,11 +19,11 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+from rig.bench.real import open_bench
+from rig.clock import WallClock
 from rig.engine import Journal
-from rig.engine.by_hand.bench_memory import BenchMemory
+from rig.engine.bench_memory import BenchMemory
 from rig.plan.config import Config
-from rig.session.real_bench import open_bench
-from rig.transport.clock import WallClock
 from sim.serve.clock import WallScheduler
 from sim.serve.ports import TcpPort
 from studies.faults.campaign.cases import Case, content, is_command, shape

@@ -27,12 +27,11 @@ from pathlib import Path
 from typing import Any
 
 from rig.data import read_run
-from rig.devices.force.base import ForceError
-from rig.devices.stage.base import StageError
+from rig.devices.base import ForceError, StageError
 from rig.engine import EngineError
-from rig.engine.by_hand.bench_memory import BenchMemory
+from rig.engine.bench_memory import BenchMemory
+from rig.errors import BadInputError
 from rig.line_file import LineFile
-from rig.protocol.errors import BadInputError
 from rig.transport import TransportError
 from studies.faults.attempts import attempts
 from studies.faults.campaign.cases import Case, content, is_command

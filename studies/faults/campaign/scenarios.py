@@ -12,23 +12,22 @@ from typing import Any, Protocol, TypeVar, cast
 
 import rig.session.session as sessions
 from rig.data import Run, RunFolder, read_run
-from rig.devices.stage.base import StageError
+from rig.devices.base import StageError
 from rig.engine import Engine, Journal, Target
-from rig.engine.by_hand import Direction
-from rig.engine.by_hand.by_hand import Moved
+from rig.engine.dead_man import Direction
 from rig.engine.sensing import Sensing
+from rig.manual import bench as at_hand
+from rig.manual.jog import Moved
 from rig.plan.plan import Plan
 from rig.protocol.api import ProtocolParameters, Rig
-from rig.protocol.planned import Pace, PlannedIndentation, Prediction
+from rig.protocol.check import Spot, Walk
 from rig.protocol.script import Script
 from rig.protocol.steps import Step
-from rig.protocol.walk import Spot, Walk
-from rig.session.attendant import Nobody
-from rig.session.by_hand import at_hand
+from rig.records import Pace, PlannedIndentation, Prediction
 from rig.session.ending import Whereabouts
-from rig.session.live import Live
+from rig.session.execute import Live
 from rig.session.resume import StoppedRun
-from rig.session.session import NewRun, Session
+from rig.session.session import NewRun, Nobody, Session
 from studies.faults.campaign.world import Place, RememberingBench
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, TARGET
 

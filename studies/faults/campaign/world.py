@@ -6,22 +6,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol, Self
 
+from rig.bench.virtual import looked_after_by, true_carriage, virtual_force, virtual_stage
+from rig.clock import Clock
+from rig.devices.base import ForceSensor, Stage, StageError
 from rig.devices.drivers import force_driver, stage_driver
-from rig.devices.force.base import ForceSensor
-from rig.devices.stage.base import Stage, StageError
-from rig.devices.units import GWT_N
 from rig.engine import Journal
-from rig.engine.bench import NO_PAUSE, Pause, WatchedBench
-from rig.engine.by_hand.bench_memory import BenchMemory, LastKnown
-from rig.engine.heartbeat import Heartbeat
+from rig.engine.bench import NO_PAUSE, Heartbeat, Pause, WatchedBench
+from rig.engine.bench_memory import BenchMemory, LastKnown
 from rig.engine.sensing import Zero
 from rig.plan.config import Config
-from rig.session.virtual.twins import virtual_force, virtual_stage
-from rig.session.virtual.virtual_bench import looked_after_by
-from rig.session.virtual.virtual_devices import true_carriage
 from rig.transport import TransportError
-from rig.transport.clock import Clock
-from rig.transport.loopback import LoopbackTransport
+from rig.transport.wire import LoopbackTransport
+from rig.units import GWT_N
 from sim.devices.clock import Scheduler, VirtualClock
 from sim.devices.line import Load, SerialLine
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N

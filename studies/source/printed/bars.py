@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from rig.report.html import Figure
+from rig.report.page import PageFigure
 from sim.models.result import FILTER_SPACING_MM, IndentationResult
 from studies.source.printed.answers import Answers, Scene, deep, once
 from studies.source.printed.drawing import maps, pressures
@@ -71,14 +71,14 @@ LEFT_ONLY = ("left slightly", "left fully")
 LEFT_MORE = "left fully, right slightly"
 
 
-def _wide_figures(answers: Answers) -> tuple[Figure, ...]:
+def _wide_figures(answers: Answers) -> tuple[PageFigure, ...]:
     return (
         maps(answers, WIDE, "Pressure under the bar of 3.0 mm over x and z"),
         pressures(answers, WIDE, "Pressure under the bar of 3.0 mm"),
     )
 
 
-def _narrow_figures(answers: Answers) -> tuple[Figure, ...]:
+def _narrow_figures(answers: Answers) -> tuple[PageFigure, ...]:
     return (
         maps(answers, NARROW, "Pressure under the bar of 1.5 mm over x and z"),
         pressures(answers, NARROW, "Pressure under the bar of 1.5 mm", columns=2),

@@ -1,14 +1,14 @@
 """Rows of the matrix of which the model alone says nothing: what is missing, or out of scope."""
 
-from rig.report.comparison.deflection import Deflection, deflection_section
-from rig.report.html import Figure
+from rig.report.page import PageFigure
+from rig.report.recording_sections import Deflection, deflection_section
 from studies.source.printed.answers import Answers
 from studies.source.printed.entry import Entry
 
 LINE_DOIS_MM = (0.5, 1.0, 1.5, 2.0)
 
 
-def _line(answers: Answers) -> tuple[Figure, ...]:
+def _line(answers: Answers) -> tuple[PageFigure, ...]:
     results = [answers.finger.indent("line", doi_mm=doi) for doi in LINE_DOIS_MM]
     return deflection_section([Deflection(result.doi_mm, *result.axial_profile) for result in results], []).figures
 

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
-from rig.report.html import Figure
+from rig.report.page import PageFigure
 from rig.report.style import Plot
 from studies.source.printed.answers import ROW_DEPTH_MM, Answers, Scene, deep, forced, once
 from studies.source.printed.drawing import COLOURS, PROMINENT, maps, maxima, pressures, second
@@ -94,7 +94,7 @@ def _count(shape: str, source: str, partly: tuple[str, ...]) -> Claim:
     )
 
 
-def _pressure_figures(answers: Answers) -> tuple[Figure, ...]:
+def _pressure_figures(answers: Answers) -> tuple[PageFigure, ...]:
     pressed = [*THICK, *THIN]
     beside = [deep("bar:3.0", DOIS_MM[-1]), THICK[-1], THIN[-1], equal_force(answers)]
     return (
@@ -103,9 +103,9 @@ def _pressure_figures(answers: Answers) -> tuple[Figure, ...]:
     )
 
 
-def _sed_figures(answers: Answers) -> tuple[Figure, ...]:
+def _sed_figures(answers: Answers) -> tuple[PageFigure, ...]:
     caption = "Each over its peak, in the receptor plane; upper row 0.75 mm below the skin, lower 2.5 mm."
-    return (Figure("SED under bar and cylinders", Plot((10.2, 5.2), lambda c: _draw_sed(c, answers)), caption),)
+    return (PageFigure("SED under bar and cylinders", Plot((10.2, 5.2), lambda c: _draw_sed(c, answers)), caption),)
 
 
 def _draw_sed(canvas: Canvas, answers: Answers) -> None:

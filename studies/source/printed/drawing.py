@@ -9,9 +9,8 @@ from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
-from rig.report.html import Figure
-from rig.report.labels import label, unit
-from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, Plot, signed
+from rig.report.page import PageFigure
+from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, Plot, label, signed, unit
 from sim.contact.patch import X, Z
 from sim.models.result import FILTER_SPACING_MM, IndentationResult, median_of_four
 from studies.source.printed.answers import Answers, Scene
@@ -46,7 +45,7 @@ def told(scene: Scene) -> str:
     return f"{scene.shape} at x = {signed(scene.x_mm)}, {how}"
 
 
-def maps(answers: Answers, scenes: Sequence[Scene], title: str) -> Figure:
+def maps(answers: Answers, scenes: Sequence[Scene], title: str) -> PageFigure:
     """Pressure over x and z, one picture a press on one scale."""
     columns = 3 if len(scenes) in (3, 6) else min(len(scenes), 4)
     rows = -(-len(scenes) // columns)
@@ -67,7 +66,7 @@ def maps(answers: Answers, scenes: Sequence[Scene], title: str) -> Figure:
         "Nodal pressure over lateral x and z along the finger, its tip up. Dots: nodes that carry force; dotted: "
         "the receptor plane; dashed: the indentor's reference point. One colour scale for all panels."
     )
-    return Figure(title, Plot((1.3 + 2.2 * columns, 0.8 + 2.3 * rows), draw), caption)
+    return PageFigure(title, Plot((1.3 + 2.2 * columns, 0.8 + 2.3 * rows), draw), caption)
 
 
 def _map(axes: Axes, result: IndentationResult, top: float) -> QuadMesh:
@@ -89,7 +88,7 @@ def filtered(result: IndentationResult) -> tuple[Array, Array]:
     return x[0] + FILTER_SPACING_MM * (1.5 + np.arange(len(values))), values
 
 
-def pressures(answers: Answers, scenes: Sequence[Scene], title: str, columns: int = 4) -> Figure:
+def pressures(answers: Answers, scenes: Sequence[Scene], title: str, columns: int = 4) -> PageFigure:
     """Pressure in the receptor plane, one panel a press, raw and filtered."""
     rows = -(-len(scenes) // columns)
 
@@ -104,7 +103,7 @@ def pressures(answers: Answers, scenes: Sequence[Scene], title: str, columns: in
         canvas.supylabel("pressure (pseudo-units)", fontsize=9)
 
     caption = "In the receptor plane, at the nodes (blue) and after the source's 4×1 median filter (orange)."
-    return Figure(title, Plot((10.2, 0.4 + 1.75 * rows), draw), caption)
+    return PageFigure(title, Plot((10.2, 0.4 + 1.75 * rows), draw), caption)
 
 
 def _pressure(axes: Axes, result: IndentationResult) -> None:
@@ -117,7 +116,7 @@ def _pressure(axes: Axes, result: IndentationResult) -> None:
 
 def beneath(
     answers: Answers, rows: Sequence[tuple[str, Sequence[Scene]]], measures: Sequence[str], title: str
-) -> Figure:
+) -> PageFigure:
     """Measures 0.75 mm below the skin in the receptor plane: a panel for each row and measure, a line a press."""
 
     def draw(canvas: Canvas) -> None:
@@ -134,4 +133,6 @@ def beneath(
             axes.set_xlabel("x (mm)")
 
     size = (min(10.2, 0.6 + 4.6 * len(measures)), 0.5 + 2.3 * len(rows))
-    return Figure(title, Plot(size, draw), "In the receptor plane, 0.75 mm below the skin, at points 0.17 mm apart.")
+    return PageFigure(
+        title, Plot(size, draw), "In the receptor plane, 0.75 mm below the skin, at points 0.17 mm apart."
+    )

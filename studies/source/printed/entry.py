@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from rig.report.html import Figure, Section
+from rig.report.page import PageFigure, Section
 from studies.source.printed.answers import Answers, Scene
 from studies.source.printed.rules import Measured, Near, Rule, Word
 
@@ -80,7 +80,7 @@ def typeset(text: str) -> str:
     return text.replace("-", "−").replace("pseudo−", "pseudo-").replace("%", " %").replace("  %", " %")
 
 
-def _nothing(_: Answers) -> tuple[Figure, ...]:
+def _nothing(_: Answers) -> tuple[PageFigure, ...]:
     return ()
 
 
@@ -96,7 +96,7 @@ class Entry:
     shows: str
     claims: tuple[Claim, ...] = ()
     scenes: tuple[Scene, ...] = ()
-    figures: Callable[[Answers], tuple[Figure, ...]] = _nothing
+    figures: Callable[[Answers], tuple[PageFigure, ...]] = _nothing
     tables: Callable[[Answers], tuple[Section, ...]] = _no_tables
     reading: str = ""
     missing: str = ""  # the datum without which nothing can be said

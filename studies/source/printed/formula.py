@@ -8,7 +8,7 @@ from matplotlib.figure import Figure as Canvas
 from scipy.stats import spearmanr
 
 from rig.compare.pressure_formula import Places
-from rig.report.html import Figure, Section
+from rig.report.page import PageFigure, Section
 from rig.report.style import Plot
 from studies.source.pressure_fits import (
     CENTRED,
@@ -75,7 +75,7 @@ def _constant(answers: Answers, k: int) -> str:
     return f"patch {fits['patch'].with_interval(k)}, row {fits['row'].with_interval(k)}"
 
 
-def _figures(answers: Answers) -> tuple[Figure, ...]:
+def _figures(answers: Answers) -> tuple[PageFigure, ...]:
     caption = (
         "Pressure against the skin's own downward displacement at every node that carries force, one colour a "
         "depth (0.33, 0.67, 1.0, 1.33 mm); lines: the formula with the patch's constants at the contact's median "
@@ -83,7 +83,7 @@ def _figures(answers: Answers) -> tuple[Figure, ...]:
         "0.35 mm of a bar's edge and are not fitted."
     )
     title = "Pressure against displacement"
-    return (Figure(title, Plot((10.2, 5.6), lambda canvas: _draw(canvas, study(answers))), caption),)
+    return (PageFigure(title, Plot((10.2, 5.6), lambda canvas: _draw(canvas, study(answers))), caption),)
 
 
 def _draw(canvas: Canvas, shown: PressureStudy) -> None:

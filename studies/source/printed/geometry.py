@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure as Canvas
 
-from rig.report.html import Figure
+from rig.report.page import PageFigure
 from rig.report.style import BLUE, GREY, ORANGE, Plot
 from sim.finger.surface import published_points
 from studies.source.printed.answers import Answers
@@ -22,12 +22,12 @@ def _spacing(answers: Answers) -> float:
     return float(np.diff(x).max())
 
 
-def _figures(answers: Answers) -> tuple[Figure, ...]:
+def _figures(answers: Answers) -> tuple[PageFigure, ...]:
     caption = (
         "Left: the section in the receptor plane, and the published points within 1 mm of it. Right: the skin's "
         "topmost line along the finger, and the points nearest to it."
     )
-    return (Figure("The skin", Plot((10.2, 3.4), lambda canvas: _draw(canvas, answers)), caption),)
+    return (PageFigure("The skin", Plot((10.2, 3.4), lambda canvas: _draw(canvas, answers)), caption),)
 
 
 def _draw(canvas: Canvas, answers: Answers) -> None:

@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 
 from rig.compare.shape_test import Verdict, shape_test
 from rig.compare.stimuli import Stimulus
-from rig.protocol.ranges import about_the_centre
-from rig.report.html import Figure
-from rig.report.labels import label
-from rig.report.style import BLUE, GREY, ORANGE, Plot, signed
+from rig.protocol.schedule import about_the_centre
+from rig.report.page import PageFigure
+from rig.report.style import BLUE, GREY, ORANGE, Plot, label, signed
 from sim.measures.measures import MEASURES
 from studies.source.printed.answers import Answers, deep, once
 from studies.source.printed.entry import Claim, Entry
@@ -150,12 +149,12 @@ def shallower(answers: Answers) -> float:
     return second_at_zero(answers, "1.5", "sed") / second_at_zero(answers, "3.0", "sed")
 
 
-def _ssrps(stimulus: Stimulus, title: str) -> Figure:
+def _ssrps(stimulus: Stimulus, title: str) -> PageFigure:
     caption = (
         "One panel a measure, its ten receptors above each other (x on the left, mm), each from its own baseline, "
         "as a part of the measure's range; blue passes the shape test at 5 %."
     )
-    return Figure(title, Plot((10.2, 11.5), lambda canvas: _draw_ssrps(canvas, stimulus)), caption)
+    return PageFigure(title, Plot((10.2, 11.5), lambda canvas: _draw_ssrps(canvas, stimulus)), caption)
 
 
 def _draw_ssrps(canvas: Canvas, stimulus: Stimulus) -> None:
@@ -176,10 +175,10 @@ def _draw_ssrps(canvas: Canvas, stimulus: Stimulus) -> None:
     canvas.supxlabel("indentor x (mm)", fontsize=9)
 
 
-def _mirrors(answers: Answers, width: str) -> Figure:
+def _mirrors(answers: Answers, width: str) -> PageFigure:
     caption = "Receptor +2 (blue) and, in the mirror at x = 0, −2 (orange); e12 and e13 change their sign there."
     plot = Plot((10.2, 4.6), lambda canvas: _draw_mirrors(canvas, under_bar(answers, width)))
-    return Figure(f"Receptors ± 2 under bar {width} as mirror images", plot, caption)
+    return PageFigure(f"Receptors ± 2 under bar {width} as mirror images", plot, caption)
 
 
 def _draw_mirrors(canvas: Canvas, stimulus: Stimulus) -> None:
@@ -197,11 +196,11 @@ def _draw_mirrors(canvas: Canvas, stimulus: Stimulus) -> None:
     canvas.supxlabel("indentor x (mm)", fontsize=9)
 
 
-def _step_figures(answers: Answers) -> tuple[Figure, ...]:
+def _step_figures(answers: Answers) -> tuple[PageFigure, ...]:
     return tuple(_ssrps(under_step(answers, n), f"Profiles under step {n} at 2.33 gwt") for n in "135")
 
 
-def _bar_figures(answers: Answers) -> tuple[Figure, ...]:
+def _bar_figures(answers: Answers) -> tuple[PageFigure, ...]:
     profiles = [_ssrps(under_bar(answers, w), f"Profiles under bar {w} at DOI 1.0") for w in BAR_POSITIONS]
     return (*profiles, *(_mirrors(answers, w) for w in BAR_POSITIONS))
 

@@ -6,7 +6,7 @@ The bounds were set knowing the numbers of the default finger, and stand beside 
 from dataclasses import dataclass
 from typing import ClassVar, Literal, Protocol
 
-from rig.report.labels import as_number
+from rig.report.style import as_number
 
 Word = Literal["agrees", "partly", "differs"]
 Measured = float | str

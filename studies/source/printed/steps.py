@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
-from rig.report.html import Figure
+from rig.report.page import PageFigure
 from rig.report.style import BLUE, GREEN, ORANGE, PURPLE, Plot
 from sim.contact.profiles import STEP_HALF_WAVELENGTH_MM
 from sim.models.result import FILTER_SPACING_MM
@@ -136,7 +136,7 @@ def _pair(force_gwt: float) -> Claim:
     )
 
 
-def _figures(answers: Answers, number: str) -> tuple[Figure, ...]:
+def _figures(answers: Answers, number: str) -> tuple[PageFigure, ...]:
     shown = [forced(f"step:{number}", LOW_GWT, x) for x in _SHOWN[number]]
     over = [shown[k] for k in (0, 2, 4, 5, 7, 8)]
     plot = Plot((10.2, 2.9), lambda canvas: _draw_moved(canvas, answers, number))
@@ -146,7 +146,7 @@ def _figures(answers: Answers, number: str) -> tuple[Figure, ...]:
     )
     return (
         pressures(answers, shown, f"Pressure under step {number} at {LOW_GWT} gwt"),
-        Figure(f"Step {number} moved across the pad at {LOW_GWT} gwt", plot, caption),
+        PageFigure(f"Step {number} moved across the pad at {LOW_GWT} gwt", plot, caption),
         maps(answers, over, f"Pressure under step {number} over x and z"),
     )
 

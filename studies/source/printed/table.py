@@ -8,7 +8,7 @@ from rig.compare.comparison import Comparison, compare
 from rig.compare.shape_test import THRESHOLD
 from rig.compare.stimuli import Stimulus
 from rig.compare.table_5_2 import Agreement, Flags, agreement, agreement_limits, source_flags
-from rig.report.html import Section
+from rig.report.page import Section
 from studies.source.printed.answers import HIGH_GWT, LOW_GWT, Answers, forced, once
 from studies.source.printed.entry import Claim, Entry
 from studies.source.printed.profiles import BAR_POSITIONS, BARS, under_bar, under_step

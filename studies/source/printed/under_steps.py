@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 from scipy.signal import find_peaks
 
-from rig.report.html import Figure
+from rig.report.page import PageFigure
 from rig.report.style import signed
 from studies.source.printed.answers import HIGH_GWT, LOW_GWT, Answers, Scene, deep, forced
 from studies.source.printed.drawing import PROMINENT, beneath, maxima, second
@@ -73,7 +73,7 @@ def alike(answers: Answers, x_mm: float) -> float:
 
 def _figure(
     title: str, rows: list[tuple[str, list[Scene]]], *measures: str
-) -> Callable[[Answers], tuple[Figure, ...]]:
+) -> Callable[[Answers], tuple[PageFigure, ...]]:
     return lambda answers: (beneath(answers, rows, measures, title),)
 
 

@@ -1,7 +1,6 @@
 """A GRBL 1.1 board at 115200 baud: 10 mm down from home, and what it says on the way."""
 
-from rig.devices.stage import StageStatus, StageTimeout
-from rig.devices.stage.base import StageHeld
+from rig.devices.base import StageHeld, StageStatus, StageTimeout
 from tests.contracts.stage import SILENCE, Garbled, StageBytes
 
 BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"

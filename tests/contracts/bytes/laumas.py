@@ -6,7 +6,7 @@ Frames are written without what their way adds: the CRC of RTU, computed here bi
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from rig.devices.force import ForceBroken, ForceBusy, ForceError, ForceOverload, ForceTimeout, ForceUnderload
+from rig.devices.base import ForceBroken, ForceBusy, ForceError, ForceOverload, ForceTimeout, ForceUnderload
 from tests.contracts.force import SILENCE, ForceBytes, NoWeight, Weight, Zeroing
 
 SOURCE = "Laumas TLU manual, list of registers; LCB manual, status register 1 (second-hand for TLB and TLU)"

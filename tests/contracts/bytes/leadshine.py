@@ -6,7 +6,7 @@ Frames are written without what their way adds: the CRC of RTU, computed here bi
 from collections.abc import Sequence
 from dataclasses import replace
 
-from rig.devices.stage import StageError, StageStatus, StageTimeout
+from rig.devices.base import StageError, StageStatus, StageTimeout
 from tests.contracts.stage import SILENCE, Garbled, Limit, Replies, StageBytes
 
 X, Z = 1, 2

@@ -1,7 +1,6 @@
 """A balance that speaks MT-SICS level 0 and 1."""
 
-from rig.devices.force import ForceBusy, ForceOverload, ForceTimeout, ForceUnderload
-from rig.devices.force.base import ForceError
+from rig.devices.base import ForceBusy, ForceError, ForceOverload, ForceTimeout, ForceUnderload
 from tests.contracts.force import SILENCE, ForceBytes, NoWeight, Weight, Zeroing
 
 ASK, ZERO = b"SI\r\n", b"Z\r\n"

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rig.compare.answers.answer import Answer, Noise, PairRow, Places, Power
+from rig.compare.verdict import Answer, Noise, PairRow, Places, Power
 
 P = 4
 ZERO = np.zeros(P)

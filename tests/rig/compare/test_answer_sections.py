@@ -10,23 +10,12 @@ from matplotlib.image import AxesImage
 from matplotlib.text import Text
 from numpy.typing import NDArray
 
-from rig.compare.answers.answer import (
-    Answer,
-    LeftOut,
-    Mimic,
-    Noise,
-    PairRow,
-    Places,
-    Power,
-    Separate,
-    Together,
-)
-from rig.compare.answers.methods import methods
-from rig.compare.answers.wording import sentence, sentences
-from rig.report.comparison import answer_figures
-from rig.report.comparison.answer_sections import answer_sections
-from rig.report.html import Section
+from rig.compare.verdict import Answer, LeftOut, Mimic, Noise, PairRow, Places, Power, Separate, Together
+from rig.compare.verdict_text import methods, sentence, sentences
+from rig.report import verdict_figures
+from rig.report.page import Section
 from rig.report.style import BLUE, ORANGE, PAGE_IN, Plot
+from rig.report.verdict_section import answer_sections
 
 Array = NDArray[np.float64]
 
@@ -152,28 +141,28 @@ def _points(found: Answer) -> tuple[str, ...]:
 
 def test_with_one_measure_there_is_no_other() -> None:
     found = answer(BEST, TWIN)
-    assert answer_figures.rival(found) is None
-    assert answer_figures.apart(found) is None
+    assert verdict_figures.rival(found) is None
+    assert verdict_figures.apart(found) is None
     assert len(_points(found)) == len(sentences(found)) + 1
-    assert answer_figures.drawn_pairs(found) == [BEST]
+    assert verdict_figures.drawn_pairs(found) == [BEST]
 
 
 def test_what_is_drawn() -> None:
-    assert answer_figures.drawn_pairs(answer(*ROWS)) == [BEST, FITS, CONTROL]
+    assert verdict_figures.drawn_pairs(answer(*ROWS)) == [BEST, FITS, CONTROL]
     in_set = replace(WRONG, p_fit=0.5, p_set=0.5)
-    assert answer_figures.rival(answer(BEST, FITS, in_set)) is in_set  # before what is likelier and outside
-    assert answer_figures.drawn_pairs(answer(FITS, WRONG, CONTROL)) == [FITS, WRONG, CONTROL]  # nothing explains it
+    assert verdict_figures.rival(answer(BEST, FITS, in_set)) is in_set  # before what is likelier and outside
+    assert verdict_figures.drawn_pairs(answer(FITS, WRONG, CONTROL)) == [FITS, WRONG, CONTROL]  # nothing explains it
 
 
 def test_the_ranking_has_each_name_once_best_first() -> None:
-    assert answer_figures.ranking(answer(*ROWS)) == [BEST, FITS, CONTROL, WRONG, CONSTANT]
+    assert verdict_figures.ranking(answer(*ROWS)) == [BEST, FITS, CONTROL, WRONG, CONSTANT]
     many = [pair(f"m{k}", 10.0 + k) for k in range(9)] + [pair(f"c{k}", 50.0 - k, control=True) for k in range(5)]
-    shown = answer_figures.ranking(answer(*many))
+    shown = verdict_figures.ranking(answer(*many))
     assert [row.name for row in shown] == ["m0", "m1", "m2", "m3", "m4", "m5", "m6", "c2", "c1", "c0"]
 
 
 def test_the_first_figure_shows_rates_and_how_well_pairs_fit() -> None:
-    canvas = drawn(answer_figures.the_answer(answer(*ROWS), [0, 1, 2], "no offset fitted"))
+    canvas = drawn(verdict_figures.the_answer(answer(*ROWS), [0, 1, 2], "no offset fitted"))
     said = words(canvas)
     assert {"no offset fitted", *TITLES, "−ep1 at −1.00 mm: in the set", "SED at −1.00 mm: fits, but worse"} <= set(
         said
@@ -199,7 +188,7 @@ def test_the_first_figure_shows_rates_and_how_well_pairs_fit() -> None:
 
 def test_a_control_that_fits_is_a_square() -> None:
     control = replace(CONTROL, p_fit=0.5, p_set=0.5)
-    canvas = drawn(answer_figures.the_answer(answer(BEST, control), [0, 1, 2], ""))
+    canvas = drawn(verdict_figures.the_answer(answer(BEST, control), [0, 1, 2], ""))
     assert [line.get_marker() for line in canvas.axes[3].lines if line.get_mfc() == BLUE] == ["o", "s"]
 
 
@@ -209,8 +198,8 @@ def test_of_many_stimuli_the_first_figure_shows_those_that_tell_most() -> None:
     titles = tuple(f"bar:{k} at 1 mm" for k in range(6))
     found = answer(BEST, replace(FITS, predicted=BEST.predicted + apart), stimuli=titles)
     found = replace(found, places=found.places._replace(stimulus=np.repeat(np.arange(6), 2)))
-    assert answer_figures.most_telling(found) == [1, 3, 4, 5]
-    assert answer_figures.most_telling(answer(*ROWS)) == [0, 1, 2]
+    assert verdict_figures.most_telling(found) == [1, 3, 4, 5]
+    assert verdict_figures.most_telling(answer(*ROWS)) == [0, 1, 2]
     made = sections(found)
     assert made["Verdicts"].figures[0].caption.startswith("The 4 of 6 stimuli that tell most. Above: ")
     assert made["Residuals by position"].figures[0].title == "Residuals by position, 1 of 2"

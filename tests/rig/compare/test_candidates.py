@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.compare.answers.candidates import DISCREPANCY, OF_THE_MESH, Candidates
-from rig.compare.answers.likeliest import Form, likeliest
-from rig.compare.answers.observed import Observed, observed
-from rig.compare.answers.power import imitated
-from rig.compare.answers.prediction import predicted_left_out
-from rig.compare.recordings.recorded import recording
+from rig.compare.candidates import DISCREPANCY, OF_THE_MESH, Candidates
+from rig.compare.likelihood import Form, Observed, likeliest, observed
+from rig.compare.model_set import imitated, predicted_left_out
+from rig.compare.recordings.recording import recording
 
 Array = NDArray[np.float64]
 X = np.linspace(-2, 2, 20)

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from rig.compare.errors import RecordingError
-from rig.compare.recordings.column_map import ColumnMap, column_map
+from rig.compare.recordings.columns import ColumnMap, column_map
 from tests.raising import raises
 
 

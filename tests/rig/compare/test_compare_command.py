@@ -13,10 +13,9 @@ import pytest
 
 from rig.cli import main
 from rig.cli.output import THE_FINGER
-from rig.compare.answers.answer import A_CONSTANT
-from rig.compare.controls import CONTROLS
-from rig.compare.recordings.synthetic import afferent_for, record, write_synthetic
-from rig.compare.stimuli import stimuli
+from rig.compare.recordings.spikes import afferent_for, record, write_synthetic
+from rig.compare.stimuli import CONTROLS, stimuli
+from rig.compare.verdict import A_CONSTANT
 from rig.data import Run
 from sim.models.fingertip import Fingertip
 

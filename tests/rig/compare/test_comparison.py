@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from rig.compare.comparison import Comparison, compare
 from rig.compare.errors import ComparisonError
-from rig.compare.recordings.recorded import Recording, recording
-from rig.compare.recordings.synthetic import Afferent, afferent_for, record, write_synthetic
+from rig.compare.recordings.recording import Recording, recording
+from rig.compare.recordings.spikes import Afferent, afferent_for, record, write_synthetic
+from rig.compare.results import as_json, best_receptor, threshold_rows
 from rig.compare.stimuli import Stimulus
-from rig.compare.tables import as_json, best_receptor, threshold_rows
 from sim.measures.measures import MEASURES
 from tests.raising import raises
 

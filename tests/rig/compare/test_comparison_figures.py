@@ -11,18 +11,16 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
-from rig.compare.answers.judging import answers
 from rig.compare.comparison import Comparison, compare
-from rig.compare.recordings.recorded import recording
-from rig.compare.stimuli import Stimulus
-from rig.compare.stimulus_maps import StimulusMap
-from rig.report.comparison.answer_sections import answer_sections
-from rig.report.comparison.comparison_figures import shape_figures, shown_measures
-from rig.report.comparison.comparison_report import simulation_sections
-from rig.report.comparison.profile_figures import populations
-from rig.report.comparison.source_section import source_section
-from rig.report.html import Figure
+from rig.compare.judge import answers
+from rig.compare.recordings.recording import recording
+from rig.compare.stimuli import Stimulus, StimulusMap
+from rig.report.comparison_report import shape_figures, shown_measures, simulation_sections
+from rig.report.page import PageFigure
+from rig.report.profile_figures import populations
+from rig.report.recording_sections import source_section
 from rig.report.style import PAGE_IN, position_scale, shade, shade_of
+from rig.report.verdict_section import answer_sections
 from sim.measures.receptors import DEFAULT_X_MM
 
 LEAST_POINTS = 6.5
@@ -58,7 +56,7 @@ def section(comparison: Comparison) -> StimulusMap:
     return StimulusMap(comparison.stimuli[0], 0.5, corners, np.array([[0.0, 4.0]]), {"sed": values, "ep1": values})
 
 
-def comparison_figures(comparison: Comparison, maps: Sequence[StimulusMap]) -> list[Figure]:
+def comparison_figures(comparison: Comparison, maps: Sequence[StimulusMap]) -> list[PageFigure]:
     """All figures of a page, those of the source aside."""
     said = answers(comparison)
     sections = [
@@ -68,7 +66,7 @@ def comparison_figures(comparison: Comparison, maps: Sequence[StimulusMap]) -> l
     return [figure for section in sections for figure in section.figures]
 
 
-def drawn(figure: Figure) -> Canvas:
+def drawn(figure: PageFigure) -> Canvas:
     canvas = Canvas(figsize=figure.plot.size, layout=figure.plot.layout)
     figure.plot.draw(canvas)
     canvas.draw_without_rendering()
@@ -168,8 +166,8 @@ def test_a_little_of_the_other_sign_keeps_the_colours(
     assert mesh.get_cmap().name == cmap
 
 
-def _population(stimulus: Stimulus) -> Figure:
-    return Figure("", populations(stimulus, ["ep1", "e13"]), "")
+def _population(stimulus: Stimulus) -> PageFigure:
+    return PageFigure("", populations(stimulus, ["ep1", "e13"]), "")
 
 
 def test_more_panels_than_a_page_holds_are_several_figures(comparison: Comparison) -> None:

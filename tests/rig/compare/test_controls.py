@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.compare.controls import CONTROLS, controls, half_space_strain
-from rig.compare.stimuli import stimuli
+from rig.compare.stimuli import CONTROLS, controls, half_space_strain, stimuli
 from rig.data import Run
 from sim.measures.measures import Elastic, measures_from_strain
 from sim.models.fingertip import Fingertip

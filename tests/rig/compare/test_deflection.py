@@ -12,7 +12,7 @@ from rig.data import Run
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.report.comparison.deflection import Deflection, deflection_section, partner, read_deflections, simulated
+from rig.report.recording_sections import Deflection, deflection_section, partner, read_deflections, simulated
 from rig.session.session import NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
 from tests.raising import raises

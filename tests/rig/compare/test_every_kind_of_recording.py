@@ -11,9 +11,9 @@ import pytest
 
 from rig.compare.comparison import compare
 from rig.compare.errors import RecordingError
-from rig.compare.recordings.column_map import column_map
-from rig.compare.recordings.inputs import Reading, read_recordings
-from rig.compare.recordings.recorded import Recording
+from rig.compare.recordings.columns import column_map
+from rig.compare.recordings.reading import Reading, read_recordings
+from rig.compare.recordings.recording import Recording
 from rig.compare.stimuli import Stimulus
 from rig.data import Run
 from rig.data.folder import RunFolder

@@ -5,17 +5,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from rig.compare.answers.goodness import (
-    blocks,
-    by_monotone,
-    by_repeats,
-    detectable,
-    lack_of_fit,
-    rejected,
-    tail,
-)
-from rig.compare.answers.observed import Observed, observed
-from rig.compare.recordings.recorded import recording
+from rig.compare.candidates import blocks, by_monotone, by_repeats, detectable, lack_of_fit, rejected, tail
+from rig.compare.likelihood import Observed, observed
+from rig.compare.recordings.recording import recording
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from rig.compare.errors import RecordingError
-from rig.compare.recordings.column_map import column_map
-from rig.compare.recordings.inputs import Reading, read_recordings
+from rig.compare.recordings.columns import column_map
+from rig.compare.recordings.reading import Reading, read_recordings
 from rig.data import Run
 from tests.raising import raises
 

@@ -7,17 +7,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.compare.answers.answer import A_CONSTANT, Answer, PairRow
-from rig.compare.answers.answer_json import answers_as_json
-from rig.compare.answers.judging import answers, laid
-from rig.compare.answers.likeliest import Form
-from rig.compare.answers.wording import sentence
 from rig.compare.comparison import compare
-from rig.compare.controls import CONTROLS
 from rig.compare.errors import ComparisonError
-from rig.compare.plausible import PlausibleFingers
-from rig.compare.recordings.recorded import Recording, recording
-from rig.compare.stimuli import Stimulus
+from rig.compare.fingers import PlausibleFingers
+from rig.compare.judge import answers, laid
+from rig.compare.likelihood import Form
+from rig.compare.recordings.recording import Recording, recording
+from rig.compare.results import answers_as_json
+from rig.compare.stimuli import CONTROLS, Stimulus
+from rig.compare.verdict import A_CONSTANT, Answer, PairRow
+from rig.compare.verdict_text import sentence
 from sim.measures.measures import MEASURES
 from tests.raising import raises
 

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from rig.report.labels import as_limits, as_number, as_positions, unit
-from rig.report.style import shade_of
+from rig.report.style import as_limits, as_number, as_positions, shade_of, unit
 from sim.measures.measures import MEASURES
 
 

@@ -5,9 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from rig.compare.comparison import Comparison, compare
-from rig.compare.left_out import left_out_lines, left_out_rows
-from rig.compare.recordings.recorded import recording
+from rig.compare.comparison import Comparison, compare, left_out_lines, left_out_rows
+from rig.compare.recordings.recording import recording
 from rig.compare.stimuli import Stimulus
 
 

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.compare.answers.likeliest import Form, Likeliest, likeliest
-from rig.compare.answers.observed import Observed, observed
 from rig.compare.fit import fit_rates
-from rig.compare.recordings.recorded import recording
+from rig.compare.likelihood import Form, Likeliest, Observed, likeliest, observed
+from rig.compare.recordings.recording import recording
 
 Array = NDArray[np.float64]
 EPS = np.linspace(-1, 2, 16)

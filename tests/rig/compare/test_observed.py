@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.compare.answers.observed import Observed, observed
-from rig.compare.recordings.recorded import Recording, recording
+from rig.compare.likelihood import Observed, observed
+from rig.compare.recordings.recording import Recording, recording
 
 Array = NDArray[np.float64]
 

@@ -8,8 +8,7 @@ from datetime import UTC, datetime
 
 from PIL import Image
 
-from rig.report.blocks import blocks
-from rig.report.pdf import as_pdf
+from rig.report.pdf import as_pdf, blocks
 
 WHEN = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
 

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.compare.answers.likeliest import Form
 from rig.compare.comparison import Overlay, compare
-from rig.compare.place.place_fit import whereabouts
-from rig.compare.place.place_grid import PlaceRange
-from rig.compare.place.whereabouts import PlaceRow, Whereabouts, place_lines, places_as_json
-from rig.compare.recordings.recorded import recording
+from rig.compare.likelihood import Form
+from rig.compare.place_grid import PlaceRange, PlaceRow, Whereabouts, place_lines, places_as_json
+from rig.compare.receptor_place import whereabouts
+from rig.compare.recordings.recording import recording
 from rig.compare.stimuli import Stimulus
-from rig.report.comparison.place_table import HEADER, place_section
+from rig.report.comparison_report import HEADER, place_section
 from sim.measures.measures import MEASURES
 
 Array = NDArray[np.float64]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rig.compare.errors import ComparisonError
-from rig.compare.place.place_grid import PlaceRange, nodes, place_range, spline_weights
+from rig.compare.place_grid import PlaceRange, nodes, place_range, spline_weights
 from sim.config import FingertipConfig, Tissue
 from tests.raising import raises
 

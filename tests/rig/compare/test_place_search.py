@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.compare.place.place_search import follow, least, region
+from rig.compare.receptor_place import follow, least, region
 
 Array = NDArray[np.float64]
 

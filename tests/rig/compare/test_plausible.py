@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rig.compare.errors import FingersError
-from rig.compare.plausible import PlausibleFingers, design_places, read_plausible
+from rig.compare.fingers import PlausibleFingers, design_places, read_plausible
 from sim.config import FingertipConfig, Tissue
 from tests.raising import raises
 

@@ -5,11 +5,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from rig.compare.answers.candidates import Candidates
-from rig.compare.answers.likeliest import Form
-from rig.compare.answers.observed import Observed, observed
-from rig.compare.answers.profile_limits import Region, limits
-from rig.compare.recordings.recorded import recording
+from rig.compare.candidates import Candidates
+from rig.compare.intervals import Region, limits
+from rig.compare.likelihood import Form, Observed, observed
+from rig.compare.recordings.recording import recording
 
 Array = NDArray[np.float64]
 EPS = np.linspace(0, 1, 24)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from rig.compare.errors import RecordingError
-from rig.compare.recordings.column_map import column_map
-from rig.compare.recordings.position_table import read_srp
-from rig.compare.recordings.recorded import recording
+from rig.compare.recordings.columns import column_map
+from rig.compare.recordings.reading import read_srp
+from rig.compare.recordings.recording import recording
 from tests.raising import raises
 
 

@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 
 from rig.compare.comparison import Comparison, compare
-from rig.compare.recordings.recorded import Recording, recording
+from rig.compare.recordings.recording import Recording, recording
 from rig.compare.stimuli import Stimulus
-from rig.report.comparison.measures_section import WHAT, measures_section
-from rig.report.comparison.shape_section import shape_sections
-from rig.report.comparison.source_section import source_section, table_5_1
-from rig.report.html import Figure, Section, alone, render
-from rig.report.labels import label
-from rig.report.style import Plot, some_of
+from rig.report.comparison_report import WHAT, measures_section, shape_sections
+from rig.report.page import PageFigure, Section, alone, render
+from rig.report.recording_sections import source_section, table_5_1
+from rig.report.style import Plot, label, some_of
 from sim.measures.measures import MEASURES, PLOTTED_AS_MAGNITUDE
 
 X = np.linspace(-4, 3, 25)
@@ -122,7 +120,7 @@ def test_recordings_fill_figures_and_table(steps: list[Stimulus], make_stimulus:
 
 
 def test_the_shape_test_is_a_section_of_its_own(steps: list[Stimulus]) -> None:
-    drawn = Figure("SSRPs", PLOT, "")
+    drawn = PageFigure("SSRPs", PLOT, "")
     test, thresholds, collinear = shape_sections(compare(steps, {}), [drawn])
     assert test.title == "The shape test: a property of the simulation"
     assert "ignores every recording" in test.text
@@ -148,7 +146,7 @@ def test_what_chance_passes_is_said_beside_the_verdicts(
         {"shape": "step:3", "condition": "8 gwt", "passes_by_chance": None},
         {"shape": "step:5", "condition": "8 gwt", "passes_by_chance": 0.11},
     ]
-    monkeypatch.setattr("rig.report.comparison.shape_section.chance_rows", lambda _: found)
+    monkeypatch.setattr("rig.report.comparison_report.chance_rows", lambda _: found)
     said = "Of 1000 random profiles as smooth as a stimulus's own pass: step:1 at 8 gwt 7 %, step:5 at 8 gwt 11 %."
     assert shape_sections(compare(steps, {}), [])[0].text.endswith(f"at a threshold of 5 %. {said}")
     monkeypatch.undo()
@@ -163,7 +161,7 @@ def test_conditions_are_listed_where_there_are_several(steps: list[Stimulus], ma
 
 
 def test_without_a_shape_test_its_section_says_so(make_stimulus: Make) -> None:
-    drawn = Figure("SSRPs", PLOT, "")
+    drawn = PageFigure("SSRPs", PLOT, "")
     profiles = {"ep1": X[:, None] * np.ones(3), "ep3": (X**2)[:, None] * np.ones(3)}
     (only,) = shape_sections(compare([make_stimulus("cylinder:3", X, RECEPTORS, profiles)], {}), [drawn])
     assert only.text.endswith("None is defined for these indentors or schedules: it needs steps or bars at five "
@@ -172,7 +170,7 @@ def test_without_a_shape_test_its_section_says_so(make_stimulus: Make) -> None:
 
 
 def test_a_section_on_a_page() -> None:
-    figure = Figure("A", PLOT, "Below.")
+    figure = PageFigure("A", PLOT, "Below.")
     table = Section("T", "one\n\ntwo", ("h",), (("c",),), (figure,), points=("p <",))
     words = {
         "title": "t",

@@ -7,8 +7,8 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from rig.data import Run
-from rig.plan.responses import Response, responses
-from rig.report.run.contact_figures import HEIGHTS_MM, contact_panels, highest_pressure
+from rig.plan.finger_model import Response, responses
+from rig.report.run_figures import HEIGHTS_MM, contact_panels, highest_pressure
 from rig.report.style import ORANGE
 from sim.models.fingertip import Fingertip
 

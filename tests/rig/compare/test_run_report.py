@@ -12,15 +12,25 @@ import numpy as np
 import pytest
 
 from rig.data import Run
-from rig.data.bench_time import booked_s, spans
 from rig.data.dictionary import MODEL_TABLES, OF_A_HOLD
-from rig.plan.responses import responses
-from rig.report.run.conditions import by_target, conditions, loading, samples_of
-from rig.report.run.force_figures import PHASES
-from rig.report.run.numbers import COLUMNS, write_numbers
-from rig.report.run.run_report import write_report
-from rig.report.run.what_ran import condition_rows, devices, limits, phases, why_approach
-from rig.session.provenance import commit
+from rig.data.tables import booked_s, spans
+from rig.plan.finger_model import responses
+from rig.report.run_figures import PHASES
+from rig.report.run_report import write_report
+from rig.report.run_tables import (
+    COLUMNS,
+    by_target,
+    condition_rows,
+    conditions,
+    devices,
+    limits,
+    loading,
+    phases,
+    samples_of,
+    why_approach,
+    write_numbers,
+)
+from rig.session.resume import commit
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
 

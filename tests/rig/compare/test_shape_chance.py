@@ -6,16 +6,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.compare.shape_chance import (
+from rig.compare.shape_test import (
     Schedule,
     candidates_by_chance,
     chance_rows,
     moved_response,
     passed_by_chance,
+    shape_flags,
+    shape_test,
     smooth_over_mm,
     smooth_profiles,
 )
-from rig.compare.shape_test import shape_flags, shape_test
 from rig.compare.stimuli import Stimulus
 
 Array = NDArray[np.float64]

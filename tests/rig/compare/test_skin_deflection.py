@@ -11,7 +11,7 @@ import pytest
 
 from rig.cli import main
 from rig.compare.errors import RecordingError
-from rig.compare.recordings.skin_deflection import (
+from rig.compare.recordings.deflection import (
     SkinDeflection,
     _between_rows,
     deflection_at,

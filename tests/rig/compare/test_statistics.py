@@ -5,16 +5,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from rig.compare import statistics
-from rig.compare.statistics import (
-    chance_correlation,
-    correlation,
-    fit_all,
-    in_play,
-    indistinguishable,
-    interval,
-    not_worse,
-)
+from rig.compare import fit
+from rig.compare.fit import chance_correlation, correlation, fit_all, in_play, indistinguishable, interval, not_worse
 
 Array = NDArray[np.float64]
 
@@ -114,7 +106,7 @@ def test_intervals_over_few_repeats_are_wider_as_welch_s_t_is(monkeypatch: pytes
     few, many = np.array([20.0, 26.0]), np.array([50.0, 53.0, 47.0, 55.0, 49.0, 52.0, 46.0])
     asked = (np.array([0.0, 1.0]), [few, many], np.zeros(2, dtype=int), 1)
     found = interval(*asked)
-    monkeypatch.setattr(statistics, "_stretch", lambda variance, freedom: 1.0)
+    monkeypatch.setattr(fit, "_stretch", lambda variance, freedom: 1.0)
     plain = interval(*asked)
     variance = np.array([few.var(ddof=1) / 2, many.var(ddof=1) / 7])
     assert wider(found.k, plain.k) == pytest.approx(t_over_normal(stats.ttest_ind(few, many, equal_var=False).df))

@@ -9,7 +9,7 @@ import pytest
 from rig.compare.stimuli import Stimulus, on_widest_skin, stimuli
 from rig.data import Run, read_run
 from rig.plan.config import load_config
-from rig.plan.responses import responses
+from rig.plan.finger_model import responses
 from sim.measures.measures import MEASURES, shown
 from sim.models.fingertip import Fingertip
 from tests.program import Program

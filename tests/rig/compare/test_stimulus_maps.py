@@ -5,10 +5,9 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from rig.compare.stimuli import stimuli
-from rig.compare.stimulus_maps import MAPPED, stimulus_maps
+from rig.compare.stimuli import MAPPED, stimuli, stimulus_maps
 from rig.data import Run
-from rig.report.comparison.strain_figures import strain_maps
+from rig.report.profile_figures import strain_maps
 from sim.models.fingertip import Fingertip
 
 

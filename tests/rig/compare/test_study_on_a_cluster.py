@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
-from rig.compare.parameter_study import cluster as cluster_module
-from rig.compare.parameter_study.errors import WorkersError
-from rig.compare.parameter_study.workers import spread
+from rig.compare import cluster as cluster_module
+from rig.compare.parameter_study import WorkersError
+from rig.compare.workers import spread
 from tests.raising import raises
 from tests.waiting import DEADLINE_S, until
 

@@ -11,11 +11,11 @@ import pytest
 from numpy.typing import NDArray
 
 from rig.compare.comparison import Joint, compare
-from rig.compare.fingers.with_finger import WithFinger
-from rig.compare.plausible import PlausibleFingers
-from rig.compare.recordings.recorded import Recording, recording
+from rig.compare.fingers import PlausibleFingers
+from rig.compare.recordings.recording import Recording, recording
 from rig.compare.stimuli import Stimulus
-from rig.report.comparison.finger_tables import finger_section, finger_tables, fingers_as_json
+from rig.compare.with_finger import WithFinger
+from rig.report.finger_tables import finger_section, finger_tables, fingers_as_json
 from sim.measures.measures import MEASURES
 from sim.models.interpolation import HOW_MADE
 
@@ -155,7 +155,7 @@ def test_a_joint_fit_on_all_fingers_is_made_once_for_report_and_json(
         made.append(joint)
         return WithFinger(joint)
 
-    monkeypatch.setattr("rig.report.comparison.finger_tables.WithFinger", counted)
+    monkeypatch.setattr("rig.report.finger_tables.WithFinger", counted)
     comparison = compare([stimulus], {"step:1": recorded(np.random.default_rng(5))}, plausible=RANGES)
     tables = finger_tables(comparison)
     fingers_as_json(comparison, tables)

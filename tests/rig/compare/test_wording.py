@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.compare.answers.answer import Answer, LeftOut, Mimic, Noise, PairRow, Places, Power, Separate, Together
-from rig.compare.answers.answer_json import answers_as_json
-from rig.compare.answers.methods import methods
-from rig.compare.answers.wording import listed, percent, probability, sentence, sentences
+from rig.compare.results import answers_as_json
+from rig.compare.verdict import Answer, LeftOut, Mimic, Noise, PairRow, Places, Power, Separate, Together
+from rig.compare.verdict_text import listed, methods, percent, probability, sentence, sentences
 
 ZERO = np.zeros(4)
 NONE = (np.nan, np.nan)

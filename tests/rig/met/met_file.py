@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rig.plan.met.finger_file import Band, Draw, FingerFile, Met, Place, Posterior
+from rig.plan.finger_file import Band, Draw, FingerFile, Met, Place, Posterior
 from sim.config import FingertipConfig, Tissue
 from tests.sim.coarse import coarse_mesh
 

@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from rig.engine.records import Target
-from rig.plan.met.expected import Answers, band_of
-from rig.plan.met.learned import Seen, taken_in
-from rig.plan.met.left import left_of
+from rig.plan.finger_model import Answers, band_of, left_of
+from rig.plan.finger_update import Seen, taken_in
 from rig.plan.plan import Plan
-from rig.protocol.planned import Band, Pace, PlannedIndentation
+from rig.records import Band, Pace, PlannedIndentation, Target
 from sim.models.relaxation import Memory, Prony, PronyTerm
 from sim.units import GWT_N
 from tests.rig.met.met_file import SERIES, met_file

@@ -9,15 +9,14 @@ import numpy as np
 import pytest
 import typer
 
-import rig.cli.meet as meet
-from rig.cli.meeting_said import said_at_the_end
-from rig.compare.plausible import read_plausible
-from rig.engine.errors import RunAborted
+import rig.cli.identify as meet
+from rig.cli.identify import said_at_the_end
+from rig.compare.fingers import read_plausible
+from rig.errors import BadInputError, RunAborted
+from rig.identify.procedure import Meeting, Wanted, felt_surely
+from rig.identify.result import finger_file
 from rig.plan.config import Config
-from rig.plan.met.finger_file import FingerFile
-from rig.protocol.errors import BadInputError
-from rig.session.meeting.meeting import Meeting, Wanted, felt_surely
-from rig.session.meeting.written_finger import finger_file
+from rig.plan.finger_file import FingerFile
 from sim.identification.design import PressAt
 from sim.identification.posterior import least_effective
 from tests.made_up_fingers import made_up

@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+from rig.errors import BadInputError, first_problem
 from rig.plan.config import Config, load_config, with_finger
-from rig.plan.met.finger_file import fingers_of, read_finger_file
-from rig.protocol.errors import BadInputError, first_problem
+from rig.plan.finger_file import fingers_of, read_finger_file
 from tests.raising import has_code, raises
 from tests.rig.met.met_file import SERIES, met_file
 

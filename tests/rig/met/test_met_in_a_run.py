@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from rig.compare.plausible import read_plausible
+from rig.compare.fingers import read_plausible
 from rig.data import Run, read_run
-from rig.devices.units import GWT_N
-from rig.plan.met.finger_file import read_finger_file
+from rig.plan.finger_file import read_finger_file
+from rig.units import GWT_N
 from tests.program import Program
 from tests.rig.met.met_file import SERIES, met_file
 

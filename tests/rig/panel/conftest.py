@@ -5,13 +5,12 @@ from pathlib import Path
 
 import pytest
 
+from rig.control.stop import SentStop
 from rig.devices.bench_settings import BenchSettings
-from rig.panel import posts
+from rig.panel import requests
 from rig.panel.app import application
-from rig.panel.seen.seen_bench import SeenBench
-from rig.panel.watcher import Watcher
+from rig.panel.state import SeenBench, Watcher
 from rig.plan.config import Config
-from rig.session.control.sent_stop import SentStop
 from sim.devices.clock import VirtualClock
 from tests.rig.panel.told_panel import PORT, TOKEN, Told, ToldBench, ToldOwner
 from tests.waiting import DEADLINE_S
@@ -26,8 +25,8 @@ def sent(monkeypatch: pytest.MonkeyPatch) -> list[BenchSettings]:
         stops.append(settings)
         return SentStop(settings.stage.ports, problems=["there is no such port"])
 
-    monkeypatch.setattr(posts, "send_stop", send)
-    monkeypatch.setattr(posts, "BESIDE_S", DEADLINE_S)
+    monkeypatch.setattr(requests, "send_stop", send)
+    monkeypatch.setattr(requests, "BESIDE_S", DEADLINE_S)
     return stops
 
 

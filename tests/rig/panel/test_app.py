@@ -5,10 +5,10 @@ from typing import Any
 
 import pytest
 
-import rig.panel.drawn.drawing as drawing
-import rig.panel.drawn.drawing_process as drawing_process
-from rig.panel.drawn.drawer import Drawer
-from rig.panel.outlet import Outlet
+import rig.panel.drawing as drawing
+import rig.panel.drawing as drawing_process
+from rig.panel.drawing import Drawer
+from rig.panel.stream import Outlet
 from sim.devices.clock import VirtualClock
 from tests.rig.panel.told_panel import Told
 

@@ -10,16 +10,22 @@ import numpy as np
 import pytest
 from PIL import Image
 
-import rig.panel.drawn.drawing as drawing
+import rig.panel.drawing as drawing
 from rig.errors import code_of
-from rig.panel.drawn.drawer import Drawer
-from rig.panel.drawn.drawing import drawn
-from rig.panel.drawn.drawing_process import DrawingError
-from rig.panel.drawn.foreseen import DEPTHS, foreseen
-from rig.panel.drawn.job import Job, Press
-from rig.panel.drawn.outlines import HIGHEST_MM, finger_outlines, indentor_outline
-from rig.panel.outlet import Outlet
-from rig.plan.shape_files import copy_name
+from rig.panel.drawing import (
+    DEPTHS,
+    HIGHEST_MM,
+    Drawer,
+    DrawingError,
+    Job,
+    Press,
+    drawn,
+    finger_outlines,
+    foreseen,
+    indentor_outline,
+)
+from rig.panel.stream import Outlet
+from rig.plan.finger_model import copy_name
 from sim.config import FingertipConfig, Tissue
 from sim.contact.shapes import ShapeError, parse_shape
 from sim.devices.clock import VirtualClock

@@ -11,22 +11,20 @@ from typing import Any
 
 import pytest
 
-from rig.cli.watch import Onlooker
+from rig.cli.monitor import Onlooker
+from rig.control.client import ControlError
+from rig.data import run_state
 from rig.data.folder import RunFolder
-from rig.data.following import Following
-from rig.panel.drawn.drawer import Drawer
-from rig.panel.drawn.job import Job, Press
-from rig.panel.outlet import Onlooking, Outlet, Source
-from rig.panel.seen.growing import growing
-from rig.panel.seen.seen_bench import HAND, SeenBench
-from rig.panel.seen.seen_run import SeenRun
-from rig.panel.tabs import Tabs
-from rig.plan import onlooker
-from rig.plan.agenda import Course
+from rig.data.run import Following
+from rig.data.run_state import Course
+from rig.manual.requests import Hold, Holds
+from rig.manual.status import KEPT, Backlog
+from rig.panel.drawing import Drawer, Job, Press
+from rig.panel.owners import Tabs
+from rig.panel.seen_run import SeenRun, growing
+from rig.panel.state import HAND, SeenBench
+from rig.panel.stream import Onlooking, Outlet, Source
 from rig.plan.config import Config
-from rig.session.by_hand.hand_readings import KEPT, Backlog
-from rig.session.by_hand.holds import Hold, Holds
-from rig.session.control.announcements import ControlError
 from sim.devices.clock import VirtualClock
 from tests.kept import Step, kept_bytes, needed_bytes
 from tests.rig.panel.told_panel import Told, ToldOwner
@@ -262,15 +260,15 @@ def test_hours_of_it_are_kept_no_longer_than_they_are_shown(
     make: Make,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("rig.panel.outlet.MOST_ROWS", ROWS)  # full at once; as many as there are: test_outlet.py
-    monkeypatch.setattr("rig.plan.onlooker.LATE", 50)
+    monkeypatch.setattr("rig.panel.stream.MOST_ROWS", ROWS)  # full at once; as many as there are: test_outlet.py
+    monkeypatch.setattr("rig.data.run_state.LATE", 50)
     with ExitStack() as there:
         step = looking_on(tmp_path, make, there)
         assert kept_bytes(step, first=20, then=100) < MOST_KEPT
 
 
 def test_so_much_may_wait_for_a_course_and_for_who_asks() -> None:
-    assert (onlooker.LATE, KEPT) == (1000, 3600)
+    assert (run_state.LATE, KEPT) == (1000, 3600)
 
 
 @pytest.mark.parametrize("what", ["a run", "no run", "runs", "a journal", "a bench"])

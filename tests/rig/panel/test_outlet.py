@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from rig.panel.outlet import MOST_ROWS, MOST_STREAMS, NOTHING, SHOWN_S, Onlooking, Outlet, Source, as_event, stream
+from rig.panel.stream import MOST_ROWS, MOST_STREAMS, NOTHING, SHOWN_S, Onlooking, Outlet, Source, as_event, stream
 
 RUN = Source("run", ("t_s", "force_gwt"))
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-import rig.panel.serving as serving
-from rig.session.control.announcements import runtime_folder
+import rig.panel.app as serving
+from rig.control.client import runtime_folder
 from tests.program import Program
 
 

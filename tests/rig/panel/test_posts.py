@@ -6,13 +6,11 @@ from typing import Any
 
 import pytest
 
-import rig.panel.posts as posts
-from rig.panel.asked import MOST_BYTES, HeldButton, RequestError
-from rig.panel.by_hand_process import READY_S, NotTakenError
-from rig.panel.owners import STOP_S
-from rig.panel.tabs import GONE_S
-from rig.session.control.announcements import ControlError, RefusedError
-from rig.session.control.sent_stop import SentStop
+import rig.panel.requests as posts
+from rig.control.client import ControlError, RefusedError
+from rig.control.stop import SentStop
+from rig.panel.owners import GONE_S, READY_S, STOP_S, NotTakenError
+from rig.panel.requests import MOST_BYTES, HeldButton, RequestError
 from tests.raising import raises
 from tests.rig.panel.asgi_client import asked
 from tests.rig.panel.told_panel import OWN, Told, ToldOwner

@@ -8,16 +8,13 @@ from typing import Any
 import pytest
 
 from rig.data.folder import RunFolder
-from rig.devices.units import GWT_N
-from rig.panel.drawn.job import Job, Press
-from rig.panel.outlet import SHOWN_S
-from rig.panel.seen.growing import GROWS_S, growing, written_s
-from rig.panel.seen.limits_told import limits_told
-from rig.panel.seen.seen_bench import HAND, SeenBench
-from rig.panel.seen.seen_run import AT_ONCE, COLUMNS, SeenRun
-from rig.plan.agenda import Course
+from rig.data.run_state import Course, Timeline
+from rig.panel.drawing import Job, Press
+from rig.panel.seen_run import AT_ONCE, COLUMNS, GROWS_S, SeenRun, growing, limits_told, written_s
+from rig.panel.state import HAND, SeenBench
+from rig.panel.stream import SHOWN_S
 from rig.plan.config import Config
-from rig.plan.timeline import Timeline
+from rig.units import GWT_N
 
 NOW_S = 2000.0
 START = {"protocol": "steps", "title": "Steps", "subject": "S07", "planned_indentations": 2, "soft_trip_n": 0.05}
@@ -233,7 +230,7 @@ def test_who_comes_late_reads_in_pieces_and_is_told_of_the_last_minute(
     run: Written, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert AT_ONCE == 2**20
-    monkeypatch.setattr("rig.panel.seen.seen_run.AT_ONCE", 1000)
+    monkeypatch.setattr("rig.panel.seen_run.AT_ONCE", 1000)
     for _ in range(200):
         run.event("sample", **SAMPLE)
     run.event("note", text="a")

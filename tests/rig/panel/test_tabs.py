@@ -1,6 +1,6 @@
 """Which tab has the controls."""
 
-from rig.panel.tabs import GONE_S, Tabs
+from rig.panel.owners import GONE_S, Tabs
 
 
 def test_a_tab_that_looks_on_keeps_the_controls() -> None:

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-from rig.panel.by_hand_process import ByHandProcess
-from rig.panel.watcher import Watcher
-from rig.session.control.announcements import ControlError
+from rig.control.client import ControlError
+from rig.panel.owners import ByHandProcess
+from rig.panel.state import Watcher
 from sim.devices.clock import VirtualClock
 from tests.rig.panel.asgi_client import Answer, asked
 

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import pytest
 
-from rig.devices.stage.grbl.grbl_stage import GrblStage
+from rig.bench.served import ServedBench
+from rig.clock import WallClock
+from rig.devices.grbl import GrblStage
 from rig.plan.config import Config
-from rig.session.virtual.served_bench import ServedBench
 from rig.transport import open_port
-from rig.transport.clock import WallClock
 from sim.devices import BalanceMenu, Load, SerialLine, VirtualBalance, VirtualGrbl
 from sim.serve.clock import WallScheduler
 from sim.serve.ports import PtyPort

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from rig.panel.serving import Offered, Panel
-from rig.transport.clock import WallClock
+from rig.clock import WallClock
+from rig.panel.app import Offered, Panel
 from tests.waiting import DEADLINE_S
 
 Serve = Callable[..., Panel]

@@ -11,11 +11,11 @@ from typing import Any
 
 import pytest
 
+from rig.bench.served import ServedBench
+from rig.control.client import Announced, ControlError, announced
 from rig.data import read_run
-from rig.data.summary import state_of
-from rig.engine.journal import read_journal
-from rig.session.control.announcements import Announced, ControlError, announced
-from rig.session.virtual.served_bench import ServedBench
+from rig.data.journal import read_journal
+from rig.data.tables import state_of
 from rig.transport import first_owner
 from sim.models.fingertip import Fingertip
 from studies.faults.stops import decides

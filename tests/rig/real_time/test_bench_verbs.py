@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from rig.devices.stage.grbl.grbl_stage import GrblStage
-from rig.session.virtual.served_bench import ServedBench
+from rig.bench.served import ServedBench
+from rig.clock import WallClock
+from rig.devices.grbl import GrblStage
 from rig.transport import open_port
-from rig.transport.clock import WallClock
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 

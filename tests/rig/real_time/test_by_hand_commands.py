@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from rig.devices.units import GWT_N
-from rig.engine.by_hand.bench_memory import BenchMemory
+from rig.bench.served import ServedBench
+from rig.engine.bench_memory import BenchMemory
 from rig.plan.config import load_config
-from rig.session.virtual.served_bench import ServedBench
+from rig.units import GWT_N
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 

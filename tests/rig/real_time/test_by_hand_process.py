@@ -10,13 +10,13 @@ from typing import Any
 
 import pytest
 
-from rig.devices.stage.grbl.grbl_stage import GrblStage
-from rig.engine.by_hand.bench_memory import BenchMemory, state_folder
+from rig.bench.served import ServedBench
+from rig.clock import WallClock
+from rig.control.client import ControlError, RefusedError, announced
+from rig.devices.grbl import GrblStage
+from rig.engine.bench_memory import BenchMemory, state_folder
 from rig.plan.config import Config, load_config
-from rig.session.control.announcements import ControlError, RefusedError, announced
-from rig.session.virtual.served_bench import ServedBench
 from rig.transport import open_port
-from rig.transport.clock import WallClock
 from tests.raising import raises
 from tests.rig.hand_bench import STOPS, is_move
 from tests.waiting import DEADLINE_S, repeated, until

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from rig.bench.served import ServedBench
 from rig.data import read_run
-from rig.session.virtual.served_bench import ServedBench
 from tests.program import EMPTY_FIGURES
 from tests.waiting import DEADLINE_S, journal_says, until
 

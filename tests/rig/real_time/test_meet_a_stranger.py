@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from rig.data import read_run
+from rig.identify.result import truth_of
 from rig.plan.config import Config
-from rig.plan.met.finger_file import read_finger_file
-from rig.session.meeting.stranger import truth_of
+from rig.plan.finger_file import read_finger_file
 from tests.program import Program
 from tests.rig.real_time.conftest import NEAR, Serving, set_up
 from tests.sim.coarse import coarse_mesh

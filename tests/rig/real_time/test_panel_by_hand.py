@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
-from rig.panel.serving import Panel
-from rig.session.control.announcements import announced
-from rig.transport.clock import WallClock
+from rig.clock import WallClock
+from rig.control.client import announced
+from rig.panel.app import Panel
 from tests.rig.real_time.panel_page import Serve, Stream, post, serve
 from tests.waiting import DEADLINE_S, until
 

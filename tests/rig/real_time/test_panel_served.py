@@ -17,16 +17,15 @@ from typing import Any
 
 import pytest
 
-import rig.panel.by_hand_process as by_hand_process
-from rig.engine.journal import Journal
-from rig.engine.streams import STREAMS
-from rig.panel.by_hand_process import ByHandProcess, NotTakenError
-from rig.panel.drawn.drawing_process import DrawingError, DrawingProcess
-from rig.panel.drawn.job import Job
-from rig.panel.serving import Panel
-from rig.session.control.announcements import Announcement, announced
-from rig.session.control.control_socket import ControlSocket
-from rig.transport.clock import WallClock
+import rig.panel.owners as by_hand_process
+from rig.clock import WallClock
+from rig.control.client import Announcement, announced
+from rig.control.server import ControlSocket
+from rig.data.journal import Journal
+from rig.data.schema import STREAMS
+from rig.panel.app import Panel
+from rig.panel.drawing import DrawingError, DrawingProcess, Job
+from rig.panel.owners import ByHandProcess, NotTakenError
 from tests.program import Program
 from tests.raising import raises
 from tests.rig.real_time.panel_page import Serve, Stream, post, serve
@@ -265,8 +264,8 @@ def test_a_hung_owner_hangs_nothing_else(serve: Serve) -> None:
 
 OWNER = """\
 import os, sys, threading
-from rig.session.control.announcements import Announcement
-from rig.session.control.control_socket import ControlSocket
+from rig.control.client import Announcement
+from rig.control.server import ControlSocket
 over = threading.Event()
 about = Announcement(pid=os.getpid(), kind="by hand", virtual=True, ports=(), began_unix_s=1.0)
 with ControlSocket(about, {"leave": lambda request: over.set() or {}}):
@@ -364,7 +363,7 @@ def test_a_process_that_draws_is_ended_while_it_is_asked(tmp_path: Path) -> None
 
 
 def test_what_is_not_drawn_in_time_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rig.panel.drawn.drawing_process.PATIENCE_S", 0.01)
+    monkeypatch.setattr("rig.panel.drawing.PATIENCE_S", 0.01)
     process = DrawingProcess()
     with raises(DrawingError, "too_slow", within_s=0.01):
         process.ask(Job(tmp_path / "config.toml"))

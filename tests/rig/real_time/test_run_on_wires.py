@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
+from rig.bench.served import ServedBench
+from rig.clock import WallClock
 from rig.data import read_run
-from rig.session.virtual.served_bench import ServedBench
-from rig.transport.clock import WallClock
 from sim.models.fingertip import Fingertip
 from tests.program import EMPTY_FIGURES
 from tests.waiting import DEADLINE_S, journal_says, until

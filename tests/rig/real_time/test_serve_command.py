@@ -8,10 +8,10 @@ from typing import Any
 
 import pytest
 
-from rig.devices.force.mtsics.mtsics_force import MtSicsForce
-from rig.devices.stage.grbl.grbl_stage import GrblStage
+from rig.clock import WallClock
+from rig.devices.grbl import GrblStage
+from rig.devices.mtsics import MtSicsForce
 from rig.transport import open_port
-from rig.transport.clock import WallClock
 from sim.models.fingertip import Fingertip
 from tests.waiting import until
 

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
+from rig.bench.served import ServedBench
 from rig.data import read_run
 from rig.engine import Journal
 from rig.session.stop_button import BY_THE_BUTTON
-from rig.session.virtual.served_bench import ServedBench
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 pytestmark = pytest.mark.usefixtures("empty_figures")

@@ -10,11 +10,10 @@ from pathlib import Path
 import pytest
 from threadpoolctl import threadpool_info
 
-import rig.panel.drawn.drawing_process as drawing_process
+import rig.panel.drawing as drawing_process
 import sim.finger_process as finger_process
 import sim.workers as workers
-from rig.panel.drawn.drawing_process import DrawingProcess
-from rig.panel.drawn.job import Job
+from rig.panel.drawing import DrawingProcess, Job
 from sim.config import FingertipConfig
 from sim.finger_process import FingerProcess
 from sim.models.fingertip import Fingertip
@@ -51,11 +50,11 @@ def _drawings(folder: Path) -> Iterator[int]:
 
 BEGUN = {
     "sim/finger_process.py": (_finger, finger_process._GIVES_WAY, 5),
-    "rig/panel/drawn/drawing_process.py": (_drawings, drawing_process._GIVES_WAY, 10),
+    "rig/panel/drawing.py": (_drawings, drawing_process._GIVES_WAY, 10),
 }
 NEITHER_SOLVES_NOR_DRAWS = {
-    "rig/panel/by_hand_process.py": "owns the ports itself",
-    "rig/session/provenance.py": "asks git",
+    "rig/panel/owners.py": "owns the ports itself",
+    "rig/session/resume.py": "asks git",
 }
 NOT_BESIDE_A_STAGE = {
     "sim/workers.py": "many presses at once, for studies, comparisons and benches",

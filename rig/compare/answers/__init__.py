@@ -1,1 +1,0 @@
-"""What a recording says: one object, of which table, sentence, figure and JSON are made."""

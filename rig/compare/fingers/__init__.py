@@ -1,1 +1,0 @@
-"""Comparisons that hold for every finger within stated ranges."""

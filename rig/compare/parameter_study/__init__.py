@@ -1,1 +1,0 @@
-"""The same presses on many fingers, over processes or a cluster."""

@@ -1,1 +1,0 @@
-"""Where the receptor is: depth and lateral place, and on request an offset of the field, as parameters of a fit."""

@@ -1,0 +1,1 @@
+"""Ask and stop the process that owns the ports, over its private socket."""

@@ -1,1 +1,0 @@
-"""A Laumas load-cell transmitter."""

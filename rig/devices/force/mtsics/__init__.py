@@ -1,1 +1,0 @@
-"""A balance that speaks MT-SICS."""

@@ -1,1 +1,0 @@
-"""A stage of two Leadshine drives without a board between."""

@@ -1,1 +1,0 @@
-"""What an indentation is made of: the way down, the touch, the press, the hold."""

@@ -1,0 +1,1 @@
+"""Identify the finger under the rig from a few gentle presses."""
