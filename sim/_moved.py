@@ -149,21 +149,24 @@ speed_and_error.rows benchmark
 speed_and_error.scenes benchmark
 speed_and_error.situation choice
 """
-"""An old module and where its names are now, below the package; - for a package that is no more."""
+"""An old module and the modules that have its names now, below the package; - for a package that is no more."""
 
 
 class _Moved(ModuleType):
     """A module of 0.1, which looks its names up where they are now."""
 
-    def __init__(self, name: str, new: str | None) -> None:
+    def __init__(self, name: str, new: tuple[str, ...]) -> None:
         super().__init__(name)
         self._new = new
 
     def __getattr__(self, name: str) -> Any:
-        if self._new is None or (name.startswith("__") and name.endswith("__")):
-            raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
-        warnings.warn(f"{self.__name__} is {self._new} now", DeprecationWarning, stacklevel=2)
-        return getattr(import_module(self._new), name)
+        if not (name.startswith("__") and name.endswith("__")):
+            for new in self._new:
+                found = getattr(import_module(new), name, self)
+                if found is not self:
+                    warnings.warn(f"{self.__name__} is {new} now", DeprecationWarning, stacklevel=2)
+                    return found
+        raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
 
 
 def answer() -> None:
@@ -172,7 +175,7 @@ def answer() -> None:
     shells = dict[str, _Moved]()
     for row in _NEW.splitlines():
         old, new = row.split()
-        shell = _Moved(f"{package}.{old}", None if new == "-" else f"{package}.{new}")
+        shell = _Moved(f"{package}.{old}", tuple(f"{package}.{one}" for one in new.split(",") if one != "-"))
         shells[old] = sys.modules[shell.__name__] = shell
         above, _, name = old.rpartition(".")
         if above in shells:

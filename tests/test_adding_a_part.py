@@ -166,7 +166,7 @@ def _cut(run: Path, last: Callable[[dict[str, Any]], bool]) -> None:
 
 def test_a_verb(tree: Tree, finger: Fingertip) -> None:
     """It is planned, checked, rehearsed, carried out, journalled, and owed by a run that is taken up again."""
-    tree.add("verb", "tap", {"rig/protocol/steps/tap_step.py": "tap_step.py"}, insertions.VERB)
+    tree.add("verb", "tap", {}, insertions.VERB)
     taps = ("--set", "taps=true")
     run, (check,) = tree.dry_run(taps, ("check", "light.py", *taps, "--json"))
     told = json.loads(check)
@@ -182,14 +182,9 @@ def test_a_verb(tree: Tree, finger: Fingertip) -> None:
 
 
 def test_a_stage(tree: Tree, finger: Fingertip) -> None:
-    made = {
-        "rig/devices/stage/hobby/__init__.py": "hobby_room.py",
-        "rig/devices/stage/hobby/hobby_kind.py": "hobby_kind.py",
-        "rig/devices/stage/hobby/hobby_stage.py": "hobby_driver.py",
-        "sim/devices/hobby.py": "hobby_twin.py",
-    }
-    tree.add("stage", "hobby", made, [])
-    assert {str(Path(path).parent) for path in tree.touched()} == {"rig/devices/stage/hobby", "sim/devices"}
+    made = {"rig/devices/hobby.py": "hobby_driver.py", "sim/devices/hobby.py": "hobby_twin.py"}
+    tree.add("stage", "hobby", made, insertions.STAGE)
+    assert tree.touched() == {*made, "rig/devices/registry.py"}
     (tree.folder / "rig.toml").write_text('[stage]\nkind = "hobby"\n', encoding="utf-8")
     run, _ = tree.dry_run(("--config", "rig.toml"))
     assert [event["controller"] for event in _events(run, "home")] == ["[VER:1.1h.hobby:]"]
@@ -198,14 +193,9 @@ def test_a_stage(tree: Tree, finger: Fingertip) -> None:
 
 
 def test_a_force_sensor(tree: Tree, finger: Fingertip) -> None:
-    made = {
-        "rig/devices/force/plain/__init__.py": "plain_room.py",
-        "rig/devices/force/plain/plain_kind.py": "plain_kind.py",
-        "rig/devices/force/plain/plain_force.py": "plain_driver.py",
-        "sim/devices/plain.py": "plain_twin.py",
-    }
-    tree.add("force sensor", "plain", made, [])
-    assert {str(Path(path).parent) for path in tree.touched()} == {"rig/devices/force/plain", "sim/devices"}
+    made = {"rig/devices/plain.py": "plain_driver.py", "sim/devices/plain.py": "plain_twin.py"}
+    tree.add("force sensor", "plain", made, insertions.FORCE)
+    assert tree.touched() == {*made, "rig/devices/registry.py"}
     (tree.folder / "rig.toml").write_text('[force]\nkind = "plain"\n[force.plain]\ndecimals = 2\n', encoding="utf-8")
     run, (help_,) = tree.dry_run(("--config", "rig.toml"), ("serve", "--help"))
     assert set(_sent(run, "force").split()) == {b"W", b"Z"}

@@ -5,21 +5,26 @@ from importlib import import_module
 
 import pytest
 
-from sim import _moved
+import rig._moved
+import sim._moved
 
-ROWS = [row.split() for row in _moved._NEW.splitlines()]
+ROWS = [
+    (f"{package}.{old}", tuple(f"{package}.{one}" for one in new.split(",") if one != "-"))
+    for package, moved in (("rig", rig._moved), ("sim", sim._moved))
+    for old, new in map(str.split, moved._NEW.splitlines())
+]
 
 
 @pytest.mark.parametrize(("old", "new"), ROWS, ids=[old for old, _ in ROWS])
-def test_an_old_module_has_the_names_of_the_new_one(old: str, new: str) -> None:
-    there = import_module(f"sim.{old}")
-    if new == "-":  # a package of modules that have moved
+def test_an_old_module_has_the_names_of_the_new_ones(old: str, new: tuple[str, ...]) -> None:
+    there = import_module(old)
+    if not new:  # a package of modules that have moved
         assert [module for module, _ in ROWS if module.startswith(f"{old}.")]
         return
-    now = import_module(f"sim.{new}")
-    name = next(name for name in vars(now) if not name.startswith("__"))
-    with pytest.warns(DeprecationWarning, match=rf"sim\.{new} now"):
-        assert getattr(there, name) is getattr(now, name)
+    for now in map(import_module, new):
+        name = next(name for name in reversed(vars(now)) if not name.startswith("__"))
+        with pytest.warns(DeprecationWarning, match=" now$"):
+            assert getattr(there, name) is getattr(now, name)
     with pytest.raises(AttributeError):
         there.__path__  # noqa: B018
 
@@ -31,6 +36,8 @@ def test_an_old_module_has_the_names_of_the_new_one(old: str, new: str) -> None:
         ("sim.models.results.point_load", "PointLoadResult"),
         ("sim.config.fingertip_config", "FingertipConfig"),
         ("sim.models.errors", "ModelRangeError"),
+        ("rig.compare.parameter_study.cases", "Case"),
+        ("rig.data.reader", "Run"),
     ],
 )
 @pytest.mark.filterwarnings("ignore:.* now:DeprecationWarning")

@@ -27,45 +27,55 @@ class Command(NamedTuple):
 
 # Only what is asked for is imported: a help comes at once, and a stop does not wait for libraries that draw a report.
 COMMANDS = {
-    "dry-run": Command("dry_run.command", "Run a protocol on virtual devices, over the wire protocol."),
-    "run": Command("run.command", "Run a protocol on the ports of the configuration."),
-    "meet": Command("meet.command", "Learn in a few gentle presses which finger lies there."),
-    "check": Command("check.command", "Say what a protocol will do and how near the limits it goes; moves nothing."),
-    "resume": Command("resume.command", "Go on with a run that stopped: home, zero, then exactly what is missing."),
+    "dry-run": Command("run.dry_run_command", "Run a protocol on virtual devices, over the wire protocol."),
+    "run": Command("run.run_command", "Run a protocol on the ports of the configuration."),
+    "meet": Command("identify.meet_command", "Learn in a few gentle presses which finger lies there."),
+    "check": Command(
+        "run.check_command", "Say what a protocol will do and how near the limits it goes; moves nothing."
+    ),
+    "resume": Command(
+        "run.resume_command", "Go on with a run that stopped: home, zero, then exactly what is missing."
+    ),
     "compare": Command("compare.command", "SSRPs, shape test, correlations, fits and a report of finished runs."),
     "runs": Command(
-        "runs.command", "List runs, by subject, shape, protocol, date or state, or tabulate their holds."
+        "runs.runs_command", "List runs, by subject, shape, protocol, date or state, or tabulate their holds."
     ),
-    "show": Command("show.command", "Say of one run what ran, with what, how it ended and what its files are."),
-    "watch": Command("watch.command", "Look on at a run from elsewhere: live force, step now and next, time left."),
+    "show": Command("runs.show_command", "Say of one run what ran, with what, how it ended and what its files are."),
+    "watch": Command(
+        "monitor.watch_command", "Look on at a run from elsewhere: live force, step now and next, time left."
+    ),
     "panel": Command(
-        "panel.command", "A page in the browser: the run that goes on, or the bench by hand, with STOP."
+        "panel.panel_command", "A page in the browser: the run that goes on, or the bench by hand, with STOP."
     ),
-    "export": Command("export.command", "Write a run's journal as HDF5 and CSV, or as NWB, into its folder."),
+    "export": Command("runs.export_command", "Write a run's journal as HDF5 and CSV, or as NWB, into its folder."),
     "study": Command("study.command", "A parameter study: every combination of fingers, receptors and presses."),
-    "indent": Command("indent.command", "One simulated indentation."),
-    "impulse": Command("impulse.command", "Impulse responses of the section: strains under a point load."),
+    "indent": Command("indent.indent_command", "One simulated indentation."),
+    "impulse": Command("encode.impulse_command", "Impulse responses of the section: strains under a point load."),
     "shift-invariance": Command(
-        "shift_invariance.command", "SED under point loads at 24 sites: how alike it falls off."
+        "encode.shift_invariance_command", "SED under point loads at 24 sites: how alike it falls off."
     ),
-    "encode": Command("encode.command", "From pressure on the skin to what receptors under it say."),
-    "decode": Command("decode.command", "Pressure on the skin, read back from what receptors under it say."),
-    "finger": Command("finger.command", "Fit the finger's skin, build its mesh and say how good both are."),
-    "find": Command("find.command", "Say where the finger lies, from a run of find_finger."),
-    "export-deck": Command("export_deck.command", "Write a scene as a CalculiX input deck."),
-    "serve": Command("serve.command", "Virtual devices in real time, behind ports that any program can open."),
-    "stranger": Command("stranger.command", "The truth of a finger of rig serve --stranger, beside what was met."),
-    "home": Command("at_the_bench.home", "Find the home switches."),
-    "zero": Command("at_the_bench.zero", "Zero the force sensor, with nothing on it."),
-    "status": Command("at_the_bench.status", "Where the stage is and what the sensor feels; moves nothing."),
-    "stop": Command("stop.command", "Stop the stage now, whoever moves it."),
+    "encode": Command("encode.encode_command", "From pressure on the skin to what receptors under it say."),
+    "decode": Command("decode.decode_command", "Pressure on the skin, read back from what receptors under it say."),
+    "finger": Command("finger.finger_command", "Fit the finger's skin, build its mesh and say how good both are."),
+    "find": Command("identify.find_command", "Say where the finger lies, from a run of find_finger."),
+    "export-deck": Command("finger.export_deck_command", "Write a scene as a CalculiX input deck."),
+    "serve": Command("serve.serve_command", "Virtual devices in real time, behind ports that any program can open."),
+    "stranger": Command(
+        "serve.stranger_command", "The truth of a finger of rig serve --stranger, beside what was met."
+    ),
+    "home": Command("bench.home", "Find the home switches."),
+    "zero": Command("bench.zero", "Zero the force sensor, with nothing on it."),
+    "status": Command("bench.status", "Where the stage is and what the sensor feels; moves nothing."),
+    "stop": Command("stop.stop_command", "Stop the stage now, whoever moves it."),
     "jog": Command("jog.command", "Move an axis by hand: hold a key, or give --axis and --by-mm."),
-    "by-hand": Command("owning.command", "Own the ports while somebody works at the bench through rig panel."),
+    "by-hand": Command("panel.owning_command", "Own the ports while somebody works at the bench through rig panel."),
     "calibrate": Command("calibrate.calibrate", "Measure the rig: steps/mm, force scale, compliance."),
-    "bench": Command("speed.command", "Speed against error on this machine: one HTML page."),
-    "cache": Command("cache.command", "What is kept on disk to save work, and how large; removes it."),
-    "config": Command("config.command", "Every key of the configuration: its unit, range, default and effect."),
-    "doctor": Command("doctor.command", "Ports, versions, limits, solver and cache of this installation."),
+    "bench": Command("system.speed_command", "Speed against error on this machine: one HTML page."),
+    "cache": Command("system.cache_command", "What is kept on disk to save work, and how large; removes it."),
+    "config": Command(
+        "system.config_command", "Every key of the configuration: its unit, range, default and effect."
+    ),
+    "doctor": Command("system.doctor_command", "Ports, versions, limits, solver and cache of this installation."),
 }
 
 

@@ -208,7 +208,7 @@ def _kinds() -> dict[str, str]:
     added = registry.third_party()
     return {
         kind.room: " ".join(
-            f"{name} ({added[f'{kind.room}.{name}']})" if name not in registry.built_in(kind.room) else name
+            f"{name} ({added[f'{kind.room}.{name}']})" if name not in registry.BUILT_IN[kind.room] else name
             for name in registry.names(kind.room)
         )
         for kind in registry.KINDS

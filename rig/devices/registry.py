@@ -1,17 +1,15 @@
 """The registry of devices: every kind by the name that a configuration gives.
 
-The kinds of this program are the folders beside this file: `stage/NAME/NAME_kind.py` holds DEVICE. A package that is
-installed adds one by an entry point of the group rig.devices: `"force.NAME" = "its_module:DEVICE"`. A list of names
-imports nothing, and the use of a kind imports that one alone.
+BUILT_IN names the kinds of this program; the module beside this one with a kind's name holds its entry, DEVICE. An
+installed package adds a kind by an entry point of the group rig.devices: `"force.NAME" = "its_module:DEVICE"`. A list
+of names imports no driver, and the use of a kind imports that one alone.
 """
 
-import pkgutil
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, TypeVar
 
 from pydantic import (
@@ -92,7 +90,12 @@ class ForceKind(Kind):
 
 
 GROUP = "rig.devices"
-DEFAULTS: dict[Room, str] = {"stage": "grbl", "force": "mtsics"}
+BUILT_IN: dict[Room, tuple[str, ...]] = {
+    "stage": ("grbl", "leadshine"),
+    "force": ("mtsics", "laumas"),
+}
+"""The kinds of this program, the default first."""
+DEFAULTS: dict[Room, str] = {room: names[0] for room, names in BUILT_IN.items()}
 KINDS: tuple[type[Kind], ...] = (StageKind, ForceKind)
 
 K = TypeVar("K", bound=Kind)
@@ -106,8 +109,8 @@ class KindError(RigError, ValueError):
 
 def find(of: type[K], name: str) -> K:
     """The entry of a kind, of stages or of force sensors. Raises KindError."""
-    if name in built_in(of.room):
-        found: K = import_module(f"rig.devices.{of.room}.{name}.{name}_kind").DEVICE
+    if name in BUILT_IN[of.room]:
+        found: K = import_module(f"rig.devices.{name}").DEVICE
         return found
     offers = _offered().get(f"{of.room}.{name}", ())
     if not offers:
@@ -131,14 +134,7 @@ def find(of: type[K], name: str) -> K:
 def names(room: Room) -> list[str]:
     """The kinds of stage or force sensor that there are, the default first."""
     there = [point.partition(".")[2] for point in _offered() if point.startswith(f"{room}.")]
-    return list(dict.fromkeys([*built_in(room), *there]))
-
-
-@cache
-def built_in(room: Room) -> tuple[str, ...]:
-    """The kinds of this program, the default first."""
-    there = (info.name for info in pkgutil.iter_modules([str(Path(__file__).parent / room)]) if info.ispkg)
-    return tuple(sorted(there, key=lambda name: (name != DEFAULTS[room], name)))
+    return list(dict.fromkeys([*BUILT_IN[room], *there]))
 
 
 def third_party() -> dict[str, str]:
@@ -159,7 +155,7 @@ def problems() -> Iterator[KindError]:
                 entry=point,
                 group=GROUP,
             )
-        elif name in built_in(of.room):
+        elif name in BUILT_IN[of.room]:
             yield KindError(
                 "{package}: {room}.kind = {kind!r} is taken: this program's own is used",
                 code="name_taken",

@@ -20,7 +20,6 @@ from rig.compare.verdict import Answer
 from rig.data import Run
 from rig.data.folder import replace_bytes, replace_text
 from rig.report import profile_figures
-from rig.report import profile_figures as map_figures
 from rig.report.page import PageFigure, Section, alone, as_png, figures_of, render
 from rig.report.profile_figures import strain_maps
 from rig.report.recording_sections import SURVIVORS, frame, source_sections
@@ -70,8 +69,8 @@ def _heat_maps(comparison: Comparison) -> list[PageFigure]:
             "negative; white: nothing recorded, or too few positions covered. "
         )
     caption += "Compressive measures have their sign changed (−)."
-    draw = partial(map_figures.correlations, comparison)
-    return figures_of(title, comparison.judged, map_figures.CORRELATIONS_A_PAGE, draw, caption)
+    draw = partial(profile_figures.correlations, comparison)
+    return figures_of(title, comparison.judged, profile_figures.CORRELATIONS_A_PAGE, draw, caption)
 
 
 def _profiles(stimulus: Stimulus, shown: Sequence[str], *, tested: bool) -> PageFigure:
@@ -101,8 +100,8 @@ def _pressures(moved: Sequence[Stimulus]) -> list[PageFigure]:
     return figures_of(
         "Pressure and contact regions along the schedules",
         moved,
-        map_figures.PRESSURES_A_PAGE,
-        map_figures.pressure_maps,
+        profile_figures.PRESSURES_A_PAGE,
+        profile_figures.pressure_maps,
         "Nodal pressure in the receptor plane, unfiltered; each panel has its own scale. A row is a position of the "
         "indentor and reaches halfway to the next ones. White: the ends of the contact regions.",
     )

@@ -17,8 +17,6 @@ from rig.plan.finger_model import Response, by_group, responses
 from rig.plan.finger_update import learned
 from rig.plan.plan import Found, found
 from rig.report import run_figures, run_tables
-from rig.report import run_figures as contact_figures
-from rig.report import run_figures as force_figures
 from rig.report.page import PageFigure, figures_of, render
 from rig.report.run_figures import PICTURES_A_PAGE, contacts_from_below, is_relief
 from rig.report.run_tables import Condition, by_target, conditions, numbers_missing, write_numbers
@@ -123,7 +121,7 @@ def _write_page(
 
 
 def _figures(run: Run, found: list[Response], finger: Fingertip) -> list[PageFigure]:
-    read = any(run.stream(stream) for stream in force_figures.SAMPLES)
+    read = any(run.stream(stream) for stream in run_figures.SAMPLES)
     over_time = [_over_time(run)] if read else []
     if not found:
         return over_time
@@ -141,7 +139,7 @@ def _small_strain(found: Sequence[Response]) -> str:
 def _over_time(run: Run) -> PageFigure:
     return PageFigure(
         "Force against time",
-        force_figures.force_time(run),
+        run_figures.force_time(run),
         "Every reading of the run; grey: presses that are no data. Below: what the time went to; white is what moved "
         "sideways, rested, was zeroed or waited for. Numbers: sample.csv.",
     )
@@ -151,13 +149,13 @@ def _press_figures(run: Run) -> list[PageFigure]:
     return [
         PageFigure(
             "Press, hold and relaxation",
-            force_figures.presses(run),
+            run_figures.presses(run),
             "Left: force from the beginning of each press, all repeats. Right: force in each hold over its first "
             "reading. Coloured by the indentor's position. Numbers: sample.csv.",
         ),
         PageFigure(
             "Force against depth",
-            force_figures.force_depth(run),
+            run_figures.force_depth(run),
             "While pressing, against the depth from the contact fitted at each touch-off. Left: the mean of each "
             "condition's repeats, on the depths that all of them reached. Right: their standard deviation. "
             "Numbers: sample.csv.",
@@ -167,7 +165,7 @@ def _press_figures(run: Run) -> list[PageFigure]:
 
 def _contact_figures(run: Run, found: list[Response], finger: Fingertip) -> list[PageFigure]:
     last = [response for response in found if response.last]
-    top, kpa = contact_figures.highest_pressure(last), finger.e_epidermis_mpa * _KPA_PER_MPA / 10
+    top, kpa = run_figures.highest_pressure(last), finger.e_epidermis_mpa * _KPA_PER_MPA / 10
     caption = (
         "Black: the indentor. Grey: the deformed skin in the receptor plane. Orange: contact regions. Blue: nodal "
         "pressure against undeformed x, unfiltered, in pseudo-units (E of the epidermis = 10 000); 1 000 of them are "
@@ -181,8 +179,8 @@ def _contact_figures(run: Run, found: list[Response], finger: Fingertip) -> list
             for figure in figures_of(
                 f"Contact, {name}",
                 _repeats(members, last),
-                contact_figures.CONTACTS_A_PAGE,
-                partial(contact_figures.contact_panels, top=top),
+                run_figures.CONTACTS_A_PAGE,
+                partial(run_figures.contact_panels, top=top),
                 caption,
             )
         ),

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from rig.devices.base import ForceError, ForceTimeout
-from rig.devices.registry import built_in
+from rig.devices.registry import BUILT_IN
 from rig.engine.sensing import NoReadingError, read
 from sim.devices.clock import VirtualClock
 from tests.contracts.force import Connected, ForceBytes, ForceContract
@@ -38,7 +38,7 @@ class TestForces(ForceContract):
 
 
 def test_every_registered_sensor_has_its_bytes() -> None:
-    assert {device.kind for device in DEVICES} == set(built_in("force"))
+    assert {device.kind for device in DEVICES} == set(BUILT_IN["force"])
     assert {device.name for device in DEVICES} >= {"mtsics", "laumas_rtu", "laumas_tcp"}
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from rig.devices.base import MoveError, StageError, StageNotHomed, StageOverridden, StageReset, StageTimeout, arrive
-from rig.devices.registry import built_in
+from rig.devices.registry import BUILT_IN
 from sim.devices.clock import VirtualClock
 from tests.contracts.stage import StageBytes, StageContract, StageEnd, sentences
 from tests.parts.hobby_driver import HobbyStage
@@ -34,7 +34,7 @@ class TestStages(StageContract):
 
 
 def test_every_registered_stage_has_its_bytes() -> None:
-    assert {device.kind for device in DEVICES} == set(built_in("stage"))
+    assert {device.kind for device in DEVICES} == set(BUILT_IN["stage"])
     assert {device.name for device in DEVICES} >= {"grbl", "leadshine_rtu", "leadshine_tcp"}
 
 

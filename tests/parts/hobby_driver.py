@@ -1,7 +1,11 @@
 """A stage that is not there: a hobby board that speaks GRBL under a name of its own. Source: this file."""
 
-from rig.devices.base import StageError
+from rig.clock import Clock
+from rig.devices.base import Stage, StageError
+from rig.devices.bench_settings import BenchSettings
 from rig.devices.grbl import GrblStage
+from rig.devices.grbl_link import expected_settings
+from rig.devices.registry import Opener, StageKind
 
 
 class HobbyStage(GrblStage):
@@ -13,3 +17,16 @@ class HobbyStage(GrblStage):
         if "hobby" not in name:
             raise StageError(f"expected a hobby board, found {name}")
         return name
+
+
+def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
+    return HobbyStage(opener(settings.stage.port), clock, expected=expected_settings(settings))
+
+
+DEVICE = StageKind(
+    name="hobby",
+    device="hobby board",
+    driver=_driver,
+    twin="sim.devices.hobby:hobby_twin",
+    tests=("tests/test_hobby.py",),
+)

@@ -2,11 +2,36 @@
 
 VERB = [
     (
-        "rig/protocol/steps/__init__.py",
-        "from rig.protocol.steps",
-        "from rig.protocol.steps.tap_step import Tap\n",
+        "rig/protocol/steps.py",
+        "@dataclass(frozen=True, kw_only=True)\nclass Touch(",
+        '''\
+@dataclass(frozen=True, kw_only=True)
+class Tap(Step[ExpectedTouch, None]):
+    """Touch the present place so many times, to tell a subject that presses follow."""
+
+    verb: ClassVar[str] = "tap"
+    owed: ClassVar[Owed] = Owed.LAST
+
+    times: int
+
+    def check(self, walk: Walk) -> Spot:
+        walk.need_ready(self.verb)
+        refuse_count(self.verb, "times", self.times)
+        return walk.spot("find", self.times)
+
+    def expect(self, spot: Spot, walk: Walk) -> ExpectedTouch:
+        contact_mm = walk.model.touch_height_mm(spot.indentor, spot.x_mm, spot.along_mm)
+        refuse_approach(self.verb, contact_mm, walk.settings)
+        return ExpectedTouch(spot.ids[0], contact_mm)
+
+    def carry_out(self, engine: Engine, expected: ExpectedTouch) -> None:
+        first = expected.press.index
+        found = [touch_place(engine, first + k, expected.contact_mm) for k in range(self.times)]
+        engine.record("tap", {"times": self.times, "x_mm": engine.x_mm, "contact_height_mm": sum(found) / self.times})
+
+
+''',
     ),
-    ("rig/protocol/steps/__init__.py", '    "Touch",\n', '    "Tap",\n'),
     ("rig/protocol/api.py", "    Touch,\n", "    Tap,\n"),
     (
         "rig/protocol/api.py",
@@ -19,6 +44,10 @@ VERB = [
         '    "tap": {"times": "", "x_mm": "mm", "contact_height_mm": "mm"},\n',
     ),
 ]
+
+STAGE = [("rig/devices/registry.py", '"leadshine"),', '"hobby", ')]
+
+FORCE = [("rig/devices/registry.py", '"laumas"),', '"plain", ')]
 
 SHAPE = [
     (

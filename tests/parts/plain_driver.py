@@ -1,7 +1,12 @@
 """A force sensor that is not there: a scale that answers in plain numbers. Source: this file."""
 
+from pydantic import Field
+
 from rig.clock import Clock
-from rig.devices.base import ForceError, ForceReading, ForceTimeout
+from rig.devices.base import ForceError, ForceReading, ForceSensor, ForceTimeout
+from rig.devices.bench_settings import BenchSettings
+from rig.devices.registry import ForceKind, Opener
+from rig.settings import Settings
 from rig.transport import LineReader, Transport
 from rig.units import GWT_N
 
@@ -52,3 +57,26 @@ class PlainForce:
         if answer is None:
             raise ForceTimeout(f"{self._transport.name}: no answer to {command} in {REPLY_S:g} s")
         return answer
+
+
+class PlainSettings(Settings):
+    """What is set on the scale."""
+
+    decimals: int = Field(2, ge=0, le=4, description="of a weight")
+
+
+def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> ForceSensor:
+    force, scale = settings.force, settings.calibration.value("force_scale", 1.0)
+    period_s, step_gwt = force.sample_period_s, 10.0 ** -force.own(PlainSettings).decimals
+    port = opener(force.port)
+    return PlainForce(port, clock, sample_period_s=period_s, resolution_gwt=step_gwt, scale=scale)
+
+
+DEVICE = ForceKind(
+    name="plain",
+    device="scale in plain numbers",
+    driver=_driver,
+    settings=PlainSettings,
+    twin="sim.devices.plain:plain_twin",
+    tests=("tests/test_plain.py",),
+)

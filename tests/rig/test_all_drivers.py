@@ -14,7 +14,7 @@ import pytest
 import rig.devices
 from rig.devices.base import DeadManStage, ForceError, ForceSensor, Stage, StageError
 from rig.devices.bench_settings import BenchSettings
-from rig.devices.registry import ForceKind, built_in, find
+from rig.devices.registry import BUILT_IN, ForceKind, find
 from rig.errors import RigError
 from rig.transport.modbus import ModbusError
 from sim.devices.clock import VirtualClock
@@ -31,7 +31,7 @@ def _modules(package: ModuleType) -> list[ModuleType]:
     return [importlib.import_module(info.name) for info in there]
 
 
-MODULES = [*_modules(rig.devices.stage), *_modules(rig.devices.force)]
+MODULES = _modules(rig.devices)
 CLASSES = [
     member
     for module in MODULES
@@ -60,8 +60,8 @@ def test_the_walk_finds_every_kind_of_device() -> None:
     assert {driver.__name__ for driver in DRIVERS} == {
         "GrblStage", "LeadshineStage", "LeadshineDrive", "MtSicsForce", "LaumasForce",
     }  # fmt: skip
-    assert built_in("stage") == ("grbl", "leadshine")
-    assert built_in("force") == ("mtsics", "laumas")
+    assert BUILT_IN["stage"] == ("grbl", "leadshine")
+    assert BUILT_IN["force"] == ("mtsics", "laumas")
 
 
 @pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__)
@@ -136,7 +136,7 @@ def test_every_error_has_a_code_of_its_own(root: type[RigError]) -> None:
     assert all(re.fullmatch(r"[a-z_]+", code) for code in codes)
 
 
-@pytest.mark.parametrize("kind", built_in("force"))
+@pytest.mark.parametrize("kind", BUILT_IN["force"])
 def test_a_sensor_is_as_it_is_configured(kind: str, scripted: Callable[..., Any], clock: VirtualClock) -> None:
     """Its period and its step, this one in true force: 1.5 times what it shows."""
     scale = {"value": 1.5, "sd": 0.01, "date": "2026-01-01", "expires": "2027-01-01"}

@@ -31,7 +31,7 @@ from tests.raising import has_code, raises
 ROOT = Path(__file__).parents[2]
 WORDS = {"register_address": 0x157, "on_word": 0x80, "off_word": 0}
 ONE_LINE_FOR_ALL = {"bits"}  # tables whose keys the page does not list one by one
-BUILT_IN: list[tuple[type[Kind], str]] = [(of, name) for of in registry.KINDS for name in registry.built_in(of.room)]
+BUILT_IN: list[tuple[type[Kind], str]] = [(of, name) for of in registry.KINDS for name in registry.BUILT_IN[of.room]]
 EVERY = [*BUILT_IN, (ForceKind, "line_scale")]
 every_kind = pytest.mark.parametrize(("of", "name"), EVERY, ids=lambda it: it if isinstance(it, str) else it.room)
 
@@ -148,7 +148,7 @@ def test_driver_and_twin_meet_on_one_line(of: type[Kind], name: str, example: No
         assert force.read().force_n == pytest.approx(0.02, abs=1e-4)
 
 
-@pytest.mark.parametrize("name", registry.built_in("stage"))
+@pytest.mark.parametrize("name", registry.BUILT_IN["stage"])
 def test_a_stage_has_the_ports_axes_and_outputs_that_it_says(name: str) -> None:
     entry, stage = find(StageKind, name), StageSettings(kind=name, port="/dev/a")
     assert stage.ports == entry.ports(stage) == ("/dev/a",)
@@ -411,7 +411,7 @@ def test_no_other_module_asks_for_a_kind_by_its_name(room: Room) -> None:
             continue
         text = path.read_text(encoding="utf-8")
         assert not re.search(rf"{room}\.kind (==|!=|in|not in) |\[[\w.]*{room}\.kind\]", text), path
-        for name in registry.built_in(room):
+        for name in registry.BUILT_IN[room]:
             assert f'"{name}"' not in text, path
 
 

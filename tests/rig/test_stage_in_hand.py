@@ -14,7 +14,7 @@ from rig.bench.virtual import virtual_stage
 from rig.cli.execution import Owner
 from rig.control.stop import StageInHand, StopSwitch
 from rig.devices.base import Stage
-from rig.devices.registry import built_in
+from rig.devices.registry import BUILT_IN
 from rig.errors import RigError
 from rig.plan.config import Config
 from rig.transport import LoopbackTransport, NotOwnedError, PortOwner, TransportError
@@ -24,7 +24,7 @@ from tests.raising import raises
 from tests.rig.hand_bench import STOPS
 from tests.waiting import DEADLINE_S, until
 
-KINDS = built_in("stage")
+KINDS = BUILT_IN["stage"]
 PHASES = ("planning", "asking", "running", "reporting")
 
 

@@ -1,1 +1,0 @@
-"""A hobby board."""

@@ -1,1 +1,0 @@
-"""A scale that answers in plain numbers."""
