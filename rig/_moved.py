@@ -30,7 +30,6 @@ cli.interrupts cli.signals
 cli.looking bench.checks
 cli.meet cli.identify
 cli.meeting_said cli.identify
-cli.outcomes cli.output
 cli.owning cli.panel
 cli.pictures cli.options
 cli.pressures cli.readings_file
@@ -38,7 +37,6 @@ cli.progress cli.monitor
 cli.reporting cli.execution
 cli.resume cli.run
 cli.run_owner cli.execution
-cli.sampling cli.options
 cli.screen cli.monitor
 cli.shift_invariance cli.encode
 cli.show cli.runs
@@ -66,7 +64,7 @@ compare.fingers.with_finger compare.with_finger
 compare.left_out compare.comparison
 compare.parameter_study.cases compare.parameter_study
 compare.parameter_study.cluster compare.cluster
-compare.parameter_study.errors compare.parameter_study
+compare.parameter_study.errors compare.errors
 compare.parameter_study.interpolation compare.parameter_study
 compare.parameter_study.workers compare.workers
 compare.place -
@@ -279,7 +277,6 @@ session.page session.preflight
 session.provenance session.resume
 session.real_bench bench.real
 session.rehearsal session.rehearse
-session.running session.session
 session.subject bench.checks
 session.virtual -
 session.virtual.served_bench bench.served

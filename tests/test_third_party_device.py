@@ -13,11 +13,13 @@ from typing import Any
 
 import pytest
 
+from rig.devices.registry import BUILT_IN
 from sim.models.fingertip import Fingertip
 from tests.offered import EXAMPLE, wheel
 from tests.program import EMPTY_FIGURES
 
 ROOT = Path(__file__).parents[1]
+KINDS = [f"rig.devices.{name}" for names in BUILT_IN.values() for name in names]
 COMMAND_LINE = "from rig.cli import main; main()"
 PIP = ("-m", "pip", "--disable-pip-version-check", "install", "--no-index", "--no-deps", "--quiet")
 SCRIPT = """\
@@ -97,12 +99,10 @@ def test_doctor_and_serve_know_it(folder: Path) -> None:
 
 
 def test_nothing_is_imported_but_the_kinds_that_are_used(folder: Path) -> None:
-    """A stage's entry, for its outputs; no sensor's, no package's, and no other stage's driver."""
+    """A stage's, for its outputs; no sensor's, no package's, and no other stage's."""
     code = "import sys; from rig.plan.config import Config; Config(); print(*sys.modules)"
     told = _python(folder, "-c", code).stdout.split()
-    assert [name for name in told if name.endswith("_kind")] == ["rig.devices.grbl"]
-    drivers = [name for name in told if name.endswith(("_force", "_stage")) and name.startswith("rig.devices.")]
-    assert drivers == ["rig.devices.grbl"]
+    assert [name for name in told if name in KINDS] == ["rig.devices.grbl"]
     assert not [name for name in told if name.startswith("rig_line_scale")]
 
 

@@ -24,7 +24,7 @@ from rig.engine.reference import Compliance, measure_compliance
 from rig.errors import BadInputError
 from rig.plan.config import Config, load_config
 from rig.protocol.check import refuse_approach, refuse_place
-from rig.session.session import stopped_at_once
+from rig.session.running import stopped_at_once
 from rig.session.stop_button import key_interrupting
 from rig.units import GWT_N
 

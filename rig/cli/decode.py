@@ -27,25 +27,20 @@ from rig.cli.coding_task import (
     task_of_readings,
     tasks_of_row,
 )
-from rig.cli.options import (
+from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_picture, numbers, write_picture
+from rig.cli.output import THE_FINGER, busy, out, print_json, told_in_one_line
+from rig.cli.readings_file import pa_per_pseudo, read_pressures, read_readings
+from rig.cli.sampling import (
     DepthOption,
     EnergyOption,
-    FingertipOption,
     HalfLengthOption,
-    JsonOption,
     NoisePlaceOption,
-    PictureOption,
     SnrOption,
     SpacingOption,
     bounded,
-    checked_picture,
     named,
-    numbers,
     sampling_of,
-    write_picture,
 )
-from rig.cli.output import THE_FINGER, busy, out, print_json, told_in_one_line
-from rig.cli.readings_file import pa_per_pseudo, read_pressures, read_readings
 from rig.errors import BadInputError, code_of, fields_of
 from rig.plan.config import load_config
 from sim.coding.bayes import FittedReceptor

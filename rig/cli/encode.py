@@ -8,24 +8,20 @@ import typer
 from rich.table import Table
 
 from rig.cli.coding_task import Told, pressed, told, told_of_press
-from rig.cli.options import (
+from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_picture, write_picture
+from rig.cli.output import busy, err, out, print_json, say_now, told_in_one_line
+from rig.cli.readings_file import read_pressures
+from rig.cli.sampling import (
     DepthOption,
     EnergyOption,
-    FingertipOption,
     HalfLengthOption,
-    JsonOption,
     NoisePlaceOption,
-    PictureOption,
     SnrOption,
     SpacingOption,
     bounded,
-    checked_picture,
     named,
     sampling_of,
-    write_picture,
 )
-from rig.cli.output import busy, err, out, print_json, say_now, told_in_one_line
-from rig.cli.readings_file import read_pressures
 from rig.errors import BadInputError
 from rig.plan.config import load_config
 from sim.coding.all_sites import DRAWN, AllSites, Deformed, Sampled, Where, kept_sites

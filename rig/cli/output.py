@@ -1,4 +1,4 @@
-"""Standard output, standard error, exit codes, and the error that each exception becomes."""
+"""Standard output, standard error, and how a command ends."""
 
 import json
 import logging
@@ -12,21 +12,7 @@ from rich.console import Console, RenderableType
 from rich.live import Live
 from rich.spinner import Spinner
 
-from rig.compare.errors import ComparisonError, RecordingError
-from rig.compare.parameter_study import StudyError, WorkersError
-from rig.data import FolderBusyError, NwbMissingError, RunError
-from rig.data.folder import UnwritableError
-from rig.devices.base import ForceError, StageError
-from rig.engine import EngineError
-from rig.errors import BadInputError, RigError, code_of
-from rig.transport.wire import TransportError
-from sim.contact.shapes import ShapeError
-from sim.errors import ModelRangeError
-from sim.finger.mesh import MeshError
-from sim.finger.surface import SurfaceError
-from sim.finger_process import FingerLostError
-from sim.measures.receptors import ReceptorError
-from sim.models.cache import CacheError
+from rig.errors import RigError
 
 err = Console(stderr=True, highlight=False, soft_wrap=True, markup=False)
 out = Console(highlight=False, soft_wrap=True, markup=False)
@@ -215,29 +201,8 @@ def told_in_one_line(*, as_json: bool, beginning: Beginning | None = None) -> It
     except NotConfirmedError as error:
         fail(str(error), error.code, ExitCode.ABORTED, as_json=as_json, beginning=beginning)
     except Exception as error:
+        from rig.cli.outcomes import outcome  # it imports both packages, and a help is not to wait for them
+
         if (found := outcome(error)) is None:
             raise
         fail(*found, as_json=as_json, beginning=beginning)
-
-
-_BAD_INPUT = (
-    *(BadInputError, RunError, FolderBusyError, NwbMissingError),
-    *(RecordingError, ComparisonError, StudyError, WorkersError),
-    *(ShapeError, ModelRangeError, SurfaceError, MeshError, ReceptorError, CacheError),
-)
-
-
-def outcome(error: Exception) -> tuple[str, str, ExitCode] | None:
-    """The line to say, its code and how the command ended; None for what is no foreseen error."""
-    code = code_of(error)
-    match error:
-        case _ if isinstance(error, _BAD_INPUT):
-            return str(error), code, ExitCode.BAD_INPUT
-        case EngineError() | StageError() | ForceError() | TransportError() | FingerLostError():
-            return f"stopped: {error}", code, ExitCode.STOPPED
-        case UnwritableError():
-            return f"{error}: free space, then the same again", code, ExitCode.BAD_INPUT
-        case OSError():
-            what = error.strerror or str(error)
-            return f"{error.filename}: {what}" if error.filename else what, code, ExitCode.BAD_INPUT
-    return None

@@ -15,7 +15,7 @@ import typer
 
 from rig.cli.options import JsonOption, checked_file
 from rig.cli.output import complain, looking_busy, out, print_json, told_in_one_line
-from rig.data import dictionary, export_nwb, export_run
+from rig.data import dictionary
 from rig.data.folder import replace_text
 from rig.data.index import Entry, Wanted, listed
 from rig.data.run import Run, RunError, provenance_of, read_run
@@ -273,6 +273,8 @@ def export_command(
     as_json: JsonOption = False,
 ) -> None:
     """Export again what the journal holds, also of a run that crashed, and renew the checksums."""
+    from rig.data.export import export_nwb, export_run  # with h5py: a list of runs does without
+
     with told_in_one_line(as_json=as_json):
         if not (as_csv or as_nwb):
             raise BadInputError("export: no format given, expected --csv or --nwb", code="no_format")

@@ -22,7 +22,7 @@ from typing import Annotated, Any, ClassVar, Protocol, Self, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from rig.errors import RigError
+from rig.compare.errors import StudyError
 from rig.plan.config import told_of
 from sim.config import FingertipConfig
 from sim.contact.indentor import ALONG
@@ -66,18 +66,6 @@ def nodes_to_build(work: Sequence[OnAFinger]) -> list[Node]:
     them = [one for one in work if not one.exact]
     axes = dict.fromkeys([ALONG, *(parse_shape(shape).axes for one in them for shape in one.shapes)])
     return missing_nodes([one.finger for one in them], axes)
-
-
-class StudyError(RigError, ValueError):
-    """The file of a study is not understood; the message names file and key."""
-
-    default_code = "study"
-
-
-class WorkersError(RigError):
-    """The work cannot be given out, or those who did it have gone."""
-
-    default_code = "workers"
 
 
 _NATIVE_LISTS = ("points", "sections")

@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from rig.compare.parameter_study import WorkersError
+from rig.compare.errors import WorkersError
 from sim.workers import in_processes
 
 Item = TypeVar("Item")

@@ -16,7 +16,7 @@ from rig.engine.sensing import NoReadingError, Sensing, several_gwt
 from rig.errors import BadInputError, around
 from rig.manual.guard import Guard
 from rig.manual.jog import ByHand, Show
-from rig.session.session import stopped_at_once
+from rig.session.running import stopped_at_once
 from rig.transport.wire import TransportError
 from rig.units import GWT_N
 

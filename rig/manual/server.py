@@ -16,7 +16,7 @@ from rig.manual import bench as at_hand
 from rig.manual.jog import ByHand
 from rig.manual.requests import HOLD_S, Hold, Orders, Verb
 from rig.manual.status import HandStatus, OverheardSensor
-from rig.session.session import ENDINGS
+from rig.session.running import ENDINGS
 from rig.transport.stop_gate import StopGate
 from rig.transport.wire import Sink, TransportError
 

@@ -25,7 +25,7 @@ from rig.protocol.handlers import Patience, TakenUp
 from rig.protocol.script import Script
 from rig.protocol.steps import ExpectedPresses, ExpectedTouch, Step
 from rig.records import Prediction
-from rig.session.session import run_script
+from rig.session.running import run_script
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from sim.finger_process import Finger

@@ -19,70 +19,26 @@ from rig.data import Run, RunFolder, export_run, new_run_folder, read_run
 from rig.data.folder import UnwritableError
 from rig.data.journal import add_to_end, read_journal
 from rig.data.schema import STREAMS
-from rig.devices.base import ForceError, StageError
-from rig.engine import Engine, EngineError, Journal, Pause, RecordError, RunAborted, ScriptError, WatchedBench, verbs
+from rig.engine import Engine, Journal, Pause, RecordError, RunAborted, WatchedBench, verbs
 from rig.engine.reference import Reference
-from rig.errors import BadInputError, LostRecordError
+from rig.errors import LostRecordError
 from rig.line_file import LostFileError
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel, kept_in
 from rig.plan.plan import Plan, promised
 from rig.protocol.api import Handler, Rig
 from rig.protocol.check import Walk
-from rig.protocol.handlers import Patience, SilentScriptError, TakenUp, impatient
-from rig.protocol.script import Script, said_of_script
+from rig.protocol.handlers import Patience, TakenUp
+from rig.protocol.script import Script
 from rig.session.ending import Ending, Whereabouts
 from rig.session.execute import Live
 from rig.session.lost_run import LostRun
 from rig.session.resume import StoppedRun, first_reference_gwt, provenance
+from rig.session.running import AT_ONCE, ENDINGS, run_script, stopped_at_once
 from rig.session.stop_button import BY_THE_BUTTON, StopButton, refuse_stop_inputs, stop_inputs_heeded
-from rig.transport.wire import ByteLog, Sink, TransportError
+from rig.transport.wire import ByteLog, Sink
 from sim.devices.clock import VirtualClock
-from sim.finger_process import Finger, FingerLostError, FingerProcess
-
-AT_ONCE = "at once, by the operator"
-ENDINGS = (EngineError, StageError, ForceError, TransportError, FingerLostError)
-"""What ends a run before its end: the engine has lifted or stopped before it raises these."""
-
-
-@contextmanager
-def stopped_at_once(
-    engine: Engine, stopped: Callable[[], bool] = lambda: False, why: Callable[[], str] = lambda: ""
-) -> Iterator[None]:
-    """A second Ctrl-C, or `rig stop`, stops the stage past every queue, whatever is being done.
-
-    stopped: whether another thread has done so already; then whatever fails here has failed for that. why: in words.
-    """
-    try:
-        yield
-    except BaseException as error:
-        if isinstance(error, Exception) and not stopped():
-            raise
-        engine.stop()
-        if isinstance(error, Exception):
-            raise KeyboardInterrupt(why()) from error
-        error.args = error.args or (why(),)
-        raise
-
-
-def run_script(script: Script, engine: Engine, rig: Rig) -> None:
-    """Run it; a failure elsewhere than in the engine lifts the indentor, and no swallowed trip ends well.
-
-    A script that makes no step for too long has failed; what a step takes is none of its silence.
-    """
-    try:
-        with impatient():
-            script.run(rig)
-    except FingerLostError:
-        engine.make_safe()
-        raise
-    except ENDINGS:
-        raise
-    except (Exception, SystemExit, SilentScriptError) as error:
-        engine.make_safe()
-        raise said_of_script(ScriptError, script.path, error, (BadInputError, SilentScriptError)) from error
-    if engine.problem is not None:
-        raise engine.problem
+from sim.finger_process import Finger, FingerProcess
 
 
 class Attendant(Protocol):

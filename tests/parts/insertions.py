@@ -128,8 +128,8 @@ def _final_depths(figure: Figure, found: list[Response]) -> None:
     ),
     (
         "rig/report/run_report.py",
-        '        Figure(\n            "Population',
-        '        Figure("Final depths", run_figures.final_depths(found), "Every hold."),\n',
+        '        PageFigure(\n            "Population',
+        '        PageFigure("Final depths", run_figures.final_depths(found), "Every hold."),\n',
     ),
 ]
 
@@ -159,7 +159,7 @@ def _depths(figure: Figure, stimulus: Stimulus) -> None:
     (
         "rig/report/comparison_report.py",
         "def _pressures(",
-        "def _depths(stimulus: Stimulus) -> Figure:\n"
-        '    return Figure(f"Depths: {stimulus.title}", profile_figures.depths(stimulus), "As held.")\n\n\n',
+        "def _depths(stimulus: Stimulus) -> PageFigure:\n"
+        '    return PageFigure(f"Depths: {stimulus.title}", profile_figures.depths(stimulus), "As held.")\n\n\n',
     ),
 ]

@@ -31,7 +31,7 @@ def _modules(package: ModuleType) -> list[ModuleType]:
     return [importlib.import_module(info.name) for info in there]
 
 
-MODULES = _modules(rig.devices)
+MODULES = [module for module in _modules(rig.devices) if module.__name__ != "rig.devices.stop_key"]
 CLASSES = [
     member
     for module in MODULES

@@ -70,7 +70,6 @@ NOT_RUN = {
     "RIG_GRBL_PORT=/dev/pts/… .venv/bin/pytest tests/rig/test_grbl_conformance.py": HARDWARE,
     # --- blocks, by their first line ---
     "git clone https://github.com/gnea/grbl && git clone https://github.com/grbl/grbl-sim grbl/grbl/sim": NETWORK,
-    "protocols/steps.py   run(rig): rig.move_to(…); rig.indent(…)": "a drawing",
     "auto chose finger, level coarse: force and contact, no receptors; patch ± 3.30 × ± 3.50 mm; "
     "from nothing some 2.6 s of …": PRINTED,
     "21 indentations, 0:05:05 left": PRINTED,

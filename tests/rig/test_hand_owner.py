@@ -435,7 +435,7 @@ def test_a_log_begins_with_the_wall_time_and_the_oldest_make_room(
 ) -> None:
     monkeypatch.setenv("RIG_STATE_DIR", str(tmp_path))
     monkeypatch.setattr(hand_log, "FILE_BYTES", 100)
-    assert hand_log.KEPT == 16
+    assert hand_log.KEPT_FILES == 16
     clock = VirtualClock(1.7e9, 50.0)
     with HandLog(clock) as log:
         for number in range(200):

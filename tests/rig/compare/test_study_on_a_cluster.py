@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from rig.compare import cluster as cluster_module
-from rig.compare.parameter_study import WorkersError
+from rig.compare.errors import WorkersError
 from rig.compare.workers import spread
 from tests.raising import raises
 from tests.waiting import DEADLINE_S, until
