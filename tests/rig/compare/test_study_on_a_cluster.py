@@ -40,7 +40,7 @@ SCHEDULER = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "
 WORKER = "from distributed.cli.dask_worker import main; main()"
 WORKER_HELD_AT_A_CASE = f"""\
 import os, pathlib, time
-from rig.compare.parameter_study import cases
+from rig.compare import parameter_study as cases
 
 solve = cases.solve
 
