@@ -97,7 +97,6 @@ bench: .venv/.ready-dev
 	$(BIN)/python -m studies.faults.outcomes
 	$(BIN)/python -m studies.faults.phases
 	$(BIN)/python -m studies.accuracy.check_predictions
-	$(BIN)/python -m studies.accuracy.interval_coverage 100
 
 test shake mutants: export OMP_NUM_THREADS = 1  # of each worker
 mutants: .venv/.ready-dev

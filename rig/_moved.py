@@ -60,7 +60,6 @@ compare.answers.wording compare.verdict_text
 compare.controls compare.stimuli
 compare.fingers.finger_fit compare.fingers
 compare.fingers.on_fingers compare.fingers
-compare.fingers.with_finger compare.with_finger
 compare.left_out compare.comparison
 compare.parameter_study.cases compare.parameter_study
 compare.parameter_study.cluster compare.cluster
@@ -220,7 +219,6 @@ report.comparison.answer_sections report.verdict_section
 report.comparison.comparison_figures report.comparison_report
 report.comparison.comparison_report report.comparison_report
 report.comparison.deflection report.recording_sections
-report.comparison.finger_tables report.finger_tables
 report.comparison.fit_figures report.recording_sections
 report.comparison.map_figures report.profile_figures
 report.comparison.measures_section report.comparison_report

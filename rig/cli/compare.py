@@ -23,7 +23,7 @@ from rig.compare.receptor_place import Sought, places, sought_in
 from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.reading import Reading, read_recordings, sha256
 from rig.compare.recordings.recording import Recording
-from rig.compare.results import answers_as_json
+from rig.compare.results import answers_as_json, fingers_as_json
 from rig.compare.results import as_json as comparison_as_json
 from rig.compare.shape_test import chance_rows
 from rig.compare.stimuli import Stimulus, stimuli, stimulus_maps
@@ -33,8 +33,7 @@ from rig.data import Run, read_run
 from rig.data.folder import replace_text
 from rig.errors import BadInputError
 from rig.plan.config import load_config
-from rig.report.comparison_report import place_section, write_comparison
-from rig.report.finger_tables import finger_section, finger_tables, fingers_as_json
+from rig.report.comparison_report import fingers_sections, place_section, write_comparison
 from rig.report.page import Section
 from rig.report.recording_sections import deflection_section, read_deflections, simulated
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
@@ -111,7 +110,6 @@ def command(
         answered = _answered(found, receptors, as_json=as_json)
         beside = _along_the_finger(answered, deflection)
         comparison = _compared(answered, recordings, normalise, plausible, exact=exact, as_json=as_json)
-        tables = finger_tables(comparison)
         form = Form(saturating, silent_at_rest)
         said = answers(comparison, form)
         with busy(THE_PLACES, as_json=as_json) if where else nullcontext():
@@ -144,7 +142,7 @@ def command(
             found,
             answered[0].finger,
             _remade_by(runs, options, flags | {"--exact": exact}),
-            [*map(place_section, at), *map(finger_section, tables), *beside],
+            [*map(place_section, at), *fingers_sections(comparison), *beside],
             maps=[m for one in answered for m in stimulus_maps(one.run, one.finger, one.stimuli)],
             pdf=pdf,
             answers=said,
@@ -154,10 +152,10 @@ def command(
             rows = comparison_as_json(comparison, str(report))
             rows |= {"left_out": left_out_rows(comparison), "shape_test": chance_rows(comparison.stimuli)}
             rows |= {"answers": answers_as_json(said), "places": places_as_json(at)}
-            print_json(rows | fingers_as_json(comparison, tables))
+            print_json(rows | fingers_as_json(comparison))
         else:
             _print(comparison, said, at, report)
-            if any(table.interpolated for table in tables):
+            if comparison.interpolated:
                 out.print(f"the plausible fingers were {HOW_MADE}; --exact builds each in full")
 
 

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 
 from rig.compare.errors import ComparisonError
 from rig.compare.fingers import PlausibleFingers
-from rig.compare.fit import Fit, Flags, Interval, correlation, fit_all, in_play, indistinguishable, interval
+from rig.compare.fit import Fit, Flags, correlation, fit_all, in_play
 from rig.compare.recordings.recording import Recording
 from rig.compare.shape_test import THRESHOLD, shape_flags
 from rig.compare.stimuli import FAMILIES, Stimulus
@@ -20,6 +20,8 @@ from sim.measures.measures import MEASURES
 from sim.models.small_strain import SmallStrain, small_strain
 
 Array = NDArray[np.float64]
+Pair = tuple[int, int]
+"""Numbers of a measure and a receptor."""
 
 COLLINEAR = 0.98
 """|r| from which two measures are called nearly collinear."""
@@ -68,19 +70,9 @@ class Joint:
         return np.concatenate([overlay.eps for overlay in self.overlays], axis=1)
 
     @cached_property
-    def repeats(self) -> list[Array]:
-        """The rates at each of all positions."""
-        return [rates for overlay in self.overlays for rates in overlay.recording.repeats]
-
-    @cached_property
     def rate(self) -> Array:
         """(all positions,) mean rates."""
-        return np.array([rates.mean() for rates in self.repeats])
-
-    @cached_property
-    def shape_of(self) -> NDArray[np.int64]:
-        """(all positions,) number of the recording that each belongs to."""
-        return np.repeat(np.arange(len(self.overlays)), [len(p.recording.position_mm) for p in self.overlays])
+        return np.concatenate([overlay.recording.rate for overlay in self.overlays])
 
     @cached_property
     def fit(self) -> Fit:
@@ -107,27 +99,9 @@ class Joint:
         return in_play(self.eps)
 
     @cached_property
-    def indistinguishable(self) -> Flags | None:
-        """(18, receptors) pairs that explain the recordings no worse than the best; None with too few positions."""
-        return indistinguishable(self.eps, self.rate)
-
-    def interval(self, measure: int, receptor: int) -> Interval | None:
-        """Confidence limits of one pair, None where it has no fit."""
-        k = self.fit.k[measure, receptor]
-        if np.isnan(k):
-            return None
-        known, repeats = self.covered(receptor)
-        return interval(self.eps[measure, known, receptor], repeats, self.shape_of[known], 1 if k > 0 else -1)
-
-    @cached_property
     def eps_on_fingers(self) -> Array:
         """(fingers, 18, all positions, receptors) on the design of plausible fingers."""
         return np.concatenate([overlay.eps_on_fingers for overlay in self.overlays], axis=2)
-
-    def covered(self, receptor: int) -> tuple[Flags, list[Array]]:
-        """(all positions,) those that the runs cover for a receptor, and the rates there."""
-        known = ~np.isnan(self.eps[0, :, receptor])
-        return known, [rates for rates, there in zip(self.repeats, known, strict=True) if there]
 
 
 @dataclass(frozen=True)
@@ -138,6 +112,11 @@ class Comparison:
     overlays: tuple[Overlay, ...]
     plausible: PlausibleFingers | None = None
     normalised: bool = False  # each family's rates have a unit of their own
+
+    @property
+    def interpolated(self) -> bool:
+        """Whether plausible fingers were not built in full."""
+        return any(overlay.stimulus.interpolated for overlay in self.overlays)
 
     @property
     def small_strain(self) -> SmallStrain:

@@ -1,10 +1,10 @@
-"""Fit the rate model R = max(0, k(ε − ε₀)) by least squares, with correlations and intervals."""
+"""Fit the rate model R = max(0, k(ε − ε₀)) by least squares; correlations."""
 
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri, stdtrit
+from scipy.special import stdtrit
 
 Array = NDArray[np.float64]
 
@@ -103,21 +103,8 @@ def _ordered(values: Array, order: NDArray[np.int64]) -> Array:
 Flags = NDArray[np.bool_]
 
 CONFIDENCE = 0.95
-DRAWS = 1000
-SET_LEVEL = 0.01
-"""One-sided level at which a pair counts as worse than the best. On the right finger 2.5 % would do; at 1 % the truth
-stays in the set in 95 % of draws on average when the finger is another one, too (docs/comparison_quality.md)."""
-
 FEWEST_POSITIONS = 5
 _COVERED_ENOUGH = 0.8
-
-
-class Interval(NamedTuple):
-    """Confidence limits of k and ε₀, and what was resampled; NaN where a limit does not exist."""
-
-    k: tuple[float, float]
-    eps0: tuple[float, float]
-    over: Literal["repeats", "positions"]
 
 
 def correlation(eps: Array, rate: Array) -> Array:
@@ -142,90 +129,6 @@ def chance_correlation(positions: int, looked_at: int) -> float:
     return t / float(np.sqrt(positions - 2 + t * t))
 
 
-def interval(eps: Array, repeats: list[Array], shape_of: NDArray[np.int64], sign: int) -> Interval:
-    """Bootstrap limits for one measure at one receptor, ε (n,) and the rates of each of n positions.
-
-    Over repeats, within each position, where every position has two or more; otherwise over positions, within each
-    shape, which covers less often than it says (docs/comparison_quality.md). Percentiles of `DRAWS` draws, one seed.
-    """
-    rng = np.random.default_rng(0)
-    if min(len(rates) for rates in repeats) > 1:
-        return _over_repeats(eps, repeats, sign, rng)
-    weight = np.zeros((DRAWS, len(eps)))
-    for shape in np.unique(shape_of):
-        mine = np.flatnonzero(shape_of == shape)
-        weight[:, mine] = rng.multinomial(len(mine), np.full(len(mine), 1 / len(mine)), size=DRAWS)
-    rate = np.broadcast_to([rates.mean() for rates in repeats], weight.shape)
-    draws = fit_rates(eps, rate, weight, sign=sign)
-    return Interval(_limits(draws.k), _limits(draws.eps0), "positions")
-
-
-def _over_repeats(eps: Array, repeats: list[Array], sign: int, rng: np.random.Generator) -> Interval:
-    """Percentiles, set wider where few repeats carry the estimate: as Student's t is wider than the normal."""
-    rate = np.array([rates.mean() for rates in repeats])
-    spread = np.array([rates.var(ddof=1) / len(rates) for rates in repeats])
-    freedom = np.array([len(rates) - 1 for rates in repeats])
-    means = np.stack([_resampled_means(rates, rng) for rates in repeats], axis=1)
-    draws, best = fit_rates(eps, np.maximum(means, 0.0), sign=sign), fit_rates(eps, rate, sign=sign)
-    stretch = [_stretch(influence**2 * spread, freedom) for influence in _influence(eps, rate, best)]
-    return Interval(
-        _limits(draws.k, float(best.k), stretch[0]), _limits(draws.eps0, float(best.eps0), stretch[1]), "repeats"
-    )
-
-
-def _resampled_means(rates: Array, rng: np.random.Generator) -> Array:
-    """(DRAWS,) means of resampled repeats, spread by √(m / (m − 1)), by which a bootstrap's spread is too small."""
-    m = len(rates)
-    means = rng.choice(rates, size=(DRAWS, m)).mean(axis=1)
-    return np.asarray(rates.mean() + np.sqrt(m / (m - 1)) * (means - rates.mean()))
-
-
-def _influence(eps: Array, rate: Array, fit: Fit) -> tuple[Array, Array]:
-    """(n,) derivatives of k and ε₀ by each rate, on the line through the points that fire; zero without one."""
-    fires = predicted(fit, eps) > 0
-    if len(np.unique(eps[fires])) < 2:
-        return np.zeros_like(eps), np.zeros_like(eps)
-    e = np.where(fires, eps - eps[fires].mean(), 0.0)
-    of_k = e / (e @ e)
-    of_eps0 = rate[fires].mean() / fit.k**2 * of_k - np.where(fires, 1 / (fit.k * fires.sum()), 0.0)
-    return of_k, of_eps0
-
-
-def _stretch(variance: Array, freedom: NDArray[np.int64]) -> float:
-    """t over normal quantile at the degrees of freedom of a sum of estimated variances (Satterthwaite 1946)."""
-    total = variance.sum()
-    if total == 0:
-        return 1.0
-    level = (1 + CONFIDENCE) / 2
-    return float(stdtrit(total**2 / (variance**2 / freedom).sum(), level) / ndtri(level))
-
-
-def _limits(values: Array, best: float = 0.0, stretch: float = 1.0) -> tuple[float, float]:
-    found = values[np.isfinite(values)]
-    if len(found) < CONFIDENCE * len(values):
-        return (np.nan, np.nan)
-    low, high = np.quantile(found, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
-    return best + stretch * float(low - best), best + stretch * float(high - best)
-
-
-def indistinguishable(eps: Array, rate: Array) -> Flags | None:
-    """(18, receptors) flags of the pairs whose fit is not worse than the best one's; None with too few positions.
-
-    Vuong's test (1989) on squared residuals at the positions that all receptors in play cover. eps is
-    (18, p, receptors), rate (p,).
-    """
-    which = compared(eps)
-    if which is None:
-        return None
-    receptors, common = which
-    pairs = by_pair(eps[:, common][:, :, receptors])
-    residual = squared_residuals(fit_rates(pairs, rate[common]), pairs, rate[common])
-    flags = np.zeros((len(eps), len(receptors)), dtype=bool)
-    best = residual[np.argmin(residual.sum(axis=1))]
-    flags[:, receptors] = not_worse(residual, best, SET_LEVEL).reshape(len(eps), -1)
-    return flags
-
-
 def compared(eps: Array) -> tuple[Flags, Flags] | None:
     """Receptors in play, and the positions that all of them cover; None where these are too few."""
     receptors = in_play(eps)
@@ -239,23 +142,9 @@ def by_pair(eps: Array) -> Array:
     return np.ascontiguousarray(moved.reshape(*eps.shape[:-3], -1, eps.shape[-2]))
 
 
-def not_worse(residual: Array, best: Array, level: float) -> Flags:
-    """(N,) which squared residuals (N, p) are not significantly above the best one's (p,), by Vuong's test."""
-    worse = residual - best
-    n = worse.shape[-1]
-    limit = stdtrit(n - 1, 1 - level) * worse.std(axis=-1, ddof=1) / np.sqrt(n)
-    return np.asarray(worse.mean(axis=-1) <= limit)
-
-
 def in_play(eps: Array) -> Flags:
     """(receptors,) those that cover 80 % of the recorded positions."""
     return np.asarray((~np.isnan(eps[0])).mean(axis=0) >= _COVERED_ENOUGH)
-
-
-def squared_residuals(fit: Fit, eps: Array, rate: Array) -> Array:
-    """(N, p) of fits (N,) to SSRPs (N, p); of the mean where no fit beats it."""
-    rates = predicted(Fit(fit.k[:, None], fit.eps0[:, None], fit.rss), eps)
-    return np.asarray((rate - np.where(np.isnan(rates), rate.mean(), rates)) ** 2)
 
 
 def fit_all(eps: Array, rate: Array) -> Fit:

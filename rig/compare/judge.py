@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.candidates import Candidates, Fitted, by_monotone, by_repeats, detectable, tail
-from rig.compare.comparison import Comparison, Overlay
+from rig.compare.comparison import Comparison, Joint, Overlay, Pair
 from rig.compare.fingers import PlausibleFingers
 from rig.compare.fit import Flags, by_pair, compared, correlation, fit_rates
 from rig.compare.intervals import Region, limits
@@ -144,6 +144,23 @@ def laid(overlays: Sequence[Overlay], form: Form, *, with_fingers: bool = False)
     pairs = np.concatenate([by_pair(eps[:, :, used][..., receptors]), constant], axis=1)
     seen = observed([overlay.recording for overlay in overlays], used)
     return Laid([*named, _Named(A_CONSTANT, True, None)], seen, Candidates(pairs, form), used)
+
+
+def joint_limits(joint: Joint, pairs: Sequence[Pair], *, with_fingers: bool = False) -> list[Region | None]:
+    """Limits of pairs at receptors in play, over the recordings of a joint fit alone; rates do not saturate.
+
+    None where the pair's own fit is rejected, and with too few positions.
+    """
+    given = laid(joint.overlays, Form(), with_fingers=with_fingers)
+    if given is None or not pairs:
+        return [None] * len(pairs)
+    seen, receptor_mm = given.observed, joint.overlays[0].stimulus.receptor_mm
+    number = {(one.name, one.receptor_mm): n for n, one in enumerate(given.named)}
+    candidates = given.candidates.only(np.array([number[MEASURES[m], float(receptor_mm[k])] for m, k in pairs]))
+    fit = candidates.fitted(seen)
+    ratio, p = candidates.tested(seen, fit)
+    fits = (p >= LEVEL) & np.isfinite(fit.found.k)
+    return [limits(candidates, seen, fit, n, float(ratio[n])) if fits[n] else None for n in range(len(pairs))]
 
 
 def _eps(overlays: Sequence[Overlay], *, with_fingers: bool) -> Array:

@@ -5,16 +5,22 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rig.compare.comparison import Comparison, Joint
-from rig.compare.fit import chance_correlation, compared, fit_all
+from rig.compare.comparison import Comparison, Joint, Pair
+from rig.compare.fingers import PlausibleFingers, fit_all_with_finger
+from rig.compare.fit import Fit, chance_correlation, compared, fit_all
+from rig.compare.intervals import Region
+from rig.compare.judge import joint_limits
 from rig.compare.shape_test import THRESHOLDS
 from rig.compare.stimuli import Stimulus
 from rig.compare.verdict import Answer, Limits, PairRow, Together
 from rig.compare.verdict_text import methods, sentence, sentences
 from sim.measures.measures import MEASURES
+from sim.models.interpolation import HOW_MADE
 
-Pair = tuple[int, int]  # measure, receptor
+Array = NDArray[np.float64]
+Row = dict[str, Any]
 
 
 def as_json(comparison: Comparison, report: str) -> dict[str, Any]:
@@ -24,7 +30,7 @@ def as_json(comparison: Comparison, report: str) -> dict[str, Any]:
         "candidates": comparison.candidates(),
         "candidates_by_condition": dict(comparison.candidates_by_condition()),
         "collinear": dict(comparison.collinear()),
-        "joint": [row for joint in comparison.joints for row in _joint_rows(joint)],
+        "joint": [row for one in comparison.joints for row in _joint_rows(one, best_pairs(one, one.explained))],
         "chance": [chance_row(joint) for joint in comparison.joints],
         "small_strain": comparison.small_strain.as_json(),
         "report": report,
@@ -55,33 +61,74 @@ def _rows(comparison: Comparison, stimulus: Stimulus) -> list[dict[str, Any]]:
     ]
 
 
-def _joint_rows(joint: Joint) -> list[dict[str, Any]]:
-    """The best receptor of each measure, with its limits."""
-    return [joint_row(joint, (m, k)) for m in range(len(MEASURES)) if (k := best_receptor(joint, m)) is not None]
-
-
-def joint_row(joint: Joint, pair: Pair) -> dict[str, Any]:
-    """One measure at one receptor over all shapes of a joint fit."""
-    limits = joint.interval(*pair)
+def fingers_as_json(comparison: Comparison) -> dict[str, Any]:
+    """What `rig compare --json` prints besides when fingers are stated; nothing without."""
+    plausible = comparison.plausible
+    if plausible is None:
+        return {}
     return {
-        "shapes": [overlay.stimulus.indentor for overlay in joint.overlays],
-        "condition": joint.overlays[0].stimulus.condition,
-        "measure": MEASURES[pair[0]],
-        "receptor_mm": round(float(joint.overlays[0].stimulus.receptor_mm[pair[1]]), 6),
-        "k": number(joint.fit.k[pair]),
-        "k_interval": [number(v) for v in limits.k] if limits else None,
-        "eps0": number(joint.fit.eps0[pair]),
-        "eps0_interval": [number(v) for v in limits.eps0] if limits else None,
-        "resampled": limits.over if limits else None,
-        "fires_unloaded": bool(joint.fit.fires_unloaded[pair]),
-        "r2": number(joint.explained[pair]),
+        "fingers": {
+            "ranges": {name: list(limits) for name, limits in plausible.ranges.items()},
+            "built": 3 ** len(plausible.free),
+            "interpolation": HOW_MADE if comparison.interpolated else None,
+            "joint": [row for joint in comparison.joints for row in _rows_with_finger(joint, plausible)],
+        }
     }
 
 
-def best_receptor(joint: Joint, measure: int) -> int | None:
-    """The receptor whose joint fit explains most, among those in play; None where nothing fits."""
-    explained = np.where(joint.in_play, joint.explained[measure], np.nan)
-    return None if np.isnan(explained).all() else int(np.nanargmax(explained))
+def _joint_rows(joint: Joint, pairs: Sequence[Pair]) -> list[Row]:
+    """Pairs over all shapes of a joint fit: by least squares, with limits of the likelihood."""
+    return [
+        {
+            **_named(joint, pair),
+            **_line(joint.fit, pair, limits),
+            "fires_unloaded": bool(joint.fit.fires_unloaded[pair]),
+            "r2": number(joint.explained[pair]),
+        }
+        for pair, limits in zip(pairs, joint_limits(joint, pairs), strict=True)
+    ]
+
+
+def _rows_with_finger(joint: Joint, plausible: PlausibleFingers) -> list[Row]:
+    """The same where each pair may have its best plausible finger, beside those on the run's own."""
+    place, fit = fit_all_with_finger(joint.eps_on_fingers, joint.rate)
+    explained = joint.explained_by(fit)
+    pairs = best_pairs(joint, explained)
+    limits = joint_limits(joint, pairs, with_fingers=True)
+    return [
+        {
+            **_named(joint, pair),
+            "r2": number(explained[pair]),
+            "best_finger": {name: round(value, 6) for name, value in plausible.values(place[pair]).items()},
+            **_line(fit, pair, on_all),
+            "on_this_finger": {name: given[name] for name in (*_LINE, "r2")},
+        }
+        for pair, on_all, given in zip(pairs, limits, _joint_rows(joint, pairs), strict=True)
+    ]
+
+
+def _named(joint: Joint, pair: Pair) -> Row:
+    stimulus = joint.overlays[0].stimulus
+    return {
+        "shapes": [overlay.stimulus.indentor for overlay in joint.overlays],
+        "condition": stimulus.condition,
+        "measure": MEASURES[pair[0]],
+        "receptor_mm": round(float(stimulus.receptor_mm[pair[1]]), 6),
+    }
+
+
+_LINE = ("k", "k_interval", "eps0", "eps0_interval")
+
+
+def _line(fit: Fit, pair: Pair, limits: Region | None) -> Row:
+    k, eps0 = (None, None) if limits is None else ([number(v) for v in one] for one in limits)
+    return dict(zip(_LINE, (number(fit.k[pair]), k, number(fit.eps0[pair]), eps0), strict=True))
+
+
+def best_pairs(joint: Joint, explained: Array) -> list[Pair]:
+    """Each measure at the receptor in play where most is explained, of (18, receptors); not where nothing fits."""
+    share = np.where(joint.in_play & np.isfinite(explained), explained, -np.inf)
+    return [(m, int(np.argmax(row))) for m, row in enumerate(share) if np.isfinite(row).any()]
 
 
 def chance_row(joint: Joint) -> dict[str, Any]:

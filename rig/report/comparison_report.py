@@ -27,6 +27,7 @@ from rig.report.style import as_number, as_positions, label, unit
 from rig.report.verdict_section import answer_sections
 from sim.measures.measures import MEASURES, PLOTTED_AS_MAGNITUDE
 from sim.models.fingertip import Fingertip
+from sim.models.interpolation import HOW_MADE
 from sim.units import PSEUDO_E_EPIDERMIS
 
 _MOST_SHOWN = 3
@@ -322,6 +323,24 @@ def _recording(overlay: Overlay) -> tuple[str, str, str, str]:
     """Its file, the shape, what was done to its numbers, and SHA-256; laid over several conditions it is one."""
     found = overlay.recording
     return found.name, overlay.stimulus.shape, ", ".join(found.changes), found.sha256
+
+
+def fingers_sections(comparison: Comparison) -> list[Section]:
+    """The ranges of the fingers that are plausible, where they are stated and something was recorded."""
+    plausible = comparison.plausible
+    if plausible is None or not comparison.overlays:
+        return []
+    made = f" The fingers were {HOW_MADE}; `--exact` builds each in full." if comparison.interpolated else ""
+    return [
+        Section(
+            "The plausible fingers",
+            f"Stated in a file with SHA-256 {plausible.sha256}. {3 ** len(plausible.free)} fingers of these ranges "
+            "were simulated, and each pair is fitted with the finger between them on which it is likeliest. The set "
+            "and its intervals hold for whatever finger lies within the ranges, and for no other." + made,
+            ("parameter", "lowest", "highest"),
+            tuple((name, f"{low:g}", f"{high:g}") for name, (low, high) in plausible.ranges.items()),
+        )
+    ]
 
 
 HEADER = ("measure", "x (mm)", "depth (mm)", "offset (mm)", "k", "ε₀", "deviance over the noise", "its own fit",

@@ -16,10 +16,9 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from rig.compare.comparison import Comparison, Joint, Overlay
+from rig.compare.comparison import Comparison, Joint, Overlay, Pair
 from rig.compare.fit import Fit, predicted
 from rig.compare.recordings.columns import no_rows, read_table
-from rig.compare.results import Pair
 from rig.data import Run
 from rig.plan.finger_model import from_copy, responses
 from rig.report.page import PageFigure, Section

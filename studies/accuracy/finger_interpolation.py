@@ -2,7 +2,8 @@
 
 .venv/bin/python -m studies.accuracy.finger_interpolation    # the table of docs/comparison_quality.md; minutes, once
 
-The fingers are those of interval_coverage.py, drawn within the ranges of examples/plausible_fingers/fingers.toml.
+The fingers are those of studies/answers/answer_coverage.py, drawn within the ranges of
+examples/plausible_fingers/fingers.toml.
 """
 
 import numpy as np
@@ -14,7 +15,7 @@ from rig.compare.workers import spread
 from sim.config import FingertipConfig
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_DEPTH_MM
-from studies.accuracy.interval_coverage import POSITIONS_MM, RANGES, TRUTHS, drawn, families, inside, with_design
+from studies.answers.answer_coverage import POSITIONS_MM, RANGES, TRUTHS, drawn, families, inside, with_design
 
 Array = NDArray[np.float64]
 

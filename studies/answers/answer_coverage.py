@@ -13,7 +13,7 @@ import itertools
 import json
 import subprocess
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, TextIO
 
@@ -29,27 +29,57 @@ from rig.compare.model_set import set_probabilities
 from rig.compare.recordings.recording import Recording, recording
 from rig.compare.recordings.spikes import Afferent, afferent_for
 from rig.compare.stimuli import CONTROLS, Stimulus
-from rig.compare.with_finger import WithFinger
-from sim.config import FingertipConfig
-from sim.measures.measures import MEASURES
+from sim.config import FingertipConfig, Tissue
 from sim.measures.receptors import DEFAULT_DEPTH_MM
-from studies.accuracy.interval_coverage import (
-    POSITIONS_MM,
-    RANGES,
-    SILENT,
-    TRUTHS,
-    Families,
-    families,
-    inside,
-    with_design,
-)
+from sim.models.fingertip import Fingertip
+from studies.source.simulated_stimuli import bars, steps
 
 Array = NDArray[np.float64]
 
+POSITIONS_MM = np.arange(-2.0, 2.01, 0.2)
+TRUTHS = {"steps": (("ep1", -1.0), ("sed", -1.0), ("e13", -1.0), ("e22", -1.0)),
+          "step 1 alone": (("ep1", -1.0), ("sed", -1.0)),
+          "bars": (("ep1", 0.0), ("ep3", 0.0), ("sed", 0.0))}  # fmt: skip
+SILENT = 0.4
+RANGES = Path(__file__).parents[2] / "examples" / "plausible_fingers" / "fingers.toml"
+INSIDE, SEED = 8, 2024
 FRESH_SEED, FRESH, FRESH_MESH_MM = 1998, 4, 0.15
 DRAWS_SEED = 20261122
 RATES = ((60.0, 1.0), (20.0, 0.5))  # largest rate (/s) and window (s)
 LEVEL = 0.05
+
+
+Families = dict[str, list[Stimulus]]
+
+
+def families(config: FingertipConfig) -> Families:
+    """The stimuli of both families on one finger."""
+    finger = Fingertip.load(config)
+    three = steps(finger, 2.33)
+    return {"steps": three, "step 1 alone": three[:1], "bars": bars(finger)}
+
+
+def drawn(free: int) -> Array:
+    """(INSIDE, free) places drawn uniformly within the ranges; none is of the design."""
+    return np.random.default_rng(SEED).uniform(-1, 1, size=(INSIDE, free))
+
+
+def inside(plausible: PlausibleFingers) -> list[FingertipConfig]:
+    """The fingers at the places that were drawn."""
+    places = drawn(len(plausible.free))
+    trees = [{name.partition(".")[2]: v for name, v in plausible.values(place).items()} for place in places]
+    return [FingertipConfig(tissue=Tissue(**tree)) for tree in trees]
+
+
+def with_design(default: Families, design: list[Families]) -> Families:
+    """The stimuli that are fitted, with their measures on every finger of the design."""
+    return {
+        family: [
+            replace(stimulus, on_fingers=np.stack([one[family][n].measures for one in design]))
+            for n, stimulus in enumerate(found)
+        ]
+        for family, found in default.items()
+    }
 
 
 class Made(NamedTuple):
@@ -111,8 +141,6 @@ class Found(NamedTuple):
     controls: float
     k: float
     eps0: float
-    before: float
-    pairs_before: float
 
 
 @dataclass(frozen=True)
@@ -156,19 +184,14 @@ def draws(of: Study, made: Made, number: int) -> Iterator[tuple[str, Found, Foun
         fitted = of.fitted[family]
         given = compare(fitted, {s.shape: r for s, r in zip(fitted, found, strict=True)})
         (joint,) = given.joints
-        pair = (MEASURES.index(measure), receptor)
-        both = (joint.indistinguishable, WithFinger(joint).indistinguishable)
-        told = [judged(joint, truth, flags, pair, with_fingers=n == 1) for n, flags in enumerate(both)]
+        told = [judged(joint, truth, with_fingers=with_fingers) for with_fingers in (False, True)]
         yield f"{measure}, {family}, {peak:g} /s", told[0], told[1]
 
 
-def judged(
-    joint: Joint, truth: Afferent, before: NDArray[np.bool_] | None, pair: tuple[int, int], *, with_fingers: bool
-) -> Found:
+def judged(joint: Joint, truth: Afferent, *, with_fingers: bool) -> Found:
     """What one answer says of the truth."""
     given = laid(joint.overlays, Form(), with_fingers=with_fingers)
     assert given is not None
-    assert before is not None
     fit = given.candidates.fitted(given.observed)
     ratio, p_fit = given.candidates.tested(given.observed, fit)
     loss = fit.found.deviance / given.observed.noise.dispersion
@@ -187,8 +210,6 @@ def judged(
         float((chosen & control).any()),
         float(region.k[0] <= truth.k <= region.k[1]),
         float(region.eps0[0] <= truth.eps0 <= region.eps0[1]),
-        float(before[pair]),
-        float(before.sum()),
     )
 
 
@@ -198,8 +219,7 @@ def _row(given: Laid, truth: Afferent, joint: Joint) -> int:
 
 
 HEADER = ("made on", "answered", "draws", "truth in the set, smallest / mean (%)", "fits (%)", "in the MCS (%)",
-          "pairs / measures in the set", "a control, too (%)", "k (%)", "ε₀ (%)",
-          "before: in the set (%)", "before: pairs")  # fmt: skip
+          "pairs / measures in the set", "a control, too (%)", "k (%)", "ε₀ (%)")  # fmt: skip
 ANSWERED = ("given the default finger", "on all plausible fingers")
 
 
@@ -212,8 +232,7 @@ def lines(made: Made, names: Sequence[str], found: Array) -> Iterator[str]:
         cells = (made.title, how, str(len(found)), f"{100 * least:.0f} / {100 * mean.in_set:.1f}",
                  f"{100 * mean.fits:.1f}", f"{100 * mean.in_confidence_set:.1f}",
                  f"{mean.pairs:.1f} / {mean.measures:.1f}", f"{100 * mean.controls:.0f}",
-                 f"{100 * mean.k:.1f}", f"{100 * mean.eps0:.1f}", f"{100 * mean.before:.1f}",
-                 f"{mean.pairs_before:.1f}")  # fmt: skip
+                 f"{100 * mean.k:.1f}", f"{100 * mean.eps0:.1f}")  # fmt: skip
         yield f"| {' | '.join(cells)} |"
 
 

@@ -38,11 +38,6 @@ class Recording:
         """(p,) mean over repeats."""
         return np.array([rates.mean() for rates in self.repeats])
 
-    @property
-    def repeated(self) -> bool:
-        """Whether every position was recorded at least twice."""
-        return min(len(rates) for rates in self.repeats) > 1
-
     def mirrored(self) -> "Recording":
         """Positions negated: for profiles published in the mirror image of the finger's frame."""
         return replace(

@@ -24,7 +24,7 @@ def test_positions_rates_and_sds(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.position_mm, [-1, 0, 0.5])
     np.testing.assert_array_equal(found.rate, [4, 12.5, 20])
     np.testing.assert_array_equal(found.sd, [np.nan, 1.5, 2])
-    assert (found.name, found.repeated, found.changes) == ("mine.csv", False, ())
+    assert (found.name, found.changes) == ("mine.csv", ())
 
 
 def test_repeats_give_mean_and_sd(tmp_path: Path) -> None:
@@ -34,7 +34,7 @@ def test_repeats_give_mean_and_sd(tmp_path: Path) -> None:
         for n, rate in enumerate(rates)
     ]
     found = read_srp(written(tmp_path, "position_mm,rate,repeat\n" + "\n".join(rows)))
-    assert found.repeated
+    assert [len(rates) for rates in found.repeats] == [3, 3, 3]
     np.testing.assert_allclose(found.rate, [4, 2, 0])
     np.testing.assert_allclose(found.sd, [2, np.sqrt(3), 0])  # with n − 1
 

@@ -32,7 +32,6 @@ def test_rates_are_counted_in_the_window_of_the_last_holds(bar_run: Run) -> None
     np.testing.assert_allclose(found.rate, [0, 0, 0.5 * (1 + 3) / 0.4, 0, 3 / 0.4])
     assert found.sd[2] == pytest.approx(np.std([1 / 0.4, 3 / 0.4], ddof=1))
     assert np.isnan(found.sd[0])  # once only
-    assert not found.repeated
     assert found.window_s == pytest.approx(0.4)
 
 
