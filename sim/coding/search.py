@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 from scipy.optimize import dual_annealing
 
 from sim.coding.operators import Operator
-from sim.errors import SimError
+from sim.errors import CodingError
 
 Array = NDArray[np.float64]
 
 
-class DecodingError(SimError, ValueError):
+class DecodingError(CodingError):
     """Readings that cannot be decoded; the message says what was expected."""
 
     default_code = "bad_readings"
