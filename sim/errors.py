@@ -58,16 +58,6 @@ class ForceOutOfReachError(ModelRangeError):
     default_code = "force_out_of_reach"
 
 
-class CodingError(SimError, ValueError):
-    """What cannot be encoded or decoded.
-
-    An argument that the sentence names is a field whose value is its own name: a program that has other names for its
-    arguments puts these in.
-    """
-
-    default_code = "not_coded"
-
-
 def refuse_unless_one(doi_mm: float | None, force_gwt: float | None) -> None:
     """Refuse both a depth and a force, and neither. Raises ModelRangeError."""
     if (doi_mm is None) == (force_gwt is None):

@@ -37,7 +37,7 @@ from sim.coding.bayes import FittedReceptor
 from sim.coding.encoding import NOISE_PLACES, Noise, NoisePlace, Receptor
 from sim.coding.operators import OPERATORS, Operator
 from sim.coding.readings_file import GivenReadings, pa_per_pseudo, read_readings
-from sim.coding.search import error_surface
+from sim.coding.search import CodingError, error_surface
 from sim.coding.section import ENERGIES, HALF_LENGTH, SPACING_MM
 from sim.coding.shape_class import felt_solid
 from sim.coding.sheet import HALF_LENGTHS_MM, SheetOperator
@@ -51,7 +51,6 @@ from sim.coding.task import (
     decode_task,
 )
 from sim.config import FingertipConfig
-from sim.errors import CodingError
 from sim.measures.receptors import DEFAULT_DEPTH_MM
 from sim.tables import TableError
 

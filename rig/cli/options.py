@@ -10,7 +10,6 @@ import typer
 
 from rig.errors import BadInputError, around
 from sim.coding.section import Axes, Sampling
-from sim.errors import CodingError
 from sim.tables import TableError
 
 if TYPE_CHECKING:
@@ -18,6 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rig.report.style import Plot
+    from sim.coding.search import CodingError
     from sim.coding.task import SectionPress
 
 
@@ -138,6 +138,7 @@ def sampling_of(spacing_mm: float, half_length: int, depth_mm: float, axes: Axes
 def pressures_of(text: str) -> "NDArray[np.float64]":
     """(n,) pressures from `20,14` or a CSV with a column pressure; pseudo-units. Raises BadInputError."""
     from sim.coding.readings_file import checked_pressures, read_pressures  # most commands do without
+    from sim.coding.search import CodingError
 
     try:
         values = [float(cell) for cell in text.split(",")]

@@ -21,7 +21,7 @@ from rig.engine import EngineError
 from rig.errors import BadInputError, RigError, code_of
 from rig.transport.wire import TransportError
 from sim.contact.shapes import ShapeError
-from sim.errors import CodingError, ModelRangeError
+from sim.errors import ModelRangeError
 from sim.finger.mesh import MeshError
 from sim.finger.surface import SurfaceError
 from sim.finger_process import FingerLostError
@@ -223,7 +223,7 @@ def told_in_one_line(*, as_json: bool, beginning: Beginning | None = None) -> It
 _BAD_INPUT = (
     *(BadInputError, RunError, FolderBusyError, NwbMissingError),
     *(RecordingError, ComparisonError, StudyError, WorkersError),
-    *(ShapeError, ModelRangeError, CodingError, SurfaceError, MeshError, ReceptorError, CacheError),
+    *(ShapeError, ModelRangeError, SurfaceError, MeshError, ReceptorError, CacheError),
 )
 
 

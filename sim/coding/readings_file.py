@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sim.coding.encoding import FEWEST_AT_REST, LOWEST_SD
+from sim.coding.search import CodingError
 from sim.coding.section import receptor_points, skin_of
 from sim.coding.sheet import FEWEST_READINGS as FEWEST_OF_SHEET
 from sim.config import FingertipConfig
-from sim.errors import CodingError, ModelRangeError
+from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorError, points_below
 from sim.tables import TableError, header_of, read_columns, read_numbered

@@ -9,9 +9,19 @@ from numpy.typing import NDArray
 from scipy.optimize import dual_annealing
 
 from sim.coding.operators import Operator
-from sim.errors import CodingError
+from sim.errors import SimError
 
 Array = NDArray[np.float64]
+
+
+class CodingError(SimError, ValueError):
+    """What cannot be encoded or decoded.
+
+    An argument that the sentence names is a field whose value is its own name: a program that has other names for its
+    arguments puts these in.
+    """
+
+    default_code = "not_coded"
 
 
 class DecodingError(CodingError):

@@ -1,7 +1,7 @@
 """Encode pressures and presses, and decode what receptors read: a task in, a result out.
 
     found = decode_task(DecodeTask((20.0, 14.0)))
-    found.pressure, found.profile.band()
+    found.pressure, found.errors
 
 `rig encode` and `rig decode` do the same from a command line.
 """
@@ -31,6 +31,7 @@ from sim.coding.operators import (
 from sim.coding.pressure import borne_by, frictionless
 from sim.coding.readings_file import GivenReadings, checked_pressures
 from sim.coding.search import (
+    CodingError,
     Decoded,
     DecodingErrors,
     Range,
@@ -57,7 +58,6 @@ from sim.coding.sheet import (
 from sim.config import FingertipConfig
 from sim.contact.indentor import Indentor
 from sim.contact.patch import X, Z
-from sim.errors import CodingError
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import points_below
 from sim.models.small_strain import SmallStrain

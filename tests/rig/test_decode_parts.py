@@ -9,10 +9,9 @@ from rig.cli.options import in_options, press_of, pressures_of
 from rig.errors import BadInputError
 from sim.coding.bayes import FittedReceptor
 from sim.coding.encoding import Noise, Receptor
-from sim.coding.search import DecodingError
+from sim.coding.search import CodingError, DecodingError
 from sim.coding.task import DecoderName, SearchOptions, SectionPress
 from sim.contact.shapes import parse_shape
-from sim.errors import CodingError
 from tests.raising import has_code, raises
 
 

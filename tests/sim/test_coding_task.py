@@ -1,6 +1,8 @@
 """Tasks of encoding and decoding, on an operator of a few numbers: what is heard, explained, assumed, begun with."""
 
+import re
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -11,7 +13,7 @@ from sim.coding import task as task_module
 from sim.coding.bayes import FittedReceptor
 from sim.coding.encoding import NOISE_PLACES, Encoded, Noise, NoisePlace, Receptor, encode, sd_at_rest
 from sim.coding.operators import Operator
-from sim.coding.search import Range, table_search
+from sim.coding.search import CodingError, Range, table_search
 from sim.coding.section import Sampling
 from sim.coding.task import (
     CUT_OFF,
@@ -33,7 +35,6 @@ from sim.coding.task import (
     observe,
 )
 from sim.config import FingertipConfig
-from sim.errors import CodingError
 from tests.raising import raises
 from tests.sim.coarse import coarse_mesh
 
@@ -317,3 +318,11 @@ def test_places_of_a_sheet_lie_between_the_outermost_receptors_on_the_patch(
     assert_allclose(found, expected, atol=1e-9)
     with raises(CodingError, "too_short", readings="readings", column="x_mm", least_mm=1.0):
         task_module._places("x_mm", np.array([0.0, 0.99]), 0.0, 0.5)
+
+
+@pytest.mark.parametrize("page", ["coding", "library"])
+def test_what_the_pages_show_runs(page: str, capsys: pytest.CaptureFixture[str]) -> None:
+    text = (Path(__file__).parents[2] / "docs" / f"{page}.md").read_text(encoding="utf-8")
+    (block,) = (one for one in re.findall(r"```python\n(.*?)```", text, re.S) if "sim.coding.task" in one)
+    exec(block, {})
+    assert "DecodingErrors(eq_6_8=" in capsys.readouterr().out

@@ -16,8 +16,8 @@ from sim.coding.readings_file import (
     read_pressures,
     read_readings,
 )
+from sim.coding.search import CodingError
 from sim.config import FingertipConfig
-from sim.errors import CodingError
 from sim.tables import TableError
 from tests.raising import raises
 
