@@ -13,13 +13,10 @@ cli.cache cli.system
 cli.carrying_out cli.execution
 cli.check cli.run
 cli.chosen_model cli.indent
-cli.coded cli.coding_task
 cli.config cli.system
 cli.confirming cli.confirm
 cli.decode_options cli.decode
 cli.decode_said cli.decode
-cli.decode_sources cli.coding_task
-cli.decoding cli.coding_task
 cli.doctor cli.system
 cli.dry_run cli.run
 cli.export cli.runs
@@ -32,7 +29,6 @@ cli.meet cli.identify
 cli.meeting_said cli.identify
 cli.owning cli.panel
 cli.pictures cli.options
-cli.pressures cli.readings_file
 cli.progress cli.monitor
 cli.reporting cli.execution
 cli.resume cli.run

@@ -2,8 +2,6 @@
 
 import math
 import re
-from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,24 +10,8 @@ import typer
 from numpy.typing import NDArray
 from rich.table import Table
 
-from rig.cli.coding_task import (
-    DECODERS,
-    Answer,
-    DecoderName,
-    Encoding,
-    Search,
-    Task,
-    best_explained,
-    decode,
-    pressed,
-    task_of_press,
-    task_of_pressures,
-    task_of_readings,
-    tasks_of_row,
-)
 from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_picture, numbers, write_picture
 from rig.cli.output import THE_FINGER, busy, out, print_json, told_in_one_line
-from rig.cli.readings_file import pa_per_pseudo, read_pressures, read_readings
 from rig.cli.sampling import (
     DepthOption,
     EnergyOption,
@@ -38,20 +20,34 @@ from rig.cli.sampling import (
     SnrOption,
     SpacingOption,
     bounded,
+    in_options,
     named,
+    press_of,
+    pressures_of,
     sampling_of,
 )
-from rig.errors import BadInputError, code_of, fields_of
+from rig.errors import BadInputError, around
 from rig.plan.config import load_config
 from sim.coding.bayes import FittedReceptor
-from sim.coding.encoding import NOISE_PLACES, Noise, Receptor
-from sim.coding.operators import OPERATORS, Operator, OperatorName
-from sim.coding.search import DecodingError, decoding_errors, error_surface
+from sim.coding.encoding import NOISE_PLACES, Noise, NoisePlace, Receptor
+from sim.coding.operators import OPERATORS, Operator
+from sim.coding.readings_file import GivenReadings, pa_per_pseudo, read_readings
+from sim.coding.search import CodingError, error_surface
 from sim.coding.section import ENERGIES, HALF_LENGTH, SPACING_MM
 from sim.coding.shape_class import felt_solid
 from sim.coding.sheet import HALF_LENGTHS_MM, SheetOperator
+from sim.coding.task import (
+    DECODERS,
+    DecodeResult,
+    DecoderName,
+    DecodeTask,
+    SearchOptions,
+    SectionPress,
+    decode_task,
+)
 from sim.config import FingertipConfig
 from sim.measures.receptors import DEFAULT_DEPTH_MM
+from sim.tables import TableError
 
 _PLUS_MINUS = re.compile(r"±|\+/?-")
 _LARGEST = 1e9
@@ -73,19 +69,10 @@ def refuse_together(pressure: str | None, shape: str | None, readings: Path | No
             )  # fmt: skip
 
 
-def operator_of(operator: str | None, *, pressures: bool) -> OperatorName:
-    """Of pressures by default the source's, of presses and readings by finite elements."""
-    return named("--operator", operator or ("convolution" if pressures else "influence"), OPERATORS)
-
-
-def encoding_of(
-    energy: str, noise: str, snr_db: float | None, seed: int, receptor: FittedReceptor | None
-) -> Encoding:
-    """Raises BadInputError for unknown words and numbers beyond their bounds."""
-    at = named("--noise", noise, NOISE_PLACES)
+def noise_of(snr_db: float | None, at: NoisePlace, seed: int) -> Noise | None:
+    """Noise to add, none without a ratio. Raises BadInputError for numbers beyond their bounds."""
     drawn = int(bounded("--seed", seed, 0, 2**32))
-    added = None if snr_db is None else Noise(bounded("--snr-db", snr_db, -40, 100), at, drawn)
-    return Encoding(named("--energy", energy, ENERGIES), receptor, added, at)
+    return None if snr_db is None else Noise(bounded("--snr-db", snr_db, -40, 100), at, drawn)
 
 
 def receptor_of(gain: str | None, threshold: str | None) -> FittedReceptor | None:
@@ -121,7 +108,9 @@ def _with_error(option: str, text: str) -> tuple[float, float]:
     return value, error
 
 
-def search_of(decoder: DecoderName, start: str | None, within: str | None, step: float | None, seed: int) -> Search:
+def search_of(
+    decoder: DecoderName, start: str | None, within: str | None, step: float | None, seed: int
+) -> SearchOptions:
     """Raises BadInputError for what this decoder does not go by."""
     _refuse("--start", start, decoder, ("univariate", "grid"))
     _refuse("--range", within, decoder, ("univariate", "grid", "table", "global"))
@@ -135,7 +124,7 @@ def search_of(decoder: DecoderName, start: str | None, within: str | None, step:
         )  # fmt: skip
     if step is not None:
         bounded("--grid-step", step, 1e-6, _LARGEST)
-    return Search(places, ends and (ends[0], ends[1]), step, seed)
+    return SearchOptions(places, ends and (ends[0], ends[1]), step, seed)
 
 
 def axial_of(axial: str | None, decoder: DecoderName, readings: Path | None) -> tuple[float, ...]:
@@ -177,107 +166,101 @@ _ROWS = 25
 _FINE = 121  # values of a pressure across a picture of the error surface
 
 
-def left(task: Task, answer: Answer) -> float:
-    """Root mean square of SED that the pressures found do not explain, of receptors that are not silent."""
-    return float(np.sqrt(np.mean((task.operator.sed(answer.pressure) - task.sed)[task.heard] ** 2)))
-
-
-def as_json_object(finger: FingertipConfig, task: Task, answer: Answer) -> dict[str, Any]:
+def as_json_object(finger: FingertipConfig, found: DecodeResult) -> dict[str, Any]:
     """Arrays and numbers; what is not known is null."""
-    operator, noise, profile = task.operator, task.noise, answer.profile
+    seen, profile, errors = found.observation, found.profile, found.errors
+    operator, noise = seen.operator, seen.noise
     band = None if profile is None else dict(zip(("low", "high"), (v.tolist() for v in profile.band()), strict=True))
     return {
         "operator": operator.name,
         "energy": operator.energy,
         "place_mm": operator.place_mm.tolist(),
-        "pressure": answer.pressure.tolist(),
+        "pressure": found.pressure.tolist(),
         "pa_per_pseudo": pa_per_pseudo(finger),
         "sd": None if profile is None else profile.sd.tolist(),
         "band_90": band,
-        "true": None if task.true is None else task.true.tolist(),
-        "errors": None if task.true is None else decoding_errors(task.true, answer.pressure)._asdict(),
+        "true": None if seen.true is None else seen.true.tolist(),
+        "errors": None if errors is None else errors._asdict(),
         "receptor_mm": operator.receptor_mm.tolist(),
-        "reading": task.reading.tolist(),
-        "explained_sed": operator.sed(answer.pressure).tolist(),
-        "samples": len(task.reading),
+        "reading": seen.reading.tolist(),
+        "explained_sed": operator.sed(found.pressure).tolist(),
+        "samples": len(seen.reading),
         "noise": {
             "sd": None if noise is None else noise.sd.tolist(),
             "known": None if noise is None else noise.known,
-            "left_of_sed": left(task, answer),
+            "left_of_sed": found.left_of_sed,
         },
-        "range": None if answer.within is None else list(answer.within),
-        "moves": max(0, len(answer.path) - 1),
-        "converged": answer.converged,
-        "problems": list(answer.problems),
-        "felt": _felt(operator, answer),
-        "axial": task.axial,
-        "ms": answer.ms,
+        "range": None if found.bounds is None else list(found.bounds),
+        "moves": max(0, len(found.path) - 1),
+        "converged": found.converged,
+        "problems": list(found.problems),
+        "felt": _felt(operator, found),
+        "axial": seen.axial,
+        "ms": found.ms,
     }
 
 
-def print_decoded(finger: FingertipConfig, decoder: DecoderName, task: Task, answer: Answer) -> None:
+def print_decoded(finger: FingertipConfig, decoder: DecoderName, found: DecodeResult) -> None:
     """For people; a search that was cut off, and readings that are not explained, say so."""
-    operator, found = task.operator, answer.pressure
-    moves = f", {len(answer.path) - 1} moves" if len(answer.path) else ""
+    seen, operator, errors = found.observation, found.observation.operator, found.errors
+    moves = f", {len(found.path) - 1} moves" if len(found.path) else ""
+    ended = "converged" if found.converged else "not converged"
     out.print(
-        f"{decoder}, {operator.name}, SED {operator.energy}: {len(found)} pressures from M = {len(task.reading)} "
-        f"readings in {answer.ms:.0f} ms, {'converged' if answer.converged else 'not converged'}{moves}"
+        f"{decoder}, {operator.name}, SED {operator.energy}: {len(found.pressure)} pressures from "
+        f"M = {len(seen.reading)} readings in {found.ms:.0f} ms, {ended}{moves}"
     )
-    if task.axial is not None:
-        out.print(f"  of the receptor plane of the whole finger, under {task.axial} along it")
-    if task.noise is not None and answer.profile is not None:
-        out.print(f"  noise sd {np.median(task.noise.sd):.3g} of a reading, {task.noise.known}")
-    out.print(f"  left of SED, root mean square {left(task, answer):.3g}, {_share(task, answer):.2%} of the highest")
-    if task.true is not None:
-        errors = decoding_errors(task.true, found)
+    if seen.axial is not None:
+        out.print(f"  of the receptor plane of the whole finger, under {seen.axial} along it")
+    if seen.noise is not None and found.profile is not None:
+        out.print(f"  noise sd {np.median(seen.noise.sd):.3g} of a reading, {seen.noise.known}")
+    share = found.left_of_sed / float(seen.sed.max())
+    out.print(f"  left of SED, root mean square {found.left_of_sed:.3g}, {share:.2%} of the highest")
+    if errors is not None:
         out.print(
             f"  Eq. 6.8 {errors.eq_6_8:.3g} (squared), relative L2 {errors.relative_l2:.1%}, "
             f"RMSE over the peak {errors.rmse_over_peak:.1%}"
         )
     else:
         out.print(f"  one pseudo-unit is {pa_per_pseudo(finger):.4g} Pa")
-    for problem in answer.problems:
+    for problem in found.problems:
         out.print(f"  beware: {problem}")
     if isinstance(operator, SheetOperator):
-        felt = felt_solid(operator.skin, found)
+        felt = felt_solid(operator.skin, found.pressure)
         out.print(
             f"  felt as a {felt.name}, {felt.size_mm:.2g} mm; in contact over {felt.extent_mm[0]:.2f} mm along x, "
             f"{felt.extent_mm[1]:.2f} mm along z"
         )
-        out.print(_map(operator, answer))
+        out.print(_map(operator, found))
     else:
-        out.print(_table(task, answer))
+        out.print(_table(found))
 
 
-def _share(task: Task, answer: Answer) -> float:
-    return left(task, answer) / float(task.sed.max())
-
-
-def _felt(operator: Operator, answer: Answer) -> dict[str, Any] | None:
+def _felt(operator: Operator, found: DecodeResult) -> dict[str, Any] | None:
     """Class and size of what touches a sheet."""
     if not isinstance(operator, SheetOperator):
         return None
-    felt = felt_solid(operator.skin, answer.pressure)
+    felt = felt_solid(operator.skin, found.pressure)
     return {"class": felt.name, "size_mm": felt.size_mm, "extent_mm": list(felt.extent_mm)}
 
 
-def _map(operator: SheetOperator, answer: Answer) -> Table:
+def _map(operator: SheetOperator, found: DecodeResult) -> Table:
     """Pressures, x downwards and z to the right; pseudo-units."""
     grid = operator.skin.grid
     table = Table("x \\ z (mm)", *(f"{z:.1f}" for z in grid.z_mm), box=None, padding=(0, 1))
-    for x, row in zip(grid.x_mm, answer.pressure.reshape(grid.shape), strict=True):
+    for x, row in zip(grid.x_mm, found.pressure.reshape(grid.shape), strict=True):
         table.add_row(f"{x:.1f}", *(f"{v:.0f}" for v in row))
     return table
 
 
-def _table(task: Task, answer: Answer) -> Table:
-    digits = max(0, 2 - int(np.floor(np.log10(max(float(answer.pressure.max()), 1e-6)))))
-    columns = {"place (mm)": [f"{v:.2f}" for v in task.operator.place_mm]}
-    if task.true is not None:
-        columns["true"] = [f"{v:.{digits}f}" for v in task.true]
-    columns["found (pseudo)"] = [f"{v:.{digits}f}" for v in answer.pressure]
-    if answer.profile is not None:
-        band = zip(*answer.profile.band(), strict=True)
+def _table(found: DecodeResult) -> Table:
+    seen = found.observation
+    digits = max(0, 2 - int(np.floor(np.log10(max(float(found.pressure.max()), 1e-6)))))
+    columns = {"place (mm)": [f"{v:.2f}" for v in seen.operator.place_mm]}
+    if seen.true is not None:
+        columns["true"] = [f"{v:.{digits}f}" for v in seen.true]
+    columns["found (pseudo)"] = [f"{v:.{digits}f}" for v in found.pressure]
+    if found.profile is not None:
+        band = zip(*found.profile.band(), strict=True)
         columns["90 % band"] = [f"{low:.{digits}f} … {high:.{digits}f}" for low, high in band]
     table = Table(*columns, box=None, padding=(0, 2))
     rows = list(zip(*columns.values(), strict=True))
@@ -286,53 +269,55 @@ def _table(task: Task, answer: Answer) -> Table:
     return table
 
 
-def draw(task: Task, answer: Answer, picture: Path) -> None:
+def draw(found: DecodeResult, picture: Path) -> None:
     """The way over the error surface where two pressures were searched for, else the pressures with their band."""
-    if isinstance(task.operator, SheetOperator):
-        _draw_sheet(task.operator, answer, picture)
-    elif len(answer.pressure) == 2 and len(answer.path) > 1:
-        _draw_search(task, answer, picture)
+    if isinstance(found.observation.operator, SheetOperator):
+        _draw_sheet(found.observation.operator, found, picture)
+    elif len(found.pressure) == 2 and len(found.path) > 1:
+        _draw_search(found, picture)
     else:
-        _draw_pressures(task, answer, picture)
+        _draw_pressures(found, picture)
 
 
-def _draw_sheet(operator: SheetOperator, answer: Answer, picture: Path) -> None:
+def _draw_sheet(operator: SheetOperator, found: DecodeResult, picture: Path) -> None:
     from rig.report.coding_figures import DrawnSheet as Drawn  # matplotlib: only where it is wanted
     from rig.report.coding_figures import sheet_figure
 
     grid = operator.skin.grid
-    assert answer.profile is not None
-    found, sd = (values.reshape(grid.shape) for values in (answer.pressure, answer.profile.sd))
-    write_picture(sheet_figure(Drawn(grid.x_mm, grid.z_mm, found, sd, operator.receptor_mm)), picture)
+    assert found.profile is not None
+    pressure, sd = (values.reshape(grid.shape) for values in (found.pressure, found.profile.sd))
+    write_picture(sheet_figure(Drawn(grid.x_mm, grid.z_mm, pressure, sd, operator.receptor_mm)), picture)
 
 
-def _draw_search(task: Task, answer: Answer, picture: Path) -> None:
+def _draw_search(found: DecodeResult, picture: Path) -> None:
     from rig.report.coding_figures import Surface, extents, search_figure  # matplotlib: only where it is wanted
+
+    seen = found.observation
 
     def surface(low: Array, high: Array) -> Surface:
         first, second = np.linspace(low, high, _FINE).T
-        return Surface(first, second, error_surface(task.operator, task.sed, first, second))
+        return Surface(first, second, error_surface(seen.operator, seen.sed, first, second))
 
-    assert answer.within is not None
-    whole = {"the error surface": (np.full(2, answer.within.low), np.full(2, answer.within.high))}
-    surfaces = {title: surface(*ends) for title, ends in (whole | extents(answer.path)).items()}
-    write_picture(search_figure(surfaces, {"univariate": answer.path}, task.true), picture)
+    assert found.bounds is not None
+    whole = {"the error surface": (np.full(2, found.bounds.low), np.full(2, found.bounds.high))}
+    surfaces = {title: surface(*ends) for title, ends in (whole | extents(found.path)).items()}
+    write_picture(search_figure(surfaces, {"univariate": found.path}, seen.true), picture)
 
 
-def _draw_pressures(task: Task, answer: Answer, picture: Path) -> None:
+def _draw_pressures(found: DecodeResult, picture: Path) -> None:
     from rig.report.coding_figures import DrawnDecoding as Drawn  # matplotlib: only where it is wanted
     from rig.report.coding_figures import decoded_figure
 
-    band = None if answer.profile is None else answer.profile.band()
-    operator = task.operator
+    band = None if found.profile is None else found.profile.band()
+    seen, operator = found.observation, found.observation.operator
     drawn = Drawn(
         operator.place_mm,
-        answer.pressure,
+        found.pressure,
         band,
-        task.true,
+        seen.true,
         operator.receptor_mm,
-        task.sed,
-        operator.sed(answer.pressure),
+        seen.sed,
+        operator.sed(found.pressure),
     )
     write_picture(decoded_figure(drawn), picture)
 
@@ -384,44 +369,49 @@ def decode_command(
     """Print the pressures found, how sure they are and, where the true ones are known, how wrong."""
     with told_in_one_line(as_json=as_json):
         refuse_together(pressure, shape, readings, snr_db=snr_db, operator=operator, doi_mm=doi_mm)
-        name, by = named("--decoder", decoder, DECODERS), operator_of(operator, pressures=pressure is not None)
-        how = encoding_of(energy, noise, snr_db, seed, receptor_of(gain, threshold))
+        name = named("--decoder", decoder, DECODERS)
+        by = None if operator is None else named("--operator", operator, OPERATORS)
+        receptor, at = receptor_of(gain, threshold), named("--noise", noise, NOISE_PLACES)
+        added, kind = noise_of(snr_db, at, seed), named("--energy", energy, ENERGIES)
         search = search_of(name, start, within, grid_step, seed)
         sampling = sampling_of(spacing_mm, half_length, receptor_depth_mm)
         half_lengths = axial_of(axial, name, readings)
         checked_picture(picture)
         finger = load_config(config).finger
-        make: Callable[[], Task | list[Task]]
-        what = "the plane-strain section: about a second …"
-        if pressure is not None:
-            samples = read_pressures(pressure)
-            make = partial(task_of_pressures, finger, sampling, by, how, samples)
-        elif shape is not None:
-            scene = pressed(shape, x_mm, doi_mm)
-            make = partial(task_of_press, finger, sampling, by, how, scene)
-        else:
-            assert readings is not None
-            given = read_readings(readings, finger)
-            what = what if given.z_mm is None and axial is None else THE_FINGER
-            if half_lengths:
-                make = partial(tasks_of_row, finger, how, given, spacing_mm, half_lengths)
-            else:
-                make = partial(task_of_readings, finger, how, given, spacing_mm, contacts=name == "ours")
-        with busy(what, as_json=as_json):
-            task, answer = _answered(make, name, search)
+        source = _source(pressure, shape, readings, x_mm, doi_mm, finger)
+        whole = isinstance(source, GivenReadings) and (source.z_mm is not None or axial is not None)
+        task = DecodeTask(source, name, by, kind, receptor, added, at, sampling, half_lengths, search, finger)
+        with busy(THE_FINGER if whole else "the plane-strain section: about a second …", as_json=as_json):
+            found = _decoded(task)
         if picture is not None:
-            draw(task, answer, picture)
+            draw(found, picture)
         if as_json:
-            print_json({"decoder": name, **as_json_object(finger, task, answer)})
+            print_json({"decoder": name, **as_json_object(finger, found)})
         else:
-            print_decoded(finger, name, task, answer)
+            print_decoded(finger, name, found)
 
 
-def _answered(make: Callable[[], Task | list[Task]], decoder: DecoderName, search: Search) -> tuple[Task, Answer]:
-    """Of several tasks of the same readings the one that explains them best."""
+def _source(
+    pressure: str | None,
+    shape: str | None,
+    readings: Path | None,
+    x_mm: float,
+    doi_mm: float | None,
+    finger: FingertipConfig,
+) -> Array | SectionPress | GivenReadings:
+    if pressure is not None:
+        return pressures_of(pressure)
+    if shape is not None:
+        return press_of(shape, x_mm, doi_mm)
+    assert readings is not None
     try:
-        made = make()
-        task = made if isinstance(made, Task) else best_explained(made)
-        return task, decode(task, decoder, search)
-    except DecodingError as error:
-        raise BadInputError("{problem}", code=code_of(error), **{**fields_of(error), "problem": str(error)}) from None
+        return read_readings(readings, finger)
+    except TableError as error:
+        raise around(BadInputError, "--readings {problem}", error) from None
+
+
+def _decoded(task: DecodeTask) -> DecodeResult:
+    try:
+        return decode_task(task)
+    except CodingError as error:
+        raise in_options(error) from None

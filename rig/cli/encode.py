@@ -5,12 +5,11 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
+from numpy.typing import NDArray
 from rich.table import Table
 
-from rig.cli.coding_task import Told, pressed, told, told_of_press
 from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_picture, write_picture
 from rig.cli.output import busy, err, out, print_json, say_now, told_in_one_line
-from rig.cli.readings_file import read_pressures
 from rig.cli.sampling import (
     DepthOption,
     EnergyOption,
@@ -20,16 +19,19 @@ from rig.cli.sampling import (
     SpacingOption,
     bounded,
     named,
+    press_of,
+    pressures_of,
     sampling_of,
 )
 from rig.errors import BadInputError
 from rig.plan.config import load_config
 from sim.coding.all_sites import DRAWN, AllSites, Deformed, Sampled, Where, kept_sites
-from sim.coding.encoding import NOISE_PLACES, Encoded, Noise, Receptor, encode
+from sim.coding.encoding import NOISE_PLACES, Noise, Receptor
 from sim.coding.operators import NAMES, OPERATORS, ImpulseResponses, ShiftErrors, impulse_responses, shift_errors
 from sim.coding.point_spread import HALF_WIDTH_MM, Judged, Mean, mean_over
 from sim.coding.point_spread import SPACING_MM as SITE_SPACING_MM
 from sim.coding.section import AXES, ENERGIES, HALF_LENGTH, SPACING_MM, Energy, Sampling, sampled_section
+from sim.coding.task import EncodeResult, EncodeTask, SectionPress, encode_task
 from sim.config import FingertipConfig
 from sim.measures.receptors import DEFAULT_DEPTH_MM
 
@@ -78,64 +80,65 @@ def encode_command(
             else Receptor(bounded("--gain", gain, 1e-9, 1e9), bounded("--threshold", threshold, 0, 1e9))
         )
         checked_picture(picture)
-        samples = None if pressure is None else read_pressures(pressure)
-        scene = None if shape is None else pressed(shape, x_mm, doi_mm)
+        if shape is not None:
+            source: NDArray[np.float64] | SectionPress = press_of(shape, x_mm, doi_mm)
+        else:
+            assert pressure is not None
+            source = pressures_of(pressure)
         with busy("the plane-strain section: about a second …", as_json=as_json):
-            section = sampled_section(load_config(config).finger, sampling)
-        if scene is None:
-            assert samples is not None
-            mine = told(section, by, kind, samples)
-        else:
-            mine = told_of_press(section, by, kind, scene)
-        encoded = encode(mine.operator, mine.pressure, receptor, added)
+            finger = load_config(config).finger
+            found = encode_task(EncodeTask(source, by, kind, receptor, added, sampling, finger))
         if picture is not None:
-            _draw(mine, encoded, picture)
+            _draw(found, picture)
         if as_json:
-            print_json(_as_json(mine, encoded))
+            print_json(_as_json(found))
         else:
-            _print(mine, encoded, added)
+            _print(found, added)
 
 
-def _draw(mine: Told, encoded: Encoded, picture: Path) -> None:
+def _draw(found: EncodeResult, picture: Path) -> None:
     from rig.report.coding_figures import DrawnEncoding as Drawn  # matplotlib: only where it is wanted
     from rig.report.coding_figures import encoding_figure
 
-    write_picture(encoding_figure(Drawn(mine.operator, mine.pressure, encoded, mine.true)), picture)
+    load = found.load
+    write_picture(encoding_figure(Drawn(load.operator, load.pressure, found.encoded, load.true)), picture)
 
 
-def _as_json(mine: Told, encoded: Encoded) -> dict[str, Any]:
+def _as_json(found: EncodeResult) -> dict[str, Any]:
+    load, encoded = found
     return {
-        "operator": mine.operator.name,
-        "energy": mine.operator.energy,
-        "pressure": {"place_mm": mine.operator.place_mm.tolist(), "pseudo": mine.pressure.tolist()},
-        "receptor_mm": mine.operator.receptor_mm.tolist(),
+        "operator": load.operator.name,
+        "energy": load.operator.energy,
+        "pressure": {"place_mm": load.operator.place_mm.tolist(), "pseudo": load.pressure.tolist()},
+        "receptor_mm": load.operator.receptor_mm.tolist(),
         "sed": encoded.sed.tolist(),
         "rate": encoded.rate.tolist(),
         "samples": encoded.samples,
         "noise_sd": encoded.noise_sd,
         "noise_share_of_peak": encoded.share_of_peak,
-        "against_finite_elements": mine.missed,
-        "small_strain": None if mine.small_strain is None else mine.small_strain.as_json(),
+        "against_finite_elements": load.missed,
+        "small_strain": None if load.small_strain is None else load.small_strain.as_json(),
     }
 
 
-def _print(mine: Told, encoded: Encoded, added: Noise | None) -> None:
-    operator = mine.operator
+def _print(found: EncodeResult, added: Noise | None) -> None:
+    load, encoded = found
+    operator = load.operator
     out.print(
-        f"{operator.name}, SED {operator.energy}: {len(mine.pressure)} pressures, M = {encoded.samples} receptors"
+        f"{operator.name}, SED {operator.energy}: {len(load.pressure)} pressures, M = {encoded.samples} receptors"
     )
     if added is not None:
         out.print(
             f"  noise at the {added.at}: {added.snr_db:g} dB over M = {encoded.samples} samples, "
             f"sd {encoded.noise_sd:.3g} = {encoded.share_of_peak:.2%} of the peak, seed {added.seed}"
         )
-    if mine.missed is not None:
+    if load.missed is not None:
         out.print(
-            f"  against finite elements: {mine.missed['relative_l2']:.1%} relative L2, "
-            f"peak {mine.missed['peak']:+.1%}; {mine.missed['lateral_share']:.0%} of the force is lateral"
+            f"  against finite elements: {load.missed['relative_l2']:.1%} relative L2, "
+            f"peak {load.missed['peak']:+.1%}; {load.missed['lateral_share']:.0%} of the force is lateral"
         )
-    if mine.small_strain is not None:
-        out.print(f"  {mine.small_strain.note}")
+    if load.small_strain is not None:
+        out.print(f"  {load.small_strain.note}")
     table = Table("receptor at (mm)", "SED (pseudo)", "rate", box=None, padding=(0, 2))
     for k in np.unique(np.linspace(0, encoded.samples - 1, _ROWS).round().astype(int)).tolist():
         table.add_row(f"{operator.receptor_mm[k]:.2f}", f"{encoded.sed[k]:.4g}", f"{encoded.rate[k]:.4g}")

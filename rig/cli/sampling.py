@@ -1,12 +1,20 @@
-"""Where the commands of encoding and decoding sample skin and receptors, and which energy they mean."""
+"""Options of the commands of encoding and decoding: sampling, noise, pressures, and how each is checked."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Annotated, TypeVar
 
+import numpy as np
 import typer
+from numpy.typing import NDArray
 
-from rig.errors import BadInputError
+from rig.errors import BadInputError, around
+from sim.coding.readings_file import checked_pressures, read_pressures
+from sim.coding.search import CodingError
 from sim.coding.section import Axes, Sampling
+from sim.coding.task import SectionPress
+from sim.contact.shapes import parse_shape
+from sim.tables import TableError
 
 SpacingOption = Annotated[float, typer.Option(metavar="MM", help="Between samples of skin and receptors.")]
 HalfLengthOption = Annotated[int, typer.Option(metavar="N", help="Samples of a response to each side.")]
@@ -52,3 +60,36 @@ def sampling_of(spacing_mm: float, half_length: int, depth_mm: float, axes: Axes
     bounded("--half-length", half_length, 4, 100)
     bounded("--receptor-depth-mm", depth_mm, 0.1, 3.0)
     return Sampling(spacing_mm, half_length, axes, depth_mm)
+
+
+def pressures_of(text: str) -> NDArray[np.float64]:
+    """(n,) pressures from `20,14` or a CSV with a column pressure; pseudo-units. Raises BadInputError."""
+    try:
+        values = [float(cell) for cell in text.split(",")]
+    except ValueError:
+        values = None
+    try:
+        return read_pressures(Path(text)) if values is None else checked_pressures(values)
+    except TableError as error:
+        sentence = "--pressure {problem}: expected numbers, as 20,14, or a CSV with a column pressure"
+        raise around(BadInputError, sentence, error) from None
+    except CodingError as error:
+        raise in_options(error) from None
+
+
+def press_of(shape: str, x_mm: float, doi_mm: float | None) -> SectionPress:
+    """A press of the section. Raises BadInputError without a depth, ShapeError for no shape."""
+    if doi_mm is None:
+        raise BadInputError(
+            "{option}: expected {needs} beside it", code="needs_option", option="--shape", needs="--doi-mm"
+        )
+    return SectionPress(parse_shape(shape), x_mm, doi_mm)
+
+
+_OPTIONS = {"bounds": "--range"}
+
+
+def in_options(error: CodingError) -> BadInputError:
+    """The same error, its arguments under the names of the options that they came from."""
+    named = {name: _OPTIONS.get(name, f"--{name}") for name, value in error.fields.items() if value == name}
+    return BadInputError(error.sentence, code=error.code, **{**error.fields, **named})

@@ -1,13 +1,14 @@
 """Encoding and decoding (Raju 1998, ch. 6): pressure on the skin to receptors under it, and back.
 
-- `skin_line`: the section's skin as a line, and strain in axes along it. `sampled_section`: the section with
-  receptors under equally spaced places, or anywhere. `energy`: strain energy density as a sum of squares.
-- `impulse`: the responses h, g, f to a point load, their spectra, and what shifting them misses.
-- `operators`: pressure to SED, by convolution or by finite-element influence. `borne`: what a press bears on the
-  skin. `encoding`: noise and receptors.
-- `frictionless`: pressures that lean as the skin does under them.
-- `point_spread`: how SED spreads under equal point loads all over the pulp of the whole finger.
-- `sheets`: the whole finger's pressures, under a named axial shape or over x and z.
-- `univariate`, `other_searches`: the source's decoder and cheap others. `profile_decoder`: ours, with a band (its
-  parts in `profiles/`), from `readings`, through a `fitted_receptor` too; `decoded` says how wrong an answer is.
+From the top: `task` does all that `rig encode` and `rig decode` do, a task in and a result out, and `readings_file`
+reads what a user has measured. The parts by themselves:
+
+- `section`: the finger's plane-strain section, its skin as a line, receptors anywhere, strain energy density (SED).
+- `operators`: impulse responses h, g, f, and pressure to SED by convolution or by finite-element influence.
+- `pressure`: what a press bears on the skin; pressures that lean as the skin does under them.
+- `encoding`: noise, receptors and readings.
+- `search`: the source's decoder and cheap others. `bayes`: ours, with a band; `contacts`, `mixture` and `evidence`
+  are its parts.
+- `sheet`: the whole finger's pressures, under a named axial shape or over x and z. `shape_class`: what touches.
+- `point_loads`, `point_spread`, `all_sites`: how SED spreads under equal point loads all over the pulp.
 """

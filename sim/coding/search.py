@@ -14,7 +14,17 @@ from sim.errors import SimError
 Array = NDArray[np.float64]
 
 
-class DecodingError(SimError, ValueError):
+class CodingError(SimError, ValueError):
+    """What cannot be encoded or decoded.
+
+    An argument that the sentence names is a field whose value is its own name: a program that has other names for its
+    arguments puts these in.
+    """
+
+    default_code = "not_coded"
+
+
+class DecodingError(CodingError):
     """Readings that cannot be decoded; the message says what was expected."""
 
     default_code = "bad_readings"

@@ -5,13 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rig.cli.coding_task import Scene, Told, told_of_press
 from rig.report.coding_figures import DrawnEncoding, encoding_figure, impulse_figure
 from rig.report.coding_figures import DrawnImpulse as DrawnResponses
 from rig.report.page import PageFigure, Section
 from sim.coding.encoding import Encoded, Noise, encode
 from sim.coding.operators import ImpulseResponses, ShiftErrors, convolution, impulse_responses, shift_errors
 from sim.coding.section import AXES, HALF_LENGTH, SPACING_MM, Axes, SampledSection, Sampling, sampled_section
+from sim.coding.task import SectionPress, SkinLoad, load_of_press
 from sim.config import FingertipConfig
 from sim.contact.shapes import parse_shape
 from studies.coding.two_samples import TRUE
@@ -38,9 +38,9 @@ class Coded(NamedTuple):
 
     responses: Mapping[Axes, tuple[ImpulseResponses, ShiftErrors]]
     by_shape: Sequence[Row]
-    press: Told
+    press: SkinLoad
     said_of_press: Encoded
-    two: Told
+    two: SkinLoad
     said_of_two: Encoded
 
 
@@ -54,7 +54,7 @@ def section_coded() -> Coded:
     }
     pressed = {shape: _pressed(sections, shape) for shape in SCENES}
     press = pressed[_DRAWN_SHAPE]["skin"]
-    two = Told(convolution(responses["skin"][0], len(TRUE), "finite"), TRUE)
+    two = SkinLoad(convolution(responses["skin"][0], len(TRUE), "finite"), TRUE)
     noise = Noise(_SNR_DB)
     return Coded(
         responses,
@@ -66,12 +66,12 @@ def section_coded() -> Coded:
     )
 
 
-def _pressed(sections: Mapping[Axes, SampledSection], shape: str) -> dict[Axes, Told]:
-    scene = Scene(parse_shape(shape), *SCENES[shape])
-    return {axes: told_of_press(section, "convolution", "finite", scene) for axes, section in sections.items()}
+def _pressed(sections: Mapping[Axes, SampledSection], shape: str) -> dict[Axes, SkinLoad]:
+    press = SectionPress(parse_shape(shape), *SCENES[shape])
+    return {axes: load_of_press(section, "convolution", "finite", press) for axes, section in sections.items()}
 
 
-def _shape_row(shape: str, told: Mapping[Axes, Told]) -> Row:
+def _shape_row(shape: str, told: Mapping[Axes, SkinLoad]) -> Row:
     skin, cartesian = (told[axes].missed or {} for axes in AXES)
     return (
         shape,

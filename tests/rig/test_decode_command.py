@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from rig.cli import coding_task
-from rig.cli.readings_file import pa_per_pseudo
 from sim.coding import search
 from sim.coding.encoding import noise_sd
 from sim.coding.operators import influence
+from sim.coding.readings_file import pa_per_pseudo
 from sim.coding.section import FeltSection, felt_section
+from sim.coding.task import CUT_OFF
 from sim.config import FingertipConfig
 from tests.program import Program, program_of
 from tests.sim.coarse import as_toml, coarse_mesh
@@ -311,10 +311,10 @@ def test_a_search_that_is_cut_off_or_ends_at_its_range_says_so(rig: Program, mon
     monkeypatch.setattr(search, "MOST_SWEEPS", 3)
     cut = rig(*WORKED, "--decoder", "univariate", "--json").json
     assert (cut["converged"], cut["moves"]) == (False, 6)
-    assert cut["problems"][0] == coding_task.CUT_OFF
+    assert cut["problems"][0] == CUT_OFF
     told = rig(*WORKED, "--decoder", "univariate").out
     assert "not converged, 6 moves" in told
-    assert f"beware: {coding_task.CUT_OFF}" in told
+    assert f"beware: {CUT_OFF}" in told
 
 
 @pytest.mark.parametrize("text", ["30±2", "30+-2", "30+/-2"])

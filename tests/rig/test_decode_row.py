@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from rig.cli import coding_task, decode
+from rig.cli import decode
 from rig.cli.decode import axial_of
 from rig.errors import BadInputError
 from sim.coding.operators import centred
@@ -116,12 +116,6 @@ def test_names_of_axial_shapes() -> None:
     assert axial_of("ellipse:1.4", "ours", FILE) == (1.4,)
     assert axial_of("ellipse:0.3", "ours", FILE) == (0.3,)
     assert axial_of("ellipse:10", "ours", FILE) == (10.0,)
-
-
-def test_readings_without_noise_are_refused_before_any_shape_is_chosen() -> None:
-    task = coding_task.Task(None, PLACES, None, None)  # type: ignore[arg-type]
-    with pytest.raises(BadInputError, match="expected a column sd or at_rest"):
-        coding_task.best_explained([task, task])
 
 
 def test_a_row_is_wrong_by_more_than_a_section() -> None:

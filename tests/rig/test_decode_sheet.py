@@ -7,10 +7,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from rig.cli import coding_task
-from rig.cli.readings_file import read_readings
-from rig.errors import BadInputError
 from sim.coding.operators import centred
+from sim.coding.readings_file import read_readings
 from sim.config import FingertipConfig
 from sim.contact.patch import X, Z
 from sim.models.catalogue import load
@@ -129,20 +127,3 @@ def test_the_same_x_at_another_z_is_another_receptor(rig: Program, sphere: Cells
     assert_allclose(given.reading, sphere["sed"][order], rtol=1e-6)
     assert given.at_rest is not None
     assert_allclose(given.at_rest, sphere["at_rest"][order], rtol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "middle", "apart", "expected"),
-    [
-        (-1.0, 1.0, 0.0, 0.3, 0.3 * np.arange(-3, 4)),
-        (-9.0, 9.0, 0.0, 0.3, 0.3 * np.arange(-7, 8)),
-        (5.0, 6.0, 7.0, 0.5, np.array([5.0, 5.5, 6.0])),
-    ],
-)
-def test_places_lie_between_the_outermost_receptors_on_the_patch(
-    low: float, high: float, middle: float, apart: float, expected: np.ndarray
-) -> None:
-    found = coding_task._places("x_mm", np.array([high, low]), middle, apart)
-    assert_allclose(found, expected, atol=1e-9)
-    with pytest.raises(BadInputError, match="expected 1 mm or more"):
-        coding_task._places("x_mm", np.array([0.0, 0.99]), 0.0, 0.5)

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.cli.readings_file import pa_per_pseudo
 from rig.compare.stimuli import answers_key
 from sim.coding.all_sites import deformed_by
 from sim.coding.point_loads import LoadedFinger, Site
 from sim.coding.point_spread import MovedResponse, Spread, judged, receptor_sheet, spreads
+from sim.coding.readings_file import pa_per_pseudo
 from sim.config import E_EPIDERMIS_MPA, FingertipConfig, Tissue
 from sim.errors import ModelRangeError
 from sim.finger.mesh import build_mesh

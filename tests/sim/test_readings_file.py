@@ -7,9 +7,18 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from rig.cli.readings_file import FEWEST, MOST, GivenReadings, pa_per_pseudo, read_readings
-from rig.errors import BadInputError
+from sim.coding.readings_file import (
+    FEWEST,
+    MOST,
+    GivenReadings,
+    checked_pressures,
+    pa_per_pseudo,
+    read_pressures,
+    read_readings,
+)
+from sim.coding.search import CodingError
 from sim.config import FingertipConfig
+from sim.tables import TableError
 from tests.raising import raises
 
 FINGER = FingertipConfig()
@@ -54,7 +63,7 @@ def test_how_many_readings_make_sense(read: Read) -> None:
     assert len(read("place_mm,depth_mm,sed,sd", *rows[:5]).reading) == 5
     assert len(read("place_mm,depth_mm,sed,sd", *rows[:MOST]).reading) == MOST
     for some in (rows[:4], rows):
-        with raises(BadInputError, "wrong_count", readings=len(some), fewest=5, most=400):
+        with raises(TableError, "wrong_count", readings=len(some), fewest=5, most=400):
             read("place_mm,depth_mm,sed,sd", *some)
 
 
@@ -64,7 +73,7 @@ def test_how_deep_a_receptor_may_lie(depth: float, there: bool, read: Read) -> N
     if there:
         read("place_mm,depth_mm,sed,sd", *rows)
     else:
-        with raises(BadInputError, "outside_range", line=2, column="depth_mm", value=depth):
+        with raises(TableError, "outside_range", line=2, column="depth_mm", value=depth):
             read("place_mm,depth_mm,sed,sd", *rows)
 
 
@@ -88,7 +97,7 @@ def test_how_far_below_nothing_noise_may_lie(kind: str, noise: str, value: float
     if there:
         assert read(header, *rows).reading[3] == value
     else:
-        with raises(BadInputError, "negative", line=5, column=kind, value=float(value)):
+        with raises(TableError, "negative", line=5, column=kind, value=float(value)):
             read(header, *rows)
 
 
@@ -96,7 +105,7 @@ def test_two_receptors_may_lie_above_each_other_and_not_in_one_place(read: Read)
     rows = [f"0,{0.7 + 0.01 * k},1,0.1" for k in range(5)]
     assert len(read("place_mm,depth_mm,sed,sd", *rows).reading) == 5
     assert len(read("place_mm,depth_mm,sed,sd", *rows, "0,0.740002,1,0.1").reading) == 6
-    with raises(BadInputError, "same_place", line=7, column="place_mm", value=0.0) as caught:
+    with raises(TableError, "same_place", line=7, column="place_mm", value=0.0) as caught:
         read("place_mm,depth_mm,sed,sd", *rows, "0,0.7400005,1,0.1")
     assert "line 6" in caught.value.fields["expected"]
 
@@ -107,5 +116,21 @@ def test_noise_at_rest_has_several_values(rest: tuple[int, ...], there: bool, re
     if there:
         assert_allclose(read("place_mm,depth_mm,sed,at_rest", *rows).at_rest, rest)
     else:
-        with raises(BadInputError, "too_little_noise", fewest=3):
+        with raises(TableError, "too_little_noise", fewest=3):
             read("place_mm,depth_mm,sed,at_rest", *rows)
+
+
+# --- pressures ---
+
+
+def test_pressures_are_finite_and_not_negative(tmp_path: Path) -> None:
+    (tmp_path / "p.csv").write_text("more,pressure\na,3\nb,0\n", encoding="utf-8")
+    assert read_pressures(tmp_path / "p.csv").tolist() == [3.0, 0.0]
+    assert checked_pressures((20, 14)).tolist() == [20.0, 14.0]
+    assert checked_pressures(5).tolist() == [5.0]
+    for wrong in (-1.0, float("inf")):
+        with raises(CodingError, "negative", pressure="pressure", value=wrong):
+            checked_pressures([20.0, wrong])
+    for number in (0, 401):
+        with raises(CodingError, "wrong_count", pressure="pressure", numbers=number, most=400):
+            checked_pressures(np.ones(number))

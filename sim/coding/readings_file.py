@@ -1,14 +1,14 @@
-"""Receptor readings and pressures from a command line or a CSV file (`docs/coding.md`)."""
+"""Receptor readings and pressures from CSV files (`docs/coding.md`)."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from rig.errors import BadInputError, code_of, fields_of
 from sim.coding.encoding import FEWEST_AT_REST, LOWEST_SD
+from sim.coding.search import CodingError
 from sim.coding.section import receptor_points, skin_of
 from sim.coding.sheet import FEWEST_READINGS as FEWEST_OF_SHEET
 from sim.config import FingertipConfig
@@ -33,51 +33,81 @@ Placed = Callable[[int, tuple[float, ...]], tuple[float, ...]]
 
 @dataclass(frozen=True)
 class GivenReadings:
-    """Rows of the file by their place on the skin; SED is in pseudo-units, whichever it was given in."""
+    """Readings of m receptors, ordered by place.
 
-    kind: str  # one of KINDS
-    place_mm: Array  # (m,) on the skin, ascending; of a sheet x of the receptor
-    depth_mm: Array  # (m,)
-    reading: Array  # (m,) SED or rate
-    sd: Array | None  # (m,) in the readings' unit
-    at_rest: Array | None  # (m,)
-    z_mm: Array | None = None  # (m,) of a sheet's receptors
+    Attributes
+    ----------
+    kind : {"sed", "sed_pa", "rate"}
+        The column that the readings come from.
+    place_mm : (m,) array
+        Places of the skin above the receptors, along the skin from x = 0; of a sheet, x of the receptors.
+    depth_mm : (m,) array
+        Depths of the receptors, perpendicular below the skin.
+    reading : (m,) array
+        Rates, or SED in pseudo-units, whichever unit the file has.
+    sd : (m,) array, optional
+        Standard deviations of the noise, in the unit of `reading`.
+    at_rest : (m,) array, optional
+        Readings of the unloaded receptors, in the unit of `reading`.
+    z_mm : (m,) array, optional
+        Of a sheet: positions of the receptors along the finger.
+    """
+
+    kind: str
+    place_mm: Array
+    depth_mm: Array
+    reading: Array
+    sd: Array | None
+    at_rest: Array | None
+    z_mm: Array | None = None
 
 
 def pa_per_pseudo(finger: FingertipConfig) -> float:
-    """Pa of a finger's pseudo-unit."""
+    """Return the Pa of a finger's pseudo-unit."""
     return 1e6 * finger.tissue.e_epidermis_mpa / PSEUDO_E_EPIDERMIS
 
 
 def read_readings(path: Path, finger: FingertipConfig) -> GivenReadings:
-    """Raises BadInputError, with the file, the line, the column and what was expected."""
-    try:
-        first, names = header_of(path)
-        where = f"{path}, line {first}"
-        place, kind = _one_of(where, names, PLACES), _one_of(where, names, KINDS)
-        noise = [name for name in NOISE if name in names]
-        if len(noise) > 1:
-            raise TableError(
-                "{where}: columns {columns}, expected at most one of them",
-                code="columns_together", where=where, columns=" and ".join(noise),
-            )  # fmt: skip
-        if kind == "rate" and noise == ["at_rest"]:
-            raise TableError(
-                "{where}: at_rest, expected sd beside rate: a silent receptor hides its noise",
-                code="at_rest_beside_rate", where=where,
-            )  # fmt: skip
-        along = ["z_mm"] if "z_mm" in names else []
-        if along and place != "x_mm":
-            raise TableError(
-                "{where}: z_mm beside {column}, expected x_mm: a sheet has places in space",
-                code="sheet_without_x", where=where, column=place,
-            )  # fmt: skip
-        columns = (place, "depth_mm", kind, *noise, *along)
-        return _Rows(path, columns, noise, read_numbered(path, columns)).checked(finger)
-    except TableError as error:
-        raise BadInputError(
-            "--readings {problem}", code=code_of(error), **{**fields_of(error), "problem": str(error)}
-        ) from None
+    """Read a row or a sheet of receptors (columns in `docs/coding.md`).
+
+    Parameters
+    ----------
+    path : Path
+        The CSV file.
+    finger : FingertipConfig
+        The finger in which the receptors must lie, and whose stiffness relates Pa to pseudo-units.
+
+    Returns
+    -------
+    GivenReadings
+
+    Raises
+    ------
+    TableError
+        With the file, the line, the column and what was expected.
+    """
+    first, names = header_of(path)
+    where = f"{path}, line {first}"
+    place, kind = _one_of(where, names, PLACES), _one_of(where, names, KINDS)
+    noise = [name for name in NOISE if name in names]
+    if len(noise) > 1:
+        raise TableError(
+            "{where}: columns {columns}, expected at most one of them",
+            code="columns_together", where=where, columns=" and ".join(noise),
+        )  # fmt: skip
+    if kind == "rate" and noise == ["at_rest"]:
+        raise TableError(
+            "{where}: at_rest, expected sd beside rate: a silent receptor hides its noise",
+            code="at_rest_beside_rate", where=where,
+        )  # fmt: skip
+    along = ["z_mm"] if "z_mm" in names else []
+    if along and place != "x_mm":
+        raise TableError(
+            "{where}: z_mm beside {column}, expected x_mm: a sheet has places in space",
+            code="sheet_without_x", where=where, column=place,
+        )  # fmt: skip
+    columns = (place, "depth_mm", kind, *noise, *along)
+    return _Rows(path, columns, noise, read_numbered(path, columns)).checked(finger)
 
 
 def _one_of(where: str, names: Sequence[str], columns: Sequence[str]) -> str:
@@ -140,11 +170,9 @@ class _Rows:
             code=code, path=self.path, line=n, column=column, value=float(value), expected=expected,
         )  # fmt: skip
 
-    def _misplaced(self, n: int, column: str, error: Exception) -> TableError:
+    def _misplaced(self, n: int, column: str, error: ModelRangeError | ReceptorError) -> TableError:
         found = {"path": self.path, "line": n, "column": column, "problem": str(error)}
-        return TableError(
-            "{path}, line {line}, {column}: {problem}", code=code_of(error), **{**fields_of(error), **found}
-        )
+        return TableError("{path}, line {line}, {column}: {problem}", code=error.code, **{**error.fields, **found})
 
     def _column(self, k: int) -> Iterator[tuple[int, float]]:
         return ((n, row[k]) for n, row in self.numbered)
@@ -223,34 +251,40 @@ class _Rows:
 MOST_SAMPLES = 400
 
 
-def read_pressures(text: str) -> Array:
-    """(n,) pressures from `20,14` or a CSV with a column pressure; pseudo-units. Raises BadInputError."""
-    values = _numbers(text)
-    if values is None:
-        try:
-            values = np.array(read_columns(Path(text), ("pressure",)))[:, 0]
-        except TableError as error:
-            raise BadInputError(
-                "--pressure {problem}: expected numbers, as 20,14, or a CSV with a column pressure",
-                code=code_of(error),
-                **{**fields_of(error), "problem": str(error)},
-            ) from None
-    if not 1 <= len(values) <= MOST_SAMPLES:
-        raise BadInputError(
-            "{option}: {numbers} samples, expected 1 … {most}",
-            code="wrong_count", option="--pressure", numbers=len(values), most=MOST_SAMPLES,
+def read_pressures(path: Path) -> Array:
+    """Read the column `pressure` of a CSV file.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    (n,) array
+        Pressures in pseudo-units, one a sample of skin.
+
+    Raises
+    ------
+    TableError
+        For a file without such a column.
+    CodingError
+        As `checked_pressures`.
+    """
+    return checked_pressures([pressure for (pressure,) in read_columns(path, ("pressure",))])
+
+
+def checked_pressures(values: ArrayLike) -> Array:
+    """Return 1 to 400 pressures as an (n,) array. Raises CodingError for more, none, or what is not finite or < 0."""
+    pressure = np.atleast_1d(np.asarray(values, dtype=np.float64))
+    if not 1 <= len(pressure) <= MOST_SAMPLES:
+        raise CodingError(
+            "{pressure}: {numbers} samples, expected 1 … {most}",
+            code="wrong_count", pressure="pressure", numbers=len(pressure), most=MOST_SAMPLES,
         )  # fmt: skip
-    wrong = values[~(np.isfinite(values) & (values >= 0))]
+    wrong = pressure[~(np.isfinite(pressure) & (pressure >= 0))]
     if len(wrong):
-        raise BadInputError(
-            "{option} {value:g}: expected numbers that are not negative, nothing pulls at skin",
-            code="negative", option="--pressure", value=float(wrong[0]),
+        raise CodingError(
+            "{pressure} {value:g}: expected numbers that are not negative, nothing pulls at skin",
+            code="negative", pressure="pressure", value=float(wrong[0]),
         )  # fmt: skip
-    return values
-
-
-def _numbers(text: str) -> Array | None:
-    try:
-        return np.array([float(cell) for cell in text.split(",")])
-    except ValueError:
-        return None
+    return pressure

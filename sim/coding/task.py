@@ -1,0 +1,724 @@
+"""Encode pressures and presses, and decode what receptors read: a task in, a result out.
+
+    found = decode_task(DecodeTask((20.0, 14.0)))
+    found.pressure, found.errors
+
+`rig encode` and `rig decode` do the same from a command line.
+"""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.coding.bayes import FEWEST_FOR_CONTACTS, FittedReceptor, ModelError, Profile, decode_profile, decode_through
+from sim.coding.encoding import QUIET_SD, Encoded, Noise, NoisePlace, Readings, Receptor, encode, sd_at_rest
+from sim.coding.operators import (
+    Operator,
+    OperatorName,
+    centred,
+    convolution,
+    felt_where,
+    impulse_responses,
+    influence,
+    normal_alone,
+    normal_influence,
+    weighted,
+)
+from sim.coding.pressure import borne_by, frictionless
+from sim.coding.readings_file import GivenReadings, checked_pressures
+from sim.coding.search import (
+    CodingError,
+    Decoded,
+    DecodingErrors,
+    Range,
+    converged_search,
+    decoding_errors,
+    global_search,
+    grid_search,
+    table_search,
+)
+from sim.coding.section import SPACING_MM, Energy, SampledSection, Sampling, felt_section, sampled_section, sed_of
+from sim.coding.sheet import (
+    FEWEST_PLACES,
+    GRID_MM,
+    ROW_ERROR,
+    SHEET_SPACING_MM,
+    AxialShape,
+    Grid,
+    SheetOperator,
+    decode_sheet,
+    felt_row,
+    felt_skin,
+    sheet_operator,
+)
+from sim.config import FingertipConfig
+from sim.contact.indentor import Indentor
+from sim.contact.patch import X, Z
+from sim.finger.surface import FingertipSurface
+from sim.measures.receptors import points_below
+from sim.models.small_strain import SmallStrain
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SectionPress:
+    """An indentor pressed into the plane-strain section.
+
+    Parameters
+    ----------
+    shape : Indentor or str
+        A shape prismatic along the finger, or its name as `sim.parse_shape` takes it.
+    x_mm : float
+        Position of the indentor's reference point.
+    doi_mm : float
+        Depth of indentation.
+    """
+
+    shape: Indentor | str
+    x_mm: float
+    doi_mm: float
+
+
+# --- encoding ---
+
+
+@dataclass(frozen=True)
+class EncodeTask:
+    """Pressures or a press to be encoded.
+
+    Parameters
+    ----------
+    source : sequence of float, or SectionPress
+        Normal pressures (pseudo-units) on adjacent samples of skin about the middle of the pad, 1 to 400 of them; or
+        a press of the section.
+    operator : {"convolution", "influence"}
+        Fold the impulse responses of the pad's middle, or use finite elements for each place of the skin.
+    energy : {"incompressible", "finite"}
+        The definition of strain energy density (SED).
+    receptor : Receptor, optional
+        Gain and threshold of all receptors. Without one, rates are SED.
+    noise : Noise, optional
+        Noise to add.
+    sampling : Sampling
+        Spacing and depth of samples and receptors (mm).
+    finger : FingertipConfig
+        What the finger is made from.
+    """
+
+    source: Sequence[float] | Array | SectionPress
+    operator: OperatorName = "convolution"
+    energy: Energy = "finite"
+    receptor: Receptor | None = None
+    noise: Noise | None = None
+    sampling: Sampling = field(default_factory=Sampling)
+    finger: FingertipConfig = field(default_factory=FingertipConfig)
+
+
+@dataclass(frozen=True)
+class SkinLoad:
+    """Pressures on the skin, and the operator that encodes them.
+
+    Attributes
+    ----------
+    operator : Operator
+        For n pressures and m receptors.
+    pressure : (n,) array
+        Pseudo-units. Under `influence` the normal pressures are followed by the lateral ones.
+    true : tuple of two (k,) arrays, optional
+        Of a press: places of receptors (mm) and their SED by finite elements (pseudo-units).
+    missed : dict, optional
+        Of a press: errors of the operator against `true`, `relative_l2` and `peak`, and `lateral_share`, the lateral
+        part of the force.
+    small_strain : SmallStrain, optional
+        Of a press: how far small strain is off at its depth.
+    """
+
+    operator: Operator
+    pressure: Array
+    true: tuple[Array, Array] | None = None
+    missed: dict[str, float] | None = None
+    small_strain: SmallStrain | None = None
+
+
+class EncodeResult(NamedTuple):
+    """The load on the skin, and the responses of the receptors to it."""
+
+    load: SkinLoad
+    encoded: Encoded
+
+
+def encode_task(task: EncodeTask) -> EncodeResult:
+    """Encode pressures or a press.
+
+    Parameters
+    ----------
+    task : EncodeTask
+
+    Returns
+    -------
+    EncodeResult
+        `load.operator.receptor_mm` has the (m,) places of the receptors, `encoded.sed` and `encoded.rate` their (m,)
+        responses.
+
+    Raises
+    ------
+    CodingError
+        For pressures that are too many, negative or not finite.
+    ModelRangeError, ReceptorError, ShapeError
+        For a section that cannot be sampled or pressed like this.
+    """
+    section = sampled_section(task.finger, task.sampling)
+    if isinstance(task.source, SectionPress):
+        load = load_of_press(section, task.operator, task.energy, task.source)
+    else:
+        load = load_of_pressures(section, task.operator, task.energy, checked_pressures(task.source))
+    return EncodeResult(load, encode(load.operator, load.pressure, task.receptor, task.noise))
+
+
+def load_of_pressures(section: SampledSection, name: OperatorName, energy: Energy, pressure: Array) -> SkinLoad:
+    """Return (n,) equally spaced normal pressures about the middle of the pad, with their operator."""
+    if name == "convolution":
+        return SkinLoad(convolution(impulse_responses(section), len(pressure), energy), pressure)
+    spacing = section.sampling.spacing_mm
+    place = centred(len(pressure), spacing)
+    operator = influence(section, place, np.full(len(place), spacing), energy)
+    return SkinLoad(operator, np.concatenate([pressure, np.zeros(len(place))]))
+
+
+def load_of_press(section: SampledSection, name: OperatorName, energy: Energy, press: SectionPress) -> SkinLoad:
+    """Return the pressures of a press: normal ones at samples for convolution, all at the nodes for influence."""
+    found = section.finger.indent(press.shape, press.x_mm, doi_mm=press.doi_mm)
+    borne = borne_by(section, found)
+    angle = section.line.angles(section.sampling.place_mm)
+    true = sed_of(section.line.in_axes(found.receptor_strain, angle), section.material, energy)
+    if name == "influence":
+        operator, pressure = influence(section, borne.place_mm, borne.width_mm, energy), borne.stacked
+    else:
+        half = int(min(-borne.place_mm[0], borne.place_mm[-1]) / section.sampling.spacing_mm)
+        operator = convolution(impulse_responses(section), 2 * half + 1, energy)
+        pressure = borne.at(operator.place_mm)
+    encoded = np.interp(section.sampling.place_mm, operator.receptor_mm, operator.sed(pressure))
+    missed = {
+        "relative_l2": float(np.linalg.norm(encoded - true) / np.linalg.norm(true)),
+        "peak": float(encoded.max() / true.max() - 1),
+        "lateral_share": borne.lateral_share,
+    }
+    return SkinLoad(operator, pressure, (section.sampling.place_mm, true), missed, found.small_strain)
+
+
+# --- decoding ---
+
+DecoderName = Literal["ours", "univariate", "grid", "table", "global"]
+DECODERS: tuple[DecoderName, ...] = get_args(DecoderName)
+
+TABLE_ENTRIES = 1000
+SURPRISING = 5.0  # standard deviations of chi-squared beyond which readings are not explained
+CUT_OFF = "the search was cut off before it stood still"
+NO_NOISE = 1e-3
+"""Of the highest reading: the sd that stands for no noise, since a likelihood needs one."""
+
+_HELD = 0.95  # of a press's force under the pressures that are sought
+_SOUGHT = 0.8  # of the receptors' half length: beyond, too few of them feel a pressure
+
+
+class SearchOptions(NamedTuple):
+    """How the decoders search.
+
+    Attributes
+    ----------
+    start : tuple of float, optional
+        Starting pressures of `univariate` and `grid` (pseudo-units): one for all, or (n,). Default: the even pressure
+        that explains the readings best.
+    bounds : tuple of two floats, optional
+        Lowest and highest pressure, for all decoders but `ours`. Default: from 0 to twice what the highest reading
+        needs of the one pressure that it feels most.
+    grid_step : float, optional
+        Spacing of the values of `grid`. Default: a 30th of the bounds.
+    seed : int
+        Seed of what is drawn at random.
+    """
+
+    start: tuple[float, ...] | None = None
+    bounds: tuple[float, float] | None = None
+    grid_step: float | None = None
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class DecodeTask:
+    """Readings to be decoded, or pressures or a press to be encoded and read back.
+
+    Parameters
+    ----------
+    source : sequence of float, SectionPress or GivenReadings
+        Pressures (pseudo-units) or a press, as for `EncodeTask`; or readings, from `read_readings`.
+    decoder : {"ours", "univariate", "grid", "table", "global"}
+        Only `ours` gives standard deviations and bands, and only it decodes sheets and axial shapes.
+    operator : {"convolution", "influence"}, optional
+        What encodes pressures and reads them back. Default: convolution for pressures, influence for a press.
+        Readings always go by influence.
+    energy : {"incompressible", "finite"}
+        The definition of strain energy density (SED).
+    receptor : FittedReceptor, optional
+        Gain and threshold with their standard errors; for rates, and only for these.
+    noise : Noise, optional
+        Noise to add to encoded pressures.
+    noise_at : {"receptor", "output"}
+        Where the noise of `GivenReadings` enters.
+    sampling : Sampling
+        Spacing of the pressures (mm), and of the receptors that encode.
+    axial_mm : tuple of float
+        For a row of readings in the whole finger: half-lengths (mm) of pressure ellipses along it, of which the
+        readings choose one. Empty: the row is read back by the plane-strain section.
+    search : SearchOptions
+        How the decoder searches.
+    finger : FingertipConfig
+        What the finger is made from.
+    """
+
+    source: Sequence[float] | Array | SectionPress | GivenReadings
+    decoder: DecoderName = "ours"
+    operator: OperatorName | None = None
+    energy: Energy = "finite"
+    receptor: FittedReceptor | None = None
+    noise: Noise | None = None
+    noise_at: NoisePlace = "receptor"
+    sampling: Sampling = field(default_factory=Sampling)
+    axial_mm: tuple[float, ...] = ()
+    search: SearchOptions = field(default_factory=SearchOptions)
+    finger: FingertipConfig = field(default_factory=FingertipConfig)
+
+
+@dataclass(frozen=True)
+class ReadingNoise:
+    """What is known of the noise of m readings.
+
+    Attributes
+    ----------
+    sd : (m,) array
+        Standard deviations, in the readings' unit.
+    known : str
+        How they are known: told, measured at rest, assumed.
+    at : {"receptor", "output"}
+        Where the noise enters.
+    """
+
+    sd: Array
+    known: str
+    at: NoisePlace = "receptor"
+
+
+@dataclass(frozen=True)
+class Observation:
+    """Readings of m receptors, and the operator of n pressures that is to explain them.
+
+    Attributes
+    ----------
+    operator : Operator
+    reading : (m,) array
+        Rates where there is a receptor, else SED (pseudo-units).
+    receptor : FittedReceptor, optional
+    noise : ReadingNoise, optional
+        None where nothing is known of it.
+    true : (n,) array, optional
+        The pressures that were encoded.
+    error : ModelError, optional
+        How wrong the operator is. None: by as much as meshes differ.
+    axial : str, optional
+        Name of the shape along the finger under which a row is decoded.
+    """
+
+    operator: Operator
+    reading: Array
+    receptor: FittedReceptor | None
+    noise: ReadingNoise | None
+    true: Array | None = None
+    error: ModelError | None = None
+    axial: str | None = None
+
+    @property
+    def sed(self) -> Array:
+        """(m,) SED that the readings stand for; of a silent receptor its threshold."""
+        receptor = None if self.receptor is None else self.receptor.receptor
+        return self.reading if receptor is None else self.reading / receptor.gain + receptor.threshold
+
+    @property
+    def heard(self) -> NDArray[np.bool_]:
+        """(m,) receptors whose reading is a number, not only a bound."""
+        if self.receptor is None:
+            return np.ones(len(self.reading), np.bool_)
+        return self.reading > (QUIET_SD * self.noise.sd if self.noise and self.noise.at == "output" else 0)
+
+    def unexplained(self, pressure: Array, share: float = 0.0) -> tuple[str, ...]:
+        """A complaint where SED under (n,) pressures is farther from the readings than noise and a share of it."""
+        if self.noise is None:
+            return ()
+        noise, sed = self.noise.sd / (1.0 if self.receptor is None else self.receptor.receptor.gain), self.sed
+        off = (self.operator.sed(pressure) - sed) / np.hypot(noise, share * sed)
+        expected, misfit = int(self.heard.sum()), float((off[self.heard] ** 2).sum())
+        if misfit <= expected + SURPRISING * np.sqrt(2 * expected):
+            return ()
+        return (f"the readings are not explained: misfit {misfit:.3g}, expected about {expected}",)
+
+
+@dataclass(frozen=True)
+class DecodeResult:
+    """Pressures, how they were found, and what speaks against them.
+
+    Attributes
+    ----------
+    observation : Observation
+        What was decoded; `observation.operator.place_mm` has the (n,) places of the pressures, of a sheet (n, 2).
+    pressure : (n,) array
+        Pseudo-units.
+    converged : bool
+        False where the search was cut off.
+    ms : float
+        Time of the decoder alone.
+    profile : Profile, optional
+        Of `ours`: standard deviations and bands.
+    path : (moves + 1, n) array
+        The way of `univariate` and `grid`; empty for the others.
+    bounds : Range, optional
+        Between which pressures were searched for; None for `ours`.
+    problems : tuple of str
+    """
+
+    observation: Observation
+    pressure: Array
+    converged: bool
+    ms: float
+    profile: Profile | None = None
+    path: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    bounds: Range | None = None
+    problems: tuple[str, ...] = ()
+
+    @property
+    def left_of_sed(self) -> float:
+        """Root mean square of SED (pseudo-units) that the pressures do not explain, of receptors not silent."""
+        seen = self.observation
+        return float(np.sqrt(np.mean((seen.operator.sed(self.pressure) - seen.sed)[seen.heard] ** 2)))
+
+    @property
+    def errors(self) -> DecodingErrors | None:
+        """Against the true pressures, where these are known."""
+        true = self.observation.true
+        return None if true is None else decoding_errors(true, self.pressure)
+
+
+def decode_task(task: DecodeTask) -> DecodeResult:
+    """Decode readings, or encode and read back.
+
+    Parameters
+    ----------
+    task : DecodeTask
+
+    Returns
+    -------
+    DecodeResult
+
+    Raises
+    ------
+    CodingError
+        For what cannot be encoded, sought or decoded. Arguments that it names are fields of the same name.
+    ModelRangeError, ReceptorError, ShapeError
+        For a finger that cannot be sampled or pressed like this.
+    """
+    return decode_observation(observe(task), task.decoder, task.search)
+
+
+def observe(task: DecodeTask) -> Observation:
+    """Encode, or take the readings, and make the operator that explains them. Raises as `decode_task`."""
+    if isinstance(task.source, GivenReadings):
+        if task.axial_mm:
+            return best_explained(_of_row(task, task.source))
+        return _of_readings(task, task.source)
+    if isinstance(task.source, SectionPress):
+        return _of_press(task, task.source)
+    return _of_pressures(task, checked_pressures(task.source))
+
+
+def decode_observation(observation: Observation, decoder: DecoderName, search: SearchOptions) -> DecodeResult:
+    """Find the pressures. Raises CodingError for a start or bounds that cannot be meant, and for such readings."""
+    if not observation.heard.any():
+        raise CodingError("no reading is above its noise: expected some that are", code="all_noise")
+    if decoder == "ours":
+        return _ours(observation, search.seed)
+    upright = observation.operator.leaning(np.zeros(len(observation.operator.place_mm)))  # they know no other forces
+    observation = replace(observation, operator=upright)
+    within = _bounds(observation, search)
+    start = _start(observation, search, within)
+    step = (within.high - within.low) / 30 if search.grid_step is None else search.grid_step
+    run: Mapping[str, Callable[[], Decoded]] = {
+        "univariate": lambda: converged_search(upright, observation.sed, start, within),
+        "grid": lambda: grid_search(upright, observation.sed, start, within, step),
+        "table": lambda: table_search(upright, observation.sed, within, TABLE_ENTRIES, search.seed),
+        "global": lambda: global_search(upright, observation.sed, within, search.seed),
+    }
+    began = time.perf_counter()
+    found = run[decoder]()
+    ms = 1e3 * (time.perf_counter() - began)
+    ends = int(np.isclose(found.pressure, within.high, rtol=1e-9).sum())
+    problems = [] if found.converged else [CUT_OFF]
+    if ends:
+        problems.append(f"{ends} of {len(found.pressure)} pressures stand at the end of the range, {within.high:g}")
+    problems += observation.unexplained(found.pressure)
+    return DecodeResult(observation, found.pressure, found.converged, ms, None, found.path, within, tuple(problems))
+
+
+def best_explained(observations: Sequence[Observation]) -> Observation:
+    """Of the same readings under several axial shapes: the one whose pressures explain them best, at a quick look."""
+    return min(observations, key=lambda one: _profile(one, _noise_of_ours(one), 0, table=False).misfit)
+
+
+def _noise_of_ours(observation: Observation) -> ReadingNoise:
+    if observation.noise is None:
+        raise CodingError(
+            "{readings}: expected a column sd or at_rest, decoder ours goes by the readings' noise",
+            code="noise_unknown", readings="readings",
+        )  # fmt: skip
+    return observation.noise
+
+
+def _ours(observation: Observation, seed: int) -> DecodeResult:
+    noise = _noise_of_ours(observation)
+    began = time.perf_counter()
+    profile = _profile(observation, noise, seed)
+    ms = 1e3 * (time.perf_counter() - began)
+    share = (observation.error or ModelError()).share
+    problems = (() if profile.converged else (CUT_OFF,)) + observation.unexplained(profile.pressure, share)
+    return DecodeResult(observation, profile.pressure, profile.converged, ms, profile, problems=problems)
+
+
+def _profile(observation: Observation, noise: ReadingNoise, seed: int, *, table: bool = True) -> Profile:
+    """Readings whose noise differs are weighted until it does not."""
+    sd = float(np.median(noise.sd))
+    weight = sd / noise.sd
+    operator, reading = weighted(observation.operator, weight), weight * observation.reading
+
+    def decoded(readings: Readings) -> Profile:
+        if isinstance(operator, SheetOperator):
+            return decode_sheet(operator, readings, operator.skin.grid.shape, observation.error)
+        return decode_profile(operator, readings, observation.error, seed, table=table)
+
+    def through(receptor: Receptor) -> Profile:
+        of_rates = Readings.of_rates if noise.at == "receptor" else Readings.of_noisy_rates
+        unit = receptor.gain if noise.at == "receptor" else 1.0
+        mine = Receptor(receptor.gain, weight * receptor.threshold)
+        return decoded(of_rates(reading, mine, sd / unit))
+
+    if observation.receptor is None:
+        return decoded(Readings.of_sed(reading, sd))
+    return decode_through(observation.receptor, through)
+
+
+def _bounds(observation: Observation, search: SearchOptions) -> Range:
+    if search.bounds is None:
+        most = (observation.operator.parts**2).sum(axis=0).max()
+        return Range(0.0, 2 * float(np.sqrt(observation.sed.max() / most)))
+    return Range(*search.bounds)
+
+
+def _start(observation: Observation, search: SearchOptions, within: Range) -> Array:
+    n = observation.operator.parts.shape[2]
+    if search.start is None:
+        even = observation.operator.sed(np.ones(n))
+        size = np.sqrt(max(0.0, float(even @ observation.sed)) / float(even @ even))
+        return np.full(n, float(np.clip(size, *within)))
+    given = np.array(search.start)
+    if len(given) not in (1, n):
+        raise CodingError(
+            "{start}: {numbers} numbers, expected 1 or {expected}",
+            code="wrong_count", start="start", numbers=len(given), expected=n,
+        )  # fmt: skip
+    if not ((given >= within.low) & (given <= within.high)).all():
+        raise CodingError(
+            "{start}: expected numbers within {bounds} {low:g} … {high:g}",
+            code="outside_range", start="start", bounds="bounds", low=within.low, high=within.high,
+        )  # fmt: skip
+    return np.full(n, given[0]) if len(given) == 1 else given
+
+
+# --- what is decoded ---
+
+
+def _of_pressures(task: DecodeTask, pressure: Array) -> Observation:
+    """Encoded and read back by the same operator."""
+    by = task.operator or "convolution"
+    load = load_of_pressures(sampled_section(task.finger, task.sampling), by, task.energy, pressure)
+    operator = load.operator if by == "convolution" else normal_alone(load.operator)
+    return _encoded(task, load.operator, load.pressure, operator, pressure)
+
+
+def _of_press(task: DecodeTask, press: SectionPress) -> Observation:
+    """Felt as finite elements have it; read back as pressures without friction, or folded ones, about the middle."""
+    section = sampled_section(task.finger, task.sampling)
+    borne = borne_by(section, section.finger.indent(press.shape, press.x_mm, doi_mm=press.doi_mm))
+    felt = influence(section, borne.place_mm, borne.width_mm, task.energy)
+    half = int(_SOUGHT * section.sampling.half_length)
+    operator = _sought(section, task.operator or "influence", task.energy, half)
+    true = borne.means(operator.place_mm)
+    held = float(true.sum() * section.sampling.spacing_mm / (borne.normal * borne.width_mm).sum())
+    if held < _HELD:
+        raise CodingError(
+            "{shape} at x = {x_mm:g} mm: {held:.0%} of its force is between {low_mm:.2f} and {high_mm:.2f} mm, where "
+            "pressures are sought, expected {least:.0%} or more",
+            code="beside_the_search",
+            shape="shape",
+            x_mm=press.x_mm,
+            held=held,
+            low_mm=float(operator.place_mm[0]),
+            high_mm=float(operator.place_mm[-1]),
+            least=_HELD,
+        )
+    return _encoded(task, felt, borne.stacked, operator, true)
+
+
+def _sought(section: SampledSection, by: OperatorName, energy: Energy, half: int) -> Operator:
+    """SED at the section's own receptors under 2 half + 1 pressures."""
+    n, spacing = 2 * half + 1, section.sampling.spacing_mm
+    if by == "influence":
+        return frictionless(section, centred(n + 1, spacing), energy)
+    full = convolution(impulse_responses(section), n, energy)
+    return felt_where(full, slice(half, half + len(section.place_mm)))
+
+
+def _encoded(task: DecodeTask, felt: Operator, load: Array, operator: Operator, true: Array) -> Observation:
+    """Readings by one operator, to be explained by another."""
+    receptor = None if task.receptor is None else task.receptor.receptor
+    encoded = encode(felt, load, receptor, task.noise)
+    if not encoded.rate.max() > 0:
+        raise CodingError(
+            "no receptor says anything: expected pressure, and a {threshold} below its SED",
+            code="all_silent", threshold="threshold",
+        )  # fmt: skip
+    return Observation(operator, encoded.rate, task.receptor, noise_of(encoded, receptor, task.noise), true)
+
+
+def noise_of(encoded: Encoded, receptor: Receptor | None, noise: Noise | None) -> ReadingNoise:
+    """Measured, as it would be, from the same receptors at rest; where those are silent, told."""
+    m = encoded.samples
+    if noise is None or not encoded.noise_sd:
+        return ReadingNoise(np.full(m, NO_NOISE * float(encoded.rate.max())), "assumed, there is none")
+    if receptor is None:
+        rest = encoded.noise_sd * np.random.default_rng((noise.seed, 1)).normal(size=m)
+        return ReadingNoise(np.full(m, sd_at_rest(rest)), f"measured at rest of {m} receptors")
+    unit = receptor.gain if noise.at == "receptor" else 1.0
+    return ReadingNoise(np.full(m, unit * encoded.noise_sd), "told", noise.at)
+
+
+def _of_readings(task: DecodeTask, given: GivenReadings) -> Observation:
+    """Pressures between the outermost receptors, so far apart; where they are not sought within contacts no more than
+    there are readings, with straight lines between them.
+    """
+    _refuse_kind(task, given)
+    if given.z_mm is not None:
+        if task.decoder != "ours":
+            raise CodingError(
+                "{readings} with a column z_mm: expected {decoder} ours, the only one of sheets",
+                code="sheet_not_decoded", readings="readings", decoder="decoder",
+            )  # fmt: skip
+        return Observation(_over_sheet(task, given, given.z_mm), given.reading, task.receptor, _noise(task, given))
+    section = felt_section(task.finger, given.place_mm, given.depth_mm)
+    low, high = _on_patch(given, section.line.places(section.model.patch.x))
+    n = round((high - low) / task.sampling.spacing_mm)
+    if n < 1:
+        raise CodingError(
+            "{readings} over {length_mm:g} mm of skin: expected more than {least_mm:g} mm",
+            code="too_short", readings="readings", length_mm=high - low, least_mm=task.sampling.spacing_mm,
+        )  # fmt: skip
+    if task.decoder == "ours" and n >= FEWEST_FOR_CONTACTS:
+        operator: Operator = frictionless(section, np.linspace(low, high, n + 1), task.energy)
+    else:
+        few = np.linspace(low, high, min(n + 1, len(given.place_mm)))
+        operator = normal_influence(section, few, SPACING_MM, task.energy)
+    return Observation(operator, given.reading, task.receptor, _noise(task, given))
+
+
+def _of_row(task: DecodeTask, given: GivenReadings) -> list[Observation]:
+    """Pressures in the receptor plane of the whole finger, one observation for each ellipse along it."""
+    _refuse_kind(task, given)
+    if given.z_mm is not None:
+        raise CodingError(
+            "{axial} beside a column z_mm: expected a row of receptors, a sheet needs no axial shape",
+            code="axial_of_sheet", axial="axial",
+        )  # fmt: skip
+    row = felt_row(task.finger, given.place_mm, given.depth_mm)
+    low, high = _on_patch(given, row.line.places(row.felt.nodes_mm[:, X]))
+    n = round((high - low) / task.sampling.spacing_mm)
+    if n < FEWEST_FOR_CONTACTS:
+        least_mm = FEWEST_FOR_CONTACTS * task.sampling.spacing_mm
+        raise CodingError(
+            "{axial} with a row over {length_mm:.2f} mm of skin: expected {least_mm:.2f} mm or more",
+            code="too_short", axial="axial", length_mm=high - low, least_mm=least_mm,
+        )  # fmt: skip
+    centre_mm = row.line.surface.apex.position_mm[Z]
+    shapes = [AxialShape(half, centre_mm) for half in task.axial_mm]
+    operators = row.under_each(shapes, np.linspace(low, high, n + 1), task.energy)
+    noise = _noise(task, given)
+    return [
+        Observation(operator, given.reading, task.receptor, noise, error=ROW_ERROR, axial=shape.name)
+        for shape, operator in zip(shapes, operators, strict=True)
+    ]
+
+
+def _refuse_kind(task: DecodeTask, given: GivenReadings) -> None:
+    if given.kind == "rate" and task.receptor is None:
+        raise CodingError(
+            "{readings} with a column {column}: expected {gain} and {threshold} beside rates",
+            code="receptor_mismatch", readings="readings", column=given.kind, gain="gain", threshold="threshold",
+        )  # fmt: skip
+    if given.kind != "rate" and task.receptor is not None:
+        raise CodingError(
+            "{readings} with a column {column}: expected no {threshold} beside SED",
+            code="receptor_mismatch", readings="readings", column=given.kind, threshold="threshold",
+        )  # fmt: skip
+
+
+def _on_patch(given: GivenReadings, place_mm: Array) -> tuple[float, float]:
+    """From the first to the last receptor, as far as places of the patch go."""
+    low, high = np.clip(given.place_mm[[0, -1]], place_mm.min(), place_mm.max()).tolist()
+    return low, high
+
+
+def _over_sheet(task: DecodeTask, given: GivenReadings, z_mm: Array) -> Operator:
+    """Pressures over x and z between the outermost receptors, as far as the finger's patch goes."""
+    apart = max(task.sampling.spacing_mm, SHEET_SPACING_MM)
+    along_x = _places("x_mm", given.place_mm, 0.0, apart)
+    along_z = _places("z_mm", z_mm, task.finger.receptor_plane_mm, apart)
+    surface = FingertipSurface.fit(task.finger.geometry)
+    points = points_below(task.finger, surface, given.place_mm, given.depth_mm, z_mm)
+    return sheet_operator(felt_skin(task.finger, points, given.depth_mm), Grid(along_x, along_z), task.energy)
+
+
+def _places(name: str, receptors_mm: Array, middle_mm: float, apart_mm: float) -> Array:
+    low, high = np.clip([receptors_mm.min(), receptors_mm.max()], middle_mm - GRID_MM, middle_mm + GRID_MM)
+    n = int((high - low) / apart_mm + 1e-9) + 1
+    if n < FEWEST_PLACES:
+        raise CodingError(
+            "{readings}, {column}: a sheet over {length_mm:.2f} mm, expected {least_mm:g} mm or more within "
+            "± {half_mm:g} mm of {middle_mm:.2f}",
+            code="too_short",
+            readings="readings",
+            column=name,
+            length_mm=high - low,
+            least_mm=(FEWEST_PLACES - 1) * apart_mm,
+            half_mm=GRID_MM,
+            middle_mm=middle_mm,
+        )
+    return np.asarray(0.5 * (low + high) + centred(n, apart_mm))
+
+
+def _noise(task: DecodeTask, given: GivenReadings) -> ReadingNoise | None:
+    if given.sd is not None:
+        return ReadingNoise(given.sd, "told by the file", task.noise_at)
+    if given.at_rest is not None:
+        m = len(given.reading)
+        sd = np.full(m, sd_at_rest(given.at_rest))
+        return ReadingNoise(sd, f"measured at rest of {m} receptors", task.noise_at)
+    return None

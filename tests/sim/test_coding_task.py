@@ -1,0 +1,328 @@
+"""Tasks of encoding and decoding, on an operator of a few numbers: what is heard, explained, assumed, begun with."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from sim.coding import task as task_module
+from sim.coding.bayes import FittedReceptor
+from sim.coding.encoding import NOISE_PLACES, Encoded, Noise, NoisePlace, Receptor, encode, sd_at_rest
+from sim.coding.operators import Operator
+from sim.coding.search import CodingError, Range, table_search
+from sim.coding.section import Sampling
+from sim.coding.task import (
+    CUT_OFF,
+    NO_NOISE,
+    TABLE_ENTRIES,
+    DecodeResult,
+    DecoderName,
+    DecodeTask,
+    EncodeTask,
+    Observation,
+    ReadingNoise,
+    SearchOptions,
+    SectionPress,
+    best_explained,
+    decode_observation,
+    decode_task,
+    encode_task,
+    noise_of,
+    observe,
+)
+from sim.config import FingertipConfig
+from tests.raising import raises
+from tests.sim.coarse import coarse_mesh
+
+M = 8
+SQUARES = Operator("influence", "finite", np.eye(M)[None], np.arange(M) * 1.0, np.arange(M) * 1.0)
+PRESSURE = np.arange(1.0, M + 1)
+SED = PRESSURE**2
+
+
+def observation(reading: np.ndarray = SED, **more: object) -> Observation:
+    given: dict[str, object] = {"receptor": None, "noise": ReadingNoise(np.full(M, 0.5), "told")}
+    return Observation(SQUARES, reading, **(given | more))  # type: ignore[arg-type]
+
+
+def through(gain: float, threshold: float) -> FittedReceptor:
+    return FittedReceptor(Receptor(gain, threshold))
+
+
+# --- what is heard, and what is explained ---
+
+
+def test_readings_stand_for_sed() -> None:
+    assert_allclose(observation().sed, SED)
+    assert_allclose(observation(2.0 * (SED - 1.0), receptor=through(2.0, 1.0)).sed, SED)
+
+
+def test_what_is_heard_is_above_silence_or_above_noise() -> None:
+    assert observation(np.zeros(M)).heard.all()
+    rate = np.array([0.0, 0.1, 1.0, 1.5, 1.6, 2.0, 3.0, 0.0])
+    receptor = through(2.0, 1.0)
+    assert observation(rate, receptor=receptor).heard.tolist() == (rate > 0).tolist()
+    assert observation(rate, receptor=receptor, noise=None).heard.tolist() == (rate > 0).tolist()
+    noisy = ReadingNoise(np.full(M, 0.5), "told", "output")
+    assert observation(rate, receptor=receptor, noise=noisy).heard.tolist() == (rate > 1.5).tolist()  # of three sd
+
+
+@pytest.mark.parametrize(("receptor", "unit"), [(None, 1.0), (through(4.0, 0.0), 4.0)])
+def test_readings_are_explained_up_to_five_deviations_of_chi_squared(
+    receptor: FittedReceptor | None, unit: float
+) -> None:
+    """Of 8 readings: 8 + 5 √16 = 28 sd²."""
+    for misfit, said in ((27.9, False), (28.1, True)):
+        off = SED.copy()
+        off[5] += np.sqrt(misfit) * 0.5
+        given = observation(unit * off, receptor=receptor, noise=ReadingNoise(np.full(M, 0.5 * unit), "told"))
+        problems = given.unexplained(PRESSURE)
+        assert bool(problems) is said
+        if said:
+            assert problems == ("the readings are not explained: misfit 28.1, expected about 8",)
+
+
+def test_a_share_of_sed_may_be_wrong_too() -> None:
+    off = SED * 1.4
+    assert observation(off).unexplained(PRESSURE)
+    assert observation(off).unexplained(PRESSURE, share=0.05)
+    assert not observation(off).unexplained(PRESSURE, share=0.3)
+    assert not observation(off, noise=None).unexplained(PRESSURE)
+
+
+def test_silent_receptors_need_no_explanation() -> None:
+    rate = SED.copy()
+    rate[0] = 0.0  # below its threshold, however far
+    given = observation(rate, receptor=through(1.0, 0.0))
+    assert not given.unexplained(np.append(30.0, PRESSURE[1:]))
+    assert DecodeResult(given, np.append(30.0, PRESSURE[1:]), True, 0.0).left_of_sed == 0.0
+    off = SED[1:] - 4.0
+    found = DecodeResult(given, np.full(M, 2.0), True, 0.0)
+    assert found.left_of_sed == pytest.approx(np.sqrt(np.mean(off**2)))
+
+
+def test_nothing_above_its_noise_is_refused() -> None:
+    with raises(CodingError, "all_noise"):
+        decode_observation(observation(np.zeros(M), receptor=through(1.0, 0.0)), "ours", SearchOptions())
+
+
+# --- noise ---
+
+SAID = Encoded(SED, 2.0 * SED, 0.25, 0.01)
+
+
+def test_noise_is_measured_told_or_assumed() -> None:
+    rest = 0.25 * np.random.default_rng((7, 1)).normal(size=M)
+    measured = noise_of(SAID, None, Noise(20.0, "receptor", 7))
+    assert_allclose(measured.sd, np.full(M, sd_at_rest(rest)))
+    assert (measured.known, measured.at) == ("measured at rest of 8 receptors", "receptor")
+    before, after = (noise_of(SAID, Receptor(2.0, 0.0), Noise(20.0, at, 7)) for at in NOISE_PLACES)
+    assert_allclose(before.sd, np.full(M, 0.5))  # in the unit of rates
+    assert_allclose(after.sd, np.full(M, 0.25))
+    assert (before.known, before.at, after.at) == ("told", "receptor", "output")
+    for none in (noise_of(replace(SAID, noise_sd=0.0), None, Noise(20.0)), noise_of(SAID, None, None)):
+        assert_allclose(none.sd, np.full(M, 1e-3 * 128))
+        assert none.known == "assumed, there is none"
+    assert NO_NOISE == 1e-3
+
+
+# --- searches ---
+
+
+def test_a_search_begins_and_ends_by_the_readings_size() -> None:
+    found = decode_observation(observation(), "univariate", SearchOptions())
+    assert found.bounds == Range(0.0, 2 * 8.0)  # the highest reading is 8 squared, felt by one pressure
+    # even pressures of s give s² everywhere: nearest to the readings where s² is their mean
+    assert_allclose(found.path[0], np.full(M, np.sqrt(SED.mean())))
+    assert_allclose(found.pressure, PRESSURE, rtol=1e-6)
+    assert (found.converged, found.problems) == (True, ())
+    told = decode_observation(observation(), "univariate", SearchOptions((3.0,), (1.0, 9.0)))
+    assert told.bounds == Range(1.0, 9.0)
+    assert_allclose(told.path[0], np.full(M, 3.0))
+    each = decode_observation(observation(), "univariate", SearchOptions(tuple(PRESSURE), (1.0, 8.0)))
+    assert_allclose(each.path[0], PRESSURE)
+    low = decode_observation(observation(), "univariate", SearchOptions(None, (0.0, 2.0)))
+    assert_allclose(low.path[0], np.full(M, 2.0))  # within its range
+    assert low.problems[0] == "7 of 8 pressures stand at the end of the range, 2"
+
+
+def test_the_grid_is_a_thirtieth_of_the_range_unless_told() -> None:
+    within = (0.0, 12.0)
+    values = np.linspace(*within, 31)
+    nearest = values[np.abs(values[:, None] ** 2 - SED).argmin(axis=0)]
+    assert_allclose(decode_observation(observation(), "grid", SearchOptions(None, within)).pressure, nearest)
+    assert_allclose(decode_observation(observation(), "grid", SearchOptions(None, within, 0.25)).pressure, PRESSURE)
+
+
+def test_a_table_is_of_a_thousand_responses() -> None:
+    within = Range(0.0, 9.0)
+    assert TABLE_ENTRIES == 1000
+    expected = table_search(SQUARES, SED, within, 1000, 4)
+    assert_allclose(
+        decode_observation(observation(), "table", SearchOptions(None, within, None, 4)).pressure, expected.pressure
+    )
+
+
+def test_a_start_lies_within_the_range() -> None:
+    for start in ((0.5,), (9.5,)):
+        with raises(CodingError, "outside_range", start="start", bounds="bounds", low=1.0, high=9.0):
+            decode_observation(observation(), "grid", SearchOptions(start, (1.0, 9.0)))
+    with raises(CodingError, "wrong_count", start="start", numbers=3, expected=8):
+        decode_observation(observation(), "grid", SearchOptions((1.0, 2.0, 3.0), (1.0, 9.0)))
+    assert_allclose(
+        decode_observation(observation(), "grid", SearchOptions((9.0,), (1.0, 9.0))).path[0], np.full(M, 9.0)
+    )
+
+
+def test_the_range_is_of_what_one_pressure_alone_would_need() -> None:
+    parts = np.random.default_rng(3).normal(size=(2, M, 2))
+    given = replace(observation(), operator=replace(SQUARES, parts=parts, place_mm=np.arange(2.0)))
+    most = max(float(parts[0, m, k] ** 2 + parts[1, m, k] ** 2) for m in range(M) for k in range(2))
+    within = decode_observation(given, "table", SearchOptions()).bounds
+    assert within is not None
+    assert within.high == pytest.approx(2 * np.sqrt(64 / most))
+    even = (parts.sum(axis=2) ** 2).sum(axis=0)
+    start = decode_observation(given, "grid", SearchOptions()).path[0]
+    assert_allclose(start, np.full(2, np.sqrt(even @ SED / (even @ even))))
+
+
+@pytest.mark.parametrize("decoder", ["table", "ours"])
+def test_milliseconds_are_those_of_the_decoder(decoder: DecoderName, monkeypatch: pytest.MonkeyPatch) -> None:
+    times = iter((5.0, 5.25))
+    monkeypatch.setattr(task_module, "time", SimpleNamespace(perf_counter=lambda: next(times)))
+    assert decode_observation(two_pressures(), decoder, SearchOptions()).ms == 250.0
+
+
+# --- ours ---
+
+PARTS = np.random.default_rng(2).normal(size=(2, M, 2))
+TRUE = np.array([20.0, 14.0])
+
+
+def two_pressures(sd: float | np.ndarray = 1.0, gain: float = 1.0, at: NoisePlace = "receptor") -> Observation:
+    """SED without noise, as it is or as rates above a threshold that all of it is above."""
+    operator = replace(SQUARES, parts=PARTS, place_mm=np.arange(2.0))
+    sed, noise = operator.sed(TRUE), ReadingNoise(gain * np.full(M, sd), "told", at)
+    if gain == 1.0:
+        return Observation(operator, sed, None, noise, TRUE)
+    return Observation(operator, gain * (sed + 5.0), FittedReceptor(Receptor(gain, -5.0)), noise, TRUE)
+
+
+def test_ours_goes_by_noise_told_before_or_after_the_receptor() -> None:
+    plain = decode_observation(two_pressures(), "ours", SearchOptions())
+    assert_allclose(plain.pressure, TRUE, rtol=0.05)
+    assert plain.profile is not None
+    assert plain.converged
+    for at in NOISE_PLACES:
+        found = decode_observation(two_pressures(gain=30.0, at=at), "ours", SearchOptions())
+        assert_allclose(found.pressure, plain.pressure, rtol=1e-6)
+        assert found.profile is not None
+        assert_allclose(found.profile.sd, plain.profile.sd, rtol=1e-6)
+
+
+@pytest.mark.parametrize("gain", [1.0, 30.0])
+def test_noise_that_differs_weighs_readings(gain: float) -> None:
+    sd = np.where(np.arange(M) == 2, 1e6, 1.0)
+    given = two_pressures(sd, gain)
+    wrong = replace(given, reading=np.where(np.arange(M) == 2, 3 * given.reading, given.reading))
+    right, found = (decode_observation(one, "ours", SearchOptions()) for one in (given, wrong))
+    assert_allclose(found.pressure, right.pressure, rtol=0.01)
+    assert right.problems == found.problems == ()
+    sure = decode_observation(replace(wrong, noise=two_pressures(1.0, gain).noise), "ours", SearchOptions())
+    assert sure.problems[0].startswith("the readings are not explained: ")
+    assert (
+        decode_observation(wrong, "table", SearchOptions())
+        .problems[-1]
+        .startswith("the readings are not explained: ")
+    )
+
+
+def test_ours_says_when_it_was_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
+    real = task_module.decode_profile
+    monkeypatch.setattr(task_module, "decode_profile", lambda *a, **b: replace(real(*a, **b), converged=False))
+    found = decode_observation(two_pressures(), "ours", SearchOptions())
+    assert (found.converged, found.problems) == (False, (CUT_OFF,))
+
+
+def test_ours_needs_to_know_the_noise() -> None:
+    silent = observation(noise=None)
+    with raises(CodingError, "noise_unknown", readings="readings"):
+        decode_observation(silent, "ours", SearchOptions())
+    with raises(CodingError, "noise_unknown"):  # before any axial shape is chosen
+        best_explained([silent, silent])
+
+
+# --- whole tasks ---
+
+COARSE = FingertipConfig(mesh=coarse_mesh(0.3, 0.5))
+QUICK = Sampling(half_length=10)
+
+
+def test_pressures_are_encoded_and_read_back_by_the_operator_that_is_named() -> None:
+    """Convolution unless told; noise and receptor are those of `encode`."""
+    folded = encode_task(EncodeTask((20, 14), sampling=QUICK, finger=COARSE))
+    assert folded.load.operator.name == "convolution"
+    assert_allclose(folded.load.pressure, [20, 14])
+    receptor, noise = Receptor(30.0, 0.1 * float(folded.encoded.sed.max())), Noise(30.0, "output", 3)
+    heard = encode_task(EncodeTask((20, 14), receptor=receptor, noise=noise, sampling=QUICK, finger=COARSE))
+    expected = encode(folded.load.operator, folded.load.pressure, receptor, noise)
+    assert_allclose(heard.encoded.rate, expected.rate, rtol=1e-12)
+
+    task = DecodeTask((20, 14), receptor=FittedReceptor(receptor), noise=noise, sampling=QUICK, finger=COARSE)
+    seen = observe(task)
+    assert_allclose(seen.reading, expected.rate, rtol=1e-12)
+    assert seen.noise is not None
+    assert (seen.noise.known, seen.noise.at) == ("told", "output")
+    found = decode_task(task)
+    assert_allclose(found.pressure, [20, 14], rtol=0.3)
+    assert found.errors is not None
+    assert found.errors.relative_l2 == pytest.approx(np.linalg.norm(found.pressure - [20, 14]) / np.hypot(20, 14))
+
+
+def test_a_press_goes_by_finite_elements_unless_told() -> None:
+    press = SectionPress("cylinder:9", 0.5, 0.4)
+    elements = encode_task(EncodeTask(press, "influence", sampling=QUICK, finger=COARSE))
+    assert elements.load.missed is not None
+    assert elements.load.missed["relative_l2"] < 1e-6
+    seen = observe(DecodeTask(press, sampling=QUICK, finger=COARSE))
+    assert (seen.operator.name, len(seen.operator.place_mm)) == ("influence", 17)  # 0.8 of the half length
+    assert_allclose(seen.reading, elements.encoded.sed)
+    folded = observe(DecodeTask(press, operator="convolution", sampling=QUICK, finger=COARSE))
+    assert folded.operator.name == "convolution"
+    beside = SectionPress("bar:1.5", 4.0, 0.3)
+    with raises(CodingError, "beside_the_search", shape="shape", x_mm=4.0):
+        observe(DecodeTask(beside, sampling=QUICK, finger=COARSE))
+
+
+def test_silence_cannot_be_decoded() -> None:
+    with raises(CodingError, "all_silent", threshold="threshold"):
+        decode_task(DecodeTask((0.0, 0.0), sampling=QUICK, finger=COARSE))
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "middle", "apart", "expected"),
+    [
+        (-1.0, 1.0, 0.0, 0.3, 0.3 * np.arange(-3, 4)),
+        (-9.0, 9.0, 0.0, 0.3, 0.3 * np.arange(-7, 8)),
+        (5.0, 6.0, 7.0, 0.5, np.array([5.0, 5.5, 6.0])),
+    ],
+)
+def test_places_of_a_sheet_lie_between_the_outermost_receptors_on_the_patch(
+    low: float, high: float, middle: float, apart: float, expected: np.ndarray
+) -> None:
+    found = task_module._places("x_mm", np.array([high, low]), middle, apart)
+    assert_allclose(found, expected, atol=1e-9)
+    with raises(CodingError, "too_short", readings="readings", column="x_mm", least_mm=1.0):
+        task_module._places("x_mm", np.array([0.0, 0.99]), 0.0, 0.5)
+
+
+@pytest.mark.parametrize("page", ["coding", "library"])
+def test_what_the_pages_show_runs(page: str, capsys: pytest.CaptureFixture[str]) -> None:
+    text = (Path(__file__).parents[2] / "docs" / f"{page}.md").read_text(encoding="utf-8")
+    (block,) = (one for one in re.findall(r"```python\n(.*?)```", text, re.S) if "sim.coding.task" in one)
+    exec(block, {})
+    assert "DecodingErrors(eq_6_8=" in capsys.readouterr().out
