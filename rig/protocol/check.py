@@ -8,7 +8,6 @@ from numbers import Integral, Real
 from typing import Any, Literal, Protocol
 
 from rig.devices.bench_settings import SLOWEST_MM_S
-from rig.engine.reference import Reference
 from rig.engine.rig_settings import LimitSettings, RigSettings
 from rig.errors import BadInputError, RigError
 from rig.records import Pace, PlannedIndentation, Prediction, PressId, Purpose, Target
@@ -62,7 +61,6 @@ class Walk:
         self.pressed: Counter[Purpose] = Counter()
         self.held_s = 0.0
         self.reference_asked: tuple[Any, ...] | None = None
-        self.reference = Reference()  # what the references of this pass are compared with
 
     def need(self, condition: bool, verb: str, before: str) -> None:
         """Refuse a verb before which another must come."""

@@ -1,4 +1,8 @@
-"""Steps: each verb of a script as frozen data that checks, expects and carries itself out."""
+"""Steps: each verb of a script as frozen data that checks itself and asks the model what to expect.
+
+A verb is a step class here, the method of `rig.protocol.api.Rig` that makes one, and the function in
+`rig.session.execute` that has the engine carry it out.
+"""
 
 import math
 from abc import ABC, abstractmethod
@@ -7,9 +11,6 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
-from rig.engine import Engine, Hold, Indentation, indent, verbs
-from rig.engine.indentation import touch_place
-from rig.engine.reference import Reference as Comparison
 from rig.errors import BadInputError, around
 from rig.protocol.check import (
     ForceTooDeepError,
@@ -30,11 +31,7 @@ from rig.protocol.check import (
     refuse_speeds,
     refuse_target,
 )
-from rig.records import Pace, PlannedIndentation, PressId, Target
-
-# A step: one verb of a script as data, with what the plan checks, what it expects, and what the engine does.
-#
-# A verb is a step in a file here, and the method of `rig.protocol.api.Rig` that makes one.
+from rig.records import Hold, Indentation, Pace, PlannedIndentation, PressId, Target
 
 E = TypeVar("E")
 A = TypeVar("A")
@@ -96,10 +93,6 @@ class Step(ABC, Generic[E, A]):
         """What the plan answers the script, nothing having moved."""
         return None  # type: ignore[return-value]
 
-    @abstractmethod
-    def carry_out(self, engine: Engine, expected: E) -> A:
-        """Have the engine do it."""
-
     @classmethod
     def answers(cls, before: Journalled) -> dict[int, A]:
         """What a run that stopped has answered already, by the number of the press."""
@@ -116,9 +109,6 @@ class Home(Step[None, None]):
     def check(self, walk: Walk) -> Spot:
         walk.homed, walk.x_mm = True, math.nan
         return walk.spot()
-
-    def carry_out(self, engine: Engine, expected: None) -> None:
-        verbs.home(engine)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,9 +127,6 @@ class Mount(Step[None, None]):
         walk.model.refuse_shape(self.indentor)
         walk.indentor = self.indentor
         return walk.spot()
-
-    def carry_out(self, engine: Engine, expected: None) -> None:
-        verbs.mount(engine, self.indentor)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,9 +148,6 @@ class MoveTo(Step[None, None]):
         refuse_place(self.x_mm, self.along_mm, settings)
         walk.x_mm, walk.along_mm = self.x_mm, self.along_mm
         return walk.spot()
-
-    def carry_out(self, engine: Engine, expected: None) -> None:
-        verbs.move_to(engine, float(self.x_mm), float(self.along_mm))
 
 
 @dataclass(frozen=True)
@@ -221,22 +205,6 @@ def expect_press(
     return ExpectedPresses(spot.ids, planned)
 
 
-def press(
-    engine: Engine, press_id: PressId, planned: PlannedIndentation, speed_mm_s: float | None = None
-) -> Indentation:
-    """Press as planned, where the indentor is."""
-    return indent(
-        engine,
-        planned.target,
-        increments=int(planned.increments),
-        speed_mm_s=None if speed_mm_s is None else float(speed_mm_s),
-        hold_s=float(planned.hold_s),
-        expected_contact_mm=planned.expected_contact_mm,
-        contact_area_mm2=planned.contact_area_mm2,
-        press_id=press_id,
-    )
-
-
 @dataclass(frozen=True, kw_only=True)
 class Indent(Step[ExpectedPresses, Indentation]):
     """Touch off, press in equal increments, hold after each, lift."""
@@ -288,9 +256,6 @@ class Indent(Step[ExpectedPresses, Indentation]):
         )
         return Indentation(expected.ids[0].index, planned.x_mm, holds)
 
-    def carry_out(self, engine: Engine, expected: ExpectedPresses) -> Indentation:
-        return press(engine, expected.ids[0], expected.planned, self.speed_mm_s)
-
     @classmethod
     def answers(cls, before: Journalled) -> dict[int, Indentation]:
         asked = {(e["index"], e["hold"]): Target(e["target"], e["commanded"]) for e in before.stream("hold_start")}
@@ -333,21 +298,9 @@ class Precondition(Step[ExpectedPresses, None]):
     def expect(self, spot: Spot, walk: Walk) -> ExpectedPresses:
         return expect_press(self.verb, self.target, spot, walk, increments=1, hold_s=self.hold_s)
 
-    def carry_out(self, engine: Engine, expected: ExpectedPresses) -> None:
-        for press_id in expected.ids:
-            verbs.be_over(engine, expected.planned.x_mm)
-            press(engine, press_id, expected.planned)
-
-
-@dataclass(frozen=True)
-class ExpectedReference(ExpectedPresses):
-    """A press, and what its forces are compared with."""
-
-    comparison: Comparison
-
 
 @dataclass(frozen=True, kw_only=True)
-class Reference(Step[ExpectedReference, None]):
+class Reference(Step[ExpectedPresses, None]):
     """Go there and press; an alarm where force at depth is not what it was the first time."""
 
     verb: ClassVar[str] = "reference"
@@ -385,15 +338,8 @@ class Reference(Step[ExpectedReference, None]):
                 increments=first[3],
             )
 
-    def expect(self, spot: Spot, walk: Walk) -> ExpectedReference:
-        found = expect_press(self.verb, self.target, spot, walk, increments=self.increments, hold_s=self.hold_s)
-        return ExpectedReference(found.ids, found.planned, walk.reference)
-
-    def carry_out(self, engine: Engine, expected: ExpectedReference) -> None:
-        verbs.be_over(engine, expected.planned.x_mm)
-        band = expected.planned.band
-        found = press(engine, expected.ids[0], expected.planned)
-        expected.comparison.compare(engine, found, None if band is None else band.force_gwt)
+    def expect(self, spot: Spot, walk: Walk) -> ExpectedPresses:
+        return expect_press(self.verb, self.target, spot, walk, increments=self.increments, hold_s=self.hold_s)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -410,9 +356,6 @@ class Rest(Step[None, None]):
         refuse_seconds(self.verb, "seconds", self.seconds)
         return walk.spot()
 
-    def carry_out(self, engine: Engine, expected: None) -> None:
-        verbs.rest(engine, float(self.seconds))
-
 
 @dataclass(frozen=True, kw_only=True)
 class Retract(Step[None, None]):
@@ -424,9 +367,6 @@ class Retract(Step[None, None]):
     def check(self, walk: Walk) -> Spot:
         walk.need(walk.homed, self.verb, "home()")
         return walk.spot()
-
-    def carry_out(self, engine: Engine, expected: None) -> None:
-        verbs.retract(engine)
 
 
 @dataclass(frozen=True)
@@ -456,9 +396,6 @@ class Touch(Step[ExpectedTouch, float]):
     def foreseen(self, expected: ExpectedTouch) -> float:
         return expected.contact_mm
 
-    def carry_out(self, engine: Engine, expected: ExpectedTouch) -> float:
-        return touch_place(engine, expected.press.index, expected.contact_mm)
-
     @classmethod
     def answers(cls, before: Journalled) -> dict[int, float]:
         return {event["index"]: float(event["contact_height_mm"]) for event in before.stream("find")}
@@ -481,9 +418,6 @@ class Checkpoint(Step[None, None]):
         walk.checkpoints.add(self.name)
         return walk.spot()
 
-    def carry_out(self, engine: Engine, expected: None) -> None:
-        verbs.checkpoint(engine, self.name)
-
 
 @dataclass(frozen=True, kw_only=True)
 class Note(Step[None, None]):
@@ -498,9 +432,6 @@ class Note(Step[None, None]):
         refuse_no_text(self.verb, self.text)
         return walk.spot()
 
-    def carry_out(self, engine: Engine, expected: None) -> None:
-        verbs.note(engine, self.text)
-
 
 @dataclass(frozen=True, kw_only=True)
 class Zero(Step[None, None]):
@@ -513,6 +444,3 @@ class Zero(Step[None, None]):
         walk.need(walk.homed, self.verb, "home()")
         walk.zeroed = True
         return walk.spot()
-
-    def carry_out(self, engine: Engine, expected: None) -> None:
-        verbs.zero(engine)

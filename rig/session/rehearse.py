@@ -25,6 +25,7 @@ from rig.protocol.handlers import Patience, TakenUp
 from rig.protocol.script import Script
 from rig.protocol.steps import ExpectedPresses, ExpectedTouch, Step
 from rig.records import Prediction
+from rig.session.execute import execute
 from rig.session.session import run_script
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
@@ -98,7 +99,7 @@ class Rehearsing:
             self._plant.spring = Spring.fitted(expected.planned, self._walk.model)
         elif isinstance(expected, ExpectedTouch):
             self._plant.spring = Spring(expected.contact_mm, **_UNDER_A_TOUCH)
-        return step.carry_out(self._engine, expected)
+        return execute(self._engine, step, expected)
 
 
 @dataclass(frozen=True)

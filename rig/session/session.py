@@ -21,7 +21,6 @@ from rig.data.journal import add_to_end, read_journal
 from rig.data.schema import STREAMS
 from rig.devices.base import ForceError, StageError
 from rig.engine import Engine, EngineError, Journal, Pause, RecordError, RunAborted, ScriptError, WatchedBench, verbs
-from rig.engine.reference import Reference
 from rig.errors import BadInputError, LostRecordError
 from rig.line_file import LostFileError
 from rig.plan.config import Config
@@ -364,7 +363,7 @@ def _rig(session: Session, folder: RunFolder, engine: Engine) -> Rig:
     walk = Walk(config, FingerModel(session.finger, session.plan.predictions, where, config.met))
     handler = session.handler(engine, walk)
     if session.before is not None:
-        walk.reference = Reference(first_reference_gwt(session.before))
+        engine.first_reference_gwt = first_reference_gwt(session.before)
         handler = TakenUp(session.before, handler)
     return Rig(session.script.parameters, walk, Patience(handler))
 
