@@ -38,7 +38,7 @@ A = TypeVar("A")
 
 
 class Owed(Enum):
-    """What a run that is taken up again owes of a step that lies before what is missing."""
+    """What a resumed run still does of a step that comes before the first missing press."""
 
     NOTHING = "nothing: it is done anyway, or of no consequence"
     LAST = "the last of its kind, before the next press"
@@ -48,21 +48,28 @@ class Owed(Enum):
 
 
 class Journalled(Protocol):
-    """A run that stopped, as its journal tells it."""
+    """A stopped run, read from its journal."""
 
     @property
     def done(self) -> Mapping[int, list[dict[str, Any]]]:
-        """The holds of every finished indentation, by index."""
+        """The holds of each finished indentation, by its index."""
 
     def stream(self, name: str) -> list[dict[str, Any]]:
-        """The events of one stream."""
+        """Return the events of a stream."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Step(ABC, Generic[E, A]):
-    """One verb with its arguments, as the script gave them; schedules fill in block, repeat and condition.
+    """One verb with the arguments that the script passed; a schedule fills in block, repeat and condition.
 
-    E is what it expects of the model (None for most), A what it answers the script.
+    E is the type of what it expects of the model (None for most steps), A that of its answer to the script.
+
+    Attributes
+    ----------
+    verb : str
+        The method of `Rig` that makes the step.
+    owed : Owed
+        What a resumed run does of it.
     """
 
     verb: ClassVar[str]
@@ -74,34 +81,63 @@ class Step(ABC, Generic[E, A]):
 
     @property
     def marks(self) -> dict[str, Any]:
-        """Where it stands in a schedule, as far as it stands in one."""
+        """Block, repeat and condition, as far as a schedule has set them."""
         given = {"block": self.block, "repeat": self.repeat, "condition": self.condition}
         return {name: value for name, value in given.items() if value is not None}
 
     @abstractmethod
     def check(self, walk: Walk) -> Spot:
-        """Refuse what needs no model to be refused, and take the walk on. Raises BadInputError.
+        """Check the step without the model, and advance the walk.
 
-        Done for every step on every pass: a script may decide as it goes.
+        Every pass over a script checks every step, because a script may decide as it runs.
+
+        Parameters
+        ----------
+        walk : Walk
+            The state of the script before the step.
+
+        Returns
+        -------
+        Spot
+            Where the step happens, and the numbers of its presses.
+
+        Raises
+        ------
+        BadInputError
         """
 
     def expect(self, spot: Spot, walk: Walk) -> E:
-        """What the model says, and refuse what lies beyond the limits by that. Raises BadInputError."""
+        """Return what the model predicts for the step, after checking that against the limits.
+
+        Parameters
+        ----------
+        spot : Spot
+            What `check` returned.
+        walk : Walk
+
+        Returns
+        -------
+        E
+
+        Raises
+        ------
+        BadInputError
+        """
         return None  # type: ignore[return-value]
 
     def foreseen(self, expected: E) -> A:
-        """What the plan answers the script, nothing having moved."""
+        """Return the predicted answer, which a script receives while it is planned."""
         return None  # type: ignore[return-value]
 
     @classmethod
     def answers(cls, before: Journalled) -> dict[int, A]:
-        """What a run that stopped has answered already, by the number of the press."""
+        """Return the answers that a stopped run has in its journal, by the index of the press."""
         return {}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Home(Step[None, None]):
-    """Home the stage; a run that is taken up has homed before its first step."""
+    """Home the stage. A resumed run homes before its first step in any case."""
 
     verb: ClassVar[str] = "home"
     owed: ClassVar[Owed] = Owed.NOTHING
@@ -113,7 +149,7 @@ class Home(Step[None, None]):
 
 @dataclass(frozen=True, kw_only=True)
 class Mount(Step[None, None]):
-    """Have an indentor mounted."""
+    """Ask the operator to mount an indentor."""
 
     verb: ClassVar[str] = "mount"
     owed: ClassVar[Owed] = Owed.LAST
@@ -131,7 +167,7 @@ class Mount(Step[None, None]):
 
 @dataclass(frozen=True, kw_only=True)
 class MoveTo(Step[None, None]):
-    """Go sideways, and along the finger, at clearance."""
+    """Move sideways and along the finger, at clearance."""
 
     verb: ClassVar[str] = "move_to"
     owed: ClassVar[Owed] = Owed.LAST
@@ -152,7 +188,7 @@ class MoveTo(Step[None, None]):
 
 @dataclass(frozen=True)
 class ExpectedPresses:
-    """The same press so many times at one place."""
+    """One or more equal presses at one place: their numbers, and what the model predicts for each."""
 
     ids: tuple[PressId, ...]
     planned: PlannedIndentation
@@ -161,7 +197,7 @@ class ExpectedPresses:
 def check_press(
     verb: str, target: Target, walk: Walk, *, increments: int, hold_s: float, speed_mm_s: float | None = None
 ) -> None:
-    """Refuse what needs no model to be refused."""
+    """Check a press without the model. Raises BadInputError."""
     walk.need_ready(verb)
     if walk.along_mm:
         raise BadInputError("{verb}: along_mm = {along_mm:g}: expected 0, elsewhere only touch()",
@@ -182,7 +218,31 @@ def expect_press(
     hold_s: float,
     speed_mm_s: float | None = None,
 ) -> ExpectedPresses:
-    """What the model says of it, within the limits."""
+    """Return what the model predicts for a press, checked against the limits.
+
+    Parameters
+    ----------
+    verb : str
+        Named in errors.
+    target : Target
+        Depth (mm) or force (gwt) of the last increment.
+    spot : Spot
+    walk : Walk
+    increments : int
+        Number of equal increments to the target, each with a hold.
+    hold_s : float
+    speed_mm_s : float, optional
+        Default: habits.press_speed_mm_s.
+
+    Returns
+    -------
+    ExpectedPresses
+
+    Raises
+    ------
+    BadInputError
+        The model has no prediction, or predicts something beyond a limit.
+    """
     habits = walk.settings.habits
     pace = Pace(speed_mm_s or habits.press_speed_mm_s, habits.increment_mm, increments, hold_s)
     try:
@@ -207,7 +267,7 @@ def expect_press(
 
 @dataclass(frozen=True, kw_only=True)
 class Indent(Step[ExpectedPresses, Indentation]):
-    """Touch off, press in equal increments, hold after each, lift."""
+    """Find contact, press in equal increments with a hold after each, and lift."""
 
     verb: ClassVar[str] = "indent"
     owed: ClassVar[Owed] = Owed.ANSWER
@@ -220,7 +280,7 @@ class Indent(Step[ExpectedPresses, Indentation]):
 
     @property
     def target(self) -> Target:
-        """The one that was given. Raises BadInputError."""
+        """The depth or the force that the script passed. Raises BadInputError."""
         return checked_target(self.verb, self.doi_mm, self.force_gwt)
 
     def check(self, walk: Walk) -> Spot:
@@ -274,7 +334,7 @@ class Indent(Step[ExpectedPresses, Indentation]):
 
 @dataclass(frozen=True, kw_only=True)
 class Precondition(Step[ExpectedPresses, None]):
-    """Press so many times at the present place."""
+    """Press several times at the present place, to settle the skin."""
 
     verb: ClassVar[str] = "precondition"
     owed: ClassVar[Owed] = Owed.LAST
@@ -286,7 +346,7 @@ class Precondition(Step[ExpectedPresses, None]):
 
     @property
     def target(self) -> Target:
-        """The one that was given. Raises BadInputError."""
+        """The depth or the force that the script passed. Raises BadInputError."""
         return checked_target(self.verb, self.doi_mm, self.force_gwt)
 
     def check(self, walk: Walk) -> Spot:
@@ -301,7 +361,7 @@ class Precondition(Step[ExpectedPresses, None]):
 
 @dataclass(frozen=True, kw_only=True)
 class Reference(Step[ExpectedPresses, None]):
-    """Go there and press; an alarm where force at depth is not what it was the first time."""
+    """Press at a fixed place; an alarm is raised where the force differs from that of the first such press."""
 
     verb: ClassVar[str] = "reference"
     owed: ClassVar[Owed] = Owed.LAST
@@ -313,7 +373,7 @@ class Reference(Step[ExpectedPresses, None]):
 
     @property
     def target(self) -> Target:
-        """A depth. Raises BadInputError."""
+        """The depth. Raises BadInputError."""
         return checked_target(self.verb, self.doi_mm, None)
 
     def check(self, walk: Walk) -> Spot:
@@ -344,7 +404,7 @@ class Reference(Step[ExpectedPresses, None]):
 
 @dataclass(frozen=True, kw_only=True)
 class Rest(Step[None, None]):
-    """Let the finger be, at clearance."""
+    """Wait at clearance."""
 
     verb: ClassVar[str] = "rest"
     owed: ClassVar[Owed] = Owed.LAST_IF_NEXT
@@ -371,7 +431,7 @@ class Retract(Step[None, None]):
 
 @dataclass(frozen=True)
 class ExpectedTouch:
-    """Where the model has contact: height above the nominal apex, mm."""
+    """The number of a touch, and where the model predicts contact: height above the nominal apex, mm."""
 
     press: PressId
     contact_mm: float
@@ -379,7 +439,7 @@ class ExpectedTouch:
 
 @dataclass(frozen=True, kw_only=True)
 class Touch(Step[ExpectedTouch, float]):
-    """Touch off at the present place and lift; answers the height of contact."""
+    """Find contact at the present place and lift; the answer is the height of contact (mm)."""
 
     verb: ClassVar[str] = "touch"
     owed: ClassVar[Owed] = Owed.ANSWER
@@ -403,7 +463,7 @@ class Touch(Step[ExpectedTouch, float]):
 
 @dataclass(frozen=True, kw_only=True)
 class Checkpoint(Step[None, None]):
-    """The script has come to here."""
+    """Journal that the script has reached a named place."""
 
     verb: ClassVar[str] = "checkpoint"
     owed: ClassVar[Owed] = Owed.ONCE
@@ -421,7 +481,7 @@ class Checkpoint(Step[None, None]):
 
 @dataclass(frozen=True, kw_only=True)
 class Note(Step[None, None]):
-    """A line."""
+    """Journal a line of text."""
 
     verb: ClassVar[str] = "note"
     owed: ClassVar[Owed] = Owed.ONCE
