@@ -2,7 +2,7 @@
 
 import contextlib
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from enum import Enum
 from typing import Any, NoReturn, Protocol, TypeVar
 
@@ -75,6 +75,7 @@ class Engine:
         self.problem: Exception | None = None  # the first trip or failure; a run does not end well after it
         self.indentor: str | None = None
         self.placed = False  # over a position that was asked for
+        self.first_reference_gwt: Sequence[float] | None = None  # what reference presses are compared with
         self.trips = Trips(settings.limits, soft_trip_n)
         self.sensing = Sensing(settings, bench.clock, bench.force)
         self.motion = Motion(settings, bench.stage, bench.clock, self._glance)

@@ -1,4 +1,4 @@
-"""Handlers around another: a resumed run that replays what is done, and the patience with a script."""
+"""Handlers around another one: replay what a resumed run has done; end a script that makes no steps."""
 
 import signal
 import threading
@@ -18,10 +18,10 @@ A = TypeVar("A")
 
 
 class TakenUp:
-    """Hands on to `then` what is missing, and what each step owes before that.
+    """Resumes a run: passes on to `then` the missing steps, and what they need of the steps before them.
 
-    What is done answers as it was journalled; what comes before the next missing press is owed, and handed on only
-    when that comes, at the spot where the script had it.
+    A press that is done answers from the journal. What a step before the next missing press still owes
+    (`Step.owed`) is passed on only when that press comes, at the spot where the script made the step.
     """
 
     def __init__(self, before: Journalled, then: Handler) -> None:
@@ -33,7 +33,7 @@ class TakenUp:
         self._behind = True  # until the first missing indentation after the last one that is done
 
     def handle(self, step: Step[E, A], spot: Spot) -> A:
-        """The step's answer, from the journal or from `then`."""
+        """Return the step's answer, from the journal or from `then`."""
         if step.owed is Owed.ANSWER:
             return self._answer(step, spot)
         if not self._behind:
@@ -66,7 +66,7 @@ class TakenUp:
         self._owed = {verb: owed for verb, owed in self._owed.items() if owed[0].owed is not Owed.LAST_IF_NEXT}
 
     def _is_new(self, step: Step[Any, Any]) -> bool:
-        """Whether the journal lacks it: so many of its kind are written as the script had come to."""
+        """Whether the journal lacks the step: it has the first ones of each verb, in the order of the script."""
         left = self._written.setdefault(step.verb, len(self._before.stream(step.verb)))
         self._written[step.verb] = left - 1
         return left <= 0
@@ -77,7 +77,7 @@ LONGEST_SILENCE_S = 30.0
 
 
 class SilentScriptError(BaseException):
-    """The script has made no step for too long; no `except Exception` of a script stands in its way."""
+    """The script has made no step for too long. A script's own `except Exception` does not catch it."""
 
     code = "silent"
 
@@ -90,11 +90,16 @@ class SilentScriptError(BaseException):
 
 
 class Patience:
-    """Counts the steps of a script on their way to `then`, and has each of them told.
+    """Limits how many steps a script makes, and with `impatient` how long it may take between two of them.
 
-    The silence is a script's own: what a step takes is no part of it, be it the model, the stage, a rest or a person.
-    It is measured on the main thread of a system that has alarms; elsewhere a script that makes no steps is ended by
-    Ctrl-C.
+    Only the script's own time counts, not that of a step: model, stage, rest or operator. It is measured by an alarm,
+    on the main thread of a system that has alarms; elsewhere Ctrl-C ends a script that makes no steps.
+
+    Parameters
+    ----------
+    then : Handler
+    told : callable
+        Called with the number of steps so far, before each step.
     """
 
     def __init__(self, then: Handler, told: Callable[[int], None] = lambda steps: None) -> None:
@@ -102,7 +107,7 @@ class Patience:
         self._steps = 0
 
     def handle(self, step: Step[E, A], spot: Spot) -> A:
-        """What `then` answers. Raises BadInputError beyond MOST_STEPS."""
+        """Return the answer of `then`. Raises BadInputError beyond MOST_STEPS."""
         self._steps += 1
         self._told(self._steps)
         if self._steps > MOST_STEPS:
@@ -117,7 +122,7 @@ class Patience:
 
 @contextmanager
 def impatient() -> Iterator[None]:
-    """Raises SilentScriptError in the script where it makes no step for LONGEST_SILENCE_S."""
+    """Raise SilentScriptError in a script that makes no step for LONGEST_SILENCE_S."""
     if not _has_alarms():
         yield
         return
@@ -126,7 +131,7 @@ def impatient() -> Iterator[None]:
         raise SilentScriptError(LONGEST_SILENCE_S)
 
     before, began_s = signal.signal(signal.SIGALRM, too_long), time.monotonic()
-    left_s, _ = signal.getitimer(signal.ITIMER_REAL)  # of somebody else's alarm
+    left_s, _ = signal.getitimer(signal.ITIMER_REAL)  # an alarm that the caller has set
     _alarm_in(LONGEST_SILENCE_S)
     try:
         yield

@@ -1,8 +1,8 @@
-"""Schedules: seeded random order, repeats, blocks, rests, preconditioning, ranges of positions.
+"""Schedules: seeded random order, repeats, blocks, rests, reference presses, and ranges of positions.
 
 schedule = p.schedule(positions_mm)
-for block in schedule.on(rig):          # a checkpoint, and a zero before and after
-    for x_mm in block:                  # with a rest between
+for block in schedule.on(rig):          # a checkpoint; the sensor is zeroed before and after
+    for x_mm in block:                  # with a rest between two items
         rig.move_to(x_mm=x_mm)
         rig.indent(force_gwt=p.force_gwt)
 """
@@ -28,7 +28,7 @@ _SHORT.maxother = 80
 
 @dataclass(frozen=True)
 class Block(Generic[T]):
-    """What is done between two zeros, in this order."""
+    """The items between two zeros of the force sensor, in order."""
 
     number: int
     items: tuple[T, ...]
@@ -36,7 +36,7 @@ class Block(Generic[T]):
     rig: Rig
 
     def __iter__(self) -> Iterator[T]:
-        """The items, with a rest between one and the next, and the references that are due."""
+        """Yield the items; rest between two of them, and make the reference presses that are due."""
         try:
             for n, item in enumerate(self.items):
                 self.rig.mark({"block": self.number})
@@ -54,13 +54,13 @@ class Block(Generic[T]):
             self.rig.reference(x_mm=schedule.reference.x_mm, doi_mm=schedule.reference.doi_mm)
 
     def _repeat(self, n: int) -> int:
-        """How many times the item has come by now, this one included."""
+        """Return how often the item has occurred in this block so far."""
         return [repr(item) for item in self.items[: n + 1]].count(repr(self.items[n]))
 
 
 @dataclass(frozen=True)
 class ReferencePress:
-    """The same press before every so many indentations, at a place of its own."""
+    """A press that is repeated at a fixed place, before every `every`-th indentation of a block."""
 
     every: int
     x_mm: float
@@ -69,7 +69,7 @@ class ReferencePress:
 
 @dataclass(frozen=True)
 class Schedule(Generic[T]):
-    """Items, each `repeats` times in a block, in the order given or in a random one that hangs on the seed alone."""
+    """Items in blocks, each `repeats` times a block, as listed or in a random order that depends only on the seed."""
 
     items: Sequence[T]
     order: Order = "given"
@@ -81,18 +81,18 @@ class Schedule(Generic[T]):
     reference: ReferencePress | None = None
 
     def block(self, number: int) -> tuple[T, ...]:
-        """The items of a block (from 1) in their order: always the same ones for the same seed."""
+        """Return the items of a block, counted from 1, in their order."""
         items = tuple(self.items) * self.repeats
         if self.order == "given":
             return items
-        # Sorting by random() is the one order that Python promises to keep from version to version.
+        # Of all random orders, Python guarantees only that of random() to stay the same between versions.
         chance = random.Random(f"{self.seed}, block {number}")
         return tuple(
             item for _, item in sorted(((chance.random(), item) for item in items), key=lambda pair: pair[0])
         )
 
     def on(self, rig: Rig) -> Iterator[Block[T]]:
-        """The blocks one after another, the sensor zeroed before and after each."""
+        """Yield the blocks; zero the force sensor before and after each."""
         for number in range(1, self.blocks + 1):
             if number > 1 and self.block_rest_s:
                 rig.rest(self.block_rest_s)
@@ -107,14 +107,14 @@ class Schedule(Generic[T]):
 
 
 def _as_text(item: object) -> str:
-    """An item as the name of a condition."""
+    """Return the name of the condition that an item stands for."""
     if isinstance(item, float):
         return f"{item:g}"
     return item if isinstance(item, str) else _SHORT.repr(item)
 
 
 class ScheduledParameters(ProtocolParameters):
-    """Base of the `Parameters` of a script that goes by a schedule."""
+    """Base of the `Parameters` of a script with a schedule."""
 
     order: Order = "given"
     seed: int = Field(0, ge=0, description="of a random order")
@@ -128,7 +128,7 @@ class ScheduledParameters(ProtocolParameters):
     reference_doi_mm: float = Field(0.4, gt=0, le=1.5)
 
     def schedule(self, items: Sequence[T]) -> Schedule[T]:
-        """These items, scheduled as the parameters say."""
+        """Return a schedule of these items, as the parameters define it."""
         reference = ReferencePress(self.reference_every, self.reference_x_mm, self.reference_doi_mm)
         return Schedule(
             items,
@@ -143,14 +143,14 @@ class ScheduledParameters(ProtocolParameters):
 
 
 SPACING_MM = 0.17
-"""Of the source's schedules, and of a range where nothing else is asked for."""
+"""Spacing of positions in the schedules of the source, and the default of a range (mm)."""
 
 _DECIMALS = 3
 _MOST_POSITIONS = 500
 
 
 class RangeParameters(ProtocolParameters):
-    """Base of the `Parameters` of a script that is stepped across the pad."""
+    """Base of the `Parameters` of a script that steps across the finger pad."""
 
     from_mm: float | None = Field(None, ge=-20, le=20, description="x of a range instead of the schedule")
     to_mm: float | None = Field(None, ge=-20, le=20, description="x where it ends")
@@ -158,7 +158,7 @@ class RangeParameters(ProtocolParameters):
 
     @model_validator(mode="after")
     def _whole(self) -> "RangeParameters":
-        """Both ends or neither, apart, and no spacing of a range that is not asked for."""
+        """Require both ends or none, two that differ, and a spacing only where there is a range."""
         begin, end = self.from_mm, self.to_mm
         if begin is None and end is None:
             if self.spacing_mm is not None:
@@ -180,7 +180,7 @@ class RangeParameters(ProtocolParameters):
         return math.ceil(abs(end - begin) / (self.spacing_mm or SPACING_MM) - 1e-9)
 
     def positions(self, schedule: Sequence[float]) -> tuple[float, ...]:
-        """x in mm from one end of the range to the other, in equal steps; the schedule where no range is given."""
+        """Return x (mm) from one end of the range to the other in equal steps; the schedule's without a range."""
         begin, end = self.from_mm, self.to_mm
         if begin is None or end is None:
             return tuple(schedule)
@@ -189,5 +189,5 @@ class RangeParameters(ProtocolParameters):
 
 
 def about_the_centre(positions: int) -> tuple[float, ...]:
-    """So many x in mm, decreasing, 0.17 apart about the pad's centre."""
+    """Return x (mm) of that many positions about the center of the pad, decreasing, 0.17 mm apart."""
     return tuple(round(SPACING_MM * (0.5 * (positions - 1) - k), _DECIMALS) for k in range(positions))

@@ -1,4 +1,4 @@
-"""Protocol scripts: found, loaded and given their parameters."""
+"""Find and load protocol scripts, and set their parameters."""
 
 import importlib.util
 import inspect
@@ -21,7 +21,7 @@ from rig.protocol.api import ProtocolParameters, Rig
 
 @dataclass(frozen=True)
 class Script:
-    """A loaded protocol: its metadata, its parameters and `run`."""
+    """A loaded protocol: metadata, parameters and its function `run`."""
 
     path: Path
     name: str
@@ -32,14 +32,14 @@ class Script:
 
 
 def shipped_protocols() -> Path:
-    """Folder of the scripts that come with the program."""
+    """Return the folder of the protocols that come with the program."""
     package = Path(rig.__file__).parent
     installed = package / "shipped_protocols"
     return installed if installed.is_dir() else package.parent / "protocols"
 
 
 def find_script(name: str) -> Path:
-    """A path, or the name of a shipped script. Raises BadInputError."""
+    """Return the file of a protocol, from its path or the name of a shipped one. Raises BadInputError."""
     path = Path(name)
     if path.is_file():
         return path.resolve()
@@ -58,7 +58,7 @@ def load_script(name: str, assignments: Sequence[str] = ()) -> Script:
 
 
 def script_with(path: Path, name: str, parameters: Mapping[str, Any]) -> Script:
-    """The protocol in a file, under a name and with these parameters. Raises BadInputError."""
+    """Load the protocol in a file, under a name and with these parameters. Raises BadInputError."""
     module = _import(path)
     run = getattr(module, "run", None)
     if not callable(run):
@@ -84,13 +84,13 @@ def script_with(path: Path, name: str, parameters: Mapping[str, Any]) -> Script:
 
 
 def where_in_script(path: Path, error: BaseException) -> str:
-    """ "file.py, line N" of the script's own innermost frame."""
+    """Return "file.py, line N" of the innermost frame in the script itself."""
     frames = [f for f in traceback.extract_tb(error.__traceback__) if Path(f.filename) == path]
     return f"{path}, line {frames[-1].lineno}" if frames else str(path)
 
 
 def failed_in_script(error: BaseException) -> BadInputError:
-    """What a script did wrong; of a verb that is none, or is not called as it should be, what there is instead."""
+    """Return an error that describes what a script raised; for a misspelled or miscalled verb, the right form too."""
     fields = {"exception": type(error).__name__, "problem": str(error)}
     if isinstance(error, AttributeError) and isinstance(error.obj, Rig):
         verbs = [name for name in vars(Rig) if not name.startswith("_")]
@@ -110,7 +110,19 @@ def failed_in_script(error: BaseException) -> BadInputError:
 def said_of_script(
     kind: type[Coded], path: Path, error: BaseException, told_as_they_are: tuple[type[BaseException], ...]
 ) -> Coded:
-    """An error of a script with the line that it comes from; other classes than these are told with their names."""
+    """Return an error of a script that names the line it comes from.
+
+    Parameters
+    ----------
+    kind : type
+        Class of the error to return.
+    path : Path
+        File of the script.
+    error : BaseException
+        What the script raised.
+    told_as_they_are : tuple of types
+        Classes whose sentence is enough; the others are described together with their class.
+    """
     told = error if isinstance(error, told_as_they_are) else failed_in_script(error)
     return around(kind, "{place}: {problem}", told, place=where_in_script(path, error))
 
@@ -120,7 +132,7 @@ def _import(path: Path) -> ModuleType:
     if spec is None or spec.loader is None:
         raise BadInputError("protocol {path}: not a Python file", code="no_python_file", path=str(path))
     module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # pydantic looks postponed annotations up there
+    sys.modules[spec.name] = module  # pydantic resolves postponed annotations there
     try:
         spec.loader.exec_module(module)
     except SyntaxError as error:

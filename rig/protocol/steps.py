@@ -1,4 +1,8 @@
-"""Steps: each verb of a script as frozen data that checks, expects and carries itself out."""
+"""Steps: each verb of a script as frozen data that checks itself and asks the model what to expect.
+
+A verb is a step class here, the method of `rig.protocol.api.Rig` that makes one, and the function in
+`rig.session.execute` that has the engine carry it out.
+"""
 
 import math
 from abc import ABC, abstractmethod
@@ -7,9 +11,6 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
-from rig.engine import Engine, Hold, Indentation, indent, verbs
-from rig.engine.indentation import touch_place
-from rig.engine.reference import Reference as Comparison
 from rig.errors import BadInputError, around
 from rig.protocol.check import (
     ForceTooDeepError,
@@ -30,18 +31,14 @@ from rig.protocol.check import (
     refuse_speeds,
     refuse_target,
 )
-from rig.records import Pace, PlannedIndentation, PressId, Target
-
-# A step: one verb of a script as data, with what the plan checks, what it expects, and what the engine does.
-#
-# A verb is a step in a file here, and the method of `rig.protocol.api.Rig` that makes one.
+from rig.records import Hold, Indentation, Pace, PlannedIndentation, PressId, Target
 
 E = TypeVar("E")
 A = TypeVar("A")
 
 
 class Owed(Enum):
-    """What a run that is taken up again owes of a step that lies before what is missing."""
+    """What a resumed run still does of a step that comes before the first missing press."""
 
     NOTHING = "nothing: it is done anyway, or of no consequence"
     LAST = "the last of its kind, before the next press"
@@ -51,21 +48,28 @@ class Owed(Enum):
 
 
 class Journalled(Protocol):
-    """A run that stopped, as its journal tells it."""
+    """A stopped run, read from its journal."""
 
     @property
     def done(self) -> Mapping[int, list[dict[str, Any]]]:
-        """The holds of every finished indentation, by index."""
+        """The holds of each finished indentation, by its index."""
 
     def stream(self, name: str) -> list[dict[str, Any]]:
-        """The events of one stream."""
+        """Return the events of a stream."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Step(ABC, Generic[E, A]):
-    """One verb with its arguments, as the script gave them; schedules fill in block, repeat and condition.
+    """One verb with the arguments that the script passed; a schedule fills in block, repeat and condition.
 
-    E is what it expects of the model (None for most), A what it answers the script.
+    E is the type of what it expects of the model (None for most steps), A that of its answer to the script.
+
+    Attributes
+    ----------
+    verb : str
+        The method of `Rig` that makes the step.
+    owed : Owed
+        What a resumed run does of it.
     """
 
     verb: ClassVar[str]
@@ -77,38 +81,63 @@ class Step(ABC, Generic[E, A]):
 
     @property
     def marks(self) -> dict[str, Any]:
-        """Where it stands in a schedule, as far as it stands in one."""
+        """Block, repeat and condition, as far as a schedule has set them."""
         given = {"block": self.block, "repeat": self.repeat, "condition": self.condition}
         return {name: value for name, value in given.items() if value is not None}
 
     @abstractmethod
     def check(self, walk: Walk) -> Spot:
-        """Refuse what needs no model to be refused, and take the walk on. Raises BadInputError.
+        """Check the step without the model, and advance the walk.
 
-        Done for every step on every pass: a script may decide as it goes.
+        Every pass over a script checks every step, because a script may decide as it runs.
+
+        Parameters
+        ----------
+        walk : Walk
+            The state of the script before the step.
+
+        Returns
+        -------
+        Spot
+            Where the step happens, and the numbers of its presses.
+
+        Raises
+        ------
+        BadInputError
         """
 
     def expect(self, spot: Spot, walk: Walk) -> E:
-        """What the model says, and refuse what lies beyond the limits by that. Raises BadInputError."""
+        """Return what the model predicts for the step, after checking that against the limits.
+
+        Parameters
+        ----------
+        spot : Spot
+            What `check` returned.
+        walk : Walk
+
+        Returns
+        -------
+        E
+
+        Raises
+        ------
+        BadInputError
+        """
         return None  # type: ignore[return-value]
 
     def foreseen(self, expected: E) -> A:
-        """What the plan answers the script, nothing having moved."""
+        """Return the predicted answer, which a script receives while it is planned."""
         return None  # type: ignore[return-value]
-
-    @abstractmethod
-    def carry_out(self, engine: Engine, expected: E) -> A:
-        """Have the engine do it."""
 
     @classmethod
     def answers(cls, before: Journalled) -> dict[int, A]:
-        """What a run that stopped has answered already, by the number of the press."""
+        """Return the answers that a stopped run has in its journal, by the index of the press."""
         return {}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Home(Step[None, None]):
-    """Home the stage; a run that is taken up has homed before its first step."""
+    """Home the stage. A resumed run homes before its first step in any case."""
 
     verb: ClassVar[str] = "home"
     owed: ClassVar[Owed] = Owed.NOTHING
@@ -117,13 +146,10 @@ class Home(Step[None, None]):
         walk.homed, walk.x_mm = True, math.nan
         return walk.spot()
 
-    def carry_out(self, engine: Engine, expected: None) -> None:
-        verbs.home(engine)
-
 
 @dataclass(frozen=True, kw_only=True)
 class Mount(Step[None, None]):
-    """Have an indentor mounted."""
+    """Ask the operator to mount an indentor."""
 
     verb: ClassVar[str] = "mount"
     owed: ClassVar[Owed] = Owed.LAST
@@ -138,13 +164,10 @@ class Mount(Step[None, None]):
         walk.indentor = self.indentor
         return walk.spot()
 
-    def carry_out(self, engine: Engine, expected: None) -> None:
-        verbs.mount(engine, self.indentor)
-
 
 @dataclass(frozen=True, kw_only=True)
 class MoveTo(Step[None, None]):
-    """Go sideways, and along the finger, at clearance."""
+    """Move sideways and along the finger, at clearance."""
 
     verb: ClassVar[str] = "move_to"
     owed: ClassVar[Owed] = Owed.LAST
@@ -162,13 +185,10 @@ class MoveTo(Step[None, None]):
         walk.x_mm, walk.along_mm = self.x_mm, self.along_mm
         return walk.spot()
 
-    def carry_out(self, engine: Engine, expected: None) -> None:
-        verbs.move_to(engine, float(self.x_mm), float(self.along_mm))
-
 
 @dataclass(frozen=True)
 class ExpectedPresses:
-    """The same press so many times at one place."""
+    """One or more equal presses at one place: their numbers, and what the model predicts for each."""
 
     ids: tuple[PressId, ...]
     planned: PlannedIndentation
@@ -177,7 +197,7 @@ class ExpectedPresses:
 def check_press(
     verb: str, target: Target, walk: Walk, *, increments: int, hold_s: float, speed_mm_s: float | None = None
 ) -> None:
-    """Refuse what needs no model to be refused."""
+    """Check a press without the model. Raises BadInputError."""
     walk.need_ready(verb)
     if walk.along_mm:
         raise BadInputError("{verb}: along_mm = {along_mm:g}: expected 0, elsewhere only touch()",
@@ -198,7 +218,31 @@ def expect_press(
     hold_s: float,
     speed_mm_s: float | None = None,
 ) -> ExpectedPresses:
-    """What the model says of it, within the limits."""
+    """Return what the model predicts for a press, checked against the limits.
+
+    Parameters
+    ----------
+    verb : str
+        Named in errors.
+    target : Target
+        Depth (mm) or force (gwt) of the last increment.
+    spot : Spot
+    walk : Walk
+    increments : int
+        Number of equal increments to the target, each with a hold.
+    hold_s : float
+    speed_mm_s : float, optional
+        Default: habits.press_speed_mm_s.
+
+    Returns
+    -------
+    ExpectedPresses
+
+    Raises
+    ------
+    BadInputError
+        The model has no prediction, or predicts something beyond a limit.
+    """
     habits = walk.settings.habits
     pace = Pace(speed_mm_s or habits.press_speed_mm_s, habits.increment_mm, increments, hold_s)
     try:
@@ -221,25 +265,9 @@ def expect_press(
     return ExpectedPresses(spot.ids, planned)
 
 
-def press(
-    engine: Engine, press_id: PressId, planned: PlannedIndentation, speed_mm_s: float | None = None
-) -> Indentation:
-    """Press as planned, where the indentor is."""
-    return indent(
-        engine,
-        planned.target,
-        increments=int(planned.increments),
-        speed_mm_s=None if speed_mm_s is None else float(speed_mm_s),
-        hold_s=float(planned.hold_s),
-        expected_contact_mm=planned.expected_contact_mm,
-        contact_area_mm2=planned.contact_area_mm2,
-        press_id=press_id,
-    )
-
-
 @dataclass(frozen=True, kw_only=True)
 class Indent(Step[ExpectedPresses, Indentation]):
-    """Touch off, press in equal increments, hold after each, lift."""
+    """Find contact, press in equal increments with a hold after each, and lift."""
 
     verb: ClassVar[str] = "indent"
     owed: ClassVar[Owed] = Owed.ANSWER
@@ -252,7 +280,7 @@ class Indent(Step[ExpectedPresses, Indentation]):
 
     @property
     def target(self) -> Target:
-        """The one that was given. Raises BadInputError."""
+        """The depth or the force that the script passed. Raises BadInputError."""
         return checked_target(self.verb, self.doi_mm, self.force_gwt)
 
     def check(self, walk: Walk) -> Spot:
@@ -288,9 +316,6 @@ class Indent(Step[ExpectedPresses, Indentation]):
         )
         return Indentation(expected.ids[0].index, planned.x_mm, holds)
 
-    def carry_out(self, engine: Engine, expected: ExpectedPresses) -> Indentation:
-        return press(engine, expected.ids[0], expected.planned, self.speed_mm_s)
-
     @classmethod
     def answers(cls, before: Journalled) -> dict[int, Indentation]:
         asked = {(e["index"], e["hold"]): Target(e["target"], e["commanded"]) for e in before.stream("hold_start")}
@@ -309,7 +334,7 @@ class Indent(Step[ExpectedPresses, Indentation]):
 
 @dataclass(frozen=True, kw_only=True)
 class Precondition(Step[ExpectedPresses, None]):
-    """Press so many times at the present place."""
+    """Press several times at the present place, to settle the skin."""
 
     verb: ClassVar[str] = "precondition"
     owed: ClassVar[Owed] = Owed.LAST
@@ -321,7 +346,7 @@ class Precondition(Step[ExpectedPresses, None]):
 
     @property
     def target(self) -> Target:
-        """The one that was given. Raises BadInputError."""
+        """The depth or the force that the script passed. Raises BadInputError."""
         return checked_target(self.verb, self.doi_mm, self.force_gwt)
 
     def check(self, walk: Walk) -> Spot:
@@ -333,22 +358,10 @@ class Precondition(Step[ExpectedPresses, None]):
     def expect(self, spot: Spot, walk: Walk) -> ExpectedPresses:
         return expect_press(self.verb, self.target, spot, walk, increments=1, hold_s=self.hold_s)
 
-    def carry_out(self, engine: Engine, expected: ExpectedPresses) -> None:
-        for press_id in expected.ids:
-            verbs.be_over(engine, expected.planned.x_mm)
-            press(engine, press_id, expected.planned)
-
-
-@dataclass(frozen=True)
-class ExpectedReference(ExpectedPresses):
-    """A press, and what its forces are compared with."""
-
-    comparison: Comparison
-
 
 @dataclass(frozen=True, kw_only=True)
-class Reference(Step[ExpectedReference, None]):
-    """Go there and press; an alarm where force at depth is not what it was the first time."""
+class Reference(Step[ExpectedPresses, None]):
+    """Press at a fixed place; an alarm is raised where the force differs from that of the first such press."""
 
     verb: ClassVar[str] = "reference"
     owed: ClassVar[Owed] = Owed.LAST
@@ -360,7 +373,7 @@ class Reference(Step[ExpectedReference, None]):
 
     @property
     def target(self) -> Target:
-        """A depth. Raises BadInputError."""
+        """The depth. Raises BadInputError."""
         return checked_target(self.verb, self.doi_mm, None)
 
     def check(self, walk: Walk) -> Spot:
@@ -385,20 +398,13 @@ class Reference(Step[ExpectedReference, None]):
                 increments=first[3],
             )
 
-    def expect(self, spot: Spot, walk: Walk) -> ExpectedReference:
-        found = expect_press(self.verb, self.target, spot, walk, increments=self.increments, hold_s=self.hold_s)
-        return ExpectedReference(found.ids, found.planned, walk.reference)
-
-    def carry_out(self, engine: Engine, expected: ExpectedReference) -> None:
-        verbs.be_over(engine, expected.planned.x_mm)
-        band = expected.planned.band
-        found = press(engine, expected.ids[0], expected.planned)
-        expected.comparison.compare(engine, found, None if band is None else band.force_gwt)
+    def expect(self, spot: Spot, walk: Walk) -> ExpectedPresses:
+        return expect_press(self.verb, self.target, spot, walk, increments=self.increments, hold_s=self.hold_s)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rest(Step[None, None]):
-    """Let the finger be, at clearance."""
+    """Wait at clearance."""
 
     verb: ClassVar[str] = "rest"
     owed: ClassVar[Owed] = Owed.LAST_IF_NEXT
@@ -409,9 +415,6 @@ class Rest(Step[None, None]):
         walk.need(walk.homed, self.verb, "home()")
         refuse_seconds(self.verb, "seconds", self.seconds)
         return walk.spot()
-
-    def carry_out(self, engine: Engine, expected: None) -> None:
-        verbs.rest(engine, float(self.seconds))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -425,13 +428,10 @@ class Retract(Step[None, None]):
         walk.need(walk.homed, self.verb, "home()")
         return walk.spot()
 
-    def carry_out(self, engine: Engine, expected: None) -> None:
-        verbs.retract(engine)
-
 
 @dataclass(frozen=True)
 class ExpectedTouch:
-    """Where the model has contact: height above the nominal apex, mm."""
+    """The number of a touch, and where the model predicts contact: height above the nominal apex, mm."""
 
     press: PressId
     contact_mm: float
@@ -439,7 +439,7 @@ class ExpectedTouch:
 
 @dataclass(frozen=True, kw_only=True)
 class Touch(Step[ExpectedTouch, float]):
-    """Touch off at the present place and lift; answers the height of contact."""
+    """Find contact at the present place and lift; the answer is the height of contact (mm)."""
 
     verb: ClassVar[str] = "touch"
     owed: ClassVar[Owed] = Owed.ANSWER
@@ -456,9 +456,6 @@ class Touch(Step[ExpectedTouch, float]):
     def foreseen(self, expected: ExpectedTouch) -> float:
         return expected.contact_mm
 
-    def carry_out(self, engine: Engine, expected: ExpectedTouch) -> float:
-        return touch_place(engine, expected.press.index, expected.contact_mm)
-
     @classmethod
     def answers(cls, before: Journalled) -> dict[int, float]:
         return {event["index"]: float(event["contact_height_mm"]) for event in before.stream("find")}
@@ -466,7 +463,7 @@ class Touch(Step[ExpectedTouch, float]):
 
 @dataclass(frozen=True, kw_only=True)
 class Checkpoint(Step[None, None]):
-    """The script has come to here."""
+    """Journal that the script has reached a named place."""
 
     verb: ClassVar[str] = "checkpoint"
     owed: ClassVar[Owed] = Owed.ONCE
@@ -481,13 +478,10 @@ class Checkpoint(Step[None, None]):
         walk.checkpoints.add(self.name)
         return walk.spot()
 
-    def carry_out(self, engine: Engine, expected: None) -> None:
-        verbs.checkpoint(engine, self.name)
-
 
 @dataclass(frozen=True, kw_only=True)
 class Note(Step[None, None]):
-    """A line."""
+    """Journal a line of text."""
 
     verb: ClassVar[str] = "note"
     owed: ClassVar[Owed] = Owed.ONCE
@@ -497,9 +491,6 @@ class Note(Step[None, None]):
     def check(self, walk: Walk) -> Spot:
         refuse_no_text(self.verb, self.text)
         return walk.spot()
-
-    def carry_out(self, engine: Engine, expected: None) -> None:
-        verbs.note(engine, self.text)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -513,6 +504,3 @@ class Zero(Step[None, None]):
         walk.need(walk.homed, self.verb, "home()")
         walk.zeroed = True
         return walk.spot()
-
-    def carry_out(self, engine: Engine, expected: None) -> None:
-        verbs.zero(engine)

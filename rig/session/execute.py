@@ -1,25 +1,193 @@
-"""Steps carried out, on hardware or on the virtual bench."""
+"""How the engine carries out each step of a script, on hardware or on the virtual bench."""
 
-from typing import TypeVar
+from collections.abc import Callable
+from typing import Any, TypeVar
 
-from rig.engine import Engine
+from rig.engine import Engine, indentation, verbs
+from rig.engine.reference import compare_reference
+from rig.errors import BadInputError
 from rig.protocol.check import Spot, Walk
-from rig.protocol.steps import Step
+from rig.protocol.steps import (
+    Checkpoint,
+    ExpectedPresses,
+    ExpectedTouch,
+    Home,
+    Indent,
+    Mount,
+    MoveTo,
+    Note,
+    Precondition,
+    Reference,
+    Rest,
+    Retract,
+    Step,
+    Touch,
+    Zero,
+)
+from rig.records import Indentation, PlannedIndentation, PressId
 
 E = TypeVar("E")
 A = TypeVar("A")
+S = TypeVar("S")
+
+Executor = Callable[[Engine, Any, Any], Any]
+"""Has an engine carry out a step, given what the model expects of it; returns the step's answer to the script."""
+
+EXECUTE: dict[type[Step[Any, Any]], Executor] = {}
+"""The executor of every step class."""
+
+
+def executes(kind: type[Step[E, A]]) -> Callable[[Callable[[Engine, S, E], A]], Callable[[Engine, S, E], A]]:
+    """Register the decorated function as the executor of a step class.
+
+    Parameters
+    ----------
+    kind : type of Step
+        The step class, of this program or of a package or script of your own. A subclass needs its own executor.
+
+    Returns
+    -------
+    callable
+        Decorator of a function (engine, step, expected) that returns the step's answer.
+    """
+
+    def register(executor: Callable[[Engine, S, E], A]) -> Callable[[Engine, S, E], A]:
+        EXECUTE[kind] = executor
+        return executor
+
+    return register
+
+
+def execute(engine: Engine, step: Step[E, A], expected: E) -> A:
+    """Have the engine carry out a step.
+
+    Parameters
+    ----------
+    engine : Engine
+    step : Step
+    expected : object
+        What `step.expect` returned.
+
+    Returns
+    -------
+    object
+        The step's answer to the script.
+
+    Raises
+    ------
+    BadInputError
+        The step's class has no executor.
+    """
+    executor = EXECUTE.get(type(step))
+    if executor is None:
+        raise BadInputError("{verb}: no function is registered by @executes({step})", code="no_executor",
+                            verb=step.verb, step=type(step).__name__)  # fmt: skip
+    answer: A = executor(engine, step, expected)
+    return answer
 
 
 class Live:
-    """Has the engine do each step, with what the model expects of it.
+    """Handler that has the engine carry out each step.
 
-    A script may decide as it goes, so what it asks now need not be what was planned: the walk has checked it once
-    more, and what the plan did not ask the model is asked now.
+    A script may decide as it runs, so a step need not be the one that was planned. The walk has checked it again, and
+    the model is asked about whatever the plan did not contain.
     """
 
     def __init__(self, engine: Engine, walk: Walk) -> None:
         self._engine, self._walk = engine, walk
 
     def handle(self, step: Step[E, A], spot: Spot) -> A:
-        """What the engine found."""
-        return step.carry_out(self._engine, step.expect(spot, self._walk))
+        """Return what the engine found."""
+        return execute(self._engine, step, step.expect(spot, self._walk))
+
+
+@executes(Home)
+def home(engine: Engine, step: Home, expected: None) -> None:
+    """Home the stage."""
+    verbs.home(engine)
+
+
+@executes(Mount)
+def mount(engine: Engine, step: Mount, expected: None) -> None:
+    """Ask the operator for the indentor."""
+    verbs.mount(engine, step.indentor)
+
+
+@executes(MoveTo)
+def move_to(engine: Engine, step: MoveTo, expected: None) -> None:
+    """Move to the place at clearance."""
+    verbs.move_to(engine, float(step.x_mm), float(step.along_mm))
+
+
+@executes(Indent)
+def indent(engine: Engine, step: Indent, expected: ExpectedPresses) -> Indentation:
+    """Press where the indentor is."""
+    return _press(engine, expected.ids[0], expected.planned, step.speed_mm_s)
+
+
+@executes(Precondition)
+def precondition(engine: Engine, step: Precondition, expected: ExpectedPresses) -> None:
+    """Press repeatedly, each time at the planned place."""
+    for press_id in expected.ids:
+        verbs.be_over(engine, expected.planned.x_mm)
+        _press(engine, press_id, expected.planned)
+
+
+@executes(Reference)
+def reference(engine: Engine, step: Reference, expected: ExpectedPresses) -> None:
+    """Press at the reference position, and compare the forces with those of the first reference press."""
+    verbs.be_over(engine, expected.planned.x_mm)
+    band = expected.planned.band
+    found = _press(engine, expected.ids[0], expected.planned)
+    compare_reference(engine, found, None if band is None else band.force_gwt)
+
+
+def _press(
+    engine: Engine, press_id: PressId, planned: PlannedIndentation, speed_mm_s: float | None = None
+) -> Indentation:
+    return indentation.indent(
+        engine,
+        planned.target,
+        increments=int(planned.increments),
+        speed_mm_s=None if speed_mm_s is None else float(speed_mm_s),
+        hold_s=float(planned.hold_s),
+        expected_contact_mm=planned.expected_contact_mm,
+        contact_area_mm2=planned.contact_area_mm2,
+        press_id=press_id,
+    )
+
+
+@executes(Touch)
+def touch(engine: Engine, step: Touch, expected: ExpectedTouch) -> float:
+    """Find contact where the indentor is, and lift."""
+    return indentation.touch_place(engine, expected.press.index, expected.contact_mm)
+
+
+@executes(Rest)
+def rest(engine: Engine, step: Rest, expected: None) -> None:
+    """Wait at clearance."""
+    verbs.rest(engine, float(step.seconds))
+
+
+@executes(Retract)
+def retract(engine: Engine, step: Retract, expected: None) -> None:
+    """Lift to clearance."""
+    verbs.retract(engine)
+
+
+@executes(Zero)
+def zero(engine: Engine, step: Zero, expected: None) -> None:
+    """Zero the force sensor."""
+    verbs.zero(engine)
+
+
+@executes(Checkpoint)
+def checkpoint(engine: Engine, step: Checkpoint, expected: None) -> None:
+    """Journal the checkpoint."""
+    verbs.checkpoint(engine, step.name)
+
+
+@executes(Note)
+def note(engine: Engine, step: Note, expected: None) -> None:
+    """Journal the text."""
+    verbs.note(engine, step.text)

@@ -1,7 +1,7 @@
-"""A protocol rehearsed on a finger of springs: how long it will take, before anything moves.
+"""Rehearse a protocol on springs, to predict how long it takes before anything moves.
 
-The engine, the drivers, the bytes and the clock are those of a dry-run; only the finger is replaced, by one spring
-for each press, fitted to two solutions of the finger model, since a spring costs next to nothing.
+The engine, the drivers, the bytes and the clock are those of a dry-run. Only the finger is replaced, by one spring
+for each press, fitted to two solutions of the finger model: a spring costs almost no time.
 """
 
 import io
@@ -25,6 +25,7 @@ from rig.protocol.handlers import Patience, TakenUp
 from rig.protocol.script import Script
 from rig.protocol.steps import ExpectedPresses, ExpectedTouch, Step
 from rig.records import Prediction
+from rig.session.execute import execute
 from rig.session.running import run_script
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
@@ -46,7 +47,7 @@ class Spring:
 
     @classmethod
     def fitted(cls, planned: Prediction, model: Model) -> "Spring":
-        """Through the model's force at the target and at half of its depth; Hertz's where there is none yet."""
+        """Fit the model's force at the target and at half its depth; without that, use the exponent of Hertz."""
         doi_mm, force_gwt = planned.predicted_doi_mm, planned.predicted_force_gwt
         try:
             half = model.press(planned.indentor, planned.x_mm, Target("doi_mm", 0.5 * doi_mm)).predicted_force_gwt
@@ -56,54 +57,54 @@ class Spring:
         return cls(planned.expected_contact_mm, doi_mm, force_gwt * GWT_N, exponent)
 
     def force_at(self, height_mm: float) -> float:
-        """N with the indentor's lowest point so far above the nominal apex."""
+        """Return the force (N) with the indentor's lowest point at this height above the nominal apex."""
         return float(self.force_n * (max(self.contact_mm - height_mm, 0.0) / self.doi_mm) ** self.exponent)
 
 
 class SpringPlant:
-    """A finger of springs under a carriage; one is under the indentor, or none."""
+    """A carriage over at most one spring, which stands for the finger."""
 
     def __init__(self, carriage: Carriage) -> None:
         self._carriage = carriage
         self.spring: Spring | None = None
 
     def mount(self, indentor: str) -> None:
-        """The springs know."""
+        """Do nothing: a spring is fitted to its indentor."""
 
     def pose_at(self, t_s: float) -> TruePose:
-        """True x and DOI, mm."""
+        """Return the true x and DOI (mm)."""
         pose = self._carriage.pose_at(t_s)
         contact_mm = -math.inf if self.spring is None else self.spring.contact_mm
         return TruePose(pose.x_mm, pose.above_apex_mm, contact_mm - pose.above_apex_mm)
 
     def force_n(self, t_s: float) -> float:
-        """N at an instant."""
+        """Return the force (N) at an instant."""
         return 0.0 if self.spring is None else self.spring.force_at(self._carriage.pose_at(t_s).above_apex_mm)
 
 
-# A finger under a sphere, nearly: a touch is over before its stiffness matters.
+# About a finger under a sphere: a touch ends before the stiffness matters.
 _UNDER_A_TOUCH = {"doi_mm": 1.0, "force_n": 0.1, "exponent": 1.5}
 
 
 class Rehearsing:
-    """Puts the right spring under the indentor before the engine does a step."""
+    """Handler that puts the right spring under the indentor, and has the engine carry out the step."""
 
     def __init__(self, engine: Engine, walk: Walk, plant: SpringPlant) -> None:
         self._engine, self._walk, self._plant = engine, walk, plant
 
     def handle(self, step: Step[E, A], spot: Spot) -> A:
-        """What the engine finds on springs."""
+        """Return what the engine finds on springs."""
         expected = step.expect(spot, self._walk)
         if isinstance(expected, ExpectedPresses):
             self._plant.spring = Spring.fitted(expected.planned, self._walk.model)
         elif isinstance(expected, ExpectedTouch):
             self._plant.spring = Spring(expected.contact_mm, **_UNDER_A_TOUCH)
-        return step.carry_out(self._engine, expected)
+        return execute(self._engine, step, expected)
 
 
 @dataclass(frozen=True)
 class Rehearsed:
-    """How long a script takes on springs, how long of that a finger would be touched, and when it passes what."""
+    """How long a script takes on springs, how long it would touch the finger, and when it passes each milestone."""
 
     duration_s: float
     contact_s: float
@@ -113,14 +114,31 @@ class Rehearsed:
 
     @property
     def course(self) -> Course:
-        """For whoever looks on."""
+        """The course of the run, for its monitors."""
         return Course(self.duration_s, self.instants_s, self.words, self.marks)
 
 
 def rehearsed(script: Script, config: Config, finger: Finger, plan: Plan, before: Run | None = None) -> Rehearsed:
-    """Carry a script out on springs, or what is missing of a run that is taken up.
+    """Carry out a script on springs.
 
-    Raises EngineError where it would not come to its end.
+    Parameters
+    ----------
+    script : Script
+    config : Config
+    finger : Finger
+    plan : Plan
+        The plan of the script; its predictions are used again.
+    before : Run, optional
+        A stopped run. Only what it lacks is rehearsed.
+
+    Returns
+    -------
+    Rehearsed
+
+    Raises
+    ------
+    EngineError
+        The script would not reach its end.
     """
     believed = with_stand_ins(config.model_copy(update={"virtual": VirtualSettings()}))
     clock = VirtualClock()

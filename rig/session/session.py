@@ -20,7 +20,6 @@ from rig.data.folder import UnwritableError
 from rig.data.journal import add_to_end, read_journal
 from rig.data.schema import STREAMS
 from rig.engine import Engine, Journal, Pause, RecordError, RunAborted, WatchedBench, verbs
-from rig.engine.reference import Reference
 from rig.errors import LostRecordError
 from rig.line_file import LostFileError
 from rig.plan.config import Config
@@ -320,7 +319,7 @@ def _rig(session: Session, folder: RunFolder, engine: Engine) -> Rig:
     walk = Walk(config, FingerModel(session.finger, session.plan.predictions, where, config.met))
     handler = session.handler(engine, walk)
     if session.before is not None:
-        walk.reference = Reference(first_reference_gwt(session.before))
+        engine.first_reference_gwt = first_reference_gwt(session.before)
         handler = TakenUp(session.before, handler)
     return Rig(session.script.parameters, walk, Patience(handler))
 

@@ -36,6 +36,7 @@ FIRST_GROUP = (
     "rig/data/run_state.py",
     "rig/manual/guard.py",
     "rig/manual/jog.py",
+    "rig/session/execute.py",
     "rig/session/resume.py",
     "rig/transport/modbus.py",
     "rig/devices/*.py",

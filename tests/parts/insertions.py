@@ -24,10 +24,20 @@ class Tap(Step[ExpectedTouch, None]):
         refuse_approach(self.verb, contact_mm, walk.settings)
         return ExpectedTouch(spot.ids[0], contact_mm)
 
-    def carry_out(self, engine: Engine, expected: ExpectedTouch) -> None:
-        first = expected.press.index
-        found = [touch_place(engine, first + k, expected.contact_mm) for k in range(self.times)]
-        engine.record("tap", {"times": self.times, "x_mm": engine.x_mm, "contact_height_mm": sum(found) / self.times})
+
+''',
+    ),
+    ("rig/session/execute.py", "    Touch,\n", "    Tap,\n"),
+    (
+        "rig/session/execute.py",
+        "@executes(Touch)\n",
+        '''\
+@executes(Tap)
+def tap(engine: Engine, step: Tap, expected: ExpectedTouch) -> None:
+    """Find contact repeatedly, and journal the mean."""
+    first, times = expected.press.index, step.times
+    found = [indentation.touch_place(engine, first + k, expected.contact_mm) for k in range(times)]
+    engine.record("tap", {"times": times, "x_mm": engine.x_mm, "contact_height_mm": sum(found) / times})
 
 
 ''',

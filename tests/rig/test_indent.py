@@ -26,7 +26,7 @@ from rig.engine import (
 from rig.engine.engine import State
 from rig.engine.indentation import ready_to_indent, touch_place
 from rig.engine.press import pulse
-from rig.engine.reference import Reference, measure_compliance
+from rig.engine.reference import compare_reference, measure_compliance
 from rig.engine.rig_settings import RigSettings
 from rig.records import Purpose
 from rig.units import GWT_N
@@ -547,21 +547,22 @@ def test_a_reference_is_compared_with_the_first_one(
 ) -> None:
     """The hold that is farthest off counts, limits.reference_band = 0.15 is what it may be off by."""
     bench = _plain(settings={"limits": {"on_alarm": "trip"}})
-    reference = Reference([2.0, 4.0] if resumed else None)
-    if not resumed:
-        reference.compare(bench.engine, _found(2.0, 4.0))
-        reference.compare(bench.engine, _found(2.2, 4.0))
+    if resumed:
+        bench.engine.first_reference_gwt = [2.0, 4.0]
+    else:
+        compare_reference(bench.engine, _found(2.0, 4.0))
+        compare_reference(bench.engine, _found(2.2, 4.0))
     off = {"index": 7, "deviation": pytest.approx(deviation), "band": 0.15}
     with raises(TripError, "reference_off", **off) if abs(deviation) > 0.15 else nullcontext():
-        reference.compare(bench.engine, _found(*now_gwt))
+        compare_reference(bench.engine, _found(*now_gwt))
     assert bench.of("reference")[-1] == {"index": 7, "deviation": pytest.approx(deviation, abs=1e-6)}
     assert len(bench.of("alarm")) == (abs(deviation) > 0.15)
 
 
 def test_a_deviation_is_journalled_to_a_millionth_and_may_be_as_wide_as_the_band() -> None:
     bench = _plain(settings={"limits": {"reference_band": 0.125}})
-    reference = Reference([3.0])
-    reference.compare(bench.engine, _found(3.1))
-    reference.compare(bench.engine, _found(3.375))
+    bench.engine.first_reference_gwt = [3.0]
+    compare_reference(bench.engine, _found(3.1))
+    compare_reference(bench.engine, _found(3.375))
     assert [event["deviation"] for event in bench.of("reference")] == [0.033333, 0.125]
     assert not bench.of("alarm")

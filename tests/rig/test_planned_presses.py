@@ -6,8 +6,6 @@ from typing import Any
 import pytest
 
 from rig.engine import EngineError
-from rig.engine.reference import Reference as Comparison
-from rig.engine.rig_settings import RigSettings
 from rig.protocol import Rig
 from rig.protocol.api import ProtocolParameters
 from rig.protocol.check import Spot, Walk
@@ -54,16 +52,15 @@ def test_preconditioning_is_pressed_in_one_go() -> None:
     assert expected.planned.target == Target("doi_mm", 0.5)
 
 
-def test_references_of_a_pass_are_compared_with_one_another() -> None:
+def test_each_reference_of_a_pass_expects_the_same_press() -> None:
     def script(rig: Rig) -> None:
         for _ in range(2):
             rig.reference(x_mm=0.5, doi_mm=0.3, increments=4, hold_s=0.25)
 
     first, second = _from_ready(script).expected
     assert (first.planned.x_mm, first.planned.increments, first.planned.hold_s) == (0.5, 4, 0.25)
-    assert isinstance(first.comparison, Comparison)
-    assert first.comparison is second.comparison
-    assert Walk(RigSettings(), StandIn()).reference is not first.comparison
+    assert first.planned == second.planned
+    assert [press.index for press in (*first.ids, *second.ids)] == [0, 1]
 
 
 def test_a_touch_is_foreseen_where_the_model_has_contact() -> None:

@@ -4,14 +4,15 @@ import json
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from inspect import isabstract
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, get_type_hints
 
 import pytest
 
 from rig.data import Run, export_nwb, read_run
 from rig.engine import Engine, verbs
-from rig.errors import BadInputError
+from rig.errors import BadInputError, ScriptError
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
 from rig.plan.plan import make_plan
@@ -21,6 +22,7 @@ from rig.protocol.handlers import TakenUp
 from rig.protocol.script import Script, load_script
 from rig.protocol.steps import Home, Indent, Mount, MoveTo, Note, Owed, Rest, Retract, Step, Zero
 from rig.records import Prediction, PressId
+from rig.session.execute import EXECUTE, execute, executes
 from rig.session.preflight import preflight
 from rig.session.resume import read_stopped
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
@@ -294,7 +296,7 @@ def test_a_step_is_data() -> None:
         step.doi_mm = 0.4  # type: ignore[misc]
 
 
-# --- a new verb: its step, and a method of Rig ---
+# --- a new verb: its step, its executor, and a method of Rig ---
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -315,9 +317,50 @@ class Nudge(Step[None, str]):
     def foreseen(self, expected: None) -> str:
         return "planned"
 
-    def carry_out(self, engine: Engine, expected: None) -> str:
-        verbs.note(engine, f"nudged by {self.by_mm:g} mm")
-        return "done"
+
+@executes(Nudge)
+def nudge(engine: Engine, step: Nudge, expected: None) -> str:
+    verbs.note(engine, f"nudged by {step.by_mm:g} mm")
+    return "done"
+
+
+def _kinds(kind: type[Step[Any, Any]] = Step) -> Iterator[type[Step[Any, Any]]]:
+    """Every class of steps, tests' own included."""
+    for one in kind.__subclasses__():
+        yield one
+        yield from _kinds(one)
+
+
+def test_every_step_has_an_executor_and_every_executor_a_step() -> None:
+    product = {kind for kind in _kinds() if kind.__module__.startswith("rig.") and not isabstract(kind)}
+    assert len(product) >= 12
+    assert product == {kind for kind in EXECUTE if kind.__module__.startswith("rig.")}
+    assert EXECUTE[Nudge] is nudge
+    for kind, executor in EXECUTE.items():
+        assert list(get_type_hints(executor).values())[:2] == [Engine, kind]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Unheard(Nudge):
+    """Has no executor, though the class that it comes from has one."""
+
+    verb: ClassVar[str] = "unheard"
+
+
+def test_a_step_without_an_executor_is_refused_before_anything_moves(
+    finger: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, nudging: list[str]
+) -> None:
+    def unheard(rig: Rig) -> None:
+        rig._do(Unheard(by_mm=0.1))
+
+    monkeypatch.setattr(Rig, "unheard", unheard, raising=False)
+    with raises(BadInputError, "no_executor", verb="unheard", step="Unheard"):
+        execute(None, Unheard(by_mm=0.1), None)  # type: ignore[arg-type]
+    script = _script(tmp_path, NUDGED.replace("rig.nudge(0.25)", "rig.unheard()"))
+    plan = make_plan(script, Config(), finger)
+    with raises(ScriptError, "no_executor", verb="unheard"):
+        preflight(script, Config(), finger, plan)
+    assert nudging == ["planned"] * 2 + ["done"] * 2
 
 
 @pytest.fixture
