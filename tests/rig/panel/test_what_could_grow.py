@@ -22,7 +22,6 @@ HAS_AN_END = {
     "rig/panel/stream.py _latest": "one of each kind of event",
     "rig/panel/stream.py _rows": "MOST_ROWS, and a minute",
     "rig/panel/state.py _status": "the last one",
-    "rig/panel/seen_run.py newest": "the last one",
     "rig/panel/owners.py _looking": "the tabs that look on now",
     "rig/control/server.py _waiting": "_SPARE",
     "rig/control/stop.py _told": "one for each owner, until the stop is over",
@@ -31,9 +30,11 @@ HAS_AN_END = {
     "rig/manual/status.py _rows": "KEPT",
     "rig/manual/requests.py _over": "a number for each tab that moved the stage",
     "rig/cli/monitor.py _columns": "the width of the trace",
-    "rig/cli/monitor.py newest": "the last one",
     "rig/data/run_state.py start": "one",
+    "rig/data/run_state.py newest": "the last one",
     "rig/data/run_state.py finished": "the run's plan",
+    "rig/data/run_state.py indentation": "the last one",
+    "rig/data/run_state.py holds": "those of one indentation",
     "rig/data/run_state.py _since": "LATE, until there is a course",
 }
 
