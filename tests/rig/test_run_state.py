@@ -68,6 +68,9 @@ MADE: dict[str, Callable[[Program, Path], Path]] = {
 }
 
 
+ENDS = {"stopped": "killed", "a run that trips": "tripped"}
+
+
 class Shown:
     """A run whose journal is written line by line, and all who look at it."""
 
@@ -123,8 +126,8 @@ def test_at_every_document_all_say_the_same(name: str, program: Program, tmp_pat
         # at one instant of a virtual clock `rig show` knows no order
         alone, last_s = document["t_s"] > last_s, document["t_s"]
         if number % EACH == 0:
-            _the_same_of_what_was_killed(shown, placed=alone and "phase" in document["data"])
-    assert shown.panel.problem == ""
+            _the_same_of_what_was_killed(shown, placed=alone and document["stream"].endswith("sample"))
+    assert (shown.panel.problem, shown.panel.told(going=False)["state"]) == ("", ENDS.get(name, "done"))
     _the_same_of_what_has_ended(shown)
     at_once = WatchedRun(shown.folder)
     at_once.take(Following(shown.folder).new())

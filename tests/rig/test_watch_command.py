@@ -139,7 +139,7 @@ def test_the_time_left_is_that_of_the_run_s_own_clock(course: Course, tmp_path: 
     for t_s, (stream, data), left_s in (
         (1010.0, EVENTS[0], 135.0),
         (1025.0, EVENTS[1], 125.0),
-        (1029.0, ("sample", {}), 121.0),
+        (1029.0, ("sample", {"force_gwt": 0.0}), 121.0),
         (1300.0, EVENTS[-1], 5.0),
     ):
         seen.take([{"doc": "event", "t_s": t_s, "stream": stream, "data": data}])

@@ -5,8 +5,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 ROOT = Path(__file__).parents[3]
-LOOKS_ON = ("rig/panel", "rig/session/control", "rig/session/by_hand")
-LOOKS_ON_TOO = ("rig/cli/monitor.py", "rig/cli/monitor.py", "rig/data/run_state.py", "rig/data/run.py")
+LOOKS_ON = ("rig/panel", "rig/control", "rig/manual")
+LOOKS_ON_TOO = ("rig/cli/monitor.py", "rig/data/run_state.py", "rig/data/run.py")
 CONTAINERS = {"list", "dict", "set", "deque", "Counter", "defaultdict", "OrderedDict", "Queue", "SimpleQueue",
               "ThreadPoolExecutor"}  # fmt: skip
 HAS_AN_END = {
@@ -30,11 +30,20 @@ HAS_AN_END = {
     "rig/manual/status.py _rows": "KEPT",
     "rig/manual/requests.py _over": "a number for each tab that moved the stage",
     "rig/cli/monitor.py _columns": "the width of the trace",
+    "rig/data/run.py _last_hold": "of a run that is over",
+    "rig/data/run.py done": "of a run that is over",
+    "rig/data/run.py state": "of a run that is over",
+    "rig/data/run_state.py _next_after_s": "the run's plan",
+    "rig/data/run_state.py _order": "the run's plan",
+    "rig/data/run_state.py _passed": "a number for each stream",
+    "rig/data/run_state.py _steps": "the run's plan",
+    "rig/data/run_state.py instants_s": "the run's plan",
+    "rig/data/run_state.py marks": "the run's plan",
     "rig/data/run_state.py start": "one",
-    "rig/data/run_state.py newest": "the last one",
     "rig/data/run_state.py finished": "the run's plan",
     "rig/data/run_state.py indentation": "the last one",
     "rig/data/run_state.py holds": "those of one indentation",
+    "rig/data/run_state.py newest": "the last one",
     "rig/data/run_state.py _since": "LATE, until there is a course",
 }
 
