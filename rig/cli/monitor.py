@@ -17,11 +17,10 @@ from rig.cli.options import JsonOption
 from rig.cli.output import ExitCode, a_screen, complain, err, out, print_json, told_in_one_line
 from rig.cli.runs import ending_of
 from rig.clock import WallClock
-from rig.data import run_state
 from rig.data.folder import RunFolder
 from rig.data.journal import Document
 from rig.data.run import Following, RunError, followed, read_run
-from rig.data.run_state import Agenda, Course, TimeLeft, as_clock
+from rig.data.run_state import READING, Course, Onlooker, RunState, TimeLeft, as_clock
 from rig.data.tables import FOREIGN, RUNNING, alive, foreign, summary_of
 from rig.session.session import Watch
 
@@ -31,18 +30,18 @@ COLUMNS, ROWS, EACH = 64, 3, 4
 
 
 class Force:
-    """The last readings: the newest as a number, the highest of each few as a column of a trace."""
+    """The last readings of a run: the newest as a number, the highest of each few as a column of a trace."""
 
-    def __init__(self) -> None:
+    def __init__(self, run: RunState) -> None:
+        self._run = run
         self._columns: deque[float] = deque(maxlen=COLUMNS)
         self._readings = 0
-        self.newest: Mapping[str, Any] = {}
 
     def event(self, stream: str, data: Mapping[str, Any]) -> None:
         """What the journal is told; readings only count."""
-        if not stream.endswith("sample"):
+        if not stream.endswith(READING):
             return
-        self.newest, force_gwt = data, float(data["force_gwt"])
+        force_gwt = float(data["force_gwt"])
         if self._readings % EACH:
             self._columns[-1] = max(self._columns[-1], force_gwt)
         else:
@@ -52,13 +51,14 @@ class Force:
     @property
     def line(self) -> str:
         """Force, depth and place of the newest reading."""
-        if not self.newest:
+        newest = self._run.newest
+        if not newest:
             return "no reading yet"
-        depth, place = self.newest.get("doi_mm"), self.newest.get("x_mm")
-        parts = [f"{self.newest['force_gwt']:.2f} gwt"]
+        depth, place = newest.get("doi_mm"), newest.get("x_mm")
+        parts = [f"{newest['force_gwt']:.2f} gwt"]
         parts += [] if depth is None else [f"depth {depth:.3f} mm"]
         parts += [] if place is None else [f"x = {place:+.2f} mm"]
-        return ", ".join([*parts, str(self.newest["phase"])])
+        return ", ".join([*parts, str(newest["phase"])])
 
     @property
     def highest_gwt(self) -> float:
@@ -105,22 +105,17 @@ def named(name: str, words: str) -> str:
 LOOK_S = 0.2
 
 
-class Onlooker(run_state.Onlooker):
-    """The same with the force as a screen shows it."""
+class WatchedRun(Onlooker):
+    """A run as `rig watch` shows it."""
 
     def __init__(self, folder: RunFolder) -> None:
         super().__init__(folder)
-        self.force = Force()
+        self.force = Force(self)
 
     def event(self, stream: str, data: Mapping[str, Any]) -> None:
-        """What the journal was told."""
-        self.force.event(stream, data)
+        """The next event."""
         super().event(stream, data)
-
-    @property
-    def done(self) -> str:
-        """Of the indentations."""
-        return f"{len(self.finished)} of {'?' if self.planned is None else self.planned}"
+        self.force.event(stream, data)
 
     def above(self) -> list[str]:
         """What stands above the force."""
@@ -130,8 +125,9 @@ class Onlooker(run_state.Onlooker):
 
     def below(self) -> list[str]:
         """And below it."""
+        done = f"{len(self.finished)} of {'?' if self.planned is None else self.planned}"
         left = "time left not known" if self.left_s is None else f"{as_clock(self.left_s)} left on the run's clock"
-        return [named("now", self.now or "-"), named("next", self.next or "-"), named("done", f"{self.done}, {left}")]
+        return [named("now", self.now or "-"), named("next", self.next or "-"), named("done", f"{done}, {left}")]
 
 
 def watch_command(
@@ -143,7 +139,7 @@ def watch_command(
     With --json: how it is now, at once.
     """
     with told_in_one_line(as_json=as_json):
-        seen = Onlooker(RunFolder(run))
+        seen = WatchedRun(RunFolder(run))
         try:
             if as_json:
                 seen.take(Following(seen.folder).new())
@@ -158,7 +154,7 @@ def watch_command(
             raise typer.Exit(ExitCode.ABORTED) from None
 
 
-def _on_a_screen(seen: Onlooker) -> None:
+def _on_a_screen(seen: WatchedRun) -> None:
     clock, screen = WallClock(), Screen(seen.force, seen.above, seen.below)
     with Live(screen, console=out, auto_refresh=False) as live:
         for documents in followed(seen.folder, lambda: clock.wait_s(LOOK_S)):
@@ -166,7 +162,7 @@ def _on_a_screen(seen: Onlooker) -> None:
             live.refresh()
 
 
-def _line_by_line(seen: Onlooker) -> None:
+def _line_by_line(seen: WatchedRun) -> None:
     clock = WallClock()
     for documents in followed(seen.folder, lambda: clock.wait_s(LOOK_S)):
         seen.take(documents)
@@ -184,7 +180,7 @@ def _line(document: Document) -> list[str]:
     return [f"{document['t_s']:10.3f}  {name:<18}  {told}".rstrip()]
 
 
-def _end(seen: Onlooker) -> list[str]:
+def _end(seen: WatchedRun) -> list[str]:
     """How the run ended, or left off."""
     found = read_run(seen.folder.path)
     about = alive(summary_of(found), seen.folder.path.parent)
@@ -195,10 +191,10 @@ def _end(seen: Onlooker) -> list[str]:
     return lines + [named(names.get(name, name), words) for name, words in told.items() if words]
 
 
-def _now(seen: Onlooker) -> dict[str, Any]:
+def _now(seen: WatchedRun) -> dict[str, Any]:
     found = read_run(seen.folder.path)
     about = alive(summary_of(found), seen.folder.path.parent)
-    newest = {name: seen.force.newest.get(name) for name in ("force_gwt", "doi_mm", "x_mm", "height_mm", "phase")}
+    newest = {name: seen.newest.get(name) for name in ("force_gwt", "doi_mm", "x_mm", "height_mm", "phase")}
     goes_on = about.state == RUNNING
     return {
         "run": str(seen.folder.path),
@@ -229,30 +225,17 @@ class _Told(ProgressColumn):
         return Text(self._say())
 
 
-class Indentations:
-    """Counts the indentations of a run, and knows where each is made, its forces, its steps and what time is left."""
+class CountedRun(RunState):
+    """A run as its own terminal shows it: which of its indentations it is at."""
 
     def __init__(self, total: int, time_left: TimeLeft | None, course: Course | None = None) -> None:
-        self.total, self.done = total, 0
-        self.time_left = time_left
-        self.agenda = None if course is None else Agenda(course)
-        self.force = Force()
-        self._about: Mapping[str, Any] = {}
-        self._peak_gwt = 0.0
+        super().__init__(course, time_left)
+        self.total, self.force = total, Force(self)
 
     def event(self, stream: str, data: Mapping[str, Any]) -> None:
-        """What the journal is told."""
-        if self.time_left is not None:
-            self.time_left.event(stream, data)
-        if self.agenda is not None:
-            self.agenda.event(stream, data)
+        """The next event."""
+        super().event(stream, data)
         self.force.event(stream, data)
-        if stream == "indentation_start":
-            self._about, self._peak_gwt = data, 0.0
-        elif stream == "hold_end":
-            self._peak_gwt = max(self._peak_gwt, data["peak_gwt"])
-        elif stream == "indentation_end":
-            self.done += 1
 
     @property
     def elapsed(self) -> str:
@@ -267,21 +250,22 @@ class Indentations:
     @property
     def where(self) -> str:
         """The indentor and the place of the indentation that was begun last."""
-        return f"{self._about['indentor']} at {self._about['x_mm']:+.2f} mm" if self._about else "starting"
+        about = self.indentation
+        return f"{about['indentor']} at {about['x_mm']:+.2f} mm" if about else "starting"
 
-    @property
-    def steps(self) -> list[str]:
-        """Now and next."""
-        now, after = ("", "") if self.agenda is None else (self.agenda.now, self.agenda.next)
-        return [named("now", now or "-"), named("next", after or "-")]
+    def below(self) -> list[str]:
+        """What stands below the force."""
+        return [named("now", self.now or "-"), named("next", self.next or "-")]
 
     @property
     def line(self) -> str:
         """All of the indentation that has ended."""
-        marks = [f"block {self._about['block']}"] if "block" in self._about else []
-        marks += [f"condition {self._about['condition']}"] if "condition" in self._about else []
-        parts = [f"{self.done} of {self.total}", *marks, self.where, f"peak {self._peak_gwt:.2f} gwt", self.left]
-        return ", ".join(parts)
+        about = self.indentation
+        marks = [f"block {about['block']}"] if "block" in about else []
+        marks += [f"condition {about['condition']}"] if "condition" in about else []
+        peak_gwt = max([0.0, *(hold["peak_gwt"] for hold in self.holds)])
+        done = f"{len(self.finished)} of {self.total}"
+        return ", ".join([done, *marks, self.where, f"peak {peak_gwt:.2f} gwt", self.left])
 
 
 def counted(
@@ -313,7 +297,7 @@ def progress(
 
     Whoever asked for JSON and has no terminal is a program, and is told of alarms only.
     """
-    run = Indentations(total, time_left, course)
+    run = CountedRun(total, time_left, course)
     shown = _bar if err.is_terminal else _nothing if as_json else _lines
     with shown(run) as show:
 
@@ -327,12 +311,12 @@ def progress(
 
 
 @contextmanager
-def _nothing(run: Indentations) -> Iterator[Callable[[str], None]]:
+def _nothing(run: CountedRun) -> Iterator[Callable[[str], None]]:
     yield lambda stream: None
 
 
 @contextmanager
-def _lines(run: Indentations) -> Iterator[Callable[[str], None]]:
+def _lines(run: CountedRun) -> Iterator[Callable[[str], None]]:
     err.print(f"{run.total} indentations, {run.left}")
 
     def show(stream: str) -> None:
@@ -343,10 +327,10 @@ def _lines(run: Indentations) -> Iterator[Callable[[str], None]]:
 
 
 @contextmanager
-def _bar(run: Indentations) -> Iterator[Callable[[str], None]]:
+def _bar(run: CountedRun) -> Iterator[Callable[[str], None]]:
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
     told = (_Told(lambda: run.elapsed), _Told(lambda: run.left))
     bar = Progress(*columns, *told, console=err)
     task = bar.add_task(run.where, total=run.total)
-    with a_screen(err, Group(Screen(run.force, list, lambda: run.steps), bar)):
-        yield lambda stream: bar.update(task, description=run.where, completed=run.done)
+    with a_screen(err, Group(Screen(run.force, list, run.below), bar)):
+        yield lambda stream: bar.update(task, description=run.where, completed=len(run.finished))

@@ -11,6 +11,7 @@ from typing import Any
 
 from rig.data.folder import RunFolder
 from rig.data.journal import Document, JournalError, document_on, listed_documents, read_journal
+from rig.data.run_state import RunState
 from rig.data.schema import PRESS_STREAMS
 from rig.errors import RigError
 
@@ -84,6 +85,17 @@ class Run:
     def killed(self) -> bool:
         """Whether the journal has no end: the program was killed, and could neither lift nor say so."""
         return self.stop is None
+
+    @cached_property
+    def state(self) -> RunState:
+        """What it was doing when it ended, by its events in the order of their instants."""
+        state = RunState()
+        state.start, state.stop = self.start, self.stop
+        streams = [*self.events.items(), *self.superseded.items()]
+        told = [(event["t_s"], stream, event) for stream, events in streams for event in events]
+        for _, stream, event in sorted(told, key=lambda one: one[0]):
+            state.event(stream, event)
+        return state
 
     @property
     def complete(self) -> bool:

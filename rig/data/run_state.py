@@ -1,4 +1,8 @@
-"""What a run is doing now, what comes next and how long it will take, from its folder alone."""
+"""What a run is doing now, what comes next and how long it will take, by its journal and its course.
+
+`RunState` is told the documents of a journal one by one. Whoever shows a run asks it: the run's own terminal,
+`rig watch` and the panel, and, of a run that was killed, `rig show` and `rig resume`.
+"""
 
 import json
 import math
@@ -14,7 +18,7 @@ from rig.data.schema import WAITED_FOR
 Milestone = tuple[str, int, int]
 """Stream; number of the press, or of the event in its stream; number of the hold."""
 
-BEGUN, ENDED = "indentation_start", "indentation_end"
+BEGUN, ENDED, READING = "indentation_start", "indentation_end", "sample"
 _ONE_BY_ONE = ("mount", "home", "zero", "move", "rest", "find")
 _OF_A_PRESS = (BEGUN, "touch", "hold_start", "hold_end", ENDED)
 
@@ -264,100 +268,217 @@ def _when(place: int, now: int) -> Literal["done", "now", "ahead"]:
     return "done" if place < now else "ahead"
 
 
-class Ahead:
-    """What is ahead of a run by its course; told every event with its instant on the run's clock."""
+class Placed(NamedTuple):
+    """What is mounted, how far along the finger it is, and the press that was begun there last: stream and event."""
 
-    def __init__(self, course: Course, begins_s: float) -> None:
-        self._now_s = begins_s
-        self.agenda = Agenda(course)
-        self._left = TimeLeft(course.instants_s, course.duration_s, lambda: self._now_s, pace=1.0)
+    indentor: Any = None
+    along_mm: Any = 0.0
+    press: tuple[str, Mapping[str, Any]] | None = None
 
-    def event(self, t_s: float, stream: str, data: Mapping[str, Any]) -> None:
-        """What the journal was told."""
-        self._now_s = t_s
-        self._left.event(stream, data)
-        self.agenda.event(stream, data)
+
+class Heard(NamedTuple):
+    """The last that a device said of itself, and when."""
+
+    word: str = "not heard of"
+    unix_s: float | None = None
+
+
+_CLEAR = ("home", "retract", "move", "rest", "zero", "mount", "paused")
+_DOING = {
+    purpose + name
+    for purpose in ("", "precondition_", "reference_", "find_")
+    for name in (BEGUN, READING, "touch", "hold_start", "hold_end", "sync")
+}
+
+
+class RunState:
+    """What a run is doing, by the documents of its journal so far, each told once and in order.
+
+    Values of events are kept as they are: of what another program wrote only what is asked for must make sense.
+
+    Parameters
+    ----------
+    course : Course or None
+        What the run will pass; None where that is not known.
+    time_left : TimeLeft or None
+        Told every event.
+    """
+
+    def __init__(self, course: Course | None = None, time_left: TimeLeft | None = None) -> None:
+        self.agenda = None if course is None else Agenda(course)
+        self.time_left = time_left
+        self.start: Mapping[str, Any] = {}
+        self.stop: Mapping[str, Any] | None = None  # its end; None while it goes on, and where it was killed
+        self.said = ""  # why it tripped, paused or warned last
+        self.finished: set[int] = set()  # numbers of the indentations that are over
+        self.indentation: Mapping[str, Any] = {}  # the one that was begun last
+        self.holds: list[Mapping[str, Any]] = []  # of that one, as far as they have ended
+        self.pressing = False  # a press is begun and not over, be it data or not
+        self.placed: Placed | None = None  # None before anything was mounted, moved or pressed
+        self.newest: Mapping[str, Any] = {}  # the last reading
+        self.newest_s: tuple[float | None, float | None] = (None, None)  # on the run's clock, and since 1970
+        self.x_mm: float | None = None  # by the last event that says it, as are the next two
+        self.height_mm: float | None = None
+        self.force_gwt: float | None = None
+        self.contact: Any = None  # what is known of it: a ContactKind; None before anything is
+        self._clear: Any = "raised"  # what a move away leaves
+        self.homed = False
+        self.heard_stage, self.heard_force = Heard(), Heard()
+        self._t_s = 0.0  # of the event that is told
+        self._unix_s: float | None = None
+
+    def apply(self, document: Document) -> None:
+        """The next document."""
+        kind = document["doc"]
+        if kind == "event":
+            self._t_s, self._unix_s = document["t_s"], document.get("unix_s")
+            self.event(document["stream"], document["data"])
+        elif kind == "start":
+            self.start = document
+        self.stop = document if kind == "stop" else None
+
+    def event(self, stream: str, data: Mapping[str, Any]) -> None:
+        """The next event; all that a run's own process is told of its journal."""
+        self._be_at(stream, data)
+        if stream.endswith(READING):
+            self.newest, self.newest_s = data, (self._t_s, self._unix_s)
+        elif stream.endswith(BEGUN):
+            self._begin(stream, data)
+        elif stream.endswith(ENDED):
+            self.pressing = False
+            if stream == ENDED and "index" in data:
+                self.finished.add(data["index"])
+        elif stream == "hold_end":
+            self.holds.append(data)
+        elif stream in ("mount", "move"):
+            self._place(stream, data)
+        elif stream in ("alarm", "trip", "paused"):
+            self.said = str(data.get("reason", ""))
+        self._hear(stream, data)
+        for told in (self.time_left, self.agenda):
+            if told is not None:
+                told.event(stream, data)
+
+    def _begin(self, stream: str, data: Mapping[str, Any]) -> None:
+        self.pressing = True
+        before = self.placed or Placed()
+        self.placed = Placed(data.get("indentor"), before.along_mm, (stream, data))
+        if stream == BEGUN:
+            self.indentation, self.holds = data, []
+
+    def _place(self, stream: str, data: Mapping[str, Any]) -> None:
+        if stream == "mount":
+            self.placed = Placed(data.get("indentor"))
+        else:
+            before = self.placed or Placed()
+            self.placed = Placed(before.indentor, data.get("along_mm") or 0.0)
+
+    def _be_at(self, stream: str, data: Mapping[str, Any]) -> None:
+        """Where the indentor is, and whether it may touch."""
+        self.x_mm = data.get("x_mm", self.x_mm)
+        self.height_mm = data.get("height_mm", self.height_mm)
+        self.force_gwt = data.get("force_gwt", self.force_gwt)
+        if stream in _CLEAR:
+            self.contact = self._clear = "lifted" if stream == "zero" else data.get("contact", self._clear)
+        elif stream in _DOING:
+            self.contact = "unknown"
+
+    def _hear(self, stream: str, data: Mapping[str, Any]) -> None:
+        """What it says of stage and sensor."""
+        at = self._unix_s
+        if stream.endswith(READING):
+            self.heard_stage, self.heard_force = Heard(str(data.get("phase", "moving")), at), Heard("reads", at)
+        elif stream == "home":
+            self.homed, self.heard_stage = True, Heard("homed", at)
+        elif stream in ("move", "retract"):
+            self.heard_stage = Heard("at rest", at)
+        elif stream == "trip":
+            self.heard_stage = Heard("tripped", at)
+        elif stream == "zero":
+            self.heard_force = Heard("zeroed", at)
 
     @property
-    def left_s(self) -> float:
-        """Seconds of the run's clock."""
-        return self._left.left_s
+    def now(self) -> str:
+        """The step that it is at, in words; empty when all is done, or where it is not known."""
+        return "" if self.agenda is None else self.agenda.now
+
+    @property
+    def next(self) -> str:
+        """The step after it."""
+        return "" if self.agenda is None else self.agenda.next
+
+    @property
+    def steps(self) -> list[CourseStep]:
+        """All of them, in order; none where its course is not known."""
+        return [] if self.agenda is None else self.agenda.steps
+
+    @property
+    def left_s(self) -> float | None:
+        """Seconds until it ends; None where nobody knows."""
+        return None if self.time_left is None else self.time_left.left_s
+
+    @property
+    def planned(self) -> int | None:
+        """How many indentations it was begun with."""
+        return self.start.get("planned_indentations")
 
 
 LATE = 1000
 """Events: a course that has not come by then comes no more."""
 
 
-class Onlooker:
-    """What is known of a run by its journal so far, and by the course that its folder keeps."""
+class Onlooker(RunState):
+    """The same by a run's folder: its course comes when its process has written it, and its time is the run's own."""
 
     def __init__(self, folder: RunFolder) -> None:
+        super().__init__()
         self.folder = folder
-        self.start: Mapping[str, Any] = {}
-        self.finished: set[int] = set()  # numbers of the indentations that are over
         self._since: list[Document] = []  # the start or the last resuming; events after it until there is a course
         self._course_ns = 0
-        self._ahead: Ahead | None = None
-        self._begun = ""
+        self._words = ""  # of the press that is under way
 
     def take(self, documents: Iterable[Document]) -> None:
         """What came to the journal."""
         for document in documents:
-            self._take(document)
+            self.apply(document)
         if self._since and written_ns(self.folder) != self._course_ns:
-            self._course_ns, course = written_ns(self.folder), Course.kept(self.folder)
-            self._ahead = None if course is None else Ahead(course, self._since[0]["t_s"])
-            for document in self._since:
-                self._pass(document)
-        if self._ahead is not None or len(self._since) > LATE:
+            self._course_ns = written_ns(self.folder)
+            self._go_by(Course.kept(self.folder))
+        if self.agenda is not None or len(self._since) > LATE:
             del self._since[1:]
 
-    def event(self, stream: str, data: Mapping[str, Any]) -> None:
-        """What the journal was told."""
-        if stream.endswith(BEGUN):
-            self._begun = step_in_words(stream, data)
-        elif stream.endswith(ENDED):
-            self._begun = ""
-        if stream == ENDED:
-            self.finished.add(data["index"])
-
-    def _take(self, document: Document) -> None:
+    def apply(self, document: Document) -> None:
+        """The next document."""
         if document["doc"] in ("start", "resume"):
-            self.start = document if document["doc"] == "start" else self.start
-            self._since, self._ahead = [document], None
+            self._since, self.agenda, self.time_left = [document], None, None
         elif document["doc"] == "event":
-            if self._ahead is None and len(self._since) == 1:
+            if self.agenda is None and len(self._since) == 1:
                 self._course_ns = 0  # a course is kept before anything happens: the one that is there is of this part
-            self.event(document["stream"], document["data"])
-            if not document["stream"].endswith("sample"):
+            if not document["stream"].endswith(READING):
                 self._since.append(document)
-            self._pass(document)
+        super().apply(document)
 
-    def _pass(self, document: Document) -> None:
-        if self._ahead is not None and document["doc"] == "event":
-            self._ahead.event(document["t_s"], document["stream"], document["data"])
+    def event(self, stream: str, data: Mapping[str, Any]) -> None:
+        """The next event."""
+        if stream.endswith(BEGUN):
+            self._words = step_in_words(stream, data)
+        super().event(stream, data)
+
+    def _go_by(self, course: Course | None) -> None:
+        """What has happened is passed at once; readings are none of it."""
+        self.agenda, self.time_left = None, None
+        if course is None:
+            return
+        self._t_s = self._since[0]["t_s"]
+        self.agenda = Agenda(course)
+        self.time_left = TimeLeft(course.instants_s, course.duration_s, lambda: self._t_s, pace=1.0)
+        for document in self._since:
+            if document["doc"] == "event":
+                self._t_s = document["t_s"]
+                self.time_left.event(document["stream"], document["data"])
+                self.agenda.event(document["stream"], document["data"])
 
     @property
     def now(self) -> str:
-        """The step that it is at, in words; empty where that is not known."""
-        return self._begun if self._ahead is None else self._ahead.agenda.now
-
-    @property
-    def next(self) -> str:
-        """The step after it."""
-        return "" if self._ahead is None else self._ahead.agenda.next
-
-    @property
-    def steps(self) -> list[CourseStep]:
-        """All of them, in order; none where its course is not known."""
-        return [] if self._ahead is None else self._ahead.agenda.steps
-
-    @property
-    def left_s(self) -> float | None:
-        """Seconds of the run's clock, None where nobody knows."""
-        return None if self._ahead is None else self._ahead.left_s
-
-    @property
-    def planned(self) -> int | None:
-        """How many indentations it was begun with."""
-        return self.start.get("planned_indentations")
+        """The step that it is at, in words; the press under way where its course is not known."""
+        return (self._words if self.pressing else "") if self.agenda is None else self.agenda.now

@@ -8,7 +8,7 @@ from typing import Any
 from rig.data.folder import RunFolder
 from rig.data.journal import Document
 from rig.data.run import Following, RunError
-from rig.data.run_state import BEGUN, Onlooker
+from rig.data.run_state import BEGUN, READING, Onlooker
 from rig.data.tables import FOREIGN, foreign
 from rig.engine.limits import Trips
 from rig.errors import BadInputError
@@ -70,7 +70,6 @@ COLUMNS = (
     *("unix_s", "t_s", "force_gwt", "doi_mm", "x_mm", "height_mm"),
     *("phase", "index", "purpose"),
 )
-READING = "sample"
 AT_ONCE = 1 << 20
 """Bytes: a journal of hours is read in pieces, and of its readings the last minute is kept."""
 
@@ -82,15 +81,11 @@ class SeenRun:
         self.folder = RunFolder(path)
         self.source = Source(path.name, COLUMNS)
         self.problem = ""
-        self.newest: Mapping[str, Any] = {}
-        self.stop: Mapping[str, Any] | None = None
         self.alive = False
         self.seen = Onlooker(self.folder)
         self.job: Job | None = None
         self._journal = Following(self.folder)
         self._config: Config | None = None
-        self._devices = _Devices()
-        self._said = ""
         self._asked_s = 0.0
 
     def look(self, unix_s: float) -> list[Row]:
@@ -124,42 +119,25 @@ class SeenRun:
 
     def _taken(self, documents: list[Document]) -> list[Row]:
         at_s = written_s(self.folder.path)
-        self.seen.take(documents)
-        return [row for document in documents for row in self._take(document, at_s)]
+        for document in documents:
+            # a virtual run's days are its own: there it counts when it was written
+            document["unix_s"] = at_s if self.virtual else min(document.get("unix_s", at_s), at_s)
+            self.seen.apply(document)
+        self.seen.take(())
+        self.job = self._drawn()
+        return [_row(one) for one in documents if one["doc"] == "event" and one["stream"].endswith(READING)]
 
     def _read_config(self) -> None:
         if self._config is None and self.folder.config.is_file():
             self._config = load_config(self.folder.config)
 
-    def _take(self, document: Document, at_s: float) -> list[Row]:
-        self.stop = document if document["doc"] == "stop" else None
-        if document["doc"] != "event":
-            return []
-        stream, data, t_s = document["stream"], document["data"], document["t_s"]
-        # a virtual run's days are its own: there it counts when it was written
-        unix_s = at_s if self.virtual else min(document.get("unix_s", at_s), at_s)
-        self._devices.event(stream, data, unix_s)
-        self._draw(stream, data)
-        if not stream.endswith(READING):
-            self._said = str(data.get("reason", "")) if stream in ("alarm", "trip", "paused") else self._said
-            return []
-        self.newest = {**data, "t_s": t_s, "unix_s": unix_s}
-        purpose = stream.removesuffix(READING).rstrip("_") or "data"
-        told = {**data, "unix_s": unix_s, "t_s": t_s, "purpose": purpose}
-        return [[told.get(name) for name in COLUMNS]]
-
-    def _draw(self, stream: str, data: Mapping[str, Any]) -> None:
-        """What there is to draw from here on."""
-        before = self.job or Job(self.folder.config, self.folder.path)
-        if stream == "mount":
-            self.job = Job(before.config, before.folder, str(data["indentor"]))
-        elif stream == "move":
-            along_mm = float(data.get("along_mm") or 0.0)
-            self.job = Job(before.config, before.folder, before.indentor, along_mm)
-        elif stream.endswith(BEGUN):
-            purpose = stream.removesuffix(BEGUN).rstrip("_") or "data"
-            press = Press(int(data["index"]), purpose, float(data["x_mm"]), str(data["target"]), float(data["value"]))
-            self.job = Job(before.config, before.folder, str(data["indentor"]), before.along_mm, press)
+    def _drawn(self) -> Job | None:
+        """What there is to draw."""
+        placed = self.seen.placed
+        if placed is None:
+            return None
+        indentor = None if placed.indentor is None else str(placed.indentor)
+        return Job(self.folder.config, self.folder.path, indentor, float(placed.along_mm), _press(placed.press))
 
     @property
     def name(self) -> str:
@@ -174,7 +152,7 @@ class SeenRun:
     @property
     def ended(self) -> bool:
         """Whether its journal has an end."""
-        return self.stop is not None
+        return self.seen.stop is not None
 
     def told(self, *, going: bool) -> dict[str, Any]:
         """`run` of the state. going: somebody writes to it."""
@@ -192,34 +170,38 @@ class SeenRun:
             "left_s": seen.left_s if going else None,
             "done": len(seen.finished),
             "planned": seen.planned,
-            "said": self._said or None,
-            "ending": None if self.stop is None else str(self.stop.get("reason") or ""),
-            "stopped_while": None if self.stop is None else self.stop.get("stopped_while"),
+            "said": seen.said or None,
+            "ending": None if seen.stop is None else str(seen.stop.get("reason") or ""),
+            "stopped_while": None if seen.stop is None else seen.stop.get("stopped_while"),
             "problem": self.problem or None,
         }
 
     def _state(self, *, going: bool) -> str:
-        if self.stop is not None:
-            return str(self.stop["status"])
+        if self.seen.stop is not None:
+            return str(self.seen.stop["status"])
         return "running" if going else "killed"
 
     def newest_told(self, unix_s: float) -> dict[str, Any]:
         """`newest` of the state: its age is that of now."""
-        found = self.newest
-        told = {name: found.get(name) for name in ("force_gwt", "doi_mm", "x_mm", "height_mm", "phase", "t_s")}
+        found, (t_s, read_s) = self.seen.newest, self.seen.newest_s
+        told = {name: found.get(name) for name in ("force_gwt", "doi_mm", "x_mm", "height_mm", "phase")}
         force_gwt = found.get("force_gwt")
         force_n = None if force_gwt is None else force_gwt * GWT_N
-        return {**told, "force_n": force_n, "age_s": age_s(found.get("unix_s"), unix_s)}
+        return {**told, "t_s": t_s, "force_n": force_n, "age_s": age_s(read_s, unix_s)}
 
     def devices_told(self, unix_s: float) -> dict[str, Any]:
-        """`devices` of the state."""
-        return self._devices.told(unix_s)
+        """`devices` of the state, with the age of each word now; None where nothing was heard."""
+        (stage, stage_s), (force, force_s) = self.seen.heard_stage, self.seen.heard_force
+        return {
+            "stage": {"word": stage, "homed": self.seen.homed, "age_s": age_s(stage_s, unix_s)},
+            "force": {"word": force, "age_s": age_s(force_s, unix_s)},
+        }
 
     def limits_told(self) -> dict[str, Any] | None:
         """`limits` of the state: of the run's own copy of its configuration."""
         if self._config is None:
             return None
-        return limits_told(self._config, self.seen.start.get("soft_trip_n"), self.newest.get("force_gwt"))
+        return limits_told(self._config, self.seen.start.get("soft_trip_n"), self.seen.newest.get("force_gwt"))
 
     def schedule_told(self) -> list[dict[str, Any]]:
         """Its steps."""
@@ -232,45 +214,31 @@ def _latest(rows: list[Row]) -> list[Row]:
     return [row for row in rows if row[at] >= rows[-1][at] - SHOWN_S]
 
 
+def _row(reading: Document) -> Row:
+    told = {**reading["data"], **reading, "purpose": _purpose(reading["stream"], READING)}
+    return [told.get(name) for name in COLUMNS]
+
+
+def _press(begun: tuple[str, Mapping[str, Any]] | None) -> Press | None:
+    if begun is None:
+        return None
+    stream, data = begun
+    place, target = float(data["x_mm"]), str(data["target"])
+    return Press(int(data["index"]), _purpose(stream, BEGUN), place, target, float(data["value"]))
+
+
+def _purpose(stream: str, end: str) -> str:
+    return stream.removesuffix(end).rstrip("_") or "data"
+
+
 def _step(name: tuple[str, int, int], words: str, marks: Mapping[str, Any], when: str) -> dict[str, Any]:
     stream, number, _ = name
     press = stream.endswith(BEGUN)
     return {
         "index": number if press else None,
-        "purpose": (stream.removesuffix(BEGUN).rstrip("_") or "data") if press else None,
+        "purpose": _purpose(stream, BEGUN) if press else None,
         "words": words,
         **{key: marks.get(key) for key in ("block", "repeat", "condition")},
         "done": when == "done",
         "now": when == "now",
     }
-
-
-class _Devices:
-    """How stage and sensor are, by what was last heard of them."""
-
-    def __init__(self) -> None:
-        self._stage, self._force = "not heard of", "not heard of"
-        self._homed = False
-        self._stage_s: float | None = None
-        self._force_s: float | None = None
-
-    def event(self, stream: str, data: Mapping[str, Any], unix_s: float) -> None:
-        """What the journal was told."""
-        if stream == "home":
-            self._homed, self._stage, self._stage_s = True, "homed", unix_s
-        elif stream in ("move", "retract"):
-            self._stage, self._stage_s = "at rest", unix_s
-        elif stream == "trip":
-            self._stage, self._stage_s = "tripped", unix_s
-        elif stream == "zero":
-            self._force, self._force_s = "zeroed", unix_s
-        elif stream.endswith(READING):
-            self._stage, self._stage_s = str(data.get("phase", "moving")), unix_s
-            self._force, self._force_s = "reads", unix_s
-
-    def told(self, unix_s: float) -> dict[str, Any]:
-        """With the age of each now; None where nothing was heard."""
-        return {
-            "stage": {"word": self._stage, "homed": self._homed, "age_s": age_s(self._stage_s, unix_s)},
-            "force": {"word": self._force, "age_s": age_s(self._force_s, unix_s)},
-        }

@@ -19,9 +19,6 @@ from sim.finger_process import FingerLostError
 
 Left = Literal["lifted", "raised", "held", "not moved"]
 
-_CLEAR = ("home", "retract", "move", "rest", "zero", "mount", "paused")
-_DOING = ("indentation_start", "sample", "touch", "hold_start", "hold_end", "sync")
-
 _SEE_TO: tuple[tuple[type[Exception], str], ...] = (
     (RunAborted, "see that the finger is well"),
     (TripError, "see that the finger is well, and to what tripped it"),
@@ -70,21 +67,9 @@ class Whereabouts:
     @classmethod
     def last_known(cls, run: Run) -> "Whereabouts":
         """Where a run without an end was last known to be: its program was killed, and could not lift."""
-        said = [(event["t_s"], stream, event) for stream, found in run.events.items() for event in found]
-        said += [(event["t_s"], stream, event) for stream, found in run.superseded.items() for event in found]
-        said.sort(key=lambda one: one[0])
-        where: dict[str, float | None] = {"x_mm": None, "height_mm": None, "force_gwt": None}
-        contact: ContactKind | None = None
-        clear: ContactKind = "raised"
-        for _, stream, event in said:
-            for key in where:
-                where[key] = event.get(key, where[key])
-            if stream in _CLEAR:
-                contact = clear = "lifted" if stream == "zero" else event.get("contact", clear)
-            elif stream.removeprefix("precondition_").removeprefix("reference_").removeprefix("find_") in _DOING:
-                contact = "unknown"
-        at = cls("held", where["x_mm"], where["height_mm"], False, None, contact, where["force_gwt"])
-        return replace(at, may_touch=None if contact is None else contact != "lifted")
+        state = run.state
+        at = cls("held", state.x_mm, state.height_mm, False, None, state.contact, state.force_gwt)
+        return replace(at, may_touch=None if at.contact is None else at.contact != "lifted")
 
     @property
     def words(self) -> str:

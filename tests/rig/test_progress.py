@@ -17,7 +17,7 @@ import rig.session.session as sessions
 from rig.bench.virtual import VirtualBench, virtual_bench
 from rig.cli import main
 from rig.cli.execution import time_left
-from rig.cli.monitor import Indentations, counted, progress
+from rig.cli.monitor import CountedRun, counted, progress
 from rig.control.stop import StageInHand
 from rig.data.run_state import TimeLeft
 from rig.engine import TripError
@@ -233,25 +233,26 @@ BEGUN = {"index": 0, "indentor": "bar:3.0", "x_mm": -0.5}
 
 
 def test_a_line_has_the_highest_force_of_its_own_holds() -> None:
-    run = Indentations(3, None)
+    run = CountedRun(3, None)
     assert (run.where, run.line) == ("starting", "0 of 3, starting, peak 0.00 gwt, time left not known")
-    for peaks_gwt, marks, told in (
+    ended = (
         ((1.0, 3.0, 2.0), {}, "1 of 3, bar:3.0 at -0.50 mm, peak 3.00 gwt, time left not known"),
         ((1.5,), {"block": 2}, "2 of 3, block 2, bar:3.0 at -0.50 mm, peak 1.50 gwt, time left not known"),
         ((), {"block": 1, "condition": "a"}, "3 of 3, block 1, condition a, bar:3.0 at -0.50 mm, peak 0.00 gwt, "
          "time left not known"),
-    ):  # fmt: skip
-        run.event("indentation_start", {**BEGUN, **marks})
+    )  # fmt: skip
+    for index, (peaks_gwt, marks, told) in enumerate(ended):
+        run.event("indentation_start", {**BEGUN, "index": index, **marks})
         for peak_gwt in peaks_gwt:
-            run.event("hold_end", {"index": 0, "hold": 1, "peak_gwt": peak_gwt})
-            run.event("reference_hold_end", {"index": 0, "hold": 1, "peak_gwt": 99.0})
-        run.event("indentation_end", {"index": 0})
+            run.event("hold_end", {"index": index, "hold": 1, "peak_gwt": peak_gwt})
+            run.event("reference_hold_end", {"index": index, "hold": 1, "peak_gwt": 99.0})
+        run.event("indentation_end", {"index": index})
         assert run.line == told
-    assert (run.done, run.elapsed) == (3, "")
+    assert (run.finished, run.elapsed) == ({0, 1, 2}, "")
 
 
 def test_time_is_told_as_it_is_known() -> None:
-    run = Indentations(1, TimeLeft({("home", 1, 0): 10.0}, 100.0, lambda: 0.0, pace=1.0))
+    run = CountedRun(1, TimeLeft({("home", 1, 0): 10.0}, 100.0, lambda: 0.0, pace=1.0))
     assert (run.elapsed, run.left) == ("0:00:00", "0:01:40 left")
     run.event("home", {})
     assert run.left == "0:01:30 left"

@@ -16,7 +16,7 @@ from rich.live import Live
 import rig.cli.monitor as watch_command
 import rig.cli.output as output
 from rig.cli.execution import AtTheTerminal
-from rig.cli.monitor import BLOCKS, COLUMNS, EACH, ROWS, Force, Indentations, Onlooker, Screen
+from rig.cli.monitor import BLOCKS, COLUMNS, EACH, ROWS, CountedRun, Screen, WatchedRun
 from rig.cli.output import a_screen, screen_aside
 from rig.cli.run import ask_at_the_bench
 from rig.cli.signals import Pause
@@ -25,7 +25,7 @@ from rig.data import run_state
 from rig.data.folder import RunFolder, UnwritableError
 from rig.data.journal import Document, mend_journal
 from rig.data.run import Following, RunError, followed, read_run
-from rig.data.run_state import Agenda, Ahead, Course, Timeline, step_in_words, written_ns
+from rig.data.run_state import Agenda, Course, Timeline, step_in_words, written_ns
 from rig.session.rehearse import Rehearsed
 from tests.program import Program
 
@@ -131,60 +131,67 @@ def test_a_step_in_words(stream: str, data: Mapping[str, Any], words: str) -> No
     assert step_in_words(stream, data) == words
 
 
-def test_the_time_left_is_that_of_the_run_s_own_clock(course: Course) -> None:
-    ahead = Ahead(course, 1000.0)
-    assert ahead.left_s == 145.0
-    ahead.event(1010.0, *EVENTS[0])
-    assert ahead.left_s == 135.0
-    ahead.event(1025.0, *EVENTS[1])
-    assert ahead.left_s == 125.0
-    ahead.event(1029.0, "sample", {})
-    assert ahead.left_s == 121.0
-    ahead.event(1300.0, *EVENTS[-1])
-    assert ahead.left_s == 5.0
+def test_the_time_left_is_that_of_the_run_s_own_clock(course: Course, tmp_path: Path) -> None:
+    course.keep(RunFolder(tmp_path))
+    seen = WatchedRun(RunFolder(tmp_path))
+    seen.take([{"doc": "start", "t_s": 1000.0}])
+    assert seen.left_s == 145.0
+    for t_s, (stream, data), left_s in (
+        (1010.0, EVENTS[0], 135.0),
+        (1025.0, EVENTS[1], 125.0),
+        (1029.0, ("sample", {"force_gwt": 0.0}), 121.0),
+        (1300.0, EVENTS[-1], 5.0),
+    ):
+        seen.take([{"doc": "event", "t_s": t_s, "stream": stream, "data": data}])
+        assert seen.left_s == left_s
 
 
 # --- the force ---
 
 
-def test_the_newest_reading_is_a_number() -> None:
-    force = Force()
+@pytest.fixture
+def shown() -> CountedRun:
+    """A run of one indentation of which nothing is known beforehand."""
+    return CountedRun(1, None)
+
+
+def test_the_newest_reading_is_a_number(shown: CountedRun) -> None:
+    force = shown.force
     assert (force.line, force.highest_gwt) == ("no reading yet", 0.0)
     assert force.trace == [" " * COLUMNS] * ROWS
-    force.event("touch", {"force_gwt": 9.0})
-    force.event("sample", {"force_gwt": 0.004, "doi_mm": None, "x_mm": None, "phase": "clearance"})
+    shown.event("touch", {"force_gwt": 9.0})
+    shown.event("sample", {"force_gwt": 0.004, "doi_mm": None, "x_mm": None, "phase": "clearance"})
     assert force.line == "0.00 gwt, clearance"
-    force.event("reference_sample", {"force_gwt": 2.326, "doi_mm": 0.1234, "x_mm": -0.5, "phase": "hold"})
+    shown.event("reference_sample", {"force_gwt": 2.326, "doi_mm": 0.1234, "x_mm": -0.5, "phase": "hold"})
     assert force.line == "2.33 gwt, depth 0.123 mm, x = -0.50 mm, hold"
 
 
-def test_the_trace_has_the_highest_of_each_few_readings_and_forgets() -> None:
-    force = Force()
+def test_the_trace_has_the_highest_of_each_few_readings_and_forgets(shown: CountedRun) -> None:
+    force = shown.force
     for column in ([-1.0, -2.0, -1.0, -1.0], [0.0, 1.0, 0.5, 0.0], [12.0, 24.0, 1.0, 0.0], [9.0]):
         assert len(column) <= EACH
         for force_gwt in column:
-            force.event("sample", {"force_gwt": force_gwt})
+            shown.event("sample", {"force_gwt": force_gwt})
     assert force.highest_gwt == 24.0 == len(BLOCKS[1:]) * ROWS
     assert [line.rstrip() for line in force.trace] == ["  █", "  █▁", " ▁██"]
     assert {len(line) for line in force.trace} == {COLUMNS}
     for _ in range(EACH * COLUMNS):
-        force.event("sample", {"force_gwt": 3.0})
+        shown.event("sample", {"force_gwt": 3.0})
     assert force.highest_gwt == 3.0
     assert force.trace == ["█" * COLUMNS] * ROWS
 
 
 @pytest.mark.parametrize(("force_gwt", "block"), [(0.0, " "), (-1.0, " "), (0.01, "█"), (0.9, "█"), (1.0, "█")])
-def test_the_trace_is_as_high_as_its_highest_force(force_gwt: float, block: str) -> None:
-    force = Force()
-    force.event("sample", {"force_gwt": force_gwt})
-    assert [line[0] for line in force.trace] == [block] * ROWS
+def test_the_trace_is_as_high_as_its_highest_force(force_gwt: float, block: str, shown: CountedRun) -> None:
+    shown.event("sample", {"force_gwt": force_gwt})
+    assert [line[0] for line in shown.force.trace] == [block] * ROWS
 
 
-def test_a_screen_is_no_wider_than_the_terminal() -> None:
-    force, screen = Force(), io.StringIO()
-    force.event("sample", {"force_gwt": 100.0, "doi_mm": 1.5, "x_mm": -3.69, "phase": "back off"})
-    shown = Screen(force, lambda: ["xx " * 34], lambda: ["below [b]it[/b]"])
-    Console(file=screen, width=80, force_terminal=True).print(shown)
+def test_a_screen_is_no_wider_than_the_terminal(shown: CountedRun) -> None:
+    screen = io.StringIO()
+    shown.event("sample", {"force_gwt": 100.0, "doi_mm": 1.5, "x_mm": -3.69, "phase": "back off"})
+    drawn = Screen(shown.force, lambda: ["xx " * 34], lambda: ["below [b]it[/b]"])
+    Console(file=screen, width=80, force_terminal=True).print(drawn)
     lines = screen.getvalue().splitlines()
     assert [len(line) for line in lines] == [80, 58, 77, 66, 68, 15]
     assert lines[0].endswith("x…")
@@ -255,7 +262,7 @@ def test_it_is_followed_to_its_end_or_as_long_as_somebody_writes(tmp_path: Path)
 def test_who_looks_on_knows_force_step_and_time(course: Course, tmp_path: Path) -> None:
     folder = RunFolder(tmp_path / "mine")
     folder.path.mkdir()
-    seen = Onlooker(folder)
+    seen = WatchedRun(folder)
     start = {"doc": "start", "t_s": 100.0, "planned_indentations": 2, "subject": "S07", "virtual": True}
     documents = [
         {"doc": "event", "t_s": 110.0 + 10 * n, "stream": stream, "data": data}
@@ -279,13 +286,13 @@ def test_who_looks_on_knows_force_step_and_time(course: Course, tmp_path: Path) 
     seen.take([*documents[6:12], {"doc": "event", "t_s": 223.0, "stream": "sample", "data": {"force_gwt": 2.0}}])
     assert (seen.now, seen.left_s) == (FIND, 22.0)
     assert seen.below()[-1] == "done    1 of 2, 0:00:22 left on the run's clock"
-    assert seen.force.newest == {"force_gwt": 2.0}
+    assert seen.newest == {"force_gwt": 2.0}
 
 
 def test_a_run_that_is_taken_up_has_a_course_of_its_own(course: Course, tmp_path: Path) -> None:
     folder = RunFolder(tmp_path)
     course.keep(folder)
-    seen = Onlooker(folder)
+    seen = WatchedRun(folder)
     seen.take(
         [{"doc": "start", "t_s": 0.0}, {"doc": "event", "t_s": 10.0, "stream": EVENTS[0][0], "data": EVENTS[0][1]}]
     )
@@ -303,7 +310,7 @@ def test_who_comes_after_it_was_taken_up_reads_it_in_pieces(course: Course, tmp_
     """The course that is there is that of the second part: it is read for the first one, and again for its own."""
     folder = RunFolder(tmp_path)
     Course(30.0, {("home", 1, 0): 20.0}, {("home", 1, 0): "home"}).keep(folder)
-    seen = Onlooker(folder)
+    seen = WatchedRun(folder)
     home = {"doc": "event", "stream": "home", "data": {}}
     seen.take([{"doc": "start", "t_s": 0.0}, {**home, "t_s": 10.0}])
     seen.take([{"doc": "resume", "t_s": 50.0}])
@@ -318,7 +325,7 @@ def test_who_comes_after_it_was_taken_up_reads_it_in_pieces(course: Course, tmp_
 def test_a_course_is_waited_for_with_so_many_events(more: int, now: str, course: Course, tmp_path: Path) -> None:
     """What came before it is then passed at once; later than that it counts from where the run is."""
     assert run_state.LATE == 1000
-    seen = Onlooker(RunFolder(tmp_path))
+    seen = WatchedRun(RunFolder(tmp_path))
     seen.take([{"doc": "start", "t_s": 100.0}])
     seen.take([{"doc": "event", "t_s": 110.0, "stream": stream, "data": data} for stream, data in EVENTS[:6]])
     note = {"doc": "event", "t_s": 120.0, "stream": "note", "data": {"text": ""}}
@@ -519,7 +526,7 @@ def test_a_run_leaves_its_course_and_shows_it(
     assert "now     mount bar:3.0\nnext    home\n" in drawn.replace("\r", "").replace("\n\n", "\n")
     assert "force   " in drawn
     assert max(map(len, drawn.splitlines())) <= 80
-    seen = Onlooker(folder)
+    seen = WatchedRun(folder)
     seen.take(Following(folder).new())
     assert (seen.now, seen.next) == ("", "")
     assert seen.left_s == pytest.approx(0.0, abs=0.5)
@@ -578,10 +585,10 @@ def test_a_screen_gives_way_while_somebody_is_asked(monkeypatch: pytest.MonkeyPa
 
 
 def test_what_is_counted_has_its_steps(course: Course) -> None:
-    run = Indentations(1, None, course)
-    assert run.steps == [f"now     {MOUNT}", f"next    {HOME}"]
+    run = CountedRun(1, None, course)
+    assert run.below() == [f"now     {MOUNT}", f"next    {HOME}"]
     run.event(*EVENTS[0])
     run.event("sample", {"force_gwt": 1.0, "phase": "clearance"})
-    assert run.steps == [f"now     {HOME}", f"next    {MOVE}"]
+    assert run.below() == [f"now     {HOME}", f"next    {MOVE}"]
     assert run.force.line == "1.00 gwt, clearance"
-    assert Indentations(1, None).steps == ["now     -", "next    -"]
+    assert CountedRun(1, None).below() == ["now     -", "next    -"]

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from rig.cli.monitor import Onlooker
+from rig.cli.monitor import WatchedRun
 from rig.control.client import ControlError
 from rig.data import run_state
 from rig.data.folder import RunFolder
@@ -145,12 +145,12 @@ def a_run_whose_course_nobody_knows(tmp_path: Path, make: Make, there: ExitStack
 
 def _watched(tmp_path: Path, *, course: bool) -> Step:
     run = Run(tmp_path / "run", course=course)
-    seen, journal = Onlooker(run.folder), Following(run.folder)
+    seen, journal = WatchedRun(run.folder), Following(run.folder)
 
     def step() -> None:
         run.press()
         seen.take(journal.new())
-        assert seen.force.newest["force_gwt"] == 1.5
+        assert seen.newest["force_gwt"] == 1.5
         assert bool(seen.steps) is course
 
     return step

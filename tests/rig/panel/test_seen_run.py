@@ -239,7 +239,7 @@ def test_who_comes_late_reads_in_pieces_and_is_told_of_the_last_minute(
     assert seconds[-1] == 201.0
     assert 201.0 - SHOWN_S - 10.0 <= seconds[0] <= 201.0 - SHOWN_S
     assert seconds == [seconds[0] + k for k in range(len(seconds))]
-    assert seen.newest["t_s"] == 201.0
+    assert seen.newest_told(NOW_S)["t_s"] == 201.0
     run.event("sample", **SAMPLE)
     assert [row[1] for row in seen.look(NOW_S)] == [203.0]
 
