@@ -3,23 +3,18 @@
 import ast
 import re
 import tomllib
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).parents[1]
 PAGE = ROOT / "docs" / "code_overview.md"
-DOCS = [*sorted((ROOT / "docs").rglob("*.md")), ROOT / "README.md"]
+DOCS = [*sorted((ROOT / "docs").rglob("*.md")), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
 PACKAGES = ("rig", "sim")
 
 
 def _modules(package: str) -> list[Path]:
     return sorted((ROOT / package).rglob("*.py"))
-
-
-def _folders(package: str) -> Iterator[Path]:
-    yield from {path.parent for path in _modules(package)}
 
 
 @pytest.mark.parametrize("package", [*PACKAGES, "studies"])
@@ -42,7 +37,7 @@ def test_every_path_on_the_page_is_there() -> None:
 def test_every_room_is_on_the_page() -> None:
     page = PAGE.read_text(encoding="utf-8")
     for package in PACKAGES:
-        for folder in sorted(_folders(package)):
+        for folder in sorted({path.parent for path in _modules(package)}):
             name = folder.relative_to(ROOT).as_posix()
             assert f"`{name}/`" in page or name in PACKAGES, name
 
@@ -66,9 +61,7 @@ def test_every_path_in_the_documentation_is_there(page: Path) -> None:
     assert not [name for name in sorted(named) if "NAME" not in name and not (ROOT / name).exists()]
 
 
-@pytest.mark.parametrize(
-    "page", [*sorted((ROOT / "docs").rglob("*.md")), ROOT / "README.md", ROOT / "Makefile"], ids=lambda p: p.name
-)
+@pytest.mark.parametrize("page", [*DOCS, ROOT / "Makefile"], ids=lambda path: path.name)
 def test_every_study_that_is_named_can_be_run(page: Path) -> None:
     for name in re.findall(r"python3? -m (studies[\w.]*)", page.read_text(encoding="utf-8")):
         path = ROOT / Path(*name.split("."))

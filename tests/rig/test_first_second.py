@@ -127,6 +127,15 @@ def test_a_mistyped_command_is_told_its_neighbour(
     assert f"No such command {typed!r}, expected one that rig --help lists: {meant}" in complaint
 
 
+def test_a_command_after_two_dashes_is_carried_out(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It ended with 0 and had done nothing, a stop too."""
+    code, _, complaint = said(capsys, monkeypatch, "--", "config", "no_such_key")
+    assert code == 2
+    assert complaint.startswith("rig: no_such_key: ")
+
+
 def test_a_dry_run_waits_neither_for_what_smooths_a_map_nor_for_what_other_devices_speak() -> None:
     imported = imported_by(["dry-run", "--help"])
     assert "scipy.interpolate" in imported
