@@ -7,13 +7,13 @@ import pytest
 
 from rig.engine import EngineError
 from rig.engine.reference import Reference as Comparison
-from rig.engine.rig_settings import RigSettings
 from rig.protocol import Rig
 from rig.protocol.api import ProtocolParameters
 from rig.protocol.check import Spot, Walk
 from rig.protocol.steps import Precondition, Reference
 from rig.records import Hold, Indentation, PlannedIndentation, PressId, Target
 from rig.session.execute import Live
+from rig.settings import RigSettings
 from tests.rig.walked import StandIn, Walked, ready, walked
 
 Make = Callable[..., Any]
