@@ -1,4 +1,4 @@
-"""The registry of devices: every kind by the name that a configuration gives.
+"""The registry of devices: every kind by the name that a configuration gives, and settings checked against it.
 
 BUILT_IN names the kinds of this program; the module beside this one with a kind's name holds its entry, DEVICE. An
 installed package adds a kind by an entry point of the group rig.devices: `"force.NAME" = "its_module:DEVICE"`. A list
