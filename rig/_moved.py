@@ -92,6 +92,7 @@ data.run_tables data.tables
 data.scrubbed data.bug_report
 data.summary data.tables
 data.wanted data.index
+devices.bench_settings settings
 devices.catalogue devices.registry
 devices.force devices.base
 devices.force.base devices.base
@@ -142,6 +143,7 @@ engine.pressing.reference engine.reference
 engine.pressing.touch_fit engine.limits
 engine.records records
 engine.stopping engine.limits
+engine.rig_settings settings
 engine.streams data.schema
 engine.touched engine.limits
 panel.asked panel.requests

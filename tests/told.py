@@ -6,7 +6,7 @@ from typing import Any
 from rig.devices.base import LOOK_S, ForceReading, StageNotHomed, StageStatus
 from rig.engine import Engine, Pause, verbs
 from rig.engine.bench import Heartbeat
-from rig.engine.rig_settings import RigSettings
+from rig.settings import RigSettings
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 

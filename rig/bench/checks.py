@@ -13,6 +13,7 @@ from rig.clock import WallClock
 from rig.control.client import at_work
 from rig.devices.base import ForceError, StageError, StageStatus
 from rig.devices.drivers import open_force, open_stage
+from rig.devices.registry import stage_ports
 from rig.engine.bench_memory import BenchMemory
 from rig.errors import BadInputError, around, code_of
 from rig.plan.config import Config
@@ -33,7 +34,7 @@ def refuse_bench(config: Config) -> None:
 
 def _problems(config: Config) -> Iterator[BadInputError]:
     force = config.force.port
-    for port in config.stage.ports:
+    for port in stage_ports(config.stage):
         if _same_port(port, force):
             yield BadInputError("stage.port and force.port: both are {port}, expected a port for each",
                                 code="same_port", port=port)  # fmt: skip
@@ -107,8 +108,9 @@ def look(settings: Config, *, closely: bool = False) -> dict[str, dict[str, Any]
     closely: a stage at rest also says who it is, and its settings are compared with the configuration.
     """
     stage, force = settings.stage, settings.force
+    ports = " and ".join(stage_ports(stage))
     return {
-        "stage": {"kind": stage.kind, "port": " and ".join(stage.ports), **_look_at_stage(settings, closely=closely)},
+        "stage": {"kind": stage.kind, "port": ports, **_look_at_stage(settings, closely=closely)},
         "force": {"kind": force.kind, "port": force.port, **_look_at_force(settings)},
     }
 
@@ -131,7 +133,7 @@ def position(at: StageStatus) -> dict[str, Any]:
 
 
 def _look_at_stage(settings: Config, *, closely: bool) -> dict[str, Any]:
-    owner = first_owner(settings.stage.ports)
+    owner = first_owner(stage_ports(settings.stage))
     if owner is not None:
         return _owned(owner)
     found: dict[str, Any] = {}

@@ -10,9 +10,8 @@ from typing import Any, Literal, Protocol, Self
 from pydantic import ValidationError
 
 from rig.devices.base import ForceSensor, Stage
-from rig.devices.bench_settings import NOMINAL_STEPS_PER_MM, ForceSettings, StageSettings, SyncSettings
 from rig.devices.drivers import force_driver, stage_driver
-from rig.devices.registry import DEFAULTS, DeviceSettings, Kind, as_kind
+from rig.devices.registry import DEFAULTS, Kind, as_kind, kind_of, moves_along
 from rig.engine.bench import LOOK_S, NO_PAUSE, Heartbeat, Pause
 from rig.engine.bench_memory import LastKnown
 from rig.engine.contact import Contact
@@ -20,7 +19,7 @@ from rig.engine.sensing import Zero
 from rig.errors import BadInputError, around, first_problem
 from rig.plan.config import Config
 from rig.plan.finger_model import kept_in
-from rig.settings import Framing
+from rig.settings import NOMINAL_STEPS_PER_MM, DeviceSettings, ForceSettings, Framing, StageSettings, SyncSettings
 from rig.transport.stop_gate import StopGate
 from rig.transport.wire import LoggedTransport, LoopbackTransport, Sink
 from rig.units import GWT_N
@@ -85,7 +84,7 @@ def true_carriage(stage: VirtualStage, config: Config) -> Carriage:
         Placement(
             frame.pad_centre_x_mm + virtual.finger_x_offset_mm,
             frame.apex_z_mm + virtual.finger_z_offset_mm,
-            frame.pad_y_mm + virtual.finger_along_offset_mm if config.stage.moves_along else None,
+            frame.pad_y_mm + virtual.finger_along_offset_mm if moves_along(config.stage) else None,
         ),
     )
 
@@ -156,27 +155,27 @@ def wire_hardware_trip(config: Config, stage: object, sensor: object) -> None:
 def refuse_twinless(*devices: DeviceSettings) -> None:
     """Raises BadInputError for a device without a virtual twin, or with one that is not there."""
     for device in devices:
-        _twin(device.entry)
+        _twin(kind_of(device))
 
 
 def with_stand_ins(config: Config) -> Config:
     """The usual kind of device in the place of one without a virtual twin: what a rehearsal can do without."""
-    stage = None if config.stage.entry.twin else DEFAULTS["stage"]
-    force = None if config.force.entry.twin else DEFAULTS["force"]
+    stage = None if kind_of(config.stage).twin else DEFAULTS["stage"]
+    force = None if kind_of(config.force).twin else DEFAULTS["force"]
     sync = config.sync if stage is None else SyncSettings()  # whose outputs are others
     return with_kinds(config, stage, force).model_copy(update={"sync": sync})
 
 
 def _own(device: DeviceSettings) -> Mapping[str, Any]:
-    entry = device.entry
+    entry = kind_of(device)
     return {} if entry.settings is None else device.own(entry.settings).model_dump()
 
 
 def _made(device: DeviceSettings, make: Callable[[Callable[..., Any]], Any]) -> Any:
     try:
-        return make(_twin(device.entry))
+        return make(_twin(kind_of(device)))
     except TwinError as problem:
-        raise around(BadInputError, "{room}.{problem}", problem, room=device.entry.room) from None
+        raise around(BadInputError, "{room}.{problem}", problem, room=device.room) from None
 
 
 def _twin(entry: Kind) -> Callable[..., Any]:

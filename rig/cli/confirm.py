@@ -9,6 +9,7 @@ from rig.bench.checks import refuse_bench, refuse_expired
 from rig.cli.output import NotConfirmedError, busy, err
 from rig.cli.signals import typed_line
 from rig.clock import WallClock
+from rig.devices.registry import stage_ports
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.session.ending import Ending
@@ -42,7 +43,7 @@ def ready_for_a_real_run(command: str, config: Config, out: Path, *, yes: bool) 
     refuse_expired(config)
     refuse_bench(config)
     out.mkdir(parents=True, exist_ok=True)
-    for port in (*config.stage.ports, config.force.port):
+    for port in (*stage_ports(config.stage), config.force.port):
         refuse_missing(port)
     if not (yes or _somebody_there()):
         raise BadInputError(

@@ -23,6 +23,7 @@ from rig.control.server import ControlSocket
 from rig.control.stop import StageInHand, StopSwitch, answer_to_a_stop
 from rig.data import FolderBusyError, Run, RunFolder, export_run
 from rig.data.run_state import Course, TimeLeft
+from rig.devices.registry import stage_ports
 from rig.engine import EngineError, RunAborted
 from rig.errors import code_of
 from rig.plan.config import Config
@@ -151,7 +152,7 @@ def owning(
         pid=os.getpid(),
         kind="run",
         virtual=virtual,
-        ports=() if virtual else (*config.stage.ports, config.force.port),
+        ports=() if virtual else (*stage_ports(config.stage), config.force.port),
         out=str(out.resolve()),
         protocol=script.name,
         config=None if config_file is None else str(config_file.resolve()),

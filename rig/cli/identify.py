@@ -23,6 +23,7 @@ from rig.compare.workers import spread
 from rig.control.stop import StageInHand
 from rig.data import RunFolder, read_run
 from rig.data.folder import MEETING_PAGE, replace_text
+from rig.devices.registry import stage_ports
 from rig.errors import BadInputError
 from rig.identify.frame import find
 from rig.identify.meeting_script import MeetingScript, as_script
@@ -83,7 +84,7 @@ def page_lines(config: Config, wanted: Wanted) -> dict[str, str]:
     stage, force = config.stage, config.force
     return {
         "meeting": f"at most {wanted.presses} presses, none expected above {wanted.most_gwt:g} gwt, gentle first",
-        "devices": f"{stage.kind} on {' and '.join(stage.ports)}, {force.kind} on {force.port}",
+        "devices": f"{stage.kind} on {' and '.join(stage_ports(stage))}, {force.kind} on {force.port}",
         "shapes": f"{', '.join(wanted.shapes)}: each is asked for when it is to be mounted",
         "duration": f"about {wanted.presses * _SECONDS_A_PRESS + 35:.0f} s, mounting aside",
         "safety": "is the emergency stop in reach, the finger clear of the indentor?",

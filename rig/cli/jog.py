@@ -15,11 +15,11 @@ from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import ExitCode, complain, err, told_in_one_line
 from rig.clock import Clock
 from rig.devices.base import Axis
-from rig.devices.bench_settings import SLOWEST_MM_S
 from rig.engine.dead_man import Direction
 from rig.errors import BadInputError, LimitError
 from rig.manual.jog import FASTEST_MM_S, ByHand, HeldWord, Moved
 from rig.plan.config import load_config
+from rig.settings import SLOWEST_MM_S
 
 _FARTHEST_MM = 1000.0
 KEYS = {

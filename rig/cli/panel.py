@@ -17,6 +17,7 @@ from rig.clock import WallClock
 from rig.control.client import Announcement
 from rig.control.server import ControlSocket
 from rig.control.stop import StageInHand
+from rig.devices.registry import stage_ports
 from rig.engine.bench_memory import BenchMemory
 from rig.errors import BadInputError
 from rig.manual.bench import unfelt
@@ -113,8 +114,8 @@ def owning_command(config: ConfigOption) -> None:
             button.arm()
             owner = HandOwner(settings, bench, stage.gate, log, known)
             announcement = Announcement(
-                pid=os.getpid(), kind="by hand", virtual=False, ports=(*settings.stage.ports, settings.force.port),
-                config=os.path.abspath(config), began_unix_s=clock.unix_s(),
+                pid=os.getpid(), kind="by hand", virtual=False, config=os.path.abspath(config),
+                ports=(*stage_ports(settings.stage), settings.force.port), began_unix_s=clock.unix_s(),
             )  # fmt: skip
             with owner.begun(), asked_to_leave(owner.leave), ControlSocket(announcement, _answers(owner, button)):
                 owner.run(lambda: os.getppid() != parent)

@@ -15,10 +15,10 @@ from pydantic import ValidationError
 from rig.clock import Clock, WallClock
 from rig.control.client import Announced, ControlError, announced
 from rig.devices.base import Stage, StageError
-from rig.devices.bench_settings import BenchSettings, StageSettings
 from rig.devices.drivers import open_stage, stage_driver
-from rig.devices.registry import DEFAULTS, KindError, StageKind, find
+from rig.devices.registry import DEFAULTS, KindError, KnownBench, StageKind, checked, find, stage_ports
 from rig.errors import RigError
+from rig.settings import BenchSettings, StageSettings
 from rig.transport import NotOwnedError, PortOwner, Transport, TransportError, first_owner, open_port, port_owner
 from rig.transport.stop_gate import StopGate
 from rig.transport.wire import Sink
@@ -265,7 +265,7 @@ def stage_alone(path: Path) -> tuple[BenchSettings, tuple[str, ...]]:
     stage = _of_its_kind(tables.get("stage", {}))
     for _ in range(_TRIES):
         try:
-            return BenchSettings(stage=StageSettings.model_validate(stage)), tuple(passed)
+            return KnownBench(stage=checked(StageSettings, stage)), tuple(passed)
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             where = [str(key) for key in first["loc"]]
@@ -431,7 +431,7 @@ class _Stopping:
         self._settings, self._signal, self._find = settings, signal, find
         self._clock = WallClock()
         self._told: list[_Told] = []
-        self.result = SentStop(settings.stage.ports)
+        self.result = SentStop(stage_ports(settings.stage))
 
     def stopped(self) -> SentStop:
         """In the order of what is surest and soonest."""
@@ -625,7 +625,7 @@ class _Wires:
 
     def __init__(self, settings: StageSettings, clock: Clock, *, owned: bool) -> None:
         self._settings, self.clock, self._owned = settings, clock, owned
-        self.only_one = len(settings.ports) == 1
+        self.only_one = len(stage_ports(settings)) == 1
         self.sent = False
         self.problems: list[str] = []
 

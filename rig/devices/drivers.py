@@ -5,8 +5,8 @@ from functools import partial
 
 from rig.clock import Clock
 from rig.devices.base import ForceSensor, Stage
-from rig.devices.bench_settings import BenchSettings, ForceSettings, StageSettings
 from rig.devices.registry import ForceKind, Opener, StageKind, find
+from rig.settings import BenchSettings, ForceSettings, StageSettings
 from rig.transport import LoggedTransport, Transport, open_port
 from rig.transport.wire import Sink
 

@@ -22,7 +22,6 @@ from rig.devices.base import (
     is_held,
     next_look_s,
 )
-from rig.devices.bench_settings import BenchSettings, StageBounds
 from rig.devices.grbl_link import (
     ASK_TIMES,
     FULL,
@@ -57,6 +56,7 @@ from rig.devices.grbl_link import (
     unsuited,
 )
 from rig.devices.registry import Opener, StageKind
+from rig.settings import BenchSettings, StageBounds
 from rig.transport import Transport
 
 POLL_S = 0.02

@@ -24,7 +24,7 @@ from rig.devices.base import (
     StageTimeout,
     is_held,
 )
-from rig.devices.bench_settings import SLOWEST_MM_S, BenchSettings, StageBounds
+from rig.settings import SLOWEST_MM_S, BenchSettings, StageBounds
 from rig.transport import LineReader, Transport
 
 ALARMS = {

@@ -19,9 +19,8 @@ from rig.devices.base import (
     ForceTimeout,
     ForceUnderload,
 )
-from rig.devices.bench_settings import BenchSettings
 from rig.devices.registry import ForceKind, Opener
-from rig.settings import LaumasSettings
+from rig.settings import BenchSettings, LaumasSettings
 from rig.transport.modbus import ModbusError, ModbusMaster, ModbusRefused, ModbusTimeout
 from rig.units import GWT_N
 

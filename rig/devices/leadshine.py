@@ -6,10 +6,17 @@ from collections.abc import Callable, Mapping
 from rig.clock import Clock
 from rig.devices import leadshine_drive as reg
 from rig.devices.base import LOOK_S, Axis, Looks, MoveError, Stage, StageError, StageNotHomed, StageStatus
-from rig.devices.bench_settings import NOMINAL_STEPS_PER_MM, SLOWEST_MM_S, BenchSettings, StageSettings, SyncSettings
 from rig.devices.leadshine_drive import LeadshineDrive, Status
 from rig.devices.registry import Opener, StageKind
-from rig.settings import DriveSettings, DrivesSettings
+from rig.settings import (
+    NOMINAL_STEPS_PER_MM,
+    SLOWEST_MM_S,
+    BenchSettings,
+    DriveSettings,
+    DrivesSettings,
+    StageSettings,
+    SyncSettings,
+)
 from rig.transport.modbus import ModbusMaster
 
 _SAME_PLACE_MM = 1e-6

@@ -16,8 +16,8 @@ from rig.devices.base import (
     ForceTimeout,
     ForceUnderload,
 )
-from rig.devices.bench_settings import BenchSettings
 from rig.devices.registry import ForceKind, Opener
+from rig.settings import BenchSettings
 from rig.transport import LineReader, Transport
 from rig.units import GWT_N
 

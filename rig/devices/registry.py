@@ -1,4 +1,4 @@
-"""The registry of devices: every kind by the name that a configuration gives.
+"""The registry of devices: every kind by the name that a configuration gives, and settings checked against it.
 
 BUILT_IN names the kinds of this program; the module beside this one with a kind's name holds its entry, DEVICE. An
 installed package adds a kind by an entry point of the group rig.devices: `"force.NAME" = "its_module:DEVICE"`. A list
@@ -10,32 +10,22 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self, TypeVar
+from typing import Any, ClassVar, Literal, Self, TypeVar
 
-from pydantic import (
-    BaseModel,
-    BeforeValidator,
-    Field,
-    ModelWrapValidatorHandler,
-    create_model,
-    model_validator,
-)
+from pydantic import BaseModel, Field, ValidationError, ValidationInfo, create_model, field_validator, model_validator
+from pydantic_core import InitErrorDetails
 
 from rig.clock import Clock
 from rig.devices.base import ForceSensor, Stage
-from rig.errors import RigError
-from rig.settings import Settings
+from rig.errors import RigError, RuleError
+from rig.settings import BenchSettings, DeviceSettings, ForceSettings, Settings, StageSettings
 from rig.transport import Transport
-
-if TYPE_CHECKING:
-    from rig.devices.bench_settings import BenchSettings, StageSettings
-
 
 Opener = Callable[[str], Transport]
 Room = Literal["stage", "force"]
 
 
-def own_port(stage: "StageSettings") -> tuple[str, ...]:
+def own_port(stage: StageSettings) -> tuple[str, ...]:
     """One device on one port."""
     return (stage.port,)
 
@@ -74,8 +64,8 @@ class StageKind(Kind):
     """
 
     room: ClassVar[Room] = "stage"
-    driver: Callable[[Opener, Clock, "BenchSettings"], Stage]
-    ports: Callable[["StageSettings"], tuple[str, ...]] = own_port
+    driver: Callable[[Opener, Clock, BenchSettings], Stage]
+    ports: Callable[[StageSettings], tuple[str, ...]] = own_port
     axes: Literal["xz", "xyz"] = "xyz"
     outputs: tuple[str, ...] = ("off",)
     inputs: tuple[str, ...] = ()
@@ -86,7 +76,7 @@ class ForceKind(Kind):
     """A kind of force sensor; driver raises what the opener raises."""
 
     room: ClassVar[Room] = "force"
-    driver: Callable[[Opener, Clock, "BenchSettings"], ForceSensor]
+    driver: Callable[[Opener, Clock, BenchSettings], ForceSensor]
 
 
 GROUP = "rig.devices"
@@ -97,6 +87,7 @@ BUILT_IN: dict[Room, tuple[str, ...]] = {
 """The kinds of this program, the default first."""
 DEFAULTS: dict[Room, str] = {room: names[0] for room, names in BUILT_IN.items()}
 KINDS: tuple[type[Kind], ...] = (StageKind, ForceKind)
+_OF: dict[Room, type[Kind]] = {of.room: of for of in KINDS}
 
 K = TypeVar("K", bound=Kind)
 
@@ -223,67 +214,70 @@ def _either(words: list[str]) -> str:
     return f"{', '.join(words[:-1])} or {words[-1]}"
 
 
-T = TypeVar("T", bound=Settings)
-D = TypeVar("D", bound="DeviceSettings")
+D = TypeVar("D", bound=DeviceSettings)
 M = TypeVar("M", bound=BaseModel)
 
 
-def known(of: type[Kind]) -> BeforeValidator:
-    """Checks `kind = "…"` against the catalogue."""
-
-    def check(name: object) -> object:
-        find(of, name if isinstance(name, str) else "")
-        return name
-
-    return BeforeValidator(check)
+def kind_of(device: DeviceSettings) -> Kind:
+    """The entry of a device's kind. Raises KindError."""
+    return find(_OF[device.room], device.kind)
 
 
-class DeviceSettings(Settings):
-    """[stage] or [force]. A kind's own table is a part of it, checked like any other, for that kind only."""
-
-    kinds: ClassVar[type[Kind]]
-    kind: str
-
-    @property
-    def entry(self) -> Kind:
-        """Its kind, in the catalogue."""
-        return find(self.kinds, self.kind)
-
-    def own(self, table: type[T]) -> T:
-        """The kind's own table. Raises TypeError if it is another one."""
-        found = getattr(self, self.entry.place, None)
-        if not isinstance(found, table):
-            raise TypeError(f"{self.entry.name} has no {table.__name__}")
-        return found
-
-    @model_validator(mode="wrap")
-    @classmethod
-    def _with_its_table(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
-        wanted = cls if not isinstance(data, Mapping) else of_kind(cls, data.get("kind"))
-        if wanted is not cls:
-            return wanted.model_validate(data)
-        _refuse_table_of_another(cls, data)
-        return handler(data)
+def stage_ports(stage: StageSettings) -> tuple[str, ...]:
+    """Every port that the stage is on."""
+    return find(StageKind, stage.kind).ports(stage)
 
 
-def _refuse_table_of_another(settings: type[DeviceSettings], data: object) -> None:
-    unknown = [key for key in data if key not in settings.model_fields] if isinstance(data, Mapping) else []
-    for key in unknown:
-        if key in names(settings.kinds.room):
-            raise ValueError(f"{key}: expected with kind = {key!r} only")
+def moves_along(stage: StageSettings) -> bool:
+    """Whether the stage has an axis along the finger."""
+    return "y" in find(StageKind, stage.kind).axes
+
+
+def checked(settings: type[D], device: Any) -> D:
+    """[stage] or [force] as a file or code has it: of a kind that there is, with that kind's own table.
+
+    Raises ValidationError. The own table is a part of the settings, checked like any other, for that kind only.
+    """
+    if isinstance(device, settings):
+        device = device.model_dump()
+    if not isinstance(device, Mapping):
+        return settings.model_validate(device)
+    kind = device.get("kind", settings.model_fields["kind"].default)
+    whole = of_kind(settings, kind)
+    _refuse_table_of_another(whole, device)
+    try:
+        entry = find(_OF[settings.room], kind if isinstance(kind, str) else "")
+    except KindError as error:
+        raise _refused(settings, error, kind, "kind") from None
+    found = whole.model_validate(device)
+    if entry.settings is not None:
+        found._place = entry.place
+    return found
+
+
+def _refuse_table_of_another(settings: type[DeviceSettings], device: Mapping[str, Any]) -> None:
+    for key in device:
+        if key not in settings.model_fields and key in names(settings.room):
+            raise _refused(settings, ValueError(f"{key}: expected with kind = {key!r} only"), device)
+
+
+def _refused(settings: type[DeviceSettings], error: ValueError, value: object, *place: str) -> ValidationError:
+    """What pydantic raises where a validator of that place raises this error."""
+    problem = InitErrorDetails(type="value_error", loc=place, input=value, ctx={"error": error})
+    return ValidationError.from_exception_data(settings.__name__, [problem])
 
 
 def as_kind(settings: type[D], told: D, name: str) -> D:
     """The same for another kind, whose own table is as by default. Raises ValidationError."""
     if name == told.kind:
         return told
-    return settings.model_validate(told.model_dump(include=set(settings.model_fields)) | {"kind": name})
+    return checked(settings, told.model_dump(include=set(settings.model_fields)) | {"kind": name})
 
 
 def of_kind(settings: type[D], name: object) -> type[D]:
     """The settings with the own table of a kind, if it has one and they have not; a bad name is told elsewhere."""
     try:
-        entry = find(settings.kinds, name) if isinstance(name, str) else None
+        entry = find(_OF[settings.room], name) if isinstance(name, str) else None
     except KindError:
         entry = None
     if entry is None or entry.settings is None or entry.place in settings.model_fields:
@@ -299,6 +293,48 @@ def _with(settings: type[D], place: str, table: type[Settings]) -> type[D]:
         __base__=settings,
         **{place: (table, Field(...) if required else Field(default_factory=table))},
     )  # type: ignore[call-overload]
+
+
+class KnownBench(BenchSettings):
+    """A bench of kinds that there are, with their own tables; every configuration is one."""
+
+    @field_validator("stage", "force", mode="before")
+    @classmethod
+    def _of_a_kind(cls, device: Any, info: ValidationInfo) -> DeviceSettings:
+        return checked(StageSettings if info.field_name == "stage" else ForceSettings, device)
+
+    @model_validator(mode="after")
+    def _output_there(self) -> Self:
+        allowed = find(StageKind, self.stage.kind).outputs
+        if self.sync.output not in allowed:
+            raise RuleError(
+                "sync.output: expected {allowed} with a {stage} stage",
+                code="no_such_output",
+                allowed=" or ".join(allowed),
+                stage=self.stage.kind,
+            )
+        if self.sync.output == "drive" and self.sync.words is None:
+            raise RuleError(
+                "sync: expected register_address, on_word and off_word, from the manual of the drive",
+                code="incomplete_sync",
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _inputs_there(self) -> Self:
+        allowed = find(StageKind, self.stage.kind).inputs
+        for key, name in self.stop.inputs.items():
+            if name not in allowed:
+                either = " or ".join(allowed) or "no input, none is reported"
+                raise RuleError(
+                    "stop.{setting} = {input!r}: expected {allowed} with a {stage} stage",
+                    code="no_such_input",
+                    setting=key,
+                    input=name,
+                    allowed=either,
+                    stage=self.stage.kind,
+                )
+        return self
 
 
 def as_asked(model: type[M], tables: Mapping[str, Any]) -> type[M]:

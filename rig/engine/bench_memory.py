@@ -17,10 +17,11 @@ from pydantic import BaseModel, ValidationError
 
 from rig.clock import WallClock
 from rig.devices.base import StageStatus
-from rig.devices.bench_settings import BenchSettings
+from rig.devices.registry import stage_ports
 from rig.engine.contact import Contact
 from rig.engine.sensing import Zero
 from rig.errors import RecordError
+from rig.settings import BenchSettings
 
 _SAME_PLACE_MM = 0.003  # a board prints 0.001 mm and stands on a step
 
@@ -51,7 +52,7 @@ class BenchMemory:
     """The file of one bench, known by its ports."""
 
     def __init__(self, settings: BenchSettings) -> None:
-        ports = " ".join((*settings.stage.ports, settings.force.port))
+        ports = " ".join((*stage_ports(settings.stage), settings.force.port))
         self._path = state_folder() / f"bench-{sha256(ports.encode()).hexdigest()[:16]}.json"
 
     def read(self) -> LastKnown:

@@ -21,10 +21,10 @@ from rig.engine.limits import (
     trip_height_mm,
 )
 from rig.engine.motion import FeltError, Motion, StrayedError, TouchError, insist
-from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import NoReadingError, Sensing
 from rig.errors import NotReadyError, RecordError, TripError, code_of, recast
 from rig.records import NO_PRESS, Phase, PressId, as_fine
+from rig.settings import RigSettings
 from rig.transport.wire import TransportError
 from rig.units import GWT_N
 

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.clock import Clock
-from rig.engine.rig_settings import LimitSettings, RigSettings
 from rig.errors import LimitError, TripError
 from rig.records import Touch
+from rig.settings import LimitSettings, RigSettings
 from rig.units import GWT_N
 
 TRIP_MARGIN = 0.9  # no step is made that would go beyond so much of a trip, at the last stiffness

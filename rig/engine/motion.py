@@ -8,8 +8,8 @@ from typing import Any
 from rig.clock import Clock
 from rig.devices.base import Looks, Stage, StageError, StageHeld, StageOverridden, StageStatus, is_held
 from rig.engine.corridor import PRINTED_MM, Corridor
-from rig.engine.rig_settings import RigSettings
 from rig.errors import RigError, recast
+from rig.settings import RigSettings
 
 _ATTEMPTS = 5
 

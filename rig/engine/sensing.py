@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 from rig.clock import Clock
 from rig.devices.base import ForceBusy, ForceError, ForceOverload, ForceReading, ForceSensor, ForceUnderload
-from rig.engine.rig_settings import RigSettings
 from rig.errors import RigError, code_of
+from rig.settings import RigSettings
 from rig.transport.wire import TransportError
 from rig.units import GWT_N
 

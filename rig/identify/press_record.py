@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rig.data.run import Events
-from rig.engine.rig_settings import RigSettings
+from rig.settings import RigSettings
 from rig.units import GWT_N
 from sim.identification.forward import Given, Way
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rig.engine.rig_settings import RigSettings
 from rig.plan.config import Config
 from rig.plan.plan import SMALLEST_SOFT_TRIP_N, SOFT_TRIP_OVER_BAND
 from rig.records import BETWEEN_INCREMENTS_S
+from rig.settings import RigSettings
 from rig.units import GWT_N
 from sim.errors import ModelRangeError
 from sim.identification.bands import Width, band, standard_deviations

@@ -11,12 +11,12 @@ from rig.engine import Engine, LimitError, verbs
 from rig.engine.bench import Bench
 from rig.engine.bench_memory import BenchMemory, LastKnown
 from rig.engine.contact import Contact
-from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import NoReadingError, Sensing, several_gwt
 from rig.errors import BadInputError, around
 from rig.manual.guard import Guard
 from rig.manual.jog import ByHand, Show
 from rig.session.running import stopped_at_once
+from rig.settings import RigSettings
 from rig.transport.wire import TransportError
 from rig.units import GWT_N
 

@@ -5,9 +5,9 @@ import math
 from rig.engine.limits import TRIP_MARGIN, Trips
 from rig.engine.motion import FeltError
 from rig.engine.press import Unanswered
-from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import NoReadingError, Sensing, several_gwt
 from rig.errors import LimitError, TripError, recast
+from rig.settings import RigSettings
 from rig.units import GWT_N
 
 _LOST_INCREMENTS = 2.0

@@ -11,9 +11,9 @@ from rig.engine.contact import Contact, ContactKind, judged
 from rig.engine.dead_man import DOWN, UP, Direction, dead_man_jog
 from rig.engine.limits import AT_MM
 from rig.engine.motion import FeltError, StrayedError, insist
-from rig.engine.rig_settings import RigSettings
 from rig.errors import LimitError, RigError, code_of, recast
 from rig.manual.guard import Guard
+from rig.settings import RigSettings
 from rig.transport.wire import TransportError
 
 Held = Callable[[], Direction | None]

@@ -8,10 +8,10 @@ from pydantic import BaseModel, Field, ValidationError
 
 from rig.clock import Clock
 from rig.devices.base import Axis
-from rig.devices.bench_settings import SLOWEST_MM_S
 from rig.engine.dead_man import Direction
 from rig.errors import LimitError, NotReadyError
 from rig.manual.jog import FASTEST_MM_S, HeldWord
+from rig.settings import SLOWEST_MM_S
 
 HOLD_S = 0.25
 """A hold counts for so long from when it was said, whenever it comes."""

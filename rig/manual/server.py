@@ -9,7 +9,6 @@ from rig.control.stop import answer_to_a_stop
 from rig.devices.base import Stage, StageError, StageOverridden, StageRejected, StageStatus, is_held
 from rig.engine.bench import Bench
 from rig.engine.bench_memory import BenchMemory, LastKnown
-from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import NoReadingError, Sensing
 from rig.errors import BadInputError, LimitError
 from rig.manual import bench as at_hand
@@ -17,6 +16,7 @@ from rig.manual.jog import ByHand
 from rig.manual.requests import HOLD_S, Hold, Orders, Verb
 from rig.manual.status import HandStatus, OverheardSensor
 from rig.session.running import ENDINGS
+from rig.settings import RigSettings
 from rig.transport.stop_gate import StopGate
 from rig.transport.wire import Sink, TransportError
 

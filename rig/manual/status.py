@@ -17,10 +17,10 @@ from rig.devices.base import ForceError, ForceReading, ForceSensor, StageStatus
 from rig.engine.bench_memory import state_folder
 from rig.engine.contact import Contact
 from rig.engine.limits import Trips
-from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import Sensing
 from rig.manual.jog import FASTEST_MM_S
 from rig.manual.requests import HOME_FIRST
+from rig.settings import RigSettings
 from rig.transport.wire import ByteLog, TransportError
 from rig.units import GWT_N
 

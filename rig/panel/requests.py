@@ -15,11 +15,12 @@ from starlette.routing import Route
 
 from rig.control.client import ControlError, RefusedError
 from rig.control.stop import BESIDE_S, SentStop, send_stop
-from rig.devices.bench_settings import BenchSettings
+from rig.devices.registry import stage_ports
 from rig.errors import RigError
 from rig.panel.gate import TAB_HEADER
 from rig.panel.owners import ByHandProcess, NobodyError, NotTakenError, Owner, Said, asked, say_stop, stop_all
 from rig.panel.state import Watcher
+from rig.settings import BenchSettings
 
 MOST_BYTES = 4096
 _LARGEST = 1e12
@@ -319,7 +320,7 @@ def _sent_where_nobody_lives(
     """The stop from here, where none of those that were told is heard at once; None where one is."""
     if owners and answered.wait(BESIDE_S):
         return None
-    of_the_bench = [one for one in owners if set(one.ports) & set(settings.stage.ports)]
+    of_the_bench = [one for one in owners if set(one.ports) & set(stage_ports(settings.stage))]
     for one in of_the_bench or owners:
         with suppress(ControlError):
             one.ask("status", within_s=BESIDE_S)

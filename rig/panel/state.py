@@ -9,12 +9,13 @@ from typing import Any
 
 from rig.clock import Clock
 from rig.control.client import ControlError
-from rig.devices.bench_settings import BenchSettings
+from rig.devices.registry import stage_ports
 from rig.panel.drawing import Job
 from rig.panel.owners import Find, Owner, Tabs, owner_told, run_of, shown
 from rig.panel.seen_run import SeenRun, age_s, growing, limits_told
 from rig.panel.stream import NOTHING, Outlet, Row, Source
 from rig.plan.config import Config
+from rig.settings import BenchSettings
 from rig.units import GWT_N
 
 COLUMNS = ("unix_s", "t_s", "force_gwt", "x_mm", "y_mm", "z_mm", "height_mm")
@@ -51,7 +52,7 @@ class SeenBench:
     @property
     def ports(self) -> tuple[str, ...]:
         """Of its devices."""
-        return () if self._config is None else (*self._config.stage.ports, self._config.force.port)
+        return () if self._config is None else (*stage_ports(self._config.stage), self._config.force.port)
 
     @property
     def job(self) -> Job | None:

@@ -13,11 +13,10 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 
-from rig.devices.registry import DeviceSettings, as_asked, names
-from rig.engine.rig_settings import RigSettings
+from rig.devices.registry import KnownBench, as_asked, names
 from rig.errors import WRITTEN_BY_COMMANDS, RigError, RuleError, around, first_problem
 from rig.plan.finger_file import Met, checked_relaxation, read_finger_file, refuse_collapsed, tables_in
-from rig.settings import Settings
+from rig.settings import DeviceSettings, RigSettings, Settings
 from sim.config import FingertipConfig
 
 
@@ -62,7 +61,7 @@ class VirtualSettings(Settings):
         return self
 
 
-class Config(RigSettings):
+class Config(RigSettings, KnownBench):
     """A configuration file; every table and key has a default."""
 
     finger: FingertipConfig = FingertipConfig()
@@ -201,7 +200,7 @@ def unit(name: str) -> str:
 def _allowed(field: FieldInfo, device: BaseModel | None) -> str:
     """The words, the range or the kind of value."""
     if isinstance(device, DeviceSettings):
-        return " | ".join(names(device.kinds.room))
+        return " | ".join(names(device.room))
     options = [one for one in get_args(field.annotation) if one is not type(None)]
     kind = options[0] if type(None) in get_args(field.annotation) else field.annotation
     bounds = [*field.metadata, *getattr(kind, "__metadata__", ())]

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any, Literal, Protocol
 
-from rig.devices.bench_settings import SLOWEST_MM_S
-from rig.engine.rig_settings import LimitSettings, RigSettings
+from rig.devices.registry import moves_along
 from rig.errors import BadInputError, RigError
 from rig.records import Pace, PlannedIndentation, Prediction, PressId, Purpose, Target
+from rig.settings import SLOWEST_MM_S, LimitSettings, RigSettings
 from rig.units import GWT_N
 
 
@@ -258,7 +258,7 @@ def refuse_along(along_mm: float, settings: RigSettings) -> None:
     """Refuse a place along the finger that the stage cannot reach or the limits forbid."""
     refuse_no_number("move_to", "along_mm", along_mm)
     refuse_outside("move_to", "along_mm", along_mm, settings.limits.along_mm)
-    if along_mm and not settings.stage.moves_along:
+    if along_mm and not moves_along(settings.stage):
         raise BadInputError(
             "{verb}: {key} = {value:g}: a {kind} stage has no axis along the finger",
             code="no_such_axis",

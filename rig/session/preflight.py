@@ -4,6 +4,7 @@ import time
 from dataclasses import dataclass
 from typing import Any
 
+from rig.devices.registry import stage_ports
 from rig.engine import EngineError
 from rig.engine.limits import Stopping
 from rig.plan.config import Config
@@ -127,7 +128,7 @@ class Page:
         return {
             "protocol": f"{session.script.title} ({session.script.path.name})",
             "subject": session.into.subject or "none given",
-            "devices": f"{stage.kind} on {' and '.join(stage.ports)}, {force.kind} on {force.port}",
+            "devices": f"{stage.kind} on {' and '.join(stage_ports(stage))}, {force.kind} on {force.port}",
             "steps": self._steps,
             "duration": self._duration,
             "force": self._force,

@@ -13,6 +13,7 @@ from typing import Any
 from rig.data import FolderBusyError, Run, RunError, RunFolder, read_run
 from rig.data.folder import MEETING_PAGE, SCRIPT, UnwritableError
 from rig.data.journal import JournalError, mend_journal
+from rig.devices.registry import stage_ports
 from rig.engine import RunAborted
 from rig.engine.bench_memory import BenchMemory
 from rig.errors import BadInputError, around
@@ -139,10 +140,11 @@ def last_left(runs: Path, config: Config) -> Ending | None:
     `runs` is the folder of run folders. A run that another process is at is none of ours.
     """
     folders = sorted(runs.iterdir(), reverse=True) if runs.is_dir() else []
+    ports = set(stage_ports(config.stage))
     for folder in map(RunFolder, folders):
         try:
             about = json.loads(folder.provenance.read_text(encoding="utf-8"))
-            if about["virtual"] or not set(load_config(folder.config).stage.ports) & set(config.stage.ports):
+            if about["virtual"] or not ports & set(stage_ports(load_config(folder.config).stage)):
                 continue
             with folder.owned():
                 return ending_on_record(read_run(folder.path))

@@ -7,11 +7,10 @@ from typing import Any
 
 from rig.control.stop import StageInHand
 from rig.devices.base import HasSetPoint, Stage, StageAlarm, StageError, StageHeld, is_held
-from rig.devices.bench_settings import BenchSettings
 from rig.devices.stop_key import StopKey, StopKeyError
 from rig.engine import Engine, RunAborted, TripError, WatchedBench
 from rig.errors import BadInputError, around
-from rig.settings import StopSettings
+from rig.settings import BenchSettings, StopSettings
 from rig.transport import TransportError
 
 BY_THE_BUTTON = "at once, by the participant's stop button"

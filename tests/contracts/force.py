@@ -17,8 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rig.devices.base import ForceError, ForceReading, ForceSensor, ForceTimeout
-from rig.devices.bench_settings import BenchSettings
-from rig.devices.registry import ForceKind, find
+from rig.devices.registry import ForceKind, KnownBench, find
 from rig.transport import TransportError
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
@@ -152,7 +151,7 @@ class Connected:
         self.clock = VirtualClock(1.7e9, BEGUN_S)
         self.wire = FarEnd(device, self.clock)
         measured = {"value": scale, "sd": 0.01, "date": "2026-01-01", "expires": "2027-01-01"}
-        bench = BenchSettings.model_validate(
+        bench = KnownBench.model_validate(
             {"force": {"kind": device.kind, **device.table}, "calibration": {"force_scale": measured}}
         )
         self.driver: ForceSensor = find(ForceKind, device.kind).driver(lambda port: self.wire, self.clock, bench)

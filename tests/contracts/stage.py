@@ -24,8 +24,7 @@ from rig.devices.base import (
     StageStatus,
     StageTimeout,
 )
-from rig.devices.bench_settings import BenchSettings
-from rig.devices.registry import StageKind, find
+from rig.devices.registry import KnownBench, StageKind, find
 from rig.errors import RigError
 from rig.transport import TransportError
 from sim.devices.clock import VirtualClock
@@ -165,7 +164,7 @@ class StageBench:
         self.device = device
         self.clock = VirtualClock(1.7e9, BEGUN_S)
         self.wire = StageEnd(device, self.clock)
-        settings = BenchSettings.model_validate({"stage": {"kind": device.kind, **device.table}})
+        settings = KnownBench.model_validate({"stage": {"kind": device.kind, **device.table}})
         self.stage: Stage = find(StageKind, device.kind).driver(lambda port: self.wire, self.clock, settings)
         if connected or homed:
             self.stage.connect()

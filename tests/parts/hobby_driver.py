@@ -2,10 +2,10 @@
 
 from rig.clock import Clock
 from rig.devices.base import Stage, StageError
-from rig.devices.bench_settings import BenchSettings
 from rig.devices.grbl import GrblStage
 from rig.devices.grbl_link import expected_settings
 from rig.devices.registry import Opener, StageKind
+from rig.settings import BenchSettings
 
 
 class HobbyStage(GrblStage):

@@ -4,9 +4,8 @@ from pydantic import Field
 
 from rig.clock import Clock
 from rig.devices.base import ForceError, ForceReading, ForceSensor, ForceTimeout
-from rig.devices.bench_settings import BenchSettings
 from rig.devices.registry import ForceKind, Opener
-from rig.settings import Settings
+from rig.settings import BenchSettings, Settings
 from rig.transport import LineReader, Transport
 from rig.units import GWT_N
 

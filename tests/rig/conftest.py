@@ -17,8 +17,8 @@ from rig.bench.served import ServedBench
 from rig.data.schema import STREAMS
 from rig.devices.drivers import force_driver, stage_driver
 from rig.engine import Engine, Journal, Pause, verbs
-from rig.engine.rig_settings import RigSettings
 from rig.plan.config import Config
+from rig.settings import RigSettings
 from rig.transport import LoopbackTransport
 from rig.transport.wire import LoggedTransport
 from rig.units import GWT_N

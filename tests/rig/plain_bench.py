@@ -7,8 +7,8 @@ from rig.devices.base import ForceReading, StageStatus
 from rig.engine import Engine, PressId, verbs
 from rig.engine.bench import Pause
 from rig.engine.press import Press
-from rig.engine.rig_settings import RigSettings
 from rig.records import Touch
+from rig.settings import RigSettings
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from tests.told import ToldStage

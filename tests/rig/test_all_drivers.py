@@ -13,8 +13,7 @@ import pytest
 
 import rig.devices
 from rig.devices.base import DeadManStage, ForceError, ForceSensor, Stage, StageError
-from rig.devices.bench_settings import BenchSettings
-from rig.devices.registry import BUILT_IN, ForceKind, find
+from rig.devices.registry import BUILT_IN, ForceKind, KnownBench, find
 from rig.errors import RigError
 from rig.transport.modbus import ModbusError
 from sim.devices.clock import VirtualClock
@@ -141,6 +140,6 @@ def test_a_sensor_is_as_it_is_configured(kind: str, scripted: Callable[..., Any]
     """Its period and its step, this one in true force: 1.5 times what it shows."""
     scale = {"value": 1.5, "sd": 0.01, "date": "2026-01-01", "expires": "2027-01-01"}
     force = {"kind": kind, "sample_period_s": 0.2, "resolution_gwt": 0.03}
-    settings = BenchSettings.model_validate({"force": force, "calibration": {"force_scale": scale}})
+    settings = KnownBench.model_validate({"force": force, "calibration": {"force_scale": scale}})
     driver = find(ForceKind, kind).driver(lambda port: scripted([]), clock, settings)
     assert (driver.sample_period_s, driver.resolution_gwt) == pytest.approx((0.2, 0.045))

@@ -12,7 +12,7 @@ import pytest
 from rig.engine import EngineError, Target, indent
 from rig.engine.indentation import touch_place
 from rig.engine.reference import measure_compliance
-from rig.engine.rig_settings import RigSettings
+from rig.settings import RigSettings
 from rig.units import GWT_N
 
 Make = Callable[..., Any]

@@ -7,8 +7,8 @@ import pytest
 
 from rig.devices.base import StageStatus
 from rig.engine.bench_memory import BenchMemory, LastKnown
-from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import Zero
+from rig.settings import RigSettings
 
 AT = StageStatus("Idle", -3.0, -2.0, -1.5)
 

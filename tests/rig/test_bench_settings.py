@@ -10,9 +10,8 @@ import pytest
 from pydantic import BaseModel, ValidationError
 
 from rig import settings
-from rig.devices import bench_settings as room
-from rig.devices.bench_settings import BenchSettings, Calibration, StageSettings, SyncSettings
-from rig.settings import DriveSettings
+from rig.devices.registry import KnownBench, checked, moves_along, stage_ports
+from rig.settings import BenchSettings, Calibration, DriveSettings, StageSettings, SyncSettings
 from tests.config_keys import TABLE, Key
 
 JUST_ABOVE_0 = 1e-6
@@ -84,7 +83,8 @@ def test_a_number_may_be_as_low_and_as_high_as_this_and_no_more(name: str) -> No
 
 
 def _model(name: str) -> type[BaseModel]:
-    return next(getattr(place, name) for place in (room, settings, settings) if hasattr(place, name))
+    found: type[BaseModel] = getattr(settings, name)
+    return found
 
 
 def _made(name: str, key: str, value: float) -> BaseModel:
@@ -167,24 +167,24 @@ def test_a_measured_number_is_one_that_can_be(name: str) -> None:
     }[kind]
     for value in (-400.0, -1.0, -1e-6, 0.0, 1e-6, 0.5, 1.0, 400.0):
         if value not in refused:
-            calibration = room.CalibrationSettings.model_validate({name: _measured(value)})
+            calibration = settings.CalibrationSettings.model_validate({name: _measured(value)})
             assert calibration.value(name, 7.0) == value
             assert [found for found, _ in calibration.measured()] == [name]
         else:
             tables = {name: _measured(value)}
-            _first(name, partial(room.CalibrationSettings.model_validate, tables), f"value = {value:g}: ")
+            _first(name, partial(settings.CalibrationSettings.model_validate, tables), f"value = {value:g}: ")
 
 
 @pytest.mark.parametrize("name", MEASURED)
 def test_what_was_not_measured_is_what_was_said_instead(name: str) -> None:
-    nothing = room.CalibrationSettings()
+    nothing = settings.CalibrationSettings()
     assert nothing.value(name, 7.0) == 7.0
     assert list(nothing.measured()) == []
     assert nothing.expired(datetime.date(2999, 1, 1)) == []
 
 
 def test_a_calibration_may_be_used_on_its_last_day() -> None:
-    both = room.CalibrationSettings.model_validate(
+    both = settings.CalibrationSettings.model_validate(
         {"force_scale": _measured(1.0), "x_backlash_mm": _measured(0.0, expires=datetime.date(2026, 5, 3))}
     )
     assert [both.expired(datetime.date(2026, 5, day)) for day in (1, 2, 3, 4)] == [
@@ -196,7 +196,7 @@ def test_a_calibration_may_be_used_on_its_last_day() -> None:
 
 
 def _stage(kind: str, x: dict[str, Any], z: dict[str, Any]) -> StageSettings:
-    return StageSettings.model_validate({"kind": kind, "port": "/dev/a", "drives": {"x": x, "z": z}})
+    return checked(StageSettings, {"kind": kind, "port": "/dev/a", "drives": {"x": x, "z": z}})
 
 
 @pytest.mark.parametrize(
@@ -216,14 +216,14 @@ def test_drives_are_told_apart_by_id_or_by_port(
         _first("", lambda: _stage("leadshine", x, z), "drives.x and drives.z: ")
     else:
         stage = _stage("leadshine", x, z)
-        assert stage.ports == ports
-        assert stage.moves_along is False
+        assert stage_ports(stage) == ports
+        assert moves_along(stage) is False
 
 
 def test_a_board_is_on_one_port_and_moves_along_the_finger() -> None:
     stage = _stage("grbl", {"device_id": 1, "port": "/dev/b"}, {"device_id": 2})
-    assert stage.ports == ("/dev/a",)
-    assert stage.moves_along is True
+    assert stage_ports(stage) == ("/dev/a",)
+    assert moves_along(stage) is True
 
 
 WORDS = {"register_address": 0x157, "on_word": 0x80, "off_word": 0}
@@ -235,9 +235,9 @@ def test_the_words_of_an_output_are_all_there_or_none(missing: str | None) -> No
     assert SyncSettings.model_validate(words).words == (None if missing else (0x157, 0x80, 0))
     bench = {"stage": {"kind": "leadshine"}, "sync": {"output": "drive", **words}}
     if missing:
-        _first("", lambda: BenchSettings.model_validate(bench), "sync: ")
+        _first("", lambda: KnownBench.model_validate(bench), "sync: ")
     else:
-        assert BenchSettings.model_validate(bench).sync.words == (0x157, 0x80, 0)
+        assert KnownBench.model_validate(bench).sync.words == (0x157, 0x80, 0)
 
 
 @pytest.mark.parametrize(
@@ -248,6 +248,6 @@ def test_an_output_is_one_that_the_stage_has(kind: str, outputs: tuple[str, ...]
     for output in ("off", "coolant", "spindle", "drive"):
         bench = {"stage": {"kind": kind}, "sync": {"output": output, **words}}
         if output not in outputs:
-            _first("", partial(BenchSettings.model_validate, bench), "sync.output: ")
+            _first("", partial(KnownBench.model_validate, bench), "sync.output: ")
         elif output != "drive" or words:
-            assert BenchSettings.model_validate(bench).sync.output == output
+            assert KnownBench.model_validate(bench).sync.output == output

@@ -9,19 +9,34 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from pydantic import BaseModel
+import tomlkit
+from pydantic import BaseModel, ValidationError
 
 from rig.bench.served import ServedBench
-from rig.bench.virtual import bench_around, refuse_twinless, virtual_force, virtual_stage, with_stand_ins
+from rig.bench.virtual import bench_around, refuse_twinless, virtual_force, virtual_stage, with_kinds, with_stand_ins
 from rig.cli import main
+from rig.control.stop import NoStageError, stage_alone
+from rig.data import RunFolder
 from rig.devices import registry
-from rig.devices.bench_settings import BenchSettings, ForceSettings, StageSettings
 from rig.devices.drivers import force_driver, stage_driver
-from rig.devices.registry import ForceKind, Kind, KindError, Room, StageKind, as_kind, find, names
-from rig.errors import BadInputError
+from rig.devices.registry import (
+    ForceKind,
+    Kind,
+    KindError,
+    KnownBench,
+    Room,
+    StageKind,
+    as_kind,
+    find,
+    kind_of,
+    moves_along,
+    names,
+    stage_ports,
+)
+from rig.errors import BadInputError, first_problem
 from rig.plan.config import Config, load_config
 from rig.session.rehearse import SpringPlant
-from rig.settings import Settings
+from rig.settings import BenchSettings, DrivesSettings, ForceSettings, Settings, StageSettings
 from rig.transport import LoopbackTransport
 from sim.devices.clock import VirtualClock
 from sim.devices.line import ForceTold, Load, SerialLine, StageTold
@@ -151,8 +166,8 @@ def test_driver_and_twin_meet_on_one_line(of: type[Kind], name: str, example: No
 @pytest.mark.parametrize("name", registry.BUILT_IN["stage"])
 def test_a_stage_has_the_ports_axes_and_outputs_that_it_says(name: str) -> None:
     entry, stage = find(StageKind, name), StageSettings(kind=name, port="/dev/a")
-    assert stage.ports == entry.ports(stage) == ("/dev/a",)
-    assert stage.moves_along is (entry.axes == "xyz")
+    assert stage_ports(stage) == entry.ports(stage) == ("/dev/a",)
+    assert moves_along(stage) is (entry.axes == "xyz")
     assert entry.outputs[0] == "off"
     for output in entry.outputs:
         assert _config(StageKind, name, sync={"output": output, **WORDS}).sync.output == output
@@ -171,7 +186,7 @@ def test_a_list_of_names_imports_nothing(offered: Offer) -> None:
 def test_packages_are_looked_for_only_where_this_program_has_no_such_kind(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(registry, "_offered", lambda: pytest.fail("looked"))
     for of, name in BUILT_IN:
-        assert getattr(_config(of, name), of.room).entry.name == name
+        assert kind_of(getattr(_config(of, name), of.room)).name == name
 
 
 def test_its_table_is_a_part_of_the_configuration(example: None, tmp_path: Path) -> None:
@@ -234,6 +249,90 @@ def test_a_table_that_must_be_given_is_asked_for(offered: Offer) -> None:
     assert Config.model_validate({"force": {"kind": "odd", "odd": {"must": 3}}}).model_dump()["force"]["odd"] == {
         "must": 3, "may": 1,
     }  # fmt: skip
+
+
+# --- every way to a configuration ---
+
+Tables = dict[str, dict[str, Any]]
+MADE = {"stage": StageSettings, "force": ForceSettings}
+
+
+def _filed(tables: Tables, path: Path) -> Path:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(tomlkit.dumps(tables), encoding="utf-8")
+    return path
+
+
+WAYS: dict[str, Callable[[Tables, Path], KnownBench]] = {
+    "a file": lambda tables, folder: load_config(_filed(tables, folder / "rig.toml")),
+    "the folder of a run": lambda tables, folder: load_config(_filed(tables, RunFolder(folder / "run").config)),
+    "tables": lambda tables, folder: Config.model_validate(tables),
+    "tables in JSON": lambda tables, folder: Config.model_validate_json(json.dumps(tables)),
+    "keywords": lambda tables, folder: Config(**tables),  # type: ignore[arg-type]
+    "a bench alone": lambda tables, folder: KnownBench.model_validate(tables),
+    "devices made in code": lambda tables, folder: Config.model_validate(
+        {name: MADE[name].model_validate(table) if name in MADE else table for name, table in tables.items()}
+    ),
+}
+"""Every other one is a copy of one of these; `rig stop` and the kinds that `rig serve` is told have a test below."""
+each_way = pytest.mark.parametrize("way", WAYS)
+
+
+@each_way
+@pytest.mark.parametrize(
+    ("tables", "code", "key"),
+    [
+        ({"stage": {"kind": "odd"}}, "unknown_kind", "stage.kind"),
+        ({"force": {"kind": "odd"}}, "unknown_kind", "force.kind"),
+        ({"stage": {"kind": "leadshine"}, "sync": {"output": "coolant"}}, "no_such_output", ""),
+        ({"stage": {"kind": "leadshine"}, "sync": {"output": "drive"}}, "incomplete_sync", ""),
+        ({"stop": {"kind": "board", "input": "di1"}}, "no_such_input", ""),
+        (
+            {"force": {"kind": "line_scale", "line_scale": {"address": 100}}},
+            "invalid_value",
+            "force.line_scale.address",
+        ),
+        ({"force": {"line_scale": {"address": 7}}}, "invalid_table", "force"),
+    ],
+)
+def test_what_a_kind_has_not_is_refused_whatever_way_it_comes(
+    way: str, tables: Tables, code: str, key: str, example: None, tmp_path: Path
+) -> None:
+    if way == "devices made in code" and "line_scale" in tables.get("force", {}):
+        code, key = "unknown_key", "line_scale"  # before the configuration is made: no table of a kind can be given
+    with pytest.raises((BadInputError, ValidationError)) as caught:
+        WAYS[way](tables, tmp_path)
+    found = caught.value if isinstance(caught.value, BadInputError) else first_problem("", caught.value)
+    assert (found.code, found.fields["key"]) == (code, key)
+
+
+@each_way
+def test_what_a_kind_has_is_there_whatever_way_it_comes(way: str, example: None, tmp_path: Path) -> None:
+    own = {} if way == "devices made in code" else {"line_scale": {"address": 7}}
+    made = WAYS[way]({"force": {"kind": "line_scale", **own}, "stage": {"kind": "leadshine"}}, tmp_path)
+    for device, table in ((made.force, {"address": 7 if own else 1}), (made.stage, DrivesSettings().model_dump())):
+        entry = kind_of(device)
+        assert entry.settings
+        assert device.own(entry.settings).model_dump() == table
+
+
+def test_a_device_named_on_the_command_line_and_the_stage_of_a_stop_are_checked_too(
+    example: None, tmp_path: Path
+) -> None:
+    for kinds in ((None, "odd"), ("odd", None)):
+        with raises(BadInputError, "unknown_kind", kind="odd"):
+            with_kinds(Config(), *kinds)
+    assert with_kinds(Config(), None, "line_scale").force.model_dump()["line_scale"] == {"address": 1}
+    with raises(NoStageError, "invalid_value", key="stage.kind"):
+        stage_alone(_filed({"stage": {"kind": "odd"}}, tmp_path / "rig.toml"))
+
+
+def test_no_table_is_made_of_what_somebody_wrote_but_by_these() -> None:
+    """The tables alone know no kinds: `checked`, `KnownBench` and `Config` do."""
+    alone = re.compile(r"(?<!class )\b(Stage|Force|Bench|Rig)Settings(\.model_validate\w*)?\((?!\))")
+    for place in ("rig", "sim", "studies", "examples"):
+        for path in (ROOT / place).rglob("*.py"):
+            assert not alone.search(path.read_text(encoding="utf-8")), path
 
 
 # --- what cannot be used ---
@@ -411,6 +510,8 @@ def test_no_other_module_asks_for_a_kind_by_its_name(room: Room) -> None:
         if path.parent.name == "devices" and path.name in {*kinds, "registry.py"}:
             continue
         text = path.read_text(encoding="utf-8")
+        if path.name == "settings.py":
+            text = text.replace(f'kind: str = Field("{registry.DEFAULTS[room]}"', "", 1)
         assert not re.search(rf"{room}\.kind (==|!=|in|not in) |\[[\w.]*{room}\.kind\]", text), path
         for name in registry.BUILT_IN[room]:
             assert f'"{name}"' not in text, path

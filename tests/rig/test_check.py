@@ -12,12 +12,12 @@ from rig.cli import main
 from rig.data import Run
 from rig.engine import LimitError, TripError
 from rig.engine.limits import Stopping
-from rig.engine.rig_settings import RigSettings
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
 from rig.session.preflight import Preflight, preflight
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
+from rig.settings import RigSettings
 from rig.units import GWT_N
 from sim.models.fingertip import Fingertip
 

@@ -9,7 +9,7 @@ import pytest
 from rig.engine import Engine, LimitError, RunAborted, Target, TripError, indent, verbs
 from rig.engine.indentation import touch_place
 from rig.engine.limits import UNREAD_S, Stopping, Touched, refuse_height
-from rig.engine.rig_settings import RigSettings
+from rig.settings import RigSettings
 from rig.units import GWT_N
 from tests.raising import raises
 from tests.rig.plain_bench import PlainBench

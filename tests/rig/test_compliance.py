@@ -9,7 +9,7 @@ import pytest
 from rig.engine import LimitError, RunAborted, Target, TripError, indent
 from rig.engine.engine import State
 from rig.engine.reference import measure_compliance
-from rig.engine.rig_settings import RigSettings
+from rig.settings import RigSettings
 from rig.units import GWT_N
 from tests.raising import raises
 from tests.rig.plain_bench import PlainBench

@@ -3,10 +3,9 @@
 import pytest
 
 from rig.devices.base import StageError, StageRejected
-from rig.devices.bench_settings import StageBounds
 from rig.devices.grbl import GrblStage
 from rig.devices.grbl_link import enforced_settings, expected_settings
-from rig.engine.rig_settings import RigSettings
+from rig.settings import RigSettings, StageBounds
 from rig.transport import LoopbackTransport
 from sim.devices import SerialLine, VirtualGrbl
 from sim.devices.clock import VirtualClock

@@ -11,7 +11,7 @@ from rig.data.journal import read_journal
 from rig.devices.base import StageAlarm, StageReset
 from rig.engine import LimitError, NotReadyError, PressId, RunAborted, Target, TripError, indent, verbs
 from rig.engine.engine import State
-from rig.engine.rig_settings import RigSettings
+from rig.settings import RigSettings
 from rig.units import GWT_N
 from tests.raising import raises
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rig.engine.rig_settings import LimitSettings
+from rig.settings import LimitSettings
 from rig.units import GWT_N
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -8,7 +8,7 @@ import pytest
 from rig.devices.base import Stage, StageAlarm, StageError, StageRejected, StageReset, StageStatus, StageTimeout
 from rig.devices.grbl import GrblStage
 from rig.devices.grbl_link import ASK_TIMES, StatusFields, expected_settings, is_banner, parse_status
-from rig.engine.rig_settings import RigSettings
+from rig.settings import RigSettings
 from sim.devices.clock import VirtualClock
 from tests.raising import raises
 from tests.told_board import Board, at, connected

@@ -8,7 +8,7 @@ import pytest
 from rig.devices.base import MoveError, StageAlarm, StageError, StageRejected
 from rig.devices.grbl import GrblStage
 from rig.devices.grbl_link import expected_settings, travel_s
-from rig.engine.rig_settings import RigSettings
+from rig.settings import RigSettings
 from sim.devices.clock import VirtualClock
 from tests.raising import raises
 from tests.told_board import Board

@@ -7,10 +7,10 @@ import pytest
 
 from rig.devices.base import ForceOverload, ForceReading
 from rig.engine.motion import FeltError
-from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import NoReadingError, Sensing
 from rig.errors import LimitError
 from rig.manual.guard import Guard
+from rig.settings import RigSettings
 from rig.units import GWT_N
 from tests.raising import has_code, raises
 

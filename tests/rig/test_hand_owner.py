@@ -10,12 +10,12 @@ import pytest
 
 from rig.devices.base import ForceReading, ForceTimeout, StageError, StageRejected
 from rig.engine.bench_memory import BenchMemory
-from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import Sensing, Zero
 from rig.errors import BadInputError, LimitError
 from rig.manual import bench as at_hand
 from rig.manual import status as hand_log
 from rig.manual.status import AT_A_TIME, COLUMNS, KEPT, Backlog, HandLog, OverheardSensor
+from rig.settings import RigSettings
 from rig.transport.wire import TransportError
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock

@@ -8,8 +8,8 @@ import pytest
 from rig.engine import Pause, PressId, Target
 from rig.engine.bench import LOOK_S, Heartbeat
 from rig.engine.limits import Stopping
-from rig.engine.rig_settings import RigSettings
 from rig.records import NO_PRESS, Touch
+from rig.settings import RigSettings
 from sim.devices.clock import VirtualClock
 
 DOCS = Path(__file__).parents[2] / "docs" / "safety.md"

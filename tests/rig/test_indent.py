@@ -27,8 +27,8 @@ from rig.engine.engine import State
 from rig.engine.indentation import ready_to_indent, touch_place
 from rig.engine.press import pulse
 from rig.engine.reference import compare_reference, measure_compliance
-from rig.engine.rig_settings import RigSettings
 from rig.records import Purpose
+from rig.settings import RigSettings
 from rig.units import GWT_N
 from tests.raising import raises
 from tests.rig.plain_bench import PlainBench

@@ -8,10 +8,9 @@ from typing import Any
 import pytest
 
 from rig.devices.base import StageAlarm, StageError, StageNotHomed, StageStatus, StageTimeout
-from rig.devices.bench_settings import SyncSettings
 from rig.devices.leadshine import LeadshineStage
 from rig.devices.leadshine_drive import LeadshineDrive
-from rig.settings import DriveSettings
+from rig.settings import DriveSettings, SyncSettings
 from rig.transport.modbus import ModbusMaster
 from sim.devices.clock import VirtualClock
 from tests.raising import raises

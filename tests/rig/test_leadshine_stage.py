@@ -7,9 +7,9 @@ from typing import Any
 import pytest
 
 from rig.devices.base import MoveError, StageAlarm, StageError, StageNotHomed
-from rig.devices.bench_settings import SyncSettings
 from rig.devices.leadshine import LeadshineStage
 from rig.devices.leadshine_drive import number, words
+from rig.settings import SyncSettings
 from sim.devices.clock import VirtualClock
 from tests.drives_as_registers import ALARM, DISABLED, HOMED, RUNNING, Bus, X, Z, homed_stage
 from tests.raising import raises

@@ -10,12 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from rig.devices.bench_settings import SLOWEST_MM_S
 from rig.engine.limits import ContactTime, Trips, refuse_height
-from rig.engine.rig_settings import RigSettings
 from rig.errors import BadInputError, LimitError
 from rig.plan.config import Config
 from rig.protocol import Rig
+from rig.settings import SLOWEST_MM_S, RigSettings
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from tests.config_keys import TABLE, Key

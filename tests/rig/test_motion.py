@@ -13,9 +13,9 @@ import pytest
 
 from rig.devices.base import StageHeld, StageNotHomed, StageStatus
 from rig.engine.motion import FeltError, Motion, StrayedError
-from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import NoReadingError
 from rig.errors import TripError, recast
+from rig.settings import RigSettings
 from sim.devices.clock import VirtualClock
 from tests.raising import has_code, raises
 from tests.told import ToldStage

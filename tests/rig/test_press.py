@@ -9,7 +9,7 @@ import pytest
 
 from rig.engine import LimitError, Target, TripError, indent
 from rig.engine.press import Press
-from rig.engine.rig_settings import RigSettings
+from rig.settings import RigSettings
 from tests.raising import has_code, raises
 from tests.rig.plain_bench import PlainBench, pressing, shows
 

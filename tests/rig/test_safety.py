@@ -11,7 +11,7 @@ from rig.engine import EngineError, NotReadyError, Target, TripError, indent, ve
 from rig.engine.bench import Heartbeat, looked_after
 from rig.engine.engine import State
 from rig.engine.limits import Stopping
-from rig.engine.rig_settings import RigSettings
+from rig.settings import RigSettings
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from tests.raising import raises

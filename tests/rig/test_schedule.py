@@ -16,7 +16,6 @@ from rig.cli import main
 from rig.data import read_run
 from rig.engine import LimitError, NotReadyError, PressId, RunAborted, Target, TripError, indent, verbs
 from rig.engine.engine import State
-from rig.engine.rig_settings import RigSettings
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
@@ -26,6 +25,7 @@ from rig.protocol.steps import Checkpoint, Mount, MoveTo, Note, Reference, Rest,
 from rig.session.preflight import preflight
 from rig.session.resume import read_stopped
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
+from rig.settings import RigSettings
 from sim.models.fingertip import Fingertip
 from tests.raising import raises
 from tests.rig.walked import walked

@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from rig.devices.base import ForceBroken, ForceBusy, ForceOverload, ForceReading, ForceTimeout, ForceUnderload
-from rig.engine.rig_settings import RigSettings
 from rig.engine.sensing import NoReadingError, Sensing, read
+from rig.settings import RigSettings
 from rig.transport.wire import TransportError
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock

@@ -12,7 +12,7 @@ import pytest
 
 from rig.engine import LimitError, TripError
 from rig.engine.limits import ContactTime, Trips, refuse_height, trip_height_mm
-from rig.engine.rig_settings import LimitSettings, RigSettings
+from rig.settings import LimitSettings, RigSettings
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from tests.raising import has_code, raises

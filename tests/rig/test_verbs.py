@@ -11,8 +11,8 @@ import pytest
 from rig.devices.base import ForceError
 from rig.engine import LimitError, NotReadyError, Pause, RunAborted, Target, TripError, indent, verbs
 from rig.engine.engine import State
-from rig.engine.rig_settings import RigSettings
 from rig.errors import PressPaused
+from rig.settings import RigSettings
 from rig.units import GWT_N
 from tests.raising import raises
 

@@ -6,13 +6,13 @@ from typing import Any
 
 import pytest
 
-from rig.engine.rig_settings import RigSettings
 from rig.errors import BadInputError
 from rig.protocol import Rig
 from rig.protocol.api import ProtocolParameters
 from rig.protocol.check import NoPredictionError, Spot, Walk
 from rig.protocol.steps import Step
 from rig.records import Pace, Prediction, Target
+from rig.settings import RigSettings
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,8 @@ from pydantic import Field
 
 from rig.clock import Clock
 from rig.devices.base import ForceSensor
-from rig.devices.bench_settings import BenchSettings
 from rig.devices.registry import ForceKind, Opener
-from rig.settings import Settings
+from rig.settings import BenchSettings, Settings
 from rig_line_scale.driver import LineScaleForce
 
 

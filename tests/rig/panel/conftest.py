@@ -6,11 +6,12 @@ from pathlib import Path
 import pytest
 
 from rig.control.stop import SentStop
-from rig.devices.bench_settings import BenchSettings
+from rig.devices.registry import stage_ports
 from rig.panel import requests
 from rig.panel.app import application
 from rig.panel.state import SeenBench, Watcher
 from rig.plan.config import Config
+from rig.settings import BenchSettings
 from sim.devices.clock import VirtualClock
 from tests.rig.panel.told_panel import PORT, TOKEN, Told, ToldBench, ToldOwner
 from tests.waiting import DEADLINE_S
@@ -23,7 +24,7 @@ def sent(monkeypatch: pytest.MonkeyPatch) -> list[BenchSettings]:
 
     def send(settings: BenchSettings) -> SentStop:
         stops.append(settings)
-        return SentStop(settings.stage.ports, problems=["there is no such port"])
+        return SentStop(stage_ports(settings.stage), problems=["there is no such port"])
 
     monkeypatch.setattr(requests, "send_stop", send)
     monkeypatch.setattr(requests, "BESIDE_S", DEADLINE_S)
