@@ -54,7 +54,7 @@ NO_PRESS = PressId(-1)
 
 
 @dataclass(frozen=True)
-class Touch:
+class ContactFit:
     """Where contact was found: heights above the nominal apex in mm, forces in gwt."""
 
     threshold_gwt: float
@@ -106,7 +106,7 @@ class Pace(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Band:
+class PredictionBand:
     """Between which force and depth a finger that was met answers, nine times of ten, in the last hold."""
 
     force_gwt: tuple[float, float]
@@ -126,7 +126,7 @@ class Prediction:
     predicted_doi_mm: float
     contact_area_mm2: float
     peak_pressure_mpa: float
-    band: Band | None = field(default=None, kw_only=True)
+    band: PredictionBand | None = field(default=None, kw_only=True)
 
     @property
     def highest_gwt(self) -> float:

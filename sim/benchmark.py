@@ -134,7 +134,7 @@ OFFSET_RANGE_MM = 0.17
 
 
 @dataclass(frozen=True)
-class Scene:
+class BenchmarkScene:
     """One indentation to a depth; its family says what its errors stand for."""
 
     family: str  # "smooth", "bar" or "step"
@@ -148,9 +148,9 @@ class Scene:
         return f"{self.shape} at {self.x_mm:g}, DOI {self.doi_mm:g}"
 
 
-def _offset(family: str, shape: str, x_mm: float, doi_mm: float, n: int) -> list[Scene]:
+def _offset(family: str, shape: str, x_mm: float, doi_mm: float, n: int) -> list[BenchmarkScene]:
     offsets = np.arange(n) * OFFSET_RANGE_MM / n
-    return [Scene(family, shape, round(x_mm + float(offset), 4), doi_mm) for offset in offsets]
+    return [BenchmarkScene(family, shape, round(x_mm + float(offset), 4), doi_mm) for offset in offsets]
 
 
 SCENES = (
@@ -176,7 +176,7 @@ _FEW = 5  # repetitions of the limit, of which the fastest counts
 
 
 @dataclass(frozen=True)
-class Answer:
+class SceneResult:
     """What one scene came to."""
 
     force_mm2: float  # over E(epidermis), of which no error depends; of a section in mm
@@ -205,7 +205,7 @@ class Measured:
     timing_s: dict[str, float]
     memory_mb: float  # peak of a process that does nothing else
     factor_s: float | None  # one sparse factorisation of the same matrix, without its Schur complement
-    answers: dict[Scene, Answer]
+    answers: dict[BenchmarkScene, SceneResult]
 
     @property
     def contact_s(self) -> float:
@@ -218,14 +218,14 @@ class Measured:
         return float(np.median([answer.limit_s for answer in self.answers.values()]))
 
 
-def measure(candidates: Iterable[Candidate], scenes: Sequence[Scene]) -> Iterator[Measured]:
+def measure(candidates: Iterable[Candidate], scenes: Sequence[BenchmarkScene]) -> Iterator[Measured]:
     """Each candidate in a process of its own, one after the other."""
     measured = partial(_measured, scenes=tuple(scenes))
     for candidate in candidates:
         yield from in_processes(measured, [candidate], 1)
 
 
-def _measured(candidate: Candidate, scenes: tuple[Scene, ...]) -> Measured:
+def _measured(candidate: Candidate, scenes: tuple[BenchmarkScene, ...]) -> Measured:
     start = time.perf_counter()
     finger = load(candidate.model, candidate.config, cached=False)
     model = finger.model
@@ -236,9 +236,9 @@ def _measured(candidate: Candidate, scenes: tuple[Scene, ...]) -> Measured:
     return Measured(candidate, model.nodes, len(model.patch), build_s, model.timing_s, memory_mb, factor_s, answers)
 
 
-def answered(result: IndentationResult) -> Answer:
+def answered(result: IndentationResult) -> SceneResult:
     measures = result.receptor_measures
-    return Answer(
+    return SceneResult(
         force_mm2=result.state.normal_force,
         width_mm=float(sum(right - left for left, right in result.contact_regions_mm)),
         sed=tuple(measures["sed"].tolist()),
@@ -295,19 +295,19 @@ FILE = "reference_answers.json"
 
 
 @dataclass(frozen=True)
-class Reference:
+class ReferenceValues:
     """(k,) values for each scene and quantity, and relative error bars for each family and quantity."""
 
-    values: Mapping[Scene, Mapping[str, Array]]
+    values: Mapping[BenchmarkScene, Mapping[str, Array]]
     bars: Bars
     provenance: Mapping[str, Any]
 
-    def error(self, scene: Scene, quantity: str, answer: Answer) -> float:
+    def error(self, scene: BenchmarkScene, quantity: str, answer: SceneResult) -> float:
         """Largest deviation, over the largest value of the quantity: over all receptors, where it is theirs."""
         value = self.values[scene][quantity]
         return float(np.abs(answer.value(quantity) - value).max() / np.abs(value).max())
 
-    def largest_errors(self, answers: Mapping[Scene, Answer]) -> dict[str, dict[str, float]]:
+    def largest_errors(self, answers: Mapping[BenchmarkScene, SceneResult]) -> dict[str, dict[str, float]]:
         """By family and quantity, over the family's scenes."""
         return {
             family: {
@@ -320,32 +320,34 @@ class Reference:
         }
 
 
-def from_levels(coarse: Mapping[Scene, Answer], fine: Mapping[Scene, Answer], about: Mapping[str, Any]) -> Reference:
+def from_levels(
+    coarse: Mapping[BenchmarkScene, SceneResult], fine: Mapping[BenchmarkScene, SceneResult], about: Mapping[str, Any]
+) -> ReferenceValues:
     """The finer of two levels; its bars are the largest changes from the coarser one.
 
     Nothing is extrapolated: under sharp shapes the changes from level to level do not fall by any one order.
     """
     values = {scene: {quantity: answer.value(quantity) for quantity in QUANTITIES} for scene, answer in fine.items()}
-    bars = Reference(values, {}, about).largest_errors(coarse)
-    return Reference(values, bars, about)
+    bars = ReferenceValues(values, {}, about).largest_errors(coarse)
+    return ReferenceValues(values, bars, about)
 
 
-def stored() -> Reference:
+def stored() -> ReferenceValues:
     """The reference that is shipped."""
     return _read((files("sim") / "data" / FILE).read_text(encoding="utf-8"))
 
 
 @cache
-def _read(text: str) -> Reference:
+def _read(text: str) -> ReferenceValues:
     content = json.loads(text)
     values = {
-        Scene(**row["scene"]): {quantity: np.array(row[quantity]) for quantity in QUANTITIES}
+        BenchmarkScene(**row["scene"]): {quantity: np.array(row[quantity]) for quantity in QUANTITIES}
         for row in content["scenes"]
     }
-    return Reference(values, content["bars"], content["provenance"])
+    return ReferenceValues(values, content["bars"], content["provenance"])
 
 
-def as_json(reference: Reference) -> str:
+def as_json(reference: ReferenceValues) -> str:
     """What `stored` reads."""
     rows = [
         {"scene": asdict(scene), **{quantity: value.tolist() for quantity, value in values.items()}}
@@ -391,7 +393,7 @@ WHOLE = (
 )
 
 
-def rows(measured: Iterable[Measured], reference: Reference) -> Iterator[dict[str, Any]]:
+def rows(measured: Iterable[Measured], reference: ReferenceValues) -> Iterator[dict[str, Any]]:
     """One for each scene and quantity; `seconds` from nothing to the answer, `error` relative."""
     for found in measured:
         for scene, answer in found.answers.items():
@@ -433,7 +435,7 @@ _LONGEST_S = 3600
 
 
 @dataclass(frozen=True)
-class Comparison:
+class CalculixComparison:
     """Forces in N and CPU seconds of both."""
 
     scene: str
@@ -451,7 +453,7 @@ def available() -> bool:
     return shutil.which("ccx") is not None
 
 
-def compare(config: FingertipConfig = CONFIG, shape: str = SHAPE, doi_mm: float = DOI_MM) -> Comparison:
+def compare(config: FingertipConfig = CONFIG, shape: str = SHAPE, doi_mm: float = DOI_MM) -> CalculixComparison:
     """Solve one scene, from rest at x = 0, with both; seconds on the coarse mesh."""
     finger = load("finger", config, cached=False)
     result = finger.indent(shape, 0.0, doi_mm=doi_mm)
@@ -465,7 +467,7 @@ def compare(config: FingertipConfig = CONFIG, shape: str = SHAPE, doi_mm: float 
         assert isinstance(result.indentor, Prismatic)
         write_contact_deck(deck, meshed, result.indentor.profile, 0.0, result.touch_height_mm, doi_mm)
         force_n, cpu_s = _job(deck)
-    return Comparison(
+    return CalculixComparison(
         f"{shape}, DOI {doi_mm} mm", finger.model.nodes, CONTACT_STIFFNESS_MPA_PER_MM, force_n, cpu_s,
         result.force_n, finger.build_s, our_cpu_s,
     )  # fmt: skip

@@ -19,7 +19,7 @@ from sim.config import FingertipConfig, Geometry, MeshSpec
 from sim.contact.indentor import ACROSS, ALONG, BOTH, Indentor
 from sim.contact.patch import X, Z
 from sim.contact.shapes import parse_shape
-from sim.contact.touch import Touch, first_touch
+from sim.contact.touch import FirstTouch, first_touch
 from sim.errors import ModelRangeError, refuse_unless_one
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import NOWHERE, ReceptorPlaces
@@ -114,7 +114,12 @@ def _skin(geometry: Geometry) -> FingertipSurface:
 
 
 def _reach(
-    indentor: Indentor, place: tuple[float, ...], touch: Touch, depth_mm: float, skin: FingertipSurface, centre: Array
+    indentor: Indentor,
+    place: tuple[float, ...],
+    touch: FirstTouch,
+    depth_mm: float,
+    skin: FingertipSurface,
+    centre: Array,
 ) -> tuple[float, float]:
     """How far from the pad's centre, along x and z, the indentor may touch."""
     (x0, x1), (z0, z1) = skin.ridge.x[[0, -1]], skin.crest.x[[0, -1]]

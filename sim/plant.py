@@ -17,7 +17,7 @@ from sim.devices.clock import Scheduler, sample_at
 from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
 from sim.models.pressing import FARTHEST_X_MM
-from sim.models.relaxation import Ahead, Memory, Prony, PronyTerm
+from sim.models.relaxation import Memory, Prony, PronyTerm, RelaxationStep
 
 _WARM_MOVE_MM = 0.1
 _FARTHEST_ONWARD = 2.0  # times the way between the last two states
@@ -134,7 +134,7 @@ class _Pressed:
     stiffer: float
 
 
-class Press:
+class PressedFinger:
     """A finger under an indentor: the force at one pose after another."""
 
     def __init__(self, finger: Fingertip, indentor: str, truth: Truth = AS_MODELLED) -> None:
@@ -257,7 +257,7 @@ class Plant:
 
     def __init__(self, finger: Fingertip, carriage: Carriage, truth: Truth = AS_MODELLED) -> None:
         self._finger, self._carriage, self._truth = finger, carriage, truth
-        self._press: Press | None = None
+        self._press: PressedFinger | None = None
 
     @property
     def contact_solves(self) -> int:
@@ -266,7 +266,7 @@ class Plant:
 
     def mount(self, indentor: str) -> None:
         """Put an indentor on the carriage; raises ShapeError."""
-        self._press = Press(self._finger, indentor, self._truth)
+        self._press = PressedFinger(self._finger, indentor, self._truth)
 
     def pose_at(self, t_s: float) -> TruePose:
         """The indentor's true pose at an instant. Raises ModelRangeError."""
@@ -318,13 +318,13 @@ class SampledForce:
 # A finger whose tissue relaxes, under a stage: what it has borne decides where the indentor meets it next.
 
 
-class RelaxingPress(Press):
+class RelaxingPress(PressedFinger):
     """A finger under an indentor, from one instant to the next."""
 
     def __init__(
         self, finger: Fingertip, indentor: str, terms: Sequence[PronyTerm], truth: Truth = AS_MODELLED
     ) -> None:
-        """Tissue that was never touched. Raises ValueError for no Prony series, and what Press raises."""
+        """Tissue that was never touched. Raises ValueError for no Prony series, and what PressedFinger raises."""
         super().__init__(finger, indentor, truth)
         self._patch = finger.model_for(self._indentor.axes).patch
         self._memory = Memory.none(Prony(terms), (len(self._patch.axes), len(self._patch)))
@@ -342,7 +342,7 @@ class RelaxingPress(Press):
             self._memory = self._memory.after(ahead, borne)
         return force_n
 
-    def _lie(self, ahead: Ahead) -> None:
+    def _lie(self, ahead: RelaxationStep) -> None:
         """Nothing is known yet of the skin as it lies now; a contact that goes on begins with it where it was."""
         self._carried, self._held = ahead.carried, None
         self._stiffness = self._truth.stiffness * ahead.stiffness

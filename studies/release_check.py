@@ -45,7 +45,7 @@ class NotFitError(Exception):
     """What a release must not have."""
 
 
-class Place:
+class CleanEnvironment:
     """An environment of its own."""
 
     def __init__(self, folder: Path) -> None:
@@ -82,9 +82,9 @@ def checks() -> Iterator[str]:
     version = stated_version()
     yield f"version {version}: the same in pyproject.toml, CITATION.cff and CHANGELOG.md"
     with tempfile.TemporaryDirectory() as folder:
-        made = built(Place(Path(folder) / "tools"))
+        made = built(CleanEnvironment(Path(folder) / "tools"))
         yield f"built, and twine finds nothing: {', '.join(path.name for path in made)}"
-        place = Place(Path(folder) / "clean")
+        place = CleanEnvironment(Path(folder) / "clean")
         (wheel,) = (path for path in made if path.suffix == ".whl")
         place.run("python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check", wheel)
         yield f"{wheel.name} installed in an empty environment, without extras"
@@ -101,7 +101,7 @@ def stated_version() -> str:
     return version
 
 
-def built(tools: Place) -> list[Path]:
+def built(tools: CleanEnvironment) -> list[Path]:
     """The source distribution, and the wheel that is made from it. Raises NotFitError."""
     tools.run("python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *TOOLS)
     out = tools.folder / "dist"
@@ -112,7 +112,7 @@ def built(tools: Place) -> list[Path]:
     return [Path(shutil.move(path, ROOT / "dist" / path.name)) for path in made]
 
 
-def tried(place: Place, version: str) -> Iterator[str]:
+def tried(place: CleanEnvironment, version: str) -> Iterator[str]:
     """The program where it is installed and nothing else is. Raises NotFitError."""
     for program in (("rig",), ("python", "-m", "rig")):
         _expect(place.run(*program, "--version").strip(), f"rig {version}")

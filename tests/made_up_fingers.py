@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from sim.config import FingertipConfig
-from sim.identification.forward import Foreseen, Given, Way, tissue_axes
+from sim.identification.forward import Foreseen, Given, PressTrajectory, tissue_axes
 from sim.identification.prior import Prior
 from sim.identification.shape_table import Scope, ShapeTable
 
@@ -38,13 +38,15 @@ def made_up(prior: Prior | None = None, deepest_mm: float = 1.1) -> Foreseen:
     return Foreseen(FingertipConfig(), prior, scope, tables)
 
 
-def lying(foreseen: Foreseen, draw: np.ndarray, way: Way) -> Way:
+def lying(foreseen: Foreseen, draw: np.ndarray, way: PressTrajectory) -> PressTrajectory:
     """A way by depth as a stage goes it that finds the skin of a finger by touch."""
     contact_mm = float(foreseen.touches_mm(draw[None], way.indentor, way.x_mm)[0])
-    return Way(way.indentor, way.x_mm, way.t_s, way.height_mm + contact_mm, way.asked_s)
+    return PressTrajectory(way.indentor, way.x_mm, way.t_s, way.height_mm + contact_mm, way.asked_s)
 
 
-def pressed(foreseen: Foreseen, draw: np.ndarray, way: Way, chance: np.random.Generator, noise_gwt: float) -> Given:
+def pressed(
+    foreseen: Foreseen, draw: np.ndarray, way: PressTrajectory, chance: np.random.Generator, noise_gwt: float
+) -> Given:
     """A press on a finger, read by a cell with noise."""
     contact_mm = float(foreseen.touches_mm(draw[None], way.indentor, way.x_mm)[0])
     way = lying(foreseen, draw, way)

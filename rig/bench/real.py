@@ -11,8 +11,8 @@ from rig.devices.base import ForceSensor, Stage, StageError
 from rig.devices.drivers import open_force, open_stage
 from rig.engine.bench import NO_PAUSE, Heartbeat, Pause, looked_after
 from rig.engine.bench_memory import BenchMemory, LastKnown
-from rig.engine.contact import Contact
-from rig.engine.sensing import Zero
+from rig.engine.contact import KnownContact
+from rig.engine.sensing import ForceZero
 from rig.settings import BenchSettings
 from rig.transport import TransportError
 from rig.transport.wire import Sink
@@ -62,11 +62,11 @@ class RealBench:
         """A thread looks at it."""
         return looked_after(heartbeat)
 
-    def touched(self, known: Contact) -> None:
+    def touched(self, known: KnownContact) -> None:
         """Record what is known about contact for the next command. Raises RecordError."""
         self.memory.touched(known)
 
-    def left_with(self, zero: Zero | None) -> None:
+    def left_with(self, zero: ForceZero | None) -> None:
         """Remember for the next command what forces were counted from."""
         if zero is not None:
             self.memory.zeroed(zero)

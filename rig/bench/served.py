@@ -24,7 +24,7 @@ from sim.plant import Carriage
 from sim.serve.clock import WallScheduler
 from sim.serve.force_process import FingerNotLoadedError, PressProcess, WayProcess
 from sim.serve.ports import PortBusyError, PtyPort, TcpPort
-from sim.serve.prefetch import Ahead, PressAhead, PressStatistics, WayAhead
+from sim.serve.prefetch import ForcePrefetcher, PressAhead, PressStatistics, WayAhead
 
 Process = TypeVar("Process", PressProcess, WayProcess)
 
@@ -51,7 +51,7 @@ class ServedBench:
         config = with_framing(with_kinds(config, stage, force), "rtu" if tcp is None else "tcp")
         self.scheduler = WallScheduler()
         self.ports: dict[str, str] = {}
-        self.press: Ahead | None = None
+        self.press: ForcePrefetcher | None = None
         self._tcp = tcp
         self._refusing: list[TcpPort] = []
         self._closing = ExitStack()

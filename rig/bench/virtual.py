@@ -11,11 +11,11 @@ from pydantic import ValidationError
 
 from rig.devices.base import ForceSensor, Stage
 from rig.devices.drivers import force_driver, stage_driver
-from rig.devices.registry import DEFAULTS, Kind, as_kind, kind_of, moves_along
+from rig.devices.registry import DEFAULTS, DeviceKind, as_kind, kind_of, moves_along
 from rig.engine.bench import LOOK_S, NO_PAUSE, Heartbeat, Pause
 from rig.engine.bench_memory import LastKnown
-from rig.engine.contact import Contact
-from rig.engine.sensing import Zero
+from rig.engine.contact import KnownContact
+from rig.engine.sensing import ForceZero
 from rig.errors import BadInputError, around, first_problem
 from rig.plan.config import Config
 from rig.plan.finger_model import kept_in
@@ -178,7 +178,7 @@ def _made(device: DeviceSettings, make: Callable[[Callable[..., Any]], Any]) -> 
         raise around(BadInputError, "{room}.{problem}", problem, room=device.room) from None
 
 
-def _twin(entry: Kind) -> Callable[..., Any]:
+def _twin(entry: DeviceKind) -> Callable[..., Any]:
     what = f"{entry.room}.kind = {entry.name!r}"
     if not entry.twin:
         usual = f"{entry.room}.kind = {DEFAULTS[entry.room]!r}"
@@ -268,10 +268,10 @@ class VirtualBench:
         """Nothing: it is a new one."""
         return LastKnown()
 
-    def touched(self, known: Contact) -> None:
+    def touched(self, known: KnownContact) -> None:
         """No finger is on it when the program is gone."""
 
-    def left_with(self, zero: Zero | None) -> None:
+    def left_with(self, zero: ForceZero | None) -> None:
         """The next virtual bench is a new one."""
 
     def close(self) -> None:

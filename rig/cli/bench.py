@@ -17,7 +17,7 @@ from rig.clock import Clock, WallClock
 from rig.devices.base import Stage, StageStatus
 from rig.devices.drivers import open_force, open_stage
 from rig.engine.bench_memory import BenchMemory
-from rig.engine.contact import Contact
+from rig.engine.contact import KnownContact
 from rig.engine.sensing import Sensing
 from rig.manual import bench as manual_bench
 from rig.manual.bench import at_hand, feel, unfelt
@@ -48,7 +48,7 @@ def home(config: ConfigOption, without_force: WithoutForceOption = False, as_jso
         tell({**position(at), **known.as_json()}, as_json=as_json)
 
 
-def _home(settings: Config) -> tuple[StageStatus, Contact]:
+def _home(settings: Config) -> tuple[StageStatus, KnownContact]:
     with at_once(), key_interrupting(settings, interrupt_main), closing(_bench_at_hand(settings)) as bench:
         sensing = Sensing(settings, bench.clock, bench.force)
         sensing.zero = bench.memory.read().zero
@@ -64,7 +64,7 @@ def _bench_at_hand(settings: Config) -> RealBench:
         raise manual_bench.unfelt(error) if error.device == "force" else error from None
 
 
-def _home_unfelt(settings: Config) -> tuple[StageStatus, Contact]:
+def _home_unfelt(settings: Config) -> tuple[StageStatus, KnownContact]:
     memory = BenchMemory(settings)
     with stage_at_hand(settings) as (stage, clock):
         memory.moves()
@@ -72,7 +72,7 @@ def _home_unfelt(settings: Config) -> tuple[StageStatus, Contact]:
         at = stage.status()
         memory.left(at)
         x_mm, height_mm = at.x_mm - settings.frame.pad_centre_x_mm, at.z_mm - settings.frame.apex_z_mm
-        known = Contact("raised", None, round(x_mm, 6), round(height_mm, 6), clock.unix_s())
+        known = KnownContact("raised", None, round(x_mm, 6), round(height_mm, 6), clock.unix_s())
         memory.touched(known)
         return at, known
 

@@ -18,7 +18,7 @@ from rig.compare.comparison import Comparison, compare, left_out_lines, left_out
 from rig.compare.fingers import PlausibleFingers, on_plausible_fingers, read_plausible
 from rig.compare.judge import answers
 from rig.compare.likelihood import Form
-from rig.compare.place_grid import PlaceRange, Whereabouts, place_lines, places_as_json
+from rig.compare.place_grid import PlaceRange, ReceptorLocation, place_lines, places_as_json
 from rig.compare.receptor_place import Sought, places, sought_in
 from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.reading import Reading, read_recordings, sha256
@@ -27,7 +27,7 @@ from rig.compare.results import answers_as_json, fingers_as_json
 from rig.compare.results import as_json as comparison_as_json
 from rig.compare.shape_test import chance_rows
 from rig.compare.stimuli import Stimulus, stimuli, stimulus_maps
-from rig.compare.verdict import Answer
+from rig.compare.verdict import AfferentVerdict
 from rig.compare.verdict_text import sentence
 from rig.data import Run, read_run
 from rig.data.folder import replace_text
@@ -284,7 +284,9 @@ def _write_sidecar(report: Path, seconds: float) -> None:
     replace_text(report.with_name(report.name + ".made.json"), json.dumps(made) + "\n")
 
 
-def _print(comparison: Comparison, said: Sequence[Answer], at: Sequence[Whereabouts], report: Path) -> None:
+def _print(
+    comparison: Comparison, said: Sequence[AfferentVerdict], at: Sequence[ReceptorLocation], report: Path
+) -> None:
     names = comparison.candidates()
     out.print(f"{', '.join(stimulus.title for stimulus in comparison.stimuli)}")
     for answer in said:

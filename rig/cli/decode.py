@@ -30,7 +30,7 @@ from rig.errors import BadInputError, around
 from rig.plan.config import load_config
 from sim.coding.bayes import FittedReceptor
 from sim.coding.encoding import NOISE_PLACES, Noise, NoisePlace, Receptor
-from sim.coding.operators import OPERATORS, Operator
+from sim.coding.operators import OPERATORS, ForwardOperator
 from sim.coding.readings_file import GivenReadings, pa_per_pseudo, read_readings
 from sim.coding.search import CodingError, error_surface
 from sim.coding.section import ENERGIES, HALF_LENGTH, SPACING_MM
@@ -235,7 +235,7 @@ def print_decoded(finger: FingertipConfig, decoder: DecoderName, found: DecodeRe
         out.print(_table(found))
 
 
-def _felt(operator: Operator, found: DecodeResult) -> dict[str, Any] | None:
+def _felt(operator: ForwardOperator, found: DecodeResult) -> dict[str, Any] | None:
     """Class and size of what touches a sheet."""
     if not isinstance(operator, SheetOperator):
         return None
@@ -290,13 +290,13 @@ def _draw_sheet(operator: SheetOperator, found: DecodeResult, picture: Path) -> 
 
 
 def _draw_search(found: DecodeResult, picture: Path) -> None:
-    from rig.report.coding_figures import Surface, extents, search_figure  # matplotlib: only where it is wanted
+    from rig.report.coding_figures import ErrorSurface, extents, search_figure  # matplotlib: only where it is wanted
 
     seen = found.observation
 
-    def surface(low: Array, high: Array) -> Surface:
+    def surface(low: Array, high: Array) -> ErrorSurface:
         first, second = np.linspace(low, high, _FINE).T
-        return Surface(first, second, error_surface(seen.operator, seen.sed, first, second))
+        return ErrorSurface(first, second, error_surface(seen.operator, seen.sed, first, second))
 
     assert found.bounds is not None
     whole = {"the error surface": (np.full(2, found.bounds.low), np.full(2, found.bounds.high))}

@@ -16,7 +16,7 @@ from rig.bench.checks import checked_subject
 from rig.cli.confirm import Confirm, nothing_to_confirm
 from rig.cli.monitor import progress
 from rig.cli.output import THE_FINGER, ExitCode, busy, checking_the_script, complain, out, print_json, screen_aside
-from rig.cli.signals import Pause, at_a_safe_point, interrupt_main, stoppable, unstoppable
+from rig.cli.signals import PauseRequest, at_a_safe_point, interrupt_main, stoppable, unstoppable
 from rig.clock import WallClock
 from rig.control.client import Announcement
 from rig.control.server import ControlSocket
@@ -30,7 +30,7 @@ from rig.plan.config import Config
 from rig.plan.finger_model import about_model
 from rig.plan.plan import make_plan
 from rig.protocol.script import Script
-from rig.session.ending import Whereabouts
+from rig.session.ending import FinalPosition
 from rig.session.preflight import Page
 from rig.session.resume import StoppedRun
 from rig.session.session import FinishedRun, NewRun, Nobody, Session, Watch, record_after, record_before
@@ -45,11 +45,11 @@ if TYPE_CHECKING:
 Phase = Literal["planning", "running", "reporting"]
 
 
-class Owner:
+class RunOwner:
     """A run that others may ask: what it is at, a pause, that it goes on, a stop. Nothing here waits for the run."""
 
     def __init__(self, switch: StopSwitch, *, virtual: bool) -> None:
-        self.switch, self.pause, self.virtual = switch, Pause(), virtual
+        self.switch, self.pause, self.virtual = switch, PauseRequest(), virtual
         self.folder: RunFolder | None = None
         self.button: StopButton | None = None
         self.told: Callable[[Path], None] = lambda run: None
@@ -139,7 +139,7 @@ def owning(
     into: NewRun | StoppedRun,
     stage: StageInHand | None = None,
     config_file: Path | None = None,
-) -> Iterator[Owner]:
+) -> Iterator[RunOwner]:
     """Announce a run, and record the stop that came from elsewhere, if one came.
 
     stage: None for a virtual bench. It is closed by the caller, when nobody can ask any more. Where the run cannot be
@@ -147,7 +147,7 @@ def owning(
     it comes between the announcement and its end.
     """
     out, virtual = into.out if isinstance(into, NewRun) else into.folder.path.parent, stage is None
-    owner = Owner(StopSwitch(stage, interrupt_main), virtual=virtual)
+    owner = RunOwner(StopSwitch(stage, interrupt_main), virtual=virtual)
     about = Announcement(
         pid=os.getpid(),
         kind="run",
@@ -200,11 +200,11 @@ class AtTheTerminal:
 
     def __init__(
         self,
-        pause: Pause,
+        pause: PauseRequest,
         watch: Watch,
         begins: Callable[[], None],
         course: Course | None,
-        owner: Owner | None = None,
+        owner: RunOwner | None = None,
     ) -> None:
         self.watch, self.interrupted = watch, pause.asked
         self._pause, self._begins, self._course = pause, begins, course
@@ -237,7 +237,7 @@ def carry_out(
     config: Config,
     into: NewRun | StoppedRun,
     how: Callable[[Session], FinishedRun],
-    owner: Owner,
+    owner: RunOwner,
     *,
     as_json: bool,
     begins: Callable[[], None],
@@ -283,10 +283,10 @@ def _planned(script: Script, config: Config, into: NewRun | StoppedRun, finger: 
     return Session(script, config, finger, plan, into)
 
 
-def make_whole(stopped: StoppedRun, run: Run, owner: Owner, *, as_json: bool) -> FinishedRun:
+def make_whole(stopped: StoppedRun, run: Run, owner: RunOwner, *, as_json: bool) -> FinishedRun:
     """Make what a complete run lacks of its exports, report and checksums; what is there stays as it is."""
     folder, began = stopped.folder, time.perf_counter()
-    done = FinishedRun(run, 0.0, None, Whereabouts("not moved"))
+    done = FinishedRun(run, 0.0, None, FinalPosition("not moved"))
     owner.folder = folder
     owner.at("reporting")
     done = _made_whole(done, stopped.config, as_json=as_json)
@@ -308,7 +308,7 @@ def _made_whole(done: FinishedRun, config: Config, *, as_json: bool) -> Finished
     return done
 
 
-def _reported(done: FinishedRun, finger: Finger, owner: Owner) -> FinishedRun:
+def _reported(done: FinishedRun, finger: Finger, owner: RunOwner) -> FinishedRun:
     """With its report and its checksums; what cannot be written is the run's problem, if it has no other."""
     ending = done.ending
     try:

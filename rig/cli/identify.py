@@ -12,7 +12,7 @@ import typer
 
 from rig.bench.virtual import refuse_twinless
 from rig.cli.confirm import confirmed_with, ready_for_a_real_run
-from rig.cli.execution import AtTheTerminal, Owner, failure, leave, loaded, new_run, owning
+from rig.cli.execution import AtTheTerminal, RunOwner, failure, leave, loaded, new_run, owning
 from rig.cli.monitor import counted, progress
 from rig.cli.options import JsonOption, OutOption, SubjectOption, YesOption, checked_file
 from rig.cli.output import Beginning, ExitCode, complain, err, loading_the_finger, out, print_json, told_in_one_line
@@ -27,13 +27,22 @@ from rig.devices.registry import stage_ports
 from rig.errors import BadInputError
 from rig.identify.frame import find
 from rig.identify.meeting_script import MeetingScript, as_script
-from rig.identify.procedure import BEYOND_DEPTH, DEPTHS_MM, PLACES_MM, SHAPES, Meeting, Told, Wanted, felt_surely
+from rig.identify.procedure import (
+    BEYOND_DEPTH,
+    DEPTHS_MM,
+    PLACES_MM,
+    SHAPES,
+    IdentificationOptions,
+    Meeting,
+    PressReport,
+    felt_surely,
+)
 from rig.identify.result import finger_file
 from rig.plan.config import Config, load_config
 from rig.plan.plan import Plan, make_plan
 from rig.protocol.api import Rig
 from rig.protocol.script import Script, load_script
-from rig.report.identification_page import Met, write_meeting_page
+from rig.report.identification_page import IdentificationPage, write_meeting_page
 from rig.session.session import FinishedRun, NewRun, Session, dry_run, real_run
 from rig.units import GWT_N
 from sim.contact.shapes import parse_shape
@@ -72,14 +81,14 @@ def goals_of(script: Script, config: Config, finger: Finger) -> tuple[PressAt, .
     return tuple(dict.fromkeys(found))
 
 
-def scope_of(wanted: Wanted) -> tuple[float, float]:
+def scope_of(wanted: IdentificationOptions) -> tuple[float, float]:
     """How far from the pad's centre and how deep forces are to be foreseen, mm."""
     places = [*map(abs, PLACES_MM), *(abs(goal.x_mm) for goal in wanted.goals)]
     depths = [*DEPTHS_MM, *(goal.doi_mm for goal in wanted.goals)]
     return max(places) + _BEYOND_X_MM, BEYOND_DEPTH * max(depths)
 
 
-def page_lines(config: Config, wanted: Wanted) -> dict[str, str]:
+def page_lines(config: Config, wanted: IdentificationOptions) -> dict[str, str]:
     """What is confirmed before anything real moves."""
     stage, force = config.stage, config.force
     return {
@@ -103,7 +112,7 @@ def said_before(meeting: Meeting, press: PressAt | None) -> None:
     )
 
 
-def said_after(meeting: Meeting, told: Told) -> None:
+def said_after(meeting: Meeting, told: PressReport) -> None:
     """One line: measured on foreseen with its band, what is known now, how much is left."""
     left = meeting.wanted.presses - told.number
     goes_on = "enough" if meeting.enough else f"at most {left} presses, {left * _SECONDS_A_PRESS:.0f} s left"
@@ -234,7 +243,7 @@ def meet_command(
         process = None if dry else opened.enter_context(FingerProcess(settings.finger))
         finger = loaded(settings, process, as_json=False)
         goals = usual_goals(names) if asked is None else goals_of(asked, settings, finger)
-        wanted = Wanted(goals, width / 100, presses, most_gwt, names)
+        wanted = IdentificationOptions(goals, width / 100, presses, most_gwt, names)
         foreseen = Foreseen.over(settings.finger, Prior(), *scope_of(wanted))
         with at_once():  # what ends this ends the processes that help it
             foreseen.have(wanted.indentors, _counted)
@@ -276,7 +285,7 @@ def _stage(settings: Config, into: NewRun) -> StageInHand:
 
 
 def _carried_out(
-    session: Session, script: MeetingScript, owner: Owner, beginning: Beginning, stage: StageInHand | None
+    session: Session, script: MeetingScript, owner: RunOwner, beginning: Beginning, stage: StageInHand | None
 ) -> FinishedRun:
     owner.at("running")
     shown = progress(script.meeting.wanted.presses, None, as_json=True)  # in a pipe each press has its own lines
@@ -304,7 +313,7 @@ def _written(done: FinishedRun, meeting: Meeting, settings: Config, to: Path, *,
         replace_text(to, file.as_toml())
         course = (meeting.foreseen, meeting.given, meeting.before, meeting.learned)
         rows = (press_rows(meeting), force_rows(meeting), number_rows(meeting))
-        met = Met(*course, *rows, meeting.not_learned, meeting.stranger)
+        met = IdentificationPage(*course, *rows, meeting.not_learned, meeting.stranger)
         write_meeting_page(done.folder.path / MEETING_PAGE, met)
     done.folder.write_checksums()
     if as_json:

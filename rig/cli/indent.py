@@ -90,7 +90,7 @@ class Chosen:
 
 
 @dataclass(frozen=True)
-class Wanted:
+class ModelRequest:
     """What the command line asked for."""
 
     model: ModelName | None  # None: the cheapest that holds the aim
@@ -98,7 +98,9 @@ class Wanted:
     length_mm: float | None
 
     @classmethod
-    def parse(cls, model: str, tolerance: str | None, quantity: str | None, length_mm: float | None) -> "Wanted":
+    def parse(
+        cls, model: str, tolerance: str | None, quantity: str | None, length_mm: float | None
+    ) -> "ModelRequest":
         """Raises BadInputError, saying what was expected."""
         if model not in (*MODELS, "auto"):
             raise BadInputError(
@@ -242,7 +244,7 @@ def indent_command(
 ) -> None:
     """Press once and print force, contact and receptor measures."""
     with told_in_one_line(as_json=as_json):
-        wanted = Wanted.parse(model, tolerance, quantity, length_mm)
+        wanted = ModelRequest.parse(model, tolerance, quantity, length_mm)
         settings = load_config(config)
         receptors = _receptors(receptor_x_mm, receptor_depth_mm, receptor_z_mm)
         origin = _reference(reference)

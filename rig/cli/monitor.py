@@ -29,7 +29,7 @@ COLUMNS, ROWS, EACH = 64, 3, 4
 """Of the trace: columns and lines of characters, readings a column."""
 
 
-class Force:
+class ForceTrace:
     """The last readings of a run: the newest as a number, the highest of each few as a column of a trace."""
 
     def __init__(self, run: RunState) -> None:
@@ -80,7 +80,7 @@ class Force:
 class Screen:
     """Lines of at most the width of the terminal; above and below the force stands what they say."""
 
-    def __init__(self, force: Force, above: Callable[[], list[str]], below: Callable[[], list[str]]) -> None:
+    def __init__(self, force: ForceTrace, above: Callable[[], list[str]], below: Callable[[], list[str]]) -> None:
         self._force, self._above, self._below = force, above, below
 
     @property
@@ -110,7 +110,7 @@ class WatchedRun(Onlooker):
 
     def __init__(self, folder: RunFolder) -> None:
         super().__init__(folder)
-        self.force = Force(self)
+        self.force = ForceTrace(self)
 
     def event(self, stream: str, data: Mapping[str, Any]) -> None:
         """The next event."""
@@ -230,7 +230,7 @@ class CountedRun(RunState):
 
     def __init__(self, total: int, time_left: TimeLeft | None, course: Course | None = None) -> None:
         super().__init__(course, time_left)
-        self.total, self.force = total, Force(self)
+        self.total, self.force = total, ForceTrace(self)
 
     def event(self, stream: str, data: Mapping[str, Any]) -> None:
         """The next event."""

@@ -13,7 +13,7 @@ from rich.table import Table
 from rig.bench.checks import expired_calibrations, refuse_bench
 from rig.bench.virtual import refuse_twinless
 from rig.cli.confirm import Confirm, at_the_page, careful, ready_for_a_real_run
-from rig.cli.execution import Owner, carry_out, leave, make_whole, new_run, owning
+from rig.cli.execution import RunOwner, carry_out, leave, make_whole, new_run, owning
 from rig.cli.options import (
     FingerConfigOption,
     JsonOption,
@@ -280,7 +280,7 @@ def _stage(stopped: StoppedRun, run: Path, *, yes: bool) -> Iterator[StageInHand
         yield stage
 
 
-def _checked(stopped: StoppedRun, owner: Owner, *, yes: bool) -> Confirm | None:
+def _checked(stopped: StoppedRun, owner: RunOwner, *, yes: bool) -> Confirm | None:
     """Where it goes on, and how it was left."""
     left = None if stopped.run is None else ending_on_record(stopped.run)
     if stopped.run is not None and stopped.run.last_checkpoint is not None:

@@ -17,7 +17,7 @@ from rig.cli.options import JsonOption, checked_file
 from rig.cli.output import complain, looking_busy, out, print_json, told_in_one_line
 from rig.data import dictionary
 from rig.data.folder import replace_text
-from rig.data.index import Entry, Wanted, listed
+from rig.data.index import IndexEntry, RunFilter, listed
 from rig.data.run import Run, RunError, provenance_of, read_run
 from rig.data.tables import FOREIGN, HOLD_COLUMNS, RUN_COLUMNS, STATES, Summary, alive, foreign, summary_of, tables
 from rig.errors import BadInputError
@@ -47,7 +47,7 @@ def runs_command(
                 "{option} {value!r}: expected one of {expected}",
                 code="unknown_choice", option="--state", value=state, expected=", ".join(STATES),
             )  # fmt: skip
-        wanted = Wanted(subject, shape, protocol, state, _day("--since", since), _day("--until", until))
+        wanted = RunFilter(subject, shape, protocol, state, _day("--since", since), _day("--until", until))
         if table is not None:
             checked_file("--table", table)
         entries = _entries(runs)
@@ -67,7 +67,7 @@ def runs_command(
         )
 
 
-def _entries(runs: Path) -> list[Entry]:
+def _entries(runs: Path) -> list[IndexEntry]:
     with looking_busy(f"reading the runs in {runs} …"):
         try:
             return listed(runs)
@@ -89,7 +89,7 @@ def _day(option: str, text: str | None) -> date | None:
         ) from None
 
 
-def _list(found: Sequence[Entry]) -> str:
+def _list(found: Sequence[IndexEntry]) -> str:
     """A line for each, in columns."""
     lines = [_line(one.summary) for one in found]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
@@ -103,11 +103,11 @@ def _line(run: Summary) -> list[str]:
     return [run.name, run.subject or "-", shapes or "-", done, run.state + (", virtual" if run.virtual else "")]
 
 
-def _runs(found: Sequence[Entry]) -> str:
+def _runs(found: Sequence[IndexEntry]) -> str:
     return f"{len(found)} run{'' if len(found) == 1 else 's'}"
 
 
-def _as_csv(found: Sequence[Entry]) -> str:
+def _as_csv(found: Sequence[IndexEntry]) -> str:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([*RUN_COLUMNS, *HOLD_COLUMNS])
@@ -116,7 +116,7 @@ def _as_csv(found: Sequence[Entry]) -> str:
     return text.getvalue()
 
 
-def _told_runs(found: Sequence[Entry], broken: Sequence[Summary], table: Path | None) -> dict[str, object]:
+def _told_runs(found: Sequence[IndexEntry], broken: Sequence[Summary], table: Path | None) -> dict[str, object]:
     runs = [{name: value for name, value in asdict(one.summary).items() if name != "problem"} for one in found]
     told: dict[str, object] = {"runs": runs}
     told["unreadable"] = [{"name": one.name, "problem": one.problem} for one in broken]
@@ -196,11 +196,11 @@ def ending_of(run: Run, state: str) -> dict[str, Any] | None:
     """Of a run that did not end well: why, and where that left the indentor."""
     if state in ("done", "running"):
         return None
-    from rig.session.ending import Ending, Whereabouts  # with the engine: a run that is done does without
+    from rig.session.ending import Ending, FinalPosition  # with the engine: a run that is done does without
 
     if run.stop is None:
         return Ending.killed(run).as_json()
-    at = Whereabouts(**run.stop["indentor"]) if "indentor" in run.stop else None
+    at = FinalPosition(**run.stop["indentor"]) if "indentor" in run.stop else None
     words = None if at is None else at.words
     return {"reason": run.stop.get("reason") or "the script did less than was planned", "words": words}
 

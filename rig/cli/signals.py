@@ -31,7 +31,7 @@ _NOT_SUSPENDED: Handlers = dict.fromkeys(_BACKGROUND, signal.SIG_IGN)
 _LOOK_S = 0.05
 
 
-class Pause:
+class PauseRequest:
     """Whether somebody has asked for a pause, at the terminal or elsewhere, and whether to go on after it."""
 
     def __init__(self) -> None:
@@ -120,12 +120,12 @@ def interrupt_main() -> None:
 
 
 @contextmanager
-def at_a_safe_point(pause: Pause | None = None) -> Iterator[Pause]:
+def at_a_safe_point(pause: PauseRequest | None = None) -> Iterator[PauseRequest]:
     """Ctrl-C, Ctrl-Z, Ctrl-\\ or SIGTERM asks for a pause at the next safe point; a second key, or `rig stop`, stops.
 
     A terminal that goes away ends the run there, lifted, unless the program was told not to mind (`nohup`).
     """
-    pause = Pause() if pause is None else pause
+    pause = PauseRequest() if pause is None else pause
     handlers: Handlers = dict.fromkeys((*KEYS, signal.SIGTERM), pause.ask)
     handlers |= {STOP_SIGNAL: signal.default_int_handler, **_NOT_SUSPENDED}
     if _HANG_UP is not None and signal.getsignal(_HANG_UP) is not signal.SIG_IGN:

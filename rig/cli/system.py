@@ -28,7 +28,7 @@ from rig.session.resume import left_on_record
 from sim import benchmark
 from sim.benchmark import QUANTITIES, QUICK, QUICK_SCENES, SCENES, WHOLE, Measured, measure, reference_s, rows, stored
 from sim.fem import pardiso
-from sim.models.cache import KINDS, Entry, cache_dir, entries, most_bytes, prune
+from sim.models.cache import KINDS, CacheEntry, cache_dir, entries, most_bytes, prune
 
 HEAD = """# Configuration reference
 
@@ -132,7 +132,7 @@ def cache_command(
             out.print(f"removed     {len(removed)} files, {_megabytes(removed)}")
 
 
-def _print(kept: Sequence[Entry], limit_gb: float) -> None:
+def _print(kept: Sequence[CacheEntry], limit_gb: float) -> None:
     out.print(f"folder      {cache_dir()} (RIG_CACHE_DIR)")
     for kind in KINDS:
         them = [entry for entry in kept if entry.kind == kind]
@@ -142,20 +142,20 @@ def _print(kept: Sequence[Entry], limit_gb: float) -> None:
     out.print(f"in all      {_megabytes(kept)}; beyond {limit_gb:g} GB (RIG_CACHE_GB) what was read longest ago goes")
 
 
-def _as_json(entry: Entry) -> dict[str, Any]:
+def _as_json(entry: CacheEntry) -> dict[str, Any]:
     read = _read(entry).isoformat(timespec="seconds")
     return {"name": entry.path.name, "kind": entry.kind, "bytes": entry.size, "read_utc": read}
 
 
-def _read(entry: Entry) -> datetime:
+def _read(entry: CacheEntry) -> datetime:
     return datetime.fromtimestamp(entry.read_ns / 1e9, UTC)
 
 
-def _bytes(them: Sequence[Entry]) -> int:
+def _bytes(them: Sequence[CacheEntry]) -> int:
     return sum(entry.size for entry in them)
 
 
-def _megabytes(them: Sequence[Entry]) -> str:
+def _megabytes(them: Sequence[CacheEntry]) -> str:
     return f"{_bytes(them) / 1e6:.1f} MB"
 
 

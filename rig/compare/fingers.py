@@ -43,7 +43,7 @@ from sim.measures.measures import MEASURES, shown
 from sim.measures.receptors import ReceptorError
 from sim.models.cache import cached_arrays, content_key, simulator_code
 from sim.models.fingertip import Fingertip
-from sim.models.interpolation import Asked, make_node
+from sim.models.interpolation import FingerWithReceptors, make_node
 
 Array = NDArray[np.float64]
 
@@ -383,9 +383,9 @@ class FingerWork:
     exact: bool = True  # built in full; else interpolated between full builds
 
     @property
-    def finger(self) -> Asked:
+    def finger(self) -> FingerWithReceptors:
         """With its receptors."""
-        return Asked.of(self.config_json, self.receptor_x_mm, self.receptor_depth_mm)
+        return FingerWithReceptors.of(self.config_json, self.receptor_x_mm, self.receptor_depth_mm)
 
     @property
     def shapes(self) -> tuple[str, ...]:

@@ -19,14 +19,14 @@ _STEPS = np.concatenate([[0.0], np.geomspace(1e-3, 30.0, 60)])
 _OFFSETS = np.concatenate([-_STEPS[:0:-1], _STEPS])  # of ε₀ from its best, over the range of ε
 
 
-class Region(NamedTuple):
+class ConfidenceLimits(NamedTuple):
     """The limits of k and ε₀."""
 
     k: Limits
     eps0: Limits
 
 
-def limits(candidates: Candidates, observed: Observed, fit: Fitted, row: int, ratio: float) -> Region:
+def limits(candidates: Candidates, observed: Observed, fit: Fitted, row: int, ratio: float) -> ConfidenceLimits:
     """Where the deviance of a candidate, by its row, is not above its least by more than F(1, noise) at 95 %.
 
     `ratio` is the F of its fit; above 1 it counts as noise. The finger's place and the saturation are free. NaN
@@ -35,7 +35,7 @@ def limits(candidates: Candidates, observed: Observed, fit: Fitted, row: int, ra
     found, noise, form = fit.found, observed.noise, candidates.form
     k, eps0 = float(found.k[row]), float(found.eps0[row])
     if np.isnan(k):
-        return Region((np.nan, np.nan), (np.nan, np.nan))
+        return ConfidenceLimits((np.nan, np.nan), (np.nan, np.nan))
     sign = np.sign(k)
     dispersion = noise.dispersion * max(ratio, 1.0) * _more(candidates, observed, fit, row)
     limit = found.total[row] + dispersion * fdtri(1, min(noise.freedom * observed.evenness, 1e9), 1 - LEVEL)
@@ -43,7 +43,7 @@ def limits(candidates: Candidates, observed: Observed, fit: Fitted, row: int, ra
     tried = saturations(observed, _FINE) if form.saturating else np.zeros(1)
     ends = [_ends(eps, float(saturation), observed, form, float(limit)) for saturation in tried]
     of_k, of_eps0 = np.moveaxis(np.concatenate([*ends, [[[sign * k] * 2, [sign * eps0] * 2]]]), 1, 0)
-    return Region(_hull(sign * of_k), _hull(sign * of_eps0))
+    return ConfidenceLimits(_hull(sign * of_k), _hull(sign * of_eps0))
 
 
 def _hull(ends: Array) -> Limits:

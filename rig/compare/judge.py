@@ -11,18 +11,18 @@ from rig.compare.candidates import Candidates, Fitted, by_monotone, by_repeats, 
 from rig.compare.comparison import Comparison, Joint, Overlay, Pair
 from rig.compare.fingers import PlausibleFingers
 from rig.compare.fit import Flags, by_pair, compared, correlation, fit_rates
-from rig.compare.intervals import Region, limits
+from rig.compare.intervals import ConfidenceLimits, limits
 from rig.compare.likelihood import Form, Observed, observed
 from rig.compare.model_set import Predicted, imitated, predicted_left_out, set_probabilities
 from rig.compare.stimuli import CONTROLS
 from rig.compare.verdict import (
     A_CONSTANT,
     LEVEL,
-    Answer,
+    AfferentVerdict,
+    FittedPositions,
     LeftOut,
     Mimic,
     PairRow,
-    Places,
     Power,
     Separate,
     Together,
@@ -32,10 +32,10 @@ from sim.measures.measures import MEASURES
 
 Array = NDArray[np.float64]
 
-_NOT_KNOWN = Region((np.nan, np.nan), (np.nan, np.nan))
+_NOT_KNOWN = ConfidenceLimits((np.nan, np.nan), (np.nan, np.nan))
 
 
-def answers(comparison: Comparison, form: Form = Form()) -> tuple[Answer, ...]:  # noqa: B008
+def answers(comparison: Comparison, form: Form = Form()) -> tuple[AfferentVerdict, ...]:  # noqa: B008
     """One for each afferent; none where too few positions are covered by the receptors in play."""
     found = [_answer(group, comparison.plausible, form) for group in afferents(comparison)]
     return tuple(one for one in found if one is not None)
@@ -97,7 +97,7 @@ class _Judged(NamedTuple):
         return int(np.argmin(np.where(self.measures, self.fit.found.total, np.inf)))
 
 
-def _answer(overlays: Sequence[Overlay], plausible: PlausibleFingers | None, form: Form) -> Answer | None:
+def _answer(overlays: Sequence[Overlay], plausible: PlausibleFingers | None, form: Form) -> AfferentVerdict | None:
     given = laid(overlays, form, with_fingers=plausible is not None)
     if given is None:
         return None
@@ -106,11 +106,11 @@ def _answer(overlays: Sequence[Overlay], plausible: PlausibleFingers | None, for
     rows = [_row(judged, int(n), plausible) for n in order]
     noise = seen.noise
     repeated = noise.source == "repeats"
-    return Answer(
+    return AfferentVerdict(
         title=", ".join(overlay.stimulus.title for overlay in overlays),
         stimuli=tuple(overlay.stimulus.title for overlay in overlays),
         recordings=tuple(overlay.recording.name for overlay in overlays),
-        places=Places(
+        places=FittedPositions(
             seen.stimulus, seen.position_mm, seen.rate, np.sqrt(noise.dispersion * seen.variance(seen.rate))
         ),
         recorded=len(given.used),
@@ -146,7 +146,7 @@ def laid(overlays: Sequence[Overlay], form: Form, *, with_fingers: bool = False)
     return Laid([*named, _Named(A_CONSTANT, True, None)], seen, Candidates(pairs, form), used)
 
 
-def joint_limits(joint: Joint, pairs: Sequence[Pair], *, with_fingers: bool = False) -> list[Region | None]:
+def joint_limits(joint: Joint, pairs: Sequence[Pair], *, with_fingers: bool = False) -> list[ConfidenceLimits | None]:
     """Limits of pairs at receptors in play, over the recordings of a joint fit alone; rates do not saturate.
 
     None where the pair's own fit is rejected, and with too few positions.

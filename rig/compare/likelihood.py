@@ -16,7 +16,7 @@ from scipy.special import xlogy
 
 from rig.compare.fit import Fit, fit_rates, predicted
 from rig.compare.recordings.recording import Recording
-from rig.compare.verdict import Noise
+from rig.compare.verdict import RecordingNoise
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -88,14 +88,16 @@ class Observed:
         return total / count
 
     @cached_property
-    def noise(self) -> Noise:
+    def noise(self) -> RecordingNoise:
         """How large it is, and where that is known from."""
         if self.kind == "sd":
-            return Noise("sd", "sd", 1.0, np.inf)
+            return RecordingNoise("sd", "sd", 1.0, np.inf)
         within = (self.presses - 1).sum() >= FEWEST_REPEATED
         dispersion, freedom = self._between_presses() if within else self._between_neighbours()
         least = _LEAST_NOISE * (1.0 if self.kind == "counts" else float(self.rate.max()) or 1.0) ** 2
-        return Noise(self.kind, "repeats" if within else "neighbours", max(dispersion, least), max(freedom, 1.0))
+        return RecordingNoise(
+            self.kind, "repeats" if within else "neighbours", max(dispersion, least), max(freedom, 1.0)
+        )
 
     @cached_property
     def evenness(self) -> float:

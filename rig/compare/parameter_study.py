@@ -34,7 +34,7 @@ from sim.finger.surface import SurfaceError
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorError
 from sim.models.fingertip import Fingertip
-from sim.models.interpolation import Asked, Node, missing_nodes, worth_interpolating
+from sim.models.interpolation import FingerWithReceptors, Node, missing_nodes, worth_interpolating
 
 
 class OnAFinger(Protocol):
@@ -46,7 +46,7 @@ class OnAFinger(Protocol):
     def exact(self) -> bool: ...
 
     @property
-    def finger(self) -> Asked: ...
+    def finger(self) -> FingerWithReceptors: ...
 
     @property
     def shapes(self) -> Sequence[str]: ...
@@ -83,7 +83,7 @@ class _Given(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-class Press(_Given):
+class StudyPress(_Given):
     """One indentor at some places, to some depths or forces."""
 
     shape: str
@@ -112,7 +112,7 @@ class StudyFile(_Given):
     receptor_depth_mm: _Numbers = Field((DEFAULT_DEPTH_MM,), min_length=1)
     receptor_x_mm: _Numbers = Field(DEFAULT_X_MM, min_length=1)
     finger: dict[str, Any] = Field(default_factory=dict)
-    press: tuple[Press, ...] = Field(min_length=1)
+    press: tuple[StudyPress, ...] = Field(min_length=1)
 
 
 @dataclass(frozen=True)
@@ -130,9 +130,9 @@ class Case:
     exact: bool = True  # built in full; else interpolated between full builds
 
     @property
-    def finger(self) -> Asked:
+    def finger(self) -> FingerWithReceptors:
         """With its receptors."""
-        return Asked.of(self.config_json, self.receptor_x_mm, self.receptor_depth_mm)
+        return FingerWithReceptors.of(self.config_json, self.receptor_x_mm, self.receptor_depth_mm)
 
     @property
     def stiffening(self) -> float:

@@ -132,7 +132,7 @@ class PlaceRow:
 
 
 @dataclass(frozen=True)
-class Whereabouts:
+class ReceptorLocation:
     """Of one afferent; `asked` is the range of the fit, `where` the part of it that the runs cover.
 
     `rows` has every measure, the likeliest first, all over the same `positions` of those `recorded`.
@@ -165,18 +165,18 @@ def in_mm(x: float) -> str:
     return f"{x + 0.0:.2f}".replace("-", "−")
 
 
-def place_lines(found: Sequence[Whereabouts], most: int = 3) -> list[str]:
+def place_lines(found: Sequence[ReceptorLocation], most: int = 3) -> list[str]:
     """For people: of each afferent the likeliest measures that fit, or the closest one."""
     return [line for one in found for line in _lines(one, most)]
 
 
-def _lines(found: Whereabouts, most: int) -> list[str]:
+def _lines(found: ReceptorLocation, most: int) -> list[str]:
     fitting = [row for row in found.rows if row.fits][:most]
     rows = fitting or list(found.rows[:1])
     return [f"{_line(row, found)}{'' if row.fits else '; its fit is rejected'}" for row in rows] + [found.frame]
 
 
-def _line(row: PlaceRow, found: Whereabouts) -> str:
+def _line(row: PlaceRow, found: ReceptorLocation) -> str:
     said = f"{row.measure}: x {within(row.x_mm, row.x_interval)}, depth {within(row.depth_mm, row.depth_interval)}"
     said += f", offset {within(row.offset_mm, row.offset_interval)}" if found.with_offset else ""
     return f"{said} mm" + (f"; held by a bound: {', '.join(row.at_bounds)}" if row.at_bounds else "")
@@ -187,7 +187,7 @@ def within(value: float, interval: Range) -> str:
     return f"{in_mm(value)} ({in_mm(interval[0])} … {in_mm(interval[1])})"
 
 
-def places_as_json(found: Sequence[Whereabouts]) -> list[dict[str, Any]]:
+def places_as_json(found: Sequence[ReceptorLocation]) -> list[dict[str, Any]]:
     """One for each afferent; intervals are [low, high] in mm, that of an offset is None where none was fitted."""
     return [
         {

@@ -38,7 +38,7 @@ class Constants(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Places:
+class ContactSamples:
     """Places in contact, (n,) each: DOI and displacement (mm), C (1/mm), pressure, and how far edges are (mm).
 
     `from_end_mm` is to the end of the contact, across the finger; `from_edge_mm` to the indentor's nearest edge,
@@ -53,33 +53,35 @@ class Places:
     from_edge_mm: Array
 
     @property
-    def inside(self) -> "Places":
+    def inside(self) -> "ContactSamples":
         """Those away from the ends of their contact regions."""
         return self.where(self.from_end_mm >= FROM_EDGE_MM)
 
     @property
-    def off_edges(self) -> "Places":
+    def off_edges(self) -> "ContactSamples":
         """Those away from the indentor's edges; a contact's smooth ends are among them."""
         return self.where(self.from_edge_mm >= FROM_EDGE_MM)
 
-    def where(self, chosen: NDArray[np.bool_]) -> "Places":
+    def where(self, chosen: NDArray[np.bool_]) -> "ContactSamples":
         """Some of them."""
-        return Places(*(np.asarray(value)[chosen] for value in vars(self).values()))
+        return ContactSamples(*(np.asarray(value)[chosen] for value in vars(self).values()))
 
 
-def together(parts: list[Places]) -> Places:
+def together(parts: list[ContactSamples]) -> ContactSamples:
     """All places of several indentations."""
-    return Places(*(np.concatenate(values) for values in zip(*(vars(p).values() for p in parts), strict=True)))
+    return ContactSamples(
+        *(np.concatenate(values) for values in zip(*(vars(p).values() for p in parts), strict=True))
+    )
 
 
-def places(result: IndentationResult, surface: FingertipSurface, nodes: Nodes = "row") -> Places:
+def places(result: IndentationResult, surface: FingertipSurface, nodes: Nodes = "row") -> ContactSamples:
     """The nodes that carry force in the receptor plane or on the patch, under a shape prismatic along the finger."""
     patch, number = result.model.patch, np.arange(len(result.model.patch)).reshape(result.model.patch.shape)
     rows = [result.model.across] if nodes == "row" else [row[np.argsort(patch.x[row])] for row in number]
     return together([_on_row(result, surface, row) for row in rows])
 
 
-def _on_row(result: IndentationResult, surface: FingertipSurface, row: NDArray[np.int64]) -> Places:
+def _on_row(result: IndentationResult, surface: FingertipSurface, row: NDArray[np.int64]) -> ContactSamples:
     """Those of one row of nodes across the finger, by ascending x."""
     x, z_mm = result.model.patch.x[row], float(result.model.patch.position_mm[row[0], Z])
     pressure = result.nodal_pressure_pseudo[row]
@@ -88,7 +90,7 @@ def _on_row(result: IndentationResult, surface: FingertipSurface, row: NDArray[n
     relative = bend / np.hypot(1.0, slope) ** 3 + finger_curvature(surface, x, z_mm)
     here = z_mm == result.model.plane_mm
     regions = result.contact_regions_mm if here else _runs(x[pressure > 0])
-    found = Places(
+    found = ContactSamples(
         np.full(len(x), result.doi_mm),
         -result.state.displacement[-1, row],
         relative,
@@ -127,19 +129,19 @@ def _from_end(x_mm: Array, regions_mm: Sequence[tuple[float, float]]) -> Array:
     return np.asarray(np.minimum(x_mm - ends[:, 0], ends[:, 1] - x_mm).max(axis=0, initial=-np.inf))
 
 
-def _terms(at: Places) -> Array:
+def _terms(at: ContactSamples) -> Array:
     """(n, 3) what K1, K2 and K3 are multiplied by."""
     return np.stack([at.doi_mm, at.displacement_mm - at.doi_mm, at.curvature_per_mm], axis=1)
 
 
-def fit(at: Places) -> Constants:
+def fit(at: ContactSamples) -> Constants:
     """Least squares; NaN where the places do not determine all three."""
     solution, _, rank, _ = np.linalg.lstsq(_terms(at), at.pressure, rcond=None)
     return Constants(*(float(k) if rank == 3 else np.nan for k in solution))
 
 
 @dataclass(frozen=True)
-class Spread:
+class BootstrapConstants:
     """Constants refitted on resampled indentations: `of` (resamples, 3)."""
 
     of: Array
@@ -161,22 +163,22 @@ class Spread:
         return float(np.mean(self.of[:, 1] > self.of[:, 0]))
 
 
-def refitted(parts: Sequence[Places], resamples: int = RESAMPLES) -> Spread:
+def refitted(parts: Sequence[ContactSamples], resamples: int = RESAMPLES) -> BootstrapConstants:
     """The fit over whole indentations drawn with replacement: the nodes of one are not independent."""
     terms = [_terms(part) for part in parts]
     squares = np.array([t.T @ t for t in terms])
     rights = np.array([t.T @ part.pressure for t, part in zip(terms, parts, strict=True)])
     drawn = np.random.default_rng(SEED).multinomial(len(parts), np.full(len(parts), 1 / len(parts)), resamples)
     inverse = np.linalg.pinv(np.tensordot(drawn, squares, 1), hermitian=True)
-    return Spread(np.einsum("rij,rj->ri", inverse, drawn @ rights))
+    return BootstrapConstants(np.einsum("rij,rj->ri", inverse, drawn @ rights))
 
 
-def predicted(constants: Constants, at: Places) -> Array:
+def predicted(constants: Constants, at: ContactSamples) -> Array:
     """(n,) pressures by the formula."""
     return np.asarray(_terms(at) @ np.array(constants))
 
 
-def residual(constants: Constants, at: Places) -> tuple[float, float]:
+def residual(constants: Constants, at: ContactSamples) -> tuple[float, float]:
     """Root mean square of what the formula leaves, in pseudo-units, and R²."""
     left = predicted(constants, at) - at.pressure
     spread = at.pressure - at.pressure.mean()

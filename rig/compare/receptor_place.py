@@ -22,7 +22,7 @@ from rig.compare.place_grid import (
     PlaceRange,
     PlaceRow,
     Range,
-    Whereabouts,
+    ReceptorLocation,
     finger_with_grid,
     nodes,
     place_range,
@@ -213,13 +213,13 @@ def _at(overlay: Overlay, measure: int, offset_mm: Array) -> Array:
 
 def whereabouts(
     overlays: Sequence[Overlay], where: PlaceRange, form: Form, measures: Sequence[str] = MEASURES
-) -> Whereabouts | None:
+) -> ReceptorLocation | None:
     """Of one afferent, from recordings over stimuli with receptors at every node; None with too few positions."""
     seen = _seen(overlays, where)
     if seen is None:
         return None
     rows = [_row(seen, MEASURES.index(name), form) for name in measures]
-    return Whereabouts(
+    return ReceptorLocation(
         stimuli=tuple(overlay.stimulus.title for overlay in overlays),
         recordings=tuple(overlay.recording.name for overlay in overlays),
         positions=len(seen.observed.rate),
@@ -332,7 +332,7 @@ def sought_in(runs: Sequence[Run], sought: Sought) -> PlaceRange:
 
 def places(
     runs: Sequence[Run], recordings: Mapping[str, Recording], where: PlaceRange, form: Form, *, normalise: bool
-) -> list[Whereabouts]:
+) -> list[ReceptorLocation]:
     """One for each afferent, as of the answers; none of one with too few positions covered."""
     fingers: dict[str, Fingertip] = {}
     for config in map(_finger, runs):

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from rig.compare.comparison import Comparison, Joint, Pair
 from rig.compare.fingers import PlausibleFingers, fit_all_with_finger
 from rig.compare.fit import Fit, chance_correlation, compared, fit_all
-from rig.compare.intervals import Region
+from rig.compare.intervals import ConfidenceLimits
 from rig.compare.judge import joint_limits
 from rig.compare.shape_test import THRESHOLDS
 from rig.compare.stimuli import Stimulus
-from rig.compare.verdict import Answer, Limits, PairRow, Together
+from rig.compare.verdict import AfferentVerdict, Limits, PairRow, Together
 from rig.compare.verdict_text import methods, sentence, sentences
 from sim.measures.measures import MEASURES
 from sim.models.interpolation import HOW_MADE
@@ -120,7 +120,7 @@ def _named(joint: Joint, pair: Pair) -> Row:
 _LINE = ("k", "k_interval", "eps0", "eps0_interval")
 
 
-def _line(fit: Fit, pair: Pair, limits: Region | None) -> Row:
+def _line(fit: Fit, pair: Pair, limits: ConfidenceLimits | None) -> Row:
     k, eps0 = (None, None) if limits is None else ([number(v) for v in one] for one in limits)
     return dict(zip(_LINE, (number(fit.k[pair]), k, number(fit.eps0[pair]), eps0), strict=True))
 
@@ -173,12 +173,12 @@ def number(value: float) -> float | None:
 _DIGITS = 6
 
 
-def answers_as_json(found: Sequence[Answer]) -> list[dict[str, Any]]:
+def answers_as_json(found: Sequence[AfferentVerdict]) -> list[dict[str, Any]]:
     """One for each afferent; the same rows as on the page, likeliest first."""
     return [_as_json(answer) for answer in found]
 
 
-def _as_json(answer: Answer) -> dict[str, Any]:
+def _as_json(answer: AfferentVerdict) -> dict[str, Any]:
     headline, following = answer.headline, answer.next
     return {
         "stimuli": list(answer.stimuli),
@@ -224,7 +224,7 @@ def _row(row: PairRow) -> dict[str, Any]:
     }
 
 
-def _intervals(answer: Answer, name: str) -> dict[str, Any]:
+def _intervals(answer: AfferentVerdict, name: str) -> dict[str, Any]:
     return {"k": _limits(answer.interval(name, "k")), "eps0": _limits(answer.interval(name, "eps0"))}
 
 

@@ -108,7 +108,7 @@ NEAR_CENTRE_MM = 0.25
 """Bars must pass at a receptor this near to x = 0, as of a candidate."""
 
 
-class Schedule(NamedTuple):
+class ShapePositions(NamedTuple):
     """A shape and the positions (n,) mm that it is pressed at."""
 
     shape: str
@@ -149,7 +149,7 @@ def _deviation_over_slope(x_mm: Array, profiles: Array) -> float:
 
 
 def passed_by_chance(
-    schedule: Schedule, over_mm: float, threshold: float = THRESHOLD, draws: int = DRAWS
+    schedule: ShapePositions, over_mm: float, threshold: float = THRESHOLD, draws: int = DRAWS
 ) -> float | None:
     """The share of random smooth profiles that pass; None where no test is defined. A fixed seed."""
     profiles = smooth_profiles(schedule.x_mm, over_mm, draws, np.random.default_rng(SEED))
@@ -158,7 +158,7 @@ def passed_by_chance(
 
 
 def moved_response(
-    schedule: Schedule, receptor_mm: Array, over_mm: float, draws: int, rng: np.random.Generator
+    schedule: ShapePositions, receptor_mm: Array, over_mm: float, draws: int, rng: np.random.Generator
 ) -> Array:
     """(draws, receptors, n) profiles of a response that each receptor sees shifted by its own place."""
     places = schedule.x_mm - np.asarray(receptor_mm)[:, None]
@@ -167,7 +167,7 @@ def moved_response(
 
 
 def candidates_by_chance(
-    schedules: Sequence[Schedule],
+    schedules: Sequence[ShapePositions],
     receptor_mm: Array,
     over_mm: float,
     threshold: float = THRESHOLD,
@@ -199,7 +199,9 @@ def chance_rows(stimuli: Sequence[Stimulus]) -> list[dict[str, Any]]:
             continue
         profiles = np.moveaxis(stimulus.measures, 1, -1).reshape(-1, len(stimulus.x_mm))
         over_mm = smooth_over_mm(stimulus.x_mm, profiles)
-        by_chance = passed_by_chance(Schedule(stimulus.indentor, stimulus.x_mm), over_mm) if over_mm > 0 else None
+        by_chance = (
+            passed_by_chance(ShapePositions(stimulus.indentor, stimulus.x_mm), over_mm) if over_mm > 0 else None
+        )
         rows.append(
             {
                 "shape": stimulus.indentor,

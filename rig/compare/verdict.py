@@ -16,7 +16,7 @@ LEVEL = 0.05
 A_CONSTANT = "a constant rate"
 
 
-class Noise(NamedTuple):
+class RecordingNoise(NamedTuple):
     """What was recorded, where the size of its noise is known from, and that size.
 
     `dispersion` of counts is their variance over Poisson's, of rates with an sd 1, of rates alone the variance of one
@@ -29,7 +29,7 @@ class Noise(NamedTuple):
     freedom: float
 
 
-class Places(NamedTuple):
+class FittedPositions(NamedTuple):
     """The (p,) positions that all of an answer is over: number of the stimulus, mm, mean rate, its standard error."""
 
     stimulus: NDArray[np.int64]
@@ -129,7 +129,7 @@ class Together(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class AfferentVerdict:
     """What one afferent's recordings say; every statement is made from `rows`, likeliest first.
 
     `recorded` positions are in the files, those of `places` are used. `ceiling`: the share of variance that a model
@@ -139,10 +139,10 @@ class Answer:
     title: str
     stimuli: tuple[str, ...]
     recordings: tuple[str, ...]
-    places: Places
+    places: FittedPositions
     recorded: int
     left_out: tuple[LeftOut, ...]
-    noise: Noise
+    noise: RecordingNoise
     ceiling: float
     ceiling_from: Literal["repeats", "monotone"]
     rows: tuple[PairRow, ...]

@@ -6,7 +6,7 @@ import numpy as np
 
 from rig.compare.candidates import DISCREPANCY, OF_THE_MESH, SEEN
 from rig.compare.model_set import BLOCK, BLOCKS, DRAWS, HARDLY
-from rig.compare.verdict import LEVEL, Answer, Mimic, PairRow, in_mm
+from rig.compare.verdict import LEVEL, AfferentVerdict, Mimic, PairRow, in_mm
 from sim.measures.measures import MEASURES
 
 FROM = {
@@ -16,7 +16,7 @@ FROM = {
 }
 
 
-def sentence(answer: Answer) -> str:
+def sentence(answer: AfferentVerdict) -> str:
     """What the recording says, in one line."""
     best = answer.headline
     if best is None:
@@ -38,7 +38,7 @@ def sentence(answer: Answer) -> str:
     )
 
 
-def sentences(answer: Answer) -> list[str]:
+def sentences(answer: AfferentVerdict) -> list[str]:
     """What goes with it, in the order of its weight."""
     said = [
         _next(answer),
@@ -83,7 +83,7 @@ def _why_not(row: PairRow) -> str:
     return f"is worse than a control ({probability(row.p_set)})"
 
 
-def _next(answer: Answer) -> str:
+def _next(answer: AfferentVerdict) -> str:
     row = answer.next
     if answer.headline is None:
         return ""
@@ -98,7 +98,7 @@ def _next(answer: Answer) -> str:
     )
 
 
-def _controls(answer: Answer) -> str:
+def _controls(answer: AfferentVerdict) -> str:
     if not answer.controls:
         return ""
     best = max(answer.controls, key=lambda row: -np.inf if np.isnan(row.left_out) else row.left_out)
@@ -107,7 +107,7 @@ def _controls(answer: Answer) -> str:
     return f"Of the controls {inside}; the best of them, {best.title}, predicts {share} of what was left out."
 
 
-def _ceiling(answer: Answer) -> str:
+def _ceiling(answer: AfferentVerdict) -> str:
     if answer.ceiling_from == "repeats":
         return f"By its repeats {percent(answer.ceiling)} of the recording's variance can be explained at all."
     return (
@@ -116,7 +116,7 @@ def _ceiling(answer: Answer) -> str:
     )
 
 
-def _powers(answer: Answer) -> list[str]:
+def _powers(answer: AfferentVerdict) -> list[str]:
     """What the noise hides."""
     seen = percent(answer.power.detectable)
     found = [f"A misfit of {seen} of the largest rate (rms) would be seen in {percent(SEEN)} of such recordings."]
@@ -131,7 +131,7 @@ def _blind(one: Mimic) -> str:
     )
 
 
-def _together(answer: Answer) -> str:
+def _together(answer: AfferentVerdict) -> str:
     found = answer.together
     if found is None:
         return ""
@@ -142,7 +142,7 @@ def _together(answer: Answer) -> str:
     )
 
 
-def _positions(answer: Answer) -> str:
+def _positions(answer: AfferentVerdict) -> str:
     used = len(answer.places.rate)
     if not answer.left_out:
         return f"All {used} recorded positions are used."
@@ -150,7 +150,7 @@ def _positions(answer: Answer) -> str:
     return f"{used} of {answer.recorded} recorded positions are used; not every receptor in play saw {missing}."
 
 
-def methods(answer: Answer) -> str:
+def methods(answer: AfferentVerdict) -> str:
     """What was done, on what, and what came out."""
     return " ".join(
         [
@@ -165,7 +165,7 @@ def methods(answer: Answer) -> str:
     )
 
 
-def _data(answer: Answer) -> str:
+def _data(answer: AfferentVerdict) -> str:
     names = dict.fromkeys(row.name for row in answer.controls)
     places = len({row.receptor_mm for row in answer.measures})
     return (
@@ -175,7 +175,7 @@ def _data(answer: Answer) -> str:
     )
 
 
-def _model(answer: Answer) -> str:
+def _model(answer: AfferentVerdict) -> str:
     law = "R = z / (1 + s·z) with z = max(0, k(ε − ε₀))" if answer.saturating else "R = max(0, k(ε − ε₀))"
     rest = ", with k > 0 and ε₀ ≥ 0," if answer.silent_at_rest else ""
     noise = answer.noise
@@ -190,7 +190,7 @@ def _model(answer: Answer) -> str:
     )
 
 
-def _test(answer: Answer) -> str:
+def _test(answer: AfferentVerdict) -> str:
     noise = answer.noise
     freedom = "known" if noise.freedom > 1e6 else f"{noise.freedom:.0f} degrees of freedom"
     return (
@@ -199,7 +199,7 @@ def _test(answer: Answer) -> str:
     )
 
 
-def _set(answer: Answer) -> str:
+def _set(answer: AfferentVerdict) -> str:
     return (
         f"Pairs that were not rejected were kept if they were in the {percent(1 - LEVEL)} model confidence set "
         f"(Hansen, Lunde & Nason 2011; range statistic, {DRAWS} draws of blocks of {BLOCK} neighbouring "
@@ -207,12 +207,12 @@ def _set(answer: Answer) -> str:
     )
 
 
-def _prediction(answer: Answer) -> str:
+def _prediction(answer: AfferentVerdict) -> str:
     out = "each stimulus in turn" if answer.together else f"each of {BLOCKS} blocks of positions in turn"
     return f"Prediction was judged by leaving out {out}, as the share of the deviance about the mean of the rest."
 
 
-def _fingers(answer: Answer) -> list[str]:
+def _fingers(answer: AfferentVerdict) -> list[str]:
     if answer.fingers == 1:
         return []
     return [
@@ -222,7 +222,7 @@ def _fingers(answer: Answer) -> list[str]:
     ]
 
 
-def _result(answer: Answer) -> str:
+def _result(answer: AfferentVerdict) -> str:
     best, size = answer.headline, len(answer.set)
     if best is None:
         row = answer.closest

@@ -28,7 +28,7 @@ Read = Callable[[Path], tuple[Summary, list[Row]]]
 
 
 @dataclass(frozen=True)
-class Entry:
+class IndexEntry:
     """What is known of one run folder, and of which journal: `mark` changes when that changes."""
 
     mark: str
@@ -41,7 +41,7 @@ class Entry:
         return [[*self.summary.of_the_run, *hold] for hold in json.loads(self.holds)]
 
 
-def listed(runs: Path, read: Read = summarised) -> list[Entry]:
+def listed(runs: Path, read: Read = summarised) -> list[IndexEntry]:
     """Every run folder in a folder, the oldest first, what cannot be read last. Raises OSError."""
     there = dict(_folders(runs))
     known = _kept(runs / INDEX)
@@ -54,7 +54,7 @@ def listed(runs: Path, read: Read = summarised) -> list[Entry]:
     gone = set(kept) - set(found)
     if (fresh or gone) and any(not entry.summary.problem for entry in found.values()):  # elsewhere it has no business
         _keep(runs / INDEX, fresh, gone, anew=known is None)
-    living = [Entry(entry.mark, alive(entry.summary, runs), entry.holds) for entry in found.values()]
+    living = [IndexEntry(entry.mark, alive(entry.summary, runs), entry.holds) for entry in found.values()]
     return sorted(living, key=lambda entry: (bool(entry.summary.problem), entry.summary.date_utc, entry.summary.name))
 
 
@@ -77,16 +77,16 @@ def _mark(journal: Path) -> str:
     return f"{found.st_size} {found.st_mtime_ns} {found.st_ctime_ns} {found.st_ino}"
 
 
-def _entry(path: Path, mark: str, read: Read) -> Entry:
+def _entry(path: Path, mark: str, read: Read) -> IndexEntry:
     if path.name.startswith("."):
-        return Entry(mark, Summary(path.name, problem="half made: its program is at it, or was killed"), "[]")
+        return IndexEntry(mark, Summary(path.name, problem="half made: its program is at it, or was killed"), "[]")
     if mark == "no file":
-        return Entry(mark, Summary(path.name, problem=f"{RunFolder(path).events.name}: not a file"), "[]")
+        return IndexEntry(mark, Summary(path.name, problem=f"{RunFolder(path).events.name}: not a file"), "[]")
     summary, rows = read(path)
-    return Entry(mark, summary, json.dumps(rows))
+    return IndexEntry(mark, summary, json.dumps(rows))
 
 
-def _kept(path: Path) -> dict[str, Entry] | None:
+def _kept(path: Path) -> dict[str, IndexEntry] | None:
     """What the index says; None where it cannot be read."""
     if not path.is_file():
         return None
@@ -97,7 +97,9 @@ def _kept(path: Path) -> dict[str, Entry] | None:
             rows = index.execute("SELECT name, mark, summary, holds, sum FROM runs").fetchall()
         if any(_sum(row[:4]) != row[4] for row in rows):
             return None
-        return {name: Entry(mark, _summary(json.loads(summary)), holds) for name, mark, summary, holds, _ in rows}
+        return {
+            name: IndexEntry(mark, _summary(json.loads(summary)), holds) for name, mark, summary, holds, _ in rows
+        }
     except sqlite3.Error:
         return None
 
@@ -111,7 +113,7 @@ def _summary(told: dict[str, object]) -> Summary:
     return Summary(**{**told, "shapes": tuple(told["shapes"])})  # type: ignore[arg-type]
 
 
-def _keep(path: Path, fresh: Mapping[str, Entry], gone: set[str], *, anew: bool) -> None:
+def _keep(path: Path, fresh: Mapping[str, IndexEntry], gone: set[str], *, anew: bool) -> None:
     """Write into the index what is new; one that is no index is made anew, one that cannot be written is left."""
     for _ in range(2):
         try:
@@ -123,7 +125,7 @@ def _keep(path: Path, fresh: Mapping[str, Entry], gone: set[str], *, anew: bool)
             _remove(path)
 
 
-def _write(path: Path, fresh: Mapping[str, Entry], gone: set[str], *, anew: bool) -> None:
+def _write(path: Path, fresh: Mapping[str, IndexEntry], gone: set[str], *, anew: bool) -> None:
     told = [(name, one.mark, json.dumps(asdict(one.summary)), one.holds) for name, one in fresh.items()]
     with _opened(path) as index:
         index.execute("BEGIN IMMEDIATE")
@@ -153,7 +155,7 @@ def _remove(path: Path) -> None:
 
 
 @dataclass(frozen=True)
-class Wanted:
+class RunFilter:
     """Which runs are asked for; None is all of them."""
 
     subject: str | None = None

@@ -31,7 +31,7 @@ def own_port(stage: StageSettings) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Kind:
+class DeviceKind:
     """What every entry says.
 
     name: as in `kind = "…"`. device: what it is, in words. settings: the table of its own, which stands in [stage] or
@@ -55,7 +55,7 @@ class Kind:
 
 
 @dataclass(frozen=True, kw_only=True)
-class StageKind(Kind):
+class StageKind(DeviceKind):
     """A kind of stage.
 
     driver raises what the opener raises. ports: every one that it is on, by its settings. axes: those with a motor,
@@ -72,7 +72,7 @@ class StageKind(Kind):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ForceKind(Kind):
+class ForceKind(DeviceKind):
     """A kind of force sensor; driver raises what the opener raises."""
 
     room: ClassVar[Room] = "force"
@@ -86,10 +86,10 @@ BUILT_IN: dict[Room, tuple[str, ...]] = {
 }
 """The kinds of this program, the default first."""
 DEFAULTS: dict[Room, str] = {room: names[0] for room, names in BUILT_IN.items()}
-KINDS: tuple[type[Kind], ...] = (StageKind, ForceKind)
-_OF: dict[Room, type[Kind]] = {of.room: of for of in KINDS}
+KINDS: tuple[type[DeviceKind], ...] = (StageKind, ForceKind)
+_OF: dict[Room, type[DeviceKind]] = {of.room: of for of in KINDS}
 
-K = TypeVar("K", bound=Kind)
+K = TypeVar("K", bound=DeviceKind)
 
 
 class KindError(RigError, ValueError):
@@ -218,7 +218,7 @@ D = TypeVar("D", bound=DeviceSettings)
 M = TypeVar("M", bound=BaseModel)
 
 
-def kind_of(device: DeviceSettings) -> Kind:
+def kind_of(device: DeviceSettings) -> DeviceKind:
     """The entry of a device's kind. Raises KindError."""
     return find(_OF[device.room], device.kind)
 

@@ -9,8 +9,8 @@ from typing import Any, Protocol
 from rig.clock import Clock
 from rig.devices.base import ForceSensor, Stage
 from rig.engine.bench_memory import LastKnown
-from rig.engine.contact import Contact
-from rig.engine.sensing import Zero
+from rig.engine.contact import KnownContact
+from rig.engine.sensing import ForceZero
 
 LOOK_S = 0.02
 
@@ -121,11 +121,11 @@ class WatchedBench(Bench, Protocol):
         """What the command before this one left; nothing of a virtual bench, which is always a new one."""
         ...
 
-    def touched(self, known: Contact) -> None:
+    def touched(self, known: KnownContact) -> None:
         """Record what is known about contact, for whoever uses the bench next. Raises RecordError."""
         ...
 
-    def left_with(self, zero: Zero | None) -> None:
+    def left_with(self, zero: ForceZero | None) -> None:
         """What forces were counted from, for whoever uses the bench next."""
         ...
 

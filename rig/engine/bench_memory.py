@@ -18,8 +18,8 @@ from pydantic import BaseModel, ValidationError
 from rig.clock import WallClock
 from rig.devices.base import StageStatus
 from rig.devices.registry import stage_ports
-from rig.engine.contact import Contact
-from rig.engine.sensing import Zero
+from rig.engine.contact import KnownContact
+from rig.engine.sensing import ForceZero
 from rig.errors import RecordError
 from rig.settings import BenchSettings
 
@@ -33,12 +33,12 @@ class LastKnown(BaseModel):
     zero_noise_gwt: float = 0.0
     zero_unix_s: float = 0.0
     left_at_mm: tuple[float, float, float] | None = None
-    contact: Contact | None = None
+    contact: KnownContact | None = None
 
     @property
-    def zero(self) -> Zero | None:
+    def zero(self) -> ForceZero | None:
         """What forces were counted from."""
-        return None if self.zero_offset_n is None else Zero(self.zero_offset_n, self.zero_noise_gwt)
+        return None if self.zero_offset_n is None else ForceZero(self.zero_offset_n, self.zero_noise_gwt)
 
     def stands_there(self, at: StageStatus) -> bool:
         """Whether a stage is where it was left, homed."""
@@ -62,7 +62,7 @@ class BenchMemory:
         except (OSError, ValidationError):
             return LastKnown()
 
-    def zeroed(self, zero: Zero) -> None:
+    def zeroed(self, zero: ForceZero) -> None:
         """A zero was taken."""
         now_s = WallClock().unix_s()
         self._write(zero_offset_n=zero.offset_n, zero_noise_gwt=zero.noise_gwt, zero_unix_s=now_s)
@@ -79,7 +79,7 @@ class BenchMemory:
         """A homed stage is left at rest."""
         self._write(left_at_mm=(at.x_mm, at.y_mm, at.z_mm))
 
-    def touched(self, known: Contact) -> None:
+    def touched(self, known: KnownContact) -> None:
         """Record what is known about contact.
 
         Only a confirmed lift makes a finger clear that may have been touched, and only a motion below clearance, or a

@@ -25,7 +25,7 @@ _TO_DO: Mapping[ContactKind, str | None] = {
 
 
 @dataclass(frozen=True)
-class Contact:
+class KnownContact:
     """What is known about contact.
 
     Parameters

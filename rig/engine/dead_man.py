@@ -17,7 +17,7 @@ _PRINTED_MM = 0.001
 _LOOKS = 3
 
 
-class Pace:
+class StagePace:
     """The pace of a stage since it began.
 
     A GRBL board cancels a jog that somebody holds, and says nothing of it. A line that comes while it slows down it
@@ -120,7 +120,7 @@ def _jogging(
     start: StageStatus | None = None
     step_mm = 1 / abs(stage.steps_per_mm(direction.axis))
     slice_mm, told_mm, stood = max(round(speed_mm_s * SLICE_S / step_mm), 1) * step_mm, 0.0, 0
-    pace, begun_s = Pace(step_mm), clock.monotonic_s()
+    pace, begun_s = StagePace(step_mm), clock.monotonic_s()
     while held() == direction:
         asked_s, now, heard_s = clock.monotonic_s(), stage.status(), clock.monotonic_s()
         if is_held(now.state):

@@ -9,7 +9,7 @@ from typing import Any, NoReturn, Protocol, TypeVar
 from rig.data.journal import Recorder
 from rig.devices.base import ForceReading, StageError
 from rig.engine.bench import Bench, Heartbeat
-from rig.engine.contact import Contact, ContactKind, judged
+from rig.engine.contact import ContactKind, KnownContact, judged
 from rig.engine.dead_man import UP, dead_man_jog
 from rig.engine.limits import (
     AT_MM,
@@ -85,8 +85,11 @@ class Engine:
         self.heartbeat.stop = self._stop_stage
         self._journal = journal
         self.may_touch = self._touch_ends_it = False  # below clearance since the last lift or homing; this motion
-        self.keep_contact: Callable[[Contact], None] = lambda known: None  # for whoever uses the bench next
-        self._known, self._measured = Contact(), False  # what was measured last, and whether nothing has moved since
+        self.keep_contact: Callable[[KnownContact], None] = lambda known: None  # for whoever uses the bench next
+        self._known, self._measured = (
+            KnownContact(),
+            False,
+        )  # what was measured last, and whether nothing has moved since
         self._unread: NoReadingError | None = None  # why there was no force then
         self._last_gwt: float | None = None  # the last reading that was counted from a zero
         self._strayed = False  # so the stage was stopped
@@ -210,21 +213,21 @@ class Engine:
         return self.bench.stage.homed and self.state is not State.UNHOMED
 
     @property
-    def known_contact(self) -> Contact:
+    def known_contact(self) -> KnownContact:
         """What is known about contact now, without asking anything."""
         if self._measured or not self.may_touch:
             return self._known
         touches = self._last_gwt is not None and abs(self._last_gwt) >= self.sensing.touch_gwt
         return self._contact("touching" if touches else "unknown", self._last_gwt)
 
-    def measure_contact(self) -> Contact:
+    def measure_contact(self) -> KnownContact:
         """Return what position and force say, at rest, and remember it; trips nothing and moves nothing.
 
         A force that is still there is waited for: a late sensor and a slow cell take their time.
         """
         return self.know_contact(self.force_at_rest_gwt())
 
-    def know_contact(self, force_gwt: float | None) -> Contact:
+    def know_contact(self, force_gwt: float | None) -> KnownContact:
         """Return what position and this force at rest say (None: there is none), and remember it."""
         kind = judged(clear=self._is_clear, force_gwt=force_gwt, touch_gwt=self.sensing.touch_gwt)
         found = self._contact(kind, force_gwt)
@@ -263,9 +266,9 @@ class Engine:
         """Whether a trusted position is at clearance or higher."""
         return self.bench.stage.homed and self.height_mm >= self.settings.habits.clearance_mm - AT_MM
 
-    def _contact(self, kind: ContactKind, force_gwt: float | None) -> Contact:
+    def _contact(self, kind: ContactKind, force_gwt: float | None) -> KnownContact:
         x_mm, height_mm = (round(mm, 6) if math.isfinite(mm) else None for mm in (self.x_mm, self.height_mm))
-        return Contact(kind, force_gwt, x_mm, height_mm, self.clock.unix_s())
+        return KnownContact(kind, force_gwt, x_mm, height_mm, self.clock.unix_s())
 
     def _below_clearance(self) -> None:
         """Before the first motion below clearance it is on record that the finger may be touched."""

@@ -10,7 +10,7 @@ from rig.engine.limits import fit_contact
 from rig.engine.press import Press, pulse
 from rig.engine.verbs import retract, safe_point, unpaused
 from rig.errors import LimitError, NotReadyError, TripError
-from rig.records import Indentation, Phase, PressId, Target, Touch
+from rig.records import ContactFit, Indentation, Phase, PressId, Target
 
 _SHOWN_BY = 4  # readings
 
@@ -24,7 +24,7 @@ class Approach:
     lowest_mm: float
     highest_mm: float
 
-    def touch_off(self) -> Touch:
+    def touch_off(self) -> ContactFit:
         """Touch twice, fit where contact was, and journal it; ends in contact.
 
         Trips where contact is not found, found too high, or pulls.
@@ -129,7 +129,7 @@ class Approach:
             )
             engine.trip(too_high)
 
-    def _record(self, touch: Touch) -> None:
+    def _record(self, touch: ContactFit) -> None:
         engine = self.engine
         data = {
             "index": self.press.index,

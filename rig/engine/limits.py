@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rig.clock import Clock
 from rig.errors import LimitError, TripError
-from rig.records import Touch
+from rig.records import ContactFit
 from rig.settings import LimitSettings, RigSettings
 from rig.units import GWT_N
 
@@ -173,7 +173,7 @@ _TRIED = 201  # contact heights looked at together
 _FINER = 4  # times that those about the best are looked at, each a hundred times closer
 
 
-def fit_contact(readings: Sequence[tuple[float, float]], threshold_gwt: float, resolution_gwt: float) -> Touch:
+def fit_contact(readings: Sequence[tuple[float, float]], threshold_gwt: float, resolution_gwt: float) -> ContactFit:
     """Contact height from (height mm, force gwt) readings that descend to the threshold.
 
     The least-squares fit of F = a · (contact − height)^1.5, none above contact, to all readings: one that noise has
@@ -183,7 +183,7 @@ def fit_contact(readings: Sequence[tuple[float, float]], threshold_gwt: float, r
     height, force = np.array(readings).T
     shown = force > 0.5 * resolution_gwt
     contact = float(height[-1]) if shown.sum() < 2 else _least_squares(height, force)
-    return Touch(threshold_gwt, float(height[-1]), float(force[-1]), contact, int(shown.sum()))
+    return ContactFit(threshold_gwt, float(height[-1]), float(force[-1]), contact, int(shown.sum()))
 
 
 def _least_squares(height_mm: NDArray[np.float64], force_gwt: NDArray[np.float64]) -> float:

@@ -9,7 +9,7 @@ from rig.engine.engine import Engine
 from rig.engine.limits import CONTACT_EXPONENT, TRIP_MARGIN
 from rig.engine.verbs import safe_point
 from rig.errors import LimitError, TripError
-from rig.records import Hold, Phase, PressId, Target, Touch
+from rig.records import ContactFit, Hold, Phase, PressId, Target
 
 _MOVES, _STEPS, _SHARE = 3, 5, 0.1
 
@@ -71,7 +71,7 @@ _HIGHEST_AIM = 1.02  # of the target, in a hold: noise comes on top, and 1.05 mu
 class Press:
     """The press of one indentation, from its touch-off on."""
 
-    def __init__(self, engine: Engine, press: PressId, touch: Touch, speed_mm_s: float) -> None:
+    def __init__(self, engine: Engine, press: PressId, touch: ContactFit, speed_mm_s: float) -> None:
         self._engine, self.id, self._speed = engine, press, speed_mm_s
         self._habits = engine.settings.habits
         self._smallest_mm = engine.settings.stage.resolution_mm

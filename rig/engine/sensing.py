@@ -58,7 +58,7 @@ def several_gwt(reading: Callable[[], ForceReading]) -> list[float]:
 
 
 @dataclass(frozen=True)
-class Zero:
+class ForceZero:
     """What a zeroed sensor still shows with nothing touched: an offset, and the sd of single readings."""
 
     offset_n: float
@@ -66,7 +66,7 @@ class Zero:
     provisional: bool = False  # taken wherever the indentor was: what it shows then is a change, not a force
 
     @classmethod
-    def of(cls, readings_gwt: Sequence[float], *, provisional: bool = False) -> "Zero":
+    def of(cls, readings_gwt: Sequence[float], *, provisional: bool = False) -> "ForceZero":
         """Measured."""
         return cls(statistics.fmean(readings_gwt) * GWT_N, statistics.pstdev(readings_gwt), provisional)
 
@@ -80,7 +80,7 @@ class Sensing:
 
     def __init__(self, settings: RigSettings, clock: Clock, sensor: ForceSensor) -> None:
         self.sensor, self.moved = sensor, True  # moved: since the last settled reading
-        self.zero: Zero | None = None  # what forces are counted from
+        self.zero: ForceZero | None = None  # what forces are counted from
         self._settings, self._clock = settings, clock
         # of the motion that is under way
         self._felt_from_n: float | None = 0.0
@@ -197,9 +197,9 @@ class Sensing:
         reading = self._from_zero(read(self.sensor, self._clock, 0.0))
         return (reading.force_n - self._felt_from_n) / GWT_N
 
-    def take_zero(self, readings_gwt: Sequence[float], *, provisional: bool = False) -> Zero:
+    def take_zero(self, readings_gwt: Sequence[float], *, provisional: bool = False) -> ForceZero:
         """From here on forces are counted from the mean of these readings; provisional: not surely in the air."""
-        self.zero = Zero.of(readings_gwt, provisional=provisional)
+        self.zero = ForceZero.of(readings_gwt, provisional=provisional)
         return self.zero
 
     def _from_zero(self, reading: ForceReading) -> ForceReading:

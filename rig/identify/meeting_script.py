@@ -11,7 +11,7 @@ from rig.data.run import Events, Following, add_event
 from rig.engine import Engine, LimitError
 from rig.engine.limits import Trips
 from rig.identify.press_record import given_press
-from rig.identify.procedure import Meeting, Told
+from rig.identify.procedure import Meeting, PressReport
 from rig.protocol.api import ProtocolParameters, Rig
 from rig.protocol.check import Spot, Walk
 from rig.protocol.script import Script
@@ -35,7 +35,7 @@ class MeetingScript:
     def __init__(
         self,
         meeting: Meeting,
-        say: Callable[[Told], None] = lambda told: None,
+        say: Callable[[PressReport], None] = lambda told: None,
         say_before: Callable[[PressAt | None], None] = lambda press: None,
     ) -> None:
         """say: of each press, when it was learned from; say_before: which comes now, None while the stage homes."""
@@ -101,7 +101,7 @@ class MeetingScript:
         return [start["index"] for start in self._events.get("indentation_start", [])]
 
 
-def _noted(told: Told) -> dict[str, float | list[float]]:
+def _noted(told: PressReport) -> dict[str, float | list[float]]:
     """What the journal keeps of what was learned."""
     foreseen = told.surprise.foreseen
     return {

@@ -10,7 +10,7 @@ import numpy as np
 from rig.data.run import Events
 from rig.settings import RigSettings
 from rig.units import GWT_N
-from sim.identification.forward import Given, Way
+from sim.identification.forward import Given, PressTrajectory
 
 _ABOVE_MM = 0.1  # over the first touch nothing is felt
 _TOUCHES = 4  # of the readings just before contact was found
@@ -34,7 +34,7 @@ def given_press(events: Events, index: int, settings: RigSettings) -> Given | No
     down = [s for s in samples if s["phase"] == "touch"] + pressed
     asked = [*down[-len(pressed) - _TOUCHES :], *_thinned(held)]
     given_mm = settings.calibration.value("compliance_mm_per_n", 0.0)
-    way = Way(
+    way = PressTrajectory(
         start["indentor"],
         float(start["x_mm"]),
         np.array([s["t_s"] for s in down]),
@@ -46,7 +46,7 @@ def given_press(events: Events, index: int, settings: RigSettings) -> Given | No
     return Given(way, np.array([s["force_gwt"] for s in asked]) - zero, noise, zero_sd, zero, contact_mm)
 
 
-def _as_felt(way: Way, age_s: float) -> Way:
+def _as_felt(way: PressTrajectory, age_s: float) -> PressTrajectory:
     """The same, asked for when the readings were felt, none before the move that it came after had ended."""
     return replace(way, asked_s=np.maximum(way.asked_s - age_s, way.ended_s[way.lowest]))
 

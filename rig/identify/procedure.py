@@ -13,7 +13,7 @@ from rig.settings import RigSettings
 from rig.units import GWT_N
 from sim.errors import ModelRangeError
 from sim.identification.bands import Width, band, standard_deviations
-from sim.identification.design import Chooser, PressAt, Search, highest_gwt
+from sim.identification.design import Chooser, PressAt, SkinSearch, highest_gwt
 from sim.identification.forward import Foreseen, Given, RampAndHold
 from sim.identification.posterior import PRESS_ERROR, SHAPE_ERROR, Surprise, learn, no_finger, nothing_learned
 from sim.identification.prior import named
@@ -44,7 +44,7 @@ off the likeliest usually is: squared standardised distance over the number of r
 
 
 @dataclass(frozen=True)
-class Wanted:
+class IdentificationOptions:
     """When a meeting has learned enough, and how gently."""
 
     goals: tuple[PressAt, ...]
@@ -67,7 +67,7 @@ def felt_surely(config: Config) -> Config:
 
 
 @dataclass(frozen=True)
-class Told:
+class PressReport:
     """One press, for whoever looks on."""
 
     number: int
@@ -83,16 +83,16 @@ class Meeting:
 
     settings: RigSettings
     foreseen: Foreseen
-    wanted: Wanted
+    wanted: IdentificationOptions
     seed: int = 0
     given: list[Given] = field(default_factory=list)
-    told: list[Told] = field(default_factory=list)
+    told: list[PressReport] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         habits = self.settings.habits
         pace = RampAndHold(habits.increment_mm, habits.increment_mm / habits.press_speed_mm_s + BETWEEN_INCREMENTS_S)
         self._menu = [PressAt(s, x, d) for s in self.wanted.shapes for x in PLACES_MM for d in self._depths_mm(s)]
-        search = Search(self.settings.limits.search_mm - habits.increment_mm, habits.touch_force_gwt)
+        search = SkinSearch(self.settings.limits.search_mm - habits.increment_mm, habits.touch_force_gwt)
         self.chooser = Chooser(self.foreseen, self.wanted.goals, pace, search)
         for goal in self.wanted.goals:
             if goal.doi_mm > self._deepest_mm(goal.indentor):
@@ -156,12 +156,12 @@ class Meeting:
         highest = highest_gwt(self.foreseen, self.learned.draws, press, self.chooser.pace, _TRIP_SHARE)
         return max(SOFT_TRIP_OVER_BAND * highest * GWT_N, SMALLEST_SOFT_TRIP_N)
 
-    def take(self, press: PressAt, given: Given) -> Told:
+    def take(self, press: PressAt, given: Given) -> PressReport:
         """Learn from a press."""
         surprise, trip_gwt = self._surprise(given), self.trip_n(press) / GWT_N
         self.given.append(given)
         self.learned = learn(self.foreseen, self.given, self.learned, self._chance)
-        self.told.append(Told(len(self.told) + 1, press, surprise, trip_gwt, self.widest))
+        self.told.append(PressReport(len(self.told) + 1, press, surprise, trip_gwt, self.widest))
         return self.told[-1]
 
     def _surprise(self, given: Given) -> Surprise:

@@ -10,7 +10,7 @@ from rig.devices.base import ForceError, Stage
 from rig.engine import Engine, LimitError, verbs
 from rig.engine.bench import Bench
 from rig.engine.bench_memory import BenchMemory, LastKnown
-from rig.engine.contact import Contact
+from rig.engine.contact import KnownContact
 from rig.engine.sensing import NoReadingError, Sensing, several_gwt
 from rig.errors import BadInputError, around
 from rig.manual.guard import Guard
@@ -57,7 +57,7 @@ def at_hand(
         memory.left(stage.status())
 
 
-def home(settings: RigSettings, bench: Bench, sensing: Sensing) -> Contact:
+def home(settings: RigSettings, bench: Bench, sensing: Sensing) -> KnownContact:
     """Find the switches, the force read all the way; returns what is then known about contact.
 
     Raises ENDINGS but ForceError, BadInputError.

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from rig.clock import Clock
 from rig.devices.base import Axis, Stage, StageError, StageOverridden, StageStatus
-from rig.engine.contact import Contact, ContactKind, judged
+from rig.engine.contact import ContactKind, KnownContact, judged
 from rig.engine.dead_man import DOWN, UP, Direction, dead_man_jog
 from rig.engine.limits import AT_MM
 from rig.engine.motion import FeltError, StrayedError, insist
@@ -51,7 +51,7 @@ class ByHand:
         """guard: None moves without force. placed: where the stage is homed, so that heights are known."""
         self._settings, self._stage, self._clock = settings, stage, clock
         self._guard, self._show, self.placed = guard, show, placed
-        self.keep_contact: Callable[[Contact], None] = lambda known: None  # for whoever uses the bench next
+        self.keep_contact: Callable[[KnownContact], None] = lambda known: None  # for whoever uses the bench next
         self.may_touch = False  # so it is on record
 
     def stands(self, *, placed: bool) -> None:
@@ -124,9 +124,9 @@ class ByHand:
             self.may_touch = known.may_touch
             self.keep_contact(known)
 
-    def _contact(self, kind: ContactKind, at: StageStatus, force_gwt: float | None) -> Contact:
+    def _contact(self, kind: ContactKind, at: StageStatus, force_gwt: float | None) -> KnownContact:
         x_mm = round(at.x_mm - self._settings.frame.pad_centre_x_mm, 6) if self.placed else None
-        return Contact(kind, force_gwt, x_mm, self._height_mm(at), self._clock.unix_s())
+        return KnownContact(kind, force_gwt, x_mm, self._height_mm(at), self._clock.unix_s())
 
     def steps_per_mm(self, axis: Axis) -> float:
         """What the controller takes for a millimetre. Raises StageError."""

@@ -20,7 +20,7 @@ AHEAD_S = 1.0
 """By so much the clock of who says it may be ahead."""
 
 
-class Hold(BaseModel):
+class HoldRequest(BaseModel):
     """A button was down at unix_s: press counts the presses of a tab, and grows."""
 
     axis: Axis
@@ -31,7 +31,7 @@ class Hold(BaseModel):
     unix_s: float
 
     @classmethod
-    def asked(cls, request: Mapping[str, Any]) -> "Hold":
+    def asked(cls, request: Mapping[str, Any]) -> "HoldRequest":
         """What somebody asks for. Raises LimitError."""
         try:
             return cls.model_validate(request)
@@ -51,7 +51,7 @@ class Hold(BaseModel):
         """Which way."""
         return Direction(self.axis, self.sign)
 
-    def is_of(self, other: "Hold") -> bool:
+    def is_of(self, other: "HoldRequest") -> bool:
         """Whether it is the same press of the same button."""
         return (self.tab, self.press, self.direction) == (other.tab, other.press, other.direction)
 
@@ -64,7 +64,7 @@ class Holds:
 
     def __init__(self, clock: Clock) -> None:
         self._clock, self._held = clock, HeldWord(clock, HOLD_S)
-        self.press: Hold | None = None  # what moves the stage or is about to, until `end`
+        self.press: HoldRequest | None = None  # what moves the stage or is about to, until `end`
         self._over: dict[str, int] = {}  # the last press of each tab that is over
 
     @property
@@ -72,7 +72,7 @@ class Holds:
         """Whether a button is held now."""
         return self._held() is not None
 
-    def take(self, hold: Hold) -> None:
+    def take(self, hold: HoldRequest) -> None:
         """A button is held. Raises LimitError for one that is too late, NotReadyError where another one is."""
         ago_s = self._clock.unix_s() - hold.unix_s
         if not -AHEAD_S <= ago_s < HOLD_S:
@@ -99,21 +99,21 @@ class Holds:
             self.release(self.press.tab, self.press.press)
             self.press = None
 
-    def held(self, press: Hold) -> Direction | None:
+    def held(self, press: HoldRequest) -> Direction | None:
         """Which way, as long as that press is what is held."""
         return self._held() if self.press is press else None
 
-    def lapsed(self, press: Hold) -> bool:
+    def lapsed(self, press: HoldRequest) -> bool:
         """Whether a press was not let go, and yet not heard of for too long."""
         return not self._is_over(press) and not self.live
 
-    def end(self, press: Hold) -> None:
+    def end(self, press: HoldRequest) -> None:
         """The motion of a press is over, and no hold of it counts any more."""
         self.release(press.tab, press.press)
         if self.press is press:
             self.press = None
 
-    def _is_over(self, hold: Hold) -> bool:
+    def _is_over(self, hold: HoldRequest) -> bool:
         return hold.tab in self._over and hold.press <= self._over[hold.tab]
 
 
@@ -128,7 +128,7 @@ class Orders:
     def __init__(self, clock: Clock) -> None:
         self._lock, self._holds = threading.RLock(), Holds(clock)
         self._verb: Verb | None = None  # asked for
-        self._doing: Hold | Verb | None = None
+        self._doing: HoldRequest | Verb | None = None
         self.stopped = self.leaving = False
         self._stopped_since: bool  # what is done now was begun
 
@@ -136,22 +136,22 @@ class Orders:
     def busy(self) -> str | None:
         """What is done or about to be: home, zero or jog."""
         to_do = self._to_do
-        return "jog" if isinstance(to_do, Hold) else to_do and to_do.partition(" ")[0]
+        return "jog" if isinstance(to_do, HoldRequest) else to_do and to_do.partition(" ")[0]
 
     @property
     def tab(self) -> str | None:
         """Whose button it is that jogs."""
         to_do = self._to_do
-        return to_do.tab if isinstance(to_do, Hold) else None
+        return to_do.tab if isinstance(to_do, HoldRequest) else None
 
     @property
-    def _to_do(self) -> Hold | Verb | None:
+    def _to_do(self) -> HoldRequest | Verb | None:
         with self._lock:
             return self._doing or self._verb or self._holds.press
 
     # what is asked, by any thread
 
-    def hold(self, hold: Hold) -> None:
+    def hold(self, hold: HoldRequest) -> None:
         """A button is down. Raises LimitError, NotReadyError."""
         with self._lock:
             self._refuse_stopped()
@@ -186,13 +186,13 @@ class Orders:
 
     # what is done, by one thread
 
-    def next(self) -> Hold | Verb | None:
+    def next(self) -> HoldRequest | Verb | None:
         """What is to be done now."""
         with self._lock:
             self._doing, self._verb, self._stopped_since = self._to_do, None, False
             return self._doing
 
-    def held(self, press: Hold) -> Callable[[], Direction | None]:
+    def held(self, press: HoldRequest) -> Callable[[], Direction | None]:
         """For the motion of a press: which way, as long as it is held."""
 
         def held() -> Direction | None:
@@ -201,16 +201,16 @@ class Orders:
 
         return held
 
-    def lapsed(self, done: Hold | Verb) -> bool:
+    def lapsed(self, done: HoldRequest | Verb) -> bool:
         """Whether it is a press whose button was not let go, and yet not heard of for too long."""
         with self._lock:
-            return isinstance(done, Hold) and self._holds.lapsed(done)
+            return isinstance(done, HoldRequest) and self._holds.lapsed(done)
 
-    def over(self, done: Hold | Verb) -> None:
+    def over(self, done: HoldRequest | Verb) -> None:
         """It is over."""
         with self._lock:
             self._doing = None
-            if isinstance(done, Hold):
+            if isinstance(done, HoldRequest):
                 self._holds.end(done)
 
     def homed(self) -> None:

@@ -13,7 +13,7 @@ from rig.engine.sensing import NoReadingError, Sensing
 from rig.errors import BadInputError, LimitError
 from rig.manual import bench as at_hand
 from rig.manual.jog import ByHand
-from rig.manual.requests import HOLD_S, Hold, Orders, Verb
+from rig.manual.requests import HOLD_S, HoldRequest, Orders, Verb
 from rig.manual.status import HandStatus, OverheardSensor
 from rig.session.running import ENDINGS
 from rig.settings import RigSettings
@@ -38,7 +38,7 @@ def hand_answers(orders: Orders, status: HandStatus, stage: Stage, gate: StopGat
         return {**found, "busy": orders.busy, "tab": orders.tab, "stopped": orders.stopped}
 
     def hold(request: Request) -> Mapping[str, Any]:
-        orders.hold(Hold.asked(request))
+        orders.hold(HoldRequest.asked(request))
         return {}
 
     def release(request: Request) -> Mapping[str, Any]:
@@ -146,10 +146,10 @@ class HandOwner:
         else:
             self._carry_out(to_do)
 
-    def _carry_out(self, to_do: Hold | Verb) -> None:
+    def _carry_out(self, to_do: HoldRequest | Verb) -> None:
         begun_s, self._status.ended_by = self._clock.monotonic_s(), None
         try:
-            ended_by = self._jog(to_do) if isinstance(to_do, Hold) else self._do(to_do)
+            ended_by = self._jog(to_do) if isinstance(to_do, HoldRequest) else self._do(to_do)
         except (*ENDINGS, BadInputError) as error:
             ended_by = str(error)
             self._doubt(error)
@@ -160,7 +160,7 @@ class HandOwner:
         self._orders.over(to_do)
         self._note(to_do, begun_s)
 
-    def _jog(self, press: Hold) -> str | None:
+    def _jog(self, press: HoldRequest) -> str | None:
         try:
             self._hand.steps_per_mm(press.axis)
         except StageError as error:
@@ -232,7 +232,7 @@ class HandOwner:
         self._hand.stands(placed=placed)
         self._status.placed = placed
 
-    def _note(self, done: Hold | Verb, begun_s: float) -> None:
-        what = f"jog {done.axis}{done.sign:+d} at {done.speed_mm_s:g} mm/s" if isinstance(done, Hold) else done
+    def _note(self, done: HoldRequest | Verb, begun_s: float) -> None:
+        what = f"jog {done.axis}{done.sign:+d} at {done.speed_mm_s:g} mm/s" if isinstance(done, HoldRequest) else done
         line = {"t_s": round(begun_s, 6), "did": what, "ended_by": self._status.ended_by}
         self._log.write(json.dumps(line) + "\n")

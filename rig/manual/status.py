@@ -15,7 +15,7 @@ from typing import Any
 from rig.clock import Clock
 from rig.devices.base import ForceError, ForceReading, ForceSensor, StageStatus
 from rig.engine.bench_memory import state_folder
-from rig.engine.contact import Contact
+from rig.engine.contact import KnownContact
 from rig.engine.limits import Trips
 from rig.engine.sensing import Sensing
 from rig.manual.jog import FASTEST_MM_S
@@ -127,7 +127,7 @@ class HandStatus:
         self._problems: dict[str, str | None] = {"stage": None, "force": None}
         self.placed = self.zeroed = False
         self.ended_by: str | None = None
-        self.contact: Contact | None = None  # as it is on record
+        self.contact: KnownContact | None = None  # as it is on record
 
     # what is told
 

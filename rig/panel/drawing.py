@@ -35,7 +35,7 @@ from sim.workers import give_way, leaving_ctrl_c_to_us
 
 
 @dataclass(frozen=True)
-class Press:
+class PressSummary:
     """One press of a run: its number among those of its purpose, its place and its target."""
 
     index: int
@@ -53,7 +53,7 @@ class Job:
     folder: Path | None = None
     indentor: str | None = None
     along_mm: float = 0.0  # from the receptor plane
-    press: Press | None = None
+    press: PressSummary | None = None
 
 
 PATIENCE_S = 120.0
@@ -245,7 +245,7 @@ DEPTHS = 8
 NONE: dict[str, Any] = {"doi_mm": None, "force_gwt": None}
 
 
-def foreseen(finger: Fingertip, shape: Indentor, press: Press) -> tuple[dict[str, Any], dict[str, Any]]:
+def foreseen(finger: Fingertip, shape: Indentor, press: PressSummary) -> tuple[dict[str, Any], dict[str, Any]]:
     """Of `prediction` the curve up to the target, of `section` skin and contact there; empty where there is none."""
     try:
         x_mm, ways = shape.lateral_mm(press.x_mm), finger.keeping_ways()

@@ -13,7 +13,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.types import Send
 
-from rig.data.index import Wanted, listed
+from rig.data.index import RunFilter, listed
 from rig.errors import code_of
 from rig.panel.gate import FILE_POLICY
 from rig.panel.requests import RequestError
@@ -37,10 +37,10 @@ class RunFiles:
         if not (limit.isascii() and limit.isdecimal()):
             raise RequestError("limit {value!r}: expected a number", code="not_a_number", key="limit", value=limit)
         subject, shape, protocol, state = (asked.get(name) or None for name in _FILTERS)
-        wanted = Wanted(subject, shape, protocol, state)
+        wanted = RunFilter(subject, shape, protocol, state)
         return JSONResponse(await asyncio.to_thread(self._told, wanted, int(limit)))
 
-    def _told(self, wanted: Wanted, limit: int) -> dict[str, Any]:
+    def _told(self, wanted: RunFilter, limit: int) -> dict[str, Any]:
         try:
             entries = [one.summary for one in listed(self._out)]
         except OSError as error:

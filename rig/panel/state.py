@@ -13,13 +13,13 @@ from rig.devices.registry import stage_ports
 from rig.panel.drawing import Job
 from rig.panel.owners import Find, Owner, Tabs, owner_told, run_of, shown
 from rig.panel.seen_run import SeenRun, age_s, growing, limits_told
-from rig.panel.stream import NOTHING, Outlet, Row, Source
+from rig.panel.stream import NOTHING, Outlet, ReadingSource, Row
 from rig.plan.config import Config
 from rig.settings import BenchSettings
 from rig.units import GWT_N
 
 COLUMNS = ("unix_s", "t_s", "force_gwt", "x_mm", "y_mm", "z_mm", "height_mm")
-HAND = Source(None, COLUMNS, hand=True)
+HAND = ReadingSource(None, COLUMNS, hand=True)
 
 
 class SeenBench:

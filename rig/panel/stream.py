@@ -21,7 +21,7 @@ Row = Sequence[Any]
 
 
 @dataclass(frozen=True)
-class Source:
+class ReadingSource:
     """What readings are of; `run` is the name of its folder, None by hand."""
 
     run: str | None
@@ -29,7 +29,7 @@ class Source:
     hand: bool = False
 
 
-NOTHING = Source(None, ())
+NOTHING = ReadingSource(None, ())
 
 
 def as_event(kind: str, told: Mapping[str, Any]) -> str:
@@ -41,7 +41,7 @@ def as_event(kind: str, told: Mapping[str, Any]) -> str:
 class Onlooking:
     """What waits for one page: of states and pictures the newest, of readings all, as long as there is room."""
 
-    source: Source
+    source: ReadingSource
     rows: deque[Row]
     latest: dict[str, str]
     reset: bool = True
@@ -61,7 +61,7 @@ class Onlooking:
             self.dropped += 1
         self.woken.set()
 
-    def begin(self, source: Source) -> None:
+    def begin(self, source: ReadingSource) -> None:
         """Other readings from here on; what is left of the ones before is of no use."""
         self.source, self.reset = source, True
         self.rows.clear()
@@ -106,7 +106,7 @@ class Outlet:
         """There is none any more, for pages that come."""
         self._latest.pop(kind, None)
 
-    def begin(self, source: Source) -> None:
+    def begin(self, source: ReadingSource) -> None:
         """Readings of something else."""
         self.source = source
         self._rows.clear()

@@ -18,7 +18,7 @@ from rig.engine.limits import CONTACT_EXPONENT
 from rig.errors import around
 from rig.plan.finger_file import Met, fingers_of
 from rig.protocol.check import ForceTooDeepError, NoPredictionError
-from rig.records import Band, Pace, Prediction, Target
+from rig.records import Pace, Prediction, PredictionBand, Target
 from sim.config import FingertipConfig
 from sim.contact import shapes
 from sim.contact.indentor import Indentor
@@ -86,14 +86,14 @@ def answers(finger: Fingertip, shape: Indentor, x_mm: float, target: Target, pac
     )
 
 
-def band_of(found: Answers, met: Met) -> tuple[float, float, Band]:
+def band_of(found: Answers, met: Met) -> tuple[float, float, PredictionBand]:
     """Force and depth in the middle, and their band: log-normal, widened by what the simulator leaves."""
     error, coverage = met.band.model_error, met.band.coverage
     controlled = float(np.ptp(np.log(found.held_gwt))) < 1e-9  # a force that was asked for
     force = band(found.held_gwt, 0.0 if controlled else error, coverage)
     depth = band(found.doi_mm, error / CONTACT_EXPONENT if controlled else 0.0, coverage)
     most = float(found.held_gwt[0]) if controlled else band(found.highest_gwt, error, coverage).high
-    return force.middle, depth.middle, Band((force.low, force.high), (depth.low, depth.high), most)
+    return force.middle, depth.middle, PredictionBand((force.low, force.high), (depth.low, depth.high), most)
 
 
 @lru_cache(maxsize=1)
@@ -177,13 +177,13 @@ class FingerModel:
         return self._shapes[indentor]
 
     def _solved(self, indentor: str, x_mm: float, target: Target) -> Prediction:
-        return asked(self._finger, _predicted, self._shape(indentor), Asked(indentor, x_mm, target))
+        return asked(self._finger, _predicted, self._shape(indentor), RequestedPress(indentor, x_mm, target))
 
     def _with_band(self, found: Prediction, pace: Pace, met: Met) -> Prediction:
         return asked(self._finger, _with_band, found, self._shape(found.indentor), pace, met)
 
 
-class Asked(NamedTuple):
+class RequestedPress(NamedTuple):
     """A press by the script's words."""
 
     indentor: str
@@ -220,7 +220,7 @@ def _with_band(finger: Fingertip, found: Prediction, shape: Indentor, pace: Pace
     return replace(found, predicted_force_gwt=force_gwt, predicted_doi_mm=doi_mm, band=band)
 
 
-def _predicted(finger: Fingertip, shape: Indentor, press: Asked) -> Prediction:
+def _predicted(finger: Fingertip, shape: Indentor, press: RequestedPress) -> Prediction:
     target = press.target
     try:
         found = finger.indent(shape, press.x_mm, **{target.kind: target.value})  # type: ignore[arg-type]

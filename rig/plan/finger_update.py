@@ -30,7 +30,7 @@ _LEAST_SPREAD = 1e-9  # of ln force over the likely fingers: below, an observati
 
 
 @dataclass(frozen=True)
-class Seen:
+class ReferenceForce:
     """References at one place to one target: mean of ln force, and its variance."""
 
     indentor: str
@@ -61,7 +61,7 @@ def learned(run: Run, finger: Fingertip) -> FingerFile | None:
     )
 
 
-def references(run: Run, config: Config) -> list[Seen]:
+def references(run: Run, config: Config) -> list[ReferenceForce]:
     """Of a run, to a depth; those alike are one."""
     begun = {e["index"]: e for e in run.stream("reference_indentation_start")}
     last = {e["index"]: e for e in run.stream("reference_hold_end")}
@@ -77,12 +77,12 @@ def references(run: Run, config: Config) -> list[Seen]:
     return [_together(press, [one[1:] for one in alike]) for press, alike in groupby(found, key=lambda one: one[0])]
 
 
-def _together(press: tuple[str, float, Target, Pace], alike: Sequence[tuple[float, float]]) -> Seen:
+def _together(press: tuple[str, float, Target, Pace], alike: Sequence[tuple[float, float]]) -> ReferenceForce:
     logs, variances = np.array(alike).T
-    return Seen(*press, float(logs.mean()), float(variances.mean() / len(logs)))
+    return ReferenceForce(*press, float(logs.mean()), float(variances.mean() / len(logs)))
 
 
-def taken_in(met: Met, ln_said: Array, seen: Seen) -> Met:
+def taken_in(met: Met, ln_said: Array, seen: ReferenceForce) -> Met:
     """After one observation, of which the likely fingers said (draws,)."""
     spread = float(ln_said.var(ddof=1))
     if spread < _LEAST_SPREAD:

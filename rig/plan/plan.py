@@ -155,7 +155,7 @@ class Promise:
 
 
 @dataclass(frozen=True)
-class Found:
+class PredictionCheck:
     """A promise beside what was measured in the last hold."""
 
     promise: Promise
@@ -188,7 +188,7 @@ def _promise(purpose: Purpose, index: int, press: PlannedIndentation) -> Promise
     return Promise(purpose, index, "doi_mm", low, press.predicted_doi_mm, high)
 
 
-def found(run: Run) -> list[Found]:
+def found(run: Run) -> list[PredictionCheck]:
     """Of every press that was promised and finished."""
     pairs = []
     for promise in (Promise(**one) for one in run.start.get("promised", [])):
@@ -196,5 +196,5 @@ def found(run: Run) -> list[Found]:
         begun = [e for e in run.stream(f"{prefix}indentation_start") if e["index"] == promise.index]
         holds = [e for e in run.stream(f"{prefix}hold_end") if e["index"] == promise.index]
         if begun and len(holds) == begun[0]["increments"]:
-            pairs.append(Found(promise, begun[0]["indentor"], begun[0]["x_mm"], holds[-1][promise.key]))
+            pairs.append(PredictionCheck(promise, begun[0]["indentor"], begun[0]["x_mm"], holds[-1][promise.key]))
     return pairs

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, Plot
 from sim.coding.all_sites import Deformed
 from sim.coding.encoding import Encoded
-from sim.coding.operators import NAMES, ImpulseResponses, Operator, ShiftErrors
+from sim.coding.operators import NAMES, ForwardOperator, ImpulseResponses, ShiftErrors
 from sim.coding.point_spread import Judged
 
 Array = NDArray[np.float64]
@@ -55,7 +55,7 @@ def _draw_decoded(figure: Figure, drawn: DrawnDecoding) -> None:
 class DrawnEncoding(NamedTuple):
     """What is encoded, and what finite elements say of the same press where there was one."""
 
-    operator: Operator
+    operator: ForwardOperator
     pressure: Array
     encoded: Encoded
     true: tuple[Array, Array] | None  # places in mm and SED
@@ -249,7 +249,7 @@ _MARGIN = 0.15  # about a way, of its extent
 _LOWEST = 1e-12
 
 
-class Surface(NamedTuple):
+class ErrorSurface(NamedTuple):
     """Squared errors of two pressures."""
 
     first: Array  # (k,) values of the first, ascending
@@ -257,7 +257,7 @@ class Surface(NamedTuple):
     error: Array  # (k, l)
 
 
-def search_figure(surfaces: Mapping[str, Surface], paths: Mapping[str, Array], true: Array | None) -> Plot:
+def search_figure(surfaces: Mapping[str, ErrorSurface], paths: Mapping[str, Array], true: Array | None) -> Plot:
     """A panel for each surface, by title, with (moves + 1, 2) ways over it, by name; below, how far off moves are."""
     return Plot((3.6 * len(surfaces), 6.4), lambda figure: _draw_search(figure, surfaces, paths, true))
 
@@ -274,7 +274,7 @@ def _about(places: Array) -> tuple[Array, Array]:
 
 
 def _draw_search(
-    figure: Figure, surfaces: Mapping[str, Surface], paths: Mapping[str, Array], true: Array | None
+    figure: Figure, surfaces: Mapping[str, ErrorSurface], paths: Mapping[str, Array], true: Array | None
 ) -> None:
     panels = figure.subplot_mosaic([list(surfaces), ["left"] * len(surfaces)], height_ratios=[1.6, 1])
     for title, surface in surfaces.items():
@@ -286,7 +286,7 @@ def _draw_search(
     _what_is_left(panels["left"], paths, true)
 
 
-def _surface(axes: Axes, surface: Surface) -> None:
+def _surface(axes: Axes, surface: ErrorSurface) -> None:
     decades = np.log10(np.maximum(surface.error / surface.error.max(), 10 ** _DECADES[0]))
     axes.contourf(surface.first, surface.second, decades.T, levels=_DECADES, cmap="Greys_r")
     axes.contour(surface.first, surface.second, decades.T, levels=_DECADES, colors="white", linewidths=0.3)

@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from rig.compare.comparison import COLLINEAR, Comparison, Overlay
-from rig.compare.place_grid import PlaceRow, Whereabouts, in_mm, within
+from rig.compare.place_grid import PlaceRow, ReceptorLocation, in_mm, within
 from rig.compare.recordings.reading import sha256
 from rig.compare.results import threshold_rows
 from rig.compare.shape_test import DRAWS, THRESHOLD, chance_rows
 from rig.compare.stimuli import Stimulus, StimulusMap
-from rig.compare.verdict import Answer
+from rig.compare.verdict import AfferentVerdict
 from rig.data import Run
 from rig.data.folder import replace_bytes, replace_text
 from rig.report import profile_figures
@@ -49,7 +49,7 @@ def simulation_figures(comparison: Comparison, shown: Sequence[str], maps: Seque
     ]
 
 
-def shown_measures(comparison: Comparison, answers: Sequence[Answer]) -> list[str]:
+def shown_measures(comparison: Comparison, answers: Sequence[AfferentVerdict]) -> list[str]:
     """The measures in the figures of the simulation: the likeliest, then candidates, then the source's survivors."""
     likeliest = (row.name for answer in answers for row in answer.measures)
     passed = comparison.candidates()
@@ -273,7 +273,7 @@ def write_comparison(
     title: str = "Which measure explains the response?",
     maps: Sequence[StimulusMap] = (),
     pdf: Path | None = None,
-    answers: Sequence[Answer] = (),
+    answers: Sequence[AfferentVerdict] = (),
 ) -> None:
     """Write the report as HTML, and as PDF where asked for, dated by the newest run.
 
@@ -347,7 +347,7 @@ HEADER = ("measure", "x (mm)", "depth (mm)", "offset (mm)", "k", "ε₀", "devia
           "held by a bound")  # fmt: skip
 
 
-def place_section(found: Whereabouts) -> Section:
+def place_section(found: ReceptorLocation) -> Section:
     """Every measure at its likeliest place, the likeliest first."""
     x, depth = (f"{in_mm(low)} to {in_mm(high)} mm" for low, high in found.where[:2])
     return Section(
@@ -360,7 +360,7 @@ def place_section(found: Whereabouts) -> Section:
     )
 
 
-def _cells(row: PlaceRow, found: Whereabouts) -> tuple[str, ...]:
+def _cells(row: PlaceRow, found: ReceptorLocation) -> tuple[str, ...]:
     offset = within(row.offset_mm, row.offset_interval) if found.with_offset else "not fitted"
     fit = "not rejected" if row.fits else "rejected"
     return (

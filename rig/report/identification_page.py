@@ -21,7 +21,7 @@ _ACROSS = 4
 
 
 @dataclass(frozen=True)
-class Met:
+class IdentificationPage:
     """All that the page is made of; presses, forces and numbers are rows."""
 
     foreseen: Foreseen
@@ -35,7 +35,7 @@ class Met:
     stranger: str | None = None  # why it is no finger of the prior
 
 
-def write_meeting_page(path: Path, met: Met) -> None:
+def write_meeting_page(path: Path, met: IdentificationPage) -> None:
     """One self-contained page. Raises OSError."""
     sections = [
         Section(
@@ -80,7 +80,7 @@ _CORRELATED = (
 )
 
 
-def _presses(met: Met) -> Plot:
+def _presses(met: IdentificationPage) -> Plot:
     down = -(-len(met.given) // _ACROSS)
 
     def draw(figure: Canvas) -> None:
@@ -99,7 +99,7 @@ def _presses(met: Met) -> Plot:
     return Plot((10.2, 2.6 * down), draw)
 
 
-def _marginals(met: Met) -> Plot:
+def _marginals(met: IdentificationPage) -> Plot:
     names = met.learned.prior.names
     down = -(-len(names) // _ACROSS)
 
@@ -120,7 +120,7 @@ def _marginals(met: Met) -> Plot:
     return Plot((10.2, 2.2 * down), draw)
 
 
-def _correlations(met: Met) -> Plot:
+def _correlations(met: IdentificationPage) -> Plot:
     names = [named(name) for name in met.learned.prior.names]
 
     def draw(figure: Canvas) -> None:

@@ -26,7 +26,7 @@ _SPACES = re.compile(r"[ \t\r\n]+")  # but not the ones that hold words together
 
 
 @dataclass
-class Block:
+class PageBlock:
     """A heading, a paragraph, a picture or a table, in the order of the page."""
 
     kind: str
@@ -35,7 +35,7 @@ class Block:
     rows: list[list[str]] = field(default_factory=list)
 
 
-def blocks(html: str) -> list[Block]:
+def blocks(html: str) -> list[PageBlock]:
     """What a page of this program's reports consists of; pictures must be PNG."""
     reader = _Reader()
     reader.feed(html)
@@ -45,7 +45,7 @@ def blocks(html: str) -> list[Block]:
 class _Reader(HTMLParser):
     def __init__(self) -> None:
         super().__init__()
-        self.found: list[Block] = []
+        self.found: list[PageBlock] = []
         self._skipping = 0
         self._pieces: list[str] | None = None
 
@@ -55,12 +55,12 @@ class _Reader(HTMLParser):
         elif tag in _TEXTS or tag in _CELLS:
             self._pieces = []
         elif tag == "table":
-            self.found.append(Block("table"))
+            self.found.append(PageBlock("table"))
         elif tag == "tr":
             self.found[-1].rows.append([])
         elif tag == "img":
             _, _, content = (dict(attrs)["src"] or "").partition("base64,")
-            self.found.append(Block("picture", picture=base64.b64decode(content)))
+            self.found.append(PageBlock("picture", picture=base64.b64decode(content)))
 
     def handle_endtag(self, tag: str) -> None:
         if tag in _SKIPPED:
@@ -70,7 +70,7 @@ class _Reader(HTMLParser):
             if tag in _CELLS:
                 self.found[-1].rows[-1].append(text)
             else:
-                self.found.append(Block(tag, f"• {text}" if tag == "li" else text))
+                self.found.append(PageBlock(tag, f"• {text}" if tag == "li" else text))
 
     def handle_data(self, data: str) -> None:
         if self._pieces is not None and not self._skipping:
@@ -122,7 +122,7 @@ def as_pdf(html: str, when: datetime) -> bytes:
     return bytes(pdf.output())
 
 
-def _together_mm(pdf: FPDF, rest: Sequence[Block]) -> float:
+def _together_mm(pdf: FPDF, rest: Sequence[PageBlock]) -> float:
     """Height of the first block and of what has to stay on its page."""
     first, *after = rest
     height = _height_mm(pdf, first)
@@ -134,7 +134,7 @@ def _keeps(kind: str, following: str) -> bool:
     return kind in HEADINGS or (kind, following) in (("p", "table"), ("p", "picture"), ("picture", "figcaption"))
 
 
-def _height_mm(pdf: FPDF, block: Block) -> float:
+def _height_mm(pdf: FPDF, block: PageBlock) -> float:
     if block.kind == "table":
         height = _table_mm(pdf, block.rows)
         return height if height < _LONG_TABLE_MM else _LEAST_OF_A_TABLE_MM
@@ -144,7 +144,7 @@ def _height_mm(pdf: FPDF, block: Block) -> float:
     return float(lines) + _AFTER_TEXT_MM + (_ABOVE_HEADING_MM if block.kind in HEADINGS else 0.0)
 
 
-def _text(pdf: FPDF, block: Block) -> None:
+def _text(pdf: FPDF, block: PageBlock) -> None:
     if block.kind in HEADINGS:
         pdf.ln(_ABOVE_HEADING_MM)
         pdf.start_section(block.text, HEADINGS.index(block.kind), strict=False)
@@ -152,7 +152,7 @@ def _text(pdf: FPDF, block: Block) -> None:
     pdf.ln(_AFTER_TEXT_MM)
 
 
-def _written(pdf: FPDF, block: Block, **how: Any) -> Any:
+def _written(pdf: FPDF, block: PageBlock, **how: Any) -> Any:
     points = _POINTS[block.kind]
     pdf.set_font("DejaVu", "B" if block.kind in HEADINGS else "", points)
     line = points * _LINE_MM_PER_POINT

@@ -110,7 +110,7 @@ SURVIVORS = ("ep1", "ep3", "sed")
 """What the source is left with, and draws."""
 
 
-class Published(NamedTuple):
+class PublishedRecordings(NamedTuple):
     """Recordings that the source compares with, where it judges them, and the figures that show it."""
 
     scatter: str
@@ -122,8 +122,8 @@ class Published(NamedTuple):
 
 
 PUBLISHED = (
-    Published("5-8", "5-9", "Srinivasan & LaMotte 1987", ("step:1", "step:3", "step:5"), "8 gwt", -1.0),
-    Published("5-12", "5-13", "Phillips & Johnson 1981", ("bar:1.5", "bar:3"), "1 mm", 0.0),
+    PublishedRecordings("5-8", "5-9", "Srinivasan & LaMotte 1987", ("step:1", "step:3", "step:5"), "8 gwt", -1.0),
+    PublishedRecordings("5-12", "5-13", "Phillips & Johnson 1981", ("bar:1.5", "bar:3"), "1 mm", 0.0),
 )
 
 
@@ -158,7 +158,7 @@ def table_5_1(comparison: Comparison) -> Section:
     )
 
 
-def _rows(comparison: Comparison, one: Published) -> list[tuple[str, ...]]:
+def _rows(comparison: Comparison, one: PublishedRecordings) -> list[tuple[str, ...]]:
     needs = f"{', '.join(one.shapes)} at {one.condition} ({one.who})"
     what = f"one line over {', '.join(one.shapes)}, receptor at {signed(one.receptor_mm)} mm"
     here = _here(comparison, one)
@@ -174,7 +174,7 @@ def _row_of_table(comparison: Comparison) -> tuple[str, ...]:
     return ("Table 5.1", "correlation of rates and measures, shape by shape", "either of them", here)
 
 
-def _here(comparison: Comparison, one: Published) -> str:
+def _here(comparison: Comparison, one: PublishedRecordings) -> str:
     """The files that fill it, or what is missing."""
     found = {overlay.stimulus.shape: overlay.recording.name for overlay in _recorded(comparison, one)}
     missing = [shape for shape in one.shapes if shape not in found]
@@ -185,13 +185,13 @@ def _here(comparison: Comparison, one: Published) -> str:
     return "empty: give " + ", ".join([*(f"--recorded {shape}=FILE" for shape in missing), *runs])
 
 
-def _recorded(comparison: Comparison, one: Published) -> list[Overlay]:
+def _recorded(comparison: Comparison, one: PublishedRecordings) -> list[Overlay]:
     """The overlays that belong to it, in its order."""
     mine = {p.stimulus.shape: p for p in comparison.overlays if p.stimulus.condition == one.condition}
     return [mine[shape] for shape in one.shapes if shape in mine]
 
 
-def _joint(comparison: Comparison, one: Published) -> tuple[Joint, list[Pair]] | None:
+def _joint(comparison: Comparison, one: PublishedRecordings) -> tuple[Joint, list[Pair]] | None:
     """All of its recordings with one line, and the survivors at its receptor; None if one is missing."""
     found = _recorded(comparison, one)
     if len(found) < len(one.shapes):
@@ -202,7 +202,7 @@ def _joint(comparison: Comparison, one: Published) -> tuple[Joint, list[Pair]] |
     return joint, [pair for pair in pairs if np.isfinite(joint.fit.k[pair])]
 
 
-def _figures(comparison: Comparison, one: Published) -> list[PageFigure]:
+def _figures(comparison: Comparison, one: PublishedRecordings) -> list[PageFigure]:
     found = _joint(comparison, one)
     if found is None or not found[1]:
         return []
@@ -222,7 +222,7 @@ def _figures(comparison: Comparison, one: Published) -> list[PageFigure]:
     ]
 
 
-def _correlations(comparison: Comparison, one: Published) -> list[tuple[str, ...]]:
+def _correlations(comparison: Comparison, one: PublishedRecordings) -> list[tuple[str, ...]]:
     found = _joint(comparison, one)
     return [] if found is None else [_correlation(found[0], pair) for pair in found[1]]
 

@@ -15,7 +15,7 @@ from rig.plan.config import load_config
 from rig.plan.finger_file import TISSUE, Draw
 from rig.plan.finger_model import Response, by_group, responses
 from rig.plan.finger_update import learned
-from rig.plan.plan import Found, found
+from rig.plan.plan import PredictionCheck, found
 from rig.report import run_figures, run_tables
 from rig.report.page import PageFigure, figures_of, render
 from rig.report.run_figures import PICTURES_A_PAGE, contacts_from_below, is_relief
@@ -32,7 +32,7 @@ class MetFinger:
     """Promises beside what was found, and parameters before and after."""
 
     sentence: str
-    found: list[Found]
+    found: list[PredictionCheck]
     learned: list[Row]
 
 

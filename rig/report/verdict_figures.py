@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 from numpy.typing import NDArray
 
-from rig.compare.verdict import Answer, PairRow
+from rig.compare.verdict import AfferentVerdict, PairRow
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, Plot, Room, as_number, label, signed, some_of, unit
 
 Array = NDArray[np.float64]
@@ -32,21 +32,21 @@ USUAL = 2.0  # standard deviations
 _STYLES = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "^"), (GREY, "D"), (PURPLE, "v"), ("black", "P"))
 
 
-def drawn_pairs(answer: Answer) -> list[PairRow]:
+def drawn_pairs(answer: AfferentVerdict) -> list[PairRow]:
     """The likeliest pair, the likeliest of another measure, and the likeliest control."""
     first = answer.headline or answer.closest
     found = (first, rival(answer), next(iter(answer.controls), None))
     return [row for row in found if row is not None]
 
 
-def rival(answer: Answer) -> PairRow | None:
+def rival(answer: AfferentVerdict) -> PairRow | None:
     """The likeliest pair of another measure than the first, in the set if that has one."""
     first = answer.headline or answer.closest
     others = [row for row in answer.measures if row.name != first.name]
     return next((row for row in others if row.in_set), next(iter(others), None))
 
 
-def apart(answer: Answer) -> Array | None:
+def apart(answer: AfferentVerdict) -> Array | None:
     """(p,) by how many standard errors the likeliest pair and its rival predict other rates; None without a rival."""
     first, other = answer.headline or answer.closest, rival(answer)
     if other is None:
@@ -54,7 +54,7 @@ def apart(answer: Answer) -> Array | None:
     return np.abs(first.predicted - other.predicted) / answer.places.error
 
 
-def most_telling(answer: Answer) -> list[int]:
+def most_telling(answer: AfferentVerdict) -> list[int]:
     """The stimuli that a figure has room for, in order: those under which rivals differ most."""
     numbers = list(range(len(answer.stimuli)))
     found = apart(answer)
@@ -64,13 +64,13 @@ def most_telling(answer: Answer) -> list[int]:
     return sorted(sorted(numbers, key=lambda number: -told[number])[:STIMULI_FIRST])
 
 
-def the_answer(answer: Answer, shown: Sequence[int], frame: str) -> Plot:
+def the_answer(answer: AfferentVerdict, shown: Sequence[int], frame: str) -> Plot:
     """Recorded rates of the stimuli shown, with the pairs' predictions, above how well the likeliest pairs fit."""
     size = (_WIDE_IN, _PROFILES_IN + _ranking_in(answer))
     return Plot(size, lambda figure: _the_answer(figure, answer, shown, frame))
 
 
-def ranking(answer: Answer) -> list[PairRow]:
+def ranking(answer: AfferentVerdict) -> list[PairRow]:
     """The likeliest receptor of each of the likeliest measures and controls, likeliest first."""
     best: dict[str, PairRow] = {}
     for row in answer.rows:
@@ -80,23 +80,23 @@ def ranking(answer: Answer) -> list[PairRow]:
     return sorted((*measures, *controls), key=lambda row: row.deviance)
 
 
-def profiles(answer: Answer, shown: Sequence[int], frame: str) -> Plot:
+def profiles(answer: AfferentVerdict, shown: Sequence[int], frame: str) -> Plot:
     """Recorded over predicted: a row a pair and a column a stimulus; of one stimulus a column a pair."""
     return _grid(answer, shown, _profile, (_RATE, frame))
 
 
-def residuals(answer: Answer, shown: Sequence[int], frame: str) -> Plot:
+def residuals(answer: AfferentVerdict, shown: Sequence[int], frame: str) -> Plot:
     """Residuals in standard deviations of the noise, in the same order."""
     return _grid(answer, shown, _residual, (_RESIDUAL, frame))
 
 
-def scatter(answer: Answer, frame: str) -> Plot:
+def scatter(answer: AfferentVerdict, frame: str) -> Plot:
     """Recorded rate against each pair's measure, with what it predicts."""
     rows = [row for row in drawn_pairs(answer) if np.isfinite(row.eps).any()]
     return Plot((0.6 + 2.4 * len(rows), 3.0), lambda figure: _scatter(figure, answer, rows, frame))
 
 
-def every_pair(answer: Answer) -> Plot:
+def every_pair(answer: AfferentVerdict) -> Plot:
     """Misfit of each measure and control at each receptor, and which of them are in the set."""
     names = list(dict.fromkeys(row.name for row in sorted(answer.rows, key=lambda row: row.control)))
     return Plot(
@@ -110,17 +110,17 @@ def named(row: PairRow) -> str:
     return name if row.receptor_mm is None else f"{name} at {signed(row.receptor_mm)} mm"
 
 
-def of_stimulus(answer: Answer, number: int) -> Places:
+def of_stimulus(answer: AfferentVerdict, number: int) -> Places:
     """Which of the places belong to one stimulus, by position."""
     mine = np.flatnonzero(answer.places.stimulus == number)
     return mine[np.argsort(answer.places.position_mm[mine])]
 
 
-def _ranking_in(answer: Answer) -> float:
+def _ranking_in(answer: AfferentVerdict) -> float:
     return 0.95 + 0.19 * len(ranking(answer))
 
 
-def _the_answer(figure: Figure, answer: Answer, shown: Sequence[int], frame: str) -> None:
+def _the_answer(figure: Figure, answer: AfferentVerdict, shown: Sequence[int], frame: str) -> None:
     parts: Any = figure.subfigures(2, 1, height_ratios=(_PROFILES_IN, _ranking_in(answer)))
     above, below = parts
     panels = above.subplots(1, len(shown), squeeze=False, sharey=True)[0]
@@ -140,7 +140,7 @@ def _the_answer(figure: Figure, answer: Answer, shown: Sequence[int], frame: str
     _ranking(below, ranking(answer))
 
 
-def _recorded(axes: Axes, answer: Answer, number: int) -> None:
+def _recorded(axes: Axes, answer: AfferentVerdict, number: int) -> None:
     mine, places = of_stimulus(answer, number), answer.places
     bars = np.nan_to_num(places.error[mine])
     axes.errorbar(places.position_mm[mine], places.rate[mine], bars, fmt="o", ms=3, color="black", elinewidth=0.7)
@@ -150,7 +150,7 @@ def _recorded(axes: Axes, answer: Answer, number: int) -> None:
     axes.tick_params(labelsize=7.5)
 
 
-def _predicted(axes: Axes, answer: Answer, number: int, row: PairRow, **style: Any) -> None:
+def _predicted(axes: Axes, answer: AfferentVerdict, number: int, row: PairRow, **style: Any) -> None:
     mine = of_stimulus(answer, number)
     axes.plot(answer.places.position_mm[mine], row.predicted[mine], **style)
 
@@ -197,10 +197,10 @@ def _legend() -> list[Line2D]:
     ]
 
 
-Draw = Callable[[Axes, Answer, int, PairRow], None]
+Draw = Callable[[Axes, AfferentVerdict, int, PairRow], None]
 
 
-def _grid(answer: Answer, shown: Sequence[int], draw: Draw, said: tuple[str, str]) -> Plot:
+def _grid(answer: AfferentVerdict, shown: Sequence[int], draw: Draw, said: tuple[str, str]) -> Plot:
     """`said`: of the vertical axis, above all."""
     pairs = len(drawn_pairs(answer))
     rows, columns = (pairs, len(shown)) if len(shown) > 1 else (1, pairs)
@@ -208,7 +208,9 @@ def _grid(answer: Answer, shown: Sequence[int], draw: Draw, said: tuple[str, str
     return Plot(size, lambda figure: _draw_grid(figure, answer, shown, draw, said), layout=None)
 
 
-def _draw_grid(figure: Figure, answer: Answer, shown: Sequence[int], draw: Draw, said: tuple[str, str]) -> None:
+def _draw_grid(
+    figure: Figure, answer: AfferentVerdict, shown: Sequence[int], draw: Draw, said: tuple[str, str]
+) -> None:
     pairs, (quantity, frame) = drawn_pairs(answer), said
     rows, columns = (len(pairs), len(shown)) if len(shown) > 1 else (1, len(pairs))
     panels = _ROOM.panels(figure, rows, columns, sharex="col" if rows > 1 else True, sharey=True)
@@ -223,12 +225,12 @@ def _draw_grid(figure: Figure, answer: Answer, shown: Sequence[int], draw: Draw,
     figure.text(0.05 / width, 0.5, quantity, fontsize=8, rotation=90, va="center", ha="left")
 
 
-def _profile(axes: Axes, answer: Answer, number: int, row: PairRow) -> None:
+def _profile(axes: Axes, answer: AfferentVerdict, number: int, row: PairRow) -> None:
     _recorded(axes, answer, number)
     _predicted(axes, answer, number, row, color=BLUE, lw=1.4)
 
 
-def _residual(axes: Axes, answer: Answer, number: int, row: PairRow) -> None:
+def _residual(axes: Axes, answer: AfferentVerdict, number: int, row: PairRow) -> None:
     mine = of_stimulus(answer, number)
     x, size = answer.places.position_mm[mine], row.residual[mine]
     axes.axhspan(-USUAL, USUAL, color="#e9eef2", lw=0)
@@ -237,7 +239,7 @@ def _residual(axes: Axes, answer: Answer, number: int, row: PairRow) -> None:
     axes.plot(x, size, "o", ms=2.5, color=BLUE)
 
 
-def _scatter(figure: Figure, answer: Answer, rows: Sequence[PairRow], frame: str) -> None:
+def _scatter(figure: Figure, answer: AfferentVerdict, rows: Sequence[PairRow], frame: str) -> None:
     figure.suptitle(frame, fontsize=_FRAME_POINTS, color=GREY)
     panels = figure.subplots(1, len(rows), squeeze=False, sharey=True)[0]
     for axes, row in zip(panels, rows, strict=True):
@@ -261,7 +263,7 @@ def _measured_in(row: PairRow) -> str:
     return row.name if row.control else f"{label(row.name)} ({unit(row.name)})"
 
 
-def _every_pair(figure: Figure, answer: Answer, names: Sequence[str]) -> None:
+def _every_pair(figure: Figure, answer: AfferentVerdict, names: Sequence[str]) -> None:
     receptors = sorted({row.receptor_mm for row in answer.rows if row.receptor_mm is not None})
     misfit = np.full((len(names), len(receptors)), np.nan)
     axes = figure.subplots()

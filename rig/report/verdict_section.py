@@ -1,4 +1,4 @@
-"""What the recording of one afferent says, as sections of the report; every number is of one `Answer`."""
+"""What the recording of one afferent says, as sections of the report; every number is of one `AfferentVerdict`."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from rig.compare.verdict import LEVEL, Answer, PairRow
+from rig.compare.verdict import LEVEL, AfferentVerdict, PairRow
 from rig.compare.verdict_text import methods, percent, probability, sentence, sentences
 from rig.report import verdict_figures
 from rig.report.page import PageFigure, Section, figures_of
@@ -30,18 +30,18 @@ _WOULD_CHANGE = {
 }
 
 
-def answer_sections(answers: Sequence[Answer], frame: str, *, recorded: bool) -> list[Section]:
+def answer_sections(answers: Sequence[AfferentVerdict], frame: str, *, recorded: bool) -> list[Section]:
     """In the order of the page, of several afferents each in turn; `frame` is printed on every figure."""
     if not answers:
         return [Section("Verdicts", _TOO_FEW if recorded else _NOTHING)]
     return [section for one in answers for section in _sections(one, frame, _of(one, answers))]
 
 
-def _of(answer: Answer, answers: Sequence[Answer]) -> str:
+def _of(answer: AfferentVerdict, answers: Sequence[AfferentVerdict]) -> str:
     return f": {answer.title}" if len(answers) > 1 else ""
 
 
-def _sections(answer: Answer, frame: str, of: str) -> list[Section]:
+def _sections(answer: AfferentVerdict, frame: str, of: str) -> list[Section]:
     besides = (*sentences(answer), *_other_measure(answer), _WOULD_CHANGE[answer.outcome])
     return [
         Section(f"Verdicts{of}", sentence(answer), figures=(_verdict(answer, frame, of),)),
@@ -55,7 +55,7 @@ def _sections(answer: Answer, frame: str, of: str) -> list[Section]:
     ]
 
 
-def _verdict(answer: Answer, frame: str, of: str) -> PageFigure:
+def _verdict(answer: AfferentVerdict, frame: str, of: str) -> PageFigure:
     shown = most_telling(answer)
     all_of_them = len(shown) == len(answer.stimuli)
     some = "" if all_of_them else f"The {len(shown)} of {len(answer.stimuli)} stimuli that tell most. "
@@ -68,7 +68,7 @@ def _verdict(answer: Answer, frame: str, of: str) -> PageFigure:
     )
 
 
-def _other_measure(answer: Answer) -> list[str]:
+def _other_measure(answer: AfferentVerdict) -> list[str]:
     """By how much the likeliest other measure is worse, and where to record for telling them apart."""
     first, other, distance = answer.headline or answer.closest, rival(answer), apart(answer)
     if other is None or distance is None:
@@ -87,12 +87,12 @@ def _other_measure(answer: Answer) -> list[str]:
     ]
 
 
-def _place(answer: Answer, k: int) -> str:
+def _place(answer: AfferentVerdict, k: int) -> str:
     places = answer.places
     return f"{as_number(float(places.position_mm[k]))} mm under {answer.stimuli[places.stimulus[k]]}"
 
 
-def _recorded(answer: Answer, frame: str, of: str) -> Section:
+def _recorded(answer: AfferentVerdict, frame: str, of: str) -> Section:
     title = f"Recorded over predicted{of}"
     over = figures_of(
         title,
@@ -116,7 +116,7 @@ def _recorded(answer: Answer, frame: str, of: str) -> Section:
     )
 
 
-def _residuals(answer: Answer, frame: str, of: str) -> Section:
+def _residuals(answer: AfferentVerdict, frame: str, of: str) -> Section:
     title = f"Residuals by position{of}"
     figures = figures_of(
         title,
@@ -136,13 +136,13 @@ def _residuals(answer: Answer, frame: str, of: str) -> Section:
     )
 
 
-def _neighbours(answer: Answer) -> list[tuple[int, int]]:
+def _neighbours(answer: AfferentVerdict) -> list[tuple[int, int]]:
     """Numbers of the places that follow each other under one stimulus."""
     ordered = [of_stimulus(answer, number).tolist() for number in range(len(answer.stimuli))]
     return [pair for mine in ordered for pair in pairwise(mine)]
 
 
-def _residual_words(answer: Answer, row: PairRow) -> str:
+def _residual_words(answer: AfferentVerdict, row: PairRow) -> str:
     size = row.residual
     k = int(np.argmax(np.abs(size)))
     beyond = int((np.abs(size) > verdict_figures.USUAL).sum())
@@ -154,7 +154,7 @@ def _residual_words(answer: Answer, row: PairRow) -> str:
     )
 
 
-def _fits(answer: Answer, of: str) -> Section:
+def _fits(answer: AfferentVerdict, of: str) -> Section:
     finger = "They hold for this finger (--fingers states how well it is known)."
     if answer.fingers > 1:
         finger = f"The finger was fitted with each pair, between {answer.fingers} fingers of the stated ranges."
@@ -179,7 +179,7 @@ def _fits(answer: Answer, of: str) -> Section:
     )
 
 
-def _over_receptors(answer: Answer, name: str) -> str:
+def _over_receptors(answer: AfferentVerdict, name: str) -> str:
     k, eps0 = (_interval(answer.interval(name, of)) for of in _OF)
     return f"{name}, at whichever receptor of the set: k in {k}, ε₀ in {eps0}."
 
@@ -213,7 +213,7 @@ def _interval(limits: tuple[float, float]) -> str:
     return as_limits([v if np.isfinite(v) else None for v in limits]).replace(" ", "\N{NO-BREAK SPACE}")
 
 
-def _controls(answer: Answer, of: str) -> Section:
+def _controls(answer: AfferentVerdict, of: str) -> Section:
     best = {row.name: row for row in reversed(answer.controls)}
     return Section(
         f"Controls{of}",
@@ -229,7 +229,7 @@ def _controls(answer: Answer, of: str) -> Section:
     )
 
 
-def _together(answer: Answer, of: str) -> list[Section]:
+def _together(answer: AfferentVerdict, of: str) -> list[Section]:
     found = answer.together
     if found is None:
         return []

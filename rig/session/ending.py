@@ -12,7 +12,7 @@ from typing import Any, Literal
 from rig.data import Run
 from rig.data.folder import free_space
 from rig.engine import Engine, LimitError, RecordError, RunAborted, ScriptError, TripError
-from rig.engine.contact import Contact, ContactKind
+from rig.engine.contact import ContactKind, KnownContact
 from rig.engine.limits import AT_MM
 from rig.errors import LostRecordError
 from sim.finger_process import FingerLostError
@@ -34,7 +34,7 @@ _SEE_TO_THE_DEVICE = "see to the device that is named"
 
 
 @dataclass(frozen=True)
-class Whereabouts:
+class FinalPosition:
     """Of the indentor when a run ends: mm from the pad's centre and above its nominal apex, None where not known.
 
     left: lifted (at clearance or higher, confirmed by force), raised (there by position alone), held where it was, or
@@ -51,7 +51,7 @@ class Whereabouts:
     force_gwt: float | None = None
 
     @classmethod
-    def of(cls, engine: Engine) -> "Whereabouts":
+    def of(cls, engine: Engine) -> "FinalPosition":
         """Where an engine leaves it that goes no farther."""
         if not engine.motion.begun:
             return cls("not moved")
@@ -65,7 +65,7 @@ class Whereabouts:
         )  # fmt: skip
 
     @classmethod
-    def last_known(cls, run: Run) -> "Whereabouts":
+    def last_known(cls, run: Run) -> "FinalPosition":
         """Where a run without an end was last known to be: its program was killed, and could not lift."""
         state = run.state
         at = cls("held", state.x_mm, state.height_mm, False, None, state.contact, state.force_gwt)
@@ -88,11 +88,11 @@ class Whereabouts:
         return None if self.left == "not moved" or self.may_touch is False else self._found.to_do
 
     @property
-    def _found(self) -> Contact:
+    def _found(self) -> KnownContact:
         kind = self.contact
         if kind is None:  # of before contact was measured
             kind = "raised" if self.left == "lifted" else "unknown"
-        return Contact(kind, self.force_gwt, self.x_mm, self.height_mm)
+        return KnownContact(kind, self.force_gwt, self.x_mm, self.height_mm)
 
 
 @dataclass(frozen=True)
@@ -100,12 +100,12 @@ class Ending:
     """Why a run ended before its end, where the indentor is, what to do next, and how the run goes on."""
 
     reason: str
-    at: Whereabouts
+    at: FinalPosition
     next: str  # for whoever stands there
     resume: str | None  # what to type; nothing of a run that has not begun
 
     @classmethod
-    def of(cls, problem: Exception | None, at: Whereabouts, folder: Path) -> "Ending":
+    def of(cls, problem: Exception | None, at: FinalPosition, folder: Path) -> "Ending":
         """Of a run in a folder; no problem: its script ended with less than was planned."""
         if problem is None:
             return cls("the script did less than was planned", at, _next(ScriptError(), at), resume_line(folder))
@@ -114,14 +114,14 @@ class Ending:
     @classmethod
     def killed(cls, run: Run) -> "Ending":
         """Of a run whose journal has no end."""
-        at = Whereabouts.last_known(run)
+        at = FinalPosition.last_known(run)
         reason = "the run ended without its end: its program was killed, or the power failed"
         return cls(reason, at, _next(RunAborted(), at), resume_line(run.folder.path))
 
     @classmethod
     def before_it_began(cls, reason: str, *, refused: bool) -> "Ending":
         """Of a run that was refused, or left, before anything could move."""
-        return cls(reason, Whereabouts("not moved"), f"{_PUT_RIGHT if refused else ''}the same again", None)
+        return cls(reason, FinalPosition("not moved"), f"{_PUT_RIGHT if refused else ''}the same again", None)
 
     @property
     def told(self) -> dict[str, str]:
@@ -152,7 +152,7 @@ def _reason(problem: Exception, folder: Path) -> str:
     return reason
 
 
-def _next(problem: Exception, at: Whereabouts) -> str:
+def _next(problem: Exception, at: FinalPosition) -> str:
     """What whoever stands there is to do; resuming homes, which lifts first."""
     known = (words for kind, words in _SEE_TO if isinstance(problem, kind))
     see_to = next(known, _SEE_TO_THE_DEVICE)

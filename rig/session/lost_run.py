@@ -12,7 +12,7 @@ from rig.engine import Journal
 from rig.engine.bench_memory import state_folder
 from rig.errors import LostRecordError, around
 from rig.line_file import LineFile
-from rig.session.ending import Whereabouts
+from rig.session.ending import FinalPosition
 from rig.transport.wire import ByteLog
 
 
@@ -49,7 +49,7 @@ class LostRun:
             {**copies, **contents},
         )
 
-    def rescued(self, folder: RunFolder, at: Whereabouts) -> Run:
+    def rescued(self, folder: RunFolder, at: FinalPosition) -> Run:
         """Write it into a new folder beside the old one, or into the user's state folder.
 
         Raises

@@ -20,7 +20,7 @@ from rig.errors import BadInputError, around
 from rig.plan.config import Config, load_config
 from rig.plan.finger_model import about_model
 from rig.protocol.script import Script, script_with
-from rig.session.ending import Ending, Whereabouts
+from rig.session.ending import Ending, FinalPosition
 from sim.finger_process import Finger, asked
 
 
@@ -162,7 +162,7 @@ def ending_on_record(run: Run) -> Ending | None:
     assert run.stop is not None
     if "indentor" not in run.stop:
         return None
-    at = Whereabouts(**run.stop["indentor"])
+    at = FinalPosition(**run.stop["indentor"])
     return Ending.of(RunAborted(run.stop["reason"]), at, run.folder.path) if at.may_touch else None
 
 

@@ -29,7 +29,7 @@ from rig.protocol.api import Handler, Rig
 from rig.protocol.check import Walk
 from rig.protocol.handlers import Patience, TakenUp
 from rig.protocol.script import Script
-from rig.session.ending import Ending, Whereabouts
+from rig.session.ending import Ending, FinalPosition
 from rig.session.execute import Live
 from rig.session.lost_run import LostRun
 from rig.session.resume import StoppedRun, first_reference_gwt, provenance
@@ -91,7 +91,7 @@ class FinishedRun:
     run: Run
     wall_s: float
     problem: Exception | None  # what ended it before its end, or kept its files from being written
-    at: Whereabouts  # where that left the indentor
+    at: FinalPosition  # where that left the indentor
 
     @property
     def folder(self) -> RunFolder:
@@ -209,7 +209,7 @@ def run_on(
     began = time.perf_counter()
     now = datetime.now(UTC)
     folder = _folder(session, now, virtual=virtual)
-    problem, at, lost = None, Whereabouts("not moved"), None
+    problem, at, lost = None, FinalPosition("not moved"), None
     there = session.before is not None and session.before.complete
     with _nothing_left(session, folder), ExitStack() as owned:
         owned.enter_context(folder.owned())
@@ -241,7 +241,7 @@ def _folder(session: Session, now: datetime, *, virtual: bool) -> RunFolder:
 
 def _on_a_bench(
     session: Session, folder: RunFolder, open_bench: Callable[[Sink], WatchedBench], speed: float | None
-) -> tuple[Exception | None, Whereabouts, LostRun | None]:
+) -> tuple[Exception | None, FinalPosition, LostRun | None]:
     """Carry the script out; returns what ended it before its end, where that left the indentor, and what is lost."""
     contact_s = 0.0 if session.before is None else session.before.contact_s
     copies = folder.copies()
@@ -253,11 +253,11 @@ def _on_a_bench(
             journal = Journal(folder.events, bench.clock, STREAMS, watch, bench.witness, virtual=bench.virtual)
             engine = Engine(session.config, bench, journal, session.plan.soft_trip_n, contact_s)
             engine.keep_contact = bench.touched
-            journal.at_end = lambda: {"indentor": asdict(Whereabouts.of(engine))}
+            journal.at_end = lambda: {"indentor": asdict(FinalPosition.of(engine))}
             _begin(session, journal, virtual=bench.virtual)
             session.attendant.begins(folder)
             problem = _carry_out(session, journal, engine, _rig(session, folder, engine), bench)
-        return problem, Whereabouts.of(engine), LostRun.of(folder, copies, journal, byte_log)
+        return problem, FinalPosition.of(engine), LostRun.of(folder, copies, journal, byte_log)
 
 
 def _carry_out(session: Session, journal: Journal, engine: Engine, rig: Rig, bench: WatchedBench) -> Exception | None:
@@ -399,11 +399,11 @@ def record_before(script: Script, config: Config, into: NewRun | StoppedRun, *, 
                     "virtual": virtual,
                 }
             )
-            at = Whereabouts("not moved")
+            at = FinalPosition("not moved")
         else:
             journal.resume({"missing": before.missing, "after": before.last_checkpoint})
             known = None if before.stop is None else before.stop.get("indentor")
-            at = Whereabouts(**known) if known else Whereabouts.last_known(before)
+            at = FinalPosition(**known) if known else FinalPosition.last_known(before)
         journal.at_end = lambda: {"indentor": asdict(at), "stopped_while": "planning"}
         journal.stop("aborted", AT_ONCE)
     return folder
@@ -421,7 +421,7 @@ def record_after(folder: RunFolder, state: str, wire: str) -> None:
                 log.write(line)
         *_, last = read_journal(folder.events)
         if last["doc"] != "stop":
-            at = asdict(Whereabouts.last_known(read_run(folder.path)))
+            at = asdict(FinalPosition.last_known(read_run(folder.path)))
             end = {"doc": "stop", "status": "aborted", "reason": AT_ONCE, "indentor": at, "stopped_while": state}
             add_to_end(folder.events, end, WallClock().unix_s())
         elif last["status"] != "aborted" or state == "reporting":

@@ -5,14 +5,22 @@ from typing import Literal, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.coding.point_loads import FitKind, Load, LoadedFinger, PowerLaw, Published, published_sites, published_table
+from sim.coding.point_loads import (
+    FitKind,
+    LoadedFinger,
+    PointLoad,
+    PowerLaw,
+    PublishedPowerLaw,
+    published_sites,
+    published_table,
+)
 from sim.coding.point_spread import (
     HALF_WIDTH_MM,
     SPACING_MM,
     Judged,
     MovedResponse,
+    PointSpread,
     Sheet,
-    Spread,
     judged,
     mean_over,
     receptor_sheet,
@@ -38,7 +46,7 @@ class AllSites(NamedTuple):
 
     sites: list[Judged]
     missed: list[float]  # relative L2 of SED, the response of the pad's middle moved to the site
-    printed: tuple[Published, ...]
+    printed: tuple[PublishedPowerLaw, ...]
 
     @property
     def common_factor(self) -> float:
@@ -49,7 +57,7 @@ class AllSites(NamedTuple):
         """Of the sites on the pulp, or of all."""
         return [getattr(site, kind) for site in self.sites if where == "all" or site.spread.site.on_pulp]
 
-    def published(self, where: Where) -> list[Published]:
+    def published(self, where: Where) -> list[PublishedPowerLaw]:
         """The same sites of the printed table."""
         rows = zip(self.sites, self.printed, strict=True)
         return [row for site, row in rows if where == "all" or site.spread.site.on_pulp]
@@ -72,7 +80,7 @@ class Deformed(NamedTuple):
 def deformed_by(finger: LoadedFinger, site: Judged, force_gwt: float) -> Deformed:
     """The plane of nodes nearest to a site, under its load."""
     mesh, place = finger.interior.mesh, site.spread.site
-    per_n = finger.moved([Load(place.x_mm, place.z_mm)]).reshape(*mesh.grid, 3)
+    per_n = finger.moved([PointLoad(place.x_mm, place.z_mm)]).reshape(*mesh.grid, 3)
     k = int(np.argmin(np.abs(mesh.z_mm - place.z_mm)))
     moved = force_gwt * GWT_N / finger.config.tissue.e_epidermis_mpa * per_n[k][..., [X, Y]]
     return Deformed(mesh.nodes.reshape(*mesh.grid, 3)[k][..., [X, Y]], moved)
@@ -137,7 +145,7 @@ def _read(arrays: dict[str, Array]) -> Kept:
     cuts = np.cumsum(arrays["receptors"])[:-1].astype(np.int64)
     each = zip(*(np.split(arrays[name], cuts) for name in _PER_RECEPTOR), strict=True)
     spreads = [
-        Spread(site, load, Sheet(skin, at), sed, young)
+        PointSpread(site, load, Sheet(skin, at), sed, young)
         for site, load, (skin, at, sed, young) in zip(published_sites(), arrays["load_mm"], each, strict=True)
     ]
     found = AllSites([judged(spread) for spread in spreads], arrays["missed"].tolist(), published_table())

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, cholesky
 from scipy.special import ndtr
 
-from sim.coding.contacts import Model, Seen, Sort, alone, climbed, linearised, runs, sort_of
+from sim.coding.contacts import Model, PressureLikelihood, Sort, alone, climbed, linearised, runs, sort_of
 from sim.coding.encoding import Readings, Receptor
 from sim.coding.mixture import Mixture, Weighed, mixed, pooled, table_of, together
-from sim.coding.operators import Operator
+from sim.coding.operators import ForwardOperator
 from sim.coding.search import checked_readings
 
 # --- smooth fit ---
@@ -65,7 +65,7 @@ class SmoothFit:
     converged: bool
 
 
-def smooth_fit(operator: Operator, readings: Readings, seed: int) -> SmoothFit:
+def smooth_fit(operator: ForwardOperator, readings: Readings, seed: int) -> SmoothFit:
     """By the λ of the highest evidence."""
     prior = _prior(operator.parts.shape[2])
     fits = _over_smoothing(operator, readings, prior, seed)
@@ -74,7 +74,7 @@ def smooth_fit(operator: Operator, readings: Readings, seed: int) -> SmoothFit:
     return SmoothFit(best.pressure, smoothing, smoothing * prior, best.converged)
 
 
-def smooth_start(operator: Operator, readings: Readings) -> SmoothFit:
+def smooth_start(operator: ForwardOperator, readings: Readings) -> SmoothFit:
     """By the λ of the discrepancy principle, in whole decades: where to begin, quickly.
 
     An even pressure where all fell to 0.
@@ -91,7 +91,7 @@ def smooth_start(operator: Operator, readings: Readings) -> SmoothFit:
     return SmoothFit(start, smoothing, smoothing * prior, fit.converged)
 
 
-def spread(operator: Operator, readings: Readings, fit: SmoothFit, wrong: Array) -> Array:
+def spread(operator: ForwardOperator, readings: Readings, fit: SmoothFit, wrong: Array) -> Array:
     """(n,) standard deviations: Laplace's covariance, and what a wrong model adds through the readings' gain.
 
     `wrong` is the (m, m) covariance of the model's SED.
@@ -109,7 +109,7 @@ def _prior(n: int) -> Array:
     return np.asarray(difference.T @ difference + _LEVEL * np.eye(n))
 
 
-def _over_smoothing(operator: Operator, readings: Readings, prior: Array, seed: int) -> dict[float, _Fit]:
+def _over_smoothing(operator: ForwardOperator, readings: Readings, prior: Array, seed: int) -> dict[float, _Fit]:
     """Fits by λ, from smooth to rough: the first from several starts, others from where the last one ended.
 
     Under a large λ all may have fallen to 0, where SED has no slope: each is begun from an even pressure too.
@@ -125,7 +125,7 @@ def _over_smoothing(operator: Operator, readings: Readings, prior: Array, seed: 
     return fits
 
 
-def _starts(operator: Operator, readings: Readings, seed: int) -> list[Array]:
+def _starts(operator: ForwardOperator, readings: Readings, seed: int) -> list[Array]:
     """An even pressure of the readings' size, one as their root, and random ones."""
     shown = np.sqrt(np.maximum(readings.sed, readings.sd))
     n = operator.parts.shape[2]
@@ -134,13 +134,13 @@ def _starts(operator: Operator, readings: Readings, seed: int) -> list[Array]:
     return [shape * _size(operator, readings, shape) for shape in shapes]
 
 
-def _size(operator: Operator, readings: Readings, shape: Array) -> float:
+def _size(operator: ForwardOperator, readings: Readings, shape: Array) -> float:
     sed = operator.sed(shape)
     return float(np.sqrt(max(readings.sed @ sed, readings.sd * sed.max()) / (sed @ sed)))
 
 
 def _fitted(
-    operator: Operator, readings: Readings, penalty: Array, start: Array, settled_at: float = _FIT_SETTLED
+    operator: ForwardOperator, readings: Readings, penalty: Array, start: Array, settled_at: float = _FIT_SETTLED
 ) -> _Fit:
     """Projected Gauss–Newton (Bertsekas 1982): pressures at 0 that would fall stay, the others step together."""
     pressure, cost = start, _cost(operator, readings, penalty, start)
@@ -161,7 +161,7 @@ def _fitted(
 
 
 def _searched(
-    operator: Operator, readings: Readings, penalty: Array, pressure: Array, step: Array, cost: float
+    operator: ForwardOperator, readings: Readings, penalty: Array, pressure: Array, step: Array, cost: float
 ) -> tuple[Array, float]:
     """The first of ever shorter steps that lowers the cost; the place itself where none does."""
     for halving in range(_HALVINGS):
@@ -172,23 +172,23 @@ def _searched(
     return pressure, cost
 
 
-def _cost(operator: Operator, readings: Readings, penalty: Array, pressure: Array) -> float:
+def _cost(operator: ForwardOperator, readings: Readings, penalty: Array, pressure: Array) -> float:
     return float(readings.cost(operator.sed(pressure))[0].sum() + 0.5 * pressure @ penalty @ pressure)
 
 
-def _curvature(operator: Operator, readings: Readings, pressure: Array) -> Array:
+def _curvature(operator: ForwardOperator, readings: Readings, pressure: Array) -> Array:
     slope = operator.slope(pressure)
     _, _, second = readings.cost(operator.sed(pressure))
     return np.asarray((slope.T * second) @ slope)
 
 
-def chi2(operator: Operator, readings: Readings, pressure: Array) -> float:
+def chi2(operator: ForwardOperator, readings: Readings, pressure: Array) -> float:
     """Σ ((SED − reading) / sd)² over receptors that are not silent."""
     left = (operator.sed(pressure) - readings.sed) / readings.sd
     return float((left[~readings.silent] ** 2).sum())
 
 
-def _chosen(operator: Operator, readings: Readings, prior: Array, fits: dict[float, _Fit]) -> float:
+def _chosen(operator: ForwardOperator, readings: Readings, prior: Array, fits: dict[float, _Fit]) -> float:
     """λ of the highest evidence, from that of the discrepancy principle down to `EVIDENCE_DECADES` below it."""
     expected = float((~readings.silent).sum())
     misfits = {smoothing: chi2(operator, readings, fit.pressure) for smoothing, fit in fits.items()}
@@ -199,7 +199,7 @@ def _chosen(operator: Operator, readings: Readings, prior: Array, fits: dict[flo
     return max(allowed, key=lambda smoothing: _evidence(operator, readings, smoothing * prior, fits[smoothing]))
 
 
-def _evidence(operator: Operator, readings: Readings, penalty: Array, fit: _Fit) -> float:
+def _evidence(operator: ForwardOperator, readings: Readings, penalty: Array, fit: _Fit) -> float:
     """Laplace's log evidence of a penalty, but for what is the same for all; of the pressures above 0."""
     free = np.flatnonzero(fit.pressure > 0)
     if not len(free):
@@ -242,7 +242,7 @@ class ModelError:
     share: float = 0.04
     length_mm: float = 1.0
 
-    def covariance(self, operator: Operator, sed: Array) -> Array:
+    def covariance(self, operator: ForwardOperator, sed: Array) -> Array:
         """(m, m) of SEDs."""
         apart = np.subtract.outer(operator.receptor_mm, operator.receptor_mm) / self.length_mm
         return np.asarray(self.share**2 * np.outer(sed, sed) * np.exp(-0.5 * apart**2))
@@ -280,7 +280,7 @@ class Profile:
 
 
 def decode_profile(
-    operator: Operator,
+    operator: ForwardOperator,
     readings: Readings,
     error: ModelError | None = None,
     seed: int = 0,
@@ -300,7 +300,7 @@ def decode_profile(
     return _smooth(operator, readings, ModelError() if error is None else error, seed)
 
 
-def _smooth(operator: Operator, readings: Readings, error: ModelError, seed: int) -> Profile:
+def _smooth(operator: ForwardOperator, readings: Readings, error: ModelError, seed: int) -> Profile:
     fit = smooth_fit(operator, readings, seed)
     sd = spread(operator, readings, fit, error.covariance(operator, operator.sed(fit.pressure)))
     return Profile(fit.pressure, sd, fit.smoothing, chi2(operator, readings, fit.pressure), fit.converged)
@@ -310,12 +310,12 @@ def _smooth(operator: Operator, readings: Readings, error: ModelError, seed: int
 class _Within:
     """Pressures within contacts, to be found from readings."""
 
-    operator: Operator
+    operator: ForwardOperator
     readings: Readings
     error: ModelError
     typical: float  # of pressures in contact
 
-    def seen_from(self, pressure: Array, loosened: float = 1.0) -> Seen:
+    def seen_from(self, pressure: Array, loosened: float = 1.0) -> PressureLikelihood:
         """Readings as linear in the pressures, about these; a silent receptor's by Newton's step."""
         there = self.operator.leaning(pressure)
         sed, slope = there.sed(pressure), there.slope(pressure)
@@ -325,7 +325,7 @@ class _Within:
         covariance = np.diag(1 / second) + loosened**2 * wrong
         return linearised(slope, slope @ pressure - first / second, covariance, self.typical)
 
-    def begun(self, seen: Seen, model: Model) -> "_Round":
+    def begun(self, seen: PressureLikelihood, model: Model) -> "_Round":
         """Models of one sort, seen from the mean of one of them."""
         return self.next_of(_Round(sort_of(model), mixed(seen, {model: 0.0}), [model], moved=np.inf, at_top=False))
 
@@ -362,7 +362,7 @@ class _Round(NamedTuple):
         return self.at_top and self.moved <= _SETTLED
 
 
-def _within_contacts(operator: Operator, readings: Readings, error: ModelError, *, table: bool) -> Profile:
+def _within_contacts(operator: ForwardOperator, readings: Readings, error: ModelError, *, table: bool) -> Profile:
     """By the table where it takes in most of what readings tell; else averaged over it and all sorts of answers."""
     start = smooth_start(operator.leaning(np.zeros(operator.parts.shape[2])), readings)
     weighed = _by_table(operator, readings, error, start.pressure) if table else None
@@ -377,7 +377,7 @@ def _within_contacts(operator: Operator, readings: Readings, error: ModelError, 
     return Profile(pressure, sd, start.smoothing, chi2(operator, readings, pressure), converged, mixture)
 
 
-def _by_table(operator: Operator, readings: Readings, error: ModelError, begun: Array) -> Weighed:
+def _by_table(operator: ForwardOperator, readings: Readings, error: ModelError, begun: Array) -> Weighed:
     """A silent receptor by Newton's step, as a reading that noise makes uncertain."""
     sed = operator.sed(begun)
     _, first, second = readings.cost(sed)
@@ -386,7 +386,9 @@ def _by_table(operator: Operator, readings: Readings, error: ModelError, begun: 
     return table_of(operator).weighed(sed - first / second, variance, float(np.linalg.norm(sed)))
 
 
-def _by_search(operator: Operator, readings: Readings, error: ModelError, begun: Array) -> tuple[Mixture, bool]:
+def _by_search(
+    operator: ForwardOperator, readings: Readings, error: ModelError, begun: Array
+) -> tuple[Mixture, bool]:
     """Each sort of answer that a first look and a first round leave possible; and whether all settled."""
     within = _Within(operator, readings, error, float(begun @ begun / begun.sum()))
     seen = within.seen_from(begun, _LOOSENED)

@@ -35,7 +35,7 @@ _COVERED_SD = 0.3
 _FREE = 0.02  # sd of each sample by itself: covariances keep an inverse
 
 
-class Kind(NamedTuple):
+class ContactPrior(NamedTuple):
     """Prior mean over the typical pressure; over that mean the sds of two samples at the first end, at the last."""
 
     level: float
@@ -48,10 +48,10 @@ class Kind(NamedTuple):
         return max(ENDS) in self[1:]
 
 
-KINDS = tuple(Kind(level, *ends) for level in LEVELS for ends in product(ENDS, repeat=2))
+KINDS = tuple(ContactPrior(level, *ends) for level in LEVELS for ends in product(ENDS, repeat=2))
 
 
-def _log_prior(kind: Kind) -> float:
+def _log_prior(kind: ContactPrior) -> float:
     first, last = (SHARP if end == max(ENDS) else 1 - SHARP for end in kind[1:])
     alike = ALIKE if kind.first_end == kind.last_end else 0.0
     return float(np.log(first * (alike + (1 - ALIKE) * last) / len(LEVELS)))
@@ -60,7 +60,7 @@ def _log_prior(kind: Kind) -> float:
 _LOG_PRIOR = [_log_prior(kind) for kind in KINDS]
 
 
-class Contact(NamedTuple):
+class ContactInterval(NamedTuple):
     """Samples first … stop − 1, and a place in KINDS."""
 
     first: int
@@ -123,7 +123,7 @@ def table_of_contacts(most: int) -> tuple[Array, Array, Array]:
 #
 # Readings as seen from pressures nearby: linear, so that all of a few contacts is normal, prior and posterior.
 
-Model = tuple[Contact, ...]
+Model = tuple[ContactInterval, ...]
 """Contacts side by side, ascending, at least one free sample between them."""
 
 
@@ -137,7 +137,7 @@ class _Together(NamedTuple):
     towards: Array  # (b, k) gradient of the readings' log likelihood, from the mean
 
 
-class Posterior(NamedTuple):
+class PressurePosterior(NamedTuple):
     """Of b models, each on its own samples; the rest of the k that the largest presses are nothing, for sure."""
 
     at: NDArray[np.intp]  # (b, k) samples; n, beyond the last, for nothing
@@ -154,7 +154,7 @@ class Posterior(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Seen:
+class PressureLikelihood:
     """Log likelihood −½ pᵀ `precision` p + `towards` · p + `nothing` of (n,) pressures p over typical."""
 
     precision: Array  # (n, n)
@@ -175,12 +175,12 @@ class Seen:
         beyond = explained(at, count, mean, root, self.precision, self.towards)
         return np.asarray(self.nothing + (log_prior[at[:, :, 2]] * there).sum(axis=1) + beyond)
 
-    def posterior(self, models: Sequence[Model]) -> Posterior:
+    def posterior(self, models: Sequence[Model]) -> PressurePosterior:
         """Of the pressures over typical."""
         one = self._together(models)
         inside = np.eye(one.mean.shape[1]) + one.root.swapaxes(1, 2) @ one.precision @ one.root
         spread = one.root @ np.linalg.solve(inside, one.root.swapaxes(1, 2))
-        return Posterior(one.at, one.mean + (spread @ one.towards[..., None])[..., 0], spread)
+        return PressurePosterior(one.at, one.mean + (spread @ one.towards[..., None])[..., 0], spread)
 
     def _together(self, models: Sequence[Model]) -> _Together:
         n, k = len(self.towards), max(map(_pressed, models))
@@ -202,18 +202,18 @@ def _pressed(model: Model) -> int:
     return sum(contact.stop - contact.first for contact in model)
 
 
-def linearised(slope: Array, value: Array, covariance: Array, typical: float) -> Seen:
+def linearised(slope: Array, value: Array, covariance: Array, typical: float) -> PressureLikelihood:
     """From (m, n) slopes, (m,) values that slope · pressure should have, and the (m, m) covariance of their noise."""
     lower = cholesky(covariance, lower=True)
     white = solve_triangular(lower, np.column_stack([typical * slope, value]), lower=True)
     seen, said = white[:, :-1], white[:, -1]
     nothing = -0.5 * said @ said - np.log(np.diag(lower)).sum()
-    return Seen(seen.T @ seen, seen.T @ said, typical, float(nothing))
+    return PressureLikelihood(seen.T @ seen, seen.T @ said, typical, float(nothing))
 
 
 MOST_CONTACTS = 3
 
-_ANY = KINDS.index(Kind(0.7, ENDS[0], ENDS[0]))  # the kind that a contact begins as
+_ANY = KINDS.index(ContactPrior(0.7, ENDS[0], ENDS[0]))  # the kind that a contact begins as
 _SHARP = tuple(k for k, kind in enumerate(KINDS) if kind.sharp)
 _BLUNT = tuple(k for k in range(len(KINDS)) if k not in _SHARP)
 _SHARES = (0.02, 0.05, 0.1, 0.2, 0.4)  # of the highest pressure: what lies above is a contact
@@ -254,7 +254,7 @@ def sort_of(model: Model) -> Sort:
     return Sort(len(model), any(contact.kind in _SHARP for contact in model))
 
 
-def climbed(seen: Seen, starts: list[Model], begin: int = 1, sort: Sort | None = None) -> Climb:
+def climbed(seen: PressureLikelihood, starts: list[Model], begin: int = 1, sort: Sort | None = None) -> Climb:
     """From so many of the best starts to their tops, through models of one sort where that is told."""
     known: dict[Model, float] = {}
     _meet(seen, known, [model for model in starts if sort is None or sort_of(model) == sort])
@@ -263,7 +263,7 @@ def climbed(seen: Seen, starts: list[Model], begin: int = 1, sort: Sort | None =
     return Climb(known, all(tops))
 
 
-def _to_the_top(seen: Seen, known: dict[Model, float], model: Model, sort: Sort | None) -> bool:
+def _to_the_top(seen: PressureLikelihood, known: dict[Model, float], model: Model, sort: Sort | None) -> bool:
     for _ in range(_MOST_STEPS):
         around = list(neighbours(model, len(seen.towards), sort))
         _meet(seen, known, around)
@@ -274,7 +274,7 @@ def _to_the_top(seen: Seen, known: dict[Model, float], model: Model, sort: Sort 
     return False
 
 
-def _meet(seen: Seen, known: dict[Model, float], models: list[Model]) -> None:
+def _meet(seen: PressureLikelihood, known: dict[Model, float], models: list[Model]) -> None:
     new = [model for model in dict.fromkeys(models) if model not in known]
     if new:
         known.update(zip(new, seen.log_evidence(new).tolist(), strict=True))
@@ -282,11 +282,11 @@ def _meet(seen: Seen, known: dict[Model, float], models: list[Model]) -> None:
 
 def runs(pressure: Array) -> list[Model]:
     """Models of what lies above some shares of the highest pressure, and of all samples."""
-    found: list[Model] = [(Contact(0, len(pressure), _ANY),)]
+    found: list[Model] = [(ContactInterval(0, len(pressure), _ANY),)]
     for share in _SHARES:
         above = np.concatenate([[False], pressure > share * pressure.max(), [False]])
         first, stop = np.flatnonzero(np.diff(above.astype(int))).reshape(-1, 2).T
-        model = tuple(Contact(a, b, _ANY) for a, b in zip(first.tolist(), stop.tolist(), strict=True))
+        model = tuple(ContactInterval(a, b, _ANY) for a, b in zip(first.tolist(), stop.tolist(), strict=True))
         if 0 < len(model) <= MOST_CONTACTS:
             found.append(model)
     return found
@@ -295,7 +295,7 @@ def runs(pressure: Array) -> list[Model]:
 def alone(samples: int) -> list[Model]:
     """Models of one contact, its ends at every other sample."""
     ends = range(0, samples + 1, 2)
-    return [(Contact(first, stop, _ANY),) for first in ends for stop in ends if first < stop]
+    return [(ContactInterval(first, stop, _ANY),) for first in ends for stop in ends if first < stop]
 
 
 def neighbours(model: Model, samples: int, sort: Sort | None = None) -> Iterator[Model]:
@@ -306,7 +306,7 @@ def neighbours(model: Model, samples: int, sort: Sort | None = None) -> Iterator
         for other in _shifted(contact, low, high):
             yield (*before, other, *after)
         for kind in _kinds_beside(before + after, sort):
-            yield (*before, Contact(contact.first, contact.stop, kind), *after)
+            yield (*before, ContactInterval(contact.first, contact.stop, kind), *after)
         if sort is None:
             yield from _with_fewer(before, contact, after)
             if len(model) < MOST_CONTACTS:
@@ -322,12 +322,12 @@ def _kinds_beside(others: Model, sort: Sort | None) -> Sequence[int]:
     return _SHARP if sort.sharp else _BLUNT
 
 
-def _with_fewer(before: Model, contact: Contact, after: Model) -> Iterator[Model]:
+def _with_fewer(before: Model, contact: ContactInterval, after: Model) -> Iterator[Model]:
     """Without it, and joined with the next."""
     if before or after:
         yield before + after
     if after:
-        yield (*before, Contact(contact.first, after[0].stop, contact.kind), *after[1:])
+        yield (*before, ContactInterval(contact.first, after[0].stop, contact.kind), *after[1:])
 
 
 def _with_another(model: Model, samples: int) -> Iterator[Model]:
@@ -336,13 +336,13 @@ def _with_another(model: Model, samples: int) -> Iterator[Model]:
         low, high = _room(before, after, samples)
         for width in _NEW_WIDTHS:
             for first in range(low + low % 2, high - width + 1, 2):
-                yield (*before, Contact(first, first + width, _ANY), *after)
+                yield (*before, ContactInterval(first, first + width, _ANY), *after)
 
 
-def _shifted(contact: Contact, low: int, high: int) -> Iterator[Contact]:
+def _shifted(contact: ContactInterval, low: int, high: int) -> Iterator[ContactInterval]:
     for first in range(max(low, contact.first - _FARTHEST), contact.first + _FARTHEST + 1):
         for stop in range(max(first + 1, contact.stop - _FARTHEST), min(high, contact.stop + _FARTHEST) + 1):
-            yield Contact(first, stop, contact.kind)
+            yield ContactInterval(first, stop, contact.kind)
 
 
 def _room(before: Model, after: Model, samples: int) -> tuple[int, int]:
@@ -350,9 +350,9 @@ def _room(before: Model, after: Model, samples: int) -> tuple[int, int]:
     return before[-1].stop + 1 if before else 0, after[0].first - 1 if after else samples
 
 
-def _split(contact: Contact) -> Iterator[tuple[Contact, Contact]]:
+def _split(contact: ContactInterval) -> Iterator[tuple[ContactInterval, ContactInterval]]:
     """In two, with gaps of any width between, in steps of two samples."""
     first, stop, kind = contact
     for gap in range(first + 1, stop - 1, 2):
         for after in range(gap + 1, stop, 2):
-            yield Contact(first, gap, kind), Contact(after, stop, kind)
+            yield ContactInterval(first, gap, kind), ContactInterval(after, stop, kind)

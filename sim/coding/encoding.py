@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
-from sim.coding.operators import Operator
+from sim.coding.operators import ForwardOperator
 from sim.coding.search import DecodingError
 
 Array = NDArray[np.float64]
@@ -59,7 +59,7 @@ def noise_sd(signal: Array, snr_db: float) -> float:
 
 
 def encode(
-    operator: Operator, pressure: Array, receptor: Receptor | None = None, noise: Noise | None = None
+    operator: ForwardOperator, pressure: Array, receptor: Receptor | None = None, noise: Noise | None = None
 ) -> Encoded:
     """What receptors say of (n,) pressures; the same bits from the same seed."""
     sed = operator.sed(pressure)

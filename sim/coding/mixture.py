@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtr
 
-from sim.coding.contacts import Model, Posterior, Seen
-from sim.coding.operators import Operator
+from sim.coding.contacts import Model, PressureLikelihood, PressurePosterior
+from sim.coding.operators import ForwardOperator
 
 Array = NDArray[np.float64]
 
@@ -57,14 +57,14 @@ class Mixture:
         return np.where(spread, ndtr(z), 1.0)
 
 
-def mixed(seen: Seen, known: dict[Model, float]) -> Mixture:
+def mixed(seen: PressureLikelihood, known: dict[Model, float]) -> Mixture:
     """Of the likeliest models, each weighed by its evidence and by how probably its pressures all lie above 0."""
     best = max(known.values())
     models = sorted((m for m in known if known[m] > best - FROM_BEST), key=known.__getitem__, reverse=True)
     models = models[:MOST_MODELS]
     found = seen.posterior(models)
     mean, covariance, above = cut_off(found.mean, found.covariance)
-    mean, variance = Posterior(found.at, mean, covariance).over(len(seen.towards))
+    mean, variance = PressurePosterior(found.at, mean, covariance).over(len(seen.towards))
     sd = np.sqrt(np.maximum(variance, 0.0))
     return Mixture(np.array([known[m] for m in models]) + above, seen.typical * mean, seen.typical * sd)
 
@@ -248,7 +248,7 @@ def _spread_over(share: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 class _Same:
     """An operator by identity."""
 
-    def __init__(self, operator: Operator) -> None:
+    def __init__(self, operator: ForwardOperator) -> None:
         self.operator = operator
 
     def __hash__(self) -> int:
@@ -258,7 +258,7 @@ class _Same:
         return isinstance(other, _Same) and other.operator.parts is self.operator.parts
 
 
-def table_of(operator: Operator) -> ProfileTable:
+def table_of(operator: ForwardOperator) -> ProfileTable:
     """Made once for an operator, in some tenths of a second; the last few are kept."""
     return _made(_Same(operator))
 

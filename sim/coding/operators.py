@@ -108,7 +108,7 @@ OPERATORS: tuple[OperatorName, ...] = get_args(OperatorName)
 
 
 @dataclass(frozen=True)
-class Operator:
+class ForwardOperator:
     """SED at m receptors as a sum of squares of what is linear in n pressures; pseudo-units.
 
     convolution: P∗h, P∗g, P∗f with one h, g, f everywhere (Raju 1998, Fig. 6-6). influence: finite elements for each
@@ -121,11 +121,11 @@ class Operator:
     place_mm: Array  # (n,) of each pressure on the skin
     receptor_mm: Array  # (m,) places of the skin above the receptors
 
-    def per_receptor(self, change: Callable[[Array], Array]) -> "Operator":
+    def per_receptor(self, change: Callable[[Array], Array]) -> "ForwardOperator":
         """With what stands for the receptors, the second axis of (c, m, n), changed."""
         return replace(self, parts=change(self.parts))
 
-    def leaning(self, pressure: Array) -> "Operator":
+    def leaning(self, pressure: Array) -> "ForwardOperator":
         """Quadratic, with forces leaning as they do under these pressures; here they always stand alike."""
         return self
 
@@ -146,11 +146,11 @@ class Operator:
         return 2 * np.einsum("cm,cmn->n", weight * (self.parts @ pressure), self.parts)
 
 
-def convolution(responses: ImpulseResponses, samples: int, energy: Energy) -> Operator:
+def convolution(responses: ImpulseResponses, samples: int, energy: Energy) -> ForwardOperator:
     """Full linear convolution of so many equally spaced pressures: samples + length of h − 1 receptors."""
     full = np.stack([convolution_matrix(response, samples, mode="full") for response in responses.strain])
     spacing = responses.sampling.spacing_mm
-    return Operator(
+    return ForwardOperator(
         "convolution",
         energy,
         squared_parts(full, responses.material, energy),
@@ -159,15 +159,15 @@ def convolution(responses: ImpulseResponses, samples: int, energy: Energy) -> Op
     )
 
 
-def influence(section: FeltSection, place_mm: Array, width_mm: Array, energy: Energy) -> Operator:
+def influence(section: FeltSection, place_mm: Array, width_mm: Array, energy: Energy) -> ForwardOperator:
     """Pressures over widths of skin at any places, normal ones and then lateral ones (rising with x)."""
     strain = section.under_loads(place_mm) * width_mm[:, None]
     by_input = np.concatenate([strain[..., 0], strain[..., 1]], axis=-1)
     parts = squared_parts(by_input, section.material, energy)
-    return Operator("influence", energy, parts, np.tile(place_mm, 2), section.place_mm)
+    return ForwardOperator("influence", energy, parts, np.tile(place_mm, 2), section.place_mm)
 
 
-def normal_influence(section: FeltSection, place_mm: Array, spacing_mm: float, energy: Energy) -> Operator:
+def normal_influence(section: FeltSection, place_mm: Array, spacing_mm: float, energy: Energy) -> ForwardOperator:
     """Finite elements for n ascending normal pressures with straight lines between them, and none beside them.
 
     They act on the skin at places no farther apart than the spacing, so that few pressures stand for wide skin.
@@ -177,22 +177,22 @@ def normal_influence(section: FeltSection, place_mm: Array, spacing_mm: float, e
     width = np.full(len(on_skin), span / (len(on_skin) - 1))
     fine = normal_alone(influence(section, on_skin, width, energy))
     between = np.stack([np.interp(on_skin, place_mm, one) for one in np.eye(len(place_mm))], axis=1)
-    return Operator("influence", energy, fine.parts @ between, place_mm, section.place_mm)
+    return ForwardOperator("influence", energy, fine.parts @ between, place_mm, section.place_mm)
 
 
-def normal_alone(operator: Operator) -> Operator:
+def normal_alone(operator: ForwardOperator) -> ForwardOperator:
     """An influence operator without its lateral pressures."""
     n = len(operator.place_mm) // 2
     return replace(operator, parts=operator.parts[:, :, :n], place_mm=operator.place_mm[:n])
 
 
-def felt_where(operator: Operator, receptors: slice | NDArray[np.bool_]) -> Operator:
+def felt_where(operator: ForwardOperator, receptors: slice | NDArray[np.bool_]) -> ForwardOperator:
     """At some of its receptors alone."""
     felt = operator.per_receptor(lambda parts: parts[:, receptors])
     return replace(felt, receptor_mm=operator.receptor_mm[receptors])
 
 
-def weighted(operator: Operator, weight: Array) -> Operator:
+def weighted(operator: ForwardOperator, weight: Array) -> ForwardOperator:
     """With each receptor's SED times its (m,) weight: readings whose noise differs are then all of one sd."""
     return operator.per_receptor(lambda parts: parts * np.sqrt(weight)[:, None])
 

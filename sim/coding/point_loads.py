@@ -34,7 +34,7 @@ _BESIDE_MM = 1e-6
 _SIDE_RAD = 0.3  # of a section's widest places, where the nail is near
 
 
-class Load(NamedTuple):
+class PointLoad(NamedTuple):
     """A unit force on a place of the skin."""
 
     x_mm: float
@@ -84,7 +84,7 @@ class LoadedFinger:
         outward = self.normals(skin_mm)
         return np.stack([across, outward, np.cross(across, outward)], axis=-2)
 
-    def foot_mm(self, load: Load) -> Array:
+    def foot_mm(self, load: PointLoad) -> Array:
         """(3,) where a load is. Raises ModelRangeError beside the pulp."""
         foot = self.skin(np.array(load.x_mm), np.array(load.z_mm))
         if np.isnan(foot).any():
@@ -107,11 +107,11 @@ class LoadedFinger:
             self._recovered = {name: self.interior.recovery(at_mm, progress)}
         return self._recovered[name]
 
-    def moved(self, loads: Sequence[Load]) -> Array:
+    def moved(self, loads: Sequence[PointLoad]) -> Array:
         """(k, n_nodes, 3) mm·MPa/N by which nodes move under each, for E(epidermis) = 1 MPa."""
         return self.interior.moved(np.stack([self._under(load) for load in loads]))
 
-    def _under(self, load: Load) -> Array:
+    def _under(self, load: PointLoad) -> Array:
         foot = self.foot_mm(load)
         towards = -self.normals(foot) if load.direction == "normal" else -np.eye(3)[Y]
         return self.on_nodes(foot[None], towards[None])
@@ -153,7 +153,7 @@ class Site(NamedTuple):
     on_pulp: bool  # and not on the distal tip
 
 
-class Published(NamedTuple):
+class PublishedPowerLaw(NamedTuple):
     """Table 6.1: SED = A / r^m; the load's size is not printed."""
 
     number: int
@@ -169,11 +169,11 @@ def published_sites() -> tuple[Site, ...]:
     return tuple(Site(number, x, z, region == "top") for number, (x, _, z), region in rows)
 
 
-def published_table() -> tuple[Published, ...]:
+def published_table() -> tuple[PublishedPowerLaw, ...]:
     """Table 6.1, in its order."""
     with as_file(files("sim") / "data" / "table_6_1.csv") as path:
         rows = read_columns(path, ("site", "a", "m", "r2"))
-    return tuple(Published(int(number), a, m, r2) for number, a, m, r2 in rows)
+    return tuple(PublishedPowerLaw(int(number), a, m, r2) for number, a, m, r2 in rows)
 
 
 def spread_over_mean(values: Array) -> float:

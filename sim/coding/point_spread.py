@@ -11,10 +11,10 @@ from scipy.interpolate import CloughTocher2DInterpolator
 from sim.coding.point_loads import (
     FIT_KINDS,
     Direction,
-    Load,
     LoadedFinger,
+    PointLoad,
     PowerLaw,
-    Published,
+    PublishedPowerLaw,
     Site,
     energy_density,
     fitted,
@@ -63,7 +63,7 @@ def receptor_sheet(finger: LoadedFinger, spacing_mm: float = SPACING_MM, depth_m
 
 
 @dataclass(frozen=True)
-class Spread:
+class PointSpread:
     """SED at the receptors in the neighbourhood of a load."""
 
     site: Site
@@ -101,16 +101,16 @@ def spreads(
     direction: Direction = "normal",
     *,
     at_node: bool = False,
-) -> list[Spread]:
+) -> list[PointSpread]:
     """Equal forces at sites, one at a time. Raises ModelRangeError beside the pulp, and where too few are near."""
-    loads = [Load(site.x_mm, site.z_mm, direction, at_node) for site in sites]
+    loads = [PointLoad(site.x_mm, site.z_mm, direction, at_node) for site in sites]
     feet = [finger.foot_mm(load) for load in loads]
     near = [_near(sheet, foot, half_width_mm, site) for foot, site in zip(feet, sites, strict=True)]
     recovery = finger.recovery(sheet.at_mm)
     strain = force_gwt * GWT_N / finger.config.tissue.e_epidermis_mpa * recovery.strain(finger.moved(loads))
     sed = energy_density(strain, recovery.young_ratio, finger.config.tissue.poisson)
     return [
-        Spread(
+        PointSpread(
             site, foot, Sheet(sheet.skin_mm[there], sheet.at_mm[there]), values[there], recovery.young_ratio[there]
         )
         for site, foot, there, values in zip(sites, feet, near, sed, strict=True)
@@ -134,7 +134,7 @@ def _near(sheet: Sheet, foot: Array, half_width_mm: float, site: Site) -> NDArra
 class Judged(NamedTuple):
     """A site's spread and what was fitted to it."""
 
-    spread: Spread
+    spread: PointSpread
     linear: PowerLaw
     logarithmic: PowerLaw
 
@@ -145,7 +145,7 @@ class Judged(NamedTuple):
         return float(np.nanmax(sectors) - np.nanmin(sectors))
 
 
-def judged(spread: Spread) -> Judged:
+def judged(spread: PointSpread) -> Judged:
     """Both fits."""
     linear, logarithmic = (fitted(spread.distance_mm, spread.sed, kind) for kind in FIT_KINDS)
     return Judged(spread, linear, logarithmic)
@@ -160,7 +160,7 @@ class Mean(NamedTuple):
     m_spread: float
 
 
-def mean_over(laws: Sequence[PowerLaw] | Sequence[Published]) -> Mean:
+def mean_over(laws: Sequence[PowerLaw] | Sequence[PublishedPowerLaw]) -> Mean:
     """Over all that are given."""
     a, m = np.array([law.a for law in laws]), np.array([law.m for law in laws])
     return Mean(float(a.mean()), spread_over_mean(a), float(m.mean()), spread_over_mean(m))
@@ -209,7 +209,7 @@ class MovedResponse:
     @classmethod
     def of(cls, finger: LoadedFinger, sheet: Sheet) -> "MovedResponse":
         """By one solve. Raises ModelRangeError."""
-        middle = Load(0.0, finger.config.receptor_plane_mm)
+        middle = PointLoad(0.0, finger.config.receptor_plane_mm)
         recovery = finger.recovery(sheet.at_mm)
         strain = recovery.strain(finger.moved([middle]))[0]
         offset = _offsets(finger, finger.foot_mm(middle)[None], sheet.skin_mm)[0]
@@ -221,7 +221,7 @@ class MovedResponse:
         by_force = self.strain_at(_offsets(self.finger, place_mm, skin_mm))
         return np.einsum("k,knc->nc", force_n, by_force)
 
-    def missed(self, spread: Spread, force_gwt: float) -> float:
+    def missed(self, spread: PointSpread, force_gwt: float) -> float:
         """Relative L2 of the SED about a site: this response moved there against finite elements of that load."""
         force = np.array([force_gwt * GWT_N / self.finger.config.tissue.e_epidermis_mpa])
         strain = self.convolved(spread.load_mm[None], force, spread.sheet.skin_mm)

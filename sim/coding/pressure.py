@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.coding.operators import Operator, influence
+from sim.coding.operators import ForwardOperator, influence
 from sim.coding.section import Energy, FeltSection, SampledSection
 from sim.contact.patch import X, Y
 from sim.errors import ModelRangeError
@@ -79,7 +79,7 @@ _STEEPEST = 1.0  # a lean by more than 45° is no contact
 
 
 @dataclass(frozen=True)
-class Skin:
+class SectionSkin:
     """The skin at the ends of n samples, and how their pressures move it; mm and pseudo-units."""
 
     at_rest_mm: Array  # (2, n + 1) x and y
@@ -102,20 +102,20 @@ class Skin:
 
 
 @dataclass(frozen=True)
-class Frictionless(Operator):
+class Frictionless(ForwardOperator):
     """SED under normal pressures with all that they bear along the skin; no longer quite quadratic in them."""
 
     lateral: Array  # (c, m, n) beside `parts`, of pressures along the skin
-    skin: Skin
+    skin: SectionSkin
 
-    def per_receptor(self, change: Callable[[Array], Array]) -> Operator:
+    def per_receptor(self, change: Callable[[Array], Array]) -> ForwardOperator:
         """With what stands for the receptors, the second axis of (c, m, n), changed."""
         return replace(self, parts=change(self.parts), lateral=change(self.lateral))
 
-    def leaning(self, pressure: Array) -> Operator:
+    def leaning(self, pressure: Array) -> ForwardOperator:
         """Quadratic: leans held as they are under these pressures."""
         parts = self.parts + self.lateral * self.skin.lean(pressure)
-        return Operator(self.name, self.energy, parts, self.place_mm, self.receptor_mm)
+        return ForwardOperator(self.name, self.energy, parts, self.place_mm, self.receptor_mm)
 
     def unsure(self, pressure: Array) -> Array:
         """(m, m) covariance of SED from what is not known of the leans."""
@@ -145,7 +145,7 @@ def frictionless(section: FeltSection, ends_mm: Array, energy: Energy) -> Fricti
     return Frictionless(both.name, energy, normal, middle, both.receptor_mm, lateral, _skin(section, ends_mm))
 
 
-def _skin(section: FeltSection, ends_mm: Array) -> Skin:
+def _skin(section: FeltSection, ends_mm: Array) -> SectionSkin:
     patch = section.model.patch
     place = section.line.places(patch.x)
     order = np.argsort(place)
@@ -171,7 +171,7 @@ def _skin(section: FeltSection, ends_mm: Array) -> Skin:
     at_rest = np.stack([np.interp(ends_mm, place, position[axis]) for axis in (X, Y)])
     between = _interpolation(ends_mm, place)
     middle = section.line.angles(0.5 * (ends_mm[1:] + ends_mm[:-1]))
-    return Skin(at_rest, between @ moved, section.line.normals(middle))
+    return SectionSkin(at_rest, between @ moved, section.line.normals(middle))
 
 
 def _interpolation(at: Array, place: Array) -> Array:

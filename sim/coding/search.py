@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import dual_annealing
 
-from sim.coding.operators import Operator
+from sim.coding.operators import ForwardOperator
 from sim.errors import SimError
 
 Array = NDArray[np.float64]
@@ -55,12 +55,12 @@ def decoding_errors(true: Array, found: Array) -> DecodingErrors:
     return DecodingErrors(squared, float(np.sqrt(squared)), float(np.sqrt(missed / len(true)) / np.abs(true).max()))
 
 
-def misfit(operator: Operator, pressure: Array, reading: Array) -> float:
+def misfit(operator: ForwardOperator, pressure: Array, reading: Array) -> float:
     """Σ (SED of the pressures − reading)²."""
     return float(((operator.sed(pressure) - reading) ** 2).sum())
 
 
-def checked_readings(operator: Operator, reading: Array, fewest: int | None = None) -> Array:
+def checked_readings(operator: ForwardOperator, reading: Array, fewest: int | None = None) -> Array:
     """(m,) readings, one for each receptor. Raises DecodingError for too few, too many, or no numbers.
 
     Too few is fewer than pressures, unless told.
@@ -113,14 +113,14 @@ MOST_SWEEPS = 20_000
 """Over two pressures; over more, as many moves."""
 
 
-class Range(NamedTuple):
+class PressureRange(NamedTuple):
     """Values that a pressure may take."""
 
     low: float
     high: float
 
 
-def converged_search(operator: Operator, reading: Array, start: Array, within: Range) -> Decoded:
+def converged_search(operator: ForwardOperator, reading: Array, start: Array, within: PressureRange) -> Decoded:
     """Exact minima along each coordinate in turn, to stagnation."""
 
     def lowest(quartic: Array, now: float) -> float:
@@ -132,7 +132,9 @@ def converged_search(operator: Operator, reading: Array, start: Array, within: R
     return _search(operator, reading, start, lowest, STAGNANT * (within.high - within.low))
 
 
-def grid_search(operator: Operator, reading: Array, start: Array, within: Range, step: float) -> Decoded:
+def grid_search(
+    operator: ForwardOperator, reading: Array, start: Array, within: PressureRange, step: float
+) -> Decoded:
     """The best of equally spaced values along each coordinate in turn, until none moves: it may stick in a valley."""
     values = np.linspace(within.low, within.high, round((within.high - within.low) / step) + 1)
 
@@ -142,7 +144,7 @@ def grid_search(operator: Operator, reading: Array, start: Array, within: Range,
     return _search(operator, reading, start, lowest, 0.0)
 
 
-def quartic_along(operator: Operator, reading: Array, pressure: Array, k: int) -> Array:
+def quartic_along(operator: ForwardOperator, reading: Array, pressure: Array, k: int) -> Array:
     """(5,) coefficients, highest power first, of the squared error as pressure k moves by t."""
     column, linear = operator.parts[:, :, k], operator.parts @ pressure
     left = (linear**2).sum(axis=0) - reading
@@ -150,7 +152,7 @@ def quartic_along(operator: Operator, reading: Array, pressure: Array, k: int) -
     return np.array([bend @ bend, 2 * slope @ bend, slope @ slope + 2 * left @ bend, 2 * left @ slope, left @ left])
 
 
-def error_surface(operator: Operator, reading: Array, first: Array, second: Array) -> Array:
+def error_surface(operator: ForwardOperator, reading: Array, first: Array, second: Array) -> Array:
     """(k, l) squared errors of two pressures at (k,) values of the first and (l,) of the second."""
     both = np.stack(np.meshgrid(first, second, indexing="ij"), axis=-1)
     sed = (np.einsum("cmn,kln->cklm", operator.parts, both) ** 2).sum(axis=0)
@@ -158,7 +160,7 @@ def error_surface(operator: Operator, reading: Array, first: Array, second: Arra
 
 
 def _search(
-    operator: Operator, reading: Array, start: Array, lowest: Callable[[Array, float], float], stagnant: float
+    operator: ForwardOperator, reading: Array, start: Array, lowest: Callable[[Array, float], float], stagnant: float
 ) -> Decoded:
     checked_readings(operator, reading)
     pressure, path, still = start.astype(float).copy(), [start.astype(float)], False
@@ -180,7 +182,9 @@ def _search(
 _ROUNDS = 100
 
 
-def table_search(operator: Operator, reading: Array, within: Range, entries: int, seed: int = 0) -> Decoded:
+def table_search(
+    operator: ForwardOperator, reading: Array, within: PressureRange, entries: int, seed: int = 0
+) -> Decoded:
     """The nearest in SED of so many random pressures; the same from the same seed."""
     checked_readings(operator, reading)
     drawn = np.random.default_rng(seed).uniform(*within, (entries, operator.parts.shape[2]))
@@ -189,7 +193,7 @@ def table_search(operator: Operator, reading: Array, within: Range, entries: int
     return Decoded(nearest, misfit(operator, nearest, reading), converged=True)
 
 
-def global_search(operator: Operator, reading: Array, within: Range, seed: int = 0) -> Decoded:
+def global_search(operator: ForwardOperator, reading: Array, within: PressureRange, seed: int = 0) -> Decoded:
     """Scipy's dual annealing, each local search with the adjoint gradient; the same from the same seed."""
     checked_readings(operator, reading)
     scale = float(reading @ reading) or 1.0

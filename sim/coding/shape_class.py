@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.coding.pressure import Skin
+from sim.coding.pressure import SectionSkin
 from sim.coding.sheet import SkinOver
 from sim.contact.patch import X
 
@@ -45,7 +45,7 @@ class _Outline(NamedTuple):
     size_mm: float
 
 
-def felt_shape(skin: Skin, pressure: Array) -> FeltShape:
+def felt_shape(skin: SectionSkin, pressure: Array) -> FeltShape:
     """From (n,) pressures, some above 0."""
     along, up = _on_the_indentor(skin, pressure)
     first, last = edges_mm(skin, pressure)
@@ -61,13 +61,13 @@ def _contact(pressure: Array) -> NDArray[np.bool_]:
     return pressure > _PRESSED * np.median(pressure[pressure > 0.05 * pressure.max()])
 
 
-def _middles(skin: Skin, pressure: Array) -> Array:
+def _middles(skin: SectionSkin, pressure: Array) -> Array:
     """(2, n) of the pressed samples; mm."""
     ends = skin.pressed(pressure, skin.lean(pressure) * pressure)
     return np.asarray(0.5 * (ends[:, 1:] + ends[:, :-1]))
 
 
-def _on_the_indentor(skin: Skin, pressure: Array) -> Array:
+def _on_the_indentor(skin: SectionSkin, pressure: Array) -> Array:
     """(2, k) places of skin well inside contacts: at their ends it bends away from the indentor."""
     pressed = np.concatenate([[False], _contact(pressure), [False]])
     runs = np.flatnonzero(np.diff(pressed.astype(int))).reshape(-1, 2).tolist()
@@ -98,7 +98,7 @@ def _step(along: Array, up: Array) -> _Outline:
     return _Outline(float(squares[best]), float(_HALF_WAVES_MM[best[0]]))
 
 
-def edges_mm(skin: Skin, pressure: Array) -> tuple[float, float]:
+def edges_mm(skin: SectionSkin, pressure: Array) -> tuple[float, float]:
     """x of the first and the last edge of what bears on the skin, where they are sharp.
 
     Half a sample beyond the peak of pressure there: a corner's force is borne just inside it.

@@ -15,8 +15,8 @@ from scipy.optimize import nnls
 
 from sim.coding.bayes import ModelError, Profile, decode_profile
 from sim.coding.encoding import Readings
-from sim.coding.operators import Operator
-from sim.coding.pressure import Frictionless, Skin
+from sim.coding.operators import ForwardOperator
+from sim.coding.pressure import Frictionless, SectionSkin
 from sim.coding.search import checked_readings
 from sim.coding.section import Energy, SkinLine, squared_parts
 from sim.config import FingertipConfig
@@ -176,21 +176,21 @@ class SkinOver:
 
 
 @dataclass(frozen=True)
-class SheetOperator(Operator):
+class SheetOperator(ForwardOperator):
     """SED under normal pressures over x and z with all that they bear along the skin."""
 
     lateral: Array  # (2, c, m, n) beside `parts`, of pressures across and along
     skin: SkinOver
 
-    def per_receptor(self, change: Callable[[Array], Array]) -> Operator:
+    def per_receptor(self, change: Callable[[Array], Array]) -> ForwardOperator:
         """With what stands for the receptors, the second axis of (c, m, n), changed."""
         return replace(self, parts=change(self.parts), lateral=np.stack([change(one) for one in self.lateral]))
 
-    def leaning(self, pressure: Array) -> Operator:
+    def leaning(self, pressure: Array) -> ForwardOperator:
         """Quadratic: leans held as they are under these pressures."""
         across, along = self.skin.lean(pressure)
         parts = self.parts + self.lateral[0] * across + self.lateral[1] * along
-        return Operator(self.name, self.energy, parts, self.place_mm, self.receptor_mm)
+        return ForwardOperator(self.name, self.energy, parts, self.place_mm, self.receptor_mm)
 
     def sed(self, pressure: Array) -> Array:
         """(m,) SED under (n,) pressures."""
@@ -289,7 +289,7 @@ class FeltRow:
         for shape in shapes:
             share = across * shape.over(self.line.plane_mm, self.felt.nodes_mm[:, Z])[:, None]
             parts, lateral = (self.felt.squared(one, share, energy) for one in strained)
-            skin = Skin(at_rest, np.concatenate([one @ share for one in mobility], axis=-1), normal)
+            skin = SectionSkin(at_rest, np.concatenate([one @ share for one in mobility], axis=-1), normal)
             yield Frictionless("influence", energy, parts, middle, self.place_mm, lateral, skin)
 
     def _directions(self, place: Array) -> tuple[Array, Array]:
@@ -325,7 +325,7 @@ def decode_row(
     return DecodedRow(shape, operator, decode_profile(operator, readings, error))
 
 
-def quick_misfit(operator: Operator, readings: Readings, error: ModelError) -> float:
+def quick_misfit(operator: ForwardOperator, readings: Readings, error: ModelError) -> float:
     """How badly pressures explain readings, by the search alone: a table takes longer than all the rest."""
     return decode_profile(operator, readings, error, table=False).misfit
 
@@ -361,7 +361,7 @@ _DEAF = 1e-6  # least weight of a reading, over that of one that is not silent
 
 
 def decode_sheet(
-    operator: Operator, readings: Readings, shape: tuple[int, int], error: ModelError | None = None
+    operator: ForwardOperator, readings: Readings, shape: tuple[int, int], error: ModelError | None = None
 ) -> Profile:
     """Of (n_x, n_z) pressures, z going fastest. Raises DecodingError for readings that cannot be meant."""
     checked_readings(operator, readings.sed, FEWEST_READINGS)
@@ -396,7 +396,7 @@ class _Fit:
 class _Search:
     """Pressures that explain readings, by an operator that is wrong by so much."""
 
-    operator: Operator
+    operator: ForwardOperator
     readings: Readings
     error: ModelError
     rarity: float  # of the exponential prior, per pseudo-unit
@@ -456,7 +456,7 @@ def _differences(shape: tuple[int, int]) -> Array:
     return np.concatenate([np.kron(along_x, np.eye(n_z)), np.kron(np.eye(n_x), along_z), level])
 
 
-def _even(operator: Operator, readings: Readings) -> Array:
+def _even(operator: ForwardOperator, readings: Readings) -> Array:
     """An even pressure of the readings' size."""
     even = np.ones(operator.parts.shape[2])
     sed = operator.sed(even)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from sim.coding.bayes import FEWEST_FOR_CONTACTS, FittedReceptor, ModelError, Profile, decode_profile, decode_through
 from sim.coding.encoding import QUIET_SD, Encoded, Noise, NoisePlace, Readings, Receptor, encode, sd_at_rest
 from sim.coding.operators import (
-    Operator,
+    ForwardOperator,
     OperatorName,
     centred,
     convolution,
@@ -34,7 +34,7 @@ from sim.coding.search import (
     CodingError,
     Decoded,
     DecodingErrors,
-    Range,
+    PressureRange,
     converged_search,
     decoding_errors,
     global_search,
@@ -125,7 +125,7 @@ class SkinLoad:
 
     Attributes
     ----------
-    operator : Operator
+    operator : ForwardOperator
         For n pressures and m receptors.
     pressure : (n,) array
         Pseudo-units. Under `influence` the normal pressures are followed by the lateral ones.
@@ -138,7 +138,7 @@ class SkinLoad:
         Of a press: how far small strain is off at its depth.
     """
 
-    operator: Operator
+    operator: ForwardOperator
     pressure: Array
     true: tuple[Array, Array] | None = None
     missed: dict[str, float] | None = None
@@ -319,7 +319,7 @@ class Observation:
 
     Attributes
     ----------
-    operator : Operator
+    operator : ForwardOperator
     reading : (m,) array
         Rates where there is a receptor, else SED (pseudo-units).
     receptor : FittedReceptor, optional
@@ -333,7 +333,7 @@ class Observation:
         Name of the shape along the finger under which a row is decoded.
     """
 
-    operator: Operator
+    operator: ForwardOperator
     reading: Array
     receptor: FittedReceptor | None
     noise: ReadingNoise | None
@@ -384,7 +384,7 @@ class DecodeResult:
         Of `ours`: standard deviations and bands.
     path : (moves + 1, n) array
         The way of `univariate` and `grid`; empty for the others.
-    bounds : Range, optional
+    bounds : PressureRange, optional
         Between which pressures were searched for; None for `ours`.
     problems : tuple of str
     """
@@ -395,7 +395,7 @@ class DecodeResult:
     ms: float
     profile: Profile | None = None
     path: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    bounds: Range | None = None
+    bounds: PressureRange | None = None
     problems: tuple[str, ...] = ()
 
     @property
@@ -517,14 +517,14 @@ def _profile(observation: Observation, noise: ReadingNoise, seed: int, *, table:
     return decode_through(observation.receptor, through)
 
 
-def _bounds(observation: Observation, search: SearchOptions) -> Range:
+def _bounds(observation: Observation, search: SearchOptions) -> PressureRange:
     if search.bounds is None:
         most = (observation.operator.parts**2).sum(axis=0).max()
-        return Range(0.0, 2 * float(np.sqrt(observation.sed.max() / most)))
-    return Range(*search.bounds)
+        return PressureRange(0.0, 2 * float(np.sqrt(observation.sed.max() / most)))
+    return PressureRange(*search.bounds)
 
 
-def _start(observation: Observation, search: SearchOptions, within: Range) -> Array:
+def _start(observation: Observation, search: SearchOptions, within: PressureRange) -> Array:
     n = observation.operator.parts.shape[2]
     if search.start is None:
         even = observation.operator.sed(np.ones(n))
@@ -579,7 +579,7 @@ def _of_press(task: DecodeTask, press: SectionPress) -> Observation:
     return _encoded(task, felt, borne.stacked, operator, true)
 
 
-def _sought(section: SampledSection, by: OperatorName, energy: Energy, half: int) -> Operator:
+def _sought(section: SampledSection, by: OperatorName, energy: Energy, half: int) -> ForwardOperator:
     """SED at the section's own receptors under 2 half + 1 pressures."""
     n, spacing = 2 * half + 1, section.sampling.spacing_mm
     if by == "influence":
@@ -588,7 +588,9 @@ def _sought(section: SampledSection, by: OperatorName, energy: Energy, half: int
     return felt_where(full, slice(half, half + len(section.place_mm)))
 
 
-def _encoded(task: DecodeTask, felt: Operator, load: Array, operator: Operator, true: Array) -> Observation:
+def _encoded(
+    task: DecodeTask, felt: ForwardOperator, load: Array, operator: ForwardOperator, true: Array
+) -> Observation:
     """Readings by one operator, to be explained by another."""
     receptor = None if task.receptor is None else task.receptor.receptor
     encoded = encode(felt, load, receptor, task.noise)
@@ -633,7 +635,7 @@ def _of_readings(task: DecodeTask, given: GivenReadings) -> Observation:
             code="too_short", readings="readings", length_mm=high - low, least_mm=task.sampling.spacing_mm,
         )  # fmt: skip
     if task.decoder == "ours" and n >= FEWEST_FOR_CONTACTS:
-        operator: Operator = frictionless(section, np.linspace(low, high, n + 1), task.energy)
+        operator: ForwardOperator = frictionless(section, np.linspace(low, high, n + 1), task.energy)
     else:
         few = np.linspace(low, high, min(n + 1, len(given.place_mm)))
         operator = normal_influence(section, few, SPACING_MM, task.energy)
@@ -686,7 +688,7 @@ def _on_patch(given: GivenReadings, place_mm: Array) -> tuple[float, float]:
     return low, high
 
 
-def _over_sheet(task: DecodeTask, given: GivenReadings, z_mm: Array) -> Operator:
+def _over_sheet(task: DecodeTask, given: GivenReadings, z_mm: Array) -> ForwardOperator:
     """Pressures over x and z between the outermost receptors, as far as the finger's patch goes."""
     apart = max(task.sampling.spacing_mm, SHEET_SPACING_MM)
     along_x = _places("x_mm", given.place_mm, 0.0, apart)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.contact.patch import X, Z
-from sim.contact.profiles import Profile, measured_radius_mm
+from sim.contact.profiles import IndentorProfile, measured_radius_mm
 from sim.errors import ArgumentError, SimError
 
 Array = NDArray[np.float64]
@@ -55,7 +55,7 @@ class Indentor(ABC):
         return f"<{type(self).__name__} {self.name}>"
 
     @staticmethod
-    def along(profile: Profile) -> "Prismatic":
+    def along(profile: IndentorProfile) -> "Prismatic":
         """Prismatic along the finger, named like its profile."""
         return Prismatic(profile.name, profile)
 
@@ -106,7 +106,7 @@ class Indentor(ABC):
 class _OfProfile(Indentor):
     """What has a profile, and turns where that does."""
 
-    profile: Profile
+    profile: IndentorProfile
 
     @cached_property
     def sharp(self) -> bool:
@@ -156,7 +156,7 @@ class Prismatic(_OfProfile):
     """A profile carried along a line: along the finger, across it, or at an angle."""
 
     name: str
-    profile: Profile
+    profile: IndentorProfile
     axes: tuple[int, ...] = ALONG
     direction: tuple[float, ...] = (1.0,)  # in which the profile's coordinate grows, along the axes
 
@@ -198,7 +198,7 @@ class Revolved(_OfProfile):
     """A profile turned about the vertical."""
 
     name: str
-    profile: Profile
+    profile: IndentorProfile
 
     axes = BOTH
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.contact.compiled.compiling import compiled
-from sim.contact.compiled.elastic import Skin, moved, worked
+from sim.contact.compiled.elastic import SkinCompliance, moved, worked
 from sim.contact.compiled.factors import factor_in_place, solve_in_place
 
 Array = NDArray[np.float64]
@@ -32,13 +32,13 @@ class _Problem(NamedTuple):
     """q, the points with their normals, and W among such as were held before, one after another."""
 
     q: Array
-    skin: Skin
+    skin: SkinCompliance
     normal: Array  # (m, n)
     w: Array  # (n, n), filled as far as needed
     place: Ints  # (n,) of a point in W, or −1
 
 
-def solve_lcp(q: Array, skin: Skin, normal: Array, start: Bools) -> LcpSolution | None:
+def solve_lcp(q: Array, skin: SkinCompliance, normal: Array, start: Bools) -> LcpSolution | None:
     """λ ≥ 0 with q + Wλ ≥ 0 and λ·(q + Wλ) = 0, or None when W is not positive definite.
 
     W (n, n) is the motion of points along their normals (m, n) by unit forces along them. Block principal pivoting:
@@ -51,7 +51,7 @@ def solve_lcp(q: Array, skin: Skin, normal: Array, start: Bools) -> LcpSolution 
 
 
 @compiled
-def _solved(q: Array, skin: Skin, normal: Array, start: Bools) -> tuple[bool, LcpSolution]:
+def _solved(q: Array, skin: SkinCompliance, normal: Array, start: Bools) -> tuple[bool, LcpSolution]:
     problem = _Problem(q, skin, normal, np.empty((len(q), len(q))), np.full(len(q), -1))
     tiny = _TOLERANCE * max(1e-300, np.abs(q).max()) if len(q) else 0.0
     ended, found, solution = _by_blocks(problem, start, tiny)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.contact.compiled.compiling import compiled
-from sim.contact.compiled.elastic import Skin, moved, worked
+from sim.contact.compiled.elastic import SkinCompliance, moved, worked
 from sim.contact.compiled.factors import (
     add_products,
     back_in_place,
@@ -85,7 +85,7 @@ def _slides(curvature: Array, multipliers: Array, curved: Ints) -> _Slides:
 
 @compiled
 def _step(
-    skin: Skin, normal: Array, solution: LcpSolution, slides: _Slides, moved_mm: Array, floor: float
+    skin: SkinCompliance, normal: Array, solution: LcpSolution, slides: _Slides, moved_mm: Array, floor: float
 ) -> tuple[Array, bool]:
     """(m − 1, c) where points slide in all by Newton's whole step; whether what was stepped from is unstable."""
     active, m, q = solution.active, len(normal) - 1, len(slides.points)

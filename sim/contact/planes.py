@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from sim.contact.compiled import elastic, gaps
 from sim.contact.lcp import LcpSolution, solve_lcp
 from sim.contact.patch import Patch
-from sim.contact.points import ContactPoints, Pose
+from sim.contact.points import ContactPoints, ContactPose
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -51,13 +51,13 @@ class Gathered:
         self.store[:, :before, :, before:after] = rows[..., :before].transpose(2, 3, 0, 1)
 
 
-class Region:
+class ContactRegion:
     """The part of a patch that takes part: points that may be touched, and how they move one another."""
 
     def __init__(self, gathered: Gathered, points: ContactPoints) -> None:
         self.points, self.places = points, points.on(gathered.patch)
         numbers = gathered.numbers(self.places.around)
-        self.skin = elastic.Skin(gathered.store, len(gathered), numbers, self.places.share)
+        self.skin = elastic.SkinCompliance(gathered.store, len(gathered), numbers, self.places.share)
 
     def moved_to(self, u: Array) -> tuple[Array, Array]:
         """Where the points are, (m − 1, k) along the axes of slope and (k,) heights, displaced by (m, k); mm."""
@@ -71,7 +71,7 @@ class Region:
 class FrozenPlanes:
     """The convex problem whose contact planes are tangent to the indentor at one displacement of the points."""
 
-    def __init__(self, pose: Pose, region: Region, u: Array, pressed: bool) -> None:
+    def __init__(self, pose: ContactPose, region: ContactRegion, u: Array, pressed: bool) -> None:
         self.region, self.u = region, u
         at = u if pressed else np.concatenate([u[:-1], np.zeros_like(u[-1:])])
         planes = (pose.plane if pressed else pose.gap)(*region.moved_to(at))

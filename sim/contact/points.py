@@ -24,7 +24,7 @@ _REACH_MM = 0.3  # below the indentor's lowest point, where a step down does not
 
 
 @dataclass(frozen=True)
-class Pose:
+class ContactPose:
     """Where an indentor is: its reference point, the height of its lowest point and the length that scales errors."""
 
     indentor: Indentor
@@ -47,7 +47,7 @@ class Pose:
         return np.array(self.at_mm)[:, None]
 
 
-class Skin(Protocol):
+class SkinNodes(Protocol):
     """Nodes of the skin and the segments between them."""
 
     @property
@@ -92,16 +92,16 @@ class ContactPoints:
         pairs = ((self.nodes, other.nodes), (self.between, other.between))
         return ContactPoints(*[chords.merged(mine, others) for mine, others in pairs])
 
-    def on(self, skin: Skin) -> "Places":
+    def on(self, skin: SkinNodes) -> "SkinPoints":
         """The same points, ready to take values from the nodes of a skin."""
-        return Places(skin, *chords.carried(self.nodes, self.between, skin.segments, PARTS))
+        return SkinPoints(skin, *chords.carried(self.nodes, self.between, skin.segments, PARTS))
 
 
 @dataclass(frozen=True)
-class Places:
+class SkinPoints:
     """Points of a skin: some of its nodes, then places between two of them."""
 
-    skin: Skin
+    skin: SkinNodes
     around: Ints  # (2, k) the nodes around each point; a node stands by itself
     share: Array  # (k,) of the second
 
@@ -134,8 +134,8 @@ class Places:
 class Survey:
     """The whole skin, displaced, against an indentor in a pose: once looked at, it holds for other heights too."""
 
-    pose: Pose
-    skin: Skin
+    pose: ContactPose
+    skin: SkinNodes
     u: Array  # (m, n) mm
     surface: Surface  # over the nodes
     segments: Ints  # (s,) those that may be touched between their nodes
@@ -143,7 +143,7 @@ class Survey:
     below_chord: Bools  # (s, _INNER) whether the indentor is below the segment's chord there
 
     @classmethod
-    def of(cls, pose: Pose, skin: Skin, u: Array, *, between: bool) -> "Survey":
+    def of(cls, pose: ContactPose, skin: SkinNodes, u: Array, *, between: bool) -> "Survey":
         """What there is to see; segments are looked at up to 0.3 mm below the indentor's lowest point."""
         tangential, y = skin.tangential_mm + u[:-1], skin.y + u[-1]
         surface = pose.gap(tangential, y)
@@ -157,7 +157,7 @@ class Survey:
             below &= _turns(pose, tangential[:, skin.segments[segments]])[:, None]
         return cls(pose, skin, u, surface, segments, gap, below)
 
-    def near(self, pose: Pose, gap_mm: float) -> ContactPoints:
+    def near(self, pose: ContactPose, gap_mm: float) -> ContactPoints:
         """Nodes closer than a gap to the indentor at another height, and points between nodes where it bends."""
         lower_mm = self.pose.height_mm - pose.height_mm
         if len(self.segments) and lower_mm + gap_mm > _REACH_MM:
@@ -183,7 +183,7 @@ class Survey:
         return np.asarray(_INNER * self.segments[row] + place)
 
 
-def displaced_gap(pose: Pose, places: Places, u: Array) -> Surface:
+def displaced_gap(pose: ContactPose, places: SkinPoints, u: Array) -> Surface:
     """Gap, slope and curvature at places of a skin whose nodes are displaced by u, (m, n) mm."""
     moved = places.interpolate(u)
     return pose.gap(places.tangential_mm + moved[:-1], places.y + moved[-1])
@@ -194,7 +194,7 @@ def norm(slope: Array) -> Array:
     return np.sqrt(1 + (slope**2).sum(axis=0))
 
 
-def _turns(pose: Pose, s: Array) -> Bools:
+def _turns(pose: ContactPose, s: Array) -> Bools:
     """(n_segments,) whether the indentor turns within less than 0.5 mm over segments (m, n_segments, 2)."""
     share = np.arange(PARTS + 1) / PARTS
     at = (s[..., :1] + np.diff(s) * share).reshape(len(s), -1)

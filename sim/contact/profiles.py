@@ -33,7 +33,7 @@ _BENT_RAD, _EDGE_RAD, _MOST_CLOSELY = 0.005, 0.5, 100
 _STRAIGHT_RAD = 1e-9  # round-off turns a flank by less
 
 
-class Profile(Protocol):
+class IndentorProfile(Protocol):
     """A rigid profile."""
 
     @property
@@ -110,7 +110,7 @@ class Cylinder:
 
 
 @dataclass(frozen=True)
-class Step(Profile):
+class SinusoidalStep(IndentorProfile):
     """Sinusoidal step: the lower flat at s < 0, the upper one 0.5 mm higher at s > half-wavelength."""
 
     number: str
@@ -130,8 +130,11 @@ class Step(Profile):
         return curves.flank(s_mm, 0.5 * STEP_HEIGHT_MM, np.pi / STEP_HALF_WAVELENGTH_MM[self.number])
 
 
+Step = SinusoidalStep  # so named in pickles of 0.1
+
+
 @dataclass(frozen=True)
-class Wedge(Profile):
+class Wedge(IndentorProfile):
     """Wedge with its edge along z, rounded at the tip."""
 
     half_angle_deg: float
@@ -190,7 +193,7 @@ class Grating:
 
 
 @dataclass(frozen=True)
-class Plane(Profile):
+class Plane(IndentorProfile):
     """A plate wider than the finger."""
 
     @property
@@ -209,7 +212,7 @@ class Plane(Profile):
 
 
 @lru_cache(maxsize=_MEASURED_KEPT)
-def measured_radius_mm(profile: Profile) -> float:
+def measured_radius_mm(profile: IndentorProfile) -> float:
     """Smallest radius of curvature of a profile's convex parts, from heights and slopes 5 µm apart; mm.
 
     The way between neighbours is their chord; at the hundred places that turn most, by more than 0.005 rad, 0.05 µm
@@ -229,7 +232,7 @@ def measured_radius_mm(profile: Profile) -> float:
     return float((found[1][convex] / found[0][convex]).min(initial=np.inf))
 
 
-def _turns(profile: Profile, s_mm: Array) -> tuple[Array, Array]:
+def _turns(profile: IndentorProfile, s_mm: Array) -> tuple[Array, Array]:
     """Angle (rad, positive where convex) and way (mm) between neighbours along the last axis."""
     height, slope, _ = (value.reshape(s_mm.shape) for value in profile.evaluate(s_mm.ravel()))
     return np.diff(np.arctan(slope)), np.hypot(np.diff(s_mm), np.diff(height))

@@ -7,7 +7,7 @@ from sim.contact.height_map import HeightMapError
 from sim.contact.indentor import ACROSS, Indentor, Prismatic, Revolved
 from sim.contact.map_files import read_height_map
 from sim.contact.measured_profile import LINEAR, ProfileError, read_profile
-from sim.contact.profiles import STEP_HALF_WAVELENGTH_MM, Bar, Cylinder, Grating, Plane, Step, Wedge
+from sim.contact.profiles import STEP_HALF_WAVELENGTH_MM, Bar, Cylinder, Grating, Plane, SinusoidalStep, Wedge
 from sim.errors import ArgumentError, SimError
 
 EXPECTED = (
@@ -94,7 +94,7 @@ def _turned(text: str, shape: str, turn: str | None) -> Indentor:
 def _step(text: str, argument: str) -> Indentor:
     if argument not in STEP_HALF_WAVELENGTH_MM:
         raise ShapeError("shape {shape!r}: expected step:1, step:3 or step:5", code="no_such_step", shape=text)
-    return Indentor.along(Step(argument))
+    return Indentor.along(SinusoidalStep(argument))
 
 
 def _bar(text: str, argument: str) -> Indentor:

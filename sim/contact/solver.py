@@ -17,8 +17,8 @@ from sim.contact.compiled.elastic import displaced, moved_by_turns
 from sim.contact.compiled.gaps import missed
 from sim.contact.newton import predicted
 from sim.contact.patch import Patch
-from sim.contact.planes import FrozenPlanes, Gathered, Region, forces_along
-from sim.contact.points import ContactPoints, Pose, Survey, displaced_gap
+from sim.contact.planes import ContactRegion, FrozenPlanes, Gathered, forces_along
+from sim.contact.points import ContactPoints, ContactPose, Survey, displaced_gap
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -76,7 +76,7 @@ class PassedState(ContactState):
 
 def solve_contact(
     patch: Patch,
-    pose: Pose,
+    pose: ContactPose,
     start: ContactState | None = None,
     *,
     between_nodes: bool,
@@ -98,7 +98,7 @@ def solve_contact(
     candidates, passes = survey.near(pose, _CANDIDATE_GAP_MM).joined(state.held), 0
     snapped = False
     while True:
-        iteration = _Iteration(pose, Region(gathered, candidates), state, MAX_PASSES - passes, target)
+        iteration = _Iteration(pose, ContactRegion(gathered, candidates), state, MAX_PASSES - passes, target)
         iteration.run()
         passes, snapped = passes + iteration.passes, snapped or iteration.snapped
         state, survey = (_passed if on_the_way else _assessed)(patch, between_nodes, iteration, passes)
@@ -116,7 +116,9 @@ def _at_rest(patch: Patch) -> ContactState:
 class _Iteration:
     """The passes over one region."""
 
-    def __init__(self, pose: Pose, region: Region, start: ContactState, most_passes: int, target: float) -> None:
+    def __init__(
+        self, pose: ContactPose, region: ContactRegion, start: ContactState, most_passes: int, target: float
+    ) -> None:
         self.pose, self.region, self.most_passes, self.target = pose, region, most_passes, target
         self.u = region.places.interpolate(start.displacement)  # of the points
         self.held = region.points.among(start.held)

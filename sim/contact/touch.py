@@ -16,7 +16,7 @@ _ROUND_GRID_MM = 0.1
 _BEST_PLACES, _FINER, _FINEST_GRID_MM = 60, 4, 1e-5
 
 
-class Skin(Protocol):
+class SkinSurface(Protocol):
     """The undeformed skin, continuous."""
 
     @property
@@ -31,14 +31,14 @@ class Skin(Protocol):
         """y at (x, z), −inf where there is no skin; mm."""
 
 
-class Touch(NamedTuple):
+class FirstTouch(NamedTuple):
     """Height of the indentor's lowest point at first touch and the point touched, along its axes; mm."""
 
     height_mm: float
     at_mm: tuple[float, ...]
 
 
-def first_touch(indentor: Indentor, at_mm: tuple[float, ...], skin: Skin) -> Touch:
+def first_touch(indentor: Indentor, at_mm: tuple[float, ...], skin: SkinSurface) -> FirstTouch:
     """Lower an indentor with its reference point at a place until it touches the skin."""
     if indentor.axes == ALONG:
         return _prismatic(indentor, at_mm[0], skin.ridge)
@@ -47,7 +47,7 @@ def first_touch(indentor: Indentor, at_mm: tuple[float, ...], skin: Skin) -> Tou
     return _round(indentor, at_mm, skin) if isinstance(indentor, Revolved) else _anywhere(indentor, at_mm, skin)
 
 
-def _prismatic(indentor: Indentor, at_mm: float, top: CubicSpline) -> Touch:
+def _prismatic(indentor: Indentor, at_mm: float, top: CubicSpline) -> FirstTouch:
     low, high = top.x[0], top.x[-1]
     s = np.linspace(low, high, int((high - low) / _GRID_MM) + 1)
     gaps = indentor.evaluate((s - at_mm)[None]).height_mm - top(s)
@@ -61,7 +61,7 @@ def _prismatic(indentor: Indentor, at_mm: float, top: CubicSpline) -> Touch:
     return _lower(gap(float(s[best])), (float(s[best]),), float(found.fun), (float(found.x),))
 
 
-def _round(indentor: Indentor, at_mm: tuple[float, ...], skin: Skin) -> Touch:
+def _round(indentor: Indentor, at_mm: tuple[float, ...], skin: SkinSurface) -> FirstTouch:
     centre = np.array(at_mm)
     ends = np.array([skin.ridge.x[[0, -1]], skin.crest.x[[0, -1]]])
 
@@ -85,11 +85,11 @@ def _round(indentor: Indentor, at_mm: tuple[float, ...], skin: Skin) -> Touch:
     )
 
 
-def _lower(gap: float, at: tuple[float, ...], other_gap: float, other_at: tuple[float, ...]) -> Touch:
-    return Touch(-gap, at) if gap < other_gap else Touch(-other_gap, other_at)
+def _lower(gap: float, at: tuple[float, ...], other_gap: float, other_at: tuple[float, ...]) -> FirstTouch:
+    return FirstTouch(-gap, at) if gap < other_gap else FirstTouch(-other_gap, other_at)
 
 
-def _anywhere(indentor: Indentor, at_mm: tuple[float, ...], skin: Skin) -> Touch:
+def _anywhere(indentor: Indentor, at_mm: tuple[float, ...], skin: SkinSurface) -> FirstTouch:
     """As `_round`, for a surface with features finer than that grid: the best places are looked at ever closer."""
     centre = np.array(at_mm)[:, None]
     ends = np.array([skin.ridge.x[[0, -1]], skin.crest.x[[0, -1]]])
@@ -99,7 +99,7 @@ def _anywhere(indentor: Indentor, at_mm: tuple[float, ...], skin: Skin) -> Touch
         gaps = indentor.evaluate(places - centre).height_mm - skin.height(*places)
         best = places[:, np.argsort(gaps, kind="stable")[:_BEST_PLACES]]
         if spacing < _FINEST_GRID_MM:
-            return Touch(-float(gaps.min()), (float(best[0, 0]), float(best[1, 0])))
+            return FirstTouch(-float(gaps.min()), (float(best[0, 0]), float(best[1, 0])))
         spacing /= _FINER
         around = np.stack(np.meshgrid(*[np.arange(-_FINER, _FINER + 1) * spacing] * 2)).reshape(2, 1, -1)
         places = np.unique((best[:, :, None] + around).reshape(2, -1), axis=1)

@@ -9,8 +9,8 @@ import numpy as np
 from sim.contact.indentor import Indentor
 from sim.contact.measured_profile import MeasuredProfile
 from sim.contact.patch import Patch
-from sim.contact.points import Pose
-from sim.contact.profiles import Cylinder, Step
+from sim.contact.points import ContactPose
+from sim.contact.profiles import Cylinder, SinusoidalStep
 from sim.contact.solver import solve_contact
 
 _log = logging.getLogger(__name__)
@@ -38,9 +38,9 @@ class _Compiling(numba_events.Listener):
 def make_ready() -> None:
     """Have what a press needs in memory: a patch of a few nodes is pressed. Does nothing a second time."""
     with numba_events.install_listener("numba:compile", _Compiling()):
-        for profile in (Step("1"), MeasuredProfile("two points", (-1.0, 1.0), (0.0, 0.0))):
+        for profile in (SinusoidalStep("1"), MeasuredProfile("two points", (-1.0, 1.0), (0.0, 0.0))):
             profile.evaluate(np.zeros(1))
-        pose = Pose(Indentor.along(Cylinder(1.0)), (0.0,), -_DEEP_MM, _DEEP_MM)
+        pose = ContactPose(Indentor.along(Cylinder(1.0)), (0.0,), -_DEEP_MM, _DEEP_MM)
         solve_contact(_few_nodes(), pose, between_nodes=True)
 
 

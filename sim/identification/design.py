@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.identification.bands import Width, band
-from sim.identification.forward import Foreseen, RampAndHold, Way, nominal_way
+from sim.identification.forward import Foreseen, PressTrajectory, RampAndHold, nominal_way
 from sim.identification.posterior import PRESS_ERROR, READING_ERROR, SHAPE_ERROR, Learned
 
 Array = NDArray[np.float64]
@@ -27,7 +27,7 @@ class PressAt:
     x_mm: float
     doi_mm: float
 
-    def way(self, pace: RampAndHold) -> Way:
+    def way(self, pace: RampAndHold) -> PressTrajectory:
         """As the bench is expected to press it."""
         return nominal_way(self.indentor, self.x_mm, self.doi_mm, pace, _RAMP_SHARES)
 
@@ -47,7 +47,7 @@ def _highest(forces_gwt: Array, share: float) -> float:
     return float(np.quantile(forces_gwt.max(axis=1), share)) * (1 + 2 * PRESS_ERROR)
 
 
-class Search(NamedTuple):
+class SkinSearch(NamedTuple):
     """How far from where it is expected the skin is looked for, and what force tells that it is there."""
 
     mm: float
@@ -58,7 +58,7 @@ class Chooser:
     """The presses that are wanted, and which one tells most of them."""
 
     def __init__(
-        self, foreseen: Foreseen, goals: Sequence[PressAt], pace: RampAndHold, search: Search | None = None
+        self, foreseen: Foreseen, goals: Sequence[PressAt], pace: RampAndHold, search: SkinSearch | None = None
     ) -> None:
         """search: None where the skin is found wherever it lies."""
         self.foreseen, self.goals, self.pace, self.search = foreseen, tuple(goals), pace, search
@@ -95,11 +95,11 @@ class Chooser:
         least = min(_FOUND, max(found.values()))
         return [press for press in menu if found[press.indentor, press.x_mm] >= least]
 
-    def _found(self, indentor: str, x_mm: float, search: Search, draws: Array) -> float:
+    def _found(self, indentor: str, x_mm: float, search: SkinSearch, draws: Array) -> float:
         """The share of fingers that are felt within the search, relaxed as they may be."""
         expected_mm = float(self.foreseen.table(indentor).touches_mm(np.array([x_mm]))[0])
         once, lowest_mm = np.zeros(1), np.array([expected_mm - search.mm])
-        elastic = self.foreseen.elastic_gwt(draws, Way(indentor, x_mm, once, lowest_mm, once))[:, 0]
+        elastic = self.foreseen.elastic_gwt(draws, PressTrajectory(indentor, x_mm, once, lowest_mm, once))[:, 0]
         felt = self.foreseen.lasting(draws) * elastic >= search.felt_gwt
         not_above = self.foreseen.touches_mm(draws, indentor, x_mm) <= expected_mm + search.mm
         return float(np.mean(felt & not_above))

@@ -11,7 +11,7 @@ from sim.config import FingertipConfig
 from sim.contact.indentor import ALONG
 from sim.contact.shapes import parse_shape
 from sim.identification.prior import LEAST_STIFFENING, TAU_FAST_S, TISSUE, Prior, tissue_of
-from sim.identification.shape_table import SHALLOWEST_MM, Axis, Scope, ShapeTable, shipped
+from sim.identification.shape_table import SHALLOWEST_MM, ChebyshevAxis, Scope, ShapeTable, shipped
 from sim.measures.receptors import ReceptorPlaces
 from sim.models.fingertip import Fingertip
 from sim.models.interpolation import make_node, nodes_for
@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Way:
+class PressTrajectory:
     """An indentor on its way down, and when its force is asked for.
 
     It moves evenly in the first half of the time from one height to the next, and stays where it came to.
@@ -58,7 +58,7 @@ class Way:
 class Given:
     """A press as it was read: forces less the zero, gwt, and how well one reading is known."""
 
-    way: Way
+    way: PressTrajectory
     force_gwt: Array  # (r,)
     noise_gwt: float  # sd of a reading
     zero_sd_gwt: float  # of what was taken off all of them
@@ -66,19 +66,21 @@ class Given:
     contact_mm: float = 0.0  # height at which the touch found the skin
 
     @property
-    def by_depth(self) -> Way:
+    def by_depth(self) -> PressTrajectory:
         """The way from where the touch found the skin."""
         return replace(self.way, height_mm=self.way.height_mm - self.contact_mm, by_depth=True)
 
 
-def nominal_way(indentor: str, x_mm: float, doi_mm: float, pace: "RampAndHold", shares: Sequence[float]) -> Way:
+def nominal_way(
+    indentor: str, x_mm: float, doi_mm: float, pace: "RampAndHold", shares: Sequence[float]
+) -> PressTrajectory:
     """A press to a depth past first touch, asked for at shares of its ramp, and over its hold at the end."""
     steps = max(int(np.ceil(doi_mm / pace.increment_mm - 1e-9)), 1)
     heights = np.array([-doi_mm * k / steps for k in range(steps + 1)])
     t_s = np.array([pace.step_s * k for k in range(steps + 1)])
     at = np.unique([max(round(share * steps), 1) for share in shares])
     held = [float(t_s[-1]) + pace.hold_s * (k + 0.5) / pace.readings for k in range(pace.readings)]
-    return Way(indentor, x_mm, t_s, heights, np.array([*t_s[at], *held]), by_depth=True)
+    return PressTrajectory(indentor, x_mm, t_s, heights, np.array([*t_s[at], *held]), by_depth=True)
 
 
 @dataclass(frozen=True)
@@ -97,9 +99,9 @@ _NODES = 4
 _TAU_NODES = 4
 
 
-def tissue_axes(prior: Prior) -> tuple[Axis, ...]:
+def tissue_axes(prior: Prior) -> tuple[ChebyshevAxis, ...]:
     """Those of the prior that a model of the finger is made anew for."""
-    return tuple(Axis(p.name, p.low, p.high, _NODES) for p in map(prior.parameter, TISSUE))
+    return tuple(ChebyshevAxis(p.name, p.low, p.high, _NODES) for p in map(prior.parameter, TISSUE))
 
 
 def finger_of(config: FingertipConfig, values: Mapping[str, float]) -> Fingertip:
@@ -154,7 +156,7 @@ class Foreseen:
     def _made_of(self) -> object:
         return made_of(self.config)
 
-    def forces_gwt(self, draws: Array, way: Way) -> Array:
+    def forces_gwt(self, draws: Array, way: PressTrajectory) -> Array:
         """(n, r) on the way, of (n, p) fingers."""
         elastic = self.elastic_gwt(draws, way)
         fast, slow = (self._column(draws, name) for name in ("share_fast", "share_slow"))
@@ -169,7 +171,7 @@ class Foreseen:
         """(n,) share of a force that never relaxes."""
         return np.asarray(1 - self._column(draws, "share_fast") - self._column(draws, "share_slow"))
 
-    def elastic_gwt(self, draws: Array, way: Way) -> Array:
+    def elastic_gwt(self, draws: Array, way: PressTrajectory) -> Array:
         """(n, p) at the heights, were there no relaxation."""
         table = self.table(way.indentor)
         x_mm = way.x_mm - self._column(draws, "x_mm")
@@ -185,7 +187,7 @@ class Foreseen:
         return np.asarray(touch_mm + self._column(draws, "height_mm"))
 
     @property
-    def _tau(self) -> Axis:
+    def _tau(self) -> ChebyshevAxis:
         p = self.prior.parameter("ln_tau_slow_s")
         return _tau_axis(p.low, p.high)
 
@@ -201,5 +203,5 @@ def made_of(config: FingertipConfig) -> object:
 
 
 @lru_cache
-def _tau_axis(low: float, high: float) -> Axis:
-    return Axis("ln_tau_slow_s", low, high, _TAU_NODES)
+def _tau_axis(low: float, high: float) -> ChebyshevAxis:
+    return ChebyshevAxis("ln_tau_slow_s", low, high, _TAU_NODES)

@@ -68,7 +68,7 @@ def nothing_learned(prior: Prior, chance: np.random.Generator, n: int = DRAWS) -
     return Learned(prior, prior.draws(n, chance), prior.middle, none, none.astype(np.int64), 0.0, float(n))
 
 
-class Readings:
+class PressResiduals:
     """The presses so far, and how far any finger is off them."""
 
     def __init__(self, foreseen: Foreseen, presses: Sequence[Given]) -> None:
@@ -99,7 +99,7 @@ class Readings:
 
 def learn(foreseen: Foreseen, presses: Sequence[Given], before: Learned, chance: np.random.Generator) -> Learned:
     """What all presses together say; before: what was known, to begin from."""
-    prior, readings = foreseen.prior, Readings(foreseen, presses)
+    prior, readings = foreseen.prior, PressResiduals(foreseen, presses)
     start = _start(readings, before, chance)
     likeliest, spread = _climbed(prior, readings, start)
     middle, covariance, draws, weights = likeliest, _WIDER * spread, before.draws, np.ones(1)
@@ -164,13 +164,13 @@ def _slope_gwt_mm(press: Given) -> Array:
     return np.asarray(1.7 * np.maximum(press.force_gwt, 0.0) / np.maximum(touch_mm - height + 0.03, 0.03))
 
 
-def _start(readings: Readings, before: Learned, chance: np.random.Generator) -> Array:
+def _start(readings: PressResiduals, before: Learned, chance: np.random.Generator) -> Array:
     """The best of what was likely before, and of the prior."""
     tried = np.concatenate([before.draws[:_STARTS], before.prior.draws(_STARTS, chance)])
     return np.asarray(tried[np.argmin((readings.off(tried) ** 2).sum(axis=1))])
 
 
-def _climbed(prior: Prior, readings: Readings, start: Array) -> tuple[Array, Array]:
+def _climbed(prior: Prior, readings: PressResiduals, start: Array) -> tuple[Array, Array]:
     """The likeliest finger within the ranges, and its covariance were all linear (Levenberg and Marquardt)."""
     (low, high), sd = prior.bounds, prior.sd
     at, damping = start, 1e-2
@@ -192,7 +192,7 @@ def _climbed(prior: Prior, readings: Readings, start: Array) -> tuple[Array, Arr
     return at, np.asarray(np.linalg.inv(slope.T @ slope) * np.outer(sd, sd))
 
 
-def _slopes(readings: Readings, at: Array, sd: Array) -> Array:
+def _slopes(readings: PressResiduals, at: Array, sd: Array) -> Array:
     """(r, p) of the standardised differences over parameters in units of their sd in the prior."""
     step = _STEP * np.diag(sd)
     off = readings.off(np.concatenate([at + step, at - step]))
@@ -207,7 +207,7 @@ def _student(middle: Array, covariance: Array, n: int, chance: np.random.Generat
     return middle + z @ root.T, -0.5 * (_FREEDOM + len(middle)) * np.log1p((z**2).sum(axis=1) / _FREEDOM)
 
 
-def _weights(prior: Prior, readings: Readings, draws: Array, ln_density: Array) -> Array:
+def _weights(prior: Prior, readings: PressResiduals, draws: Array, ln_density: Array) -> Array:
     """(n,) that sum to 1."""
     within = prior.within(draws)
     ln = np.full(len(draws), -np.inf)

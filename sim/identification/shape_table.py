@@ -32,7 +32,7 @@ _SHALLOW_EXPONENT = 1.5  # below the shallowest node: Hertz
 
 
 @dataclass(frozen=True)
-class Axis:
+class ChebyshevAxis:
     """A range with Chebyshev's nodes."""
 
     name: str
@@ -66,27 +66,27 @@ class Axis:
 class Scope:
     """Where a table holds: tissue, places and depths."""
 
-    tissue: tuple[Axis, ...]
+    tissue: tuple[ChebyshevAxis, ...]
     farthest_mm: float  # from the pad's centre
     depth_mm: tuple[float, float]
     places: int = 7
     depths: int = 9
 
     @property
-    def x(self) -> Axis:
+    def x(self) -> ChebyshevAxis:
         """Places of the indentor."""
-        return Axis("x_mm", -self.farthest_mm, self.farthest_mm, self.places)
+        return ChebyshevAxis("x_mm", -self.farthest_mm, self.farthest_mm, self.places)
 
     @property
-    def touch_x(self) -> Axis:
+    def touch_x(self) -> ChebyshevAxis:
         """The same, closer together: of first touch, which is geometry alone."""
-        return Axis("x_mm", -self.farthest_mm, self.farthest_mm, _TOUCH_NODES)
+        return ChebyshevAxis("x_mm", -self.farthest_mm, self.farthest_mm, _TOUCH_NODES)
 
     @property
-    def depth(self) -> Axis:
+    def depth(self) -> ChebyshevAxis:
         """Logarithm of depth."""
         low, high = np.log(self.depth_mm)
-        return Axis("ln_doi_mm", float(low), float(high), self.depths)
+        return ChebyshevAxis("ln_doi_mm", float(low), float(high), self.depths)
 
     def down_to(self, deepest_mm: float) -> "Scope":
         """The same, less deep."""

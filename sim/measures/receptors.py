@@ -121,7 +121,7 @@ def strain_operator(mesh: FingerMesh, points_mm: Array) -> tuple[sp.csr_array, I
 
 
 @dataclass(frozen=True)
-class Place:
+class MeshLocation:
     """Where a point is in the mesh; axes are the grid's: axial, circumferential, radial."""
 
     element: int
@@ -129,7 +129,7 @@ class Place:
     local: Array  # (3,) in that cell, −1 … 1
 
 
-class Samples(NamedTuple):
+class StrainSamples(NamedTuple):
     """Strain as a weighted sum of strains within elements."""
 
     elements: Ints  # (m,)
@@ -137,7 +137,7 @@ class Samples(NamedTuple):
     weights: Array  # (m,)
 
 
-def located(mesh: FingerMesh, point: Array) -> Place:
+def located(mesh: FingerMesh, point: Array) -> MeshLocation:
     """The cell that holds a point; raises ReceptorError at an end of the finger and beyond."""
     grid, order = mesh.element_grid, mesh.order
     at = np.array(np.unravel_index(np.argmin(((mesh.centre_mm - point) ** 2).sum(axis=1)), grid.shape))
@@ -150,7 +150,7 @@ def located(mesh: FingerMesh, point: Array) -> Place:
             cell = order * at + half
             if not 1 <= cell[0] < mesh.grid[0] - 2:
                 break
-            return Place(element, tuple(cell.tolist()), local if order == 1 else 2 * local - (2 * half - 1))
+            return MeshLocation(element, tuple(cell.tolist()), local if order == 1 else 2 * local - (2 * half - 1))
         at = at + away
         at[1] %= grid.shape[1]
         if (at[[0, 2]] < 0).any() or (at >= grid.shape).any():
@@ -166,7 +166,7 @@ def located(mesh: FingerMesh, point: Array) -> Place:
     )
 
 
-def blended(mesh: FingerMesh, place: Place, point: Array) -> Samples:
+def blended(mesh: FingerMesh, place: MeshLocation, point: Array) -> StrainSamples:
     """Quadratics around the point's cell and its neighbours, each counting the more the nearer its cell.
 
     Weights are products of 1 − |ξ|/2 for a cell and |ξ|/2 for its neighbour on the point's side: on a face between
@@ -181,7 +181,7 @@ def blended(mesh: FingerMesh, place: Place, point: Array) -> Samples:
     return fits._replace(weights=(weights[:, None] * fits.weights.reshape(len(beside), -1)).ravel())
 
 
-def quadratic_fit(mesh: FingerMesh, cell: tuple[int, int, int], point: Array) -> Samples:
+def quadratic_fit(mesh: FingerMesh, cell: tuple[int, int, int], point: Array) -> StrainSamples:
     """A least-squares quadratic through the samples of 3 × 3 × 3 cells of one layer, evaluated at a point.
 
     In the radius only as many rows as the layer has.
@@ -189,12 +189,12 @@ def quadratic_fit(mesh: FingerMesh, cell: tuple[int, int, int], point: Array) ->
     return _quadratic_fits(mesh, [cell], point)
 
 
-def _quadratic_fits(mesh: FingerMesh, cells: Sequence[tuple[int, int, int]], point: Array) -> Samples:
+def _quadratic_fits(mesh: FingerMesh, cells: Sequence[tuple[int, int, int]], point: Array) -> StrainSamples:
     """Those around several cells of one layer, one after the other."""
     elements, local = sampled(mesh, np.concatenate([patch_around(mesh, cell) for cell in cells]))
     corners = mesh.nodes[mesh.hexes[elements]]
     position = np.einsum("mk,mki->mi", shape_functions(corners.shape[1], local)[0], corners)
-    return Samples(elements, local, _fit_weights((position - point).reshape(len(cells), -1, 3)).ravel())
+    return StrainSamples(elements, local, _fit_weights((position - point).reshape(len(cells), -1, 3)).ravel())
 
 
 def patch_around(mesh: FingerMesh, cell: tuple[int, int, int]) -> Ints:
@@ -218,7 +218,7 @@ def sampled(mesh: FingerMesh, cells: Ints) -> tuple[Ints, Array]:
     return elements, (0.0 if mesh.order == 1 else 1 / np.sqrt(3)) * (side * [1, 1, -1])[:, ::-1]
 
 
-def operator_of(mesh: FingerMesh, samples: Sequence[Samples]) -> sp.csr_array:
+def operator_of(mesh: FingerMesh, samples: Sequence[StrainSamples]) -> sp.csr_array:
     """(6n, 3 n_nodes) map from nodal displacements (mm) to the strains that n sets of samples stand for.
 
     Points near one another share samples: each is evaluated once.

@@ -43,7 +43,7 @@ class CacheError(SimError, ValueError):
     default_code = "bad_cache"
 
 
-class Entry(NamedTuple):
+class CacheEntry(NamedTuple):
     """A file of the cache."""
 
     path: Path
@@ -68,18 +68,18 @@ def most_bytes() -> float:
     return most
 
 
-def entries() -> list[Entry]:
+def entries() -> list[CacheEntry]:
     """What is kept, what was read last first."""
     found = []
     for kind in KINDS:
         for path in cache_dir().glob(f"*.{kind}"):
             with contextlib.suppress(OSError):  # another process may have removed it
                 stat = path.stat()
-                found.append(Entry(path, kind, stat.st_size, stat.st_mtime_ns))
+                found.append(CacheEntry(path, kind, stat.st_size, stat.st_mtime_ns))
     return sorted(found, key=lambda entry: -entry.read_ns)
 
 
-def prune(most: float) -> list[Entry]:
+def prune(most: float) -> list[CacheEntry]:
     """Remove what was not read for longest until the rest takes so many bytes or less; what was removed."""
     kept = entries()
     up_to_here = np.cumsum([entry.size for entry in kept])

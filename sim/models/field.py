@@ -16,7 +16,7 @@ from sim.measures.receptors import ReceptorSet, points_below
 from sim.models.adjoint import Progress
 from sim.models.condensed import Columns, CondensedModel
 from sim.models.result import IndentationResult
-from sim.models.sources import HalfWidths, MeshKey, Source
+from sim.models.sources import HalfWidths, MeshKey, ModelSource
 from sim.models.stiffening import refuse_stiffening
 from sim.models.strain_field import Interior
 from sim.units import PSEUDO_E_EPIDERMIS
@@ -72,7 +72,7 @@ def mesh_key(result: IndentationResult) -> MeshKey:
 class Anywhere:
     """Where strain is asked for once it is asked for again: columns of some sets and one mesh's factor are kept."""
 
-    def __init__(self, source: Source, poisson: float) -> None:
+    def __init__(self, source: ModelSource, poisson: float) -> None:
         self._source = source
         self._poisson = poisson
         self._interiors: dict[MeshKey, Interior | None] = {}

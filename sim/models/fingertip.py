@@ -15,7 +15,7 @@ from threadpoolctl import ThreadpoolController
 from sim.config import FingertipConfig
 from sim.contact.indentor import ALONG, Indentor
 from sim.contact.patch import X, Z
-from sim.contact.profiles import Profile
+from sim.contact.profiles import IndentorProfile
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import TARGET_RESIDUAL, ContactState
 from sim.contact.touch import first_touch
@@ -30,7 +30,7 @@ from sim.models.interpolation import Interpolated
 from sim.models.pictures import ModelOutline, finger_as_html
 from sim.models.pressing import PlacedIndentor, Pressing, RimError, refuse_beside_the_finger, refuse_meaningless
 from sim.models.result import IndentationResult, PointLoadResult
-from sim.models.sources import ByRecipe, HalfWidths, MeshKey, OnDisk, Recipe, Source, half_widths, larger
+from sim.models.sources import ByRecipe, HalfWidths, MeshKey, ModelSource, OnDisk, Recipe, half_widths, larger
 from sim.models.stiffening import Under, refuse_stiffening, thickness_mm
 from sim.units import GWT_N
 
@@ -51,7 +51,9 @@ class Fingertip(ByRecipe, SeenInside):
     pickle holds the recipe only, and whoever reads it takes the models from the cache.
     """
 
-    def __init__(self, config: FingertipConfig, surface: FingertipSurface, source: Source, recipe: Recipe) -> None:
+    def __init__(
+        self, config: FingertipConfig, surface: FingertipSurface, source: ModelSource, recipe: Recipe
+    ) -> None:
         self.config = config
         self.surface = surface
         self.recipe = recipe
@@ -135,7 +137,7 @@ class Fingertip(ByRecipe, SeenInside):
 
     def touch_height_mm(
         self,
-        indentor: Indentor | Profile | str,
+        indentor: Indentor | IndentorProfile | str,
         x_mm: float,
         reference: Reference = "contact",
         z_mm: float | None = None,
@@ -150,7 +152,7 @@ class Fingertip(ByRecipe, SeenInside):
 
     def indent(
         self,
-        indentor: Indentor | Profile | str,
+        indentor: Indentor | IndentorProfile | str,
         x_mm: float = 0.0,
         *,
         z_mm: float | None = None,
@@ -302,7 +304,7 @@ def _outline(model: CondensedModel, poisson: float, patch: HalfWidths | None) ->
     )
 
 
-def _indentor(shape: Indentor | Profile | str) -> Indentor:
+def _indentor(shape: Indentor | IndentorProfile | str) -> Indentor:
     if isinstance(shape, Indentor):
         return shape
     return parse_shape(shape) if isinstance(shape, str) else Indentor.along(shape)

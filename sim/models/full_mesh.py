@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import griddata
 
 from sim.config import FingertipConfig
-from sim.contact.profiles import Profile
+from sim.contact.profiles import IndentorProfile
 from sim.fem.elements import strain_matrix
 from sim.finger.mesh import FingerMesh, MeshError, build_mesh
 from sim.finger.surface import FingertipSurface
@@ -81,7 +81,7 @@ def write_held_deck(path: Path, finger: MeshedFinger, nodes: Ints, displacement_
 
 
 def write_contact_deck(
-    path: Path, finger: MeshedFinger, profile: Profile, x_mm: float, touch_mm: float, doi_mm: float
+    path: Path, finger: MeshedFinger, profile: IndentorProfile, x_mm: float, touch_mm: float, doi_mm: float
 ) -> None:
     """A rigid indentor pressed from first touch to a depth, node to surface; prints the sum of its reactions."""
     mesh = finger.mesh
@@ -143,7 +143,7 @@ def _step(finger: MeshedFinger, card: str) -> str:
 
 
 def _indentor(
-    profile: Profile, x_mm: float, lowest_mm: float, z0: float, z1: float
+    profile: IndentorProfile, x_mm: float, lowest_mm: float, z0: float, z1: float
 ) -> tuple[Array, Ints, list[tuple[int, str]]]:
     """Nodes, bricks and contact faces of the profile extruded along z, where it is not steeper than its flanks."""
     s = np.unique(np.concatenate([np.linspace(-_INDENTOR_HALF_MM, _INDENTOR_HALF_MM, 137), *_bends(profile)]))
@@ -160,7 +160,7 @@ def _indentor(
     return corners, bricks, [(int(element), "S3") for element in k]
 
 
-def _bends(profile: Profile) -> Iterable[Array]:
+def _bends(profile: IndentorProfile) -> Iterable[Array]:
     """Extra stations where the profile curves, so that facets follow it within a micrometre or so."""
     s = np.linspace(-_INDENTOR_HALF_MM, _INDENTOR_HALF_MM, 40001)
     _, slope, curvature = profile.evaluate(s)

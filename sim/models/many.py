@@ -13,16 +13,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from sim.contact.indentor import Indentor
-from sim.contact.profiles import Profile
+from sim.contact.profiles import IndentorProfile
 from sim.errors import ArgumentError, SimError
 from sim.models.fingertip import Fingertip, Reference
 from sim.models.pictures import ModelOutline
-from sim.models.result import Answer, Asked, IndentationResult, Indentations
+from sim.models.result import IndentationOutcome, IndentationRequest, IndentationResult, Indentations
 from sim.workers import in_processes, keep_freed_memory
 
-Shape = Indentor | Profile | str
+Shape = Indentor | IndentorProfile | str
 Progress = Callable[[int, int], object]
-Numbered = tuple[int, Asked]
+Numbered = tuple[int, IndentationRequest]
 
 _TASKS_A_CORE = 16
 _MOST_PLACES_A_TASK = 16
@@ -66,7 +66,7 @@ def indent_many(
     if cores is not None and cores < 1:
         raise ArgumentError("cores = {cores}: expected 1 or more, or None for all", code="no_cores", cores=cores)
     asked = _rows(shapes, x_mm, z_mm, doi_mm, force_gwt)
-    answers: dict[int, Answer] = {}
+    answers: dict[int, IndentationOutcome] = {}
     outlines: dict[Hashable, ModelOutline] = {}
     how: How = {"reference": reference, "other_paths": other_paths}
     for found in _found(finger, how, _by_place(asked), cores or os.cpu_count() or 1):
@@ -76,18 +76,18 @@ def indent_many(
     return Indentations(tuple(asked), tuple(answers[row] for row in range(len(asked))))
 
 
-def _rows(shapes: Shape | Sequence[Shape], x_mm: ArrayLike, *given: ArrayLike | None) -> list[Asked]:
+def _rows(shapes: Shape | Sequence[Shape], x_mm: ArrayLike, *given: ArrayLike | None) -> list[IndentationRequest]:
     """One for each element of what the arguments broadcast to."""
     numbers = [np.asarray(np.nan if values is None else values, dtype=float) for values in (x_mm, *given)]
     every = [array.ravel().tolist() for array in np.broadcast_arrays(np.array(shapes, dtype=object), *numbers)]
-    return [Asked(shape, x, *map(_given, rest)) for shape, x, *rest in zip(*every, strict=True)]
+    return [IndentationRequest(shape, x, *map(_given, rest)) for shape, x, *rest in zip(*every, strict=True)]
 
 
 def _given(value: float) -> float | None:
     return None if np.isnan(value) else value
 
 
-def _by_place(asked: Sequence[Asked]) -> list[list[Numbered]]:
+def _by_place(asked: Sequence[IndentationRequest]) -> list[list[Numbered]]:
     """What is pressed at the same place stays together: depths there share the way down."""
     groups: dict[Hashable, list[Numbered]] = defaultdict(list)
     for row, one in enumerate(asked):
@@ -97,7 +97,7 @@ def _by_place(asked: Sequence[Asked]) -> list[list[Numbered]]:
 
 def _found(
     finger: Fingertip, how: How, places: list[list[Numbered]], cores: int
-) -> Iterator[list[tuple[int, Answer]]]:
+) -> Iterator[list[tuple[int, IndentationOutcome]]]:
     """Answers with their rows, a few places at a time."""
     press = partial(_pressed, finger, how)
     if cores == 1 or len(places) < 2:
@@ -114,7 +114,7 @@ def _found(
         ) from None
 
 
-def _pressed(finger: Fingertip, how: How, places: list[list[Numbered]]) -> list[tuple[int, Answer]]:
+def _pressed(finger: Fingertip, how: How, places: list[list[Numbered]]) -> list[tuple[int, IndentationOutcome]]:
     if parent_process() is not None:
         keep_freed_memory()
     found = []
@@ -124,18 +124,20 @@ def _pressed(finger: Fingertip, how: How, places: list[list[Numbered]]) -> list[
     return found
 
 
-def _answer(finger: Fingertip, how: How, asked: Asked) -> Answer:
+def _answer(finger: Fingertip, how: How, asked: IndentationRequest) -> IndentationOutcome:
     shape, x_mm, z_mm, doi_mm, force_gwt = asked
     try:
         result = finger.indent(shape, x_mm, z_mm=z_mm, doi_mm=doi_mm, force_gwt=force_gwt, **how)
     except ValueError as error:  # what models and shapes refuse
-        return Answer(None, str(error), error.code if isinstance(error, SimError) else ArgumentError.default_code)
+        return IndentationOutcome(
+            None, str(error), error.code if isinstance(error, SimError) else ArgumentError.default_code
+        )
     if not result.state.converged:
-        return Answer(result, f"not converged, residual {result.state.residual:.0e}", "not_converged")
-    return Answer(result)
+        return IndentationOutcome(result, f"not converged, residual {result.state.residual:.0e}", "not_converged")
+    return IndentationOutcome(result)
 
 
-def _with_shared(answer: Answer, outlines: dict[Hashable, Any]) -> Answer:
+def _with_shared(answer: IndentationOutcome, outlines: dict[Hashable, Any]) -> IndentationOutcome:
     """What came from another process, with the outline that the others of its model have."""
     result: IndentationResult | None = answer.result
     if result is None:

@@ -15,9 +15,9 @@ from sim.contact.force_control import ForceNotReachedError, TooDeepError, solve_
 from sim.contact.indentor import EDGE_RADIUS_MM, SHARP_RADIUS_MM, Indentor
 from sim.contact.patch import X, Y, Z
 from sim.contact.planes import Gathered
-from sim.contact.points import Pose
+from sim.contact.points import ContactPose
 from sim.contact.solver import ContactState, solve_contact
-from sim.contact.touch import Touch
+from sim.contact.touch import FirstTouch
 from sim.errors import ForceOutOfReachError, ModelRangeError, z_outside
 from sim.models.condensed import CondensedModel
 from sim.models.relaxation import held_at
@@ -89,12 +89,12 @@ class PlacedIndentor:
     indentor: Indentor
     place: tuple[float, ...]
     zero_mm: float  # height of the indentor's lowest point where DOI is zero
-    touch: Touch
+    touch: FirstTouch
     model: CondensedModel
 
-    def pose(self, doi_mm: float) -> Pose:
+    def pose(self, doi_mm: float) -> ContactPose:
         """Where the indentor is at a depth."""
-        return Pose(self.indentor, self.place, self.zero_mm - doi_mm, max(doi_mm, _LEAST_SCALE_MM))
+        return ContactPose(self.indentor, self.place, self.zero_mm - doi_mm, max(doi_mm, _LEAST_SCALE_MM))
 
     @property
     def first_mm(self) -> float:
@@ -152,7 +152,7 @@ class PlacedIndentor:
                 told = {"code": "touch_beside_patch", "axis": _AXIS_NAMES[axis], "touch_mm": float(at)}
                 raise self._beyond(what, (place[X], place[Z]), np.zeros((0, 2)), **told)
 
-    def refuse_rim(self, pose: Pose, state: ContactState) -> None:
+    def refuse_rim(self, pose: ContactPose, state: ContactState) -> None:
         """Refuse an answer when the indentor touches skin that the patch does not hold."""
         patch, beside = self.model.patch, self.model.outside_mm
         at_rim = np.flatnonzero(state.active & patch.rim)

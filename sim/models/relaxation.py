@@ -92,7 +92,7 @@ class Prony:
 
 
 @dataclass(frozen=True)
-class Ahead:
+class RelaxationStep:
     """What a step of time makes of the past: f = stiffness · (p − carried)."""
 
     stiffness: float  # G as the step has it on average; 1 for a sudden one
@@ -112,7 +112,7 @@ class Memory:
         """Of tissue that was never touched."""
         return cls(prony, np.zeros(shape), np.zeros((len(prony.shares), *shape)))
 
-    def ahead(self, step_s: float) -> Ahead:
+    def ahead(self, step_s: float) -> RelaxationStep:
         """A step of time from here; 0 s is a sudden one. Raises ValueError for a step back."""
         if not step_s >= 0 or math.isinf(step_s):
             raise ArgumentError(
@@ -123,7 +123,7 @@ class Memory:
         weights = shares * (-np.expm1(-step_s / tau_s) * tau_s / step_s if step_s > 0 else 1.0)
         stiffness = self._prony.lasting + float(weights.sum())
         past = weights.sum() * self.borne - np.tensordot(decays, self._kept, axes=1)
-        return Ahead(stiffness, past / stiffness, decays, weights)
+        return RelaxationStep(stiffness, past / stiffness, decays, weights)
 
     def released(self, step_s: float) -> "Memory":
         """Let go at once, so much later: f = 0 all the time, exact for any step."""
@@ -134,7 +134,7 @@ class Memory:
         kept = np.tensordot(expm(-step_s * rates), kept, axes=1)
         return Memory(self._prony, -kept.sum(axis=0) / lasting, kept)
 
-    def after(self, ahead: Ahead, borne: ArrayLike) -> "Memory":
+    def after(self, ahead: RelaxationStep, borne: ArrayLike) -> "Memory":
         """At the end of that step, p having gone to borne in a straight line."""
         went = np.asarray(borne, dtype=float) - self.borne
         column: Any = (slice(None), *[None] * self.borne.ndim)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from sim.contact.indentor import Indentor
 from sim.contact.patch import X, Z
-from sim.contact.points import Pose
-from sim.contact.profiles import Profile
+from sim.contact.points import ContactPose
+from sim.contact.profiles import IndentorProfile
 from sim.contact.solver import ContactState
 from sim.measures.measures import MEASURES
 from sim.models.pictures import ModelOutline, press_as_html
@@ -223,10 +223,10 @@ class IndentationResult:
         return press_as_html(self)
 
     @property
-    def _pose(self) -> Pose:
+    def _pose(self) -> ContactPose:
         """Where the indentor is; gaps are measured to it."""
         at_mm = tuple({X: self.x_mm, Z: self.z_mm}[axis] for axis in self.indentor.axes)
-        return Pose(self.indentor, at_mm, self.touch_height_mm - self.doi_mm, self.doi_mm)
+        return ContactPose(self.indentor, at_mm, self.touch_height_mm - self.doi_mm, self.doi_mm)
 
     def __getstate__(self) -> dict[str, Any]:
         kept = {field.name: getattr(self, field.name) for field in fields(self)}
@@ -317,17 +317,20 @@ _NUMBERS = (
 )
 
 
-class Asked(NamedTuple):
+class IndentationRequest(NamedTuple):
     """One indentation as it is asked for; None where nothing was said."""
 
-    shape: Indentor | Profile | str
+    shape: Indentor | IndentorProfile | str
     x_mm: float
     z_mm: float | None
     doi_mm: float | None
     force_gwt: float | None
 
 
-class Answer(NamedTuple):
+Asked = IndentationRequest  # so named in pickles of 0.1
+
+
+class IndentationOutcome(NamedTuple):
     """A result, or the reason why there is none; what has not converged has both."""
 
     result: IndentationResult | None
@@ -335,12 +338,15 @@ class Answer(NamedTuple):
     code: str = ""  # of the problem
 
 
+Answer = IndentationOutcome  # so named in pickles of 0.1
+
+
 @dataclass(frozen=True, repr=False)
 class Indentations:
     """What many indentations were asked for and answered."""
 
-    asked: tuple[Asked, ...]
-    answers: tuple[Answer, ...]
+    asked: tuple[IndentationRequest, ...]
+    answers: tuple[IndentationOutcome, ...]
 
     def __len__(self) -> int:
         return len(self.asked)
@@ -399,5 +405,5 @@ class Indentations:
         return np.array([np.nan if result is None else getattr(result, name) for result in self], dtype=float)
 
 
-def _name(shape: Indentor | Profile | str) -> str:
+def _name(shape: Indentor | IndentorProfile | str) -> str:
     return shape if isinstance(shape, str) else shape.name

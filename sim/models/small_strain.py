@@ -17,7 +17,7 @@ FILE = "small_strain.json"
 _LEAST_SAID = 0.01
 
 
-class Range(NamedTuple):
+class DeviationRange(NamedTuple):
     """Linear over finite strain, less one: the least and the most of all shapes compared."""
 
     low: float
@@ -44,8 +44,8 @@ class SmallStrain:
 
     kind: str
     doi_mm: float
-    force: Range | None
-    sed: Range | None
+    force: DeviationRange | None
+    sed: DeviationRange | None
     stiffening: float = 0.0
 
     @property
@@ -68,10 +68,10 @@ class SmallStrain:
 def small_strain(kind: str, doi_mm: float, stiffening: float = 0.0) -> SmallStrain:
     """Of a model's kind ("finger", "section", "halfspace") at the depth, or the deepest depth, of an answer in mm."""
     if stiffening > 0:
-        force, sed = (Range(-error, error) for error in (FORCE_ERROR, SED_ERROR))
+        force, sed = (DeviationRange(-error, error) for error in (FORCE_ERROR, SED_ERROR))
         return SmallStrain(kind, doi_mm, force, sed, stiffening)
     curve = _curves().get(kind.removeprefix("interpolated "), ())
-    points = [(0.0, Range(0.0, 0.0), Range(0.0, 0.0)), *curve]
+    points = [(0.0, DeviationRange(0.0, 0.0), DeviationRange(0.0, 0.0)), *curve]
     for (above, force, sed), (below, force_below, sed_below) in pairwise(points):
         if doi_mm <= below:
             share = (doi_mm - above) / (below - above)
@@ -79,20 +79,20 @@ def small_strain(kind: str, doi_mm: float, stiffening: float = 0.0) -> SmallStra
     return SmallStrain(kind, doi_mm, None, None)
 
 
-Point = tuple[float, Range, Range]
+Point = tuple[float, DeviationRange, DeviationRange]
 
 
 @cache
 def _curves() -> Mapping[str, tuple[Point, ...]]:
     kept = json.loads((files("sim.data") / FILE).read_text("utf-8"))
     return {
-        kind: tuple((row["doi_mm"], Range(*row["force"]), Range(*row["sed"])) for row in rows)
+        kind: tuple((row["doi_mm"], DeviationRange(*row["force"]), DeviationRange(*row["sed"])) for row in rows)
         for kind, rows in kept["curves"].items()
     }
 
 
-def _between(above: Range, below: Range, share: float) -> Range:
-    return Range(*(a + share * (b - a) for a, b in zip(above, below, strict=True)))
+def _between(above: DeviationRange, below: DeviationRange, share: float) -> DeviationRange:
+    return DeviationRange(*(a + share * (b - a) for a, b in zip(above, below, strict=True)))
 
 
 def _side(percent: int) -> str:

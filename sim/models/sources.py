@@ -110,7 +110,7 @@ MeshKey = tuple[tuple[int, ...], HalfWidths | None]
 """The axes along which indentors slope, and the half-widths of a patch that is not the mesh's own."""
 
 
-class Source(Protocol):
+class ModelSource(Protocol):
     """Gives a finger's models, and columns of strain under them."""
 
     def model(self, key: MeshKey) -> tuple[CondensedModel, bool]:

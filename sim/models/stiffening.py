@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sim.config import FingertipConfig, Tissue
 from sim.contact.indentor import Indentor
 from sim.contact.patch import X, Z
-from sim.contact.touch import Touch
+from sim.contact.touch import FirstTouch
 from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface
 from sim.measures.measures import STRAINS, STRESSES
@@ -24,7 +24,7 @@ from sim.units import PSEUDO_E_EPIDERMIS
 Array = NDArray[np.float64]
 
 
-class Press(NamedTuple):
+class DimensionlessPress(NamedTuple):
     """A press as numbers without unit; each may be an array."""
 
     depth: float | Array  # past first touch, over the tissue's thickness
@@ -35,7 +35,10 @@ class Press(NamedTuple):
     roof: float | Array  # stiffness of the epidermis, stretched, over that of what lies below it, squeezed
 
 
-class Force(NamedTuple):
+Press = DimensionlessPress  # so named in pickles of 0.1
+
+
+class ForceFactor(NamedTuple):
     """Numbers of the force's factor.
 
     A stiff skin is an arch that flattens, at first by its curvature alone; the stiffer it is, and the shorter the
@@ -54,13 +57,13 @@ class Force(NamedTuple):
     strain_depth: float
     strain_confined: float
 
-    def geometric(self, press: Press) -> Array:
+    def geometric(self, press: DimensionlessPress) -> Array:
         """Logarithm of the factor of tissue that does not stiffen."""
         lost = self.arch * press.roof**self.arch_roof * press.length**self.arch_length
         squeeze = self.squeeze * press.depth**self.squeeze_depth * press.width**self.squeeze_width
         return np.asarray(squeeze - lost * np.tanh(self.arch_slope * press.bend / lost))
 
-    def strained(self, press: Press) -> Array:
+    def strained(self, press: DimensionlessPress) -> Array:
         """By what times the stiffening, and 1, the law multiplies."""
         confined = np.exp(self.strain_confined * press.confined)
         return np.asarray(self.strain * press.depth**self.strain_depth * confined)
@@ -93,14 +96,14 @@ class Energy(NamedTuple):
     squeeze_roof: float
     strain: float
 
-    def geometric(self, press: Press, felt: Felt) -> Array:
+    def geometric(self, press: DimensionlessPress, felt: Felt) -> Array:
         """(n,) energy over half the shear modulus of tissue that does not stiffen."""
         share = felt.squeeze / press.depth
         moved = np.exp(press.depth * (self.gather * share - self.leave))
         layers = felt.soft**self.squeeze_soft * press.roof**self.squeeze_roof
         return np.asarray(felt.linear * moved + self.squeeze * layers * share * _beyond_small(felt.squeeze))
 
-    def strained(self, press: Press, felt: Felt) -> Array:
+    def strained(self, press: DimensionlessPress, felt: Felt) -> Array:
         """(n,) by what times the stiffening, and 1, the law multiplies."""
         invariant = 4 * felt.squeeze**2 + _beyond_small(felt.squeeze)
         return np.asarray(self.strain * invariant * np.exp(FORCE.strain_confined * press.confined))
@@ -112,7 +115,7 @@ def _beyond_small(squeeze: Array) -> Array:
     return np.asarray((stretch - 1 / stretch) ** 2 - 4 * squeeze**2)
 
 
-FORCE = Force(0.2121, 1.845, 0.8738, -0.6237, 1.012, 1.341, 0.2931, 0.5755, 12.26, 2.71, 0.9846)
+FORCE = ForceFactor(0.2121, 1.845, 0.8738, -0.6237, 1.012, 1.341, 0.2931, 0.5755, 12.26, 2.71, 0.9846)
 ENERGY = Energy(2.56, 1.94, 0.4056, 0.9115, 0.3392, 2.281)
 
 FORCE_ERROR, SED_ERROR = 0.1, 0.22
@@ -121,27 +124,27 @@ FORCE_ERROR, SED_ERROR = 0.1, 0.22
 _NONE = 1e-12
 
 
-def log_force(numbers: Force, stiffening: float | Array, press: Press) -> Array:
+def log_force(numbers: ForceFactor, stiffening: float | Array, press: DimensionlessPress) -> Array:
     """Logarithm of force over that of the linear twin."""
     return numbers.log(numbers.geometric(press), numbers.strained(press), stiffening)
 
 
-def log_energy(numbers: Energy, stiffening: float | Array, press: Press, felt: Felt) -> Array:
+def log_energy(numbers: Energy, stiffening: float | Array, press: DimensionlessPress, felt: Felt) -> Array:
     """(n,) logarithm of energy over the linear twin's."""
     law = 0.5 * np.log1p(stiffening * numbers.strained(press, felt))
     return np.asarray(np.log(_over_linear(numbers, press, felt)) + law)
 
 
-def _over_linear(numbers: Energy, press: Press, felt: Felt) -> Array:
+def _over_linear(numbers: Energy, press: DimensionlessPress, felt: Felt) -> Array:
     return np.asarray(numbers.geometric(press, felt) / np.maximum(felt.linear, _NONE))
 
 
-def force_factor(stiffening: float, press: Press) -> float:
+def force_factor(stiffening: float, press: DimensionlessPress) -> float:
     """Force over that of the linear twin at the same depth."""
     return float(np.exp(log_force(FORCE, stiffening, press)))
 
 
-def strain_and_stress(stiffening: float, press: Press, felt: Felt) -> tuple[Array, Array]:
+def strain_and_stress(stiffening: float, press: DimensionlessPress, felt: Felt) -> tuple[Array, Array]:
     """(n,) each over the linear twin's; energy has both: the law is all stress, of the rest each has the root."""
     strain = np.sqrt(_over_linear(ENERGY, press, felt))
     return strain, strain * np.sqrt(1 + stiffening * ENERGY.strained(press, felt))
@@ -205,7 +208,7 @@ class Overlap:
 
 
 def overlap(
-    indentor: Indentor, place: tuple[float, ...], touch: Touch, surface: FingertipSurface, length_mm: float
+    indentor: Indentor, place: tuple[float, ...], touch: FirstTouch, surface: FingertipSurface, length_mm: float
 ) -> Overlap:
     """Of an indentor at a place along its axes, over a pulp of some length."""
     phi = np.linspace(_SIDE_RAD, np.pi - _SIDE_RAD, _AROUND)
@@ -237,7 +240,7 @@ class Squeezed:
 def squeezed(
     indentor: Indentor,
     place: tuple[float, ...],
-    touch: Touch,
+    touch: FirstTouch,
     at_mm: Array,
     surface: FingertipSurface,
     bone_fraction: float,
@@ -262,7 +265,7 @@ def squeezed(
 
 
 def _gap_mm(
-    indentor: Indentor, place: tuple[float, ...], touch: Touch, at_mm: dict[int, Array], y_mm: Array
+    indentor: Indentor, place: tuple[float, ...], touch: FirstTouch, at_mm: dict[int, Array], y_mm: Array
 ) -> Array:
     """From the skin at some places, of any form, up to the indentor at first touch."""
     offset = np.stack([at_mm[axis] - mm for axis, mm in zip(indentor.axes, place, strict=True)])
@@ -287,7 +290,7 @@ class Stiffened(NamedTuple):
     """
 
     stiffening: float
-    press: Press
+    press: DimensionlessPress
     squeeze: Array
     below: float
     force: float
@@ -311,7 +314,7 @@ class Stiffened(NamedTuple):
         return Felt(self.squeeze, self.below / young_ratio, sed / half_shear_modulus)
 
 
-LINEAR_TISSUE = Stiffened(0.0, Press(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), np.zeros(0), 1.0, 1.0)
+LINEAR_TISSUE = Stiffened(0.0, DimensionlessPress(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), np.zeros(0), 1.0, 1.0)
 
 ROOFS = (0.35, 4.5)
 """What a prior of layers holds; beyond it counts as its end, of the fingers compared it was 0.55 to 2.3."""
@@ -325,7 +328,7 @@ class Under:
     surface: FingertipSurface
     indentor: Indentor
     place: tuple[float, ...]
-    touch: Touch
+    touch: FirstTouch
     _seen: dict[bytes, Squeezed] = field(default_factory=dict)
 
     def at(self, past_touch_mm: float, receptor_mm: Array) -> Stiffened:
@@ -334,7 +337,7 @@ class Under:
         if stiffening == 0 or past_touch_mm <= 0:
             return LINEAR_TISSUE
         thick = thickness_mm(self.config, self.surface)
-        press = Press(
+        press = DimensionlessPress(
             depth=past_touch_mm / thick,
             width=self._overlap.volume_mm3(past_touch_mm) / (past_touch_mm * thick**2),
             length=self._overlap.long_radius_mm(past_touch_mm) / thick,

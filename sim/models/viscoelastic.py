@@ -15,7 +15,7 @@ from sim.contact.indentor import Indentor
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import ContactState
 from sim.models.fingertip import Fingertip
-from sim.models.relaxation import Ahead, Memory, Prony
+from sim.models.relaxation import Memory, Prony, RelaxationStep
 from sim.models.result import IndentationResult
 from sim.units import GWT_N
 
@@ -78,21 +78,21 @@ class InTime:
         return 1.0 if self.now.contact is None else self.now.contact.strained.force
 
     def _pressed(
-        self, ahead: Ahead, *, doi_mm: float | None = None, force_gwt: float | None = None
+        self, ahead: RelaxationStep, *, doi_mm: float | None = None, force_gwt: float | None = None
     ) -> IndentationResult:
         held = self._finger.held_by(self._indentor.axes, ahead.carried)
         return held.indent(
             self._indentor, self._x_mm, z_mm=self._z_mm, doi_mm=doi_mm, force_gwt=force_gwt, start=self._start(ahead)
         )
 
-    def _start(self, ahead: Ahead) -> ContactState | None:
+    def _start(self, ahead: RelaxationStep) -> ContactState | None:
         """The last contact, with the skin where it was."""
         if self.now.contact is None:
             return None
         stayed = self._model.patch.displaced((self.now.memory.borne - ahead.carried) / self._stiffer)
         return replace(self.now.contact.state, displacement=stayed)
 
-    def _touching(self, step_s: float, ahead: Ahead, contact: IndentationResult) -> Instant:
+    def _touching(self, step_s: float, ahead: RelaxationStep, contact: IndentationResult) -> Instant:
         t_s, force_n = self.now.t_s + step_s, ahead.stiffness * contact.force_n
         memory = self.now.memory.after(ahead, ahead.carried + contact.strained.force * contact.state.force)
         return self._arrived(Instant(t_s, contact.doi_mm, force_n, contact, memory))

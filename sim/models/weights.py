@@ -2,7 +2,8 @@
 
 What forces do to a skin, fᵀCf, is a sum of 1 / (λ + E) with weights and λ ≥ 0, in each layer's E by itself, since the
 stiffness is affine in it and semi-definite (Stieltjes). Weights that are exact for λ = 0, ∞ and two between come near
-for all others; how near is `Axis.error`, whatever the finger. Only ratios to E(epidermis) count: C(sE) = C(E) / s.
+for all others; how near is `StiffnessAxis.error`, whatever the finger. Only ratios to E(epidermis) count:
+C(sE) = C(E) / s.
 """
 
 from dataclasses import dataclass
@@ -22,7 +23,7 @@ _TRIED_VALUES, _TRIED_POLES = 201, np.append(0.0, np.geomspace(1e-4, 1e4, 161))
 
 
 @dataclass(frozen=True)
-class Axis:
+class StiffnessAxis:
     """E / E(epidermis) of a layer over a range, with Chebyshev's nodes in its logarithm."""
 
     low: float
@@ -69,7 +70,7 @@ class Axis:
         return np.stack([np.ones_like(e), 1 / e, *(1 / (e + pole) for pole in poles)], axis=-1)
 
 
-DERMIS, FAT = Axis(0.04, 0.64), Axis(0.02, 0.32)
+DERMIS, FAT = StiffnessAxis(0.04, 0.64), StiffnessAxis(0.02, 0.32)
 """E / E(epidermis) of a finger to be interpolated; the default's is 0.1 of both."""
 
 FULL_BUILDS = _NODES**2

@@ -19,7 +19,7 @@ from sim.contact.shapes import ShapeError
 from sim.errors import ModelRangeError, SimError
 from sim.models.fingertip import Fingertip
 from sim.models.relaxation import PronyTerm
-from sim.plant import AS_MODELLED, Pose, Press, RelaxingPress, Truth
+from sim.plant import AS_MODELLED, Pose, PressedFinger, RelaxingPress, Truth
 from sim.workers import give_way, keep_freed_memory, leaving_ctrl_c_to_us
 
 _READY_S = 300.0  # building a model takes some 15 s, minutes on a small machine
@@ -52,7 +52,7 @@ def _too_late() -> FingerNotLoadedError:
     )
 
 
-class FingerProcess(Generic[Asked, Answer]):
+class ForceProcess(Generic[Asked, Answer]):
     """Answers what it is asked, one at a time, in the order it is sent.
 
     It stands for something that needs no processor: it gives way to nobody, and where Linux shares processors between
@@ -92,7 +92,7 @@ class FingerProcess(Generic[Asked, Answer]):
         self._process.terminate()
 
 
-class PressProcess(FingerProcess[Pose, PressAnswer]):
+class PressProcess(ForceProcess[Pose, PressAnswer]):
     """The elastic force at one pose after another."""
 
     def __init__(self, config: FingertipConfig, indentor: str, truth: Truth = AS_MODELLED) -> None:
@@ -124,7 +124,7 @@ def _serve(
             far.send(answer(far.recv()))
 
 
-def warmed(press: Press) -> None:
+def warmed(press: PressedFinger) -> None:
     """Have what the first contact loads in memory, by one that nobody sees; where there is none, nothing."""
     with contextlib.suppress(ModelRangeError):
         press.force_n(Pose(0.0, press.doi_mm(Pose(0.0, 0.0)) - _WARM_MM))
@@ -132,11 +132,11 @@ def warmed(press: Press) -> None:
 
 def _pressing(config: FingertipConfig, indentor: str, truth: Truth) -> Answering[Pose, PressAnswer]:
     finger = Fingertip.load(config)
-    warmed(Press(finger, indentor, truth))
-    return partial(_answer, Press(finger, indentor, truth))
+    warmed(PressedFinger(finger, indentor, truth))
+    return partial(_answer, PressedFinger(finger, indentor, truth))
 
 
-def _answer(press: Press, pose: Pose) -> PressAnswer:
+def _answer(press: PressedFinger, pose: Pose) -> PressAnswer:
     began = time.perf_counter()
     try:
         force, problem = press.force_n(pose), ""
@@ -158,7 +158,7 @@ class Leg(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Way:
+class TrajectoryUpdate:
     """Legs since the last way: those that have been gone, and those that are planned after them."""
 
     gone: tuple[Leg, ...]
@@ -174,7 +174,7 @@ class WayAnswer:
     problem: str = ""
 
 
-class WayProcess(FingerProcess[Way, WayAnswer]):
+class WayProcess(ForceProcess[TrajectoryUpdate, WayAnswer]):
     """Forces along one way after another."""
 
     def __init__(
@@ -191,7 +191,7 @@ class Going:
         self._press = press
         self._foreseen: list[tuple[Leg, float, RelaxingPress]] = []
 
-    def __call__(self, way: Way) -> WayAnswer:
+    def __call__(self, way: TrajectoryUpdate) -> WayAnswer:
         """Its forces; what has no answer is not remembered."""
         began, self._problem = time.perf_counter(), ""
         gone = [self._next(leg) for leg in way.gone]

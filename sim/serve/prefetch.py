@@ -19,7 +19,7 @@ import numpy as np
 from sim.devices.clock import sample_at
 from sim.plant import Carriage, Pose
 from sim.serve.clock import WallScheduler
-from sim.serve.force_process import Leg, PressAnswer, PressProcess, Way, WayAnswer, WayProcess
+from sim.serve.force_process import Leg, PressAnswer, PressProcess, TrajectoryUpdate, WayAnswer, WayProcess
 
 STALE_S = 0.5
 _SHORTEST_S = 0.01  # between two solves
@@ -51,7 +51,7 @@ class ItsProcess(Protocol):
         ...
 
 
-class Ahead(ABC):
+class ForcePrefetcher(ABC):
     """force_n(t) for the virtual devices, without ever waiting."""
 
     def __init__(
@@ -169,7 +169,7 @@ _AHEAD = 4  # periods
 _KEPT = 512
 
 
-class PressAhead(Ahead):
+class PressAhead(ForcePrefetcher):
     """Forces by pose."""
 
     def __init__(
@@ -251,7 +251,7 @@ _STRAIGHT_MM = 0.006  # two steps of a usual screw
 _LONGEST_MM = 0.1  # a press goes on from a state no farther away
 
 
-class WayAhead(Ahead):
+class WayAhead(ForcePrefetcher):
     """Forces by sample instant."""
 
     def __init__(
@@ -270,7 +270,7 @@ class WayAhead(Ahead):
         self._forces: dict[int, tuple[Pose, float]] = {}
         self._gone = self._index()
         first = self._carriage.pose_at(self._gone * self._period_s)
-        process.ask(Way((Leg(0.0, first),)))
+        process.ask(TrajectoryUpdate((Leg(0.0, first),)))
         self._learn([(self._gone, first)], process.answer())
         self._begin()
 
@@ -302,7 +302,7 @@ class WayAhead(Ahead):
         self._asked = [(index, leg.pose) for index, leg in zip(starts[1:], legs, strict=True)]
         self._planned, self._gone = self._asked[len(gone) :], now
         with contextlib.suppress(OSError):  # a process that has just died is noticed at its pipe
-            self._way_process.ask(Way(tuple(legs[: len(gone)]), tuple(legs[len(gone) :])))
+            self._way_process.ask(TrajectoryUpdate(tuple(legs[: len(gone)]), tuple(legs[len(gone) :])))
 
     def _gone_to(self, now: int) -> list[int]:
         """Instants on the way to now: by those that were planned and came so, which are solved, then by its turns."""

@@ -22,14 +22,14 @@ from numpy.typing import NDArray
 from sim.config import Contact, FingertipConfig, MeshSpec
 from sim.contact.indentor import Indentor
 from sim.contact.measured_profile import MeasuredProfile
-from sim.contact.profiles import Bar, Grating, Profile, Step, Wedge
+from sim.contact.profiles import Bar, Grating, IndentorProfile, SinusoidalStep, Wedge
 from sim.contact.solver import ContactState
 from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
 from sim.models.pressing import OTHER_STEPS_MM
 from studies.accuracy.random_poses import ON_ITS_PATCH, ROUND_OR_LINE, draw
 
-Shape = Indentor | Profile
+Shape = Indentor | IndentorProfile
 Pose = tuple[Shape, float, float]  # x and DOI in mm
 Array = NDArray[np.float64]
 
@@ -37,10 +37,10 @@ FINEST_MM = 0.0125
 SAME = 1e-8
 PATHS_MM = {"at once": 9.0, "by 0.2 mm": 0.2, "by 0.1 mm": 0.1, "by 0.05 mm": 0.05, "as `rig indent`": 0.0}
 ZIGZAG = MeasuredProfile("zigzag", (-1.6, -0.8, 0.0, 0.8, 1.6), (0.3, 0.0, 0.3, 0.0, 0.3), linear=True)
-_UNEVEN: tuple[Profile, ...] = (Grating(0.5, 1.2), ZIGZAG)
+_UNEVEN: tuple[IndentorProfile, ...] = (Grating(0.5, 1.2), ZIGZAG)
 ROUNDED: list[Pose] = [
-    *product([Step("1")], (1.0, 0.0, -0.5, -1.0, -1.2, -1.63, -1.8, -2.25), (0.2, 0.3, 0.4, 0.73, 1.0)),
-    *product([Step("3")], (-1.0, 0.0), (0.73,)),
+    *product([SinusoidalStep("1")], (1.0, 0.0, -0.5, -1.0, -1.2, -1.63, -1.8, -2.25), (0.2, 0.3, 0.4, 0.73, 1.0)),
+    *product([SinusoidalStep("3")], (-1.0, 0.0), (0.73,)),
     *product([Bar(1.5), Bar(3.0)], (-0.3, 0.0, 0.25), (0.4, 0.73, 1.0)),
     *product([Wedge(60.0)], (0.0, 0.3, -0.5), (0.2, 0.4, 0.6)),
     *product(_UNEVEN, (0.1, 0.3), (0.3, 0.6)),
@@ -49,7 +49,16 @@ EDGES: list[Pose] = [
     *product([Bar(1.5, 0.0), Bar(1.5, 0.01)], (-0.3, 0.0, 0.25), (0.4, 0.73, 1.0)),
     *product([Wedge(60.0, 0.0)], (0.0, 0.3, -0.5), (0.2, 0.4, 0.6)),
 ]
-_SHAPES = (Bar(1.5), Bar(3.0), Step("1"), Step("3"), Wedge(60.0), Wedge(40.0), Grating(0.5, 1.2), ZIGZAG)
+_SHAPES = (
+    Bar(1.5),
+    Bar(3.0),
+    SinusoidalStep("1"),
+    SinusoidalStep("3"),
+    Wedge(60.0),
+    Wedge(40.0),
+    Grating(0.5, 1.2),
+    ZIGZAG,
+)
 _EACH, RANDOM = 10, 100
 _RNG = np.random.default_rng(0)
 ANYWHERE: list[Pose] = [
@@ -59,8 +68,8 @@ ANYWHERE: list[Pose] = [
 ]
 OFFSETS = 8
 PLACES: dict[str, Pose] = {
-    "step 1, DOI 0.2": (Step("1"), -1.63, 0.2),
-    "step 1, DOI 0.73": (Step("1"), -1.63, 0.73),
+    "step 1, DOI 0.2": (SinusoidalStep("1"), -1.63, 0.2),
+    "step 1, DOI 0.73": (SinusoidalStep("1"), -1.63, 0.73),
     "bar 1.5, DOI 0.73": (Bar(1.5), 0.0, 0.73),
     "bar 1.5, edge radius 0, DOI 0.73": (Bar(1.5, 0.0), 0.0, 0.73),
     "wedge 60, DOI 0.4": (Wedge(60.0), 0.0, 0.4),

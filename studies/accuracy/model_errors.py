@@ -5,7 +5,7 @@
 What `auto` goes by is measured in more scenes: `studies/choice/table.py`.
 """
 
-from sim.benchmark import QUANTITIES, SCENES, Candidate, Measured, Reference, measure, stored
+from sim.benchmark import QUANTITIES, SCENES, Candidate, Measured, ReferenceValues, measure, stored
 from sim.config import MeshSpec
 from sim.models.halfspace import EFFECTIVE_MODULUS
 
@@ -18,7 +18,7 @@ SHIPPED = (
 )
 
 
-def effective_modulus(halfspace: Measured, reference: Reference) -> float:
+def effective_modulus(halfspace: Measured, reference: ReferenceValues) -> float:
     """E / E(epidermis) with which the half-space carries the reference's force in the first scene."""
     scene = SCENES[0]
     return EFFECTIVE_MODULUS * float(reference.values[scene]["force"][0]) / halfspace.answers[scene].force_mm2

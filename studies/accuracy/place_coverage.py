@@ -38,7 +38,7 @@ SHAPES = {"steps": tuple((f"step:{n}", "force_gwt", 2.33) for n in "135"),
           "bars": tuple((f"bar:{width}", "doi_mm", 1.0) for width in ("1.5", "3.0"))}  # fmt: skip
 
 
-class Truth(NamedTuple):
+class PlaceTruth(NamedTuple):
     """What was recorded: a measure at a place, with the field's centre off the receptor; mm."""
 
     measure: str
@@ -54,14 +54,14 @@ def pressed(finger: Fingertip, family: str) -> list[Stimulus]:
 
 def drawn(
     made: list[Stimulus], noise: tuple[float, float, int], with_offset: bool, rng: np.random.Generator
-) -> tuple[Truth, list[Recording]]:
+) -> tuple[PlaceTruth, list[Recording]]:
     """A truth, and its recordings."""
     peak, window_s, repeats = noise
     measure, receptor = str(rng.choice(MEASURED)), int(rng.integers(len(TRUE_X_MM) * len(TRUE_DEPTH_MM)))
     afferent = afferent_for(made, measure, receptor, peak, 0.4)
     offset = float(rng.uniform(-0.3, 0.3)) if with_offset else 0.0
     depth, x = np.divmod(receptor, len(TRUE_X_MM))
-    truth = Truth(measure, float(TRUE_X_MM[x]), float(TRUE_DEPTH_MM[depth]), offset)
+    truth = PlaceTruth(measure, float(TRUE_X_MM[x]), float(TRUE_DEPTH_MM[depth]), offset)
     return truth, [_moved(record(afferent, s, POSITIONS_MM + offset, rng, repeats, window_s), offset) for s in made]
 
 
@@ -70,7 +70,7 @@ def _moved(found: Recording, offset: float) -> Recording:
     return Recording(**{**vars(found), "position_mm": found.position_mm - offset})
 
 
-def held(row: PlaceRow, truth: Truth) -> list[float]:
+def held(row: PlaceRow, truth: PlaceTruth) -> list[float]:
     """Whether x, depth and offset lie in their intervals, and how wide these are."""
     pairs = (
         (row.x_interval, truth.x_mm),

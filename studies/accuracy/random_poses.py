@@ -17,7 +17,7 @@ from sim.config import Contact, FingertipConfig
 from sim.contact.indentor import Indentor, Revolved
 from sim.contact.measured_profile import MeasuredProfile
 from sim.contact.patch import X, Z
-from sim.contact.profiles import Bar, Cylinder, Grating, Profile, Step, Wedge
+from sim.contact.profiles import Bar, Cylinder, Grating, IndentorProfile, SinusoidalStep, Wedge
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import TARGET_RESIDUAL
 from sim.errors import ModelRangeError
@@ -33,7 +33,7 @@ ON_ITS_PATCH = FingertipConfig(contact=Contact(patch_gb=0))
 
 
 @dataclass(frozen=True)
-class Scene:
+class PosedShape:
     """One random shape in one random pose."""
 
     family: str
@@ -43,19 +43,19 @@ class Scene:
     doi_mm: float
 
 
-def draw(rng: np.random.Generator) -> Scene:
+def draw(rng: np.random.Generator) -> PosedShape:
     """A random scene; depths are drawn so that most contacts are large."""
     family = str(rng.choice(FAMILIES))
     if family in ROUND_OR_LINE:
         return _round_or_line(rng, family)
     x = float(rng.uniform(-3.7, 2.0) if family == "step" else rng.uniform(-1.8, 1.8))
     deepest = 1.0 if family == "step" else 1.33
-    return Scene(family, Indentor.along(_profile(rng, family)), x, None, float(deepest * rng.uniform(0.12, 1.0)))
+    return PosedShape(family, Indentor.along(_profile(rng, family)), x, None, float(deepest * rng.uniform(0.12, 1.0)))
 
 
-def _profile(rng: np.random.Generator, family: str) -> Profile:
+def _profile(rng: np.random.Generator, family: str) -> IndentorProfile:
     if family == "step":
-        return Step(str(rng.choice(["1", "3", "5"])))
+        return SinusoidalStep(str(rng.choice(["1", "3", "5"])))
     if family == "bar":
         return Bar(float(rng.uniform(0.8, 3.5)), float(rng.uniform(0.02, 0.2)))
     if family == "sharp bar":
@@ -70,19 +70,19 @@ def _profile(rng: np.random.Generator, family: str) -> Profile:
     return MeasuredProfile("random", *random_profile(rng), linear=family == "kinked profile")
 
 
-def _round_or_line(rng: np.random.Generator, family: str) -> Scene:
+def _round_or_line(rng: np.random.Generator, family: str) -> PosedShape:
     """Shapes placed off the receptor plane too; narrow ones deeper, as they touch few nodes."""
     x, z = float(rng.uniform(-0.9, 0.9)), 6.893 + float(rng.uniform(-0.9, 0.9))
     deep = float(rng.uniform(0.2, 1.0))
     if family == "line":
-        return Scene(family, parse_shape("line"), 0.0, z, 1.2 * deep)
+        return PosedShape(family, parse_shape("line"), 0.0, z, 1.2 * deep)
     if family == "sphere":
         shape = Revolved("sphere", Cylinder(float(10 ** rng.uniform(0.2, 1.3))))
     elif family == "cone":
         shape = Revolved("cone", Wedge(float(rng.uniform(55, 85))))
     else:
         shape = Revolved("flat", Bar(float(rng.uniform(1.0, 3.0)), float(rng.choice([0.2, 0.05, 0.01, 0.0]))))
-    return Scene(family, shape, x, z, 1.1 * deep)
+    return PosedShape(family, shape, x, z, 1.1 * deep)
 
 
 def random_profile(rng: np.random.Generator) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -92,7 +92,7 @@ def random_profile(rng: np.random.Generator) -> tuple[tuple[float, ...], tuple[f
     return tuple((x - x.mean()).tolist()), tuple((height - height.min()).tolist())
 
 
-def solved(finger: Fingertip, n: int, seed: int) -> Iterator[tuple[Scene, IndentationResult]]:
+def solved(finger: Fingertip, n: int, seed: int) -> Iterator[tuple[PosedShape, IndentationResult]]:
     """n scenes that lie within the patch, each pressed from rest."""
     rng = np.random.default_rng(seed)
     done = 0

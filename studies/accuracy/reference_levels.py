@@ -9,7 +9,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
-from sim.benchmark import FILE, SCENES, Candidate, Measured, Reference, as_json, from_levels, measure, nested
+from sim.benchmark import FILE, SCENES, Candidate, Measured, ReferenceValues, as_json, from_levels, measure, nested
 
 COARSE, FINE = nested(3), nested(4)
 FURTHER = nested(5, dermis_spacing_mm=0.1, growth=1.12, far_growth=1.25, near_spacing_mm=0.25, far_spacing_mm=0.75)
@@ -18,7 +18,7 @@ FURTHER = nested(5, dermis_spacing_mm=0.1, growth=1.12, far_growth=1.25, near_sp
 DATA = Path(__file__).parents[2] / "sim" / "data" / FILE
 
 
-def combined(coarse: Measured, fine: Measured, further: Measured) -> Reference:
+def combined(coarse: Measured, fine: Measured, further: Measured) -> ReferenceValues:
     """The reference and what is known about it."""
     about = {
         "command": "python -m studies.accuracy.reference_levels",

@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from sim.benchmark import Answer, Scene, answered, nested
+from sim.benchmark import BenchmarkScene, SceneResult, answered, nested
 from sim.config import FingertipConfig, MeshSpec
 from sim.contact.shapes import parse_shape
 from sim.models.catalogue import load
@@ -26,7 +26,10 @@ SHAPES = {
     "line": (("line", 0.5), ("line", 1.0)),
 }
 SCENES = [
-    Scene(family, shape, x, doi) for family, all_of in SHAPES.items() for shape, doi in all_of for x in OFFSETS_MM
+    BenchmarkScene(family, shape, x, doi)
+    for family, all_of in SHAPES.items()
+    for shape, doi in all_of
+    for x in OFFSETS_MM
 ]
 QUANTITIES = ("force", "sed", "ep1")
 PATCH = {"patch_x_mm": 3.3, "patch_z_mm": 2.0, "round_patch_mm": 2.0}
@@ -37,10 +40,10 @@ def even(n: int) -> MeshSpec:
     return nested(n, axial_spacing_mm=TO_NAIL_MM / round(TO_NAIL_MM * n / 0.4), **PATCH)
 
 
-def answers(mesh: MeshSpec) -> tuple[list[int], dict[Scene, Answer]]:
+def answers(mesh: MeshSpec) -> tuple[list[int], dict[BenchmarkScene, SceneResult]]:
     """The nodes of its meshes, and all scenes; round shapes and the line have a model each."""
     nodes: list[int] = []
-    found: dict[Scene, Answer] = {}
+    found: dict[BenchmarkScene, SceneResult] = {}
     for families in (("sphere", "flat, cone"), ("line",)):
         mine = [scene for scene in SCENES if scene.family in families]
         axes = parse_shape(mine[0].shape).axes
@@ -50,21 +53,21 @@ def answers(mesh: MeshSpec) -> tuple[list[int], dict[Scene, Answer]]:
     return nodes, found
 
 
-def _pressed(finger: Fingertip, scene: Scene) -> IndentationResult:
+def _pressed(finger: Fingertip, scene: BenchmarkScene) -> IndentationResult:
     """A line lies across the finger: its positions are along it."""
     if scene.family == "line":
         return finger.indent(scene.shape, z_mm=finger.config.receptor_plane_mm + scene.x_mm, doi_mm=scene.doi_mm)
     return finger.indent(scene.shape, scene.x_mm, doi_mm=scene.doi_mm)
 
 
-def errors(found: dict[Scene, Answer], reference: dict[Scene, Answer]) -> Iterator[str]:
+def errors(found: dict[BenchmarkScene, SceneResult], reference: dict[BenchmarkScene, SceneResult]) -> Iterator[str]:
     """For each family the largest error of each quantity over the largest value, per cent."""
     for family in SHAPES:
         mine = [scene for scene in SCENES if scene.family == family]
         yield " / ".join(f"{100 * max(_error(found[s], reference[s], q) for s in mine):.1f}" for q in QUANTITIES)
 
 
-def _error(answer: Answer, reference: Answer, quantity: str) -> float:
+def _error(answer: SceneResult, reference: SceneResult, quantity: str) -> float:
     value = reference.value(quantity)
     return float(np.abs(answer.value(quantity) - value).max() / np.abs(value).max())
 

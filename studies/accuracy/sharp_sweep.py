@@ -13,14 +13,14 @@ from itertools import product
 import numpy as np
 
 from sim.contact.measured_profile import MeasuredProfile
-from sim.contact.profiles import Bar, Grating, Profile, Step, Wedge
+from sim.contact.profiles import Bar, Grating, IndentorProfile, SinusoidalStep, Wedge
 from sim.contact.solver import TARGET_RESIDUAL
 from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
 from sim.models.result import IndentationResult
 from studies.accuracy.random_poses import ON_ITS_PATCH
 
-Scene = tuple[Profile, float, float]  # profile, x and DOI in mm
+Scene = tuple[IndentorProfile, float, float]  # profile, x and DOI in mm
 
 STEP_POSITIONS_MM = np.append(np.arange(2.0, -3.7, -0.17), -3.7).round(2).tolist()
 DOIS_MM = (0.05, 0.1, 0.2, 0.4, 0.73, 1.0)
@@ -38,7 +38,7 @@ KINKS = (
 def groups() -> dict[str, list[Scene]]:
     """Scenes by what makes them hard."""
     return {
-        "step 1, x = 2 … −3.7": list(product([Step("1")], STEP_POSITIONS_MM, DOIS_MM)),
+        "step 1, x = 2 … −3.7": list(product([SinusoidalStep("1")], STEP_POSITIONS_MM, DOIS_MM)),
         **{f"bars, edge radius {r:g}": _over([Bar(w, r) for w in (3.0, 1.5)]) for r in EDGE_RADII_MM},
         "gratings": _over([Grating(0.3, 0.6), Grating(0.5, 1.2), Grating(0.5, 2.5), Grating(0.5, 1.2, 0.0)]),
         "wedges": _over([Wedge(a, r) for a, r in product((15.0, 45.0, 75.0), (0.05, 0.0))]),
@@ -47,7 +47,7 @@ def groups() -> dict[str, list[Scene]]:
     }
 
 
-def _over(profiles: list[Profile] | tuple[Profile, ...]) -> list[Scene]:
+def _over(profiles: list[IndentorProfile] | tuple[IndentorProfile, ...]) -> list[Scene]:
     return list(product(profiles, OFFSETS_MM, DOIS_MM))
 
 

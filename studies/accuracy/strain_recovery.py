@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.benchmark import FAMILIES, QUADRATIC, SCENES, Scene, stored
+from sim.benchmark import FAMILIES, QUADRATIC, SCENES, BenchmarkScene, stored
 from sim.config import FingertipConfig, MeshSpec
 from sim.fem.elements import local_coordinates, shape_functions
 from sim.finger.mesh import FingerMesh, build_mesh
@@ -24,7 +24,7 @@ from sim.measures.receptors import (
     DEFAULT_DEPTH_MM,
     DEFAULT_X_MM,
     ReceptorSet,
-    Samples,
+    StrainSamples,
     blended,
     located,
     operator_of,
@@ -38,26 +38,26 @@ from sim.models.condensed import discretise, factorise, young_ratios
 from sim.units import PSEUDO_E_EPIDERMIS
 
 Array = NDArray[np.float64]
-Way = Callable[[FingerMesh, Array], Samples]
+Way = Callable[[FingerMesh, Array], StrainSamples]
 
 STEP = next(scene for scene in SCENES if scene.family == "step")
 ROW_X_MM, ROW_DEPTH_MM = np.arange(-2.4, 1.2, 0.0025), 0.75
 
 
-def straight(mesh: FingerMesh, point: Array) -> Samples:
+def straight(mesh: FingerMesh, point: Array) -> StrainSamples:
     """The strain of the element itself."""
     element = located(mesh, point).element
     local = local_coordinates(mesh.nodes[mesh.hexes[element]], point)
-    return Samples(np.array([element]), local[None], np.ones(1))
+    return StrainSamples(np.array([element]), local[None], np.ones(1))
 
 
-def inverse_distance(mesh: FingerMesh, point: Array) -> Samples:
+def inverse_distance(mesh: FingerMesh, point: Array) -> StrainSamples:
     """The samples of 3 × 3 × 3 cells, weighted by the inverse of their distance."""
     elements, local = sampled(mesh, patch_around(mesh, located(mesh, point).cell))
     corners = mesh.nodes[mesh.hexes[elements]]
     position = np.einsum("mk,mki->mi", shape_functions(corners.shape[1], local)[0], corners)
     weights = 1 / np.linalg.norm(position - point, axis=1)
-    return Samples(elements, local, weights / weights.sum())
+    return StrainSamples(elements, local, weights / weights.sum())
 
 
 WAYS: Mapping[str, Way] = {
@@ -86,7 +86,7 @@ class Solved:
         return measures_from_strain(strain.reshape(len(strain), -1, 6), material)
 
 
-def solved(config: FingertipConfig, scenes: Sequence[Scene]) -> Solved:
+def solved(config: FingertipConfig, scenes: Sequence[BenchmarkScene]) -> Solved:
     """Contact by the condensed model, then its forces on the whole finger."""
     finger = load("finger", config, cached=False)
     mesh = build_mesh(config, finger.surface)
@@ -101,7 +101,7 @@ def solved(config: FingertipConfig, scenes: Sequence[Scene]) -> Solved:
     return Solved(config, mesh, displacement)
 
 
-def largest_error(found: Array, scenes: Sequence[Scene], family: str, quantity: str) -> float:
+def largest_error(found: Array, scenes: Sequence[BenchmarkScene], family: str, quantity: str) -> float:
     """As in `rig bench`, per cent."""
     reference = stored().values
     errors = [

@@ -130,7 +130,7 @@ def _as_recording(position_mm: Array, rates: Array, window_s: float | None) -> R
     return recording("synthetic", rows, window_s)
 
 
-class Found(NamedTuple):
+class AnsweredDraw(NamedTuple):
     """One draw, answered one way: percentages when averaged, and sizes."""
 
     in_set: float
@@ -144,7 +144,7 @@ class Found(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Study:
+class CoverageStudy:
     """The stimuli that are fitted, with their design, and those of the fingers that afferents are made on."""
 
     fitted: Families
@@ -152,13 +152,13 @@ class Study:
     plausible: PlausibleFingers
 
 
-def study() -> Study:
+def study() -> CoverageStudy:
     """All simulated, or from the cache: some 24 fingers."""
     plausible = read_plausible(RANGES)
     design = [families(one.config) for one in plausible.design(FingertipConfig(), DEFAULT_DEPTH_MM)]
     default = families(FingertipConfig())
     made = {"right": [default], "others": list(map(families, inside(plausible))), "fresh": fresh(plausible)}
-    return Study(with_design(default, design), made, plausible)
+    return CoverageStudy(with_design(default, design), made, plausible)
 
 
 def fresh(plausible: PlausibleFingers) -> list[Families]:
@@ -172,7 +172,7 @@ def fresh(plausible: PlausibleFingers) -> list[Families]:
     return found
 
 
-def draws(of: Study, made: Made, number: int) -> Iterator[tuple[str, Found, Found]]:
+def draws(of: CoverageStudy, made: Made, number: int) -> Iterator[tuple[str, AnsweredDraw, AnsweredDraw]]:
     """Each truth and rate in turn: its name, what is said given the default finger, and on all plausible ones."""
     rng = np.random.default_rng(DRAWS_SEED)
     truths = [(family, measure, x_mm) for family, some in TRUTHS.items() for measure, x_mm in some]
@@ -188,7 +188,7 @@ def draws(of: Study, made: Made, number: int) -> Iterator[tuple[str, Found, Foun
         yield f"{measure}, {family}, {peak:g} /s", told[0], told[1]
 
 
-def judged(joint: Joint, truth: Afferent, *, with_fingers: bool) -> Found:
+def judged(joint: Joint, truth: Afferent, *, with_fingers: bool) -> AnsweredDraw:
     """What one answer says of the truth."""
     given = laid(joint.overlays, Form(), with_fingers=with_fingers)
     assert given is not None
@@ -201,7 +201,7 @@ def judged(joint: Joint, truth: Afferent, *, with_fingers: bool) -> Found:
     control = np.array([one.control for one in given.named])
     names = {one.name for one, inside in zip(given.named, chosen & ~control, strict=True) if inside}
     region = limits(given.candidates, given.observed, fit, row, float(ratio[row]))
-    return Found(
+    return AnsweredDraw(
         float(chosen[row]),
         float(p_fit[row] >= LEVEL),
         float(p_set[row] >= LEVEL),
@@ -227,7 +227,7 @@ def lines(made: Made, names: Sequence[str], found: Array) -> Iterator[str]:
     """Of (draws, 2, numbers): two lines of the table; the smallest is of a truth under its stimuli."""
     truths = np.array([name.rpartition(",")[0] for name in names])
     for n, how in enumerate(ANSWERED):
-        mean = Found(*found[:, n].mean(axis=0))
+        mean = AnsweredDraw(*found[:, n].mean(axis=0))
         least = min(found[truths == one, n, 0].mean() for one in np.unique(truths))
         cells = (made.title, how, str(len(found)), f"{100 * least:.0f} / {100 * mean.in_set:.1f}",
                  f"{100 * mean.fits:.1f}", f"{100 * mean.in_confidence_set:.1f}",
@@ -241,7 +241,7 @@ POWER_HEADER = ("rates made by", "at (mm)", "stimuli", "draws", "explained by no
 POWER_NOISE, POWER_PRESSES = 0.1, 5
 
 
-def fooled(of: Study, control: int, x_mm: float, stimuli: Sequence[Stimulus], number: int) -> str:
+def fooled(of: CoverageStudy, control: int, x_mm: float, stimuli: Sequence[Stimulus], number: int) -> str:
     """A line of what is said of rates that a control made, linearly from the least of it on, with an sd of 10 %."""
     rng = np.random.default_rng(DRAWS_SEED)
     receptor = int(np.argmin(np.abs(stimuli[0].receptor_mm - x_mm)))
@@ -272,7 +272,7 @@ def provenance(number: int) -> dict[str, Any]:
     return {"commit": commit, "numpy": np.__version__, "seeds": seeds, "draws": number, "mesh_mm": FRESH_MESH_MM}
 
 
-def print_rows(of: Study, number: int, kept: TextIO | None) -> None:
+def print_rows(of: CoverageStudy, number: int, kept: TextIO | None) -> None:
     """The table of coverage."""
     print(f"| {' | '.join(HEADER)} |\n|{'---|' * len(HEADER)}", flush=True)
     for made in ROWS:
@@ -284,7 +284,7 @@ def print_rows(of: Study, number: int, kept: TextIO | None) -> None:
             print(line, flush=True)
 
 
-def print_power(of: Study, number: int) -> None:
+def print_power(of: CoverageStudy, number: int) -> None:
     """The table of controls that are the truth."""
     print(f"\n| {' | '.join(POWER_HEADER)} |\n|{'---|' * len(POWER_HEADER)}", flush=True)
     steps, bars = of.fitted["steps"], of.fitted["bars"]

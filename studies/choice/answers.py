@@ -16,7 +16,7 @@ from sim.errors import ModelRangeError
 from sim.models.catalogue import ModelName, load
 from sim.models.result import IndentationResult
 from sim.workers import in_processes
-from studies.choice.drawn import Drawn
+from studies.choice.drawn import DrawnScene
 
 Row = dict[str, Any]
 
@@ -36,22 +36,22 @@ class Solver(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Task:
+class SolverTask:
     """Scenes by their numbers, for one solver; patch_gb 0 refuses what leaves its patch."""
 
     solver: Solver
-    scenes: tuple[tuple[int, Drawn], ...]
+    scenes: tuple[tuple[int, DrawnScene], ...]
     patch_gb: float
 
 
-def answers(tasks: Iterable[Task], kept: Path) -> dict[tuple[str, int], Row]:
+def answers(tasks: Iterable[SolverTask], kept: Path) -> dict[tuple[str, int], Row]:
     """By solver and scene; solvers' costs under −1. Missing ones are made, one solver after the other."""
     known = _read(kept)
     for task in tasks:
         missing = tuple((n, scene) for n, scene in task.scenes if (task.solver.name, n) not in known)
         if not missing and (task.solver.name, -1) in known:
             continue
-        for found in in_processes(_answered, [Task(task.solver, missing, task.patch_gb)], 1):
+        for found in in_processes(_answered, [SolverTask(task.solver, missing, task.patch_gb)], 1):
             with kept.open("a", encoding="utf-8") as stream:
                 stream.writelines(json.dumps(row) + "\n" for row in found)
         known = _read(kept)
@@ -63,7 +63,7 @@ def _read(kept: Path) -> dict[tuple[str, int], Row]:
     return {(row["solver"], row["scene"]): row for row in map(json.loads, lines)}
 
 
-def _answered(task: Task) -> list[Row]:
+def _answered(task: SolverTask) -> list[Row]:
     solver = task.solver
     candidate = of_level(*solver)
     config = candidate.config.model_copy(update={"contact": Contact(patch_gb=task.patch_gb)})
@@ -81,7 +81,7 @@ def _answered(task: Task) -> list[Row]:
     return rows
 
 
-def _pressed(finger: Any, scene: Drawn) -> Row:
+def _pressed(finger: Any, scene: DrawnScene) -> Row:
     try:
         result = finger.indent(
             scene.indentor, scene.x_mm, z_mm=scene.z_mm, doi_mm=scene.doi_mm, force_gwt=scene.force_gwt
@@ -113,10 +113,12 @@ def error(found: Mapping[str, Any], right: Mapping[str, Any], quantity: str, *, 
     return float(np.abs(there - expected).max() / largest) if largest else float(np.abs(there).max() > 0)
 
 
-def numbered(scenes: Sequence[Drawn], solvers: Mapping[int, Iterable[Solver]], patch_gb: float) -> list[Task]:
+def numbered(
+    scenes: Sequence[DrawnScene], solvers: Mapping[int, Iterable[Solver]], patch_gb: float
+) -> list[SolverTask]:
     """The tasks of scenes that some solvers are to answer, by the scene's number."""
-    of: dict[Solver, list[tuple[int, Drawn]]] = {}
+    of: dict[Solver, list[tuple[int, DrawnScene]]] = {}
     for n, some in solvers.items():
         for solver in some:
             of.setdefault(solver, []).append((n, scenes[n]))
-    return [Task(solver, tuple(listed), patch_gb) for solver, listed in of.items()]
+    return [SolverTask(solver, tuple(listed), patch_gb) for solver, listed in of.items()]

@@ -23,7 +23,7 @@ _MOST_DRAWS = 2000
 
 
 @dataclass(frozen=True)
-class Drawn:
+class DrawnScene:
     """An indentor at a place, to a depth or a force."""
 
     indentor: Indentor
@@ -38,7 +38,7 @@ class Drawn:
         return Situation.of(self.indentor, self.x_mm, self.z_mm, self.doi_mm, CONFIG)
 
 
-def drawn(rng: np.random.Generator) -> Drawn:
+def drawn(rng: np.random.Generator) -> DrawnScene:
     """One scene; a fifth of what lies along the finger is turned across it, a tenth to any angle."""
     pose = random_poses.draw(rng)
     turn, z_mm = float(rng.random()), PLANE_MM + float(rng.uniform(-_AWAY_MM, _AWAY_MM))
@@ -49,10 +49,10 @@ def drawn(rng: np.random.Generator) -> Drawn:
         x_mm = 0.0 if across else float(rng.uniform(-_AWAY_MM, _AWAY_MM))
     elif z is not None and X in indentor.axes:
         x_mm, z = float(rng.uniform(-_AWAY_MM, _AWAY_MM)), z_mm
-    return Drawn(indentor, x_mm, z, pose.doi_mm, None)
+    return DrawnScene(indentor, x_mm, z, pose.doi_mm, None)
 
 
-def stratified(each: int, seed: int) -> list[Drawn]:
+def stratified(each: int, seed: int) -> list[DrawnScene]:
     """So many scenes in every cell of the table, their depths drawn evenly within its band."""
     rng, found = np.random.default_rng(seed), []
     for family, depth, place in product(FAMILIES, range(len(DEPTHS_MM)), PLACES_MM):
@@ -70,12 +70,12 @@ def stratified(each: int, seed: int) -> list[Drawn]:
     return found
 
 
-def natural(n: int, seed: int) -> Iterator[Drawn]:
+def natural(n: int, seed: int) -> Iterator[DrawnScene]:
     """As they come, some by force, those beyond the table among them."""
     rng = np.random.default_rng(seed)
     for _ in range(n):
         scene = drawn(rng)
         if rng.random() < _BY_FORCE:
             force = float(np.exp(rng.uniform(*np.log(_GWT))))
-            scene = Drawn(scene.indentor, scene.x_mm, scene.z_mm, None, force)
+            scene = DrawnScene(scene.indentor, scene.x_mm, scene.z_mm, None, force)
         yield scene

@@ -19,7 +19,7 @@ from sim.benchmark import LEVELS, PER_LENGTH, QUANTITIES, SHARES
 from sim.choice import FILE, Cell, Rung, Situation, cell_of
 from sim.contact.indentor import ACROSS, ALONG, BOTH
 from studies.choice.answers import Row, Solver, answers, error, numbered
-from studies.choice.drawn import Drawn, stratified
+from studies.choice.drawn import DrawnScene, stratified
 
 SEED, EACH = 9, 8
 DATA = Path(__file__).parents[2] / "sim" / "data" / FILE
@@ -65,7 +65,7 @@ def candidates(situation: Situation) -> list[Solver]:
     return [Solver(*rung, axes, share) for rung, share in given.items()]
 
 
-def errors_of(scenes: Sequence[Drawn], known: Known) -> dict[Cell, list[dict[Rung, Errors]]]:
+def errors_of(scenes: Sequence[DrawnScene], known: Known) -> dict[Cell, list[dict[Rung, Errors]]]:
     """Of every scene that the whole patch holds; of a candidate whose patch does not, none."""
     found: dict[Cell, list[dict[Rung, Errors]]] = {}
     for n, scene in enumerate(scenes):
@@ -100,7 +100,7 @@ def expected(cell: Cell, scenes: Sequence[Mapping[Rung, Errors]]) -> dict[Rung, 
     return found
 
 
-def costs(scenes: Sequence[Drawn], known: Known) -> Iterator[dict[str, Any]]:
+def costs(scenes: Sequence[DrawnScene], known: Known) -> Iterator[dict[str, Any]]:
     """Of every candidate on every patch; a press is the median over its scenes."""
     press: dict[tuple[str, bool], list[float]] = {}
     for n, scene in enumerate(scenes):

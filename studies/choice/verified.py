@@ -17,7 +17,7 @@ import numpy as np
 from sim.benchmark import SHARES
 from sim.choice import Aim, Choice, NoModelError, Rung, Situation, bundled, cheapest
 from studies.choice.answers import Row, Solver, answers, error, numbered
-from studies.choice.drawn import Drawn, natural
+from studies.choice.drawn import DrawnScene, natural
 from studies.choice.table import truth
 
 SEED, N = 2026, 230
@@ -26,7 +26,7 @@ _TOLERANCES = (0.005, 0.2)
 
 
 @dataclass(frozen=True)
-class Kept:
+class VerifiedChoice:
     """A choice, and how it came out."""
 
     choice: Choice
@@ -52,7 +52,7 @@ def aims(n: int) -> list[tuple[Aim, Aim]]:
     ]
 
 
-def chosen(scenes: Sequence[Drawn]) -> tuple[dict[int, list[Choice]], Counter[str]]:
+def chosen(scenes: Sequence[DrawnScene]) -> tuple[dict[int, list[Choice]], Counter[str]]:
     """By the scene's number; and why there is none."""
     found: dict[int, list[Choice]] = {}
     refused = Counter[str]()
@@ -67,7 +67,7 @@ def chosen(scenes: Sequence[Drawn]) -> tuple[dict[int, list[Choice]], Counter[st
     return found, refused
 
 
-def outcomes(scenes: Sequence[Drawn], choices: dict[int, list[Choice]], kept: Path) -> Iterator[Kept]:
+def outcomes(scenes: Sequence[DrawnScene], choices: dict[int, list[Choice]], kept: Path) -> Iterator[VerifiedChoice]:
     """Of every scene that the whole patch holds."""
     situations = {n: scenes[n].situation for n in choices}
     right = answers(numbered(scenes, {n: [truth(s.axes)] for n, s in situations.items()}, 0), kept)
@@ -81,7 +81,7 @@ def outcomes(scenes: Sequence[Drawn], choices: dict[int, list[Choice]], kept: Pa
             continue
         off = max(_error(row, true, quantity, scenes[n]) for quantity in choice.aim.quantities)
         seconds = choice.seconds - choice.cost.press_s + row["press_s"]
-        yield Kept(choice, situations[n], off, seconds)
+        yield VerifiedChoice(choice, situations[n], off, seconds)
 
 
 def _solver(choice: Choice, situation: Situation) -> Solver:
@@ -89,11 +89,11 @@ def _solver(choice: Choice, situation: Situation) -> Solver:
     return Solver(*rung, choice.axes, bundled().share(rung, situation))
 
 
-def _error(row: Row, true: Row, quantity: str, scene: Drawn) -> float:
+def _error(row: Row, true: Row, quantity: str, scene: DrawnScene) -> float:
     return error(row, true, quantity, by_force=scene.force_gwt is not None)
 
 
-def table(found: Sequence[Kept]) -> Iterator[str]:
+def table(found: Sequence[VerifiedChoice]) -> Iterator[str]:
     """What was asked for, whether it held, and against always pressing the whole default or fine finger."""
     columns = ("tolerance", "asked for", "scenes", "held (%)", "error over tolerance, median / p95", "chosen",
                "from nothing, median (s): auto / default / fine", "memory, median (GB)")  # fmt: skip
@@ -106,7 +106,7 @@ def table(found: Sequence[Kept]) -> Iterator[str]:
     yield _line("all", "", found)
 
 
-def _line(tolerance: str, asked: str, some: Sequence[Kept]) -> str:
+def _line(tolerance: str, asked: str, some: Sequence[VerifiedChoice]) -> str:
     over = [o.error / o.choice.aim.tolerance for o in some]
     picked = Counter(f"{o.choice.model} {o.choice.level}".removesuffix(" default") for o in some)
     whole = {level: [_always(o.situation, level) for o in some] for level in ("default", "fine")}

@@ -15,7 +15,7 @@ from sim.coding.point_spread import mean_over
 from sim.coding.section import AXES, HALF_LENGTH, Axes, SampledSection, Sampling, sampled_section
 from studies.coding.decoding_part import DRAWS, GRID_STEPS, Searched, converged_errors, searched
 from studies.coding.two_samples import TRUE
-from studies.source.printed.answers import Answers, once
+from studies.source.printed.answers import FingerAnswers, once
 from studies.source.printed.entry import Claim, Entry
 from studies.source.printed.rules import Above, Below, Near
 
@@ -28,35 +28,35 @@ TRUTHS = "U(0, 30)²"
 
 
 @once
-def sites(answers: Answers) -> AllSites:
+def sites(answers: FingerAnswers) -> AllSites:
     """Under equal point loads; twenty seconds, or from the cache."""
     return kept_sites(answers.finger.config, Sampled()).sites
 
 
-def exponent(answers: Answers, where: Where) -> float:
+def exponent(answers: FingerAnswers, where: Where) -> float:
     """Mean m."""
     return mean_over(sites(answers).laws(where)).m
 
 
-def exponents_spread(answers: Answers, where: Where) -> float:
+def exponents_spread(answers: FingerAnswers, where: Where) -> float:
     """Standard deviation of m over its mean."""
     return mean_over(sites(answers).laws(where)).m_spread
 
 
-def sizes_spread(answers: Answers, where: Where) -> float:
+def sizes_spread(answers: FingerAnswers, where: Where) -> float:
     """Of A."""
     return mean_over(sites(answers).laws(where)).a_spread
 
 
-def _site_10(answers: Answers, name: str) -> float:
+def _site_10(answers: FingerAnswers, name: str) -> float:
     return float(getattr(sites(answers).sites[DRAWN].linear, name))
 
 
-def _by_logarithms(answers: Answers, where: Where) -> str:
+def _by_logarithms(answers: FingerAnswers, where: Where) -> str:
     return f"{mean_over(sites(answers).laws(where, 'logarithmic')).m:.2f} by logarithms"
 
 
-def _site_figures(answers: Answers) -> tuple[PageFigure, ...]:
+def _site_figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
     caption = (
         "m and A of every site, ours (blue) beside the printed ones (orange); A multiplied by one factor, which "
         "makes its mean over the pulp the printed one. Sites beyond the line are on the tip."
@@ -85,24 +85,24 @@ def _draw_sites(canvas: Canvas, found: AllSites) -> None:
 
 
 @once
-def sections(answers: Answers) -> dict[Axes, SampledSection]:
+def sections(answers: FingerAnswers) -> dict[Axes, SampledSection]:
     """In both kinds of axes."""
     return {axes: sampled_section(answers.finger.config, Sampling(axes=axes)) for axes in AXES}
 
 
 @once
-def responses(answers: Answers) -> ImpulseResponses:
+def responses(answers: FingerAnswers) -> ImpulseResponses:
     """h, g and f in the source's axes."""
     return impulse_responses(sections(answers)["cartesian"])
 
 
-def at_rest(answers: Answers, k: int) -> float:
+def at_rest(answers: FingerAnswers, k: int) -> float:
     """Amplitude at frequency 0 over the highest, of h, g or f."""
     amplitude = responses(answers).spectra()[1][k]
     return float(amplitude[0] / amplitude.max())
 
 
-def _impulse_figures(answers: Answers) -> tuple[PageFigure, ...]:
+def _impulse_figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
     farthest = int(0.75 * HALF_LENGTH)
     drawn: dict[str, DrawnImpulse] = {
         axes: DrawnImpulse(impulse_responses(section), shift_errors(section, "finite", farthest))
@@ -116,32 +116,32 @@ def _impulse_figures(answers: Answers) -> tuple[PageFigure, ...]:
 
 
 @once
-def search(_: Answers) -> Searched:
+def search(_: FingerAnswers) -> Searched:
     """The worked example, on the default finger's section."""
     return searched()
 
 
-def first_move(answers: Answers) -> float:
+def first_move(answers: FingerAnswers) -> float:
     """The first pressure after it."""
     return float(search(answers).paths["exact along each coordinate"][1][0])
 
 
-def on_a_grid(answers: Answers) -> float:
+def on_a_grid(answers: FingerAnswers) -> float:
     """Eq. 6.8 where the search ends on a grid of 1."""
     return float(search(answers).grid_errors[GRID_STEPS.index(1.0)])
 
 
-def _ends(answers: Answers, decoder: str) -> str:
+def _ends(answers: FingerAnswers, decoder: str) -> str:
     return next(f"ends at {row[1]}" for row in search(answers).rows if row[0] == decoder)
 
 
 @once
-def under_noise(_: Answers, snr_db: int) -> float:
+def under_noise(_: FingerAnswers, snr_db: int) -> float:
     """Mean of Eq. 6.8 of the converged search."""
     return float(converged_errors(TRUTHS, snr_db, DRAWS).mean())
 
 
-def _search_figures(answers: Answers) -> tuple[PageFigure, ...]:
+def _search_figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
     found = search(answers)
     caption = (
         "After Figs 6-8 and 6-9. Grey: decades of the squared error. White dot: start; square: end; star: truth."

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from rig.compare.pressure_formula import Constants, curvature_at, finger_curvature, fit, together
 from sim.coding.bayes import decode_profile
 from sim.coding.encoding import Readings, noise_sd
-from sim.coding.pressure import Skin
+from sim.coding.pressure import SectionSkin
 from sim.coding.section import SampledSection
 from sim.coding.shape_class import felt_shape
 from sim.contact.patch import X, Y
 from studies.coding.profiles_part import default_operator, pressed_finger
-from studies.coding.profiles_read_back import SNR_DB, Scene, default_section, pressed
+from studies.coding.profiles_read_back import SNR_DB, ProfilePress, default_section, pressed
 from studies.source.pressure_fits import centred as centred_presses
 
 Array = NDArray[np.float64]
@@ -52,7 +52,7 @@ def rows(draws: int) -> Iterator[Row]:
     """One row for each cylinder and depth: means, and sds over draws of the noise."""
     for diameter in DIAMETERS_MM:
         for doi_mm in DEPTHS_MM:
-            true, sed = pressed(pressed_finger(), Scene(f"cylinder:{diameter:g}", 0.2, doi_mm))
+            true, sed = pressed(pressed_finger(), ProfilePress(f"cylinder:{diameter:g}", 0.2, doi_mm))
             sd = noise_sd(sed, SNR_DB)
             found = []
             for k in range(draws):
@@ -87,7 +87,7 @@ def both(pressure: Array) -> tuple[float, float]:
     return by_skin, relative - float(finger_curvature(section.line.surface, x_mm, section.line.plane_mm).mean())
 
 
-def displaced(skin: Skin, pressure: Array) -> tuple[NDArray[np.bool_], Array]:
+def displaced(skin: SectionSkin, pressure: Array) -> tuple[NDArray[np.bool_], Array]:
     """(n,) samples well inside contact, and how far each is pressed down: compliance × pressure; mm."""
     beyond = np.convolve(pressure <= _PRESSED * pressure.max(), np.ones(2 * _FROM_END + 1), mode="same")
     ends = skin.pressed(pressure, skin.lean(pressure) * pressure) - skin.at_rest_mm

@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.report.coding_figures import Surface, cloud_figure, extents, grid_figure, noise_figure, search_figure
+from rig.report.coding_figures import ErrorSurface, cloud_figure, extents, grid_figure, noise_figure, search_figure
 from rig.report.page import PageFigure, Section
 from sim.coding.bayes import decode_profile
 from sim.coding.encoding import Encoded, Noise, Readings, encode
-from sim.coding.operators import Operator, convolution, impulse_responses
+from sim.coding.operators import ForwardOperator, convolution, impulse_responses
 from sim.coding.search import (
-    Range,
+    PressureRange,
     converged_search,
     decoding_errors,
     error_surface,
@@ -35,7 +35,7 @@ DRAWS = 40
 
 CLOUD_SNR_DB = (30, 20, 10)
 DECODERS = ("univariate, grid of 1", "univariate, converged", "ours")
-_RANGE = Range(0.0, 30.0)  # of the worked example
+_RANGE = PressureRange(0.0, 30.0)  # of the worked example
 GRID_STEPS = (3.0, 1.0, 0.3, 0.1, 0.03, 0.01)
 _ACROSS = 81  # values of a surface's axis
 
@@ -43,7 +43,7 @@ _ACROSS = 81  # values of a surface's axis
 class Searched(NamedTuple):
     """The worked example: [20 14] from [10 10], without noise."""
 
-    surfaces: dict[str, Surface]
+    surfaces: dict[str, ErrorSurface]
     paths: dict[str, Array]
     grid_errors: Array
     converged_error: float
@@ -51,7 +51,7 @@ class Searched(NamedTuple):
     samples: int
 
 
-class Noisy(NamedTuple):
+class NoisyDecoding(NamedTuple):
     """Pressures found and errors, one truth and SNR."""
 
     found: Array  # (decoders, draws, 2)
@@ -61,7 +61,7 @@ class Noisy(NamedTuple):
 
 
 @cache
-def _operator() -> Operator:
+def _operator() -> ForwardOperator:
     return convolution(impulse_responses(sampled_section(FingertipConfig(), Sampling())), len(TRUE), "finite")
 
 
@@ -99,12 +99,12 @@ def searched() -> Searched:
     )
 
 
-def _surface(operator: Operator, reading: Array, low: Array, high: Array) -> Surface:
+def _surface(operator: ForwardOperator, reading: Array, low: Array, high: Array) -> ErrorSurface:
     first, second = (np.linspace(a, b, _ACROSS) for a, b in zip(np.maximum(low, 0.0), high, strict=True))
-    return Surface(first, second, error_surface(operator, reading, first, second))
+    return ErrorSurface(first, second, error_surface(operator, reading, first, second))
 
 
-def noisy(truths: str, snr_db: int, draws: int) -> Noisy:
+def noisy(truths: str, snr_db: int, draws: int) -> NoisyDecoding:
     """Draws that no decoder is told about: of a distribution, or of the worked example itself where there is none."""
     operator, spent_s, limits = _operator(), 0.0, []
     found, true = np.empty((len(DECODERS), draws, 2)), np.empty((draws, 2))
@@ -119,7 +119,7 @@ def noisy(truths: str, snr_db: int, draws: int) -> Noisy:
             told = bayes_found(operator, said.rate, said.noise_sd, ENDS[truths])
             limits.append(decoding_errors(true[k], told).eq_6_8)
     errors = ((found - true) ** 2).sum(axis=-1) / (true**2).sum(axis=-1)
-    return Noisy(found, errors, 1e3 * spent_s / draws, float(np.mean(limits)) if limits else np.nan)
+    return NoisyDecoding(found, errors, 1e3 * spent_s / draws, float(np.mean(limits)) if limits else np.nan)
 
 
 def converged_errors(truths: str, snr_db: int, draws: int) -> Array:
@@ -168,7 +168,9 @@ def search_sections(found: Searched) -> list[Section]:
     ]
 
 
-def noise_sections(by_truths: dict[str, dict[int, Noisy]], clouds: dict[int, Noisy], samples: int) -> list[Section]:
+def noise_sections(
+    by_truths: dict[str, dict[int, NoisyDecoding]], clouds: dict[int, NoisyDecoding], samples: int
+) -> list[Section]:
     """Error against noise, and where single draws end."""
     draws = next(iter(clouds.values())).errors.shape[1]
     rows = tuple(_noise_row(truths, snr, one) for truths, by in by_truths.items() for snr, one in by.items())
@@ -209,7 +211,7 @@ def noise_sections(by_truths: dict[str, dict[int, Noisy]], clouds: dict[int, Noi
     ]
 
 
-def _noise_row(truths: str, snr_db: int, one: Noisy) -> Row:
+def _noise_row(truths: str, snr_db: int, one: NoisyDecoding) -> Row:
     apart = one.errors[2] - one.errors[1]
     return (
         truths,

@@ -8,7 +8,7 @@ where it presses and how deep.
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.coding.operators import Operator
+from sim.coding.operators import ForwardOperator
 
 Array = NDArray[np.float64]
 
@@ -17,7 +17,7 @@ _GRIDS = 3
 _UNLIKELY = 18.0  # log likelihood below the highest
 
 
-def bayes_found(operator: Operator, reading: Array, sd: float, within: tuple[Array, Array]) -> Array:
+def bayes_found(operator: ForwardOperator, reading: Array, sd: float, within: tuple[Array, Array]) -> Array:
     """(2,) the pressures whose expected error of Eq. 6.8 is least, if they are even between two (2,) ends.
 
     The grid is laid anew about what the last one left likely.

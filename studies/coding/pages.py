@@ -123,7 +123,7 @@ def sections(done: dict[Work, Any], draws: int) -> list[Section]:
     """The page, in the order of the chapter."""
     searched: decoding_part.Searched = done[SEARCH, ()]
     noisy = {job: done[NOISE, job] for job in decoding_part.jobs(draws)}
-    by_truths: dict[str, dict[int, decoding_part.Noisy]] = {}
+    by_truths: dict[str, dict[int, decoding_part.NoisyDecoding]] = {}
     for (truths, snr_db, _), one in noisy.items():
         by_truths.setdefault(truths, {})[snr_db] = one
     clouds = by_truths.pop("")

@@ -17,8 +17,8 @@ from studies.coding.profiles_read_back import (
     SCENES,
     SEED,
     SNR_DB,
-    Row,
-    Scene,
+    ProfilePress,
+    ProfileRow,
     decoders,
     default_section,
     finer_section,
@@ -30,7 +30,7 @@ from studies.coding.profiles_read_back import (
 class ReadBackScene(NamedTuple):
     """One press, read back many times by each decoder, and once to be drawn."""
 
-    rows: dict[str, Row]
+    rows: dict[str, ProfileRow]
     drawn: DrawnDecoding
     receptors: int
 
@@ -47,13 +47,13 @@ def pressed_finger() -> SampledSection:
     return finer_section()
 
 
-def profile(scene: Scene, draws: int) -> ReadBackScene:
+def profile(scene: ProfilePress, draws: int) -> ReadBackScene:
     """A second for some ten draws, once the sections are there (some seconds)."""
     operator = default_operator()
     true, sed = pressed(pressed_finger(), scene)
     by = decoders(operator)
     rows = {
-        name: Row.of([read_back(decode, true, sed, SNR_DB, SEED + k) for k in range(draws)])
+        name: ProfileRow.of([read_back(decode, true, sed, SNR_DB, SEED + k) for k in range(draws)])
         for name, decode in by.items()
     }
     sd = noise_sd(sed, SNR_DB)
@@ -65,7 +65,7 @@ def profile(scene: Scene, draws: int) -> ReadBackScene:
     return ReadBackScene(rows, drawn, len(sed))
 
 
-def profile_sections(found: Mapping[Scene, ReadBackScene], draws: int) -> list[Section]:
+def profile_sections(found: Mapping[ProfilePress, ReadBackScene], draws: int) -> list[Section]:
     """One."""
     rows = [_row(scene, name, row) for scene, one in found.items() for name, row in one.rows.items()]
     samples = next(iter(found.values())).receptors
@@ -89,11 +89,11 @@ def profile_sections(found: Mapping[Scene, ReadBackScene], draws: int) -> list[S
     ]
 
 
-def _name(scene: Scene) -> str:
+def _name(scene: ProfilePress) -> str:
     return f"{scene.shape} at {scene.x_mm:g}, {scene.doi_mm:g} mm deep"
 
 
-def _row(scene: Scene, name: str, row: Row) -> tuple[str, ...]:
+def _row(scene: ProfilePress, name: str, row: ProfileRow) -> tuple[str, ...]:
     mean, sd = row.mean, row.sd
     return (
         _name(scene),
@@ -105,6 +105,6 @@ def _row(scene: Scene, name: str, row: Row) -> tuple[str, ...]:
     )
 
 
-def jobs(draws: int) -> Sequence[tuple[Scene, int]]:
+def jobs(draws: int) -> Sequence[tuple[ProfilePress, int]]:
     """Arguments of every `profile`."""
     return [(scene, draws) for scene in SCENES]

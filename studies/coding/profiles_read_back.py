@@ -20,7 +20,7 @@ from sim.coding.encoding import Readings, noise_sd
 from sim.coding.mixture import table_of
 from sim.coding.operators import centred
 from sim.coding.pressure import Frictionless, borne_by, frictionless
-from sim.coding.search import Range, converged_search, decoding_errors, global_search
+from sim.coding.search import PressureRange, converged_search, decoding_errors, global_search
 from sim.coding.section import SPACING_MM, SampledSection, Sampling, sampled_section
 from sim.config import FingertipConfig, MeshSpec
 from studies.coding.limits import profile_bound
@@ -28,7 +28,7 @@ from studies.coding.limits import profile_bound
 Array = NDArray[np.float64]
 
 
-class Scene(NamedTuple):
+class ProfilePress(NamedTuple):
     """A press; mm."""
 
     shape: str
@@ -37,30 +37,30 @@ class Scene(NamedTuple):
 
 
 SCENES = [
-    Scene("cylinder:9", 0.0, 0.67),
-    Scene("cylinder:3", 0.0, 0.67),
-    Scene("bar:3.0", 0.0, 0.67),
-    Scene("bar:1.5", 0.0, 0.67),
-    Scene("step:1", -1.63, 0.67),
-    Scene("step:5", -1.63, 0.67),
+    ProfilePress("cylinder:9", 0.0, 0.67),
+    ProfilePress("cylinder:3", 0.0, 0.67),
+    ProfilePress("bar:3.0", 0.0, 0.67),
+    ProfilePress("bar:1.5", 0.0, 0.67),
+    ProfilePress("step:1", -1.63, 0.67),
+    ProfilePress("step:5", -1.63, 0.67),
 ]
 CHOSEN_ON = [
-    Scene("cylinder:6", 0.4, 0.5),
-    Scene("cylinder:4", -0.5, 0.9),
-    Scene("cylinder:15", 0.2, 0.8),
-    Scene("bar:2.0", -0.5, 0.8),
-    Scene("bar:2.4", 0.3, 0.5),
-    Scene("bar:1.2", 0.7, 0.6),
-    Scene("step:3", -1.2, 0.6),
-    Scene("step:1", -1.0, 0.8),
-    Scene("step:5", -0.6, 0.8),
+    ProfilePress("cylinder:6", 0.4, 0.5),
+    ProfilePress("cylinder:4", -0.5, 0.9),
+    ProfilePress("cylinder:15", 0.2, 0.8),
+    ProfilePress("bar:2.0", -0.5, 0.8),
+    ProfilePress("bar:2.4", 0.3, 0.5),
+    ProfilePress("bar:1.2", 0.7, 0.6),
+    ProfilePress("step:3", -1.2, 0.6),
+    ProfilePress("step:1", -1.0, 0.8),
+    ProfilePress("step:5", -0.6, 0.8),
 ]
 SEED, CHOSEN_SEED = 1000, 100
 SAMPLES, SNR_DB, DRAWS = 39, 30.0, 20
 SNRS_DB = (0.0, 10.0, 20.0, 30.0, 40.0)
 OURS = "within contacts, frictionless"
 PRESSED = 0.02  # of the peak: inside the contact
-WITHIN = Range(0.0, 3000.0)
+WITHIN = PressureRange(0.0, 3000.0)
 BASELINE_DRAWS, SLOW_DRAWS = 4, {"univariate": 1}  # that one takes seconds a decode
 _ASIDE_MM, _DEEPER_MM = 0.02, 0.02  # of the differences that the bound's slopes are taken by
 _HEAD = "| shape | pressures | relative L2 | coverage | width over peak | ms |\n|---|---|---|---|---|---|"
@@ -68,7 +68,7 @@ _HEAD = "| shape | pressures | relative L2 | coverage | width over peak | ms |\n
 Decode = Callable[[Readings], Profile]
 
 
-def main(draws: int = DRAWS, scenes: list[Scene] = SCENES, seed: int = SEED) -> None:
+def main(draws: int = DRAWS, scenes: list[ProfilePress] = SCENES, seed: int = SEED) -> None:
     """Print relative L2, coverage of the 90 % band inside the contact, its median width over the peak, and time."""
     same, finer = default_section(), finer_section()
     operator = frictionless(same, centred(SAMPLES + 1, SPACING_MM), "finite")
@@ -76,7 +76,7 @@ def main(draws: int = DRAWS, scenes: list[Scene] = SCENES, seed: int = SEED) -> 
     for scene in scenes:
         true, sed = pressed(finer, scene)
         for name, decode in decoders(operator).items():
-            row = Row.of([read_back(decode, true, sed, SNR_DB, seed + k) for k in range(draws)])
+            row = ProfileRow.of([read_back(decode, true, sed, SNR_DB, seed + k) for k in range(draws)])
             print(f"| {scene.shape} at {scene.x_mm:g}, {scene.doi_mm:g} mm deep | {name} | {row} |", flush=True)
 
 
@@ -93,7 +93,7 @@ def against_noise(draws: int) -> None:
         slopes = _slopes(finer, scene)
         for snr_db in SNRS_DB:
             seeds = range(SEED, SEED + draws)
-            row = Row.of([read_back(ours, true, sed, snr_db, seed) for seed in seeds])
+            row = ProfileRow.of([read_back(ours, true, sed, snr_db, seed) for seed in seeds])
             held.append(row.mean.held)
             bound = profile_bound(true, *slopes, noise_sd(sed, snr_db))
             cells = [
@@ -131,7 +131,7 @@ def _cheaper(decode: Callable[[Readings], Array], true: Array, sed: Array, snr_d
     return f"{100 * np.mean(error):.0f} %, {1e3 * (time.process_time() - began) / len(seeds):.0f} ms"
 
 
-def _slopes(section: SampledSection, scene: Scene) -> tuple[Array, Array]:
+def _slopes(section: SampledSection, scene: ProfilePress) -> tuple[Array, Array]:
     """(n, 2) of pressures and (m, 2) of SED, per mm of place and of depth."""
     x, doi = scene.x_mm, scene.doi_mm
     ends = [
@@ -166,7 +166,7 @@ def decoders(operator: Frictionless) -> dict[str, Decode]:
     }
 
 
-def pressed(section: SampledSection, scene: Scene) -> tuple[Array, Array]:
+def pressed(section: SampledSection, scene: ProfilePress) -> tuple[Array, Array]:
     """(SAMPLES,) mean normal pressures, and the SED without noise that they are read back from."""
     press = section.finger.indent(scene.shape, scene.x_mm, doi_mm=scene.doi_mm)
     return borne_by(section, press).means(centred(SAMPLES, SPACING_MM)), press.receptor_measures["sed"]
@@ -195,14 +195,14 @@ def read_back(decode: Decode, true: Array, sed: Array, snr_db: float, seed: int)
     return ReadBack(decoding_errors(true, found.pressure).relative_l2, float(held), float(width), spent_ms)
 
 
-class Row(NamedTuple):
+class ProfileRow(NamedTuple):
     """Over draws."""
 
     mean: ReadBack
     sd: ReadBack
 
     @classmethod
-    def of(cls, draws: list[ReadBack]) -> "Row":
+    def of(cls, draws: list[ReadBack]) -> "ProfileRow":
         """Means and sds."""
         return cls(ReadBack(*np.mean(draws, axis=0).tolist()), ReadBack(*np.std(draws, axis=0, ddof=1).tolist()))
 

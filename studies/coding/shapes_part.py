@@ -8,7 +8,17 @@ from sim.coding.shape_class import CLASSES
 from studies.coding import curvature_read_back, edge_place, shapes_read_back
 from studies.coding.bands.drawn_presses import NEAR, cell, drawn, held, with_noise
 from studies.coding.profiles_part import default_operator, pressed_finger
-from studies.coding.profiles_read_back import OURS, SCENES, SEED, SNR_DB, SNRS_DB, Row, Scene, decoders, pressed
+from studies.coding.profiles_read_back import (
+    OURS,
+    SCENES,
+    SEED,
+    SNR_DB,
+    SNRS_DB,
+    ProfilePress,
+    ProfileRow,
+    decoders,
+    pressed,
+)
 
 Presses = Literal["fixed", "drawn"]
 Cells = tuple[str, ...]
@@ -29,7 +39,7 @@ def edges(draws: int) -> list[Cells]:
     return list(edge_place.rows(draws))
 
 
-def against_noise(scene: Scene, draws: int, presses: Presses) -> list[Row]:
+def against_noise(scene: ProfilePress, draws: int, presses: Presses) -> list[ProfileRow]:
     """Of our decoder, at each SNR: of one press, or of as many drawn about it as there are draws."""
     scenes, seed = [scene] * draws, SEED
     if presses == "drawn":
@@ -53,12 +63,14 @@ def edge_draws_of(draws: int) -> int:
     return max(1, draws // 10)
 
 
-def noise_jobs(draws: int) -> Sequence[tuple[Scene, int, Presses]]:
+def noise_jobs(draws: int) -> Sequence[tuple[ProfilePress, int, Presses]]:
     """Arguments of every `against_noise`."""
     return [(scene, draws, presses) for presses in get_args(Presses) for scene in SCENES]
 
 
-def noise_sections(found: Mapping[tuple[Scene, int, Presses], Sequence[Row]], draws: int) -> list[Section]:
+def noise_sections(
+    found: Mapping[tuple[ProfilePress, int, Presses], Sequence[ProfileRow]], draws: int
+) -> list[Section]:
     """Whole profiles against noise: of presses drawn, which a band is meant for, and of the fixed ones."""
     about: dict[Presses, str] = {
         "drawn": f"Each draw is a press of its own {NEAR.ranges}, with its own noise (seeds {NEAR.seed} …).",

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from sim.coding.bayes import decode_profile
 from sim.coding.encoding import Readings, noise_sd
-from sim.coding.operators import Operator, centred, convolution, felt_where, impulse_responses
-from sim.coding.pressure import Skin, frictionless
+from sim.coding.operators import ForwardOperator, centred, convolution, felt_where, impulse_responses
+from sim.coding.pressure import SectionSkin, frictionless
 from sim.coding.section import SPACING_MM, SampledSection, Sampling, sampled_section
 from sim.coding.shape_class import CLASSES, ShapeClass, felt_shape
 from sim.config import FingertipConfig, MeshSpec, Tissue
-from studies.coding.profiles_read_back import SAMPLES, SNR_DB, Scene, default_section, finer_section
+from studies.coding.profiles_read_back import SAMPLES, SNR_DB, ProfilePress, default_section, finer_section
 
 Array = NDArray[np.float64]
 
@@ -41,12 +41,12 @@ Guess = Callable[[Array], tuple[ShapeClass, float]]
 
 
 @dataclass(frozen=True)
-class Drawn:
+class DrawnPress:
     """A press of a class and a size: width, diameter; of a step its number."""
 
     name: ShapeClass
     size: float
-    scene: Scene
+    scene: ProfilePress
 
 
 def main(scenes: int = SCENES, seed: int = SEED) -> None:
@@ -81,29 +81,33 @@ def rows(scenes: int, seed: int = SEED) -> Iterator[Row]:
     yield apart, f"templates of SED, {who}", *_row(drawn, sed_of_other, everywhere, by_templates(templates, known))
 
 
-def draw(name: ShapeClass, seed: int) -> Drawn:
+def draw(name: ShapeClass, seed: int) -> DrawnPress:
     """A bar deep enough to touch with both edges, a cylinder, or a step near its reference."""
     rng = np.random.default_rng((seed, CLASSES.index(name)))
     if name == "bar":
         width = rng.uniform(1.2, 2.8)
-        return Drawn(
-            name, width, Scene(f"bar:{width:.3f}", rng.uniform(-0.2, 0.2), 0.45 + 0.25 * width + rng.uniform(0, 0.2))
+        return DrawnPress(
+            name,
+            width,
+            ProfilePress(f"bar:{width:.3f}", rng.uniform(-0.2, 0.2), 0.45 + 0.25 * width + rng.uniform(0, 0.2)),
         )
     if name == "cylinder":
         diameter = rng.uniform(2.5, 10.0)
-        return Drawn(name, diameter, Scene(f"cylinder:{diameter:.3f}", rng.uniform(-0.5, 0.5), rng.uniform(0.5, 1.0)))
+        return DrawnPress(
+            name, diameter, ProfilePress(f"cylinder:{diameter:.3f}", rng.uniform(-0.5, 0.5), rng.uniform(0.5, 1.0))
+        )
     number = int(rng.choice(STEPS))
-    return Drawn(name, number, Scene(f"step:{number}", rng.uniform(-2.0, -1.2), rng.uniform(0.65, 0.9)))
+    return DrawnPress(name, number, ProfilePress(f"step:{number}", rng.uniform(-2.0, -1.2), rng.uniform(0.65, 0.9)))
 
 
-def felt(section: SampledSection, drawn: Drawn) -> Array:
+def felt(section: SampledSection, drawn: DrawnPress) -> Array:
     """(m,) SED without noise."""
     scene = drawn.scene
     press = section.finger.indent(scene.shape, scene.x_mm, doi_mm=scene.doi_mm)
     return np.asarray(press.receptor_measures["sed"])
 
 
-def by_skin(operator: Operator, skin: Skin) -> Guess:
+def by_skin(operator: ForwardOperator, skin: SectionSkin) -> Guess:
     """From decoded pressures."""
 
     def guess(reading: Array) -> tuple[ShapeClass, float]:
@@ -113,7 +117,7 @@ def by_skin(operator: Operator, skin: Skin) -> Guess:
     return guess
 
 
-def by_templates(templates: list[Drawn], known: Array) -> Guess:
+def by_templates(templates: list[DrawnPress], known: Array) -> Guess:
     """The nearest in SED."""
 
     def guess(reading: Array) -> tuple[ShapeClass, float]:
@@ -123,7 +127,7 @@ def by_templates(templates: list[Drawn], known: Array) -> Guess:
     return guess
 
 
-def _row(drawn: list[Drawn], sed: list[Array], at: slice, guess: Guess) -> Row:
+def _row(drawn: list[DrawnPress], sed: list[Array], at: slice, guess: Guess) -> Row:
     found = []
     for k, whole in enumerate(sed):
         signal = whole[at]

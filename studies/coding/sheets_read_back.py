@@ -42,7 +42,7 @@ from sim.measures.receptors import DEFAULT_DEPTH_MM, points_below
 from sim.models.fingertip import Fingertip
 from sim.models.result import IndentationResult
 from sim.units import PSEUDO_E_EPIDERMIS
-from studies.coding.profiles_read_back import SAMPLES, SCENES, Scene
+from studies.coding.profiles_read_back import SAMPLES, SCENES, ProfilePress
 from studies.coding.shapes_read_back import OTHER_TISSUE
 
 Array = NDArray[np.float64]
@@ -85,14 +85,14 @@ def main(scenes: int = SCENES_A_CLASS) -> None:
         for every in EVERY if not who else EVERY[:1]:
             for snr_db in SNRS_DB if not who else SNRS_DB[:1]:
                 for name in SOLIDS:
-                    cells = sheet_cells(operator, drawn[name], pressed[name], Sampled(every, snr_db))
+                    cells = sheet_cells(operator, drawn[name], pressed[name], SampledSheet(every, snr_db))
                     print(f"| {name}{who} | {0.4 * every:.1f} mm | {snr_db:g} dB | {cells} |", flush=True)
 
 
 # --- a row ---
 
 
-def row_cells(scene: Scene, draws: int) -> str:
+def row_cells(scene: ProfilePress, draws: int) -> str:
     """Mean over draws of the noise."""
     row, finger = default_row(), pressed_finger((X,), Tissue(), sheet=False)
     result = finger.indent(scene.shape, scene.x_mm, doi_mm=scene.doi_mm)
@@ -142,7 +142,7 @@ def in_plane(row: FeltRow, result: IndentationResult) -> Borne:
 # --- a sheet ---
 
 
-class Pressed(NamedTuple):
+class PressedSheet(NamedTuple):
     """One press: pressures at the grid's places, and SED at the sheet without noise."""
 
     true: Array
@@ -159,7 +159,7 @@ class SheetScene(NamedTuple):
     doi_mm: float
 
 
-class Sampled(NamedTuple):
+class SampledSheet(NamedTuple):
     """Each so manyth receptor both ways, and noise."""
 
     every: int
@@ -201,7 +201,7 @@ def pressed_finger(slopes: tuple[int, ...], tissue: Tissue, *, sheet: bool) -> F
     return Fingertip.load(config, slopes=slopes, receptor_x_mm=SHEET_MM.tolist(), receptor_z_mm=z_mm)
 
 
-def press(tissue: Tissue, scene: SheetScene) -> Pressed:
+def press(tissue: Tissue, scene: SheetScene) -> PressedSheet:
     """By its finger: what it bears along the skin's inward normal, and SED."""
     shape = parse_shape(scene.shape)
     finger = pressed_finger(shape.axes, tissue, sheet=True)
@@ -212,7 +212,7 @@ def press(tissue: Tissue, scene: SheetScene) -> Pressed:
     phi = finger.surface.angle_at(patch.x, patch.position_mm[:, Z])
     inward = -(force * finger.surface.normal(phi, patch.position_mm[:, Z]).T).sum(axis=0)
     true = GRID.nearest(patch.position_mm, patch.area_mm2, PSEUDO_E_EPIDERMIS * inward / patch.area_mm2)
-    return Pressed(true, np.asarray(result.receptor_measures["sed"]))
+    return PressedSheet(true, np.asarray(result.receptor_measures["sed"]))
 
 
 def default_sheet() -> SheetOperator:
@@ -223,7 +223,7 @@ def default_sheet() -> SheetOperator:
 
 
 def sheet_cells(
-    operator: SheetOperator, scenes: Sequence[SheetScene], pressed: Sequence[Pressed], sampled: Sampled
+    operator: SheetOperator, scenes: Sequence[SheetScene], pressed: Sequence[PressedSheet], sampled: SampledSheet
 ) -> str:
     """Means over scenes of one class."""
     there = felt_where(operator, sampled.receptors)

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from sim.coding.bayes import decode_profile
 from sim.coding.encoding import Encoded, Noise, Readings, encode
-from sim.coding.operators import Operator, convolution, impulse_responses
+from sim.coding.operators import ForwardOperator, convolution, impulse_responses
 from sim.coding.search import (
     Decoded,
-    Range,
+    PressureRange,
     converged_search,
     decoding_errors,
     global_search,
@@ -37,7 +37,7 @@ SNR_DB = (0, 5, 10, 15, 20, 30, 40)
 DRAWS = 40
 SEED, CHOSEN_SEED = 500, 0
 TRUE, START = np.array([20.0, 14.0]), np.array([10.0, 10.0])
-WITHIN = Range(0.0, 60.0)
+WITHIN = PressureRange(0.0, 60.0)
 TRUTHS: dict[str, Callable[[np.random.Generator], Array]] = {
     "U(0, 30)²": lambda rng: rng.uniform(0.0, 30.0, 2),
     "[20 14] ± 3": lambda rng: TRUE + rng.uniform(-3.0, 3.0, 2),
@@ -62,7 +62,7 @@ def main(draws: int = DRAWS, seed: int = SEED) -> None:
         print(f"| {name} | {np.round(found.pressure, 2)} | {squared:.2g} | {max(0, len(found.path) - 1)} |")
 
 
-def _row(operator: Operator, truths: str, snr_db: int, seeds: range) -> str:
+def _row(operator: ForwardOperator, truths: str, snr_db: int, seeds: range) -> str:
     errors, spent_s = np.empty((3, len(seeds))), 0.0
     for k, seed in enumerate(seeds):
         true = TRUTHS[truths](np.random.default_rng((seed, snr_db)))
@@ -79,21 +79,21 @@ def _row(operator: Operator, truths: str, snr_db: int, seeds: range) -> str:
     return " | ".join([*cells, f"{1e3 * spent_s / len(seeds):.0f}"])
 
 
-def _ours(operator: Operator, said: Encoded) -> Array:
+def _ours(operator: ForwardOperator, said: Encoded) -> Array:
     return decode_profile(operator, Readings.of_sed(said.rate, said.noise_sd)).pressure
 
 
-def _worked_example(operator: Operator) -> dict[str, Decoded]:
+def _worked_example(operator: ForwardOperator) -> dict[str, Decoded]:
     reading = operator.sed(TRUE)
     grids = {
-        f"univariate, grid of {step:g}": grid_search(operator, reading, START, Range(0.0, 30.0), step)
+        f"univariate, grid of {step:g}": grid_search(operator, reading, START, PressureRange(0.0, 30.0), step)
         for step in (3.0, 1.0, 0.3, 0.1, 0.03, 0.01)
     }
     return {
         **grids,
-        "univariate, converged": converged_search(operator, reading, START, Range(0.0, 30.0)),
-        "table of 1 000 responses": table_search(operator, reading, Range(0.0, 30.0), 1000),
-        "scipy's dual annealing": global_search(operator, reading, Range(0.0, 30.0)),
+        "univariate, converged": converged_search(operator, reading, START, PressureRange(0.0, 30.0)),
+        "table of 1 000 responses": table_search(operator, reading, PressureRange(0.0, 30.0), 1000),
+        "scipy's dual annealing": global_search(operator, reading, PressureRange(0.0, 30.0)),
     }
 
 

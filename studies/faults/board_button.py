@@ -29,7 +29,7 @@ _K_GWT, _CONTACT_MM, _FORCE_GWT = 6.0, -0.3, 5.0
 _READY_S, _LASTS_S = 30.0, 12.0
 
 
-class Spring:
+class SpringFinger:
     """A finger that costs nothing: F = k d^1.5."""
 
     def __init__(self, carriage: Carriage) -> None:
@@ -55,7 +55,7 @@ def pressed(name: str, after_s: float) -> tuple[float, float]:
     stop = {"kind": "board", "input": name}
     config = Config.model_validate({"stage": {"kind": kind}, "force": force, "stop": stop})
     clock, wire = VirtualClock(1.7e9), io.StringIO()
-    bench = bench_around(Spring, config, clock, wire)
+    bench = bench_around(SpringFinger, config, clock, wire)
     board: Any = bench.board
     at_s = 0.0
 

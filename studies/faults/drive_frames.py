@@ -50,7 +50,7 @@ def _settings(device_id: int) -> DriveSettings:
 
 
 @dataclass(frozen=True)
-class Fault:
+class FrameFault:
     """What happens to one frame: out or back, the how-maniest of its direction, and which damage to which byte."""
 
     out: bool
@@ -82,7 +82,7 @@ class _Wire:
     def __init__(self, line: SerialLine, clock: VirtualClock) -> None:
         self._inner = LoopbackTransport(line, clock, "wire")
         self.name, self.close = self._inner.name, self._inner.close
-        self.fault: Fault | None = None
+        self.fault: FrameFault | None = None
         self.frames: dict[bool, list[bytes]] | None = None  # by whether they went out; None: not yet of interest
 
     def write(self, data: bytes) -> None:
@@ -101,7 +101,7 @@ class _Wire:
         return fault.damage(data) if fault is not None and hit else data
 
 
-class Bench:
+class DriveBench:
     """Two homed drives with the driver over them, z deep and x beside its home switch, ready for one motion."""
 
     def __init__(self, framing: Framing) -> None:
@@ -131,7 +131,7 @@ class Bench:
         return self.x.carriage_at(t_s), self.z.carriage_at(t_s)
 
 
-def _jogged(bench: Bench, axis: Axis, by_mm: float) -> None:
+def _jogged(bench: DriveBench, axis: Axis, by_mm: float) -> None:
     """A slice, and once more while the first is under way."""
     bench.stage.jog(axis, by_mm / 2, 1.0)
     bench.clock.wait_s(0.01)
@@ -140,12 +140,12 @@ def _jogged(bench: Bench, axis: Axis, by_mm: float) -> None:
     bench.stage.end_jog()
 
 
-def _held(bench: Bench, axis: Axis, sign: int) -> None:
+def _held(bench: DriveBench, axis: Axis, sign: int) -> None:
     until_s = bench.clock.monotonic_s() + 0.3
     bench.stage.jog_while(axis, sign, lambda: bench.clock.monotonic_s() < until_s, 1.0)
 
 
-def _halted(bench: Bench) -> None:
+def _halted(bench: DriveBench) -> None:
     """A press that is given up on its way, and the lift after it."""
     looks = bench.stage.moving(z_mm=Z_MM - 0.5, speed_mm_s=1.0)
     next(looks)
@@ -154,10 +154,10 @@ def _halted(bench: Bench) -> None:
 
 
 @dataclass(frozen=True)
-class Motion:
+class WatchedMotion:
     """One motion, and how far from the start each axis may go and where it must end, mm; None: not to be known."""
 
-    do: Callable[[Bench], None]
+    do: Callable[[DriveBench], None]
     x_mm: tuple[float, float] = (0.0, 0.0)
     z_mm: tuple[float, float] = (0.0, 0.0)
     ends_mm: tuple[float, float] | None = (0.0, 0.0)
@@ -165,27 +165,30 @@ class Motion:
 
 
 MOTIONS = {
-    "press": Motion(
+    "press": WatchedMotion(
         lambda b: b.stage.move_to(z_mm=Z_MM - INCREMENT_MM, speed_mm_s=0.5),
-        z_mm=(-INCREMENT_MM, 0.0), ends_mm=(0.0, -INCREMENT_MM),
+        z_mm=(-INCREMENT_MM, 0.0),
+        ends_mm=(0.0, -INCREMENT_MM),
     ),
-    "lift": Motion(lambda b: b.stage.move_to(z_mm=-3.0, speed_mm_s=5.0), z_mm=(0.0, 5.0), ends_mm=(0.0, 2.0)),
-    "sideways": Motion(lambda b: b.stage.move_to(x_mm=-2.0, speed_mm_s=5.0), x_mm=(0.0, 4.0), ends_mm=(2.0, 0.0)),
-    "home": Motion(
+    "lift": WatchedMotion(lambda b: b.stage.move_to(z_mm=-3.0, speed_mm_s=5.0), z_mm=(0.0, 5.0), ends_mm=(0.0, 2.0)),
+    "sideways": WatchedMotion(
+        lambda b: b.stage.move_to(x_mm=-2.0, speed_mm_s=5.0), x_mm=(0.0, 4.0), ends_mm=(2.0, 0.0)
+    ),
+    "home": WatchedMotion(
         lambda b: b.stage.home(), x_mm=(-1.0, 4.02), z_mm=(0.0, 5.02), ends_mm=(4.0, 5.0), lifts_first=True
     ),
-    "jog down": Motion(lambda b: _jogged(b, "z", -0.1), z_mm=(-0.1, 0.0), ends_mm=(0.0, -0.1)),
-    "jog up": Motion(lambda b: _jogged(b, "z", 0.1), z_mm=(0.0, 0.1), ends_mm=(0.0, 0.1)),
-    "held up": Motion(lambda b: _held(b, "z", 1), z_mm=(0.0, 0.4), ends_mm=None),
-    "held down": Motion(lambda b: _held(b, "z", -1), z_mm=(-0.4, 0.0), ends_mm=None),
-    "limit": Motion(lambda b: b.stage.limit_depth(Z_MM - 1.0)),
-    "halt and lift": Motion(lambda b: _halted(b), z_mm=(-0.5, 5.0), ends_mm=(0.0, 2.0)),
-}  # fmt: skip
+    "jog down": WatchedMotion(lambda b: _jogged(b, "z", -0.1), z_mm=(-0.1, 0.0), ends_mm=(0.0, -0.1)),
+    "jog up": WatchedMotion(lambda b: _jogged(b, "z", 0.1), z_mm=(0.0, 0.1), ends_mm=(0.0, 0.1)),
+    "held up": WatchedMotion(lambda b: _held(b, "z", 1), z_mm=(0.0, 0.4), ends_mm=None),
+    "held down": WatchedMotion(lambda b: _held(b, "z", -1), z_mm=(-0.4, 0.0), ends_mm=None),
+    "limit": WatchedMotion(lambda b: b.stage.limit_depth(Z_MM - 1.0)),
+    "halt and lift": WatchedMotion(lambda b: _halted(b), z_mm=(-0.5, 5.0), ends_mm=(0.0, 2.0)),
+}
 
 
-def faults(motion: str, framing: Framing) -> Iterator[Fault]:
+def faults(motion: str, framing: Framing) -> Iterator[FrameFault]:
     """Every fault of every distinct frame of a motion; of frames that come again the first and the last."""
-    bench = Bench(framing)
+    bench = DriveBench(framing)
     bench.wire.frames = {True: [], False: []}
     MOTIONS[motion].do(bench)
     for out, frames in bench.wire.frames.items():
@@ -197,20 +200,20 @@ def faults(motion: str, framing: Framing) -> Iterator[Fault]:
                 yield from _of_frame(out, number, frames[number])
 
 
-def _of_frame(out: bool, number: int, data: bytes) -> Iterator[Fault]:
+def _of_frame(out: bool, number: int, data: bytes) -> Iterator[FrameFault]:
     for byte in range(len(data)):
         for bit in range(8):
-            yield Fault(out, number, "bit", byte, bit)
+            yield FrameFault(out, number, "bit", byte, bit)
         for kind in ("lost", "doubled", "cut"):
-            yield Fault(out, number, kind, byte)
+            yield FrameFault(out, number, kind, byte)
     for byte, (one, other) in enumerate(pairwise(data)):
         if one != other:
-            yield Fault(out, number, "swapped", byte)
+            yield FrameFault(out, number, "swapped", byte)
 
 
-def wrong(motion: str, framing: Framing, fault: Fault | None) -> str:
+def wrong(motion: str, framing: Framing, fault: FrameFault | None) -> str:
     """What went wrong with the carriage, or nothing."""
-    bench, what = Bench(framing), MOTIONS[motion]
+    bench, what = DriveBench(framing), MOTIONS[motion]
     begun_s = bench.clock.monotonic_s()
     bench.wire.fault, bench.wire.frames = fault, {True: [], False: []}
     raised = ""
@@ -241,7 +244,7 @@ def wrong(motion: str, framing: Framing, fault: Fault | None) -> str:
     return ""
 
 
-def _case(case: tuple[str, Framing, Fault]) -> tuple[tuple[str, Framing, Fault], str]:
+def _case(case: tuple[str, Framing, FrameFault]) -> tuple[tuple[str, Framing, FrameFault], str]:
     return case, wrong(*case)
 
 

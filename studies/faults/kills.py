@@ -23,7 +23,7 @@ from contextlib import redirect_stderr
 from pathlib import Path
 from typing import Any
 
-from rig.cli.signals import Pause, at_a_safe_point
+from rig.cli.signals import PauseRequest, at_a_safe_point
 from rig.data import Run, RunError, read_run
 from rig.data.journal import read_journal
 from rig.plan.config import Config
@@ -56,7 +56,7 @@ MUST_BE_NONE = ("lost", "missing", "repeated", "mixed", "touching")
 class Leaving(Nobody):
     """Asks for a pause where a signal does, and does not come back from it."""
 
-    def __init__(self, pause: Pause) -> None:
+    def __init__(self, pause: PauseRequest) -> None:
         self._pause = pause
 
     def interrupted(self) -> bool:
@@ -109,15 +109,15 @@ class Trials:
         (made,) = (path for path in out.iterdir() if not path.name.startswith("."))
         return made
 
-    def _take_up(self, cut: Path, pause: Pause) -> None:
+    def _take_up(self, cut: Path, pause: PauseRequest) -> None:
         stopped = read_stopped(cut)
         dry_run(self._session(stopped.script, stopped.config, stopped, pause))
 
-    def _session(self, script: Script, config: Config, into: NewRun | StoppedRun, pause: Pause) -> Session:
+    def _session(self, script: Script, config: Config, into: NewRun | StoppedRun, pause: PauseRequest) -> Session:
         return Session(script, config, self._finger, self._plan, into, Leaving(pause))
 
 
-def _forked(work: Callable[[Pause], object], strike: Strike | None) -> int:
+def _forked(work: Callable[[PauseRequest], object], strike: Strike | None) -> int:
     """Do it in a forked process; its exit code, negative for the signal that ended it."""
     child = os.fork()
     if child == 0:

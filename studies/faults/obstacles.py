@@ -146,7 +146,7 @@ class Board:
 
 
 @dataclass
-class Scene:
+class StopScene:
     """What `rig stop` finds: a board and the way to it, a configuration, an environment, and bystanders."""
 
     folder: Path
@@ -208,24 +208,24 @@ class Stopped:
     owner: int | None
 
 
-Obstacle = Callable[[Scene], None]
+Obstacle = Callable[[StopScene], None]
 
 
-def _tcp(scene: Scene, clients: int = 100) -> None:
+def _tcp(scene: StopScene, clients: int = 100) -> None:
     scene.port = scene.stack.enter_context(scene.board.behind_tcp(clients))
 
 
-def _nothing(scene: Scene) -> None:
+def _nothing(scene: StopScene) -> None:
     _tcp(scene)
 
 
-def _full_disk(scene: Scene) -> None:
+def _full_disk(scene: StopScene) -> None:
     """No file takes a byte, so that no folder is usable for temporary ones."""
     _tcp(scene)
     scene.limits = (resource.RLIMIT_FSIZE,)
 
 
-def _no_folders(scene: Scene) -> None:
+def _no_folders(scene: StopScene) -> None:
     _tcp(scene)
     names = (
         "TMPDIR",
@@ -239,14 +239,14 @@ def _no_folders(scene: Scene) -> None:
     scene.environment = dict.fromkeys(names, "/proc/nowhere/at/all")
 
 
-def _linked_runtime(scene: Scene) -> None:
+def _linked_runtime(scene: StopScene) -> None:
     _tcp(scene)
     link = scene.folder / "runtime"
     link.symlink_to(scene.folder)
     scene.environment = {"RIG_RUNTIME_DIR": str(link)}
 
 
-def _forged_notes(scene: Scene) -> None:
+def _forged_notes(scene: StopScene) -> None:
     """Of an owner that is none: as versions before wrote them, and as processes announce themselves."""
     _tcp(scene)
     victim, runtime = scene.bystander(), scene.folder / "runtime"
@@ -261,7 +261,7 @@ def _forged_notes(scene: Scene) -> None:
     (runtime / f"{victim}.json").write_text(json.dumps(note))
 
 
-def _forged_lock(scene: Scene) -> None:
+def _forged_lock(scene: StopScene) -> None:
     """In place of the lock a second name of a file that a process of this account has locked for itself."""
     _tcp(scene)
     place, own = scene.lock_file(), scene.folder / "own"
@@ -273,22 +273,22 @@ def _forged_lock(scene: Scene) -> None:
         place.touch()
 
 
-def _habits(scene: Scene) -> None:
+def _habits(scene: StopScene) -> None:
     _tcp(scene)
     scene.config += "[habits]\nclearance_mm = 'far'\n[no_such_table]\nkey = 1\n"
 
 
-def _not_toml(scene: Scene) -> None:
+def _not_toml(scene: StopScene) -> None:
     _tcp(scene)
     scene.config = "title = \n" + scene.config + "[habits]\nclearance_mm = = 3\n"
 
 
-def _stage_values(scene: Scene) -> None:
+def _stage_values(scene: StopScene) -> None:
     _tcp(scene)
     scene.config += "travel_mm = 'long'\nresolution_mm = -1\nno_such_key = 3\n[stage.drives.x]\ndevice_id = 'one'\n"
 
 
-def _stale_lock(scene: Scene) -> None:
+def _stale_lock(scene: StopScene) -> None:
     _tcp(scene)
     scene.hung_owner()
     assert scene.owner is not None
@@ -297,12 +297,12 @@ def _stale_lock(scene: Scene) -> None:
     scene.owner = None
 
 
-def _linked_lock(scene: Scene) -> None:
+def _linked_lock(scene: StopScene) -> None:
     _tcp(scene)
     scene.lock_file().symlink_to(scene.folder / "target")
 
 
-def _other_account(scene: Scene) -> None:
+def _other_account(scene: StopScene) -> None:
     """Another account, where that can be had, holds the lock, and cannot be asked or signalled."""
     _tcp(scene)
     place = scene.lock_file()
@@ -315,23 +315,23 @@ def _other_account(scene: Scene) -> None:
         os.link(place, scene.folder / "second")
 
 
-def _hung(scene: Scene) -> None:
+def _hung(scene: StopScene) -> None:
     _tcp(scene)
     scene.hung_owner()
 
 
-def _hung_announced(scene: Scene) -> None:
+def _hung_announced(scene: StopScene) -> None:
     _tcp(scene)
     scene.environment = {"RIG_RUNTIME_DIR": str(scene.folder / "runtime")}
     scene.hung_owner("announced")
 
 
-def _hung_serial(scene: Scene) -> None:
+def _hung_serial(scene: StopScene) -> None:
     scene.port = scene.stack.enter_context(scene.board.behind_serial())
     scene.hung_owner()
 
 
-def _hung_full_disk(scene: Scene) -> None:
+def _hung_full_disk(scene: StopScene) -> None:
     _hung_announced(scene)
     scene.limits = (resource.RLIMIT_FSIZE,)
 
@@ -357,29 +357,29 @@ OBSTACLES: dict[str, Obstacle] = {
 """Those through which the bytes go out."""
 
 
-def _alone_hung(scene: Scene) -> None:
+def _alone_hung(scene: StopScene) -> None:
     """A gateway for one client, which hangs: nobody else can reach the board."""
     _tcp(scene, clients=1)
     scene.hung_owner()
 
 
-def _nobody_listens(scene: Scene) -> None:
+def _nobody_listens(scene: StopScene) -> None:
     _tcp(scene)
     number = scene.port.rpartition(":")[2]
     scene.stack.close()
     scene.port = f"tcp://127.0.0.1:{number}"
 
 
-def _no_such_port(scene: Scene) -> None:
+def _no_such_port(scene: StopScene) -> None:
     scene.port = "/dev/ttyNOWHERE7"
 
 
-def _no_configuration(scene: Scene) -> None:
+def _no_configuration(scene: StopScene) -> None:
     _tcp(scene)
     scene.config = ""
 
 
-def _wrong_port(scene: Scene) -> None:
+def _wrong_port(scene: StopScene) -> None:
     _tcp(scene)
     scene.config = "[stage]\nport = ''\n"
 
@@ -398,7 +398,7 @@ def stopped(obstacle: Obstacle, folder: Path, *options: str) -> Stopped:
     """One `rig stop` behind an obstacle."""
     board = Board()
     with ExitStack() as stack:
-        scene = Scene(folder, board, stack)
+        scene = StopScene(folder, board, stack)
         obstacle(scene)
         config = folder / "rig.toml"
         if scene.config:

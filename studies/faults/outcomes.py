@@ -26,7 +26,7 @@ from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, TARGET, FaultyBe
 
 
 @dataclass(frozen=True)
-class Found:
+class FaultOutcome:
     """What came of a fault."""
 
     outcome: str
@@ -51,7 +51,7 @@ def _file_sizes_restored() -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
-def suffer(fault: Fault, folder: Path) -> Found:
+def suffer(fault: Fault, folder: Path) -> FaultOutcome:
     """Two indentations, the fault in the first."""
     bench = FaultyBench(folder, fault.tables)
     ended_by: RigError | None = None
@@ -67,7 +67,7 @@ def suffer(fault: Fault, folder: Path) -> Found:
     lines = bench.journal_path.read_bytes().split(b"\n")
     assert lines[-1] == b"", "a torn line"
     documents = [json.loads(line) for line in lines[:-1]]
-    return Found(outcome, ended_by, bench.engine.state.value, bench.worst_n / GWT_N, len(documents))
+    return FaultOutcome(outcome, ended_by, bench.engine.state.value, bench.worst_n / GWT_N, len(documents))
 
 
 def _two_presses(bench: FaultyBench, fault: Fault) -> None:

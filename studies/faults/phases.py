@@ -72,7 +72,7 @@ WAYS_BACK = {"by increments": {"retouch_margin_mm": 20.0}, "in one move": {}}
 
 
 @dataclass(frozen=True)
-class Cell:
+class PhaseOutcome:
     """The worst force on the finger, gwt, and what ended it, if anything did."""
 
     worst_gwt: float
@@ -86,13 +86,13 @@ def deep_gwt() -> float:
     return PREDICTED.force_at(PREDICTED.contact_mm - depth_mm) / GWT_N
 
 
-def suffer(phase: str, fault: str, folder: Path) -> Cell:
+def suffer(phase: str, fault: str, folder: Path) -> PhaseOutcome:
     """The sensor fails in this phase, in this way, and stays so."""
     acts = {"jog": _jog, "home": _home, "park": _park, "coming back": _come_back}
     return _suffer(acts.get(phase, _presses), phase, fault, FaultyBench(folder, _tables(phase)))
 
 
-def come_nearer(way: str, fault: str, folder: Path, devices: Mapping[str, Any] | None = None) -> Cell:
+def come_nearer(way: str, fault: str, folder: Path, devices: Mapping[str, Any] | None = None) -> PhaseOutcome:
     """The finger comes nearer after its first press, and the sensor fails before the second one at the same place."""
     bench = FaultyBench(folder, {**_tables("coming back"), "habits": WAYS_BACK[way], **(devices or {})})
     return _suffer(_come_nearer, "coming back", fault, bench)
@@ -104,7 +104,7 @@ def _tables(phase: str) -> dict[str, Mapping[str, Any]]:
 
 def _suffer(
     act: Callable[[FaultyBench, str, Callable[[], None]], None], phase: str, fault: str, bench: FaultyBench
-) -> Cell:
+) -> PhaseOutcome:
     def strike() -> None:
         if fault != NO_FAULT:
             bench.felt_n = FAULTS[fault](bench, bench.clock.monotonic_s())
@@ -117,7 +117,7 @@ def _suffer(
         ended_by = error
     finally:
         bench.journal.close()
-    return Cell(bench.worst_n / GWT_N, ended_by)
+    return PhaseOutcome(bench.worst_n / GWT_N, ended_by)
 
 
 def _ready(bench: FaultyBench) -> None:
@@ -205,7 +205,7 @@ def main(only: str | None) -> None:
 
 
 def _print(
-    what: str, rows: tuple[str, ...], faults: tuple[str, ...], found: Callable[[str, str, Path], Cell]
+    what: str, rows: tuple[str, ...], faults: tuple[str, ...], found: Callable[[str, str, Path], PhaseOutcome]
 ) -> None:
     print(f"| {what} | {' | '.join(faults)} |\n|---|{'---|' * len(faults)}")
     for name in rows:

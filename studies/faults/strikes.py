@@ -90,7 +90,7 @@ class Kill:
 
 
 @dataclass(frozen=True)
-class Cut:
+class CableCut:
     """A cable that is pulled after so many bytes, in the middle of whatever they are."""
 
     how: str
@@ -148,12 +148,12 @@ def kills(number: int, chance: random.Random, writes: int, duration_s: float) ->
     return found + [Kill(next(shuffled), t_s=t_s) for t_s in at_times]
 
 
-def cuts(number: int, chance: random.Random, wire_bytes: Callable[[str], int]) -> list[Cut]:
+def cuts(number: int, chance: random.Random, wire_bytes: Callable[[str], int]) -> list[CableCut]:
     """As many of each cable, spread over the bytes that go over it in a run."""
     found = []
     for first, how in enumerate(CABLES[:number]):
         so_many = len(range(first, number, len(CABLES)))
-        found += [Cut(how, int(byte)) for byte in _spread(so_many, chance, wire_bytes(how.split(", ")[0]))]
+        found += [CableCut(how, int(byte)) for byte in _spread(so_many, chance, wire_bytes(how.split(", ")[0]))]
     return found
 
 

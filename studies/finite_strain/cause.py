@@ -37,7 +37,7 @@ DEPTHS_MM = (0.15, 0.33, 0.45, 0.6)
 ALL = (EPIDERMIS, DERMIS, FAT)
 
 
-class Case(NamedTuple):
+class StrainCase(NamedTuple):
     """What differs from the default finger under cylinder 9."""
 
     what: str
@@ -49,25 +49,27 @@ class Case(NamedTuple):
 
 
 CASES = (
-    Case("nothing"),
-    Case("finite strain in the epidermis alone", finite=(EPIDERMIS,)),
-    Case("finite strain below the epidermis alone", finite=(DERMIS, FAT)),
-    Case("all layers as stiff as the epidermis", tissue=Tissue(e_dermis=1.0, e_fat=1.0)),
-    Case("layers below a third as stiff as the epidermis", tissue=Tissue(e_dermis=1 / 3, e_fat=1 / 3)),
-    Case("epidermis 0.1 mm thick", tissue=Tissue(epidermis_mm=0.1)),
-    Case("Poisson's ratio 0.3", tissue=Tissue(poisson=0.3)),
-    Case("full integration", "finger 0.35 full"),
-    Case("full integration, Poisson's ratio 0.3", "finger 0.35 full", tissue=Tissue(poisson=0.3)),
-    Case("3 mm cylinder along", shape="cylinder:3"),
-    Case("3 mm cylinder across", shape="cylinder:3,across"),
-    Case("3 mm cylinder across, finger straight", shape="cylinder:3,across", straight=True),
-    Case("3 mm cylinder across, 0.7 mm mesh", "finger 0.7", "cylinder:3,across"),
-    Case("3 mm cylinder across, 0.7 mm mesh, full integration", "finger 0.7 full", "cylinder:3,across"),
-    Case("3 mm cylinder along, 0.7 mm mesh, full integration", "finger 0.7 full", "cylinder:3"),
-    Case("section", "section 0.17"),
-    Case("section, finite strain in the epidermis alone", "section 0.17", finite=(EPIDERMIS,)),
-    Case("section, finite strain below the epidermis alone", "section 0.17", finite=(DERMIS, FAT)),
-    Case("section, all layers as stiff as the epidermis", "section 0.17", tissue=Tissue(e_dermis=1.0, e_fat=1.0)),
+    StrainCase("nothing"),
+    StrainCase("finite strain in the epidermis alone", finite=(EPIDERMIS,)),
+    StrainCase("finite strain below the epidermis alone", finite=(DERMIS, FAT)),
+    StrainCase("all layers as stiff as the epidermis", tissue=Tissue(e_dermis=1.0, e_fat=1.0)),
+    StrainCase("layers below a third as stiff as the epidermis", tissue=Tissue(e_dermis=1 / 3, e_fat=1 / 3)),
+    StrainCase("epidermis 0.1 mm thick", tissue=Tissue(epidermis_mm=0.1)),
+    StrainCase("Poisson's ratio 0.3", tissue=Tissue(poisson=0.3)),
+    StrainCase("full integration", "finger 0.35 full"),
+    StrainCase("full integration, Poisson's ratio 0.3", "finger 0.35 full", tissue=Tissue(poisson=0.3)),
+    StrainCase("3 mm cylinder along", shape="cylinder:3"),
+    StrainCase("3 mm cylinder across", shape="cylinder:3,across"),
+    StrainCase("3 mm cylinder across, finger straight", shape="cylinder:3,across", straight=True),
+    StrainCase("3 mm cylinder across, 0.7 mm mesh", "finger 0.7", "cylinder:3,across"),
+    StrainCase("3 mm cylinder across, 0.7 mm mesh, full integration", "finger 0.7 full", "cylinder:3,across"),
+    StrainCase("3 mm cylinder along, 0.7 mm mesh, full integration", "finger 0.7 full", "cylinder:3"),
+    StrainCase("section", "section 0.17"),
+    StrainCase("section, finite strain in the epidermis alone", "section 0.17", finite=(EPIDERMIS,)),
+    StrainCase("section, finite strain below the epidermis alone", "section 0.17", finite=(DERMIS, FAT)),
+    StrainCase(
+        "section, all layers as stiff as the epidermis", "section 0.17", tissue=Tissue(e_dermis=1.0, e_fat=1.0)
+    ),
 )
 
 
@@ -113,7 +115,7 @@ class Straight(Specimen):
         return prismatic(FingertipSurface.fit(self.config.geometry), self.config.receptor_plane_mm)
 
 
-def rows(case: Case) -> Iterator[dict[str, Any]]:
+def rows(case: StrainCase) -> Iterator[dict[str, Any]]:
     """One a depth: linear force over that at finite strain, less one."""
     kind: Kind = "section" if case.mesh.startswith("section") else "finger"
     mesh = MeshSpec.model_validate(MESHES[case.mesh])

@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from sim.contact.indentor import Prismatic
 from sim.models.full_mesh import MeshedFinger, write_contact_deck, write_load_deck
 from studies.finite_strain.solver.laws import NeoHookean
-from studies.finite_strain.solver.press import Pressed, presses
+from studies.finite_strain.solver.press import PressedBody, presses
 from studies.finite_strain.solver.scene import Specimen
-from studies.finite_strain.states import LONGEST_MM, Scene, specimen
+from studies.finite_strain.states import LONGEST_MM, PressedShape, specimen
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -33,19 +33,19 @@ FACES = np.array([1, 2, 2, 1]) / 6
 """Of a section's load, what each of its slices' faces carries."""
 
 EQUILIBRIA = (
-    (Scene("section 0.17 full", "bar:3.0"), 1.33),
-    (Scene("section 0.17 full", "cylinder:9"), 1.33),
-    (Scene("section 0.17 full", "step:1"), 1.33),
-    (Scene("finger 0.4", "cylinder:9"), 1.0),
-    (Scene("finger 0.35", "bar:3.0"), 1.0),
+    (PressedShape("section 0.17 full", "bar:3.0"), 1.33),
+    (PressedShape("section 0.17 full", "cylinder:9"), 1.33),
+    (PressedShape("section 0.17 full", "step:1"), 1.33),
+    (PressedShape("finger 0.4", "cylinder:9"), 1.0),
+    (PressedShape("finger 0.35", "bar:3.0"), 1.0),
 )
 CONTACTS = (
-    (Scene("finger 0.7 full", "cylinder:3"), 0.15),
-    (Scene("finger 0.7 full", "cylinder:3"), 0.45),
+    (PressedShape("finger 0.7 full", "cylinder:3"), 0.15),
+    (PressedShape("finger 0.7 full", "cylinder:3"), 0.45),
 )
 
 
-def equilibrium(scene: Scene, doi_mm: float) -> dict[str, Any]:
+def equilibrium(scene: PressedShape, doi_mm: float) -> dict[str, Any]:
     """Largest difference of any node's displacement, over the largest displacement."""
     one = specimen(scene)
     body, touch = one.body(NeoHookean(), "full"), one.touch(scene.shape, scene.x_mm)
@@ -60,7 +60,7 @@ def equilibrium(scene: Scene, doi_mm: float) -> dict[str, Any]:
     return {**scene._asdict(), "doi_mm": doi_mm, "what": "equilibrium", "off": off, "force": pressed.force}
 
 
-def contact(scene: Scene, doi_mm: float) -> dict[str, Any]:
+def contact(scene: PressedShape, doi_mm: float) -> dict[str, Any]:
     """CalculiX's force at finite strain over its own linear one, beside ours; its deck's penalty and increments."""
     one = specimen(scene)
     touch = one.touch(scene.shape, scene.x_mm)
@@ -78,7 +78,7 @@ def contact(scene: Scene, doi_mm: float) -> dict[str, Any]:
     return {**scene._asdict(), "doi_mm": doi_mm, "what": "contact", **found}
 
 
-def loads(one: Specimen, pressed: Pressed) -> tuple[Ints, Array]:
+def loads(one: Specimen, pressed: PressedBody) -> tuple[Ints, Array]:
     """Nodes of the mesh and (n, 3) N on them; a section's over its four faces."""
     touched = pressed.touched
     force = touched.load_n[:, None] * touched.normal
@@ -127,7 +127,8 @@ def main(path: str) -> None:
     for make, cases in ((equilibrium, EQUILIBRIA), (contact, CONTACTS)):
         for scene, doi_mm in cases:
             if any(
-                (*(row[n] for n in Scene._fields), row["doi_mm"], row["what"]) == (*scene, doi_mm, make.__name__)
+                (*(row[n] for n in PressedShape._fields), row["doi_mm"], row["what"])
+                == (*scene, doi_mm, make.__name__)
                 for row in done
             ):
                 continue

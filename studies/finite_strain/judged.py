@@ -44,7 +44,7 @@ def among(found: Profiles, others: Profiles) -> Profiles:
     return {key: (found[key][0][keep], found[key][1][..., keep]) for key, keep in kept.items()}
 
 
-class Verdicts(NamedTuple):
+class WorldVerdicts(NamedTuple):
     """Of a world at one force: flags (18, receptors) by shape, what survives steps, and steps and bars."""
 
     flags: Mapping[str, Flags]
@@ -52,7 +52,7 @@ class Verdicts(NamedTuple):
     candidates: tuple[str, ...]
 
 
-def verdicts(found: Profiles, target: str) -> Verdicts:
+def verdicts(found: Profiles, target: str) -> WorldVerdicts:
     """The rule of `rig/compare/comparison.py`: one receptor under all steps, one near x = 0 under both bars."""
     flags = {}
     for shape in (*STEPS, *BARS):
@@ -61,7 +61,7 @@ def verdicts(found: Profiles, target: str) -> Verdicts:
         assert passed is not None
         flags[shape] = passed & (np.abs(DEFAULT_X_MM) <= NEAR_CENTRE_MM) if shape in BARS else passed
     steps, bars = (np.logical_and.reduce([flags[s] for s in shapes]).any(axis=1) for shapes in (STEPS, BARS))
-    return Verdicts(flags, _names(steps), _names(steps & bars))
+    return WorldVerdicts(flags, _names(steps), _names(steps & bars))
 
 
 def _names(passed: Flags) -> tuple[str, ...]:

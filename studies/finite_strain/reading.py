@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, place_receptors
 from sim.units import PSEUDO_E_EPIDERMIS
-from studies.finite_strain.solver.inside import Receptors
+from studies.finite_strain.solver.inside import InteriorPoints
 from studies.finite_strain.solver.laws import Law
-from studies.finite_strain.solver.press import Pressed
+from studies.finite_strain.solver.press import PressedBody
 from studies.finite_strain.solver.rigid import Rigid, clearance
 from studies.finite_strain.solver.scene import Specimen
 
@@ -26,13 +26,13 @@ class Reader:
     specimen: Specimen
 
     @cached_property
-    def receptors(self) -> Receptors:
+    def receptors(self) -> InteriorPoints:
         """The source's ten."""
         plane = self.specimen.config.receptor_plane_mm
         places = place_receptors(self.specimen.surface, DEFAULT_X_MM, DEFAULT_DEPTH_MM, plane)
-        return Receptors(self.specimen.config, self.specimen.mesh, places.position_mm)
+        return InteriorPoints(self.specimen.config, self.specimen.mesh, places.position_mm)
 
-    def read(self, pressed: Pressed, touch: Rigid, body_law: Law | None, displacement: Array) -> dict[str, Any]:
+    def read(self, pressed: PressedBody, touch: Rigid, body_law: Law | None, displacement: Array) -> dict[str, Any]:
         """Numbers of one press: force for E(epidermis) = 1 MPa, width in the plane, peak pressure, measures."""
         measures = self.receptors.measures(displacement, body_law)
         return {
@@ -44,7 +44,7 @@ class Reader:
             "measures": {name: measures[name].tolist() for name in MEASURES},
         }
 
-    def width_mm(self, pressed: Pressed, touch: Rigid) -> float:
+    def width_mm(self, pressed: PressedBody, touch: Rigid) -> float:
         """Lateral extent of what bears in the receptor plane, undeformed; a smooth shape's to where its gap opens."""
         mesh = self.specimen.mesh
         columns = np.arange(mesh.patch_shape[1]) + mesh.receptor_row * mesh.patch_shape[1]
@@ -75,7 +75,7 @@ def _beyond(x_mm: Array, gap_mm: Array, last: int) -> float:
     return float(np.clip(ends, x_mm[last], x_mm[last + 1]))
 
 
-def peak_pressure(pressed: Pressed, area_mm2: Array) -> float:
+def peak_pressure(pressed: PressedBody, area_mm2: Array) -> float:
     """Highest nodal force over undeformed tributary area, in pseudo-units."""
     size = pressed.touched.load_n * np.linalg.norm(pressed.touched.normal, axis=1)
     return PSEUDO_E_EPIDERMIS * float((size / area_mm2[pressed.touched.nodes]).max(initial=0.0))

@@ -42,7 +42,7 @@ MESHES: dict[str, dict[str, Any]] = {
 """What each mesh sets; its first word is the specimen's kind."""
 
 
-class Scene(NamedTuple):
+class PressedShape(NamedTuple):
     """One shape pressed at one place of one mesh."""
 
     mesh: str
@@ -52,24 +52,24 @@ class Scene(NamedTuple):
     deepest_mm: float = DEPTHS_MM[-1]
 
 
-def scenes() -> Iterator[Scene]:
+def scenes() -> Iterator[PressedShape]:
     """In the order in which they matter."""
     along = tuple(shape for shape in SHAPES if shape != "sphere:3")
     for shape in SHAPES:
-        yield Scene("finger 0.35", shape, deepest_mm=1.33)
+        yield PressedShape("finger 0.35", shape, deepest_mm=1.33)
     for mesh in ("section 0.17", "section 0.17 full", "section 0.085"):
         for shape in along:
-            yield Scene(mesh, shape)
+            yield PressedShape(mesh, shape)
     for poisson in (0.45, 0.49, 0.499):
         for shape in along:
-            yield Scene("section 0.17", shape, poisson=poisson)
+            yield PressedShape("section 0.17", shape, poisson=poisson)
     for poisson in (0.45, 0.499):
-        yield Scene("finger 0.35", "cylinder:9", poisson=poisson, deepest_mm=1.0)
-    yield Scene("finger 0.25", "cylinder:9", deepest_mm=0.67)
-    yield Scene("finger 0.25", "bar:3.0", deepest_mm=1.0)
+        yield PressedShape("finger 0.35", "cylinder:9", poisson=poisson, deepest_mm=1.0)
+    yield PressedShape("finger 0.25", "cylinder:9", deepest_mm=0.67)
+    yield PressedShape("finger 0.25", "bar:3.0", deepest_mm=1.0)
 
 
-def specimen(scene: Scene) -> Specimen:
+def specimen(scene: PressedShape) -> Specimen:
     """The finger or section that is pressed."""
     kind: Kind = "section" if scene.mesh.startswith("section") else "finger"
     mesh = MeshSpec.model_validate(MESHES[scene.mesh])
@@ -77,7 +77,7 @@ def specimen(scene: Scene) -> Specimen:
     return Specimen(config, kind)
 
 
-def rows(scene: Scene, law: str) -> Iterator[dict[str, Any]]:
+def rows(scene: PressedShape, law: str) -> Iterator[dict[str, Any]]:
     """One for each depth that converged, with seconds of processor time since the last."""
     pressed = specimen(scene)
     dilatation: Dilatation = "full" if scene.mesh.endswith("full") else "bbar"
@@ -112,7 +112,7 @@ def read(file: Path) -> list[dict[str, Any]]:
 
 
 def _key(row: dict[str, Any]) -> tuple[Any, ...]:
-    return (*(row[name] for name in Scene._fields), row["law"])
+    return (*(row[name] for name in PressedShape._fields), row["law"])
 
 
 if __name__ == "__main__":

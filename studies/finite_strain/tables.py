@@ -16,7 +16,7 @@ from typing import Any
 from rig.data.folder import replace_text
 from studies.finite_strain import cause, confirmed, states, worlds
 from studies.finite_strain.curves_figure import write_figure
-from studies.finite_strain.judged import Profiles, Verdicts, among, profiles, ranks, verdicts
+from studies.finite_strain.judged import Profiles, WorldVerdicts, among, profiles, ranks, verdicts
 from studies.finite_strain.ratios import COLUMNS, Ratio, envelope, ratios
 
 KEPT = Path(__file__).parent / "kept"
@@ -105,7 +105,7 @@ def _judged(name: str, found: Mapping[str, Profiles], target: str) -> dict[str, 
     }  # fmt: skip
 
 
-def _alike(here: Verdicts, there: Verdicts) -> tuple[int, int]:
+def _alike(here: WorldVerdicts, there: WorldVerdicts) -> tuple[int, int]:
     same = sum(int((here.flags[shape] == there.flags[shape]).sum()) for shape in here.flags)
     return same, sum(flags.size for flags in here.flags.values())
 

@@ -27,7 +27,7 @@ from sim.models.fingertip import Fingertip
 from sim.units import GWT_N
 from studies.finite_strain.reading import Reader
 from studies.finite_strain.solver.body import Body
-from studies.finite_strain.solver.inside import Receptors
+from studies.finite_strain.solver.inside import InteriorPoints
 from studies.finite_strain.solver.laws import NeoHookean
 from studies.finite_strain.solver.press import presses
 from studies.finite_strain.solver.rubbing import Rubbing
@@ -56,7 +56,7 @@ _DEEPEST_MM, _STEP_MM = 2.0, 0.1
 
 
 @dataclass(frozen=True)
-class World:
+class StrainWorld:
     """What differs from the default."""
 
     kind: Literal["section", "finger"] = "section"
@@ -72,16 +72,16 @@ class World:
         return FingertipConfig(tissue=Tissue(poisson=self.poisson), mesh=mesh, contact=Contact(between_nodes=False))
 
 
-WORLDS: dict[str, World] = {
-    "section": World(),
-    "section, nu 0.45": World(poisson=0.45),
-    "section, nu 0.49": World(poisson=0.49),
-    "section, nu 0.499": World(poisson=0.499),
-    "section, friction 0.3": World(friction=0.3),
-    "section, finite strain": World(finite=True),
-    "finger": World("finger"),
-    "finger, nu 0.499": World("finger", poisson=0.499),
-    "finger, friction 0.3": World("finger", friction=0.3, every=2),
+WORLDS: dict[str, StrainWorld] = {
+    "section": StrainWorld(),
+    "section, nu 0.45": StrainWorld(poisson=0.45),
+    "section, nu 0.49": StrainWorld(poisson=0.49),
+    "section, nu 0.499": StrainWorld(poisson=0.499),
+    "section, friction 0.3": StrainWorld(friction=0.3),
+    "section, finite strain": StrainWorld(finite=True),
+    "finger": StrainWorld("finger"),
+    "finger, nu 0.499": StrainWorld("finger", poisson=0.499),
+    "finger, friction 0.3": StrainWorld("finger", friction=0.3, every=2),
 }
 
 
@@ -97,11 +97,11 @@ def presses_wanted(every: int = 1) -> Iterator[tuple[str, float]]:
 def _eight_gwt_per_mm() -> float:
     """N/mm of the default section for E(epidermis) = 1 MPa."""
     shape, x_mm, doi_mm = _AS_8_GWT
-    finger = load("section", World().config, cached=False)
+    finger = load("section", StrainWorld().config, cached=False)
     return finger.indent(shape, x_mm, doi_mm=doi_mm).force_n / finger.e_epidermis_mpa
 
 
-def target_force(world: World, force_gwt: float) -> float:
+def target_force(world: StrainWorld, force_gwt: float) -> float:
     """N, of a section per mm, for E(epidermis) = 1 MPa."""
     return force_gwt / 8.0 * _eight_gwt_per_mm() if world.kind == "section" else force_gwt * GWT_N / E_EPIDERMIS_MPA
 
@@ -109,7 +109,7 @@ def target_force(world: World, force_gwt: float) -> float:
 class States:
     """A press on the way down: depth, force and measures (18, n_receptors) at each of its increments."""
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: StrainWorld) -> None:
         self._world = world
 
     def way(self, shape: str, x_mm: float, most: float, deepest_mm: float) -> list[tuple[float, float, Array]]:
@@ -140,12 +140,12 @@ class States:
 
 
 @cache
-def _finger(world: World) -> Fingertip:
+def _finger(world: StrainWorld) -> Fingertip:
     return load(world.kind, world.config, cached=False)
 
 
 @cache
-def _finite_one(world: World) -> tuple[Specimen, Body, Receptors]:
+def _finite_one(world: StrainWorld) -> tuple[Specimen, Body, InteriorPoints]:
     specimen = Specimen(world.config, world.kind)
     return specimen, specimen.body(NeoHookean()), Reader(specimen).receptors
 

@@ -16,7 +16,7 @@ from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from sim.errors import ModelRangeError
 from sim.identification.design import PressAt
-from sim.identification.forward import RampAndHold, Way
+from sim.identification.forward import PressTrajectory, RampAndHold
 from sim.plant import Carriage, Pose, RelaxingPlant, RelaxingPress
 from studies.meeting.strangers import Stranger
 
@@ -127,7 +127,7 @@ class Keeper:
         return float(np.interp(way.asked_s[-pace.readings :], t_s, forces_gwt).mean())
 
 
-def _height_mm(way: Way, t_s: Array) -> Array:
+def _height_mm(way: PressTrajectory, t_s: Array) -> Array:
     """Of the indentor over first touch at any times: it moves in the first half of the time between two heights."""
     corners_s = np.stack([way.ended_s, way.t_s], axis=1).ravel()
     return np.asarray(np.interp(t_s, corners_s, np.repeat(way.height_mm, 2)))

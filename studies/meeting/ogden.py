@@ -16,7 +16,7 @@ from sim.contact.shapes import parse_shape
 from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface
 from sim.models.fingertip import Fingertip
-from sim.models.sources import Recipe, Source
+from sim.models.sources import ModelSource, Recipe
 from sim.models.stiffening import LINEAR_TISSUE, Stiffened, Under
 from studies.stiffening.references import read
 
@@ -32,7 +32,9 @@ class OgdenFinger(Fingertip):
     Only its forces are; a press of a shape without references raises ModelRangeError.
     """
 
-    def __init__(self, config: FingertipConfig, surface: FingertipSurface, source: Source, recipe: Recipe) -> None:
+    def __init__(
+        self, config: FingertipConfig, surface: FingertipSurface, source: ModelSource, recipe: Recipe
+    ) -> None:
         super().__init__(config, surface, source, recipe)
         self._under = lru_cache(maxsize=_PLACES_KEPT)(partial(UnderOgden, config, surface))
 

@@ -23,7 +23,7 @@ import numpy as np
 
 from rig.data import RunFolder
 from rig.identify.meeting_script import MeetingScript
-from rig.identify.procedure import SHAPES, Meeting, Told, Wanted, felt_surely
+from rig.identify.procedure import SHAPES, IdentificationOptions, Meeting, PressReport, felt_surely
 from rig.plan.config import Config
 from rig.plan.plan import Plan
 from rig.session.resume import commit
@@ -67,7 +67,7 @@ class Timed(Meeting):
 
     took_s: tuple[float, ...] = ()
 
-    def take(self, press: PressAt, given: Given) -> Told:
+    def take(self, press: PressAt, given: Given) -> PressReport:
         """Learn from a press."""
         began = time.process_time()
         told = super().take(press, given)
@@ -84,7 +84,7 @@ def met(
 ) -> dict[str, Any]:
     """One line: the meeting, then the truth beside it; known: what whoever meets the finger is told."""
     keeper, began = Keeper(stranger), time.process_time()
-    meeting = Timed(known, foreseen, Wanted(tuple(goals)), seed=stranger.seed)
+    meeting = Timed(known, foreseen, IdentificationOptions(tuple(goals)), seed=stranger.seed)
     script, out = MeetingScript(meeting), Path(tempfile.mkdtemp())
     try:
         into, attendant = NewRun(out), _Reading(script)

@@ -8,7 +8,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from rig.cli.identify import USUAL_GOALS, scope_of
-from rig.identify.procedure import SHAPES, Wanted
+from rig.identify.procedure import SHAPES, IdentificationOptions
 from sim.config import FingertipConfig
 from sim.identification.forward import Foreseen, finger_of, made_of
 from sim.identification.prior import Prior
@@ -17,7 +17,7 @@ from sim.identification.shape_table import FILE, ShapeTable, as_json
 
 def main() -> None:
     """From the cache, or pressed; the file is written anew."""
-    config, wanted = FingertipConfig(), Wanted(USUAL_GOALS, shapes=SHAPES)
+    config, wanted = FingertipConfig(), IdentificationOptions(USUAL_GOALS, shapes=SHAPES)
     scope = Foreseen.over(config, Prior(), *scope_of(wanted)).scope
     tables = []
     for name in wanted.indentors:

@@ -34,7 +34,7 @@ _FINGERS = 60
 _STIFFNESSES = 400
 
 
-class Answers(NamedTuple):
+class PlateAnswers(NamedTuple):
     """Of fingers of the prior, under a plate."""
 
     force_n: Array  # (fingers, depths) at stiffness 1
@@ -52,10 +52,10 @@ class Answers(NamedTuple):
         return float(low), float(high)
 
 
-def kept(name: str) -> Answers:
+def kept(name: str) -> PlateAnswers:
     """Of the fingers of a geometry that were pressed."""
     stiffness = np.exp(Prior().draws(_STIFFNESSES, np.random.default_rng(1))[:, Prior().index("ln_stiffness")])
-    return Answers(np.array(json.loads(KEPT.read_text("utf-8"))[name]), stiffness)
+    return PlateAnswers(np.array(json.loads(KEPT.read_text("utf-8"))[name]), stiffness)
 
 
 def drawn() -> list[dict[str, float]]:

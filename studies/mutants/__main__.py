@@ -22,7 +22,7 @@ from pathlib import Path
 
 from studies.mutants.report import Result, accepted, page
 from studies.mutants.source import Mutant, mutants_of, plain
-from studies.mutants.tests_of import Choice, read_coverage
+from studies.mutants.tests_of import LineTests, read_coverage
 from studies.mutants.trees import Worker, copy_project, lend_models, surroundings
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -65,7 +65,9 @@ def main() -> None:
     _cover(trees, options.tests)
     if options.fresh:
         (FOLDER / "results.jsonl").unlink(missing_ok=True)
-    Run(trees, Choice(ROOT, read_coverage(FOLDER / "coverage")), options.budget).run(wanted, again=options.survivors)
+    MutationRun(trees, LineTests(ROOT, read_coverage(FOLDER / "coverage")), options.budget).run(
+        wanted, again=options.survivors
+    )
     known = {m.key for _, m in wanted}
     text = page([r for r in _results() if r["key"] in known], accepted(ACCEPTED))
     (FOLDER / "survivors.md").write_text(text, encoding="utf-8")
@@ -157,10 +159,10 @@ def _cover(trees: list[Path], globs: list[str]) -> None:
         list(pool.map(work, range(len(trees))))
 
 
-class Run:
+class MutationRun:
     """All mutants over some workers, module by module, so that the order of tests does not hang on chance."""
 
-    def __init__(self, trees: list[Path], tests: Choice, budget_s: float) -> None:
+    def __init__(self, trees: list[Path], tests: LineTests, budget_s: float) -> None:
         self._trees, self._tests, self._budget_s = trees, tests, budget_s
         self._lock = threading.Lock()
         self._count = {"killed": 0, "timeout": 0, "survived": 0}

@@ -18,7 +18,7 @@ ROOMS = ("rig", "sim")
 _WIDER = ("session", "package", "module", "class")
 
 
-class Recorder:
+class CoverageRecorder:
     """A pytest plugin: a context for every test, and one for every fixture that tests share."""
 
     def __init__(self, root: Path) -> None:
@@ -103,7 +103,7 @@ def main() -> None:
     """Run test files once under coverage and write what was found of each."""
     wanted = [pair.split("=", 1) for pair in sys.argv[1:] if "=" in pair and not pair.startswith("-")]
     options = [option for option in sys.argv[1:] if option.startswith("-")]
-    recorder = Recorder(Path.cwd())
+    recorder = CoverageRecorder(Path.cwd())
     recorder.cover.start()
     pytest.main(
         ["-q", "-p", "no:cacheprovider", "-p", "no:xdist", *options, *(p for p, _ in wanted)], plugins=[recorder]

@@ -13,7 +13,7 @@ LIST_OF_KEYS, WALKS_IT = "tests/data/config_keys.txt", "from tests.config_keys i
 Coverage = dict[str, dict[str, Any]]
 
 
-class Choice:
+class LineTests:
     """Tests by the line that they run, with a memory of which noticed what."""
 
     def __init__(self, root: Path, coverage: Coverage) -> None:

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure as Canvas
 
 from rig.report.page import PageFigure, Section
 from rig.report.style import BLUE, GREY, ORANGE, PURPLE, Plot
-from studies.source.printed.entry import VERDICTS, Found, Row
+from studies.source.printed.entry import VERDICTS, CheckedClaim, MatrixRow
 
 HEADER = (
     "number",
@@ -24,7 +24,7 @@ VERDICT_COLUMN = HEADER.index("verdict")
 _LOOK = {"agrees": (BLUE, "o"), "partly": (ORANGE, "^"), "differs": (PURPLE, "X")}
 
 
-def matrix(rows: Sequence[Row]) -> Section:
+def matrix(rows: Sequence[MatrixRow]) -> Section:
     """One row a figure or table."""
     counts = Counter(row.verdict for row in rows)
     claims: Counter[str] = Counter(one.word for row in rows if row.verdict in VERDICTS[:3] for one in row.found)
@@ -45,7 +45,7 @@ def _said(verdict: str, how_many: int) -> str:
     return (of_one if how_many == 1 else of_several).get(verdict, verdict)
 
 
-def cells(row: Row) -> tuple[str, ...]:
+def cells(row: MatrixRow) -> tuple[str, ...]:
     """A row of the matrix."""
     entry, one = row.entry, row.headline
     why = (
@@ -59,7 +59,7 @@ def cells(row: Row) -> tuple[str, ...]:
     return entry.number, entry.shows, *measured, row.told, entry.command
 
 
-def summary(rows: Sequence[Row]) -> PageFigure:
+def summary(rows: Sequence[MatrixRow]) -> PageFigure:
     """Every claim with its verdict, and ours over each printed number."""
     shown = [row for row in rows if row.verdict in VERDICTS[:3]]
     numbers = [(row.entry.number, one) for row in shown for one in row.found if one.ratio is not None]
@@ -71,7 +71,7 @@ def summary(rows: Sequence[Row]) -> PageFigure:
     return PageFigure("Ours beside the source's", Plot((10.2, height), lambda c: _draw(c, shown, numbers)), caption)
 
 
-def _draw(canvas: Canvas, rows: Sequence[Row], numbers: Sequence[tuple[str, Found]]) -> None:
+def _draw(canvas: Canvas, rows: Sequence[MatrixRow], numbers: Sequence[tuple[str, CheckedClaim]]) -> None:
     left, *others = canvas.subplots(1, 2 if numbers else 1, squeeze=False)[0]
     for k, row in enumerate(rows):
         for n, one in enumerate(row.found):
@@ -83,7 +83,7 @@ def _draw(canvas: Canvas, rows: Sequence[Row], numbers: Sequence[tuple[str, Foun
         _ratios(axes, numbers)
 
 
-def _ratios(axes: Axes, numbers: Sequence[tuple[str, Found]]) -> None:
+def _ratios(axes: Axes, numbers: Sequence[tuple[str, CheckedClaim]]) -> None:
     for k, (_, one) in enumerate(numbers):
         colour, marker = _LOOK[one.word]
         axes.plot(float(one.ratio or 0.0), k, marker, ms=7, color=colour)

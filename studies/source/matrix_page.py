@@ -13,8 +13,8 @@ from rig.data.folder import replace_bytes, replace_text
 from rig.report.page import PageFigure, Section, as_png, render
 from rig.report.pdf import as_pdf
 from studies.source.matrix import VERDICT_COLUMN, matrix
-from studies.source.printed.answers import Answers
-from studies.source.printed.entry import HEADER, Entry, Row, found
+from studies.source.printed.answers import FingerAnswers
+from studies.source.printed.entry import HEADER, Entry, MatrixRow, found
 
 TITLE = "The source, figure by figure"
 ABOUT = "Chapters 3 to 6 of B. I. Raju, S.M. thesis, MIT, 1998, beside the default finger."
@@ -31,7 +31,7 @@ PAGES = (
 
 
 @dataclass(frozen=True)
-class Shown:
+class ShownEntry:
     """What an entry draws."""
 
     figures: tuple[PageFigure, ...]
@@ -39,11 +39,11 @@ class Shown:
 
 
 @dataclass(frozen=True)
-class Study:
+class MatrixPage:
     """Everything that is written."""
 
-    rows: tuple[Row, ...]
-    shown: dict[str, Shown]
+    rows: tuple[MatrixRow, ...]
+    shown: dict[str, ShownEntry]
     provenance: dict[str, Any]
 
     @property
@@ -59,21 +59,23 @@ class Study:
         return [self.matrix, *claims, *others]
 
 
-def _claims(row: Row) -> Section:
+def _claims(row: MatrixRow) -> Section:
     return Section(f"{row.entry.number}: {row.told}", row.entry.shows, HEADER, row.claims)
 
 
-def studied(entries: Sequence[Entry], answers: Answers, say: Callable[[str], object], command: str) -> Study:
+def studied(
+    entries: Sequence[Entry], answers: FingerAnswers, say: Callable[[str], object], command: str
+) -> MatrixPage:
     """Every entry measured; figures are drawn when they are written."""
     rows, shown = [], {}
     for entry in entries:
         rows.append(found(entry, answers))
-        shown[entry.key] = Shown(entry.figures(answers), entry.tables(answers))
+        shown[entry.key] = ShownEntry(entry.figures(answers), entry.tables(answers))
         say(f"{entry.number}: {rows[-1].told}")
-    return Study(tuple(rows), shown, _provenance(answers, command))
+    return MatrixPage(tuple(rows), shown, _provenance(answers, command))
 
 
-def _provenance(answers: Answers, command: str) -> dict[str, Any]:
+def _provenance(answers: FingerAnswers, command: str) -> dict[str, Any]:
     return {
         "command": command,
         "presses": answers.presses,
@@ -84,7 +86,7 @@ def _provenance(answers: Answers, command: str) -> dict[str, Any]:
     }
 
 
-def write(folder: Path, study: Study) -> None:
+def write(folder: Path, study: MatrixPage) -> None:
     """study.html and .pdf, tables.md and .json, and source.md for the docs."""
     draw = partial(
         render,
@@ -112,7 +114,7 @@ def write(folder: Path, study: Study) -> None:
     replace_text(folder / "tables.json", json.dumps(kept, ensure_ascii=False, indent=1))
 
 
-def as_docs(study: Study) -> str:
+def as_docs(study: MatrixPage) -> str:
     """The page as docs/source.md has it: the matrix, and the claims of each entry."""
     parts = [f"# {TITLE}", DOCS, markdown(study.matrix)]
     for row in study.rows:

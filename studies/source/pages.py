@@ -15,7 +15,7 @@ from functools import partial
 from pathlib import Path
 
 from studies.source.matrix_page import markdown, studied, write
-from studies.source.printed.answers import Answers, load
+from studies.source.printed.answers import FingerAnswers, load
 from studies.source.printed.catalogue import ENTRIES, named
 from studies.source.printed.entry import Entry, scenes_of
 from studies.source.verdicts_by_parameter import all_verdicts, sensitivity_section
@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     say = partial(_say, began)
     folder = told.folder / "only" if told.only else told.folder
     folder.mkdir(parents=True, exist_ok=True)
-    answers = Answers(load())
+    answers = FingerAnswers(load())
     entries = [_with_sensitivity(e) if told.sensitivity and e.key == SURVIVORS else e for e in named(told.only)]
     scenes = scenes_of(entries)
     say(f"{len(scenes)} presses over this machine's cores …")

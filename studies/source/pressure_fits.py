@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from rig.compare.pressure_formula import (
     FROM_EDGE_MM,
+    BootstrapConstants,
     Constants,
+    ContactSamples,
     Nodes,
-    Places,
-    Spread,
     finger_curvature,
     fit,
     places,
@@ -53,24 +53,24 @@ _LOOK = {"bar": (BLUE, "s"), "cylinder": (ORANGE, "o"), "step": (GREEN, "^")}
 
 
 @dataclass(frozen=True)
-class Pressed:
+class PressedPlaces:
     """One indentation and its places in contact, in the receptor plane and on the whole patch."""
 
     shape: str
     result: IndentationResult
-    row: Places
-    patch: Places
+    row: ContactSamples
+    patch: ContactSamples
 
 
 @dataclass(frozen=True)
-class Fit:
+class FormulaFit:
     """Constants over one choice of shapes, nodes and edges, with what they leave."""
 
     told: str
-    parts: list[Places]
+    parts: list[ContactSamples]
 
     @cached_property
-    def at(self) -> Places:
+    def at(self) -> ContactSamples:
         """All places."""
         return together(self.parts)
 
@@ -80,7 +80,7 @@ class Fit:
         return fit(self.at)
 
     @cached_property
-    def spread(self) -> Spread:
+    def spread(self) -> BootstrapConstants:
         """Over indentations drawn with replacement."""
         return refitted(self.parts)
 
@@ -107,24 +107,26 @@ class PressureStudy:
     """Everything that is pressed for the formula."""
 
     finger: Fingertip
-    centred: list[Pressed]
-    steps: list[Pressed]
-    unseen: list[Pressed]
+    centred: list[PressedPlaces]
+    steps: list[PressedPlaces]
+    unseen: list[PressedPlaces]
 
     @cached_property
-    def fits(self) -> dict[str, Fit]:
+    def fits(self) -> dict[str, FormulaFit]:
         """By choice; the verdict rests on the first, the row is the second."""
         both = [*self.centred, *self.steps]
         bars, every, edges, ends = "bars and cylinders", "and steps", "indentor's edges", "contacts' ends too"
         return {
-            "patch": Fit(f"{bars}, patch, {edges}", [one.patch.off_edges for one in self.centred]),
-            "row": Fit(f"{bars}, row, {edges}", [one.row.off_edges for one in self.centred]),
-            "patch, no ends": Fit(f"{bars}, patch, {ends}", [one.patch.off_edges.inside for one in self.centred]),
-            "row, no ends": Fit(f"{bars}, row, {ends}", [one.row.off_edges.inside for one in self.centred]),
-            "patch, nothing": Fit(f"{bars}, patch, nothing", [one.patch for one in self.centred]),
-            "all, patch": Fit(f"{every}, patch, {edges}", [one.patch.off_edges for one in both]),
-            "all, row": Fit(f"{every}, row, {edges}", [one.row.off_edges for one in both]),
-            "all, row, no ends": Fit(f"{every}, row, {ends}", [one.row.inside for one in both]),
+            "patch": FormulaFit(f"{bars}, patch, {edges}", [one.patch.off_edges for one in self.centred]),
+            "row": FormulaFit(f"{bars}, row, {edges}", [one.row.off_edges for one in self.centred]),
+            "patch, no ends": FormulaFit(
+                f"{bars}, patch, {ends}", [one.patch.off_edges.inside for one in self.centred]
+            ),
+            "row, no ends": FormulaFit(f"{bars}, row, {ends}", [one.row.off_edges.inside for one in self.centred]),
+            "patch, nothing": FormulaFit(f"{bars}, patch, nothing", [one.patch for one in self.centred]),
+            "all, patch": FormulaFit(f"{every}, patch, {edges}", [one.patch.off_edges for one in both]),
+            "all, row": FormulaFit(f"{every}, row, {edges}", [one.row.off_edges for one in both]),
+            "all, row, no ends": FormulaFit(f"{every}, row, {ends}", [one.row.inside for one in both]),
         }
 
     @property
@@ -138,15 +140,17 @@ class PressureStudy:
         return sorted(found, key=lambda one: one[1])
 
 
-def press(finger: Fingertip, shape: str, x_mm: float, **target: Any) -> Pressed:
+def press(finger: Fingertip, shape: str, x_mm: float, **target: Any) -> PressedPlaces:
     """One indentation."""
     return pressed(finger, shape, finger.indent(shape, x_mm, **target))
 
 
-def pressed(finger: Fingertip, shape: str, result: IndentationResult) -> Pressed:
+def pressed(finger: Fingertip, shape: str, result: IndentationResult) -> PressedPlaces:
     """An indentation that is there."""
-    sampled: dict[Nodes, Places] = {nodes: places(result, finger.surface, nodes) for nodes in ("row", "patch")}
-    return Pressed(shape, result, sampled["row"], sampled["patch"])
+    sampled: dict[Nodes, ContactSamples] = {
+        nodes: places(result, finger.surface, nodes) for nodes in ("row", "patch")
+    }
+    return PressedPlaces(shape, result, sampled["row"], sampled["patch"])
 
 
 def press_all(finger: Fingertip) -> PressureStudy:
@@ -156,17 +160,17 @@ def press_all(finger: Fingertip) -> PressureStudy:
     return PressureStudy(finger, centred(finger), steps, unseen)
 
 
-def centred(finger: Fingertip) -> list[Pressed]:
+def centred(finger: Fingertip) -> list[PressedPlaces]:
     """Bars and cylinders on the pad's centre."""
     return [press(finger, shape, 0.0, doi_mm=d) for shape, depths in CENTRED.items() for d in depths]
 
 
-def slope_of_peak(parts: Sequence[Places]) -> float:
+def slope_of_peak(parts: Sequence[ContactSamples]) -> float:
     """K1 as the source defines it: highest pressure of each indentation against its DOI, a line through all."""
     return float(np.polyfit([at.doi_mm[0] for at in parts], [at.pressure.max() for at in parts], 1)[0])
 
 
-def k2_alone(parts: Sequence[Places]) -> float:
+def k2_alone(parts: Sequence[ContactSamples]) -> float:
     """Slope of pressure against displacement within contacts, each with an intercept of its own."""
     inside = [at for at in parts if len(at.pressure) > 2]
     if not inside:
@@ -209,8 +213,8 @@ def layers_section() -> Section:
     for name, tissue in LAYERS.items():
         finger = Fingertip.load(FingertipConfig(tissue=tissue))
         members = centred(finger)
-        rows.append(Fit(f"{name}, patch", [one.patch.off_edges for one in members]).row)
-        rows.append(Fit(f"{name}, row, contacts' ends left out too", [one.row.inside for one in members]).row)
+        rows.append(FormulaFit(f"{name}, patch", [one.patch.off_edges for one in members]).row)
+        rows.append(FormulaFit(f"{name}, row, contacts' ends left out too", [one.row.inside for one in members]).row)
     return Section(
         "The pressure formula and the layers",
         "Centred bars and cylinders on other fingers. A stiff epidermis over soft tissue is a bent plate: it presses "

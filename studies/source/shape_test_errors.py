@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.shape_test import (
-    Schedule,
+    ShapePositions,
     candidates_by_chance,
     chance_rows,
     passed_by_chance,
@@ -40,7 +40,7 @@ def source_stimuli(finger: Fingertip) -> list[Stimulus]:
 
 def by_chance_section(stimuli: Sequence[Stimulus]) -> Section:
     """Random smooth profiles at the positions of each stimulus, and unrelated responses that would be candidates."""
-    schedules = [Schedule(s.indentor, s.x_mm) for s in stimuli]
+    schedules = [ShapePositions(s.indentor, s.x_mm) for s in stimuli]
     steps = [one for one in schedules if one.shape.startswith("step")]
     receptors = stimuli[0].receptor_mm
     rows = []

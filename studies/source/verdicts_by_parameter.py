@@ -43,7 +43,7 @@ VARIANTS: dict[str, tuple[Tissue, float]] = {
 
 
 @dataclass(frozen=True)
-class Verdicts:
+class ParameterVerdicts:
     """What survives on one finger at one force."""
 
     variant: str
@@ -61,7 +61,7 @@ class Verdicts:
         return self.variant, f"{self.force_gwt:g}", *names, score
 
 
-def verdicts(variant: str) -> list[Verdicts]:
+def verdicts(variant: str) -> list[ParameterVerdicts]:
     """One for each force."""
     tissue, depth_mm = VARIANTS[variant]
     finger = Fingertip.load(FingertipConfig(tissue=tissue), receptor_depth_mm=depth_mm)
@@ -74,11 +74,11 @@ def verdicts(variant: str) -> list[Verdicts]:
         score = agreement(ours, source).matthews
         limits = tuple(agreement_limits(ours, source, over).matthews for over in ("measures", "receptors"))
         survivors, candidates = tuple(judged.candidates(stimuli=three)), tuple(judged.candidates())
-        found.append(Verdicts(variant, force_gwt, survivors, candidates, score, limits))
+        found.append(ParameterVerdicts(variant, force_gwt, survivors, candidates, score, limits))
     return found
 
 
-def all_verdicts() -> Iterator[Verdicts]:
+def all_verdicts() -> Iterator[ParameterVerdicts]:
     """Every variant at every force, in order, over the processes of this machine."""
     for found in spread(verdicts, list(VARIANTS)):
         yield from found
@@ -87,7 +87,7 @@ def all_verdicts() -> Iterator[Verdicts]:
 HEADER = ("model", "force (gwt)", "survivors of the steps", "of steps and bars", "Matthews with Table 5.2")
 
 
-def sensitivity_section(found: Sequence[Verdicts]) -> Section:
+def sensitivity_section(found: Sequence[ParameterVerdicts]) -> Section:
     """The table, and one picture of it."""
     return Section(
         "How the verdicts move with what is free",
@@ -106,7 +106,7 @@ def sensitivity_section(found: Sequence[Verdicts]) -> Section:
     )
 
 
-def _draw(canvas: Canvas, found: Sequence[Verdicts]) -> None:
+def _draw(canvas: Canvas, found: Sequence[ParameterVerdicts]) -> None:
     axes = canvas.subplots()
     level = np.array([[(m in one.survivors) + (m in one.candidates) for one in found] for m in MEASURES])
     shades = ListedColormap(["white", "#9ecae1", BLUE])

@@ -36,7 +36,7 @@ PARTS = {
 STARTING, REST, ALL = "starting: interpreter and imports", "the rest", "in all"
 
 
-class Parts:
+class PartTimes:
     """Processor time of each part that is under way; what is inside another counts for itself alone."""
 
     def __init__(self) -> None:
@@ -75,7 +75,7 @@ class Parts:
 def once(out: str) -> None:
     """The demo in this process; prints the seconds of each part as JSON."""
     program: Any = import_module("rig.cli.program")
-    parts, names = Parts(), list(PARTS)
+    parts, names = PartTimes(), list(PARTS)
     program._imported("rig.cli.run")  # as it does itself
     parts.spent_s[STARTING] = time.process_time()
     for name in (*names[:5], names[8]):

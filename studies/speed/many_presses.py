@@ -18,7 +18,7 @@ from sim.contact.indentor import ACROSS, ALONG, BOTH
 from sim.models.fingertip import Fingertip
 from sim.models.many import indent_many
 from sim.models.result import IndentationResult, Indentations
-from studies.accuracy.random_poses import ON_ITS_PATCH, Scene, solved
+from studies.accuracy.random_poses import ON_ITS_PATCH, PosedShape, solved
 
 Done = TypeVar("Done")
 
@@ -30,7 +30,7 @@ def timed(work: Callable[[], Done]) -> tuple[Done, float]:
     return done, time.perf_counter() - start
 
 
-def one_by_one(finger: Fingertip, scenes: list[Scene], *, measures: bool) -> list[IndentationResult]:
+def one_by_one(finger: Fingertip, scenes: list[PosedShape], *, measures: bool) -> list[IndentationResult]:
     """Each pressed from rest, as a loop would."""
     results = []
     for scene in scenes:
@@ -40,7 +40,7 @@ def one_by_one(finger: Fingertip, scenes: list[Scene], *, measures: bool) -> lis
     return results
 
 
-def at_once(finger: Fingertip, scenes: list[Scene], cores: int, *, measures: bool) -> Indentations:
+def at_once(finger: Fingertip, scenes: list[PosedShape], cores: int, *, measures: bool) -> Indentations:
     """All by one call."""
     found = indent_many(
         finger,

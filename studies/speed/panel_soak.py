@@ -36,7 +36,7 @@ _AFTER_S, _STOPS_S = 3.0, 3.0
 
 
 @dataclass
-class Seen:
+class SoakObservation:
     """What the page was told, and how large the server was meanwhile."""
 
     places: list[float] = field(default_factory=list)  # t_s of each reading
@@ -70,7 +70,7 @@ class Seen:
 
 def main(minutes: float = 30.0) -> None:
     """Print what came of it."""
-    seen = Seen()
+    seen = SoakObservation()
     with tempfile.TemporaryDirectory() as folder:
         run = Path(folder) / "runs" / "20260101T000000-soak-000000"
         run.mkdir(parents=True)
@@ -163,7 +163,7 @@ def _events(page: socket.socket, port: int) -> Iterator[tuple[str, dict[str, obj
                 yield found[1].decode(), json.loads(found[2])
 
 
-def _weigh(pid: int, seen: Seen) -> None:
+def _weigh(pid: int, seen: SoakObservation) -> None:
     """Its memory, and that of its largest child, now and then."""
     now_s = time.monotonic()
     if not seen.memory_mb or now_s - seen.memory_mb[-1][0] >= _EACH_S:
@@ -182,7 +182,7 @@ def _last_s(run: Path) -> float:
     return (run / "events.jsonl").stat().st_mtime
 
 
-def _tell(seen: Seen, written: list[float]) -> None:
+def _tell(seen: SoakObservation, written: list[float]) -> None:
     began_s = seen.memory_mb[0][0]
     print(f"written {len(written)} readings in {len(written) / PER_S / 60:.1f} min")
     once = len(set(seen.places)) == len(seen.places)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
-from sim.plant import Carriage, Placement, Pose, Press, Screws
+from sim.plant import Carriage, Placement, Pose, PressedFinger, Screws
 from sim.serve.clock import WallScheduler
 from sim.serve.force_process import PressProcess
 from sim.serve.prefetch import PressAhead
@@ -45,7 +45,7 @@ ORDERS = (1, 2)
 
 
 @dataclass(frozen=True)
-class Pressed:
+class PressSamples:
     """Samples on the way down."""
 
     t_s: Array  # since first touch
@@ -54,19 +54,19 @@ class Pressed:
     cpu_s: Array  # of the process
 
 
-def pressed(finger: Fingertip, shape: str, x_mm: float, t_s: Array) -> Pressed:
+def pressed(finger: Fingertip, shape: str, x_mm: float, t_s: Array) -> PressSamples:
     """The force at each instant of a descent from first touch, each solved on from the one before."""
-    press = Press(finger, shape)
+    press = PressedFinger(finger, shape)
     touch_mm = finger.touch_height_mm(shape, x_mm) - finger.apex_height_mm
     force, wall, cpu = np.empty((3, len(t_s)))
     for k, t in enumerate(t_s):
         clocks = time.perf_counter(), time.process_time()
         force[k] = press.force_n(Pose(x_mm, touch_mm - SPEED_MM_S * float(t)))
         wall[k], cpu[k] = time.perf_counter() - clocks[0], time.process_time() - clocks[1]
-    return Pressed(t_s, force, wall, cpu)
+    return PressSamples(t_s, force, wall, cpu)
 
 
-def behind(solved: Pressed, t_s: Array, order: int) -> Array:
+def behind(solved: PressSamples, t_s: Array, order: int) -> Array:
     """Forces at (n,) instants by a polynomial through the last answers that are a period old."""
     period = solved.t_s[1] - solved.t_s[0]
     t = np.concatenate([-period * np.arange(order + 2, -1, -1), solved.t_s])  # nothing is felt before first touch
@@ -76,7 +76,7 @@ def behind(solved: Pressed, t_s: Array, order: int) -> Array:
     return _through(t[known], f[known], t_s)
 
 
-def ahead(solved: Pressed, t_s: Array) -> Array:
+def ahead(solved: PressSamples, t_s: Array) -> Array:
     """Forces at (n,) instants, linear between the answers before and after."""
     return np.interp(t_s, np.append(0.0, solved.t_s), np.append(0.0, solved.force_n))
 
@@ -133,7 +133,7 @@ def served(finger: Fingertip, shape: str, x_mm: float, hz: float) -> Served:
         poses.append(carriage.pose_at(t_s))
     ahead.close()
     scheduler.close()
-    exact = Press(finger, shape)
+    exact = PressedFinger(finger, shape)
     return Served(np.array(delay), np.array(fresh), np.array(force), np.array([exact.force_n(p) for p in poses]))
 
 

@@ -36,7 +36,7 @@ ROUNDS = 3
 
 
 @dataclass(frozen=True)
-class Cost:
+class DryRunCost:
     """One dry-run of the demo."""
 
     bench_s: float
@@ -44,7 +44,7 @@ class Cost:
     bytes_an_increment: float  # on the stage's wire, both ways
 
 
-def measured(tree: Path, config: str) -> Cost:
+def measured(tree: Path, config: str) -> DryRunCost:
     """Carry the demo out in a tree of the project."""
     with tempfile.TemporaryDirectory() as folder:
         toml = Path(folder) / "bench.toml"
@@ -60,7 +60,9 @@ def measured(tree: Path, config: str) -> Cost:
         answer = json.loads(done.stdout)
         run = Path(folder, Path(answer["run"]).name)
         presses, increments = answer["indentations"], sum(1 for _ in _increments(run / "events.jsonl"))
-        return Cost(answer["duration_s"], answer["wall_s"] / presses, _stage_bytes(run / "bytes.jsonl") / increments)
+        return DryRunCost(
+            answer["duration_s"], answer["wall_s"] / presses, _stage_bytes(run / "bytes.jsonl") / increments
+        )
 
 
 def _increments(journal: Path) -> Iterator[float]:
@@ -78,7 +80,7 @@ def _stage_bytes(log: Path) -> int:
     return sum(len(line["hex"]) // 2 for line in lines if line["port"] == "stage")
 
 
-def least(costs: list[Cost]) -> Cost:
+def least(costs: list[DryRunCost]) -> DryRunCost:
     """The quickest round; bench time and bytes are the same in all."""
     return min(costs, key=lambda cost: cost.wall_s_a_press)
 

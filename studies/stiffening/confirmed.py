@@ -22,25 +22,25 @@ from studies.finite_strain.solver.laws import Yeoh
 from studies.finite_strain.solver.press import presses
 from studies.finite_strain.solver.scene import Specimen
 from studies.stiffening.fingers import finger
-from studies.stiffening.references import Scene, read
+from studies.stiffening.references import StiffeningPress, read
 
 CASES = (
-    (Scene("default", "flat", 0.3), 2.0),
-    (Scene("default", "bar:3.0", 0.3), 2.0),
-    (Scene("default", "sphere:3", 0.3), 1.5),
-    (Scene("default", "cylinder:4", 0.3), 1.25),
-    (Scene("default", "flat", 1.0), 1.5),
-    (Scene("human", "flat", 0.3), 2.5),
-    (Scene("human", "bar:3.0", 0.3), 2.0),
-    (Scene("human", "sphere:3", 0.3), 1.5),
-    (Scene("human", "cylinder:4", 0.3), 1.25),
+    (StiffeningPress("default", "flat", 0.3), 2.0),
+    (StiffeningPress("default", "bar:3.0", 0.3), 2.0),
+    (StiffeningPress("default", "sphere:3", 0.3), 1.5),
+    (StiffeningPress("default", "cylinder:4", 0.3), 1.25),
+    (StiffeningPress("default", "flat", 1.0), 1.5),
+    (StiffeningPress("human", "flat", 0.3), 2.5),
+    (StiffeningPress("human", "bar:3.0", 0.3), 2.0),
+    (StiffeningPress("human", "sphere:3", 0.3), 1.5),
+    (StiffeningPress("human", "cylinder:4", 0.3), 1.25),
 )
 """Both geometries and every kind of shape, as deep as most of the references."""
 
 _STEP_MM = 0.25
 
 
-def confirmed(scene: Scene, doi_mm: float) -> dict[str, Any]:
+def confirmed(scene: StiffeningPress, doi_mm: float) -> dict[str, Any]:
     """Largest differences of a displacement, over the largest, and of a touched node's force, over the largest.
 
     Raises ValueError where our press does not converge, RuntimeError where CalculiX does not.
@@ -67,7 +67,7 @@ def main(path: str) -> None:
         print(MISSING)
         return
     file = Path(path)
-    done = {(Scene(row["finger"], row["shape"], row["stiffening"]), row["doi_mm"]) for row in read(file)}
+    done = {(StiffeningPress(row["finger"], row["shape"], row["stiffening"]), row["doi_mm"]) for row in read(file)}
     for scene, doi_mm in CASES:
         if (scene, doi_mm) in done:
             continue

@@ -18,7 +18,7 @@ _FEW: dict[str, Any] = {
 }
 
 
-class Pressed(NamedTuple):
+class StudyFinger(NamedTuple):
     """A finger of the study: what its mesh sets, the patch that holds its presses, and how deep it is pressed."""
 
     told: dict[str, Any]
@@ -32,10 +32,10 @@ def _human() -> dict[str, Any]:
     return {name: values for name, values in told.items() if name != "mesh"}
 
 
-_DEFAULT = Pressed(
+_DEFAULT = StudyFinger(
     {}, {"spacing_mm": 0.35, "axial_spacing_mm": 0.6, **_FEW, "dermis_spacing_mm": 0.4}, (3.75, 4.8), 2.0
 )
-_HUMAN = Pressed(
+_HUMAN = StudyFinger(
     _human(),
     {"spacing_mm": 0.7, "axial_spacing_mm": 1.0, **_FEW, "near_spacing_mm": 1.4}
     | {"far_spacing_mm": 2.5, "dermis_spacing_mm": 0.6},
@@ -44,12 +44,12 @@ _HUMAN = Pressed(
 )
 
 
-def _layered(pressed: Pressed, e_dermis: float, e_fat: float) -> Pressed:
+def _layered(pressed: StudyFinger, e_dermis: float, e_fat: float) -> StudyFinger:
     tissue = {**pressed.told.get("tissue", {}), "e_dermis": e_dermis, "e_fat": e_fat}
     return pressed._replace(told={**pressed.told, "tissue": tissue})
 
 
-FINGERS: dict[str, Pressed] = {
+FINGERS: dict[str, StudyFinger] = {
     "default": _DEFAULT,
     "human": _HUMAN,
     "other moduli": _layered(_DEFAULT, 0.2, 0.05),

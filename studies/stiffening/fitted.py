@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from sim.models.stiffening import ENERGY, FORCE, Energy, Felt, Force, Press, log_energy, log_force
+from sim.models.stiffening import ENERGY, FORCE, DimensionlessPress, Energy, Felt, ForceFactor, log_energy, log_force
 from studies.finite_strain.tables import kept_ratios
 from studies.stiffening.fingers import finger
 from studies.stiffening.twins import Pair, kept_pairs, pressed
 
 Array = NDArray[np.float64]
 Path = tuple[str, str, float]
-Numbers = TypeVar("Numbers", Force, Energy)
+Numbers = TypeVar("Numbers", ForceFactor, Energy)
 
 DEEPEST_MM = 2.0
 HELD_BACK_SHAPE, HELD_BACK_FINGER = "cylinder:4", "firm throughout"
@@ -32,14 +32,14 @@ _HIGHEST_COUNTS = 10.0  # what is asked for is the highest
 _BEYOND, _BEYOND_COUNTS = 0.8, 0.5  # stiffening that the prior does not hold
 
 
-class Seen(NamedTuple):
+class StiffeningSample(NamedTuple):
     """A logarithm of finite strain over linear, where it was measured, and how much it counts."""
 
     finger: str
     shape: str
     stiffening: float
     doi_mm: float
-    press: Press
+    press: DimensionlessPress
     log: float
     felt: tuple[float, ...] = (0.0, 1.0, 1.0)  # a `Felt` of one receptor; of no meaning where it is force
     counts: float = 1.0
@@ -64,17 +64,19 @@ class Seen(NamedTuple):
         return self.part != FITTED
 
 
-def forces(found: Sequence[Pair]) -> Iterator[Seen]:
+def forces(found: Sequence[Pair]) -> Iterator[StiffeningSample]:
     """Of this study and of the one at finite strain without stiffening."""
     for pair in found:
-        yield Seen(*_where(pair), pair.press, pair.log_force, counts=_counts(pair), afterwards=pair.afterwards)
+        yield StiffeningSample(
+            *_where(pair), pair.press, pair.log_force, counts=_counts(pair), afterwards=pair.afterwards
+        )
     for ratio in kept_ratios():
         if ratio.mesh == "finger 0.35" and ratio.poisson == finger("default").tissue.poisson:
             press = pressed("default", ratio.shape, ratio.doi_mm)
-            yield Seen("default", ratio.shape, 0.0, ratio.doi_mm, press, -float(np.log(ratio.force)))
+            yield StiffeningSample("default", ratio.shape, 0.0, ratio.doi_mm, press, -float(np.log(ratio.force)))
 
 
-def energies(found: Sequence[Pair]) -> Iterator[Seen]:
+def energies(found: Sequence[Pair]) -> Iterator[StiffeningSample]:
     """SED at the receptors that are not far below the highest, by the linear twin or at finite strain."""
     for pair in found:
         sed = np.array(pair.reference["sed"])
@@ -83,16 +85,16 @@ def energies(found: Sequence[Pair]) -> Iterator[Seen]:
             highest = k == int(np.argmax(sed))
             counts = _counts(pair) * (_HIGHEST_COUNTS if highest else 1.0)
             where = (*_where(pair), pair.press, float(pair.log_sed[k]), felt)
-            yield Seen(*where, counts, highest, pair.afterwards)
+            yield StiffeningSample(*where, counts, highest, pair.afterwards)
 
 
-def strains(found: Sequence[Pair]) -> Iterator[Seen]:
+def strains(found: Sequence[Pair]) -> Iterator[StiffeningSample]:
     """The most compressive strain at the same receptors, to which nothing is fitted."""
     for pair in found:
         log = np.log(np.array(pair.reference["ep1"]) / np.array(pair.twin["ep1"]))
         for k in _heard(pair):
             felt = tuple(float(values[k]) for values in pair.felt)
-            yield Seen(*_where(pair), pair.press, float(log[k]), felt, afterwards=pair.afterwards)
+            yield StiffeningSample(*_where(pair), pair.press, float(log[k]), felt, afterwards=pair.afterwards)
 
 
 def _heard(pair: Pair) -> list[int]:
@@ -100,7 +102,7 @@ def _heard(pair: Pair) -> list[int]:
     return [int(k) for k in np.flatnonzero((linear > _HEARD * linear.max()) | (sed > _HEARD * sed.max()))]
 
 
-def strain_errors(seen: Sequence[Seen]) -> Array:
+def strain_errors(seen: Sequence[StiffeningSample]) -> Array:
     """(n,) quick over finite strain, logarithms: strains have the root of energy without its law."""
     log = np.array([one.log for one in seen])
     return 0.5 * errors([one._replace(stiffening=0.0, log=0.0) for one in seen], ENERGY) - log
@@ -115,12 +117,12 @@ def _counts(pair: Pair) -> float:
     return 1.0 if pair.reference["stiffening"] <= _BEYOND else _BEYOND_COUNTS
 
 
-def errors(seen: Sequence[Seen], numbers: Force | Energy) -> Array:
+def errors(seen: Sequence[StiffeningSample], numbers: ForceFactor | Energy) -> Array:
     """(n,) quick over finite strain, logarithms."""
     return _errors(seen, type(numbers))(np.array(numbers))
 
 
-def fitted(seen: Sequence[Seen], start: Numbers) -> Numbers:
+def fitted(seen: Sequence[StiffeningSample], start: Numbers) -> Numbers:
     """Numbers of least squares for what is not held back and within depth, from some to begin with."""
     fits = [one for one in seen if one.doi_mm <= DEEPEST_MM and not one.held_back]
     counts, left = np.array([one.counts for one in fits]), _errors(fits, type(start))
@@ -128,16 +130,16 @@ def fitted(seen: Sequence[Seen], start: Numbers) -> Numbers:
     return type(start)(*found.x.tolist())
 
 
-def _errors(seen: Sequence[Seen], kind: type[Force] | type[Energy]) -> Callable[[Array], Array]:
-    press = Press(*np.array([one.press for one in seen]).T)
+def _errors(seen: Sequence[StiffeningSample], kind: type[ForceFactor] | type[Energy]) -> Callable[[Array], Array]:
+    press = DimensionlessPress(*np.array([one.press for one in seen]).T)
     felt = Felt(*np.array([one.felt for one in seen]).T)
     stiffening, log = np.array([(one.stiffening, one.log) for one in seen]).T
-    if kind is Force:
-        return lambda values: log_force(Force(*values), stiffening, press) - log
+    if kind is ForceFactor:
+        return lambda values: log_force(ForceFactor(*values), stiffening, press) - log
     return lambda values: log_energy(Energy(*values), stiffening, press, felt) - log
 
 
-def left_out(seen: Sequence[Seen], start: Numbers, what: Callable[[Seen], str]) -> Array:
+def left_out(seen: Sequence[StiffeningSample], start: Numbers, what: Callable[[StiffeningSample], str]) -> Array:
     """(n,) errors by numbers that were fitted without all that is alike: a finger or a shape."""
     error = np.full(len(seen), np.nan)
     for name in sorted({what(one) for one in seen}):
@@ -147,7 +149,7 @@ def left_out(seen: Sequence[Seen], start: Numbers, what: Callable[[Seen], str]) 
     return error
 
 
-def table(force: Sequence[Seen], energy: Sequence[Seen]) -> Iterator[str]:
+def table(force: Sequence[StiffeningSample], energy: Sequence[StiffeningSample]) -> Iterator[str]:
     """Largest errors of each path to 1 and 2 mm, and beyond: of force, and of SED at the highest receptor."""
     yield "| finger | shape | a | to | force to 1 mm | to 2 mm | deeper | SED to 1 mm | to 2 mm | deeper |"
     yield "|---|---|---|---|---|---|---|---|---|---|"
@@ -162,7 +164,7 @@ def table(force: Sequence[Seen], energy: Sequence[Seen]) -> Iterator[str]:
         yield f"| {name} | {path[1]} | {path[2]:g} | {max(depths_mm):.3g} | {' | '.join(cells)} |"
 
 
-def _cells(seen: Sequence[Seen], error: Array, which: tuple[str, Path]) -> Iterator[str]:
+def _cells(seen: Sequence[StiffeningSample], error: Array, which: tuple[str, Path]) -> Iterator[str]:
     there = np.array([(one.part, one.path) == which for one in seen])
     doi = np.array([one.doi_mm for one in seen])
     for low, high in ((0, 1), (0, DEEPEST_MM), (DEEPEST_MM, 9)):
@@ -170,7 +172,7 @@ def _cells(seen: Sequence[Seen], error: Array, which: tuple[str, Path]) -> Itera
         yield f"{100 * np.expm1(np.abs(error[within]).max()):.1f} %" if within.any() else ""
 
 
-def spread(seen: Sequence[Seen], error: Array) -> str:
+def spread(seen: Sequence[StiffeningSample], error: Array) -> str:
     """Rms and largest error to 2 mm, of tissue that the prior holds, of each part."""
     within = np.array([one.doi_mm <= DEEPEST_MM and one.stiffening <= _BEYOND for one in seen])
     parts = {part: error[within & [one.part == part for one in seen]] for part in PARTS}

@@ -29,7 +29,7 @@ PATHS = (
 _STEP_MM = 0.25
 
 
-class Scene(NamedTuple):
+class StiffeningPress(NamedTuple):
     """One shape pressed into one finger."""
 
     finger: str
@@ -42,14 +42,14 @@ class Scene(NamedTuple):
         return f"{self.finger}, {self.shape}, {self.stiffening:g}"
 
 
-def scenes() -> Iterator[Scene]:
+def scenes() -> Iterator[StiffeningPress]:
     """In the order in which they matter."""
     for shape, stiffening in PATHS:
         for name in FINGERS:
-            yield Scene(name, shape, stiffening)
+            yield StiffeningPress(name, shape, stiffening)
 
 
-def rows(scene: Scene) -> Iterator[dict[str, Any]]:
+def rows(scene: StiffeningPress) -> Iterator[dict[str, Any]]:
     """One for each depth that converged, with seconds of processor time since the last; forces for E = 1 MPa."""
     config = finger(scene.finger)
     specimen, law = Specimen(config), Yeoh(scene.stiffening)
@@ -69,7 +69,7 @@ def rows(scene: Scene) -> Iterator[dict[str, Any]]:
 def main(path: str, *only: str) -> None:
     """Append what is missing."""
     file = Path(path)
-    done = {Scene(row["finger"], row["shape"], row["stiffening"]) for row in read(file)}
+    done = {StiffeningPress(row["finger"], row["shape"], row["stiffening"]) for row in read(file)}
     for scene in scenes():
         if scene in done or not all(word in scene.name for word in only):
             continue

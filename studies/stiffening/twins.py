@@ -22,7 +22,7 @@ from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
-from sim.models.stiffening import Felt, Press, Under
+from sim.models.stiffening import DimensionlessPress, Felt, Under
 from studies.stiffening.fingers import finger
 from studies.stiffening.references import read
 
@@ -42,7 +42,7 @@ class Pair(NamedTuple):
 
     reference: Row
     twin: Row
-    press: Press
+    press: DimensionlessPress
     afterwards: bool = False
 
     @property
@@ -77,7 +77,7 @@ def kept_pairs(folder: Path = KEPT) -> list[Pair]:
     ]
 
 
-def pressed(name: str, shape: str, doi_mm: float) -> Press:
+def pressed(name: str, shape: str, doi_mm: float) -> DimensionlessPress:
     """A press of one of the study's fingers, as the simulator sees it."""
     return _under(name, shape).at(doi_mm, np.zeros((0, 3))).press
 

@@ -91,7 +91,7 @@ def on_rigid_base(box: Box) -> Bools:
     return held.reshape(-1, 3)
 
 
-class Body:
+class BoxBody:
     """A held elastic body, ready to be solved or condensed."""
 
     def __init__(
@@ -154,7 +154,7 @@ def _numbered(box: Box, free: Bools) -> Ints:
     return unknown
 
 
-def condense(box: Box, body: Body, reach_mm: float) -> Patch:
+def condense(box: Box, body: BoxBody, reach_mm: float) -> Patch:
     """The top of a box as a patch: one row of a slab, or the quarter x, z ≥ 0, up to `reach_mm` from the axis."""
     n_x = int(np.searchsorted(box.x, reach_mm * (1 + 1e-9), side="right"))
     n_z = 1 if box.plane else int(np.searchsorted(box.z, reach_mm * (1 + 1e-9), side="right"))

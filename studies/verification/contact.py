@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from sim.contact.force_control import solve_for_force
 from sim.contact.indentor import Indentor, Revolved
 from sim.contact.patch import Patch
-from sim.contact.points import Pose
-from sim.contact.profiles import Profile
+from sim.contact.points import ContactPose
+from sim.contact.profiles import IndentorProfile
 from sim.contact.solver import ContactState, solve_contact
 
 Array = NDArray[np.float64]
@@ -28,27 +28,30 @@ def plane_modulus(poisson: float) -> float:
     return 1 / (1 - poisson**2)
 
 
-def press(patch: Patch, profile: Profile, doi_mm: float, start: ContactState | None = None) -> ContactState:
+def press(patch: Patch, profile: IndentorProfile, doi_mm: float, start: ContactState | None = None) -> ContactState:
     """The profile above the axis of a patch whose top is at 0, its lowest point pressed in by so much.
 
     It is prismatic on a slab and turned about the axis on a quarter.
     """
     indentor = Indentor.along(profile) if len(patch.axes) == 2 else Revolved(profile.name, profile)
     return solve_contact(
-        patch, Pose(indentor, (0.0,) * len(indentor.axes), -doi_mm, max(doi_mm, 1e-3)), start, between_nodes=False
+        patch,
+        ContactPose(indentor, (0.0,) * len(indentor.axes), -doi_mm, max(doi_mm, 1e-3)),
+        start,
+        between_nodes=False,
     )
 
 
-def press_to_force(patch: Patch, profile: Profile, force: float) -> tuple[float, ContactState]:
+def press_to_force(patch: Patch, profile: IndentorProfile, force: float) -> tuple[float, ContactState]:
     """The depth in mm, and the state, at a force (N) on the meshed half or quarter."""
     return solve_for_force(force, 0.05, 0.5, lambda doi, start: press(patch, profile, doi, start))
 
 
 @dataclass(frozen=True)
-class Pressed:
+class ContactSolution:
     """A closed form: a profile, the force that makes its contact `half_width_mm` wide, and the pressure then."""
 
-    profile: Profile
+    profile: IndentorProfile
     half_width_mm: float
     force: float  # N/mm of both halves, or N of all quarters
     pressure: Callable[[Array], Array]  # MPa at a distance 0 < x < half_width_mm from the axis
@@ -88,12 +91,12 @@ class ContactErrors:
     converged: bool
 
 
-def contact_errors(patch: Patch, exact: Pressed) -> ContactErrors:
+def contact_errors(patch: Patch, exact: ContactSolution) -> ContactErrors:
     """Press to the force of the closed form and compare."""
     return compared(patch, press_to_force(patch, exact.profile, exact.meshed_force)[1], exact)
 
 
-def compared(patch: Patch, state: ContactState, exact: Pressed) -> ContactErrors:
+def compared(patch: Patch, state: ContactState, exact: ContactSolution) -> ContactErrors:
     """A state that carries the force of the closed form, against it."""
     x = np.hypot(*patch.tangential_mm) if exact.round else patch.x
     pressure = -state.force[-1] / patch.area_mm2

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.verification.box import Body, Box, condense
+from studies.verification.box import Box, BoxBody, condense
 
 Array = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ def condensed(ratio: float, stiff: Literal["bone", "skin"]) -> Condensed:
     box = Box(x, np.linspace(-3, 0, 13), x)
     y = box.centroids[:, 1]
     young = np.where((y < -2) if stiff == "bone" else (y > -0.5), ratio, 1.0)
-    body = Body(box, young, POISSON)
+    body = BoxBody(box, young, POISSON)
     patch = condense(box, body, 1.5)
     force = np.zeros((len(patch.axes), len(patch)))
     force[-1] = -patch.area_mm2

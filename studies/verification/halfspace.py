@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.fem.elements import Element, lame
-from studies.verification.box import SLAB, Body, Box, graded
+from studies.verification.box import SLAB, Box, BoxBody, graded
 
 Array = NDArray[np.float64]
 
@@ -63,7 +63,7 @@ def largest_error(strain: Array, exact: Array) -> float:
 
 
 def _strains(box: Box, element: Element, poisson: float) -> tuple[Array, Array]:
-    body = Body(box, np.ones(len(box.hexes)), poisson, element)
+    body = BoxBody(box, np.ones(len(box.hexes)), poisson, element)
     load = np.zeros((1, len(box.nodes), 3))
     load[0, box.number[0, -1, 0], 1] = -0.5 if box.plane else -0.25  # the other half, or quarters, are mirror images
     u = body.solve(load)[0]

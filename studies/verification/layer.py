@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from sim.fem.elements import Element, lame
-from studies.verification.box import SLAB, Body, Box, tributary
+from studies.verification.box import SLAB, Box, BoxBody, tributary
 
 Array = NDArray[np.float64]
 
@@ -79,7 +79,7 @@ def compliance(
     steps = np.concatenate([np.full(c.rows, c.thickness_mm / c.rows) for c in layers])
     box = Box(x, np.append(0, -np.cumsum(steps))[::-1], SLAB)
     young = np.repeat([c.young for c in layers], [c.rows for c in layers])[::-1]
-    body = Body(box, np.tile(young, len(x) - 1), poisson, element)
+    body = BoxBody(box, np.tile(young, len(x) - 1), poisson, element)
     push = np.cos(k * x) * tributary(x) * np.sinc(0.5 * k * x[1] / np.pi) ** 2  # ∫ cos kx N dx
     load = np.zeros((1, len(box.nodes), 3))
     load[0, box.number[:, -1, 0], 1] = -push

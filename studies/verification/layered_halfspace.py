@@ -11,7 +11,7 @@ from scipy.special import j0, j1, jv
 
 from sim.fem.elements import lame
 from sim.measures.measures import Elastic
-from studies.verification.box import Body, Box, graded
+from studies.verification.box import Box, BoxBody, graded
 from studies.verification.layer import Layer, rate
 
 Array = NDArray[np.float64]
@@ -68,7 +68,7 @@ def on_elements(spacing_mm: float, size_mm: float, poisson: float) -> tuple[Arra
     x = graded(1.7, spacing_mm, size_mm, growth=1.25)
     box = Box(x, y, x)
     young = np.where(box.centroids[:, 1] > -SKIN.thickness_mm, SKIN.young, BELOW)
-    body = Body(box, young, poisson)
+    body = BoxBody(box, young, poisson)
     load = np.zeros((1, len(box.nodes), 3))
     load[0, box.number[0, -1, 0], 1] = -0.25
     depth = -box.centroids[:, 1]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from skfem.helpers import ddot, div, sym_grad
 
 from sim.fem.elements import Element
-from studies.verification.box import SLAB, Body, Box
+from studies.verification.box import SLAB, Box, BoxBody
 
 Array = NDArray[np.float64]
 
@@ -34,7 +34,7 @@ def tip_deflection(n: int, element: Element) -> float:
     held = np.zeros((*box.number.shape, 3), dtype=bool)
     held[0] = True
     held[..., 2] = True
-    body = Body(box, np.full(n * n, YOUNG), POISSON, element, nodes=nodes, held=held.reshape(-1, 3))
+    body = BoxBody(box, np.full(n * n, YOUNG), POISSON, element, nodes=nodes, held=held.reshape(-1, 3))
     loads = np.zeros((1, len(nodes), 3))
     share = np.full(n + 1, LOAD / n)
     share[[0, -1]] /= 2

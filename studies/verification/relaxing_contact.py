@@ -13,7 +13,7 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from sim.contact.patch import Patch, X, Y, Z
-from sim.contact.points import Pose
+from sim.contact.points import ContactPose
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import solve_contact
 from sim.models.halfspace import surface_compliance
@@ -43,7 +43,7 @@ def pressed_along(skin: Patch, way: Iterable[tuple[float, float]]) -> Array:
     memory, forces = Memory.none(SERIES, (3, len(skin))), []
     for step_s, doi_mm in way:
         ahead = memory.ahead(step_s)
-        pose = Pose(parse_shape("sphere:10"), (0.0, 0.0), -doi_mm, DEEPEST_MM)
+        pose = ContactPose(parse_shape("sphere:10"), (0.0, 0.0), -doi_mm, DEEPEST_MM)
         state = solve_contact(held_by(skin, ahead.carried), pose, between_nodes=False)
         memory = memory.after(ahead, ahead.carried + state.force)
         forces.append(ahead.stiffness * state.normal_force if state.converged else math.nan)

@@ -8,8 +8,8 @@ import numpy as np
 
 from sim.contact.patch import Patch
 from sim.contact.profiles import Bar, Cylinder, Wedge
-from studies.verification.box import Body, Box, condense, graded
-from studies.verification.contact import POISSON, SLOPE, Pressed, plane_modulus, press_to_force
+from studies.verification.box import Box, BoxBody, condense, graded
+from studies.verification.contact import POISSON, SLOPE, ContactSolution, plane_modulus, press_to_force
 
 FINE, REACH = 1.25, 1.6
 """Half-width of the evenly meshed top and of the patch, in contact radii."""
@@ -20,12 +20,12 @@ def quarter_space(per_radius: int, size: float, growth: float = 1.25) -> Patch:
     """A quarter of a box of `size` contact radii to every side and below, so many elements across one radius."""
     x, y = (graded(fine, 1 / per_radius, size, growth) for fine in (FINE, 0.25))
     box = Box(x, -y[::-1], x)
-    return condense(box, Body(box, np.ones(len(box.hexes)), POISSON), REACH)
+    return condense(box, BoxBody(box, np.ones(len(box.hexes)), POISSON), REACH)
 
 
-def sphere() -> Pressed:
+def sphere() -> ContactSolution:
     """Hertz: F = 4 E* a³ / 3R, p = (2 E* a / πR) √(1 − r²/a²), δ = a²/R."""
-    return Pressed(
+    return ContactSolution(
         Cylinder(2 / SLOPE),
         1.0,
         4 / 3 * MODULUS * SLOPE,
@@ -34,9 +34,9 @@ def sphere() -> Pressed:
     )
 
 
-def cone() -> Pressed:
+def cone() -> ContactSolution:
     """Sneddon: F = ½ π E* a² cot α, p = ½ E* cot α arcosh(a/r), δ = ½ π a cot α."""
-    return Pressed(
+    return ContactSolution(
         Wedge(float(np.degrees(np.arctan(1 / SLOPE))), tip_radius_mm=0.0),
         1.0,
         0.5 * np.pi * MODULUS * SLOPE,
@@ -45,13 +45,15 @@ def cone() -> Pressed:
     )
 
 
-def flat() -> Pressed:
+def flat() -> ContactSolution:
     """Flat punch: F = 2 E* a δ, p = F / 2πa √(a² − r²)."""
     force = 2 * MODULUS * SLOPE
-    return Pressed(Bar(2.0, 0.0), 1.0, force, lambda r: force / (2 * np.pi * np.sqrt(1 - r * r)), doi_mm=SLOPE)
+    return ContactSolution(
+        Bar(2.0, 0.0), 1.0, force, lambda r: force / (2 * np.pi * np.sqrt(1 - r * r)), doi_mm=SLOPE
+    )
 
 
-def doi_error(patch: Patch, exact: Pressed) -> float:
+def doi_error(patch: Patch, exact: ContactSolution) -> float:
     """Of the depth at the force of the closed form, relative to it: first order in 1 / size, by the missing rest."""
     return press_to_force(patch, exact.profile, exact.meshed_force)[0] / exact.doi_mm - 1
 

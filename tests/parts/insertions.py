@@ -65,7 +65,7 @@ SHAPE = [
         "def _floored(",
         '''\
 @dataclass(frozen=True)
-class Parabola(Profile):
+class Parabola(IndentorProfile):
     """Ridge with a parabola for its section."""
 
     radius_mm: float
@@ -88,7 +88,7 @@ class Parabola(Profile):
 
 ''',
     ),
-    ("sim/contact/shapes.py", "Step, Wedge\n", "Parabola, "),
+    ("sim/contact/shapes.py", "SinusoidalStep, Wedge\n", "Parabola, "),
     ("sim/contact/shapes.py", "sphere:RADIUS, flat", "parabola:RADIUS, "),
     (
         "sim/contact/shapes.py",

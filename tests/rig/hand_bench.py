@@ -11,7 +11,7 @@ from typing import Any
 
 from rig.bench.virtual import bench_around
 from rig.engine.bench_memory import BenchMemory
-from rig.engine.sensing import Zero
+from rig.engine.sensing import ForceZero
 from rig.errors import EngineError
 from rig.manual.server import HandOwner
 from rig.plan.config import Config
@@ -60,9 +60,16 @@ class HandBench:
     """A homed stage so far above a spring, left there by the last command, which may have zeroed, too."""
 
     def __init__(
-        self, kind: str, *, k_gwt: float = 6.0, above_mm: float = 3.0, known: bool = True, zero: Zero | None = None,
-        sample_period_s: float = 0.05, **limits: Any,
-    ) -> None:  # fmt: skip
+        self,
+        kind: str,
+        *,
+        k_gwt: float = 6.0,
+        above_mm: float = 3.0,
+        known: bool = True,
+        zero: ForceZero | None = None,
+        sample_period_s: float = 0.05,
+        **limits: Any,
+    ) -> None:
         force = {**KINDS[kind]["force"], "sample_period_s": sample_period_s}
         self.kind, self.config = kind, Config.model_validate({**KINDS[kind], "force": force, "limits": limits})
         self.clock, self.wire, self.gate = VirtualClock(1.7e9), io.StringIO(), StopGate()

@@ -7,7 +7,7 @@ from rig.devices.base import ForceReading, StageStatus
 from rig.engine import Engine, PressId, verbs
 from rig.engine.bench import Pause
 from rig.engine.press import Press
-from rig.records import Touch
+from rig.records import ContactFit
 from rig.settings import RigSettings
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
@@ -135,7 +135,7 @@ def pressing(
     while engine.height_mm > -doi_mm + 1e-9:
         engine.go_to_height(max(engine.height_mm - 0.05, -doi_mm), 2.0)
     bench.stage.moves, shown[0] = 0, felt_gwt
-    touch = Touch(0.05, engine.height_mm, round(felt_gwt(bench), 6), 0.0, 2)
+    touch = ContactFit(0.05, engine.height_mm, round(felt_gwt(bench), 6), 0.0, 2)
     return bench, Press(engine, PressId(0), touch, 1.0)
 
 

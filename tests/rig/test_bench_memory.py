@@ -7,7 +7,7 @@ import pytest
 
 from rig.devices.base import StageStatus
 from rig.engine.bench_memory import BenchMemory, LastKnown
-from rig.engine.sensing import Zero
+from rig.engine.sensing import ForceZero
 from rig.settings import RigSettings
 
 AT = StageStatus("Idle", -3.0, -2.0, -1.5)
@@ -44,11 +44,11 @@ def test_a_stage_stands_where_it_was_left_only_at_rest_and_to_three_micrometres(
 
 
 def test_as_soon_as_something_moves_its_place_is_not_known_and_the_zero_still_is(memory: BenchMemory) -> None:
-    memory.zeroed(Zero(0.25, 0.02))
+    memory.zeroed(ForceZero(0.25, 0.02))
     memory.left(AT)
     memory.moves()
     known = memory.read()
-    assert known.zero == Zero(0.25, 0.02)
+    assert known.zero == ForceZero(0.25, 0.02)
     assert known.zero_unix_s > 1.7e9
     assert known.left_at_mm is None
 

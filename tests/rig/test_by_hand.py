@@ -14,7 +14,7 @@ import pytest
 from rig.bench.virtual import bench_around
 from rig.devices.base import ForceBusy, ForceReading, StageOverridden, StageStatus
 from rig.engine.dead_man import Direction, dead_man_jog
-from rig.engine.sensing import NoReadingError, Sensing, Zero
+from rig.engine.sensing import ForceZero, NoReadingError, Sensing
 from rig.errors import LimitError
 from rig.manual.guard import Guard
 from rig.manual.jog import ByHand, Moved
@@ -43,7 +43,7 @@ class AtHand:
         above_mm: float = 3.0,
         placed: bool = True,
         felt: bool = True,
-        zero: Zero | None = None,
+        zero: ForceZero | None = None,
         **limits: Any,
     ) -> None:
         self.config = Config.model_validate({**KINDS[kind], "limits": limits})
@@ -294,12 +294,12 @@ def test_sideways_into_something_it_stops(at_hand: Callable[..., AtHand]) -> Non
 
 
 @pytest.mark.parametrize(("may_touch", "zero", "refused"), [
-    (True, Zero(0.0, 0.0), True),
-    (False, Zero(0.0, 0.0), False),  # the zero has drifted, and nothing was touched
+    (True, ForceZero(0.0, 0.0), True),
+    (False, ForceZero(0.0, 0.0), False),  # the zero has drifted, and nothing was touched
     (True, None, False),  # the force counts from what was there before
 ])  # fmt: skip
 def test_sideways_is_refused_in_contact(
-    at_hand: Callable[..., AtHand], may_touch: bool, zero: Zero | None, refused: bool
+    at_hand: Callable[..., AtHand], may_touch: bool, zero: ForceZero | None, refused: bool
 ) -> None:
     """As after a jog up that the motor did not follow: 0.1 mm in a spring, 0.19 gwt."""
     bench = at_hand(above_mm=-0.1, zero=zero)
@@ -316,7 +316,7 @@ def test_sideways_is_refused_in_contact(
 
 def test_up_is_always_free(at_hand: Callable[..., AtHand]) -> None:
     """Above the trip only up; there no force that falls stops it."""
-    bench = at_hand(above_mm=-0.8, soft_trip_n=0.02, zero=Zero(0.0, 0.0))
+    bench = at_hand(above_mm=-0.8, soft_trip_n=0.02, zero=ForceZero(0.0, 0.0))
     for axis, by_mm in (("x", 1.0), ("z", -0.1)):
         with raises(LimitError, "soft_trip", limit_gwt=0.02 / GWT_N):
             bench.jog(axis, by_mm)
@@ -380,7 +380,7 @@ def test_without_a_zero_force_counts_from_before_the_motion(at_hand: Callable[..
 
 
 def test_a_zero_that_has_drifted_does_not_hide_a_touch(at_hand: Callable[..., AtHand]) -> None:
-    bench = at_hand(above_mm=0.3, zero=Zero(0.0, 0.0))
+    bench = at_hand(above_mm=0.3, zero=ForceZero(0.0, 0.0))
     bench.spring.offset_gwt = 3.0
     assert codes(bench.jog("z", -1.0))[0] == "touched"
     assert bench.worst_gwt <= bench.one_increment_gwt(TOUCH_GWT)
@@ -411,7 +411,7 @@ def test_a_sensor_that_is_busy_at_rest_is_waited_for(
     at_hand: Callable[..., AtHand], busy_s: float, moves: bool
 ) -> None:
     """BUSY_S = 1 s: a balance may find no value for a moment; then it is as good as silent."""
-    bench = at_hand(zero=Zero(0.0, 0.0))
+    bench = at_hand(zero=ForceZero(0.0, 0.0))
     sensor, read = bench.sensing.sensor, bench.sensing.sensor.read
     until_s = bench.clock.monotonic_s() + busy_s
 
@@ -508,7 +508,7 @@ def test_near_the_trip_steps_become_smaller(at_hand: Callable[..., AtHand]) -> N
 
 @pytest.mark.parametrize("felt", [True, False])
 def test_a_look_says_where_it_stands_and_what_is_felt(at_hand: Callable[..., AtHand], felt: bool) -> None:
-    bench = at_hand(felt=felt, zero=Zero(0.0, 0.0))
+    bench = at_hand(felt=felt, zero=ForceZero(0.0, 0.0))
     bench.spring.offset_gwt = 2.5
     bench.clock.wait_s(0.5)
     seen = bench.hand.look()

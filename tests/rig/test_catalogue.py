@@ -20,8 +20,8 @@ from rig.data import RunFolder
 from rig.devices import registry
 from rig.devices.drivers import force_driver, stage_driver
 from rig.devices.registry import (
+    DeviceKind,
     ForceKind,
-    Kind,
     KindError,
     KnownBench,
     Room,
@@ -46,7 +46,9 @@ from tests.raising import has_code, raises
 ROOT = Path(__file__).parents[2]
 WORDS = {"register_address": 0x157, "on_word": 0x80, "off_word": 0}
 ONE_LINE_FOR_ALL = {"bits"}  # tables whose keys the page does not list one by one
-BUILT_IN: list[tuple[type[Kind], str]] = [(of, name) for of in registry.KINDS for name in registry.BUILT_IN[of.room]]
+BUILT_IN: list[tuple[type[DeviceKind], str]] = [
+    (of, name) for of in registry.KINDS for name in registry.BUILT_IN[of.room]
+]
 EVERY = [*BUILT_IN, (ForceKind, "line_scale")]
 every_kind = pytest.mark.parametrize(("of", "name"), EVERY, ids=lambda it: it if isinstance(it, str) else it.room)
 
@@ -77,7 +79,7 @@ def example(offered: Offer, monkeypatch: pytest.MonkeyPatch) -> None:
     offered("rig-line-scale", {"force.line_scale": "rig_line_scale.entry:DEVICE"})
 
 
-def _config(of: type[Kind], name: str, **tables: object) -> Config:
+def _config(of: type[DeviceKind], name: str, **tables: object) -> Config:
     return Config.model_validate({of.room: {"kind": name}, **tables})
 
 
@@ -98,7 +100,7 @@ def test_the_names_that_there_are() -> None:
 
 
 @every_kind
-def test_an_entry_is_whole(of: type[Kind], name: str, example: None) -> None:
+def test_an_entry_is_whole(of: type[DeviceKind], name: str, example: None) -> None:
     entry = find(of, name)
     project, page = _project(name)
     assert type(entry) is of
@@ -133,7 +135,7 @@ def _keys(table: type[BaseModel]) -> Iterator[str]:
 
 
 @every_kind
-def test_its_own_table_is_checked_and_told_of(of: type[Kind], name: str, example: None) -> None:
+def test_its_own_table_is_checked_and_told_of(of: type[DeviceKind], name: str, example: None) -> None:
     entry = find(of, name)
     if entry.settings is None:
         return
@@ -147,7 +149,7 @@ def test_its_own_table_is_checked_and_told_of(of: type[Kind], name: str, example
 
 
 @every_kind
-def test_driver_and_twin_meet_on_one_line(of: type[Kind], name: str, example: None) -> None:
+def test_driver_and_twin_meet_on_one_line(of: type[DeviceKind], name: str, example: None) -> None:
     """The twin is found and answers the driver, both as configured."""
     config, clock = _config(of, name), VirtualClock()
     refuse_twinless(config.stage, config.force)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rig.report.coding_figures import (
     DrawnDecoding,
-    Surface,
+    ErrorSurface,
     cloud_figure,
     decoded_figure,
     extents,
@@ -36,13 +36,13 @@ def lines(axes: object) -> dict[str, Array]:
 
 
 @pytest.fixture
-def surface() -> Surface:
+def surface() -> ErrorSurface:
     values = np.linspace(0.0, 30.0, 7)
-    return Surface(values, values[:5], (values[:, None] - 20) ** 2 + (values[:5] - 15) ** 2)
+    return ErrorSurface(values, values[:5], (values[:, None] - 20) ** 2 + (values[:5] - 15) ** 2)
 
 
 @pytest.mark.parametrize(("true", "away"), [(TRUE, [10.77, 5.657, 5.0, np.nan]), (None, [10.77, 5.657, 5.0, np.nan])])
-def test_ways_over_the_error_surface(surface: Surface, true: Array | None, away: list[float]) -> None:
+def test_ways_over_the_error_surface(surface: ErrorSurface, true: Array | None, away: list[float]) -> None:
     figure = drawn(search_figure({"far": surface, "near": surface}, {"exact": PATH, "grid": PATH[:2]}, true))
     far, near, left = figure.axes
     for axes in (far, near):

@@ -15,14 +15,14 @@ from rig.data.run import read_run
 from rig.devices.base import StageError
 from rig.engine import Engine, RecordError, RunAborted, TripError, indent, verbs
 from rig.engine.bench_memory import BenchMemory
-from rig.engine.contact import KINDS, Contact, ContactKind, judged
+from rig.engine.contact import KINDS, ContactKind, KnownContact, judged
 from rig.engine.dead_man import Direction
 from rig.engine.sensing import Sensing
 from rig.manual.guard import Guard
 from rig.manual.jog import ByHand
 from rig.manual.status import HandStatus
 from rig.plan.config import Config
-from rig.session.ending import Ending, Whereabouts
+from rig.session.ending import Ending, FinalPosition
 from rig.session.resume import careful_of, left_on_record
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
@@ -54,7 +54,7 @@ def test_what_position_and_force_say_together(clear: bool, force_gwt: float | No
 
 @given(st.booleans(), st.none() | st.floats(-500, 500), st.floats(0.01, 1.0))
 def test_lifted_is_both_and_nothing_else_is(clear: bool, force_gwt: float | None, touch_gwt: float) -> None:
-    found = Contact(judged(clear=clear, force_gwt=force_gwt, touch_gwt=touch_gwt), force_gwt)
+    found = KnownContact(judged(clear=clear, force_gwt=force_gwt, touch_gwt=touch_gwt), force_gwt)
     confirmed = clear and force_gwt is not None and abs(force_gwt) < touch_gwt
     assert found.may_touch is not confirmed
     assert (found.to_do is None) is confirmed
@@ -70,8 +70,8 @@ def settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Config:
     return Config.model_validate({"stage": {"port": "here"}})
 
 
-def _known(kind: ContactKind) -> Contact:
-    return Contact(kind, FORCES[kind], 0.5, 2.0 if kind in ("lifted", "raised", "disagreement") else -1.0, 1.7e9)
+def _known(kind: ContactKind) -> KnownContact:
+    return KnownContact(kind, FORCES[kind], 0.5, 2.0 if kind in ("lifted", "raised", "disagreement") else -1.0, 1.7e9)
 
 
 class Stage:
@@ -80,7 +80,7 @@ class Stage:
     homed = True
 
 
-def _whereabouts(known: Contact) -> Whereabouts:
+def _whereabouts(known: KnownContact) -> FinalPosition:
     """As a run's end has it of an engine that knows this."""
     engine = Engine.__new__(Engine)
     bench = FaultyBench.__new__(FaultyBench)
@@ -93,29 +93,29 @@ def _whereabouts(known: Contact) -> Whereabouts:
         begun, x_mm, along_mm, height_mm = True, known.x_mm, 0.0, known.height_mm
 
     engine.motion = Motion()  # type: ignore[assignment]
-    return Whereabouts.of(engine)
+    return FinalPosition.of(engine)
 
 
-def _on_record(settings: Config, known: Contact) -> None:
+def _on_record(settings: Config, known: KnownContact) -> None:
     memory = BenchMemory(settings)
-    memory.touched(Contact("unknown"))
+    memory.touched(KnownContact("unknown"))
     memory.touched(known)
 
 
-def _ended(settings: Config, known: Contact, tmp_path: Path) -> str:
+def _ended(settings: Config, known: KnownContact, tmp_path: Path) -> str:
     told = Ending.of(RunAborted("x"), _whereabouts(known), tmp_path).told
     return f"{told['where']}; {told['next']}"
 
 
-def _shown(settings: Config, known: Contact, tmp_path: Path) -> str:
+def _shown(settings: Config, known: KnownContact, tmp_path: Path) -> str:
     """Of a journal, as `rig show` and `rig resume` read it."""
     folder = run(tmp_path / "runs", "1", asdict(_whereabouts(known)))
     stop = read_run(folder).stop
     assert stop is not None
-    return Whereabouts(**stop["indentor"]).words
+    return FinalPosition(**stop["indentor"]).words
 
 
-def _panel(settings: Config, known: Contact, tmp_path: Path) -> str:
+def _panel(settings: Config, known: KnownContact, tmp_path: Path) -> str:
     clock = VirtualClock(1.7e9)
     bench = FaultyBench(tmp_path, {})
     status = HandStatus(settings, clock, Sensing(settings, clock, bench.force))
@@ -124,7 +124,7 @@ def _panel(settings: Config, known: Contact, tmp_path: Path) -> str:
     return str(status.as_json(stopped=False, since=None)["contact"]["words"])
 
 
-PLACES: dict[str, Callable[[Config, Contact, Path], str]] = {
+PLACES: dict[str, Callable[[Config, KnownContact, Path], str]] = {
     "the outcome of run, dry-run, resume and stop, and the report": _ended,
     "rig show, of a journal": _shown,
     "rig status, rig jog": lambda settings, known, tmp_path: printed_contact(settings)["words"],
@@ -163,9 +163,9 @@ def test_only_a_confirmed_lift_makes_a_finger_clear(
 ) -> None:
     memory = BenchMemory(settings)
     if before is not None:
-        memory.touched(Contact("unknown"))
-        memory.touched(Contact(before))
-    memory.touched(Contact(kind))
+        memory.touched(KnownContact("unknown"))
+        memory.touched(KnownContact(before))
+    memory.touched(KnownContact(kind))
     contact = memory.read().contact
     assert contact is not None
     stays = before == "lifted" and kind in ("raised", "disagreement")  # it was never below clearance since
@@ -179,17 +179,17 @@ def test_a_record_that_cannot_be_written_does_not_go_on_saying_that_the_finger_i
         raise OSError(28, "No space left on device")
 
     memory = BenchMemory(settings)
-    memory.touched(Contact("lifted"))
+    memory.touched(KnownContact("lifted"))
     monkeypatch.setattr(Path, "write_text", full)
-    memory.touched(Contact("unknown"))
+    memory.touched(KnownContact("unknown"))
     assert memory.read().contact is None, "the disk lets the file go"
     monkeypatch.undo()
     monkeypatch.setenv("RIG_STATE_DIR", str(tmp_path / "state"))
-    memory.touched(Contact("lifted"))
+    memory.touched(KnownContact("lifted"))
     monkeypatch.setattr(Path, "write_text", full)
     monkeypatch.setattr(Path, "unlink", full)
     with raises(RecordError, "says_not_touched"):
-        memory.touched(Contact("unknown"))
+        memory.touched(KnownContact("unknown"))
 
 
 @pytest.fixture
@@ -238,7 +238,7 @@ def test_homing_without_a_zero_confirms_nothing_and_the_zero_after_it_does(
     bench: FaultyBench, settings: Config
 ) -> None:
     memory = BenchMemory(settings)
-    memory.touched(Contact("touching", 5.0))
+    memory.touched(KnownContact("touching", 5.0))
     again = Engine(bench.config, bench, bench.journal, SOFT_TRIP_N)
     again.keep_contact = memory.touched
     verbs.home(again)
@@ -260,7 +260,7 @@ def test_a_jog_down_is_on_record_before_it_moves_and_one_up_that_is_confirmed_cl
     hand = ByHand(bench.config, bench.stage, bench.clock, guard, lambda at, force_gwt: None, placed=True)
     at_mm = bench.height_mm
 
-    def keep(known: Contact) -> None:
+    def keep(known: KnownContact) -> None:
         kept.append((known.kind, math.isclose(bench.height_mm, at_mm, abs_tol=1e-3)))
         memory.touched(known)
 

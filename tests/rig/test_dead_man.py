@@ -124,11 +124,11 @@ def test_one_that_stood_is_told_of_where_the_way_has_no_end(
 ) -> None:
     """A way that has one is seen to be short at its end."""
 
-    class Stood(module.Pace):
+    class Stood(module.StagePace):
         def seen(self, asked_s: float, heard_s: float, gone_mm: float, *, at_rest: bool) -> None:
             self.stood = gone_mm > 0.1
 
-    monkeypatch.setattr(module, "Pace", Stood)
+    monkeypatch.setattr(module, "StagePace", Stood)
     stage = There()
     if by_mm is None:
         with raises(StageError, "jog_stood_still"):

@@ -16,7 +16,7 @@ from rig.protocol.script import load_script
 from rig.session.session import NewRun, Session, dry_run
 from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.plant import Pose, Press, Truth, Turn
+from sim.plant import Pose, PressedFinger, Truth, Turn
 from tests.raising import raises
 
 TRUTH = {"pad_centre_x_mm": 0.4, "apex_z_mm": -0.15, "pad_y_mm": 0.5, "roll_deg": 4.0, "tilt_deg": -3.0}
@@ -140,4 +140,4 @@ def test_a_turn_by_hand() -> None:
 
 def test_only_a_sphere_presses_a_turned_finger(finger: Fingertip) -> None:
     with raises(ModelRangeError, "turned_finger", indentor="bar:3.0"):
-        Press(finger, "bar:3.0", Truth(turn=Turn(roll_deg=2.0)))
+        PressedFinger(finger, "bar:3.0", Truth(turn=Turn(roll_deg=2.0)))

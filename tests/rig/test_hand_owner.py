@@ -10,7 +10,7 @@ import pytest
 
 from rig.devices.base import ForceReading, ForceTimeout, StageError, StageRejected
 from rig.engine.bench_memory import BenchMemory
-from rig.engine.sensing import Sensing, Zero
+from rig.engine.sensing import ForceZero, Sensing
 from rig.errors import BadInputError, LimitError
 from rig.manual import bench as at_hand
 from rig.manual import status as hand_log
@@ -23,7 +23,7 @@ from tests.raising import raises
 from tests.rig.hand_bench import APEX_MM, KINDS, HandBench, Person
 from tests.told import ToldSensor, raising
 
-ZERO = Zero(0.0, 0.0)
+ZERO = ForceZero(0.0, 0.0)
 
 
 @pytest.fixture(params=KINDS)
@@ -166,7 +166,7 @@ def test_while_it_homes_no_place_is_told(make: Callable[..., HandBench]) -> None
     [(True, ZERO, "None"), (True, None, "zero, with nothing touched"), (False, ZERO, "home: where it is not homed"),
      (False, None, "home: where it is not homed")],
 )  # fmt: skip
-def test_what_had_better_be_done_next_is_said(known: bool, zero: Zero | None, next_is: str) -> None:
+def test_what_had_better_be_done_next_is_said(known: bool, zero: ForceZero | None, next_is: str) -> None:
     bench = HandBench("grbl", known=known, zero=zero)
     assert str(bench.run(bench.done())["next"]).startswith(next_is)
 
@@ -392,7 +392,7 @@ def test_a_sensor_that_does_not_answer_begins_nothing() -> None:
 
 def test_a_zero_that_fails_halfway_is_no_zero_on_record(make: Callable[..., HandBench]) -> None:
     """The sensor counts from elsewhere then, and from where nobody knows."""
-    bench = make(zero=Zero(0.02, 0.0))
+    bench = make(zero=ForceZero(0.02, 0.0))
     bench.spring.offset_gwt = 0.02 / GWT_N
     zero, read = bench.bench.force.zero, bench.bench.force.read
 

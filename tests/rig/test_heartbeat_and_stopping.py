@@ -8,7 +8,7 @@ import pytest
 from rig.engine import Pause, PressId, Target
 from rig.engine.bench import LOOK_S, Heartbeat
 from rig.engine.limits import Stopping
-from rig.records import NO_PRESS, Touch
+from rig.records import NO_PRESS, ContactFit
 from rig.settings import RigSettings
 from sim.devices.clock import VirtualClock
 
@@ -132,7 +132,7 @@ def test_a_reading_of_no_press_has_the_index_minus_one_and_is_among_the_data() -
 
 
 def test_a_touch_is_past_contact_by_what_the_threshold_took() -> None:
-    touch = Touch(0.05, height_at_threshold_mm=-0.34, force_gwt=0.06, contact_height_mm=-0.3, fit_points=5)
+    touch = ContactFit(0.05, height_at_threshold_mm=-0.34, force_gwt=0.06, contact_height_mm=-0.3, fit_points=5)
     assert touch.doi_bias_mm == pytest.approx(0.04)
 
 

@@ -8,7 +8,7 @@ import pytest
 from rig.engine.dead_man import Direction
 from rig.errors import LimitError, NotReadyError
 from rig.manual.jog import FASTEST_MM_S, HeldWord
-from rig.manual.requests import AHEAD_S, HOLD_S, Hold, Holds, Orders
+from rig.manual.requests import AHEAD_S, HOLD_S, HoldRequest, Holds, Orders
 from sim.devices.clock import VirtualClock
 from tests.raising import raises
 
@@ -25,9 +25,9 @@ def holds(clock: VirtualClock) -> Holds:
     return Holds(clock)
 
 
-def a_hold(clock: VirtualClock, ago_s: float = 0.0, **other: Any) -> Hold:
+def a_hold(clock: VirtualClock, ago_s: float = 0.0, **other: Any) -> HoldRequest:
     usual = {"axis": "x", "sign": 1, "speed_mm_s": 2.0, "tab": "one", "press": 7}
-    return Hold.asked({"do": "hold", **usual, "unix_s": clock.unix_s() - ago_s, **other})
+    return HoldRequest.asked({"do": "hold", **usual, "unix_s": clock.unix_s() - ago_s, **other})
 
 
 # --- what is held ---
@@ -221,7 +221,7 @@ def test_what_is_asked_is_done_once(orders: Orders) -> None:
 def test_a_press_that_is_over_begins_nothing_more(orders: Orders, clock: VirtualClock) -> None:
     orders.hold(a_hold(clock))
     press = orders.next()
-    assert isinstance(press, Hold)
+    assert isinstance(press, HoldRequest)
     orders.over(press)
     assert (orders.next(), orders.busy) == (None, None)
     with raises(NotReadyError, "motion_over"):
@@ -245,7 +245,7 @@ def test_busy_is_said_until_what_is_done_is_over(orders: Orders, clock: VirtualC
     orders.hold(a_hold(clock, press=8))
     orders.over(press)
     following = orders.next()
-    assert isinstance(following, Hold)
+    assert isinstance(following, HoldRequest)
     assert following.press == 8
     orders.stop()
     assert orders.busy == "jog"

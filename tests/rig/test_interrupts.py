@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.cli.signals import STOP_SIGNAL, Pause, asked_to_leave, at_a_safe_point, at_once
+from rig.cli.signals import STOP_SIGNAL, PauseRequest, asked_to_leave, at_a_safe_point, at_once
 
 if STOP_SIGNAL is None:
     pytest.skip("only where there are signals", allow_module_level=True)
@@ -197,7 +197,7 @@ def test_where_terminals_send_no_signal_ctrl_c_works_all_the_same(
     monkeypatch.setattr("rig.cli.signals._HANG_UP", None)
     monkeypatch.setattr("rig.cli.signals.STOP_SIGNAL", None)
     with enter() as pause:
-        if isinstance(pause, Pause):
+        if isinstance(pause, PauseRequest):
             signal.raise_signal(signal.SIGINT)
             assert pause.asked() is True
         with pytest.raises(KeyboardInterrupt):

@@ -13,7 +13,7 @@ import pytest
 
 from rig.devices.base import StageError
 from rig.engine import EngineError, TripError, indent, verbs
-from rig.session.ending import Whereabouts
+from rig.session.ending import FinalPosition
 from rig.units import GWT_N
 from studies.faults.catalogue import COARSE_SCREW, GRBL, MODBUS, SCREW
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, TARGET, FaultyBench
@@ -88,7 +88,7 @@ def test_a_lift_that_is_none_is_measured_before_anything_goes_sideways(
     assert ended.reason.startswith("not lifted")
     assert bench.dragged_gwt == 0.0
     assert bench.worst_n / GWT_N <= bound_gwt()
-    known, at = bench.engine.known_contact, Whereabouts.of(bench.engine)
+    known, at = bench.engine.known_contact, FinalPosition.of(bench.engine)
     if ended.true_gwt >= TOUCH_GWT:
         assert known.kind == "disagreement"
         assert known.force_gwt == pytest.approx(ended.true_gwt, abs=0.02)
@@ -178,7 +178,7 @@ def test_a_command_that_was_corrupted_is_stopped_at_the_next_look_and_left(
     assert bench.dragged_gwt == 0.0
     assert ended.reason.startswith("commanded ")
     assert not bench.stage.homed, "it was stopped at once"
-    assert Whereabouts.of(bench.engine).left == "held"
+    assert FinalPosition.of(bench.engine).left == "held"
 
 
 def test_one_garbled_status_ends_nothing(tmp_path: Path) -> None:

@@ -29,19 +29,19 @@ from rig.data.folder import MEETING_PAGE
 from rig.errors import LimitError, TripError
 from rig.identify.meeting_script import MeetingScript
 from rig.identify.press_record import given_press
-from rig.identify.procedure import Meeting, Wanted, felt_surely
+from rig.identify.procedure import IdentificationOptions, Meeting, felt_surely
 from rig.identify.result import CELL_NOISE_GWT, finger_file, truth_of, with_stranger
 from rig.plan.config import Config, VirtualSettings
 from rig.plan.finger_file import read_finger_file
 from rig.plan.plan import Plan
 from rig.protocol.api import Rig
-from rig.report.identification_page import Met, write_meeting_page
+from rig.report.identification_page import IdentificationPage, write_meeting_page
 from rig.session.session import FinishedRun, NewRun, Nobody, Session, run_on
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from sim.identification.bands import standard_deviations
 from sim.identification.design import PressAt
-from sim.identification.forward import Given, Way
+from sim.identification.forward import Given, PressTrajectory
 from sim.identification.prior import TAU_FAST_S, Prior
 from sim.models.fingertip import Fingertip
 from sim.models.relaxation import Memory, Prony, PronyTerm
@@ -83,7 +83,7 @@ class MadeUpPlant:
         pose, once = self._carriage.pose_at(t_s), np.zeros(1)
         if not self._indentor or pose.above_apex_mm > 1:
             return 0.0
-        way = Way(self._indentor, pose.x_mm, once, np.array([pose.above_apex_mm]), once)
+        way = PressTrajectory(self._indentor, pose.x_mm, once, np.array([pose.above_apex_mm]), once)
         force_gwt = float(FORESEEN.elastic_gwt(self._draw, way)[0, 0])
         return force_gwt if force_gwt < self._most_gwt else 4 * force_gwt
 
@@ -101,9 +101,13 @@ def _truth(seed: int) -> np.ndarray:
 
 
 def _meet(
-    tmp_path: Path, finger: Fingertip, truth: np.ndarray, wanted: Wanted | None = None, most_gwt: float = math.inf
+    tmp_path: Path,
+    finger: Fingertip,
+    truth: np.ndarray,
+    wanted: IdentificationOptions | None = None,
+    most_gwt: float = math.inf,
 ) -> tuple[Meeting, FinishedRun]:
-    meeting = Meeting(SETTINGS, FORESEEN, wanted or Wanted(GOALS, presses=5))
+    meeting = Meeting(SETTINGS, FORESEEN, wanted or IdentificationOptions(GOALS, presses=5))
     script = MeetingScript(meeting)
 
     def opened(folder: RunFolder, byte_log: Any, start_unix_s: float) -> Any:
@@ -243,7 +247,7 @@ def test_the_file_reads_back_and_says_where_it_comes_from(met: tuple[Meeting, Fi
 def test_a_band_is_wider_where_readings_are_farther_off_than_usual(
     met: tuple[Meeting, FinishedRun], off: float, wider: float
 ) -> None:
-    assert Meeting(SETTINGS, FORESEEN, Wanted(GOALS)).own_error == course.MODEL_ERROR
+    assert Meeting(SETTINGS, FORESEEN, IdentificationOptions(GOALS)).own_error == course.MODEL_ERROR
     meeting, learned = copy(met[0]), met[0].learned
     usual = course.USUAL_MISFIT * int(learned.readings.sum())
     meeting.learned = replace(learned, total=off * usual)
@@ -307,7 +311,9 @@ def test_what_is_no_finger_is_said_by_itself(
 
 
 def test_it_says_what_it_could_not_learn(finger: Fingertip, tmp_path: Path) -> None:
-    meeting, done = _meet(tmp_path, finger, _truth(3), Wanted(GOALS, width=0.01, presses=2, shapes=("sphere:4",)))
+    meeting, done = _meet(
+        tmp_path, finger, _truth(3), IdentificationOptions(GOALS, width=0.01, presses=2, shapes=("sphere:4",))
+    )
     assert done.problem is None
     assert len(meeting.told) == 2
     assert any("is known to ±" in words and "asked for ± 1 %" in words for words in meeting.not_learned)
@@ -338,7 +344,7 @@ def test_each_press_and_the_end_are_said(
     page = tmp_path / "meeting.html"
     course = (FORESEEN, meeting.given, meeting.before, meeting.learned, press_rows(meeting), force_rows(meeting),
               number_rows(meeting))  # fmt: skip
-    write_meeting_page(page, Met(*course, ["x_mm is …"]))
+    write_meeting_page(page, IdentificationPage(*course, ["x_mm is …"]))
     written = page.read_text()
     assert "A finger was met" in written
     assert "x_mm is …" in written
@@ -348,20 +354,20 @@ def test_each_press_and_the_end_are_said(
     likeliest = math.exp(meeting.learned.likeliest[FORESEEN.prior.index("ln_stiffness")])
     assert f"{likeliest:.3g}" in written
     assert "ln_" not in written
-    write_meeting_page(page, Met(*course, [], "it is a ball"))
+    write_meeting_page(page, IdentificationPage(*course, [], "it is a ball"))
     assert "What was met is no finger that is known" in page.read_text()
     assert "presses: it is a ball" in page.read_text()
 
 
 def test_the_page_before_it_begins_tells_force_and_time() -> None:
-    lines = page_lines(SETTINGS, Wanted(GOALS))
+    lines = page_lines(SETTINGS, IdentificationOptions(GOALS))
     assert "20 gwt" in lines["meeting"]
     assert "155 s" in lines["duration"]
 
 
 def test_forces_are_foreseen_as_far_and_as_deep_as_is_asked() -> None:
-    assert scope_of(Wanted(GOALS)) == pytest.approx((1.8, 1.1))
-    assert scope_of(Wanted((PressAt("bar:3.0", -2.0, 1.2),))) == pytest.approx((2.6, 1.32))
+    assert scope_of(IdentificationOptions(GOALS)) == pytest.approx((1.8, 1.1))
+    assert scope_of(IdentificationOptions((PressAt("bar:3.0", -2.0, 1.2),))) == pytest.approx((2.6, 1.32))
 
 
 # --- strangers ---

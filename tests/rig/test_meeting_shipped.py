@@ -10,7 +10,7 @@ import pytest
 
 import sim.identification.forward as foreseen_module
 from rig.cli.identify import USUAL_GOALS, scope_of
-from rig.identify.procedure import Wanted
+from rig.identify.procedure import IdentificationOptions
 from sim.config import FingertipConfig
 from sim.identification.forward import Foreseen
 from sim.identification.prior import Prior
@@ -18,7 +18,7 @@ from sim.identification.shape_table import Scope, ShapeTable, _content, as_json,
 from sim.models.fingertip import Fingertip
 from tests.sim.coarse import coarse_mesh
 
-WANTED = Wanted(USUAL_GOALS)
+WANTED = IdentificationOptions(USUAL_GOALS)
 
 
 def _foreseen(config: FingertipConfig | None = None) -> Foreseen:

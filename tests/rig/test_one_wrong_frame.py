@@ -14,7 +14,7 @@ from rig.devices.leadshine import LeadshineStage
 from rig.devices.leadshine_drive import LeadshineDrive
 from rig.settings import Framing
 from sim.devices import VirtualDrive
-from studies.faults.drive_frames import MOTIONS, Bench, Fault, faults, wrong
+from studies.faults.drive_frames import MOTIONS, DriveBench, FrameFault, faults, wrong
 
 SAMPLE: dict[Framing, int] = {"tcp": 24, "rtu": 6}
 
@@ -37,7 +37,7 @@ def test_one_fault_in_one_frame_moves_nothing_elsewhere(motion: str, framing: Fr
 
 def _out_frame(motion: str, part: str) -> int:
     """The number of the first frame out, over TCP, that has these bytes (hex) after its transaction."""
-    bench = Bench("tcp")
+    bench = DriveBench("tcp")
     bench.wire.frames = {True: [], False: []}
     MOTIONS[motion].do(bench)
     return next(n for n, frame in enumerate(bench.wire.frames[True]) if bytes.fromhex(part) in frame)
@@ -46,7 +46,7 @@ def _out_frame(motion: str, part: str) -> int:
 def test_no_wrong_bit_of_a_trigger_moves_anything_elsewhere() -> None:
     """0011, 0012, 0014 and 0018 would run what the owner's EEPROM holds; another unit, the other drive's path."""
     number = _out_frame("press", "06 60 02 00 10")
-    cases = [Fault(True, number, "bit", byte, bit) for byte in range(12) for bit in range(8)]
+    cases = [FrameFault(True, number, "bit", byte, bit) for byte in range(12) for bit in range(8)]
     assert {fault: said for fault in cases if (said := wrong("press", "tcp", fault))} == {}
 
 
@@ -58,7 +58,7 @@ def _modes(drive: VirtualDrive) -> list[int]:
 
 
 def test_a_path_that_was_given_up_is_dropped() -> None:
-    bench = Bench("tcp")
+    bench = DriveBench("tcp")
     next(bench.stage.moving(z_mm=-6.0, speed_mm_s=1.0))
     assert _modes(bench.z)[0] == 1
     bench.stage.halt()
@@ -66,7 +66,7 @@ def test_a_path_that_was_given_up_is_dropped() -> None:
 
 
 def test_homing_disarms_a_drive_that_was_switched_off() -> None:
-    bench = Bench("tcp")
+    bench = DriveBench("tcp")
     for drive in (bench.x, bench.z):
         drive.power_cycle()
         assert all(_modes(drive))
@@ -86,9 +86,9 @@ def test_homing_disarms_a_drive_that_was_switched_off() -> None:
 def test_a_path_that_went_to_the_other_drive_is_gone_before_anything_moves(
     move: Callable[[LeadshineStage], None],
 ) -> None:
-    bench = Bench("tcp")
+    bench = DriveBench("tcp")
     bench.wire.frames = {True: [], False: []}
-    bench.wire.fault = Fault(True, _out_frame("press", "10 62 00 00 07"), "bit", 6, 0)
+    bench.wire.fault = FrameFault(True, _out_frame("press", "10 62 00 00 07"), "bit", 6, 0)
     with pytest.raises(StageError):
         MOTIONS["press"].do(bench)
     assert bench.x.read(0x6200, 3) == [1, 0xFFFF, -2012 & 0xFFFF]
@@ -103,11 +103,11 @@ def test_a_path_that_went_to_the_other_drive_is_gone_before_anything_moves(
 def test_a_path_that_is_not_read_back_presses(monkeypatch: pytest.MonkeyPatch) -> None:
     number = _out_frame("press", "10 62 00 00 07")
     monkeypatch.setattr(LeadshineDrive, "_expect", lambda *_: None)
-    assert wrong("press", "tcp", Fault(True, number, "bit", 17, 4)).startswith("z -")
+    assert wrong("press", "tcp", FrameFault(True, number, "bit", 17, 4)).startswith("z -")
 
 
 @pytest.mark.parametrize("bit", [0, 1, 2, 3])
 def test_a_path_of_the_owner_presses(monkeypatch: pytest.MonkeyPatch, bit: int) -> None:
     number = _out_frame("press", "06 60 02 00 10")
     monkeypatch.setattr(LeadshineDrive, "disarm", lambda drive: setattr(drive, "harmless", True))
-    assert wrong("press", "tcp", Fault(True, number, "bit", 11, bit)).startswith("z -")
+    assert wrong("press", "tcp", FrameFault(True, number, "bit", 11, bit)).startswith("z -")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from rig.engine.dead_man import Pace
+from rig.engine.dead_man import StagePace
 
 STEP_MM, LOOK_S, HEARD_S = 0.0025, 0.02, 0.005
 
@@ -11,9 +11,9 @@ class Walked:
     """A stage that goes at a speed for so many looks."""
 
     def __init__(self) -> None:
-        self.pace, self.t_s, self.gone_mm = Pace(STEP_MM), 0.0, 0.0
+        self.pace, self.t_s, self.gone_mm = StagePace(STEP_MM), 0.0, 0.0
 
-    def looks(self, count: int, mm_s: float, *, at_rest: bool = False) -> Pace:
+    def looks(self, count: int, mm_s: float, *, at_rest: bool = False) -> StagePace:
         for _ in range(count):
             self.t_s += LOOK_S + HEARD_S
             self.gone_mm += mm_s * (LOOK_S + HEARD_S)
@@ -21,7 +21,7 @@ class Walked:
         return self.pace
 
 
-def _verdict(pace: Pace) -> tuple[bool, bool]:
+def _verdict(pace: StagePace) -> tuple[bool, bool]:
     return pace.doubtful, pace.stood
 
 

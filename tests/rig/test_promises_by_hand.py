@@ -11,12 +11,12 @@ from typing import Any
 import pytest
 
 from rig.devices.base import ForceReading, StageOverridden
-from rig.engine.sensing import Zero
+from rig.engine.sensing import ForceZero
 from rig.units import GWT_N
 from tests.rig.hand_bench import APEX_MM, KINDS, STOPS, HandBench, Person
 
 Make = Callable[..., HandBench]
-ZERO = Zero(0.0, 0.0)
+ZERO = ForceZero(0.0, 0.0)
 INCREMENT_MM, TOUCH_GWT = 0.05, 0.05
 
 PROMISES: dict[str, Callable[[Make], None]] = {}
@@ -181,7 +181,7 @@ def without_a_zero_forces_count_from_before_the_first_motion(make: Make) -> None
 
 @promise
 def with_one_forces_count_from_the_last_zero_on_record(make: Make) -> None:
-    bench = make(zero=Zero(3.0 * GWT_N, 0.0))
+    bench = make(zero=ForceZero(3.0 * GWT_N, 0.0))
     bench.spring.offset_gwt = 5.0
     state = bench.run(bench.hold("x", 1, 0.5))
     assert state["force_gwt"] == pytest.approx(2.0, abs=0.011)

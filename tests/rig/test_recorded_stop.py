@@ -14,7 +14,7 @@ from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import Script, load_script
-from rig.session.ending import Whereabouts
+from rig.session.ending import FinalPosition
 from rig.session.resume import ending_on_record, read_stopped
 from rig.session.session import NewRun, Session, dry_run, record_after, record_before
 from sim.models.fingertip import Fingertip
@@ -173,13 +173,13 @@ def test_an_end_is_said_again_only_where_it_does_not_say_the_stop(
 
 def test_a_run_that_was_stopped_before_its_journal_had_an_end_gets_one(whole: RunFolder) -> None:
     _cut(whole, lambda one: one["doc"] == "event" and one["data"].get("phase") == "hold")
-    known = Whereabouts.last_known(read_run(whole.path))
+    known = FinalPosition.last_known(read_run(whole.path))
     t_s = _last(whole)["t_s"]
     record_after(whole, "running", WIRE)
     last = _last(whole)
     assert (last["doc"], last["status"], last["reason"], last["t_s"]) == ("stop", "aborted", AT_ONCE, t_s)
     assert last["stopped_while"] == "running"
-    assert Whereabouts(**last["indentor"]) == known
+    assert FinalPosition(**last["indentor"]) == known
     assert known.may_touch is True
 
 

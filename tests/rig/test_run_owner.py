@@ -15,8 +15,8 @@ import pytest
 
 import rig.cli.execution as owning_module
 import rig.cli.signals as interrupts
-from rig.cli.execution import Owner, owning
-from rig.cli.signals import STOP_SIGNAL, Pause, at_a_safe_point, interrupt_main, stoppable
+from rig.cli.execution import RunOwner, owning
+from rig.cli.signals import STOP_SIGNAL, PauseRequest, at_a_safe_point, interrupt_main, stoppable
 from rig.clock import WallClock
 from rig.control.client import RefusedError, announced
 from rig.control.server import ControlSocket
@@ -32,18 +32,18 @@ if STOP_SIGNAL is None:
 
 
 @pytest.fixture
-def owner() -> Owner:
-    return Owner(StopSwitch(None, lambda: None), virtual=False)
+def owner() -> RunOwner:
+    return RunOwner(StopSwitch(None, lambda: None), virtual=False)
 
 
-def _asked(owner: Owner, do: str) -> Any:
+def _asked(owner: RunOwner, do: str) -> Any:
     return owner.answers[do]({"do": do})
 
 
 # --- in one word ---
 
 
-def test_what_it_is_at(owner: Owner) -> None:
+def test_what_it_is_at(owner: RunOwner) -> None:
     def state() -> str:
         return str(_asked(owner, "status")["state"])
 
@@ -62,13 +62,13 @@ def test_what_it_is_at(owner: Owner) -> None:
     assert state() == "reporting"
 
 
-def test_it_is_no_more_asking_where_nobody_answered(owner: Owner) -> None:
+def test_it_is_no_more_asking_where_nobody_answered(owner: RunOwner) -> None:
     with pytest.raises(KeyboardInterrupt), owner.asking():
         raise KeyboardInterrupt
     assert owner.state == "planning"
 
 
-def test_where_the_run_is(owner: Owner, tmp_path: Path) -> None:
+def test_where_the_run_is(owner: RunOwner, tmp_path: Path) -> None:
     told: list[Path] = []
     owner.told = told.append
     assert _asked(owner, "status") == {"state": "planning", "run": None, "stopped": False}
@@ -76,7 +76,7 @@ def test_where_the_run_is(owner: Owner, tmp_path: Path) -> None:
     assert (_asked(owner, "status")["run"], told) == (str(tmp_path), [tmp_path])
 
 
-def test_a_note_that_cannot_be_written_ends_no_run(owner: Owner, tmp_path: Path) -> None:
+def test_a_note_that_cannot_be_written_ends_no_run(owner: RunOwner, tmp_path: Path) -> None:
     def full(run: Path) -> None:
         raise OSError(28, "No space left")
 
@@ -85,7 +85,7 @@ def test_a_note_that_cannot_be_written_ends_no_run(owner: Owner, tmp_path: Path)
     assert owner.folder == RunFolder(tmp_path)
 
 
-def test_a_stop_is_told_of_with_the_state_it_came_in(owner: Owner) -> None:
+def test_a_stop_is_told_of_with_the_state_it_came_in(owner: RunOwner) -> None:
     owner.at("running")
     assert owner.stopped() is False
     with owner.asking():
@@ -93,7 +93,7 @@ def test_a_stop_is_told_of_with_the_state_it_came_in(owner: Owner) -> None:
     assert (owner._stopped_while, owner.stopped(), _asked(owner, "status")["stopped"]) == ("asking", True, True)
 
 
-def test_a_stop_that_reached_no_stage_is_told_as_such(owner: Owner, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stop_that_reached_no_stage_is_told_as_such(owner: RunOwner, monkeypatch: pytest.MonkeyPatch) -> None:
     def unplugged() -> None:
         raise TransportError("there is no port")
 
@@ -103,7 +103,7 @@ def test_a_stop_that_reached_no_stage_is_told_as_such(owner: Owner, monkeypatch:
 
 def test_each_phase_may_be_stopped_once_more() -> None:
     interrupts: list[int] = []
-    owner = Owner(StopSwitch(None, lambda: interrupts.append(1)), virtual=True)
+    owner = RunOwner(StopSwitch(None, lambda: interrupts.append(1)), virtual=True)
     for phase in ("running", "reporting"):
         owner.at(phase)  # type: ignore[arg-type]
         for _ in range(2):
@@ -112,7 +112,7 @@ def test_each_phase_may_be_stopped_once_more() -> None:
 
 
 def test_a_stop_under_way_is_waited_for_before_it_is_recorded(
-    owner: Owner, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    owner: RunOwner, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     done: list[str] = []
     over = owner.switch.over
@@ -126,14 +126,14 @@ def test_a_stop_under_way_is_waited_for_before_it_is_recorded(
 
 @pytest.mark.parametrize("do", ["pause", "go_on"])
 @pytest.mark.parametrize("phase", ["planning", "reporting"])
-def test_only_what_runs_is_paused(owner: Owner, do: str, phase: Any) -> None:
+def test_only_what_runs_is_paused(owner: RunOwner, do: str, phase: Any) -> None:
     owner.at(phase)
     words = {"pause": "there is nothing to pause", "go_on": "it is not paused"}[do]
     assert _asked(owner, do) == {"ok": False, "problem": f"it is {phase}: {words}"}
     assert owner.pause.asked() is False
 
 
-def test_a_pause_and_its_end(owner: Owner, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_pause_and_its_end(owner: RunOwner, capsys: pytest.CaptureFixture[str]) -> None:
     owner.at("running")
     assert _asked(owner, "go_on") == {"ok": False, "problem": "it is running: it is not paused"}
     for _ in range(2):
@@ -192,7 +192,7 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> Iterator[Terminal]:
 
 
 @contextmanager
-def _as_soon_as_it_waits(pause: Pause, act: Callable[[], object]) -> Iterator[None]:
+def _as_soon_as_it_waits(pause: PauseRequest, act: Callable[[], object]) -> Iterator[None]:
     def wait() -> None:
         until(lambda: pause.waits)
         act()
@@ -207,7 +207,7 @@ def _as_soon_as_it_waits(pause: Pause, act: Callable[[], object]) -> Iterator[No
 @pytest.mark.parametrize("answered", ["typed", "elsewhere"])
 def test_at_a_terminal_it_goes_on_with_whoever_is_first(terminal: Terminal, asked: str, answered: str) -> None:
     keyboard, screen = terminal()
-    pause = Pause()
+    pause = PauseRequest()
     getattr(pause, asked)()
     act = {"typed": lambda: keyboard.types(b"\n"), "elsewhere": pause.go_on_from_elsewhere}[answered]
     with _as_soon_as_it_waits(pause, act):
@@ -220,7 +220,7 @@ def test_at_a_terminal_it_goes_on_with_whoever_is_first(terminal: Terminal, aske
 
 def test_the_end_of_the_keyboard_ends_a_pause_that_was_asked_elsewhere(terminal: Terminal) -> None:
     keyboard, _ = terminal()
-    pause = Pause()
+    pause = PauseRequest()
     pause.ask_from_elsewhere()
     keyboard.readline = lambda: ""  # type: ignore[method-assign]
     keyboard.types(b"\x04")
@@ -231,7 +231,7 @@ def test_the_end_of_the_keyboard_ends_a_pause_that_was_asked_elsewhere(terminal:
 def test_what_was_typed_for_somebody_else_is_not_taken(terminal: Terminal) -> None:
     """A pause that went on from elsewhere leaves the next line to whoever asks next."""
     keyboard, _ = terminal()
-    pause = Pause()
+    pause = PauseRequest()
     pause.ask_from_elsewhere()
     with _as_soon_as_it_waits(pause, pause.go_on_from_elsewhere):
         assert pause.go_on() is True
@@ -247,7 +247,7 @@ def nobody(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) 
 
 
 def test_without_a_terminal_the_panel_is_waited_for(nobody: pytest.CaptureFixture[str]) -> None:
-    pause = Pause()
+    pause = PauseRequest()
     pause.ask_from_elsewhere()
     with _as_soon_as_it_waits(pause, pause.go_on_from_elsewhere):
         assert pause.go_on() is True
@@ -255,7 +255,7 @@ def test_without_a_terminal_the_panel_is_waited_for(nobody: pytest.CaptureFixtur
 
 
 def test_without_a_terminal_nobody_is_waited_for_where_a_signal_asked(nobody: pytest.CaptureFixture[str]) -> None:
-    pause = Pause()
+    pause = PauseRequest()
     pause.ask()
     assert pause.go_on() is False
     assert "paused" not in nobody.readouterr().err
@@ -267,7 +267,7 @@ def test_a_signal_ends_a_pause_that_only_the_panel_would_end(
 ) -> None:
     """SIGTERM, or a terminal that goes away: nobody is left who knows of the panel."""
     monkeypatch.setattr(os, "dup2", lambda *_: None)
-    pause = Pause()
+    pause = PauseRequest()
     pause.ask_from_elsewhere()
     with _as_soon_as_it_waits(pause, getattr(pause, end)):
         assert pause.go_on() is False
@@ -282,7 +282,7 @@ def test_ctrl_c_stops_at_once_where_the_panel_has_asked_for_a_pause(nobody: obje
 
 
 def test_a_pause_of_ones_own_is_the_one_that_is_asked(nobody: object) -> None:
-    own = Pause()
+    own = PauseRequest()
     with at_a_safe_point(own) as pause:
         assert pause is own
 
@@ -387,7 +387,7 @@ def test_a_stop_is_recorded_or_refused_whenever_it_comes(
     taken, ends = MOMENTS[moment]
     answers: list[Any] = []
     recorded: list[str] = []
-    known: list[Owner] = []
+    known: list[RunOwner] = []
     threads: list[threading.Thread] = []
 
     def ask() -> None:
@@ -402,7 +402,7 @@ def test_a_stop_is_recorded_or_refused_whenever_it_comes(
             threads[0].start()
             threads[0].join(DEADLINE_S)
 
-    class Known(Owner):
+    class Known(RunOwner):
         def __init__(self, *about: Any, **more: Any) -> None:
             super().__init__(*about, **more)
             known.append(self)
@@ -428,7 +428,7 @@ def test_a_stop_is_recorded_or_refused_whenever_it_comes(
         over(switch)
         at("as it is written down")
 
-    monkeypatch.setattr(owning_module, "Owner", Known)
+    monkeypatch.setattr(owning_module, "RunOwner", Known)
     monkeypatch.setattr(owning_module, "ControlSocket", Announced)
     monkeypatch.setattr(StopSwitch, "begins", beginning)
     monkeypatch.setattr(StopSwitch, "over", ending)

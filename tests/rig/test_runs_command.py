@@ -17,9 +17,9 @@ from typing import Any
 import pytest
 
 import rig.data.index as run_index
-from rig.cli.runs import Wanted, _line
+from rig.cli.runs import RunFilter, _line
 from rig.data.folder import RunFolder
-from rig.data.index import INDEX, Entry, listed
+from rig.data.index import INDEX, IndexEntry, listed
 from rig.data.journal import JournalError, mend_journal, read_journal
 from rig.data.run import read_run
 from rig.data.tables import HOLD_COLUMNS, RUN_COLUMNS, Row, Summary, summarised
@@ -50,7 +50,7 @@ def stopped(run: Path, status: str, reason: str) -> None:
         file.write(json.dumps({"doc": "stop", "t_s": 90.0, "status": status, "reason": reason}) + "\n")
 
 
-def names(entries: list[Entry]) -> list[str]:
+def names(entries: list[IndexEntry]) -> list[str]:
     return [entry.summary.name for entry in entries]
 
 
@@ -118,11 +118,11 @@ def test_what_is_asked_for(program: Program, runs: Path, options: list[str], fou
 def test_who_is_asked_for_says_yes_or_no() -> None:
     run = Summary("a", date_utc="2026-03-01T10:00:00+00:00", subject="S07", shapes=("bar:3.0",), state="done")
     none = (None,) * 5
-    assert Wanted(None, *none).has(run) is True
-    assert Wanted("S08", *none).has(run) is False
-    assert Wanted(None, "step", None, None, None, None).has(run) is False
+    assert RunFilter(None, *none).has(run) is True
+    assert RunFilter("S08", *none).has(run) is False
+    assert RunFilter(None, "step", None, None, None, None).has(run) is False
     day = date(2026, 3, 1)
-    assert [Wanted(None, None, None, None, first, last).has(run) for first, last in (
+    assert [RunFilter(None, None, None, None, first, last).has(run) for first, last in (
         (day, day), (day + timedelta(1), None), (None, day - timedelta(1)), (day - timedelta(1), day + timedelta(1)),
     )] == [True, False, False, True]  # fmt: skip
 
@@ -521,7 +521,7 @@ def test_where_there_is_no_run_there_is_no_index(tmp_path: Path) -> None:
 def test_several_at_once_see_the_same(runs: Path) -> None:
     first = [listed(runs)]
     (runs / INDEX).unlink()
-    begin, seen = threading.Barrier(4), list[list[Entry]]()
+    begin, seen = threading.Barrier(4), list[list[IndexEntry]]()
 
     def look() -> None:
         begin.wait()

@@ -17,7 +17,7 @@ from rig.records import Target
 from sim.contact.shapes import ShapeError, parse_shape, shape_name
 from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.plant import Pose, Press
+from sim.plant import Pose, PressedFinger
 
 # Options that a shape does not take.
 MEANINGLESS = (
@@ -85,7 +85,7 @@ def test_options_that_mean_nothing_are_refused_wherever_a_shape_is_given(
         lambda: finger.indent(shape, doi_mm=0.5),
         lambda: finger.touch_height_mm(shape, 0.0),
         lambda: FingerModel(finger, {}).refuse_shape(shape),
-        lambda: Press(finger, shape),
+        lambda: PressedFinger(finger, shape),
         lambda: ServedBench(config, stage="grbl", force="mtsics", tcp=0),
     ):
         with pytest.raises(ShapeError) as caught:
@@ -177,7 +177,7 @@ def test_a_carriage_that_is_elsewhere_presses_such_a_shape_all_the_same(
     finger: Fingertip, shape: str, x_mm: float
 ) -> None:
     """A virtual rig's true x is never quite what was asked for."""
-    there, here = (Press(finger, shape).force_n(Pose(x, -0.3)) for x in (x_mm, 0.0))
+    there, here = (PressedFinger(finger, shape).force_n(Pose(x, -0.3)) for x in (x_mm, 0.0))
     assert there == pytest.approx(here, rel=1e-12)
     assert there > 0
     assert parse_shape(shape).lateral_mm(x_mm) == 0.0

@@ -23,10 +23,10 @@ from sim.config import Tissue
 from sim.models import small_strain as module
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
-from sim.models.small_strain import Range, small_strain
+from sim.models.small_strain import DeviationRange, small_strain
 from studies.coding import pages
 from studies.source import matrix_page
-from studies.source.printed.answers import Answers, deep
+from studies.source.printed.answers import FingerAnswers, deep
 from tests.program import Program
 from tests.sim.coarse import as_toml, coarse_mesh
 
@@ -76,9 +76,9 @@ def _study(at: At, *more: str) -> str:
 
 
 def _source(at: At) -> str:
-    answers = Answers(at.finger)
+    answers = FingerAnswers(at.finger)
     answers.press(deep("cylinder:9", 0.3))
-    matrix_page.write(at.folder, matrix_page.Study((), {}, matrix_page._provenance(answers, "made by")))
+    matrix_page.write(at.folder, matrix_page.MatrixPage((), {}, matrix_page._provenance(answers, "made by")))
     return (at.folder / "study.html").read_text("utf-8")
 
 
@@ -153,8 +153,10 @@ def test_a_half_space_was_not_compared() -> None:
 
 @pytest.fixture
 def curves(monkeypatch: pytest.MonkeyPatch) -> None:
-    point = (0.5, Range(0.02, 0.1), Range(-0.2, 0.1))
-    monkeypatch.setattr(module, "_curves", lambda: {"finger": (point, (1.0, Range(-0.1, 0.0), Range(0.0, 0.0)))})
+    point = (0.5, DeviationRange(0.02, 0.1), DeviationRange(-0.2, 0.1))
+    monkeypatch.setattr(
+        module, "_curves", lambda: {"finger": (point, (1.0, DeviationRange(-0.1, 0.0), DeviationRange(0.0, 0.0)))}
+    )
 
 
 @pytest.mark.usefixtures("curves")
@@ -181,7 +183,7 @@ def test_between_the_depths_that_were_compared_it_is_linear_and_beyond_them_not_
     ],
 )
 def test_a_range_in_words(low: float, high: float, words: str) -> None:
-    assert str(Range(low, high)) == words
+    assert str(DeviationRange(low, high)) == words
 
 
 STIFFENS = "finite strain, stiffening 0.4: force within "

@@ -11,7 +11,7 @@ import pytest
 
 import rig.devices.drivers as drivers
 from rig.bench.virtual import virtual_stage
-from rig.cli.execution import Owner
+from rig.cli.execution import RunOwner
 from rig.control.stop import StageInHand, StopSwitch
 from rig.devices.base import Stage
 from rig.devices.registry import BUILT_IN
@@ -115,7 +115,7 @@ def test_in_every_phase_a_stop_is_the_next_byte_on_the_wire(
     ports = of_kind("grbl" if kind == "dry-run" else kind)
     hand = None if kind == "dry-run" else ports.held().open()
     interrupts: list[int] = []
-    owner, log = Owner(StopSwitch(hand, lambda: interrupts.append(1)), virtual=hand is None), io.StringIO()
+    owner, log = RunOwner(StopSwitch(hand, lambda: interrupts.append(1)), virtual=hand is None), io.StringIO()
     owner.switch.begins()
     stage: Stage | None = None
     if phase in ("running", "reporting"):

@@ -10,7 +10,7 @@ import pytest
 from rig.engine import Engine, RunAborted, TripError, verbs
 from rig.engine.bench import Pause
 from rig.engine.bench_memory import LastKnown
-from rig.engine.contact import Contact
+from rig.engine.contact import KnownContact
 from rig.engine.dead_man import Direction
 from rig.engine.sensing import Sensing
 from rig.manual.guard import Guard
@@ -54,7 +54,7 @@ def _resumed(bench: FaultyBench) -> None:
     zero = bench.engine.sensing.zero
     bench.engine = Engine(bench.config, bench, bench.journal, SOFT_TRIP_N)
     known = {} if zero is None else {"zero_offset_n": zero.offset_n, "zero_noise_gwt": zero.noise_gwt}
-    before = LastKnown(contact=Contact("touching", 28.9), **known)  # type: ignore[arg-type]
+    before = LastKnown(contact=KnownContact("touching", 28.9), **known)  # type: ignore[arg-type]
     verbs.leave_finger(bench.engine, before, resumed=True)
     assert bench.engine.known_contact.kind == ("raised" if zero is None else "lifted")
 
@@ -169,7 +169,7 @@ def test_a_finger_that_homing_did_not_free_is_not_taken_for_free(tmp_path: Path)
     assert zero is not None
     bench.felt_n = lambda t_s: pressed_n
     engine = Engine(bench.config, bench, bench.journal, SOFT_TRIP_N)
-    known = LastKnown(zero_offset_n=zero.offset_n, contact=Contact("touching", 8.0))
+    known = LastKnown(zero_offset_n=zero.offset_n, contact=KnownContact("touching", 8.0))
     with raises(TripError, "not_lifted", phase="homed", contact="disagreement"):
         verbs.leave_finger(engine, known, resumed=False)
     assert engine.known_contact.kind == "disagreement"
@@ -184,7 +184,7 @@ def test_another_indentor_than_at_the_last_zero_is_no_touch(tmp_path: Path) -> N
     assert zero is not None
     bench.extra_n = lambda t_s: 20 * GWT_N
     engine = Engine(bench.config, bench, bench.journal, SOFT_TRIP_N)
-    verbs.leave_finger(engine, LastKnown(zero_offset_n=zero.offset_n, contact=Contact("lifted")), resumed=False)
+    verbs.leave_finger(engine, LastKnown(zero_offset_n=zero.offset_n, contact=KnownContact("lifted")), resumed=False)
     verbs.zero(engine)
     assert engine.known_contact.kind == "lifted"
     bench.journal.close()

@@ -19,7 +19,7 @@ from rig.cli.execution import AtTheTerminal
 from rig.cli.monitor import BLOCKS, COLUMNS, EACH, ROWS, CountedRun, Screen, WatchedRun
 from rig.cli.output import a_screen, screen_aside
 from rig.cli.run import ask_at_the_bench
-from rig.cli.signals import Pause
+from rig.cli.signals import PauseRequest
 from rig.clock import WallClock
 from rig.data import run_state
 from rig.data.folder import RunFolder, UnwritableError
@@ -539,7 +539,7 @@ def test_a_rehearsal_without_an_end_leaves_no_course_and_no_disk_ends_a_run(
     folder = RunFolder(tmp_path)
 
     def attendant(of: Course | None) -> AtTheTerminal:
-        return AtTheTerminal(pause=Pause(), watch=print, begins=lambda: begun.append(1), course=of)  # type: ignore[arg-type]
+        return AtTheTerminal(pause=PauseRequest(), watch=print, begins=lambda: begun.append(1), course=of)  # type: ignore[arg-type]
 
     attendant(None).begins(folder)
     assert (begun, list(tmp_path.iterdir())) == ([1], [])
@@ -575,7 +575,7 @@ def test_a_screen_gives_way_while_somebody_is_asked(monkeypatch: pytest.MonkeyPa
         monkeypatch.setattr("sys.stdin", Answer())
         assert ask_at_the_bench("mount it") == "yes\n"
         assert live.is_started
-        pause = Pause()
+        pause = PauseRequest()
         monkeypatch.setattr(pause, "go_on", lambda: shown.append(live.is_started) or True)
         assert AtTheTerminal(pause, print, print, None).go_on()  # type: ignore[arg-type]
     assert shown == [False, False]

@@ -12,8 +12,8 @@ from numpy.testing import assert_allclose
 from sim.coding import task as task_module
 from sim.coding.bayes import FittedReceptor
 from sim.coding.encoding import NOISE_PLACES, Encoded, Noise, NoisePlace, Receptor, encode, sd_at_rest
-from sim.coding.operators import Operator
-from sim.coding.search import CodingError, Range, table_search
+from sim.coding.operators import ForwardOperator
+from sim.coding.search import CodingError, PressureRange, table_search
 from sim.coding.section import Sampling
 from sim.coding.task import (
     CUT_OFF,
@@ -39,7 +39,7 @@ from tests.raising import raises
 from tests.sim.coarse import coarse_mesh
 
 M = 8
-SQUARES = Operator("influence", "finite", np.eye(M)[None], np.arange(M) * 1.0, np.arange(M) * 1.0)
+SQUARES = ForwardOperator("influence", "finite", np.eye(M)[None], np.arange(M) * 1.0, np.arange(M) * 1.0)
 PRESSURE = np.arange(1.0, M + 1)
 SED = PRESSURE**2
 
@@ -135,13 +135,13 @@ def test_noise_is_measured_told_or_assumed() -> None:
 
 def test_a_search_begins_and_ends_by_the_readings_size() -> None:
     found = decode_observation(observation(), "univariate", SearchOptions())
-    assert found.bounds == Range(0.0, 2 * 8.0)  # the highest reading is 8 squared, felt by one pressure
+    assert found.bounds == PressureRange(0.0, 2 * 8.0)  # the highest reading is 8 squared, felt by one pressure
     # even pressures of s give s² everywhere: nearest to the readings where s² is their mean
     assert_allclose(found.path[0], np.full(M, np.sqrt(SED.mean())))
     assert_allclose(found.pressure, PRESSURE, rtol=1e-6)
     assert (found.converged, found.problems) == (True, ())
     told = decode_observation(observation(), "univariate", SearchOptions((3.0,), (1.0, 9.0)))
-    assert told.bounds == Range(1.0, 9.0)
+    assert told.bounds == PressureRange(1.0, 9.0)
     assert_allclose(told.path[0], np.full(M, 3.0))
     each = decode_observation(observation(), "univariate", SearchOptions(tuple(PRESSURE), (1.0, 8.0)))
     assert_allclose(each.path[0], PRESSURE)
@@ -159,7 +159,7 @@ def test_the_grid_is_a_thirtieth_of_the_range_unless_told() -> None:
 
 
 def test_a_table_is_of_a_thousand_responses() -> None:
-    within = Range(0.0, 9.0)
+    within = PressureRange(0.0, 9.0)
     assert TABLE_ENTRIES == 1000
     expected = table_search(SQUARES, SED, within, 1000, 4)
     assert_allclose(

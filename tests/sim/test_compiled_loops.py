@@ -21,15 +21,15 @@ def both_ways(loops: Loops) -> list[Any]:
     return [pytest.param(loops, id="compiled"), pytest.param(loops.py_func, id="python")]  # type: ignore[attr-defined]
 
 
-def some_skin(m: int) -> elastic.Skin:
+def some_skin(m: int) -> elastic.SkinCompliance:
     rng = np.random.default_rng(m)
     half = rng.normal(size=(m * ROOM, m * ROOM))
     carriers = np.array([[0, 3, 4, 1, 2, 0, 3], [0, 3, 4, 2, 3, 1, 4]])
     share = np.array([0, 0, 0, 0.25, 0.5, 0.75, 0.25])
-    return elastic.Skin((half @ half.T).reshape(m, ROOM, m, ROOM), NODES, carriers, share)
+    return elastic.SkinCompliance((half @ half.T).reshape(m, ROOM, m, ROOM), NODES, carriers, share)
 
 
-def shares(skin: elastic.Skin) -> Array:
+def shares(skin: elastic.SkinCompliance) -> Array:
     """(k, N) of the nodes in the points."""
     found = np.zeros((POINTS, ROOM))
     for p in range(POINTS):
@@ -38,7 +38,7 @@ def shares(skin: elastic.Skin) -> Array:
     return found
 
 
-def among_points(skin: elastic.Skin) -> Array:
+def among_points(skin: elastic.SkinCompliance) -> Array:
     """(m, k, m, k) mm/N."""
     at = shares(skin)
     return np.einsum("ki,aibj,lj->akbl", at, skin.store, at)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from sim.contact import solver
 from sim.contact.force_control import ForceNotReachedError, TooDeepError, solve_for_force
-from sim.contact.points import ContactPoints, Pose, displaced_gap
+from sim.contact.points import ContactPoints, ContactPose, displaced_gap
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import ContactState, solve_contact
 from sim.contact.touch import first_touch
@@ -20,13 +20,13 @@ from tests.raising import raises
 Array = NDArray[np.float64]
 
 
-def pose_of(result: IndentationResult) -> Pose:
+def pose_of(result: IndentationResult) -> ContactPose:
     """The pose of a result."""
     height = result.touch_height_mm - result.doi_mm
-    return Pose(result.indentor, (result.x_mm,), height, max(result.doi_mm, 1e-3))
+    return ContactPose(result.indentor, (result.x_mm,), height, max(result.doi_mm, 1e-3))
 
 
-def residual_by_definition(finger: Fingertip, pose: Pose, state: ContactState) -> float:
+def residual_by_definition(finger: Fingertip, pose: ContactPose, state: ContactState) -> float:
     """Largest of mismatch of u, penetration, complementarity |min(λN / max λN, g / (N D))| and tension / peak.
 
     D = max(DOI, 1 µm), N = √(1 + h′²): g / N and λN are along the unit normal. Everything at the final u, over all
@@ -81,7 +81,7 @@ def test_an_unfinished_solve_says_so(finger: Fingertip, monkeypatch: pytest.Monk
     # This scene takes some 30 passes: after one the residual is large and equals the definition, not a wish.
     monkeypatch.setattr(solver, "MAX_PASSES", 1)
     height = finger.touch_height_mm("bar:3.0", 0.0) - 1.33
-    done = Pose(parse_shape("bar:3.0"), (0.0,), height, 1.33)
+    done = ContactPose(parse_shape("bar:3.0"), (0.0,), height, 1.33)
     state = solve_contact(finger.model.patch, done, between_nodes=False)
     assert state.passes == 1
     assert not state.converged
@@ -96,7 +96,7 @@ def test_skin_left_out_of_the_region_counts_in_the_residual(
     # Cut off after one pass over the few nodes deeper than 0.35 mm: the nodes around them lie within the indentor.
     monkeypatch.setattr(solver, "_CANDIDATE_GAP_MM", -0.35)
     monkeypatch.setattr(solver, "MAX_PASSES", 1)
-    pose = Pose(parse_shape(shape), (0.0,), finger.touch_height_mm(shape, 0.0) - 0.4, 0.4)
+    pose = ContactPose(parse_shape(shape), (0.0,), finger.touch_height_mm(shape, 0.0) - 0.4, 0.4)
     state = solve_contact(finger.model.patch, pose, between_nodes=False)
     patch, u = finger.model.patch, state.displacement
     there = pose.gap(patch.tangential_mm + u[:-1], patch.y + u[-1])
@@ -134,7 +134,7 @@ def test_forces_balance_and_point_into_the_skin(finger: Fingertip) -> None:
 def test_no_contact_above_the_skin(finger: Fingertip) -> None:
     height = finger.touch_height_mm("bar:3.0", 0.0)
     state = solve_contact(
-        finger.model.patch, Pose(parse_shape("bar:3.0"), (0.0,), height + 0.01, 1e-3), between_nodes=True
+        finger.model.patch, ContactPose(parse_shape("bar:3.0"), (0.0,), height + 0.01, 1e-3), between_nodes=True
     )
     assert state.normal_force == 0.0
     assert state.converged

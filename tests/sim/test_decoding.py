@@ -14,11 +14,11 @@ from sim.coding import bayes
 from sim.coding import search as univariate
 from sim.coding.bayes import ModelError, Profile, decode_profile
 from sim.coding.encoding import Noise, Readings, Receptor, encode, sd_at_rest
-from sim.coding.operators import Operator, convolution, impulse_responses
+from sim.coding.operators import ForwardOperator, convolution, impulse_responses
 from sim.coding.search import (
     Decoded,
     DecodingError,
-    Range,
+    PressureRange,
     checked_readings,
     converged_search,
     decoding_errors,
@@ -34,20 +34,20 @@ from tests.raising import raises
 
 Array = NDArray[np.float64]
 
-TRUE, START, WITHIN = np.array([20.0, 14.0]), np.array([10.0, 10.0]), Range(0.0, 30.0)
+TRUE, START, WITHIN = np.array([20.0, 14.0]), np.array([10.0, 10.0]), PressureRange(0.0, 30.0)
 
 
 @pytest.fixture(scope="module")
-def two() -> Operator:
+def two() -> ForwardOperator:
     """Two samples by the project's own h, g, f and the source's Eq. 6.1."""
     return convolution(impulse_responses(sampled_section(FingertipConfig(), Sampling())), 2, "incompressible")
 
 
 @pytest.fixture
-def small() -> Operator:
+def small() -> ForwardOperator:
     """Random parts: six receptors of three pressures."""
     parts = np.random.default_rng(5).normal(size=(2, 6, 3))
-    return Operator("influence", "finite", parts, np.arange(3.0), np.arange(6.0))
+    return ForwardOperator("influence", "finite", parts, np.arange(3.0), np.arange(6.0))
 
 
 # --- what an answer is measured by ---
@@ -58,7 +58,7 @@ def test_three_metrics_of_one_difference() -> None:
     assert found == (pytest.approx(4 / 25), pytest.approx(2 / 5), pytest.approx(np.sqrt(2) / 4))
 
 
-def test_misfit_is_the_sum_of_squares(small: Operator) -> None:
+def test_misfit_is_the_sum_of_squares(small: ForwardOperator) -> None:
     reading = np.arange(6.0)
     expected = sum((s - r) ** 2 for s, r in zip(small.sed(np.ones(3)), reading, strict=True))
     assert misfit(small, np.ones(3), reading) == pytest.approx(expected)
@@ -73,7 +73,7 @@ def test_misfit_is_the_sum_of_squares(small: Operator) -> None:
     ],
 )
 def test_readings_that_cannot_be_meant_are_refused_by_every_decoder(
-    small: Operator, reading: Array, code: str, fields: dict[str, Any]
+    small: ForwardOperator, reading: Array, code: str, fields: dict[str, Any]
 ) -> None:
     for decode in (
         lambda: converged_search(small, reading, np.ones(3), WITHIN),
@@ -86,7 +86,7 @@ def test_readings_that_cannot_be_meant_are_refused_by_every_decoder(
             decode()
 
 
-def test_fewer_readings_than_pressures_are_refused(small: Operator) -> None:
+def test_fewer_readings_than_pressures_are_refused(small: ForwardOperator) -> None:
     few = replace(small, parts=small.parts[:, :2])
     with raises(DecodingError, "fewer_than_pressures", readings=2, pressures=3):
         checked_readings(few, np.zeros(2))
@@ -98,14 +98,14 @@ def test_fewer_readings_than_pressures_are_refused(small: Operator) -> None:
 
 
 @pytest.mark.parametrize("k", [0, 1, 2])
-def test_along_a_coordinate_the_squared_error_is_that_quartic(small: Operator, k: int) -> None:
+def test_along_a_coordinate_the_squared_error_is_that_quartic(small: ForwardOperator, k: int) -> None:
     pressure, reading = np.array([1.0, 0.3, 2.0]), np.arange(6.0)
     quartic = quartic_along(small, reading, pressure, k)
     for t in (-0.7, 0.0, 1.9):
         assert np.polyval(quartic, t) == pytest.approx(misfit(small, pressure + t * np.eye(3)[k], reading))
 
 
-def test_the_worked_example_first_overshoots_then_zigzags_to_the_answer(two: Operator) -> None:
+def test_the_worked_example_first_overshoots_then_zigzags_to_the_answer(two: ForwardOperator) -> None:
     """Raju (1998, §6.7): [20 14] from [10 10]. It prints [24 10] first, on a coarse grid; a half-space gives 23.8."""
     found = converged_search(two, two.sed(TRUE), START, WITHIN)
     assert found.converged
@@ -122,7 +122,7 @@ def test_the_worked_example_first_overshoots_then_zigzags_to_the_answer(two: Ope
 
 
 @pytest.mark.parametrize(("step", "stuck"), [(3.0, [24.0, 9.0]), (1.0, [24.0, 10.0]), (0.01, [21.16, 12.83])])
-def test_on_a_grid_it_sticks_in_the_valley(two: Operator, step: float, stuck: list[float]) -> None:
+def test_on_a_grid_it_sticks_in_the_valley(two: ForwardOperator, step: float, stuck: list[float]) -> None:
     """SCIENCE: steps of 0.001 of the range stick at [21.4, 12.6] on a half-space."""
     found = grid_search(two, two.sed(TRUE), START, WITHIN, step)
     assert found.converged
@@ -131,16 +131,16 @@ def test_on_a_grid_it_sticks_in_the_valley(two: Operator, step: float, stuck: li
     assert (found.pressure != START).any()
 
 
-def test_it_keeps_to_its_range(two: Operator) -> None:
-    found = converged_search(two, two.sed(TRUE), START, Range(0.0, 15.0))
+def test_it_keeps_to_its_range(two: ForwardOperator) -> None:
+    found = converged_search(two, two.sed(TRUE), START, PressureRange(0.0, 15.0))
     assert found.converged
     assert (found.pressure <= 15.0).all()
     assert found.pressure[0] == 15.0
-    assert grid_search(two, two.sed(TRUE), START, Range(5.0, 15.0), 1.0).pressure.max() == 15.0
-    assert converged_search(two, np.zeros(50), START, Range(2.0, 15.0)).pressure.min() == 2.0
+    assert grid_search(two, two.sed(TRUE), START, PressureRange(5.0, 15.0), 1.0).pressure.max() == 15.0
+    assert converged_search(two, np.zeros(50), START, PressureRange(2.0, 15.0)).pressure.min() == 2.0
 
 
-def test_a_search_that_is_cut_off_says_so(two: Operator, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_search_that_is_cut_off_says_so(two: ForwardOperator, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(univariate, "MOST_SWEEPS", 3)
     found = converged_search(two, two.sed(TRUE), START, WITHIN)
     assert not found.converged
@@ -149,7 +149,7 @@ def test_a_search_that_is_cut_off_says_so(two: Operator, monkeypatch: pytest.Mon
 
 def test_a_pressure_that_nothing_feels_stays_where_it_was() -> None:
     parts = np.array([[[1.0, 0.0], [2.0, 0.0]]])
-    deaf = Operator("influence", "finite", parts, np.zeros(2), np.zeros(2))
+    deaf = ForwardOperator("influence", "finite", parts, np.zeros(2), np.zeros(2))
     found = converged_search(deaf, deaf.sed(TRUE), START, WITHIN)
     assert_allclose(found.pressure, [20.0, 10.0])
 
@@ -157,7 +157,7 @@ def test_a_pressure_that_nothing_feels_stays_where_it_was() -> None:
 # --- a table, a global optimiser ---
 
 
-def test_a_table_gives_its_nearest_entry(two: Operator) -> None:
+def test_a_table_gives_its_nearest_entry(two: ForwardOperator) -> None:
     coarse, fine = (table_search(two, two.sed(TRUE), WITHIN, entries, seed=1) for entries in (10, 3000))
     assert fine.misfit < 0.01 * coarse.misfit
     assert fine.misfit == pytest.approx(misfit(two, fine.pressure, two.sed(TRUE)))
@@ -169,7 +169,7 @@ def test_a_table_gives_its_nearest_entry(two: Operator) -> None:
     assert (coarse.pressure == min(drawn, key=lambda p: misfit(two, p, two.sed(TRUE)))).all()
 
 
-def test_a_global_optimiser_finds_the_truth(two: Operator) -> None:
+def test_a_global_optimiser_finds_the_truth(two: ForwardOperator) -> None:
     found = global_search(two, two.sed(TRUE), WITHIN, seed=3)
     assert found.converged
     assert_allclose(found.pressure, TRUE, atol=0.02)
@@ -224,19 +224,19 @@ def test_the_likelihood_is_gaussian_and_censored_where_a_receptor_is_silent() ->
 # --- ours ---
 
 
-def _profile(two: Operator, snr_db: float, seed: int, true: Array = TRUE) -> Profile:
+def _profile(two: ForwardOperator, snr_db: float, seed: int, true: Array = TRUE) -> Profile:
     said = encode(two, true, None, Noise(snr_db, seed=seed))
     return decode_profile(two, Readings.of_sed(said.rate, said.noise_sd))
 
 
-def test_with_hardly_any_noise_it_finds_the_truth(two: Operator) -> None:
+def test_with_hardly_any_noise_it_finds_the_truth(two: ForwardOperator) -> None:
     found = _profile(two, 90.0, 0)
     assert found.converged
     # 90 dB leaves a noise of 3e-5; the valley is 23 times longer than it is wide
     assert decoding_errors(TRUE, found.pressure).relative_l2 < 2e-3
 
 
-def test_it_minimises_its_cost_as_scipy_does(small: Operator) -> None:
+def test_it_minimises_its_cost_as_scipy_does(small: ForwardOperator) -> None:
     true = np.array([2.0, 0.0, 1.0])
     reading = small.sed(true) + 0.3 * np.random.default_rng(1).normal(size=6)
     readings = Readings(reading, 0.3, np.array([False, True, False, False, False, False]))
@@ -258,7 +258,7 @@ def test_smoothness_is_of_differences_and_a_tenth_of_level() -> None:
     assert_allclose(prior, [[1.1, -1, 0], [-1, 2.1, -1], [0, -1, 1.1]])
 
 
-def test_pressures_are_never_negative_and_the_band_holds_them(two: Operator) -> None:
+def test_pressures_are_never_negative_and_the_band_holds_them(two: ForwardOperator) -> None:
     true = np.array([12.0, 0.0])
     found = _profile(two, 5.0, 4, true)
     low, high = found.band()
@@ -268,7 +268,7 @@ def test_pressures_are_never_negative_and_the_band_holds_them(two: Operator) -> 
     assert_allclose(found.band(1.0)[0], np.maximum(0.0, found.pressure - found.sd))
 
 
-def test_the_band_widens_with_noise_and_with_the_models_error(two: Operator) -> None:
+def test_the_band_widens_with_noise_and_with_the_models_error(two: ForwardOperator) -> None:
     quiet, loud = (_profile(two, snr, 0) for snr in (40.0, 20.0))
     assert (loud.sd > quiet.sd).all()
     readings = Readings.of_sed(two.sed(TRUE), 1e-4 * two.sed(TRUE).max())
@@ -282,7 +282,7 @@ def test_the_band_widens_with_noise_and_with_the_models_error(two: Operator) -> 
     assert_allclose(everywhere.sd / TRUE, 0.02, rtol=0.02)
 
 
-def test_its_band_covers_two_samples_as_often_as_it_says(two: Operator) -> None:
+def test_its_band_covers_two_samples_as_often_as_it_says(two: ForwardOperator) -> None:
     rng, held = np.random.default_rng(6), []
     for seed in range(40):
         true = rng.uniform(5.0, 30.0, 2)
@@ -293,7 +293,7 @@ def test_its_band_covers_two_samples_as_often_as_it_says(two: Operator) -> None:
 
 
 def test_it_is_better_than_the_univariate_search_where_noise_is_loud(
-    two: Operator, monkeypatch: pytest.MonkeyPatch
+    two: ForwardOperator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Paired draws of U(0, 30)², to which neither is told, at 0 dB over M = 50 samples: mean of Eq. 6.8."""
     monkeypatch.setattr(univariate, "STAGNANT", 1e-5)  # far below the noise, and quick
@@ -302,13 +302,13 @@ def test_it_is_better_than_the_univariate_search_where_noise_is_loud(
         true = rng.uniform(0.0, 30.0, 2)
         said = encode(two, true, None, Noise(0.0, seed=seed))
         ours.append(decoding_errors(true, _profile(two, 0.0, seed, true).pressure).eq_6_8)
-        search = converged_search(two, said.rate, START, Range(0.0, 60.0))
+        search = converged_search(two, said.rate, START, PressureRange(0.0, 60.0))
         theirs.append(decoding_errors(true, search.pressure).eq_6_8)
     assert np.mean(ours) < 0.7 * np.mean(theirs)
 
 
 def test_the_smoothing_is_bounded_by_the_discrepancy_principle(
-    two: Operator, monkeypatch: pytest.MonkeyPatch
+    two: ForwardOperator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(bayes, "_evidence", lambda *_: 0.0)  # of equals the first: the smoothest allowed
     said = encode(two, TRUE, None, Noise(20.0, seed=1))
@@ -320,7 +320,7 @@ def test_the_smoothing_is_bounded_by_the_discrepancy_principle(
     assert smoothest.smoothing / roughest.smoothing == pytest.approx(10**3, rel=1e-6)
 
 
-def test_silent_receptors_help_by_being_silent(two: Operator) -> None:
+def test_silent_receptors_help_by_being_silent(two: ForwardOperator) -> None:
     receptor = Receptor(100.0, 0.5 * float(two.sed(TRUE).max()))
     said = encode(two, TRUE, receptor, Noise(25.0, seed=3))
     assert (said.rate == 0).sum() > 25
@@ -330,14 +330,14 @@ def test_silent_receptors_help_by_being_silent(two: Operator) -> None:
     assert ((low <= TRUE) & (high >= TRUE)).all()
 
 
-def test_nothing_pressed_is_read_as_next_to_nothing(two: Operator) -> None:
+def test_nothing_pressed_is_read_as_next_to_nothing(two: ForwardOperator) -> None:
     rest = 0.01 * np.random.default_rng(0).normal(size=50)
     found = decode_profile(two, Readings.of_sed(rest, sd_at_rest(rest)))
     assert found.converged
     assert two.sed(found.pressure).max() < 0.03  # three sd
 
 
-def test_the_same_seed_gives_the_same_answer(two: Operator) -> None:
+def test_the_same_seed_gives_the_same_answer(two: ForwardOperator) -> None:
     said = encode(two, TRUE, None, Noise(5.0, seed=0))
     readings = Readings.of_sed(said.rate, said.noise_sd)
     first, again = (decode_profile(two, readings, seed=2) for _ in range(2))
@@ -345,7 +345,7 @@ def test_the_same_seed_gives_the_same_answer(two: Operator) -> None:
     assert (first.sd == again.sd).all()
 
 
-def test_a_fit_that_is_cut_off_says_so(two: Operator, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_fit_that_is_cut_off_says_so(two: ForwardOperator, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bayes, "_MOST_STEPS", 1)
     said = encode(two, TRUE, None, Noise(30.0, seed=0))
     assert not decode_profile(two, Readings.of_sed(said.rate, said.noise_sd)).converged

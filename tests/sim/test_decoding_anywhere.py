@@ -10,7 +10,7 @@ from scipy.stats import norm
 
 from sim.coding.bayes import FittedReceptor, Profile, decode_profile, decode_through
 from sim.coding.encoding import QUIET_SD, Readings, Receptor
-from sim.coding.operators import Operator, felt_where, influence, normal_influence, weighted
+from sim.coding.operators import ForwardOperator, felt_where, influence, normal_influence, weighted
 from sim.coding.pressure import Borne
 from sim.coding.search import DecodingError, error_surface, misfit
 from sim.coding.section import FeltSection, SampledSection, Sampling, felt_section, sampled_section, skin_of
@@ -37,10 +37,10 @@ def scattered() -> FeltSection:
 
 
 @pytest.fixture
-def two() -> Operator:
+def two() -> ForwardOperator:
     """Four receptors of two pressures, each SED a sum of squares of one part."""
     parts = np.array([[[1.0, 0.5], [0.5, 1.0], [1.0, 1.0], [0.2, 0.9]]])
-    return Operator("influence", "finite", parts, np.arange(2.0), np.arange(4.0))
+    return ForwardOperator("influence", "finite", parts, np.arange(2.0), np.arange(4.0))
 
 
 # --- receptors anywhere ---
@@ -100,7 +100,7 @@ def test_as_many_pressures_as_places_are_themselves(sampled: SampledSection) -> 
     assert_allclose(operator.parts, influence(sampled, place, np.full(5, 0.5), "incompressible").parts[:, :, :5])
 
 
-def test_some_receptors_and_weighted_ones(two: Operator) -> None:
+def test_some_receptors_and_weighted_ones(two: ForwardOperator) -> None:
     pressure = np.array([2.0, 3.0])
     some = felt_where(two, slice(1, 3))
     assert_allclose(some.sed(pressure), two.sed(pressure)[1:3])
@@ -119,7 +119,7 @@ def test_pressures_on_samples_carry_the_force_that_the_nodes_bore() -> None:
     assert_allclose(uneven.means(np.arange(-0.5, 0.8, 0.2)), [0, 6, 12, 12, 9, 9, 0], atol=1e-12)
 
 
-def test_the_error_surface_is_the_misfit_at_each_pair(two: Operator) -> None:
+def test_the_error_surface_is_the_misfit_at_each_pair(two: ForwardOperator) -> None:
     reading, first, second = np.arange(4.0), np.array([0.0, 1.0, 5.0]), np.array([2.0, 3.0])
     surface = error_surface(two, reading, first, second)
     assert surface.shape == (3, 2)
@@ -179,7 +179,7 @@ def test_one_decoding_cut_off_is_all_of_it_cut_off(wrong: tuple[float, float]) -
     assert not decode_through(fitted, _told(ANSWERS, wrong=wrong)).converged
 
 
-def test_a_gain_wrong_by_a_share_makes_pressures_wrong_by_half_of_it(two: Operator) -> None:
+def test_a_gain_wrong_by_a_share_makes_pressures_wrong_by_half_of_it(two: ForwardOperator) -> None:
     """SED is a quadratic of the pressures: R = k S says P to half the relative error of k."""
     true, k = np.array([20.0, 14.0]), 30.0
     rate = k * two.sed(true)

@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from sim.coding.encoding import Encoded, Noise, Receptor, encode, noise_sd
-from sim.coding.operators import ImpulseResponses, Operator, centred, convolution, impulse_responses, influence
+from sim.coding.operators import ForwardOperator, ImpulseResponses, centred, convolution, impulse_responses, influence
 from sim.coding.pressure import borne_by
 from sim.coding.section import Energy, SampledSection, Sampling, sampled_section, sed_of
 from sim.config import FingertipConfig
@@ -29,10 +29,10 @@ def responses() -> ImpulseResponses:
 
 
 @pytest.fixture
-def plain() -> Operator:
+def plain() -> ForwardOperator:
     """Three receptors, two pressures: S = (p₀², 4 p₁², (p₀ + p₁)²)."""
     parts = np.array([[[1.0, 0.0], [0.0, 2.0], [1.0, 1.0]]])
-    return Operator("convolution", "incompressible", parts, np.array([0.0, 1.0]), np.arange(3.0))
+    return ForwardOperator("convolution", "incompressible", parts, np.array([0.0, 1.0]), np.arange(3.0))
 
 
 # --- operators ---
@@ -125,7 +125,7 @@ def test_a_receptor_is_silent_below_its_threshold() -> None:
     assert_allclose(Receptor(2.0, 3.0).rate(np.array([1.0, 3.0, 5.0])), [0.0, 0.0, 4.0])
 
 
-def test_without_noise_or_receptor_the_rate_is_the_energy(plain: Operator) -> None:
+def test_without_noise_or_receptor_the_rate_is_the_energy(plain: ForwardOperator) -> None:
     found = encode(plain, np.array([1.0, 2.0]))
     assert_allclose(found.rate, [1.0, 16.0, 9.0])
     assert_allclose(found.sed, found.rate)
@@ -138,7 +138,7 @@ def test_the_noise_has_the_ratio_to_the_signals_variance() -> None:
     assert noise_sd(signal, 20.0) == pytest.approx(np.sqrt(0.02))
 
 
-def test_noise_before_the_receptor_passes_through_it(plain: Operator) -> None:
+def test_noise_before_the_receptor_passes_through_it(plain: ForwardOperator) -> None:
     pressure, receptor = np.array([1.0, 2.0]), Receptor(2.0, 3.0)
     found = encode(plain, pressure, receptor, Noise(3.0, "receptor", 7))
     sed = np.array([1.0, 16.0, 9.0])
@@ -147,7 +147,7 @@ def test_noise_before_the_receptor_passes_through_it(plain: Operator) -> None:
     assert (found.noise_sd, found.share_of_peak) == (pytest.approx(sd), pytest.approx(sd / 16))
 
 
-def test_noise_at_the_output_is_added_to_the_rate_and_censored(plain: Operator) -> None:
+def test_noise_at_the_output_is_added_to_the_rate_and_censored(plain: ForwardOperator) -> None:
     pressure, receptor = np.array([1.0, 2.0]), Receptor(2.0, 3.0)
     rate = np.array([0.0, 26.0, 12.0])
     sd = noise_sd(rate, -10.0)
@@ -158,13 +158,13 @@ def test_noise_at_the_output_is_added_to_the_rate_and_censored(plain: Operator) 
     assert_allclose(found.sed, [1.0, 16.0, 9.0])
 
 
-def test_without_a_receptor_noise_may_be_negative_wherever_it_enters(plain: Operator) -> None:
+def test_without_a_receptor_noise_may_be_negative_wherever_it_enters(plain: ForwardOperator) -> None:
     before, after = (encode(plain, np.array([1.0, 2.0]), None, Noise(-20.0, at, 2)) for at in ("receptor", "output"))
     assert_allclose(before.rate, after.rate)
     assert before.rate.min() < 0
 
 
-def test_seeds_reproduce_and_differ(plain: Operator) -> None:
+def test_seeds_reproduce_and_differ(plain: ForwardOperator) -> None:
     def drawn(seed: int) -> Encoded:
         return encode(plain, np.array([1.0, 2.0]), None, Noise(0.0, seed=seed))
 
@@ -173,7 +173,7 @@ def test_seeds_reproduce_and_differ(plain: Operator) -> None:
     assert (encode(plain, np.array([1.0, 2.0]), None, Noise(0.0)).rate == drawn(0).rate).all()
 
 
-def test_nothing_pressed_has_no_noise_and_no_peak(plain: Operator) -> None:
+def test_nothing_pressed_has_no_noise_and_no_peak(plain: ForwardOperator) -> None:
     found = encode(plain, np.zeros(2), None, Noise(10.0))
     assert (found.noise_sd, found.share_of_peak) == (0.0, 0.0)
     assert_allclose(found.rate, 0.0)

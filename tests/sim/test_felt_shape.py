@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from sim.coding.operators import centred
-from sim.coding.pressure import Skin, borne_by, frictionless
+from sim.coding.pressure import SectionSkin, borne_by, frictionless
 from sim.coding.section import SampledSection, Sampling, sampled_section
 from sim.coding.shape_class import CLASSES, FeltShape, edges_mm, felt_shape
 from sim.config import FingertipConfig
@@ -18,10 +18,10 @@ ENDS = centred(40, 0.17)
 PLACES = centred(39, 0.17)
 
 
-def _lying_on(height: Array, noise_mm: float = 0.0) -> Skin:
+def _lying_on(height: Array, noise_mm: float = 0.0) -> SectionSkin:
     """A skin whose samples' ends are at these heights whatever bears on it."""
     up = height + noise_mm * np.random.default_rng(0).normal(size=40)
-    return Skin(np.stack([ENDS, up]), np.zeros((2, 40, 78)), np.tile([0.0, 1.0], (39, 1)))
+    return SectionSkin(np.stack([ENDS, up]), np.zeros((2, 40, 78)), np.tile([0.0, 1.0], (39, 1)))
 
 
 def _within(low: float, high: float) -> Array:

@@ -7,7 +7,7 @@ from scipy.integrate import dblquad
 
 from sim.contact.indentor import Indentor
 from sim.contact.patch import Patch, X, Y, Z
-from sim.contact.points import Pose
+from sim.contact.points import ContactPose
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import solve_contact
 from sim.models.catalogue import load
@@ -78,7 +78,7 @@ def test_a_sphere_on_it_is_hertzs() -> None:
         compliance=surface_compliance(at, half, AXES, SHEAR, POISSON),
     )
     doi, radius = 0.006, 10.0
-    state = solve_contact(patch, Pose(parse_shape("sphere:10"), (0.0, 0.0), -doi, doi), between_nodes=False)
+    state = solve_contact(patch, ContactPose(parse_shape("sphere:10"), (0.0, 0.0), -doi, doi), between_nodes=False)
     exact = 4 / 3 / (1 - POISSON**2) * np.sqrt(radius) * doi**1.5
     assert state.converged
     assert state.normal_force == pytest.approx(exact, rel=0.01)

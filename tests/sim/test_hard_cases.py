@@ -15,7 +15,7 @@ from sim.config import FingertipConfig, MeshSpec, Tissue
 from sim.contact.height_map import HeightMap
 from sim.contact.indentor import Indentor
 from sim.contact.measured_profile import MeasuredProfile
-from sim.contact.profiles import Bar, Grating, Profile, Step, Wedge
+from sim.contact.profiles import Bar, Grating, IndentorProfile, SinusoidalStep, Wedge
 from sim.contact.shapes import parse_shape
 from sim.fem.elements import symmetric
 from sim.finger.mesh import build_mesh
@@ -90,7 +90,7 @@ def test_force_towards_zero(finger: Fingertip, family: str) -> None:
     ("profile", "reach_mm"), [(Bar(1.5, 0.0), 0.75), (Bar(1.5, 0.05), 0.75), (Bar(1.5, 0.05), 0.7), (KINK, 0.0)]
 )
 @pytest.mark.parametrize("doi", [0.02, 0.2, 0.73])
-def test_a_node_exactly_on_an_edge(finger: Fingertip, profile: Profile, reach_mm: float, doi: float) -> None:
+def test_a_node_exactly_on_an_edge(finger: Fingertip, profile: IndentorProfile, reach_mm: float, doi: float) -> None:
     # Nothing hangs on which side round-off puts it: 1e-9 mm to either side moves the force by 9e-9 at most, which is
     # the force's own slope in x.
     x = node_near(finger, 0.3) - reach_mm
@@ -128,12 +128,12 @@ def test_a_needle_between_points_is_felt_late(finger: Fingertip) -> None:
     ("profile", "x", "kink_mm", "factor"),
     [
         (Grating(0.5, 2.5), 0.0, 0.71, 1.15),  # the groove's floor begins to touch
-        (Step("1"), -1.63, 0.22, 1.3),  # the upper flat begins to touch
-        (Step("1"), -0.3, 0.88, 1.1),
+        (SinusoidalStep("1"), -1.63, 0.22, 1.3),  # the upper flat begins to touch
+        (SinusoidalStep("1"), -0.3, 0.88, 1.1),
     ],
 )
 def test_force_control_where_the_slope_changes(
-    finger: Fingertip, profile: Profile, x: float, kink_mm: float, factor: float
+    finger: Fingertip, profile: IndentorProfile, x: float, kink_mm: float, factor: float
 ) -> None:
     around = [finger.indent(profile, x, doi_mm=kink_mm + e).force_gwt for e in (-0.1, -0.05, 0.0, 0.05, 0.1)]
     slope = np.diff(around)
@@ -158,7 +158,7 @@ def test_force_control_where_the_slope_changes(
     ],
 )
 def test_regions_merge_and_split(
-    finger: Fingertip, profile: Profile, x: float, end_mm: float, regions: list[int], jump: float, back: float
+    finger: Fingertip, profile: IndentorProfile, x: float, end_mm: float, regions: list[int], jump: float, back: float
 ) -> None:
     """F(DOI) in steps of 0.01 mm while regions appear and merge, then back while they split and vanish."""
     depths, start, results = np.arange(0.05, end_mm, 0.01), None, []
@@ -247,7 +247,7 @@ def test_force_to_depth_to_force_from_rest(finger: Fingertip, family: str, gwt: 
 
 
 @pytest.mark.parametrize("profile", [Wedge(60.0, 0.0), Wedge(5.0, 0.0), Bar(1.5, 0.0)])
-def test_force_to_depth_to_force_at_knife_edges(finger: Fingertip, profile: Profile) -> None:
+def test_force_to_depth_to_force_at_knife_edges(finger: Fingertip, profile: IndentorProfile) -> None:
     # Several equilibria, but both searches press in from first touch by the same way, so they reach the same one.
     for gwt in (0.5, 2.33, 5.0):
         depth = finger.indent(profile, 0.1, force_gwt=gwt).doi_mm

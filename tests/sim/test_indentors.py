@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim.contact.profiles import BAR_EDGE_RADIUS_MM, STEEPEST_SLOPE, Bar, Step
+from sim.contact.profiles import BAR_EDGE_RADIUS_MM, STEEPEST_SLOPE, Bar, SinusoidalStep
 from sim.contact.shapes import EXPECTED, ShapeError, parse_shape
 from sim.models.fingertip import Fingertip
 from tests.raising import raises
@@ -64,7 +64,7 @@ def test_heights_of_the_source(shape: str, s: float, expected: float) -> None:
 
 def test_step_three_lies_between_one_and_five() -> None:
     s = np.linspace(0.05, 0.4, 8)
-    one, three, five = (Step(n).evaluate(s)[0] for n in ("1", "3", "5"))
+    one, three, five = (SinusoidalStep(n).evaluate(s)[0] for n in ("1", "3", "5"))
     assert (one > three).all()
     assert (three > five).all()
 

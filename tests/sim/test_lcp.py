@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from sim.contact.compiled.elastic import Skin
+from sim.contact.compiled.elastic import SkinCompliance
 from sim.contact.lcp import LcpSolution, solve_lcp
 
 Array = NDArray[np.float64]
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 def solve(w: Array, q: Array, start: NDArray[np.bool_]) -> LcpSolution | None:
     n = len(q)
-    nodes = Skin(np.ascontiguousarray(w)[None, :, None], n, np.stack([np.arange(n)] * 2), np.zeros(n))
+    nodes = SkinCompliance(np.ascontiguousarray(w)[None, :, None], n, np.stack([np.arange(n)] * 2), np.zeros(n))
     return solve_lcp(q, nodes, np.ones((1, n)), start)
 
 

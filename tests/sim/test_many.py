@@ -19,7 +19,7 @@ from sim.measures.measures import MEASURES
 from sim.models import many
 from sim.models.fingertip import Fingertip
 from sim.models.many import WorkerLostError, indent_many
-from sim.models.result import Answer, Asked, Indentations
+from sim.models.result import IndentationOutcome, IndentationRequest, Indentations
 from sim.tables import NotInstalledError, to_pandas, to_xarray, write_csv
 from sim.workers import in_processes
 from tests.raising import raises
@@ -91,7 +91,7 @@ def test_depths_at_a_place_share_the_way_down(coarse: Fingertip, work: dict[str,
 
 
 def test_rows_are_what_the_arguments_broadcast_to(coarse: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
-    nothing = Answer(None, "not asked")
+    nothing = IndentationOutcome(None, "not asked")
     monkeypatch.setattr(many, "_answer", lambda *_: nothing)
     bar, own = Indentor.along(Bar(2.0)), Cylinder(4.0)
     grid = indent_many(coarse, "bar:1", np.array([[0.0], [1.0]]), doi_mm=[0.1, 0.2])
@@ -183,7 +183,7 @@ def test_a_task_is_a_few_places(
         return map(function, tasks)
 
     monkeypatch.setattr(many, "in_processes", here)
-    monkeypatch.setattr(many, "_answer", lambda *_: Answer(None, "not asked"))
+    monkeypatch.setattr(many, "_answer", lambda *_: IndentationOutcome(None, "not asked"))
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     found = indent_many(coarse, "bar:1", np.arange(places), doi_mm=0.1, cores=cores)
     assert found.table()["x_mm"].tolist() == list(range(places))
@@ -228,7 +228,9 @@ def test_a_row_holds_what_was_asked_and_answered(mixed: Indentations) -> None:
     assert receptors["indentation"].tolist() == [row for row in range(8) for _ in range(2)]
     assert receptors["sed"][6:8].tolist() == first.receptor_measures["sed"].tolist()
     assert receptors["receptor_x_mm"][:2] == pytest.approx([0.0, 0.5])
-    own = Indentations((Asked(Bar(2.0), 0.0, None, 0.1, None),), (Answer(None, "not asked"),))
+    own = Indentations(
+        (IndentationRequest(Bar(2.0), 0.0, None, 0.1, None),), (IndentationOutcome(None, "not asked"),)
+    )
     assert own.table()["shape"].tolist() == ["bar:2"]
 
 

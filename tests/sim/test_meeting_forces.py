@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from sim.config import FingertipConfig
-from sim.identification.forward import RampAndHold, Way, finger_of, nominal_way, tissue_axes
+from sim.identification.forward import PressTrajectory, RampAndHold, finger_of, nominal_way, tissue_axes
 from sim.identification.prior import PARAMETERS, TAU_FAST_S, Prior
-from sim.identification.shape_table import Axis, Scope, ShapeTable
+from sim.identification.shape_table import ChebyshevAxis, Scope, ShapeTable
 from sim.models.relaxation import Memory, Prony, PronyTerm
 from sim.models.stiffening import FORCE
 from tests.made_up_fingers import SHAPES, STRAIN, lying, made_up
@@ -30,9 +30,9 @@ def _still(**changed: float) -> np.ndarray:
     return _finger(**{"share_fast": 0.0, "share_slow": 0.0, "stiffening": 0.0, **changed})
 
 
-def _way(x_mm: float, *height_mm: float) -> Way:
+def _way(x_mm: float, *height_mm: float) -> PressTrajectory:
     t_s = 0.2 * np.arange(len(height_mm))
-    return Way("sphere:4", x_mm, t_s, np.array(height_mm), t_s, by_depth=True)
+    return PressTrajectory("sphere:4", x_mm, t_s, np.array(height_mm), t_s, by_depth=True)
 
 
 def test_a_prior_keeps_to_its_ranges_and_to_its_order() -> None:
@@ -56,7 +56,7 @@ def test_tables_are_over_moduli_and_stiffening_is_a_factor() -> None:
 
 
 def test_an_axis_is_exact_for_a_cubic_and_holds_still_beyond_its_ends() -> None:
-    axis = Axis("a", -1.0, 3.0, 4)
+    axis = ChebyshevAxis("a", -1.0, 3.0, 4)
     value = np.array([-1.0, 0.3, 2.9])
     assert axis.basis(value) @ axis.nodes**3 == pytest.approx(value**3)
     assert axis.basis(np.array([5.0])) == pytest.approx(axis.basis(np.array([3.0])))
@@ -66,7 +66,7 @@ def test_an_axis_is_exact_for_a_cubic_and_holds_still_beyond_its_ends() -> None:
 @pytest.mark.parametrize("shape", SHAPES)
 def test_the_made_up_forces_come_back(shape: str) -> None:
     scale, exponent, by_fat = SHAPES[shape]
-    found = made_up().elastic_gwt(_still(ln_stiffness=0.5, ln_e_dermis=-1.5, x_mm=0.25), Way(
+    found = made_up().elastic_gwt(_still(ln_stiffness=0.5, ln_e_dermis=-1.5, x_mm=0.25), PressTrajectory(
         shape, 1.0, np.array([0.0]), np.array([-0.4]), np.array([0.0]), by_depth=True
     ))[0, 0]  # fmt: skip
     tissue = (0.8 - by_fat) * -1.5 + by_fat * np.log(0.08) + 2.0
@@ -122,7 +122,7 @@ def test_a_nominal_way_goes_down_by_increments_and_is_asked_in_its_hold() -> Non
 @pytest.mark.parametrize("stiffening", [0.05, 0.6])
 def test_a_table_of_a_real_finger_is_near_direct_presses(stiffening: float) -> None:
     """Of one tissue, that costs little; its own error is that of the polynomials in place and depth."""
-    scope = Scope((Axis("ln_e_fat", np.log(0.079), np.log(0.081), 1),), 0.6, (0.05, 0.6), places=3, depths=5)
+    scope = Scope((ChebyshevAxis("ln_e_fat", np.log(0.079), np.log(0.081), 1),), 0.6, (0.05, 0.6), places=3, depths=5)
     table = ShapeTable.read_or_made("bar:3.0", scope, lambda values: finger_of(COARSE, values), "a test")
     assert 0 < table.error < 0.03
     finger = finger_of(COARSE, {"ln_e_fat": float(np.log(0.08)), "stiffening": stiffening})

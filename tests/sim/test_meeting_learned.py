@@ -8,7 +8,7 @@ import pytest
 
 import sim.identification.posterior as learned_module
 from sim.identification.bands import Width, band
-from sim.identification.design import Chooser, PressAt, Search, held_gwt, highest_gwt
+from sim.identification.design import Chooser, PressAt, SkinSearch, held_gwt, highest_gwt
 from sim.identification.forward import Given, RampAndHold, nominal_way
 from sim.identification.posterior import Learned, Surprise, learn, no_finger, nothing_learned
 from sim.identification.prior import Prior
@@ -125,10 +125,12 @@ def test_no_press_is_chosen_where_the_skin_may_not_be_found() -> None:
     """Beside the middle the skin falls away: a finger that lies lower and farther aside is out of reach there."""
     known = nothing_learned(PRIOR, np.random.default_rng(1), 800)
     menu = [PressAt("cylinder:9", x, 0.67) for x in (-1.2, 0.0, 1.2)]
-    chosen = Chooser(FORESEEN, (PressAt("cylinder:9", 1.2, 0.67),), PACE, Search(0.4, 0.1)).choose(known, 1e3, menu)
+    chosen = Chooser(FORESEEN, (PressAt("cylinder:9", 1.2, 0.67),), PACE, SkinSearch(0.4, 0.1)).choose(
+        known, 1e3, menu
+    )
     assert chosen.x_mm == 0.0
     assert Chooser(FORESEEN, (PressAt("cylinder:9", 1.2, 0.67),), PACE).choose(known, 1e3, menu).x_mm == 1.2
-    aside = Chooser(FORESEEN, (GOAL,), PACE, Search(0.05, 0.1)).choose(known, 1e3, menu[2:])
+    aside = Chooser(FORESEEN, (GOAL,), PACE, SkinSearch(0.05, 0.1)).choose(known, 1e3, menu[2:])
     assert aside.x_mm == 1.2
 
 
@@ -140,7 +142,7 @@ def test_a_shape_that_is_felt_sooner_comes_before_one_that_a_soft_finger_may_hid
     menu = [PressAt(shape, 0.0, 0.3) for shape in ("sphere:4", "flat:3")]
     goal = PressAt("sphere:4", 0.0, 0.3)
     assert Chooser(FORESEEN, (goal,), PACE).choose(soft, 1e3, menu) == goal
-    assert Chooser(FORESEEN, (goal,), PACE, Search(0.5, 0.1)).choose(soft, 1e3, menu).indentor == "flat:3"
+    assert Chooser(FORESEEN, (goal,), PACE, SkinSearch(0.5, 0.1)).choose(soft, 1e3, menu).indentor == "flat:3"
 
 
 def test_the_press_that_is_wanted_tells_most_of_itself() -> None:

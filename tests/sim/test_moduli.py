@@ -22,7 +22,7 @@ from sim.models.interpolation import (
     HOW_MADE,
     INTERPOLATED,
     SED_ERROR,
-    Asked,
+    FingerWithReceptors,
     Node,
     forget_kept,
     make_node,
@@ -33,7 +33,16 @@ from sim.models.interpolation import (
     unpacked,
     worth_interpolating,
 )
-from sim.models.weights import DERMIS, FAT, FULL_BUILDS, Axis, in_range, largest_error, node_tissues, node_weights
+from sim.models.weights import (
+    DERMIS,
+    FAT,
+    FULL_BUILDS,
+    StiffnessAxis,
+    in_range,
+    largest_error,
+    node_tissues,
+    node_weights,
+)
 from tests.raising import raises
 from tests.sim.coarse import coarse_mesh
 
@@ -71,14 +80,14 @@ def test_the_ends_belong_to_the_range(e_dermis: float, e_fat: float, expected: b
 
 
 @pytest.mark.parametrize("axis", AXES.values(), ids=AXES)
-def test_nodes_are_chebyshevs_in_the_logarithm(axis: Axis) -> None:
+def test_nodes_are_chebyshevs_in_the_logarithm(axis: StiffnessAxis) -> None:
     assert axis.middle == pytest.approx(4 * axis.low)
     places = np.log(axis.nodes / axis.middle) / np.log(4)
     np.testing.assert_allclose(places, [-0.92388, -0.382683, 0.382683, 0.92388], atol=1e-6)
 
 
 @pytest.mark.parametrize("axis", AXES.values(), ids=AXES)
-def test_weights_are_exact_for_what_they_are_made_for(axis: Axis) -> None:
+def test_weights_are_exact_for_what_they_are_made_for(axis: StiffnessAxis) -> None:
     np.testing.assert_allclose(axis.weights(axis.nodes), np.eye(4), atol=1e-12)
     values = np.geomspace(axis.low, axis.high, 33)
     for pole in (0.0, axis.middle / np.e, axis.middle * np.e):
@@ -88,7 +97,7 @@ def test_weights_are_exact_for_what_they_are_made_for(axis: Axis) -> None:
 
 
 @pytest.mark.parametrize("axis", AXES.values(), ids=AXES)
-def test_the_error_is_the_largest_of_any_sum_of_such_functions(axis: Axis, rng: np.random.Generator) -> None:
+def test_the_error_is_the_largest_of_any_sum_of_such_functions(axis: StiffnessAxis, rng: np.random.Generator) -> None:
     assert axis.error == pytest.approx(0.004583, abs=1e-6)
     assert axis.growth == pytest.approx(2.33759, abs=1e-5)
     values = np.geomspace(axis.low, axis.high, 500)
@@ -105,12 +114,12 @@ def test_the_error_is_the_largest_of_any_sum_of_such_functions(axis: Axis, rng: 
 def test_any_compliance_stays_positive_definite() -> None:
     """Interpolated within 1.5 % of a full build in every direction, whatever the finger."""
     assert largest_error() == pytest.approx(0.004583 * (1 + 2.33759), abs=1e-5)
-    other = Axis(0.01, 1.0)
+    other = StiffnessAxis(0.01, 1.0)
     assert other.error > 2 * DERMIS.error
 
 
 def test_the_bound_takes_the_better_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    wide, narrow = Axis(0.01, 1.0), Axis(0.05, 0.2)
+    wide, narrow = StiffnessAxis(0.01, 1.0), StiffnessAxis(0.05, 0.2)
     both = sorted([wide.error + wide.growth * narrow.error, narrow.error + narrow.growth * wide.error])
     assert both[0] < 0.9 * both[1]
     for dermis, fat in ((wide, narrow), (narrow, wide)):
@@ -286,8 +295,8 @@ def test_the_sentence_has_the_errors() -> None:
 # --- which of many ---
 
 
-def asked(*moduli: tuple[float, float], epidermis_mm: float = 0.4) -> list[Asked]:
-    return [Asked(config(*one, epidermis_mm=epidermis_mm), PLACES) for one in moduli]
+def asked(*moduli: tuple[float, float], epidermis_mm: float = 0.4) -> list[FingerWithReceptors]:
+    return [FingerWithReceptors(config(*one, epidermis_mm=epidermis_mm), PLACES) for one in moduli]
 
 
 NINE = [(e_dermis, e_fat) for e_dermis in (0.05, 0.1, 0.2) for e_fat in (0.05, 0.1, 0.2)]
@@ -313,7 +322,7 @@ def nothing_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         ([], []),
     ],
 )
-def test_nine_of_a_family_are_worth_it(fingers: list[Asked], expected: list[bool]) -> None:
+def test_nine_of_a_family_are_worth_it(fingers: list[FingerWithReceptors], expected: list[bool]) -> None:
     assert worth_interpolating(fingers) == expected
 
 

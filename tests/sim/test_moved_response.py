@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sim.coding.point_loads import Load, LoadedFinger, Site, energy_density
-from sim.coding.point_spread import MovedResponse, Spread, in_frames, receptor_sheet, spreads
+from sim.coding.point_loads import LoadedFinger, PointLoad, Site, energy_density
+from sim.coding.point_spread import MovedResponse, PointSpread, in_frames, receptor_sheet, spreads
 from sim.config import FingertipConfig
 from sim.contact.patch import X, Z
 from sim.models.catalogue import load
@@ -26,7 +26,7 @@ def response(loaded: LoadedFinger) -> MovedResponse:
     return MovedResponse.of(loaded, receptor_sheet(loaded, 0.4))
 
 
-def about(loaded: LoadedFinger, response: MovedResponse, x_mm: float, z_mm: float) -> Spread:
+def about(loaded: LoadedFinger, response: MovedResponse, x_mm: float, z_mm: float) -> PointSpread:
     return spreads(loaded, response.sheet, [Site(0, x_mm, z_mm, on_pulp=True)], 2.0, 1.5)[0]
 
 
@@ -76,7 +76,7 @@ def test_moved_along_a_straight_finger_it_is_right_and_around_a_bend_it_is_not(
 
 def test_it_is_moved_the_right_way(loaded: LoadedFinger, response: MovedResponse) -> None:
     """Its shear is odd: mirrored, or moved to the other side, it would have the other sign."""
-    load = Load(0.4, PLANE + 0.4)
+    load = PointLoad(0.4, PLANE + 0.4)
     near = about(loaded, response, load.x_mm, load.z_mm)
     true = in_frames(
         loaded.recovery(response.sheet.at_mm).strain(loaded.moved([load]))[0], loaded.frames(response.sheet.skin_mm)

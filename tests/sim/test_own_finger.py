@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim.config import FingertipConfig, Geometry, MeshSpec, Tissue
-from sim.contact.profiles import Profile
+from sim.contact.profiles import IndentorProfile
 from sim.contact.shapes import parse_shape
 from sim.finger.mesh import MeshError, build_mesh, mesh_quality
 from sim.finger.surface import FingertipSurface, published_points
@@ -69,7 +69,7 @@ def small() -> Fingertip:
     return load_scaled(1.0)
 
 
-def enlarged(shape: str, factor: float) -> Profile:
+def enlarged(shape: str, factor: float) -> IndentorProfile:
     profile = parse_shape(shape).profile
     lengths = {
         f.name: factor * getattr(profile, f.name) for f in dataclasses.fields(profile) if f.name.endswith("_mm")

@@ -11,14 +11,14 @@ from numpy.typing import NDArray
 from sim.contact import newton, solver
 from sim.contact.indentor import BOTH, Indentor, Prismatic, Revolved
 from sim.contact.newton import Onward
-from sim.contact.profiles import Bar, Cylinder, Grating, Profile, Step, Wedge
+from sim.contact.profiles import Bar, Cylinder, Grating, IndentorProfile, SinusoidalStep, Wedge
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import ContactState
-from sim.contact.touch import Touch, first_touch
+from sim.contact.touch import FirstTouch, first_touch
 from sim.models.fingertip import Fingertip
 from sim.models.many import indent_many
 from sim.models.pressing import OTHER_STEPS_MM, PlacedIndentor, Pressing
-from sim.models.result import Answer, Asked, IndentationResult, Indentations
+from sim.models.result import IndentationOutcome, IndentationRequest, IndentationResult, Indentations
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ DOES_NOT: tuple[Wedge, float, float] = (Wedge(60.0), -0.7, 0.2)
 CERTAIN: tuple[Bar, float, float] = (Bar(3.0), 0.0, 0.3)
 
 
-def _pressed(finger: Fingertip, pose: tuple[Profile, float, float], **options: Any) -> IndentationResult:
+def _pressed(finger: Fingertip, pose: tuple[IndentorProfile, float, float], **options: Any) -> IndentationResult:
     profile, x, doi = pose
     return finger.indent(profile, x, doi_mm=doi, **options)
 
@@ -94,12 +94,16 @@ def test_other_paths_are_the_same_steps_from_first_touch(finger: Fingertip, monk
     ("profile", "x", "steps"),
     [
         (Wedge(60.0), 0.3, [0.05, 0.1, 0.12]),  # touches at the corner
-        (Step("1"), 0.45, [0.12, 0.05, 0.1, 0.12]),  # reaches it in a long step, which is gone again in short ones
+        (
+            SinusoidalStep("1"),
+            0.45,
+            [0.12, 0.05, 0.1, 0.12],
+        ),  # reaches it in a long step, which is gone again in short ones
         (Bar(3.0), 0.0, [0.12]),  # does not
     ],
 )
 def test_what_touches_at_a_corner_is_pressed_in_by_short_steps_at_once(
-    finger: Fingertip, monkeypatch: pytest.MonkeyPatch, profile: Profile, x: float, steps: list[float]
+    finger: Fingertip, monkeypatch: pytest.MonkeyPatch, profile: IndentorProfile, x: float, steps: list[float]
 ) -> None:
     asked: list[float] = []
     at = Pressing._at
@@ -148,7 +152,7 @@ def test_one_unstable_pass_is_enough(finger: Fingertip, monkeypatch: pytest.Monk
 
     monkeypatch.setattr(solver, "predicted", told)
     monkeypatch.setattr(Pressing, "_at", on_the_way)
-    result = _pressed(finger, (Step("1"), -0.5, 0.2))
+    result = _pressed(finger, (SinusoidalStep("1"), -0.5, 0.2))
     assert calls.count(0.1) > 1
     assert result.may_depend_on_path is unstable
 
@@ -169,7 +173,7 @@ def test_what_snapped_on_the_way_stays_so(
 
 # --- why: edges ---
 
-EDGES: list[tuple[Callable[[float], Profile], float]] = [  # of a radius, and where it ends
+EDGES: list[tuple[Callable[[float], IndentorProfile], float]] = [  # of a radius, and where it ends
     (lambda r: Bar(2.0, r), 1.0),
     (lambda r: Grating(0.8, 1.6, r), 0.4),
     (lambda r: Wedge(60.0, r), 0.0),
@@ -179,7 +183,7 @@ EDGES: list[tuple[Callable[[float], Profile], float]] = [  # of a radius, and wh
 
 def _near_an_edge(indentor: Indentor, *bearing_mm: float) -> bool:
     """Whether an edge lies near a place that bears, without a finger."""
-    placed = PlacedIndentor(indentor, (0.0,), 0.0, Touch(0.0, (0.0,)), None)  # type: ignore[arg-type]
+    placed = PlacedIndentor(indentor, (0.0,), 0.0, FirstTouch(0.0, (0.0,)), None)  # type: ignore[arg-type]
     object.__setattr__(placed, "_bearing_mm", lambda _: np.array(bearing_mm)[:, None])
     return placed.bears_on_edge(None)  # type: ignore[arg-type]
 
@@ -200,9 +204,9 @@ def test_the_edge_on_the_other_side_is_one_too(radius: float, edge: bool) -> Non
     assert _near_an_edge(Indentor.along(Bar(2.0, radius)), -1.0) is edge
 
 
-@pytest.mark.parametrize("profile", [Cylinder(9.0), Step("1"), Step("5"), Bar(2.0, 0.2)])
+@pytest.mark.parametrize("profile", [Cylinder(9.0), SinusoidalStep("1"), SinusoidalStep("5"), Bar(2.0, 0.2)])
 @pytest.mark.parametrize("at", np.linspace(-1.3, 1.3, 9))
-def test_what_is_round_has_none(profile: Profile, at: float) -> None:
+def test_what_is_round_has_none(profile: IndentorProfile, at: float) -> None:
     assert _near_an_edge(Indentor.along(profile), at) is False
 
 
@@ -266,8 +270,8 @@ def test_what_was_not_asked_for_is_null(depends: IndentationResult) -> None:
 def test_tables_have_flag_and_spread(depends: IndentationResult, coarse_finger: Fingertip) -> None:
     certain = _pressed(coarse_finger, CERTAIN)
     rows = (depends, replace(depends, other_forces_n=()), certain, None)
-    asked = Asked("bar:1.5", 0.0, None, 0.2, None)
-    table = Indentations((asked,) * 4, tuple(Answer(row, "") for row in rows)).table()
+    asked = IndentationRequest("bar:1.5", 0.0, None, 0.2, None)
+    table = Indentations((asked,) * 4, tuple(IndentationOutcome(row, "") for row in rows)).table()
     assert table["may_depend_on_path"].tolist() == [True, True, False, False]
     assert table["path_spread"].tolist() == pytest.approx([depends.path_spread, np.nan, 0.0, np.nan], nan_ok=True)
 

@@ -8,22 +8,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sim.devices.grbl.planner import AxisLimits, Counts, Planner, Share, Track, trapezoid
+from sim.devices.grbl.planner import AxisLimits, Counts, MotionPlanner, Share, Track, trapezoid
 
 PER_MM = 400
 LIMITS = AxisLimits((400.0, 400.0, 400.0), (10.0, 10.0, 5.0), (50.0, 50.0, 50.0), 0.01)
 HOME: Counts = (0, 0, 0)
 
 
-def planner(limits: AxisLimits = LIMITS) -> Planner:
-    return Planner(limits, HOME)
+def planner(limits: AxisLimits = LIMITS) -> MotionPlanner:
+    return MotionPlanner(limits, HOME)
 
 
 def steps(x_mm: float, y_mm: float = 0.0, z_mm: float = 0.0) -> Counts:
     return (round(x_mm * PER_MM), round(y_mm * PER_MM), round(z_mm * PER_MM))
 
 
-def queue_path(plan: Planner, points: list[Counts], speed: float, now_s: float = 0.0) -> None:
+def queue_path(plan: MotionPlanner, points: list[Counts], speed: float, now_s: float = 0.0) -> None:
     start = HOME
     for point in points:
         plan.queue(start, point, speed, now_s)
@@ -320,7 +320,7 @@ PLAY = (8.0, 0.0, 20.0)
 
 def test_what_hangs_on_a_screw_with_play_follows_down_at_once_and_up_once_it_is_taken_up() -> None:
     """12 steps of play: 40 down, 10 up (nothing follows), 30 more up (28 follow), 5 down (nothing)."""
-    plan = Planner(LIMITS, HOME, (0.0, 0.0, 12.0))
+    plan = MotionPlanner(LIMITS, HOME, (0.0, 0.0, 12.0))
     z, now_s = 0, 0.0
     for by, nut in ((-40, -40), (10, -40), (30, -12), (-5, -12), (-10, -15)):
         plan.queue((0, 0, z), (0, 0, z + by), 1.0, now_s)
@@ -337,7 +337,7 @@ def test_play_is_what_following_step_by_step_gives(events: list[tuple[float, str
     Sampling may miss the tip of a turn by what a motor moves between two samples, at its fastest: that, and a step
     for rounding, is the tolerance.
     """
-    plan, now_s, last = Planner(LIMITS, HOME, PLAY), 0.0, HOME
+    plan, now_s, last = MotionPlanner(LIMITS, HOME, PLAY), 0.0, HOME
     dragged, coarse = [float(c) for c in HOME], 0.0
     for pause_s, kind, target, speed in events:
         for fraction in np.linspace(0, 1, 200):

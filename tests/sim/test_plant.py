@@ -9,7 +9,7 @@ from sim.contact.indentor import Indentor
 from sim.contact.shapes import ShapeError
 from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.plant import Carriage, Placement, Plant, Pose, Press, Screws, Truth
+from sim.plant import Carriage, Placement, Plant, Pose, PressedFinger, Screws, Truth
 from tests.raising import raises
 
 PLACE = Placement(pad_centre_x_mm=-30.0, apex_z_mm=-25.0)
@@ -76,7 +76,7 @@ def test_nothing_is_felt_beside_the_finger(finger: Fingertip, carriage: Steps) -
 @pytest.mark.parametrize("along_mm", [-6.9, 5.9])
 def test_nothing_is_felt_beyond_the_ends_of_the_finger(finger: Fingertip, along_mm: float) -> None:
     # The receptor plane is 6.893 mm from one end and 5.857 mm from the other.
-    press = Press(finger, "sphere:2")
+    press = PressedFinger(finger, "sphere:2")
     beyond = Pose(0.0, -3.0, along_mm)
     assert press.doi_mm(beyond) == float("-inf")
     assert press.force_n(beyond) == 0.0
@@ -86,7 +86,7 @@ def test_nothing_is_felt_beyond_the_ends_of_the_finger(finger: Fingertip, along_
 def test_a_contact_that_is_not_solved_is_no_answer(finger: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sim.contact.solver.MAX_PASSES", 1)
     with raises(ModelRangeError, "no_answer", indentor="bar:3", x_mm=0.0):
-        Press(finger, "bar:3.0").force_n(Pose(0.0, -1.0))
+        PressedFinger(finger, "bar:3.0").force_n(Pose(0.0, -1.0))
 
 
 def test_only_the_same_place_of_the_finger_is_gone_on_from() -> None:
@@ -196,7 +196,7 @@ def test_where_skin_is_touched_is_looked_up_once_for_a_place(finger: Fingertip) 
         return finger.touch_height_mm(shape, x_mm, z_mm=z_mm)
 
     looking.touch_height_mm = touch_height_mm  # type: ignore[method-assign, assignment]
-    press, places = Press(looking, "bar:3.0"), [0.01 * k for k in range(64)]
+    press, places = PressedFinger(looking, "bar:3.0"), [0.01 * k for k in range(64)]
     depths = [[press.doi_mm(Pose(x_mm, height_mm)) for x_mm in places] for height_mm in (0.1, 0.2)]
     assert asked == [(x_mm, None) for x_mm in places]
     assert np.allclose(np.subtract(*depths), 0.1)

@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from sim.coding.point_loads import (
-    Load,
     LoadedFinger,
+    PointLoad,
     PowerLaw,
     Site,
     _all_along,
@@ -22,8 +22,8 @@ from sim.coding.point_spread import (
     SPACING_MM,
     Judged,
     Mean,
+    PointSpread,
     Sheet,
-    Spread,
     judged,
     mean_over,
     receptor_sheet,
@@ -131,11 +131,11 @@ def test_beside_the_pulp_there_is_no_skin(loaded: LoadedFinger) -> None:
     assert np.isfinite(found[0]).all()
     assert np.isnan(found[1:]).all()
     with raises(ModelRangeError, "load_beside_pulp", x_mm=5.0, z_mm=6.9):
-        loaded.foot_mm(Load(5.0, 6.9))
+        loaded.foot_mm(PointLoad(5.0, 6.9))
 
 
 def test_a_load_is_where_it_is_said_or_at_the_nearest_node(loaded: LoadedFinger) -> None:
-    place, node = loaded.foot_mm(Load(0.1, 6.8)), loaded.foot_mm(Load(0.1, 6.8, at_node=True))
+    place, node = loaded.foot_mm(PointLoad(0.1, 6.8)), loaded.foot_mm(PointLoad(0.1, 6.8, at_node=True))
     assert (place[0], place[2]) == (pytest.approx(0.1), 6.8)
     skin = loaded.interior.mesh.nodes.reshape(*loaded.interior.mesh.grid, 3)[:, :, 0].reshape(-1, 3)
     away = np.linalg.norm(skin - place, axis=1)
@@ -145,7 +145,7 @@ def test_a_load_is_where_it_is_said_or_at_the_nearest_node(loaded: LoadedFinger)
 
 @pytest.mark.parametrize("at_node", [False, True])
 def test_the_nodes_around_a_place_take_all_of_a_force(loaded: LoadedFinger, at_node: bool) -> None:
-    load = Load(0.6, 6.8, at_node=at_node)
+    load = PointLoad(0.6, 6.8, at_node=at_node)
     nodes = loaded.interior.mesh.nodes
     for direction, towards in (("normal", -loaded.normals(loaded.foot_mm(load))), ("vertical", [0.0, -1.0, 0.0])):
         force = loaded._under(load._replace(direction=direction))  # type: ignore[arg-type]
@@ -157,7 +157,7 @@ def test_the_nodes_around_a_place_take_all_of_a_force(loaded: LoadedFinger, at_n
 
 
 def test_loads_are_reciprocal(loaded: LoadedFinger) -> None:
-    a, b = Load(0.6, 6.8), Load(-1.0, 8.0, "vertical")
+    a, b = PointLoad(0.6, 6.8), PointLoad(-1.0, 8.0, "vertical")
     moved = loaded.moved([a, b])
     work = np.einsum("knc,jnc->kj", moved, np.stack([loaded._under(one) for one in (a, b)]))
     assert work[0, 1] == pytest.approx(work[1, 0], rel=1e-9)
@@ -176,7 +176,7 @@ def test_sed_about_a_load_is_in_pseudo_units_of_its_force(loaded: LoadedFinger) 
     one, strong = (spreads(loaded, sheet, [MIDDLE], force, 1.2)[0] for force in (1.0, 3.0))
     assert_allclose(strong.sed, 9 * one.sed)
     recovery = loaded.interior.recovery(one.sheet.at_mm)
-    moved = loaded.moved([Load(MIDDLE.x_mm, MIDDLE.z_mm)])
+    moved = loaded.moved([PointLoad(MIDDLE.x_mm, MIDDLE.z_mm)])
     per_n = energy_density(recovery.strain(moved)[0], recovery.young_ratio, 0.48)
     assert_allclose(one.sed, per_n * (9.80665e-3 / 0.186266) ** 2)
 
@@ -205,13 +205,13 @@ def test_how_loads_differ(loaded: LoadedFinger) -> None:
 # --- how round it is ---
 
 
-def _flat(sed_over_law: object) -> Spread:
+def _flat(sed_over_law: object) -> PointSpread:
     """A flat sheet 0.5 mm below a load at the origin, r^-4 times a function of the azimuth."""
     x, z = (v.ravel() for v in np.meshgrid(0.1 * np.arange(-15, 16), 0.1 * np.arange(-15, 16)))
     skin = np.stack([x, 0 * x, z], axis=1)
     at = skin - [0.0, 0.5, 0.0]
     r = np.linalg.norm(at, axis=1)
-    return Spread(MIDDLE, np.zeros(3), Sheet(skin, at), sed_over_law(np.arctan2(z, x)) / r**4, 0.1 + 0 * r)  # type: ignore[operator]
+    return PointSpread(MIDDLE, np.zeros(3), Sheet(skin, at), sed_over_law(np.arctan2(z, x)) / r**4, 0.1 + 0 * r)  # type: ignore[operator]
 
 
 def test_a_round_spread_is_1_all_around() -> None:
@@ -242,7 +242,7 @@ def test_sectors_are_as_far_away_as_one_another_and_not_next_to_the_load() -> No
 def test_where_there_is_no_finger_there_is_no_sector() -> None:
     whole = _flat(lambda azimuth: 1.0 + 0 * azimuth)
     kept = whole.sheet.skin_mm[:, 0] <= 0.05
-    half = Spread(
+    half = PointSpread(
         MIDDLE, whole.load_mm, Sheet(*(v[kept] for v in whole.sheet)), whole.sed[kept], whole.young_ratio[kept]
     )
     found = half.by_azimuth(PowerLaw(1.0, 4.0, 1.0, 1.0))

@@ -13,7 +13,7 @@ from sim.coding import mixture as tables
 from sim.coding.bayes import decode_profile
 from sim.coding.encoding import Readings, noise_sd
 from sim.coding.mixture import Mixture, ProfileTable, Weighed, imagined, pooled, table_of
-from sim.coding.operators import Operator, centred
+from sim.coding.operators import ForwardOperator, centred
 from sim.coding.pressure import Frictionless, frictionless
 from sim.coding.search import decoding_errors
 from sim.coding.section import Sampling, sampled_section
@@ -30,7 +30,7 @@ def operator() -> Frictionless:
     return frictionless(sampled_section(FingertipConfig(), Sampling()), centred(40, 0.17), "finite")
 
 
-def _said(operator: Operator, true: Array, snr_db: float, seed: int) -> Readings:
+def _said(operator: ForwardOperator, true: Array, snr_db: float, seed: int) -> Readings:
     sed = operator.sed(true)
     sd = noise_sd(sed, snr_db)
     return Readings.of_sed(sed + sd * np.random.default_rng(seed).normal(size=len(sed)), sd)

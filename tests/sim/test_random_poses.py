@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim.contact.profiles import Bar, Grating, Profile, Step
+from sim.contact.profiles import Bar, Grating, IndentorProfile, SinusoidalStep
 from sim.models.fingertip import Fingertip
 from studies.accuracy.random_poses import FAMILIES, touches_an_edge
 from studies.accuracy.random_poses import solved as draw
@@ -29,10 +29,12 @@ def test_every_random_pose_converges(unwidened: Fingertip) -> None:
         (Bar(0.5819619459771768, 0.2), -0.1727, 0.8871),  # the same
         (Grating(1.3028907650456942, 1.8551575955394137), 0.3836285968378259, 0.8542953737583466),  # turned normals
         # a shortened step had turned aside: 2e-5, 4e-5 and 6e-5 after 120 passes, pressed in finely too
-        (Step("1"), -1.63, 0.86),
-        (Step("1"), -1.63, 0.91),
+        (SinusoidalStep("1"), -1.63, 0.86),
+        (SinusoidalStep("1"), -1.63, 0.91),
         (Grating(0.5, 1.2), 0.1, 1.01),
     ],
 )
-def test_poses_that_once_did_not_converge(finger: Fingertip, profile: Profile, x_mm: float, doi_mm: float) -> None:
+def test_poses_that_once_did_not_converge(
+    finger: Fingertip, profile: IndentorProfile, x_mm: float, doi_mm: float
+) -> None:
     assert finger.indent(profile, x_mm, doi_mm=doi_mm).state.residual <= 1e-10

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from sim.contact.indentor import Indentor
 from sim.contact.patch import Patch, X, Y, Z
-from sim.contact.planes import FrozenPlanes, Gathered, Region
-from sim.contact.points import PARTS, ContactPoints, Pose, Survey
-from sim.contact.profiles import Bar, Step
+from sim.contact.planes import ContactRegion, FrozenPlanes, Gathered
+from sim.contact.points import PARTS, ContactPoints, ContactPose, Survey
+from sim.contact.profiles import Bar, SinusoidalStep
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import ContactState, PassedState, solve_contact
 from sim.contact.touch import first_touch
@@ -69,7 +69,7 @@ def test_what_is_gathered_is_the_patchs_own_whatever_came_before(patch: Patch) -
 
 @pytest.mark.parametrize("points", [NODES, MIXED, EVERY_NODE], ids=["nodes", "mixed", "all nodes"])
 def test_points_move_one_another_as_their_nodes_do(patch: Patch, points: ContactPoints) -> None:
-    region, whole = Region(Gathered(patch), points), by_definition(points, patch)
+    region, whole = ContactRegion(Gathered(patch), points), by_definition(points, patch)
     m, k = len(patch.axes), len(points)
     scale, rng = np.abs(whole).max(), np.random.default_rng(1)
     for some in ([0, 2], [2, 3, k - 1], list(range(k)), [1]):
@@ -80,8 +80,8 @@ def test_points_move_one_another_as_their_nodes_do(patch: Patch, points: Contact
 
 def test_planes_are_as_compliant_as_their_normals_say(patch: Patch) -> None:
     shape = "sphere:1" if len(patch.axes) == 3 else "step:1"
-    pose = Pose(parse_shape(shape), (0.3,) * (len(patch.axes) - 1), -0.1, 0.1)
-    planes = FrozenPlanes(pose, Region(Gathered(patch), MIXED), np.zeros((len(patch.axes), len(MIXED))), False)
+    pose = ContactPose(parse_shape(shape), (0.3,) * (len(patch.axes) - 1), -0.1, 0.1)
+    planes = FrozenPlanes(pose, ContactRegion(Gathered(patch), MIXED), np.zeros((len(patch.axes), len(MIXED))), False)
     assert (planes.slope != 0).any()
     whole = by_definition(MIXED, patch)
     along = np.einsum("ak,akbl,bl->kl", planes.normal, whole, planes.normal)
@@ -98,19 +98,19 @@ def test_planes_are_as_compliant_as_their_normals_say(patch: Patch) -> None:
 
 def test_a_plane_that_is_level_only_here_turns_too() -> None:
     patch = make_patch((X, Y))
-    pose = Pose(parse_shape("cylinder:9"), (float(patch.x[7]),), -0.1, 0.1)
-    planes = FrozenPlanes(pose, Region(Gathered(patch), NODES), np.zeros((2, len(NODES))), False)
+    pose = ContactPose(parse_shape("cylinder:9"), (float(patch.x[7]),), -0.1, 0.1)
+    planes = FrozenPlanes(pose, ContactRegion(Gathered(patch), NODES), np.zeros((2, len(NODES))), False)
     assert planes.slope[0, 1] == 0  # node 7 lies under the cylinder's lowest line
     assert planes.curved.all()
 
 
 @pytest.mark.parametrize("lower_mm", [0.0, 0.05, 0.2, 0.5])
-@pytest.mark.parametrize("profile", [Bar(0.4), Step("1")])
-def test_a_survey_holds_for_other_heights(profile: Bar | Step, lower_mm: float) -> None:
+@pytest.mark.parametrize("profile", [Bar(0.4), SinusoidalStep("1")])
+def test_a_survey_holds_for_other_heights(profile: Bar | SinusoidalStep, lower_mm: float) -> None:
     # Beyond 0.3 mm what was not looked at may be touched: then it looks again.
     patch = make_patch((X, Y))
     u = 0.01 * np.random.default_rng(2).normal(size=(2, len(patch)))
-    pose = Pose(Indentor.along(profile), (0.4,), -0.02, 0.1)
+    pose = ContactPose(Indentor.along(profile), (0.4,), -0.02, 0.1)
     lower = replace(pose, height_mm=pose.height_mm - lower_mm)
     kept = Survey.of(pose, patch, u, between=True).near(lower, 0.03)
     anew = Survey.of(lower, patch, u, between=True).near(lower, 0.03)
@@ -121,7 +121,7 @@ def test_a_survey_holds_for_other_heights(profile: Bar | Step, lower_mm: float) 
 
 def test_a_survey_finds_what_lies_within_the_indentor() -> None:
     patch = make_patch((X, Y))
-    pose = Pose(parse_shape("bar:0.4"), (0.4,), -0.01, 0.1)
+    pose = ContactPose(parse_shape("bar:0.4"), (0.4,), -0.01, 0.1)
     found, depth = Survey.of(pose, patch, np.zeros((2, len(patch))), between=True).penetrated
     p = shares(found, patch)
     gap = pose.gap((p @ patch.x)[None], p @ patch.y)

@@ -12,9 +12,9 @@ from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.relaxation import Prony, PronyTerm
 from sim.models.viscoelastic import InTime
-from sim.plant import Carriage, Placement, Pose, Press, RelaxingPlant, RelaxingPress, Screws, Truth, Turn
+from sim.plant import Carriage, Placement, Pose, PressedFinger, RelaxingPlant, RelaxingPress, Screws, Truth, Turn
 from sim.serve.clock import WallScheduler
-from sim.serve.force_process import Going, Leg, Way, WayAnswer, WayProcess
+from sim.serve.force_process import Going, Leg, TrajectoryUpdate, WayAnswer, WayProcess
 from sim.serve.prefetch import STALE_S, WayAhead
 from tests.raising import raises
 from tests.waiting import until
@@ -56,7 +56,7 @@ def test_below_an_indentor_that_it_does_not_reach_it_recovers_as_in_the_air(skin
 
 
 def test_what_relaxes_slowly_is_elastic_at_first(skin: Fingertip) -> None:
-    slow, elastic = RelaxingPress(skin, SHAPE, [PronyTerm(0.5, 1e7)]), Press(skin, SHAPE)
+    slow, elastic = RelaxingPress(skin, SHAPE, [PronyTerm(0.5, 1e7)]), PressedFinger(skin, SHAPE)
     for doi_mm in DEPTHS_MM:
         pose = deep(skin, doi_mm)
         assert slow.moved_to(pose, 0.1) == pytest.approx(elastic.force_n(pose), rel=1e-5)
@@ -130,39 +130,39 @@ def test_what_was_planned_and_came_so_is_not_solved_again(skin: Fingertip, monke
     expected = alone(skin, way)
     monkeypatch.setattr(RelaxingPress, "moved_to", counted)
     going = Going(RelaxingPress(skin, SHAPE, TERMS))
-    assert going(Way(way[:1], way[1:3])).forces_n == pytest.approx(expected[:3])
-    assert going(Way(way[1:2], way[2:4])).forces_n == pytest.approx(expected[1:])
-    assert going(Way(way[2:], ())).forces_n == pytest.approx(expected[2:])
+    assert going(TrajectoryUpdate(way[:1], way[1:3])).forces_n == pytest.approx(expected[:3])
+    assert going(TrajectoryUpdate(way[1:2], way[2:4])).forces_n == pytest.approx(expected[1:])
+    assert going(TrajectoryUpdate(way[2:], ())).forces_n == pytest.approx(expected[2:])
     assert solved == [leg.pose for leg in way]
 
 
 def test_what_was_planned_and_came_otherwise_is_forgotten(skin: Fingertip) -> None:
     going = Going(RelaxingPress(skin, SHAPE, TERMS))
-    going(Way(legs(skin, 0.1), legs(skin, 0.8, 1.2)))
+    going(TrajectoryUpdate(legs(skin, 0.1), legs(skin, 0.8, 1.2)))
     came = legs(skin, 0.1, 0.15, 0.15)
-    assert going(Way(came[1:2], came[2:])).forces_n == pytest.approx(alone(skin, came)[1:], rel=1e-6)
+    assert going(TrajectoryUpdate(came[1:2], came[2:])).forces_n == pytest.approx(alone(skin, came)[1:], rel=1e-6)
     later = Leg(3 * PERIOD_S, deep(skin, 0.15))  # the same place, but not the same time
-    assert going(Way((later,))).forces_n == pytest.approx(alone(skin, (*came[:2], later))[2:], rel=1e-6)
+    assert going(TrajectoryUpdate((later,))).forces_n == pytest.approx(alone(skin, (*came[:2], later))[2:], rel=1e-6)
 
 
 def test_what_has_no_answer_is_told_and_not_remembered(skin: Fingertip) -> None:
     going = Going(RelaxingPress(skin, SHAPE, TERMS))
     way = (*legs(skin, 0.2), Leg(PERIOD_S, deep(skin, 2.5)), *legs(skin, 0.2))
-    answer = going(Way(way))
+    answer = going(TrajectoryUpdate(way))
     assert math.isnan(answer.forces_n[1])
     assert "DOI 2.5 mm: expected 0 < DOI ≤ 2 mm" in answer.problem
     assert answer.forces_n[2] == pytest.approx(alone(skin, (way[0], way[2]))[1], rel=1e-6)
-    assert going(Way(legs(skin, 0.2))).problem == ""
+    assert going(TrajectoryUpdate(legs(skin, 0.2))).problem == ""
 
 
 class OnTheSpot:
     """Stands in for the process: answers at once, or when a test says so; remembers what it was asked."""
 
     def __init__(self) -> None:
-        self.asked: list[Way] = []
+        self.asked: list[TrajectoryUpdate] = []
         self.ended = False
 
-    def ask(self, way: Way) -> None:
+    def ask(self, way: TrajectoryUpdate) -> None:
         self.asked.append(way)
 
     def answer(self) -> WayAnswer:

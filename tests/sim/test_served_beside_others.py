@@ -10,19 +10,19 @@ import pytest
 from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
 from sim.models.relaxation import PronyTerm
-from sim.plant import AS_MODELLED, Carriage, Placement, Pose, Press, RelaxingPress, Screws
+from sim.plant import AS_MODELLED, Carriage, Placement, Pose, PressedFinger, RelaxingPress, Screws
 from sim.serve.force_process import (
-    FingerProcess,
+    ForceProcess,
     Leg,
     PressAnswer,
     PressProcess,
-    Way,
+    TrajectoryUpdate,
     WayAnswer,
     WayProcess,
     _going,
     _pressing,
 )
-from sim.serve.prefetch import STALE_S, Ahead, PressAhead, WayAhead
+from sim.serve.prefetch import STALE_S, ForcePrefetcher, PressAhead, WayAhead
 from tests.sim.test_press_ahead import PERIOD_S, SteppedScheduler
 
 TERMS = (PronyTerm(0.3, 0.07),)
@@ -34,11 +34,11 @@ def as_press(asked: Pose, solve_s: float) -> PressAnswer:
     return PressAnswer(asked, -asked.above_apex_mm, solve_s)
 
 
-def as_way(asked: Way, solve_s: float) -> WayAnswer:
+def as_way(asked: TrajectoryUpdate, solve_s: float) -> WayAnswer:
     return WayAnswer(tuple(-leg.pose.above_apex_mm for leg in (*asked.gone, *asked.planned)), solve_s)
 
 
-KINDS: dict[type[Any], tuple[type[Ahead], Callable[..., Any]]] = {
+KINDS: dict[type[Any], tuple[type[ForcePrefetcher], Callable[..., Any]]] = {
     PressProcess: (PressAhead, as_press),
     WayProcess: (WayAhead, as_way),
 }
@@ -84,7 +84,7 @@ class Served:
         ahead, answer = KINDS[kind]
         self.finger = Slow(self.scheduler, answer)
         carriage = Carriage(lambda t_s: (0, 0, -round(400 * t_s)), Screws(), Placement(0.0, 0.0))
-        make: Callable[..., Ahead] = ahead
+        make: Callable[..., ForcePrefetcher] = ahead
         self.ahead = make(self.scheduler, carriage, self.finger, PERIOD_S, self.told.append)
 
     def each_sample(self, until_s: float) -> Iterator[float]:
@@ -103,7 +103,7 @@ def served(request: pytest.FixtureRequest) -> Iterator[Served]:
 
 
 def test_these_are_all_the_fingers_that_are_served() -> None:
-    assert set(FingerProcess.__subclasses__()) == set(KINDS)
+    assert set(ForceProcess.__subclasses__()) == set(KINDS)
 
 
 def test_nothing_queues_and_what_is_asked_is_of_now_and_later(served: Served) -> None:
@@ -117,7 +117,7 @@ def test_nothing_queues_and_what_is_asked_is_of_now_and_later(served: Served) ->
         newest = what if isinstance(what, Pose) else what.planned[-1].pose
         ahead_s = -newest.above_apex_mm - t_s
         assert LONG_S - 2 * PERIOD_S < ahead_s < STALE_S, "where the indentor will be when the answer comes"
-        if isinstance(what, Way):
+        if isinstance(what, TrajectoryUpdate):
             assert len(what.gone) <= 3
             assert len(what.planned) == 1
 
@@ -186,9 +186,9 @@ def test_contact_was_solved_once_before_anybody_is_answered(
     pose = Pose(0.0, coarse_finger.touch_height_mm(indentor, 0.0) - coarse_finger.apex_height_mm - 0.3)
     press = _pressing(FingertipConfig(), indentor, AS_MODELLED)
     assert solved == pytest.approx([0.1])
-    assert press(pose).force_n == Press(coarse_finger, indentor).force_n(pose)
+    assert press(pose).force_n == PressedFinger(coarse_finger, indentor).force_n(pose)
     solved.clear()
     going = _going(FingertipConfig(), indentor, TERMS, AS_MODELLED)
     assert solved == pytest.approx([0.1])
     expected = RelaxingPress(coarse_finger, indentor, TERMS).moved_to(pose, PERIOD_S)
-    assert going(Way((Leg(PERIOD_S, pose),))).forces_n == (expected,)
+    assert going(TrajectoryUpdate((Leg(PERIOD_S, pose),))).forces_n == (expected,)

@@ -8,7 +8,16 @@ from numpy.typing import NDArray
 
 from sim.contact.indentor import RADIUS_TOLERANCE, SHARP_RADIUS_MM, Indentor, Revolved, ShapeWarning
 from sim.contact.measured_profile import MeasuredProfile
-from sim.contact.profiles import Bar, Cylinder, Grating, Plane, Profile, Step, Wedge, measured_radius_mm
+from sim.contact.profiles import (
+    Bar,
+    Cylinder,
+    Grating,
+    IndentorProfile,
+    Plane,
+    SinusoidalStep,
+    Wedge,
+    measured_radius_mm,
+)
 from sim.models.fingertip import Fingertip
 from tests.raising import has_code
 
@@ -19,7 +28,7 @@ Array = NDArray[np.float64]
 class Said:
     """A profile that says another radius of itself."""
 
-    inner: Profile
+    inner: IndentorProfile
     sharpest_radius_mm: float
     name: str = "said"
 
@@ -35,14 +44,14 @@ class Said:
     [
         *(Bar(width, radius) for width in (0.2, 1.5, 20.0) for radius in (0.001, 0.01, 0.05, 0.1)),
         *(Cylinder(d) for d in (0.5, 0.99, 1.0, 1.01, 9.0, 50.0)),
-        *(Step(n) for n in "135"),
+        *(SinusoidalStep(n) for n in "135"),
         *(Wedge(angle) for angle in (5.0, 30.0, 60.0, 85.0, 89.0)),
         *(Wedge(angle, 1.0) for angle in (30.0, 60.0)),
         *(Grating(*sizes) for sizes in ((0.5, 1.2), (0.15, 0.2), (10.0, 20.0))),
         Grating(1.0, 3.0, 0.2),
     ],
 )
-def test_it_is_what_every_shape_of_ours_says(profile: Profile) -> None:
+def test_it_is_what_every_shape_of_ours_says(profile: IndentorProfile) -> None:
     assert measured_radius_mm(profile) == pytest.approx(profile.sharpest_radius_mm, rel=0.01)
     assert Indentor.along(profile).sharp == (profile.sharpest_radius_mm < SHARP_RADIUS_MM)  # and no warning
 
@@ -55,7 +64,7 @@ def test_a_profile_from_points_ends_in_edges(linear: bool) -> None:
 
 
 @pytest.mark.parametrize("profile", [Bar(3.0, 0.0), Wedge(45.0, 0.0), Grating(0.5, 1.2, 0.0)])
-def test_an_edge_has_none(profile: Profile) -> None:
+def test_an_edge_has_none(profile: IndentorProfile) -> None:
     assert measured_radius_mm(profile) == 0.0
 
 
@@ -68,7 +77,7 @@ def test_only_what_is_convex_counts() -> None:
     """A groove with a rounded floor between flanks that lean: convex nowhere within 2 mm."""
 
     @dataclass(frozen=True)
-    class Hollow(Profile):
+    class Hollow(IndentorProfile):
         name = "hollow"
         sharpest_radius_mm = np.inf
 

@@ -374,7 +374,7 @@ def test_scenes_of_the_study_are_of_their_class_and_within_reach() -> None:
 
 
 def test_a_sheet_of_each_second_receptor_keeps_its_corners() -> None:
-    all_of, some = (sheets_read_back.Sampled(every, 30.0).receptors for every in (1, 2))
+    all_of, some = (sheets_read_back.SampledSheet(every, 30.0).receptors for every in (1, 2))
     assert all_of.all()
     assert some.reshape(13, 13)[::2, ::2].all()
     assert some.sum() == 49

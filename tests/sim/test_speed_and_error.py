@@ -14,9 +14,9 @@ from sim.benchmark import (
     RIGHT_SIDES,
     SCENES,
     SEED,
-    Answer,
+    BenchmarkScene,
     Candidate,
-    Scene,
+    SceneResult,
     answered,
     coarse,
     from_levels,
@@ -37,12 +37,12 @@ from sim.models.fingertip import Fingertip
 SMOOTH, SHARP = ("smooth",), ("bar", "step")
 
 
-def answer(force: float) -> Answer:
-    return Answer(force, 1.0, (force, 2.0), (-force, 0.1), 0.0, 1, 0.01, 0.001)
+def answer(force: float) -> SceneResult:
+    return SceneResult(force, 1.0, (force, 2.0), (-force, 0.1), 0.0, 1, 0.01, 0.001)
 
 
 def test_errors_and_bars_are_ratios_of_largest_values() -> None:
-    scenes = [Scene(family, "bar:3.0", 0.0, 0.5) for family in FAMILIES]
+    scenes = [BenchmarkScene(family, "bar:3.0", 0.0, 0.5) for family in FAMILIES]
     reference = from_levels(dict.fromkeys(scenes, answer(3.3)), dict.fromkeys(scenes, answer(3.0)), {})
     found = answer(2.7)
     assert reference.error(scenes[0], "force", found) == pytest.approx(0.1)
@@ -71,7 +71,7 @@ def test_a_further_level_lands_inside_the_error_bars(kind: tuple[str, ...], quan
     assert further <= bar < 0.3 * aim[quantity]
 
 
-Answers = Callable[[str, Scene], Answer]
+Answers = Callable[[str, BenchmarkScene], SceneResult]
 
 
 @pytest.fixture(scope="module")
@@ -83,13 +83,13 @@ def answers(finger: Fingertip) -> Answers:
         return finger if name == "finger" else load(name)
 
     @cache
-    def said(name: str, scene: Scene) -> Answer:
+    def said(name: str, scene: BenchmarkScene) -> SceneResult:
         return answered(model(name).indent(scene.shape, scene.x_mm, doi_mm=scene.doi_mm))
 
     return said
 
 
-def held(answers: Answers, model: str, scenes: tuple[Scene, ...]) -> dict[str, dict[str, float]]:
+def held(answers: Answers, model: str, scenes: tuple[BenchmarkScene, ...]) -> dict[str, dict[str, float]]:
     """Largest errors by quantity and family."""
     reference, worst = stored(), dict[str, dict[str, float]]()
     for scene in scenes:
@@ -126,7 +126,7 @@ def test_what_is_promised_of_the_half_space_holds_in_nine_of_ten(answers: Answer
     assert np.mean(kept) >= 0.9
 
 
-def promised(scene: Scene, model: str) -> dict[str, float]:
+def promised(scene: BenchmarkScene, model: str) -> dict[str, float]:
     """Errors of a model's default level in scenes of a kind."""
     situation = Situation.of(parse_shape(scene.shape), scene.x_mm, None, scene.doi_mm, FingertipConfig())
     return {rung.model: of for rung, of in bundled().errors(situation).items() if rung.level == "default"}[model]

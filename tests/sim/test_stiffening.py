@@ -25,11 +25,11 @@ from sim.models.stiffening import (
     LINEAR_TISSUE,
     ROOFS,
     SED_ERROR,
+    DimensionlessPress,
     Energy,
     Felt,
-    Force,
+    ForceFactor,
     Overlap,
-    Press,
     Squeezed,
     Stiffened,
     Under,
@@ -50,7 +50,7 @@ from tests.sim.coarse import coarse_mesh
 
 MESH = coarse_mesh(0.4, 0.4, patch_x_mm=2.5, patch_z_mm=2.5, round_patch_mm=2.5)
 HUMAN = Path(__file__).parents[2] / "examples" / "human_finger" / "finger.toml"
-PRESS = Press(0.25, 1.21, 4.0, 0.5, 0.2, 2.25)
+PRESS = DimensionlessPress(0.25, 1.21, 4.0, 0.5, 0.2, 2.25)
 FELT = Felt(np.array([0.25, 0.1]), np.array([1.0, 0.3]), np.array([0.1, 0.02]))
 
 
@@ -74,7 +74,7 @@ def stiff(linear: Fingertip) -> Fingertip:
 
 
 def test_each_number_of_the_force_counts_where_it_should() -> None:
-    numbers = Force(0.3, 1.5, 0.5, -0.5, 2.0, 2.0, -0.5, 0.7, 4.0, 3.0, 1.5)
+    numbers = ForceFactor(0.3, 1.5, 0.5, -0.5, 2.0, 2.0, -0.5, 0.7, 4.0, 3.0, 1.5)
     lost = 0.3 * 1.5 / 2
     squeeze = 2.0 * 0.25**2 / 1.1
     strain = 4.0 * 0.25**3 * np.exp(0.75)
@@ -108,7 +108,7 @@ def test_factors_are_made_with_the_numbers_that_were_fitted() -> None:
 
 
 def test_a_shallow_press_leaves_a_receptor_what_it_has_and_where_nothing_is_nothing_breaks() -> None:
-    shallow = Press(1e-6, 1e-5, 1.2, 0.0, 1e-6, 1.2)
+    shallow = DimensionlessPress(1e-6, 1e-5, 1.2, 0.0, 1e-6, 1.2)
     factors = strain_and_stress(0.3, shallow, Felt(np.array([1e-6]), np.ones(1), np.array([1e-9])))
     assert_allclose(factors, 1.0, atol=1e-4)
     nothing = Felt(np.array([0.2]), np.ones(1), np.zeros(1))
@@ -125,7 +125,7 @@ def test_what_linear_tissue_misses_under_a_deep_press_does_not_hang_on_what_it_h
 def test_force_grows_with_stiffening_and_a_shallow_press_is_linear() -> None:
     factors = [force_factor(a, PRESS) for a in (1e-9, 0.3, 1.0, 3.0)]
     assert (np.diff(factors) > 0).all()
-    assert force_factor(0.3, Press(1e-6, 1e-5, 1.2, 0.0, 1e-6, 1.2)) == pytest.approx(1.0, abs=2e-3)
+    assert force_factor(0.3, DimensionlessPress(1e-6, 1e-5, 1.2, 0.0, 1e-6, 1.2)) == pytest.approx(1.0, abs=2e-3)
 
 
 # --- where an indentor overlaps the skin ---

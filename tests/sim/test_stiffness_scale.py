@@ -10,7 +10,7 @@ import pytest
 from rig.compare.stimuli import answers_key
 from sim.coding.all_sites import deformed_by
 from sim.coding.point_loads import LoadedFinger, Site
-from sim.coding.point_spread import MovedResponse, Spread, judged, receptor_sheet, spreads
+from sim.coding.point_spread import MovedResponse, PointSpread, judged, receptor_sheet, spreads
 from sim.coding.readings_file import pa_per_pseudo
 from sim.config import E_EPIDERMIS_MPA, FingertipConfig, Tissue
 from sim.errors import ModelRangeError
@@ -20,7 +20,7 @@ from sim.measures.receptors import ReceptorPlaces, receptors_at
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.full_mesh import MeshedFinger
-from sim.models.interpolation import Asked
+from sim.models.interpolation import FingerWithReceptors
 from sim.models.sources import OnDisk
 from sim.models.weights import node_tissues
 from tests.raising import raises
@@ -40,7 +40,7 @@ def finger(stiffness: float) -> Fingertip:
     return Fingertip.load(config(stiffness), receptor_x_mm=(0.0,))
 
 
-def spread(stiffness: float) -> tuple[LoadedFinger, Spread]:
+def spread(stiffness: float) -> tuple[LoadedFinger, PointSpread]:
     loaded = LoadedFinger(config(stiffness))
     return loaded, spreads(loaded, receptor_sheet(loaded, 0.5), [MIDDLE], 2.0, 1.5)[0]
 
@@ -102,7 +102,7 @@ def test_no_model_is_built_for_a_scale() -> None:
 
 def test_fingers_of_two_scales_are_interpolated_between_the_same_builds() -> None:
     assert node_tissues(Tissue(stiffness=STIFF, stiffening=0.5)) == node_tissues(Tissue())
-    families = {Asked(config(s), ReceptorPlaces.of((0.0,), 0.76, None)).family for s in (1.0, STIFF)}
+    families = {FingerWithReceptors(config(s), ReceptorPlaces.of((0.0,), 0.76, None)).family for s in (1.0, STIFF)}
     assert len(families) == 1
 
 

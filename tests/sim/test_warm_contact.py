@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from sim.models.fingertip import Fingertip
-from studies.speed.warm_contact import Pressed, ahead, behind, largest, pressed
+from studies.speed.warm_contact import PressSamples, ahead, behind, largest, pressed
 
 TEN_MS, ONE_MS = np.arange(1, 101) / 100, np.arange(1, 1001) / 1000
 
 
-def known(force: np.ndarray) -> Pressed:
-    return Pressed(TEN_MS, force, np.zeros(100), np.zeros(100))
+def known(force: np.ndarray) -> PressSamples:
+    return PressSamples(TEN_MS, force, np.zeros(100), np.zeros(100))
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -40,6 +40,6 @@ def test_going_on_gives_what_rest_gives(finger: Fingertip, shape: str, x_mm: flo
     rest = finger.indent(shape, x_mm, doi_mm=0.7).force_n
     assert samples.force_n[-1] == pytest.approx(rest, rel=1e-7)
     # Served at twice the rate from every second answer; measured 1.2 % behind, 0.1 % ahead.
-    every = Pressed(samples.t_s[1::2], samples.force_n[1::2], samples.wall_s[1::2], samples.cpu_s[1::2])
+    every = PressSamples(samples.t_s[1::2], samples.force_n[1::2], samples.wall_s[1::2], samples.cpu_s[1::2])
     assert largest(behind(every, samples.t_s, 2), samples.force_n) < 2.0
     assert largest(ahead(every, samples.t_s), samples.force_n) < 0.3

@@ -12,11 +12,11 @@ from sim.coding.contacts import (
     KINDS,
     MOST_CONTACTS,
     Climb,
-    Contact,
-    Kind,
+    ContactInterval,
+    ContactPrior,
     Model,
-    Posterior,
-    Seen,
+    PressureLikelihood,
+    PressurePosterior,
     Sort,
     alone,
     climbed,
@@ -31,12 +31,12 @@ from sim.coding.mixture import Mixture, cut_off, mixed, together
 
 Array = NDArray[np.float64]
 
-BLUNT, SHARP = KINDS.index(Kind(0.7, 0.2, 0.2)), KINDS.index(Kind(0.7, 0.2, 2.0))
-TWO: Model = (Contact(0, 2, BLUNT), Contact(4, 7, SHARP))
+BLUNT, SHARP = KINDS.index(ContactPrior(0.7, 0.2, 0.2)), KINDS.index(ContactPrior(0.7, 0.2, 2.0))
+TWO: Model = (ContactInterval(0, 2, BLUNT), ContactInterval(4, 7, SHARP))
 
 
 @pytest.fixture
-def seven() -> Seen:
+def seven() -> PressureLikelihood:
     """Five readings of seven samples whose true pressures lie within samples 2 … 4."""
     rng = np.random.default_rng(2)
     slope = rng.normal(size=(5, 7))
@@ -50,22 +50,22 @@ def seven() -> Seen:
 def test_kinds_are_all_levels_with_all_ends_and_their_probabilities_sum_to_1() -> None:
     assert len(set(KINDS)) == len(KINDS) == 12
     assert {kind.level for kind in KINDS} == {0.3, 0.7, 1.6}
-    assert sum(np.exp(Contact(0, 3, kind).log_prior) for kind in range(12)) == pytest.approx(1.0)
+    assert sum(np.exp(ContactInterval(0, 3, kind).log_prior) for kind in range(12)) == pytest.approx(1.0)
     ends = ((0.2, 0.2), (0.2, 2.0), (2.0, 0.2), (2.0, 2.0))
-    each = np.exp([Contact(0, 3, KINDS.index(Kind(0.7, *end))).log_prior for end in ends])
+    each = np.exp([ContactInterval(0, 3, KINDS.index(ContactPrior(0.7, *end))).log_prior for end in ends])
     # the last end is told to be as the first with 0.4, else drawn anew; sharp with 0.5
     assert_allclose(3 * each, [0.5 * (0.4 + 0.6 * 0.5), 0.5 * 0.6 * 0.5, 0.5 * 0.6 * 0.5, 0.5 * (0.4 + 0.6 * 0.5)])
     assert [kind.sharp for kind in KINDS] == 3 * [False, True, True, True]
 
 
 def test_a_contact_has_its_level_inside_and_half_of_it_at_its_ends() -> None:
-    assert_allclose(Contact(3, 7, BLUNT).mean, 0.7 * np.array([0.5, 1, 1, 0.5]))
-    assert_allclose(Contact(3, 4, BLUNT).mean, [0.35])
-    assert Contact(3, 7, BLUNT).samples == slice(3, 7)
+    assert_allclose(ContactInterval(3, 7, BLUNT).mean, 0.7 * np.array([0.5, 1, 1, 0.5]))
+    assert_allclose(ContactInterval(3, 4, BLUNT).mean, [0.35])
+    assert ContactInterval(3, 7, BLUNT).samples == slice(3, 7)
 
 
 def test_a_sharp_end_lets_its_two_samples_stand_out() -> None:
-    sd = np.sqrt(np.diag(Contact(0, 8, SHARP).covariance)) / 0.7
+    sd = np.sqrt(np.diag(ContactInterval(0, 8, SHARP).covariance)) / 0.7
     inside = 0.5**2 + 0.2**2 + 0.02**2
     assert_allclose(sd[2:6] ** 2, inside)
     assert_allclose(sd[[1, 6]] ** 2, [inside + 0.2**2, inside + 2.0**2])
@@ -74,7 +74,7 @@ def test_a_sharp_end_lets_its_two_samples_stand_out() -> None:
 
 
 def test_pressures_inside_go_together_the_more_the_nearer() -> None:
-    covariance = Contact(0, 20, BLUNT).covariance / 0.7**2
+    covariance = ContactInterval(0, 20, BLUNT).covariance / 0.7**2
     slow = covariance[8, 8:18] - 0.5**2
     assert slow[0] == pytest.approx(0.2**2 + 0.02**2)
     r = np.sqrt(5) * np.arange(1, 10) / 4.0  # Matérn 5/2
@@ -90,7 +90,11 @@ def test_evidence_is_the_density_of_the_readings_under_the_prior() -> None:
     rng = np.random.default_rng(0)
     slope, value, root = rng.normal(size=(9, 7)), 30 * rng.normal(size=9), rng.normal(size=(9, 9))
     noise, typical = root @ root.T + np.eye(9), 25.0
-    models: list[Model] = [(Contact(1, 4, 3),), TWO, (Contact(0, 1, 0), Contact(2, 3, 1), Contact(5, 6, 11))]
+    models: list[Model] = [
+        (ContactInterval(1, 4, 3),),
+        TWO,
+        (ContactInterval(0, 1, 0), ContactInterval(2, 3, 1), ContactInterval(5, 6, 11)),
+    ]
     found = linearised(slope, value, noise, typical).log_evidence(models)
     for model, evidence in zip(models, found, strict=True):
         mean, prior = _of(model)
@@ -99,8 +103,8 @@ def test_evidence_is_the_density_of_the_readings_under_the_prior() -> None:
         assert evidence == pytest.approx(density.logpdf(value) + 4.5 * np.log(2 * np.pi) + places)
 
 
-def test_loops_of_the_evidence_say_the_same_uncompiled_and_of_any_number_of_models(seven: Seen) -> None:
-    models: list[Model] = [TWO, (Contact(0, 7, 2),), (Contact(3, 4, 11),), *alone(7)]
+def test_loops_of_the_evidence_say_the_same_uncompiled_and_of_any_number_of_models(seven: PressureLikelihood) -> None:
+    models: list[Model] = [TWO, (ContactInterval(0, 7, 2),), (ContactInterval(3, 4, 11),), *alone(7)]
     together = seven.log_evidence(models)
     assert_allclose([seven.log_evidence([model])[0] for model in models], together, rtol=1e-12)
     at = np.array([[TWO[0], TWO[1]], [(0, 7, 2), (0, 0, 0)]])
@@ -115,14 +119,14 @@ def test_the_table_of_contacts_has_each_with_nothing_beyond_it() -> None:
     assert mean.shape == (12, 5, 5)
     for kind in range(12):
         for k in range(5):
-            contact = Contact(0, k + 1, kind)
+            contact = ContactInterval(0, k + 1, kind)
             assert_allclose(mean[kind, k], np.pad(contact.mean, (0, 4 - k)))
             assert_allclose(root[kind, k] @ root[kind, k].T, np.pad(contact.covariance, (0, 4 - k)), atol=1e-12)
         assert log_prior[kind] == contact.log_prior
 
 
-def test_the_posterior_is_that_of_linear_readings(seven: Seen) -> None:
-    models: list[Model] = [(Contact(2, 5, BLUNT),), TWO]
+def test_the_posterior_is_that_of_linear_readings(seven: PressureLikelihood) -> None:
+    models: list[Model] = [(ContactInterval(2, 5, BLUNT),), TWO]
     found = seven.posterior(models)
     means, variances = found.over(7)
     for k, model in enumerate(models):
@@ -150,7 +154,11 @@ def _of(model: Model) -> tuple[Array, Array]:
 
 
 def test_neighbours_are_models_that_can_be() -> None:
-    for model in (TWO, (Contact(0, 7, 2),), (Contact(0, 1, 0), Contact(2, 3, 0), Contact(5, 7, 4))):
+    for model in (
+        TWO,
+        (ContactInterval(0, 7, 2),),
+        (ContactInterval(0, 1, 0), ContactInterval(2, 3, 0), ContactInterval(5, 7, 4)),
+    ):
         around = list(neighbours(model, 7))
         assert len(around) > 20
         for other in around:
@@ -170,9 +178,9 @@ def test_neighbours_move_ends_change_kinds_split_join_leave_out_and_add() -> Non
     assert (first._replace(kind=7), second) in around
     assert (first,) in around
     assert (second,) in around
-    assert (Contact(0, 7, BLUNT),) in around
-    assert (first, Contact(4, 5, SHARP), Contact(6, 7, SHARP)) in around
-    assert (first, second, Contact(10, 12, BLUNT)) in around
+    assert (ContactInterval(0, 7, BLUNT),) in around
+    assert (first, ContactInterval(4, 5, SHARP), ContactInterval(6, 7, SHARP)) in around
+    assert (first, second, ContactInterval(10, 12, BLUNT)) in around
     alike = set(neighbours(TWO, 12, Sort(2, sharp=True)))
     assert alike < around
     assert {len(model) for model in alike} == {2}
@@ -196,7 +204,7 @@ def test_single_contacts_begin_and_end_at_every_other_sample() -> None:
     assert [(c.first, c.stop) for (c,) in alone(5)] == [(0, 2), (0, 4), (2, 4)]
 
 
-def test_the_climb_ends_on_top_and_keeps_to_its_sort(seven: Seen) -> None:
+def test_the_climb_ends_on_top_and_keeps_to_its_sort(seven: PressureLikelihood) -> None:
     climb = climbed(seven, alone(7), 3)
     assert climb.at_top
     (top,) = climb.best(1)
@@ -204,22 +212,28 @@ def test_the_climb_ends_on_top_and_keeps_to_its_sort(seven: Seen) -> None:
     assert evidence == max(climb.known.values())
     assert evidence >= seven.log_evidence(list(neighbours(top, 7))).max()
     assert (top[0].first, top[0].stop) == (2, 5)
-    blunt = climbed(seven, [(Contact(0, 2, BLUNT),), (Contact(0, 2, SHARP),)], sort=Sort(1, sharp=False))
+    blunt = climbed(
+        seven, [(ContactInterval(0, 2, BLUNT),), (ContactInterval(0, 2, SHARP),)], sort=Sort(1, sharp=False)
+    )
     assert {sort_of(model) for model in blunt.known} == {Sort(1, sharp=False)}
     assert blunt.at_top
 
 
 def test_the_best_of_each_sort_unless_far_below() -> None:
-    one, two, other = (Contact(0, 2, BLUNT),), (Contact(0, 2, SHARP),), (Contact(0, 3, BLUNT),)
+    one, two, other = (
+        (ContactInterval(0, 2, BLUNT),),
+        (ContactInterval(0, 2, SHARP),),
+        (ContactInterval(0, 3, BLUNT),),
+    )
     climb = Climb({one: -3.0, two: -9.0, other: -4.0, TWO: -20.0}, at_top=True)
     assert climb.best(2) == [one, other]
     assert climb.best_of_sorts(10.0) == {Sort(1, sharp=False): one, Sort(1, sharp=True): two}
     assert sort_of(TWO) == Sort(2, sharp=True)
 
 
-def test_a_climb_that_is_cut_off_says_so(seven: Seen, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_climb_that_is_cut_off_says_so(seven: PressureLikelihood, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sim.coding.contacts._MOST_STEPS", 1)
-    assert not climbed(seven, [(Contact(0, 1, BLUNT),)]).at_top
+    assert not climbed(seven, [(ContactInterval(0, 1, BLUNT),)]).at_top
 
 
 # --- what is not negative ---
@@ -272,13 +286,13 @@ def test_a_mixtures_moments_and_quantiles() -> None:
     assert norm.cdf((mixture.quantile(0.9)[1] - 5) / 2) == pytest.approx(0.6)
 
 
-def test_models_are_weighed_by_evidence_and_by_how_surely_they_are_positive(seven: Seen) -> None:
-    good, bad, far = (Contact(2, 5, BLUNT),), (Contact(0, 2, BLUNT),), (Contact(5, 7, BLUNT),)
+def test_models_are_weighed_by_evidence_and_by_how_surely_they_are_positive(seven: PressureLikelihood) -> None:
+    good, bad, far = (ContactInterval(2, 5, BLUNT),), (ContactInterval(0, 2, BLUNT),), (ContactInterval(5, 7, BLUNT),)
     mixture = mixed(seven, {good: -1.0, bad: -2.0, far: -90.0})
     assert len(mixture.log_weight) == 2
     found = seven.posterior([good, bad])
     inside, covariances, above = cut_off(found.mean, found.covariance)
-    means, variances = Posterior(found.at, inside, covariances).over(7)
+    means, variances = PressurePosterior(found.at, inside, covariances).over(7)
     assert_allclose(mixture.log_weight, np.array([-1.0, -2.0]) + above)
     assert_allclose(mixture.mean, 40.0 * means)
     assert_allclose(mixture.sd**2, 1600.0 * variances, atol=1e-9)

@@ -13,7 +13,16 @@ from studies.source.allowed import one_finger
 from studies.source.allowed.facts import FACTS
 from studies.source.allowed.one_finger import BuiltOnce, OwnAnswers, facts_of, finger
 from studies.source.allowed.ranges import DEFAULT, Values
-from studies.source.printed.answers import HIGH_GWT, LOW_GWT, ROW_DEPTH_MM, ROW_X_MM, Answers, deep, forced, load
+from studies.source.printed.answers import (
+    HIGH_GWT,
+    LOW_GWT,
+    ROW_DEPTH_MM,
+    ROW_X_MM,
+    FingerAnswers,
+    deep,
+    forced,
+    load,
+)
 from studies.source.printed.cylinders import DEEP_X_MM, apart
 from tests.sim.coarse import coarse_mesh
 
@@ -36,7 +45,7 @@ def test_a_finger_carries_the_sources_force_in_the_sources_scene(slim: Fingertip
 
 
 def test_the_low_force_is_the_fingers_own_and_no_other(slim: Fingertip) -> None:
-    own, plain = OwnAnswers(slim, 1.9), Answers(slim)
+    own, plain = OwnAnswers(slim, 1.9), FingerAnswers(slim)
     low, high, depth = forced("cylinder:3", LOW_GWT), forced("cylinder:3", HIGH_GWT), deep("cylinder:3", LOW_GWT / 4)
     own.press_all([low, high, depth])
     assert own.press(low).force_gwt == pytest.approx(1.9)
@@ -47,7 +56,7 @@ def test_the_low_force_is_the_fingers_own_and_no_other(slim: Fingertip) -> None:
 
 def test_one_build_knows_what_separate_ones_know(slim: Fingertip) -> None:
     """Against a finger from the disk with receptors of its own: the row, the ten and the deep row."""
-    ours, theirs = Answers(slim), Answers(load(slim.config))
+    ours, theirs = FingerAnswers(slim), FingerAnswers(load(slim.config))
     scene = deep("bar:3.0", 1.0)
     for one, other in zip(ours.beneath(scene, "sed"), theirs.beneath(scene, "sed"), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-8)
@@ -75,7 +84,7 @@ def test_a_place_that_nobody_announced_is_refused(slim: Fingertip) -> None:
 def test_a_pulp_too_thin_for_the_deep_row_goes_without() -> None:
     thin = finger({**DEFAULT, "bone_axis_mm": 0.6}, MESH)
     assert 2.5 not in thin.model.receptors.depths_mm
-    assert math.isnan(one_finger._of(Answers(thin), lambda a: apart(a, doi_mm=1.33, depth_mm=2.5)))
+    assert math.isnan(one_finger._of(FingerAnswers(thin), lambda a: apart(a, doi_mm=1.33, depth_mm=2.5)))
 
 
 def test_a_finger_answers_for_every_fact_and_one_that_fails_takes_no_other_with_it(
@@ -98,8 +107,8 @@ def test_a_finger_answers_for_every_fact_and_one_that_fails_takes_no_other_with_
 
 @pytest.mark.parametrize("error", [RuntimeError, ValueError, ZeroDivisionError])
 def test_a_fact_that_a_finger_does_not_give_is_no_number(slim: Fingertip, error: type[Exception]) -> None:
-    def measure(_: Answers) -> float:
+    def measure(_: FingerAnswers) -> float:
         raise error
 
-    assert math.isnan(one_finger._of(Answers(slim), measure))
-    assert one_finger._of(Answers(slim), lambda _: 2) == 2.0
+    assert math.isnan(one_finger._of(FingerAnswers(slim), measure))
+    assert one_finger._of(FingerAnswers(slim), lambda _: 2) == 2.0

@@ -16,9 +16,9 @@ from studies.source.allowed.emulator import HELD_BACK, Emulator, held_back, lear
 from studies.source.allowed.implausible import (
     CUT_OFF,
     FEWEST,
+    FactTarget,
     Judge,
-    MeshError,
-    Target,
+    MeshDeviation,
     allowed,
     inflation_needed,
     judges,
@@ -26,7 +26,7 @@ from studies.source.allowed.implausible import (
     mesh_error,
     worst,
 )
-from studies.source.allowed.waves import Left, Match, Plan
+from studies.source.allowed.waves import Match, RemainingPlaces, WavePlan
 from tests.sim.coarse import coarse_mesh
 
 Array = NDArray[np.float64]
@@ -112,14 +112,14 @@ def test_the_slope_of_the_likelihood_is_its_slope(places: Array) -> None:
     ("value", "off"), [(0.5, 0.5), (1.0, 0.0), (1.7, 0.0), (2.0, 0.0), (2.25, 0.25), (-1.0, 2.0)]
 )
 def test_the_distance_from_a_target(value: float, off: float) -> None:
-    assert Target("a", 1.0, 2.0, 0.1, 0.1).off(np.array([value]))[0] == pytest.approx(off)
+    assert FactTarget("a", 1.0, 2.0, 0.1, 0.1).off(np.array([value]))[0] == pytest.approx(off)
 
 
 def judge(learnt: Emulator, **given: float) -> Judge:
     told = {"low": -100.0, "high": 8.0, "reading": 0.3, "model": 0.4, "shift": 0.0, "deviation": 0.0, "widened": 1.0}
     told |= given
-    target = Target("a", *(told[name] for name in ("low", "high", "reading", "model")))
-    return Judge(target, MeshError(told["shift"], told["deviation"]), learnt, told["widened"], 0.0)
+    target = FactTarget("a", *(told[name] for name in ("low", "high", "reading", "model")))
+    return Judge(target, MeshDeviation(told["shift"], told["deviation"]), learnt, told["widened"], 0.0)
 
 
 def test_implausibility_is_distance_over_all_errors(learnt: Emulator) -> None:
@@ -158,11 +158,11 @@ def test_the_error_of_a_mesh_is_its_mean_and_its_spread() -> None:
     found = mesh_error(coarse, full)
     assert found.shift == pytest.approx(0.5)
     assert found.deviation == pytest.approx(0.2 * math.sqrt(4 / 3))
-    assert mesh_error(coarse[:1], full[:1]) == MeshError(0.5, math.inf)
+    assert mesh_error(coarse[:1], full[:1]) == MeshDeviation(0.5, math.inf)
 
 
 def test_what_is_measured_is_held_against_reading_and_model() -> None:
-    targets = [Target("a", 0.0, 1.0, 0.3, 0.4), Target("b", -math.inf, 2.0, 1.0, 0.0)]
+    targets = [FactTarget("a", 0.0, 1.0, 0.3, 0.4), FactTarget("b", -math.inf, 2.0, 1.0, 0.0)]
     np.testing.assert_allclose(measured(targets, np.array([[2.0, 1.0], [-1.0, 4.0]])), [[2.0, 0.0], [2.0, 2.0]])
 
 
@@ -171,8 +171,8 @@ def test_facts_that_few_fingers_show_judge_nobody(places: Array) -> None:
     assert FEWEST == 2  # for six parameters and a constant 14: of 11, a fifth held back, 7 coefficients can be told
     facts[13:, 0] = np.nan
     facts[14:, 1] = np.nan
-    targets = [Target(key, 0.0, 1.0, 0.1, 0.1) for key in "abc"]
-    found = judges(places, facts, targets, [MeshError(), MeshError(), MeshError(0.0, math.inf)])
+    targets = [FactTarget(key, 0.0, 1.0, 0.1, 0.1) for key in "abc"]
+    found = judges(places, facts, targets, [MeshDeviation(), MeshDeviation(), MeshDeviation(0.0, math.inf)])
     assert [one.target.key for one in found] == ["b"]
     assert found[0].widened >= 1.0
 
@@ -233,7 +233,7 @@ def test_a_finger_is_on_disk_before_the_next_and_none_is_asked_twice(tmp_path: P
 def test_a_table_that_is_not_there_has_no_rows(tmp_path: Path) -> None:
     empty = kept.read(tmp_path / "none.csv", ("a", "b"), ("f",))
     assert (empty.values.shape, empty.facts.shape) == ((0, 2), (0, 1))
-    both = kept.together([empty, kept.Table(np.array([3]), np.ones((1, 2)), np.zeros((1, 1)))])
+    both = kept.together([empty, kept.FingerSample(np.array([3]), np.ones((1, 2)), np.zeros((1, 1)))])
     assert both.numbers.tolist() == [3]
 
 
@@ -262,11 +262,11 @@ def test_waves_on_a_section_close_in_on_the_finger_that_made_the_facts(tmp_path:
         return (np.array([values[name] for name in TRUTH]) - LOWEST) / WIDTH
 
     true = section(TRUTH)
-    targets = [Target(key, value, value, 0.004 * value, 0.0) for key, value in true.items()]
+    targets = [FactTarget(key, value, value, 0.004 * value, 0.0) for key, value in true.items()]
     asked = design.Asked(values_at, place_of, section, tuple(TRUTH), tuple(true))
-    plan = Plan(fingers=(16, 6, 6), places=2**10)
+    plan = WavePlan(fingers=(16, 6, 6), places=2**10)
     said: list[str] = []
-    match = Match(asked, targets, [MeshError()] * 2, plan, tmp_path)
+    match = Match(asked, targets, [MeshDeviation()] * 2, plan, tmp_path)
     lefts = match.all(said.append)
     assert [left.fingers for left in lefts] == [16, 22, 28]
     assert [left.inflation for left in lefts] == [1.0] * 3
@@ -296,10 +296,10 @@ def test_waves_end_when_two_in_a_row_rule_out_next_to_nothing(
     inflations: tuple[float, ...], shares: tuple[float, ...], still: bool, tmp_path: Path
 ) -> None:
     lefts = [
-        Left(1, inflation, np.zeros((100, 1)), np.arange(100) < round(100 * share), [])
+        RemainingPlaces(1, inflation, np.zeros((100, 1)), np.arange(100) < round(100 * share), [])
         for inflation, share in zip(inflations, shares, strict=True)
     ]
-    assert Match(steps_of([]), [], [], Plan(), tmp_path)._still(lefts) is still
+    assert Match(steps_of([]), [], [], WavePlan(), tmp_path)._still(lefts) is still
 
 
 @pytest.mark.parametrize(
@@ -308,7 +308,7 @@ def test_waves_end_when_two_in_a_row_rule_out_next_to_nothing(
 def test_waves_go_on_until_there_are_enough_fingers(
     fingers: int, shares: tuple[float, ...], enough: bool, tmp_path: Path
 ) -> None:
-    lefts = [Left(fingers, 1.0, np.zeros((100, 1)), np.arange(100) < 100 * share, []) for share in shares]
-    match = Match(steps_of([]), [], [], Plan(), tmp_path)
+    lefts = [RemainingPlaces(fingers, 1.0, np.zeros((100, 1)), np.arange(100) < 100 * share, []) for share in shares]
+    match = Match(steps_of([]), [], [], WavePlan(), tmp_path)
     assert match._still(lefts) is (len(shares) == 3)
     assert match._enough(lefts) is enough

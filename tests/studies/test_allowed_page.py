@@ -16,11 +16,11 @@ from rig.compare.fingers import read_plausible
 from studies.source.allowed import design, kept, page, sentences, study, summary
 from studies.source.allowed.emulator import learn
 from studies.source.allowed.facts import FACTS
-from studies.source.allowed.implausible import Judge, MeshError, worst
+from studies.source.allowed.implausible import Judge, MeshDeviation, worst
 from studies.source.allowed.pins import but_for_the_pinned, pins
 from studies.source.allowed.ranges import COARSE, DEFAULT, FULL, LOW_FORCE, NAMES, RANGES, place_of, values_at
-from studies.source.allowed.study import CHOOSES, KEYS, TARGETS, Study, best_places, better, made, score
-from studies.source.allowed.waves import Left, Plan
+from studies.source.allowed.study import CHOOSES, KEYS, TARGETS, AllowedStudy, best_places, better, made, score
+from studies.source.allowed.waves import RemainingPlaces, WavePlan
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).parents[2]
@@ -48,24 +48,27 @@ def off_by(away: Array) -> Array:
 
 
 @pytest.fixture(scope="module")
-def small() -> Study:
+def small() -> AllowedStudy:
     """Of emulators that all say ten times the first parameter, or that less a hundred; a quarter is left."""
     x = design.filling(64, len(NAMES))
     near, far = learn(x, 10 * x[:, 0]), learn(x, 10 * x[:, 0] - 1e6)
     judges = [
-        Judge(replace(t, low=-np.inf, high=2.5, reading=1e-6, model=0.0), MeshError(0.5, 0.25), near, 1.0, 0.125)
+        Judge(replace(t, low=-np.inf, high=2.5, reading=1e-6, model=0.0), MeshDeviation(0.5, 0.25), near, 1.0, 0.125)
         for t in TARGETS
     ]
     judges[1] = replace(judges[1], target=replace(judges[1].target, low=0.0, high=np.inf), emulator=far)
     of = np.array(CHOOSES)
     allowed = x[:, 0] <= 0.25
     chosen, checked = ([one for one, c in zip(judges, of == half, strict=True) if c] for half in (True, False))
-    left, checks = Left(64, 1.5, x, allowed, chosen), Left(64, 1.5, x, x[:, 0] <= 0.125, checked)
+    left, checks = (
+        RemainingPlaces(64, 1.5, x, allowed, chosen),
+        RemainingPlaces(64, 1.5, x, x[:, 0] <= 0.125, checked),
+    )
     facts = np.stack([off_by(np.full(len(FACTS), off)) for off in (2.0, 0.5)])
-    best = kept.Table(np.array([0, 1]), np.array([list(values_at(p).values()) for p in x[:2]]), facts)
+    best = kept.FingerSample(np.array([0, 1]), np.array([list(values_at(p).values()) for p in x[:2]]), facts)
     default = off_by(np.where(CHOOSES, 4.0, 0.9))
-    alike = kept.Table(best.numbers, best.values, np.stack([off_by(np.full(len(FACTS), 1.5))] * 2))
-    return Study([MeshError()] * len(FACTS), [left, left], checks, default, best, alike)
+    alike = kept.FingerSample(best.numbers, best.values, np.stack([off_by(np.full(len(FACTS), 1.5))] * 2))
+    return AllowedStudy([MeshDeviation()] * len(FACTS), [left, left], checks, default, best, alike)
 
 
 # --- when the default may change ---
@@ -100,7 +103,7 @@ def test_a_fact_more_that_is_ruled_out_is_worse_whatever_the_rms(half: bool) -> 
     assert not better(off_by(after), off_by(before))
 
 
-def test_the_best_places_are_allowed_and_the_least_bad_is_the_first(small: Study) -> None:
+def test_the_best_places_are_allowed_and_the_least_bad_is_the_first(small: AllowedStudy) -> None:
     places = best_places(small.last)
     left = small.last
     inside = left.places[left.allowed]
@@ -113,7 +116,7 @@ def test_the_best_places_are_allowed_and_the_least_bad_is_the_first(small: Study
 # --- what is told ---
 
 
-def test_a_parameter_is_pinned_where_little_of_its_range_is_left(small: Study) -> None:
+def test_a_parameter_is_pinned_where_little_of_its_range_is_left(small: AllowedStudy) -> None:
     first, *others = pins(small.last)
     assert first.one is RANGES[0]
     left = small.last.places[small.last.allowed][:, 0]
@@ -125,13 +128,13 @@ def test_a_parameter_is_pinned_where_little_of_its_range_is_left(small: Study) -
     assert not any(pin.pinned for pin in others)
 
 
-def test_the_default_but_for_the_pinned_is_in_the_middle_of_what_is_left_of_those(small: Study) -> None:
+def test_the_default_but_for_the_pinned_is_in_the_middle_of_what_is_left_of_those(small: AllowedStudy) -> None:
     place = but_for_the_pinned(small.last)
     assert place[0] == pytest.approx(np.median(small.last.places[small.last.allowed][:, 0]))
     np.testing.assert_allclose(place[1:], place_of(DEFAULT)[1:])
 
 
-def test_a_fact_is_out_of_reach_where_no_finger_comes_near(small: Study) -> None:
+def test_a_fact_is_out_of_reach_where_no_finger_comes_near(small: AllowedStudy) -> None:
     found = summary.lines(small)
     assert [line.fact for line in found] == list(FACTS)
     assert [line.fact.key for line in found if line.out_of_reach] == [KEYS[1]]
@@ -140,18 +143,18 @@ def test_a_fact_is_out_of_reach_where_no_finger_comes_near(small: Study) -> None
     assert found[0].best.off == pytest.approx(0.5)
 
 
-def test_the_best_is_the_one_that_the_choosing_half_likes_best(small: Study) -> None:
+def test_the_best_is_the_one_that_the_choosing_half_likes_best(small: AllowedStudy) -> None:
     assert summary.best_row(small) == 1
 
 
-def test_facts_met_are_counted_within_one_and_within_the_cut_off(small: Study) -> None:
+def test_facts_met_are_counted_within_one_and_within_the_cut_off(small: AllowedStudy) -> None:
     found, n, m = summary.lines(small), int(CHOOSES.sum()), int((~CHOOSES).sum())
     assert summary.met(found, True, 1.01) == (0, 0, n)
     assert summary.met(found, True, 1.6) == (0, n, n)
     assert summary.met(found, False, 1.01) == (m, 0, m)
 
 
-def test_the_page_has_a_row_for_each_wave_parameter_half_fact_and_finger(small: Study, tmp_path: Path) -> None:
+def test_the_page_has_a_row_for_each_wave_parameter_half_fact_and_finger(small: AllowedStudy, tmp_path: Path) -> None:
     told = page.markdown(small)
     tables = [part.splitlines() for part in told.split("\n\n") if part.startswith("|")]
     assert [len(table) - 2 for table in tables] == [2, len(RANGES), 2, len(FACTS), 2]
@@ -184,7 +187,7 @@ def test_a_target_is_told(low: float, high: float, told: str) -> None:
 # --- in words ---
 
 
-def test_the_words_are_those_of_the_numbers(small: Study) -> None:
+def test_the_words_are_those_of_the_numbers(small: AllowedStudy) -> None:
     """A quarter of the places is left, the emulators say 10 x + 0.5 for at most 2.5, one of them far below 0."""
     told = sentences.sentences(small)
     assert told[0] == "After 64 fingers 25 % of the ranges' volume are left, after 64 25 %."
@@ -202,9 +205,9 @@ def test_the_words_are_those_of_the_numbers(small: Study) -> None:
     ]
 
 
-def test_what_the_later_waves_show_is_told_of_them_alone(small: Study) -> None:
+def test_what_the_later_waves_show_is_told_of_them_alone(small: AllowedStudy) -> None:
     facts = np.stack([np.full(len(FACTS), value) for value in (1.0, 2.0, 3.25)])
-    tables = [kept.Table(np.arange(3), np.tile(list(DEFAULT.values()), (3, 1)), facts + k) for k in (100, 0)]
+    tables = [kept.FingerSample(np.arange(3), np.tile(list(DEFAULT.values()), (3, 1)), facts + k) for k in (100, 0)]
     (told,) = [one for one in sentences.sentences(replace(small, tables=tables)) if one.startswith("On the fingers")]
     default = [small.default[KEYS.index(key)] for key in ("growth", "upper_share")]
     assert told == (
@@ -213,12 +216,12 @@ def test_what_the_later_waves_show_is_told_of_them_alone(small: Study) -> None:
     )
 
 
-def test_what_was_expected_of_the_last_wave_is_held_against_it(small: Study) -> None:
+def test_what_was_expected_of_the_last_wave_is_held_against_it(small: AllowedStudy) -> None:
     """Emulators that say 10 x, one of them far below, of two fingers: as they say, and far above."""
     mean = float(small.last.judges[0].emulator.predict(place_of(DEFAULT)[None])[0][0])
     facts = np.stack([np.full(len(FACTS), mean), np.full(len(FACTS), mean + 1e3)])
     facts[1, :5] = np.nan
-    table = kept.Table(np.arange(2), np.tile(list(DEFAULT.values()), (2, 1)), facts)
+    table = kept.FingerSample(np.arange(2), np.tile(list(DEFAULT.values()), (2, 1)), facts)
     told = sentences.foreseen(replace(small, tables=[table]))
     found = [judge.target.key for judge in small.last.judges]
     shown = 2 * len(found) - sum(key in KEYS[:5] for key in found)
@@ -291,7 +294,7 @@ def test_a_kept_table_has_fingers_of_the_ranges_and_all_facts(path: Path) -> Non
 
 def test_the_first_wave_is_the_design() -> None:
     found = kept.read(kept.RESULTS / "wave_1.csv", NAMES, KEYS)
-    places = design.filling(Plan().fingers[0], len(NAMES))
+    places = design.filling(WavePlan().fingers[0], len(NAMES))
     expected = [list(values_at(place).values()) for place in places]
     np.testing.assert_allclose(found.values, expected, rtol=1e-5, atol=1e-5)
 
@@ -310,7 +313,7 @@ def test_both_meshes_have_the_default_finger_and_some_of_the_first_wave() -> Non
 class Judged(NamedTuple):
     """The kept tables judged again: what came of it, what was said, and the files before."""
 
-    study: Study
+    study: AllowedStudy
     said: list[str]
     before: dict[Path, bytes]
 
@@ -338,8 +341,8 @@ def test_what_is_kept_is_not_pressed_again_and_leaves_what_is_shipped(judged: Ju
 
 
 def test_there_are_as_many_fingers_as_were_asked_for(judged: Judged) -> None:
-    assert judged.study.last.fingers >= Plan().fewest == 100
-    assert [len(table.numbers) for table in judged.study.tables] == list(Plan().fingers)
+    assert judged.study.last.fingers >= WavePlan().fewest == 100
+    assert [len(table.numbers) for table in judged.study.tables] == list(WavePlan().fingers)
 
 
 def test_the_docs_say_what_the_kept_tables_say(judged: Judged) -> None:

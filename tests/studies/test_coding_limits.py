@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from sim.coding.encoding import Readings
-from sim.coding.operators import Operator
+from sim.coding.operators import ForwardOperator
 from sim.coding.search import decoding_errors
 from studies.coding import decoding_part
 from studies.coding.limits import bayes_found, profile_bound
@@ -17,9 +17,9 @@ Array = NDArray[np.float64]
 
 
 @pytest.fixture
-def two() -> Operator:
+def two() -> ForwardOperator:
     parts = np.random.default_rng(0).normal(size=(3, 12, 2))
-    return Operator("convolution", "incompressible", parts, np.arange(2.0), np.arange(12.0))
+    return ForwardOperator("convolution", "incompressible", parts, np.arange(2.0), np.arange(12.0))
 
 
 def test_truths_lie_between_the_ends_that_the_limit_is_told() -> None:
@@ -32,13 +32,13 @@ def test_truths_lie_between_the_ends_that_the_limit_is_told() -> None:
         assert_allclose(drawn.max(axis=0), high, atol=0.05 * (high - low).max())
 
 
-def test_with_hardly_any_noise_the_truth_is_found(two: Operator) -> None:
+def test_with_hardly_any_noise_the_truth_is_found(two: ForwardOperator) -> None:
     """Finer than the first grid's steps of 0.49, and than the second's."""
     ends = ENDS["U(0, 30)²"]
     assert_allclose(bayes_found(two, two.sed(TRUE), 0.3, ends), TRUE, atol=0.002)
 
 
-def test_with_nothing_to_go_by_what_is_found_has_the_least_expected_error(two: Operator) -> None:
+def test_with_nothing_to_go_by_what_is_found_has_the_least_expected_error(two: ForwardOperator) -> None:
     ends = (np.array([5.0, 1.0]), np.array([9.0, 3.0]))
     found = bayes_found(two, np.zeros(12), 1e9, ends)
     drawn = np.random.default_rng(0).uniform(*ends, (20_000, 2))
@@ -46,7 +46,7 @@ def test_with_nothing_to_go_by_what_is_found_has_the_least_expected_error(two: O
     assert_allclose(found, weight @ drawn / weight.sum(), rtol=0.01)
 
 
-def test_nobody_is_better_than_the_limit_on_average(two: Operator) -> None:
+def test_nobody_is_better_than_the_limit_on_average(two: ForwardOperator) -> None:
     """Against the mean of the distribution, and against the likeliest pressures."""
     low, high = ENDS["[20 14] ± 3"]
     errors = []

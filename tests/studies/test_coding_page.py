@@ -27,8 +27,8 @@ from studies.coding import (
     spread_part,
 )
 from studies.coding.bands import drawn_presses
-from studies.coding.decoding_part import Noisy
-from studies.coding.profiles_read_back import SNRS_DB, ReadBack, Row, Scene, default_section
+from studies.coding.decoding_part import NoisyDecoding
+from studies.coding.profiles_read_back import SNRS_DB, ProfilePress, ProfileRow, ReadBack, default_section
 from tests.sim.coarse import coarse_mesh
 
 DRAWS = 3
@@ -42,7 +42,7 @@ def spreads() -> spread_part.Spreads:
 
 
 @pytest.fixture(scope="module")
-def noise() -> Noisy:
+def noise() -> NoisyDecoding:
     return decoding_part.noisy("[20 14] ± 3", 30, DRAWS)
 
 
@@ -99,7 +99,7 @@ def test_the_worked_example_ends_where_the_source_says_and_sticks_on_grids() -> 
     assert [figure.plot.svg[:5] for figure in section.figures] == ["<?xml"] * 2
 
 
-def test_draws_are_of_the_distribution_and_the_same_again(noise: Noisy) -> None:
+def test_draws_are_of_the_distribution_and_the_same_again(noise: NoisyDecoding) -> None:
     again = decoding_part.noisy("[20 14] ± 3", 30, 2)
     np.testing.assert_array_equal(again.found, noise.found[:, :2])
     assert noise.found.shape == (3, DRAWS, 2)
@@ -111,7 +111,7 @@ def test_draws_are_of_the_distribution_and_the_same_again(noise: Noisy) -> None:
     )
 
 
-def test_noise_is_told_per_cell(noise: Noisy) -> None:
+def test_noise_is_told_per_cell(noise: NoisyDecoding) -> None:
     (section,) = decoding_part.noise_sections({"one": {10: noise, 20: noise}}, {10: noise}, 50)
     assert [row[:2] for row in section.rows] == [("one", "10"), ("one", "20")]
     ours, theirs = noise.errors[2], noise.errors[1]
@@ -168,7 +168,7 @@ def test_too_few_draws_are_refused(draws: str, tmp_path: Path, capsys: pytest.Ca
 
 
 def test_it_is_shown_in_the_order_of_the_chapter(
-    spreads: spread_part.Spreads, noise: Noisy, monkeypatch: pytest.MonkeyPatch
+    spreads: spread_part.Spreads, noise: NoisyDecoding, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(pages.section_part, "section_sections", lambda _: [Section("Encoding", "")])
     done: dict[Any, Any] = {(pages.NOISE, job): noise for job in decoding_part.jobs(DRAWS)}
@@ -191,13 +191,13 @@ def test_it_is_shown_in_the_order_of_the_chapter(
 # --- past the source ---
 
 
-ROWS = [Row(ReadBack(0.1 * k, 0.9, 0.2, 5.0), ReadBack(0.0, 0.0, 0.0, 0.0)) for k in range(1, 6)]
+ROWS = [ProfileRow(ReadBack(0.1 * k, 0.9, 0.2, 5.0), ReadBack(0.0, 0.0, 0.0, 0.0)) for k in range(1, 6)]
 
 
 def test_profiles_against_noise_have_a_cell_for_each_snr() -> None:
     jobs = shapes_part.noise_jobs(40)
     found = dict.fromkeys(jobs, ROWS)
-    found[jobs[0]] = [*ROWS[:4], Row(ReadBack(0.5, 0.6, 0.2, 5.0), ROWS[0].sd)]
+    found[jobs[0]] = [*ROWS[:4], ProfileRow(ReadBack(0.5, 0.6, 0.2, 5.0), ROWS[0].sd)]
     drawn, fixed = shapes_part.noise_sections(found, 40)
     for section, job, last in ((drawn, jobs[6], ROWS[4]), (fixed, jobs[0], found[jobs[0]][4])):
         assert section.header == ("shape", "0 dB", "10 dB", "20 dB", "30 dB", "40 dB")
@@ -219,21 +219,21 @@ def test_profiles_against_noise_have_a_cell_for_each_snr() -> None:
 
 
 def test_less_noise_is_read_back_better() -> None:
-    scene = Scene("cylinder:9", 0.0, 0.67)
+    scene = ProfilePress("cylinder:9", 0.0, 0.67)
     rows = shapes_part.against_noise(scene, 2, "fixed")
     assert len(rows) == len(SNRS_DB)
     assert rows[-1].mean.relative_l2 < 0.5 * rows[0].mean.relative_l2
 
 
 def test_drawn_presses_are_each_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[Scene] = []
+    asked: list[ProfilePress] = []
     noise: list[int] = []
 
-    def pressed(_: object, scene: Scene) -> tuple[Scene, Scene]:
+    def pressed(_: object, scene: ProfilePress) -> tuple[ProfilePress, ProfilePress]:
         asked.append(scene)
         return scene, scene
 
-    def read_back(_: object, scene: Scene, *told: Any) -> ReadBack:
+    def read_back(_: object, scene: ProfilePress, *told: Any) -> ReadBack:
         noise.append(told[-1])
         return ReadBack(scene.x_mm, 0.9, 0.2, 5.0)
 

@@ -17,13 +17,13 @@ from studies.coding.bands.drawn_presses import (
     near,
     with_noise,
 )
-from studies.coding.profiles_read_back import CHOSEN_SEED, SCENES, SEED, SNRS_DB, ReadBack, Row, Scene
+from studies.coding.profiles_read_back import CHOSEN_SEED, SCENES, SEED, SNRS_DB, ProfilePress, ProfileRow, ReadBack
 
 MANY = 300
 
 
-def row(held_share: float) -> Row:
-    return Row(ReadBack(0.123, held_share, 0.256, 17.6), ReadBack(0.0, 0.0, 0.0, 0.0))
+def row(held_share: float) -> ProfileRow:
+    return ProfileRow(ReadBack(0.123, held_share, 0.256, 17.6), ReadBack(0.0, 0.0, 0.0, 0.0))
 
 
 @pytest.mark.parametrize("kind", range(len(SCENES)))
@@ -95,7 +95,7 @@ def test_the_table_is_printed_by_kind(monkeypatch: pytest.MonkeyPatch, capsys: p
     monkeypatch.setattr(drawn_presses, "pressed", lambda finer, scene: (finer, scene))
     asked = []
 
-    def counted(_: object, presses: list[tuple[str, Scene]], seed: int) -> list[Row]:
+    def counted(_: object, presses: list[tuple[str, ProfilePress]], seed: int) -> list[ProfileRow]:
         asked.append((presses, seed))
         return [row(0.9)] * len(SNRS_DB)
 

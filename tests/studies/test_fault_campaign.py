@@ -7,15 +7,15 @@ from pathlib import Path
 import pytest
 
 from rig.engine.bench_memory import state_folder
-from rig.session.ending import Whereabouts
+from rig.session.ending import FinalPosition
 from studies.faults.campaign import runner
 from studies.faults.campaign.__main__ import sample
-from studies.faults.campaign.cases import Case, cases, content, shape
+from studies.faults.campaign.cases import FaultCase, cases, content, shape
 from studies.faults.campaign.faults import LATE_S, FaultyCarriage, WireFault, parsed, wire_faults
 from studies.faults.campaign.judge import BOUND_GWT, EXEMPTIONS, claim_of, exemption_of, true_claim, violations
 from studies.faults.campaign.scenarios import SCENARIOS, Finished
-from studies.faults.campaign.tables import Record, Summary, names_in, records_of, told
-from studies.faults.campaign.world import Place, VirtualWorld
+from studies.faults.campaign.tables import CampaignSummary, Record, names_in, records_of, told
+from studies.faults.campaign.world import ScenarioBench, VirtualWorld
 
 # --- faults ---
 
@@ -165,16 +165,16 @@ def test_what_is_spared(mechanics: str, cell: str, struck_gwt: float, spared: bo
 @pytest.mark.parametrize(
     ("at", "force_gwt", "true"),
     [
-        (Whereabouts("lifted", 0.0, 2.0, True, False), 0.0, True),
-        (Whereabouts("lifted", 0.0, 2.0, True, False), 0.06, False),
-        (Whereabouts("held", 0.0, 2.0, False, True), 3.0, True),
-        (Whereabouts("held", 0.0, 2.0, False, True), 0.0, True),
-        (Whereabouts("held", None, None, False, None), 5.0, True),
-        (Whereabouts("not moved"), 5.0, True),
+        (FinalPosition("lifted", 0.0, 2.0, True, False), 0.0, True),
+        (FinalPosition("lifted", 0.0, 2.0, True, False), 0.06, False),
+        (FinalPosition("held", 0.0, 2.0, False, True), 3.0, True),
+        (FinalPosition("held", 0.0, 2.0, False, True), 0.0, True),
+        (FinalPosition("held", None, None, False, None), 5.0, True),
+        (FinalPosition("not moved"), 5.0, True),
         (None, 5.0, True),
     ],
 )
-def test_a_report_is_true(at: Whereabouts | None, force_gwt: float, true: bool) -> None:
+def test_a_report_is_true(at: FinalPosition | None, force_gwt: float, true: bool) -> None:
     assert true_claim(claim_of(at), force_gwt) is true
 
 
@@ -192,7 +192,7 @@ class Careless:
 
     name: str = "careless"
 
-    def play(self, world: Place, folder: Path) -> Finished:
+    def play(self, world: ScenarioBench, folder: Path) -> Finished:
         """Down to a press, up again, aside."""
         assert isinstance(world, VirtualWorld)
         stage, wire = _homed(world), world.wire("stage")
@@ -204,9 +204,9 @@ class Careless:
             with (state_folder() / "remembered").open("a", encoding="ascii") as file:
                 file.write(f"{phase}, ")
         remembered = (state_folder() / "remembered").read_text(encoding="ascii")
-        return Finished("done", remembered, Whereabouts("lifted", 1.0, 1.0, True, False))
+        return Finished("done", remembered, FinalPosition("lifted", 1.0, 1.0, True, False))
 
-    def take_up(self, world: Place, folder: Path) -> Finished:
+    def take_up(self, world: ScenarioBench, folder: Path) -> Finished:
         """There is nothing to take up."""
         return Finished("done", "", None)
 
@@ -267,7 +267,7 @@ def test_a_summary_counts_what_is_not_exempt() -> None:
     about = {**FINE, "commit": "a1", "bench": "grbl", "phase": "lift", "claim": "clear", "exempt": None, "s": 0.5}
     bad = {**about, "case": "bad", "worst_gwt": 20.0, "violations": ["force"]}
     spared = {**bad, "case": "spared", "worst_gwt": 30.0, "exempt": EXEMPTIONS[0].name}
-    found = Summary([{**about, "case": f"fine {n}", "violations": []} for n in range(60)] + [bad, spared])
+    found = CampaignSummary([{**about, "case": f"fine {n}", "violations": []} for n in range(60)] + [bad, spared])
     assert (found.bad, found.cases.total(), found.spared.total(), found.took_s) == (1, 62, 1, 31.0)
     assert [record["case"] for record in found.worst_in("lift")][:1] == ["bad"]
     assert f"| {EXEMPTIONS[0].name} | 1 | 1 | 30.00 |" in found.table()
@@ -281,12 +281,12 @@ SAMPLED = 8
 PLAYED = {"grbl": ("press", "hand"), "rtu": ("again",), "tcp": ("press", "resume")}
 
 
-def _alone(case: Case) -> bool:
+def _alone(case: FaultCase) -> bool:
     """A carriage or a cell that fails by itself."""
     return case.fault is None and "none" in (case.mechanics, case.cell)
 
 
-def _told_to_leave(case: Case) -> bool:
+def _told_to_leave(case: FaultCase) -> bool:
     """A command to the stage on its way up, aside, or back to the finger."""
     return (case.wire, case.way) == ("stage", "to") and case.phase in ("lift", "sideways", "return")
 

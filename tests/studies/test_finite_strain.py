@@ -394,5 +394,5 @@ def test_calculix_has_the_same_equilibrium_at_finite_strain(monkeypatch: pytest.
     """Its displacements under our contact forces are ours to the seven digits that it prints."""
     coarse = {"spacing_mm": 0.4, "epidermis_elements": 1, "dermis_spacing_mm": 0.4, "element": "full"}
     monkeypatch.setitem(states.MESHES, "section coarse full", coarse)
-    found = confirmed.equilibrium(states.Scene("section coarse full", "cylinder:9"), 0.8)
+    found = confirmed.equilibrium(states.PressedShape("section coarse full", "cylinder:9"), 0.8)
     assert found["off"] < 5e-6

@@ -8,7 +8,7 @@ import pytest
 
 from rig.data import RunFolder
 from rig.identify.meeting_script import MeetingScript
-from rig.identify.procedure import Meeting, Wanted, felt_surely
+from rig.identify.procedure import IdentificationOptions, Meeting, felt_surely
 from rig.plan.config import Config
 from rig.plan.plan import Plan
 from rig.session.session import NewRun, Nobody, Session, run_on
@@ -45,8 +45,8 @@ def test_a_finger_is_met_without_a_look_at_its_truth(finger: Fingertip, tmp_path
     tiny = stranger.config.finger.model_copy(update={"mesh": coarse_mesh(0.5, 0.7)})
     keeper = Keeper(stranger._replace(config=stranger.config.model_copy(update={"finger": tiny}), exact=True))
     with pytest.raises(TruthReadError, match="before the meeting had ended"):
-        keeper.held_gwt(GOALS[0], Meeting(known, made_up(), Wanted(GOALS)).chooser.pace)
-    meeting = Meeting(known, made_up(), Wanted(GOALS, presses=2))
+        keeper.held_gwt(GOALS[0], Meeting(known, made_up(), IdentificationOptions(GOALS)).chooser.pace)
+    meeting = Meeting(known, made_up(), IdentificationOptions(GOALS, presses=2))
     script = MeetingScript(meeting)
 
     class Reader(Nobody):
@@ -85,7 +85,7 @@ def test_the_truth_is_what_the_bench_answers_and_what_gives_goes_by_relaxed_forc
     keeper = Keeper(stranger._replace(config=config, exact=True))
     keeper.over()
     goal = GOALS[0]
-    held_gwt = keeper.held_gwt(goal, Meeting(known, made_up(), Wanted(GOALS)).chooser.pace)
+    held_gwt = keeper.held_gwt(goal, Meeting(known, made_up(), IdentificationOptions(GOALS)).chooser.pace)
     finger = Fingertip.load(tiny)
 
     def relaxed_gwt(doi_mm: float) -> float:
@@ -110,7 +110,7 @@ def test_a_press_without_an_answer_is_sampled_more_finely(monkeypatch: pytest.Mo
     tiny = stranger.config.finger.model_copy(update={"mesh": coarse_mesh(0.5, 0.7)})
     keeper = Keeper(stranger._replace(config=stranger.config.model_copy(update={"finger": tiny}), exact=True))
     keeper.over()
-    pace = Meeting(known, made_up(), Wanted(GOALS)).chooser.pace
+    pace = Meeting(known, made_up(), IdentificationOptions(GOALS)).chooser.pace
     monkeypatch.setattr(RelaxingPress, "moved_to", stalls)
     assert keeper.held_gwt(GOALS[0], pace) == pytest.approx(2.0)
     assert tried == [0.05, 0.025, 0.0125]

@@ -7,7 +7,7 @@ import pytest
 
 from studies.mutants.report import page, score
 from studies.mutants.source import Mutant, mutants_of, plain
-from studies.mutants.tests_of import Choice
+from studies.mutants.tests_of import LineTests
 
 Mutants = Callable[[str], list[Mutant]]
 
@@ -86,7 +86,7 @@ def test_tests_that_run_the_line_are_tried_the_likely_and_quick_ones_first(mutan
     mutant = next(m for m in mutants("LIMIT = 3\ndef f(a):\n    return a < LIMIT\n") if m.lines == (3,))
     lines = {"slow": [3], "quick": [3], "long": [3], "elsewhere": [2]}
     seconds = {"slow": 1.0, "quick": 0.1, "long": 9.0, "elsewhere": 0.1}
-    tests = Choice(
+    tests = LineTests(
         tmp_path, {t: {"seconds": seconds[t], "shared": {}, "lines": {"module.py": lines[t]}} for t in lines}
     )
     assert tests.likely(mutant, 5.0) == (["quick", "slow"], pytest.approx(1.1), False)
@@ -102,7 +102,7 @@ def test_tests_that_run_the_line_are_tried_the_likely_and_quick_ones_first(mutan
 def test_a_fixture_that_tests_share_is_paid_for_once(mutants: Mutants, tmp_path: Path) -> None:
     mutant = next(m for m in mutants("def f(a):\n    return a < 1\n"))
     entry = {"seconds": 0.1, "shared": {"finger": 3.0}, "lines": {"module.py": [2]}}
-    tests = Choice(tmp_path, {"a": entry, "b": entry, "c": {**entry, "shared": {"run": 3.0}}})
+    tests = LineTests(tmp_path, {"a": entry, "b": entry, "c": {**entry, "shared": {"run": 3.0}}})
     assert tests.likely(mutant, 5.0) == (["a", "b"], pytest.approx(3.2), False)
     assert tests.likely(mutant, 7.0) == (["a", "b", "c"], pytest.approx(6.3), True)
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rig.cli import program
-from rig.compare.pressure_formula import Places
+from rig.compare.pressure_formula import ContactSamples
 from rig.protocol.script import find_script
 from rig.report.page import Section
 from sim.config import FingertipConfig
@@ -21,12 +21,22 @@ from studies.coding import chapter_6
 from studies.coding.decoding_part import converged_errors, noisy
 from studies.source import bench_pages, pages, pressure_fits
 from studies.source.matrix import HEADER, matrix
-from studies.source.matrix_page import Study, as_docs
+from studies.source.matrix_page import MatrixPage, as_docs
 from studies.source.printed import answers as presses
 from studies.source.printed import bars, cylinders, drawing, profiles, steps, table, under_steps
-from studies.source.printed.answers import Answers, Scene, deep, forced, once
+from studies.source.printed.answers import FingerAnswers, PrintedPress, deep, forced, once
 from studies.source.printed.catalogue import ENTRIES, named
-from studies.source.printed.entry import VERDICTS, Claim, Entry, Found, Row, found, scenes_of, together, typeset
+from studies.source.printed.entry import (
+    VERDICTS,
+    CheckedClaim,
+    Claim,
+    Entry,
+    MatrixRow,
+    found,
+    scenes_of,
+    together,
+    typeset,
+)
 from studies.source.printed.rules import Above, Below, Measured, Near, Rule, Same, Within
 from tests.sim.coarse import coarse_mesh
 
@@ -40,8 +50,8 @@ def coarse() -> Fingertip:
 
 
 @pytest.fixture(scope="module")
-def answered(coarse: Fingertip) -> Answers:
-    all_of_them = Answers(coarse)
+def answered(coarse: Fingertip) -> FingerAnswers:
+    all_of_them = FingerAnswers(coarse)
     all_of_them.press_all(scenes_of(ENTRIES), cores=1)
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(chapter_6, "DRAWS", 2)
@@ -67,7 +77,7 @@ def test_every_entry_has_a_number_of_its_own() -> None:
 
 
 @pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry.key)
-def test_an_entry_is_whole(entry: Entry, answered: Answers) -> None:
+def test_an_entry_is_whole(entry: Entry, answered: FingerAnswers) -> None:
     """It shows something in a sentence, has claims and figures or a reason why not, and a command that is there."""
     assert entry.shows.endswith(".")
     reasons = [why for why in (entry.missing, entry.outside, entry.elsewhere) if why]
@@ -102,7 +112,7 @@ def test_a_rule_can_give_each_verdict(key: str, claim: Claim) -> None:
     assert claim.rule.bounds
 
 
-def test_an_entry_can_have_each_verdict(answered: Answers) -> None:
+def test_an_entry_can_have_each_verdict(answered: FingerAnswers) -> None:
     rule = Below(1, 2)
     told = {
         together([rule.verdict(value) for value in values]) for values in ((0.0, 1.0), (0.0, 9.0), (2.0, 2.0), (9.0,))
@@ -124,7 +134,7 @@ def test_bars_stand_where_the_protocol_moves_them(width: str) -> None:
     assert places[0] == -places[-1]
 
 
-def test_what_is_announced_is_pressed_once(answered: Answers) -> None:
+def test_what_is_announced_is_pressed_once(answered: FingerAnswers) -> None:
     scenes = scenes_of(ENTRIES)
     assert len(scenes) == len(set(scenes))
     assert all(scene in scenes for entry in ENTRIES for scene in entry.scenes)
@@ -166,13 +176,13 @@ def test_what_is_no_number_differs(rule: Rule) -> None:
     ],
 )
 def test_differences_and_bounds_as_a_table_has_them(rule: Rule, ours: Measured, told: str, bounds: str) -> None:
-    one = Found(Claim("x", "y", rule, lambda _: ours), ours)
+    one = CheckedClaim(Claim("x", "y", rule, lambda _: ours), ours)
     assert (one.difference, one.row[-1]) == (told, bounds)
 
 
 def test_only_printed_numbers_have_a_ratio() -> None:
-    assert Found(Claim("x", "y", Near(4, 0.1, 0.2), lambda _: 2.0), 2.0).ratio == 0.5
-    assert Found(Claim("x", "y", Below(4, 5), lambda _: 2.0), 2.0).ratio is None
+    assert CheckedClaim(Claim("x", "y", Near(4, 0.1, 0.2), lambda _: 2.0), 2.0).ratio == 0.5
+    assert CheckedClaim(Claim("x", "y", Below(4, 5), lambda _: 2.0), 2.0).ratio is None
 
 
 def test_signs_are_typographic() -> None:
@@ -183,7 +193,7 @@ def test_the_claim_farthest_from_the_source_is_shown() -> None:
     rule = Below(1, 2)
     claims = [Claim(name, "≤ 1", rule, lambda _: 0.0) for name in "abcd"]
     values = (0.0, 2.0, 3.0, 9.0)
-    row = Row(Entry("1-1", "It shows."), tuple(Found(c, v) for c, v in zip(claims, values, strict=True)))
+    row = MatrixRow(Entry("1-1", "It shows."), tuple(CheckedClaim(c, v) for c, v in zip(claims, values, strict=True)))
     assert row.headline is not None
     assert row.headline.claim.says == "c"
     assert row.told == "partly (1 of 4)"
@@ -199,21 +209,21 @@ def test_a_fact_is_measured_once(coarse: Fingertip) -> None:
     calls: list[float] = []
 
     @once
-    def fact(_: Answers, value: float) -> float:
+    def fact(_: FingerAnswers, value: float) -> float:
         calls.append(value)
         return 2 * value
 
-    one, other = Answers(coarse), Answers(coarse)
+    one, other = FingerAnswers(coarse), FingerAnswers(coarse)
     assert [fact(one, 1.0), fact(one, 1.0), fact(one, 2.0), fact(other, 1.0)] == [2.0, 2.0, 4.0, 2.0]
     assert calls == [1.0, 2.0, 1.0]
 
 
 def test_a_press_without_an_answer_is_named(coarse: Fingertip) -> None:
     with pytest.raises(RuntimeError, match=r"bar:3\.0.*value=5"):
-        Answers(coarse).press(deep("bar:3.0", 5.0))
+        FingerAnswers(coarse).press(deep("bar:3.0", 5.0))
 
 
-def test_presses_are_those_of_the_finger(coarse: Fingertip, answered: Answers) -> None:
+def test_presses_are_those_of_the_finger(coarse: Fingertip, answered: FingerAnswers) -> None:
     by_depth, by_force = coarse.indent("bar:3.0", 0.0, doi_mm=1.0), coarse.indent("step:1", -1.63, force_gwt=2.33)
     assert answered.press(deep("bar:3.0", 1.0)).force_gwt == pytest.approx(by_depth.force_gwt, rel=1e-9)
     assert answered.press(forced("step:1", 2.33, -1.63)).doi_mm == pytest.approx(by_force.doi_mm, rel=1e-9)
@@ -224,7 +234,7 @@ def test_presses_are_those_of_the_finger(coarse: Fingertip, answered: Answers) -
     np.testing.assert_allclose(values, -by_depth.receptor_measures["e22"][row & at], rtol=1e-9)
 
 
-def test_profiles_are_at_the_ten_receptors(answered: Answers) -> None:
+def test_profiles_are_at_the_ten_receptors(answered: FingerAnswers) -> None:
     stimulus = profiles.under_bar(answered, "1.5")
     assert stimulus.receptor_mm.tolist() == [-2.0, -1.5, -1.25, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0]
     assert stimulus.title == "bar:1.5 at 1 mm"
@@ -258,14 +268,14 @@ def test_which_edges_are_touched(left: float, right: float, told: str) -> None:
     assert bars.in_words(left, right) == told
 
 
-def test_shares_of_the_force_add_up(answered: Answers) -> None:
+def test_shares_of_the_force_add_up(answered: FingerAnswers) -> None:
     for scene in (*steps.MOVED["1"], *steps.MOVED["5"]):
         assert sum(steps.shares(answered, scene)) == pytest.approx(1.0)
     assert steps.shares(answered, steps.MOVED["1"][0]) == pytest.approx((1, 0, 0, 0))  # the lower flat
     assert steps.shares(answered, steps.MOVED["1"][-1]) == pytest.approx((0, 0, 0, 1))
 
 
-def test_the_thick_cylinder_needs_more_force(answered: Answers) -> None:
+def test_the_thick_cylinder_needs_more_force(answered: FingerAnswers) -> None:
     thick, thin = (answered.press(deep(f"cylinder:{d}", 1.0)).force_gwt for d in (9, 3))
     assert cylinders.more_force(answered, 1) == pytest.approx(thick / thin - 1)
     assert answered.press(cylinders.equal_force(answered)).force_gwt == pytest.approx(
@@ -282,7 +292,7 @@ def test_peaks_are_counted_by_how_far_they_stand_out() -> None:
     assert drawing.maxima(two - 0.47 * np.exp(-(((x - 0.7) / 0.05) ** 2))) == 1
 
 
-def test_the_filter_lies_where_its_values_come_from(answered: Answers) -> None:
+def test_the_filter_lies_where_its_values_come_from(answered: FingerAnswers) -> None:
     result = answered.press(deep("cylinder:9", 1.0))
     x, values = drawing.filtered(result)
     np.testing.assert_array_equal(values, median_of_four(*result.pressure_profile))
@@ -300,7 +310,7 @@ class Fake:
             np.zeros(401),
         )
 
-    def beneath(self, scene: Scene, measure: str) -> tuple[np.ndarray, np.ndarray]:
+    def beneath(self, scene: PrintedPress, measure: str) -> tuple[np.ndarray, np.ndarray]:
         return self.x, self.profile * (scene.value if scene.kind == "force_gwt" else 1.0)
 
 
@@ -365,12 +375,12 @@ def test_the_search_under_noise_is_that_of_the_page_of_chapter_6() -> None:
     assert alone.min() > 0
 
 
-def test_the_worked_example_goes_where_the_source_goes(answered: Answers) -> None:
+def test_the_worked_example_goes_where_the_source_goes(answered: FingerAnswers) -> None:
     assert chapter_6.first_move(answered) == pytest.approx(23.9, abs=0.05)
     assert chapter_6.on_a_grid(answered) == pytest.approx((4**2 + 4**2) / (20**2 + 14**2))  # stuck at [24 10]
 
 
-def test_shift_invariance_is_told_of_the_sites(answered: Answers) -> None:
+def test_shift_invariance_is_told_of_the_sites(answered: FingerAnswers) -> None:
     m = np.array([site.linear.m for site in chapter_6.sites(answered).sites])
     on_pulp = np.array([site.spread.site.on_pulp for site in chapter_6.sites(answered).sites])
     assert (on_pulp.sum(), len(m)) == (18, 24)
@@ -381,7 +391,7 @@ def test_shift_invariance_is_told_of_the_sites(answered: Answers) -> None:
     assert chapter_6._site_10(answered, "m") == m[9]
 
 
-def test_what_passes_low_frequencies_has_the_most_of_them(answered: Answers) -> None:
+def test_what_passes_low_frequencies_has_the_most_of_them(answered: FingerAnswers) -> None:
     h, g, f = (chapter_6.at_rest(answered, k) for k in range(3))
     assert min(h, g) > 0.7 > 0.3 > f
     strain = chapter_6.responses(answered).strain
@@ -389,10 +399,10 @@ def test_what_passes_low_frequencies_has_the_most_of_them(answered: Answers) -> 
 
 
 def test_a_page_of_its_own_is_named_beside_the_numbers() -> None:
-    one = Found(Claim("x", "y", Below(1, 2), lambda _: 0.5), 0.5)
-    row = Row(Entry("6-1", "It shows.", elsewhere="there.html"), (one,))
+    one = CheckedClaim(Claim("x", "y", Below(1, 2), lambda _: 0.5), 0.5)
+    row = MatrixRow(Entry("6-1", "It shows.", elsewhere="there.html"), (one,))
     assert (row.verdict, matrix([row]).rows[0][4]) == ("agrees", "0.50; on there.html")
-    assert Row(row.entry, ()).verdict == "a page of its own"
+    assert MatrixRow(row.entry, ()).verdict == "a page of its own"
 
 
 # --- the page ---
@@ -402,8 +412,8 @@ def test_a_page_of_its_own_is_named_beside_the_numbers() -> None:
     ("entry", "judged"), [({}, True), ({"missing": "a datum"}, False), ({"outside": "x"}, False)]
 )
 def test_where_nothing_can_be_said_no_claim_has_a_verdict(entry: dict[str, str], judged: bool) -> None:
-    one = Found(Claim("x", "y", Below(1, 2), lambda _: 9.0), 9.0)
-    (cells,) = Row(Entry("1-1", "It shows.", **entry), (one,)).claims
+    one = CheckedClaim(Claim("x", "y", Below(1, 2), lambda _: 9.0), 9.0)
+    (cells,) = MatrixRow(Entry("1-1", "It shows.", **entry), (one,)).claims
     assert cells == ("x", "y", "9.00", "+8", *(("differs", "≤ 1, ≤ 2") if judged else ("–", "–")))
 
 
@@ -435,8 +445,8 @@ def test_the_sensitivity_is_added_where_it_is_asked_for(monkeypatch: pytest.Monk
 
 
 def test_what_is_measured_though_a_datum_is_missing_says_which() -> None:
-    one = Found(Claim("x", "y", Below(1, 2), lambda _: 9.0), 9.0)
-    row = Row(Entry("1-1", "It shows.", missing="the place"), (one,))
+    one = CheckedClaim(Claim("x", "y", Below(1, 2), lambda _: 9.0), 9.0)
+    row = MatrixRow(Entry("1-1", "It shows.", missing="the place"), (one,))
     assert row.verdict == "cannot be said"
     assert matrix([row]).rows[0][2:7] == ("x", "y", "9.00; needs the place", "+8", "cannot be said")
     assert "Of 0 single claims" in matrix([row]).text
@@ -445,8 +455,8 @@ def test_what_is_measured_though_a_datum_is_missing_says_which() -> None:
 def test_the_matrix_counts_in_words_that_fit_the_number() -> None:
     rule = Below(1, 2)
     one = Claim("x", "y", rule, lambda _: 0.0)
-    found = [tuple(Found(one, value) for value in values) for values in ((0.0, 0.0), (0.0, 1.5, 3.0), (3.0,))]
-    rows = [Row(Entry(f"1-{n}", "It shows."), claims) for n, claims in enumerate(found)]
+    found = [tuple(CheckedClaim(one, value) for value in values) for values in ((0.0, 0.0), (0.0, 1.5, 3.0), (3.0,))]
+    rows = [MatrixRow(Entry(f"1-{n}", "It shows."), claims) for n, claims in enumerate(found)]
     assert matrix(rows).text.startswith(
         "3 figures and tables: 1 agrees, 1 agrees in part, 1 differs. "
         "Of 6 single claims 3 agree, 1 agrees in part, 2 differ."
@@ -456,9 +466,11 @@ def test_the_matrix_counts_in_words_that_fit_the_number() -> None:
 
 def test_the_docs_are_the_matrix_and_the_claims() -> None:
     rule = Below(1, 2)
-    row = Row(Entry("1-1", "It shows.", reading="Read it."), (Found(Claim("x", "y", rule, lambda _: 0.0), 0.0),))
-    silent = Row(Entry("9-9", "It shows nothing.", outside="elsewhere"), ())
-    text = as_docs(Study((row, silent), {}, {}))
+    row = MatrixRow(
+        Entry("1-1", "It shows.", reading="Read it."), (CheckedClaim(Claim("x", "y", rule, lambda _: 0.0), 0.0),)
+    )
+    silent = MatrixRow(Entry("9-9", "It shows nothing.", outside="elsewhere"), ())
+    text = as_docs(MatrixPage((row, silent), {}, {}))
     assert text.startswith("# The source, figure by figure\n\n")
     assert text.endswith("## 1-1\n\nRead it.\n\n**1-1: agrees.** It shows.\n\n" + text.partition("It shows.\n\n")[2])
     assert "| x | y | 0.00 | −1 | agrees | ≤ 1, ≤ 2 |" in text
@@ -498,7 +510,7 @@ def test_the_docs_have_every_entry(entry: Entry) -> None:
 
 def test_the_formulas_constants_by_shape() -> None:
     d = np.linspace(0.1, 0.4, 4)
-    parts = [Places(np.full(4, doi), d + doi, d, 300 * doi + 700 * d, d, d) for doi in (0.5, 1.0)]
+    parts = [ContactSamples(np.full(4, doi), d + doi, d, 300 * doi + 700 * d, d, d) for doi in (0.5, 1.0)]
     assert pressure_fits.slope_of_peak(parts) == pytest.approx(300)
     assert pressure_fits.k2_alone(parts) == pytest.approx(700)
     assert np.isnan(pressure_fits.k2_alone([part.where(d < 0.25) for part in parts]))

@@ -12,7 +12,7 @@ from sim.models.full_mesh import MeshedFinger, write_held_deck
 from studies.finite_strain.solver.scene import Specimen
 from studies.stiffening import confirmed
 from studies.stiffening.fingers import finger
-from studies.stiffening.references import Scene, read
+from studies.stiffening.references import StiffeningPress, read
 
 KEPT = Path(confirmed.__file__).parent / "kept" / "calculix.jsonl"
 PAGE = Path(__file__).parents[2] / "docs" / "meet.md"
@@ -52,7 +52,7 @@ def test_without_stiffening_it_is_neo_hookean_and_at_small_strain_it_is_refused(
 def test_the_page_says_what_was_confirmed() -> None:
     """Both are relative to the largest. CalculiX prints seven digits; its increments end at 0.5 % of a residual."""
     rows = read(KEPT)
-    kept = {(Scene(row["finger"], row["shape"], row["stiffening"]), row["doi_mm"]) for row in rows}
+    kept = {(StiffeningPress(row["finger"], row["shape"], row["stiffening"]), row["doi_mm"]) for row in rows}
     assert kept == {*confirmed.CASES}
     moved, pushed = (max(row[name] for row in rows) for name in ("displacements_off", "loads_off"))
     said = " ".join(PAGE.read_text("utf-8").split())
@@ -64,7 +64,7 @@ def test_the_page_says_what_was_confirmed() -> None:
 @pytest.mark.skipif(shutil.which("ccx") is None, reason="no ccx (Debian package calculix-ccx)")
 @pytest.mark.xdist_group("calculix")
 def test_calculix_has_the_same_state() -> None:
-    found = confirmed.confirmed(Scene("default", "bar:3.0", 0.3), 0.25)
+    found = confirmed.confirmed(StiffeningPress("default", "bar:3.0", 0.3), 0.25)
     assert found["displacements_off"] < 2e-6
     assert found["loads_off"] < 2e-5
 
@@ -82,7 +82,7 @@ def test_what_does_not_converge_is_said_and_asked_again(
 ) -> None:
     asked: list[str] = []
 
-    def once(scene: Scene, doi_mm: float) -> dict[str, object]:
+    def once(scene: StiffeningPress, doi_mm: float) -> dict[str, object]:
         asked.append(scene.name)
         if scene.shape == "flat" and len(asked) == 1:
             raise RuntimeError("CalculiX: diverged")

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.models.stiffening import ENERGY, FORCE, FORCE_ERROR, SED_ERROR, Felt, Force, Press
+from sim.models.stiffening import ENERGY, FORCE, FORCE_ERROR, SED_ERROR, DimensionlessPress, Felt, ForceFactor
 from studies.stiffening import at_receptors, in_time, references, twins
 from studies.stiffening.fingers import FINGERS, deepest_mm, finger
 from studies.stiffening.fitted import (
     DEEPEST_MM,
-    Seen,
+    StiffeningSample,
     energies,
     errors,
     fitted,
@@ -24,7 +24,7 @@ from studies.stiffening.fitted import (
     strains,
     table,
 )
-from studies.stiffening.references import PATHS, Scene, read, scenes
+from studies.stiffening.references import PATHS, StiffeningPress, read, scenes
 from studies.stiffening.twins import AFTERWARDS, KEPT, REFERENCES, TWINS, kept_pairs
 
 ROWS = read(KEPT / REFERENCES)
@@ -32,20 +32,24 @@ MEET = Path(__file__).parents[2] / "docs" / "meet.md"
 
 
 @pytest.fixture(scope="module")
-def force() -> list[Seen]:
+def force() -> list[StiffeningSample]:
     return list(forces(kept_pairs()))
 
 
 @pytest.fixture(scope="module")
-def energy() -> list[Seen]:
+def energy() -> list[StiffeningSample]:
     return list(energies(kept_pairs()))
 
 
 def test_a_reference_is_what_was_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(references, "DEPTHS_MM", (0.25,))
-    (row,) = references.rows(Scene("default", "flat", 0.3))
-    (kept,) = [r for r in ROWS if Scene(r["finger"], r["shape"], r["stiffening"]) == Scene("default", "flat", 0.3)
-               and r["doi_mm"] == 0.25]  # fmt: skip
+    (row,) = references.rows(StiffeningPress("default", "flat", 0.3))
+    (kept,) = [
+        r
+        for r in ROWS
+        if StiffeningPress(r["finger"], r["shape"], r["stiffening"]) == StiffeningPress("default", "flat", 0.3)
+        and r["doi_mm"] == 0.25
+    ]
     assert row["force"] == pytest.approx(kept["force"], rel=1e-5)
     assert row["sed"] == pytest.approx(kept["sed"], rel=1e-3)
 
@@ -79,13 +83,17 @@ def test_missing_twins_are_pressed_and_those_off_their_patch_left_out(
     assert read(tmp_path / TWINS) == [*read(KEPT / TWINS)[2:], *rows.values()]
 
 
-def test_numbers_in_the_code_are_those_that_the_references_give(force: list[Seen], energy: list[Seen]) -> None:
+def test_numbers_in_the_code_are_those_that_the_references_give(
+    force: list[StiffeningSample], energy: list[StiffeningSample]
+) -> None:
     """Four digits are kept: a fit from them moves by what rounding does to numbers that lean on one another."""
     np.testing.assert_allclose(fitted(force, FORCE), FORCE, rtol=2e-3)
     np.testing.assert_allclose(fitted(energy, ENERGY), ENERGY, rtol=2e-3)
 
 
-def test_force_and_the_highest_energy_are_as_near_as_is_said(force: list[Seen], energy: list[Seen]) -> None:
+def test_force_and_the_highest_energy_are_as_near_as_is_said(
+    force: list[StiffeningSample], energy: list[StiffeningSample]
+) -> None:
     highest = [one for one in energy if one.highest]
     for seen, numbers, said in ((force, FORCE, FORCE_ERROR), (highest, ENERGY, SED_ERROR)):
         within = [one for one in seen if one.doi_mm <= DEEPEST_MM]
@@ -93,7 +101,7 @@ def test_force_and_the_highest_energy_are_as_near_as_is_said(force: list[Seen], 
     assert max(abs(one.log) for one in force) > 0.5  # without the correction
 
 
-def test_what_is_held_back_moves_no_number(force: list[Seen], energy: list[Seen]) -> None:
+def test_what_is_held_back_moves_no_number(force: list[StiffeningSample], energy: list[StiffeningSample]) -> None:
     held = [one for one in force if one.held_back]
     assert {one.shape for one in held} > {"cylinder:4"}
     assert len({one.finger for one in held}) > 4
@@ -103,7 +111,9 @@ def test_what_is_held_back_moves_no_number(force: list[Seen], energy: list[Seen]
         assert fitted(wrong, numbers) == fitted(seen, numbers)
 
 
-def test_numbers_of_the_energy_foresee_fingers_and_shapes_that_they_were_not_fitted_to(energy: list[Seen]) -> None:
+def test_numbers_of_the_energy_foresee_fingers_and_shapes_that_they_were_not_fitted_to(
+    energy: list[StiffeningSample],
+) -> None:
     """Twelve numbers that knew no squeezed tissue: 9.1 % rms by finger, and by shape beyond all sense."""
     highest = np.array([one.highest and one.doi_mm <= DEEPEST_MM and not one.held_back for one in energy])
     for what, most in (("finger", 0.075), ("shape", 0.085)):
@@ -111,7 +121,7 @@ def test_numbers_of_the_energy_foresee_fingers_and_shapes_that_they_were_not_fit
         assert np.sqrt(np.mean(left**2)) < most
 
 
-def test_a_fold_is_fitted_without_itself(energy: list[Seen]) -> None:
+def test_a_fold_is_fitted_without_itself(energy: list[StiffeningSample]) -> None:
     wrong = [one._replace(log=one.log + 0.1) if one.shape == "sphere:3" else one for one in energy]
     there = np.array([one.shape == "sphere:3" for one in energy])
     found, off = (left_out(seen, ENERGY, attrgetter("shape")) for seen in (energy, wrong))
@@ -119,7 +129,7 @@ def test_a_fold_is_fitted_without_itself(energy: list[Seen]) -> None:
     assert np.abs(off[~there] - found[~there]).max() > 0.01
 
 
-def test_the_table_is_the_one_in_the_docs(force: list[Seen], energy: list[Seen]) -> None:
+def test_the_table_is_the_one_in_the_docs(force: list[StiffeningSample], energy: list[StiffeningSample]) -> None:
     lines = MEET.read_text("utf-8").splitlines()
     assert [line for line in table(force, energy) if line not in lines] == []
 
@@ -133,7 +143,7 @@ def test_receptors_far_below_the_highest_are_not_judged() -> None:
     assert sum(one.highest for one in seen) == 1
 
 
-def test_the_highest_is_judged_wherever_the_linear_twin_has_it(energy: list[Seen]) -> None:
+def test_the_highest_is_judged_wherever_the_linear_twin_has_it(energy: list[StiffeningSample]) -> None:
     """Under a bar on a stiff skin linear SED has a hollow in the middle, where at finite strain it is highest."""
     assert sum(one.highest for one in energy) == len(kept_pairs())
     wanted = {"finger": "stiff skin", "shape": "bar:3.0", "stiffening": 0.3, "doi_mm": 2.0}
@@ -170,20 +180,22 @@ def test_only_receptors_that_hear_it_are_judged() -> None:
 def test_numbers_are_found_again() -> None:
     chance = np.random.default_rng(1)
     low, high = (0.05, 0.2, 0.5, 0.0, 0.02, 0.5), (0.6, 3.0, 5.0, 0.4, 0.5, 3.0)
-    presses = [Press(*values) for values in chance.uniform(low, high, (90, 6))]
-    draft = [Seen("f", "s", a, 1.0, p, 0.0) for p, a in zip(presses, np.tile((0.0, 0.3, 1.0), 30), strict=True)]
+    presses = [DimensionlessPress(*values) for values in chance.uniform(low, high, (90, 6))]
+    draft = [
+        StiffeningSample("f", "s", a, 1.0, p, 0.0) for p, a in zip(presses, np.tile((0.0, 0.3, 1.0), 30), strict=True)
+    ]
     truth = FORCE._replace(arch=0.3, squeeze=1.0, strain=9.0)
     exact = [one._replace(log=float(e)) for one, e in zip(draft, errors(draft, truth), strict=True)]
     found = fitted(exact, FORCE)
-    assert type(found) is Force
+    assert type(found) is ForceFactor
     assert np.abs(errors(exact, found)).max() < 1e-3
 
 
 def test_a_table_has_a_line_for_each_path_and_what_is_held_back_comes_last() -> None:
-    press = Press(*np.full(6, 0.2))
-    (log,) = -errors([Seen("f", "flat", 0.3, 1.0, press, 0.0)], FORCE)
-    (sed,) = -errors([Seen("f", "flat", 0.3, 1.0, press, 0.0)], ENERGY)
-    at = partial(Seen, stiffening=0.3, press=press)
+    press = DimensionlessPress(*np.full(6, 0.2))
+    (log,) = -errors([StiffeningSample("f", "flat", 0.3, 1.0, press, 0.0)], FORCE)
+    (sed,) = -errors([StiffeningSample("f", "flat", 0.3, 1.0, press, 0.0)], ENERGY)
+    at = partial(StiffeningSample, stiffening=0.3, press=press)
     offs = ((1.0, 1.01), (2.0, 1 / 1.02), (2.5, 1.03))
     held = [
         at("human", "cylinder:4", doi_mm=1.0, log=-log),
@@ -199,7 +211,7 @@ def test_a_table_has_a_line_for_each_path_and_what_is_held_back_comes_last() -> 
 
 
 def test_a_spread_is_of_what_the_prior_holds_to_two_millimetres() -> None:
-    at = partial(Seen, press=Press(*np.full(6, 0.2)), log=0.0)
+    at = partial(StiffeningSample, press=DimensionlessPress(*np.full(6, 0.2)), log=0.0)
     seen = [
         at("human", "flat", 0.3, 2.0),
         at("human", "flat", 1.0, 2.0),
@@ -218,7 +230,7 @@ def test_every_path_of_every_finger_is_a_scene() -> None:
     assert [deepest_mm(name) for name in ("default", "other moduli")] == [2.0, 2.0]
     assert [deepest_mm(name) for name in ("human", "human, soft fat")] == [3.0, 3.0]
     assert finger("other moduli", stiffening=0.3).tissue.e_dermis == 0.2
-    assert Scene("human", "flat", 0.3).name == "human, flat, 0.3"
+    assert StiffeningPress("human", "flat", 0.3).name == "human, flat, 0.3"
 
 
 # --- in time ---

@@ -16,7 +16,7 @@ _RATES = {"1/s": 1.0, "/s": 1.0, "Hz": 1.0, "spikes/s": 1.0, "imp/s": 1.0, "1/ms
           "1/min": 1 / 60, "/min": 1 / 60}  # fmt: skip
 
 
-class Column(NamedTuple):
+class RecordingColumn(NamedTuple):
     """A column of a file, and what its numbers are multiplied with to be in mm, s or per s."""
 
     name: str
@@ -54,12 +54,12 @@ class ColumnMap:
     `window_s` is the window of counts, where it was stated as a number instead of a column.
     """
 
-    given: Mapping[str, Column] = field(default_factory=dict)
+    given: Mapping[str, RecordingColumn] = field(default_factory=dict)
     window_s: float | None = None
 
-    def __getitem__(self, role: str) -> Column:
+    def __getitem__(self, role: str) -> RecordingColumn:
         """The column of a role."""
-        return self.given.get(role, Column(_ROLES[role].default))
+        return self.given.get(role, RecordingColumn(_ROLES[role].default))
 
     def names(self, *roles: str) -> list[str]:
         """The columns of several."""
@@ -80,7 +80,7 @@ def column_map(texts: Sequence[str]) -> ColumnMap:
 
     Without a unit the one at the end of the column's name counts, as in "x (um)" or "x_um"; an sd has its rates'.
     """
-    given: dict[str, Column] = {}
+    given: dict[str, RecordingColumn] = {}
     for text in texts:
         for part in text.split(","):
             role, equals, name = (word.strip() for word in part.partition("="))
@@ -102,7 +102,7 @@ def column_map(texts: Sequence[str]) -> ColumnMap:
     return ColumnMap(given, _stated_window(given))
 
 
-def _stated_window(given: dict[str, Column]) -> float | None:
+def _stated_window(given: dict[str, RecordingColumn]) -> float | None:
     """In s, where the window is a number; it names no column then."""
     try:
         seconds = float(given["window"].name) * given["window"].factor
@@ -117,7 +117,7 @@ def _stated_window(given: dict[str, Column]) -> float | None:
     return seconds
 
 
-def _refuse_what_cannot_be(given: Mapping[str, Column]) -> None:
+def _refuse_what_cannot_be(given: Mapping[str, RecordingColumn]) -> None:
     names = [column.name for column in given.values()]
     twice = [name for name in names if names.count(name) > 1]
     if twice:
@@ -131,7 +131,7 @@ def _refuse_what_cannot_be(given: Mapping[str, Column]) -> None:
         )
 
 
-def _column(part: str, name: str, units: Mapping[str, float]) -> Column:
+def _column(part: str, name: str, units: Mapping[str, float]) -> RecordingColumn:
     before, colon, unit = name.rpartition(":")
     if colon:
         if not before or _known(unit, units) is None:
@@ -143,11 +143,11 @@ def _column(part: str, name: str, units: Mapping[str, float]) -> Column:
                 unit=unit,
                 units=", ".join(units),
             )
-        return Column(before.strip(), unit.strip(), _known(unit, units) or 1.0)
+        return RecordingColumn(before.strip(), unit.strip(), _known(unit, units) or 1.0)
     said = re.search(r"[(\[]([^)\]]+)[)\]]$|_([^_\s]+)$", name)
     unit = next(filter(None, said.groups())) if said else ""
     factor = _known(unit, units)
-    return Column(name) if factor is None else Column(name, unit, factor)
+    return RecordingColumn(name) if factor is None else RecordingColumn(name, unit, factor)
 
 
 def _known(unit: str, units: Mapping[str, float]) -> float | None:

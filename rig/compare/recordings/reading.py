@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from rig.compare.errors import RecordingError
-from rig.compare.recordings.columns import Column, ColumnMap, Row, header_of, no_rows, read_table
+from rig.compare.recordings.columns import ColumnMap, RecordingColumn, Row, header_of, no_rows, read_table
 from rig.compare.recordings.recording import Recording, ShapeKey, recording, shape_key, with_enough_positions
 from rig.compare.recordings.spikes import NWB, SPIKES, SPIKES_IN_NWB, rates_in_run, read_spike_times
 from rig.data import Run
@@ -72,7 +72,7 @@ def _rates(path: Path, rows: list[tuple[Row, float]], columns: ColumnMap) -> Rec
     return recording(path.name, read)
 
 
-def _sd(row: Row, sd: Column) -> float:
+def _sd(row: Row, sd: RecordingColumn) -> float:
     return sd.factor * row.number(sd.name, 0.0) if row.cells.get(sd.name) else math.nan
 
 
@@ -90,7 +90,7 @@ def _whole(row: Row, count: str) -> float:
     return value
 
 
-def _one_window(path: Path, rows: list[tuple[Row, float]], window: Column) -> float:
+def _one_window(path: Path, rows: list[tuple[Row, float]], window: RecordingColumn) -> float:
     """In s. Every count must be of the same window, since rates are compared by one noise."""
     found = [(row, window.factor * row.number(window.name)) for row, _ in rows]
     for row, seconds in found:

@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-class Skin(NamedTuple):
+class SkinCompliance(NamedTuple):
     """Points of the skin, and how the nodes around them move one another."""
 
     store: Array  # (m, N, m, N) mm/N: motion of nodes along the second pair by forces along the first
@@ -21,7 +21,9 @@ class Skin(NamedTuple):
 
 
 @compiled
-def worked(skin: Skin, rows: Ints, row_force: Array, columns: Ints, column_force: Array, width: int) -> Array:
+def worked(
+    skin: SkinCompliance, rows: Ints, row_force: Array, columns: Ints, column_force: Array, width: int
+) -> Array:
     """(r, c) work of a force (m, r) at each of some points along the motion by one (m, c) at each of others.
 
     The first row has `width` columns, each other one more than the one before it; the rest is zero.
@@ -57,7 +59,7 @@ def worked(skin: Skin, rows: Ints, row_force: Array, columns: Ints, column_force
 
 
 @compiled
-def moved(skin: Skin, loaded: Ints, force: Array) -> Array:
+def moved(skin: SkinCompliance, loaded: Ints, force: Array) -> Array:
     """(m, k) motion in mm of all points by forces (m, r) at some of them."""
     store, count, carriers, share = skin
     m, k = len(store), len(share)
@@ -82,7 +84,7 @@ def moved(skin: Skin, loaded: Ints, force: Array) -> Array:
 
 
 @compiled
-def moved_by_turns(skin: Skin, turn: Array, multipliers: Array) -> Array:
+def moved_by_turns(skin: SkinCompliance, turn: Array, multipliers: Array) -> Array:
     """(m, k) motion in mm by forces of points (k,) whose planes' slopes change by (m − 1, k)."""
     m, k = len(turn), len(multipliers)
     loaded, force, n = np.empty(k, np.int64), np.zeros((m + 1, k)), 0

@@ -11,7 +11,7 @@ from sim.devices.clock import Scheduler
 from sim.devices.grbl import core
 from sim.devices.grbl.commands import INVALID_STATEMENT, NOT_IDLE, GrblSystem
 from sim.devices.grbl.core import Mechanics, Overrides, Wait
-from sim.devices.grbl.gcode import Command, GcodeError, parse
+from sim.devices.grbl.gcode import GcodeCommand, GcodeError, parse
 from sim.devices.grbl.planner import BLOCKS, Vec
 from sim.devices.grbl.settings import SOFT_LIMITS, STEP_DIRECTION, STEPS_PER_MM
 from sim.devices.grbl.settings import TRAVEL as TRAVEL_MM
@@ -49,13 +49,13 @@ class VirtualGrbl(GrblSystem):
             return None
         return self._proceed(command, now_s)
 
-    def _switch(self, command: Command, now_s: float) -> None:
+    def _switch(self, command: GcodeCommand, now_s: float) -> None:
         """Outputs change once the stage is at rest, before the rest of their line."""
         self._switch_outputs(command.modal, now_s)
         self._reports.show_overrides()
         self._reply(self._proceed(command, now_s))
 
-    def _proceed(self, command: Command, now_s: float) -> int | None:
+    def _proceed(self, command: GcodeCommand, now_s: float) -> int | None:
         self._modal, self._offsets = command.modal, command.offsets
         if command.zeroed:
             # The firmware waits here until all motion is over (FORCE_BUFFER_SYNC_DURING_WCO_CHANGE).
@@ -63,11 +63,11 @@ class VirtualGrbl(GrblSystem):
             return None
         return self._goes_on(command, now_s)
 
-    def _zeroed(self, command: Command, now_s: float) -> None:
+    def _zeroed(self, command: GcodeCommand, now_s: float) -> None:
         self._reports.show_offset()
         self._reply(self._goes_on(command, now_s))
 
-    def _goes_on(self, command: Command, now_s: float) -> int | None:
+    def _goes_on(self, command: GcodeCommand, now_s: float) -> int | None:
         if command.dwell_s is not None:
             self._dwell(command.dwell_s)
             return None

@@ -10,7 +10,7 @@ from math import copysign, floor, inf
 
 from sim.devices.clock import Handle, Scheduler
 from sim.devices.grbl.gcode import MM_PER_INCH, LineAssembler, Modal, Offsets
-from sim.devices.grbl.planner import Counts, Planner, Share, Vec
+from sim.devices.grbl.planner import Counts, MotionPlanner, Share, Vec
 from sim.devices.grbl.settings import HOMING, GrblSettings
 from sim.devices.line import SerialLine
 
@@ -223,7 +223,9 @@ class GrblCore:
         self._settings = GrblSettings(settings)
         self._offsets, self._slip_steps = Offsets().with_system(0, work_offset_mm), mechanics.slip_steps
         self._reports = StatusReports(self._settings)
-        self._planner = Planner(self._settings.limits(), self._to_steps(mechanics.start_mm), mechanics.play_steps)
+        self._planner = MotionPlanner(
+            self._settings.limits(), self._to_steps(mechanics.start_mm), mechanics.play_steps
+        )
         self._rx: deque[int] = deque()
         self._state = self._after_jog = "Idle"
         self._deaf = self._dead = self._owes_ok = self._jog_cancelled = self._asked_in_homing = False

@@ -230,7 +230,7 @@ class Modal:
 
 
 @dataclass(frozen=True)
-class Command:
+class GcodeCommand:
     """What a line asks for: machine positions in mm, one after another, at a feed in mm/min (inf: rapid), or a dwell.
 
     flow is the M word of a pause or an end, None if there is none. zeroed: work zero was set, be it where it was.
@@ -245,7 +245,7 @@ class Command:
     zeroed: bool = False
 
 
-def parse(text: str, modal: Modal, offsets: Offsets, position_mm: Vec, *, jog: bool = False) -> Command:
+def parse(text: str, modal: Modal, offsets: Offsets, position_mm: Vec, *, jog: bool = False) -> GcodeCommand:
     """Read one line without spaces; position is the end of the last move, mm. Raises GcodeError."""
     line = read(text)
     if line.axes and not line.axis_command:
@@ -262,11 +262,11 @@ def parse(text: str, modal: Modal, offsets: Offsets, position_mm: Vec, *, jog: b
     if jog:
         _need(set(line.codes) <= _IN_JOG and once in (0.0, 53.0), INVALID_JOG)
         # Without axis words the firmware jogs to machine zero.
-        return Command(modal, offsets, targets or (ZERO,), after.feed)
+        return GcodeCommand(modal, offsets, targets or (ZERO,), after.feed)
     dwell_s = line.values["P"] if once == 4.0 else None
     flow = int(line.codes[FLOW]) if FLOW in line.codes else None
     zeroed = once in (92.0, 92.1) or (moved.of(after.system) != offsets.of(modal.system))
-    return Command(after, moved, targets, _feed(line, after, once, position_mm, targets), dwell_s, flow, zeroed)
+    return GcodeCommand(after, moved, targets, _feed(line, after, once, position_mm, targets), dwell_s, flow, zeroed)
 
 
 def _need(fulfilled: bool, code: int) -> None:

@@ -204,7 +204,7 @@ class Share:
 
 
 @dataclass(slots=True)
-class Block:
+class PlannerBlock:
     """One straight move at up to cruise; done_mm of it lie behind, end_s is when it will be over.
 
     asked is the speed before overrides (inf for a rapid), most what the axes allow.
@@ -238,7 +238,7 @@ class Block:
         return (x + i * done_mm, y + j * done_mm, z + k * done_mm)
 
 
-def block_between(limits: AxisLimits, start: Counts, target: Counts, speed: float, jog: bool) -> Block:
+def block_between(limits: AxisLimits, start: Counts, target: Counts, speed: float, jog: bool) -> PlannerBlock:
     """A move from one place in steps to another, at up to speed (mm/s, inf for a rapid)."""
     steps = [b - a for a, b in zip(start, target, strict=True)]
     mm = [n / per for n, per in zip(steps, limits.steps_per_mm, strict=True)]
@@ -246,7 +246,7 @@ def block_between(limits: AxisLimits, start: Counts, target: Counts, speed: floa
     unit = (mm[0] / length, mm[1] / length, mm[2] / length)
     slope = (steps[0] / length, steps[1] / length, steps[2] / length)
     most, accel = _along(limits.max_speed, unit), _along(limits.accel, unit)
-    return Block(start, target, length, unit, slope, speed, most, jog, accel)
+    return PlannerBlock(start, target, length, unit, slope, speed, most, jog, accel)
 
 
 def _along(limit: Vec, unit: Vec) -> float:
@@ -254,7 +254,7 @@ def _along(limit: Vec, unit: Vec) -> float:
     return min(most / abs(part) for most, part in zip(limit, unit, strict=True) if part)
 
 
-def max_entry_sq(limits: AxisLimits, before: Block, block: Block) -> float:
+def max_entry_sq(limits: AxisLimits, before: PlannerBlock, block: PlannerBlock) -> float:
     """Speed² at which a block may be entered from the one before it."""
     slower = min(before.cruise, block.cruise) ** 2
     cosine = sum(a * b for a, b in zip(before.unit, block.unit, strict=True))
@@ -280,13 +280,13 @@ _NEGLIGIBLE_MM, _NEGLIGIBLE_SQ = 1e-9, 1e-9
 PREPARED = 5
 
 
-class Planner:
+class MotionPlanner:
     """A queue of up to 15 blocks on a track; positions are steps of the carriage."""
 
     def __init__(self, limits: AxisLimits, start: Counts, play: Vec = (0.0, 0.0, 0.0)) -> None:
         self.limits = limits
         self.track = Track(start, play)
-        self._blocks: list[Block] = []
+        self._blocks: list[PlannerBlock] = []
         self._share = Share()
         self._begun_s = 0.0  # when the carriage last set out from rest
 
@@ -364,7 +364,7 @@ class Planner:
         while self._blocks and self._blocks[0].end_s <= now_s:
             del self._blocks[0]
 
-    def _unprepared(self, now_s: float) -> tuple[float, list[Block]]:
+    def _unprepared(self, now_s: float) -> tuple[float, list[PlannerBlock]]:
         """When the prepared segments end, and the blocks not over by then; the first one's progress is noted."""
         from_s = self._prepared_s(now_s)
         left = list(dropwhile(lambda block: block.end_s <= from_s, self._blocks))
@@ -386,7 +386,7 @@ class Planner:
         from_s, left = self._unprepared(now_s)
         self._plan(from_s, self.track.speed_at(from_s), left)
 
-    def _plan(self, from_s: float, speed: float, blocks: list[Block]) -> None:
+    def _plan(self, from_s: float, speed: float, blocks: list[PlannerBlock]) -> None:
         pieces: list[Piece] = []
         rest = self.track.position_at(from_s)
         t_s, entry_sq = from_s, speed * speed
@@ -395,7 +395,7 @@ class Planner:
             block.end_s, rest, entry_sq = t_s, block.target, exit_sq
         self.track.replace_from(from_s, pieces, rest)
 
-    def _braking(self, from_s: float, speed: float, blocks: list[Block]) -> tuple[list[Piece], Vec]:
+    def _braking(self, from_s: float, speed: float, blocks: list[PlannerBlock]) -> tuple[list[Piece], Vec]:
         pieces: list[Piece] = []
         t_s, speed_sq = from_s, speed * speed
         for block in blocks:
@@ -412,7 +412,7 @@ class Planner:
         return pieces, blocks[-1].target if blocks else self.track.position_at(from_s)
 
 
-def _exit_speeds_sq(blocks: list[Block], entry_sq: float) -> list[float]:
+def _exit_speeds_sq(blocks: list[PlannerBlock], entry_sq: float) -> list[float]:
     exits = [0.0] * len(blocks)
     for i in range(len(blocks) - 1, 0, -1):
         exits[i - 1] = min(blocks[i].max_entry_sq, exits[i] + 2 * blocks[i].accel * blocks[i].mm)
@@ -425,7 +425,7 @@ def _exit_speeds_sq(blocks: list[Block], entry_sq: float) -> list[float]:
     return exits
 
 
-def _ramps(block: Block, entry_sq: float, exit_sq: float) -> list[Ramp]:
+def _ramps(block: PlannerBlock, entry_sq: float, exit_sq: float) -> list[Ramp]:
     """What is left of a block; faster than its cruise, as an override may find it, it slows down first."""
     mm, v0, v1 = block.mm - block.done_mm, sqrt(entry_sq), sqrt(exit_sq)
     top = max(block.cruise, v1)
@@ -436,7 +436,7 @@ def _ramps(block: Block, entry_sq: float, exit_sq: float) -> list[Ramp]:
     return [slowing, *trapezoid(mm - slowing_mm, top, v1, block.cruise, block.accel)]
 
 
-def _lay(block: Block, ramps: list[Ramp], t_s: float, pieces: list[Piece]) -> float:
+def _lay(block: PlannerBlock, ramps: list[Ramp], t_s: float, pieces: list[Piece]) -> float:
     """Put ramps on a block one after another; returns when the last one is over."""
     done_mm = block.done_mm
     for ramp in ramps:

@@ -23,8 +23,8 @@ from studies.coding.profiles_read_back import (
     SCENES,
     SNRS_DB,
     Decode,
-    Row,
-    Scene,
+    ProfilePress,
+    ProfileRow,
     decoders,
     default_section,
     finer_section,
@@ -35,7 +35,7 @@ from studies.coding.profiles_read_back import (
 Press = tuple[NDArray[np.float64], NDArray[np.float64]]
 """Pressures, and SED without noise."""
 
-Draw = Callable[[int, int], Scene]
+Draw = Callable[[int, int], ProfilePress]
 """Of a kind's number and a seed."""
 
 CHOOSING_SEED, SEED, WIDER_SEED = 20_000, 61_000, 83_000
@@ -55,7 +55,7 @@ class Population(NamedTuple):
     seed: int  # of the presses reported
 
 
-def near(kind: int, seed: int) -> Scene:
+def near(kind: int, seed: int) -> ProfilePress:
     """One of the presses reported, moved aside and deeper."""
     rng = np.random.default_rng((seed, kind))
     scene = SCENES[kind]
@@ -63,15 +63,15 @@ def near(kind: int, seed: int) -> Scene:
     return scene._replace(x_mm=scene.x_mm + aside, doi_mm=scene.doi_mm + deeper)
 
 
-def anywhere(kind: int, seed: int) -> Scene:
+def anywhere(kind: int, seed: int) -> ProfilePress:
     """A bar, a cylinder or a step of any size; a bar need not touch with both edges."""
     rng = np.random.default_rng((seed, kind))
     aside, doi = rng.uniform(-FAR_MM, FAR_MM), rng.uniform(*DEEP_MM)
     if CLASSES[kind] == "bar":
-        return Scene(f"bar:{rng.uniform(*BARS_MM):.3f}", aside, doi)
+        return ProfilePress(f"bar:{rng.uniform(*BARS_MM):.3f}", aside, doi)
     if CLASSES[kind] == "cylinder":
-        return Scene(f"cylinder:{np.exp(rng.uniform(*np.log(CYLINDERS_MM))):.3f}", aside, doi)
-    return Scene(f"step:{rng.choice(STEPS)}", STEPS_AT_MM + aside, doi)
+        return ProfilePress(f"cylinder:{np.exp(rng.uniform(*np.log(CYLINDERS_MM))):.3f}", aside, doi)
+    return ProfilePress(f"step:{rng.choice(STEPS)}", STEPS_AT_MM + aside, doi)
 
 
 NEAR = Population(
@@ -103,25 +103,26 @@ def main(draws: int, population: Population, seed: int) -> None:
     print(f"\n{held(found)}")
 
 
-def drawn(population: Population, kind: int, draws: int, seed: int) -> list[Scene]:
+def drawn(population: Population, kind: int, draws: int, seed: int) -> list[ProfilePress]:
     """As many of one kind."""
     return [population.draw(kind, seed + k) for k in range(draws)]
 
 
-def with_noise(decode: Decode, presses: Sequence[Press], seed: int) -> list[Row]:
+def with_noise(decode: Decode, presses: Sequence[Press], seed: int) -> list[ProfileRow]:
     """At each SNR, over presses: one draw of noise for each."""
     return [
-        Row.of([read_back(decode, *press, snr_db, seed + k) for k, press in enumerate(presses)]) for snr_db in SNRS_DB
+        ProfileRow.of([read_back(decode, *press, snr_db, seed + k) for k, press in enumerate(presses)])
+        for snr_db in SNRS_DB
     ]
 
 
-def cell(row: Row) -> str:
+def cell(row: ProfileRow) -> str:
     """Relative L2, coverage, median width over the peak, ms."""
     mean = row.mean
     return f"{mean.relative_l2:.0%}, {mean.held:.0%}, {mean.width:.2f}, {mean.spent_ms:.0f}"
 
 
-def held(found: Sequence[Sequence[Row]]) -> str:
+def held(found: Sequence[Sequence[ProfileRow]]) -> str:
     """By the bands of all cells, and of the least one."""
     each = np.array([[row.mean.held for row in by_snr] for by_snr in found])
     by_snr = ", ".join(f"{share:.1%}" for share in each.mean(axis=0))

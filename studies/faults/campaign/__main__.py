@@ -15,10 +15,10 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from studies.faults.campaign import real_time
-from studies.faults.campaign.cases import Case, cases
-from studies.faults.campaign.runner import Going, carry_out, commit
+from studies.faults.campaign.cases import FaultCase, cases
+from studies.faults.campaign.runner import CampaignProgress, carry_out, commit
 from studies.faults.campaign.scenarios import SCENARIOS, Scenario
-from studies.faults.campaign.tables import Record, Summary, names_in, records_of
+from studies.faults.campaign.tables import CampaignSummary, Record, names_in, records_of
 from studies.faults.campaign.world import BENCHES
 
 
@@ -26,7 +26,7 @@ def main() -> None:
     """The whole, or a sample."""
     options = _options()
     if options.table:
-        found = Summary(records_of(options.out))
+        found = CampaignSummary(records_of(options.out))
         print(found.table())
         if options.worst is not None:
             options.worst.write_text(found.worst_as_csv("python -m studies.faults.campaign"), encoding="ascii")
@@ -38,7 +38,7 @@ def main() -> None:
     counts = _counted(case for case in _cases(options) if picked is None or case.name in picked)
     if options.count:
         return
-    going = Going(counts, lambda line: print(line, flush=True))
+    going = CampaignProgress(counts, lambda line: print(line, flush=True))
     for bench, scenario in _units(options):  # one at a time: what lies in memory makes every fork slower
         done = names_in(options.out, commit(), f"{bench}/")
         some = [case for case in _cases(options, bench, scenario) if picked is None or case.name in picked]
@@ -49,7 +49,7 @@ def main() -> None:
             real_time.carry_out(left, options.out, options.load, lambda line: print(line, flush=True))
         else:
             carry_out(left, options.out, options.processes, going)
-    found = Summary(r for r in _found(options) if picked is None or r["case"] in picked)
+    found = CampaignSummary(r for r in _found(options) if picked is None or r["case"] in picked)
     print(found)
     for record in _found(options) if options.case else ():
         print(json.dumps(record, indent=1))
@@ -80,7 +80,7 @@ def _units(options: argparse.Namespace) -> Iterator[tuple[str, Scenario]]:
     return itertools.product(benches, SCENARIOS)
 
 
-def _cases(options: argparse.Namespace, bench: str = "", scenario: Scenario | None = None) -> Iterator[Case]:
+def _cases(options: argparse.Namespace, bench: str = "", scenario: Scenario | None = None) -> Iterator[FaultCase]:
     """Those that are asked for, of one scenario on one bench or of all."""
     units = [(bench, scenario)] if scenario is not None else _units(options)
     for on, one in units:
@@ -107,7 +107,7 @@ def _found(options: argparse.Namespace) -> Iterator[Record]:
             yield record
 
 
-def sample(of: Sequence[Case], number: int, seed: int) -> list[Case]:
+def sample(of: Sequence[FaultCase], number: int, seed: int) -> list[FaultCase]:
     """So many cases, in turn from each bench, phase and class of fault; in the order of their messages."""
     chance = random.Random(seed)
     strata: dict[tuple[str, str, str], list[int]] = {}
@@ -124,7 +124,7 @@ def sample(of: Sequence[Case], number: int, seed: int) -> list[Case]:
     return [of[n] for n in sorted(taken)]
 
 
-def _counted(chosen: Iterable[Case]) -> int:
+def _counted(chosen: Iterable[FaultCase]) -> int:
     """Print how many there are, and return it."""
     counts = Counter((case.bench, case.phase) for case in chosen)
     benches = list(dict.fromkeys(bench for bench, _ in counts))

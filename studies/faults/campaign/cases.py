@@ -31,7 +31,7 @@ AGAIN: dict[str, tuple[str, Scenario]] = {"home": ("resume", RESUME), "jog down"
 
 
 @dataclass(frozen=True)
-class Case:
+class FaultCase:
     """One fault in one phase on one bench; what strikes is a message, or a pair of carriage and cell."""
 
     bench: str
@@ -74,7 +74,7 @@ def census(bench: str, scenario: Scenario, folder: Path) -> list[Message]:
     return found
 
 
-def cases(bench: str, folder: Path, scenarios: Sequence[Scenario] = SCENARIOS) -> Iterator[Case]:
+def cases(bench: str, folder: Path, scenarios: Sequence[Scenario] = SCENARIOS) -> Iterator[FaultCase]:
     """Every case of a bench, in the order of its messages."""
     for scenario in scenarios:
         messages = [m for m in census(bench, scenario, folder / f"{bench}-{scenario.name}") if m.phase]
@@ -88,9 +88,9 @@ def cases(bench: str, folder: Path, scenarios: Sequence[Scenario] = SCENARIOS) -
                 begun.add(message.phase)
                 for mechanics in MECHANICAL:
                     for cell in CELLS:
-                        yield Case(*about, mechanics=mechanics, cell=cell, **of_message)
+                        yield FaultCase(*about, mechanics=mechanics, cell=cell, **of_message)
             for fault in struck.get(message.number, ()):
-                yield Case(*about, message.wire, message.way, fault, **of_message)
+                yield FaultCase(*about, message.wire, message.way, fault, **of_message)
 
 
 def _words(message: Message) -> tuple[str, str, str, bytes]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from rig.engine.bench_memory import LastKnown
-from rig.session.ending import Whereabouts
+from rig.session.ending import FinalPosition
 from rig.units import GWT_N
 from studies.faults.campaign.faults import GOES_FARTHER, MOVES_WITHOUT_COMMAND, READS_LOW
 from studies.faults.faulty_bench import PREDICTED
@@ -24,7 +24,7 @@ DRAG_MM = 0.003
 BOUND_GWT = bound_gwt()
 
 
-def claim_of(at: Whereabouts | None) -> Claim:
+def claim_of(at: FinalPosition | None) -> Claim:
     """What a final report claims about contact.
 
     clear: the finger is not touched. touching: it is. not confirmed: it may be, or nobody knows.

@@ -26,7 +26,7 @@ from rig.engine.bench_memory import BenchMemory
 from rig.plan.config import Config
 from sim.serve.clock import WallScheduler
 from sim.serve.ports import TcpPort
-from studies.faults.campaign.cases import Case, content, is_command, shape
+from studies.faults.campaign.cases import FaultCase, content, is_command, shape
 from studies.faults.campaign.faults import FaultyCarriage, cell
 from studies.faults.campaign.judge import claim_of, claim_on_record, exemption_of, hidden, true_claim, violations
 from studies.faults.campaign.runner import DEFAULTS, about, commit, ended, finished_presses, kept
@@ -80,7 +80,7 @@ class Shared:
 class ServedWorld(World):
     """A world on the wall clock, behind TCP ports, with the fault of one case."""
 
-    def __init__(self, case: Case, scheduler: WallScheduler, shared: Shared) -> None:
+    def __init__(self, case: FaultCase, scheduler: WallScheduler, shared: Shared) -> None:
         self._case, self._shared, self._mended = case, shared, False
         super().__init__(case.bench, scheduler)
         for name, line in self.lines.items():
@@ -138,7 +138,7 @@ class ServedWorld(World):
         return same if is_command(message) else same or shape(message.data) == shape(case.data)
 
 
-def _serve(case: Case, shared: Shared, names: "multiprocessing.connection.Connection") -> None:
+def _serve(case: FaultCase, shared: Shared, names: "multiprocessing.connection.Connection") -> None:
     scheduler = WallScheduler()
     signal.signal(signal.SIGTERM, lambda number, frame: scheduler.stop())
     world = ServedWorld(case, scheduler, shared)
@@ -172,7 +172,7 @@ class RealPlace:
         return open_bench(self.config, self.clock, io.StringIO(), ask=lambda request: "")
 
 
-def one(case: Case, folder: Path) -> Record:
+def one(case: FaultCase, folder: Path) -> Record:
     """Carry a case out in real time; takes as long as it takes a rig."""
     os.environ["RIG_STATE_DIR"] = os.environ["RIG_RUNTIME_DIR"] = str(folder)
     shared, context = Shared(), multiprocessing.get_context("fork")
@@ -186,7 +186,7 @@ def one(case: Case, folder: Path) -> Record:
         devices.join()
 
 
-def _judged(case: Case, place: RealPlace, shared: Shared, run: Path) -> Record:
+def _judged(case: FaultCase, place: RealPlace, shared: Shared, run: Path) -> Record:
     scenario = next(scenario for scenario in SCENARIOS if scenario.name == case.scenario)
     finished = ended(lambda: scenario.play(place, run))
     time.sleep(_SETTLE_S)
@@ -220,7 +220,7 @@ def _judged(case: Case, place: RealPlace, shared: Shared, run: Path) -> Record:
     return record
 
 
-def carry_out(cases: Sequence[Case], out: Path, load: int, say: Callable[[str], None] = print) -> None:
+def carry_out(cases: Sequence[FaultCase], out: Path, load: int, say: Callable[[str], None] = print) -> None:
     """Carry cases out, some at a time, beside so many processes that never rest; records are appended to `out`."""
     commit()
     left, running, over = list(cases), dict[int, float](), 0
@@ -234,7 +234,7 @@ def carry_out(cases: Sequence[Case], out: Path, load: int, say: Callable[[str], 
                 say(f"{over} of {len(cases)}")
 
 
-def _begun(case: Case, out: Path) -> int:
+def _begun(case: FaultCase, out: Path) -> int:
     child = os.fork()
     if child:
         return child

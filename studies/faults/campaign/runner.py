@@ -34,7 +34,7 @@ from rig.errors import BadInputError
 from rig.line_file import LineFile
 from rig.transport import TransportError
 from studies.faults.attempts import attempts
-from studies.faults.campaign.cases import Case, content, is_command
+from studies.faults.campaign.cases import FaultCase, content, is_command
 from studies.faults.campaign.faults import FaultyCarriage, cell
 from studies.faults.campaign.judge import (
     BOUND_GWT,
@@ -68,14 +68,20 @@ class Played:
     """One scenario on one bench, played by a worker that forks a child for each of its cases."""
 
     def __init__(
-        self, bench: str, scenario: Scenario, of: Sequence[Case], out: int, told: Callable[[], None], folder: Path
+        self,
+        bench: str,
+        scenario: Scenario,
+        of: Sequence[FaultCase],
+        out: int,
+        told: Callable[[], None],
+        folder: Path,
     ) -> None:
         """out: the file descriptor that records are appended to; told hears of each case that is over."""
         self._bench, self._scenario, self._out, self._told, self._folder = bench, scenario, out, told, folder
-        self._at: dict[int, list[Case]] = {}
+        self._at: dict[int, list[FaultCase]] = {}
         for case in of:
             self._at.setdefault(case.message, []).append(case)
-        self._case: Case | None = None  # in a child
+        self._case: FaultCase | None = None  # in a child
         self._begun_s = 0.0
         self._commands: list[tuple[int, bytes, tuple[float, float]]] = []  # of the undisturbed run
         self._to_come: list[tuple[bytes, tuple[float, float]]] = []  # in a child
@@ -149,7 +155,7 @@ class Played:
             self._told()
         return whole
 
-    def _strike(self, case: Case, message: Message) -> list[tuple[float, bytes]]:
+    def _strike(self, case: FaultCase, message: Message) -> list[tuple[float, bytes]]:
         """In the child: what arrives of the message; from here on the world is this case's own."""
         gc.disable()
         resource.setrlimit(resource.RLIMIT_CPU, (LONGEST_CPU_S, LONGEST_CPU_S))
@@ -192,7 +198,7 @@ class Played:
         finally:
             os._exit(code)
 
-    def _judged(self, case: Case, finished: Finished) -> Record:
+    def _judged(self, case: FaultCase, finished: Finished) -> Record:
         world = self.world
         at_rest(world)
         worst, left_gwt, claim = world.worst, world.true_gwt, claim_of(finished.at)
@@ -219,7 +225,7 @@ class Played:
         record["s"] = round(time.process_time() - self._begun_s, 3)
         return record
 
-    def _digest(self, case: Case, finished: Finished, record: Record) -> bytes:
+    def _digest(self, case: FaultCase, finished: Finished, record: Record) -> bytes:
         """Of what cases that end alike have in common."""
         reason = re.sub(r"[0-9a-f]{2}( [0-9a-f]{2})+|[-0-9.]+|'[^']*'", "#", finished.reason)
         left_gwt = round(record["left_gwt"], 1)
@@ -284,7 +290,7 @@ def commit() -> str:
     return found.stdout.strip() or "unknown"
 
 
-def about(case: Case) -> Record:
+def about(case: FaultCase) -> Record:
     """What a record says of its case."""
     place = {"bench": case.bench, "scenario": case.scenario, "phase": case.phase}
     struck = {"kind": case.kind, "mechanics": case.mechanics, "cell": case.cell, "data": case.data.hex()}
@@ -332,12 +338,12 @@ def kept(run: Path, before: dict[int, Any]) -> Record:
     }
 
 
-def work(cases: Iterable[Case], out: Path, told: Callable[[], None] = lambda: None) -> None:
+def work(cases: Iterable[FaultCase], out: Path, told: Callable[[], None] = lambda: None) -> None:
     """Carry cases out in this process and its children; records are appended to `out`."""
     logging.disable(logging.CRITICAL)  # of pymodbus: a broken frame is no news here
     gc.collect()
     gc.freeze()
-    by_scenario: dict[tuple[str, str], list[Case]] = {}
+    by_scenario: dict[tuple[str, str], list[FaultCase]] = {}
     for case in cases:
         by_scenario.setdefault((case.bench, case.scenario), []).append(case)
     scenarios = {scenario.name: scenario for scenario in SCENARIOS}
@@ -349,7 +355,7 @@ def work(cases: Iterable[Case], out: Path, told: Callable[[], None] = lambda: No
     os.close(file)
 
 
-def carry_out(cases: Sequence[Case], out: Path, processes: int, going: "Going | None" = None) -> None:
+def carry_out(cases: Sequence[FaultCase], out: Path, processes: int, going: "CampaignProgress | None" = None) -> None:
     """Carry cases out in so many processes at a time, saying how far they have come."""
     if not cases:
         return
@@ -371,7 +377,7 @@ def carry_out(cases: Sequence[Case], out: Path, processes: int, going: "Going | 
         os.close(writing)
         workers.append((worker, reading))
     try:
-        (going or Going(len(cases), lambda line: None)).follow([reading for _, reading in workers])
+        (going or CampaignProgress(len(cases), lambda line: None)).follow([reading for _, reading in workers])
     except BaseException:
         for worker, _ in workers:
             os.kill(worker, signal.SIGTERM)
@@ -385,7 +391,7 @@ def _tick(writing: int) -> None:
     os.write(writing, b".")
 
 
-class Going:
+class CampaignProgress:
     """How many cases are over, and how long the others will take."""
 
     def __init__(self, number: int, say: Callable[[str], None], every_s: float = 20.0) -> None:

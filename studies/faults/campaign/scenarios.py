@@ -24,11 +24,11 @@ from rig.protocol.check import Spot, Walk
 from rig.protocol.script import Script
 from rig.protocol.steps import Step
 from rig.records import Pace, PlannedIndentation, Prediction
-from rig.session.ending import Whereabouts
+from rig.session.ending import FinalPosition
 from rig.session.execute import Live
 from rig.session.resume import StoppedRun
 from rig.session.session import NewRun, Nobody, Session
-from studies.faults.campaign.world import Place, RememberingBench
+from studies.faults.campaign.world import RememberingBench, ScenarioBench
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, TARGET
 
 E = TypeVar("E")
@@ -45,7 +45,7 @@ class Finished:
 
     exit: str
     reason: str
-    at: Whereabouts | None
+    at: FinalPosition | None
 
 
 class SpringModel:
@@ -70,7 +70,7 @@ class SpringModel:
 class Phased:
     """Carries steps out, and says what the rig is doing."""
 
-    def __init__(self, world: Place, phases: Mapping[str, str], engine: Engine, walk: Walk) -> None:
+    def __init__(self, world: ScenarioBench, phases: Mapping[str, str], engine: Engine, walk: Walk) -> None:
         self._world, self._phases, self._count = world, phases, dict[str, int]()
         walk.model = SpringModel()
         assert isinstance(engine._journal, Journal)
@@ -88,7 +88,9 @@ class Phased:
 class PhasedByEvents(Nobody):
     """Names the phases within a press by what is journalled."""
 
-    def __init__(self, world: Place, phases: Mapping[tuple[str, str], str], act: Callable[[str], None]) -> None:
+    def __init__(
+        self, world: ScenarioBench, phases: Mapping[tuple[str, str], str], act: Callable[[str], None]
+    ) -> None:
         self._world, self._phases, self._act = world, phases, act
 
     def watch(self, stream: str, data: Mapping[str, Any]) -> None:
@@ -112,7 +114,7 @@ class RunScenario:
     events: Mapping[tuple[str, str], str]  # phases by verb and event
     stopped_first: bool = False  # whether the run that is struck is one that is resumed under force
 
-    def play(self, world: Place, folder: Path) -> Finished:
+    def play(self, world: ScenarioBench, folder: Path) -> Finished:
         """To its end, whatever happens to it on the way."""
         folder.mkdir(parents=True, exist_ok=True)
         for name in _MADE_FROM:
@@ -122,13 +124,13 @@ class RunScenario:
         self._session(world, folder, None, {}, _stop_in_hold(world))
         return self._session(world, folder, read_run(folder), self.verbs, phase="resume")
 
-    def take_up(self, world: Place, folder: Path) -> Finished:
+    def take_up(self, world: ScenarioBench, folder: Path) -> Finished:
         """What is missing, by another program."""
         return self._session(world, folder, read_run(folder), {})
 
     def _session(
         self,
-        world: Place,
+        world: ScenarioBench,
         folder: Path,
         before: Run | None,
         verbs: Mapping[str, str],
@@ -161,13 +163,13 @@ class RunScenario:
         return Plan({"data": planned, "precondition": [], "reference": []}, first_soft_trip_n=SOFT_TRIP_N)
 
 
-def _into(folder: Path, script: Script, world: Place, before: Run | None) -> NewRun | StoppedRun:
+def _into(folder: Path, script: Script, world: ScenarioBench, before: Run | None) -> NewRun | StoppedRun:
     if before is None:
         return NewRun(folder)
     return StoppedRun(RunFolder(folder), script, world.config, True, before)
 
 
-def _stop_in_hold(world: Place) -> Callable[[str], None]:
+def _stop_in_hold(world: ScenarioBench) -> Callable[[str], None]:
     """The operator's stop in the first hold: the finger stays pressed."""
 
     def act(stream: str) -> None:
@@ -233,10 +235,10 @@ class Scenario(Protocol):
     def name(self) -> str:
         """A word."""
 
-    def play(self, world: Place, folder: Path) -> Finished:
+    def play(self, world: ScenarioBench, folder: Path) -> Finished:
         """To its end, whatever happens to it on the way."""
 
-    def take_up(self, world: Place, folder: Path) -> Finished:
+    def take_up(self, world: ScenarioBench, folder: Path) -> Finished:
         """What a person does next, with a program of its own."""
 
 
@@ -249,7 +251,7 @@ class HandScenario:
 
     name = "hand"
 
-    def play(self, world: Place, folder: Path) -> Finished:
+    def play(self, world: ScenarioBench, folder: Path) -> Finished:
         """Home, zero, go over the finger, jog down to it and away, and home from contact."""
         self._home(world, "")
         self._zero(world)
@@ -265,12 +267,12 @@ class HandScenario:
         self._home(world, "home by hand")
         return Finished("done", "", None)
 
-    def take_up(self, world: Place, folder: Path) -> Finished:
+    def take_up(self, world: ScenarioBench, folder: Path) -> Finished:
         """Home again."""
         self._home(world, "")
         return Finished("done", "", None)
 
-    def _home(self, world: Place, phase: str) -> None:
+    def _home(self, world: ScenarioBench, phase: str) -> None:
         world.phase = phase
         with closing(world.connected()) as bench:
             sensing = Sensing(world.config, world.clock, bench.force)
@@ -278,11 +280,11 @@ class HandScenario:
             at_hand.home(world.config, bench, sensing)
         world.phase = ""
 
-    def _zero(self, world: Place) -> None:
+    def _zero(self, world: ScenarioBench) -> None:
         with closing(world.connected(moves=False)) as bench:
             at_hand.zero(world.config, Sensing(world.config, world.clock, bench.force), anyway=False)
 
-    def _jog(self, world: Place, phase: str, way: Direction, by_mm: float) -> Moved:
+    def _jog(self, world: ScenarioBench, phase: str, way: Direction, by_mm: float) -> Moved:
         world.phase = phase if phase in _CONNECTS else ""
         with closing(world.connected(moves=False)) as bench, _hand(world, bench) as hand:
             world.phase = phase
@@ -291,7 +293,7 @@ class HandScenario:
         return moved
 
 
-def _far_mm(world: Place) -> tuple[float, float]:
+def _far_mm(world: ScenarioBench) -> tuple[float, float]:
     """How far the indentor is from the pad's center and above its apex."""
     with closing(world.connected(moves=False)) as bench:
         at = bench.stage.look()
@@ -299,7 +301,7 @@ def _far_mm(world: Place) -> tuple[float, float]:
     return at.x_mm - frame.pad_centre_x_mm, at.z_mm - frame.apex_z_mm
 
 
-def _hand(world: Place, bench: RememberingBench) -> Any:
+def _hand(world: ScenarioBench, bench: RememberingBench) -> Any:
     bench.stage.connect()
     sensing = at_hand.feel(Sensing(world.config, world.clock, bench.force))
     return at_hand.at_hand(world.config, bench.stage, world.clock, sensing, lambda at, force_gwt: None, bench.before)

@@ -42,7 +42,7 @@ def pressed_gwt(record: Record) -> float:
     return float(max(record["worst_gwt"], record.get("resume_worst_gwt", 0.0)))
 
 
-class Summary:
+class CampaignSummary:
     """Counts by bench, phase and class, and the worst of each phase."""
 
     def __init__(self, records: Iterable[Record]) -> None:

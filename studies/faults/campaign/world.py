@@ -13,7 +13,7 @@ from rig.devices.drivers import force_driver, stage_driver
 from rig.engine import Journal
 from rig.engine.bench import NO_PAUSE, Heartbeat, Pause, WatchedBench
 from rig.engine.bench_memory import BenchMemory, LastKnown
-from rig.engine.sensing import Zero
+from rig.engine.sensing import ForceZero
 from rig.plan.config import Config
 from rig.transport import TransportError
 from rig.transport.wire import LoopbackTransport
@@ -67,7 +67,7 @@ def untouched(message: Message) -> list[tuple[float, bytes]]:
     return [(0.0, message.data)]
 
 
-class Mechanics(Protocol):
+class FaultMechanics(Protocol):
     """What a fault of the carriage makes of a commanded pose (x and height above the apex, mm)."""
 
     def pose_mm(self, t_s: float) -> tuple[float, float]:
@@ -99,7 +99,7 @@ class RememberingBench(WatchedBench, Protocol):
         """What the next command finds."""
 
 
-class Place(Protocol):
+class ScenarioBench(Protocol):
     """Where a scenario is played: a configured bench, and what a scenario tells of itself.
 
     phase and verb: what the rig is doing. journal: that of the run that is under way. folder: where the run is kept
@@ -129,7 +129,7 @@ class World:
         self.phase = ""
         self.tap: Tap = untouched
         self.messages = 0
-        self.mechanics: Mechanics | None = None
+        self.mechanics: FaultMechanics | None = None
         self.felt_n: Callable[[float], float] = self.true_n
         self.worst = Worst()
         self.lines = {
@@ -295,7 +295,7 @@ class CampaignBench:
         """A timer of the virtual clock looks at it."""
         return looked_after_by(self.clock, heartbeat)
 
-    def left_with(self, zero: Zero | None) -> None:
+    def left_with(self, zero: ForceZero | None) -> None:
         """As a real bench remembers it."""
         if zero is not None:
             self.memory.zeroed(zero)

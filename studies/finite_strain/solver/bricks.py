@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.fem.elements import gauss_points, gradients
-from studies.finite_strain.solver.laws import Energy, Law
+from studies.finite_strain.solver.laws import Law, StrainEnergy
 from studies.finite_strain.solver.ogden import Ogden, Stretched
 
 Array = NDArray[np.float64]
@@ -113,7 +113,7 @@ class _State:
             matrix += (self.kappa / self.volume)[..., None] * whole[:, :, None] * whole[:, None]
         return force, matrix
 
-    def _by_invariant(self, w: Energy, g: Array) -> tuple[Array, Array, Array]:
+    def _by_invariant(self, w: StrainEnergy, g: Array) -> tuple[Array, Array, Array]:
         """Of w(Ī₁ − 3), and what it adds to terms in g: with q = F ∂N/∂X, δĪ₁ = J^{−2/3} (2 q − ⅔ I₁ g) · δu."""
         n, points = self.weight.shape
         q = (self.gradient @ self.f.swapaxes(-1, -2)).reshape(n, points, 24)
@@ -131,7 +131,7 @@ class _State:
         return summed(first, d), matrix, c * self.i1
 
 
-def _tissue(law: Law, f: Array, i: Array) -> Energy | Stretched:
+def _tissue(law: Law, f: Array, i: Array) -> StrainEnergy | Stretched:
     """What a law says at deformation gradients with so much Ī₁ − 3."""
     return Stretched(law, f) if isinstance(law, Ogden) else law.energy(i)
 

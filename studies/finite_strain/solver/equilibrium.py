@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from studies.finite_strain.solver.body import Body
-from studies.finite_strain.solver.factor import IndefiniteError
+from studies.finite_strain.solver.factor import NotPositiveDefiniteError
 from studies.finite_strain.solver.rigid import PENALTY_MPA_PER_MM, Rigid, Skin, Touching, clearance, energy, touching
 
 Array = NDArray[np.float64]
@@ -88,7 +88,7 @@ def _descent(
         values = _with(body, stiffness, skin.unknown[touched.nodes], blocks, shift)
         try:
             return -body.factor.solve(values, unbalanced), blocks is not outer
-        except IndefiniteError:
+        except NotPositiveDefiniteError:
             continue
     raise NotFoundError("the tangent is indefinite")
 

@@ -16,7 +16,7 @@ _SYMMETRIC_POSITIVE_DEFINITE = 2
 _ANALYSE, _FACTORISE_SOLVE, _RELEASE = 11, 23, -1
 
 
-class IndefiniteError(ValueError):
+class NotPositiveDefiniteError(ValueError):
     """A matrix is not positive definite."""
 
 
@@ -30,7 +30,7 @@ class Factor:
         weakref.finalize(self, _release, self._solver, pattern.size).atexit = False
 
     def solve(self, values: Array, load: Array) -> Array:
-        """(n,) from the upper triangle's values and (n,) loads. Raises IndefiniteError."""
+        """(n,) from the upper triangle's values and (n,) loads. Raises NotPositiveDefiniteError."""
         matrix = self._pattern.matrix(values)
         if not self._analysed:
             self._solver.set_phase(_ANALYSE)
@@ -40,7 +40,7 @@ class Factor:
         try:
             return np.asarray(self._solver._call_pardiso(matrix, load))
         except PyPardisoError as error:
-            raise IndefiniteError(str(error)) from None
+            raise NotPositiveDefiniteError(str(error)) from None
 
 
 def _release(solver: PyPardisoSolver, size: int) -> None:

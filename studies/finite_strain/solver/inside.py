@@ -26,7 +26,7 @@ Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class Receptors:
+class InteriorPoints:
     """Points (n, 3) mm inside a mesh, where deformation is recovered as the project's models recover strain."""
 
     config: FingertipConfig

@@ -11,7 +11,7 @@ from studies.finite_strain.solver.ogden import Ogden
 Array = NDArray[np.float64]
 
 
-class Energy(NamedTuple):
+class StrainEnergy(NamedTuple):
     """w(Ī₁ − 3) and its first and second derivative."""
 
     value: Array
@@ -22,7 +22,7 @@ class Energy(NamedTuple):
 class OfInvariant(Protocol):
     """An isochoric energy with w(0) = 0 and w′(0) = ½."""
 
-    def energy(self, i: Array) -> Energy:
+    def energy(self, i: Array) -> StrainEnergy:
         """At (…) values of Ī₁ − 3."""
 
 
@@ -33,9 +33,9 @@ Law = OfInvariant | Ogden
 class NeoHookean:
     """w = ½ (Ī₁ − 3)."""
 
-    def energy(self, i: Array) -> Energy:
+    def energy(self, i: Array) -> StrainEnergy:
         """At (…) values of Ī₁ − 3."""
-        return Energy(0.5 * i, np.full_like(i, 0.5), np.zeros_like(i))
+        return StrainEnergy(0.5 * i, np.full_like(i, 0.5), np.zeros_like(i))
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,9 @@ class Yeoh:
     a: float
     b: float = 0.0
 
-    def energy(self, i: Array) -> Energy:
+    def energy(self, i: Array) -> StrainEnergy:
         """At (…) values of Ī₁ − 3."""
         a, b = self.a, self.b
-        return Energy(0.5 * i * (1 + i * (a + b * i)), 0.5 * (1 + i * (2 * a + 3 * b * i)), 0.5 * (2 * a + 6 * b * i))
+        return StrainEnergy(
+            0.5 * i * (1 + i * (a + b * i)), 0.5 * (1 + i * (2 * a + 3 * b * i)), 0.5 * (2 * a + 6 * b * i)
+        )

@@ -18,7 +18,7 @@ SHORTEST_MM = 5e-4
 
 
 @dataclass(frozen=True)
-class Pressed:
+class PressedBody:
     """A body at rest under an indentor: DOI in mm, the unknowns, what bears; forces for E(epidermis) = 1 MPa."""
 
     doi_mm: float
@@ -33,16 +33,16 @@ class Pressed:
 
 def presses(
     body: Body, skin: Skin, touch: Rigid, depths_mm: Sequence[float], step_mm: float = 0.05
-) -> Iterator[Pressed]:
+) -> Iterator[PressedBody]:
     """One at each of ascending depths below first touch. Ends early where nothing more converges."""
-    last, before = Pressed(0.0, np.zeros(body.size), NOTHING), None
+    last, before = PressedBody(0.0, np.zeros(body.size), NOTHING), None
     for depth in depths_mm:
         step = step_mm
         while last.doi_mm < depth - 1e-12:
             doi = min(last.doi_mm + step, depth)
             there = replace(touch, height_mm=touch.height_mm - doi)
             try:
-                found = Pressed(doi, *rest(body, skin, there, _ahead(last, before, doi)))
+                found = PressedBody(doi, *rest(body, skin, there, _ahead(last, before, doi)))
             except NotFoundError:
                 step *= 0.5
                 before = None
@@ -57,7 +57,7 @@ def presses(
 NOTHING = Touching(np.zeros(0, np.int64), np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3, 3)))
 
 
-def _ahead(last: Pressed, before: Pressed | None, doi_mm: float) -> Array:
+def _ahead(last: PressedBody, before: PressedBody | None, doi_mm: float) -> Array:
     """Unknowns that go on as they went."""
     if before is None or before.doi_mm == 0.0:
         return last.unknowns

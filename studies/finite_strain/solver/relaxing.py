@@ -15,7 +15,7 @@ from studies.finite_strain.solver.body import Body
 from studies.finite_strain.solver.bricks import Bricks, deformation, outer, summed, swapped
 from studies.finite_strain.solver.equilibrium import NotFoundError, followed, rest
 from studies.finite_strain.solver.inside import isochoric
-from studies.finite_strain.solver.press import NOTHING, Pressed
+from studies.finite_strain.solver.press import NOTHING, PressedBody
 from studies.finite_strain.solver.rigid import Rigid, Skin
 
 Array = NDArray[np.float64]
@@ -101,13 +101,13 @@ class PressInTime:
         assert isinstance(body.elements, Bricks)
         self._tissue = RelaxingBricks(body.elements, prony)
         self._body, self._skin, self._touch = replace(body, elements=self._tissue), skin, touch
-        self.now = Pressed(0.0, np.zeros(body.size), NOTHING)
+        self.now = PressedBody(0.0, np.zeros(body.size), NOTHING)
 
-    def to_depth(self, step_s: float, doi_mm: float) -> Pressed:
+    def to_depth(self, step_s: float, doi_mm: float) -> PressedBody:
         """So much later at a depth, in shorter steps where a long one finds no rest. Raises NotFoundError."""
         return self._to_depth(step_s, doi_mm, _FINEST)
 
-    def to_force(self, step_s: float, force: float) -> Pressed:
+    def to_force(self, step_s: float, force: float) -> PressedBody:
         """So much later at the depth near this one that carries a force, N of E = 1 MPa. Raises NotFoundError."""
         self._tissue.begin(step_s)
         found = self._found(self.now.doi_mm, self.now)
@@ -120,7 +120,7 @@ class PressInTime:
             doi_mm = found.doi_mm + (force - found.force) / per_mm
         raise NotFoundError(f"no depth that carries {force:g} N")
 
-    def _to_depth(self, step_s: float, doi_mm: float, halvings: int) -> Pressed:
+    def _to_depth(self, step_s: float, doi_mm: float, halvings: int) -> PressedBody:
         try:
             self._tissue.begin(step_s)
             return self._arrived(self._found(doi_mm, self.now))
@@ -130,12 +130,12 @@ class PressInTime:
         self._to_depth(0.5 * step_s, 0.5 * (self.now.doi_mm + doi_mm), halvings - 1)
         return self._to_depth(0.5 * step_s, doi_mm, halvings - 1)
 
-    def _found(self, doi_mm: float, start: Pressed) -> Pressed:
+    def _found(self, doi_mm: float, start: PressedBody) -> PressedBody:
         there = replace(self._touch, height_mm=self._touch.height_mm - doi_mm)
         ahead = followed(self._body, self._skin, there, start.unknowns, start.touched.nodes)
-        return Pressed(doi_mm, *rest(self._body, self._skin, there, ahead))
+        return PressedBody(doi_mm, *rest(self._body, self._skin, there, ahead))
 
-    def _arrived(self, found: Pressed) -> Pressed:
+    def _arrived(self, found: PressedBody) -> PressedBody:
         self._tissue.end(self._body.displacement(found.unknowns))
         self.now = found
         return found

@@ -28,7 +28,7 @@ class Asked:
     parameters: Sequence[str]
     facts: Sequence[str]
 
-    def places_of(self, table: kept.Table) -> Array:
+    def places_of(self, table: kept.FingerSample) -> Array:
         """(n, d) of the fingers of a table."""
         return np.array([self.place_of(dict(zip(self.parameters, row, strict=True))) for row in table.values])
 
@@ -49,7 +49,7 @@ def spread_among(candidates: Array, n: int, taken: Array) -> Array:
     return candidates[chosen]
 
 
-def run(asked: Asked, places: Array, path: Path, say: Say = print, **told: int) -> kept.Table:
+def run(asked: Asked, places: Array, path: Path, say: Say = print, **told: int) -> kept.FingerSample:
     """Every finger that the table has not yet; each is on disk before the next is begun, what is told beside it."""
     done = set(kept.read(path, asked.parameters, asked.facts).numbers.tolist())
     if len(done) < len(places):

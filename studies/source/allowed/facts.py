@@ -17,7 +17,16 @@ import numpy as np
 from rig.compare.pressure_formula import fit, together
 from studies.source.pressure_fits import pressed
 from studies.source.printed import bars, cylinders, formula, profiles, steps, under_steps
-from studies.source.printed.answers import HIGH_GWT, LOW_GWT, ROW_DEPTH_MM, Answers, Scene, deep, forced, once
+from studies.source.printed.answers import (
+    HIGH_GWT,
+    LOW_GWT,
+    ROW_DEPTH_MM,
+    FingerAnswers,
+    PrintedPress,
+    deep,
+    forced,
+    once,
+)
 from studies.source.printed.drawing import second
 
 ANY = np.inf
@@ -48,7 +57,7 @@ class Fact:
     high: float
     reading: float
     model: float
-    measure: Callable[[Answers], float]
+    measure: Callable[[FingerAnswers], float]
 
 
 def halves(seed: int = SEED) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -88,11 +97,11 @@ _apex = Fact(
 )
 
 
-def _side(answers: Answers, scene: Scene, side: int) -> float:
+def _side(answers: FingerAnswers, scene: PrintedPress, side: int) -> float:
     return bars.edges(answers, scene)[side]
 
 
-def _edge(figure: str, scene: Scene, side: int, low: float, high: float) -> Fact:
+def _edge(figure: str, scene: PrintedPress, side: int, low: float, high: float) -> Fact:
     width, name = scene.shape.partition(":")[2], ("left", "right")[side]
     return Fact(
         f"bar_{width}_{name}_{scene.value:g}",
@@ -129,7 +138,7 @@ _cylinders += [
 ]  # fmt: skip
 
 
-def _second_sed(answers: Answers, *shapes: str) -> float:
+def _second_sed(answers: FingerAnswers, *shapes: str) -> float:
     _, found = cylinders.sed_below(answers, 1.33, ROW_DEPTH_MM)
     return max(second(found[cylinders.SHAPES.index(shape)]) for shape in shapes)
 
@@ -148,11 +157,11 @@ _beneath = [
 # --- steps ---
 
 
-def _peaks(answers: Answers) -> tuple[list[float], list[float]]:
+def _peaks(answers: FingerAnswers) -> tuple[list[float], list[float]]:
     return [s.x_mm for s in steps.MOVED["1"]], [steps.peak(answers, s) for s in steps.MOVED["1"]]
 
 
-def _where_high(answers: Answers) -> float:
+def _where_high(answers: FingerAnswers) -> float:
     """The middle of where the peak exceeds 70 % of its highest; positions alone jump with the mesh."""
     x, peaks = _peaks(answers)
     fine = np.linspace(min(x), max(x), 2001)
@@ -183,11 +192,11 @@ _steps = [
 # --- beneath steps ---
 
 
-def _second_beneath(answers: Answers, scene: Scene, measure: str) -> float:
+def _second_beneath(answers: FingerAnswers, scene: PrintedPress, measure: str) -> float:
     return second(answers.beneath(scene, measure)[1])
 
 
-def _maxima(key: str, figure: str, scene: Scene, measure: str, one: bool) -> Fact:
+def _maxima(key: str, figure: str, scene: PrintedPress, measure: str, one: bool) -> Fact:
     says = f"second maximum of {measure} under {scene.shape} at {scene.x_mm:g}, {key.rpartition('_')[2]}"
     low, high = (-ANY, 0.05) if one else (0.05, ANY)
     return Fact(key, figure, says, low, high, 0.03, 0.03, partial(_second_beneath, scene=scene, measure=measure))
@@ -215,7 +224,7 @@ _under = [
 
 
 @once
-def _constants(answers: Answers) -> tuple[float, float, float]:
+def _constants(answers: FingerAnswers) -> tuple[float, float, float]:
     found = [pressed(answers.finger, scene.shape, answers.press(scene)).patch.off_edges for scene in formula.MIDDLE]
     return fit(together(found))
 
@@ -230,7 +239,7 @@ _formula = [
 # --- profiles ---
 
 
-def _balance(answers: Answers, x_mm: float, measure: str) -> float:
+def _balance(answers: FingerAnswers, x_mm: float, measure: str) -> float:
     """1 for a peak alone, −1 for a dip alone, 0 for both alike."""
     p, q, _ = profiles.peak_and_dip(answers, x_mm, measure)
     return (p - q) / (p + q)

@@ -22,7 +22,7 @@ FEWEST = 2
 
 
 @dataclass(frozen=True)
-class Target:
+class FactTarget:
     """Where a fact lies on the source's finger, and one standard deviation of what is read and of the model."""
 
     key: str
@@ -37,28 +37,28 @@ class Target:
 
 
 @dataclass(frozen=True)
-class MeshError:
+class MeshDeviation:
     """What the default mesh adds to a fact of the design's mesh, and one standard deviation of that."""
 
     shift: float = 0.0
     deviation: float = 0.0
 
 
-def mesh_error(coarse: Array, full: Array) -> MeshError:
+def mesh_error(coarse: Array, full: Array) -> MeshDeviation:
     """Of one fact on the same fingers (n,); the deviation is that of another finger from the mean of these."""
     both = np.isfinite(coarse) & np.isfinite(full)
     d = (full - coarse)[both]
     if len(d) < 2:
-        return MeshError(float(d.sum()), np.inf)
-    return MeshError(float(d.mean()), float(d.std(ddof=1) * np.sqrt(1 + 1 / len(d))))
+        return MeshDeviation(float(d.sum()), np.inf)
+    return MeshDeviation(float(d.mean()), float(d.std(ddof=1) * np.sqrt(1 + 1 / len(d))))
 
 
 @dataclass(frozen=True)
 class Judge:
     """One fact: its target, what the mesh does to it, its emulator, and the factor on what that expects of itself."""
 
-    target: Target
-    mesh: MeshError
+    target: FactTarget
+    mesh: MeshDeviation
     emulator: Emulator
     widened: float
     relative_error: float
@@ -76,7 +76,7 @@ class Judge:
         )
 
 
-def judges(x: Array, facts: Array, targets: Sequence[Target], meshes: Sequence[MeshError]) -> list[Judge]:
+def judges(x: Array, facts: Array, targets: Sequence[FactTarget], meshes: Sequence[MeshDeviation]) -> list[Judge]:
     """One for each fact that enough fingers show: (n, d) places, (n, facts) values, nan where there is none."""
     found = []
     for y, target, mesh in zip(facts.T, targets, meshes, strict=True):
@@ -88,7 +88,7 @@ def judges(x: Array, facts: Array, targets: Sequence[Target], meshes: Sequence[M
     return found
 
 
-def measured(targets: Sequence[Target], facts: Array) -> Array:
+def measured(targets: Sequence[FactTarget], facts: Array) -> Array:
     """(n, facts) implausibilities of what was measured on the default mesh: reading and model alone."""
     off = np.stack([t.off(y) for t, y in zip(targets, facts.T, strict=True)], axis=1)
     return np.asarray(off / np.array([np.hypot(t.reading, t.model) for t in targets]))

@@ -22,21 +22,23 @@ DIGITS = 6
 
 
 @dataclass(frozen=True)
-class Table:
+class FingerSample:
     """Fingers that were asked: (n,) numbers within the design, values (n, parameters), facts (n, facts)."""
 
     numbers: NDArray[np.int64]
     values: Array
     facts: Array
 
-    def of(self, chosen: NDArray[np.bool_]) -> "Table":
+    def of(self, chosen: NDArray[np.bool_]) -> "FingerSample":
         """Some of them."""
-        return Table(self.numbers[chosen], self.values[chosen], self.facts[chosen])
+        return FingerSample(self.numbers[chosen], self.values[chosen], self.facts[chosen])
 
 
-def together(tables: Sequence[Table]) -> Table:
+def together(tables: Sequence[FingerSample]) -> FingerSample:
     """All rows."""
-    return Table(*(np.concatenate([getattr(t, name) for t in tables]) for name in ("numbers", "values", "facts")))
+    return FingerSample(
+        *(np.concatenate([getattr(t, name) for t in tables]) for name in ("numbers", "values", "facts"))
+    )
 
 
 def append(path: Path, number: int, values: Mapping[str, float], facts: Mapping[str, float]) -> None:
@@ -55,7 +57,7 @@ def _short(value: float) -> str:
     return f"{value:.{DIGITS}g}" if np.isfinite(value) else ""
 
 
-def read(path: Path, parameters: Sequence[str], facts: Sequence[str]) -> Table:
+def read(path: Path, parameters: Sequence[str], facts: Sequence[str]) -> FingerSample:
     """The fingers of a table, none where there is no file yet. Raises KeyError where a column is missing."""
     rows: list[dict[str, str]] = []
     if path.exists():
@@ -65,7 +67,9 @@ def read(path: Path, parameters: Sequence[str], facts: Sequence[str]) -> Table:
     def columns(names: Sequence[str]) -> Array:
         return np.array([[float(row[name] or "nan") for name in names] for row in rows]).reshape(-1, len(names))
 
-    return Table(np.array([int(row["finger"]) for row in rows], dtype=np.int64), columns(parameters), columns(facts))
+    return FingerSample(
+        np.array([int(row["finger"]) for row in rows], dtype=np.int64), columns(parameters), columns(facts)
+    )
 
 
 def begin_anew(path: Path, **told: object) -> None:

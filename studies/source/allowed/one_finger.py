@@ -24,27 +24,27 @@ from sim.models.fingertip import Fingertip
 from sim.models.sources import MeshKey, Recipe, widened
 from studies.source.allowed.facts import FACTS, SCENES
 from studies.source.allowed.ranges import LOW_FORCE, Values, finger_of
-from studies.source.printed.answers import LOW_GWT, ROW_DEPTH_MM, ROW_X_MM, Answers, Scene
+from studies.source.printed.answers import LOW_GWT, ROW_DEPTH_MM, ROW_X_MM, FingerAnswers, PrintedPress
 from studies.source.printed.cylinders import DEEP_MM, DEEP_X_MM
 from studies.source.stiffness_scale import calibrate
 
 _SAME_MM = 1e-9
 
 
-class OwnAnswers(Answers):
+class OwnAnswers(FingerAnswers):
     """Answers of a finger that carries the source's 8 gwt by a stiffness of its own, at a low force of its own."""
 
     def __init__(self, finger: Fingertip, low_gwt: float) -> None:
         super().__init__(finger)
         self._low_gwt = low_gwt
 
-    def press_all(self, scenes: Sequence[Scene], *_: Any, **__: Any) -> None:
+    def press_all(self, scenes: Sequence[PrintedPress], *_: Any, **__: Any) -> None:
         """In this process. Raises RuntimeError, naming the scene, where there is no answer."""
         asked = {scene: self._own(scene) for scene in scenes}
         super().press_all(list(dict.fromkeys(asked.values())), cores=1)
         self._pressed |= {scene: self._pressed[own] for scene, own in asked.items()}
 
-    def _own(self, scene: Scene) -> Scene:
+    def _own(self, scene: PrintedPress) -> PrintedPress:
         low = scene.kind == "force_gwt" and scene.value == LOW_GWT
         return scene._replace(value=self._low_gwt) if low else scene
 
@@ -107,7 +107,7 @@ def facts_of(values: Values, mesh: Mapping[str, Any]) -> dict[str, float]:
     return {fact.key: _of(answers, fact.measure) for fact in FACTS}
 
 
-def _of(answers: Answers, measure: Any) -> float:
+def _of(answers: FingerAnswers, measure: Any) -> float:
     try:
         return float(measure(answers))
     except (RuntimeError, ValueError, ZeroDivisionError):

@@ -14,8 +14,8 @@ from studies.source.allowed.implausible import CUT_OFF, worst
 from studies.source.allowed.pins import Pin, pins
 from studies.source.allowed.ranges import DEFAULT, RANGES, Range
 from studies.source.allowed.sentences import sentences
-from studies.source.allowed.study import CHOOSES, Study, better, score
-from studies.source.allowed.summary import Line, best_row, lines, met
+from studies.source.allowed.study import CHOOSES, AllowedStudy, better, score
+from studies.source.allowed.summary import FactLine, best_row, lines, met
 
 Array = NDArray[np.float64]
 
@@ -23,14 +23,14 @@ _COLUMNS, _BINS = 5, 16
 _MINUS = re.compile(r"(?<![\w-])-(?=\d)")
 
 
-def markdown(study: Study) -> str:
+def markdown(study: AllowedStudy) -> str:
     """All tables."""
     words = "\n".join(f"- {one}" for one in sentences(study))
     parts = [words, waves(study), parameters(pins(study.last)), halves(study), facts(lines(study)), fingers(study)]
     return "\n\n".join(["# Which fingers the source allows", *parts]) + "\n"
 
 
-def waves(study: Study) -> str:
+def waves(study: AllowedStudy) -> str:
     """What each left."""
     rows = [
         (f"{k}", f"{one.fingers}", f"{one.inflation:g}", f"{one.share:.2%}") for k, one in enumerate(study.lefts, 1)
@@ -59,7 +59,7 @@ def parameters(found: Sequence[Pin]) -> str:
     return _table(header, rows)
 
 
-def halves(study: Study) -> str:
+def halves(study: AllowedStudy) -> str:
     """Facts met before and after: by the default finger, by it at the best one's low force, by the best."""
     found, row = lines(study), best_row(study)
     three = (study.default, study.alike.facts[row], study.best.facts[row])
@@ -75,7 +75,7 @@ def halves(study: Study) -> str:
     return f"{told}\n\n{_table(header, rows)}"
 
 
-def facts(found: Sequence[Line]) -> str:
+def facts(found: Sequence[FactLine]) -> str:
     """Each fact."""
     return _table(
         (
@@ -94,7 +94,7 @@ def facts(found: Sequence[Line]) -> str:
     )
 
 
-def _fact(line: Line) -> tuple[str, ...]:
+def _fact(line: FactLine) -> tuple[str, ...]:
     fact, judge = line.fact, line.judge
     return (
         fact.figure,
@@ -118,7 +118,7 @@ def _target(low: float, high: float) -> str:
     return f"≥ {low:.3g}" if np.isinf(high) else f"{low:.3g} … {high:.3g}"
 
 
-def fingers(study: Study) -> str:
+def fingers(study: AllowedStudy) -> str:
     """The best of what is left, and whether one may become the default."""
     rows = []
     best = study.best
@@ -141,12 +141,12 @@ def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return _MINUS.sub("−", "\n".join(f"| {' | '.join(cells)} |" for cells in lines_))
 
 
-def drawn(study: Study, path: Path) -> None:
+def drawn(study: AllowedStudy, path: Path) -> None:
     """One panel a parameter: what part of its slice is left, and the least worst implausibility there."""
     path.write_bytes(Plot((10.2, 6.4), lambda canvas: _draw(canvas, study)).png)
 
 
-def _draw(canvas: Figure, study: Study) -> None:
+def _draw(canvas: Figure, study: AllowedStudy) -> None:
     last = study.last
     away = worst(last.judges, last.places, last.inflation)
     panels = canvas.subplots(-(-len(RANGES) // _COLUMNS), _COLUMNS, sharey=True).ravel()

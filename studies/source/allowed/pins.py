@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from studies.source.allowed.ranges import RANGES, Range, place_of
-from studies.source.allowed.waves import Left
+from studies.source.allowed.waves import RemainingPlaces
 
 Array = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ class Pin:
         return self.part < PINNED
 
 
-def pins(left: Left) -> list[Pin]:
+def pins(left: RemainingPlaces) -> list[Pin]:
     """In the order of the ranges."""
     found = []
     for one, units in zip(RANGES, left.places[left.allowed].T, strict=True):
@@ -43,7 +43,7 @@ def pins(left: Left) -> list[Pin]:
     return found
 
 
-def but_for_the_pinned(left: Left) -> Array:
+def but_for_the_pinned(left: RemainingPlaces) -> Array:
     """(d,) the default finger with what is pinned in the middle of what is left of it."""
     units = np.median(left.places[left.allowed], axis=0)
     values = {

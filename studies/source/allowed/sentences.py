@@ -9,9 +9,9 @@ from studies.source.allowed.facts import FACTS, Fact
 from studies.source.allowed.implausible import CUT_OFF, Judge, allowed
 from studies.source.allowed.pins import pins
 from studies.source.allowed.ranges import LOW_FORCE, NAMES, RANGES, place_of
-from studies.source.allowed.study import CHOOSES, Study, better, score
+from studies.source.allowed.study import CHOOSES, AllowedStudy, better, score
 from studies.source.allowed.summary import lines
-from studies.source.allowed.waves import Left
+from studies.source.allowed.waves import RemainingPlaces
 
 Array = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ FORESEEN = 2.0
 _GROWTH, _SHARE = "growth", "upper_share"
 
 
-def sentences(study: Study) -> list[str]:
+def sentences(study: AllowedStudy) -> list[str]:
     """In the order of docs/model.md."""
     return [
         waves(study.lefts),
@@ -40,14 +40,14 @@ def sentences(study: Study) -> list[str]:
     ]
 
 
-def waves(lefts: Sequence[Left]) -> str:
+def waves(lefts: Sequence[RemainingPlaces]) -> str:
     """What each left."""
     first, *others = lefts
     told = ", ".join(f"after {left.fingers} {percent(left.share)}" for left in others)
     return f"After {first.fingers} fingers {percent(first.share)} of the ranges' volume are left, {told}."
 
 
-def deflated(last: Left) -> str:
+def deflated(last: RemainingPlaces) -> str:
     """What would be left if reading and model were trusted more."""
     shares = [float(np.mean(allowed(last.judges, last.places, last.inflation * k))) for k in DEFLATED]
     told = ", ".join(
@@ -56,7 +56,7 @@ def deflated(last: Left) -> str:
     return f"Reading and model errors are multiplied by {last.inflation:g}; {told} would be left."
 
 
-def checked(study: Study) -> str:
+def checked(study: AllowedStudy) -> str:
     """What the checking half leaves of that, and which of its facts rule out most."""
     last, inside = study.last, study.last.places[study.last.allowed]
     both = float(np.mean(study.checks.allowed[last.allowed]))
@@ -82,14 +82,14 @@ def held_back(judges: Sequence[Judge]) -> str:
     )
 
 
-def pinned(last: Left) -> str:
+def pinned(last: RemainingPlaces) -> str:
     """The parameters of which the source says something."""
     found = [pin for pin in pins(last) if pin.pinned]
     told = "; ".join(f"`{pin.one.name}` {typeset(f'{pin.low:.2f} … {pin.high:.2f}')}" for pin in found)
     return f"Pinned are {len(found)} of {len(RANGES)}, the middle nine tenths of what is left: {told or 'none'}."
 
 
-def foreseen(study: Study) -> str:
+def foreseen(study: AllowedStudy) -> str:
     """Whether what the emulators expected of the last wave came."""
     before, last = study.lefts[-2], study.tables[-1]
     x = np.array([place_of(dict(zip(NAMES, row, strict=True))) for row in last.values])
@@ -105,7 +105,7 @@ def foreseen(study: Study) -> str:
     )
 
 
-def later(study: Study) -> str:
+def later(study: AllowedStudy) -> str:
     """What the low force does on the fingers of the later waves."""
     columns = {key: np.concatenate([t.facts[:, _column(key)] for t in study.tables[1:]]) for key in (_GROWTH, _SHARE)}
     growth, share = ((np.nanmin(found), np.nanmax(found)) for found in columns.values())
@@ -117,14 +117,14 @@ def later(study: Study) -> str:
     )
 
 
-def together(last: Left) -> str:
+def together(last: RemainingPlaces) -> str:
     """The two parameters that are most alike in what is left."""
     r = np.triu(np.corrcoef(last.places[last.allowed].T), 1)
     a, b = np.unravel_index(int(np.abs(r).argmax()), r.shape)
     return f"Most alike in what is left are `{NAMES[a]}` and `{NAMES[b]}` (r = {typeset(f'{r[a, b]:.2f}')})."
 
 
-def nearest(study: Study) -> str:
+def nearest(study: AllowedStudy) -> str:
     """Facts out of reach, and those nearest to it."""
     found = sorted((line for line in lines(study) if np.isfinite(line.nearest)), key=lambda line: -line.nearest)
     beyond = [line for line in found if line.out_of_reach]
@@ -132,7 +132,7 @@ def nearest(study: Study) -> str:
     return f"Out of reach are {len(beyond)} numbers; the farthest from every finger, in deviations: {told}."
 
 
-def best(study: Study) -> list[str]:
+def best(study: AllowedStudy) -> list[str]:
     """Each of those that were built in full beside the default finger at its low force, and what the rule says."""
     force = NAMES.index(LOW_FORCE)
     found = []

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from studies.source.allowed import design, kept
 from studies.source.allowed.facts import CHOOSE, FACTS, Fact
-from studies.source.allowed.implausible import CUT_OFF, MeshError, Target, measured, mesh_error, worst
+from studies.source.allowed.implausible import CUT_OFF, FactTarget, MeshDeviation, measured, mesh_error, worst
 from studies.source.allowed.one_finger import facts_of
 from studies.source.allowed.pins import but_for_the_pinned
 from studies.source.allowed.ranges import COARSE, DEFAULT, FULL, LOW_FORCE, NAMES, place_of, values_at
-from studies.source.allowed.waves import Left, Match, Plan
+from studies.source.allowed.waves import Match, RemainingPlaces, WavePlan
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -33,36 +33,36 @@ def asked(mesh: Mapping[str, float]) -> design.Asked:
     return design.Asked(values_at, place_of, partial(facts_of, mesh=mesh), NAMES, KEYS)
 
 
-def target(fact: Fact) -> Target:
+def target(fact: Fact) -> FactTarget:
     """A fact without the way to measure it."""
-    return Target(fact.key, fact.low, fact.high, fact.reading, fact.model)
+    return FactTarget(fact.key, fact.low, fact.high, fact.reading, fact.model)
 
 
 TARGETS = tuple(target(fact) for fact in FACTS)
 
 
 @dataclass(frozen=True)
-class Study:
+class AllowedStudy:
     """What came of it: by wave what the choosing half leaves; what each mesh says; the best, on the default mesh."""
 
-    meshes: Sequence[MeshError]
-    lefts: Sequence[Left]
-    checks: Left
+    meshes: Sequence[MeshDeviation]
+    lefts: Sequence[RemainingPlaces]
+    checks: RemainingPlaces
     default: Array  # (facts,) on the default mesh
-    best: kept.Table
-    alike: kept.Table  # the default finger at the low force of each of the best
-    tables: Sequence[kept.Table] = ()  # of each wave
+    best: kept.FingerSample
+    alike: kept.FingerSample  # the default finger at the low force of each of the best
+    tables: Sequence[kept.FingerSample] = ()  # of each wave
 
     @property
-    def last(self) -> Left:
+    def last(self) -> RemainingPlaces:
         """After the last wave."""
         return self.lefts[-1]
 
 
-PLAN = Plan()
+PLAN = WavePlan()
 
 
-def made(folder: Path, say: design.Say, plan: Plan = PLAN) -> Study:
+def made(folder: Path, say: design.Say, plan: WavePlan = PLAN) -> AllowedStudy:
     """From what is kept in a folder, and what is pressed now."""
     first = design.filling(plan.fingers[0], len(NAMES))
     both = np.vstack([place_of(DEFAULT), first[:COMPARED]])
@@ -80,17 +80,17 @@ def made(folder: Path, say: design.Say, plan: Plan = PLAN) -> Study:
     forces = best.values[:, NAMES.index(LOW_FORCE)]
     others = np.stack([place_of(DEFAULT | {LOW_FORCE: float(force)}) for force in forces])
     alike = design.run(asked(FULL), others, folder / "default_alike.csv", say, after=after)
-    return Study(meshes, lefts, checks, full.facts[0], best, alike, tables)
+    return AllowedStudy(meshes, lefts, checks, full.facts[0], best, alike, tables)
 
 
-def _match(chosen: Flags, meshes: Sequence[MeshError], plan: Plan, folder: Path) -> Match:
+def _match(chosen: Flags, meshes: Sequence[MeshDeviation], plan: WavePlan, folder: Path) -> Match:
     """By some of the facts."""
     targets = [one for one, takes_part in zip(TARGETS, chosen, strict=True) if takes_part]
     errors = [one for one, takes_part in zip(meshes, chosen, strict=True) if takes_part]
     return Match(asked(COARSE), targets, errors, plan, folder)
 
 
-def best_places(left: Left) -> Array:
+def best_places(left: RemainingPlaces) -> Array:
     """(≤ BEST, d) of what is left: the one that is worst by least, and others spread over the better tenth."""
     inside = left.places[left.allowed]
     by_worst = inside[np.argsort(worst(left.judges, inside, left.inflation))]

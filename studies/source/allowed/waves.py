@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from studies.source.allowed import design, kept
-from studies.source.allowed.implausible import Judge, MeshError, Target, allowed, inflation_needed, judges
+from studies.source.allowed.implausible import FactTarget, Judge, MeshDeviation, allowed, inflation_needed, judges
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class Plan:
+class WavePlan:
     """Fingers of each wave, places at which they are judged, and when to stop before the last."""
 
     fingers: tuple[int, ...] = (32, 32, 10, 26)
@@ -27,7 +27,7 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class Left:
+class RemainingPlaces:
     """What a number of fingers leaves: at which inflation, which places of all that were judged, and by whom."""
 
     fingers: int
@@ -47,12 +47,12 @@ class Match:
     """A history match: what is asked, what it should come to, what the mesh adds, how far to go, where it is kept."""
 
     asked: design.Asked
-    targets: Sequence[Target]
-    meshes: Sequence[MeshError]
-    plan: Plan
+    targets: Sequence[FactTarget]
+    meshes: Sequence[MeshDeviation]
+    plan: WavePlan
     folder: Path
 
-    def all(self, say: design.Say) -> list[Left]:
+    def all(self, say: design.Say) -> list[RemainingPlaces]:
         """Every wave, until nothing more is ruled out."""
         places = design.filling(self.plan.fingers[0], len(self.asked.parameters))
         tables = [design.run(self.asked, places, self._path(1), say)]
@@ -66,16 +66,16 @@ class Match:
             lefts.append(self.judged(tables))
         return lefts
 
-    def judged(self, tables: Sequence[kept.Table], inflation: float | None = None) -> Left:
+    def judged(self, tables: Sequence[kept.FingerSample], inflation: float | None = None) -> RemainingPlaces:
         """What the fingers of all tables leave; without an inflation at the least that leaves something."""
         whole = kept.together(tables)
         x, facts = self.asked.places_of(whole), whole.facts[:, self._columns]
         found = judges(x, facts, self.targets, self.meshes)
         places = design.filling(self.plan.places, len(self.asked.parameters), design.SEED + 1)
         factor = inflation_needed(found, places, self.plan.least) if inflation is None else inflation
-        return Left(len(x), factor, places, allowed(found, places, factor), found)
+        return RemainingPlaces(len(x), factor, places, allowed(found, places, factor), found)
 
-    def tables(self, waves: int) -> list[kept.Table]:
+    def tables(self, waves: int) -> list[kept.FingerSample]:
         """Of the first waves, as they are kept."""
         return [kept.read(self._path(k + 1), self.asked.parameters, self.asked.facts) for k in range(waves)]
 
@@ -86,11 +86,11 @@ class Match:
     def _path(self, wave: int) -> Path:
         return self.folder / f"wave_{wave}.csv"
 
-    def _enough(self, lefts: Sequence[Left]) -> bool:
+    def _enough(self, lefts: Sequence[RemainingPlaces]) -> bool:
         """Whether the waves may stop."""
         return lefts[-1].fingers >= self.plan.fewest and self._still(lefts)
 
-    def _still(self, lefts: Sequence[Left]) -> bool:
+    def _still(self, lefts: Sequence[RemainingPlaces]) -> bool:
         """Whether the last two waves ruled out next to nothing each, and asked for no more inflation."""
         steps = list(pairwise(lefts[-3:]))
         ruled = (

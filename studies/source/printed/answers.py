@@ -28,7 +28,7 @@ ROW_DEPTH_MM = 0.75
 LOW_GWT, HIGH_GWT = 2.33, 8.0
 
 
-class Scene(NamedTuple):
+class PrintedPress(NamedTuple):
     """One press: a shape at a place, to a depth or a force."""
 
     shape: str
@@ -37,14 +37,14 @@ class Scene(NamedTuple):
     value: float
 
 
-def deep(shape: str, doi_mm: float, x_mm: float = 0.0) -> Scene:
+def deep(shape: str, doi_mm: float, x_mm: float = 0.0) -> PrintedPress:
     """To a depth."""
-    return Scene(shape, x_mm, "doi_mm", doi_mm)
+    return PrintedPress(shape, x_mm, "doi_mm", doi_mm)
 
 
-def forced(shape: str, force_gwt: float, x_mm: float = 0.0) -> Scene:
+def forced(shape: str, force_gwt: float, x_mm: float = 0.0) -> PrintedPress:
     """To a force."""
-    return Scene(shape, x_mm, "force_gwt", force_gwt)
+    return PrintedPress(shape, x_mm, "force_gwt", force_gwt)
 
 
 def load(config: FingertipConfig | None = None) -> Fingertip:
@@ -53,16 +53,19 @@ def load(config: FingertipConfig | None = None) -> Fingertip:
     return Fingertip.load(config, receptor_x_mm=x_mm, receptor_depth_mm=(ROW_DEPTH_MM, DEFAULT_DEPTH_MM))
 
 
-class Answers:
+class FingerAnswers:
     """What the finger answers; a scene that nobody announced is pressed when it is asked for."""
 
     def __init__(self, finger: Fingertip) -> None:
         self.finger = finger
         self.facts: dict[object, object] = {}
-        self._pressed: dict[Scene, IndentationResult] = {}
+        self._pressed: dict[PrintedPress, IndentationResult] = {}
 
     def press_all(
-        self, scenes: Sequence[Scene], say: Callable[[int, int], object] | None = None, cores: int | None = None
+        self,
+        scenes: Sequence[PrintedPress],
+        say: Callable[[int, int], object] | None = None,
+        cores: int | None = None,
     ) -> None:
         """Over the cores of this machine. Raises RuntimeError, naming the scene, where there is no answer."""
         depth, force = ([s.value if s.kind == kind else np.nan for s in scenes] for kind in ("doi_mm", "force_gwt"))
@@ -83,7 +86,7 @@ class Answers:
         """How far finite strain is from the deepest of them."""
         return small_strain("finger", max((found.doi_mm for found in self._pressed.values()), default=0.0))
 
-    def press(self, scene: Scene) -> IndentationResult:
+    def press(self, scene: PrintedPress) -> IndentationResult:
         """The answer to one scene."""
         if scene not in self._pressed:
             self.press_all([scene], cores=1)
@@ -101,23 +104,23 @@ class Answers:
         places = self.finger.model.receptors
         return np.flatnonzero((places.depths_mm == depth_mm) & np.isin(places.position_mm[:, 0].round(6), x_mm))
 
-    def beneath(self, scene: Scene, measure: str) -> tuple[Array, Array]:
+    def beneath(self, scene: PrintedPress, measure: str) -> tuple[Array, Array]:
         """x (mm) and a measure, in the sign in which profiles are shown, 0.75 mm below the skin."""
         values = shown(measure, self.press(scene).receptor_measures[measure])
         return self.finger.model.receptors.position_mm[self._row, 0], values[self._row]
 
-    def stimulus(self, scenes: Sequence[Scene]) -> Stimulus:
+    def stimulus(self, scenes: Sequence[PrintedPress]) -> Stimulus:
         """Presses of one shape to one value at a row of places, at the ten receptors."""
         ordered = sorted(scenes, key=lambda scene: scene.x_mm)
         return stimulus_of(ordered[0].shape, ordered[0][2:], [self.press(one) for one in ordered], self._ten)
 
 
 def once(
-    function: Callable[Concatenate[Answers, Given], Fact],
-) -> Callable[Concatenate[Answers, Given], Fact]:
+    function: Callable[Concatenate[FingerAnswers, Given], Fact],
+) -> Callable[Concatenate[FingerAnswers, Given], Fact]:
     """A fact is measured once for figures, verdicts and tables alike."""
 
-    def measured(answers: Answers, /, *args: Given.args, **kwargs: Given.kwargs) -> Fact:
+    def measured(answers: FingerAnswers, /, *args: Given.args, **kwargs: Given.kwargs) -> Fact:
         key = function, args, tuple(kwargs.items())
         if key not in answers.facts:
             answers.facts[key] = function(answers, *args, **kwargs)

@@ -6,7 +6,7 @@ import numpy as np
 
 from rig.report.page import PageFigure
 from sim.models.result import FILTER_SPACING_MM, IndentationResult
-from studies.source.printed.answers import Answers, Scene, deep, once
+from studies.source.printed.answers import FingerAnswers, PrintedPress, deep, once
 from studies.source.printed.drawing import maps, pressures
 from studies.source.printed.entry import Claim, Entry
 from studies.source.printed.rules import Below, Same
@@ -18,7 +18,7 @@ FULLY = 1.5
 
 
 @once
-def edges(answers: Answers, scene: Scene) -> tuple[float, float]:
+def edges(answers: FingerAnswers, scene: PrintedPress) -> tuple[float, float]:
     """Of one press."""
     return edge_ratios(answers.press(scene), 0.5 * float(scene.shape.partition(":")[2]))
 
@@ -46,23 +46,23 @@ def in_words(left: float, right: float) -> str:
     return ", ".join(f"{side} {how}" for side, how in degrees.items()) or "none"
 
 
-def _touched(answers: Answers, scene: Scene) -> str:
+def _touched(answers: FingerAnswers, scene: PrintedPress) -> str:
     return in_words(*edges(answers, scene))
 
 
-def _ratios(answers: Answers, scene: Scene) -> str:
+def _ratios(answers: FingerAnswers, scene: PrintedPress) -> str:
     left, right = edges(answers, scene)
     regions = answers.press(scene).contact_regions_mm
     first, last = regions[0][0], regions[-1][1]
     return f"left {left:.2f}, right {right:.2f} of the middle; contact {first:.2f} … {last:.2f}"
 
 
-def _claim(scene: Scene, source: str, rule: Same) -> Claim:
+def _claim(scene: PrintedPress, source: str, rule: Same) -> Claim:
     says = f"edges touched at DOI {scene.value:g} mm"
     return Claim(says, source, rule, partial(_touched, scene=scene), beside=partial(_ratios, scene=scene))
 
 
-def _widest(answers: Answers) -> float:
+def _widest(answers: FingerAnswers) -> float:
     found = [answers.press(scene).contact_regions_mm for scene in WIDE]
     return max(b - a for regions in found for a, b in regions)
 
@@ -71,14 +71,14 @@ LEFT_ONLY = ("left slightly", "left fully")
 LEFT_MORE = "left fully, right slightly"
 
 
-def _wide_figures(answers: Answers) -> tuple[PageFigure, ...]:
+def _wide_figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
     return (
         maps(answers, WIDE, "Pressure under the bar of 3.0 mm over x and z"),
         pressures(answers, WIDE, "Pressure under the bar of 3.0 mm"),
     )
 
 
-def _narrow_figures(answers: Answers) -> tuple[PageFigure, ...]:
+def _narrow_figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
     return (
         maps(answers, NARROW, "Pressure under the bar of 1.5 mm over x and z"),
         pressures(answers, NARROW, "Pressure under the bar of 1.5 mm", columns=2),

@@ -2,13 +2,13 @@
 
 from rig.report.page import PageFigure
 from rig.report.recording_sections import Deflection, deflection_section
-from studies.source.printed.answers import Answers
+from studies.source.printed.answers import FingerAnswers
 from studies.source.printed.entry import Entry
 
 LINE_DOIS_MM = (0.5, 1.0, 1.5, 2.0)
 
 
-def _line(answers: Answers) -> tuple[PageFigure, ...]:
+def _line(answers: FingerAnswers) -> tuple[PageFigure, ...]:
     results = [answers.finger.indent("line", doi_mm=doi) for doi in LINE_DOIS_MM]
     return deflection_section([Deflection(result.doi_mm, *result.axial_profile) for result in results], []).figures
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rig.report.page import PageFigure
 from rig.report.style import Plot
-from studies.source.printed.answers import ROW_DEPTH_MM, Answers, Scene, deep, forced, once
+from studies.source.printed.answers import ROW_DEPTH_MM, FingerAnswers, PrintedPress, deep, forced, once
 from studies.source.printed.drawing import COLOURS, PROMINENT, maps, maxima, pressures, second
 from studies.source.printed.entry import Claim, Entry
 from studies.source.printed.rules import Above, Below, Near, Same
@@ -22,36 +22,36 @@ DEEP_MM, DEEP_X_MM = 2.5, 0.17 * np.arange(-11.0, 12.0)  # the row that lies ins
 
 
 @once
-def equal_force(answers: Answers) -> Scene:
+def equal_force(answers: FingerAnswers) -> PrintedPress:
     """The thin cylinder at the force that the thick one needs for its deepest DOI."""
     return forced("cylinder:3", answers.press(THICK[-1]).force_gwt)
 
 
-def more_force(answers: Answers, k: int) -> float:
+def more_force(answers: FingerAnswers, k: int) -> float:
     """By how much the thick cylinder's force exceeds the thin one's."""
     return answers.press(THICK[k]).force_gwt / answers.press(THIN[k]).force_gwt - 1
 
 
-def _forces(answers: Answers, k: int) -> str:
+def _forces(answers: FingerAnswers, k: int) -> str:
     thick, thin = answers.press(THICK[k]).force_gwt, answers.press(THIN[k]).force_gwt
     return f"{thick:.2f} and {thin:.2f} gwt"
 
 
-def _peak(answers: Answers, scene: Scene) -> float:
+def _peak(answers: FingerAnswers, scene: PrintedPress) -> float:
     return float(answers.press(scene).pressure_profile[1].max())
 
 
-def higher_peak(answers: Answers) -> float:
+def higher_peak(answers: FingerAnswers) -> float:
     """By how much the thin cylinder's peak exceeds the thick one's at the same force."""
     return _peak(answers, equal_force(answers)) / _peak(answers, THICK[-1]) - 1
 
 
-def _peaks(answers: Answers) -> str:
+def _peaks(answers: FingerAnswers) -> str:
     return f"{_peak(answers, equal_force(answers)):.0f} and {_peak(answers, THICK[-1]):.0f} pseudo-units"
 
 
 @once
-def sed_below(answers: Answers, doi_mm: float, depth_mm: float) -> tuple[Array, tuple[Array, ...]]:
+def sed_below(answers: FingerAnswers, doi_mm: float, depth_mm: float) -> tuple[Array, tuple[Array, ...]]:
     """x (mm) and SED under bar, thick and thin cylinder, at one DOI and depth below the skin."""
     scenes = [deep(shape, doi_mm) for shape in SHAPES]
     if depth_mm == ROW_DEPTH_MM:
@@ -62,7 +62,7 @@ def sed_below(answers: Answers, doi_mm: float, depth_mm: float) -> tuple[Array, 
     return DEEP_X_MM, tuple(field.measures["sed"] for field in fields)
 
 
-def apart(answers: Answers, doi_mm: float, depth_mm: float) -> float:
+def apart(answers: FingerAnswers, doi_mm: float, depth_mm: float) -> float:
     """Largest difference between two of the three SED profiles over the row that reaches both depths, each "
     "over its peak."""
     x, profiles = sed_below(answers, doi_mm, depth_mm)
@@ -71,16 +71,16 @@ def apart(answers: Answers, doi_mm: float, depth_mm: float) -> float:
     return float(np.ptp(shapes, axis=0).max())
 
 
-def _maxima(answers: Answers, shape: str) -> str:
+def _maxima(answers: FingerAnswers, shape: str) -> str:
     return f"{maxima(_sed(answers, shape))}"
 
 
-def _sed(answers: Answers, shape: str) -> Array:
+def _sed(answers: FingerAnswers, shape: str) -> Array:
     _, profiles = sed_below(answers, DOIS_MM[-1], ROW_DEPTH_MM)
     return profiles[SHAPES.index(shape)]
 
 
-def _second(answers: Answers, shape: str) -> str:
+def _second(answers: FingerAnswers, shape: str) -> str:
     return f"second stands out by {second(_sed(answers, shape)):.0%}"
 
 
@@ -94,7 +94,7 @@ def _count(shape: str, source: str, partly: tuple[str, ...]) -> Claim:
     )
 
 
-def _pressure_figures(answers: Answers) -> tuple[PageFigure, ...]:
+def _pressure_figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
     pressed = [*THICK, *THIN]
     beside = [deep("bar:3.0", DOIS_MM[-1]), THICK[-1], THIN[-1], equal_force(answers)]
     return (
@@ -103,12 +103,12 @@ def _pressure_figures(answers: Answers) -> tuple[PageFigure, ...]:
     )
 
 
-def _sed_figures(answers: Answers) -> tuple[PageFigure, ...]:
+def _sed_figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
     caption = "Each over its peak, in the receptor plane; upper row 0.75 mm below the skin, lower 2.5 mm."
     return (PageFigure("SED under bar and cylinders", Plot((10.2, 5.2), lambda c: _draw_sed(c, answers)), caption),)
 
 
-def _draw_sed(canvas: Canvas, answers: Answers) -> None:
+def _draw_sed(canvas: Canvas, answers: FingerAnswers) -> None:
     panels = canvas.subplots(2, len(DOIS_MM), sharex=True, sharey=True)
     for row, depth in zip(panels, (ROW_DEPTH_MM, DEEP_MM), strict=True):
         for axes, doi in zip(row, DOIS_MM, strict=True):

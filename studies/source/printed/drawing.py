@@ -13,7 +13,7 @@ from rig.report.page import PageFigure
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, Plot, label, signed, unit
 from sim.contact.patch import X, Z
 from sim.models.result import FILTER_SPACING_MM, IndentationResult, median_of_four
-from studies.source.printed.answers import Answers, Scene
+from studies.source.printed.answers import FingerAnswers, PrintedPress
 
 Array = NDArray[np.float64]
 
@@ -39,13 +39,13 @@ def second(profile: Array) -> float:
     return float(np.append(prominences(profile), [0.0, 0.0])[1])
 
 
-def told(scene: Scene) -> str:
+def told(scene: PrintedPress) -> str:
     """For titles: bar:3.0 at x = 0.00, DOI 0.33 mm."""
     how = {"doi_mm": f"DOI {scene.value:g} mm", "force_gwt": f"{scene.value:.4g} gwt"}[scene.kind]
     return f"{scene.shape} at x = {signed(scene.x_mm)}, {how}"
 
 
-def maps(answers: Answers, scenes: Sequence[Scene], title: str) -> PageFigure:
+def maps(answers: FingerAnswers, scenes: Sequence[PrintedPress], title: str) -> PageFigure:
     """Pressure over x and z, one picture a press on one scale."""
     columns = 3 if len(scenes) in (3, 6) else min(len(scenes), 4)
     rows = -(-len(scenes) // columns)
@@ -88,7 +88,7 @@ def filtered(result: IndentationResult) -> tuple[Array, Array]:
     return x[0] + FILTER_SPACING_MM * (1.5 + np.arange(len(values))), values
 
 
-def pressures(answers: Answers, scenes: Sequence[Scene], title: str, columns: int = 4) -> PageFigure:
+def pressures(answers: FingerAnswers, scenes: Sequence[PrintedPress], title: str, columns: int = 4) -> PageFigure:
     """Pressure in the receptor plane, one panel a press, raw and filtered."""
     rows = -(-len(scenes) // columns)
 
@@ -115,7 +115,7 @@ def _pressure(axes: Axes, result: IndentationResult) -> None:
 
 
 def beneath(
-    answers: Answers, rows: Sequence[tuple[str, Sequence[Scene]]], measures: Sequence[str], title: str
+    answers: FingerAnswers, rows: Sequence[tuple[str, Sequence[PrintedPress]]], measures: Sequence[str], title: str
 ) -> PageFigure:
     """Measures 0.75 mm below the skin in the receptor plane: a panel for each row and measure, a line a press."""
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from rig.report.page import PageFigure, Section
-from studies.source.printed.answers import Answers, Scene
+from studies.source.printed.answers import FingerAnswers, PrintedPress
 from studies.source.printed.rules import Measured, Near, Rule, Word
 
 Verdict = Literal["agrees", "partly", "differs", "cannot be said", "out of scope", "a page of its own"]
@@ -23,13 +23,13 @@ class Claim:
     says: str
     source: str  # its number or word, as printed
     rule: Rule
-    ours: Callable[[Answers], Measured]
+    ours: Callable[[FingerAnswers], Measured]
     form: str = "{:.2f}"  # how ours is written, with its unit
-    beside: Callable[[Answers], str] | None = None  # what is told beside ours
+    beside: Callable[[FingerAnswers], str] | None = None  # what is told beside ours
 
 
 @dataclass(frozen=True)
-class Found:
+class CheckedClaim:
     """A claim with what the model gave."""
 
     claim: Claim
@@ -80,11 +80,11 @@ def typeset(text: str) -> str:
     return text.replace("-", "−").replace("pseudo−", "pseudo-").replace("%", " %").replace("  %", " %")
 
 
-def _nothing(_: Answers) -> tuple[PageFigure, ...]:
+def _nothing(_: FingerAnswers) -> tuple[PageFigure, ...]:
     return ()
 
 
-def _no_tables(_: Answers) -> tuple[Section, ...]:
+def _no_tables(_: FingerAnswers) -> tuple[Section, ...]:
     return ()
 
 
@@ -95,9 +95,9 @@ class Entry:
     number: str  # the source's own, or the part of a chapter where none is known
     shows: str
     claims: tuple[Claim, ...] = ()
-    scenes: tuple[Scene, ...] = ()
-    figures: Callable[[Answers], tuple[PageFigure, ...]] = _nothing
-    tables: Callable[[Answers], tuple[Section, ...]] = _no_tables
+    scenes: tuple[PrintedPress, ...] = ()
+    figures: Callable[[FingerAnswers], tuple[PageFigure, ...]] = _nothing
+    tables: Callable[[FingerAnswers], tuple[Section, ...]] = _no_tables
     reading: str = ""
     missing: str = ""  # the datum without which nothing can be said
     outside: str = ""  # why it is out of scope
@@ -116,11 +116,11 @@ class Entry:
 
 
 @dataclass(frozen=True)
-class Row:
+class MatrixRow:
     """An entry with what was found."""
 
     entry: Entry
-    found: tuple[Found, ...]
+    found: tuple[CheckedClaim, ...]
 
     @property
     def verdict(self) -> Verdict:
@@ -142,7 +142,7 @@ class Row:
         return f"{self.verdict} ({agree} of {len(self.found)})" if self.verdict == "partly" else self.verdict
 
     @property
-    def headline(self) -> Found | None:
+    def headline(self) -> CheckedClaim | None:
         """The claim that is farthest from the source, the first of several; None where nothing is claimed."""
         return max(self.found, key=lambda one: VERDICTS.index(one.word), default=None)
 
@@ -153,14 +153,14 @@ def together(words: Sequence[Word]) -> Word:
     return words[0] if len(kinds) == 1 else "partly"
 
 
-def found(entry: Entry, answers: Answers) -> Row:
+def found(entry: Entry, answers: FingerAnswers) -> MatrixRow:
     """Every claim measured."""
-    return Row(
+    return MatrixRow(
         entry,
-        tuple(Found(c, c.ours(answers), "" if c.beside is None else c.beside(answers)) for c in entry.claims),
+        tuple(CheckedClaim(c, c.ours(answers), "" if c.beside is None else c.beside(answers)) for c in entry.claims),
     )
 
 
-def scenes_of(entries: Iterable[Entry]) -> list[Scene]:
+def scenes_of(entries: Iterable[Entry]) -> list[PrintedPress]:
     """What all of them press, each once."""
     return list(dict.fromkeys(scene for entry in entries for scene in entry.scenes))

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 from scipy.stats import spearmanr
 
-from rig.compare.pressure_formula import Places
+from rig.compare.pressure_formula import ContactSamples
 from rig.report.page import PageFigure, Section
 from rig.report.style import Plot
 from studies.source.pressure_fits import (
@@ -16,13 +16,13 @@ from studies.source.pressure_fits import (
     STEP_GWT,
     STEP_X_MM,
     UNSEEN,
-    Pressed,
+    PressedPlaces,
     PressureStudy,
     fits_section,
     layers_section,
     pressed,
 )
-from studies.source.printed.answers import Answers, Scene, deep, forced, once
+from studies.source.printed.answers import FingerAnswers, PrintedPress, deep, forced, once
 from studies.source.printed.drawing import COLOURS
 from studies.source.printed.entry import Claim, Entry
 from studies.source.printed.rules import Above
@@ -34,48 +34,48 @@ NAMES = ("K1", "K2", "K3")
 
 
 @once
-def study(answers: Answers) -> PressureStudy:
+def study(answers: FingerAnswers) -> PressureStudy:
     """All that is pressed for the formula."""
 
-    def of(scenes: list[Scene]) -> list[Pressed]:
+    def of(scenes: list[PrintedPress]) -> list[PressedPlaces]:
         return [pressed(answers.finger, scene.shape, answers.press(scene)) for scene in scenes]
 
     return PressureStudy(answers.finger, of(MIDDLE), of(STEPS), of(OTHERS))
 
 
-def least(answers: Answers, k: int) -> float:
+def least(answers: FingerAnswers, k: int) -> float:
     """Low end of a constant's interval, over the patch."""
     return study(answers).fits["patch"].spread.intervals[k][0]
 
 
-def least_k2_over_k1(answers: Answers) -> float:
+def least_k2_over_k1(answers: FingerAnswers) -> float:
     """Low end of the interval of K2 − K1, over the patch."""
     return study(answers).fits["patch"].spread.k2_over_k1[0]
 
 
-def _k2_over_k1(answers: Answers) -> str:
+def _k2_over_k1(answers: FingerAnswers) -> str:
     fits = study(answers).fits
     return "; ".join(
         f"{name} K1, K2, K3 = {', '.join(f'{k:.0f}' for k in fits[name].constants)}" for name in ("patch", "row")
     )
 
 
-def k2_with_curvature(answers: Answers) -> float:
+def k2_with_curvature(answers: FingerAnswers) -> float:
     """Rank correlation of the slope within contacts with the curvature, over bars and cylinders."""
     _, curvature, _, k2 = zip(*study(answers).by_shape, strict=True)
     return float(spearmanr(curvature, k2).statistic)
 
 
-def _by_shape(answers: Answers) -> str:
+def _by_shape(answers: FingerAnswers) -> str:
     return ", ".join(f"{k2:.0f} ({shape})" for shape, _, _, k2 in study(answers).by_shape)
 
 
-def _constant(answers: Answers, k: int) -> str:
+def _constant(answers: FingerAnswers, k: int) -> str:
     fits = study(answers).fits
     return f"patch {fits['patch'].with_interval(k)}, row {fits['row'].with_interval(k)}"
 
 
-def _figures(answers: Answers) -> tuple[PageFigure, ...]:
+def _figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
     caption = (
         "Pressure against the skin's own downward displacement at every node that carries force, one colour a "
         "depth (0.33, 0.67, 1.0, 1.33 mm); lines: the formula with the patch's constants at the contact's median "
@@ -100,20 +100,20 @@ def _draw(canvas: Canvas, shown: PressureStudy) -> None:
     panels[1, 0].set_ylabel("pressure, row")
 
 
-def _scatter(axes: Axes, at: Places, colour: str) -> None:
+def _scatter(axes: Axes, at: ContactSamples, colour: str) -> None:
     fitted = at.off_edges
     axes.plot(at.displacement_mm, at.pressure, "x", ms=2.5, mew=0.4, color=colour, rasterized=True)
     axes.plot(fitted.displacement_mm, fitted.pressure, "o", ms=2.2, color=colour, rasterized=True)
 
 
-def _line(axes: Axes, at: Places, shown: PressureStudy, colour: str) -> None:
+def _line(axes: Axes, at: ContactSamples, shown: PressureStudy, colour: str) -> None:
     k1, k2, k3 = shown.fits["patch"].constants
     doi, curvature = at.doi_mm[0], np.median(at.curvature_per_mm)
     d = np.array([at.displacement_mm.min(), doi])
     axes.plot(d, k2 * (d - doi * (1 - k1 / k2)) + k3 * curvature, color=colour, lw=1)
 
 
-def _tables(answers: Answers) -> tuple[Section, ...]:
+def _tables(answers: FingerAnswers) -> tuple[Section, ...]:
     return fits_section(study(answers)), layers_section()
 
 

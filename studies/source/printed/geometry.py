@@ -6,12 +6,12 @@ from matplotlib.figure import Figure as Canvas
 from rig.report.page import PageFigure
 from rig.report.style import BLUE, GREY, ORANGE, Plot
 from sim.finger.surface import published_points
-from studies.source.printed.answers import Answers
+from studies.source.printed.answers import FingerAnswers
 from studies.source.printed.entry import Claim, Entry
 from studies.source.printed.rules import Below, Near, Within
 
 
-def _spacing(answers: Answers) -> float:
+def _spacing(answers: FingerAnswers) -> float:
     """Largest distance between neighbouring nodes across the finger, under the pad's centre; mm."""
     model = answers.finger.model
     x = np.sort(
@@ -22,7 +22,7 @@ def _spacing(answers: Answers) -> float:
     return float(np.diff(x).max())
 
 
-def _figures(answers: Answers) -> tuple[PageFigure, ...]:
+def _figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
     caption = (
         "Left: the section in the receptor plane, and the published points within 1 mm of it. Right: the skin's "
         "topmost line along the finger, and the points nearest to it."
@@ -30,7 +30,7 @@ def _figures(answers: Answers) -> tuple[PageFigure, ...]:
     return (PageFigure("The skin", Plot((10.2, 3.4), lambda canvas: _draw(canvas, answers)), caption),)
 
 
-def _draw(canvas: Canvas, answers: Answers) -> None:
+def _draw(canvas: Canvas, answers: FingerAnswers) -> None:
     surface, plane_mm = answers.finger.surface, answers.finger.config.receptor_plane_mm
     across, along = canvas.subplots(1, 2, width_ratios=(2, 3))
     x, y = surface.section(np.linspace(0, 2 * np.pi, 181), plane_mm)

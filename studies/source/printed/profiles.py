@@ -12,7 +12,7 @@ from rig.protocol.schedule import about_the_centre
 from rig.report.page import PageFigure
 from rig.report.style import BLUE, GREY, ORANGE, Plot, label, signed
 from sim.measures.measures import MEASURES
-from studies.source.printed.answers import Answers, deep, once
+from studies.source.printed.answers import FingerAnswers, deep, once
 from studies.source.printed.entry import Claim, Entry
 from studies.source.printed.rules import Above, Below, Rule, Same
 from studies.source.printed.steps import MOVED
@@ -30,13 +30,13 @@ _ODD = ("e12", "e13")
 
 
 @once
-def under_step(answers: Answers, number: str) -> Stimulus:
+def under_step(answers: FingerAnswers, number: str) -> Stimulus:
     """At the low force."""
     return answers.stimulus(MOVED[number])
 
 
 @once
-def under_bar(answers: Answers, width: str) -> Stimulus:
+def under_bar(answers: FingerAnswers, width: str) -> Stimulus:
     """At DOI 1.0."""
     return answers.stimulus(BARS[width])
 
@@ -52,7 +52,7 @@ def judged(stimulus: Stimulus, measure: str, x_mm: float) -> Verdict:
     return verdict
 
 
-def step_in_words(answers: Answers, x_mm: float, measure: str = "ep1") -> str:
+def step_in_words(answers: FingerAnswers, x_mm: float, measure: str = "ep1") -> str:
     """What a profile under step 1 shows at a receptor: passes, no dip, dip exceeds peak, only a dip, or fails."""
     p, q, passed = peak_and_dip(answers, x_mm, measure)
     if p < COUNTS * q:
@@ -62,7 +62,7 @@ def step_in_words(answers: Answers, x_mm: float, measure: str = "ep1") -> str:
     return "passes" if passed else "dip exceeds peak" if q > p else "peak exceeds dip, but fails"
 
 
-def peak_and_dip(answers: Answers, x_mm: float, measure: str) -> tuple[float, float, bool]:
+def peak_and_dip(answers: FingerAnswers, x_mm: float, measure: str) -> tuple[float, float, bool]:
     stimulus = under_step(answers, "1")
     verdict = judged(stimulus, measure, x_mm)
     p, q, b = (verdict.judged_by[name] for name in ("peak", "dip", "baseline"))
@@ -70,7 +70,7 @@ def peak_and_dip(answers: Answers, x_mm: float, measure: str) -> tuple[float, fl
     return p, lowest if p < COUNTS * lowest else q, verdict.passed  # a dip alone comes before the highest value
 
 
-def _told(answers: Answers, x_mm: float, measure: str = "ep1") -> str:
+def _told(answers: FingerAnswers, x_mm: float, measure: str = "ep1") -> str:
     p, q, _ = peak_and_dip(answers, x_mm, measure)
     return f"peak {p:.4f}, dip {q:.4f}"
 
@@ -82,13 +82,13 @@ def _ep1(x_mm: float, source: str, partly: tuple[str, ...]) -> Claim:
     )
 
 
-def peak_over_dip(answers: Answers) -> float:
+def peak_over_dip(answers: FingerAnswers) -> float:
     """ep3 under step 1 at receptor 0."""
     p, q, _ = peak_and_dip(answers, 0.0, "ep3")
     return p / q if q else np.inf
 
 
-def dip_follows(answers: Answers) -> float:
+def dip_follows(answers: FingerAnswers) -> float:
     """By how much the dip of ep1 under step 1 moves with the receptor, mm per mm, over the receptors that have "
     "one."""
     stimulus, receptors = under_step(answers, "1"), (*PASSING, *EXCEEDED, *ONLY_DIPS)
@@ -96,7 +96,7 @@ def dip_follows(answers: Answers) -> float:
     return float(np.polyfit(receptors, dips, 1)[0])
 
 
-def second_at_zero(answers: Answers, width: str, measure: str) -> float:
+def second_at_zero(answers: FingerAnswers, width: str, measure: str) -> float:
     """How far the second maximum stands out at receptor 0 under a bar, as a part of the range."""
     verdict = judged(under_bar(answers, width), measure, 0.0)
     return verdict.judged_by["second"] / verdict.judged_by["range"]
@@ -108,7 +108,7 @@ def _at_zero(width: str, measure: str, source: str, rule: Rule) -> Claim:
 
 
 @once
-def mirrored(answers: Answers, width: str) -> dict[str, float]:
+def mirrored(answers: FingerAnswers, width: str) -> dict[str, float]:
     """Correlation of each measure's profile at +2 with that at −2 in the mirror."""
     stimulus = under_bar(answers, width)
     left, right = (_receptor(stimulus, x) for x in (-2.0, 2.0))
@@ -121,13 +121,13 @@ def _turned(measure: str, profile: Array) -> Array:
     return (-1.0 if measure in _ODD else 1.0) * profile[::-1]
 
 
-def least_mirrored(answers: Answers, width: str) -> float:
+def least_mirrored(answers: FingerAnswers, width: str) -> float:
     """Of ep1, ep3 and SED."""
     found = mirrored(answers, width)
     return min(found[m] for m in ("ep1", "ep3", "sed"))
 
 
-def _others(answers: Answers, width: str) -> str:
+def _others(answers: FingerAnswers, width: str) -> str:
     found = mirrored(answers, width)
     worst = min(found, key=lambda m: found[m])
     return f"median of 18 measures {np.median(list(found.values())):.2f}, least {found[worst]:.2f} of {worst}"
@@ -144,7 +144,7 @@ def _mirror(width: str) -> Claim:
     )
 
 
-def shallower(answers: Answers) -> float:
+def shallower(answers: FingerAnswers) -> float:
     """The dip of SED under the narrow bar over that under the wide one, each as a part of its range."""
     return second_at_zero(answers, "1.5", "sed") / second_at_zero(answers, "3.0", "sed")
 
@@ -175,7 +175,7 @@ def _draw_ssrps(canvas: Canvas, stimulus: Stimulus) -> None:
     canvas.supxlabel("indentor x (mm)", fontsize=9)
 
 
-def _mirrors(answers: Answers, width: str) -> PageFigure:
+def _mirrors(answers: FingerAnswers, width: str) -> PageFigure:
     caption = "Receptor +2 (blue) and, in the mirror at x = 0, −2 (orange); e12 and e13 change their sign there."
     plot = Plot((10.2, 4.6), lambda canvas: _draw_mirrors(canvas, under_bar(answers, width)))
     return PageFigure(f"Receptors ± 2 under bar {width} as mirror images", plot, caption)
@@ -196,11 +196,11 @@ def _draw_mirrors(canvas: Canvas, stimulus: Stimulus) -> None:
     canvas.supxlabel("indentor x (mm)", fontsize=9)
 
 
-def _step_figures(answers: Answers) -> tuple[PageFigure, ...]:
+def _step_figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
     return tuple(_ssrps(under_step(answers, n), f"Profiles under step {n} at 2.33 gwt") for n in "135")
 
 
-def _bar_figures(answers: Answers) -> tuple[PageFigure, ...]:
+def _bar_figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
     profiles = [_ssrps(under_bar(answers, w), f"Profiles under bar {w} at DOI 1.0") for w in BAR_POSITIONS]
     return (*profiles, *(_mirrors(answers, w) for w in BAR_POSITIONS))
 

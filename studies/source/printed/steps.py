@@ -10,7 +10,7 @@ from rig.report.page import PageFigure
 from rig.report.style import BLUE, GREEN, ORANGE, PURPLE, Plot
 from sim.contact.profiles import STEP_HALF_WAVELENGTH_MM
 from sim.models.result import FILTER_SPACING_MM
-from studies.source.printed.answers import HIGH_GWT, LOW_GWT, Answers, Scene, deep, forced, once
+from studies.source.printed.answers import HIGH_GWT, LOW_GWT, FingerAnswers, PrintedPress, deep, forced, once
 from studies.source.printed.drawing import filtered, maps, pressures
 from studies.source.printed.entry import Claim, Entry
 from studies.source.printed.rules import Above, Below, Near, Same, Within
@@ -38,7 +38,7 @@ _SHOWN = {
 
 
 @once
-def shares(answers: Answers, scene: Scene) -> tuple[float, ...]:
+def shares(answers: FingerAnswers, scene: PrintedPress) -> tuple[float, ...]:
     """Parts of the force under lower flat, convex part, concave part and upper flat."""
     result, half_wave = answers.press(scene), STEP_HALF_WAVELENGTH_MM[scene.shape[-1]]
     force = np.linalg.norm(result.state.force, axis=0)
@@ -48,13 +48,13 @@ def shares(answers: Answers, scene: Scene) -> tuple[float, ...]:
 
 
 @once
-def peak(answers: Answers, scene: Scene) -> float:
+def peak(answers: FingerAnswers, scene: PrintedPress) -> float:
     """Highest pressure in the receptor plane, raw."""
     return float(answers.press(scene).pressure_profile[1].max())
 
 
 @once
-def region_peaks(answers: Answers, scene: Scene) -> tuple[float, ...]:
+def region_peaks(answers: FingerAnswers, scene: PrintedPress) -> tuple[float, ...]:
     """Highest pressure of each contact region, from left to right."""
     result = answers.press(scene)
     x, pressure = result.pressure_profile
@@ -64,62 +64,62 @@ def region_peaks(answers: Answers, scene: Scene) -> tuple[float, ...]:
     )
 
 
-def highest(answers: Answers, number: str) -> Scene:
+def highest(answers: FingerAnswers, number: str) -> PrintedPress:
     """Where the peak is highest."""
     return max(MOVED[number], key=lambda scene: peak(answers, scene))
 
 
-def most_regions(answers: Answers, number: str) -> int:
+def most_regions(answers: FingerAnswers, number: str) -> int:
     """Over all positions."""
     return max(len(region_peaks(answers, scene)) for scene in MOVED[number])
 
 
-def _at_table(answers: Answers) -> str:
+def _at_table(answers: FingerAnswers) -> str:
     return f"{len(region_peaks(answers, forced('step:1', LOW_GWT, TABLE_X_MM)))}"
 
 
-def comparable(answers: Answers) -> float:
+def comparable(answers: FingerAnswers) -> float:
     """The lower over the higher of the two regions' peaks where they are most alike."""
     return max(min(p) / max(p) for p in _two(answers).values())
 
 
-def _two(answers: Answers) -> dict[float, tuple[float, ...]]:
+def _two(answers: FingerAnswers) -> dict[float, tuple[float, ...]]:
     found = {scene.x_mm: region_peaks(answers, scene) for scene in MOVED["1"]}
     return {x: peaks for x, peaks in found.items() if len(peaks) > 1} or {np.nan: (0.0, 1.0)}
 
 
-def _alike_at(answers: Answers) -> str:
+def _alike_at(answers: FingerAnswers) -> str:
     two = _two(answers)
     return (
         f"at x = {max(two, key=lambda x: min(two[x]) / max(two[x])):g}; two regions x = {max(two):g} … {min(two):g}"
     )
 
 
-def upper_touches(answers: Answers) -> float:
+def upper_touches(answers: FingerAnswers) -> float:
     """x at which the upper flat first carries force."""
     touched = [scene.x_mm for scene in MOVED["1"] if shares(answers, scene)[3] > 0]
     return max(touched, default=np.nan)
 
 
-def _share(answers: Answers, number: str, part: int) -> float:
+def _share(answers: FingerAnswers, number: str, part: int) -> float:
     return max(shares(answers, scene)[part] for scene in MOVED[number])
 
 
-def _upper_at_table(answers: Answers) -> float:
+def _upper_at_table(answers: FingerAnswers) -> float:
     return shares(answers, forced("step:1", LOW_GWT, TABLE_X_MM))[3]
 
 
-def _flats(answers: Answers) -> float:
+def _flats(answers: FingerAnswers) -> float:
     return peak(answers, MOVED["1"][-1]) / peak(answers, MOVED["1"][0])
 
 
-def _filtered(answers: Answers) -> str:
+def _filtered(answers: FingerAnswers) -> str:
     most = max(float(filtered(answers.press(scene))[1].max()) for scene in MOVED["1"])
     at_table = peak(answers, forced("step:1", LOW_GWT, TABLE_X_MM))
     return f"{most:.0f} filtered; {at_table:.0f} raw at {TABLE_X_MM}"
 
 
-def _concave_at(answers: Answers) -> str:
+def _concave_at(answers: FingerAnswers) -> str:
     x = [scene.x_mm for scene in MOVED["5"] if shares(answers, scene)[2] > 0]
     return f"x = {max(x):g} … {min(x):g}" if x else "never"
 
@@ -136,7 +136,7 @@ def _pair(force_gwt: float) -> Claim:
     )
 
 
-def _figures(answers: Answers, number: str) -> tuple[PageFigure, ...]:
+def _figures(answers: FingerAnswers, number: str) -> tuple[PageFigure, ...]:
     shown = [forced(f"step:{number}", LOW_GWT, x) for x in _SHOWN[number]]
     over = [shown[k] for k in (0, 2, 4, 5, 7, 8)]
     plot = Plot((10.2, 2.9), lambda canvas: _draw_moved(canvas, answers, number))
@@ -151,7 +151,7 @@ def _figures(answers: Answers, number: str) -> tuple[PageFigure, ...]:
     )
 
 
-def _draw_moved(canvas: Canvas, answers: Answers, number: str) -> None:
+def _draw_moved(canvas: Canvas, answers: FingerAnswers, number: str) -> None:
     left, right = canvas.subplots(1, 2)
     scenes = MOVED[number]
     x = [scene.x_mm for scene in scenes]

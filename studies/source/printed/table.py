@@ -9,7 +9,7 @@ from rig.compare.shape_test import THRESHOLD
 from rig.compare.stimuli import Stimulus
 from rig.compare.table_5_2 import Agreement, Flags, agreement, agreement_limits, source_flags
 from rig.report.page import Section
-from studies.source.printed.answers import HIGH_GWT, LOW_GWT, Answers, forced, once
+from studies.source.printed.answers import HIGH_GWT, LOW_GWT, FingerAnswers, forced, once
 from studies.source.printed.entry import Claim, Entry
 from studies.source.printed.profiles import BAR_POSITIONS, BARS, under_bar, under_step
 from studies.source.printed.rules import Above
@@ -22,22 +22,22 @@ OF_STEPS, OF_ALL = ("e13", "ep1", "ep3", "sed"), ("ep1", "ep3", "sed")
 
 
 @once
-def compared(answers: Answers) -> Comparison:
+def compared(answers: FingerAnswers) -> Comparison:
     """Steps at both forces, and bars."""
     strong = [answers.stimulus(STRONG[n]) for n in "135"]
     return compare([*_low(answers), *strong, *_bars(answers)], {})
 
 
-def _low(answers: Answers) -> list[Stimulus]:
+def _low(answers: FingerAnswers) -> list[Stimulus]:
     return [under_step(answers, n) for n in "135"]
 
 
-def _bars(answers: Answers) -> list[Stimulus]:
+def _bars(answers: FingerAnswers) -> list[Stimulus]:
     return [under_bar(answers, width) for width in BAR_POSITIONS]
 
 
 @once
-def flags(answers: Answers) -> tuple[Flags, Flags]:
+def flags(answers: FingerAnswers) -> tuple[Flags, Flags]:
     """(18, 3, receptors) ours, at the threshold of the shape test, and the source's."""
     low = _low(answers)
     ours = np.stack([found for s in low if (found := compared(answers).passes(s)) is not None], axis=1)
@@ -45,13 +45,13 @@ def flags(answers: Answers) -> tuple[Flags, Flags]:
 
 
 @once
-def agreed(answers: Answers) -> Agreement:
+def agreed(answers: FingerAnswers) -> Agreement:
     """Cell by cell."""
     return agreement(*flags(answers))
 
 
 def _score(says: str, name: str, source: str) -> Claim:
-    def limits(answers: Answers) -> str:
+    def limits(answers: FingerAnswers) -> str:
         found = [getattr(agreement_limits(*flags(answers), over), name) for over in ("measures", "receptors")]
         told = [f"{low:.2f} … {high:.2f}" for low, high in found]
         return f"95 % {told[0]} by measures, {told[1]} by receptors"
@@ -59,18 +59,18 @@ def _score(says: str, name: str, source: str) -> Claim:
     return Claim(says, source, Above(0.8, 0.4), lambda answers: getattr(agreed(answers), name), beside=limits)
 
 
-def survivors(answers: Answers, bars: bool) -> list[str]:
+def survivors(answers: FingerAnswers, bars: bool) -> list[str]:
     """Of the steps at the low force, and of the bars too."""
     return compared(answers).candidates(THRESHOLD, _low(answers) + (_bars(answers) if bars else []))
 
 
-def overlap(answers: Answers, bars: bool, source: tuple[str, ...]) -> float:
+def overlap(answers: FingerAnswers, bars: bool, source: tuple[str, ...]) -> float:
     """What both have over what either has."""
     ours = set(survivors(answers, bars))
     return len(ours & set(source)) / len(ours | set(source))
 
 
-def _named(answers: Answers, bars: bool) -> str:
+def _named(answers: FingerAnswers, bars: bool) -> str:
     return ", ".join(survivors(answers, bars)) or "none"
 
 
@@ -79,12 +79,12 @@ def _left(says: str, bars: bool, source: tuple[str, ...]) -> Claim:
     return Claim(f"{says}, overlap", ", ".join(source), Above(0.99, 0.5), measured, beside=partial(_named, bars=bars))
 
 
-def _cells(answers: Answers) -> tuple[Section, ...]:
+def _cells(answers: FingerAnswers) -> tuple[Section, ...]:
     judged = [*_low(answers), *_bars(answers)]
     return *table_5_2(compared(answers), LOW_GWT), by_chance_section(judged), perturbed_section(judged)
 
 
-def _conditions(answers: Answers) -> tuple[Section, ...]:
+def _conditions(answers: FingerAnswers) -> tuple[Section, ...]:
     return (survivors_section(compared(answers)),)
 
 

@@ -8,7 +8,7 @@ from scipy.signal import find_peaks
 
 from rig.report.page import PageFigure
 from rig.report.style import signed
-from studies.source.printed.answers import HIGH_GWT, LOW_GWT, Answers, Scene, deep, forced
+from studies.source.printed.answers import HIGH_GWT, LOW_GWT, FingerAnswers, PrintedPress, deep, forced
 from studies.source.printed.drawing import PROMINENT, beneath, maxima, second
 from studies.source.printed.entry import Claim, Entry
 from studies.source.printed.rules import Above, Below, Near, Same
@@ -21,76 +21,76 @@ PAIRED = {x: [forced("step:1", force, x) for force in (LOW_GWT, HIGH_GWT)] for x
 TWO = PAIRED[-2.25]
 
 
-def _count(answers: Answers, scene: Scene, measure: str) -> str:
+def _count(answers: FingerAnswers, scene: PrintedPress, measure: str) -> str:
     return f"{maxima(answers.beneath(scene, measure)[1])}"
 
 
-def _second(answers: Answers, scene: Scene, measure: str) -> float:
+def _second(answers: FingerAnswers, scene: PrintedPress, measure: str) -> float:
     return second(answers.beneath(scene, measure)[1])
 
 
-def _stands_out(answers: Answers, scene: Scene, measure: str) -> str:
+def _stands_out(answers: FingerAnswers, scene: PrintedPress, measure: str) -> str:
     return f"second stands out by {_second(answers, scene, measure):.1%}"
 
 
-def _counted(scene: Scene, measure: str, source: str, partly: str, when: str) -> Claim:
+def _counted(scene: PrintedPress, measure: str, source: str, partly: str, when: str) -> Claim:
     told = partial(_stands_out, scene=scene, measure=measure)
     name = {"sed": "SED", "s33": "−s33"}[measure]
     counted = partial(_count, scene=scene, measure=measure)
     return Claim(f"{name} maxima, {when}", source, Same((source,), (partly,)), counted, beside=told)
 
 
-def two_highest(answers: Answers, scene: Scene) -> float:
+def two_highest(answers: FingerAnswers, scene: PrintedPress) -> float:
     """The second highest maximum of SED over the highest; 0 without one."""
     _, sed = answers.beneath(scene, "sed")
     tops = np.sort(sed[find_peaks(sed)[0]])[::-1]
     return float(tops[1] / tops[0]) if len(tops) > 1 else 0.0
 
 
-def growth(answers: Answers, measure: str) -> list[float]:
+def growth(answers: FingerAnswers, measure: str) -> list[float]:
     """Of the population's highest value from the low to the high force, at each place."""
     highest = [[np.abs(answers.beneath(scene, measure)[1]).max() for scene in pair] for pair in PAIRED.values()]
     return [float(high / low) for low, high in highest]
 
 
-def nearest_growth(answers: Answers) -> float:
+def nearest_growth(answers: FingerAnswers) -> float:
     """That of SED or ep1, at the place where it is largest."""
     return max(growth(answers, "sed") + growth(answers, "ep1"))
 
 
-def _growths(answers: Answers) -> str:
+def _growths(answers: FingerAnswers) -> str:
     return ", ".join(
         f"{name} {min(found):.1f}…{max(found):.1f}"
         for name, found in ((m if m == "ep1" else "SED", growth(answers, m)) for m in ("sed", "ep1"))
     )
 
 
-def alike(answers: Answers, x_mm: float) -> float:
+def alike(answers: FingerAnswers, x_mm: float) -> float:
     """Correlation of ep1's population responses at both forces."""
     low, high = (answers.beneath(scene, "ep1")[1] for scene in PAIRED[x_mm])
     return float(np.corrcoef(low, high)[0, 1])
 
 
 def _figure(
-    title: str, rows: list[tuple[str, list[Scene]]], *measures: str
-) -> Callable[[Answers], tuple[PageFigure, ...]]:
+    title: str, rows: list[tuple[str, list[PrintedPress]]], *measures: str
+) -> Callable[[FingerAnswers], tuple[PageFigure, ...]]:
     return lambda answers: (beneath(answers, rows, measures, title),)
 
 
-def widths(answers: Answers) -> tuple[float, float]:
+def widths(answers: FingerAnswers) -> tuple[float, float]:
     """Of SED at half its height under step 1 at −1.63 and step 5 at −3.13, low force; mm."""
     one, five = (_width(answers, scene) for scene in (LIGHT, LONG[0]))
     return one, five
 
 
-def _width(answers: Answers, scene: Scene) -> float:
+def _width(answers: FingerAnswers, scene: PrintedPress) -> float:
     x, sed = answers.beneath(scene, "sed")
     fine = np.linspace(x[0], x[-1], 2001)
     above = fine[np.interp(fine, x, sed) >= 0.5 * sed.max()]
     return float(above[-1] - above[0])
 
 
-def _width_ratio(answers: Answers) -> float:
+def _width_ratio(answers: FingerAnswers) -> float:
     one, five = widths(answers)
     return one / five
 

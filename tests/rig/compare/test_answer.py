@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rig.compare.verdict import Answer, Noise, PairRow, Places, Power
+from rig.compare.verdict import AfferentVerdict, FittedPositions, PairRow, Power, RecordingNoise
 
 P = 4
 ZERO = np.zeros(P)
@@ -19,10 +19,12 @@ def pair(
     return PairRow(name, control, receptor_mm, 2.0, -0.5, 0.0, *limits, *numbers, ZERO, ZERO, ZERO)
 
 
-def answer(*rows: PairRow) -> Answer:
-    places = Places(np.zeros(P, dtype=np.int64), np.arange(P, dtype=float), ZERO, ZERO)
-    noise, power = Noise("counts", "repeats", 1.0, 12.0), Power(0.1, ())
-    return Answer("a", ("step:1 at 8 gwt",), ("a.csv",), places, 6, (), noise, 0.9, "repeats", rows, None, power)
+def answer(*rows: PairRow) -> AfferentVerdict:
+    places = FittedPositions(np.zeros(P, dtype=np.int64), np.arange(P, dtype=float), ZERO, ZERO)
+    noise, power = RecordingNoise("counts", "repeats", 1.0, 12.0), Power(0.1, ())
+    return AfferentVerdict(
+        "a", ("step:1 at 8 gwt",), ("a.csv",), places, 6, (), noise, 0.9, "repeats", rows, None, power
+    )
 
 
 BEST = pair("ep1", 0.5, 1.0, 4.0, receptor_mm=-1.25)

@@ -10,7 +10,17 @@ from matplotlib.image import AxesImage
 from matplotlib.text import Text
 from numpy.typing import NDArray
 
-from rig.compare.verdict import Answer, LeftOut, Mimic, Noise, PairRow, Places, Power, Separate, Together
+from rig.compare.verdict import (
+    AfferentVerdict,
+    FittedPositions,
+    LeftOut,
+    Mimic,
+    PairRow,
+    Power,
+    RecordingNoise,
+    Separate,
+    Together,
+)
 from rig.compare.verdict_text import methods, sentence, sentences
 from rig.report import verdict_figures
 from rig.report.page import Section
@@ -51,18 +61,27 @@ ROWS = (BEST, TWIN, FITS, CONTROL, WRONG, CONSTANT)
 TITLES = ("step:1 at 8 gwt", "step:3 at 8 gwt", "step:5 at 8 gwt")
 
 
-def answer(*rows: PairRow, stimuli: tuple[str, ...] = TITLES, title: str = "a") -> Answer:
+def answer(*rows: PairRow, stimuli: tuple[str, ...] = TITLES, title: str = "a") -> AfferentVerdict:
     which = np.repeat(np.arange(3), 4)
-    places = Places(which, POSITION, RATE, np.full(P, 3.0))
+    places = FittedPositions(which, POSITION, RATE, np.full(P, 3.0))
     separate = tuple(Separate(one, 2.0 + k, 0.1, 0.5) for k, one in enumerate(stimuli))
-    return Answer(
-        title, stimuli, ("a.csv", "b.csv", "c.csv"), places, 14, (LeftOut(stimuli[0], (2.0, 3.0)),),
-        Noise("counts", "repeats", 1.1, 48.0), 0.97, "repeats", rows, Together((4, 48), 0.31, 0.87, separate),
+    return AfferentVerdict(
+        title,
+        stimuli,
+        ("a.csv", "b.csv", "c.csv"),
+        places,
+        14,
+        (LeftOut(stimuli[0], (2.0, 3.0)),),
+        RecordingNoise("counts", "repeats", 1.1, 48.0),
+        0.97,
+        "repeats",
+        rows,
+        Together((4, 48), 0.31, 0.87, separate),
         Power(0.05, (Mimic("skin pressure", "s33 at 0 mm", 0.42),)),
-    )  # fmt: skip
+    )
 
 
-def sections(*found: Answer) -> dict[str, Section]:
+def sections(*found: AfferentVerdict) -> dict[str, Section]:
     made = answer_sections(found, "no offset fitted", recorded=True)
     assert len({one.title for one in made}) == len(made)
     return {one.title: one for one in made}
@@ -135,7 +154,7 @@ def test_what_became_of_the_other_measure(rows: tuple[PairRow, ...], kept: str) 
     assert any(point.endswith(f"and it is {kept}") for point in _points(answer(*rows)))
 
 
-def _points(found: Answer) -> tuple[str, ...]:
+def _points(found: AfferentVerdict) -> tuple[str, ...]:
     return sections(found)["What goes with it, and what would change it"].points
 
 

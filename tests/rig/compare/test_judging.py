@@ -15,7 +15,7 @@ from rig.compare.likelihood import Form
 from rig.compare.recordings.recording import Recording, recording
 from rig.compare.results import answers_as_json
 from rig.compare.stimuli import CONTROLS, Stimulus
-from rig.compare.verdict import A_CONSTANT, Answer, PairRow
+from rig.compare.verdict import A_CONSTANT, AfferentVerdict, PairRow
 from rig.compare.verdict_text import sentence
 from sim.measures.measures import MEASURES
 from tests.raising import raises
@@ -69,7 +69,7 @@ def counted(mean: Array, seed: int, presses: int = 5, window_s: float | None = 1
     return recording("synthetic.csv", rows, window_s)
 
 
-def answer(stimuli: Sequence[Stimulus], recordings: dict[str, Recording], **options: bool) -> Answer:
+def answer(stimuli: Sequence[Stimulus], recordings: dict[str, Recording], **options: bool) -> AfferentVerdict:
     (found,) = answers(compare(stimuli, recordings), Form(**options))
     return found
 
@@ -78,7 +78,7 @@ def of_truth(stimuli: Sequence[Stimulus], seed: int = 0, **how: float) -> dict[s
     return {s.shape: counted(rates(s, **how), seed + n) for n, s in enumerate(stimuli)}  # type: ignore[arg-type]
 
 
-def row(found: Answer, name: str, receptor_mm: float | None = 0.0) -> PairRow:
+def row(found: AfferentVerdict, name: str, receptor_mm: float | None = 0.0) -> PairRow:
     return next(one for one in found.rows if (one.name, one.receptor_mm) == (name, receptor_mm))
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rig.compare.comparison import Overlay, compare
 from rig.compare.likelihood import Form
-from rig.compare.place_grid import PlaceRange, PlaceRow, Whereabouts, place_lines, places_as_json
+from rig.compare.place_grid import PlaceRange, PlaceRow, ReceptorLocation, place_lines, places_as_json
 from rig.compare.receptor_place import whereabouts
 from rig.compare.recordings.recording import recording
 from rig.compare.stimuli import Stimulus
@@ -56,7 +56,7 @@ def laid(make_stimulus: Callable[..., Stimulus]) -> Laid:
     return make
 
 
-def row_of(found: Whereabouts | None, measure: str = "ep1") -> PlaceRow:
+def row_of(found: ReceptorLocation | None, measure: str = "ep1") -> PlaceRow:
     assert found is not None
     return next(row for row in found.rows if row.measure == measure)
 
@@ -155,9 +155,11 @@ ROW = PlaceRow(
 OTHER = PlaceRow("sed", 0.5, 0.6, 0.0, (0.4, 0.6), (0.5, 0.7), (0.0, 0.0), 1.0, np.nan, 90.0, 2.5, 0.001, ())
 
 
-def told(*rows: PlaceRow, offset: bool) -> Whereabouts:
+def told(*rows: PlaceRow, offset: bool) -> ReceptorLocation:
     where = WITH_OFFSET if offset else WHERE
-    return Whereabouts(("step:1 at 8 gwt",), ("mine.csv",), 47, 58, where, where._replace(x_mm=(-1.0, 0.5)), rows)
+    return ReceptorLocation(
+        ("step:1 at 8 gwt",), ("mine.csv",), 47, 58, where, where._replace(x_mm=(-1.0, 0.5)), rows
+    )
 
 
 def test_what_is_said_on_the_terminal() -> None:

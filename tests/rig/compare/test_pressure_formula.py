@@ -7,9 +7,9 @@ import pytest
 
 from rig.compare.pressure_formula import (
     FROM_EDGE_MM,
+    BootstrapConstants,
     Constants,
-    Places,
-    Spread,
+    ContactSamples,
     curvature_at,
     edges_mm,
     finger_curvature,
@@ -27,13 +27,13 @@ from sim.models.fingertip import Fingertip
 TRUE = Constants(600.0, 900.0, 250.0)
 
 
-def parabola(doi_mm: float, curvature: float, x_mm: np.ndarray) -> Places:
+def parabola(doi_mm: float, curvature: float, x_mm: np.ndarray) -> ContactSamples:
     """A round object pressed at 0: the skin follows it."""
     d = doi_mm - 0.5 * curvature * x_mm**2
     d0 = doi_mm * (1 - TRUE.k1 / TRUE.k2)
     pressure = TRUE.k2 * (d - d0) + TRUE.k3 * curvature  # Eq. 4.1, 4.2 as they are written
     n = np.ones_like(x_mm)
-    return Places(doi_mm * n, d, curvature * n, pressure, n, n)
+    return ContactSamples(doi_mm * n, d, curvature * n, pressure, n, n)
 
 
 def test_constants_come_back_exactly() -> None:
@@ -100,7 +100,7 @@ def test_what_is_sampled_under_a_cylinder(finger: Fingertip) -> None:
 CENTRED = {"cylinder:9": (0.33, 1.0, 1.33), "cylinder:3": (1.0, 1.33), "bar:3.0": (0.33, 0.67, 1.0, 1.33)}
 
 
-def sampled(finger: Fingertip) -> Places:
+def sampled(finger: Fingertip) -> ContactSamples:
     scenes = [(shape, doi) for shape, dois in CENTRED.items() for doi in dois]
     return together([places(finger.indent(shape, 0.0, doi_mm=doi), finger.surface) for shape, doi in scenes])
 
@@ -197,9 +197,9 @@ def test_intervals_are_over_indentations() -> None:
 
 def test_intervals_hold_95_percent() -> None:
     of = np.stack([np.arange(1001.0), np.arange(1001.0) + 500, np.zeros(1001)], axis=1)
-    assert Spread(of).intervals == ((25.0, 975.0), (525.0, 1475.0), (0.0, 0.0))
-    assert Spread(of).k2_over_k1 == (500.0, 500.0)
-    assert Spread(np.array([[1.0, 2, 0], [2, 1, 0], [1, 1, 0], [0, 5, 0]])).k2_above_k1 == 0.5
+    assert BootstrapConstants(of).intervals == ((25.0, 975.0), (525.0, 1475.0), (0.0, 0.0))
+    assert BootstrapConstants(of).k2_over_k1 == (500.0, 500.0)
+    assert BootstrapConstants(np.array([[1.0, 2, 0], [2, 1, 0], [1, 1, 0], [0, 5, 0]])).k2_above_k1 == 0.5
 
 
 def test_over_the_patch_the_constants_are_as_the_source_has_them(finger: Fingertip) -> None:

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from rig.compare.candidates import Candidates
-from rig.compare.intervals import Region, limits
+from rig.compare.intervals import ConfidenceLimits, limits
 from rig.compare.likelihood import Form, Observed, observed
 from rig.compare.recordings.recording import recording
 
@@ -19,7 +19,7 @@ def counted(rates: Array, window_s: float | None = 1.0) -> Observed:
     return observed([recording("x", rows, window_s)], np.ones(len(rates), dtype=bool))
 
 
-def of(eps: Array, given: Observed, form: Form = Form(), ratio: float = 1.0) -> Region:  # noqa: B008
+def of(eps: Array, given: Observed, form: Form = Form(), ratio: float = 1.0) -> ConfidenceLimits:  # noqa: B008
     candidates = Candidates(eps[None, None], form)
     return limits(candidates, given, candidates.fitted(given), 0, ratio)
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from rig.compare.shape_test import (
-    Schedule,
+    ShapePositions,
     candidates_by_chance,
     chance_rows,
     moved_response,
@@ -22,7 +22,7 @@ from rig.compare.stimuli import Stimulus
 Array = NDArray[np.float64]
 
 X = np.linspace(-3, 3, 25)
-STEP, BAR = Schedule("step:1", X), Schedule("bar:3.0", X)
+STEP, BAR = ShapePositions("step:1", X), ShapePositions("bar:3.0", X)
 
 
 def rng() -> np.random.Generator:
@@ -71,7 +71,7 @@ def test_passed_by_chance() -> None:
     assert share is not None
     assert strict is not None
     assert strict < share / 3
-    assert passed_by_chance(Schedule("cylinder:9", X), 0.5) is None
+    assert passed_by_chance(ShapePositions("cylinder:9", X), 0.5) is None
 
 
 def test_a_response_that_moves_is_seen_shifted() -> None:
@@ -95,8 +95,8 @@ def test_candidates_by_chance() -> None:
     assert one < some < 3 * one  # of three receptors, each sees the same response elsewhere
     assert both < some
     assert mixed < some
-    assert candidates_by_chance([STEP, Schedule("cylinder:9", X)], receptors, 0.5) is not None
-    assert candidates_by_chance([Schedule("cylinder:9", X)], receptors, 0.5) is None
+    assert candidates_by_chance([STEP, ShapePositions("cylinder:9", X)], receptors, 0.5) is not None
+    assert candidates_by_chance([ShapePositions("cylinder:9", X)], receptors, 0.5) is None
 
 
 def test_under_bars_only_receptors_near_the_centre_count() -> None:

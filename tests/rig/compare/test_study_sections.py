@@ -14,7 +14,7 @@ from studies.source import shape_test_errors
 from studies.source.matrix_page import markdown
 from studies.source.shape_test_errors import by_chance_section, perturbed_section
 from studies.source.table_agreement import survivors_section, table_5_2, with_limits
-from studies.source.verdicts_by_parameter import FORCES_GWT, HEADER, VARIANTS, Verdicts, sensitivity_section
+from studies.source.verdicts_by_parameter import FORCES_GWT, HEADER, VARIANTS, ParameterVerdicts, sensitivity_section
 
 X_MM = np.array([-1.5, -1.3, -1.1, -0.9, -0.7, -0.5])
 PEAK_THEN_DIP = np.array([1.0, 0.6, 0.2, 1.0, 3.0, 1.0])  # from right to left, as steps are moved
@@ -28,13 +28,13 @@ def test_a_table_as_the_docs_have_it() -> None:
 
 
 def test_every_variant_and_force_has_a_row_and_a_column() -> None:
-    found = [Verdicts(v, f, ("ep1", "sed"), ("ep1",), 0.5) for v in VARIANTS for f in FORCES_GWT]
+    found = [ParameterVerdicts(v, f, ("ep1", "sed"), ("ep1",), 0.5) for v in VARIANTS for f in FORCES_GWT]
     section = sensitivity_section(found)
     assert section.header == HEADER
     assert section.rows[0] == ("default", "2.33", "ep1, sed", "ep1", "0.50")
     assert len(section.rows) == 14
     assert section.figures[0].plot.svg.startswith("<?xml")
-    assert Verdicts("x", 8.0, (), (), 0.0).row == ("x", "8", "none", "none", "0.00")
+    assert ParameterVerdicts("x", 8.0, (), (), 0.0).row == ("x", "8", "none", "none", "0.00")
 
 
 def test_table_5_2_counts_cells(make_stimulus: Callable[..., Stimulus]) -> None:
@@ -62,7 +62,10 @@ def test_table_5_2_has_its_limits(make_stimulus: Callable[..., Stimulus]) -> Non
     assert recall.startswith("0.05 (0.00 … 0.")  # 3 of 57
     assert "540 cells are not 540 observations" in thresholds.text
     assert with_limits(-0.5, [(-1.0, 0.0)]) == "−0.50 (−1.00 … 0.00)"
-    assert Verdicts("x", 8.0, (), (), 0.5, ((0.4, 0.6), (0.3, 0.7))).row[-1] == "0.50 (0.40 … 0.60; 0.30 … 0.70)"
+    assert (
+        ParameterVerdicts("x", 8.0, (), (), 0.5, ((0.4, 0.6), (0.3, 0.7))).row[-1]
+        == "0.50 (0.40 … 0.60; 0.30 … 0.70)"
+    )
 
 
 def test_errors_of_the_shape_test(make_stimulus: Callable[..., Stimulus], monkeypatch: pytest.MonkeyPatch) -> None:

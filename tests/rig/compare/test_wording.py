@@ -9,7 +9,17 @@ import numpy as np
 import pytest
 
 from rig.compare.results import answers_as_json
-from rig.compare.verdict import Answer, LeftOut, Mimic, Noise, PairRow, Places, Power, Separate, Together
+from rig.compare.verdict import (
+    AfferentVerdict,
+    FittedPositions,
+    LeftOut,
+    Mimic,
+    PairRow,
+    Power,
+    RecordingNoise,
+    Separate,
+    Together,
+)
 from rig.compare.verdict_text import listed, methods, percent, probability, sentence, sentences
 
 ZERO = np.zeros(4)
@@ -31,10 +41,22 @@ WORSE = pair("s11", 0.3, 0.012, 0.5, deviance=34.0)
 CONTROL, CONSTANT = pair("skin pressure", 0.01, 0.3, 0.5, 0.41), pair("a constant rate", 0.0, 0.0, None, -0.03)
 
 
-def answer(*rows: PairRow, **changed: Any) -> Answer:
-    places = Places(np.zeros(4, dtype=np.int64), np.arange(4.0), ZERO, ZERO)
-    found = Answer("t", ("step:1 at 8 gwt",), ("a.csv",), places, 4, (), Noise("counts", "repeats", 0.71, 90.0), 0.93,
-                   "repeats", rows, None, Power(0.042, ()))  # fmt: skip
+def answer(*rows: PairRow, **changed: Any) -> AfferentVerdict:
+    places = FittedPositions(np.zeros(4, dtype=np.int64), np.arange(4.0), ZERO, ZERO)
+    found = AfferentVerdict(
+        "t",
+        ("step:1 at 8 gwt",),
+        ("a.csv",),
+        places,
+        4,
+        (),
+        RecordingNoise("counts", "repeats", 0.71, 90.0),
+        0.93,
+        "repeats",
+        rows,
+        None,
+        Power(0.042, ()),
+    )
     return replace(found, **changed)
 
 
@@ -124,7 +146,7 @@ def test_numbers_in_words() -> None:
     assert listed([BEST, TWIN, replace(BEST, receptor_mm=0.5)]) == "ep1 at −1.25, −1 and 0.5 mm"
 
 
-KINDS: dict[str, tuple[Callable[[], Answer], list[str]]] = {
+KINDS: dict[str, tuple[Callable[[], AfferentVerdict], list[str]]] = {
     "counts": (
         lambda: answer(BEST, TWIN, BAD, CONTROL, CONSTANT),
         ["Responses to step:1 at 8 gwt were compared with 18 measures of stress and strain, and with controls "
@@ -137,12 +159,12 @@ KINDS: dict[str, tuple[Callable[[], Answer], list[str]]] = {
          "predicted 87 % of what was left out."],
     ),
     "an sd": (
-        lambda: answer(BEST, noise=Noise("sd", "sd", 1.0, np.inf)),
+        lambda: answer(BEST, noise=RecordingNoise("sd", "sd", 1.0, np.inf)),
         ["normal likelihood of rates with their standard deviations (known, as given with the rates)",
          "(known) in an F"],
     ),
     "rates": (
-        lambda: answer(BEST, noise=Noise("rates", "neighbours", 9.0, 30.0)),
+        lambda: answer(BEST, noise=RecordingNoise("rates", "neighbours", 9.0, 30.0)),
         ["with one standard deviation for all (3, from differences between neighbouring positions, for want of"],
     ),
     "options": (
@@ -176,7 +198,7 @@ def test_json_has_the_answer_and_its_rows() -> None:
     separate = (Separate("step:1", 1.0, np.nan, 0.5),)
     found = answer(BEST, BAD, CONSTANT, together=Together((2.0, 90.0), 1.5, 0.25, separate),
                    left_out=(LeftOut("step:1", (9.0,)),), power=Power(0.1, (Mimic("c", "m", 0.5),)),
-                   noise=Noise("sd", "sd", 1.0, np.inf))  # fmt: skip
+                   noise=RecordingNoise("sd", "sd", 1.0, np.inf))  # fmt: skip
     (told,) = json.loads(json.dumps(answers_as_json([found]), allow_nan=False))
     assert told["answer"] == sentence(found)
     assert told["besides"] == sentences(found)

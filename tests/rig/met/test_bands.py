@@ -5,9 +5,9 @@ import pytest
 from scipy.stats import norm
 
 from rig.plan.finger_model import Answers, band_of, left_of
-from rig.plan.finger_update import Seen, taken_in
+from rig.plan.finger_update import ReferenceForce, taken_in
 from rig.plan.plan import Plan
-from rig.records import Band, Pace, PlannedIndentation, Target
+from rig.records import Pace, PlannedIndentation, PredictionBand, Target
 from sim.models.relaxation import Memory, Prony, PronyTerm
 from sim.units import GWT_N
 from tests.rig.met.met_file import SERIES, met_file
@@ -75,13 +75,13 @@ def test_at_a_force_it_is_the_depth_that_has_a_band() -> None:
     assert band.highest_gwt == pytest.approx(4.0)
 
 
-def _planned(force_gwt: float, band: Band | None) -> PlannedIndentation:
+def _planned(force_gwt: float, band: PredictionBand | None) -> PlannedIndentation:
     press = ("bar:3.0", 0.0, Target("doi_mm", 0.5), -0.1, force_gwt, 0.5, 4.0, 0.01)
     return PlannedIndentation(*press, band=band, increments=1, hold_s=1.0)
 
 
 def test_limits_go_by_the_upper_end() -> None:
-    band = Band((18.0, 24.0), (0.4, 0.6), 26.0)
+    band = PredictionBand((18.0, 24.0), (0.4, 0.6), 26.0)
     planned = _planned(20.0, band)
     assert (planned.highest_gwt, planned.deepest_mm) == (26.0, 0.6)
     assert planned.mean_pressure_n_cm2 == pytest.approx(26.0 * GWT_N / 4.0 * 100)
@@ -98,7 +98,7 @@ def test_a_reference_moves_the_likely_fingers_as_bayes_has_it() -> None:
     met = met_file(spread=0.2).met
     z = np.log([draw.stiffness for draw in met.draw])
     noise = 0.02**2 + 1e-4
-    seen = Seen("bar:3.0", 0.0, Target("doi_mm", 0.5), PACE, 0.3, 1e-4)
+    seen = ReferenceForce("bar:3.0", 0.0, Target("doi_mm", 0.5), PACE, 0.3, 1e-4)
     after = taken_in(met, z, seen)
     moved = np.log([draw.stiffness for draw in after.draw])
     prior = z.var(ddof=1)
@@ -115,12 +115,12 @@ def test_a_reference_moves_the_likely_fingers_as_bayes_has_it() -> None:
 
 def test_what_every_likely_finger_says_teaches_nothing() -> None:
     met = met_file().met
-    seen = Seen("bar:3.0", 0.0, Target("doi_mm", 0.5), PACE, 0.3, 1e-4)
+    seen = ReferenceForce("bar:3.0", 0.0, Target("doi_mm", 0.5), PACE, 0.3, 1e-4)
     assert taken_in(met, np.zeros(8), seen) == met
 
 
 def test_moduli_stay_where_fingers_are_interpolated() -> None:
     met = met_file(spread=0.2).met
     z = np.log([draw.stiffness for draw in met.draw])
-    far = taken_in(met, z, Seen("bar:3.0", 0.0, Target("doi_mm", 0.5), PACE, 9.0, 1e-4))
+    far = taken_in(met, z, ReferenceForce("bar:3.0", 0.0, Target("doi_mm", 0.5), PACE, 9.0, 1e-4))
     assert {draw.e_fat for draw in far.draw} == {0.02}

@@ -13,7 +13,7 @@ import rig.cli.identify as meet
 from rig.cli.identify import said_at_the_end
 from rig.compare.fingers import read_plausible
 from rig.errors import BadInputError, RunAborted
-from rig.identify.procedure import Meeting, Wanted, felt_surely
+from rig.identify.procedure import IdentificationOptions, Meeting, felt_surely
 from rig.identify.result import finger_file
 from rig.plan.config import Config
 from rig.plan.finger_file import FingerFile
@@ -78,7 +78,7 @@ LEAST = least_effective(len(FORESEEN.prior.names))
 
 
 def _meeting(effective: float) -> Meeting:
-    wanted = Wanted((PressAt("cylinder:9", 0.5, 0.67),), shapes=("sphere:4",))
+    wanted = IdentificationOptions((PressAt("cylinder:9", 0.5, 0.67),), shapes=("sphere:4",))
     meeting = Meeting(felt_surely(Config()), FORESEEN, wanted, seed=1)
     meeting.learned = replace(meeting.learned, effective=effective)
     return meeting

@@ -18,7 +18,7 @@ from rig.panel.drawing import (
     Drawer,
     DrawingError,
     Job,
-    Press,
+    PressSummary,
     drawn,
     finger_outlines,
     foreseen,
@@ -32,7 +32,7 @@ from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
 from tests.rig.panel.test_outlet import events
 
-PRESS = Press(3, "data", 0.5, "doi_mm", 0.6)
+PRESS = PressSummary(3, "data", 0.5, "doi_mm", 0.6)
 
 
 @pytest.fixture
@@ -157,7 +157,7 @@ def test_flanks_are_cut_and_straight_lines_have_two_ends() -> None:
 
 @pytest.mark.parametrize(("target", "value"), [("doi_mm", 0.6), ("force_gwt", 2.33)])
 def test_the_curve_ends_at_the_target_and_is_the_model_s(target: str, value: float, finger: Fingertip) -> None:
-    press = Press(0, "data", 0.5, target, value)
+    press = PressSummary(0, "data", 0.5, target, value)
     curve, at_target = foreseen(finger, parse_shape("bar:3.0"), press)
     assert len(curve["doi_mm"]) == len(curve["force_gwt"]) == DEPTHS + 1
     assert (curve["doi_mm"][0], curve["force_gwt"][0]) == (0.0, 0.0)
@@ -173,14 +173,16 @@ def test_the_curve_ends_at_the_target_and_is_the_model_s(target: str, value: flo
 
 
 def test_beyond_the_model_there_is_no_curve_and_a_reason(finger: Fingertip) -> None:
-    curve, at_target = foreseen(finger, parse_shape("bar:3.0"), Press(0, "data", 0.0, "doi_mm", 3.0))
+    curve, at_target = foreseen(finger, parse_shape("bar:3.0"), PressSummary(0, "data", 0.0, "doi_mm", 3.0))
     assert (curve["doi_mm"], curve["force_gwt"], at_target) == (None, None, {})
     assert curve["code"] == "doi_outside"
     assert curve["problem"]
 
 
 def test_what_a_plate_does_is_the_same_everywhere(finger: Fingertip) -> None:
-    here, there = (foreseen(finger, parse_shape("flat"), Press(0, "data", x, "doi_mm", 0.3))[0] for x in (0.0, 1.0))
+    here, there = (
+        foreseen(finger, parse_shape("flat"), PressSummary(0, "data", x, "doi_mm", 0.3))[0] for x in (0.0, 1.0)
+    )
     assert here == there
 
 
@@ -309,7 +311,7 @@ def test_the_next_press_of_the_same_is_solved_at_once() -> None:
     asking = Asking()
     for _ in range(2):
         asking.look(MOVING)
-    other = Job(Path("c"), Path("runs/one"), "bar:3.0", 0.0, Press(4, "data", 1.0, "doi_mm", 0.6))
+    other = Job(Path("c"), Path("runs/one"), "bar:3.0", 0.0, PressSummary(4, "data", 1.0, "doi_mm", 0.6))
     found = asking.look(other)
     assert [told["index"] for _, told in found] == [4, 4]
     assert asking.process.jobs == [STILL, MOVING, other]

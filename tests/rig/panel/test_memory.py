@@ -17,13 +17,13 @@ from rig.data import run_state
 from rig.data.folder import RunFolder
 from rig.data.run import Following
 from rig.data.run_state import Course
-from rig.manual.requests import Hold, Holds
+from rig.manual.requests import HoldRequest, Holds
 from rig.manual.status import KEPT, Backlog
-from rig.panel.drawing import Drawer, Job, Press
+from rig.panel.drawing import Drawer, Job, PressSummary
 from rig.panel.owners import Tabs
 from rig.panel.seen_run import SeenRun, growing
 from rig.panel.state import HAND, SeenBench
-from rig.panel.stream import Onlooking, Outlet, Source
+from rig.panel.stream import Onlooking, Outlet, ReadingSource
 from rig.plan.config import Config
 from sim.devices.clock import VirtualClock
 from tests.kept import Step, kept_bytes, needed_bytes
@@ -158,7 +158,7 @@ def _watched(tmp_path: Path, *, course: bool) -> Step:
 
 def readings_of_a_page_that_fetches_none(tmp_path: Path, make: Make, there: ExitStack) -> Step:
     outlet, seconds = Outlet(), itertools.count()
-    outlet.begin(Source("run", ("t_s", "force_gwt")))
+    outlet.begin(ReadingSource("run", ("t_s", "force_gwt")))
     page = there.enter_context(outlet.joined())
 
     def step() -> None:
@@ -218,7 +218,7 @@ def presses_of_a_button(tmp_path: Path, make: Make, there: ExitStack) -> Step:
     holds = Holds(clock)
 
     def step() -> None:
-        press = Hold(axis="x", sign=1, speed_mm_s=1.0, tab="a", press=next(n), unix_s=clock.unix_s())
+        press = HoldRequest(axis="x", sign=1, speed_mm_s=1.0, tab="a", press=next(n), unix_s=clock.unix_s())
         holds.take(press)
         holds.end(press)
 
@@ -232,7 +232,7 @@ def drawings(tmp_path: Path, make: Make, there: ExitStack) -> Step:
     drawer.process.ask = lambda job: {"skin": [[0.0, 1.0]] * 50}  # type: ignore[method-assign]
 
     def step() -> None:
-        wanted[0] = replace(wanted[0], press=Press(next(presses), "data", 0.1, "doi_mm", 1.0))
+        wanted[0] = replace(wanted[0], press=PressSummary(next(presses), "data", 0.1, "doi_mm", 1.0))
         loop.run_until_complete(drawer.look())
 
     return step

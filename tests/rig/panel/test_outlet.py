@@ -7,9 +7,19 @@ from typing import Any
 
 import pytest
 
-from rig.panel.stream import MOST_ROWS, MOST_STREAMS, NOTHING, SHOWN_S, Onlooking, Outlet, Source, as_event, stream
+from rig.panel.stream import (
+    MOST_ROWS,
+    MOST_STREAMS,
+    NOTHING,
+    SHOWN_S,
+    Onlooking,
+    Outlet,
+    ReadingSource,
+    as_event,
+    stream,
+)
 
-RUN = Source("run", ("t_s", "force_gwt"))
+RUN = ReadingSource("run", ("t_s", "force_gwt"))
 
 
 def events(text: str) -> list[tuple[str, dict[str, Any]]]:
@@ -116,7 +126,7 @@ def test_other_readings_begin_anew() -> None:
         client.taken(0.0)
         readings(outlet, 1.0)
         client.dropped = 0
-        outlet.begin(Source(None, ("t_s", "x_mm"), hand=True))
+        outlet.begin(ReadingSource(None, ("t_s", "x_mm"), hand=True))
         assert client.woken.is_set()
         outlet.add([])
         told = rows_of(client)

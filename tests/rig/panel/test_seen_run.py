@@ -9,7 +9,7 @@ import pytest
 
 from rig.data.folder import RunFolder
 from rig.data.run_state import Course, Timeline
-from rig.panel.drawing import Job, Press
+from rig.panel.drawing import Job, PressSummary
 from rig.panel.seen_run import AT_ONCE, COLUMNS, GROWS_S, SeenRun, growing, limits_told, written_s
 from rig.panel.state import HAND, SeenBench
 from rig.panel.stream import SHOWN_S
@@ -171,7 +171,7 @@ def test_what_there_is_to_draw(run: Written) -> None:
     assert seen.job == Job(config, run.path, "step:1", 1.5)
     run.event("reference_indentation_start", **PRESS)
     seen.look(NOW_S)
-    assert seen.job == Job(config, run.path, "bar:3.0", 1.5, Press(0, "reference", 0.5, "doi_mm", 0.8))
+    assert seen.job == Job(config, run.path, "bar:3.0", 1.5, PressSummary(0, "reference", 0.5, "doi_mm", 0.8))
     run.event("move", x_mm=0.5)
     seen.look(NOW_S)
     assert seen.job == Job(config, run.path, "bar:3.0")

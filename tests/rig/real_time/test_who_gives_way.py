@@ -17,7 +17,7 @@ from rig.panel.drawing import DrawingProcess, Job
 from sim.config import FingertipConfig
 from sim.finger_process import FingerProcess
 from sim.models.fingertip import Fingertip
-from sim.serve.force_process import FingerProcess as ServedFinger
+from sim.serve.force_process import ForceProcess
 
 REPOSITORY = Path(__file__).parents[3]
 
@@ -85,7 +85,7 @@ def test_a_served_finger_gives_way_to_nobody_in_a_session_of_its_own_on_one_thre
 ) -> None:
     """A device has no processor to share; two threads of small sums wait for each other's turn at one."""
     monkeypatch.setenv("OMP_NUM_THREADS", "2")  # of the process: else it might have one anyway
-    process: ServedFinger[None, tuple[int, int, list[int]]] = ServedFinger(_standing)
+    process: ForceProcess[None, tuple[int, int, list[int]]] = ForceProcess(_standing)
     try:
         process.ask(None)
         pid, session, threads = process.answer()
