@@ -243,14 +243,14 @@ def test_a_command(tree: Tree) -> None:
 
 
 def test_a_section_of_the_report_of_a_run(tree: Tree, finger: Fingertip) -> None:
-    tree.add("section of the run's report", "", {}, insertions.RUN_SECTION)
+    tree.add("figure of the run's report", "", {}, insertions.RUN_SECTION)
     run, _ = tree.dry_run(drawn=True)
     page = (run / "report.html").read_text(encoding="utf-8")
     assert re.findall(r"<h2[^>]*>(F.*)</h2>", page) == ["Force against time", "Force against depth", "Final depths"]
 
 
 def test_a_section_of_the_report_of_a_comparison(tree: Tree, finger: Fingertip) -> None:
-    tree.add("section of the comparison's report", "", {}, insertions.COMPARISON_SECTION)
+    tree.add("figure of the comparison's report", "", {}, insertions.COMPARISON_SECTION)
     page = tree.folder / "page.html"
     no_maps = "import rig.cli.compare; rig.cli.compare.stimulus_maps = lambda *_: []"  # a factorisation, seconds
     tree.python(f"{no_maps}; {COMMAND_LINE}", "compare", OLD_RUN, "--out", page, "--json")
