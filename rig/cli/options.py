@@ -168,7 +168,7 @@ def press_of(shape: str, x_mm: float, doi_mm: float | None) -> "SectionPress":
 _OPTIONS = {"bounds": "--range"}
 
 
-def in_options(error: CodingError) -> BadInputError:
+def in_options(error: "CodingError") -> BadInputError:
     """The same error, its arguments under the names of the options that they came from."""
     named = {name: _OPTIONS.get(name, f"--{name}") for name, value in error.fields.items() if value == name}
     return BadInputError(error.sentence, code=error.code, **{**error.fields, **named})
