@@ -42,7 +42,7 @@ def test_what_is_no_gain_is_refused(text: str) -> None:
 def test_a_search_is_what_was_told() -> None:
     assert search_of("ours", None, None, None, 3) == SearchOptions(None, None, None, 3)
     assert search_of("grid", "1,2", "0,1e9", 1e-6, 0) == SearchOptions((1.0, 2.0), (0.0, 1e9), 1e-6, 0)
-    assert search_of("global", None, "1,2", None, 0).within == (1.0, 2.0)
+    assert search_of("global", None, "1,2", None, 0).bounds == (1.0, 2.0)
     for within in ("2,2", "1,2,3", "0,1.1e9"):
         with pytest.raises(BadInputError, match="--range"):
             search_of("grid", None, within, None, 0)
