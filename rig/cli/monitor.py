@@ -105,7 +105,7 @@ def named(name: str, words: str) -> str:
 LOOK_S = 0.2
 
 
-class WatchedRun(Onlooker):
+class RunScreen(Onlooker):
     """A run as `rig watch` shows it."""
 
     def __init__(self, folder: RunFolder) -> None:
@@ -139,7 +139,7 @@ def watch_command(
     With --json: how it is now, at once.
     """
     with told_in_one_line(as_json=as_json):
-        seen = WatchedRun(RunFolder(run))
+        seen = RunScreen(RunFolder(run))
         try:
             if as_json:
                 seen.take(Following(seen.folder).new())
@@ -154,7 +154,7 @@ def watch_command(
             raise typer.Exit(ExitCode.ABORTED) from None
 
 
-def _on_a_screen(seen: WatchedRun) -> None:
+def _on_a_screen(seen: RunScreen) -> None:
     clock, screen = WallClock(), Screen(seen.force, seen.above, seen.below)
     with Live(screen, console=out, auto_refresh=False) as live:
         for documents in followed(seen.folder, lambda: clock.wait_s(LOOK_S)):
@@ -162,7 +162,7 @@ def _on_a_screen(seen: WatchedRun) -> None:
             live.refresh()
 
 
-def _line_by_line(seen: WatchedRun) -> None:
+def _line_by_line(seen: RunScreen) -> None:
     clock = WallClock()
     for documents in followed(seen.folder, lambda: clock.wait_s(LOOK_S)):
         seen.take(documents)
@@ -180,7 +180,7 @@ def _line(document: Document) -> list[str]:
     return [f"{document['t_s']:10.3f}  {name:<18}  {told}".rstrip()]
 
 
-def _end(seen: WatchedRun) -> list[str]:
+def _end(seen: RunScreen) -> list[str]:
     """How the run ended, or left off."""
     found = read_run(seen.folder.path)
     about = alive(summary_of(found), seen.folder.path.parent)
@@ -191,7 +191,7 @@ def _end(seen: WatchedRun) -> list[str]:
     return lines + [named(names.get(name, name), words) for name, words in told.items() if words]
 
 
-def _now(seen: WatchedRun) -> dict[str, Any]:
+def _now(seen: RunScreen) -> dict[str, Any]:
     found = read_run(seen.folder.path)
     about = alive(summary_of(found), seen.folder.path.parent)
     newest = {name: seen.newest.get(name) for name in ("force_gwt", "doi_mm", "x_mm", "height_mm", "phase")}
@@ -225,7 +225,7 @@ class _Told(ProgressColumn):
         return Text(self._say())
 
 
-class CountedRun(RunState):
+class IndentationProgress(RunState):
     """A run as its own terminal shows it: which of its indentations it is at."""
 
     def __init__(self, total: int, time_left: TimeLeft | None, course: Course | None = None) -> None:
@@ -297,7 +297,7 @@ def progress(
 
     Whoever asked for JSON and has no terminal is a program, and is told of alarms only.
     """
-    run = CountedRun(total, time_left, course)
+    run = IndentationProgress(total, time_left, course)
     shown = _bar if err.is_terminal else _nothing if as_json else _lines
     with shown(run) as show:
 
@@ -311,12 +311,12 @@ def progress(
 
 
 @contextmanager
-def _nothing(run: CountedRun) -> Iterator[Callable[[str], None]]:
+def _nothing(run: IndentationProgress) -> Iterator[Callable[[str], None]]:
     yield lambda stream: None
 
 
 @contextmanager
-def _lines(run: CountedRun) -> Iterator[Callable[[str], None]]:
+def _lines(run: IndentationProgress) -> Iterator[Callable[[str], None]]:
     err.print(f"{run.total} indentations, {run.left}")
 
     def show(stream: str) -> None:
@@ -327,7 +327,7 @@ def _lines(run: CountedRun) -> Iterator[Callable[[str], None]]:
 
 
 @contextmanager
-def _bar(run: CountedRun) -> Iterator[Callable[[str], None]]:
+def _bar(run: IndentationProgress) -> Iterator[Callable[[str], None]]:
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
     told = (_Told(lambda: run.elapsed), _Told(lambda: run.left))
     bar = Progress(*columns, *told, console=err)

@@ -7,13 +7,15 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rig.data.folder import RunFolder
 from rig.data.journal import Document, JournalError, document_on, listed_documents, read_journal
-from rig.data.run_state import RunState
 from rig.data.schema import PRESS_STREAMS
 from rig.errors import RigError
+
+if TYPE_CHECKING:
+    from rig.data.run_state import RunState
 
 Events = dict[str, list[dict[str, Any]]]
 
@@ -87,8 +89,10 @@ class Run:
         return self.stop is None
 
     @cached_property
-    def state(self) -> RunState:
+    def state(self) -> "RunState":
         """What it was doing when it ended, by its events in the order of their instants."""
+        from rig.data.run_state import RunState  # a list of runs does without
+
         state = RunState()
         state.start, state.stop = self.start, self.stop
         streams = [*self.events.items(), *self.superseded.items()]

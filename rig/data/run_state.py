@@ -289,19 +289,14 @@ _DOING = {
     for purpose in ("", "precondition_", "reference_", "find_")
     for name in (BEGUN, READING, "touch", "hold_start", "hold_end", "sync")
 }
+_STAGE_IS = {"home": "homed", "move": "at rest", "retract": "at rest", "trip": "tripped"}
 
 
 class RunState:
     """What a run is doing, by the documents of its journal so far, each told once and in order.
 
-    Values of events are kept as they are: of what another program wrote only what is asked for must make sense.
-
-    Parameters
-    ----------
-    course : Course or None
-        What the run will pass; None where that is not known.
-    time_left : TimeLeft or None
-        Told every event.
+    Values stay as events say them: of what another program wrote only what is asked for must make sense.
+    time_left is told every event; without a course nobody knows what comes next.
     """
 
     def __init__(self, course: Course | None = None, time_left: TimeLeft | None = None) -> None:
@@ -324,7 +319,7 @@ class RunState:
         self._clear: Any = "raised"  # what a move away leaves
         self.homed = False
         self.heard_stage, self.heard_force = Heard(), Heard()
-        self._t_s = 0.0  # of the event that is told
+        self._t_s = 0.0  # of the event that is told, as is the next
         self._unix_s: float | None = None
 
     def apply(self, document: Document) -> None:
@@ -339,42 +334,28 @@ class RunState:
 
     def event(self, stream: str, data: Mapping[str, Any]) -> None:
         """The next event; all that a run's own process is told of its journal."""
-        self._be_at(stream, data)
-        if stream.endswith(READING):
-            self.newest, self.newest_s = data, (self._t_s, self._unix_s)
-        elif stream.endswith(BEGUN):
-            self._begin(stream, data)
-        elif stream.endswith(ENDED):
-            self.pressing = False
-            if stream == ENDED and "index" in data:
-                self.finished.add(data["index"])
-        elif stream == "hold_end":
-            self.holds.append(data)
-        elif stream in ("mount", "move"):
-            self._place(stream, data)
-        elif stream in ("alarm", "trip", "paused"):
-            self.said = str(data.get("reason", ""))
+        self._count(stream, data)
+        self._place(stream, data)
         self._hear(stream, data)
         for told in (self.time_left, self.agenda):
             if told is not None:
                 told.event(stream, data)
 
-    def _begin(self, stream: str, data: Mapping[str, Any]) -> None:
-        self.pressing = True
-        before = self.placed or Placed()
-        self.placed = Placed(data.get("indentor"), before.along_mm, (stream, data))
+    def _count(self, stream: str, data: Mapping[str, Any]) -> None:
+        """How far it is, and what it says of that."""
+        if stream.endswith((BEGUN, ENDED)):
+            self.pressing = stream.endswith(BEGUN)
         if stream == BEGUN:
             self.indentation, self.holds = data, []
+        elif stream == "hold_end":
+            self.holds.append(data)
+        elif stream == ENDED and "index" in data:
+            self.finished.add(data["index"])
+        elif stream in ("alarm", "trip", "paused"):
+            self.said = str(data.get("reason", ""))
 
     def _place(self, stream: str, data: Mapping[str, Any]) -> None:
-        if stream == "mount":
-            self.placed = Placed(data.get("indentor"))
-        else:
-            before = self.placed or Placed()
-            self.placed = Placed(before.indentor, data.get("along_mm") or 0.0)
-
-    def _be_at(self, stream: str, data: Mapping[str, Any]) -> None:
-        """Where the indentor is, and whether it may touch."""
+        """Where the indentor is, whether it may touch, and what is pressed with it."""
         self.x_mm = data.get("x_mm", self.x_mm)
         self.height_mm = data.get("height_mm", self.height_mm)
         self.force_gwt = data.get("force_gwt", self.force_gwt)
@@ -382,20 +363,25 @@ class RunState:
             self.contact = self._clear = "lifted" if stream == "zero" else data.get("contact", self._clear)
         elif stream in _DOING:
             self.contact = "unknown"
+        before = self.placed or Placed()
+        if stream == "mount":
+            self.placed = Placed(data.get("indentor"))
+        elif stream == "move":
+            self.placed = Placed(before.indentor, data.get("along_mm") or 0.0)
+        elif stream.endswith(BEGUN):
+            self.placed = Placed(data.get("indentor"), before.along_mm, (stream, data))
 
     def _hear(self, stream: str, data: Mapping[str, Any]) -> None:
         """What it says of stage and sensor."""
-        at = self._unix_s
         if stream.endswith(READING):
-            self.heard_stage, self.heard_force = Heard(str(data.get("phase", "moving")), at), Heard("reads", at)
-        elif stream == "home":
-            self.homed, self.heard_stage = True, Heard("homed", at)
-        elif stream in ("move", "retract"):
-            self.heard_stage = Heard("at rest", at)
-        elif stream == "trip":
-            self.heard_stage = Heard("tripped", at)
+            self.newest, self.newest_s = data, (self._t_s, self._unix_s)
+            self.heard_stage = Heard(str(data.get("phase", "moving")), self._unix_s)
+            self.heard_force = Heard("reads", self._unix_s)
+        elif stream in _STAGE_IS:
+            self.homed = self.homed or stream == "home"
+            self.heard_stage = Heard(_STAGE_IS[stream], self._unix_s)
         elif stream == "zero":
-            self.heard_force = Heard("zeroed", at)
+            self.heard_force = Heard("zeroed", self._unix_s)
 
     @property
     def now(self) -> str:

@@ -12,8 +12,8 @@ from rig.data.run_state import BEGUN, READING, Onlooker
 from rig.data.tables import FOREIGN, foreign
 from rig.engine.limits import Trips
 from rig.errors import BadInputError
-from rig.panel.drawing import Job, PressSummary
-from rig.panel.stream import SHOWN_S, ReadingSource, Row
+from rig.panel.drawing import Job, Press
+from rig.panel.stream import SHOWN_S, Row, Source
 from rig.plan.config import Config, load_config
 from rig.units import GWT_N
 
@@ -74,19 +74,18 @@ AT_ONCE = 1 << 20
 """Bytes: a journal of hours is read in pieces, and of its readings the last minute is kept."""
 
 
-class SeenRun:
+class SeenRun(Onlooker):
     """What a run's journal says so far; `look` reads it, all else is what was read."""
 
     def __init__(self, path: Path) -> None:
-        self.folder = RunFolder(path)
-        self.source = ReadingSource(path.name, COLUMNS)
+        super().__init__(RunFolder(path))
+        self.source = Source(path.name, COLUMNS)
         self.problem = ""
         self.alive = False
-        self.seen = Onlooker(self.folder)
         self.job: Job | None = None
         self._journal = Following(self.folder)
         self._config: Config | None = None
-        self._asked_s = 0.0
+        self._asked_s = self._written_s = 0.0
 
     def look(self, unix_s: float) -> list[Row]:
         """Read what came; returns the readings among it. What cannot be read ends the looking, and is the problem."""
@@ -110,7 +109,7 @@ class SeenRun:
             self._read_config()
             while documents := self._journal.new(AT_ONCE):
                 rows = _latest(rows) + self._taken(documents)
-            self.seen.take(())  # its course may have been written since
+            self.take(())  # its course may have been written since
         except (RunError, BadInputError) as error:
             self.problem = str(error)
         except FOREIGN as error:
@@ -118,14 +117,16 @@ class SeenRun:
         return rows
 
     def _taken(self, documents: list[Document]) -> list[Row]:
-        at_s = written_s(self.folder.path)
-        for document in documents:
-            # a virtual run's days are its own: there it counts when it was written
-            document["unix_s"] = at_s if self.virtual else min(document.get("unix_s", at_s), at_s)
-            self.seen.apply(document)
-        self.seen.take(())
+        self._written_s = written_s(self.folder.path)
+        self.take(documents)
         self.job = self._drawn()
         return [_row(one) for one in documents if one["doc"] == "event" and one["stream"].endswith(READING)]
+
+    def apply(self, document: Document) -> None:
+        """The next document; a virtual run's days are its own: there it counts when it was written."""
+        at_s = self._written_s
+        document["unix_s"] = at_s if self.virtual else min(document.get("unix_s", at_s), at_s)
+        super().apply(document)
 
     def _read_config(self) -> None:
         if self._config is None and self.folder.config.is_file():
@@ -133,7 +134,7 @@ class SeenRun:
 
     def _drawn(self) -> Job | None:
         """What there is to draw."""
-        placed = self.seen.placed
+        placed = self.placed
         if placed is None:
             return None
         indentor = None if placed.indentor is None else str(placed.indentor)
@@ -147,16 +148,16 @@ class SeenRun:
     @property
     def virtual(self) -> bool:
         """Whether it is on the virtual bench."""
-        return bool(self.seen.start.get("virtual"))
+        return bool(self.start.get("virtual"))
 
     @property
     def ended(self) -> bool:
         """Whether its journal has an end."""
-        return self.seen.stop is not None
+        return self.stop is not None
 
     def told(self, *, going: bool) -> dict[str, Any]:
         """`run` of the state. going: somebody writes to it."""
-        start, seen = self.seen.start, self.seen
+        start, stop = self.start, self.stop
         return {
             "folder": str(self.folder.path),
             "name": self.name,
@@ -165,25 +166,25 @@ class SeenRun:
             "subject": start.get("subject"),
             "virtual": self.virtual,
             "state": self._state(going=going),
-            "now": seen.now if going else None,
-            "next": seen.next if going else None,
-            "left_s": seen.left_s if going else None,
-            "done": len(seen.finished),
-            "planned": seen.planned,
-            "said": seen.said or None,
-            "ending": None if seen.stop is None else str(seen.stop.get("reason") or ""),
-            "stopped_while": None if seen.stop is None else seen.stop.get("stopped_while"),
+            "now": self.now if going else None,
+            "next": self.next if going else None,
+            "left_s": self.left_s if going else None,
+            "done": len(self.finished),
+            "planned": self.planned,
+            "said": self.said or None,
+            "ending": None if stop is None else str(stop.get("reason") or ""),
+            "stopped_while": None if stop is None else stop.get("stopped_while"),
             "problem": self.problem or None,
         }
 
     def _state(self, *, going: bool) -> str:
-        if self.seen.stop is not None:
-            return str(self.seen.stop["status"])
+        if self.stop is not None:
+            return str(self.stop["status"])
         return "running" if going else "killed"
 
     def newest_told(self, unix_s: float) -> dict[str, Any]:
         """`newest` of the state: its age is that of now."""
-        found, (t_s, read_s) = self.seen.newest, self.seen.newest_s
+        found, (t_s, read_s) = self.newest, self.newest_s
         told = {name: found.get(name) for name in ("force_gwt", "doi_mm", "x_mm", "height_mm", "phase")}
         force_gwt = found.get("force_gwt")
         force_n = None if force_gwt is None else force_gwt * GWT_N
@@ -191,9 +192,9 @@ class SeenRun:
 
     def devices_told(self, unix_s: float) -> dict[str, Any]:
         """`devices` of the state, with the age of each word now; None where nothing was heard."""
-        (stage, stage_s), (force, force_s) = self.seen.heard_stage, self.seen.heard_force
+        (stage, stage_s), (force, force_s) = self.heard_stage, self.heard_force
         return {
-            "stage": {"word": stage, "homed": self.seen.homed, "age_s": age_s(stage_s, unix_s)},
+            "stage": {"word": stage, "homed": self.homed, "age_s": age_s(stage_s, unix_s)},
             "force": {"word": force, "age_s": age_s(force_s, unix_s)},
         }
 
@@ -201,11 +202,11 @@ class SeenRun:
         """`limits` of the state: of the run's own copy of its configuration."""
         if self._config is None:
             return None
-        return limits_told(self._config, self.seen.start.get("soft_trip_n"), self.seen.newest.get("force_gwt"))
+        return limits_told(self._config, self.start.get("soft_trip_n"), self.newest.get("force_gwt"))
 
     def schedule_told(self) -> list[dict[str, Any]]:
         """Its steps."""
-        return [_step(*step) for step in self.seen.steps]
+        return [_step(*step) for step in self.steps]
 
 
 def _latest(rows: list[Row]) -> list[Row]:
@@ -219,12 +220,12 @@ def _row(reading: Document) -> Row:
     return [told.get(name) for name in COLUMNS]
 
 
-def _press(begun: tuple[str, Mapping[str, Any]] | None) -> PressSummary | None:
+def _press(begun: tuple[str, Mapping[str, Any]] | None) -> Press | None:
     if begun is None:
         return None
     stream, data = begun
     place, target = float(data["x_mm"]), str(data["target"])
-    return PressSummary(int(data["index"]), _purpose(stream, BEGUN), place, target, float(data["value"]))
+    return Press(int(data["index"]), _purpose(stream, BEGUN), place, target, float(data["value"]))
 
 
 def _purpose(stream: str, end: str) -> str:

@@ -17,7 +17,7 @@ import rig.session.session as sessions
 from rig.bench.virtual import VirtualBench, virtual_bench
 from rig.cli import main
 from rig.cli.execution import time_left
-from rig.cli.monitor import CountedRun, counted, progress
+from rig.cli.monitor import IndentationProgress, counted, progress
 from rig.control.stop import StageInHand
 from rig.data.run_state import TimeLeft
 from rig.engine import TripError
@@ -233,7 +233,7 @@ BEGUN = {"index": 0, "indentor": "bar:3.0", "x_mm": -0.5}
 
 
 def test_a_line_has_the_highest_force_of_its_own_holds() -> None:
-    run = CountedRun(3, None)
+    run = IndentationProgress(3, None)
     assert (run.where, run.line) == ("starting", "0 of 3, starting, peak 0.00 gwt, time left not known")
     ended = (
         ((1.0, 3.0, 2.0), {}, "1 of 3, bar:3.0 at -0.50 mm, peak 3.00 gwt, time left not known"),
@@ -252,7 +252,7 @@ def test_a_line_has_the_highest_force_of_its_own_holds() -> None:
 
 
 def test_time_is_told_as_it_is_known() -> None:
-    run = CountedRun(1, TimeLeft({("home", 1, 0): 10.0}, 100.0, lambda: 0.0, pace=1.0))
+    run = IndentationProgress(1, TimeLeft({("home", 1, 0): 10.0}, 100.0, lambda: 0.0, pace=1.0))
     assert (run.elapsed, run.left) == ("0:00:00", "0:01:40 left")
     run.event("home", {})
     assert run.left == "0:01:30 left"

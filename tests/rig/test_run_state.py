@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from rig.cli.monitor import CountedRun, WatchedRun, _now
+from rig.cli.monitor import IndentationProgress, RunScreen, _now
 from rig.cli.runs import _described
 from rig.data.folder import RunFolder
 from rig.data.journal import Document
@@ -82,8 +82,8 @@ class Shown:
         self.folder = RunFolder(path)
         self.lines = (made / "events.jsonl").read_bytes().splitlines(keepends=True)
         self.course = Course.kept(self.folder)
-        self.watch, self.journal, self.panel = WatchedRun(self.folder), Following(self.folder), SeenRun(path)
-        self.terminal = CountedRun(0, None)
+        self.watch, self.journal, self.panel = RunScreen(self.folder), Following(self.folder), SeenRun(path)
+        self.terminal = IndentationProgress(0, None)
         self.before: set[int] = set()  # indentations of the parts before
 
     def write(self, line: bytes) -> Document | None:
@@ -107,7 +107,7 @@ class Shown:
         self.t_s, self.before = t_s, set(self.watch.finished)
         course = self.course
         left = None if course is None else TimeLeft(course.instants_s, course.duration_s, lambda: self.t_s, pace=1.0)
-        self.terminal = CountedRun(0, left, course)
+        self.terminal = IndentationProgress(0, left, course)
 
 
 @pytest.mark.usefixtures("empty_figures", "finger")
@@ -129,7 +129,7 @@ def test_at_every_document_all_say_the_same(name: str, program: Program, tmp_pat
             _the_same_of_what_was_killed(shown, placed=alone and document["stream"].endswith("sample"))
     assert (shown.panel.problem, shown.panel.told(going=False)["state"]) == ("", ENDS.get(name, "done"))
     _the_same_of_what_has_ended(shown)
-    at_once = WatchedRun(shown.folder)
+    at_once = RunScreen(shown.folder)
     at_once.take(Following(shown.folder).new())
     for other in (at_once, latest):
         for what in ("stop", "finished", "indentation", "holds", "placed", "newest", "said", "contact", "homed"):

@@ -16,7 +16,7 @@ from rich.live import Live
 import rig.cli.monitor as watch_command
 import rig.cli.output as output
 from rig.cli.execution import AtTheTerminal
-from rig.cli.monitor import BLOCKS, COLUMNS, EACH, ROWS, CountedRun, Screen, WatchedRun
+from rig.cli.monitor import BLOCKS, COLUMNS, EACH, ROWS, IndentationProgress, RunScreen, Screen
 from rig.cli.output import a_screen, screen_aside
 from rig.cli.run import ask_at_the_bench
 from rig.cli.signals import PauseRequest
@@ -133,7 +133,7 @@ def test_a_step_in_words(stream: str, data: Mapping[str, Any], words: str) -> No
 
 def test_the_time_left_is_that_of_the_run_s_own_clock(course: Course, tmp_path: Path) -> None:
     course.keep(RunFolder(tmp_path))
-    seen = WatchedRun(RunFolder(tmp_path))
+    seen = RunScreen(RunFolder(tmp_path))
     seen.take([{"doc": "start", "t_s": 1000.0}])
     assert seen.left_s == 145.0
     for t_s, (stream, data), left_s in (
@@ -150,12 +150,12 @@ def test_the_time_left_is_that_of_the_run_s_own_clock(course: Course, tmp_path: 
 
 
 @pytest.fixture
-def shown() -> CountedRun:
+def shown() -> IndentationProgress:
     """A run of one indentation of which nothing is known beforehand."""
-    return CountedRun(1, None)
+    return IndentationProgress(1, None)
 
 
-def test_the_newest_reading_is_a_number(shown: CountedRun) -> None:
+def test_the_newest_reading_is_a_number(shown: IndentationProgress) -> None:
     force = shown.force
     assert (force.line, force.highest_gwt) == ("no reading yet", 0.0)
     assert force.trace == [" " * COLUMNS] * ROWS
@@ -166,7 +166,7 @@ def test_the_newest_reading_is_a_number(shown: CountedRun) -> None:
     assert force.line == "2.33 gwt, depth 0.123 mm, x = -0.50 mm, hold"
 
 
-def test_the_trace_has_the_highest_of_each_few_readings_and_forgets(shown: CountedRun) -> None:
+def test_the_trace_has_the_highest_of_each_few_readings_and_forgets(shown: IndentationProgress) -> None:
     force = shown.force
     for column in ([-1.0, -2.0, -1.0, -1.0], [0.0, 1.0, 0.5, 0.0], [12.0, 24.0, 1.0, 0.0], [9.0]):
         assert len(column) <= EACH
@@ -182,12 +182,12 @@ def test_the_trace_has_the_highest_of_each_few_readings_and_forgets(shown: Count
 
 
 @pytest.mark.parametrize(("force_gwt", "block"), [(0.0, " "), (-1.0, " "), (0.01, "█"), (0.9, "█"), (1.0, "█")])
-def test_the_trace_is_as_high_as_its_highest_force(force_gwt: float, block: str, shown: CountedRun) -> None:
+def test_the_trace_is_as_high_as_its_highest_force(force_gwt: float, block: str, shown: IndentationProgress) -> None:
     shown.event("sample", {"force_gwt": force_gwt})
     assert [line[0] for line in shown.force.trace] == [block] * ROWS
 
 
-def test_a_screen_is_no_wider_than_the_terminal(shown: CountedRun) -> None:
+def test_a_screen_is_no_wider_than_the_terminal(shown: IndentationProgress) -> None:
     screen = io.StringIO()
     shown.event("sample", {"force_gwt": 100.0, "doi_mm": 1.5, "x_mm": -3.69, "phase": "back off"})
     drawn = Screen(shown.force, lambda: ["xx " * 34], lambda: ["below [b]it[/b]"])
@@ -262,7 +262,7 @@ def test_it_is_followed_to_its_end_or_as_long_as_somebody_writes(tmp_path: Path)
 def test_who_looks_on_knows_force_step_and_time(course: Course, tmp_path: Path) -> None:
     folder = RunFolder(tmp_path / "mine")
     folder.path.mkdir()
-    seen = WatchedRun(folder)
+    seen = RunScreen(folder)
     start = {"doc": "start", "t_s": 100.0, "planned_indentations": 2, "subject": "S07", "virtual": True}
     documents = [
         {"doc": "event", "t_s": 110.0 + 10 * n, "stream": stream, "data": data}
@@ -292,7 +292,7 @@ def test_who_looks_on_knows_force_step_and_time(course: Course, tmp_path: Path) 
 def test_a_run_that_is_taken_up_has_a_course_of_its_own(course: Course, tmp_path: Path) -> None:
     folder = RunFolder(tmp_path)
     course.keep(folder)
-    seen = WatchedRun(folder)
+    seen = RunScreen(folder)
     seen.take(
         [{"doc": "start", "t_s": 0.0}, {"doc": "event", "t_s": 10.0, "stream": EVENTS[0][0], "data": EVENTS[0][1]}]
     )
@@ -310,7 +310,7 @@ def test_who_comes_after_it_was_taken_up_reads_it_in_pieces(course: Course, tmp_
     """The course that is there is that of the second part: it is read for the first one, and again for its own."""
     folder = RunFolder(tmp_path)
     Course(30.0, {("home", 1, 0): 20.0}, {("home", 1, 0): "home"}).keep(folder)
-    seen = WatchedRun(folder)
+    seen = RunScreen(folder)
     home = {"doc": "event", "stream": "home", "data": {}}
     seen.take([{"doc": "start", "t_s": 0.0}, {**home, "t_s": 10.0}])
     seen.take([{"doc": "resume", "t_s": 50.0}])
@@ -325,7 +325,7 @@ def test_who_comes_after_it_was_taken_up_reads_it_in_pieces(course: Course, tmp_
 def test_a_course_is_waited_for_with_so_many_events(more: int, now: str, course: Course, tmp_path: Path) -> None:
     """What came before it is then passed at once; later than that it counts from where the run is."""
     assert run_state.LATE == 1000
-    seen = WatchedRun(RunFolder(tmp_path))
+    seen = RunScreen(RunFolder(tmp_path))
     seen.take([{"doc": "start", "t_s": 100.0}])
     seen.take([{"doc": "event", "t_s": 110.0, "stream": stream, "data": data} for stream, data in EVENTS[:6]])
     note = {"doc": "event", "t_s": 120.0, "stream": "note", "data": {"text": ""}}
@@ -526,7 +526,7 @@ def test_a_run_leaves_its_course_and_shows_it(
     assert "now     mount bar:3.0\nnext    home\n" in drawn.replace("\r", "").replace("\n\n", "\n")
     assert "force   " in drawn
     assert max(map(len, drawn.splitlines())) <= 80
-    seen = WatchedRun(folder)
+    seen = RunScreen(folder)
     seen.take(Following(folder).new())
     assert (seen.now, seen.next) == ("", "")
     assert seen.left_s == pytest.approx(0.0, abs=0.5)
@@ -585,10 +585,10 @@ def test_a_screen_gives_way_while_somebody_is_asked(monkeypatch: pytest.MonkeyPa
 
 
 def test_what_is_counted_has_its_steps(course: Course) -> None:
-    run = CountedRun(1, None, course)
+    run = IndentationProgress(1, None, course)
     assert run.below() == [f"now     {MOUNT}", f"next    {HOME}"]
     run.event(*EVENTS[0])
     run.event("sample", {"force_gwt": 1.0, "phase": "clearance"})
     assert run.below() == [f"now     {HOME}", f"next    {MOVE}"]
     assert run.force.line == "1.00 gwt, clearance"
-    assert CountedRun(1, None).below() == ["now     -", "next    -"]
+    assert IndentationProgress(1, None).below() == ["now     -", "next    -"]

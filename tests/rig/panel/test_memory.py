@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from rig.cli.monitor import WatchedRun
+from rig.cli.monitor import RunScreen
 from rig.control.client import ControlError
 from rig.data import run_state
 from rig.data.folder import RunFolder
@@ -145,7 +145,7 @@ def a_run_whose_course_nobody_knows(tmp_path: Path, make: Make, there: ExitStack
 
 def _watched(tmp_path: Path, *, course: bool) -> Step:
     run = Run(tmp_path / "run", course=course)
-    seen, journal = WatchedRun(run.folder), Following(run.folder)
+    seen, journal = RunScreen(run.folder), Following(run.folder)
 
     def step() -> None:
         run.press()
