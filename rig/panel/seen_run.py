@@ -12,8 +12,8 @@ from rig.data.run_state import BEGUN, READING, Onlooker
 from rig.data.tables import FOREIGN, foreign
 from rig.engine.limits import Trips
 from rig.errors import BadInputError
-from rig.panel.drawing import Job, Press
-from rig.panel.stream import SHOWN_S, Row, Source
+from rig.panel.drawing import Job, PressSummary
+from rig.panel.stream import SHOWN_S, ReadingSource, Row
 from rig.plan.config import Config, load_config
 from rig.units import GWT_N
 
@@ -79,7 +79,7 @@ class SeenRun(Onlooker):
 
     def __init__(self, path: Path) -> None:
         super().__init__(RunFolder(path))
-        self.source = Source(path.name, COLUMNS)
+        self.source = ReadingSource(path.name, COLUMNS)
         self.problem = ""
         self.alive = False
         self.job: Job | None = None
@@ -220,12 +220,12 @@ def _row(reading: Document) -> Row:
     return [told.get(name) for name in COLUMNS]
 
 
-def _press(begun: tuple[str, Mapping[str, Any]] | None) -> Press | None:
+def _press(begun: tuple[str, Mapping[str, Any]] | None) -> PressSummary | None:
     if begun is None:
         return None
     stream, data = begun
     place, target = float(data["x_mm"]), str(data["target"])
-    return Press(int(data["index"]), _purpose(stream, BEGUN), place, target, float(data["value"]))
+    return PressSummary(int(data["index"]), _purpose(stream, BEGUN), place, target, float(data["value"]))
 
 
 def _purpose(stream: str, end: str) -> str:
