@@ -2,7 +2,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 export OMP_NUM_THREADS ?= 2
 
-.PHONY: setup demo study study-bench study-coding studies docs test panel-test shake check bench mutants release-check clean
+.PHONY: setup demo study study-bench study-coding studies docs test test-studies panel-test shake check bench mutants release-check clean
 
 setup: .venv/.ready
 
@@ -48,7 +48,12 @@ check: .venv/.ready-dev
 	$(BIN)/lint-imports
 
 test: check
-	$(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder --durations=20
+	$(BIN)/pytest -m "not study" -n 3 --dist loadfile --no-loadscope-reorder --durations=20
+
+MEASURE_STUDIES = $(BIN)/pytest -m study -n 3 --dist loadfile --no-loadscope-reorder --durations=20
+
+test-studies: .venv/.ready-dev
+	$(MEASURE_STUDIES)
 
 .venv/.ready-panel-test: .venv/.ready-dev
 	$(BIN)/pip install --quiet --disable-pip-version-check -e '.[panel,panel-test]'
@@ -59,7 +64,7 @@ panel-test: .venv/.ready-panel-test
 	$(BIN)/pytest -n 0 tests/panel
 
 shake: .venv/.ready-dev
-	$(BIN)/python -m tests.shake
+	$(BIN)/python -m tests.shake; shaken=$$?; $(MEASURE_STUDIES) && exit $$shaken
 
 bench: .venv/.ready-dev
 	$(BIN)/python -m studies.speed.timing
@@ -98,7 +103,7 @@ bench: .venv/.ready-dev
 	$(BIN)/python -m studies.faults.phases
 	$(BIN)/python -m studies.accuracy.check_predictions
 
-test shake mutants: export OMP_NUM_THREADS = 1  # of each worker
+test test-studies shake mutants: export OMP_NUM_THREADS = 1  # of each worker
 mutants: .venv/.ready-dev
 	$(BIN)/python -m studies.mutants --fresh
 

@@ -78,6 +78,24 @@ REAL_TIME = (
     "test_third_party_device.py::test_nothing_is_imported_but_the_kinds_that_are_used",
 )
 
+# What measures a study again: many fingers built, statistics drawn, emulators learned, references pressed once more.
+# `make test-studies` runs it, `make test` does not. Pages and kept files of studies are checked in `make test`.
+# Behind each stands the test that guards the same code in `make test`.
+STUDIES = (
+    "studies/test_strangers_are_met.py",  # identification: rig/test_meeting.py, studies/test_meeting_study.py
+    "studies/test_allowed_page.py::test_what_is_kept_is_not_pressed_again_and_leaves_what_is_shipped",
+    "studies/test_allowed_page.py::test_the_docs_say_what_the_kept_tables_say",
+    "studies/test_stiffening_study.py::test_a_reference_is_what_was_kept",  # of a solver in studies/
+    "studies/test_stiffening_study.py::test_a_step_in_time_is_what_was_kept",  # of a solver in studies/
+    "studies/test_stiffening_study.py::test_stresses_and_strains_are_nearer_than_the_twins",  # sim/test_stiffening.py
+    "studies/test_coding_page.py::test_less_noise_is_read_back_better",  # decoding: sim/test_whole_profiles.py
+    "studies/test_coding_page.py::test_tables_past_the_source_are_as_wide_as_their_headers",  # of studies alone
+    "studies/test_fault_campaign.py::test_a_sample_of_the_campaign[tcp]",  # rig/test_one_wrong_frame.py
+    # How large the boxes of the oracle must be; the recovery of strain is held by the other tests of the file.
+    "sim/oracles/test_halfspace.py::test_line_load_truncation_falls_with_the_box",
+    "sim/oracles/test_halfspace.py::test_point_load_truncation",
+)
+
 # Begun first, so that what comes last is short and all workers end together; what waits for real time is dealt out
 # among what computes, so that not all wait at once.
 LONG = (
@@ -163,11 +181,12 @@ def pytest_collection_finish() -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Long files first, the others as they come; mark what runs in real time."""
+    """Long files first, the others as they come; mark what runs in real time and what measures a study."""
     items.sort(key=lambda item: _place_in_line(item.nodeid.removeprefix("tests/")))
     for item in items:
-        if item.nodeid.removeprefix("tests/").startswith(REAL_TIME):
-            item.add_marker("real_time")
+        for marker, places in (("real_time", REAL_TIME), ("study", STUDIES)):
+            if item.nodeid.removeprefix("tests/").startswith(places):
+                item.add_marker(marker)
 
 
 def _place_in_line(name: str) -> int:

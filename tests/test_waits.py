@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.conftest import LONG, REAL_TIME
+from tests.conftest import LONG, REAL_TIME, STUDIES
 
 TESTS = Path(__file__).parent
 CLOCKS = {"sleep", "time", "time_ns", "monotonic", "monotonic_ns", "perf_counter", "perf_counter_ns",
@@ -118,3 +118,12 @@ def test_what_runs_in_real_time_is_shaken() -> None:
 def test_what_is_begun_first_is_there() -> None:
     assert [name for name in LONG if not (TESTS / name).is_file()] == []
     assert len(set(LONG)) == len(LONG)
+
+
+def test_what_is_left_to_the_studies_is_there() -> None:
+    """Whatever is renamed would be in `make test` again, and whatever begins with the same name would be missing."""
+    for place in STUDIES:
+        file, _, test = place.partition("::")
+        tree, name = ast.parse((TESTS / file).read_text(encoding="utf-8")), test.partition("[")[0]
+        tests = [node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
+        assert not name or [one for one in tests if one.startswith(name)] == [name], place

@@ -310,6 +310,36 @@ def test_both_meshes_have_the_default_finger_and_some_of_the_first_wave() -> Non
     assert COARSE["spacing_mm"] > FULL["spacing_mm"] == 0.17
 
 
+def test_there_are_as_many_fingers_as_were_asked_for() -> None:
+    assert [len(table.numbers) for table in _waves()] == list(WavePlan().fingers)
+    assert sum(WavePlan().fingers) >= WavePlan().fewest == 100
+
+
+def _waves() -> list[kept.FingerSample]:
+    return [kept.read(kept.RESULTS / f"wave_{k + 1}.csv", NAMES, KEYS) for k in range(len(WavePlan().fingers))]
+
+
+def test_the_shipped_ranges_hold_the_default_finger() -> None:
+    shipped = read_plausible(EXAMPLE).ranges
+    assert shipped
+    for name, (low, high) in shipped.items():
+        assert low <= DEFAULT[name] <= high
+
+
+def test_the_docs_say_of_fingers_what_the_kept_tables_say() -> None:
+    """Whatever needs no emulator: those take half a minute to learn (the next two tests, `make test-studies`)."""
+    default, best, alike = (
+        kept.read(kept.RESULTS / f"{name}.csv", NAMES, KEYS) for name in ("mesh_default", "best", "default_alike")
+    )
+    nobody = RemainingPlaces(0, 1.0, np.zeros((1, len(NAMES))), np.ones(1, dtype=bool), [])
+    unjudged = AllowedStudy([], [nobody], nobody, default.facts[0], best, alike, _waves())
+    docs = " ".join((ROOT / "docs" / "model.md").read_text(encoding="utf-8").split())
+    told = [*sentences.best(unjudged), sentences.later(unjudged)]
+    told += [row for row in page.halves(unjudged).splitlines() if row.startswith("|")]
+    assert len(told) == study.BEST + 1 + 1 + 4
+    assert [text for text in told if " ".join(text.split()) not in docs] == []
+
+
 class Judged(NamedTuple):
     """The kept tables judged again: what came of it, what was said, and the files before."""
 
@@ -332,17 +362,14 @@ def test_what_is_kept_is_not_pressed_again_and_leaves_what_is_shipped(judged: Ju
     assert {path: path.read_bytes() for path in kept.RESULTS.iterdir()} == before
     assert len(found.best.numbers) == len(found.alike.numbers) == study.BEST + 1
     assert found.last.inflation == 1.0
+    assert found.last.fingers >= WavePlan().fewest
+    assert [len(table.numbers) for table in found.tables] == list(WavePlan().fingers)
     assert 0.02 < found.last.share < 0.2
     left = {pin.one.name: pin for pin in pins(found.last)}
     shipped = read_plausible(EXAMPLE).ranges
     for name, (low, high) in shipped.items():
         assert low <= DEFAULT[name] <= high
         assert (low, high) == (pytest.approx(left[name].low, rel=0.08), pytest.approx(left[name].high, rel=0.08))
-
-
-def test_there_are_as_many_fingers_as_were_asked_for(judged: Judged) -> None:
-    assert judged.study.last.fingers >= WavePlan().fewest == 100
-    assert [len(table.numbers) for table in judged.study.tables] == list(WavePlan().fingers)
 
 
 def test_the_docs_say_what_the_kept_tables_say(judged: Judged) -> None:

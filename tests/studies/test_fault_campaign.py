@@ -278,7 +278,7 @@ def test_a_summary_counts_what_is_not_exempt() -> None:
 
 SAMPLED = 8
 """Of each bench and kind: some seconds of the suite. `make shake` does them all, of each scenario on each bench."""
-PLAYED = {"grbl": ("press", "hand"), "rtu": ("again",), "tcp": ("press", "resume")}
+PLAYED = {"grbl": ("press", "hand", "resume"), "rtu": ("again",), "tcp": ("press", "resume")}
 
 
 def _alone(case: FaultCase) -> bool:
