@@ -40,7 +40,7 @@ FELT_GWT = 0.1
 
 MODEL_ERROR, USUAL_MISFIT = 0.018, 0.8
 """Relative sd of a force on a shape that was not pressed, beside the spread of the likely fingers, and how far
-off the likeliest usually is: squared standardised distance over the number of readings (docs/meet.md)."""
+off the likeliest usually is: squared standardised distance over the number of readings (docs/identification.md)."""
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,7 @@ def _logarithm(name: str, middle: float, factor: float, low: float, high: float,
 
 
 PARAMETERS = (
-    _logarithm("ln_stiffness", 0.7, 2.0, 0.1, 5.0, "four people under a plate, on two geometries (docs/meet.md)"),
+    _logarithm("ln_stiffness", 0.7, 2.0, 0.1, 5.0, "four people under a plate, on two geometries (docs/validation)"),
     _logarithm("ln_e_dermis", 0.16, 1.6, 0.05, 0.5, "from half of the source's 0.1 to the published 0.59, nearly"),
     _logarithm("ln_e_fat", 0.08, 1.6, 0.025, 0.28, "from a quarter of the source's 0.1 to the published 0.25"),
     Parameter("stiffening", 0.3, 0.2, LEAST_STIFFENING, 0.8, "under a plate force grows 5 times from 1 to 2 mm"),

@@ -2,7 +2,7 @@
 
 Every layer is Yeoh's, w = ½ μ (i + a i²) with i = Ī₁ − 3 (Yeoh 1993), a its stiffening. A factor's logarithm is what
 finite strain alone makes of it, and a multiple of ln(1 + a × a strain). `python -m studies.stiffening.fitted` prints
-the numbers; how near: `docs/meet.md`; what was tried: `docs/decisions/0030-tissue-that-stiffens.md`.
+the numbers; how near: `docs/validation/stiffening.md`; what was tried: `docs/decisions/0030-tissue-that-stiffens.md`.
 """
 
 from dataclasses import dataclass, field

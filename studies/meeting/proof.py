@@ -1,4 +1,4 @@
-"""Meets fingers whose truth only the bench knows, and tells how well: the table of docs/meet.md.
+"""Meets fingers whose truth only the bench knows, and tells how well: docs/validation/identification.md.
 
 .venv/bin/python -m studies.meeting [ROWS] [--inside N] [--outside N] [--first SEED]    # 200, 40 and 0
 

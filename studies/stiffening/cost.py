@@ -1,6 +1,6 @@
 """What a press costs where tissue stiffens, beside the linear twin's: processor time, on the default finger.
 
-    OMP_NUM_THREADS=1 .venv/bin/python -m studies.stiffening.cost     # a minute; docs/meet.md
+    OMP_NUM_THREADS=1 .venv/bin/python -m studies.stiffening.cost     # a minute; docs/validation/stiffening.md
 
 Each from rest, the two in turn; the least of many, since what else a machine does only adds.
 """

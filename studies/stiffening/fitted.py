@@ -1,6 +1,6 @@
 """The numbers of `sim/models/stiffening.py`, fitted to the kept references, and how near they come.
 
-    .venv/bin/python -m studies.stiffening.fitted          # seconds; the table of docs/meet.md
+    .venv/bin/python -m studies.stiffening.fitted          # seconds; docs/validation/stiffening.md
 
 Force is fitted to this study's references and to the neo-Hookean ones of `studies/finite_strain`, energy to this
 study's, both to 2 mm. Paths that are held back, and those pressed afterwards, are not fitted: they are judged by

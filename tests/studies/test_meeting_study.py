@@ -26,7 +26,7 @@ from tests.made_up_fingers import made_up
 from tests.sim.coarse import coarse_mesh
 
 GOALS = (PressAt("bar:3.0", 0.0, 0.4),)
-PAGE = Path(__file__).parents[2] / "docs" / "meet.md"
+PAGE = Path(__file__).parents[2] / "docs" / "validation" / "identification.md"
 KEPT = Path(__file__).parents[2] / "studies" / "meeting" / "kept"
 
 

@@ -15,7 +15,7 @@ from studies.stiffening.fingers import finger
 from studies.stiffening.references import StiffeningPress, read
 
 KEPT = Path(confirmed.__file__).parent / "kept" / "calculix.jsonl"
-PAGE = Path(__file__).parents[2] / "docs" / "meet.md"
+PAGE = Path(__file__).parents[2] / "docs" / "validation" / "stiffening.md"
 
 
 def _meshed(stiffening: float, *, finite_strain: bool = True) -> MeshedFinger:

@@ -28,7 +28,7 @@ from studies.stiffening.references import PATHS, StiffeningPress, read, scenes
 from studies.stiffening.twins import AFTERWARDS, KEPT, REFERENCES, TWINS, kept_pairs
 
 ROWS = read(KEPT / REFERENCES)
-MEET = Path(__file__).parents[2] / "docs" / "meet.md"
+MEET = Path(__file__).parents[2] / "docs" / "validation" / "stiffening.md"
 
 
 @pytest.fixture(scope="module")
@@ -153,7 +153,7 @@ def test_the_highest_is_judged_wherever_the_linear_twin_has_it(energy: list[Stif
 
 
 def test_strains_have_the_root_of_energy_without_its_law() -> None:
-    """To which nothing was fitted: nearer than the linear twin's on each part, by what `docs/meet.md` says."""
+    """To which nothing was fitted: nearer than the linear twin's, by what `docs/validation/stiffening.md` says."""
     seen = list(strains(kept_pairs()))
     within = np.array([one.doi_mm <= DEEPEST_MM and one.stiffening <= 0.8 for one in seen])
     ours, linear = strain_errors(seen), np.array([-one.log for one in seen])

@@ -1,4 +1,4 @@
-"""A tenth of the proof of `docs/meet.md`, other seeds: fingers that only the bench knows, met over its bytes.
+"""A tenth of `docs/validation/identification.md`, other seeds: fingers that only the bench knows, met over its bytes.
 
 By the tables that come with the program, so that only the bench's fingers are to be built.
 """
@@ -60,7 +60,7 @@ def test_within_eight_gentle_presses_and_three_minutes(rows: list[dict[str, Any]
         assert row["highest_gwt"] <= 1.25 * 20
 
 
-@pytest.mark.xfail(reason="two of these twenty are flagged: docs/meet.md, What misses", strict=False)
+@pytest.mark.xfail(reason="two of these twenty are flagged: docs/validation/identification.md", strict=False)
 def test_no_more_than_one_in_twenty_is_said_to_be_no_finger(rows: list[dict[str, Any]]) -> None:
     assert sum(row["stranger"] is not None for row in rows) <= 1
 

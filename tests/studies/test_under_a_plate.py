@@ -6,7 +6,7 @@ import pytest
 
 from studies.meeting.under_a_plate import FINGERS, FOUR_PEOPLE_GROWTH, FOUR_PEOPLE_N, drawn, kept, main, pressed
 
-PAGE = Path(__file__).parents[2] / "docs" / "meet.md"
+PAGE = Path(__file__).parents[2] / "docs" / "validation" / "identification.md"
 
 
 @pytest.mark.parametrize("name", FINGERS)
