@@ -13,8 +13,8 @@ rig runs, rehearses and compares indentations of a fingertip.
 Three commands to try; none of them needs hardware:
 
   rig indent --shape bar:3.0 --x-mm 0 --doi-mm 0.5    simulate one press
-  rig check demo                                      predict the forces of a protocol
-  rig dry-run demo                                    run it on virtual devices
+  rig check first_press                               predict the forces of a protocol
+  rig dry-run first_press                             run it on virtual devices
 
 All commands: rig --help    Options of one: rig COMMAND --help
 Documentation: docs/index.md; begin with docs/tutorial.md
@@ -45,4 +45,7 @@ def _laid_out(params: list[Any]) -> list[Any]:
             one.metavar = ""
         if in_panels and not one.rich_help_panel:
             one.rich_help_panel = GENERAL
-    return params
+    for one in params:
+        if one not in options:
+            one.display_type_rich = lambda ctx: None  # an argument's type is said by its help
+    return sorted(params, key=lambda one: one in options and one.rich_help_panel == GENERAL)

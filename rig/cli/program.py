@@ -106,9 +106,7 @@ def run() -> None:
 
 def _app(arguments: list[str]) -> typer.Typer:
     """The program with the command that is asked for, or with the names of all of them."""
-    app = typer.Typer(
-        cls=PlainGroup, add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False
-    )
+    app = typer.Typer(cls=PlainGroup, add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
     app.callback()(_about)  # a program of one command would have no command's name
     asked = next((word for word in arguments if word != "--"), "")
     if asked in COMMANDS:
