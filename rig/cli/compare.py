@@ -88,7 +88,7 @@ def command(
         Path | None,
         typer.Option(
             metavar="CSV",
-            help="Measured skin deflection under an indentor across the finger (docs/comparison.md).",
+            help="Measured skin deflection (docs/comparison.md).",
             rich_help_panel=_RECORDING,
         ),
     ] = None,
@@ -113,7 +113,7 @@ def command(
     silent_at_rest: Annotated[
         bool,
         typer.Option(
-            "--silent-at-rest", help="Constrain the fit: gain k > 0, threshold ε₀ ≥ 0.", rich_help_panel=_MODEL
+            "--silent-at-rest", help="Constrain the fit to k > 0 and ε₀ ≥ 0.", rich_help_panel=_MODEL
         ),
     ] = False,
     place: Annotated[

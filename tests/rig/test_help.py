@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, get_args, get_type_hints
 
 import pytest
 import typer
@@ -15,8 +15,8 @@ COLUMNS, LINES, COMMAND_LINES = 80, 55, 60
 SHORTEST = 3  # words
 LONGEST = 60  # characters of a command's line
 UNIT = re.compile(
-    r"\b(mm|mm/s|gwt|g|s|dB|GB|days|pseudo-units|units? of SED|seconds per|[Nn]umber of|[Mm]aximum number|[Ss]amples of"
-    r"|[Ss]eed|TCP port|random finger of this seed)\b|%"
+    r"\b(mm|mm/s|gwt|g|s|dB|GB|days|pseudo-units|units? of SED|seconds per|[Nn]umber of|[Ss]amples of|[Ss]eed|"
+    r"TCP port)\b|%"
 )
 TRANSLATED = re.compile(
     r"\b(told|met|whoever|somebody|nobody|felt|so many|lies there|goes on)\b|^(Of|Say|How|Where) "
@@ -46,12 +46,19 @@ OPTIONS = {
     for one in command.params
     if "--help" not in one.opts
 }
+
+
+def _is_number(command: Any, option: Any) -> bool:
+    """Whether a parameter is a number, also one that may be absent, or holds numbers as text."""
+    kind, *_ = get_args(get_type_hints(command.callback, include_extras=True)[option.name])
+    return option.opts[0] in OF_TEXT or kind in (int, float, int | None, float | None)
+
+
 HOLDING_NUMBERS = [
-    name
-    for name, one in OPTIONS.items()
-    if name.split()[-1] in OF_TEXT
-    or (not one.is_flag if one.param_type_name == "option" else name.endswith("seed"))
-    and one.type.name.split()[0] in ("integer", "float", "int")
+    f"{name} {one.opts[0]}"
+    for name, command in ALL.items()
+    for one in command.params
+    if f"{name} {one.opts[0]}" in OPTIONS and _is_number(command, one)
 ]
 
 
