@@ -40,7 +40,7 @@ def _command(name: str, found: Any) -> list[str]:
 
 
 def _row(one: Any) -> str:
-    if "--help" in one.opts:
+    if "--help" in one.opts or getattr(one, "hidden", False):
         return ""
     names = ", ".join(f"`{name}`" for name in (*one.opts, *one.secondary_opts))
     words = _plain(getattr(one, "help", "") or "")

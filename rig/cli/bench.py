@@ -79,7 +79,7 @@ def _home_unfelt(settings: Config) -> tuple[StageStatus, KnownContact]:
 
 def zero(
     config: ConfigOption,
-    anyway: Annotated[bool, typer.Option("--anyway", help="Although something seems to be touched.")] = False,
+    anyway: Annotated[bool, typer.Option("--anyway", help="Zero the sensor even if a contact is detected.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Take the present load for zero; refused where the last zero on record says that something is touched."""

@@ -10,6 +10,7 @@ import typer
 from rig.bench.checks import as_table
 from rig.bench.real import open_bench
 from rig.cli.bench import by_hand, live_line
+from rig.cli.help import PlainCommand, PlainGroup
 from rig.cli.jog import way
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import err, out, print_json, told_in_one_line
@@ -32,14 +33,18 @@ _READINGS = 20
 # Beyond this it is not a calibration that is wrong but a setting or a unit.
 _LARGEST_CORRECTION = 0.2
 
-ValidDays = Annotated[int, typer.Option(metavar="N", min=1, max=3650, help="How long the calibration may be used.")]
+ValidDays = Annotated[int, typer.Option(metavar="N", min=1, max=3650, help="Validity of the calibration, in days.")]
 
 
 def steps(
     config: ConfigOption,
-    axis: Annotated[str, typer.Option(metavar="x|y|z", help="Which one.")],
-    by_mm: Annotated[float, typer.Option(metavar="D", help="How far to move, + or −.")] = -20.0,
-    speed_mm_s: Annotated[float, typer.Option(metavar="V", min=0.1, max=10, help="How fast.")] = 2.0,
+    axis: Annotated[str, typer.Option(metavar="x|y|z", help="Axis to calibrate.")],
+    by_mm: Annotated[
+        float, typer.Option(metavar="D", help="Signed distance to move, in mm; nonzero, up to 1000 either way.")
+    ] = -20.0,
+    speed_mm_s: Annotated[
+        float, typer.Option(metavar="V", min=0.1, max=10, help="Speed of the axis, in mm/s.")
+    ] = 2.0,
     valid_days: ValidDays = 365,
     without_force: WithoutForceOption = False,
     as_json: JsonOption = False,
@@ -61,7 +66,7 @@ def steps(
 
 def force(
     config: ConfigOption,
-    mass_g: Annotated[float, typer.Option(metavar="M", min=0.1, max=500, help="The known mass.")],
+    mass_g: Annotated[float, typer.Option(metavar="M", min=0.1, max=500, help="Known mass on the sensor, in g.")],
     valid_days: ValidDays = 180,
     as_json: JsonOption = False,
 ) -> None:
@@ -79,7 +84,9 @@ def force(
 
 def compliance(
     config: ConfigOption,
-    to_gwt: Annotated[float, typer.Option(metavar="F", min=10, max=200, help="How hard to press.")] = 100.0,
+    to_gwt: Annotated[
+        float, typer.Option(metavar="F", min=10, max=200, help="Largest force on the block, in gwt.")
+    ] = 100.0,
     valid_days: ValidDays = 365,
     as_json: JsonOption = False,
 ) -> None:
@@ -153,7 +160,9 @@ def _tell(name: str, value: float, valid_days: int, *, as_json: bool, sd: float 
         out.print(f"put this into the configuration (and into the board, where it keeps it):\n\n{table}")
 
 
-calibrate = typer.Typer(no_args_is_help=True)
-calibrate.command("steps", help="Move an axis, measure how far it went, get its steps/mm.")(steps)
-calibrate.command("force", help="Weigh a known mass, get the force scale.")(force)
-calibrate.command("compliance", help="Press on a rigid block, get how far the rig itself gives.")(compliance)
+calibrate = typer.Typer(no_args_is_help=True, cls=PlainGroup)
+calibrate.command("steps", cls=PlainCommand, help="Calibrate the steps/mm of an axis with a caliper.")(steps)
+calibrate.command("force", cls=PlainCommand, help="Calibrate the force scale with a known mass.")(force)
+calibrate.command("compliance", cls=PlainCommand, help="Calibrate the compliance of the rig on a rigid block.")(
+    compliance
+)

@@ -13,7 +13,7 @@ from typing import Annotated, NamedTuple
 import typer
 
 from rig.cli.options import ExactOption, JsonOption, checked_file, numbers
-from rig.cli.output import THE_FINGER, busy, out, print_json, told_in_one_line
+from rig.cli.output import THE_FINGER, busy, out, print_json, renamed, told_in_one_line
 from rig.compare.comparison import Comparison, compare, left_out_lines, left_out_rows
 from rig.compare.fingers import PlausibleFingers, on_plausible_fingers, read_plausible
 from rig.compare.judge import answers
@@ -40,57 +40,126 @@ from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
 from sim.models.fingertip import Fingertip
 from sim.models.interpolation import HOW_MADE
 
+_RECORDING, _MODEL, _RECEPTORS, _OUTPUT = "Recording", "Model", "Receptors", "Output"
+
 
 def command(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Run folders.")],
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of the runs.")],
     recorded: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="SHAPE=FILE", help="Rates (position_mm,rate[,sd][,repeat]), counts, or spike times; CSV or NWB."
+            metavar="SHAPE=FILE",
+            help="Recording: rates, counts or spike times, CSV or NWB. Repeatable.",
+            rich_help_panel=_RECORDING,
         ),
     ] = None,
     columns: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="ROLE=COLUMN[:UNIT],…", help="What the files' columns are called: position=x:um,rate=FR."
+            metavar="ROLE=COLUMN",
+            help="Columns of the recordings, e.g. position=x:um,rate=FR.",
+            rich_help_panel=_RECORDING,
         ),
     ] = None,
-    mirror: Annotated[list[str] | None, typer.Option(metavar="SHAPE", help="Negate the recorded positions.")] = None,
-    normalise: Annotated[bool, typer.Option("--normalise", help="Rates over their family's largest.")] = False,
-    window_s: Annotated[str, typer.Option(metavar="A,B", help="For spikes: from the start of the hold.")] = "0,1",
-    field_centre_mm: Annotated[float, typer.Option(metavar="X", help="For spikes: the receptive field's x.")] = 0.0,
+    mirror: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="SHAPE", help="Negate the recorded positions of this indentor.", rich_help_panel=_RECORDING
+        ),
+    ] = None,
+    normalize: Annotated[
+        bool,
+        typer.Option("--normalize", help="Divide rates by the largest of their family.", rich_help_panel=_RECORDING),
+    ] = False,
+    normalise: Annotated[bool, typer.Option("--normalise", help="Old name of --normalize.", hidden=True)] = False,
+    window_s: Annotated[
+        str,
+        typer.Option(
+            metavar="A,B",
+            help="Window for spikes, in s from the start of the hold.",
+            rich_help_panel=_RECORDING,
+        ),
+    ] = "0,1",
+    field_centre_mm: Annotated[
+        float,
+        typer.Option(metavar="X", help="x of the receptive field for spikes, in mm.", rich_help_panel=_RECORDING),
+    ] = 0.0,
     deflection: Annotated[
         Path | None,
-        typer.Option(metavar="CSV", help="Of the skin under what lies across it (z_mm,deflection_mm[,doi_mm])."),
+        typer.Option(
+            metavar="CSV",
+            help="Measured skin deflection (docs/comparison.md).",
+            rich_help_panel=_RECORDING,
+        ),
     ] = None,
-    receptor_x_mm: Annotated[str | None, typer.Option(metavar="X,X…", help="Receptors other than the ten.")] = None,
-    receptor_depth_mm: Annotated[float, typer.Option(metavar="D", help="Below the skin.")] = DEFAULT_DEPTH_MM,
+    receptor_x_mm: Annotated[
+        str | None,
+        typer.Option(metavar="X,X…", help="Receptor x, in mm. Default: ten receptors.", rich_help_panel=_RECEPTORS),
+    ] = None,
+    receptor_depth_mm: Annotated[
+        float,
+        typer.Option(metavar="D", help="Depth of the receptors below the skin, in mm.", rich_help_panel=_RECEPTORS),
+    ] = DEFAULT_DEPTH_MM,
     fingers: Annotated[
-        Path | None, typer.Option(metavar="TOML", help="How well the finger is known: ranges of its parameters.")
+        Path | None,
+        typer.Option(
+            metavar="TOML", help="Ranges of the finger's parameters (docs/comparison.md).", rich_help_panel=_MODEL
+        ),
     ] = None,
-    saturating: Annotated[bool, typer.Option("--saturating", help="Let rates level off: a third parameter.")] = False,
+    saturating: Annotated[
+        bool,
+        typer.Option("--saturating", help="Fit rates that saturate, with a third parameter.", rich_help_panel=_MODEL),
+    ] = False,
     silent_at_rest: Annotated[
-        bool, typer.Option("--silent-at-rest", help="Keep k above 0 and ε₀ at 0 or more.")
+        bool,
+        typer.Option(
+            "--silent-at-rest", help="Constrain the fit to k > 0 and ε₀ ≥ 0.", rich_help_panel=_MODEL
+        ),
     ] = False,
     place: Annotated[
-        bool, typer.Option("--place", help="Fit the receptor's x and depth, too: where it is, with intervals.")
+        bool,
+        typer.Option(
+            "--place", help="Fit the receptor location too: x and depth with intervals.", rich_help_panel=_RECEPTORS
+        ),
     ] = False,
     depth_range_mm: Annotated[
-        str | None, typer.Option(metavar="LOW,HIGH", help="Of --place; 0.1 to 0.7 below the epidermis by default.")
+        str | None,
+        typer.Option(
+            metavar="LOW,HIGH",
+            help="Depths searched by --place, in mm. Default: 0.1 to 0.7 mm below the epidermis.",
+            rich_help_panel=_RECEPTORS,
+        ),
     ] = None,
     offset_mm: Annotated[
-        str | None, typer.Option(metavar="LOW,HIGH", help="Of --place: fit how far the field's centre is off, too.")
+        str | None,
+        typer.Option(
+            metavar="LOW,HIGH",
+            help="Offset range of the field center to fit with --place, in mm. Default: no offset.",
+            rich_help_panel=_RECEPTORS,
+        ),
     ] = None,
     out_file: Annotated[
-        Path | None, typer.Option("--out", metavar="HTML", help="The report; comparison.html in the first run.")
+        Path | None,
+        typer.Option(
+            "--out",
+            metavar="HTML",
+            help="Report to write. Default: comparison.html in the first run.",
+            rich_help_panel=_OUTPUT,
+        ),
     ] = None,
-    pdf: Annotated[Path | None, typer.Option(metavar="FILE", help="The same report as PDF, too.")] = None,
+    pdf: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write the report as PDF too.", rich_help_panel=_OUTPUT),
+    ] = None,
     exact: ExactOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Compare runs, write the report and a sidecar with dates and times."""
     with told_in_one_line(as_json=as_json):
         began = time.perf_counter()
+        if normalise:
+            normalize = True
+            renamed("--normalise", "--normalize")
         receptors = Receptors(
             numbers("--receptor-x-mm", receptor_x_mm) if receptor_x_mm else DEFAULT_X_MM, receptor_depth_mm
         )
@@ -109,11 +178,11 @@ def command(
         where = _sought(found, receptors, place, depth_range_mm, offset_mm)
         answered = _answered(found, receptors, as_json=as_json)
         beside = _along_the_finger(answered, deflection)
-        comparison = _compared(answered, recordings, normalise, plausible, exact=exact, as_json=as_json)
+        comparison = _compared(answered, recordings, normalize, plausible, exact=exact, as_json=as_json)
         form = Form(saturating, silent_at_rest)
         said = answers(comparison, form)
         with busy(THE_PLACES, as_json=as_json) if where else nullcontext():
-            at = places(found, recordings, where, form, normalise=normalise) if where else []
+            at = places(found, recordings, where, form, normalise=normalize) if where else []
         options = {
             "--recorded": recorded or [],
             "--columns": columns or [],
@@ -130,7 +199,7 @@ def command(
             ),
         }
         flags = {
-            "--normalise": normalise,
+            "--normalize": normalize,
             "--saturating": saturating,
             "--silent-at-rest": silent_at_rest,
             "--place": place,

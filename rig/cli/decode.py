@@ -13,6 +13,8 @@ from rich.table import Table
 from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_picture, numbers, write_picture
 from rig.cli.output import THE_FINGER, busy, out, print_json, told_in_one_line
 from rig.cli.sampling import (
+    INPUT,
+    NOISE,
     DepthOption,
     EnergyOption,
     HalfLengthOption,
@@ -162,6 +164,7 @@ def _refuse(option: str, value: object, decoder: DecoderName, takers: tuple[Deco
 
 Array = NDArray[np.float64]
 
+_DECODER = "Decoder"
 _ROWS = 25
 _FINE = 121  # values of a pressure across a picture of the error surface
 
@@ -324,41 +327,104 @@ def _draw_pressures(found: DecodeResult, picture: Path) -> None:
 
 def decode_command(
     pressure: Annotated[
-        str | None, typer.Option(metavar="P", help="Encode these first: 20,14, or a CSV with a column pressure.")
+        str | None,
+        typer.Option(
+            metavar="P",
+            help="Pressures to encode first, in pseudo-units: 20,14, or a CSV (column pressure).",
+            rich_help_panel=INPUT,
+        ),
     ] = None,
-    shape: Annotated[str | None, typer.Option(metavar="S", help="Or press this, prismatic along z.")] = None,
+    shape: Annotated[
+        str | None,
+        typer.Option(metavar="S", help="Indentor prismatic along z, as in rig indent.", rich_help_panel=INPUT),
+    ] = None,
     readings: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.csv", help="Or take these: places, depths, readings, noise; with z_mm a sheet."),
+        typer.Option(
+            metavar="FILE.csv",
+            help="Receptor readings with locations, depths and noise (docs/coding.md).",
+            rich_help_panel=INPUT,
+        ),
     ] = None,
     axial: Annotated[
         str | None,
-        typer.Option(metavar="A", help="Of a row in the whole finger: ellipse:HALF-LENGTH in mm; ellipse: the best."),
+        typer.Option(
+            metavar="A",
+            help="Contact along the finger, with --readings: ellipse:HALF-LENGTH in mm, 0.3 to 10; ellipse fits it.",
+            rich_help_panel=INPUT,
+        ),
     ] = None,
-    x_mm: Annotated[float, typer.Option(metavar="X", help="Of the indentor's reference point.")] = 0.0,
-    doi_mm: Annotated[float | None, typer.Option(metavar="D", help="How deep it is pressed.")] = None,
-    decoder: Annotated[str, typer.Option(metavar="NAME", help=", ".join(DECODERS))] = "ours",
+    x_mm: Annotated[
+        float,
+        typer.Option(metavar="X", help="x of the indentor from the pad center, in mm.", rich_help_panel=INPUT),
+    ] = 0.0,
+    doi_mm: Annotated[
+        float | None,
+        typer.Option(
+            metavar="D",
+            help="DOI, in mm. Default: none; --shape needs it.",
+            rich_help_panel=INPUT,
+        ),
+    ] = None,
+    decoder: Annotated[
+        str, typer.Option(metavar="NAME", help=f"Decoder: {', '.join(DECODERS)}.", rich_help_panel=_DECODER)
+    ] = "ours",
     operator: Annotated[
-        str | None, typer.Option(metavar="O", help=f"{' or '.join(OPERATORS)}; absent: the first for --pressure.")
+        str | None,
+        typer.Option(
+            metavar="O",
+            help=f"Operator: {' or '.join(OPERATORS)}. Default: convolution with --pressure, else influence.",
+            rich_help_panel=_DECODER,
+        ),
     ] = None,
     energy: EnergyOption = "finite",
     snr_db: SnrOption = None,
     noise: NoisePlaceOption = "receptor",
     gain: Annotated[
         str | None,
-        typer.Option(metavar="K", help="Of the receptor, in R = k (S − S₀); 30±2 with its standard error."),
+        typer.Option(
+            metavar="K",
+            help="Gain k of the receptor, R = k (S − S₀), e.g. 30 or 30±2. Default: 1.",
+            rich_help_panel=NOISE,
+        ),
     ] = None,
     threshold: Annotated[
-        str | None, typer.Option(metavar="S0", help="Of the receptor, 1.5±0.2 likewise; absent: no receptor.")
+        str | None,
+        typer.Option(
+            metavar="S0",
+            help="Threshold S₀ in units of SED, e.g. 1.5±0.2. Default: no receptor.",
+            rich_help_panel=NOISE,
+        ),
     ] = None,
-    start: Annotated[str | None, typer.Option(metavar="P", help="Where univariate and grid begin: 10,10.")] = None,
+    start: Annotated[
+        str | None,
+        typer.Option(
+            metavar="P",
+            help="Starting pressures for univariate and grid, e.g. 10,10. Default: best uniform pressure.",
+            rich_help_panel=_DECODER,
+        ),
+    ] = None,
     within: Annotated[
-        str | None, typer.Option("--range", metavar="LOW,HIGH", help="Of pressures, for all decoders but ours.")
+        str | None,
+        typer.Option(
+            "--range",
+            metavar="LOW,HIGH",
+            help="Pressure range, in pseudo-units, not for ours. Default: set by the readings.",
+            rich_help_panel=_DECODER,
+        ),
     ] = None,
     grid_step: Annotated[
-        float | None, typer.Option(metavar="P", help="Of grid; absent: a 30th of the range.")
+        float | None,
+        typer.Option(
+            metavar="P",
+            help="Grid spacing for the grid decoder, in pseudo-units. Default: range / 30.",
+            rich_help_panel=_DECODER,
+        ),
     ] = None,
-    seed: Annotated[int, typer.Option(metavar="N", help="Of the noise, and of what is drawn at random.")] = 0,
+    seed: Annotated[
+        int,
+        typer.Option(metavar="N", help="Seed of the random generator, 0 to 2^32.", rich_help_panel=NOISE),
+    ] = 0,
     spacing_mm: SpacingOption = SPACING_MM,
     half_length: HalfLengthOption = HALF_LENGTH,
     receptor_depth_mm: DepthOption = DEFAULT_DEPTH_MM,

@@ -11,6 +11,9 @@ from rich.table import Table
 from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_picture, write_picture
 from rig.cli.output import busy, err, out, print_json, say_now, told_in_one_line
 from rig.cli.sampling import (
+    INPUT,
+    NOISE,
+    SAMPLING,
     DepthOption,
     EnergyOption,
     HalfLengthOption,
@@ -40,20 +43,56 @@ _ROWS = 25
 
 def encode_command(
     pressure: Annotated[
-        str | None, typer.Option(metavar="P", help="Samples as 20,14, or a CSV with a column pressure.")
+        str | None,
+        typer.Option(
+            metavar="P",
+            help="Skin pressures in pseudo-units: 20,14, or a CSV with a column pressure.",
+            rich_help_panel=INPUT,
+        ),
     ] = None,
-    shape: Annotated[str | None, typer.Option(metavar="S", help="Press this instead, prismatic along z.")] = None,
-    x_mm: Annotated[float, typer.Option(metavar="X", help="Of the indentor's reference point.")] = 0.0,
-    doi_mm: Annotated[float | None, typer.Option(metavar="D", help="How deep it is pressed.")] = None,
-    operator: Annotated[str, typer.Option(metavar="O", help=" or ".join(OPERATORS))] = "convolution",
+    shape: Annotated[
+        str | None,
+        typer.Option(metavar="S", help="Indentor prismatic along z, as in rig indent.", rich_help_panel=INPUT),
+    ] = None,
+    x_mm: Annotated[
+        float,
+        typer.Option(metavar="X", help="x of the indentor from the pad center, in mm.", rich_help_panel=INPUT),
+    ] = 0.0,
+    doi_mm: Annotated[
+        float | None,
+        typer.Option(
+            metavar="D",
+            help="DOI, in mm. Default: none; --shape needs it.",
+            rich_help_panel=INPUT,
+        ),
+    ] = None,
+    operator: Annotated[
+        str,
+        typer.Option(
+            metavar="O", help=f"Operator from pressure to SED: {' or '.join(OPERATORS)}.", rich_help_panel=SAMPLING
+        ),
+    ] = "convolution",
     energy: EnergyOption = "finite",
     snr_db: SnrOption = None,
     noise: NoisePlaceOption = "receptor",
-    gain: Annotated[float, typer.Option(metavar="K", help="Of the receptor, in R = k (S − S₀).")] = 1.0,
+    gain: Annotated[
+        float,
+        typer.Option(
+            metavar="K", help="Gain k of the receptor, R = k (S − S₀), per unit of SED.", rich_help_panel=NOISE
+        ),
+    ] = 1.0,
     threshold: Annotated[
-        float | None, typer.Option(metavar="S0", help="Of the receptor; absent: no receptor.")
+        float | None,
+        typer.Option(
+            metavar="S0",
+            help="Threshold S₀ of the receptor, in units of SED. Default: no receptor.",
+            rich_help_panel=NOISE,
+        ),
     ] = None,
-    seed: Annotated[int, typer.Option(metavar="N", help="Of the noise.")] = 0,
+    seed: Annotated[
+        int,
+        typer.Option(metavar="N", help="Seed of the random generator, 0 to 2^32.", rich_help_panel=NOISE),
+    ] = 0,
     spacing_mm: SpacingOption = SPACING_MM,
     half_length: HalfLengthOption = HALF_LENGTH,
     receptor_depth_mm: DepthOption = DEFAULT_DEPTH_MM,
@@ -237,9 +276,14 @@ _TOLD_EACH = 1000  # receptors, where nothing turns
 
 
 def shift_invariance_command(
-    force_gwt: Annotated[float, typer.Option(metavar="F", help="Of each load; the source does not say.")] = 1.0,
+    force_gwt: Annotated[
+        float, typer.Option(metavar="F", help="Force of each point load, 0.001 to 100 gwt.", rich_help_panel=SAMPLING)
+    ] = 1.0,
     half_width_mm: Annotated[
-        float, typer.Option(metavar="MM", help="Of a site's neighbourhood, along x and along z.")
+        float,
+        typer.Option(
+            metavar="MM", help="Half-width of the area around each site, 0.5 to 4 mm.", rich_help_panel=SAMPLING
+        ),
     ] = HALF_WIDTH_MM,
     spacing_mm: SpacingOption = SITE_SPACING_MM,
     receptor_depth_mm: DepthOption = DEFAULT_DEPTH_MM,

@@ -25,7 +25,7 @@ from sim.models.full_mesh import MeshedFinger, write_contact_deck, write_load_de
 
 def finger_command(
     config: FingertipOption = None,
-    vtk: Annotated[Path | None, typer.Option(metavar="FILE.vtk", help="Write the mesh there.")] = None,
+    vtk: Annotated[Path | None, typer.Option(metavar="FILE.vtk", help="Write the mesh to a new VTK file.")] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Print fit, apex, layers and mesh quality; refuse a finger that makes no valid mesh."""
@@ -159,12 +159,12 @@ def _doubts(found: dict[str, Any], config: FingertipConfig) -> Iterator[str]:
 
 
 def export_deck_command(
-    shape: Annotated[str, typer.Option(metavar="S", help="As for `rig indent`; one that lies along the finger.")],
-    x_mm: Annotated[float, typer.Option(metavar="X", help="Indentor's reference point from the pad's centre.")],
-    doi_mm: Annotated[float, typer.Option(metavar="D", help="Depth past first contact.")],
-    out_file: Annotated[Path, typer.Option("--out", metavar="FILE.inp", help="The deck to write.")],
+    shape: Annotated[str, typer.Option(metavar="S", help="Indentor along the finger, as in rig indent.")],
+    x_mm: Annotated[float, typer.Option(metavar="X", help="x of the indentor from the pad center, in mm.")],
+    doi_mm: Annotated[float, typer.Option(metavar="D", help="Depth of indentation (DOI), in mm.")],
+    out_file: Annotated[Path, typer.Option("--out", metavar="FILE.inp", help="CalculiX deck to write, a new file.")],
     loads: Annotated[
-        bool, typer.Option("--loads", help="Our contact forces as loads, instead of a contact job.")
+        bool, typer.Option("--loads", help="Write the contact forces as loads instead of contact.")
     ] = False,
     config: FingertipOption = None,
 ) -> None:

@@ -14,7 +14,7 @@ from rig.bench.virtual import refuse_twinless
 from rig.cli.confirm import confirmed_with, ready_for_a_real_run
 from rig.cli.execution import AtTheTerminal, RunOwner, failure, leave, loaded, new_run, owning
 from rig.cli.monitor import counted, progress
-from rig.cli.options import JsonOption, OutOption, SubjectOption, YesOption, checked_file
+from rig.cli.options import FingerConfigOption, JsonOption, OutOption, SubjectOption, YesOption, checked_file
 from rig.cli.output import Beginning, ExitCode, complain, err, loading_the_finger, out, print_json, told_in_one_line
 from rig.cli.run import ask_at_the_bench
 from rig.cli.signals import at_a_safe_point, at_once
@@ -59,6 +59,7 @@ USUAL_GOALS = (
     PressAt("sphere:6", 0.0, 0.5),
 )
 
+_PRESSES = "Presses"
 _BEYOND_X_MM = 0.6
 _SECONDS_A_PRESS = 15.0
 
@@ -207,16 +208,36 @@ class MeetingAttendant(AtTheTerminal):
 
 def meet_command(
     protocol: Annotated[
-        str | None, typer.Argument(help="The protocol whose forces are to be known; none: a few common presses.")
+        str | None, typer.Argument(help="Protocol whose forces to predict. Default: a few common presses.")
     ] = None,
-    more: Annotated[list[str] | None, typer.Argument(metavar="[K=V]...", help="Its settings.")] = None,
-    config: Annotated[Path | None, typer.Option(metavar="TOML", help="Configuration of rig and finger.")] = None,
-    dry: Annotated[bool, typer.Option("--dry-run", help="On the virtual bench, with the configured finger.")] = False,
-    to: Annotated[Path, typer.Option(metavar="TOML", help="The met finger's file.")] = Path("finger.toml"),
-    width: Annotated[float, typer.Option(metavar="PERCENT", help="Half-width at which a force is known.")] = 8.0,
-    presses: Annotated[int, typer.Option(min=1, max=8, help="At most so many.")] = 8,
-    most_gwt: Annotated[float, typer.Option(metavar="GWT", help="No press is to be harder.")] = 20.0,
-    shapes: Annotated[str, typer.Option(metavar="S,S", help="Indentors there are.")] = ",".join(SHAPES),
+    more: Annotated[
+        list[str] | None, typer.Argument(metavar="K=V", help="Protocol parameters and their values.")
+    ] = None,
+    config: FingerConfigOption = None,
+    dry: Annotated[bool, typer.Option("--dry-run", help="Use virtual devices and the configured finger.")] = False,
+    to: Annotated[Path, typer.Option(metavar="TOML", help="Finger file to write.")] = Path("finger.toml"),
+    width: Annotated[
+        float,
+        typer.Option(
+            metavar="PERCENT",
+            help="Stop when the 90 % bands of all forces are within ± this value, 1 to 50 %.",
+            rich_help_panel=_PRESSES,
+        ),
+    ] = 8.0,
+    presses: Annotated[
+        int, typer.Option(metavar="N", min=1, max=8, help="Maximum number of presses.", rich_help_panel=_PRESSES)
+    ] = 8,
+    most_gwt: Annotated[
+        float,
+        typer.Option(
+            metavar="GWT",
+            help="Largest predicted force of a press, in gwt; 1 to limits.max_force_gwt.",
+            rich_help_panel=_PRESSES,
+        ),
+    ] = 20.0,
+    shapes: Annotated[
+        str, typer.Option(metavar="S,S", help="Available indentors, separated by commas.", rich_help_panel=_PRESSES)
+    ] = ",".join(SHAPES),
     out_dir: OutOption = Path("runs"),
     subject: SubjectOption = None,
     yes: YesOption = False,
@@ -331,7 +352,7 @@ _LARGEST_TURN_DEG = 3.0
 
 
 def find_command(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a run that touched at several places.")],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run with touches at several positions.")],
     as_json: JsonOption = False,
 ) -> None:
     """Fit pad centre, height, roll and tilt to the touches; print [frame] for the configuration."""

@@ -193,52 +193,120 @@ def _fraction(text: str) -> float:
     return value
 
 
+_PRESS, _MODEL, _RECEPTORS, _OUTPUT = "Press", "Model", "Receptors", "Output"
 _PLACED_MM = 1e-6
 _SAME = 1e-8
 
 
 def indent_command(
-    shape: Annotated[str, typer.Option(metavar="S", help=f"{EXPECTED}; or point.")],
+    shape: Annotated[str, typer.Option(metavar="S", help=f"Indentor: {EXPECTED}; or point.", rich_help_panel=_PRESS)],
     x_mm: Annotated[
-        float | None, typer.Option(metavar="X", help="Indentor's reference point from the pad's centre.")
+        float | None,
+        typer.Option(
+            metavar="X", help="x of the indentor from the pad center, in mm. Default: 0.", rich_help_panel=_PRESS
+        ),
     ] = None,
-    doi_mm: Annotated[float | None, typer.Option(metavar="D", help="Depth past first contact.")] = None,
-    force_gwt: Annotated[float | None, typer.Option(metavar="F", help="Force instead of a depth.")] = None,
+    doi_mm: Annotated[
+        float | None,
+        typer.Option(
+            metavar="D",
+            help="Depth of indentation (DOI), in mm. Default: none; give --force-gwt.",
+            rich_help_panel=_PRESS,
+        ),
+    ] = None,
+    force_gwt: Annotated[
+        float | None,
+        typer.Option(
+            metavar="F", help="Force to reach, in gwt. Default: none; give --doi-mm.", rich_help_panel=_PRESS
+        ),
+    ] = None,
     z_mm: Annotated[
-        float | None, typer.Option(metavar="Z", help="Along the finger, for line, round shapes and point.")
+        float | None,
+        typer.Option(
+            metavar="Z",
+            help="z along the finger, in mm, for line, round shapes and point. Default: the receptor plane.",
+            rich_help_panel=_PRESS,
+        ),
     ] = None,
-    model: Annotated[str, typer.Option(metavar="M", help=f"{', '.join(reversed(MODELS))} or auto")] = "finger",
+    model: Annotated[
+        str,
+        typer.Option(metavar="M", help=f"Model: {', '.join(reversed(MODELS))} or auto.", rich_help_panel=_MODEL),
+    ] = "finger",
     tolerance: Annotated[
         str | None,
-        typer.Option("--tol", metavar="T", help=f"For auto, as {TOLERANCE} (if absent) or 0.02."),
+        typer.Option(
+            "--tol",
+            metavar="T",
+            help=f"Relative error that auto allows, e.g. 0.02. Default: {TOLERANCE}.",
+            rich_help_panel=_MODEL,
+        ),
     ] = None,
     quantity: Annotated[
         str | None,
-        typer.Option(metavar="Q,Q…", help="For auto, what shall be right: force (if absent), width, sed, ep1."),
+        typer.Option(
+            metavar="Q,Q…",
+            help=f"Quantities that auto holds to --tol: {', '.join(QUANTITIES)}. Default: {QUANTITY}.",
+            rich_help_panel=_MODEL,
+        ),
     ] = None,
     length_mm: Annotated[
-        float | None, typer.Option(metavar="L", help="Effective length behind a section's force.")
+        float | None,
+        typer.Option(
+            metavar="L",
+            help="Length that multiplies the force per mm of a section, up to 50 mm. Default: force in N/mm.",
+            rich_help_panel=_MODEL,
+        ),
     ] = None,
     receptor_x_mm: Annotated[
-        str | None, typer.Option(metavar="X,X…", help="Receptors other than the ten; also FROM:TO:STEP.")
+        str | None,
+        typer.Option(
+            metavar="X,X…",
+            help="Receptor x, in mm, also FROM:TO:STEP. Default: ten receptors.",
+            rich_help_panel=_RECEPTORS,
+        ),
     ] = None,
     receptor_depth_mm: Annotated[
-        str, typer.Option(metavar="D,D…", help="Below the skin; every x at every depth.")
+        str,
+        typer.Option(
+            metavar="D,D…", help="Depths of the receptors below the skin, in mm.", rich_help_panel=_RECEPTORS
+        ),
     ] = f"{DEFAULT_DEPTH_MM:g}",
     receptor_z_mm: Annotated[
-        str | None, typer.Option(metavar="Z,Z…", help="Along the finger, if not in the receptor plane.")
+        str | None,
+        typer.Option(
+            metavar="Z,Z…",
+            help="Receptor z along the finger, in mm. Default: the receptor plane.",
+            rich_help_panel=_RECEPTORS,
+        ),
     ] = None,
-    reference: Annotated[str, typer.Option(metavar="contact|apex", help="Where DOI is zero.")] = "contact",
+    reference: Annotated[
+        str,
+        typer.Option(
+            metavar="contact|apex", help="Position of zero DOI: first contact or the apex.", rich_help_panel=_PRESS
+        ),
+    ] = "contact",
     config: FingertipOption = None,
     picture: Annotated[
-        Path | None, typer.Option(metavar="FILE.svg", help="Draw the contact, seen from the finger; or a .png.")
+        Path | None,
+        typer.Option(
+            metavar="FILE.svg", help="Plot the contact to a new .svg or .png file.", rich_help_panel=_OUTPUT
+        ),
     ] = None,
     deflection: Annotated[
         Path | None,
-        typer.Option(metavar="CSV", help="Measured of the skin beside it (x_mm and z_mm or one, deflection_mm)."),
+        typer.Option(
+            metavar="CSV",
+            help="Measured skin deflection to compare (deflection_mm with x_mm, z_mm or both).",
+            rich_help_panel=_OUTPUT,
+        ),
     ] = None,
     other_paths: Annotated[
-        bool, typer.Option("--other-paths", help="Where the answer may depend on how it was reached, by how much.")
+        bool,
+        typer.Option(
+            "--other-paths",
+            help="Report by how much the result may depend on the loading path.",
+            rich_help_panel=_OUTPUT,
+        ),
     ] = False,
     as_json: JsonOption = False,
 ) -> None:

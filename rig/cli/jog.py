@@ -35,9 +35,15 @@ _IDLE_LOOK_S = 0.02
 
 def command(
     config: ConfigOption,
-    axis: Annotated[str | None, typer.Option(metavar="x|y|z", help="With --by-mm: the axis.")] = None,
-    by_mm: Annotated[float | None, typer.Option(metavar="D", help="With --axis: how far, + or −.")] = None,
-    speed_mm_s: Annotated[float, typer.Option(metavar="V", help="How fast.")] = 1.0,
+    axis: Annotated[str | None, typer.Option(metavar="x|y|z", help="Axis to move by --by-mm.")] = None,
+    by_mm: Annotated[
+        float | None,
+        typer.Option(
+            metavar="D",
+            help="Signed distance, in mm; nonzero, up to 1000 either way. Default: move while a key is held.",
+        ),
+    ] = None,
+    speed_mm_s: Annotated[float, typer.Option(metavar="V", help="Speed of the axis, 0.017 to 10 mm/s.")] = 1.0,
     without_force: WithoutForceOption = False,
     as_json: JsonOption = False,
 ) -> None:

@@ -131,7 +131,7 @@ class RunScreen(Onlooker):
 
 
 def watch_command(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.")],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the run.")],
     as_json: JsonOption = False,
 ) -> None:
     """Live force, step now and next, and the time left, until the run ends; in a pipe one line an event.

@@ -13,28 +13,33 @@ if TYPE_CHECKING:
     from rig.report.style import Plot
 
 
-ProtocolArgument = Annotated[str, typer.Argument(help="A path, or the name of a shipped protocol.")]
-MoreArgument = Annotated[list[str] | None, typer.Argument(metavar="[K=V]...", help="Further settings.")]
-SetOption = Annotated[list[str] | None, typer.Option("--set", metavar="K=V", help="A parameter; may be repeated.")]
-OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="Folder in which the run makes its own.")]
-SubjectOption = Annotated[str | None, typer.Option(metavar="CODE", help="Who lies under the rig: a code, like S07.")]
+ProtocolArgument = Annotated[str, typer.Argument(help="Path of a protocol, or the name of a shipped one.")]
+MoreArgument = Annotated[list[str] | None, typer.Argument(metavar="K=V", help="Protocol parameters, as with --set.")]
+SetOption = Annotated[
+    list[str] | None, typer.Option("--set", metavar="K=V", help="Protocol parameter and its value. Repeatable.")
+]
+OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="Parent folder of the run folder.")]
+SubjectOption = Annotated[str | None, typer.Option(metavar="CODE", help="Pseudonym of the subject, e.g. S07.")]
 FingerConfigOption = Annotated[
-    Path | None, typer.Option("--config", metavar="TOML", help="Configuration of rig and finger.")
+    Path | None,
+    typer.Option("--config", metavar="TOML", help="Rig and finger configuration. Default: built-in."),
 ]
 FingertipOption = Annotated[
-    Path | None, typer.Option("--config", metavar="TOML", help="Configuration of the finger.")
+    Path | None,
+    typer.Option("--config", metavar="TOML", help="Finger configuration. Default: built-in values."),
 ]
 MetFingerOption = Annotated[
-    Path | None, typer.Option("--finger", metavar="TOML", help="The finger as `rig meet` found it, with its bands.")
+    Path | None,
+    typer.Option("--finger", metavar="TOML", help="Finger file from rig meet. Default: the configured finger."),
 ]
-ConfigOption = Annotated[Path, typer.Option("--config", metavar="TOML", help="Configuration of the rig.")]
-YesOption = Annotated[bool, typer.Option("--yes", help="Begin without a confirmation; the page is printed.")]
+ConfigOption = Annotated[Path, typer.Option("--config", metavar="TOML", help="Configuration file of the rig.")]
+YesOption = Annotated[bool, typer.Option("--yes", help="Begin without asking for confirmation.")]
 _MOST = 1000  # numbers in a range
 
 ExactOption = Annotated[
-    bool, typer.Option("--exact", help="Build every finger in full: none is interpolated between others.")
+    bool, typer.Option("--exact", help="Build a full model of each finger instead of interpolating.")
 ]
-JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on standard output.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output.")]
 
 
 def numbers(option: str, text: str) -> tuple[float, ...]:
@@ -73,10 +78,12 @@ def checked_file(option: str, path: Path) -> Path:
 
 
 WithoutForceOption = Annotated[
-    bool, typer.Option("--without-force", help="Move although no force sensor answers. Nothing stops it at a finger.")
+    bool, typer.Option("--without-force", help="Move without a force sensor. Nothing stops the stage at a finger.")
 ]
 
-PictureOption = Annotated[Path | None, typer.Option(metavar="FILE.svg", help="Draw it there; or a .png.")]
+PictureOption = Annotated[
+    Path | None, typer.Option(metavar="FILE.svg", help="Plot the result to a new .svg or .png file.")
+]
 
 
 def checked_picture(picture: Path | None) -> None:

@@ -35,13 +35,17 @@ _LOWEST_PORT = 1024
 
 def panel_command(
     config: Annotated[
-        Path | None, typer.Option(metavar="TOML", help="Configuration of the rig, to move it by hand.")
+        Path | None, typer.Option(metavar="TOML", help="Configuration of the rig. Default: manual control off.")
     ] = None,
     out_dir: Annotated[
-        Path, typer.Option("--out", metavar="DIR", help="The folder in which runs have theirs.")
+        Path, typer.Option("--out", metavar="DIR", help="Folder that contains the run folders.")
     ] = Path("runs"),
-    port: Annotated[int, typer.Option(metavar="N", help="On this port of loopback; 0 takes a free one.")] = 0,
-    browser: Annotated[bool, typer.Option("--browser/--no-browser", help="Open the page.")] = True,
+    port: Annotated[
+        int, typer.Option(metavar="N", help="TCP port on this machine, 1024 to 65535; 0 selects a free port.")
+    ] = 0,
+    browser: Annotated[
+        bool, typer.Option("--browser/--no-browser", help="Open the page in a browser, or do not.")
+    ] = True,
     as_json: JsonOption = False,
 ) -> None:
     """Print where the page is, and serve it until Ctrl-C; a run goes on without it."""

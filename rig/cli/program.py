@@ -8,76 +8,74 @@ from collections.abc import Callable
 from difflib import get_close_matches
 from importlib import import_module
 from types import ModuleType
-from typing import Annotated, NamedTuple
+from typing import Annotated, Literal, NamedTuple, get_args
 
 import typer
 
+from rig.cli.help import START_PAGE, PlainCommand, PlainGroup
 from rig.cli.output import ExitCode, fail, looking_busy, out, show_builds
 
 # typer carries its own copy of click in some versions: its exceptions are reached through a public one.
 _ClickException = typer.BadParameter.mro()[2]
 
 
+Group = Literal["Experiment", "Bench", "Results", "Simulation", "Coding", "System"]
+
+
 class Command(NamedTuple):
-    """A module's function or group of commands, and its line in the help."""
+    """A module's function or group of commands, its line in the help, and the panel that lists it there."""
 
     where: str
     line: str
+    group: Group
+    hidden: bool = False
 
 
 # Only what is asked for is imported: a help comes at once, and a stop does not wait for libraries that draw a report.
 COMMANDS = {
-    "dry-run": Command("run.dry_run_command", "Run a protocol on virtual devices, over the wire protocol."),
-    "run": Command("run.run_command", "Run a protocol on the ports of the configuration."),
-    "meet": Command("identify.meet_command", "Learn in a few gentle presses which finger lies there."),
-    "check": Command(
-        "run.check_command", "Say what a protocol will do and how near the limits it goes; moves nothing."
-    ),
-    "resume": Command(
-        "run.resume_command", "Go on with a run that stopped: home, zero, then exactly what is missing."
-    ),
-    "compare": Command("compare.command", "SSRPs, shape test, correlations, fits and a report of finished runs."),
-    "runs": Command(
-        "runs.runs_command", "List runs, by subject, shape, protocol, date or state, or tabulate their holds."
-    ),
-    "show": Command("runs.show_command", "Say of one run what ran, with what, how it ended and what its files are."),
-    "watch": Command(
-        "monitor.watch_command", "Look on at a run from elsewhere: live force, step now and next, time left."
-    ),
-    "panel": Command(
-        "panel.panel_command", "A page in the browser: the run that goes on, or the bench by hand, with STOP."
-    ),
-    "export": Command("runs.export_command", "Write a run's journal as HDF5 and CSV, or as NWB, into its folder."),
-    "study": Command("study.command", "A parameter study: every combination of fingers, receptors and presses."),
-    "indent": Command("indent.indent_command", "One simulated indentation."),
-    "impulse": Command("encode.impulse_command", "Impulse responses of the section: strains under a point load."),
+    "dry-run": Command("run.dry_run_command", "Run a protocol on virtual devices.", "Experiment"),
+    "run": Command("run.run_command", "Run a protocol on the rig.", "Experiment"),
+    "meet": Command("identify.meet_command", "Identify the finger from a few light presses.", "Experiment"),
+    "check": Command("run.check_command", "Check a protocol against the limits without motion.", "Experiment"),
+    "resume": Command("run.resume_command", "Resume a stopped run and do the remaining steps.", "Experiment"),
+    "compare": Command("compare.command", "Compare runs with recordings and write a report.", "Results"),
+    "runs": Command("runs.runs_command", "List runs, or write a table of their holds.", "Results"),
+    "show": Command("runs.show_command", "Describe a run: state, limits, forces and files.", "Results"),
+    "watch": Command("monitor.watch_command", "Monitor a running protocol.", "Experiment"),
+    "panel": Command("panel.panel_command", "Open the browser panel to monitor or move the rig.", "Experiment"),
+    "export": Command("runs.export_command", "Export a run to HDF5 and CSV, or to NWB.", "Results"),
+    "study": Command("study.command", "Simulate all combinations of a parameter study.", "Simulation"),
+    "indent": Command("indent.indent_command", "Simulate one indentation.", "Simulation"),
+    "impulse": Command("encode.impulse_command", "Compute strains in the skin under a point load.", "Coding"),
     "shift-invariance": Command(
-        "encode.shift_invariance_command", "SED under point loads at 24 sites: how alike it falls off."
+        "encode.shift_invariance_command", "Fit the decay of SED around 24 point loads.", "Coding"
     ),
-    "encode": Command("encode.encode_command", "From pressure on the skin to what receptors under it say."),
-    "decode": Command("decode.decode_command", "Pressure on the skin, read back from what receptors under it say."),
-    "finger": Command("finger.finger_command", "Fit the finger's skin, build its mesh and say how good both are."),
-    "find": Command("identify.find_command", "Say where the finger lies, from a run of find_finger."),
-    "export-deck": Command("finger.export_deck_command", "Write a scene as a CalculiX input deck."),
-    "serve": Command("serve.serve_command", "Virtual devices in real time, behind ports that any program can open."),
+    "encode": Command("encode.encode_command", "Compute receptor readings from skin pressure.", "Coding"),
+    "decode": Command("decode.decode_command", "Estimate skin pressure from receptor readings.", "Coding"),
+    "finger": Command("finger.finger_command", "Fit the skin, build the mesh and print their quality.", "Simulation"),
+    "find": Command("identify.find_command", "Locate the finger from a run of find_finger.", "Experiment"),
+    "export-deck": Command("finger.export_deck_command", "Write an indentation as a CalculiX deck.", "Simulation"),
+    "serve": Command("serve.serve_command", "Serve virtual devices in real time on ports.", "Simulation"),
     "stranger": Command(
-        "serve.stranger_command", "The truth of a finger of rig serve --stranger, beside what was met."
+        "serve.stranger_command", "Print the parameters of a random finger.", "Simulation", hidden=True
     ),
-    "home": Command("bench.home", "Find the home switches."),
-    "zero": Command("bench.zero", "Zero the force sensor, with nothing on it."),
-    "status": Command("bench.status", "Where the stage is and what the sensor feels; moves nothing."),
-    "stop": Command("stop.stop_command", "Stop the stage now, whoever moves it."),
-    "jog": Command("jog.command", "Move an axis by hand: hold a key, or give --axis and --by-mm."),
-    "by-hand": Command("panel.owning_command", "Own the ports while somebody works at the bench through rig panel."),
-    "calibrate": Command("calibrate.calibrate", "Measure the rig: steps/mm, force scale, compliance."),
-    "bench": Command("system.speed_command", "Speed against error on this machine: one HTML page."),
-    "cache": Command("system.cache_command", "What is kept on disk to save work, and how large; removes it."),
-    "config": Command(
-        "system.config_command", "Every key of the configuration: its unit, range, default and effect."
+    "home": Command("bench.home", "Home all axes of the stage.", "Bench"),
+    "zero": Command("bench.zero", "Zero the force sensor.", "Bench"),
+    "status": Command("bench.status", "Print the stage position and the sensor reading.", "Bench"),
+    "stop": Command("stop.stop_command", "Stop the stage now, whichever program moves it.", "Bench"),
+    "jog": Command("jog.command", "Move an axis by keys or by a distance.", "Bench"),
+    "by-hand": Command(
+        "panel.owning_command", "Own the ports for manual control from rig panel.", "Bench", hidden=True
     ),
-    "doctor": Command("system.doctor_command", "Ports, versions, limits, solver and cache of this installation."),
+    "calibrate": Command("calibrate.calibrate", "Calibrate steps/mm, force scale or compliance.", "Bench"),
+    "bench": Command("system.speed_command", "Benchmark the models on this machine.", "System"),
+    "cache": Command("system.cache_command", "List or delete cached results.", "System"),
+    "config": Command("system.config_command", "Print configuration keys with units and ranges.", "System"),
+    "doctor": Command("system.doctor_command", "Check ports, versions, limits, solver and cache.", "System"),
 }
 
+
+_GROUPS: tuple[Group, ...] = get_args(Group)
 
 LOOKED_THROUGH = (50_000, 3, 3)
 """New objects that are looked through for garbage, and how often older ones are with them. At Python's own (700, 10,
@@ -91,6 +89,9 @@ def run() -> None:
     # What pymodbus logs of a bad frame is in our own error, in one line.
     logging.getLogger("pymodbus").addHandler(logging.NullHandler())
     show_builds()
+    if not sys.argv[1:]:
+        out.print(START_PAGE, end="")
+        sys.exit(ExitCode.BAD_INPUT)
     try:
         code = _app(sys.argv[1:])(prog_name="rig", standalone_mode=False)
     except Exception as error:
@@ -105,7 +106,7 @@ def run() -> None:
 
 def _app(arguments: list[str]) -> typer.Typer:
     """The program with the command that is asked for, or with the names of all of them."""
-    app = typer.Typer(add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
+    app = typer.Typer(cls=PlainGroup, add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
     app.callback()(_about)  # a program of one command would have no command's name
     asked = next((word for word in arguments if word != "--"), "")
     if asked in COMMANDS:
@@ -118,7 +119,7 @@ def _app(arguments: list[str]) -> typer.Typer:
         raise typer.BadParameter(
             f"No such command {asked!r}, expected one that rig --help lists: {' or '.join(near)}?"
         )
-    for name in COMMANDS:
+    for name in sorted(COMMANDS, key=lambda one: _GROUPS.index(COMMANDS[one].group)):
         _add(app, name, _named)
     return app
 
@@ -137,11 +138,11 @@ def _imported(name: str) -> ModuleType:
 
 def _add(app: typer.Typer, name: str, command: Callable[..., None] | typer.Typer) -> None:
     """A command, or a group of them, with its line in the help."""
-    line = COMMANDS[name].line
+    _, line, group, hidden = COMMANDS[name]
     if isinstance(command, typer.Typer):
-        app.add_typer(command, name=name, help=line)
+        app.add_typer(command, name=name, cls=PlainGroup, help=line, rich_help_panel=group, hidden=hidden)
     else:
-        app.command(name, help=line)(command)
+        app.command(name, cls=PlainCommand, help=line, rich_help_panel=group, hidden=hidden)(command)
 
 
 def _named() -> None:
@@ -159,7 +160,7 @@ def _say_version(asked: bool) -> None:
 
 def _about(
     version: Annotated[
-        bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Say which.")
+        bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
-    """Indentation rig: run, rehearse and compare fingertip indentations."""
+    """Run, rehearse and compare indentations of a fingertip."""

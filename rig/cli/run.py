@@ -133,7 +133,9 @@ def dry_run_command(
     config: FingerConfigOption = None,
     finger_file: MetFingerOption = None,
     out_dir: OutOption = Path("runs"),
-    speed: Annotated[str, typer.Option(metavar="max|N", help="Virtual seconds per real second.")] = "max",
+    speed: Annotated[
+        str, typer.Option(metavar="max|N", help="Simulated seconds per real second, or max for no limit.")
+    ] = "max",
     subject: SubjectOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -234,7 +236,7 @@ def ask_at_the_bench(request: str, asking: Callable[[], AbstractContextManager[N
 
 
 def resume_command(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="The run's folder.")],
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the stopped run.")],
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> None:

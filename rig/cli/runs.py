@@ -26,17 +26,24 @@ _DAY = "a day such as 2026-03-01"
 
 
 def runs_command(
-    runs: Annotated[Path, typer.Argument(metavar="[DIR]", help="The folder in which runs have theirs.")] = Path(
-        "runs"
-    ),
-    subject: Annotated[str | None, typer.Option(metavar="CODE", help="Of this subject only.")] = None,
-    shape: Annotated[str | None, typer.Option(metavar="S", help="That pressed bar:3.0, or any bar.")] = None,
-    protocol: Annotated[str | None, typer.Option(metavar="NAME", help="Of this protocol only.")] = None,
-    state: Annotated[str | None, typer.Option(metavar="STATE", help=", ".join(STATES) + ".")] = None,
-    since: Annotated[str | None, typer.Option(metavar="DAY", help=f"Begun on it or later (UTC): {_DAY}.")] = None,
-    until: Annotated[str | None, typer.Option(metavar="DAY", help="Begun on it or before.")] = None,
+    runs: Annotated[Path, typer.Argument(metavar="DIR", help="Folder that contains the run folders.")] = Path("runs"),
+    subject: Annotated[str | None, typer.Option(metavar="CODE", help="List only runs of this subject.")] = None,
+    shape: Annotated[
+        str | None,
+        typer.Option(metavar="S", help="List only runs with this indentor, e.g. bar:3.0; bar matches any bar."),
+    ] = None,
+    protocol: Annotated[str | None, typer.Option(metavar="NAME", help="List only runs of this protocol.")] = None,
+    state: Annotated[
+        str | None, typer.Option(metavar="STATE", help=f"List only runs in this state: {', '.join(STATES)}.")
+    ] = None,
+    since: Annotated[
+        str | None, typer.Option(metavar="DAY", help="First start date to list, UTC, e.g. 2026-03-01.")
+    ] = None,
+    until: Annotated[
+        str | None, typer.Option(metavar="DAY", help="Last start date to list, UTC, e.g. 2026-03-31.")
+    ] = None,
     table: Annotated[
-        Path | None, typer.Option(metavar="CSV", help="All their holds into one file, a row for each.")
+        Path | None, typer.Option(metavar="CSV", help="Write a table of all holds, one row each, to this file.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -127,10 +134,8 @@ _UNKNOWN = "not known"
 
 
 def show_command(
-    run: Annotated[Path | None, typer.Argument(metavar="RUN", help="A run folder.")] = None,
-    columns: Annotated[
-        bool, typer.Option("--columns", help="Instead: every column of a run's tables, as in docs/data.md.")
-    ] = False,
+    run: Annotated[Path | None, typer.Argument(metavar="RUN", help="Folder of the run.")] = None,
+    columns: Annotated[bool, typer.Option("--columns", help="Print the columns of all run tables instead.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """What ran, in which state it is, limits, versions, forces, how it ended, and its files."""
@@ -267,9 +272,11 @@ def _pairs(told: dict[str, Any]) -> str:
 
 
 def export_command(
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="A run folder.")],
-    as_csv: Annotated[bool, typer.Option("--csv", help="HDF5 and tidy CSV.")] = False,
-    as_nwb: Annotated[bool, typer.Option("--nwb", help="Neurodata Without Borders; needs the extra nwb.")] = False,
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the run.")],
+    as_csv: Annotated[bool, typer.Option("--csv", help="Write HDF5 and tidy CSV files.")] = False,
+    as_nwb: Annotated[
+        bool, typer.Option("--nwb", help="Write Neurodata Without Borders (needs the extra nwb).")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Export again what the journal holds, also of a run that crashed, and renew the checksums."""

@@ -16,18 +16,57 @@ from sim.coding.task import SectionPress
 from sim.contact.shapes import parse_shape
 from sim.tables import TableError
 
-SpacingOption = Annotated[float, typer.Option(metavar="MM", help="Between samples of skin and receptors.")]
-HalfLengthOption = Annotated[int, typer.Option(metavar="N", help="Samples of a response to each side.")]
-DepthOption = Annotated[float, typer.Option(metavar="MM", help="Of the receptors, below the skin.")]
+INPUT, SAMPLING, NOISE = "Input", "Sampling", "Noise and receptor"
+"""Panels of options."""
+
+SpacingOption = Annotated[
+    float,
+    typer.Option(
+        metavar="MM",
+        help="Spacing of the samples, 0.05 to 0.5 mm.",
+        rich_help_panel=SAMPLING,
+    ),
+]
+HalfLengthOption = Annotated[
+    int,
+    typer.Option(
+        metavar="N",
+        help="Samples of the response per side, 4 to 100.",
+        rich_help_panel=SAMPLING,
+    ),
+]
+DepthOption = Annotated[
+    float,
+    typer.Option(
+        metavar="MM",
+        help="Receptor depth below skin, 0.1 to 3 mm.",
+        rich_help_panel=SAMPLING,
+    ),
+]
 EnergyOption = Annotated[
     str,
     typer.Option(
         metavar="E",
-        help="SED of incompressible tissue (the source's Eq. 6.1), or finite: with the tissue's own compression.",
+        help="Formula of SED: incompressible (source, Eq. 6.1) or finite (compressible tissue).",
+        rich_help_panel=SAMPLING,
     ),
 ]
-SnrOption = Annotated[float | None, typer.Option(metavar="DB", help="Adds noise of this ratio.")]
-NoisePlaceOption = Annotated[str, typer.Option(metavar="AT", help="receptor (before it, on SED) or output.")]
+SnrOption = Annotated[
+    float | None,
+    typer.Option(
+        metavar="DB",
+        help="Signal-to-noise ratio of the added noise, -40 to 100 dB. Default: no noise.",
+        rich_help_panel=NOISE,
+    ),
+]
+NoisePlaceOption = Annotated[
+    str,
+    typer.Option(
+        metavar="AT",
+        help="Add noise to: receptor (SED) or output (rate).",
+        rich_help_panel=NOISE,
+    ),
+]
 
 
 _Word = TypeVar("_Word", bound=str)

@@ -1,4 +1,4 @@
-"""`rig serve` and `rig stranger`: virtual devices in real time, and the truth of a drawn finger."""
+"""`rig serve`: virtual devices in real time, and the parameters of a random finger."""
 
 import math
 import signal
@@ -9,7 +9,7 @@ import typer
 
 from rig.bench.served import ServedBench
 from rig.cli.options import FingerConfigOption, JsonOption
-from rig.cli.output import ExitCode, complain, err, loading_the_finger, out, print_json, told_in_one_line
+from rig.cli.output import ExitCode, complain, err, loading_the_finger, out, print_json, renamed, told_in_one_line
 from rig.devices.registry import Room, names
 from rig.errors import BadInputError
 from rig.identify.result import truth_of, with_stranger
@@ -19,22 +19,86 @@ from sim.identification.bands import standard_deviations
 from sim.identification.prior import named, plain
 from sim.serve.prefetch import PressStatistics
 
+_DEVICES, _FINGER = "Devices", "Finger"
+
 
 def serve_command(
-    stage: Annotated[str | None, typer.Option(metavar="|".join(names("stage")), help="The stage's kind.")] = None,
-    force: Annotated[str | None, typer.Option(metavar="|".join(names("force")), help="The sensor's kind.")] = None,
-    pty: Annotated[bool, typer.Option("--pty", help="Behind pseudo-terminals (the default).")] = False,
-    tcp: Annotated[
-        int | None, typer.Option(metavar="PORT", help="Stage on PORT, force on PORT + 1; 0 takes free ones.")
+    stage: Annotated[
+        str | None,
+        typer.Option(
+            metavar="|".join(names("stage")),
+            help="Kind of stage. Default: the configured one.",
+            rich_help_panel=_DEVICES,
+        ),
     ] = None,
-    indentor: Annotated[str | None, typer.Option(metavar="S", help="On the carriage, as for `rig indent`.")] = None,
+    force: Annotated[
+        str | None,
+        typer.Option(
+            metavar="|".join(names("force")),
+            help="Kind of force sensor. Default: the configured one.",
+            rich_help_panel=_DEVICES,
+        ),
+    ] = None,
+    pty: Annotated[
+        bool, typer.Option("--pty", help="Serve on pseudo-terminals (the default).", rich_help_panel=_DEVICES)
+    ] = False,
+    tcp: Annotated[
+        int | None,
+        typer.Option(
+            metavar="PORT",
+            help="TCP port of the stage, 0 to 65534; the force sensor has the next. 0 selects free ports. "
+            "Default: pseudo-terminals.",
+            rich_help_panel=_DEVICES,
+        ),
+    ] = None,
+    indentor: Annotated[
+        str | None,
+        typer.Option(
+            metavar="S",
+            help="Mounted indentor, as in rig indent. Default: the configured one.",
+            rich_help_panel=_DEVICES,
+        ),
+    ] = None,
+    random_finger: Annotated[
+        int | None,
+        typer.Option(
+            metavar="SEED",
+            min=0,
+            help="Seed of a random finger to identify. Default: the configured finger.",
+            rich_help_panel=_FINGER,
+        ),
+    ] = None,
     stranger: Annotated[
-        int | None, typer.Option(metavar="SEED", min=0, help="With a finger that nobody was told of, for `rig meet`.")
+        int | None, typer.Option(metavar="SEED", min=0, help="Old name of --random-finger.", hidden=True)
+    ] = None,
+    reveal: Annotated[
+        int | None,
+        typer.Option(
+            metavar="SEED",
+            min=0,
+            help="Print the random finger of this seed and exit. Default: serve.",
+            rich_help_panel=_FINGER,
+        ),
+    ] = None,
+    beside: Annotated[
+        Path | None,
+        typer.Option(metavar="TOML", help="Finger file to compare with --reveal.", rich_help_panel=_FINGER),
     ] = None,
     config: FingerConfigOption = None,
+    as_json: JsonOption = False,
 ) -> None:
-    """Print one JSON line of ports, then serve until Ctrl-C."""
-    with told_in_one_line(as_json=False):
+    """Print one JSON line of ports, then serve until Ctrl-C; or print the parameters of a random finger."""
+    if reveal is not None:
+        _reveal(reveal, beside, as_json=as_json)
+        return
+    with told_in_one_line(as_json=as_json):
+        if beside is not None:
+            raise BadInputError(
+                "{option}: expected {needs} beside it", code="needs_option", option="--beside", needs="--reveal"
+            )
+        if stranger is not None:
+            renamed("rig serve --stranger", "rig serve --random-finger")
+            random_finger = stranger
         settings = _with_indentor(load_config(config), indentor)
         if pty and tcp is not None:
             raise BadInputError("{options}: expected one of them", code="not_together", options="--pty --tcp")
@@ -43,8 +107,8 @@ def serve_command(
                 "{option} {value}: expected {low} … {high}",
                 code="outside_range", option="--tcp", value=tcp, low=0, high=65534,
             )  # fmt: skip
-        if stranger is not None:
-            settings = with_stranger(settings, stranger)
+        if random_finger is not None:
+            settings = with_stranger(settings, random_finger)
         both = stage is None and force is None
         with loading_the_finger():
             bench = ServedBench(
@@ -89,11 +153,17 @@ def _told(found: PressStatistics) -> str:
 
 
 def stranger_command(
-    seed: Annotated[int, typer.Argument(min=0, help="The stranger's.")],
-    beside: Annotated[Path | None, typer.Option(metavar="TOML", help="The file that `rig meet` wrote.")] = None,
+    seed: Annotated[int, typer.Argument(min=0, help="Seed of the random finger.")],
+    beside: Annotated[Path | None, typer.Option(metavar="TOML", help="Finger file from rig meet to compare.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Each number of the finger; with a file its 90 % band, and whether the truth lies in it."""
+    """Do what `rig serve --reveal` does, under its old name."""
+    renamed("rig stranger", "rig serve --reveal")
+    _reveal(seed, beside, as_json=as_json)
+
+
+def _reveal(seed: int, beside: Path | None, *, as_json: bool) -> None:
+    """Print each parameter of a random finger, with its 90 % band from a finger file."""
     with told_in_one_line(as_json=as_json):
         truth = truth_of(seed)
         met = None if beside is None else read_finger_file(beside).met

@@ -20,13 +20,22 @@ from sim.models.small_strain import small_strain
 
 
 def command(
-    study: Annotated[Path, typer.Argument(metavar="TOML", help="What is varied and what is pressed.")],
-    out_file: Annotated[Path | None, typer.Option("--out", metavar="CSV", help="The table; beside the TOML.")] = None,
+    study: Annotated[
+        Path, typer.Argument(metavar="TOML", help="Study file: the parameters to vary and the presses.")
+    ],
+    out_file: Annotated[
+        Path | None, typer.Option("--out", metavar="CSV", help="Table to write. Default: beside the study file.")
+    ] = None,
     processes: Annotated[
-        int | None, typer.Option(metavar="N", help="On this machine; as many as cores.", min=1)
+        int | None,
+        typer.Option(metavar="N", help="Number of processes on this machine. Default: number of cores.", min=1),
     ] = None,
     scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Of a dask.distributed cluster; needs the extra cluster.")
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Address of a dask.distributed scheduler (needs the extra cluster). Default: this machine.",
+        ),
     ] = None,
     exact: ExactOption = False,
     as_json: JsonOption = False,

@@ -39,9 +39,13 @@ unknown key is an error; a key without a default here is absent unless it is giv
 
 
 def config_command(
-    key: Annotated[str | None, typer.Argument(metavar="[KEY]", help="A key or a table, such as limits.")] = None,
+    key: Annotated[
+        str | None, typer.Argument(metavar="KEY", help="Key or table to print, e.g. limits. Default: all.")
+    ] = None,
     config: FingerConfigOption = None,
-    markdown: Annotated[bool, typer.Option("--markdown", help="As the reference in the documentation.")] = False,
+    markdown: Annotated[
+        bool, typer.Option("--markdown", help="Print a Markdown table for the documentation.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """A configuration file with a line about each key; of one key or table if that is named."""
@@ -104,10 +108,10 @@ _ABOUT = {
 
 
 def cache_command(
-    prune_it: Annotated[bool, typer.Option("--prune", help="Remove it; all of it is made anew when needed.")] = False,
+    prune_it: Annotated[bool, typer.Option("--prune", help="Delete the least recently used entries.")] = False,
     keep_gb: Annotated[
         float,
-        typer.Option(metavar="G", help="With --prune: but for what was read last, up to G GB.", min=0),
+        typer.Option(metavar="G", help="Size of recent entries that --prune retains, in GB.", min=0),
     ] = 0.0,
     as_json: JsonOption = False,
 ) -> None:
@@ -163,10 +167,12 @@ _PACKAGES = ("indentation-rig", "numpy", "scipy", "h5py", "pydantic", "pyserial"
 
 
 def doctor_command(
-    config: Annotated[Path | None, typer.Option(metavar="TOML", help="Also look at the devices it names.")] = None,
+    config: Annotated[
+        Path | None, typer.Option(metavar="TOML", help="Configuration whose devices are checked. Default: none.")
+    ] = None,
     bundle: Annotated[
         Path | None,
-        typer.Option(metavar="RUN", help="Instead: one file of that run for a bug report, no subject in it."),
+        typer.Option(metavar="RUN", help="Write a bug report of this run, without its subject."),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -255,8 +261,10 @@ _STEPS = ("mesh", "assembly", "condensation", "inverse", "receptors")
 
 
 def speed_command(
-    quick: Annotated[bool, typer.Option("--quick", help="Coarse meshes only: about a minute.")] = False,
-    page_file: Annotated[Path, typer.Option("--out", metavar="HTML", help="The page to write.")] = Path("bench.html"),
+    quick: Annotated[bool, typer.Option("--quick", help="Measure coarse meshes only (about 1 min).")] = False,
+    page_file: Annotated[Path, typer.Option("--out", metavar="HTML", help="HTML page to write.")] = Path(
+        "bench.html"
+    ),
     as_json: JsonOption = False,
 ) -> None:
     """Measure every model, element and refinement in a process of its own, and write the page."""

@@ -2,7 +2,7 @@
 
     .venv/bin/python -m studies.faults.beside_load [--meetings 6] [--busy 2] [--stranger 7]
 
-All at once and in one session, as whatever was begun in one terminal: `rig serve --stranger` and `rig meet` for each,
+All at once and in one session, as whatever was begun in one terminal: `rig serve --random-finger` and `rig meet` for each,
 and the busy processes from when the last port is said. Prints a row for each meeting; some four minutes.
 """
 
@@ -24,7 +24,7 @@ _LATE = re.compile(r"(\d+) forces asked for, (\d+) not ready.* at most (\S+) s o
 
 
 def serving(stranger: int) -> "subprocess.Popen[str]":
-    command = (*RIG, "serve", "--stranger", str(stranger), "--tcp", "0", "--indentor", INDENTOR)
+    command = (*RIG, "serve", "--random-finger", str(stranger), "--tcp", "0", "--indentor", INDENTOR)
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 

@@ -114,7 +114,7 @@ COMMAND = [
     (
         "rig/cli/program.py",
         '    "find": ',
-        '    "holds": Command("holds.command", "Say what force was held at each hold of a run."),\n',
+        '    "holds": Command("holds.command", "Say what force was held at each hold of a run.", "Results"),\n',
     )
 ]
 

@@ -20,7 +20,7 @@ from tests.program import Program
 GOLDEN = Path(__file__).parents[1] / "golden"
 RUNS = Path(__file__).parents[1] / "data" / "runs_of_0_1"
 FAMILIES = ("experiment", "bench", "results", "simulation", "coding", "system")
-WITHOUT_JSON = ("serve", "by-hand", "export-deck")
+WITHOUT_JSON = ("by-hand", "export-deck")
 """Commands without an option --json; their code is not seen."""
 
 

@@ -35,9 +35,9 @@ MEETS = [
     (["--subject", "a b/c"], "subject"),
 ]
 SERVES = [
-    (["--stranger", "seven"], "'--stranger': Input should be a valid integer"),
-    (["--stranger", "-1"], "'--stranger': Input should be greater than or equal to 0"),
-    (["--stranger", "nan"], "'--stranger': Input should be a valid integer"),
+    (["--random-finger", "seven"], "'--random-finger': Input should be a valid integer"),
+    (["--random-finger", "-1"], "'--random-finger': Input should be greater than or equal to 0"),
+    (["--random-finger", "nan"], "'--random-finger': Input should be a valid integer"),
     (["--tcp", "70000"], "--tcp 70000: expected 0 … 65534"),
     (["--tcp", "0", "--pty"], "--pty --tcp: expected one of them"),
     (["--tcp", "0", "--indentor", "blob:3"], "blob:3"),
@@ -96,7 +96,7 @@ def test_of_a_server(program: Program, words: list[str], said: str) -> None:
 
 @pytest.mark.parametrize(("words", "said"), BESIDE, ids=str)
 def test_of_the_truth(program: Program, words: list[str], said: str) -> None:
-    assert said in _one_line(program, "stranger", *words)
+    assert said in _one_line(program, "serve", "--reveal", *words)
 
 
 @pytest.fixture
@@ -107,7 +107,7 @@ def listener() -> Iterator[int]:
 
 
 def test_of_a_port_that_is_taken(program: Program, listener: int) -> None:
-    said = _one_line(program, "serve", "--stranger", "7", "--tcp", str(listener))
+    said = _one_line(program, "serve", "--random-finger", "7", "--tcp", str(listener))
     assert f"TCP port {listener}: address already in use, expected another number for --tcp" in said
 
 

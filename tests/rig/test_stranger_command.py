@@ -1,4 +1,4 @@
-"""A stranger's truth beside what was learned of it."""
+"""A random finger's truth beside what was learned of it."""
 
 import math
 from pathlib import Path
@@ -33,7 +33,7 @@ def _file(folder: Path, off_sds: float) -> Path:
 
 @pytest.mark.parametrize(("off_sds", "inside"), [(0.0, True), (1.6, True), (-1.6, True), (1.7, False), (-1.7, False)])
 def test_the_truth_is_told_beside_its_band(program: Program, tmp_path: Path, off_sds: float, inside: bool) -> None:
-    found = program("stranger", 3, "--beside", _file(tmp_path, off_sds), "--json").json
+    found = program("serve", "--reveal", 3, "--beside", _file(tmp_path, off_sds), "--json").json
     assert list(found) == [named(name) for name in NAMES]
     assert all(list(one) == ["truth", "low", "high", "in"] for one in found.values())
     assert {one["in"] for one in found.values()} == {inside}
@@ -44,16 +44,16 @@ def test_the_truth_is_told_beside_its_band(program: Program, tmp_path: Path, off
 
 
 def test_what_lies_outside_is_marked_and_no_file_needs_to_be_there(program: Program, tmp_path: Path) -> None:
-    lines = program("stranger", 3, "--beside", _file(tmp_path, 2.0)).out.splitlines()
+    lines = program("serve", "--reveal", 3, "--beside", _file(tmp_path, 2.0)).out.splitlines()
     assert len(lines) == len(NAMES)
     assert all(line.endswith("!") for line in lines)
-    assert all(list(one) == ["truth"] for one in program("stranger", 3, "--json").json.values())
-    alone = program("stranger", 3).out.splitlines()
+    assert all(list(one) == ["truth"] for one in program("serve", "--reveal", 3, "--json").json.values())
+    alone = program("serve", "--reveal", 3).out.splitlines()
     assert alone[0].split() == ["stiffness", f"{math.exp(truth_of(3)['ln_stiffness']):.3g}"]
 
 
 def test_a_file_that_is_none_is_one_line(program: Program, tmp_path: Path) -> None:
-    ended = program("stranger", 3, "--beside", tmp_path / "nowhere.toml", "--json")
+    ended = program("serve", "--reveal", 3, "--beside", tmp_path / "nowhere.toml", "--json")
     assert ended.code == 2
     assert "nowhere.toml" in ended.complaint
     assert ended.error_code

@@ -23,10 +23,10 @@ KNOWN = Config.model_validate(
 
 @pytest.fixture
 def served(tmp_path: Path) -> Iterator[Serving]:
-    """`rig serve --stranger`, in a process of its own."""
+    """`rig serve --random-finger`, in a process of its own."""
     path = tmp_path / "bench.toml"
     path.write_text(KNOWN.as_toml(), encoding="utf-8")
-    serving = Serving("--stranger", str(SEED), "--tcp", "0", "--config", str(path))
+    serving = Serving("--random-finger", str(SEED), "--tcp", "0", "--config", str(path))
     try:
         yield serving
     finally:

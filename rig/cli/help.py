@@ -1,0 +1,51 @@
+"""How help is laid out: flags without a type, options in panels, and the page that `rig` alone prints."""
+
+from typing import Any
+
+from typer.core import TyperCommand, TyperGroup
+
+GENERAL = "General options"
+"""The panel of options without one, in a command whose other options are in panels."""
+
+START_PAGE = """\
+rig runs, rehearses and compares indentations of a fingertip.
+
+Three commands to try; none of them needs hardware:
+
+  rig indent --shape bar:3.0 --x-mm 0 --doi-mm 0.5    simulate one press
+  rig check first_press                               predict the forces of a protocol
+  rig dry-run first_press                             run it on virtual devices
+
+All commands: rig --help    Options of one: rig COMMAND --help
+Documentation: docs/index.md; begin with docs/tutorial.md
+"""
+
+
+class PlainCommand(TyperCommand):
+    """Command whose help shows no type beside a flag."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Return the parameters, laid out for the help."""
+        return _laid_out(super().get_params(ctx))
+
+
+class PlainGroup(TyperGroup):
+    """Group of commands whose help shows no type beside a flag."""
+
+    def get_params(self, ctx: Any) -> list[Any]:
+        """Return the parameters, laid out for the help."""
+        return _laid_out(super().get_params(ctx))
+
+
+def _laid_out(params: list[Any]) -> list[Any]:
+    options = [one for one in params if one.param_type_name == "option"]
+    in_panels = any(one.rich_help_panel for one in options)
+    for one in options:
+        if one.is_flag:
+            one.metavar = ""
+        if in_panels and not one.rich_help_panel:
+            one.rich_help_panel = GENERAL
+    for one in params:
+        if one not in options:
+            one.display_type_rich = lambda ctx: None  # an argument's type is said by its help
+    return sorted(params, key=lambda one: one in options and one.rich_help_panel == GENERAL)
