@@ -112,9 +112,7 @@ def command(
     ] = False,
     silent_at_rest: Annotated[
         bool,
-        typer.Option(
-            "--silent-at-rest", help="Constrain the fit to k > 0 and ε₀ ≥ 0.", rich_help_panel=_MODEL
-        ),
+        typer.Option("--silent-at-rest", help="Constrain the fit to k > 0 and ε₀ ≥ 0.", rich_help_panel=_MODEL),
     ] = False,
     place: Annotated[
         bool,

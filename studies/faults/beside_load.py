@@ -2,8 +2,8 @@
 
     .venv/bin/python -m studies.faults.beside_load [--meetings 6] [--busy 2] [--stranger 7]
 
-All at once and in one session, as whatever was begun in one terminal: `rig serve --random-finger` and `rig meet` for each,
-and the busy processes from when the last port is said. Prints a row for each meeting; some four minutes.
+All at once, in one session: `rig serve --random-finger` and `rig meet` for each, and the busy
+processes from when the last port is said. Prints a row for each meeting; some four minutes.
 """
 
 import argparse

@@ -111,17 +111,21 @@ NAMING = [
 ]
 
 
-@pytest.mark.parametrize("shape", NAMING)
 @pytest.mark.parametrize("file", ["mine", "a/b/mine", "a,b", "linear", "x=1,y", "with space", "ünï"])
-def test_every_shape_that_names_a_file_is_read_from_the_runs_copy(tmp_path: Path, shape: str, file: str) -> None:
-    text = shape.format(file)
-    name = named_file(text)
-    assert name is not None
-    assert name.startswith(file)
-    assert name.removeprefix(file) in (".csv", ".png", ".npy")
-    assert from_copy(tmp_path, text) == text  # there is none yet
-    (tmp_path / copy_name(name)).write_bytes(b"kept")
-    assert from_copy(tmp_path, text) == text.replace(name, str(tmp_path / copy_name(name)))
+def test_every_shape_that_names_a_file_is_read_from_the_runs_copy(tmp_path: Path, file: str) -> None:
+    for n, shape in enumerate(NAMING):
+        text, run = shape.format(file), tmp_path / str(n)
+        run.mkdir()
+        name = named_file(text)
+        assert name is not None, shape
+        assert name.startswith(file), shape
+        assert name.removeprefix(file) in (".csv", ".png", ".npy"), shape
+        assert from_copy(run, text) == text, "there is none yet"
+        (run / copy_name(name)).write_bytes(b"kept")
+        assert from_copy(run, text) == text.replace(name, str(run / copy_name(name)))
+
+
+def test_a_shape_that_names_no_file_is_left_alone(tmp_path: Path) -> None:
     assert from_copy(tmp_path, "bar:3,across") == "bar:3,across"
     assert named_file("bar:3,across") is None
     assert named_file(3) is None  # type: ignore[arg-type]

@@ -46,9 +46,9 @@ SERVES = [
     (["--stage", "wheel"], "--stage wheel: no such device"),
 ]
 BESIDE = [
-    (["seven"], "'seed': Input should be a valid integer"),
+    (["seven"], "'--reveal': Input should be a valid integer"),
     (["-1"], "-1"),
-    (["7.5"], "'seed': Input should be a valid integer"),
+    (["7.5"], "'--reveal': Input should be a valid integer"),
     (["7", "--beside", "nowhere.toml"], "nowhere.toml: No such file or directory"),
     (["7", "--beside", "."], "Is a directory"),
     (["7", "--beside", "not.toml"], "not.toml: not valid TOML"),

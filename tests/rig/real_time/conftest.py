@@ -35,10 +35,10 @@ FAST = (b"$110=3000", b"$111=3000", b"$112=3000", b"$120=500", b"$121=500", b"$1
         b"$26=10")  # fmt: skip
 
 
-def set_up(port: str) -> None:
-    """A board that homes in a second; its settings outlast the client, as in a real one."""
+def set_up(port: str, *more: bytes) -> None:
+    """A board that homes in a second; its settings outlast the client, as in a real one. `more` are further lines."""
     wire = open_port(port, 115200)
-    for line in FAST:
+    for line in (*FAST, *more):
         wire.write(line + b"\n")
         gathered(partial(wire.read, 0.1), lambda heard: b"ok" in heard)
     wire.close()
@@ -84,9 +84,13 @@ def rig(program: Program) -> Program:
 
 @pytest.fixture
 def whole(served: Callable[..., ServedBench], rig_toml: Callable[..., Path]) -> tuple[ServedBench, Path]:
-    """A fast board and a balance with the finger between them, and their configuration."""
+    """A fast board and a balance with the finger between them, and their configuration.
+
+    The board has homed while it was fast: the program limits its speed to 5 mm/s, at which the first way to the
+    switches takes 9 s.
+    """
     bench = served(Config.model_validate(NEAR), stage="grbl", force="mtsics")
-    set_up(bench.ports["stage"])
+    set_up(bench.ports["stage"], b"$H")
     return bench, rig_toml(**bench.ports)
 
 
