@@ -47,7 +47,7 @@ SERVES = [
 ]
 BESIDE = [
     (["seven"], "'--reveal': Input should be a valid integer"),
-    (["-1"], "-1"),
+    (["-1"], "--reveal"),
     (["7.5"], "'--reveal': Input should be a valid integer"),
     (["7", "--beside", "nowhere.toml"], "nowhere.toml: No such file or directory"),
     (["7", "--beside", "."], "Is a directory"),
