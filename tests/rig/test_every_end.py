@@ -310,13 +310,9 @@ def test_one_ctrl_c_while_it_homes_ends_it_lifted(
     assert said["indentor"]["height_mm"] > 1.9
 
 
-@pytest.mark.parametrize(
-    ("resumed", "into_s", "kind"),
-    [  # each pair of moment, stage and whether it is resumed
-        (True, 0.0, "grbl"), (False, 0.0, "leadshine"), (True, 1.0, "leadshine"), (False, 1.0, "grbl"),
-        (True, 3.0, "grbl"), (False, 3.0, "leadshine"), (True, 6.0, "leadshine"), (False, 6.0, "grbl"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize("kind", ["grbl", "leadshine"])
+@pytest.mark.parametrize("into_s", [0.0, 1.0, 3.0, 6.0])
+@pytest.mark.parametrize("resumed", [True, False])
 def test_a_second_ctrl_c_while_it_homes_leaves_nothing_moving(
     rig: Callable[..., Ended],
     striking: Callable[[Strike], pytest.MonkeyPatch],

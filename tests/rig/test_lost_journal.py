@@ -107,18 +107,9 @@ class Bench:
         return self.program(*line.split()[1:], *(["--yes"] if self.command == "run" else []), "--json")
 
 
-COMMANDS = ("dry-run", "run")
-
-
-@pytest.fixture
-def command() -> str:
-    """What a test goes by that does not ask for both."""
-    return "run"
-
-
-@pytest.fixture
+@pytest.fixture(params=["dry-run", "run"])
 def bench(
-    command: str,
+    request: pytest.FixtureRequest,
     finger: Fingertip,
     program: Program,
     tmp_path: Path,
@@ -137,7 +128,7 @@ def bench(
         (tmp_path / port).touch()
     ports = f"[stage]\nport = '{tmp_path / 'stage'}'\n[force]\nport = '{tmp_path / 'force'}'\n"
     (tmp_path / "rig.toml").write_text(ports, encoding="utf-8")
-    return Bench(program, command, tmp_path / "runs")
+    return Bench(program, request.param, tmp_path / "runs")
 
 
 @pytest.fixture
@@ -174,18 +165,13 @@ def _lifted_at_once(bench: Bench, folder: Path) -> None:
 
 
 NAMES = ("events.jsonl", "bytes.jsonl")
+CASES = [
+    *(pytest.param(name, way, id=f"{name}: {what}") for name in NAMES for what, way in FILE.items()),
+    *(pytest.param(NAMES[0], way, id=what) for what, way in FOLDER.items()),
+]
 
 
-def _cases(ways: Mapping[str, Way], names: tuple[str, ...]) -> list[Any]:
-    """Every way with every name; each of them with a dry run and with a run."""
-    return [
-        pytest.param(COMMANDS[(n + w) % 2], name, way, id=f"{COMMANDS[(n + w) % 2]}: {name}: {what}")
-        for n, name in enumerate(names)
-        for w, (what, way) in enumerate(ways.items())
-    ]
-
-
-@pytest.mark.parametrize(("command", "name", "way"), [*_cases(FILE, NAMES), *_cases(FOLDER, NAMES[:1])])
+@pytest.mark.parametrize(("name", "way"), CASES)
 def test_a_run_whose_files_are_lost_is_lifted_at_the_next_record_and_goes_on_from_what_was_saved(
     name: str, way: Way, bench: Bench, in_contact: Callable[..., None]
 ) -> None:
@@ -216,7 +202,9 @@ def test_a_run_whose_files_are_lost_is_lifted_at_the_next_record_and_goes_on_fro
     assert (run.complete, run.missing, run.repeated) == (True, 0, 0)
 
 
-@pytest.mark.parametrize(("command", "name", "way"), _cases(WRITES, NAMES))
+@pytest.mark.parametrize(
+    ("name", "way"), [pytest.param(n, w, id=f"{n}: {t}") for n in NAMES for t, w in WRITES.items()]
+)
 def test_a_run_that_cannot_write_is_lifted_at_the_next_record_and_stays_in_its_folder(
     name: str, way: Way, bench: Bench, in_contact: Callable[..., None], monkeypatch: pytest.MonkeyPatch
 ) -> None:

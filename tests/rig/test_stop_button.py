@@ -115,15 +115,8 @@ def after(bench: Bench) -> Iterator[Callable[..., None]]:
     patch.undo()
 
 
-def _presses() -> Iterator[tuple[str, str]]:
-    """Every phase on both stages; the two inputs of the board, which stops the same at either, by turns."""
-    for n, phase in enumerate(AFTER):
-        yield ("door", "hold")[n % 2], phase
-        yield "di1", phase
-    yield from (("hold", "press"), ("door", "press, in motion"))
-
-
-@pytest.mark.parametrize(("name", "phase"), [*_presses()])
+@pytest.mark.parametrize("phase", AFTER)
+@pytest.mark.parametrize("name", BENCHES)
 def test_a_press_of_the_boards_input_stops_the_stage_whatever_it_does_and_ends_the_run(
     name: str, phase: str, bench: Bench, after: Callable[..., None]
 ) -> None:
@@ -158,15 +151,8 @@ def test_a_run_whose_button_is_not_pressed_is_the_run_without_one(bench: Bench) 
         assert json.loads(ended.out)["complete"]
 
 
-@pytest.mark.parametrize(
-    ("stage", "name", "key"),
-    [
-        ("grbl", "door", "input"),
-        ("grbl", "hold", "trip_input"),
-        ("leadshine", "di4", "input"),
-        ("leadshine", "di4", "trip_input"),
-    ],
-)
+@pytest.mark.parametrize("key", ["input", "trip_input"])
+@pytest.mark.parametrize(("stage", "name"), [("grbl", "door"), ("grbl", "hold"), ("leadshine", "di4")])
 def test_a_run_begins_with_no_input_active(
     stage: str, name: str, key: str, bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:

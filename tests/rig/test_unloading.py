@@ -1,6 +1,6 @@
 """A falling force never stops a motion away from the finger: every such motion, on both stages, from three forces."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,6 @@ from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, FaultyBench
 from tests.raising import raises
 
 FORCES_GWT = (0.5, 8.0, 28.9)  # the soft trip is at 16
-ZEROED = {"zeroed": True, "unzeroed": False}
 Act = Callable[[FaultyBench], None]
 
 
@@ -105,20 +104,14 @@ class Pressed:
         return bench
 
 
-def _ways_away() -> Iterator[tuple[str, str, float, str]]:
-    """Every motion from every force, and each pair of motion, force, stage and zero at least once."""
-    for m, motion in enumerate(AWAY):
-        for f, force_gwt in enumerate(FORCES_GWT):
-            zeroed = "zeroed" if (m // 2 + (f + 1) // 2) % 2 else "unzeroed"
-            yield tuple(STAGES)[(m + f) % 2], motion, force_gwt, zeroed
-
-
-@pytest.mark.parametrize(("stage", "motion", "force_gwt", "zeroed"), [*_ways_away()])
+@pytest.mark.parametrize("zeroed", [True, False], ids=["zeroed", "unzeroed"])
+@pytest.mark.parametrize("force_gwt", FORCES_GWT)
+@pytest.mark.parametrize("motion", AWAY)
+@pytest.mark.parametrize("stage", STAGES)
 def test_it_goes_to_the_end_of_its_way(
-    tmp_path: Path, stage: str, motion: str, force_gwt: float, zeroed: str
+    tmp_path: Path, stage: str, motion: str, force_gwt: float, zeroed: bool
 ) -> None:
-    pressed = Pressed(tmp_path, stage, "park" if motion == "park" else "retract")
-    bench = pressed.bench(force_gwt, zeroed=ZEROED[zeroed])
+    bench = Pressed(tmp_path, stage, "park" if motion == "park" else "retract").bench(force_gwt, zeroed=zeroed)
     bench.worst_n = 0.0
     AWAY[motion](bench)
     assert bench.true_n(bench.clock.monotonic_s()) == 0.0
