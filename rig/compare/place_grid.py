@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.errors import ComparisonError
-from rig.compare.verdict import LEVEL
+from rig.compare.verdict import LEVEL, six_digits
 from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
 
@@ -102,9 +102,6 @@ def spline_weights(at_nodes: Array, at: Array) -> Array:
 
     spline = make_interp_spline(at_nodes, np.eye(len(at_nodes)), k=min(3, len(at_nodes) - 1))
     return np.asarray(spline(at))
-
-
-_DIGITS = 6
 
 
 @dataclass(frozen=True)
@@ -209,14 +206,10 @@ def _as_json(row: PlaceRow, *, with_offset: bool) -> dict[str, Any]:
     numbers = ("x_mm", "depth_mm", "offset_mm", "k", "eps0", "deviance", "lack_of_fit", "p_fit")
     return {
         "measure": row.measure,
-        **{name: _number(getattr(row, name)) for name in numbers},
-        "x_interval": [_number(x) for x in row.x_interval],
-        "depth_interval": [_number(x) for x in row.depth_interval],
-        "offset_interval": [_number(x) for x in row.offset_interval] if with_offset else None,
+        **{name: six_digits(getattr(row, name)) for name in numbers},
+        "x_interval": [six_digits(x) for x in row.x_interval],
+        "depth_interval": [six_digits(x) for x in row.depth_interval],
+        "offset_interval": [six_digits(x) for x in row.offset_interval] if with_offset else None,
         "fits": row.fits,
         "at_bounds": list(row.at_bounds),
     }
-
-
-def _number(value: float) -> float | None:
-    return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None

@@ -14,7 +14,7 @@ from rig.compare.intervals import ConfidenceLimits
 from rig.compare.judge import joint_limits
 from rig.compare.shape_test import THRESHOLDS
 from rig.compare.stimuli import Stimulus
-from rig.compare.verdict import AfferentVerdict, Limits, PairRow, Together
+from rig.compare.verdict import AfferentVerdict, Limits, PairRow, Together, six_digits
 from rig.compare.verdict_text import methods, sentence, sentences
 from sim.measures.measures import MEASURES
 from sim.models.interpolation import HOW_MADE
@@ -170,9 +170,6 @@ def number(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-_DIGITS = 6
-
-
 def answers_as_json(found: Sequence[AfferentVerdict]) -> list[dict[str, Any]]:
     """One for each afferent; the same rows as on the page, likeliest first."""
     return [_as_json(answer) for answer in found]
@@ -186,7 +183,7 @@ def _as_json(answer: AfferentVerdict) -> dict[str, Any]:
         "positions": len(answer.places.rate),
         "positions_recorded": answer.recorded,
         "left_out": [{"stimulus": one.stimulus, "position_mm": list(one.position_mm)} for one in answer.left_out],
-        "noise": answer.noise._asdict() | {"freedom": _number(answer.noise.freedom)},
+        "noise": answer.noise._asdict() | {"freedom": six_digits(answer.noise.freedom)},
         "outcome": answer.outcome,
         "answer": sentence(answer),
         "besides": sentences(answer),
@@ -194,11 +191,11 @@ def _as_json(answer: AfferentVerdict) -> dict[str, Any]:
         "controls_in_set": [row.title for row in answer.controls_in_set],
         "headline": headline.title if headline else None,
         "next": following.title if following else None,
-        "next_is_worse_by": _number(answer.worse_by),
-        "ceiling": {"share": _number(answer.ceiling), "from": answer.ceiling_from},
+        "next_is_worse_by": six_digits(answer.worse_by),
+        "ceiling": {"share": six_digits(answer.ceiling), "from": answer.ceiling_from},
         "together": _together(answer.together),
         "power": {
-            "detectable_misfit": _number(answer.power.detectable),
+            "detectable_misfit": six_digits(answer.power.detectable),
             "mimics": [one._asdict() for one in answer.power.mimics],
         },
         "intervals": {name: _intervals(answer, name) for name in dict.fromkeys(row.name for row in answer.set)},
@@ -214,7 +211,7 @@ def _row(row: PairRow) -> dict[str, Any]:
         "name": row.name,
         "control": row.control,
         "receptor_mm": row.receptor_mm,
-        **{name: _number(getattr(row, name)) for name in numbers},
+        **{name: six_digits(getattr(row, name)) for name in numbers},
         "k_interval": _limits(row.k_interval),
         "eps0_interval": _limits(row.eps0_interval),
         "fits": row.fits,
@@ -232,16 +229,11 @@ def _together(found: Together | None) -> dict[str, Any] | None:
     if found is None:
         return None
     separate = [
-        {"stimulus": one.stimulus, **{name: _number(getattr(one, name)) for name in ("k", "eps0", "left_out")}}
+        {"stimulus": one.stimulus, **{name: six_digits(getattr(one, name)) for name in ("k", "eps0", "left_out")}}
         for one in found.separate
     ]
-    return {"ratio": _number(found.ratio), "p": _number(found.p), "separate": separate}
+    return {"ratio": six_digits(found.ratio), "p": six_digits(found.p), "separate": separate}
 
 
 def _limits(found: Limits) -> list[float | None]:
-    return [_number(value) for value in found]
-
-
-def _number(value: float) -> float | None:
-    """Six digits; NaN and infinities as None."""
-    return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
+    return [six_digits(value) for value in found]

@@ -1,5 +1,6 @@
 """What the recording of one afferent says of the measures: the object that table, sentence and JSON are made from."""
 
+import math
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -215,3 +216,8 @@ def titled(name: str, receptor_mm: float | None) -> str:
 def in_mm(x: float) -> str:
     """For example "−1.25"."""
     return f"{round(x, 6) + 0.0:g}".replace("-", "−")
+
+
+def six_digits(value: float) -> float | None:
+    """Round to six digits for JSON; NaN and infinities are None."""
+    return float(f"{value:.6g}") if math.isfinite(value) else None

@@ -135,8 +135,6 @@ SOLID_SD_MM = 0.02
 _SOLID_PRESSED = 0.25  # of the highest pressure: surely in contact
 _NEIGHBOURS = 2  # of four, that a place in contact has
 _SOLID_NUMBERS: dict[SolidClass, int] = {"bar": 1, "cylinder": 3, "step": 3, "sphere": 4}  # that each is fitted with
-_SOLID_HALF_WAVES_MM = np.geomspace(0.3, 4.5, 14)
-_SOLID_PLACES_MM = 0.08  # between tried references of a step
 
 
 class FeltSolid(NamedTuple):
