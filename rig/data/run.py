@@ -3,7 +3,7 @@
 import json
 import os
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -39,6 +39,7 @@ class Run:
     units: dict[str, dict[str, str]]
     events: Events
     superseded: Events
+    in_order: Sequence[tuple[str, dict[str, Any]]]  # all of both, stream and event, as the journal has them
     duration_s: float
     end_s: float  # t_s of the last document
 
@@ -90,14 +91,12 @@ class Run:
 
     @cached_property
     def state(self) -> "RunState":
-        """What it was doing when it ended, by its events in the order of their instants."""
+        """What the run was doing when it ended."""
         from rig.data.run_state import RunState  # a list of runs does without
 
         state = RunState()
         state.start, state.stop = self.start, self.stop
-        streams = [*self.events.items(), *self.superseded.items()]
-        told = [(event["t_s"], stream, event) for stream, events in streams for event in events]
-        for _, stream, event in sorted(told, key=lambda one: one[0]):
+        for stream, event in self.in_order:
             state.event(stream, event)
         return state
 
@@ -139,7 +138,7 @@ def read_run(path: Path, *, readings: bool = True, only: Collection[str] | None 
             run=str(path),
             events=folder.events.name,
         )
-    events, superseded = _by_stream(documents)
+    events, superseded, in_order = _by_stream(documents)
     last = documents[-1]
     return Run(
         folder=folder,
@@ -148,6 +147,7 @@ def read_run(path: Path, *, readings: bool = True, only: Collection[str] | None 
         units={d["stream"]: d["units"] for d in documents if d["doc"] == "descriptor"},
         events=events,
         superseded=superseded,
+        in_order=in_order,
         duration_s=_duration_s(documents),
         end_s=last["t_s"],
     )
@@ -162,8 +162,9 @@ def provenance_of(run: Run) -> dict[str, Any]:
     return found if isinstance(found, dict) else {}
 
 
-def _by_stream(documents: Iterable[Document]) -> tuple[Events, Events]:
-    """The events that count, and those of indentations that were begun again."""
+def _by_stream(documents: Iterable[Document]) -> tuple[Events, Events, list[tuple[str, dict[str, Any]]]]:
+    """Return the events that count, those of indentations that were begun again, and all in the journal's order."""
+    in_order: list[tuple[str, dict[str, Any]]] = []
     events: Events = {}
     superseded: Events = {}
     begun: set[int] = set()
@@ -176,11 +177,12 @@ def _by_stream(documents: Iterable[Document]) -> tuple[Events, Events]:
                 _set_aside(events, superseded, data["index"])
             begun.add(data["index"])
         add_event(events, document)
-    return events, superseded
+        in_order.append((stream, events[stream][-1]))
+    return events, superseded, in_order
 
 
 def add_event(events: Events, document: Document) -> None:
-    """One more, if the document is one, with its time."""
+    """Add an event with its time; other documents are passed over."""
     if document["doc"] == "event":
         events.setdefault(document["stream"], []).append({"t_s": document["t_s"], **document["data"]})
 

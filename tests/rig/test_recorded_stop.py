@@ -1,6 +1,7 @@
 """A stop is recorded whenever it came, and no data look worse for it."""
 
 import json
+from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ import pytest
 
 from rig.data import RunFolder, read_run
 from rig.data.journal import add_to_end, read_journal
+from rig.data.run_state import RunState
 from rig.data.tables import state_of, summary_of
 from rig.errors import BadInputError
 from rig.plan.config import Config
@@ -181,6 +183,27 @@ def test_a_run_that_was_stopped_before_its_journal_had_an_end_gets_one(whole: Ru
     assert last["stopped_while"] == "running"
     assert FinalPosition(**last["indentor"]) == known
     assert known.may_touch is True
+
+
+def test_killed_after_any_document_it_is_where_its_last_event_says(finger: Fingertip, tmp_path: Path) -> None:
+    """Events of one instant, of which a virtual clock has many, count in the journal's order."""
+    path = tmp_path / "rests.py"
+    rests = SCRIPT.replace("        rig.indent", "        if x_mm:\n            rig.rest(1.0)\n        rig.indent")
+    path.write_text(rests, encoding="utf-8")
+    script = load_script(str(path))
+    plan = make_plan(script, Config(), finger)
+    whole = dry_run(Session(script, Config(), finger, plan, NewRun(tmp_path / "runs"))).folder
+    lines = whole.events.read_bytes().splitlines(keepends=True)
+    state, contacts = RunState(), Counter[tuple[str, Any]]()
+    for n, document in enumerate(map(json.loads, lines[:-1]), 1):
+        state.apply(document)
+        whole.events.write_bytes(b"".join(lines[:n]))
+        known = FinalPosition.last_known(read_run(whole.path))
+        assert (known.contact, known.x_mm, known.height_mm, known.force_gwt) == (
+            state.contact, state.x_mm, state.height_mm, state.force_gwt,
+        ), document  # fmt: skip
+        contacts[document.get("stream", ""), known.may_touch] += 1
+    assert contacts["indentation_start", True] == contacts["retract", False] == 2
 
 
 def test_one_document_more_is_the_last_one_with_more(tmp_path: Path) -> None:
