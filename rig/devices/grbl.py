@@ -109,6 +109,7 @@ class GrblStage(Stage):
         self._settings: dict[int, float] = {}
         self._last: Xyz | None = None
         self._jogged: Jogged | None = None  # while jogging
+        self._at_rest = False  # by the last status, if no jog was sent since
 
     @property
     def homed(self) -> bool:
@@ -236,6 +237,7 @@ class GrblStage(Stage):
                 )
             fields = self._link.ask_status()
         self._last = fields.machine or machine_from(fields.work, self._link.offset)
+        self._at_rest = fields.state == "Idle"
         return StageStatus(fields.state, *self._last)
 
     def moving(
@@ -392,19 +394,20 @@ class GrblStage(Stage):
         return sign * self._settings[STEPS_PER_MM + "xyz".index(axis)]
 
     def jog(self, axis: Axis, by_mm: float, speed_mm_s: float) -> None:
-        """`$J=`: needs a board that is idle or jogging; down it waits until the board is at rest.
+        """Send `$J=` to a board that is idle or jogging; before a jog down, wait until the board is at rest.
 
-        Down, each jog goes to a work zero of its own. Sideways and up, the first of several puts work zero where it
-        begins, and no one bit makes a line go down: Z stands in each of them. Raises StageError; MoveError before
-        any byte.
+        A jog down, and a jog up from rest, goes to a work zero that the board has confirmed. While the board moves
+        sideways or up, a line cannot be confirmed: Z stands in each, so that no single bit makes it go down. One bit
+        makes X of that Z, though: where the finger may be touched, go up in jogs that each begin at rest. Raises
+        StageError; MoveError before any byte.
         """
         refuse_move({axis: by_mm}, speed_mm_s)
         self._link.refuse_interference("")
-        before, feed = self._jogged, feed_word(speed_mm_s)
-        if axis == "z" and by_mm < 0:
-            self._jog_down(by_mm, speed_mm_s)
+        before, at_rest, self._at_rest = self._jogged, self._at_rest, False
+        if axis == "z" and (by_mm < 0 or at_rest or before != Jogged("z")):
+            self._jog_to_zero(by_mm, speed_mm_s)
             return
-        line = f"$J=G91{'' if axis == 'z' else 'Z0'}{axis.upper()}{number(by_mm)}{feed}"
+        line = f"$J=G91{'' if axis == 'z' else 'Z0'}{axis.upper()}{number(by_mm)}{feed_word(speed_mm_s)}"
         if before == Jogged(axis):
             self._link.command(line, look_s=LOOK_S)
             return
@@ -413,14 +416,15 @@ class GrblStage(Stage):
         self._jogged = Jogged(axis)
         self._begin(line, lambda _: (0.0, 0.0, 0.0), speed_mm_s, confirm_modes=True)
 
-    def _jog_down(self, by_mm: float, speed_mm_s: float) -> None:
+    def _jog_to_zero(self, by_mm: float, speed_mm_s: float) -> None:
         if self._jogged is not None:
             self._end_of(self._jogged)
         self._jogged = Jogged("z")
         start = self._begin(
             f"$J=Z0{feed_word(speed_mm_s)}", lambda at: self._to({"Z": at[2] + by_mm}, at), speed_mm_s
         )
-        self._jogged = Jogged("z", start[2] + by_mm)
+        if by_mm < 0:
+            self._jogged = Jogged("z", start[2] + by_mm)
 
     def _end_of(self, jog: Jogged) -> None:
         """Wait until a jog is over; one down that ended short was stopped by somebody else. Raises StageError."""

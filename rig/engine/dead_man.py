@@ -81,11 +81,13 @@ def dead_man_jog(
     speed_mm_s: float,
     by_mm: float | None = None,
     look: Callable[[StageStatus], None] | None = None,
+    *,
+    slice_s: float = SLICE_S,
 ) -> StageStatus:
     """Jog while held() keeps its first answer, by_mm at most; returns where the stage has then come to rest.
 
-    The stage is told of no more than two slices of SLICE_S ahead of where it is: if this process dies, or its wire is
-    cut, it stops by itself within 2 · speed_mm_s · SLICE_S. look is called with every status; what it raises ends the
+    The stage is told of no more than two slices of slice_s ahead of where it is: if this process dies, or its wire is
+    cut, it stops by itself within 2 · speed_mm_s · slice_s. look is called with every status; what it raises ends the
     jog, at rest, and is passed on. Where there is none and the way is not limited, a controller with a dead man's
     switch of its own is left to it. Raises StageError.
     """
@@ -96,7 +98,7 @@ def dead_man_jog(
         if by_mm is None and look is None and isinstance(stage, DeadManStage):
             stage.jog_while(direction.axis, direction.sign, lambda: held() == direction, speed_mm_s)
             return stage.status()
-        for now in _jogging(stage, clock, direction, held, speed_mm_s, by_mm):
+        for now in _jogging(stage, clock, direction, held, speed_mm_s, by_mm, slice_s):
             if look is not None:
                 look(now)
         return stage.status()
@@ -108,6 +110,27 @@ def dead_man_jog(
         raise
 
 
+def jog_up_from_rest(
+    stage: Stage,
+    clock: Clock,
+    held: Callable[[], Direction | None],
+    speed_mm_s: float,
+    by_mm: float,
+    look: Callable[[StageStatus], None] | None = None,
+) -> Iterator[tuple[StageStatus, float]]:
+    """Jog up in slices that each begin at rest; yield where the stage stands after each, and mm that are left.
+
+    A stage confirms a slice from rest before it moves, so that no corrupted command goes sideways while the finger
+    may be touched. Each is two slices of SLICE_S, since none is told ahead. Raises StageError.
+    """
+    slice_s = 2 * SLICE_S
+    while held() == UP and by_mm > _PRINTED_MM / 2:
+        slice_mm = min(speed_mm_s * slice_s, by_mm)
+        at = dead_man_jog(stage, clock, held, speed_mm_s, slice_mm, look, slice_s=slice_s)
+        by_mm -= slice_mm
+        yield at, by_mm
+
+
 def _jogging(
     stage: Stage,
     clock: Clock,
@@ -115,11 +138,12 @@ def _jogging(
     held: Callable[[], Direction | None],
     speed_mm_s: float,
     by_mm: float | None,
+    slice_s: float,
 ) -> Iterator[StageStatus]:
     """Looks at the stage while it goes; when they end it is at rest."""
     start: StageStatus | None = None
     step_mm = 1 / abs(stage.steps_per_mm(direction.axis))
-    slice_mm, told_mm, stood = max(round(speed_mm_s * SLICE_S / step_mm), 1) * step_mm, 0.0, 0
+    slice_mm, told_mm, stood = max(round(speed_mm_s * slice_s / step_mm), 1) * step_mm, 0.0, 0
     pace, begun_s = StagePace(step_mm), clock.monotonic_s()
     while held() == direction:
         asked_s, now, heard_s = clock.monotonic_s(), stage.status(), clock.monotonic_s()

@@ -10,7 +10,7 @@ from rig.data.journal import Recorder
 from rig.devices.base import ForceReading, StageError
 from rig.engine.bench import Bench, Heartbeat
 from rig.engine.contact import ContactKind, KnownContact, judged
-from rig.engine.dead_man import UP, dead_man_jog
+from rig.engine.dead_man import UP, jog_up_from_rest
 from rig.engine.limits import (
     AT_MM,
     ContactTime,
@@ -402,7 +402,8 @@ class Engine:
         stage, speed_mm_s = self.bench.stage, self.settings.habits.travel_speed_mm_s
         stage.unlock()
         if by_mm > AT_MM:
-            dead_man_jog(stage, self.clock, lambda: UP, speed_mm_s, by_mm, lambda at: None)
+            for _ in jog_up_from_rest(stage, self.clock, lambda: UP, speed_mm_s, by_mm, lambda at: None):
+                pass
         self.motion.stands_at(stage.status())
 
     def make_safe(self) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from rig.clock import Clock
 from rig.devices.base import Axis, Stage, StageError, StageOverridden, StageStatus
 from rig.engine.contact import ContactKind, KnownContact, judged
-from rig.engine.dead_man import DOWN, UP, Direction, dead_man_jog
+from rig.engine.dead_man import DOWN, UP, Direction, dead_man_jog, jog_up_from_rest
 from rig.engine.limits import AT_MM
 from rig.engine.motion import FeltError, StrayedError, insist
 from rig.errors import LimitError, RigError, code_of, recast
@@ -40,7 +40,8 @@ class Moved:
 class ByHand:
     """Jogs over a finger that may be anywhere.
 
-    Sideways and up a motion goes on until the force says otherwise. Down it goes in steps, at rest between them for a
+    Sideways and up a motion goes on until the force says otherwise; up from a touch it goes in slices that begin at
+    rest until it is lifted. Down it goes in steps, at rest between them for a
     reading: of habits.descent_step_mm above clearance, of habits.increment_mm below it or where the height is not
     known. It ends at the first touch; a new motion goes on from there, up to what the soft trip allows.
     """
@@ -85,7 +86,12 @@ class ByHand:
         if direction == DOWN:
             self._below_clearance(at, by_mm)
         try:
-            end = self._down(held, speed_mm_s, by_mm) if direction == DOWN else self._aside(held, speed_mm_s, by_mm)
+            if direction == DOWN:
+                end = self._down(held, speed_mm_s, by_mm)
+            elif direction == UP and self.may_touch:
+                end = self._off_the_finger(held, speed_mm_s, by_mm)
+            else:
+                end = self._aside(held, speed_mm_s, by_mm)
         except StrayedError as strayed:
             self.stands(placed=False)  # the stage was stopped
             return Moved(strayed.at, self._force_gwt, strayed)
@@ -113,16 +119,23 @@ class ByHand:
         if not self.may_touch:
             return
         with suppress(StageError, TransportError):  # what ended the motion says more
-            at = self._stage.status()
-            if self._guard is not None:
-                self._guard.look()
-            height_mm = self._height_mm(at)
-            clear = height_mm is not None and height_mm >= self._settings.habits.clearance_mm - AT_MM
-            force_gwt = None if self._guard is None else self._guard.from_air_gwt
-            touch_gwt = math.inf if self._guard is None else self._guard.touch_gwt
-            known = self._contact(judged(clear=clear, force_gwt=force_gwt, touch_gwt=touch_gwt), at, force_gwt)
+            known = self._judged(self._stage.status())
             self.may_touch = known.may_touch
             self.keep_contact(known)
+
+    def _judged(self, at: StageStatus) -> KnownContact:
+        """Return what position and force say about contact, at rest."""
+        if self._guard is not None:
+            self._guard.look()
+        force_gwt = None if self._guard is None else self._guard.from_air_gwt
+        touch_gwt = math.inf if self._guard is None else self._guard.touch_gwt
+        found = judged(clear=self._is_clear(at), force_gwt=force_gwt, touch_gwt=touch_gwt)
+        return self._contact(found, at, force_gwt)
+
+    def _is_clear(self, at: StageStatus) -> bool:
+        """Return whether the height is known and at clearance or above."""
+        height_mm = self._height_mm(at)
+        return height_mm is not None and height_mm >= self._settings.habits.clearance_mm - AT_MM
 
     def _contact(self, kind: ContactKind, at: StageStatus, force_gwt: float | None) -> KnownContact:
         x_mm = round(at.x_mm - self._settings.frame.pad_centre_x_mm, 6) if self.placed else None
@@ -154,6 +167,17 @@ class ByHand:
         if self._guard is not None:
             self._guard.glance(at.z_mm)
         self._show(at, self._force_gwt)
+
+    def _off_the_finger(self, held: Held, speed_mm_s: float, by_mm: float | None) -> StageStatus:
+        """Go up in slices that each begin at rest, until the indentor is lifted; then in one motion.
+
+        From rest a stage confirms each slice before it moves: none goes sideways while the finger may be touched.
+        """
+        at, whole_mm = self._stage.status(), math.inf if by_mm is None else by_mm
+        for at, left_mm in jog_up_from_rest(self._stage, self._clock, held, speed_mm_s, whole_mm, self._glance):
+            if left_mm > _TINY_MM and held() == UP and self._is_clear(at) and not self._judged(at).may_touch:
+                return self._aside(held, speed_mm_s, None if by_mm is None else left_mm)
+        return at
 
     def _down(self, held: Held, speed_mm_s: float, by_mm: float | None) -> StageStatus:
         """Step by step, each from a reading at rest."""
@@ -191,8 +215,10 @@ class ByHand:
         return self._stage.status()
 
     def _lift(self, z_mm: float, speed_mm_s: float) -> None:
+        by_mm = z_mm - self._stage.status().z_mm
         try:
-            dead_man_jog(self._stage, self._clock, lambda: UP, speed_mm_s, z_mm - self._stage.status().z_mm)
+            for _ in jog_up_from_rest(self._stage, self._clock, lambda: UP, speed_mm_s, by_mm):
+                pass
         except StageOverridden as error:
             self._stage.halt()
             raise recast(FeltError, error) from error
