@@ -250,6 +250,42 @@ def test_a_worker_that_crashes_is_told(monkeypatch: pytest.MonkeyPatch, tmp_path
     assert record["violations"] == ["crash"]
 
 
+@dataclass(frozen=True)
+class Halting:
+    """A program that ends at the first answer that is not `ok`, and does all of it again when it is taken up."""
+
+    name: str = "halting"
+
+    def play(self, world: ScenarioBench, folder: Path) -> Finished:
+        """Twelve moves aside."""
+        assert isinstance(world, VirtualWorld)
+        _homed(world)
+        wire, world.phase = world.wire("stage"), "move"
+        for n in range(12):
+            wire.write(b"G53G1G90G21X-%dF600\n" % (20 + n))
+            world.clock.wait_s(5.0)
+            if wire.read(0.0) != b"ok\r\n":
+                return Finished("failed", f"move {n}", None)
+        return Finished("done", "", None)
+
+    def take_up(self, world: ScenarioBench, folder: Path) -> Finished:
+        """The same again."""
+        return self.play(world, folder)
+
+
+def test_a_case_that_ended_is_judged_as_it_ended_whatever_is_done_after_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Eight commands as in the undisturbed run absorb a fault, but not those of the program that resumes it."""
+    monkeypatch.setattr(runner, "SCENARIOS", (Halting(),))
+    monkeypatch.setenv("RIG_STATE_DIR", str(tmp_path / "state"))
+    every = [case for case in cases("grbl", tmp_path, (Halting(),)) if case.fault == WireFault("drop", 0)]
+    chosen = [case for case in every if case.way == "to" and b"G53" in case.data][:1]
+    runner.carry_out(chosen, tmp_path / "found.jsonl", 1)
+    (record,) = records_of(tmp_path / "found.jsonl")
+    assert (record["exit"], record["reason"], record["resumed"]) == ("failed", "move 0", True)
+
+
 def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
     """At this commit; a line that is torn counts as nothing."""
     lines = [

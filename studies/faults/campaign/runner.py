@@ -187,7 +187,7 @@ class Played:
 
     def _leave(self, finished: Finished) -> None:
         """In the child: judge, resume, append, and end the process."""
-        code = 1
+        code, self._to_come = 1, []  # what another program does next absorbs nothing
         try:
             assert self._case is not None
             self._append(self._judged(self._case, finished))
