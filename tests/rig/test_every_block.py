@@ -53,6 +53,8 @@ NOT_RUN = {
     "rig doctor --config rig.toml": HARDWARE,
     "rig home --config rig.toml": HARDWARE,
     "rig status --config rig.toml": HARDWARE,
+    "rig run steps --config rig.toml --subject S07": HARDWARE,
+    "rig resume RUN": "tests/rig/test_resume.py",
     "rig run first_press --config rig.toml": HARDWARE,
     "rig jog --config rig.toml --speed-mm-s 2": HARDWARE,
     "rig jog --config rig.toml --axis z --by-mm -5": HARDWARE,
