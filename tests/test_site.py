@@ -14,7 +14,7 @@ from tests.waiting import DEADLINE_S
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
-GENERATED = ("commands.md", "python_names.md")
+GENERATED = ("columns.md", "commands.md", "python_names.md")
 
 
 @pytest.fixture(scope="module")

@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[2]
 PAGES = sorted(
     path
     for path in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "examples").rglob("*.md")]
-    if path.name not in ("commands.md", "python_names.md")  # read off the program
+    if path.name not in ("columns.md", "commands.md", "python_names.md")  # read off the program
 )
 DRAWN = {"mermaid", "{toctree}", "{eval-rst}"}
 
@@ -255,7 +255,7 @@ def test_a_table_can_be_read(block: Block, tmp_path: Path) -> None:
     READ_BY.get(block.page.stem, load_config)(path)
 
 
-SHOWN_BY = {"library": "tests/sim/test_library_examples.py", "data": "tests/rig/test_data_dictionary.py"}
+SHOWN_BY = {"library_tasks": "tests/sim/test_library_examples.py", "data": "tests/rig/test_data_dictionary.py"}
 
 
 @pytest.mark.parametrize("block", [block for block in BLOCKS if block.kind.startswith("python")], ids=str)

@@ -16,7 +16,7 @@ from tests.sim.coarse import coarse_mesh
 from tests.sim.test_door import checked
 
 ROOT = Path(__file__).parents[2]
-PAGE = ROOT / "docs" / "library.md"
+PAGE = ROOT / "docs" / "library_tasks.md"
 EXAMPLES = sorted((ROOT / "examples" / "library").glob("*.py"))
 COARSE = coarse_mesh(0.4, 0.6)
 
