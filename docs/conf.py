@@ -1,4 +1,4 @@
-"""The documentation as a site: `make docs` writes it to build/site. Commands, columns and names in Python are generated."""
+"""The documentation as a site: `make docs` writes it to build/site. Commands, columns and names are generated."""
 
 import re
 import sys
