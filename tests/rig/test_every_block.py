@@ -26,7 +26,7 @@ PAGES = sorted(
     for path in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "examples").rglob("*.md")]
     if path.name not in ("columns.md", "commands.md", "python_names.md")  # read off the program
 )
-DRAWN = {"mermaid", "{toctree}", "{eval-rst}"}
+DRAWN = {"mermaid", "{toctree}", "{eval-rst}", "{literalinclude}"}
 
 HARDWARE, SLOW, NETWORK, SETUP = "needs a rig", "takes long", "needs the network", "what every test begins with"
 PRINTED, SKETCH, DATA = "what is printed", "shown in part", "what a file holds"
@@ -118,7 +118,7 @@ def _blocks() -> list[Block]:
         Block(page, kind.strip(), re.sub(f"^{indent}", "", text, flags=re.MULTILINE))
         for page in PAGES
         for indent, kind, text in fence.findall(page.read_text(encoding="utf-8"))
-        if kind.strip() not in DRAWN
+        if kind.partition(" ")[0].strip() not in DRAWN
     ]
 
 
