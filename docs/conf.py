@@ -1,4 +1,4 @@
-"""The documentation as a site: `make docs` writes it to build/site. Commands and names in Python are generated."""
+"""The documentation as a site: `make docs` writes it to build/site. Commands, columns and names are generated."""
 
 import re
 import sys
@@ -34,9 +34,11 @@ def _linked(app: Any, page: str, source: list[str]) -> None:
 
 def _generated(app: Any) -> None:
     """What is read off the program itself."""
+    from columns_page import columns_page
     from commands_page import commands_page
     from names_page import names_page
 
+    (HERE / "columns.md").write_text(columns_page(), encoding="utf-8")
     (HERE / "commands.md").write_text(commands_page(), encoding="utf-8")
     (HERE / "python_names.md").write_text(names_page(), encoding="utf-8")
 

@@ -212,7 +212,7 @@ MESH_LEVELS: dict[str, dict[str, float]] = {
         "dermis_spacing_mm": 0.133,
     },
 }
-"""What a level sets; a key that is given itself goes before. Chosen by error for time: docs/performance.md."""
+"""Keys that a level sets unless they are set themselves. Error against time: docs/validation/performance.md."""
 
 
 AXIAL_STRETCH = 1.855

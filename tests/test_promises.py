@@ -1,4 +1,4 @@
-"""Every promise of docs/safety.md names a test that exists."""
+"""Every promise of docs/safety_promises.md names a test that exists."""
 
 import ast
 import re
@@ -12,7 +12,7 @@ _TEST = re.compile(r"`(tests/[\w/]+\.py)(?:: (\w+))?`")
 
 def _promises() -> list[tuple[str, list[tuple[str, str]]]]:
     """Each row of the table "| promise | test |": the promise, and the files and functions that hold it."""
-    lines = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8").splitlines()
+    lines = (ROOT / "docs" / "safety_promises.md").read_text(encoding="utf-8").splitlines()
     begin = next((n for n, line in enumerate(lines) if re.match(r"\|\s*promise\s*\|", line)), len(lines))
     rows = []
     for line in lines[begin + 2 :]:

@@ -1,4 +1,4 @@
-"""What every table, column and attribute of a run's files is: written into data.h5, and told in docs/data.md."""
+"""What every table, column and attribute of a run's files is: written into data.h5, and the page docs/columns.md."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -202,7 +202,7 @@ def columns() -> Iterator[Column]:
 
 
 def as_markdown() -> str:
-    """The reference, as it stands at the end of docs/data.md."""
+    """Return the reference of `rig show --columns`, which the documentation has as a page."""
     return "".join([_tables(), _attributes(), _many_runs(), _model()])
 
 

@@ -204,9 +204,9 @@ def _least_squares(height_mm: NDArray[np.float64], force_gwt: NDArray[np.float64
     return float(tried[int(np.argmin(misfits(tried)))])
 
 
-# What a controller has prepared it steps at full speed first: 0.05 s GRBL 1.1h, 0.11 s grblHAL (docs/devices.md).
+# Time that a controller has prepared at full speed: 0.05 s GRBL 1.1h, 0.11 s grblHAL (docs/validation/devices.md).
 PREPARED_S = 0.11
-# The longest that the force goes unread while anything moves: 0.34 s behind `rig serve` (docs/speed.md).
+# The longest that the force goes unread while anything moves: 0.34 s behind `rig serve` (docs/validation/safety.md).
 UNREAD_S = 0.35
 
 

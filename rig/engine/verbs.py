@@ -1,4 +1,4 @@
-"""What a script may ask of an engine besides pressing; each verb is allowed in some states only (docs/safety.md)."""
+"""Verbs of a script besides pressing; each is allowed in some states of the engine only (docs/safety_promises.md)."""
 
 import statistics
 from collections.abc import Callable
@@ -215,7 +215,7 @@ def _go_to_clearance(engine: Engine, speed_mm_s: float) -> None:
     """Down to clearance; from above it slowly, and a touch ends it, since frame and screw may not be right.
 
     A carriage that goes twice as far as commanded, under a cell that is half a second late, stays within the bound of
-    docs/safety.md that way. A touch that is none at rest (the stage shakes the cell) is passed by one step.
+    docs/safety_design.md that way. A touch that is none at rest (the stage shakes the cell) is passed by one step.
     """
     habits = engine.settings.habits
     down_mm, slow_mm_s, step_mm = habits.clearance_mm, habits.descent_speed_mm_s, habits.descent_step_mm

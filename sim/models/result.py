@@ -77,7 +77,7 @@ class IndentationResult:
 
     @property
     def may_depend_on_path(self) -> bool:
-        """Whether other steps down to this depth may end in another equilibrium: `docs/hard_cases.md`."""
+        """Whether other steps down to this depth may end in another equilibrium: `docs/validation/hard_cases.md`."""
         return self.state.snapped
 
     @property

@@ -1,6 +1,6 @@
 """How far fingers interpolated over the moduli of dermis and fat are from full builds, and how long both take.
 
-.venv/bin/python -m studies.accuracy.another_finger [ROWS]    # the table of docs/performance.md; ten minutes, once
+.venv/bin/python -m studies.accuracy.another_finger [ROWS]    # docs/validation/performance.md; ten minutes, once
 
 The fingers are held out: the corners of the range, the default, and others drawn from it, evenly in the logarithms.
 Each that is done is a line of ROWS (default: another_finger.jsonl), and is not done again until that is deleted.

@@ -1,6 +1,6 @@
 """How far the answers under sharp shapes hang on the path, and on where the nodes lie.
 
-    .venv/bin/python -m studies.accuracy.branches            # the tables of docs/hard_cases.md, some minutes
+    .venv/bin/python -m studies.accuracy.branches            # docs/validation/hard_cases.md; some minutes
     .venv/bin/python -m studies.accuracy.branches --flagged  # the last of them alone
 
 First table: scenes solved at once from rest, pressed in by equal steps and as `rig indent` does it, against steps of

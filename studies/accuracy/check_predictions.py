@@ -1,4 +1,4 @@
-"""What `rig check` says, against the dry-run that follows: the tables of docs/safety.md.
+"""What `rig check` says, against the dry-run that follows: the tables of docs/validation/check.md.
 
 .venv/bin/python -m studies.accuracy.check_predictions                 # on the finger that was expected
 .venv/bin/python -m studies.accuracy.check_predictions --unexpected    # on one 30 % stiffer that relaxes

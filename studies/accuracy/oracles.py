@@ -1,4 +1,4 @@
-"""Errors against closed forms and another program, as the tables of docs/oracles.md.
+"""Errors against closed forms and another program, as the tables of docs/validation/oracles.md.
 
     .venv/bin/python -m studies.accuracy.oracles    # about three minutes
 

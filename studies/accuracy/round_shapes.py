@@ -1,6 +1,6 @@
 """How wrong round shapes and the line are on the default and the fine mesh: against a mesh of 0.1 mm both ways.
 
-    .venv/bin/python -m studies.accuracy.round_shapes    # the table of docs/performance.md; 12 GB, some ten minutes
+    .venv/bin/python -m studies.accuracy.round_shapes    # docs/validation/performance.md; 12 GB, some ten minutes
 
 The reference is the family of `sim/benchmark.py` with the same spacing along the finger as across;
 its bars are the largest changes from the level before. There is no further level: it would not fit into the memory

@@ -2,7 +2,7 @@
 
     .venv/bin/python -m studies.accuracy.sharp_sweep [EVERY]    # EVERY = 7: each seventh scene
 
-Prints the table of docs/hard_cases.md. Each scene is pressed from rest to its depth.
+Prints the table of docs/validation/hard_cases.md. Each scene is pressed from rest to its depth.
 The tests run a thinned version of the same sweep.
 """
 

@@ -35,7 +35,7 @@ OWN = {
     "both, smooth": {"force": 0.003, "width": 0.013, "sed": 0.005, "ep1": 0.003},
     "both, sharp": {"force": 0.008, "width": 0.074, "sed": 0.034, "ep1": 0.017},
 }
-"""What the fine level itself is off by, against refined meshes: docs/performance.md. Contact width was measured there
+"""Error of the fine level against refined meshes: docs/validation/performance.md. Contact width was measured there
 only under shapes along the finger, and smooth ones across it not at all: taken to be the same."""
 
 Errors = Mapping[str, float]
@@ -131,7 +131,7 @@ def as_json(found: Mapping[Cell, Sequence[Mapping[Rung, Errors]]], cost: list[di
         "command": f"python -m studies.choice.table {each}",
         "seed": SEED,
         "largest": f"of {each} scenes, times {MARGIN:g}; held against level fine on the whole patch",
-        "fine": "what it is off by itself is added: docs/performance.md",
+        "fine": "what it is off by itself is added: docs/validation/performance.md",
         "seconds": "of one thread, 2.6 GHz, machine busy; builds with ten receptors, receptors_s of which are theirs",
     }
     lists = {"errors": [_row(cell, scenes) for cell, scenes in sorted(found.items())], "costs": cost}

@@ -1,4 +1,4 @@
-/* GRBL 1.1h on a host, in one thread: replaces main.c and util/delay.c of grbl-sim (docs/devices.md has the recipe).
+/* GRBL 1.1h on a host, in one thread: replaces main.c and util/delay.c of grbl-sim (docs/validation/devices.md has the recipe).
 
    grbl-sim runs the stepper and serial interrupts in a second thread, which loses real-time bytes on a busy machine.
    Here a signal is the interrupt: it advances the simulated chip by a millisecond, steps, timers and the UART at its

@@ -1,6 +1,6 @@
 """How the facts of Raju (1998, ch. 4) come out, and how they move with the free parameters.
 
-    .venv/bin/python -m studies.source.facts_by_parameter    # the table of docs/model.md, some minutes
+    .venv/bin/python -m studies.source.facts_by_parameter    # docs/validation/model_facts.md; some minutes
 
 Peaks are nodal pressures in the receptor plane, raw and after the source's 4×1 median filter (values resampled
 linearly to 170 µm, mean of the middle two of four). Fact 4 is read at receptors 0.15 mm apart, 0.75 mm deep. Nothing

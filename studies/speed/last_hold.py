@@ -118,7 +118,7 @@ def _kept(air: list[Air], carriage: Carriage) -> Air:
 
 
 def table() -> Iterator[str]:
-    """Rows of the table in docs/safety.md."""
+    """Rows of the table in docs/validation/safety.md."""
     yield "| mm/s | promised (mm) | " + " | ".join(f"{kind}: went on, killed (mm)" for kind in KINDS) + " |"
     yield "|---" * (2 + len(KINDS)) + "|"
     for speed_mm_s in SPEEDS_MM_S:

@@ -112,7 +112,7 @@ def served(config: Config) -> Iterator[Bench]:
 
 
 def main() -> None:
-    """The table of docs/speed.md."""
+    """The table of docs/validation/safety.md."""
     finger = Fingertip.load()
     print("| bench | motion | longest unread (s) | the longest motion (s) |\n|---|---|---|---|")
     for name, tables in KINDS.items():

@@ -1,4 +1,4 @@
-"""The tables and figures of docs/performance.md from a finished `rig bench`.
+"""The tables and figures of docs/validation/performance.md from a finished `rig bench`.
 
 .venv/bin/rig bench --json > bench.json
 .venv/bin/python -m studies.speed.performance bench.json docs/figures

@@ -1,6 +1,6 @@
 """Tissue that stiffens and relaxes: the simulator in time beside a solve step by step at finite strain.
 
-    OMP_NUM_THREADS=1 .venv/bin/python -m studies.stiffening.in_time         # the table of docs/model.md
+    OMP_NUM_THREADS=1 .venv/bin/python -m studies.stiffening.in_time         # docs/validation/relaxation.md
     OMP_NUM_THREADS=1 .venv/bin/python -m studies.stiffening.in_time FILE    # the reference's rows, some minutes
 
 Every layer is Yeoh's and relaxes quasi-linearly (`studies/finite_strain/solver/relaxing.py`); the finger is pressed

@@ -1,4 +1,4 @@
-"""Tissue that relaxes, against closed forms, and what a step of time costs: the tables of docs/model.md.
+"""Tissue that relaxes, against closed forms, and the cost of a step: tables of docs/validation/relaxation.md.
 
     OMP_NUM_THREADS=1 .venv/bin/python -m studies.verification.in_time    # about two minutes
 

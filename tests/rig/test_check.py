@@ -59,7 +59,7 @@ def test_duration_and_peak_are_those_of_the_dry_run(finger: Fingertip, tmp_path:
 
 
 def test_a_stiffer_finger_that_relaxes_is_off_but_trips_nothing(finger: Fingertip, tmp_path: Path) -> None:
-    """By depth the force is off by the stiffness, less what relaxes; docs/safety.md states how much."""
+    """By depth the force is off by the stiffness, less what relaxes; docs/validation/check.md states how much."""
     found, done = _both(tmp_path, finger, DEEP, virtual={"stiffness": 1.3, "relaxation": [[0.3, 1.0]]})
     assert done.complete
     said, peak = found.as_json(), _peak_gwt(done.run)

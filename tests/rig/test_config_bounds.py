@@ -15,7 +15,7 @@ from pydantic import BaseModel, ValidationError
 from rig.plan.config import Config
 from tests.config_keys import TABLE, Key, value_of
 
-SAFETY = Path(__file__).parents[2] / "docs" / "safety.md"
+SAFETY = Path(__file__).parents[2] / "docs" / "safety_promises.md"
 WRONG_KIND: dict[str, list[Any]] = {
     "number": ["high", math.nan, math.inf, -math.inf],
     "integer": [2.5, "high"],
@@ -103,7 +103,7 @@ def test_a_calibration_is_told_whole(name: str) -> None:
 
 
 def test_the_limits_in_the_docs_are_those_of_the_table() -> None:
-    """docs/safety.md: | `key`, `key` | default, default | what it does |"""
+    """docs/safety_promises.md: | `key`, `key` | default, default | what it does |"""
     rows = re.search(r"keys of `\[limits\]`:\n\n.*\n.*\n((\|.*\n)+)", SAFETY.read_text(encoding="utf-8"))
     assert rows
     told: dict[str, Any] = {}

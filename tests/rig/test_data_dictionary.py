@@ -2,6 +2,7 @@
 
 import csv
 import re
+import runpy
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -20,6 +21,7 @@ from tests.program import Program
 
 OLD = Path(__file__).parents[1] / "data" / "runs_of_0_1"
 PAGE = Path(__file__).parents[2] / "docs" / "data.md"
+COLUMNS = PAGE.with_name("columns_page.py")
 START = {
     "protocol": "two", "title": "Two presses", "source": "", "parameters": {}, "planned_indentations": 2,
     "subject": "S07", "virtual": True,
@@ -72,13 +74,11 @@ def test_every_table_there_is_is_told() -> None:
     assert (meaning("tap", "times"), about_table("tap")) == ("", "")
 
 
-def test_the_page_ends_with_what_the_command_writes(program: Program) -> None:
+def test_the_page_of_columns_ends_with_what_the_command_writes(program: Program) -> None:
     ended = program("show", "--columns")
     assert ended.code == 0
-    assert PAGE.read_text(encoding="utf-8").partition("## Every column")[1:] == (
-        "## Every column",
-        ended.out.removeprefix("## Every column"),
-    ), "rig show --columns replaces the end of docs/data.md"
+    page = runpy.run_path(str(COLUMNS))["columns_page"]()
+    assert page.partition("## Every column")[1:] == ("## Every column", ended.out.removeprefix("## Every column"))
     told = program("show", "--columns", "--json").json["columns"]
     assert {"table": "hold_end", "name": "force_gwt", "unit": "gwt", "dtype": "float64",
             "what": "mean force over the readings of the hold"} in told  # fmt: skip

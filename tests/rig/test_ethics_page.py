@@ -71,7 +71,7 @@ def test_no_phase_is_worse_than_the_page_says() -> None:
 
 
 def test_shipped_protocols_stay_below_what_the_page_says() -> None:
-    rows = table("safety.md", "## `rig check`")
+    rows = table("validation/check.md", "## On a finger like the model")
     forces = [float(cell) for cells in rows for cell in cells[3].split(", ")]
     said = re.search(r"shipped protocols stay below ([\d.]+) gram-weight", PAGE)
     assert said is not None

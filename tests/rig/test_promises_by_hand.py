@@ -1,4 +1,4 @@
-"""What docs/safety.md promises of everything done by hand holds for what is asked over the socket, on every bench.
+"""What docs/safety_promises.md promises of manual control holds for what is asked over the socket, on every bench.
 
 Each promise is a walk of a person at the panel; devices virtual, bytes real, clock virtual.
 """

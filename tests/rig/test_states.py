@@ -1,4 +1,4 @@
-"""The state machine of docs/safety.md: every edge walked, every verb tried in every state."""
+"""The state machine of docs/safety_promises.md: every edge walked, every verb tried in every state."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -14,7 +14,7 @@ from tests.raising import has_code, raises
 
 Make = Callable[..., Any]
 FORCE = Target("force_gwt", 2.33)
-DOCS = Path(__file__).parents[2] / "docs" / "safety.md"
+DOCS = Path(__file__).parents[2] / "docs" / "safety_promises.md"
 
 
 def _stop(bench: Any) -> None:

@@ -1,4 +1,4 @@
-"""Hard cases of the finger and of contact, one by one; `docs/hard_cases.md` has the table.
+"""Hard cases of the finger and of contact, one by one; `docs/validation/hard_cases.md` has the table.
 
 Others are tested where their subject is: an off-centre finger and flat elements in `test_own_finger.py`, nearly
 incompressible and unlike layers against exact solutions in `oracles/test_hard_cases.py`.

@@ -174,7 +174,7 @@ def test_the_load_stretches_along_the_skin_and_presses_across_it(responses: Impu
     assert (np.argmax(h), np.argmin(g)) == (24, 24)
     assert h[24] > 0 > g[24]
     assert f[:23].min() == f.min() < 0 < f.max() == f[26:].max()
-    # stored when written, of the default mesh; 1 % is what its error is at a receptor (docs/performance.md)
+    # stored when written, of the default mesh; 1 % is its error at a receptor (docs/validation/performance.md)
     assert_allclose([h[24], g[24], f.max()], [6.79e-5, -7.50e-5, 9.57e-5], rtol=0.01)
 
 

@@ -16,7 +16,7 @@ from tests.sim.coarse import coarse_mesh
 from tests.sim.test_door import checked
 
 ROOT = Path(__file__).parents[2]
-PAGE = ROOT / "docs" / "library.md"
+PAGE = ROOT / "docs" / "library_tasks.md"
 EXAMPLES = sorted((ROOT / "examples" / "library").glob("*.py"))
 COARSE = coarse_mesh(0.4, 0.6)
 
@@ -151,7 +151,8 @@ def test_their_types_hold_without_plugins(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
 def test_the_page_shows_it(path: Path) -> None:
-    shown = f"`examples/library/{path.name}`\n\n```python\n{path.read_text(encoding='utf-8')}```\n"
+    file = f"examples/library/{path.name}"
+    shown = f"`{file}`\n\n```{{literalinclude}} ../{file}\n:language: python\n```\n"
     assert shown in PAGE.read_text(encoding="utf-8"), f"{PAGE} is to hold:\n{shown}"
 
 

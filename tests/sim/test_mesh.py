@@ -83,7 +83,7 @@ def test_every_element_has_the_layer_of_its_depth(default_mesh: FingerMesh) -> N
 
 def test_the_patch_is_170_micrometres_fine_across_the_finger(default_mesh: FingerMesh) -> None:
     # Raju (1998, ch. 3): ≤ 170 µm on the top pulp surface. Laterally the arc is divided in the receptor plane, 0.4 µm
-    # more where the section is largest. Along the finger 0.315 mm do as well: docs/performance.md.
+    # more where the section is largest. Along the finger 0.315 mm do as well: docs/validation/performance.md.
     mesh = default_mesh
     patch = mesh.nodes[mesh.patch_nodes].reshape(*mesh.patch_shape, 3)
     lateral = np.linalg.norm(np.diff(patch, axis=1), axis=-1)

@@ -98,7 +98,7 @@ def test_a_planned_descent_is_answered_without_a_wait(
 
 
 def test_a_force_between_two_solved_poses_lies_between_theirs(following: Following, finger: Fingertip) -> None:
-    """Solved every 15 µm: on 10 µm a force bends by 0.15 % of the largest at most (docs/speed.md)."""
+    """Solved every 15 µm: on 10 µm a force bends by 0.15 % of the largest at most (docs/validation/speed.md)."""
 
     def descent() -> int:
         """How many were between."""

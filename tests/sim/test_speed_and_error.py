@@ -62,8 +62,8 @@ def test_scenes_are_spread_over_an_element() -> None:
 @pytest.mark.parametrize("quantity", ["force", "sed", "ep1"])
 def test_a_further_level_lands_inside_the_error_bars(kind: tuple[str, ...], quantity: str) -> None:
     # It takes no part in the reference; studies/accuracy/reference_levels.py measures it and stores what it
-    # found. Smooth and sharp are the kinds for which aims are set and errors promised; docs/performance.md has the
-    # families.
+    # found. Smooth and sharp are the kinds for which aims are set and errors promised;
+    # docs/validation/performance.md has the families.
     reference = stored()
     further = max(reference.provenance["further"][family][quantity] for family in kind)
     bar = max(reference.bars[family][quantity] for family in kind)
@@ -146,7 +146,7 @@ def test_candidates_are_measured_in_their_own_processes() -> None:
 
 
 def test_the_nail_is_held_at_the_same_place_on_every_nested_mesh(skin: FingertipSurface) -> None:
-    # Where rows of nodes miss the nail's edge, force moves by 1 % from mesh to mesh: docs/performance.md.
+    # Where rows of nodes miss the nail's edge, force moves by 1 % from mesh to mesh: docs/validation/performance.md.
     for n in (2, 3):
         mesh = build_mesh(FingertipConfig(mesh=nested(n)), skin)
         held_skin = mesh.fixed.reshape(mesh.grid)[1:, :, 0]

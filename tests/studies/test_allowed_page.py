@@ -333,7 +333,7 @@ def test_the_docs_say_of_fingers_what_the_kept_tables_say() -> None:
     )
     nobody = RemainingPlaces(0, 1.0, np.zeros((1, len(NAMES))), np.ones(1, dtype=bool), [])
     unjudged = AllowedStudy([], [nobody], nobody, default.facts[0], best, alike, _waves())
-    docs = " ".join((ROOT / "docs" / "model.md").read_text(encoding="utf-8").split())
+    docs = " ".join((ROOT / "docs" / "validation" / "allowed_fingers.md").read_text(encoding="utf-8").split())
     told = [*sentences.best(unjudged), sentences.later(unjudged)]
     told += [row for row in page.halves(unjudged).splitlines() if row.startswith("|")]
     assert len(told) == study.BEST + 1 + 1 + 4
@@ -378,7 +378,7 @@ def test_the_docs_say_what_the_kept_tables_say(judged: Judged) -> None:
     What the emulators foresaw, to a percent: where the search for their lengths ends hangs on SciPy (694 of 832
     numbers with 1.17, 695 with 1.18: 83.4 and 83.5 %).
     """
-    docs = " ".join((ROOT / "docs" / "model.md").read_text(encoding="utf-8").split())
+    docs = " ".join((ROOT / "docs" / "validation" / "allowed_fingers.md").read_text(encoding="utf-8").split())
     foreseen = " ".join(sentences.foreseen(judged.study).split())
     told = [" ".join(text.split()) for text in sentences.sentences(judged.study)]
     tables = page.parameters(pins(judged.study.last)), page.halves(judged.study)

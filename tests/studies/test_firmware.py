@@ -1,4 +1,4 @@
-"""The virtual board against what real firmware did: tests/data/firmware, by the recipe of docs/devices.md."""
+"""The virtual board against real firmware: tests/data/firmware, by the recipe of docs/validation/devices.md."""
 
 import json
 from pathlib import Path

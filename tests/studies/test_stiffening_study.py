@@ -236,7 +236,7 @@ def test_every_path_of_every_finger_is_a_scene() -> None:
 # --- in time ---
 
 IN_TIME = read(in_time.KEPT)
-PAGE = Path(__file__).parents[2] / "docs" / "model.md"
+PAGE = Path(__file__).parents[2] / "docs" / "validation" / "relaxation.md"
 
 
 def test_a_step_in_time_is_what_was_kept(monkeypatch: pytest.MonkeyPatch) -> None:

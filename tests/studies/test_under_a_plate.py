@@ -25,7 +25,7 @@ def test_on_the_human_sized_finger_forces_grow_as_the_four_peoples() -> None:
 
 
 def test_what_is_kept_is_what_is_pressed_today() -> None:
-    """Of one finger, built in full: interpolation of moduli is within a percent (docs/accuracy.md)."""
+    """Of one finger, built in full: interpolation of moduli is within a percent (docs/validation/accuracy.md)."""
     assert list(pressed("default", drawn()[0], exact=True)) == pytest.approx(kept("default").force_n[0], rel=0.01)
 
 

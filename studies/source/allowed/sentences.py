@@ -1,4 +1,4 @@
-"""What docs/model.md says of the kept tables, in words: printed by the command, and compared by a test."""
+"""What docs/validation/allowed_fingers.md says of the kept tables: printed by the command, and compared by a test."""
 
 from collections.abc import Sequence
 
@@ -26,7 +26,7 @@ _GROWTH, _SHARE = "growth", "upper_share"
 
 
 def sentences(study: AllowedStudy) -> list[str]:
-    """In the order of docs/model.md."""
+    """In the order of docs/validation/allowed_fingers.md."""
     return [
         waves(study.lefts),
         deflated(study.last),
