@@ -62,6 +62,7 @@ NOT_RUN = {
     "rig panel": "a server: tests/panel",
     "rig panel --config rig.toml": HARDWARE,
     "rig compare RUN --recorded step:1=mine.csv --place --depth-range-mm 0.5,1.1 --offset-mm=-0.3,0.3": SLOW,
+    "rig compare RUN --recorded step:1=mine.csv --fingers fingers.toml": "tests/rig/compare/test_on_fingers.py",
     "rig finger --config examples/own_finger/points.toml": "tests/rig/test_finger_command.py",
     "rig indent --config examples/own_finger/points.toml --shape bar:3.0 --x-mm 0 --doi-mm 0.5": SLOW,
     "make study": SLOW,
