@@ -115,7 +115,7 @@ DISCREPANCY = 0.5
 """How far a right measure may be off on a finger that no finger of the ranges quite is, over the spread of these."""
 
 OF_THE_MESH = 0.02
-"""And how far on another mesh, over the largest rate (docs/comparison.md)."""
+"""And how far on another mesh, over the largest rate (docs/statistics.md)."""
 
 
 class Fitted(NamedTuple):

@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 Range = tuple[float, float]
 
 X_STEP_MM, DEPTH_STEP_MM = 0.125, 0.15
-"""Of the nodes, at most; places between them are interpolated (docs/comparison_quality.md says how well)."""
+"""Of the nodes, at most; places between them are interpolated (docs/validation/comparison.md says how well)."""
 
 BELOW_EPIDERMIS_MM = (0.1, 0.7)
 """Where nothing else is asked for, receptors are sought so far below the epidermis."""

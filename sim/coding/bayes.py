@@ -40,7 +40,7 @@ EVIDENCE_DECADES = 3.0
 _DECADES = np.arange(2.0, -8.1, -0.5)  # of λ, over the data's own curvature; from smooth to rough
 _WHOLE_DECADES = np.arange(0.0, -3.1, -1.0)
 _ENOUGH = 1.5
-_LEVEL = 0.1  # of L: the pressures' own squares beside their differences, chosen on two samples (docs/coding.md)
+_LEVEL = 0.1  # weight of the squares of the pressures in L, chosen on two samples (docs/validation/coding.md)
 _MOST_STEPS = 60
 _FIT_SETTLED = 1e-9
 _NEAR = 1e-3  # the same of where to begin
@@ -250,7 +250,7 @@ class ModelError:
 
 CONTACTS_ERROR = ModelError(0.02, 0.5)
 """Of pressures within contacts, beside that of leans: round ones miss less, corners more, alike over less skin
-(docs/coding.md)."""
+(docs/validation/coding.md)."""
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ LEVELS = (0.3, 0.7, 1.6)
 ENDS = (0.2, 2.0)
 SHARP, ALIKE = 0.5, 0.4
 """Levels; sds of blunt and of sharp ends; the probabilities of a sharp one, and that the last end is told to be as
-the first. Chosen on other scenes and seeds than those reported (docs/coding.md), as all below."""
+the first. Chosen on other scenes and seeds than those reported (docs/validation/coding.md), as all below."""
 
 _LEVEL_SD = 0.5  # over the level
 _SLOW = 0.2  # sd of the slow variation over the level, and its length (Matérn 5/2)

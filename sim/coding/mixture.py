@@ -118,7 +118,7 @@ def cut_off(mean: Array, covariance: Array) -> tuple[Array, Array, Array]:
 
 HOW_MANY = (0.2, 0.5, 0.3)
 """Probabilities of one, two and three contacts. Chosen on other scenes and seeds than those reported
-(docs/coding.md), as all below."""
+(docs/validation/coding.md), as all below."""
 
 SHARP, ALIKE = 0.6, 0.6
 """Probabilities that an end is sharp, and that the last end is told to be as the first."""

@@ -3,7 +3,7 @@
 Without friction an indentor pushes along its own normal, and where it touches the skin lies on it. So how forces lean
 follows from the pressures themselves: they move the skin (the section's compliance), its slope says how each leans,
 and what leans has a part along the undeformed skin. Under a press it gives what the press gives to 1 % of SED, under
-corners sharper than a sample to 1 to 6 %; normal pressures alone miss 3 to 14 % (docs/coding.md).
+corners sharper than a sample to 1 to 6 %; normal pressures alone miss 3 to 14 % (docs/validation/coding.md).
 """
 
 from collections.abc import Callable

@@ -20,7 +20,7 @@ ShapeClass = Literal["bar", "cylinder", "step"]
 CLASSES: tuple[ShapeClass, ...] = get_args(ShapeClass)
 
 SKIN_SD_MM = 0.007
-"""Of the skin under decoded pressures; chosen on other scenes than those reported (docs/coding.md)."""
+"""Of the skin under decoded pressures; chosen on other scenes than those reported (docs/validation/coding.md)."""
 
 STEP_MM = 0.5
 """Height of the source's steps."""
@@ -130,7 +130,7 @@ SolidClass = Literal["bar", "cylinder", "step", "sphere"]
 SOLIDS: tuple[SolidClass, ...] = get_args(SolidClass)
 
 SOLID_SD_MM = 0.02
-"""Of the skin under decoded pressures; chosen on other scenes than those reported (docs/coding.md)."""
+"""Of the skin under decoded pressures; chosen on other scenes than those reported (docs/validation/coding.md)."""
 
 _SOLID_PRESSED = 0.25  # of the highest pressure: surely in contact
 _NEIGHBOURS = 2  # of four, that a place in contact has

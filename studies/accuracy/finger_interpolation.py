@@ -1,6 +1,6 @@
 """How far SSRPs interpolated between the fingers of a design are from those of fingers simulated directly.
 
-.venv/bin/python -m studies.accuracy.finger_interpolation    # the table of docs/comparison_quality.md; minutes, once
+.venv/bin/python -m studies.accuracy.finger_interpolation    # docs/validation/comparison.md has the table; minutes
 
 The fingers are those of studies/answers/answer_coverage.py, drawn within the ranges of
 examples/plausible_fingers/fingers.toml.

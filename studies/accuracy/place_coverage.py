@@ -2,7 +2,7 @@
 
     .venv/bin/python -m studies.accuracy.place_coverage [DRAWS]    # default 160; a quarter of them with an offset
 
-Prints the table of docs/comparison_quality.md. Recordings are made on the finger that is fitted, by receptors at
+Prints the table of docs/validation/comparison.md. Recordings are made on the finger that is fitted, by receptors at
 places that are drawn at random; steps 1, 3, 5 at 2.33 gwt, or both bars at DOI 1.0, simulated without the bench.
 """
 

@@ -2,7 +2,7 @@
 
     .venv/bin/python -m studies.answers.answer_coverage [DRAWS] [--kept FILE]    # default 400 a row
 
-Prints the tables of docs/comparison_quality.md, each line as it is done; FILE gets every draw as a line of JSON,
+Prints the tables of docs/validation/comparison.md, each line as it is done; FILE gets every draw as a line of JSON,
 after one with the commit, the version of numpy and the seeds. Afferents are made on the finger that is fitted, on
 eight drawn within the ranges of examples/plausible_fingers/fingers.toml, and on four more, drawn by another seed,
 on another mesh; every recording is answered twice, given the default finger and with the ranges stated.

@@ -204,9 +204,9 @@ ENTRIES = (
         ),
         figures=_site_figures,
         elsewhere=PAGE,
-        reading="The source's load is not printed, so that A itself says nothing. Elements round off a force on "
-        "one node, which lowers m. Of what the source leaves open only a depth counted vertically and loads along −y "
-        "make A spread as widely (docs/coding.md).",
+        reading="The source does not print its load, so A alone cannot be compared. Elements spread a force on "
+        "one node, which lowers m. Only a depth counted vertically or loads along −y make A spread as "
+        "widely (docs/validation/coding.md).",
     ),
     Entry(
         "ch. 6, impulse responses",
@@ -239,7 +239,7 @@ ENTRIES = (
         ),
         figures=_impulse_figures,
         elsewhere=PAGE,
-        reading="In Cartesian axes, as the source's.",
+        reading="Axes are Cartesian, as in the source.",
     ),
     Entry(
         "6-6",
@@ -279,7 +279,7 @@ ENTRIES = (
         ),
         figures=_search_figures,
         elsewhere=PAGE,
-        reading="Eq. 6.8 is squared: 10 % of it is 32 % in relative L2. The window over which the source takes the "
-        "variance of its signal is not printed; ours is all samples of the output.",
+        reading="Eq. 6.8 is squared: 10 % of it is 32 % in relative L2. The source does not print the window of "
+        "its signal's variance; here it is all samples of the output.",
     ),
 )

@@ -73,7 +73,7 @@ def spread_sections(found: Spreads) -> list[Section]:
         "sectors of "
         "azimuth. Moved: relative L2 of SED, the response of the pad's middle moved to the site. ± is a standard "
         "deviation "
-        "over sites, over the mean. What the source leaves open is in docs/coding.md.",
+        "over sites, over the mean. What the source leaves open is in docs/validation/coding.md.",
         _HEADER,
         (*_site_rows(sites), *_mean_rows(sites)),
         (drawn,),

@@ -134,7 +134,7 @@ def rows(case: StrainCase) -> Iterator[dict[str, Any]]:
 
 
 def markdown(kept: Sequence[dict[str, Any]]) -> Iterator[str]:
-    """The table of `docs/small_strain.md`."""
+    """The table of causes in `docs/validation/small_strain.md`."""
     yield f"| changed | {' | '.join(f'{doi:g} mm' for doi in DEPTHS_MM)} |"
     yield f"|---|{'---|' * len(DEPTHS_MM)}"
     for case in CASES:

@@ -1,4 +1,4 @@
-"""How far linear force and SED are off, over depth: the figure of `docs/small_strain.md`."""
+"""How far linear force and SED are off, over depth: the figure of `docs/validation/small_strain.md`."""
 
 from collections.abc import Sequence
 from pathlib import Path

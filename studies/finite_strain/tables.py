@@ -1,4 +1,4 @@
-"""The tables and the figure of `docs/small_strain.md`, and `sim/data/small_strain.json`, from presses that are kept.
+"""Make the tables and the figure of `docs/validation/small_strain.md`, and `sim/data/small_strain.json`.
 
     OMP_NUM_THREADS=1 .venv/bin/python -m studies.finite_strain.tables [FOLDER]    # default: study/finite_strain
 

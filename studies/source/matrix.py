@@ -48,15 +48,20 @@ def _said(verdict: str, how_many: int) -> str:
 def cells(row: MatrixRow) -> tuple[str, ...]:
     """A row of the matrix."""
     entry, one = row.entry, row.headline
-    why = (
-        entry.outside or (entry.missing and f"needs {entry.missing}") or (entry.elsewhere and f"on {entry.elsewhere}")
-    )
     if one is None:
-        measured: tuple[str, ...] = ("–", "–", why, "–")
+        measured: tuple[str, ...] = ("–", "–", why(row), "–")
     else:
         says, source, ours, difference, *_ = one.row
-        measured = (says, source, "; ".join(filter(None, (ours, why))), difference)
+        measured = (says, source, "; ".join(filter(None, (ours, why(row)))), difference)
     return entry.number, entry.shows, *measured, row.told, entry.command
+
+
+def why(row: MatrixRow) -> str:
+    """Return why an entry has no verdict, or an empty string."""
+    entry = row.entry
+    return (
+        entry.outside or (entry.missing and f"needs {entry.missing}") or (entry.elsewhere and f"on {entry.elsewhere}")
+    )
 
 
 def summary(rows: Sequence[MatrixRow]) -> PageFigure:

@@ -12,16 +12,23 @@ from typing import Any
 from rig.data.folder import replace_bytes, replace_text
 from rig.report.page import PageFigure, Section, as_png, render
 from rig.report.pdf import as_pdf
-from studies.source.matrix import VERDICT_COLUMN, matrix
+from studies.source.matrix import VERDICT_COLUMN, matrix, why
 from studies.source.printed.answers import FingerAnswers
 from studies.source.printed.entry import HEADER, Entry, MatrixRow, found
 
 TITLE = "The source, figure by figure"
 ABOUT = "Chapters 3 to 6 of B. I. Raju, S.M. thesis, MIT, 1998, beside the default finger."
-DOCS = (
-    "Chapters 3 to 6 of B. I. Raju, S.M. thesis, MIT, 1998 (*Raju 1998*), beside the default finger: written by "
-    "`make study` as `study/source.md`, and kept here. Chapter 6 has a page of its own, `docs/coding.md`."
-)
+DOCS = """\
+This page compares chapters 3 to 6 of B. I. Raju, S.M. thesis, MIT, 1998 (*Raju 1998*) with the default finger.
+`make study` writes it as `study/source.md`; `docs/source.md` shows how to run the study.
+`docs/validation/source_verdicts.md` has the tables behind Table 5.2 and Eq. 4.1, and `docs/validation/coding.md`
+those behind chapter 6. To make one figure alone:
+
+```
+.venv/bin/python -m studies.source.pages study --only 4-4
+```"""
+SUMMARY_HEADER = ("number", "what it shows", "verdict", "note")
+CLAIMS_HEADER = ("number", "what", "the source", "here", "verdict", "bounds of agrees, partly")
 PAGES = (
     ("coding.html", "chapter 6, encoding and decoding", "make study-coding"),
     ("comparison.html", "the same schedules on the virtual bench, as a comparison shows them", "make study-bench"),
@@ -115,16 +122,31 @@ def write(folder: Path, study: MatrixPage) -> None:
 
 
 def as_docs(study: MatrixPage) -> str:
-    """The page as docs/source.md has it: the matrix, and the claims of each entry."""
-    parts = [f"# {TITLE}", DOCS, markdown(study.matrix)]
-    for row in study.rows:
-        if row.found:
-            reading = f"{row.entry.reading}\n\n" if row.entry.reading else ""
-            parts.append(f"## {row.entry.number}\n\n{reading}{markdown(_claims(row))}")
+    """Return docs/validation/source.md: one table of verdicts, one of all claims."""
+    verdicts = [
+        (row.entry.number, row.entry.shows, row.told, why(row) or row.entry.reading or "–") for row in study.rows
+    ]
+    claims = [
+        ("" if n else row.entry.number, *cells[:3], *cells[4:])
+        for row in study.rows
+        for n, cells in enumerate(row.claims)
+    ]
+    parts = [
+        f"# Validation: {TITLE[0].lower()}{TITLE[1:]}",
+        DOCS,
+        study.matrix.text,
+        _table(SUMMARY_HEADER, verdicts),
+        "## Claims",
+        _table(CLAIMS_HEADER, claims),
+    ]
     return "\n\n".join(part.strip() for part in parts) + "\n"
 
 
 def markdown(section: Section) -> str:
     """A table as the docs have them."""
-    lines = [section.header, tuple("---" for _ in section.header), *section.rows]
-    return f"**{section.title}.** {section.text}\n\n" + "".join(f"| {' | '.join(cells)} |\n" for cells in lines)
+    return f"**{section.title}.** {section.text}\n\n{_table(section.header, section.rows)}"
+
+
+def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = [header, ["---"] * len(header), *rows]
+    return "".join(f"| {' | '.join(cells)} |\n" for cells in lines)

@@ -1,6 +1,6 @@
 """How often the shape test is wrong: on random smooth profiles, and on simulated ones that are perturbed.
 
-.venv/bin/python -m studies.source.shape_test_errors    # the tables of docs/comparison_quality.md; fixed seeds
+.venv/bin/python -m studies.source.shape_test_errors    # the tables of docs/validation/comparison.md; fixed seeds
 """
 
 from collections.abc import Sequence

@@ -1,6 +1,6 @@
 """How the verdicts of the shape test move with what the source leaves free, and with the force.
 
-.venv/bin/python -m studies.source.verdicts_by_parameter    # the table of docs/source_verdicts.md; minutes, once
+.venv/bin/python -m studies.source.verdicts_by_parameter    # a table of docs/validation/source_verdicts.md; minutes
 """
 
 from collections.abc import Iterator, Sequence

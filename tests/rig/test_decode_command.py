@@ -293,7 +293,7 @@ def test_fewer_pressures_than_receptors_where_they_lie_near(
 
 def test_the_page_shows_a_file_that_can_be_read(rig: Program) -> None:
     page = (Path(__file__).parents[2] / "docs" / "coding.md").read_text(encoding="utf-8")
-    table = page.split("```\n# a row of receptors")[1].split("```")[0]
+    table = page.split("```csv row.csv\n# a row of receptors")[1].split("```")[0]
     Path("r.csv").write_text(f"# a row of receptors{table}", encoding="utf-8")
     found = rig("decode", "--readings", "r.csv", "--json").json
     assert_allclose(found["receptor_mm"], [-2.1, -1.45, -0.6, 0.0, 0.85, 1.9])

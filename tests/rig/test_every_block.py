@@ -29,7 +29,7 @@ PAGES = sorted(
 DRAWN = {"mermaid", "{toctree}", "{eval-rst}", "{literalinclude}"}
 
 HARDWARE, SLOW, NETWORK, SETUP = "needs a rig", "takes long", "needs the network", "what every test begins with"
-PRINTED, SKETCH, DATA = "what is printed", "shown in part", "what a file holds"
+PRINTED, SKETCH = "what is printed", "shown in part"
 NOT_RUN = {
     # --- commands, a line each ---
     "make setup": SETUP,
@@ -64,8 +64,10 @@ NOT_RUN = {
     "rig panel": "a server: tests/panel",
     "rig panel --config rig.toml": HARDWARE,
     "rig compare RUN --recorded step:1=mine.csv --place --depth-range-mm 0.5,1.1 --offset-mm=-0.3,0.3": SLOW,
+    "rig compare RUN --recorded step:1=mine.csv --fingers fingers.toml": "tests/rig/compare/test_on_fingers.py",
     "rig finger --config examples/own_finger/points.toml": "tests/rig/test_finger_command.py",
     "rig indent --config examples/own_finger/points.toml --shape bar:3.0 --x-mm 0 --doi-mm 0.5": SLOW,
+    "make study": SLOW,
     "rig study mine.toml --scheduler tcp://scheduler:8786": "tests/rig/compare/test_study_on_a_cluster.py",
     ".venv/bin/rig bench --out bench.html --json > bench.json": SLOW,
     "dask scheduler": "tests/rig/compare/test_study_on_a_cluster.py",
@@ -83,8 +85,6 @@ NOT_RUN = {
     "21 indentations, 0:05:05 left": PRINTED,
     "skin     99 points": PRINTED,
     "press 1 of at most 8: flat:3 at +1.2 mm to 0.30 mm, trips at 8.8 gwt …": PRINTED,
-    "x_mm,z_mm,depth_mm,sed_pa,at_rest": DATA,
-    "# a row of receptors, pressed; from 0.17 to 1.2 mm apart": "tests/rig/test_decode_command.py",
     "def read(self) -> ForceReading:": SKETCH,
     "def test_a_weight_is_a_magnitude_with_its_sign_in_the_status(transmitter: Make) -> None:": SKETCH,
     "DEVICE = ForceKind(": SKETCH,

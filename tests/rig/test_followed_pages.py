@@ -13,7 +13,7 @@ from tests.program import Program
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples" / "tutorial"
 NOT_RUN = {"tutorial": ["make setup", ". .venv/bin/activate"]}  # what every test run begins with
-PAGES = ("tutorial", "your_own_protocol", "your_own_measure")
+PAGES = ("tutorial", "your_own_protocol", "your_own_measure", "coding")
 
 
 def blocks(page: str) -> list[tuple[str, str]]:

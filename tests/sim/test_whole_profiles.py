@@ -140,7 +140,7 @@ def test_samples_beside_the_patch_are_refused(section: SampledSection) -> None:
 def test_a_press_on_a_finer_mesh_is_read_back(
     operator: Frictionless, finer: SampledSection, shape: str, x_mm: float, most: float
 ) -> None:
-    """At 30 dB; means over 20 draws are in docs/coding.md, this is two of them."""
+    """At 30 dB, two draws a shape; docs/validation/coding.md has means over 200."""
     true, sed = _pressed(finer, shape, x_mm)
     found = [decode_profile(operator, _said(sed, 30.0, seed)) for seed in (7, 8)]
     assert all(profile.converged for profile in found)

@@ -24,7 +24,7 @@ def kept() -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def docs() -> str:
-    return _plain((ROOT / "docs" / "coding.md").read_text(encoding="utf-8"))
+    return _plain((ROOT / "docs" / "validation" / "coding.md").read_text(encoding="utf-8"))
 
 
 def _plain(text: str) -> str:

@@ -98,8 +98,8 @@ ENTRIES = (
         ),
         tuple(WIDE),
         _wide_figures,
-        reading="An edge counts as touched where the pressure beside it exceeds that in the middle of the bar, "
-        f"and as fully touched from {FULLY:g} times that; the factor was chosen knowing the numbers.",
+        reading="An edge counts as touched where its pressure exceeds that in the middle of the bar, and as fully "
+        f"touched from {FULLY:g} times that. The factor was chosen knowing the numbers.",
     ),
     Entry(
         "ch. 4, bar 1.5",
@@ -112,7 +112,7 @@ ENTRIES = (
         ),
         tuple(NARROW),
         _narrow_figures,
-        reading="At 0.33 mm contact ends just inside the right edge, at 0.75: it is reached, and no more. That the "
-        "pressure beside it still exceeds the middle's is the rise of any contact towards its ends here.",
+        reading="At 0.33 mm the contact just reaches the right edge, at 0.75. Pressure rises towards the ends of any "
+        "contact of this model.",
     ),
 )

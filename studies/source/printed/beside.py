@@ -22,7 +22,7 @@ BEFORE = (
         figures=_line,
         missing="the measured deflections, as a CSV of z_mm,deflection_mm",
         made_by=".venv/bin/rig indent --shape line --z-mm 6.893 --doi-mm 1 --deflection FILE",
-        reading="Ours is drawn at four depths; the measurements are a figure, not a table.",
+        reading="The simulation is drawn at four depths; the source printed the measurements as a figure.",
     ),
 )
 RECORDED = tuple(
@@ -31,7 +31,7 @@ RECORDED = tuple(
         shows,
         missing=f"the recorded profiles of {who}, as CSVs of position_mm,rate",
         made_by=COMPARED,
-        reading="Which of these numbers stands for steps and which for bars is inferred from their order.",
+        reading="The numbers of the figures for steps and for bars are inferred from their order.",
     )
     for number, shows, who in (
         ("5-8, 5-9", "Profiles under steps against recorded discharge rates.", "Srinivasan & LaMotte 1987"),

@@ -1,6 +1,6 @@
 """Every figure and table of the source that the model can be asked about, in the source's order.
 
-Matrix, page, tables and `docs/source.md` come from this list.
+Matrix, page, tables and `docs/validation/source.md` come from this list.
 """
 
 from studies.coding import chapter_6

@@ -156,8 +156,7 @@ ENTRIES = (
         ),
         (*THICK, *THIN, deep("bar:3.0", DOIS_MM[-1])),
         _pressure_figures,
-        reading="Which shapes stand in which panel of the printed figure is not known here; all of the schedule "
-        "are drawn.",
+        reading="The shapes of the printed panels are not known; the figure shows all of the schedule.",
     ),
     Entry(
         "4-8",
@@ -181,7 +180,7 @@ ENTRIES = (
         ),
         tuple(deep(shape, doi) for shape in SHAPES for doi in DOIS_MM),
         _sed_figures,
-        reading=f"Maxima count from {100 * PROMINENT:g} % of the range. The source shows DOI 0.33 and 1.33; 1.0 is "
-        "ours.",
+        reading=f"A maximum counts from {100 * PROMINENT:g} % of the range. The source shows DOI 0.33 and 1.33, not "
+        "1.0.",
     ),
 )

@@ -152,11 +152,8 @@ ENTRIES = (
         (*MIDDLE, *STEPS, *OTHERS),
         _figures,
         _tables,
-        reading="The verdict rests on all contact nodes of the patch under centred bars and cylinders, away from "
-        "the bars' edges; intervals are 95 % over indentations drawn with replacement. The source does not say "
-        "row or patch, nor which edges. Over the row K2 is positive, too, and above K1 in fewer than half of the "
-        "draws. Without the places near the contacts' smooth ends K2 stays positive on the patch but falls below K1, "
-        "and over the row it is negative: across one row pressure rises towards the ends of the contact, as under a "
-        "bent plate, while along the finger it falls with the displacement.",
+        reading="The verdict uses all contact nodes of the patch under centered bars and cylinders, away from the "
+        "bars' edges. The source names neither nodes nor edges; other choices give other constants "
+        "(docs/validation/source_verdicts.md). Intervals are 95 % over indentations drawn with replacement.",
     ),
 )

@@ -80,7 +80,7 @@ ENTRIES = (
             ),
         ),
         figures=_figures,
-        reading="Of 49 × 72 surface points 24 were published, all on the pulp; sides, back and nail are free. "
-        "Which fingers the source's figures allow is in docs/model.md.",
+        reading="The source published 24 of 49 × 72 surface points, all on the pulp. docs/model.md shows which "
+        "fingers its figures allow.",
     ),
 )

@@ -230,8 +230,8 @@ ENTRIES = (
         ),
         tuple(scene for n in "135" for scene in MOVED[n]),
         _step_figures,
-        reading="Which of the three numbers stands for which step is inferred from their order. Table 5.2 "
-        "excludes ep3 at 0, though the text of Fig. 5-5 gives it a peak above its dip.",
+        reading="The numbers of the three steps are inferred from their order. Table 5.2 excludes ep3 at 0, although "
+        "the text of Fig. 5-5 gives it a peak above its dip.",
     ),
     Entry(
         "5-10, 5-11",
@@ -249,9 +249,9 @@ ENTRIES = (
         ),
         tuple(scene for scenes in BARS.values() for scene in scenes),
         _bar_figures,
-        reading="The pad leans, so that no receptor has an exact mirror image. e13 is small and uneven under "
-        "bars, as its panels show: what counts as its second maximum is no peak beside a dip. The source blames "
-        "its mesh for the shallow dip under bar 1.5; here the second maximum of SED stands out by 31, 35 and 33 % "
-        "on the coarse, default and fine mesh (studies/source/facts_by_parameter.py).",
+        reading="The pad leans, so no receptor has an exact mirror image. e13 is small and uneven under bars; its "
+        "second maximum is no peak beside a dip. The source explains the shallow dip under bar 1.5 by its mesh; here "
+        "the second maximum of SED is 31, 35 and 33 % of the range on the coarse, default and fine mesh "
+        "(studies/source/facts_by_parameter.py).",
     ),
 )

@@ -219,9 +219,9 @@ ENTRIES = (
         ),
         tuple(MOVED["1"]),
         partial(_figures, number="1"),
-        reading="The convex corner's radius, 0.08 mm, is half an element: raw peaks depend on where a node lies "
-        "under it, and a contact two or three nodes wide mostly vanishes in a median of four (docs/model.md). The "
-        "source contradicts itself at −1.63; at which x panel (f) stands is not known here.",
+        reading="The convex corner's radius, 0.08 mm, is half an element: raw peaks depend on the position of the "
+        "nodes under it, and a median of four removes most of a contact two or three nodes wide "
+        "(docs/model.md). The source contradicts itself at −1.63, and does not state the x of panel (f).",
     ),
     Entry(
         "4-5",

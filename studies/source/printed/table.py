@@ -101,8 +101,8 @@ ENTRIES = (
         ),
         (*LOW_SCENES, *(scene for scenes in STRONG.values() for scene in scenes)),
         tables=_cells,
-        reading="The source judged by eye, on an unpublished geometry; ours is a rule with a threshold. Nothing "
-        "is tuned cell by cell. The place printed as +1.5 of e11 may be a misprint for −1.5.",
+        reading="The source judged by eye, on an unpublished geometry; this study applies a rule with one threshold, "
+        "not tuned to single cells. The printed +1.5 of e11 may be a misprint for −1.5.",
     ),
     Entry(
         "ch. 5, survivors",
@@ -113,7 +113,7 @@ ENTRIES = (
         ),
         LOW_SCENES,
         tables=_conditions,
-        reading="How this moves with receptor depth, epidermis, stiffness and force is in docs/source_verdicts.md, "
-        "and here with `make studies`.",
+        reading="docs/validation/source_verdicts.md shows how this changes with receptor depth, epidermis, stiffness "
+        "and force.",
     ),
 )

@@ -107,8 +107,8 @@ ENTRIES = (
         ),
         (DEEP, LIGHT),
         _figure("Under step 1 at −1.63", [("two depths", [DEEP, LIGHT])], "sed", "s33"),
-        reading=f"Maxima count from {100 * PROMINENT:g} % of the range, on a row of points 0.17 mm apart. At the "
-        "source's own ten receptors the second one at 2.33 gwt stays below it, by a narrow margin (docs/model.md).",
+        reading=f"A maximum counts from {100 * PROMINENT:g} % of the range, on a row of points 0.17 mm apart. At "
+        "the source's ten receptors, the second one at 2.33 gwt is just below that (docs/model.md).",
     ),
     Entry(
         "4-7",
@@ -155,8 +155,8 @@ ENTRIES = (
         ),
         tuple(TWO),
         _figure("Step 1 at −2.25 at two forces", [("x = −2.25", TWO)], "sed", "ep1"),
-        reading="The force grows 3.4 times, and the contact with it: a peak five times as high would need more "
-        "than a contact of constant size gives to a strain.",
+        reading="Force grows 3.4 times, and the contact grows with it. A contact of constant size would not raise "
+        "a strain fivefold.",
     ),
     Entry(
         "ch. 5, two forces",
@@ -177,8 +177,8 @@ ENTRIES = (
             "sed",
             "ep1",
         ),
-        reading="Populations widen with the contact, and the flat's two sides part: that is what the correlation "
-        "misses.",
+        reading="The population widens with the contact, and the two sides of the flat separate; both lower the "
+        "correlation.",
     ),
     Entry(
         "ch. 5, widths",
@@ -196,6 +196,6 @@ ENTRIES = (
         (LIGHT, LONG[0]),
         _figure("Under both steps", [("low force", [LIGHT, LONG[0]])], "sed", "ep1"),
         missing="the place, force and measure at which the source compares them",
-        reading="Ours is SED where chapter 4 has both steps, at the low force.",
+        reading="The value is SED at the places where chapter 4 shows both steps, at the low force.",
     ),
 )

@@ -108,7 +108,7 @@ def test_too_few_positions_have_no_limits(stimulus: Stimulus) -> None:
 
 
 def test_on_plausible_fingers_limits_hold_where_those_of_one_finger_do_not(stimulus: Stimulus) -> None:
-    """95 % is claimed, and 98 % was measured (docs/comparison_quality.md); 30 draws have a standard error of 4 %."""
+    """The claim is 95 %; docs/validation/comparison.md has 98 %. 30 draws have a standard error of 4 %."""
     held = np.zeros(2)
     for seed in range(30):
         (joint,) = compared(stimulus, recorded(seed, TRUE_PLACE), RANGES).joints
