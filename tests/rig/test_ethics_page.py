@@ -55,7 +55,7 @@ def test_limits_are_those_of_the_program(row: str, name: str, unit: str, per: fl
 
 
 def test_faults_are_as_many_and_as_bad_as_the_table_says() -> None:
-    rows = table("faults.md", "## One fault in a press")
+    rows = table("validation/faults.md", "## One fault in a press")
     assert f"{len(rows)} faults of wires" in PAGE
     worst = max(float(cells[-1]) for cells in rows)
     said = re.search(r"worst\s+([\d.]+) gram-weight", PAGE)
@@ -64,7 +64,7 @@ def test_faults_are_as_many_and_as_bad_as_the_table_says() -> None:
 
 
 def test_no_phase_is_worse_than_the_page_says() -> None:
-    rows = table("faults.md", "A sensor that fails, by what the rig is doing")
+    rows = table("validation/faults.md", "A sensor that fails, by what the rig is doing")
     forces = [float(cell.split()[0]) for cells in rows for cell in cells[1:]]
     assert f"{len(forces)} combinations" in PAGE
     assert 15.5 < max(forces) <= 16

@@ -15,7 +15,7 @@ from studies.faults.faulty_bench import SOFT_TRIP_N
 from studies.faults.outcomes import bound_gwt, suffer
 from tests.raising import has_code
 
-DOCS = Path(__file__).parents[2] / "docs" / "faults.md"
+DOCS = Path(__file__).parents[2] / "docs" / "validation" / "faults.md"
 
 
 @pytest.mark.parametrize("fault", CATALOGUE, ids=lambda fault: fault.name)
@@ -48,7 +48,7 @@ def test_every_fault_has_its_row() -> None:
 
 
 def _cells() -> dict[str, dict[str, float]]:
-    """The table of docs/faults.md: worst force by phase and fault."""
+    """The table of docs/validation/faults.md: worst force by phase and fault."""
     rows = [line.strip("| \n").split(" | ") for line in DOCS.read_text(encoding="utf-8").splitlines()]
     head = next(row for row in rows if row[0] == "worst force, gwt")
     table = [row for row in rows if row[0] in phases.PHASES and len(row) == len(head)]
@@ -85,7 +85,7 @@ def test_the_worst_cell_of_each_phase(phase: str, fault: str, documented_gwt: fl
 
 
 def _nearer() -> dict[tuple[str, str], float]:
-    """The second table of docs/faults.md: worst force by way and fault."""
+    """The second table of docs/validation/faults.md: worst force by way and fault."""
     rows = [line.strip("| \n").split(" | ") for line in DOCS.read_text(encoding="utf-8").splitlines()]
     head = next(row for row in rows if row[0] == "1.5 mm nearer, gwt")
     table = [row for row in rows if row[0] in phases.WAYS_BACK and len(row) == len(head)]

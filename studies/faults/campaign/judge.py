@@ -56,7 +56,7 @@ def true_claim(claim: Claim, force_gwt: float, cell: str = "none") -> bool:
 
 @dataclass(frozen=True)
 class Exemption:
-    """What no program can prevent, and the mechanical remedy; its bound is measured, in docs/faults.md."""
+    """What no program can prevent, and the mechanical remedy; its bound is measured, in docs/validation/faults.md."""
 
     name: str
     remedy: str

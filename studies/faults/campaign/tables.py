@@ -99,7 +99,7 @@ class CampaignSummary:
         return "\n".join(lines)
 
     def table(self) -> str:
-        """For docs/faults.md."""
+        """For docs/validation/faults.md."""
         parts = [str(self), "", "| exempt | cases | beyond the bound | worst gwt | remedy |", "|---|---|---|---|---|"]
         for exemption in EXEMPTIONS:
             forces = self.exempt.get(exemption.name, [])
