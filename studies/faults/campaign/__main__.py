@@ -70,7 +70,9 @@ def _options() -> argparse.Namespace:
     out = "results, added to; those of this commit are not redone"
     parser.add_argument("--out", type=Path, default=Path("campaign.jsonl"), help=out)
     parser.add_argument("--count", action="store_true", help="count the cases and end")
-    parser.add_argument("--table", action="store_true", help="the tables of docs/validation/faults.md, of the results in --out")
+    parser.add_argument(
+        "--table", action="store_true", help="the tables of docs/validation/faults.md, of the results in --out"
+    )
     parser.add_argument("--worst", type=Path, help="with --table: a CSV of the worst five of each bench and phase")
     return parser.parse_args()
 
