@@ -39,9 +39,9 @@ class Run:
     units: dict[str, dict[str, str]]
     events: Events
     superseded: Events
-    in_order: Sequence[tuple[str, dict[str, Any]]]  # all of both, stream and event, as the journal has them
     duration_s: float
     end_s: float  # t_s of the last document
+    in_order: Sequence[tuple[str, dict[str, Any]]] = ()  # stream and event of all of both, as the journal has them
 
     def stream(self, name: str) -> list[dict[str, Any]]:
         """The events of one stream in order."""
