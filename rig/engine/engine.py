@@ -30,7 +30,6 @@ from rig.units import GWT_N
 
 _T = TypeVar("_T")
 
-_CONFIRM_S = 2.0  # so long a force that is still there after a lift is waited for: a late sensor, a slow cell
 _LATE_FACTOR = 2.0  # a move may take so many times its length over its speed before the heartbeat is missed
 
 
@@ -282,17 +281,12 @@ class Engine:
         self._unread = None
         if not self.sensing.zeroed:
             return None
-        until_s = self.clock.monotonic_s() + _CONFIRM_S
         try:
-            while True:
-                self.beat(self.sensing.wait_s)
-                force_gwt = round(self.sensing.settled().force_n / GWT_N, 6)
-                if abs(force_gwt) < self.sensing.touch_gwt or self.clock.monotonic_s() >= until_s:
-                    self._last_gwt = force_gwt
-                    return force_gwt
+            self._last_gwt = self.sensing.at_rest_gwt(self.beat)
         except NoReadingError as error:
             self._unread = error
             return None
+        return self._last_gwt
 
     # feeling
 

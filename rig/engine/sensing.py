@@ -19,6 +19,12 @@ BUSY_S = 1.0
 
 _NOISE_WIDTH = 6.0  # standard deviations that a whole step is taken for
 
+APART_S = 0.5
+"""Between the two readings that make a force at rest."""
+AT_REST_S = 3.0
+"""So long a touch, or readings that do not agree, are waited for: a late sensor, a slow cell."""
+_LOOK_S, _TINY_S = 0.1, 1e-6
+
 
 class NoReadingError(RigError):
     """There is no reading, or none to rely on; the message says why."""
@@ -151,6 +157,58 @@ class Sensing:
             else:
                 self.moved, self._at_rest_n = False, reading.force_n
                 return reading
+
+    def at_rest_gwt(self, meanwhile: Callable[[float], object] = lambda seconds: None) -> float:
+        """Return the force at rest, gwt from zero.
+
+        Below the touch threshold two readings, `APART_S` apart, must agree: while the sensor drifts, the reading of a
+        touch passes through zero. A touch is waited for: a late sensor and a slow cell still show it in the air.
+
+        Parameters
+        ----------
+        meanwhile : callable
+            Called before each wait with its length, s.
+
+        Returns
+        -------
+        float
+            The force, gwt; at or above `touch_gwt` it was there for `AT_REST_S`.
+
+        Raises
+        ------
+        NoReadingError
+            The sensor does not answer, or (`unsteady`) its readings do not agree within `AT_REST_S`.
+        """
+        until_s, before_gwt = self._clock.monotonic_s() + AT_REST_S, None
+        while True:
+            meanwhile(self.wait_s)
+            force_gwt = round(self.settled().force_n / GWT_N, 6)
+            late = self._clock.monotonic_s() >= until_s
+            if abs(force_gwt) >= self.touch_gwt:
+                if late:
+                    return force_gwt
+                before_gwt = None
+                continue
+            if before_gwt is not None:
+                if abs(force_gwt - before_gwt) <= max(self.touch_gwt / 2, self.least_gwt):
+                    return force_gwt
+                if late:
+                    raise NoReadingError(
+                        "the force at rest changed from {before_gwt:.2f} to {force_gwt:.2f} gwt in {apart_s:g} s: "
+                        "the sensor drifts",
+                        code="unsteady",
+                        before_gwt=before_gwt,
+                        force_gwt=force_gwt,
+                        apart_s=APART_S,
+                    )
+            before_gwt = force_gwt
+            self._pause(APART_S - self.wait_s, meanwhile)
+
+    def _pause(self, seconds: float, meanwhile: Callable[[float], object]) -> None:
+        until_s = self._clock.monotonic_s() + seconds
+        while (left_s := until_s - self._clock.monotonic_s()) > _TINY_S:
+            meanwhile(min(left_s, _LOOK_S))
+            self._clock.wait_s(min(left_s, _LOOK_S))
 
     def begin_motion(self, *, away: bool) -> None:
         """Something will move; without a zero its forces count from the reading before it. Raises NoReadingError.

@@ -18,7 +18,6 @@ from rig.manual.jog import ByHand, Show
 from rig.session.running import stopped_at_once
 from rig.settings import RigSettings
 from rig.transport.wire import TransportError
-from rig.units import GWT_N
 
 
 def unfelt(error: Exception) -> BadInputError:
@@ -99,7 +98,7 @@ def zero(settings: RigSettings, sensing: Sensing, *, anyway: bool) -> str:
 
 def _refuse_touched(sensing: Sensing, last: LastKnown) -> None:
     """Raises LimitError for a load that is no drift of the zero on record."""
-    if abs(force_gwt := sensing.settled().force_n / GWT_N) > sensing.touch_gwt:
+    if abs(force_gwt := sensing.at_rest_gwt()) >= sensing.touch_gwt:
         taken = datetime.fromtimestamp(last.zero_unix_s).isoformat(" ", "minutes")
         raise LimitError(
             "{force_gwt:.2f} gwt against the last zero on record, of {taken}, more than {high_gwt:.2f}: "

@@ -1,6 +1,7 @@
 """What is felt while a person moves the stage, and what must not be."""
 
 import math
+from collections.abc import Callable
 
 from rig.engine.limits import TRIP_MARGIN, Trips
 from rig.engine.motion import FeltError
@@ -46,8 +47,17 @@ class Guard:
         """The last force, where it counts from a zero that was taken in the air; None where that is not known."""
         return self.force_gwt if self._sensing.absolute else None
 
-    def refuse_contact(self) -> None:
-        """Raise LimitError where the last force, counted from a zero in the air, is a touch."""
+    def refuse_contact(self, meanwhile: Callable[[float], object]) -> None:
+        """Raise LimitError where the force at rest, counted from a zero in the air, is a touch or does not settle."""
+        if not self._sensing.absolute:
+            return
+        problem = self.look_at_rest(meanwhile)
+        if problem is not None and problem.code == "unsteady":
+            words = (
+                f"{problem.sentence}, and the finger was touched before: nothing was moved sideways; up first, or "
+                "rig zero --anyway where nothing touches"
+            )
+            raise LimitError(words, code=problem.code, **problem.fields)
         force_gwt = self.from_air_gwt
         if force_gwt is not None and abs(force_gwt) >= self.touch_gwt:
             raise LimitError(
@@ -56,6 +66,7 @@ class Guard:
                 code="touches_still",
                 force_gwt=force_gwt,
             )
+        self._sensing.begin_motion(away=False)
 
     @property
     def touch_gwt(self) -> float:
@@ -93,6 +104,21 @@ class Guard:
             raise LimitError(words, code=above.code, **above.fields)
         if not (down and self._touched_z_mm is not None):
             self._touched_z_mm, self._air_gwt, self._stiffness_gwt_mm = None, self._rest_gwt, 0.0
+
+    def look_at_rest(self, meanwhile: Callable[[float], object]) -> NoReadingError | None:
+        """Take the force at rest where it counts from a zero in the air; returns why there is none.
+
+        meanwhile is called before each wait with its length, s.
+        """
+        if not self._sensing.absolute:
+            self.look()
+            return None
+        try:
+            self.force_gwt = self._sensing.at_rest_gwt(meanwhile)
+        except NoReadingError as error:
+            self.force_gwt = None
+            return error
+        return None
 
     def look(self) -> None:
         """Between motions; a sensor that has nothing to say is no harm."""

@@ -82,7 +82,7 @@ class ByHand:
         if self._guard is not None:
             self._guard.begin(up=direction == UP, down=direction == DOWN)
             if self.may_touch and direction.axis != "z":
-                self._guard.refuse_contact()
+                self._guard.refuse_contact(lambda seconds: held())
         if direction == DOWN:
             self._below_clearance(at, by_mm)
         try:
@@ -119,13 +119,15 @@ class ByHand:
         if not self.may_touch:
             return
         with suppress(StageError, TransportError):  # what ended the motion says more
-            known = self._judged(self._stage.status())
+            known = self._judged(self._stage.status(), lambda seconds: None)
             self.may_touch = known.may_touch
             self.keep_contact(known)
 
-    def _judged(self, at: StageStatus) -> KnownContact:
+    def _judged(self, at: StageStatus, meanwhile: Callable[[float], object]) -> KnownContact:
         """Return what position and force say about contact, at rest."""
-        if self._guard is not None:
+        if self._guard is not None and self._is_clear(at):
+            self._guard.look_at_rest(meanwhile)
+        elif self._guard is not None:
             self._guard.look()
         force_gwt = None if self._guard is None else self._guard.from_air_gwt
         touch_gwt = math.inf if self._guard is None else self._guard.touch_gwt
@@ -175,9 +177,13 @@ class ByHand:
         """
         at, whole_mm = self._stage.status(), math.inf if by_mm is None else by_mm
         for at, left_mm in jog_up_from_rest(self._stage, self._clock, held, speed_mm_s, whole_mm, self._glance):
-            if left_mm > _TINY_MM and held() == UP and self._is_clear(at) and not self._judged(at).may_touch:
+            if left_mm > _TINY_MM and held() == UP and self._is_clear(at) and self._lifted(at, held):
                 return self._aside(held, speed_mm_s, None if by_mm is None else left_mm)
         return at
+
+    def _lifted(self, at: StageStatus, held: Held) -> bool:
+        """Return whether nothing is touched; keys that are typed meanwhile are read, so that a release counts."""
+        return not self._judged(at, lambda seconds: held()).may_touch
 
     def _down(self, held: Held, speed_mm_s: float, by_mm: float | None) -> StageStatus:
         """Step by step, each from a reading at rest."""

@@ -44,13 +44,14 @@ class AtHand:
         placed: bool = True,
         felt: bool = True,
         zero: ForceZero | None = None,
+        spring: type[Spring] = Spring,
         **limits: Any,
     ) -> None:
         self.config = Config.model_validate({**KINDS[kind], "limits": limits})
         springs: list[Spring] = []
 
         def make(carriage: Carriage) -> Spring:
-            springs.append(Spring(carriage, k_gwt, skin_mm))
+            springs.append(spring(carriage, k_gwt, skin_mm))
             return springs[0]
 
         self.clock, self.wire = VirtualClock(1.7e9), io.StringIO()

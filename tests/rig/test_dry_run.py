@@ -118,8 +118,8 @@ def test_the_bytes_of_the_indentation(step: FinishedRun) -> None:
     assert told["stage", "rx"].count(b"<Idle|MPos:") >= len(moves)
     weights = [float(w) for w in re.findall(rb"S [SD] +(-?\d+\.\d\d) g\r\n", told["force", "rx"])]
     assert told["force", "tx"] == b"SI\r\n" * len(weights)
-    *in_the_lift, at_rest = weights[len(samples) :]
-    assert at_rest == 0.0, "it is lifted"
+    *in_the_lift, at_rest, still_at_rest = weights[len(samples) :]
+    assert at_rest == still_at_rest == 0.0, "it is lifted"
     assert weights[: len(samples)] == pytest.approx([s["force_gwt"] for s in samples], abs=1e-6)
     assert 2 <= len(in_the_lift) <= told["stage", "rx"].count(b"<Run|MPos:")
     assert in_the_lift == sorted(in_the_lift, reverse=True)

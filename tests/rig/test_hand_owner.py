@@ -271,7 +271,7 @@ def test_a_held_board_is_not_spoken_to_before_it_is_let_go() -> None:
         stage.status = lambda: replace(status(), state="Hold:0")
         yield 1.0
         assert (bench("status")["state"], connected) == ("Hold:0", [])
-        yield from bench.hold("x", 1, 0.5)
+        yield from bench.hold("x", 1, 1.2)
         assert "the stage is held, Hold:0" in bench("status")["ended_by"]
         assert not connected
         stage.status = status
@@ -287,10 +287,10 @@ def test_what_a_controller_merely_refuses_leaves_its_place_known(make: Callable[
 
     def person() -> Person:
         bench.bench.stage.jog = raising(StageRejected(15, "$J", "outside the travel"))  # type: ignore[method-assign]
-        yield from bench.hold("x", 1, 0.5)
+        yield from bench.hold("x", 1, 1.2)
         assert "outside the travel" in bench("status")["ended_by"]
         bench.bench.stage.jog = jog  # type: ignore[method-assign]
-        yield from bench.hold("x", 1, 0.5)
+        yield from bench.hold("x", 1, 1.2)
 
     found = bench.run(person())
     assert (found["ended_by"], found["homed"]) == (None, True)
@@ -300,10 +300,10 @@ def test_an_axis_that_is_not_there_and_a_speed_that_it_does_not_have_leave_its_p
     bench = HandBench("leadshine", zero=ZERO)
 
     def person() -> Person:
-        yield from bench.hold("y", 1, 0.5)
+        yield from bench.hold("y", 1, 1.2)
         assert bench("status")["ended_by"] == "there is no drive for y; it is set by hand"
         bench.bench.stage.jog = raising(ValueError("speed_mm_s must be at least 0.02"))  # type: ignore[method-assign]
-        yield from bench.hold("x", 1, 0.5)
+        yield from bench.hold("x", 1, 1.2)
         assert bench("status")["ended_by"] == "speed_mm_s must be at least 0.02; nothing was moved"
 
     assert bench.run(person())["homed"]
@@ -355,7 +355,7 @@ def test_left_while_it_jogs_it_comes_to_rest_and_is_remembered(make: Callable[..
 
     def person() -> Person:
         holding = bench.hold("x", 1, 20.0)
-        yield from (next(holding) for _ in range(5))
+        yield from (next(holding) for _ in range(12))
 
     bench.run(person())
     left_mm, pad_mm = bench.memory.read().left_at_mm, bench.config.frame.pad_centre_x_mm

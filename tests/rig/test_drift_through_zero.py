@@ -1,0 +1,166 @@
+"""A drift that takes a touch through zero at one reading does not make it a lift, wherever one is confirmed.
+
+A motor stalls in a touch of 0.32 gwt while the sensor drifts by 0.2 gwt/s, and the zero crossing is put everywhere in
+the seconds after. `rtu/jog up/9660/z stalls + drifts down` of the fault campaign was one such case.
+"""
+
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.engine import Engine, EngineError, verbs
+from rig.engine.bench_memory import BenchMemory
+from rig.engine.sensing import ForceZero, NoReadingError, Sensing
+from rig.errors import LimitError
+from rig.manual.bench import zero as zero_by_hand
+from rig.settings import RigSettings
+from rig.units import GWT_N
+from sim.devices.clock import VirtualClock
+from studies.faults.catalogue import GRBL, MODBUS
+from tests.raising import raises
+from tests.rig.hand_bench import Spring
+from tests.rig.test_by_hand import AtHand
+from tests.rig.test_mechanical_faults import Slipping
+from tests.told import ToldSensor
+
+DRIFT_GWT_S, TOUCH_GWT = 0.2, 0.05
+CROSSINGS_S = np.arange(0.1, 4.0, 0.4)
+"""Readings within the threshold last 0.5 s, so that every reading of the next four seconds is in one of them."""
+STAGES = {"grbl": GRBL, "modbus": MODBUS}
+
+
+class Stalled(Spring):
+    """A finger under a motor that no longer turns, read by a sensor whose reading crosses zero at an instant."""
+
+    stalled = False
+    crosses_s = np.inf
+
+    def true_gwt(self, t_s: float) -> float:
+        return 0.32 if self.stalled else super().true_gwt(t_s)
+
+    def force_n(self, t_s: float) -> float:
+        return DRIFT_GWT_S * (self.crosses_s - t_s) * GWT_N if self.stalled else super().force_n(t_s)
+
+
+class Drifted:
+    """A bench by hand that was in a touch, over the crossing at an instant from now."""
+
+    def __init__(self, kind: str, above_mm: float, crosses_in_s: float) -> None:
+        self.bench = AtHand(kind, above_mm=above_mm, zero=ForceZero(0.0, 0.0), spring=Stalled)
+        self.bench.hand.may_touch = True
+        spring = self.bench.spring
+        assert isinstance(spring, Stalled)
+        spring.stalled, spring.crosses_s = True, self.bench.clock.monotonic_s() + crosses_in_s
+
+    def aside(self) -> float:
+        """Try to go sideways by 1 mm; returns how far it went."""
+        from_mm = self.bench.x_mm
+        with suppress(LimitError):
+            self.bench.jog("x", 1.0)
+        return abs(self.bench.x_mm - from_mm)
+
+
+@pytest.mark.parametrize("kind", ["grbl", "leadshine"])
+def test_a_jog_up_is_not_taken_for_a_lift(kind: str) -> None:
+    for crossing_s in CROSSINGS_S:
+        at_hand = Drifted(kind, 1.0, crossing_s)
+        at_hand.bench.jog("z", 1.2)
+        if at_hand.bench.hand.may_touch:
+            continue
+        pytest.fail(f"the record says lifted, with the crossing {crossing_s:.2f} s after the jog began")
+
+
+@pytest.mark.parametrize("kind", ["grbl", "leadshine"])
+def test_by_hand_nothing_goes_sideways(kind: str) -> None:
+    for crossing_s in CROSSINGS_S:
+        assert Drifted(kind, 2.5, crossing_s).aside() < 0.003, f"{crossing_s:.2f} s"
+
+
+def _leave(engine: Engine) -> None:
+    verbs.retract(engine)
+    verbs.move_to(engine, 1.0)
+
+
+@pytest.mark.parametrize("stage", STAGES)
+def test_a_run_does_not_go_sideways(tmp_path: Path, stage: str) -> None:
+    """The motor stalls in a touch; then `retract` and `move_to`."""
+    for n, crossing_s in enumerate(CROSSINGS_S):
+        (tmp_path / str(n)).mkdir()
+        bench = Slipping(tmp_path / str(n), STAGES[stage])
+        engine = bench.engine
+        verbs.mount(engine, "bar:3.0")
+        verbs.home(engine)
+        verbs.zero(engine)
+        verbs.move_to(engine, 0.0)
+        while (true_gwt := bench.true_n(bench.clock.monotonic_s()) / GWT_N) < 0.3:
+            engine.go_to_height(engine.height_mm - 0.05, 1.0)
+        bench.slip(1.0)
+        from_s = bench.clock.monotonic_s() + crossing_s - true_gwt / DRIFT_GWT_S
+        bench.extra_n = lambda t_s, from_s=from_s: -DRIFT_GWT_S * GWT_N * (t_s - from_s)
+        with pytest.raises(EngineError) as found:
+            _leave(engine)
+        bench.journal.close()
+        assert found.value.code == "not_lifted"
+        assert bench.dragged_gwt == 0.0, f"{crossing_s:.2f} s"
+
+
+@pytest.mark.parametrize("kind", ["grbl", "leadshine"])
+def test_a_touch_is_not_taken_for_zero(kind: str) -> None:
+    """`rig zero` refuses a load against the last zero on record."""
+    for crossing_s in CROSSINGS_S:
+        at_hand = Drifted(kind, 2.5, crossing_s).bench
+        BenchMemory(at_hand.config).zeroed(ForceZero(0.0, 0.0))
+        with pytest.raises(LimitError) as found:
+            zero_by_hand(at_hand.config, at_hand.sensing, anyway=False)
+        assert found.value.code in ("maybe_touched", "unsteady"), f"{crossing_s:.2f} s"
+
+
+# --- what one sensor's readings at rest say ---
+
+
+def _resting(shows_gwt: Callable[[float], float]) -> Sensing:
+    """A sensor that shows a force at so many seconds from now."""
+    clock = VirtualClock(1.7e9, 100.0)
+    sensor = ToldSensor(clock)
+
+    def show() -> None:
+        sensor.shows_gwt = shows_gwt(clock.monotonic_s() - 100.0)
+
+    sensor.at_read = show
+    sensing = Sensing(RigSettings(), clock, sensor)
+    sensing.zero = ForceZero(0.0, 0.0)
+    return sensing
+
+
+@pytest.mark.parametrize(
+    ("shows_gwt", "at_rest_gwt"),
+    [
+        (lambda t_s: 0.01, 0.01),
+        (lambda t_s: 8.0, 8.0),
+        (lambda t_s: 8.0 * np.exp(-t_s / 0.3), 0.0),  # a slow cell
+        (lambda t_s: 8.0 if t_s < 0.5 else 0.0, 0.0),  # a late one
+        (lambda t_s: 0.1 - 0.2 * t_s, -0.5),  # a drift: it is a touch in the end
+    ],
+    ids=["air", "touch", "slow", "late", "drift"],
+)
+def test_the_force_at_rest_is_two_readings_that_agree(
+    shows_gwt: Callable[[float], float], at_rest_gwt: float
+) -> None:
+    assert _resting(shows_gwt).at_rest_gwt() == pytest.approx(at_rest_gwt, abs=0.03)
+
+
+def test_readings_that_never_agree_are_no_force_at_rest() -> None:
+    """0.04 and −0.04 gwt in turn, half a second apart, both below the touch threshold of 0.05 gwt."""
+    with raises(NoReadingError, "unsteady"):
+        _resting(lambda t_s: 0.04 if round(t_s / 0.55) % 2 else -0.04).at_rest_gwt()
+
+
+def test_the_noise_of_a_good_sensor_is_no_drift() -> None:
+    """Readings with a standard deviation of 0.02 gwt, measured at the zero: the threshold is 0.12 gwt then."""
+    random = np.random.default_rng(20261126)
+    sensing = _resting(lambda t_s: float(random.normal(0.0, 0.02)))
+    sensing.zero = ForceZero(0.0, 0.02)
+    assert all(abs(sensing.at_rest_gwt()) < 0.12 for _ in range(200))
