@@ -13,8 +13,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol
 
+from rig.append_only_file import LineFile, LostFileError
 from rig.errors import LimitError, LostRecordError, RecordError, RigError, RunAborted, TripError
-from rig.line_file import LineFile, LostFileError
 
 if TYPE_CHECKING:
     from rig.clock import Clock

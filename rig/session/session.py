@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
+from rig.append_only_file import LostFileError
 from rig.bench.checks import refuse_expired
 from rig.bench.real import open_bench
 from rig.bench.virtual import virtual_bench
@@ -21,7 +22,6 @@ from rig.data.journal import add_to_end, read_journal
 from rig.data.schema import STREAMS
 from rig.engine import Engine, Journal, Pause, RecordError, RunAborted, WatchedBench, verbs
 from rig.errors import LostRecordError
-from rig.line_file import LostFileError
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel, kept_in
 from rig.plan.plan import Plan, promised
@@ -29,11 +29,11 @@ from rig.protocol.api import Handler, Rig
 from rig.protocol.check import Walk
 from rig.protocol.handlers import Patience, TakenUp
 from rig.protocol.script import Script
-from rig.session.ending import Ending, FinalPosition
+from rig.session.early_ending import Ending, FinalPosition
 from rig.session.execute import Live
-from rig.session.lost_run import LostRun
+from rig.session.lost_files import LostRun
 from rig.session.resume import StoppedRun, first_reference_gwt, provenance
-from rig.session.running import AT_ONCE, ENDINGS, run_script, stopped_at_once
+from rig.session.script_run import AT_ONCE, ENDINGS, run_script, stopped_at_once
 from rig.session.stop_button import BY_THE_BUTTON, StopButton, refuse_stop_inputs, stop_inputs_heeded
 from rig.transport.wire import ByteLog, Sink
 from sim.devices.clock import VirtualClock

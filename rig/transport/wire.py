@@ -6,9 +6,9 @@ from pathlib import Path
 from types import TracebackType
 from typing import Protocol
 
+from rig.append_only_file import LineFile
 from rig.clock import Clock
 from rig.errors import RigError
-from rig.line_file import LineFile
 
 
 class TransportError(RigError):

@@ -26,12 +26,12 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
+from rig.append_only_file import LineFile
 from rig.data import read_run
 from rig.devices.base import ForceError, StageError
 from rig.engine import EngineError
 from rig.engine.bench_memory import BenchMemory
 from rig.errors import BadInputError
-from rig.line_file import LineFile
 from rig.transport import TransportError
 from studies.faults.attempts import attempts
 from studies.faults.campaign.cases import FaultCase, content, is_command

@@ -30,7 +30,7 @@ from rig.plan.config import Config
 from rig.plan.finger_model import about_model
 from rig.plan.plan import make_plan
 from rig.protocol.script import Script
-from rig.session.ending import FinalPosition
+from rig.session.early_ending import FinalPosition
 from rig.session.preflight import Page
 from rig.session.resume import StoppedRun
 from rig.session.session import FinishedRun, NewRun, Nobody, Session, Watch, record_after, record_before
