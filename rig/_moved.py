@@ -1,4 +1,4 @@
-"""Modules of 0.1 under their old names: they answer for one release, with a warning; pickled results for good."""
+"""Modules under their old names: they answer for one release, with a warning; pickled results for good."""
 
 import sys
 import warnings
@@ -310,7 +310,7 @@ transport.tcp transport.ports
 
 
 class _Moved(ModuleType):
-    """A module of 0.1, which looks its names up where they are now."""
+    """A module of an old name, which looks its names up where they are now."""
 
     def __init__(self, name: str, new: tuple[str, ...]) -> None:
         super().__init__(name)

@@ -7,8 +7,7 @@ The file is TOML; each key is given the lowest and the highest value that is pla
     epidermis_mm = [0.3, 0.5]
 
 The file of a finger that `rig meet` met is one, too (`docs/meet.md`). SSRPs are computed on a design, every
-combination of the lowest, middle and highest value of each parameter, and are interpolated between its fingers
-(`rig/compare/plausible_fingers.py`).
+combination of the lowest, middle and highest value of each parameter, and are interpolated between its fingers.
 """
 
 import hashlib

@@ -10,7 +10,7 @@ the smooth fit is the answer.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -214,7 +214,6 @@ def _log_det(matrix: Array) -> float:
 
 
 Prior = Literal["contacts", "smooth"]
-PRIORS: tuple[Prior, ...] = get_args(Prior)
 
 FEWEST_FOR_CONTACTS = 8
 """Pressures; fewer are decoded as smooth."""
