@@ -156,7 +156,7 @@ engine.rig_settings settings
 engine.stopping engine.limits
 engine.streams data.schema
 engine.touched engine.limits
-line_file append_only_file
+line_file data.journal
 panel.asked panel.requests
 panel.by_hand_process panel.owners
 panel.drawn -
@@ -295,7 +295,7 @@ session.virtual.twins bench.virtual
 session.virtual.virtual_bench bench.virtual
 session.virtual.virtual_devices bench.virtual
 transport.base transport.wire
-transport.byte_log transport.wire
+transport.byte_log data.journal
 transport.clock clock
 transport.identity transport.ownership
 transport.lines transport.wire

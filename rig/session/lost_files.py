@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
 
-from rig.append_only_file import LineFile
 from rig.data import Run, RunError, RunFolder, read_run
 from rig.data.folder import rescued_folder
+from rig.data.journal import ByteLog, LineFile
 from rig.engine import Journal
 from rig.engine.bench_memory import state_folder
 from rig.errors import LostRecordError, around
 from rig.session.early_ending import FinalPosition
-from rig.transport.wire import ByteLog
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.append_only_file import LineFile, LostFileError
+from rig.data.journal import LineFile, LostFileError
 from rig.errors import RigError
 from rig.transport import NotOwnedError, PortOwner
 from rig.transport.ownership import LockHeldError

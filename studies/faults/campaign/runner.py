@@ -26,8 +26,8 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
-from rig.append_only_file import LineFile
 from rig.data import read_run
+from rig.data.journal import LineFile
 from rig.devices.base import ForceError, StageError
 from rig.engine import EngineError
 from rig.engine.bench_memory import BenchMemory
