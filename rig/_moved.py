@@ -1,4 +1,4 @@
-"""Modules of 0.1 under their old names: they answer for one release, with a warning; pickled results for good."""
+"""Modules under their old names: they answer for one release, with a warning; pickled results for good."""
 
 import sys
 import warnings
@@ -10,7 +10,7 @@ _NEW = """\
 cli.at_the_bench cli.bench
 cli.by_hand cli.bench
 cli.cache cli.system
-cli.carrying_out cli.execution
+cli.carrying_out cli.script_execution
 cli.check cli.run
 cli.chosen_model cli.indent
 cli.config cli.system
@@ -19,20 +19,24 @@ cli.decode_options cli.decode
 cli.decode_said cli.decode
 cli.doctor cli.system
 cli.dry_run cli.run
+cli.execution cli.script_execution
 cli.export cli.runs
 cli.export_deck cli.finger
-cli.find cli.identify
+cli.find cli.identify_finger
+cli.identify cli.identify_finger
 cli.impulse cli.encode
 cli.interrupts cli.signals
 cli.looking bench.checks
-cli.meet cli.identify
-cli.meeting_said cli.identify
+cli.meet cli.identify_finger
+cli.meeting_said cli.identify_finger
+cli.outcomes cli.error_exit_codes
 cli.owning cli.panel
 cli.pictures cli.options
 cli.progress cli.monitor
-cli.reporting cli.execution
+cli.reporting cli.script_execution
 cli.resume cli.run
-cli.run_owner cli.execution
+cli.run_owner cli.script_execution
+cli.sampling cli.coding_options
 cli.screen cli.monitor
 cli.shift_invariance cli.encode
 cli.show cli.runs
@@ -43,23 +47,27 @@ compare.answers -
 compare.answers.answer compare.verdict
 compare.answers.answer_json compare.results
 compare.answers.candidates compare.candidates
-compare.answers.confidence_set compare.model_set
+compare.answers.confidence_set compare.model_confidence_set
 compare.answers.goodness compare.candidates
 compare.answers.judging compare.judge
 compare.answers.likeliest compare.likelihood
 compare.answers.methods compare.verdict_text
 compare.answers.observed compare.likelihood
-compare.answers.power compare.model_set
-compare.answers.prediction compare.model_set
+compare.answers.power compare.model_confidence_set
+compare.answers.prediction compare.model_confidence_set
 compare.answers.profile_limits compare.intervals
 compare.answers.wording compare.verdict_text
+compare.cluster compare.dask_cluster
 compare.controls compare.stimuli
-compare.fingers.finger_fit compare.fingers
-compare.fingers.on_fingers compare.fingers
+compare.errors compare.exceptions
+compare.fingers compare.plausible_fingers
+compare.fingers.finger_fit compare.plausible_fingers
+compare.fingers.on_fingers compare.plausible_fingers
 compare.left_out compare.comparison
+compare.model_set compare.model_confidence_set
 compare.parameter_study.cases compare.parameter_study
-compare.parameter_study.cluster compare.cluster
-compare.parameter_study.errors compare.errors
+compare.parameter_study.cluster compare.dask_cluster
+compare.parameter_study.errors compare.exceptions
 compare.parameter_study.interpolation compare.parameter_study
 compare.parameter_study.workers compare.workers
 compare.place -
@@ -68,7 +76,7 @@ compare.place.place_grid compare.place_grid
 compare.place.place_search compare.receptor_place
 compare.place.placed compare.receptor_place
 compare.place.whereabouts compare.place_grid
-compare.plausible compare.fingers
+compare.plausible compare.plausible_fingers
 compare.recordings.column_map compare.recordings.columns
 compare.recordings.inputs compare.recordings.reading
 compare.recordings.nwb_spikes compare.recordings.spikes
@@ -81,6 +89,7 @@ compare.recordings.table_file compare.recordings.columns
 compare.shape_chance compare.shape_test
 compare.statistics compare.fit
 compare.stimulus_maps compare.stimuli
+compare.table_5_2 compare.raju_table_5_2
 compare.tables compare.results
 data.bench_time data.tables
 data.following data.run
@@ -94,6 +103,7 @@ data.summary data.tables
 data.wanted data.index
 devices.bench_settings settings
 devices.catalogue devices.registry
+devices.drivers devices.make_drivers
 devices.force devices.base
 devices.force.base devices.base
 devices.force.laumas -
@@ -142,10 +152,11 @@ engine.pressing.pulse engine.press
 engine.pressing.reference engine.reference
 engine.pressing.touch_fit engine.limits
 engine.records records
-engine.stopping engine.limits
 engine.rig_settings settings
+engine.stopping engine.limits
 engine.streams data.schema
 engine.touched engine.limits
+line_file data.journal
 panel.asked panel.requests
 panel.by_hand_process panel.owners
 panel.drawn -
@@ -160,11 +171,12 @@ panel.outlet panel.stream
 panel.posts panel.requests
 panel.run_files panel.runs
 panel.seen -
-panel.seen.ages panel.seen_run
-panel.seen.growing panel.seen_run
-panel.seen.limits_told panel.seen_run
+panel.seen.ages panel.run_view
+panel.seen.growing panel.run_view
+panel.seen.limits_told panel.run_view
 panel.seen.seen_bench panel.state
-panel.seen.seen_run panel.seen_run
+panel.seen.seen_run panel.run_view
+panel.seen_run panel.run_view
 panel.serving panel.app
 panel.tabs panel.owners
 panel.watcher panel.state
@@ -261,7 +273,9 @@ session.control.recorded_stop session.session
 session.control.sent_stop control.stop
 session.control.stage_in_hand control.stop
 session.control.stop_switch control.stop
+session.ending session.early_ending
 session.live session.execute
+session.lost_run session.lost_files
 session.meeting identify.procedure
 session.meeting.journalled_press identify.press_record
 session.meeting.meeting identify.procedure
@@ -273,6 +287,7 @@ session.page session.preflight
 session.provenance session.resume
 session.real_bench bench.real
 session.rehearsal session.rehearse
+session.running session.script_run
 session.subject bench.checks
 session.virtual -
 session.virtual.served_bench bench.served
@@ -280,7 +295,7 @@ session.virtual.twins bench.virtual
 session.virtual.virtual_bench bench.virtual
 session.virtual.virtual_devices bench.virtual
 transport.base transport.wire
-transport.byte_log transport.wire
+transport.byte_log data.journal
 transport.clock clock
 transport.identity transport.ownership
 transport.lines transport.wire
@@ -295,7 +310,7 @@ transport.tcp transport.ports
 
 
 class _Moved(ModuleType):
-    """A module of 0.1, which looks its names up where they are now."""
+    """A module of an old name, which looks its names up where they are now."""
 
     def __init__(self, name: str, new: tuple[str, ...]) -> None:
         super().__init__(name)

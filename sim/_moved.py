@@ -1,4 +1,4 @@
-"""Modules of 0.1 under their old names: they answer for one release, with a warning; pickled results for good."""
+"""Modules under their old names: they answer for one release, with a warning; pickled results for good."""
 
 import sys
 import warnings
@@ -8,12 +8,13 @@ from typing import Any
 
 _NEW = """\
 coding.borne coding.pressure
-coding.decoded coding.search
+coding.contacts coding.contact_search
+coding.decoded coding.search_decoders
 coding.energy coding.section
 coding.fitted_receptor coding.bayes
 coding.frictionless coding.pressure
 coding.impulse coding.operators
-coding.other_searches coding.search
+coding.other_searches coding.search_decoders
 coding.point_spread.all_sites coding.all_sites
 coding.point_spread.kept_sites coding.all_sites
 coding.point_spread.loaded_finger coding.point_loads
@@ -23,17 +24,18 @@ coding.point_spread.sites coding.point_loads
 coding.point_spread.spreads coding.point_spread
 coding.profile_decoder coding.bayes
 coding.profiles -
-coding.profiles.climb coding.contacts
-coding.profiles.contact coding.contacts
+coding.profiles.climb coding.contact_search
+coding.profiles.contact coding.contact_search
 coding.profiles.evidence coding.evidence
 coding.profiles.felt_shape coding.shape_class
 coding.profiles.imagined coding.mixture
 coding.profiles.mixture coding.mixture
-coding.profiles.seen coding.contacts
+coding.profiles.seen coding.contact_search
 coding.profiles.smooth_fit coding.bayes
 coding.profiles.table coding.mixture
 coding.readings coding.encoding
 coding.sampled_section coding.section
+coding.search coding.search_decoders
 coding.sheets -
 coding.sheets.axial_row coding.sheet
 coding.sheets.felt_skin coding.sheet
@@ -41,7 +43,7 @@ coding.sheets.felt_solid coding.shape_class
 coding.sheets.sheet_decoder coding.sheet
 coding.sheets.sheet_operator coding.sheet
 coding.skin_line coding.section
-coding.univariate coding.search
+coding.univariate coding.search_decoders
 config.csv_table tables
 config.fingertip_config config
 config.measured_skin config
@@ -65,6 +67,7 @@ devices.grbl.system devices.grbl.commands
 devices.told devices.line
 fem.assembly fem.elements
 fem.dense fem.dissection
+fem.pardiso fem.mkl_condensation
 fem.shape_functions fem.elements
 fem.strain fem.elements
 finger.fit finger.surface
@@ -73,6 +76,8 @@ finger.layers finger.mesh
 finger.quality finger.mesh
 finger.section finger.surface
 finger.skin finger.mesh
+identification.bands identification.uncertainty_bands
+identification.shape_table identification.force_table
 measures.reach measures.receptors
 models.discretised models.condensed
 models.errors errors
@@ -89,15 +94,15 @@ models.meeting.learned identification.posterior
 models.meeting.misfit identification.posterior
 models.meeting.next_press identification.design
 models.meeting.prior identification.prior
-models.meeting.shape_table identification.shape_table
-models.meeting.shipped identification.shape_table
-models.meeting.width identification.bands
+models.meeting.shape_table identification.force_table
+models.meeting.shipped identification.force_table
+models.meeting.width identification.uncertainty_bands
 models.moduli -
 models.moduli.families models.interpolation
 models.moduli.interpolated models.interpolation
 models.moduli.node_builds models.interpolation
 models.moduli.packed models.interpolation
-models.moduli.weights models.weights
+models.moduli.weights models.interpolation_weights
 models.patches models.sources
 models.plane_section models.section
 models.processes -
@@ -127,6 +132,7 @@ models.tops models.cache
 models.uncondensed -
 models.uncondensed.deck models.full_mesh
 models.uncondensed.strain_map models.full_mesh
+models.weights models.interpolation_weights
 models.whole_finger models.finger
 plant.plant plant
 plant.relaxing_plant plant
@@ -153,7 +159,7 @@ speed_and_error.situation choice
 
 
 class _Moved(ModuleType):
-    """A module of 0.1, which looks its names up where they are now."""
+    """A module of an old name, which looks its names up where they are now."""
 
     def __init__(self, name: str, new: tuple[str, ...]) -> None:
         super().__init__(name)

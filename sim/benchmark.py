@@ -22,8 +22,8 @@ from threadpoolctl import threadpool_limits
 
 from sim.config import Contact, FingertipConfig, MeshSpec
 from sim.contact.indentor import ALONG, Prismatic
-from sim.fem import pardiso
-from sim.fem.pardiso import PardisoFactor
+from sim.fem import mkl_condensation
+from sim.fem.mkl_condensation import PardisoFactor
 from sim.finger.mesh import build_mesh
 from sim.finger.surface import FingertipSurface
 from sim.models.catalogue import ModelName, load
@@ -261,7 +261,7 @@ def peak_memory_mb() -> float:
 
 def sparse_factor_s(candidate: Candidate) -> float | None:
     """Seconds of one PARDISO factorisation of the finger's matrix with one unknown kept; None without MKL."""
-    if not pardiso.available():
+    if not mkl_condensation.available():
         return None
     config = candidate.config
     problem = discretise(config, build_mesh(config, FingertipSurface.fit(config.geometry)))

@@ -5,9 +5,9 @@ from collections.abc import Mapping
 import numpy as np
 
 from sim.config import FingertipConfig
+from sim.identification.force_table import Scope, ShapeTable
 from sim.identification.forward import Foreseen, Given, PressTrajectory, tissue_axes
 from sim.identification.prior import Prior
-from sim.identification.shape_table import Scope, ShapeTable
 
 SHAPES: Mapping[str, tuple[float, float, float]] = {  # gwt at 1 mm, exponent of depth, exponent of the fat's modulus
     "sphere:4": (11.0, 1.5, 0.3),

@@ -12,7 +12,7 @@ import tomlkit
 from rig.clock import WallClock
 from rig.control.client import at_work
 from rig.devices.base import ForceError, StageError, StageStatus
-from rig.devices.drivers import open_force, open_stage
+from rig.devices.make_drivers import open_force, open_stage
 from rig.devices.registry import stage_ports
 from rig.engine.bench_memory import BenchMemory
 from rig.errors import BadInputError, around, code_of

@@ -8,7 +8,7 @@ from typing import Any, Literal, Self
 from rig.clock import WallClock
 from rig.control.stop import StageInHand
 from rig.devices.base import ForceSensor, Stage, StageError
-from rig.devices.drivers import open_force, open_stage
+from rig.devices.make_drivers import open_force, open_stage
 from rig.engine.bench import NO_PAUSE, Heartbeat, Pause, looked_after
 from rig.engine.bench_memory import BenchMemory, LastKnown
 from rig.engine.contact import KnownContact

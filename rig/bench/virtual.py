@@ -10,7 +10,7 @@ from typing import Any, Literal, Protocol, Self
 from pydantic import ValidationError
 
 from rig.devices.base import ForceSensor, Stage
-from rig.devices.drivers import force_driver, stage_driver
+from rig.devices.make_drivers import force_driver, stage_driver
 from rig.devices.registry import DEFAULTS, DeviceKind, as_kind, kind_of, moves_along
 from rig.engine.bench import LOOK_S, NO_PAUSE, Heartbeat, Pause
 from rig.engine.bench_memory import LastKnown

@@ -15,7 +15,7 @@ from rig.cli.output import ExitCode, complain, err, out, print_json, told_in_one
 from rig.cli.signals import at_once, interrupt_main
 from rig.clock import Clock, WallClock
 from rig.devices.base import Stage, StageStatus
-from rig.devices.drivers import open_force, open_stage
+from rig.devices.make_drivers import open_force, open_stage
 from rig.engine.bench_memory import BenchMemory
 from rig.engine.contact import KnownContact
 from rig.engine.sensing import Sensing

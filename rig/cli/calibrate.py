@@ -19,13 +19,13 @@ from rig.cli.signals import at_once, interrupt_main, typed_line
 from rig.clock import WallClock
 from rig.data.journal import NoJournal
 from rig.devices.base import ForceSensor
-from rig.devices.drivers import open_force
+from rig.devices.make_drivers import open_force
 from rig.engine import Engine, verbs
 from rig.engine.reference import Compliance, measure_compliance
 from rig.errors import BadInputError
 from rig.plan.config import Config, load_config
 from rig.protocol.check import refuse_approach, refuse_place
-from rig.session.running import stopped_at_once
+from rig.session.script_run import stopped_at_once
 from rig.session.stop_button import key_interrupting
 from rig.units import GWT_N
 

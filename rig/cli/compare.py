@@ -15,10 +15,10 @@ import typer
 from rig.cli.options import ExactOption, JsonOption, checked_file, numbers
 from rig.cli.output import THE_FINGER, busy, out, print_json, renamed, told_in_one_line
 from rig.compare.comparison import Comparison, compare, left_out_lines, left_out_rows
-from rig.compare.fingers import PlausibleFingers, on_plausible_fingers, read_plausible
 from rig.compare.judge import answers
 from rig.compare.likelihood import Form
 from rig.compare.place_grid import PlaceRange, ReceptorLocation, place_lines, places_as_json
+from rig.compare.plausible_fingers import PlausibleFingers, on_plausible_fingers, read_plausible
 from rig.compare.receptor_place import Sought, places, sought_in
 from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.reading import Reading, read_recordings, sha256

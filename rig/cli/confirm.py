@@ -12,7 +12,7 @@ from rig.clock import WallClock
 from rig.devices.registry import stage_ports
 from rig.errors import BadInputError
 from rig.plan.config import Config
-from rig.session.ending import Ending
+from rig.session.early_ending import Ending
 from rig.session.preflight import Page
 from rig.session.session import Session
 from rig.session.stop_button import StopButton

@@ -10,9 +10,7 @@ import typer
 from numpy.typing import NDArray
 from rich.table import Table
 
-from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_picture, numbers, write_picture
-from rig.cli.output import THE_FINGER, busy, out, print_json, told_in_one_line
-from rig.cli.sampling import (
+from rig.cli.coding_options import (
     INPUT,
     NOISE,
     DepthOption,
@@ -28,13 +26,15 @@ from rig.cli.sampling import (
     pressures_of,
     sampling_of,
 )
+from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_picture, numbers, write_picture
+from rig.cli.output import THE_FINGER, busy, out, print_json, told_in_one_line
 from rig.errors import BadInputError, around
 from rig.plan.config import load_config
 from sim.coding.bayes import FittedReceptor
 from sim.coding.encoding import NOISE_PLACES, Noise, NoisePlace, Receptor
 from sim.coding.operators import OPERATORS, ForwardOperator
 from sim.coding.readings_file import GivenReadings, pa_per_pseudo, read_readings
-from sim.coding.search import CodingError, error_surface
+from sim.coding.search_decoders import CodingError, error_surface
 from sim.coding.section import ENERGIES, HALF_LENGTH, SPACING_MM
 from sim.coding.shape_class import felt_solid
 from sim.coding.sheet import HALF_LENGTHS_MM, SheetOperator

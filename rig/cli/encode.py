@@ -8,9 +8,7 @@ import typer
 from numpy.typing import NDArray
 from rich.table import Table
 
-from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_picture, write_picture
-from rig.cli.output import busy, err, out, print_json, say_now, told_in_one_line
-from rig.cli.sampling import (
+from rig.cli.coding_options import (
     INPUT,
     NOISE,
     SAMPLING,
@@ -26,6 +24,8 @@ from rig.cli.sampling import (
     pressures_of,
     sampling_of,
 )
+from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_picture, write_picture
+from rig.cli.output import busy, err, out, print_json, say_now, told_in_one_line
 from rig.errors import BadInputError
 from rig.plan.config import load_config
 from sim.coding.all_sites import DRAWN, AllSites, Deformed, Sampled, Where, kept_sites

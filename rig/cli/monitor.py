@@ -18,11 +18,10 @@ from rig.cli.output import ExitCode, a_screen, complain, err, out, print_json, t
 from rig.cli.runs import ending_of
 from rig.clock import WallClock
 from rig.data.folder import RunFolder
-from rig.data.journal import Document
+from rig.data.journal import Document, Watch
 from rig.data.run import Following, RunError, followed, read_run
 from rig.data.run_state import READING, Course, Onlooker, RunState, TimeLeft, as_clock
 from rig.data.tables import FOREIGN, RUNNING, alive, foreign, summary_of
-from rig.session.session import Watch
 
 BLOCKS = " ▁▂▃▄▅▆▇█"
 COLUMNS, ROWS, EACH = 64, 3, 4

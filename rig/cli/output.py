@@ -190,7 +190,7 @@ def fail(
 
 def _nothing_moved(message: str, exit_code: ExitCode) -> dict[str, Any]:
     """How a run ends that has not begun, as JSON."""
-    from rig.session.ending import Ending  # there already where something can be moved; a help does without
+    from rig.session.early_ending import Ending  # there already where something can be moved; a help does without
 
     return Ending.before_it_began(" ".join(message.split()), refused=exit_code is not ExitCode.ABORTED).as_json()
 
@@ -206,7 +206,7 @@ def told_in_one_line(*, as_json: bool, beginning: Beginning | None = None) -> It
     except NotConfirmedError as error:
         fail(str(error), error.code, ExitCode.ABORTED, as_json=as_json, beginning=beginning)
     except Exception as error:
-        from rig.cli.outcomes import outcome  # it imports both packages, and a help is not to wait for them
+        from rig.cli.error_exit_codes import outcome  # it imports both packages, and a help is not to wait for them
 
         if (found := outcome(error)) is None:
             raise

@@ -35,7 +35,7 @@ class Command(NamedTuple):
 COMMANDS = {
     "dry-run": Command("run.dry_run_command", "Run a protocol on virtual devices.", "Experiment"),
     "run": Command("run.run_command", "Run a protocol on the rig.", "Experiment"),
-    "meet": Command("identify.meet_command", "Identify the finger from a few light presses.", "Experiment"),
+    "meet": Command("identify_finger.meet_command", "Identify the finger from a few light presses.", "Experiment"),
     "check": Command("run.check_command", "Check a protocol against the limits without motion.", "Experiment"),
     "resume": Command("run.resume_command", "Resume a stopped run and do the remaining steps.", "Experiment"),
     "compare": Command("compare.command", "Compare runs with recordings and write a report.", "Results"),
@@ -53,7 +53,7 @@ COMMANDS = {
     "encode": Command("encode.encode_command", "Compute receptor readings from skin pressure.", "Coding"),
     "decode": Command("decode.decode_command", "Estimate skin pressure from receptor readings.", "Coding"),
     "finger": Command("finger.finger_command", "Fit the skin, build the mesh and print their quality.", "Simulation"),
-    "find": Command("identify.find_command", "Locate the finger from a run of find_finger.", "Experiment"),
+    "find": Command("identify_finger.find_command", "Locate the finger from a run of find_finger.", "Experiment"),
     "export-deck": Command("finger.export_deck_command", "Write an indentation as a CalculiX deck.", "Simulation"),
     "serve": Command("serve.serve_command", "Serve virtual devices in real time on ports.", "Simulation"),
     "stranger": Command(

@@ -13,7 +13,6 @@ from rich.table import Table
 from rig.bench.checks import expired_calibrations, refuse_bench
 from rig.bench.virtual import refuse_twinless
 from rig.cli.confirm import Confirm, at_the_page, careful, ready_for_a_real_run
-from rig.cli.execution import RunOwner, carry_out, leave, make_whole, new_run, owning
 from rig.cli.options import (
     FingerConfigOption,
     JsonOption,
@@ -37,6 +36,7 @@ from rig.cli.output import (
     screen_aside,
     told_in_one_line,
 )
+from rig.cli.script_execution import RunOwner, carry_out, leave, make_whole, new_run, owning
 from rig.cli.signals import typed_line
 from rig.clock import WallClock
 from rig.control.stop import StageInHand
@@ -195,7 +195,7 @@ def run_command(
         with FingerProcess(settings.finger) as finger:
             # Its process reads the model while this one reads what follows.
             from rig.cli.confirm import at_the_page, ready_for_a_real_run
-            from rig.cli.execution import carry_out, leave, new_run, owning
+            from rig.cli.script_execution import carry_out, leave, new_run, owning
             from rig.clock import WallClock
             from rig.control.stop import StageInHand
             from rig.session.resume import left_on_record

@@ -201,7 +201,7 @@ def ending_of(run: Run, state: str) -> dict[str, Any] | None:
     """Of a run that did not end well: why, and where that left the indentor."""
     if state in ("done", "running"):
         return None
-    from rig.session.ending import Ending, FinalPosition  # with the engine: a run that is done does without
+    from rig.session.early_ending import Ending, FinalPosition  # with the engine: a run that is done does without
 
     if run.stop is None:
         return Ending.killed(run).as_json()

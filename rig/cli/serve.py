@@ -15,8 +15,8 @@ from rig.errors import BadInputError
 from rig.identify.result import truth_of, with_stranger
 from rig.plan.config import Config, load_config
 from rig.plan.finger_file import Met, read_finger_file
-from sim.identification.bands import standard_deviations
 from sim.identification.prior import named, plain
+from sim.identification.uncertainty_bands import standard_deviations
 from sim.serve.prefetch import PressStatistics
 
 _DEVICES, _FINGER = "Devices", "Finger"

@@ -27,7 +27,7 @@ from rig.report.benchmark_page import page
 from rig.session.resume import left_on_record
 from sim import benchmark
 from sim.benchmark import QUANTITIES, QUICK, QUICK_SCENES, SCENES, WHOLE, Measured, measure, reference_s, rows, stored
-from sim.fem import pardiso
+from sim.fem import mkl_condensation
 from sim.models.cache import KINDS, CacheEntry, cache_dir, entries, most_bytes, prune
 
 HEAD = """# Configuration reference
@@ -250,7 +250,7 @@ def _installation(settings: Config) -> dict[str, Any]:
         "devices": _kinds(),
         "limits": settings.limits.model_dump(),
         "solver": "MKL PARDISO"
-        if pardiso.available()
+        if mkl_condensation.available()
         else "nested dissection (portable; MKL PARDISO is not installed)",
         "cache": f"{folder}, {len(stored['model'])} models, {len(stored['answers'])} answers, {size / 1e6:.0f} MB",
         "protocols": [path.stem for path in sorted(shipped_protocols().glob("*.py"))],

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, fdtrc, fdtri, ncfdtr
 
-from rig.compare.fingers import fit_with_finger, free_of, weights
 from rig.compare.likelihood import Form, Likeliest, Observed, likeliest
+from rig.compare.plausible_fingers import fit_with_finger, free_of, weights
 from rig.compare.verdict import LEVEL
 
 Array = NDArray[np.float64]

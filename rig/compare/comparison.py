@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.csgraph import connected_components
 
-from rig.compare.errors import ComparisonError
-from rig.compare.fingers import PlausibleFingers
+from rig.compare.exceptions import ComparisonError
 from rig.compare.fit import Fit, Flags, correlation, fit_all, in_play
+from rig.compare.plausible_fingers import PlausibleFingers
 from rig.compare.recordings.recording import Recording
 from rig.compare.shape_test import THRESHOLD, shape_flags
 from rig.compare.stimuli import FAMILIES, Stimulus

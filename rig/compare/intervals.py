@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from scipy.special import fdtri
 
 from rig.compare.candidates import Candidates, Fitted
-from rig.compare.fingers import places, weights
 from rig.compare.likelihood import Form, Observed, at_saturation, saturations
+from rig.compare.plausible_fingers import places, weights
 from rig.compare.verdict import LEVEL, Limits
 
 Array = NDArray[np.float64]

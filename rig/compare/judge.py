@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from rig.compare.candidates import Candidates, Fitted, by_monotone, by_repeats, detectable, tail
 from rig.compare.comparison import Comparison, Joint, Overlay, Pair
-from rig.compare.fingers import PlausibleFingers
 from rig.compare.fit import Flags, by_pair, compared, correlation, fit_rates
 from rig.compare.intervals import ConfidenceLimits, limits
 from rig.compare.likelihood import Form, Observed, observed
-from rig.compare.model_set import Predicted, imitated, predicted_left_out, set_probabilities
+from rig.compare.model_confidence_set import Predicted, imitated, predicted_left_out, set_probabilities
+from rig.compare.plausible_fingers import PlausibleFingers
 from rig.compare.stimuli import CONTROLS
 from rig.compare.verdict import (
     A_CONSTANT,

@@ -22,7 +22,7 @@ from typing import Annotated, Any, ClassVar, Protocol, Self, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from rig.compare.errors import StudyError
+from rig.compare.exceptions import StudyError
 from rig.plan.config import told_of
 from sim.config import FingertipConfig
 from sim.contact.indentor import ALONG

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compare.errors import ComparisonError
+from rig.compare.exceptions import ComparisonError
 from rig.compare.verdict import LEVEL, six_digits
 from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip

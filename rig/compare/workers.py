@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from rig.compare.errors import WorkersError
+from rig.compare.exceptions import WorkersError
 from sim.workers import in_processes
 
 Item = TypeVar("Item")
@@ -31,7 +31,7 @@ def spread(
         yield from _over_processes(alone, items, processes)
         return
     try:
-        from rig.compare.cluster import over_cluster
+        from rig.compare.dask_cluster import over_cluster
     except ImportError:
         needed = "--scheduler: needs dask.distributed, expected pip install 'indentation-rig[cluster]'"
         raise WorkersError(needed, code="dask_missing") from None

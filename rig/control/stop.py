@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from rig.clock import Clock, WallClock
 from rig.control.client import Announced, ControlError, announced
 from rig.devices.base import Stage, StageError
-from rig.devices.drivers import open_stage, stage_driver
+from rig.devices.make_drivers import open_stage, stage_driver
 from rig.devices.registry import DEFAULTS, KindError, KnownBench, StageKind, checked, find, stage_ports
 from rig.errors import RigError
 from rig.settings import BenchSettings, StageSettings

@@ -1,4 +1,4 @@
-"""The journal of a run: one JSON document a line, on disk before it counts.
+"""What a run appends to: its journal, one JSON document a line, on disk before it counts; and its byte log.
 
 Documents: start, descriptor (the keys and units of a stream), event, stop, and resume where a run that had stopped
 goes on. A missing stop means a crash; a torn last line is dropped by the reader and cut off before anything is added.
@@ -14,13 +14,14 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol
 
 from rig.errors import LimitError, LostRecordError, RecordError, RigError, RunAborted, TripError
-from rig.line_file import LineFile, LostFileError
 
 if TYPE_CHECKING:
     from rig.clock import Clock
 
 
 Document = dict[str, Any]
+Watch = Callable[[str, Mapping[str, Any]], None]
+"""Sees each event, its stream and its data, once it is on disk."""
 
 _NEEDED: dict[str, set[str]] = {
     "start": {"t_s"},
@@ -41,6 +42,171 @@ class JournalError(RigError):
     default_code = "no_document"
 
 
+class LostFileError(RigError, OSError):
+    """The file is open, but nobody will find at its path what was written to it."""
+
+    default_code = "lost"
+
+    def __init__(self, path: Path, what: str, *, code: str | None = None, **fields: Any) -> None:
+        super().__init__(what, code=code, **fields)
+        self.strerror, self.filename = str(self.args[0]), str(path)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # What an OSError keeps of its own is not in the dictionary.
+        return type(self), (Path(self.filename), self.strerror), self.__dict__
+
+    def __str__(self) -> str:
+        return str(self.strerror)
+
+
+class LineFile:
+    """An open file of whole lines, to be appended to.
+
+    Whoever deletes, moves, replaces or shortens a file leaves its descriptor writable: a write alone notices nothing.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Open or make it.
+
+        Raises
+        ------
+        OSError
+            If it cannot be opened.
+        """
+        self.path = path
+        self.lost: LostFileError | None = None
+        self._at = path.absolute()  # a script may change the working folder
+        self._file = path.open("ab+", buffering=0)
+        self._size = self._file.seek(0, os.SEEK_END)
+        self._content: bytes | None = None
+
+    def append(self, line: bytes, *, sync: bool = False) -> None:
+        """Write a whole line, or none of it.
+
+        Parameters
+        ----------
+        line : bytes
+            The line, with its line end.
+        sync : bool
+            Wait until it is on the disk.
+
+        Raises
+        ------
+        OSError
+            If it cannot be written.
+        """
+        end = self._file.tell()
+        try:
+            left = memoryview(line)
+            while left:
+                left = left[os.write(self._file.fileno(), left) :]
+            if sync:
+                os.fsync(self._file.fileno())
+        except OSError:
+            with contextlib.suppress(OSError):  # a torn line is mended before the file is used again
+                if os.fstat(self._file.fileno()).st_size > end:
+                    self._file.truncate(end)
+                    self._file.seek(end)
+            raise
+        # At least so much is there: an interrupt, or a line of another thread, may have come between.
+        self._size = end + len(line)
+
+    def check(self) -> None:
+        """Make sure that what was written is what is found at the path.
+
+        Raises
+        ------
+        LostFileError
+            If the file was deleted, moved, replaced or shortened by somebody else.
+        """
+        if self.lost is None:
+            self.lost = self._what_happened()
+        if self.lost is not None:
+            raise self.lost
+
+    def _what_happened(self) -> LostFileError | None:
+        mine = os.fstat(self._file.fileno())
+        try:
+            there = os.stat(self._at)
+        except FileNotFoundError:
+            if mine.st_nlink == 0:
+                return LostFileError(self.path, "was deleted during the run", code="deleted")
+            return LostFileError(self.path, "was moved during the run, or its folder was", code="moved")
+        except OSError as error:
+            what = "can no longer be found: {problem}"
+            return LostFileError(self.path, what, code="not_found", problem=error.strerror)
+        if not os.path.samestat(mine, there):
+            return LostFileError(self.path, "was replaced during the run", code="replaced")
+        if mine.st_size < self._size:
+            what = "was shortened during the run by another program"
+            return LostFileError(self.path, what, code="shortened")
+        return None
+
+    def content(self) -> bytes:
+        """Return everything in the file, wherever it is now. Raises OSError."""
+        if self._content is not None:
+            return self._content
+        if self._file.closed:
+            return self._at.read_bytes()
+        self._file.seek(0)
+        return self._file.readall()
+
+    def close(self) -> None:
+        """Close it; what is in a lost file can still be read with content()."""
+        if self.lost is not None and not self._file.closed:
+            with contextlib.suppress(OSError):
+                self._content = self.content()
+        self._file.close()
+
+
+class ByteLog:
+    """A file of whole lines. One that cannot be written ends it and is its `problem`: it stands before no stop."""
+
+    def __init__(self, path: Path) -> None:
+        """One that is there already is added to. Raises OSError."""
+        self.path = path
+        self.file = LineFile(path)
+        self.problem: OSError | None = None
+
+    def write(self, text: str, /) -> None:
+        if self.problem is not None and self.file.lost is None:  # a lost file can still be read back
+            return
+        try:
+            self.file.append(text.encode("ascii"))
+        except OSError as error:
+            self.problem = error
+
+    def check(self) -> None:
+        """Notice where the file is no longer the one at its path: that is its `problem`, too."""
+        if self.problem is None:
+            try:
+                self.file.check()
+            except OSError as error:
+                self.problem = error
+
+    def checked_before(self, watch: Watch) -> Watch:
+        """Return the same watch, which raises RecordError where the bytes are not recorded any more."""
+
+        def checked(stream: str, data: Mapping[str, Any]) -> None:
+            self.check()
+            if isinstance(self.problem, LostFileError):
+                raise LostRecordError("{path}: {error}", path=str(self.path), error=str(self.problem))
+            if self.problem is not None:
+                raise RecordError("{path}: cannot be written: {error}", code="cannot_be_written",
+                                  path=str(self.path), error=str(self.problem.strerror))  # fmt: skip
+            watch(stream, data)
+
+        return checked
+
+    def __enter__(self) -> "ByteLog":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.file.close()
+
+
 class Recorder(Protocol):
     """Where events go: the journal of a run, or the memory of a rehearsal."""
 
@@ -56,7 +222,7 @@ class Journal:
         path: Path,
         clock: "Clock",
         streams: Mapping[str, Mapping[str, str]],
-        watch: Callable[[str, Mapping[str, Any]], None] = lambda stream, data: None,
+        watch: Watch = lambda stream, data: None,
         witness: Callable[[str, Mapping[str, Any]], Mapping[str, Any]] = lambda stream, data: {},
         *,
         virtual: bool = False,

@@ -12,11 +12,11 @@ from rig.records import BETWEEN_INCREMENTS_S
 from rig.settings import RigSettings
 from rig.units import GWT_N
 from sim.errors import ModelRangeError
-from sim.identification.bands import Width, band, standard_deviations
 from sim.identification.design import Chooser, PressAt, SkinSearch, highest_gwt
 from sim.identification.forward import Foreseen, Given, RampAndHold
 from sim.identification.posterior import PRESS_ERROR, SHAPE_ERROR, Surprise, learn, no_finger, nothing_learned
 from sim.identification.prior import named
+from sim.identification.uncertainty_bands import Width, band, standard_deviations
 
 SHAPES = ("sphere:4", "flat:3", "bar:3.0")
 PLACES_MM = (-1.2, 0.0, 1.2)

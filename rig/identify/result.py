@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from rig.identify.procedure import Meeting
 from rig.plan.config import Config
 from rig.plan.finger_file import Band, Draw, FingerFile, Met, Place, Posterior
-from sim.identification.bands import COVERAGE
 from sim.identification.prior import Prior, series_of, tissue_of
+from sim.identification.uncertainty_bands import COVERAGE
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from rig.engine.sensing import NoReadingError, Sensing, several_gwt
 from rig.errors import BadInputError, around
 from rig.manual.guard import Guard
 from rig.manual.jog import ByHand, Show
-from rig.session.running import stopped_at_once
+from rig.session.script_run import stopped_at_once
 from rig.settings import RigSettings
 from rig.transport.wire import TransportError
 

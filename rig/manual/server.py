@@ -15,7 +15,7 @@ from rig.manual import bench as at_hand
 from rig.manual.jog import ByHand
 from rig.manual.requests import HOLD_S, HoldRequest, Orders, Verb
 from rig.manual.status import HandStatus, OverheardSensor
-from rig.session.running import ENDINGS
+from rig.session.script_run import ENDINGS
 from rig.settings import RigSettings
 from rig.transport.stop_gate import StopGate
 from rig.transport.wire import Sink, TransportError

@@ -13,6 +13,7 @@ from types import TracebackType
 from typing import Any
 
 from rig.clock import Clock
+from rig.data.journal import ByteLog
 from rig.devices.base import ForceError, ForceReading, ForceSensor, StageStatus
 from rig.engine.bench_memory import state_folder
 from rig.engine.contact import KnownContact
@@ -21,7 +22,7 @@ from rig.engine.sensing import Sensing
 from rig.manual.jog import FASTEST_MM_S
 from rig.manual.requests import HOME_FIRST
 from rig.settings import RigSettings
-from rig.transport.wire import ByteLog, TransportError
+from rig.transport.wire import TransportError
 from rig.units import GWT_N
 
 COLUMNS = ("unix_s", "t_s", "force_gwt", "x_mm", "y_mm", "z_mm", "height_mm")

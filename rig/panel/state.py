@@ -12,7 +12,7 @@ from rig.control.client import ControlError
 from rig.devices.registry import stage_ports
 from rig.panel.drawing import Job
 from rig.panel.owners import Find, Owner, Tabs, owner_told, run_of, shown
-from rig.panel.seen_run import SeenRun, age_s, growing, limits_told
+from rig.panel.run_view import SeenRun, age_s, growing, limits_told
 from rig.panel.stream import NOTHING, Outlet, ReadingSource, Row
 from rig.plan.config import Config
 from rig.settings import BenchSettings

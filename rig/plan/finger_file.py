@@ -14,7 +14,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 from rig.errors import BadInputError, RuleError, first_problem
 from rig.settings import Settings
 from sim.config import FingertipConfig, Tissue
-from sim.models.weights import DERMIS, FAT
+from sim.models.interpolation_weights import DERMIS, FAT
 
 TISSUE = ("stiffness", "e_dermis", "e_fat", "stiffening")
 """What likely fingers differ in, besides how they relax: keys of `finger.tissue`."""

@@ -25,7 +25,7 @@ from sim.contact.indentor import Indentor
 from sim.contact.shapes import parse_shape
 from sim.errors import ForceOutOfReachError
 from sim.finger_process import Finger, asked
-from sim.identification.bands import band
+from sim.identification.uncertainty_bands import band
 from sim.models.fingertip import Fingertip
 from sim.models.relaxation import Moves
 from sim.models.result import IndentationResult

@@ -21,7 +21,7 @@ from rig.records import Pace, Target
 from sim.contact.shapes import parse_shape
 from sim.identification.prior import LEAST_STIFFENING
 from sim.models.fingertip import Fingertip
-from sim.models.weights import DERMIS, FAT
+from sim.models.interpolation_weights import DERMIS, FAT
 
 Array = NDArray[np.float64]
 

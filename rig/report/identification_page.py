@@ -11,10 +11,10 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from rig.data.folder import replace_text
 from rig.report.page import PageFigure, Section, alone, render
 from rig.report.style import BLUE, GREY, ORANGE, Plot
-from sim.identification.bands import COVERAGE
 from sim.identification.forward import Foreseen, Given
 from sim.identification.posterior import Learned
 from sim.identification.prior import named, plain
+from sim.identification.uncertainty_bands import COVERAGE
 
 _SHOWN = 60  # draws of a panel
 _ACROSS = 4

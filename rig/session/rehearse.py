@@ -26,7 +26,7 @@ from rig.protocol.script import Script
 from rig.protocol.steps import ExpectedPresses, ExpectedTouch, Step
 from rig.records import Prediction
 from rig.session.execute import execute
-from rig.session.running import run_script
+from rig.session.script_run import run_script
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from sim.finger_process import Finger

@@ -20,7 +20,7 @@ from rig.errors import BadInputError, around
 from rig.plan.config import Config, load_config
 from rig.plan.finger_model import about_model
 from rig.protocol.script import Script, script_with
-from rig.session.ending import Ending, FinalPosition
+from rig.session.early_ending import Ending, FinalPosition
 from sim.finger_process import Finger, asked
 
 

@@ -17,11 +17,10 @@ from rig.clock import Clock, WallClock
 from rig.control.stop import StageInHand
 from rig.data import Run, RunFolder, export_run, new_run_folder, read_run
 from rig.data.folder import UnwritableError
-from rig.data.journal import add_to_end, read_journal
+from rig.data.journal import ByteLog, Watch, add_to_end, read_journal
 from rig.data.schema import STREAMS
 from rig.engine import Engine, Journal, Pause, RecordError, RunAborted, WatchedBench, verbs
 from rig.errors import LostRecordError
-from rig.line_file import LostFileError
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel, kept_in
 from rig.plan.plan import Plan, promised
@@ -29,13 +28,13 @@ from rig.protocol.api import Handler, Rig
 from rig.protocol.check import Walk
 from rig.protocol.handlers import Patience, TakenUp
 from rig.protocol.script import Script
-from rig.session.ending import Ending, FinalPosition
+from rig.session.early_ending import Ending, FinalPosition
 from rig.session.execute import Live
-from rig.session.lost_run import LostRun
+from rig.session.lost_files import LostRun
 from rig.session.resume import StoppedRun, first_reference_gwt, provenance
-from rig.session.running import AT_ONCE, ENDINGS, run_script, stopped_at_once
+from rig.session.script_run import AT_ONCE, ENDINGS, run_script, stopped_at_once
 from rig.session.stop_button import BY_THE_BUTTON, StopButton, refuse_stop_inputs, stop_inputs_heeded
-from rig.transport.wire import ByteLog, Sink
+from rig.transport.wire import Sink
 from sim.devices.clock import VirtualClock
 from sim.finger_process import Finger, FingerProcess
 
@@ -79,9 +78,6 @@ class Nobody:
     def go_on(self) -> bool:
         """No."""
         return False
-
-
-Watch = Callable[[str, Mapping[str, Any]], None]
 
 
 @dataclass(frozen=True)
@@ -247,7 +243,7 @@ def _on_a_bench(
     copies = folder.copies()
     with ByteLog(folder.bytes_log) as byte_log:
         bench = open_bench(byte_log)
-        watch = _recorded(folder, byte_log, _paced(session, bench.clock, speed))
+        watch = byte_log.checked_before(_paced(session, bench.clock, speed))
         with closing(bench):
             refuse_stop_inputs(session.config, bench)
             journal = Journal(folder.events, bench.clock, STREAMS, watch, bench.witness, virtual=bench.virtual)
@@ -342,21 +338,6 @@ def _about(session: Session, *, virtual: bool) -> dict[str, Any]:
 
 def _button(session: Session) -> dict[str, Any]:
     return {} if session.button is None or not session.button.there else {"stop_button": session.button.as_json()}
-
-
-def _recorded(folder: RunFolder, byte_log: ByteLog, watch: Watch) -> Watch:
-    """The same, ending the run where the bytes are not recorded any more."""
-
-    def recorded(stream: str, data: Mapping[str, Any]) -> None:
-        byte_log.check()
-        if isinstance(byte_log.problem, LostFileError):
-            raise LostRecordError("{path}: {error}", path=str(folder.bytes_log), error=str(byte_log.problem))
-        if byte_log.problem is not None:
-            raise RecordError("{path}: cannot be written: {error}", code="cannot_be_written",
-                              path=str(folder.bytes_log), error=str(byte_log.problem.strerror))  # fmt: skip
-        watch(stream, data)
-
-    return recorded
 
 
 def _paced(session: Session, clock: Clock, speed: float | None) -> Watch:

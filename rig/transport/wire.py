@@ -1,14 +1,11 @@
-"""A wire as drivers see it: bytes, lines, the byte log, and a loopback for virtual devices."""
+"""A wire as drivers see it: bytes, lines, where bytes are logged, and a loopback for virtual devices."""
 
 import json
 from collections import deque
-from pathlib import Path
-from types import TracebackType
 from typing import Protocol
 
 from rig.clock import Clock
 from rig.errors import RigError
-from rig.line_file import LineFile
 
 
 class TransportError(RigError):
@@ -95,39 +92,6 @@ class Sink(Protocol):
 
     def write(self, text: str, /) -> object:
         """Take one whole line."""
-
-
-class ByteLog:
-    """A file of whole lines. One that cannot be written ends it and is its `problem`: it stands before no stop."""
-
-    def __init__(self, path: Path) -> None:
-        """One that is there already is added to. Raises OSError."""
-        self.file = LineFile(path)
-        self.problem: OSError | None = None
-
-    def write(self, text: str, /) -> None:
-        if self.problem is not None and self.file.lost is None:  # a lost file can still be read back
-            return
-        try:
-            self.file.append(text.encode("ascii"))
-        except OSError as error:
-            self.problem = error
-
-    def check(self) -> None:
-        """Notice where the file is no longer the one at its path: that is its `problem`, too."""
-        if self.problem is None:
-            try:
-                self.file.check()
-            except OSError as error:
-                self.problem = error
-
-    def __enter__(self) -> "ByteLog":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.file.close()
 
 
 class LoggedTransport:

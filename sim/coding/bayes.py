@@ -10,18 +10,18 @@ the smooth fit is the answer.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple, get_args
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, cholesky
 from scipy.special import ndtr
 
-from sim.coding.contacts import Model, PressureLikelihood, Sort, alone, climbed, linearised, runs, sort_of
+from sim.coding.contact_search import Model, PressureLikelihood, Sort, alone, climbed, linearised, runs, sort_of
 from sim.coding.encoding import Readings, Receptor
 from sim.coding.mixture import Mixture, Weighed, mixed, pooled, table_of, together
 from sim.coding.operators import ForwardOperator
-from sim.coding.search import checked_readings
+from sim.coding.search_decoders import checked_readings
 
 # --- smooth fit ---
 #
@@ -214,7 +214,6 @@ def _log_det(matrix: Array) -> float:
 
 
 Prior = Literal["contacts", "smooth"]
-PRIORS: tuple[Prior, ...] = get_args(Prior)
 
 FEWEST_FOR_CONTACTS = 8
 """Pressures; fewer are decoded as smooth."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr, ndtr
 
-from sim.coding.contacts import Model, PressureLikelihood, PressurePosterior
+from sim.coding.contact_search import Model, PressureLikelihood, PressurePosterior
 from sim.coding.operators import ForwardOperator
 
 Array = NDArray[np.float64]

@@ -25,7 +25,6 @@ from sim.units import PSEUDO_E_EPIDERMIS
 Array = NDArray[np.float64]
 
 Direction = Literal["normal", "vertical"]
-DIRECTIONS: tuple[Direction, ...] = get_args(Direction)
 """Of a force: along the skin's inward normal, or along −y."""
 
 _WIDEST_Z_MM = 4.5  # to each side of the receptor plane: as far as a mesh is made even

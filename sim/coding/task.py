@@ -30,7 +30,7 @@ from sim.coding.operators import (
 )
 from sim.coding.pressure import borne_by, frictionless
 from sim.coding.readings_file import GivenReadings, checked_pressures
-from sim.coding.search import (
+from sim.coding.search_decoders import (
     CodingError,
     Decoded,
     DecodingErrors,

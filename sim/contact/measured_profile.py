@@ -1,7 +1,6 @@
 """A user's own profile, prismatic along z, from a CSV file."""
 
 import csv
-from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
@@ -15,8 +14,6 @@ from sim.contact.profiles import STEEPEST_SLOPE, arc_tangent
 from sim.errors import SimError
 
 Array = NDArray[np.float64]
-
-Curve = Callable[[Array], Array]
 
 COLUMNS = ("x_mm", "height_mm")
 LINEAR = ",linear"

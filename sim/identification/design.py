@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.identification.bands import Width, band
 from sim.identification.forward import Foreseen, PressTrajectory, RampAndHold, nominal_way
 from sim.identification.posterior import PRESS_ERROR, READING_ERROR, SHAPE_ERROR, Learned
+from sim.identification.uncertainty_bands import Width, band
 
 Array = NDArray[np.float64]
 

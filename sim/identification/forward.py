@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from sim.config import FingertipConfig
 from sim.contact.indentor import ALONG
 from sim.contact.shapes import parse_shape
+from sim.identification.force_table import SHALLOWEST_MM, ChebyshevAxis, Scope, ShapeTable, shipped
 from sim.identification.prior import LEAST_STIFFENING, TAU_FAST_S, TISSUE, Prior, tissue_of
-from sim.identification.shape_table import SHALLOWEST_MM, ChebyshevAxis, Scope, ShapeTable, shipped
 from sim.measures.receptors import ReceptorPlaces
 from sim.models.fingertip import Fingertip
 from sim.models.interpolation import make_node, nodes_for

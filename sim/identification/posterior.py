@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.stats import chi2
 
-from sim.identification.bands import Width
 from sim.identification.forward import Foreseen, Given
 from sim.identification.prior import TISSUE, Prior
+from sim.identification.uncertainty_bands import Width
 
 Array = NDArray[np.float64]
 

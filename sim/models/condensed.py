@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from sim.config import FingertipConfig, Tissue
 from sim.contact.patch import Patch, X, Y
-from sim.fem import pardiso
+from sim.fem import mkl_condensation
 from sim.fem.dissection import DissectionFactor
 from sim.fem.elements import assemble_upper, stiffness
-from sim.fem.pardiso import PardisoFactor
+from sim.fem.mkl_condensation import PardisoFactor
 from sim.finger.mesh import FingerMesh
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorSet
@@ -94,7 +94,7 @@ def condense(upper: sp.csr_array, kept: Ints, places: Ints, solver: str = "auto"
     unknowns = upper.shape[0]
     level = logging.INFO if unknowns >= LONG else logging.DEBUG
     _log.log(level, "building a model: a stiffness of %d unknowns is factorised …", unknowns)
-    if solver == "pardiso" or (solver == "auto" and pardiso.available()):
+    if solver == "pardiso" or (solver == "auto" and mkl_condensation.available()):
         return PardisoFactor(upper, kept)
     return DissectionFactor(upper, kept, places)
 

@@ -25,9 +25,9 @@ from sim.measures.receptors import ReceptorError, ReceptorPlaces, ReceptorSet, r
 from sim.models.cache import Arrays, cached_arrays, content_key, path_of
 from sim.models.condensed import Columns, CondensedModel, from_arrays, to_arrays, young_ratios
 from sim.models.finger import build_finger
+from sim.models.interpolation_weights import DERMIS, FAT, FULL_BUILDS, in_range, node_tissues, node_weights
 from sim.models.sources import MeshKey, OnDisk
 from sim.models.strain_field import Interior
-from sim.models.weights import DERMIS, FAT, FULL_BUILDS, in_range, node_tissues, node_weights
 
 # --- packed ---
 #

@@ -21,8 +21,8 @@ from sim.measures.receptors import ReceptorPlaces
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.interpolation import forget_kept, make_node, nodes_for
+from sim.models.interpolation_weights import DERMIS, FAT, largest_error
 from sim.models.result import IndentationResult
-from sim.models.weights import DERMIS, FAT, largest_error
 
 T = TypeVar("T")
 Row = dict[str, Any]

@@ -9,7 +9,7 @@ examples/plausible_fingers/fingers.toml.
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compare.fingers import free_of, read_plausible, weights
+from rig.compare.plausible_fingers import free_of, read_plausible, weights
 from rig.compare.stimuli import Stimulus
 from rig.compare.workers import spread
 from sim.config import FingertipConfig

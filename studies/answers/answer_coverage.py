@@ -21,11 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.comparison import Joint, compare
-from rig.compare.fingers import PlausibleFingers, read_plausible
 from rig.compare.intervals import limits
 from rig.compare.judge import Laid, answers, laid
 from rig.compare.likelihood import Form
-from rig.compare.model_set import set_probabilities
+from rig.compare.model_confidence_set import set_probabilities
+from rig.compare.plausible_fingers import PlausibleFingers, read_plausible
 from rig.compare.recordings.recording import Recording, recording
 from rig.compare.recordings.spikes import Afferent, afferent_for
 from rig.compare.stimuli import CONTROLS, Stimulus

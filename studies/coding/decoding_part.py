@@ -13,7 +13,7 @@ from rig.report.page import PageFigure, Section
 from sim.coding.bayes import decode_profile
 from sim.coding.encoding import Encoded, Noise, Readings, encode
 from sim.coding.operators import ForwardOperator, convolution, impulse_responses
-from sim.coding.search import (
+from sim.coding.search_decoders import (
     PressureRange,
     converged_search,
     decoding_errors,

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from sim.coding.bayes import decode_profile
 from sim.coding.encoding import Encoded, Noise, Readings, encode
 from sim.coding.operators import ForwardOperator, convolution, impulse_responses
-from sim.coding.search import (
+from sim.coding.search_decoders import (
     Decoded,
     PressureRange,
     converged_search,

@@ -8,7 +8,7 @@ from pymodbus.framer import FramerRTU
 
 from rig.bench.virtual import true_carriage, virtual_force, virtual_stage
 from rig.data.schema import STREAMS
-from rig.devices.drivers import force_driver, stage_driver
+from rig.devices.make_drivers import force_driver, stage_driver
 from rig.engine import Engine, Journal, Target
 from rig.engine.bench import NO_PAUSE
 from rig.plan.config import Config

@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.identification.bands import ends
 from sim.identification.prior import Prior, tissue_of
+from sim.identification.uncertainty_bands import ends
 from sim.models.fingertip import Fingertip
 from studies.stiffening.fingers import finger
 

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from rig.compare.comparison import Comparison
+from rig.compare.raju_table_5_2 import SHAPES, AgreementLimits, agreement, agreement_limits, source_flags
 from rig.compare.shape_test import THRESHOLD, THRESHOLDS
 from rig.compare.stimuli import Stimulus
-from rig.compare.table_5_2 import SHAPES, AgreementLimits, agreement, agreement_limits, source_flags
 from rig.report.page import Section
 from sim.measures.measures import MEASURES
 

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.patches import Patch
 
 from rig.compare.comparison import compare
+from rig.compare.raju_table_5_2 import agreement, agreement_limits, source_flags
 from rig.compare.shape_test import THRESHOLD
-from rig.compare.table_5_2 import agreement, agreement_limits, source_flags
 from rig.compare.workers import spread
 from rig.report.page import PageFigure, Section
 from rig.report.style import BLUE, Plot, label

@@ -23,15 +23,15 @@ from typing import Any
 HERE = Path(__file__).parents[2]
 DEMO = ("dry-run", "protocols/steps.py", "--set", "step=1", "force_gwt=2.33")
 PARTS = {
-    "the finger and its loops": "rig.cli.execution:_loaded",
-    "plan": "rig.cli.execution:make_plan",
+    "the finger and its loops": "rig.cli.script_execution:_loaded",
+    "plan": "rig.cli.script_execution:make_plan",
     "rehearsal on springs": "rig.session.preflight:rehearsed",
     "run": "rig.session.session:_on_a_bench",
     "its journal read and exported": "rig.session.session:read_run rig.session.session:export_run",
     "report: libraries that draw": "",
     "report: the model asked": "rig.report.run_report:responses",
     "report: figures": "rig.report.style:Plot._save",
-    "report: the rest": "rig.cli.execution:make_report",
+    "report: the rest": "rig.cli.script_execution:make_report",
 }
 STARTING, REST, ALL = "starting: interpreter and imports", "the rest", "in all"
 
@@ -81,7 +81,7 @@ def once(out: str) -> None:
     for name in (*names[:5], names[8]):
         for where in PARTS[name].split():
             parts.watch(name, where)
-    reporting: Any = import_module("rig.cli.execution")
+    reporting: Any = import_module("rig.cli.script_execution")
     report = reporting.make_report
 
     def with_libraries(*about: Any) -> None:

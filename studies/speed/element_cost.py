@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from sim.benchmark import QUADRATIC, SCENE_PATCH, nested
 from sim.config import FingertipConfig, MeshSpec
 from sim.fem.elements import Ints
-from sim.fem.pardiso import PardisoFactor
+from sim.fem.mkl_condensation import PardisoFactor
 from sim.finger.mesh import build_mesh
 from sim.finger.surface import FingertipSurface
 from sim.models.condensed import discretise

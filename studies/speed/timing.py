@@ -24,8 +24,8 @@ from sim.contact import planes
 from sim.contact.lcp import LcpSolution
 from sim.contact.measured_profile import MeasuredProfile
 from sim.contact.solver import ContactState
-from sim.fem import pardiso
-from sim.fem.pardiso import PardisoFactor
+from sim.fem import mkl_condensation
+from sim.fem.mkl_condensation import PardisoFactor
 from sim.finger.mesh import build_mesh
 from sim.finger.surface import FingertipSurface
 from sim.models.cache import cache_dir
@@ -97,7 +97,7 @@ def cold() -> Fingertip:
 
 def sparse_factor_s() -> str:
     """The same matrix factorised by PARDISO without a Schur complement (one unknown kept)."""
-    if not pardiso.available():
+    if not mkl_condensation.available():
         return "PARDISO is not to be had here"
     config = FingertipConfig()
     problem = discretise(config, build_mesh(config, FingertipSurface.fit(config.geometry)))

@@ -12,10 +12,10 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sim.contact.patch import Patch, X, Y, Z
-from sim.fem import pardiso
+from sim.fem import mkl_condensation
 from sim.fem.dissection import DissectionFactor
 from sim.fem.elements import Element, assemble_upper, stiffness, strain_matrix, symmetric
-from sim.fem.pardiso import PardisoFactor
+from sim.fem.mkl_condensation import PardisoFactor
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -120,7 +120,11 @@ class BoxBody:
     def factor(self, kept: Ints) -> PardisoFactor | DissectionFactor:
         """Factor condensed onto some unknowns."""
         upper = sp.csr_array(sp.triu(self.stiffness, format="csr"))
-        return PardisoFactor(upper, kept) if pardiso.available() else DissectionFactor(upper, kept, self._places)
+        return (
+            PardisoFactor(upper, kept)
+            if mkl_condensation.available()
+            else DissectionFactor(upper, kept, self._places)
+        )
 
     def solve(self, loads: Array) -> Array:
         """(k, n, 3) displacements in mm under (k, n, 3) forces in N."""

@@ -15,7 +15,7 @@ import pytest
 
 from rig.bench.served import ServedBench
 from rig.data.schema import STREAMS
-from rig.devices.drivers import force_driver, stage_driver
+from rig.devices.make_drivers import force_driver, stage_driver
 from rig.engine import Engine, Journal, Pause, verbs
 from rig.plan.config import Config
 from rig.settings import RigSettings

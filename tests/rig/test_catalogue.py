@@ -18,7 +18,7 @@ from rig.cli import main
 from rig.control.stop import NoStageError, stage_alone
 from rig.data import RunFolder
 from rig.devices import registry
-from rig.devices.drivers import force_driver, stage_driver
+from rig.devices.make_drivers import force_driver, stage_driver
 from rig.devices.registry import (
     DeviceKind,
     ForceKind,

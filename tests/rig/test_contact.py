@@ -22,7 +22,7 @@ from rig.manual.guard import Guard
 from rig.manual.jog import ByHand
 from rig.manual.status import HandStatus
 from rig.plan.config import Config
-from rig.session.ending import Ending, FinalPosition
+from rig.session.early_ending import Ending, FinalPosition
 from rig.session.resume import careful_of, left_on_record
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock

@@ -12,8 +12,8 @@ import pytest
 import typer
 
 from rig.cli import program as the_program
-from rig.compare.fingers import read_plausible
 from rig.compare.parameter_study import read_study
+from rig.compare.plausible_fingers import read_plausible
 from rig.plan.config import load_config
 from sim.models.fingertip import Fingertip
 from tests.program import Program

@@ -13,7 +13,7 @@ import pytest
 
 from rig.devices.base import StageError
 from rig.engine import EngineError, TripError, indent, verbs
-from rig.session.ending import FinalPosition
+from rig.session.early_ending import FinalPosition
 from rig.units import GWT_N
 from studies.faults.catalogue import COARSE_SCREW, GRBL, MODBUS, SCREW
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, TARGET, FaultyBench

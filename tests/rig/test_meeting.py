@@ -14,7 +14,7 @@ import pytest
 
 import rig.identify.procedure as course
 from rig.bench.virtual import bench_around
-from rig.cli.identify import (
+from rig.cli.identify_finger import (
     force_rows,
     number_rows,
     page_lines,
@@ -39,10 +39,10 @@ from rig.report.identification_page import IdentificationPage, write_meeting_pag
 from rig.session.session import FinishedRun, NewRun, Nobody, Session, run_on
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
-from sim.identification.bands import standard_deviations
 from sim.identification.design import PressAt
 from sim.identification.forward import Given, PressTrajectory
 from sim.identification.prior import TAU_FAST_S, Prior
+from sim.identification.uncertainty_bands import standard_deviations
 from sim.models.fingertip import Fingertip
 from sim.models.relaxation import Memory, Prony, PronyTerm
 from sim.plant import Carriage, TruePose

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-import rig.cli.identify as meet
+import rig.cli.identify_finger as meet
 from tests.program import Program
 
 NOT_MET = "[finger.tissue]\nstiffness = 1.0\n"

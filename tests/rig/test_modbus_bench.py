@@ -12,9 +12,9 @@ import pytest
 from rig.bench.virtual import virtual_force, virtual_stage
 from rig.data.schema import STREAMS
 from rig.devices.base import StageAlarm, StageError, StageNotHomed, StageTimeout
-from rig.devices.drivers import force_driver, stage_driver
 from rig.devices.laumas import LaumasForce
 from rig.devices.leadshine import LeadshineStage
+from rig.devices.make_drivers import force_driver, stage_driver
 from rig.engine import Engine, Journal, Target, TripError, indent, verbs
 from rig.engine.bench import NO_PAUSE
 from rig.engine.dead_man import Direction, dead_man_jog

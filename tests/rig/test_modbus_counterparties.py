@@ -16,7 +16,7 @@ import serial
 
 from rig.bench.served import ServedBench
 from rig.clock import WallClock
-from rig.devices.drivers import open_force, open_stage
+from rig.devices.make_drivers import open_force, open_stage
 from rig.plan.config import Config
 from rig.units import GWT_N
 from sim.models.fingertip import Fingertip

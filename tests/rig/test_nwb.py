@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.compare.errors import RecordingError
+from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.spikes import read_spike_times
 from rig.data import NwbMissingError, Run, export_nwb, read_run
 from rig.data.folder import RunFolder

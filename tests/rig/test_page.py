@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 import rig.cli.confirm as confirming
-import rig.cli.execution as carrying_out
-import rig.cli.execution as run_owner
+import rig.cli.script_execution as carrying_out
+import rig.cli.script_execution as run_owner
 import rig.session.session as sessions
 from rig.bench.virtual import VirtualBench, virtual_bench
 from rig.control.stop import StageInHand
@@ -286,7 +286,7 @@ def test_a_resume_and_a_dry_run_that_are_refused_say_so_too(rig: Run, tmp_path: 
 def test_what_fails_after_it_began_does_not_say_that_nothing_was_moved(
     rig: Run, opened: list[Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rig.cli.execution.make_report", _raising(ModelRangeError("no such force")))
+    monkeypatch.setattr("rig.cli.script_execution.make_report", _raising(ModelRangeError("no such force")))
     ended = rig(*RUN, "--yes", "--json")
     assert (ended.code, len(opened)) == (2, 1)
     told = json.loads(ended.out)

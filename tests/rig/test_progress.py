@@ -16,8 +16,8 @@ import rig.cli.study as study_command
 import rig.session.session as sessions
 from rig.bench.virtual import VirtualBench, virtual_bench
 from rig.cli import main
-from rig.cli.execution import time_left
 from rig.cli.monitor import IndentationProgress, counted, progress
+from rig.cli.script_execution import time_left
 from rig.control.stop import StageInHand
 from rig.data.run_state import TimeLeft
 from rig.engine import TripError

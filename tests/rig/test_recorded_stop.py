@@ -16,7 +16,7 @@ from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import Script, load_script
-from rig.session.ending import FinalPosition
+from rig.session.early_ending import FinalPosition
 from rig.session.resume import ending_on_record, read_stopped
 from rig.session.session import NewRun, Session, dry_run, record_after, record_before
 from sim.models.fingertip import Fingertip

@@ -13,9 +13,9 @@ from typing import Any
 
 import pytest
 
-import rig.cli.execution as owning_module
+import rig.cli.script_execution as owning_module
 import rig.cli.signals as interrupts
-from rig.cli.execution import RunOwner, owning
+from rig.cli.script_execution import RunOwner, owning
 from rig.cli.signals import STOP_SIGNAL, PauseRequest, at_a_safe_point, interrupt_main, stoppable
 from rig.clock import WallClock
 from rig.control.client import RefusedError, announced

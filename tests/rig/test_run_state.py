@@ -14,7 +14,7 @@ from rig.data.folder import RunFolder
 from rig.data.journal import Document
 from rig.data.run import Following, read_run
 from rig.data.run_state import Course, RunState, TimeLeft
-from rig.panel.seen_run import SeenRun
+from rig.panel.run_view import SeenRun
 from rig.session.resume import ending_on_record
 from tests.program import Program
 

@@ -9,7 +9,7 @@ import pytest
 
 from rig.bench.served import ServedBench
 from rig.cli import main
-from rig.compare.errors import StudyError
+from rig.compare.exceptions import StudyError
 from rig.compare.parameter_study import read_study
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel

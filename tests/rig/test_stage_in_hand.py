@@ -9,9 +9,9 @@ from typing import Any
 
 import pytest
 
-import rig.devices.drivers as drivers
+import rig.devices.make_drivers as drivers
 from rig.bench.virtual import virtual_stage
-from rig.cli.execution import RunOwner
+from rig.cli.script_execution import RunOwner
 from rig.control.stop import StageInHand, StopSwitch
 from rig.devices.base import Stage
 from rig.devices.registry import BUILT_IN

@@ -9,7 +9,7 @@ import pytest
 from rig.control.stop import EndedError, StopSwitch, answer_to_a_stop
 from rig.devices.base import StageError
 from rig.engine import LimitError
-from rig.session.running import stopped_at_once
+from rig.session.script_run import stopped_at_once
 from rig.transport import TransportError
 from tests.raising import raises
 from tests.waiting import DEADLINE_S, until

@@ -13,7 +13,7 @@ import serial
 from pydantic import ValidationError
 
 from rig.clock import WallClock
-from rig.devices.drivers import open_force, open_stage
+from rig.devices.make_drivers import open_force, open_stage
 from rig.plan.config import Config
 from rig.transport import (
     LineReader,
@@ -169,7 +169,7 @@ def test_the_settings_of_a_port_reach_it(table: str, monkeypatch: pytest.MonkeyP
         opened.append((port, baud, character, dtr))
         return LoopbackTransport(SerialLine(VirtualClock(), 9600), VirtualClock())
 
-    monkeypatch.setattr("rig.devices.drivers.open_port", note)
+    monkeypatch.setattr("rig.devices.make_drivers.open_port", note)
     config = Config.model_validate({table: {"port": "/dev/ttyX", "baud": 2400, "character": "7E1", "dtr": False}})
     {"stage": open_stage, "force": open_force}[table](config, WallClock())
     assert opened == [("/dev/ttyX", 2400, "7E1", False)]

@@ -15,10 +15,10 @@ from rich.live import Live
 
 import rig.cli.monitor as watch_command
 import rig.cli.output as output
-from rig.cli.execution import AtTheTerminal
 from rig.cli.monitor import BLOCKS, COLUMNS, EACH, ROWS, IndentationProgress, RunScreen, Screen
 from rig.cli.output import a_screen, screen_aside
 from rig.cli.run import ask_at_the_bench
+from rig.cli.script_execution import AtTheTerminal
 from rig.cli.signals import PauseRequest
 from rig.clock import WallClock
 from rig.data import run_state

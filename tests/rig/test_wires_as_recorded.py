@@ -11,7 +11,7 @@ import pytest
 
 from rig.bench.virtual import virtual_force, virtual_stage
 from rig.devices.base import ForceError, Stage, StageError
-from rig.devices.drivers import force_driver, stage_driver
+from rig.devices.make_drivers import force_driver, stage_driver
 from rig.plan.config import Config
 from rig.transport import LoopbackTransport
 from rig.transport.wire import LoggedTransport

@@ -6,17 +6,19 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
-from sim.fem import dissection, pardiso
+from sim.fem import dissection, mkl_condensation
 from sim.fem.dissection import DissectionFactor, IndefiniteError, inverse_spd
 from sim.fem.elements import symmetric
-from sim.fem.pardiso import PardisoFactor
+from sim.fem.mkl_condensation import PardisoFactor
 from sim.models.condensed import FiniteElements, factorise
 from tests.raising import raises
 
 Factor = PardisoFactor | DissectionFactor
 
 KINDS = [
-    pytest.param("pardiso", marks=pytest.mark.skipif(not pardiso.available(), reason="MKL PARDISO is not installed")),
+    pytest.param(
+        "pardiso", marks=pytest.mark.skipif(not mkl_condensation.available(), reason="MKL PARDISO is not installed")
+    ),
     "dissection",
 ]
 
@@ -70,7 +72,7 @@ def test_a_finger_is_condensed_exactly(kind: str, coarse_problem: FiniteElements
         against_direct(factor, coarse_problem.upper, coarse_problem.kept, 1e-10)
 
 
-@pytest.mark.skipif(not pardiso.available(), reason="MKL PARDISO is not installed")
+@pytest.mark.skipif(not mkl_condensation.available(), reason="MKL PARDISO is not installed")
 def test_the_two_condensations_agree(coarse_problem: FiniteElements) -> None:
     loads = np.random.default_rng(7).normal(size=(3, len(coarse_problem.free)))
     with factorise(coarse_problem, "pardiso") as one, factorise(coarse_problem, "dissection") as other:
@@ -107,7 +109,7 @@ def test_the_finger_is_cut_into_small_fronts(coarse_problem: FiniteElements) -> 
     assert max(sizes) < 0.15 * len(coarse_problem.free)
 
 
-@pytest.mark.skipif(not pardiso.available(), reason="MKL PARDISO is not installed")
+@pytest.mark.skipif(not mkl_condensation.available(), reason="MKL PARDISO is not installed")
 def test_the_disc_is_searched_for_mkl_but_once(monkeypatch: pytest.MonkeyPatch) -> None:
     upper, kept, places = block_tridiagonal()
     make("pardiso", upper, kept, places).close()
@@ -115,7 +117,7 @@ def test_the_disc_is_searched_for_mkl_but_once(monkeypatch: pytest.MonkeyPatch) 
     make("pardiso", upper, kept, places).close()
 
 
-@pytest.mark.skipif(not pardiso.available(), reason="MKL PARDISO is not installed")
+@pytest.mark.skipif(not mkl_condensation.available(), reason="MKL PARDISO is not installed")
 def test_a_closed_factor_can_be_closed_again() -> None:
     upper, kept, _ = block_tridiagonal()
     factor = PardisoFactor(upper, kept)
@@ -123,13 +125,13 @@ def test_a_closed_factor_can_be_closed_again() -> None:
     factor.close()
 
 
-@pytest.mark.skipif(not pardiso.available(), reason="MKL PARDISO is not installed")
+@pytest.mark.skipif(not mkl_condensation.available(), reason="MKL PARDISO is not installed")
 def test_an_indefinite_matrix_is_refused_by_pardiso() -> None:
     upper, kept, _ = block_tridiagonal()
     bad = upper.toarray()
     interior = np.setdiff1d(np.arange(28), kept)[3]
     bad[interior, interior] *= -1
-    with pytest.raises((pardiso.PardisoError, IndefiniteError)) as caught:
+    with pytest.raises((mkl_condensation.PardisoError, IndefiniteError)) as caught:
         PardisoFactor(sp.csr_array(bad), kept)
     assert caught.value.fields.get("phase", 12) == 12
 

@@ -11,11 +11,11 @@ from scipy.optimize import minimize
 from scipy.stats import norm
 
 from sim.coding import bayes
-from sim.coding import search as univariate
+from sim.coding import search_decoders as univariate
 from sim.coding.bayes import ModelError, Profile, decode_profile
 from sim.coding.encoding import Noise, Readings, Receptor, encode, sd_at_rest
 from sim.coding.operators import ForwardOperator, convolution, impulse_responses
-from sim.coding.search import (
+from sim.coding.search_decoders import (
     Decoded,
     DecodingError,
     PressureRange,

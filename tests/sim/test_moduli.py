@@ -33,7 +33,7 @@ from sim.models.interpolation import (
     unpacked,
     worth_interpolating,
 )
-from sim.models.weights import (
+from sim.models.interpolation_weights import (
     DERMIS,
     FAT,
     FULL_BUILDS,
@@ -123,8 +123,8 @@ def test_the_bound_takes_the_better_order(monkeypatch: pytest.MonkeyPatch) -> No
     both = sorted([wide.error + wide.growth * narrow.error, narrow.error + narrow.growth * wide.error])
     assert both[0] < 0.9 * both[1]
     for dermis, fat in ((wide, narrow), (narrow, wide)):
-        monkeypatch.setattr("sim.models.weights.DERMIS", dermis)
-        monkeypatch.setattr("sim.models.weights.FAT", fat)
+        monkeypatch.setattr("sim.models.interpolation_weights.DERMIS", dermis)
+        monkeypatch.setattr("sim.models.interpolation_weights.FAT", fat)
         assert largest_error() == both[0]
 
 

@@ -16,7 +16,7 @@ from sim.coding.readings_file import (
     read_pressures,
     read_readings,
 )
-from sim.coding.search import CodingError
+from sim.coding.search_decoders import CodingError
 from sim.config import FingertipConfig
 from sim.tables import TableError
 from tests.raising import raises

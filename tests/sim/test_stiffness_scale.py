@@ -21,8 +21,8 @@ from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.full_mesh import MeshedFinger
 from sim.models.interpolation import FingerWithReceptors
+from sim.models.interpolation_weights import node_tissues
 from sim.models.sources import OnDisk
-from sim.models.weights import node_tissues
 from tests.raising import raises
 from tests.sim.coarse import coarse_mesh
 

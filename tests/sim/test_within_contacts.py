@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.stats import multivariate_normal, norm, truncnorm
 
-from sim.coding.contacts import (
+from sim.coding.contact_search import (
     KINDS,
     MOST_CONTACTS,
     Climb,
@@ -232,7 +232,7 @@ def test_the_best_of_each_sort_unless_far_below() -> None:
 
 
 def test_a_climb_that_is_cut_off_says_so(seven: PressureLikelihood, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sim.coding.contacts._MOST_STEPS", 1)
+    monkeypatch.setattr("sim.coding.contact_search._MOST_STEPS", 1)
     assert not climbed(seven, [(ContactInterval(0, 1, BLUNT),)]).at_top
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.compare.fingers import read_plausible
+from rig.compare.plausible_fingers import read_plausible
 from studies.source.allowed import design, kept, page, sentences, study, summary
 from studies.source.allowed.emulator import learn
 from studies.source.allowed.facts import FACTS

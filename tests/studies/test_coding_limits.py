@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from sim.coding.encoding import Readings
 from sim.coding.operators import ForwardOperator
-from sim.coding.search import decoding_errors
+from sim.coding.search_decoders import decoding_errors
 from studies.coding import decoding_part
 from studies.coding.limits import bayes_found, profile_bound
 from studies.coding.profiles_read_back import WITHIN, baselines, default_section, frictionless

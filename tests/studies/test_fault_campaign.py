@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from rig.engine.bench_memory import state_folder
-from rig.session.ending import FinalPosition
+from rig.session.early_ending import FinalPosition
 from studies.faults.campaign import runner
 from studies.faults.campaign.__main__ import sample
 from studies.faults.campaign.cases import FaultCase, cases, content, shape

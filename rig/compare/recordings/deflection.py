@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compare.errors import RecordingError
+from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import no_rows, read_table, told
 from sim.contact.patch import Z
 from sim.models.result import IndentationResult

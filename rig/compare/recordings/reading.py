@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from rig.compare.errors import RecordingError
+from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import ColumnMap, RecordingColumn, Row, header_of, no_rows, read_table
 from rig.compare.recordings.recording import Recording, ShapeKey, recording, shape_key, with_enough_positions
 from rig.compare.recordings.spikes import NWB, SPIKES, SPIKES_IN_NWB, rates_in_run, read_spike_times

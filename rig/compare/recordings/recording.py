@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compare.errors import RecordingError
+from rig.compare.exceptions import RecordingError
 from sim.contact.shapes import shape_name
 
 Array = NDArray[np.float64]

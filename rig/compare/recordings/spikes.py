@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compare.errors import RecordingError
+from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import ColumnMap, read_table
 from rig.compare.recordings.recording import Recording, condition_of, recording, shape_key
 from rig.compare.stimuli import Stimulus

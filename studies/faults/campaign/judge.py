@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from rig.engine.bench_memory import LastKnown
-from rig.session.ending import FinalPosition
+from rig.session.early_ending import FinalPosition
 from rig.units import GWT_N
 from studies.faults.campaign.faults import GOES_FARTHER, MOVES_WITHOUT_COMMAND, READS_LOW
 from studies.faults.faulty_bench import PREDICTED

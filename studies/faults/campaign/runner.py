@@ -27,11 +27,11 @@ from pathlib import Path
 from typing import Any
 
 from rig.data import read_run
+from rig.data.journal import LineFile
 from rig.devices.base import ForceError, StageError
 from rig.engine import EngineError
 from rig.engine.bench_memory import BenchMemory
 from rig.errors import BadInputError
-from rig.line_file import LineFile
 from rig.transport import TransportError
 from studies.faults.attempts import attempts
 from studies.faults.campaign.cases import FaultCase, content, is_command

@@ -24,7 +24,7 @@ from rig.protocol.check import Spot, Walk
 from rig.protocol.script import Script
 from rig.protocol.steps import Step
 from rig.records import Pace, PlannedIndentation, Prediction
-from rig.session.ending import FinalPosition
+from rig.session.early_ending import FinalPosition
 from rig.session.execute import Live
 from rig.session.resume import StoppedRun
 from rig.session.session import NewRun, Nobody, Session

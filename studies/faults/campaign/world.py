@@ -9,7 +9,7 @@ from typing import Any, Literal, Protocol, Self
 from rig.bench.virtual import looked_after_by, true_carriage, virtual_force, virtual_stage
 from rig.clock import Clock
 from rig.devices.base import ForceSensor, Stage, StageError
-from rig.devices.drivers import force_driver, stage_driver
+from rig.devices.make_drivers import force_driver, stage_driver
 from rig.engine import Journal
 from rig.engine.bench import NO_PAUSE, Heartbeat, Pause, WatchedBench
 from rig.engine.bench_memory import BenchMemory, LastKnown

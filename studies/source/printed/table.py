@@ -5,9 +5,9 @@ from functools import partial
 import numpy as np
 
 from rig.compare.comparison import Comparison, compare
+from rig.compare.raju_table_5_2 import Agreement, Flags, agreement, agreement_limits, source_flags
 from rig.compare.shape_test import THRESHOLD
 from rig.compare.stimuli import Stimulus
-from rig.compare.table_5_2 import Agreement, Flags, agreement, agreement_limits, source_flags
 from rig.report.page import Section
 from studies.source.printed.answers import HIGH_GWT, LOW_GWT, FingerAnswers, forced, once
 from studies.source.printed.entry import Claim, Entry

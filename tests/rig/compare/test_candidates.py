@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rig.compare.candidates import DISCREPANCY, OF_THE_MESH, Candidates
 from rig.compare.likelihood import Form, Observed, likeliest, observed
-from rig.compare.model_set import imitated, predicted_left_out
+from rig.compare.model_confidence_set import imitated, predicted_left_out
 from rig.compare.recordings.recording import recording
 
 Array = NDArray[np.float64]

@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from rig.compare.errors import RecordingError
+from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import ColumnMap, column_map
 from tests.raising import raises
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rig.compare.model_set import BLOCK, DRAWS, resampled, set_probabilities
+from rig.compare.model_confidence_set import BLOCK, DRAWS, resampled, set_probabilities
 
 ONE = np.zeros(40, dtype=np.int64)
 

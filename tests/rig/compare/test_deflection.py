@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.compare.errors import RecordingError
+from rig.compare.exceptions import RecordingError
 from rig.data import Run
 from rig.plan.config import Config
 from rig.plan.plan import make_plan

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rig.compare.comparison import compare
-from rig.compare.errors import RecordingError
+from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.reading import Reading, read_recordings
 from rig.compare.recordings.recording import Recording

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.compare.fingers import design_places, fit_all_with_finger, fit_with_finger, weights
 from rig.compare.fit import fit_all, fit_rates
+from rig.compare.plausible_fingers import design_places, fit_all_with_finger, fit_with_finger, weights
 
 Array = NDArray[np.float64]
 

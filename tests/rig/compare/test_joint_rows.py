@@ -9,8 +9,8 @@ import pytest
 from numpy.typing import NDArray
 
 from rig.compare.comparison import Comparison, compare
-from rig.compare.fingers import PlausibleFingers
 from rig.compare.judge import answers, joint_limits
+from rig.compare.plausible_fingers import PlausibleFingers
 from rig.compare.recordings.recording import Recording, recording
 from rig.compare.results import as_json, fingers_as_json
 from rig.compare.stimuli import Stimulus

@@ -8,10 +8,10 @@ import pytest
 from numpy.typing import NDArray
 
 from rig.compare.comparison import compare
-from rig.compare.errors import ComparisonError
-from rig.compare.fingers import PlausibleFingers
+from rig.compare.exceptions import ComparisonError
 from rig.compare.judge import answers, laid
 from rig.compare.likelihood import Form
+from rig.compare.plausible_fingers import PlausibleFingers
 from rig.compare.recordings.recording import Recording, recording
 from rig.compare.results import answers_as_json
 from rig.compare.stimuli import CONTROLS, Stimulus

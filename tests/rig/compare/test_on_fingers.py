@@ -11,9 +11,9 @@ import pytest
 from numpy.typing import NDArray
 
 from rig.cli import main
-from rig.compare import fingers
-from rig.compare.errors import FingersError
-from rig.compare.fingers import PlausibleFingers, on_plausible_fingers
+from rig.compare import plausible_fingers
+from rig.compare.exceptions import FingersError
+from rig.compare.plausible_fingers import PlausibleFingers, on_plausible_fingers
 from rig.compare.recordings.spikes import afferent_for, record, write_synthetic
 from rig.compare.stimuli import stimuli
 from rig.data import Run
@@ -110,8 +110,8 @@ def test_nine_fingers_that_differ_in_moduli_alone_are_interpolated(
             return []
         return [[np.zeros((len(MEASURES), len(row.x_mm), 10)) for row in one.press_rows] for one in work]
 
-    monkeypatch.setattr(fingers, "spread", spread)
-    monkeypatch.setattr(fingers, "cached_arrays", lambda key, make, kind: (make(), False))
+    monkeypatch.setattr(plausible_fingers, "spread", spread)
+    monkeypatch.setattr(plausible_fingers, "cached_arrays", lambda key, make, kind: (make(), False))
     plausible = PlausibleFingers("--fingers x.toml", {"tissue.e_dermis": (0.05, 0.2), "tissue.e_fat": (0.05, 0.3)})
     found = on_plausible_fingers(run, stimuli(run, coarse), coarse, plausible, exact=exact)
     (first, nodes), (second, work) = given
@@ -120,8 +120,10 @@ def test_nine_fingers_that_differ_in_moduli_alone_are_interpolated(
     assert [node.slopes for node in nodes] == ([] if exact else [ALONG] * 16)
     assert {stimulus.interpolated for stimulus in found} == {not exact}
     asked: list[bool] = []
-    monkeypatch.setattr(fingers.Fingertip, "load", lambda *_, exact, **places: asked.append(exact) or coarse)
-    fingers.measures_on(work[0])
+    monkeypatch.setattr(
+        plausible_fingers.Fingertip, "load", lambda *_, exact, **places: asked.append(exact) or coarse
+    )
+    plausible_fingers.measures_on(work[0])
     assert asked == [exact]
 
 

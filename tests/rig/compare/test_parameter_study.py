@@ -12,7 +12,7 @@ import pytest
 from threadpoolctl import threadpool_info
 
 from rig.cli import main
-from rig.compare.errors import StudyError, WorkersError
+from rig.compare.exceptions import StudyError, WorkersError
 from rig.compare.parameter_study import Case, columns, read_study, solve
 from rig.compare.workers import spread
 from sim.config import FingertipConfig

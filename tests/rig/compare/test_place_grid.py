@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.compare.errors import ComparisonError
+from rig.compare.exceptions import ComparisonError
 from rig.compare.place_grid import PlaceRange, nodes, place_range, spline_weights
 from sim.config import FingertipConfig, Tissue
 from tests.raising import raises

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.compare.errors import FingersError
-from rig.compare.fingers import PlausibleFingers, design_places, read_plausible
+from rig.compare.exceptions import FingersError
+from rig.compare.plausible_fingers import PlausibleFingers, design_places, read_plausible
 from sim.config import FingertipConfig, Tissue
 from tests.raising import raises
 

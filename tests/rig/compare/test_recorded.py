@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.compare.errors import RecordingError
+from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.reading import read_srp
 from rig.compare.recordings.recording import recording

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rig.cli import main
-from rig.compare.errors import RecordingError
+from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.deflection import (
     SkinDeflection,
     _between_rows,

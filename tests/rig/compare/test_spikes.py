@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
-from rig.compare.errors import RecordingError
+from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.spikes import rates_in_run, read_spike_times
 from rig.data import Run

@@ -12,8 +12,8 @@ from typing import Any
 
 import pytest
 
-from rig.compare import cluster as cluster_module
-from rig.compare.errors import WorkersError
+from rig.compare import dask_cluster as cluster_module
+from rig.compare.exceptions import WorkersError
 from rig.compare.workers import spread
 from tests.raising import raises
 from tests.waiting import DEADLINE_S, until

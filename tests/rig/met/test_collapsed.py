@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import typer
 
-import rig.cli.identify as meet
-from rig.cli.identify import said_at_the_end
-from rig.compare.fingers import read_plausible
+import rig.cli.identify_finger as meet
+from rig.cli.identify_finger import said_at_the_end
+from rig.compare.plausible_fingers import read_plausible
 from rig.errors import BadInputError, RunAborted
 from rig.identify.procedure import IdentificationOptions, Meeting, felt_surely
 from rig.identify.result import finger_file

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.compare.fingers import read_plausible
+from rig.compare.plausible_fingers import read_plausible
 from rig.data import Run, read_run
 from rig.plan.finger_file import read_finger_file
 from rig.units import GWT_N

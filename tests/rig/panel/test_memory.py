@@ -21,7 +21,7 @@ from rig.manual.requests import HoldRequest, Holds
 from rig.manual.status import KEPT, Backlog
 from rig.panel.drawing import Drawer, Job, PressSummary
 from rig.panel.owners import Tabs
-from rig.panel.seen_run import SeenRun, growing
+from rig.panel.run_view import SeenRun, growing
 from rig.panel.state import HAND, SeenBench
 from rig.panel.stream import Onlooking, Outlet, ReadingSource
 from rig.plan.config import Config

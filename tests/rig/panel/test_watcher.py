@@ -12,7 +12,7 @@ import pytest
 from rig.control.client import ControlError
 from rig.data.folder import RunFolder
 from rig.data.run_state import Course
-from rig.panel.seen_run import SeenRun
+from rig.panel.run_view import SeenRun
 from rig.panel.state import ASK_S, BEAT_S, FIND_S, HAND, LOOK_S, STATUS_S, Watcher
 from rig.panel.stream import NOTHING, Onlooking
 from sim.devices.clock import VirtualClock

@@ -12,11 +12,11 @@ import typer
 
 from rig.bench.virtual import refuse_twinless
 from rig.cli.confirm import confirmed_with, ready_for_a_real_run
-from rig.cli.execution import AtTheTerminal, RunOwner, failure, leave, loaded, new_run, owning
 from rig.cli.monitor import counted, progress
 from rig.cli.options import FingerConfigOption, JsonOption, OutOption, SubjectOption, YesOption, checked_file
 from rig.cli.output import Beginning, ExitCode, complain, err, loading_the_finger, out, print_json, told_in_one_line
 from rig.cli.run import ask_at_the_bench
+from rig.cli.script_execution import AtTheTerminal, RunOwner, failure, leave, loaded, new_run, owning
 from rig.cli.signals import at_a_safe_point, at_once
 from rig.clock import WallClock
 from rig.compare.workers import spread
@@ -47,10 +47,10 @@ from rig.session.session import FinishedRun, NewRun, Session, dry_run, real_run
 from rig.units import GWT_N
 from sim.contact.shapes import parse_shape
 from sim.finger_process import Finger, FingerProcess
-from sim.identification.bands import Width, ends
 from sim.identification.design import PressAt
 from sim.identification.forward import Foreseen
 from sim.identification.prior import Prior, named, plain
+from sim.identification.uncertainty_bands import Width, ends
 from sim.models.fingertip import Fingertip
 
 USUAL_GOALS = (

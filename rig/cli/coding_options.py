@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rig.errors import BadInputError, around
 from sim.coding.readings_file import checked_pressures, read_pressures
-from sim.coding.search import CodingError
+from sim.coding.search_decoders import CodingError
 from sim.coding.section import Axes, Sampling
 from sim.coding.task import SectionPress
 from sim.contact.shapes import parse_shape

@@ -1,4 +1,4 @@
-"""What a decoder answers, and how far that is from the truth."""
+"""Decoders that search (pressure by pressure, grid, table, annealing); what all decoders return, errors, metrics."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -8,12 +8,11 @@ from typing import Self
 
 from rig.data import Run, RunError, RunFolder, read_run
 from rig.data.folder import rescued_folder
+from rig.data.journal import ByteLog, LineFile
 from rig.engine import Journal
 from rig.engine.bench_memory import state_folder
 from rig.errors import LostRecordError, around
-from rig.line_file import LineFile
-from rig.session.ending import FinalPosition
-from rig.transport.wire import ByteLog
+from rig.session.early_ending import FinalPosition
 
 
 @dataclass(frozen=True)

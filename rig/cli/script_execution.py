@@ -22,6 +22,7 @@ from rig.control.client import Announcement
 from rig.control.server import ControlSocket
 from rig.control.stop import StageInHand, StopSwitch, answer_to_a_stop
 from rig.data import FolderBusyError, Run, RunFolder, export_run
+from rig.data.journal import Watch
 from rig.data.run_state import Course, TimeLeft
 from rig.devices.registry import stage_ports
 from rig.engine import EngineError, RunAborted
@@ -30,10 +31,10 @@ from rig.plan.config import Config
 from rig.plan.finger_model import about_model
 from rig.plan.plan import make_plan
 from rig.protocol.script import Script
-from rig.session.ending import FinalPosition
+from rig.session.early_ending import FinalPosition
 from rig.session.preflight import Page
 from rig.session.resume import StoppedRun
-from rig.session.session import FinishedRun, NewRun, Nobody, Session, Watch, record_after, record_before
+from rig.session.session import FinishedRun, NewRun, Nobody, Session, record_after, record_before
 from rig.session.stop_button import StopButton
 from sim.finger_process import Finger, FingerLostError, FingerProcess, asked
 from sim.models.fingertip import Fingertip

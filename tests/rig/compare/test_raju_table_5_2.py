@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.compare.table_5_2 import Agreement, agreement, agreement_limits, source_flags
+from rig.compare.raju_table_5_2 import Agreement, agreement, agreement_limits, source_flags
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_X_MM
 

@@ -10,7 +10,7 @@ import pytest
 from rig.data.folder import RunFolder
 from rig.data.run_state import Course, Timeline
 from rig.panel.drawing import Job, PressSummary
-from rig.panel.seen_run import AT_ONCE, COLUMNS, GROWS_S, SeenRun, growing, limits_told, written_s
+from rig.panel.run_view import AT_ONCE, COLUMNS, GROWS_S, SeenRun, growing, limits_told, written_s
 from rig.panel.state import HAND, SeenBench
 from rig.panel.stream import SHOWN_S
 from rig.plan.config import Config
@@ -230,7 +230,7 @@ def test_who_comes_late_reads_in_pieces_and_is_told_of_the_last_minute(
     run: Written, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert AT_ONCE == 2**20
-    monkeypatch.setattr("rig.panel.seen_run.AT_ONCE", 1000)
+    monkeypatch.setattr("rig.panel.run_view.AT_ONCE", 1000)
     for _ in range(200):
         run.event("sample", **SAMPLE)
     run.event("note", text="a")

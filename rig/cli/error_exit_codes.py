@@ -1,7 +1,7 @@
 """What each error of the packages says of how a command ended: the only module that imports them all."""
 
 from rig.cli.output import ExitCode
-from rig.compare.errors import ComparisonError, RecordingError, StudyError, WorkersError
+from rig.compare.exceptions import ComparisonError, RecordingError, StudyError, WorkersError
 from rig.data import FolderBusyError, NwbMissingError, RunError
 from rig.data.folder import UnwritableError
 from rig.devices.base import ForceError, StageError

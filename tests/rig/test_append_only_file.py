@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from rig.data.journal import LineFile, LostFileError
 from rig.errors import RigError
-from rig.line_file import LineFile, LostFileError
 from rig.transport import NotOwnedError, PortOwner
 from rig.transport.ownership import LockHeldError
 from tests.raising import raises

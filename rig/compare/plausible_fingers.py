@@ -7,8 +7,7 @@ The file is TOML; each key is given the lowest and the highest value that is pla
     epidermis_mm = [0.3, 0.5]
 
 The file of a finger that `rig meet` met is one, too (`docs/meet.md`). SSRPs are computed on a design, every
-combination of the lowest, middle and highest value of each parameter, and are interpolated between its fingers
-(`rig/compare/fingers.py`).
+combination of the lowest, middle and highest value of each parameter, and are interpolated between its fingers.
 """
 
 import hashlib
@@ -25,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
-from rig.compare.errors import FingersError
+from rig.compare.exceptions import FingersError
 from rig.compare.fit import Fit, fit_rates, predicted
 from rig.compare.parameter_study import interpolated, nodes_to_build
 from rig.compare.stimuli import Stimulus
@@ -210,7 +209,7 @@ def _number(config: FingertipConfig, name: str, source: str) -> float:
 # Fits in which the finger is not known: k, ε₀ and the place of the finger in its plausible ranges, together.
 #
 # A place has one coordinate for each free parameter, −1 at the lowest and 1 at the highest value. SSRPs at a place
-# are interpolated between the fingers of the design (`rig/compare/fingers.py`), quadratically in each parameter.
+# are interpolated between the fingers of the design, quadratically in each parameter.
 
 Flags = NDArray[np.bool_]
 Ints = NDArray[np.int64]
