@@ -87,7 +87,7 @@ _LINE_MM_PER_POINT = 0.5
 _ABOVE_HEADING_MM, _AFTER_TEXT_MM, _AFTER_PICTURE_MM, _AFTER_TABLE_MM = 2.0, 1.0, 1.0, 2.0
 _LEAST_OF_A_TABLE_MM = 30.0
 _LONG_TABLE_MM = 90.0
-"""A table that is higher may be split; its header is repeated."""
+"""Height in mm above which a table may be split; its header is repeated."""
 _MM_PER_INCH = 25.4
 
 

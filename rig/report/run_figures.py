@@ -48,7 +48,7 @@ _CONTACT_ROW_IN = _TITLE_IN + _SKIN_IN + _PRESSURE_IN
 _LATERAL_MM = (-3.6, 3.6)
 _DRAWN = 361
 _HIGHEST_MM = 1.3
-"""Above its lowest point no more of an indentor is drawn."""
+"""Height above the lowest point (mm) up to which an indentor is plotted."""
 
 
 def contact_panels(found: Sequence[Sequence[Response]], top: float) -> Plot:
@@ -193,7 +193,7 @@ PHASES = {
     "hold": BLUE,
     "lift": GREEN,
 }
-"""Those that have a colour of their own in the strip; what is neither is white."""
+"""Phases with a color of their own in the strip; all others are white."""
 
 SAMPLES = ("sample", "precondition_sample", "reference_sample", "find_sample")
 _MINUTES_FROM_S = 600.0
@@ -279,8 +279,8 @@ def _presses(figure: Figure, groups: dict[str, list[Condition]], run: Run) -> No
                 left.plot(*_since_press(samples[index]), lw=0.8, color=color)
                 for t, ratio in _in_holds(samples[index]):
                     right.plot(t, ratio, lw=0.8, color=color)
-        left.set(title=name, ylabel="force (gwt)", xlabel="time since the press began (s)")
-        right.set(title=name, ylabel="force over the hold's first", xlabel="time in the hold (s)")
+        left.set(title=name, ylabel="force (gwt)", xlabel="time since the start of the press (s)")
+        right.set(title=name, ylabel="force relative to the start of the hold", xlabel="time in the hold (s)")
         position_scale(right, xs)
 
 
@@ -310,7 +310,7 @@ def _force_depth(figure: Figure, groups: dict[str, list[Condition]], samples: Sa
         left.set(title=name, ylabel="mean force (gwt)", xlabel="depth of indentation (mm)")
         right.set(title=name, ylabel="sd over repeats (gwt)", xlabel="depth of indentation (mm)")
         if all(len(condition.indices) == 1 for condition in members):
-            right.text(0.5, 0.5, "each condition once: no spread", transform=right.transAxes, ha="center", color=GREY)
+            right.text(0.5, 0.5, "no repeats, hence no spread", transform=right.transAxes, ha="center", color=GREY)
         position_scale(right, xs)
 
 

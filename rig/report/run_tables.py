@@ -25,7 +25,7 @@ COLUMNS = {
     name: tuple(OF_A_HOLD) + (("receptor_x_mm", *MEASURES) if name == "model_measures" else tuple(own))
     for name, own in MODEL_TABLES.items()
 }
-"""Of each file, in order."""
+"""Columns of each file, in order."""
 
 
 def numbers_missing(run: Run) -> bool:
@@ -207,9 +207,9 @@ def why_approach(run: Run) -> str:
     seconds, fallen = np.median(down, axis=0)
     presses = len({s["index"] for s in samples})
     return (
-        f"An approach goes down by {fallen:.3g} mm, waits until the force sensor has read, and goes on: "
-        f"{seconds:.2f} s a step, {len(looks) / presses:.0f} steps an indentation. That keeps small a force that "
-        "nobody expects; a lower clearance and larger steps would save time at its price."
+        f"An approach descends by {fallen:.3g} mm, waits for a force reading, and repeats: {seconds:.2f} s "
+        f"per step, {len(looks) / presses:.0f} steps per indentation. This keeps an unexpected force small; a "
+        "lower clearance and larger steps are faster but allow a larger force."
     )
 
 
@@ -223,10 +223,10 @@ def limits(run: Run) -> list[tuple[str, str]]:
         trip_n = run.start["soft_trip_n"]
         rows.append(("soft trip of this run", f"{trip_n / GWT_N:.2f} gwt ({trip_n:.4f} N)"))
     if forces:
-        rows.append(("highest force read", f"{max(forces):.2f} gwt ({max(forces) * GWT_N:.4f} N)"))
+        rows.append(("highest measured force", f"{max(forces):.2f} gwt ({max(forces) * GWT_N:.4f} N)"))
     if depths:
         rows.append(("deepest", f"{max(depths):.3f} mm"))
-    rows.append(("touched for, in all", f"{run.contact_s:.1f} s"))
+    rows.append(("total contact time", f"{run.contact_s:.1f} s"))
     return rows + [(f"limits.{key}", as_number(table[key])) for key in _LIMITS if key in table]
 
 

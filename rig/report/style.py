@@ -16,9 +16,10 @@ BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"  # Okabe 
 PURPLE, YELLOW = "#CC79A7", "#E69F00"
 PNG_DOTS_PER_INCH = 200  # letters are measured at it, too: coarser ones are rounded to other widths
 _IMAGES_DOTS_PER_INCH = 100
-"""Of what is no line or letter in an SVG."""
+"""Resolution of the raster parts of an SVG (dpi)."""
 PAGE_IN = (10.9, 6.3)
-"""Width and height that A4 across leaves to a figure beside its heading and caption: what is larger is shrunk."""
+"""Width and height (in) of a figure beside its heading and caption on landscape A4; larger figures are scaled
+down."""
 
 _ORDERED = mpl.colormaps["viridis"]
 _LIGHTEST = 0.86  # beyond it lines fade on paper
@@ -40,7 +41,7 @@ class Plot:
     size: tuple[float, float]
     draw: Callable[[Figure], None]
     layout: Literal["constrained"] | None = "constrained"
-    """None: it has margins of its own."""
+    """No layout engine: the figure sets its own margins."""
 
     @cached_property
     def svg(self) -> str:
