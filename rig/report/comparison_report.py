@@ -40,7 +40,7 @@ def shape_figures(comparison: Comparison, shown: Sequence[str]) -> list[PageFigu
 
 
 def simulation_figures(comparison: Comparison, shown: Sequence[str], maps: Sequence[StimulusMap]) -> list[PageFigure]:
-    """What the finger does, in the order of the page."""
+    """Return the figures of the simulation, in the order of the page."""
     moved = _moved(comparison)
     return [
         *(_population(stimulus, shown) for stimulus in comparison.stimuli),
@@ -50,7 +50,7 @@ def simulation_figures(comparison: Comparison, shown: Sequence[str], maps: Seque
 
 
 def shown_measures(comparison: Comparison, answers: Sequence[AfferentVerdict]) -> list[str]:
-    """The measures in the figures of the simulation: the likeliest, then candidates, then the source's survivors."""
+    """Return the measures to plot: maximum-likelihood measures, then candidates, then the source's."""
     likeliest = (row.name for answer in answers for row in answer.measures)
     passed = comparison.candidates()
     candidates = [name for name in (*SURVIVORS, *MEASURES) if name in passed]
@@ -218,7 +218,7 @@ def _candidates(comparison: Comparison) -> str:
 
 
 def _by_chance(comparison: Comparison) -> str:
-    """What the test lets pass that has no form at all."""
+    """Return the share of random profiles that pass the shape test, as a sentence."""
     rows = [row for row in chance_rows(comparison.stimuli) if row["passes_by_chance"] is not None]
     shares = [f"{row['shape']} at {row['condition']} {100 * row['passes_by_chance']:.0f} %" for row in rows]
     return (
@@ -312,7 +312,7 @@ def write_comparison(
 
 
 def simulation_sections(comparison: Comparison, shown: Sequence[str], maps: Sequence[StimulusMap]) -> list[Section]:
-    """What the simulation says, whatever was recorded, of the measures that are shown."""
+    """Return the sections on the simulation, which do not depend on recordings."""
     figures = simulation_figures(comparison, shown, maps)
     return [*shape_sections(comparison, shape_figures(comparison, shown)), *map(alone, figures)]
 
@@ -365,7 +365,7 @@ HEADER = ("measure", "x (mm)", "depth (mm)", "offset (mm)", "k", "ε₀", "devia
 
 
 def place_section(found: ReceptorLocation) -> Section:
-    """Every measure at its likeliest place, the likeliest first."""
+    """Return the table of every measure at its maximum-likelihood location, best first."""
     x, depth = (f"{in_mm(low)} to {in_mm(high)} mm" for low, high in found.where[:2])
     return Section(
         f"Receptor location: {', '.join(found.stimuli)}",

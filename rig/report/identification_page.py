@@ -1,4 +1,4 @@
-"""The page of a meeting: the forces that are known now, measured on foreseen, what is known before and after."""
+"""Page of an identification: known forces, measured and predicted presses, parameters before and after."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -36,7 +36,7 @@ class PageBlock:
 
 
 def blocks(html: str) -> list[PageBlock]:
-    """What a page of this program's reports consists of; pictures must be PNG."""
+    """Yield the parts of a report page; images must be PNG."""
     reader = _Reader()
     reader.feed(html)
     return [block for block in reader.found if block.text or block.picture or block.rows]
@@ -207,7 +207,7 @@ def _characters(column: tuple[str, ...]) -> int:
 
 
 def _table_mm(pdf: FPDF, rows: list[list[str]]) -> float:
-    """About how high a table becomes, by the number of its characters."""
+    """Estimate the height of a table (mm) from its number of characters."""
     filled, widths = _columns(rows)
     shrunk = min(1.0, pdf.epw / sum(widths))
     room = [max(shrunk * width - _CELL_PADDING_MM, 1.0) / _MM_PER_CHARACTER for width in widths]

@@ -174,7 +174,7 @@ def _row_of_table(comparison: Comparison) -> tuple[str, ...]:
 
 
 def _here(comparison: Comparison, one: PublishedRecordings) -> str:
-    """The files that fill it, or what is missing."""
+    """Return the files that fill the figure, or what is missing."""
     found = {overlay.stimulus.shape: overlay.recording.name for overlay in _recorded(comparison, one)}
     missing = [shape for shape in one.shapes if shape not in found]
     if not missing:
@@ -191,7 +191,9 @@ def _recorded(comparison: Comparison, one: PublishedRecordings) -> list[Overlay]
 
 
 def _joint(comparison: Comparison, one: PublishedRecordings) -> tuple[Joint, list[Pair]] | None:
-    """All of its recordings with one line, and the survivors at its receptor; None if one is missing."""
+    """Return all of its recordings with one line, and the measures that the source retains; None if a recording is
+    missing.
+    """
     found = _recorded(comparison, one)
     if len(found) < len(one.shapes):
         return None
@@ -254,7 +256,7 @@ class Deflection:
 
 
 def simulated(run: Run, finger: Fingertip) -> list[Deflection]:
-    """What the model gives at every hold of a run with an indentor that lies across the finger; none of others."""
+    """Return the simulated deflection at every hold of an indentor across the finger; none for other indentors."""
     if not any(
         parse_shape(from_copy(run.folder.path, event["indentor"])).axes == ACROSS for event in run.stream("mount")
     ):

@@ -60,7 +60,7 @@ def contact_panels(found: Sequence[Sequence[Response]], top: float) -> Plot:
 
 
 def highest_pressure(found: Sequence[Response]) -> float:
-    """Of all in the receptor plane, in pseudo-units."""
+    """Return the highest pressure in the receptor plane (pseudo-units)."""
     return max((float(r.result.pressure_profile[1].max()) for r in found), default=0.0) or 1.0
 
 
@@ -134,7 +134,9 @@ _TITLE_WIDTH = 46
 
 
 def is_relief(indentor: Indentor) -> bool:
-    """Whether it is neither round nor carried along or across the finger: one section does not show it."""
+    """Return whether the shape is neither round nor constant along or across the finger, so that one section does
+    not show it.
+    """
     return indentor.axes == BOTH and not isinstance(indentor, Revolved)
 
 
@@ -209,14 +211,14 @@ def force_time(run: Run) -> Plot:
 
 
 def presses(run: Run) -> Plot:
-    """Force from the beginning of each press, and in its holds over what it was when they began."""
+    """Plot force from the start of each press, and force in its holds relative to their start."""
     groups = by_target(conditions(run))
     height = 0.5 + _ROW_IN * len(groups)
     return Plot((_WIDTH_IN, height), lambda figure: _presses(figure, groups, run), layout=None)
 
 
 def force_depth(run: Run) -> Plot:
-    """Mean force of each condition against depth, and the spread of its repeats."""
+    """Plot the mean force of each condition against depth, and the spread of its repeats."""
     groups = by_target(conditions(run))
     height = 0.5 + _ROW_IN * len(groups)
     return Plot((_WIDTH_IN, height), lambda figure: _force_depth(figure, groups, samples_of(run)), layout=None)
@@ -380,7 +382,7 @@ def _ssrps(figure: Figure, found: list[Response], measure: str) -> None:
 
 
 def _over_repeats(x_mm: Array, values: Array) -> tuple[Array, Array]:
-    """Each place once (n,), with the mean of its repeats (n, receptors)."""
+    """Return each position once (n,), with the mean of its repeats (n, receptors)."""
     places, back = np.unique(x_mm, return_inverse=True)
     return places, np.stack([values[back == k].mean(axis=0) for k in range(len(places))])
 

@@ -81,7 +81,7 @@ def write_report(
 
 
 def write_missing(run: Run, finger: Fingertip) -> None:
-    """Of report and numbers what is not there; the rest stays as it is."""
+    """Write the missing parts of report and data; existing files stay unchanged."""
     found = responses(run, finger)
     if found:
         write_numbers(run, found, again=False)
@@ -90,7 +90,7 @@ def write_missing(run: Run, finger: Fingertip) -> None:
 
 
 def lacks_report(run: Run) -> bool:
-    """Whether the report, or numbers behind its figures, are missing."""
+    """Return whether the report, or data behind its figures, are missing."""
     return not run.folder.report.exists() or (bool(run.done) and numbers_missing(run))
 
 
@@ -131,7 +131,7 @@ def _figures(run: Run, found: list[Response], finger: Fingertip) -> list[PageFig
 
 
 def _small_strain(found: Sequence[Response]) -> str:
-    """Of the deepest of the model's answers; nothing where there is none."""
+    """Return the note on small strain for the deepest result; empty without a result."""
     deepest = max((response.result for response in found), key=lambda result: result.doi_mm, default=None)
     return "" if deepest is None else deepest.small_strain.note
 

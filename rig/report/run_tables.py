@@ -29,7 +29,7 @@ COLUMNS = {
 
 
 def numbers_missing(run: Run) -> bool:
-    """Whether a file is not there."""
+    """Return whether a file is missing."""
     return not all(_file(run, name).exists() for name in COLUMNS)
 
 
@@ -101,7 +101,7 @@ class Condition:
 
     @property
     def group(self) -> str:
-        """What it shares with other places, e.g. "step:1 to 2.33 gwt"."""
+        """What the condition shares with other positions, e.g. "step:1 to 2.33 gwt"."""
         return f"{self.indentor} to {self.value:g} {_UNITS[self.target]}"
 
     @property
@@ -120,7 +120,7 @@ class Loading:
 
 
 def conditions(run: Run) -> list[Condition]:
-    """Those of the finished indentations, by indentor, target and place."""
+    """Return the conditions of finished indentations, by indentor, target and position."""
     begun = [event for event in run.stream("indentation_start") if event["index"] in run.done]
     ordered = sorted(begun, key=_alike)
     return [Condition(*alike, tuple(e["index"] for e in same)) for alike, same in _runs_of(ordered)]
@@ -178,7 +178,7 @@ _LIMITS = (
 
 @dataclass(frozen=True)
 class Phase:
-    """What some of the run's time went to: s in all, a share, and s an indentation."""
+    """A phase of the run: total seconds, its share, and seconds per indentation."""
 
     name: str
     seconds: float
@@ -187,7 +187,7 @@ class Phase:
 
 
 def phases(run: Run) -> list[Phase]:
-    """What the run's time went to; nothing that took none."""
+    """Return the phases that took time."""
     booked = booked_s(run)
     whole, presses = sum(booked.values()) or 1.0, max(len(run.stream("indentation_end")), 1)
     return [Phase(name, s, s / whole, s / presses) for name, s in booked.items() if s]
@@ -231,7 +231,7 @@ def limits(run: Run) -> list[tuple[str, str]]:
 
 
 def devices(run: Run, provenance: dict[str, Any]) -> list[tuple[str, str]]:
-    """What the devices called themselves."""
+    """Return the identities that the devices reported."""
     said = {
         "stage": {event["controller"] for event in run.stream("home")},
         "force": {event["sensor"] for event in run.stream("zero")},

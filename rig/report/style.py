@@ -36,7 +36,7 @@ _STYLE: dict[Any, Any] = {
 
 @dataclass(frozen=True)
 class Plot:
-    """A drawing of a size in inches, drawn when it is asked for."""
+    """A figure with its size in inches, plotted on request."""
 
     size: tuple[float, float]
     draw: Callable[[Figure], None]
@@ -45,14 +45,14 @@ class Plot:
 
     @cached_property
     def svg(self) -> str:
-        """As text."""
+        """The figure as SVG text."""
         text = io.StringIO()
         self._save(text, format="svg", dpi=_IMAGES_DOTS_PER_INCH, metadata={"Date": None})
         return text.getvalue()
 
     @cached_property
     def png(self) -> bytes:
-        """As an image."""
+        """The figure as a PNG image."""
         content = io.BytesIO()
         self._save(content, format="png", dpi=PNG_DOTS_PER_INCH, metadata={"Software": None})
         return content.getvalue()
@@ -90,7 +90,7 @@ def signed(x_mm: float) -> str:
 
 
 def some_of(n: int, most: int) -> list[int]:
-    """Which of n ticks are written where there is room for so many, evenly spread, first and last among them."""
+    """Return the indices of evenly spread ticks that fit, including the first and the last."""
     return sorted({round(k * (n - 1) / (most - 1)) for k in range(most)})
 
 

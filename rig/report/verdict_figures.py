@@ -1,4 +1,4 @@
-"""Figures of what one afferent's recording says: rates as recorded and predicted, residuals, how each pair fares."""
+"""Figures of the verdict on one afferent: recorded and predicted rates, residuals, and the misfit of each pair."""
 
 from collections.abc import Callable, Sequence
 from itertools import cycle
@@ -33,21 +33,21 @@ _STYLES = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "^"), (GREY, "D"), (PURPLE, "v"),
 
 
 def drawn_pairs(answer: AfferentVerdict) -> list[PairRow]:
-    """The likeliest pair, the likeliest of another measure, and the likeliest control."""
+    """Return the maximum-likelihood pair, the best pair of another measure, and the best control."""
     first = answer.headline or answer.closest
     found = (first, rival(answer), next(iter(answer.controls), None))
     return [row for row in found if row is not None]
 
 
 def rival(answer: AfferentVerdict) -> PairRow | None:
-    """The likeliest pair of another measure than the first, in the set if that has one."""
+    """Return the best pair of another measure than the first, from the set if possible."""
     first = answer.headline or answer.closest
     others = [row for row in answer.measures if row.name != first.name]
     return next((row for row in others if row.in_set), next(iter(others), None))
 
 
 def apart(answer: AfferentVerdict) -> Array | None:
-    """(p,) by how many standard errors the likeliest pair and its rival predict other rates; None without a rival."""
+    """Return (p,) differences of the rates of the best pair and its rival, in standard errors; None without one."""
     first, other = answer.headline or answer.closest, rival(answer)
     if other is None:
         return None
@@ -65,13 +65,13 @@ def most_telling(answer: AfferentVerdict) -> list[int]:
 
 
 def the_answer(answer: AfferentVerdict, shown: Sequence[int], frame: str) -> Plot:
-    """Recorded rates of the stimuli shown, with the pairs' predictions, above how well the likeliest pairs fit."""
+    """Plot recorded rates of some stimuli with the predictions, above the misfit of the best pairs."""
     size = (_WIDE_IN, _PROFILES_IN + _ranking_in(answer))
     return Plot(size, lambda figure: _the_answer(figure, answer, shown, frame))
 
 
 def ranking(answer: AfferentVerdict) -> list[PairRow]:
-    """The likeliest receptor of each of the likeliest measures and controls, likeliest first."""
+    """Return the best receptor of each of the best measures and controls, best first."""
     best: dict[str, PairRow] = {}
     for row in answer.rows:
         best.setdefault(row.name, row)
@@ -91,7 +91,7 @@ def residuals(answer: AfferentVerdict, shown: Sequence[int], frame: str) -> Plot
 
 
 def scatter(answer: AfferentVerdict, frame: str) -> Plot:
-    """Recorded rate against each pair's measure, with what it predicts."""
+    """Plot recorded rate against each pair's measure, with the fit."""
     rows = [row for row in drawn_pairs(answer) if np.isfinite(row.eps).any()]
     return Plot((0.6 + 2.4 * len(rows), 3.0), lambda figure: _scatter(figure, answer, rows, frame))
 
@@ -105,7 +105,7 @@ def every_pair(answer: AfferentVerdict) -> Plot:
 
 
 def named(row: PairRow) -> str:
-    """A pair in the sign in which it is drawn."""
+    """Return the name of a pair in the sign in which it is plotted."""
     name = f"{row.name} (control)" if row.control else label(row.name)
     return name if row.receptor_mm is None else f"{name} at {signed(row.receptor_mm)} mm"
 

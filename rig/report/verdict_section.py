@@ -1,4 +1,4 @@
-"""What the recording of one afferent says, as sections of the report; every number is of one `AfferentVerdict`."""
+"""Sections of the report on one afferent; every number comes from one `AfferentVerdict`."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -78,7 +78,7 @@ def _verdict(answer: AfferentVerdict, frame: str, of: str) -> PageFigure:
 
 
 def _other_measure(answer: AfferentVerdict) -> list[str]:
-    """By how much the likeliest other measure is worse, and where to record for telling them apart."""
+    """Return by how much the best other measure is worse, and where more presses would distinguish it."""
     first, other, distance = answer.headline or answer.closest, rival(answer), apart(answer)
     if other is None or distance is None:
         return []
