@@ -37,23 +37,23 @@ from sim.workers import in_processes
 # What may solve a scene: a model, its element and how fine it is.
 
 SCENE_PATCH = {"patch_x_mm": 2.4, "patch_z_mm": 2.3}
-"""Enough for every scene."""
+"""Half-widths of the patch (mm), enough for every scene."""
 
 _TO_NAIL_MM = 6.893 - 5.0 - 1e-6
 _ROWS = {1: 3, 2: 5, 3: 7, 4: 9, 5: 9, 8: 9}
 
 LEVELS = ("coarse", "default", "fine")
-"""Of the finger's mesh, from cheap to dear."""
+"""Mesh levels from cheap to expensive."""
 
 SHARES = (0.65, 1.0)
-"""How much of the default patch's half-widths a patch may have: a few, so that scenes share models."""
+"""Shares of the default patch's half-widths that a patch may have; few of them, so that scenes share models."""
 
 _EVEN = {
     "coarse": {"axial_spacing_mm": 0.27},
     "default": {},
     "fine": {"spacing_mm": 0.125, "axial_spacing_mm": 0.126},
 }
-"""Of a level under shapes that slope along the finger, too: as far apart along it as across."""
+"""Mesh of a level under shapes that slope along the finger too: the same spacing along it as across."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ QUADRATIC = MeshSpec.model_validate(
         "far_spacing_mm": 3.0,
     }
 )
-"""Elements of twice the default's size: nodes as far apart as the default's."""
+"""Elements of twice the default size, with nodes as far apart as the default's."""
 
 
 # --- scenes ---
@@ -130,7 +130,7 @@ QUADRATIC = MeshSpec.model_validate(
 # The scenes in which errors are measured.
 
 OFFSET_RANGE_MM = 0.17
-"""Positions are spread over one element of the default mesh, so that no answer rests on where a node falls."""
+"""Positions spread over one element of the default mesh, so that no result depends on where a node lies."""
 
 
 @dataclass(frozen=True)
@@ -166,7 +166,7 @@ SCENES = (
 FAMILIES = ("smooth", "bar", "step")
 
 QUICK_SCENES = tuple(scene for scene in SCENES if scene.x_mm in (0.0, -1.63))
-"""The first position of each."""
+"""The first position of each schedule."""
 
 
 Array = NDArray[np.float64]
@@ -362,7 +362,7 @@ def as_json(reference: ReferenceValues) -> str:
 # Measured candidates as the rows that `rig bench --json` prints, and the sets of candidates that it measures.
 
 PER_LENGTH = frozenset({"section"})
-"""Models whose force is per length: it has no error against a finger's."""
+"""Models whose force is per unit length and has no error against a finger's force."""
 
 QUICK = (
     Candidate("halfspace", "0.28 mm", coarse(0.28)),
@@ -427,7 +427,8 @@ CONFIG = FingertipConfig(
         spacing_mm=0.5, axial_spacing_mm=0.5, element="full", epidermis_elements=1, dermis_spacing_mm=0.4, growth=1.5
     ),
 )
-"""Like with like: CalculiX's C3D8 is fully integrated, its contact at nodes. Coarse, so that its job is short."""
+"""Settings of the CalculiX comparison: C3D8 is fully integrated, with contact at nodes. Coarse, to keep its job
+short."""
 
 SHAPE, DOI_MM = "bar:3.0", 0.8
 _REPEATS = 20
@@ -510,5 +511,5 @@ def reference_s() -> float:
             times.append(time.process_time() - began)
     off = float(np.abs(matrix @ back - right).max())
     if info or not off < 1e-9:
-        raise ArithmeticError(f"the reference computation is off by {off:.1e}")
+        raise ArithmeticError(f"the reference computation differs by {off:.1e} from its stored result")
     return min(times)

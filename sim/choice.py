@@ -143,7 +143,7 @@ FILE = "expected_errors.json"
 
 DEPTHS_MM = (0.3, 0.7, 1.35)
 PLACES_MM = (0.5, 1.8)
-"""The upper ends of the bands: of the depth, and of the first touch's distance from the pad's centre."""
+"""Upper ends of the bands of depth, and of the distance of first contact from the pad center (mm)."""
 
 
 class Cell(NamedTuple):
@@ -241,7 +241,7 @@ def _costs(row: Mapping[str, Any]) -> Iterator[tuple[tuple[Rung, tuple[int, ...]
 
 
 AT_RECEPTORS = frozenset({"sed", "ep1"})
-"""Quantities for which receptors are made."""
+"""Quantities that require receptors."""
 
 
 class NoModelError(ModelRangeError):
@@ -261,14 +261,14 @@ class Aim:
     def __post_init__(self) -> None:
         if not self.quantities or not set(self.quantities) <= set(QUANTITIES):
             raise ModelRangeError(
-                "{quantities}: expected some of {known}",
+                "{quantities}: must be one or more of {known}",
                 code="unknown_quantity",
                 quantities=", ".join(self.quantities),
                 known=", ".join(QUANTITIES),
             )
         if not 0 < self.tolerance < 1:
             raise ModelRangeError(
-                "tolerance {tolerance:g}: expected a part of the whole, between 0 and 1",
+                "tolerance {tolerance:g}: must be a fraction between 0 and 1",
                 code="bad_tolerance",
                 tolerance=self.tolerance,
             )
@@ -319,10 +319,11 @@ class Choice:
         """In one line."""
         kind = "sharp" if self.sharp else "smooth"
         errors = ", ".join(map(_percent, self.errors.values()))
-        passed = f"; cheaper ones passed over: {'; '.join(self.passed)}" if self.passed else ""
+        passed = f"; cheaper models rejected: {'; '.join(self.passed)}" if self.passed else ""
         return (
-            f"{self.model}, level {self.level}: the largest error of {', '.join(self.errors)} measured under {kind} "
-            f"shapes, so deep and so placed, is {errors}, the tolerance {100 * self.aim.tolerance:g} %{passed}"
+            f"{self.model}, level {self.level}: the largest measured error of {', '.join(self.errors)} under "
+            f"{kind} shapes at this depth and position is {errors}; the tolerance is "
+            f"{100 * self.aim.tolerance:g} %{passed}"
         )
 
     @property
@@ -331,8 +332,9 @@ class Choice:
         x, z = self.patch_mm
         outputs = "force, contact and receptors" if self.aim.receptors else "force and contact, no receptors"
         return (
-            f"{outputs}; patch ± {x:.2f} × ± {z:.2f} mm; from nothing some {_short(self.seconds)} s of processor "
-            f"time and {_short(self.cost.memory_mb / 1e3)} GB, a further press {_short(1e3 * self.cost.press_s)} ms"
+            f"{outputs}; patch ± {x:.2f} × ± {z:.2f} mm; about {_short(self.seconds)} s of processor time and "
+            f"{_short(self.cost.memory_mb / 1e3)} GB without cached models, {_short(1e3 * self.cost.press_s)} "
+            "ms for each further press"
         )
 
     def load(self, config: FingertipConfig | None = None, places: ReceptorPlaces | None = None) -> Fingertip:
@@ -343,7 +345,7 @@ class Choice:
         config = FingertipConfig() if config is None else config
         if config.mesh != MeshSpec():
             raise ModelRangeError(
-                "the mesh is chosen: expected a finger without one of its own ([finger.mesh])", code="own_mesh"
+                "the choice sets the mesh itself; remove [finger.mesh] from the configuration", code="own_mesh"
             )
         wanted = (places or ReceptorPlaces()) if self.aim.receptors else NOWHERE
         config = config.model_copy(update={"mesh": self.mesh})
@@ -408,8 +410,8 @@ def cheapest(situation: Situation, aim: Aim, expected: Expected) -> Choice:
         passed.append(f"{rung.model} {rung.level} {_percent(worst[rung])}")
     best = min(ranked, key=lambda rung: worst[rung])
     raise NoModelError(
-        "no model is known to hold {aim} for {shape}: the best is {model}, level {level}, expected "
-        "{expected_percent:g} %",
+        "no model is known to reach {aim} for {shape}; the best is {model}, level {level}, with "
+        "{expected_percent:g} %; allow a larger error or name a model",
         aim=aim.text,
         shape=situation.shape,
         model=best.model,
@@ -429,10 +431,11 @@ def _seconds(cost: Cost, aim: Aim) -> float:
 
 
 def _unknown(situation: Situation) -> NoModelError:
-    depth = "by force" if situation.depth_mm is None else "{depth_mm:.2f} mm deep"
+    depth = "to a force" if situation.depth_mm is None else "{depth_mm:.2f} mm deep"
     return NoModelError(
-        f"no model's error is known for {{shape}} {depth}, {{place_mm:.2f}} mm from the pad's centre: measured to "
-        "{deepest_mm:g} and {farthest_mm:g} mm, expected --model finger",
+        f"the errors for {{shape}} {depth}, {{place_mm:.2f}} mm from the pad center, were not measured; "
+        f"measured are depths to {{deepest_mm:g}} mm and distances to {{farthest_mm:g}} mm; name a model, "
+        "e.g. --model finger",
         code="not_measured",
         shape=situation.shape,
         depth_mm=situation.depth_mm,

@@ -40,56 +40,60 @@ def rows_from(value: object, columns: Sequence[str], folder: Path) -> object:
 def check_points(points: Sequence[Row], length_mm: float) -> None:
     """Raise ValueError, saying what is missing, when (x, y, z) rows in mm cannot hold the pulp of a finger."""
     if not FEWEST_POINTS <= len(points) <= MOST_POINTS:
-        raise ValueError(f"{len(points)} points, expected {FEWEST_POINTS} to {MOST_POINTS}")
+        raise ValueError(f"{len(points)} points; must be {FEWEST_POINTS} to {MOST_POINTS}")
     xyz = np.array(points)
     low, high = xyz.min(axis=0), xyz.max(axis=0)
     spans = " × ".join(f"{span:.3g}" for span in high - low)
     if not _NARROWEST_MM <= (high - low).max() <= _WIDEST_MM:
-        raise ValueError(f"the points span {spans}: expected millimetres, {_NARROWEST_MM:g} to {_WIDEST_MM:g}")
+        raise ValueError(
+            f"the points span {spans} mm; the largest span must be {_NARROWEST_MM:g} to "
+            f"{_WIDEST_MM:g} mm; check the unit"
+        )
     if low[2] < 0 or high[2] > length_mm:
         raise ValueError(
-            f"z {low[2]:.2f} … {high[2]:.2f} mm: expected z from 0, the proximal edge, to length_mm = {length_mm:g}"
+            f"z spans {low[2]:.2f} to {high[2]:.2f} mm; it must lie between 0, the proximal edge, and "
+            f"length_mm = {length_mm:g} mm"
         )
     z = np.sort(xyz[:, 2])
     if z[-1] - z[0] < _LEAST_SPREAD * length_mm:
         raise ValueError(
-            f"z {z[0]:.2f} … {z[-1]:.2f} mm: expected points over {_LEAST_SPREAD * length_mm:.2f} mm of z or more, "
-            f"half of length_mm = {length_mm:g}"
+            f"z spans {z[0]:.2f} to {z[-1]:.2f} mm; points must cover at least "
+            f"{_LEAST_SPREAD * length_mm:.2f} mm of z, half of length_mm = {length_mm:g} mm"
         )
     gap = int(np.argmax(np.diff(z)))
     if z[gap + 1] - z[gap] > _WIDEST_GAP * length_mm:
         raise ValueError(
-            f"no points from z = {z[gap]:.2f} to {z[gap + 1]:.2f} mm: expected gaps of at most "
-            f"{_WIDEST_GAP * length_mm:.2f} mm, a quarter of length_mm = {length_mm:g}"
+            f"no points from z = {z[gap]:.2f} to {z[gap + 1]:.2f} mm; gaps must not exceed "
+            f"{_WIDEST_GAP * length_mm:.2f} mm, a quarter of length_mm = {length_mm:g} mm"
         )
     side = _LEAST_SIDE * length_mm
     if low[0] > -side or high[0] < side:
         raise ValueError(
-            f"x {low[0]:.2f} … {high[0]:.2f} mm: expected points on both sides of the midline x = 0, "
-            f"{side:.2f} mm from it or more"
+            f"x spans {low[0]:.2f} to {high[0]:.2f} mm; points must lie on both sides of the midline x = 0, "
+            f"to at least {side:.2f} mm from it"
         )
     if high[1] < _NARROWEST_MM / 2:
-        raise ValueError(f"highest y = {high[1]:.2f} mm: expected y upwards from the bone's axis to the pulp's skin")
+        raise ValueError(f"highest y = {high[1]:.2f} mm; y must point from the bone's axis to the skin of the pulp")
 
 
 def check_sections(sections: Sequence[Row], length_mm: float) -> None:
     """Raise ValueError when (z, half-width, height, lean) rows in mm are no finger from 0 to its length."""
     if len(sections) < FEWEST_SECTIONS:
-        raise ValueError(f"{len(sections)} sections, expected at least {FEWEST_SECTIONS}")
+        raise ValueError(f"{len(sections)} sections; at least {FEWEST_SECTIONS} are required")
     z, half_width, height, _ = np.array(sections).T
     back = np.flatnonzero(np.diff(z) <= 0)
     if len(back):
-        raise ValueError(f"z_mm = {z[back[0] + 1]:g} after {z[back[0]]:g}: expected z_mm to rise from row to row")
+        raise ValueError(f"z_mm = {z[back[0] + 1]:g} after {z[back[0]]:g}: z_mm must rise from row to row")
     if z[-1] < _NARROWEST_MM:
-        raise ValueError(f"z_mm ends at {z[-1]:g}: expected millimetres")
+        raise ValueError(f"z_mm ends at {z[-1]:g} mm; it must be in millimeters; check the unit")
     if abs(z[0]) > 1e-6 * length_mm or abs(z[-1] - length_mm) > 1e-6 * length_mm:
         raise ValueError(
-            f"z_mm {z[0]:g} … {z[-1]:g}: expected z = 0, the proximal edge, to length_mm = {length_mm:g}"
+            f"z_mm spans {z[0]:g} to {z[-1]:g} mm; it must span 0, the proximal edge, to length_mm = {length_mm:g} mm"
         )
     for name, values in (("half_width_mm", half_width), ("height_mm", height)):
         if (values <= 0).any():
             k = int(np.argmax(values <= 0))
-            raise ValueError(f"{name} = {values[k]:g} at z_mm = {z[k]:g}: expected more than 0")
+            raise ValueError(f"{name} = {values[k]:g} at z_mm = {z[k]:g}: must be more than 0 mm")
 
 
 # --- stiffness ---
@@ -131,7 +135,7 @@ class Geometry(_Settings):
     """
 
     length_mm: float = Field(
-        default=12.75, gt=10, lt=30, description="of the fingertip, from its proximal edge to the tip"
+        default=12.75, gt=10, lt=30, description="length of the fingertip from its proximal edge to the tip"
     )
     proximal_apex_mm: float = Field(default=2.6, gt=0.5, lt=8, description="height of the top profile at z = 0")
     proximal_half_width_mm: float = Field(
@@ -142,16 +146,19 @@ class Geometry(_Settings):
         default=1.0, gt=0.2, lt=4, description="radius of the blunt section at the distal tip"
     )
     nail_depth_ratio: float = Field(
-        default=0.75, gt=0.2, lt=2, description="depth of the nail side over the height of the pulp"
+        default=0.75, gt=0.2, lt=2, description="depth of the nail side relative to the height of the pulp"
     )
     stiffness_of_fit: float = Field(
         default=0.06, gt=0, lt=10, description="weight of the surface's second derivatives in its fit to points"
     )
     points: tuple[tuple[float, float, float], ...] = Field(
-        default=(), description="x, y, z of the pulp's skin, in place of the published points: rows or a CSV file"
+        default=(),
+        description=(
+            "x, y, z of points on the skin of the pulp, instead of the published points: rows or a CSV file"
+        ),
     )
     sections: tuple[tuple[float, float, float, float], ...] = Field(
-        default=(), description="z, half-width, height, lean, in place of points: rows or a CSV file"
+        default=(), description="z, half-width, height and lean of sections, instead of points: rows or a CSV file"
     )
 
     @field_validator("points", "sections", mode="before")
@@ -164,7 +171,7 @@ class Geometry(_Settings):
     @classmethod
     def _usable(cls, rows: tuple[Any, ...], info: ValidationInfo) -> tuple[Any, ...]:
         if rows and info.data.get("points"):
-            raise ValueError("expected either points or sections, not both")
+            raise ValueError("points and sections cannot be combined; keep one")
         if rows and "length_mm" in info.data:
             (check_points if info.field_name == "points" else check_sections)(rows, info.data["length_mm"])
         return rows
@@ -175,25 +182,29 @@ class Tissue(_Settings):
 
     epidermis_mm: float = Field(default=0.4, gt=0.05, lt=1.0, description="thickness of the outermost layer")
     dermis_mm: float = Field(
-        default=0.8, gt=0.1, lt=2.0, description="thickness of the layer below it; fat fills the rest"
+        default=0.8, gt=0.1, lt=2.0, description="thickness of the layer below the epidermis; fat fills the rest"
     )
-    bone_fraction: float = Field(default=0.32, gt=0.05, lt=0.6, description="bone radius over the section's radius")
-    e_dermis: float = Field(default=0.1, gt=1e-6, le=10, description="Young's modulus over that of the epidermis")
-    e_fat: float = Field(default=0.1, gt=1e-6, le=10, description="Young's modulus over that of the epidermis")
+    bone_fraction: float = Field(
+        default=0.32, gt=0.05, lt=0.6, description=("radius of the bone relative to the radius of the section")
+    )
+    e_dermis: float = Field(
+        default=0.1, gt=1e-6, le=10, description=("Young's modulus of the dermis relative to the epidermis")
+    )
+    e_fat: float = Field(default=0.1, gt=1e-6, le=10, description="Young's modulus of fat relative to the epidermis")
     e_bone: float = Field(
-        default=1.0e4, ge=1, le=1e10, description="Young's modulus over that of the epidermis, for an elastic bone"
+        default=1.0e4, ge=1, le=1e10, description="Young's modulus of an elastic bone relative to the epidermis"
     )
     poisson: float = Field(default=0.48, ge=0, lt=0.5, description="Poisson's ratio of all layers")
-    bone: Literal["rigid", "elastic"] = Field(default="rigid", description="rigid: held still; elastic: meshed")
-    nail_arc_deg: float = Field(default=140.0, ge=0, le=200, description="dorsal arc whose skin is held still")
+    bone: Literal["rigid", "elastic"] = Field(default="rigid", description="rigid: fixed; elastic: meshed")
+    nail_arc_deg: float = Field(default=140.0, ge=0, le=200, description="dorsal arc of skin that is fixed")
     nail_from_z_mm: float = Field(
-        default=5.0, ge=0, le=20, description="where the nail begins, from the proximal edge"
+        default=5.0, ge=0, le=20, description="distance of the nail's proximal end from the proximal edge"
     )
     stiffness: float = Field(
-        default=1.0, gt=0, le=100, description="Young's modulus of all layers over the calibrated one"
+        default=1.0, gt=0, le=100, description="Young's modulus of all layers relative to the calibrated one"
     )
     stiffening: float = Field(
-        default=0.0, ge=0, le=10, description="how much tissue stiffens with strain; 0: linear, small strain"
+        default=0.0, ge=0, le=10, description="increase of stiffness with strain; 0: linear, small strain"
     )
 
     @property
@@ -212,58 +223,68 @@ MESH_LEVELS: dict[str, dict[str, float]] = {
         "dermis_spacing_mm": 0.133,
     },
 }
-"""Keys that a level sets unless they are set themselves. Error against time: docs/validation/performance.md."""
+"""Keys that a level sets unless the configuration does. Error against time: docs/validation/performance.md."""
 
 
 AXIAL_STRETCH = 1.855
-"""Axial over lateral spacing: chosen by error for time; at the default spacing a row lies on the nail's start."""
+"""Axial over lateral spacing, chosen by error and time; at the default spacing a row lies at the start of the
+nail."""
 
 
 class MeshSpec(_Settings):
     """Sizes of elements, mm; a quadratic one has nodes half way too. `patch_*` bound what an indentor may touch."""
 
     level: Literal["coarse", "default", "fine"] = Field(
-        default="default", description="coarse: quick; fine: for sharp shapes; sets spacings that are not given"
+        default="default", description="coarse: fast; fine: for sharp shapes; sets the spacings that are not given"
     )
     spacing_mm: float = Field(
         default=0.17, gt=0.02, le=1.0, description="size of elements across the finger, on the pulp"
     )
     axial_spacing_mm: float | None = Field(
-        default=None, gt=0.02, le=1.0, description="size along the finger; absent: 1.855 × spacing_mm"
+        default=None, gt=0.02, le=1.0, description="size of elements along the finger; default: 1.855 × spacing_mm"
     )
     patch_x_mm: float = Field(
         default=3.3,
         gt=0.5,
         le=4.0,
-        description="half-width, across the finger, of the skin that an indentor may touch; grows at need",
+        description="half-width, across the finger, of the skin that an indentor can touch; grows as needed",
     )
     patch_z_mm: float = Field(
-        default=3.5, gt=0.5, le=4.5, description="the same along the finger, from the receptor plane"
+        default=3.5, gt=0.5, le=4.5, description="half-width along the finger, from the receptor plane"
     )
     round_patch_mm: float = Field(
         default=2.5,
         gt=0.3,
         le=4.5,
-        description="half-width of the nodes that a sphere, a cone or a round punch may touch",
+        description="half-width of the area that a sphere, a cone or a round punch can touch",
     )
-    epidermis_elements: int = Field(default=2, ge=1, le=8, description="elements through the epidermis")
+    epidermis_elements: int = Field(default=2, ge=1, le=8, description="number of elements through the epidermis")
     dermis_spacing_mm: float = Field(
-        default=0.2, gt=0.02, le=1.0, description="size in depth, from the epidermis to dermis_fine_depth_mm"
+        default=0.2,
+        gt=0.02,
+        le=1.0,
+        description=("size of elements in depth, from the epidermis to dermis_fine_depth_mm"),
     )
     dermis_fine_depth_mm: float = Field(
         default=1.2, gt=0.2, le=3.0, description="depth below the skin from which elements grow"
     )
     growth: float = Field(
-        default=1.2, gt=1.0, le=2.0, description="from one element to the next, near the patch and in depth"
+        default=1.2, gt=1.0, le=2.0, description="growth from one element to the next, near the patch and in depth"
     )
-    far_growth: float = Field(default=1.5, gt=1.0, le=3.0, description="the same farther out")
-    near_spacing_mm: float = Field(default=0.5, gt=0.05, le=2.0, description="largest element just outside the patch")
-    near_width_mm: float = Field(default=1.5, gt=0, le=5.0, description="how far outside the patch that holds")
-    far_spacing_mm: float = Field(default=1.5, gt=0.05, le=3.0, description="largest element farther out")
-    nail_on_nodes: bool = Field(default=True, description="a row of nodes along each of the nail's edges")
+    far_growth: float = Field(
+        default=1.5, gt=1.0, le=3.0, description=("growth from one element to the next, farther from the patch")
+    )
+    near_spacing_mm: float = Field(
+        default=0.5, gt=0.05, le=2.0, description=("largest element just outside the patch")
+    )
+    near_width_mm: float = Field(
+        default=1.5, gt=0, le=5.0, description=("distance from the patch within which near_spacing_mm applies")
+    )
+    far_spacing_mm: float = Field(default=1.5, gt=0.05, le=3.0, description="largest element farther from the patch")
+    nail_on_nodes: bool = Field(default=True, description="add a row of nodes along each edge of the nail")
     element: Literal["bbar", "full", "incompatible", "quadratic"] = Field(
         default="bbar",
-        description="bbar: as the source; full and incompatible: to compare; quadratic: nodes half way too",
+        description="bbar: as in the source; full and incompatible: for comparison; quadratic: with mid-edge nodes",
     )
 
     @model_validator(mode="before")
@@ -281,13 +302,13 @@ class Contact(_Settings):
     """Where contact is enforced."""
 
     between_nodes: bool = Field(
-        default=True, description="under sharp corners contact is enforced also at points between nodes"
+        default=True, description="enforce contact between the nodes too, under sharp corners"
     )
     patch_gb: float = Field(
         default=6.0,
         ge=0,
         le=1000,
-        description="memory for a patch larger than the mesh's own; 0: what leaves that is refused",
+        description="memory for a patch larger than the mesh's own; 0: an indentor that leaves the patch is refused",
     )
 
 
@@ -299,7 +320,7 @@ class FingertipConfig(_Settings):
     mesh: MeshSpec = MeshSpec()
     contact: Contact = Contact()
     receptor_plane_from_tip_mm: float = Field(
-        default=5.857, gt=1, lt=12, description="where the receptors lie, from the tip; Raju (1998): 5.86"
+        default=5.857, gt=1, lt=12, description="distance of the receptor plane from the tip; Raju (1998): 5.86 mm"
     )
 
     @property

@@ -26,7 +26,7 @@ Finger = Union["Fingertip", "FingerProcess"]
 _MODELS = logging.getLogger("sim")
 _END_S = 5.0
 _GIVES_WAY = 5
-"""To the process that began it, and to whoever asks that one for a stop: browser and panel, in other sessions."""
+"""Nice value of the process, so that it yields to its parent and to a program that requests a stop."""
 
 
 class FingerLostError(SimError, RuntimeError):
@@ -62,7 +62,7 @@ class FingerProcess:
                 _MODELS.log(*said[1:])
         except (EOFError, OSError):
             raise FingerLostError(
-                "the process of the finger model has ended ({how})", how=self._how_it_ended()
+                "the process of the finger model ended ({how}); start again", how=self._how_it_ended()
             ) from None
         except BaseException:
             self.close()  # its answer would be taken for that of the next question
@@ -103,7 +103,7 @@ class FingerProcess:
         code = process.exitcode
         self.close()
         if code is None:
-            return "it does not answer"
+            return "it does not respond"
         return signal.Signals(-code).name if code < 0 else f"exit code {code}"
 
 
@@ -184,7 +184,7 @@ def _send(far: "Connection[Any, Any]", kind: str, found: Any) -> None:
     except (OSError, EOFError):
         raise
     except Exception as error:
-        far.send(("raised", RuntimeError(f"{type(found).__name__} cannot cross processes: {error}")))
+        far.send(("raised", RuntimeError(f"{type(found).__name__} cannot be sent between processes: {error}")))
 
 
 def _end_with_parent() -> None:

@@ -146,7 +146,7 @@ class PressedFinger:
             self._radius_mm = self._indentor.profile.sharpest_radius_mm
         elif truth.turn != STRAIGHT:
             raise ModelRangeError(
-                "{indentor} on a finger that is rolled or tilted: expected a sphere",
+                "{indentor} on a finger that is rolled or tilted: must be a sphere",
                 code="turned_finger",
                 indentor=indentor,
             )
@@ -225,8 +225,8 @@ class PressedFinger:
         )
         if not result.state.converged:
             raise ModelRangeError(
-                "the virtual finger has no answer for {indentor} at x = {x_mm:g} mm, DOI {doi_mm:g} mm: residual "
-                "{residual:.0e}",
+                "the virtual finger has no converged force for {indentor} at x = {x_mm:g} mm, DOI {doi_mm:g} "
+                "mm: residual {residual:.0e}",
                 code="no_answer",
                 indentor=self._indentor.name,
                 x_mm=pose.x_mm,

@@ -45,7 +45,7 @@ def read_numbered(path: Path, columns: Sequence[str]) -> tuple[tuple[int, Row], 
     lines = _lines(path)
     if not lines:
         raise TableError(
-            "{path}: no table, expected the columns {columns}",
+            "{path}: the file is empty; it must have the columns {columns}",
             code="no_table",
             path=str(path),
             columns=",".join(columns),
@@ -54,12 +54,12 @@ def read_numbered(path: Path, columns: Sequence[str]) -> tuple[tuple[int, Row], 
     place = _places(path, first, [cell.strip() for cell in header], columns)
     if not rows:
         raise TableError(
-            "{path}: no rows below line {line}, expected numbers", code="no_rows", path=str(path), line=first
+            "{path}: no rows below line {line}; numbers are required", code="no_rows", path=str(path), line=first
         )
     for n, row in rows:
         if len(row) != len(header):
             raise TableError(
-                "{path}, line {line}: {cells} cells, expected {expected}, as in line {header_line}",
+                "{path}, line {line}: {cells} cells, but line {header_line} has {expected}",
                 code="row_length",
                 path=str(path),
                 line=n,
@@ -92,7 +92,8 @@ def _places(path: Path, line: int, names: list[str], columns: Sequence[str]) -> 
     for name in columns:
         if names.count(name) != 1:
             raise TableError(
-                "{path}, line {line}: {count} columns {column}, expected the columns {columns}",
+                "{path}, line {line}: the column {column} must occur once, not {count} times; the columns "
+                "are {columns}",
                 code="column_count",
                 path=str(path),
                 line=line,
@@ -110,7 +111,7 @@ def _number(path: Path, line: int, column: str, cell: str) -> float:
         value = math.nan
     if not math.isfinite(value):
         raise TableError(
-            "{path}, line {line}, {column}: expected a number, got {cell!r}",
+            "{path}, line {line}, {column}: {cell!r} must be a number",
             code="not_a_number",
             path=str(path),
             line=line,
@@ -123,7 +124,7 @@ def _number(path: Path, line: int, column: str, cell: str) -> float:
 Columns = Mapping[str, NDArray[Any]]
 
 ROW = "row"
-"""The one dimension of a data set."""
+"""Name of the one dimension of a data set."""
 
 
 class NotInstalledError(SimError, ImportError):
@@ -157,5 +158,5 @@ def _installed(package: str) -> Any:
         return import_module(package)
     except ImportError:
         raise NotInstalledError(
-            "{package} is not installed: expected pip install {package}", package=package
+            "{package} is not installed; install it with pip install {package}", package=package
         ) from None

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Protocol, TypeVar
 
 TO_THE_GROUP = ("SIGINT", "SIGTSTP", "SIGQUIT", "SIGTTIN", "SIGTTOU", "SIGHUP", "SIGUSR1")
-"""What a terminal, or whoever ends a run, sends to all processes of a command."""
+"""Signals that a terminal, or a program that ends a run, sends to all processes of a command."""
 
 Item = TypeVar("Item")
 Answer = TypeVar("Answer")

@@ -41,7 +41,7 @@ def stage_at_hand(settings: Config) -> Iterator[tuple[Stage, WallClock]]:
 
 
 def home(config: ConfigOption, without_force: WithoutForceOption = False, as_json: JsonOption = False) -> None:
-    """Home all axes and say where they then are; the force is read all the way."""
+    """Home all axes and print their positions; the force is monitored throughout."""
     with told_in_one_line(as_json=as_json):
         settings = load_config(config)
         at, known = _home_unfelt(settings) if without_force else _home(settings)
@@ -57,7 +57,7 @@ def _home(settings: Config) -> tuple[StageStatus, KnownContact]:
 
 
 def _bench_at_hand(settings: Config) -> RealBench:
-    """Both ports; a sensor that is not there is told from a stage that is not."""
+    """Open both ports; distinguish a missing sensor from a missing stage."""
     try:
         return open_bench(settings, WallClock(), io.StringIO(), ask=lambda request: "")
     except PortError as error:
@@ -82,7 +82,7 @@ def zero(
     anyway: Annotated[bool, typer.Option("--anyway", help="Zero the sensor even if a contact is detected.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Take the present load for zero; refused where the last zero on record says that something is touched."""
+    """Zero the force sensor; refused if the last recorded zero indicates a contact."""
     with told_in_one_line(as_json=as_json), at_once():
         settings, clock = load_config(config), WallClock()
         with closing(open_force(settings, clock)) as force:
@@ -92,7 +92,7 @@ def zero(
 
 
 def status(config: ConfigOption, as_json: JsonOption = False) -> None:
-    """Look at both devices; a port that somebody owns is left alone."""
+    """Print the state of both devices; skip a port that another process owns."""
     with told_in_one_line(as_json=as_json):
         settings = load_config(config)
         found = look(settings)
@@ -104,7 +104,7 @@ def status(config: ConfigOption, as_json: JsonOption = False) -> None:
 
 
 def tell(found: dict[str, Any], *, as_json: bool) -> None:
-    """As one JSON object, or a line for each entry."""
+    """Print one JSON object, or one line per entry."""
     if as_json:
         print_json(found)
         return
@@ -131,7 +131,7 @@ def by_hand(settings: Config, show: Show, *, without_force: bool) -> Iterator[tu
 @contextmanager
 def _sensing(settings: Config, clock: Clock, *, without: bool) -> Iterator[Sensing | None]:
     if without:
-        err.print("without force: nothing stops the stage at a finger")
+        err.print("without the force sensor: nothing stops the stage when it touches a finger")
         yield None
         return
     try:
@@ -144,7 +144,7 @@ def _sensing(settings: Config, clock: Clock, *, without: bool) -> Iterator[Sensi
 
 @contextmanager
 def live_line(settings: Config) -> Iterator[Show]:
-    """Where the stage is and what is felt, on a line that is kept up to date where somebody looks."""
+    """Show stage position and force on one line that is updated on a terminal."""
     if not err.is_terminal:
         yield lambda at, force_gwt: None
         return

@@ -1,4 +1,4 @@
-"""`rig calibrate`: measure the rig with a caliper and a known mass, and say what belongs into the configuration."""
+"""`rig calibrate`: measure the rig with a caliper and a known mass, and print the values for the configuration."""
 
 import io
 import statistics
@@ -57,9 +57,11 @@ def steps(
             now_per_mm, start = hand.steps_per_mm(direction.axis), hand.look()
             end = hand.go(lambda: direction, speed_mm_s, far_mm)
         if end.problem is not None:
-            raise BadInputError("{ended_by}; nothing was measured", code=end.problem.code, ended_by=end.ended_by)
+            raise BadInputError(
+                "{ended_by}; nothing was measured, nothing was changed", code=end.problem.code, ended_by=end.ended_by
+            )
         moved_mm = abs(getattr(end.at, f"{axis}_mm") - getattr(start.at, f"{axis}_mm"))
-        measured_mm = _asked(f"the board says {moved_mm:.3f} mm; how many did you measure, in mm?")
+        measured_mm = _asked(f"the controller reports {moved_mm:.3f} mm; enter the distance that you measured, in mm")
         value = now_per_mm * _ratio(moved_mm, measured_mm)
         _tell(f"{axis}_steps_per_mm", value, valid_days, as_json=as_json)
 
@@ -108,7 +110,7 @@ def _on_a_block(settings: Config, to_gwt: float) -> Compliance:
         engine = Engine(settings, bench, NoJournal())
         engine.keep_contact = bench.touched
         with bench.look_after(engine.heartbeat), stopped_at_once(engine):
-            bench.confirm(f"put a rigid block under a flat indentor; it will be pressed to {to_gwt:g} gwt")
+            bench.confirm(f"put a rigid block under a flat indentor; the rig presses it to {to_gwt:g} gwt")
             verbs.leave_finger(engine, bench.before, resumed=False)
             verbs.mount(engine, "flat")
             verbs.home(engine)
@@ -128,7 +130,8 @@ def _mean_n(sensor: ForceSensor, clock: WallClock) -> float:
 def _ratio(expected: float, found: float) -> float:
     if not abs(found) > 0 or abs(expected / found - 1) > _LARGEST_CORRECTION:
         raise BadInputError(
-            "{found:g} instead of {expected:g}: expected a difference of 20 % at most; nothing changed",
+            "measured {found:g}, expected {expected:g}: the difference must not exceed 20 %; nothing was "
+            "changed; check the setup and repeat",
             code="correction_too_large", found=found, expected=expected,
         )  # fmt: skip
     return expected / found
@@ -138,7 +141,7 @@ def _wait_for_enter(question: str) -> str:
     err.print(question)
     answer = typed_line()
     if not answer:
-        raise BadInputError("nobody answered; nothing changed", code="nobody_answered")
+        raise BadInputError("no answer was entered; nothing was changed", code="nobody_answered")
     return answer.strip()
 
 
@@ -148,7 +151,7 @@ def _asked(question: str) -> float:
         return float(answer)
     except ValueError:
         raise BadInputError(
-            "{value!r}: expected a number; nothing changed", code="not_a_number", value=answer
+            "{value!r}: must be a number; nothing was changed", code="not_a_number", value=answer
         ) from None
 
 
@@ -157,7 +160,9 @@ def _tell(name: str, value: float, valid_days: int, *, as_json: bool, sd: float 
     if as_json:
         print_json({"name": name, "value": value, "sd": sd, "toml": table})
     else:
-        out.print(f"put this into the configuration (and into the board, where it keeps it):\n\n{table}")
+        out.print(
+            f"add this to the configuration, and set it on the controller if the controller stores it:\n\n{table}"
+        )
 
 
 calibrate = typer.Typer(no_args_is_help=True, cls=PlainGroup)

@@ -8,6 +8,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
+from rig.cli.options import unit_of
 from rig.errors import BadInputError, around
 from sim.coding.readings_file import checked_pressures, read_pressures
 from sim.coding.search_decoders import CodingError
@@ -76,8 +77,8 @@ def bounded(option: str, value: float, low: float, high: float) -> float:
     """The value; raises BadInputError beyond its bounds."""
     if not low <= value <= high:
         raise BadInputError(
-            "{option} {value:g}: expected {low:g} … {high:g}",
-            code="outside_range", option=option, value=value, low=low, high=high,
+            "{option} {value:g}: must be {low:g} to {high:g}{unit}",
+            code="outside_range", option=option, value=value, low=low, high=high, unit=unit_of(option),
         )  # fmt: skip
     return value
 
@@ -88,7 +89,7 @@ def named(option: str, text: str, words: Sequence[_Word]) -> _Word:
         if text == word:
             return word
     raise BadInputError(
-        "{option} {value!r}: expected {expected}",
+        "{option} {value!r}: must be {expected}",
         code="unknown_choice", option=option, value=text, expected=" or ".join(words),
     )  # fmt: skip
 
@@ -110,7 +111,7 @@ def pressures_of(text: str) -> NDArray[np.float64]:
     try:
         return read_pressures(Path(text)) if values is None else checked_pressures(values)
     except TableError as error:
-        sentence = "--pressure {problem}: expected numbers, as 20,14, or a CSV with a column pressure"
+        sentence = "--pressure {problem}: must be numbers such as 20,14, or a CSV with a column pressure"
         raise around(BadInputError, sentence, error) from None
     except CodingError as error:
         raise in_options(error) from None
@@ -120,7 +121,7 @@ def press_of(shape: str, x_mm: float, doi_mm: float | None) -> SectionPress:
     """A press of the section. Raises BadInputError without a depth, ShapeError for no shape."""
     if doi_mm is None:
         raise BadInputError(
-            "{option}: expected {needs} beside it", code="needs_option", option="--shape", needs="--doi-mm"
+            "{option} requires {needs}; add it", code="needs_option", option="--shape", needs="--doi-mm"
         )
     return SectionPress(parse_shape(shape), x_mm, doi_mm)
 
@@ -129,6 +130,6 @@ _OPTIONS = {"bounds": "--range"}
 
 
 def in_options(error: CodingError) -> BadInputError:
-    """The same error, its arguments under the names of the options that they came from."""
+    """Return the same error with the names of options for its arguments."""
     named = {name: _OPTIONS.get(name, f"--{name}") for name, value in error.fields.items() if value == name}
     return BadInputError(error.sentence, code=error.code, **{**error.fields, **named})

@@ -170,7 +170,7 @@ def command(
         recordings = read_recordings(recorded or [], mirror or [], found, reading)
         if place and not recordings:
             raise BadInputError(
-                "{option}: nothing recorded, expected {needs} beside it",
+                "{option} requires recordings; add {needs}",
                 code="needs_option", option="--place", needs="--recorded",
             )  # fmt: skip
         where = _sought(found, receptors, place, depth_range_mm, offset_mm)
@@ -223,14 +223,17 @@ def command(
         else:
             _print(comparison, said, at, report)
             if comparison.interpolated:
-                out.print(f"the plausible fingers were {HOW_MADE}; --exact builds each in full")
+                out.print(
+                    f"simulated responses of the plausible fingers were {HOW_MADE}; --exact builds a "
+                    "full model of each"
+                )
 
 
-THE_PLACES = "where the receptor is: columns at its places from the cache, or made in half a minute …"
+THE_PLACES = "receptor locations: loading strains from the cache, or computing them in about 30 s …"
 
 
 class Receptors(NamedTuple):
-    """Where the receptors lie."""
+    """Receptor locations."""
 
     x_mm: tuple[float, ...]
     depth_mm: float
@@ -238,7 +241,7 @@ class Receptors(NamedTuple):
 
 @dataclass(frozen=True)
 class Answered:
-    """A run, the finger of its configuration, and what that finger says."""
+    """A run, the finger of its configuration, and the simulated responses."""
 
     run: Run
     finger: Fingertip
@@ -246,12 +249,14 @@ class Answered:
 
 
 def _answered(runs: list[Run], receptors: Receptors, *, as_json: bool) -> list[Answered]:
-    """What the model says to each run."""
+    """Return the simulated responses to each run."""
     fingers = _fingers(runs, receptors, as_json=as_json)
     found = [Answered(run, finger, stimuli(run, finger)) for run, finger in zip(runs, fingers, strict=True)]
     if not any(one.stimuli for one in found):
         raise BadInputError(
-            "run {run}: expected a finished indentation", code="nothing_finished", run=runs[0].folder.path
+            "run {run}: contains no finished indentation; compare a run with at least one",
+            code="nothing_finished",
+            run=runs[0].folder.path,
         )
     return found
 
@@ -265,11 +270,11 @@ def _compared(
     exact: bool,
     as_json: bool,
 ) -> Comparison:
-    """With what every plausible finger says, where these are stated; what does not go together is refused before."""
+    """Compare, with the responses of every plausible finger if ranges are given; refuse incompatible input first."""
     given = compare([s for one in answered for s in one.stimuli], recordings, normalise=normalise)
     if plausible is None:
         return given
-    with busy("plausible fingers: from the cache, or built in about half a minute each …", as_json=as_json):
+    with busy("plausible fingers: loading from the cache, or building in about 30 s each …", as_json=as_json):
         found = [on_plausible_fingers(a.run, a.stimuli, a.finger, plausible, exact=exact) for a in answered]
         on_all = [stimulus for some in found for stimulus in some]
     return compare(on_all, recordings, normalise=normalise, plausible=plausible)
@@ -281,8 +286,8 @@ def _along_the_finger(answered: list[Answered], measured: Path | None) -> list[S
     profiles = [profile for one in answered for profile in simulated(one.run, one.finger)]
     if measured is not None and not profiles:
         raise BadInputError(
-            "--deflection {path}: expected a run with a line load across the finger, or another shape across it "
-            "(beside one press of any shape: rig indent --deflection)",
+            "--deflection {path}: the runs contain no shape that lies across the finger; add a run with one, "
+            "or compare a single press with rig indent --deflection",
             code="nothing_across",
             path=measured,
         )
@@ -307,13 +312,13 @@ def _fingers(runs: list[Run], receptors: Receptors, *, as_json: bool) -> list[Fi
 def _sought(
     runs: list[Run], receptors: Receptors, place: bool, depth_mm: str | None, offset_mm: str | None
 ) -> PlaceRange | None:
-    """Where the receptor is sought, None unless it is asked for."""
+    """Return the range of receptor locations to search, or None without --place."""
     ranges = {"--depth-range-mm": depth_mm, "--offset-mm": offset_mm}
     if not place:
         given = next((name for name, text in ranges.items() if text is not None), None)
         if given:
             raise BadInputError(
-                "{option} {value}: expected {needs} beside it",
+                "{option} {value} requires {needs}; add it",
                 code="needs_option", option=given, value=ranges[given], needs="--place",
             )  # fmt: skip
         return None
@@ -329,7 +334,7 @@ def _two(option: str, text: str, named: str) -> tuple[float, float]:
     ends = numbers(option, text)
     if len(ends) != 2:
         raise BadInputError(
-            "{option} {value!r}: expected two numbers, {expected}",
+            "{option} {value!r}: must be two numbers, {expected}",
             code="wrong_count", option=option, value=text, expected=named,
         )  # fmt: skip
     return ends[0], ends[1]

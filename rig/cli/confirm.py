@@ -19,7 +19,7 @@ from rig.session.stop_button import StopButton
 from rig.transport import refuse_missing
 
 Confirm = Callable[[Session], Page]
-"""Has a checked session confirmed, nothing having moved; returns its page."""
+"""Asks for the confirmation of a checked session before anything moves, and returns the confirmation page."""
 
 _BUTTON_S = 60.0
 _YES = ("", "y", "yes")
@@ -29,7 +29,7 @@ def nothing_to_confirm(*, as_json: bool) -> Confirm:
     """A dry-run begins at once; how long it will take is known all the same."""
 
     def rehearse(session: Session) -> Page:
-        with busy("rehearsing on springs …", as_json=as_json):
+        with busy("rehearsing the protocol on a spring model …", as_json=as_json):
             return Page.of(session)
 
     return rehearse
@@ -47,7 +47,9 @@ def ready_for_a_real_run(command: str, config: Config, out: Path, *, yes: bool) 
         refuse_missing(port)
     if not (yes or _somebody_there()):
         raise BadInputError(
-            "{command}: nobody can be asked here, expected a terminal or --yes", code="no_terminal", command=command
+            "{command}: the session is not interactive, so nobody can confirm; run it in a terminal or add --yes",
+            code="no_terminal",
+            command=command,
         )
 
 
@@ -93,7 +95,7 @@ def confirmed_with(
         with asking():
             confirmed = _confirmed()
         if not confirmed:
-            raise NotConfirmedError("not confirmed: nothing has moved")
+            raise NotConfirmedError("not confirmed; nothing has moved")
     if button is not None:
         _button_checked(button, yes=yes, asking=asking)
 
@@ -103,12 +105,13 @@ def _button_checked(button: StopButton, *, yes: bool, asking: Callable[[], Abstr
     if button.there:
         if not yes:
             with asking():
-                _seen(button, "press the participant's stop button, and keep it pressed", pressed=True)
-                _seen(button, "release it", pressed=False)
+                _seen(button, "press the participant's stop button and hold it", pressed=True)
+                _seen(button, "release the stop button", pressed=False)
             button.tested = True
         elif button.pressed():
             raise BadInputError(
-                "stop: the participant's stop button is pressed, nothing has moved: release it", code="button_pressed"
+                "stop: the participant's stop button is pressed; release it and start again; nothing has moved",
+                code="button_pressed",
             )
         err.print(f"{'stop':<10}{button.state}")
     button.arm()
@@ -119,7 +122,8 @@ def _seen(button: StopButton, request: str, *, pressed: bool) -> None:
     clock = WallClock()
     if not clock.wait_until(lambda: button.pressed() is pressed, clock.monotonic_s() + _BUTTON_S):
         raise NotConfirmedError(
-            "not seen within {within_s:g} s: {request}; nothing has moved",
+            "no response within {within_s:g} s to the request: {request}; nothing has moved; check the "
+            "button and start again",
             code="button_not_seen", within_s=_BUTTON_S, request=request,
         )  # fmt: skip
 
@@ -130,7 +134,7 @@ def careful(before: Ending) -> str:
 
 
 def _confirmed() -> bool:
-    err.print("press Enter to begin, Ctrl-C to leave")
+    err.print("press Enter to start, Ctrl-C to cancel")
     answer = typed_line()
     return bool(answer) and answer.strip().lower() in _YES
 

@@ -27,7 +27,7 @@ from rig.cli.coding_options import (
     sampling_of,
 )
 from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_picture, numbers, write_picture
-from rig.cli.output import THE_FINGER, busy, out, print_json, told_in_one_line
+from rig.cli.output import THE_FINGER, busy, out, print_json, renamed, told_in_one_line
 from rig.errors import BadInputError, around
 from rig.plan.config import load_config
 from sim.coding.bayes import FittedReceptor
@@ -54,19 +54,19 @@ from sim.tables import TableError
 _PLUS_MINUS = re.compile(r"±|\+/?-")
 _LARGEST = 1e9
 LEAST_MM, MOST_MM = 0.3, 10.0
-"""Half-lengths of contacts along the finger."""
+"""Shortest and longest half-length of a contact along the finger (mm)."""
 
 
 def refuse_together(pressure: str | None, shape: str | None, readings: Path | None, **others: object) -> None:
     """Readings have one source, and those of a file their own noise and operator."""
     if [pressure, shape, readings].count(None) != 2:
         raise BadInputError(
-            "expected exactly one of {options}", code="exactly_one", options="--pressure, --shape and --readings"
+            "give exactly one of {options}", code="exactly_one", options="--pressure, --shape and --readings"
         )
     for name, value in others.items():
         if readings is not None and value is not None:
             raise BadInputError(
-                "{option} beside {beside}: expected it with --pressure or --shape",
+                "{option} cannot be combined with {beside}; use it with --pressure or --shape",
                 code="not_together", option=f"--{name.replace('_', '-')}", beside="--readings",
             )  # fmt: skip
 
@@ -82,7 +82,7 @@ def receptor_of(gain: str | None, threshold: str | None) -> FittedReceptor | Non
     if threshold is None:
         if gain is not None:
             raise BadInputError(
-                "{option}: expected {needs} beside it", code="needs_option", option="--gain", needs="--threshold"
+                "{option} requires {needs}; add it", code="needs_option", option="--gain", needs="--threshold"
             )
         return None
     k, k_se = _with_error("--gain", "1" if gain is None else gain)
@@ -90,7 +90,7 @@ def receptor_of(gain: str | None, threshold: str | None) -> FittedReceptor | Non
     bounded("--gain", k, 1e-9, _LARGEST)
     if k_se >= k:
         raise BadInputError(
-            "{option} {value}: expected a standard error below the gain itself",
+            "{option} {value}: the standard error must be smaller than the gain",
             code="error_too_large", option="--gain", value=gain,
         )  # fmt: skip
     return FittedReceptor(Receptor(k, bounded("--threshold", s0, -_LARGEST, _LARGEST)), k_se, s0_se)
@@ -104,7 +104,7 @@ def _with_error(option: str, text: str) -> tuple[float, float]:
         value = error = math.nan
     if not (math.isfinite(value) and math.isfinite(error) and error >= 0):
         raise BadInputError(
-            "{option} {value!r}: expected a number, or one with its standard error as 30±2",
+            "{option} {value!r}: must be a number, optionally with its standard error, e.g. 30±2",
             code="not_a_number", option=option, value=text,
         )  # fmt: skip
     return value, error
@@ -121,7 +121,7 @@ def search_of(
     ends = None if within is None else numbers("--range", within)
     if ends is not None and not (len(ends) == 2 and 0 <= ends[0] < ends[1] <= _LARGEST):
         raise BadInputError(
-            "{option} {value}: expected two ascending numbers, as 0,30",
+            "{option} {value}: must be two ascending numbers that are not negative, e.g. 0,30",
             code="not_ascending", option="--range", value=within,
         )  # fmt: skip
     if step is not None:
@@ -135,10 +135,10 @@ def axial_of(axial: str | None, decoder: DecoderName, readings: Path | None) -> 
         return ()
     if readings is None:
         raise BadInputError(
-            "{option} without {needs}: expected a row of receptors in the whole finger",
+            "{option} requires {needs} with a row of receptors; add it",
             code="needs_option", option="--axial", needs="--readings",
         )  # fmt: skip
-    _refuse("--axial", axial, decoder, ("ours",))
+    _refuse("--axial", axial, decoder, ("bayes",))
     word, named, length = axial.partition(":")
     if word == "ellipse" and not named:
         return HALF_LENGTHS_MM
@@ -148,7 +148,8 @@ def axial_of(axial: str | None, decoder: DecoderName, readings: Path | None) -> 
         half = math.nan
     if not LEAST_MM <= half <= MOST_MM:
         raise BadInputError(
-            "{option} {value}: expected ellipse, or ellipse:HALF-LENGTH of {low_mm:g} … {high_mm:g} mm",
+            "{option} {value}: must be ellipse, or ellipse:HALF-LENGTH with a half-length of {low_mm:g} to "
+            "{high_mm:g} mm",
             code="bad_value", option="--axial", value=axial, low_mm=LEAST_MM, high_mm=MOST_MM,
         )  # fmt: skip
     return (half,)
@@ -157,7 +158,7 @@ def axial_of(axial: str | None, decoder: DecoderName, readings: Path | None) -> 
 def _refuse(option: str, value: object, decoder: DecoderName, takers: tuple[DecoderName, ...]) -> None:
     if value is not None and decoder not in takers:
         raise BadInputError(
-            "{option} beside --decoder {decoder}: expected {expected}",
+            "{option} does not apply to --decoder {decoder}; use it with {expected}",
             code="not_this_decoder", option=option, decoder=decoder, expected=" or ".join(takers),
         )  # fmt: skip
 
@@ -170,7 +171,7 @@ _FINE = 121  # values of a pressure across a picture of the error surface
 
 
 def as_json_object(finger: FingertipConfig, found: DecodeResult) -> dict[str, Any]:
-    """Arrays and numbers; what is not known is null."""
+    """Return arrays and numbers for JSON; unknown values are null."""
     seen, profile, errors = found.observation, found.profile, found.errors
     operator, noise = seen.operator, seen.noise
     band = None if profile is None else dict(zip(("low", "high"), (v.tolist() for v in profile.band()), strict=True))
@@ -204,7 +205,7 @@ def as_json_object(finger: FingertipConfig, found: DecodeResult) -> dict[str, An
 
 
 def print_decoded(finger: FingertipConfig, decoder: DecoderName, found: DecodeResult) -> None:
-    """For people; a search that was cut off, and readings that are not explained, say so."""
+    """Print the result as text, with a warning if the search was cut off or the readings are not explained."""
     seen, operator, errors = found.observation, found.observation.operator, found.errors
     moves = f", {len(found.path) - 1} moves" if len(found.path) else ""
     ended = "converged" if found.converged else "not converged"
@@ -213,25 +214,25 @@ def print_decoded(finger: FingertipConfig, decoder: DecoderName, found: DecodeRe
         f"M = {len(seen.reading)} readings in {found.ms:.0f} ms, {ended}{moves}"
     )
     if seen.axial is not None:
-        out.print(f"  of the receptor plane of the whole finger, under {seen.axial} along it")
+        out.print(f"  receptor plane of the whole finger; contact along the finger: {seen.axial}")
     if seen.noise is not None and found.profile is not None:
-        out.print(f"  noise sd {np.median(seen.noise.sd):.3g} of a reading, {seen.noise.known}")
+        out.print(f"  noise: sd {np.median(seen.noise.sd):.3g} per reading, {seen.noise.known}")
     share = found.left_of_sed / float(seen.sed.max())
-    out.print(f"  left of SED, root mean square {found.left_of_sed:.3g}, {share:.2%} of the highest")
+    out.print(f"  residual SED: root mean square {found.left_of_sed:.3g}, {share:.2%} of the largest")
     if errors is not None:
         out.print(
             f"  Eq. 6.8 {errors.eq_6_8:.3g} (squared), relative L2 {errors.relative_l2:.1%}, "
             f"RMSE over the peak {errors.rmse_over_peak:.1%}"
         )
     else:
-        out.print(f"  one pseudo-unit is {pa_per_pseudo(finger):.4g} Pa")
+        out.print(f"  1 pseudo-unit = {pa_per_pseudo(finger):.4g} Pa")
     for problem in found.problems:
         out.print(f"  beware: {problem}")
     if isinstance(operator, SheetOperator):
         felt = felt_solid(operator.skin, found.pressure)
         out.print(
-            f"  felt as a {felt.name}, {felt.size_mm:.2g} mm; in contact over {felt.extent_mm[0]:.2f} mm along x, "
-            f"{felt.extent_mm[1]:.2f} mm along z"
+            f"  estimated shape: {felt.name}, {felt.size_mm:.2g} mm; contact spans {felt.extent_mm[0]:.2f} mm "
+            f"along x, {felt.extent_mm[1]:.2f} mm along z"
         )
         out.print(_map(operator, found))
     else:
@@ -302,7 +303,7 @@ def _draw_search(found: DecodeResult, picture: Path) -> None:
         return ErrorSurface(first, second, error_surface(seen.operator, seen.sed, first, second))
 
     assert found.bounds is not None
-    whole = {"the error surface": (np.full(2, found.bounds.low), np.full(2, found.bounds.high))}
+    whole = {"error surface": (np.full(2, found.bounds.low), np.full(2, found.bounds.high))}
     surfaces = {title: surface(*ends) for title, ends in (whole | extents(found.path)).items()}
     write_picture(search_figure(surfaces, {"univariate": found.path}, seen.true), picture)
 
@@ -368,7 +369,7 @@ def decode_command(
     ] = None,
     decoder: Annotated[
         str, typer.Option(metavar="NAME", help=f"Decoder: {', '.join(DECODERS)}.", rich_help_panel=_DECODER)
-    ] = "ours",
+    ] = "bayes",
     operator: Annotated[
         str | None,
         typer.Option(
@@ -409,7 +410,7 @@ def decode_command(
         typer.Option(
             "--range",
             metavar="LOW,HIGH",
-            help="Pressure range, in pseudo-units, not for ours. Default: set by the readings.",
+            help="Pressure range, in pseudo-units, not for bayes. Default: set by the readings.",
             rich_help_panel=_DECODER,
         ),
     ] = None,
@@ -435,6 +436,9 @@ def decode_command(
     """Print the pressures found, how sure they are and, where the true ones are known, how wrong."""
     with told_in_one_line(as_json=as_json):
         refuse_together(pressure, shape, readings, snr_db=snr_db, operator=operator, doi_mm=doi_mm)
+        if decoder == "ours":
+            renamed("--decoder ours", "--decoder bayes")
+            decoder = "bayes"
         name = named("--decoder", decoder, DECODERS)
         by = None if operator is None else named("--operator", operator, OPERATORS)
         receptor, at = receptor_of(gain, threshold), named("--noise", noise, NOISE_PLACES)
@@ -447,7 +451,7 @@ def decode_command(
         source = _source(pressure, shape, readings, x_mm, doi_mm, finger)
         whole = isinstance(source, GivenReadings) and (source.z_mm is not None or axial is not None)
         task = DecodeTask(source, name, by, kind, receptor, added, at, sampling, half_lengths, search, finger)
-        with busy(THE_FINGER if whole else "the plane-strain section: about a second …", as_json=as_json):
+        with busy(THE_FINGER if whole else "building the plane-strain section, about 1 s …", as_json=as_json):
             found = _decoded(task)
         if picture is not None:
             draw(found, picture)

@@ -105,9 +105,7 @@ def encode_command(
         kind, by = named("--energy", energy, ENERGIES), named("--operator", operator, OPERATORS)
         at, sampling = named("--noise", noise, NOISE_PLACES), sampling_of(spacing_mm, half_length, receptor_depth_mm)
         if (pressure is None) == (shape is None):
-            raise BadInputError(
-                "expected exactly one of {options}", code="exactly_one", options="--pressure and --shape"
-            )
+            raise BadInputError("give exactly one of {options}", code="exactly_one", options="--pressure and --shape")
         added = (
             None
             if snr_db is None
@@ -124,7 +122,7 @@ def encode_command(
         else:
             assert pressure is not None
             source = pressures_of(pressure)
-        with busy("the plane-strain section: about a second …", as_json=as_json):
+        with busy("building the plane-strain section, about 1 s …", as_json=as_json):
             finger = load_config(config).finger
             found = encode_task(EncodeTask(source, by, kind, receptor, added, sampling, finger))
         if picture is not None:
@@ -168,13 +166,13 @@ def _print(found: EncodeResult, added: Noise | None) -> None:
     )
     if added is not None:
         out.print(
-            f"  noise at the {added.at}: {added.snr_db:g} dB over M = {encoded.samples} samples, "
-            f"sd {encoded.noise_sd:.3g} = {encoded.share_of_peak:.2%} of the peak, seed {added.seed}"
+            f"  noise added to the {added.at}: {added.snr_db:g} dB over M = {encoded.samples} samples, sd "
+            f"{encoded.noise_sd:.3g} = {encoded.share_of_peak:.2%} of the peak, seed {added.seed}"
         )
     if load.missed is not None:
         out.print(
-            f"  against finite elements: {load.missed['relative_l2']:.1%} relative L2, "
-            f"peak {load.missed['peak']:+.1%}; {load.missed['lateral_share']:.0%} of the force is lateral"
+            f"  difference from finite elements: relative L2 {load.missed['relative_l2']:.1%}, peak "
+            f"{load.missed['peak']:+.1%}; {load.missed['lateral_share']:.0%} of the force is lateral"
         )
     if load.small_strain is not None:
         out.print(f"  {load.small_strain.note}")
@@ -203,7 +201,7 @@ def impulse_command(
         samplings = [sampling_of(spacing_mm, half_length, receptor_depth_mm, axes) for axes in AXES]
         checked_picture(picture)
         finger = load_config(config).finger
-        with busy("two plane-strain sections: about a second each …", as_json=as_json):
+        with busy("building two plane-strain sections, about 1 s each …", as_json=as_json):
             found = {sampling.axes: _found(finger, sampling, kind) for sampling in samplings}
         if picture is not None:
             _draw_impulse(found, picture)
@@ -250,18 +248,18 @@ def _print_impulse(found: dict[Any, Found], energy: Energy) -> None:
         peaks = ", ".join(f"{name} {abs(v).max():.3g}" for name, v in zip(NAMES, responses.strain, strict=True))
         tails = ", ".join(f"{name} {v:.1%}" for name, v in zip(NAMES, responses.tails, strict=True))
         out.print(f"{axes} axes, {responses.strain.shape[1]} samples {responses.sampling.spacing_mm:g} mm apart")
-        out.print(f"  peaks, per pseudo-unit on one sample  {peaks}")
-        out.print(f"  ends over peak                        {tails}")
+        out.print(f"  peaks, per pseudo-unit on one sample    {peaks}")
+        out.print(f"  amplitude at the ends over the peak     {tails}")
         out.print(
-            f"  h + g over h                          {opposite.relative_l2:.1%} relative L2, "
-            f"{opposite.largest:.1%} of the peak at most, r = {opposite.correlation:.4f}"
+            f"  (h + g) compared with h                 relative L2 {opposite.relative_l2:.1%}, at most "
+            f"{opposite.largest:.1%} of the peak, r = {opposite.correlation:.4f}"
         )
         _print_errors(errors, energy)
 
 
 def _print_errors(errors: ShiftErrors, energy: Energy) -> None:
-    out.print("  what shifting them misses, relative L2")
-    table = Table("  load at (mm)", "e11", "e22", "e12", f"SED ({energy})", box=None, padding=(0, 2))
+    out.print("  error of shifting the responses, relative L2")
+    table = Table("  position of the load (mm)", "e11", "e22", "e12", f"SED ({energy})", box=None, padding=(0, 2))
     every = max(1, len(errors.place_mm) // 12)
     for k in range(0, len(errors.place_mm), every):
         table.add_row(f"{errors.place_mm[k]:.2f}", *(f"{v:.1%}" for v in errors.strain[:, k]), f"{errors.sed[k]:.1%}")
@@ -271,7 +269,7 @@ def _print_errors(errors: ShiftErrors, energy: Energy) -> None:
 _WHERE: dict[Where, str] = {"pulp": "18 pulp sites", "all": "all 24 sites"}
 
 
-_BUSY = "24 point loads on the whole finger: from the cache, or about twenty seconds …"
+_BUSY = "24 point loads on the whole finger: loading from the cache, or computing in about 20 s …"
 _TOLD_EACH = 1000  # receptors, where nothing turns
 
 
@@ -314,9 +312,9 @@ def shift_invariance_command(
 def _told(done: int, of: int) -> None:
     """How many of the receptors have their strain; then the stiffness is factorised, which takes as long."""
     if err.is_terminal or done % _TOLD_EACH == 0:
-        say_now(f"strain at {done} of {of} receptors …")
+        say_now(f"computing strain at {done} of {of} receptors …")
     if done == of >= _TOLD_EACH:
-        say_now("a factorisation, then 24 loads …")
+        say_now("factorizing the stiffness, then solving 24 point loads …")
 
 
 def _draw_shift_invariance(deformed: Deformed, site: Judged, picture: Path) -> None:
@@ -356,9 +354,9 @@ def _as_json_shift_invariance(found: AllSites, sampled: Sampled) -> dict[str, An
 def _print_shift_invariance(found: AllSites, sampled: Sampled) -> None:
     factor = found.common_factor
     out.print(
-        f"SED {sampled.depth_mm:g} mm below the skin = A / r^m, under {sampled.force_gwt:g} gwt along the inward "
-        f"normal,\nreceptors {sampled.spacing_mm:g} mm apart within ± {sampled.half_width_mm:g} mm of each site in x "
-        f"and in z; A × {factor:.4g}, so that its mean over the\npulp is the printed one"
+        f"SED {sampled.depth_mm:g} mm below the skin = A / r^m, under {sampled.force_gwt:g} gwt along the "
+        f"inward normal,\nreceptors {sampled.spacing_mm:g} mm apart within ± {sampled.half_width_mm:g} mm of "
+        f"each site in x and in z; A × {factor:.4g}, so that its mean over the\npulp equals the printed mean"
     )
     header = (
         "site",

@@ -1,4 +1,4 @@
-"""What each error of the packages says of how a command ended: the only module that imports them all."""
+"""Message and exit code of each error of the packages; the only module that imports them all."""
 
 from rig.cli.output import ExitCode
 from rig.compare.exceptions import ComparisonError, RecordingError, StudyError, WorkersError
@@ -24,7 +24,7 @@ _BAD_INPUT = (
 
 
 def outcome(error: Exception) -> tuple[str, str, ExitCode] | None:
-    """The line to say, its code and how the command ended; None for what is no foreseen error."""
+    """Return the message, its code and the exit code; None for an unforeseen error."""
     code = code_of(error)
     match error:
         case _ if isinstance(error, _BAD_INPUT):
@@ -32,7 +32,7 @@ def outcome(error: Exception) -> tuple[str, str, ExitCode] | None:
         case EngineError() | StageError() | ForceError() | TransportError() | FingerLostError():
             return f"stopped: {error}", code, ExitCode.STOPPED
         case UnwritableError():
-            return f"{error}: free space, then the same again", code, ExitCode.BAD_INPUT
+            return f"{error}: free disk space, then repeat the command", code, ExitCode.BAD_INPUT
         case OSError():
             what = error.strerror or str(error)
             return f"{error.filename}: {what}" if error.filename else what, code, ExitCode.BAD_INPUT

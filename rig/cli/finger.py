@@ -32,7 +32,7 @@ def finger_command(
     with told_in_one_line(as_json=as_json):
         if vtk is not None and vtk.exists():
             raise BadInputError(
-                "{option} {path}: exists already, expected a new file",
+                "{option} {path}: the file already exists; choose another name",
                 code="exists_already", option="--vtk", path=vtk,
             )  # fmt: skip
         settings = load_config(config).finger
@@ -121,7 +121,7 @@ def _print(found: dict[str, Any]) -> None:
     axial = apex["axial_radius_mm"]
     out.print(f"  apex            {_place(apex['position_mm'])}")
     out.print(
-        f"  radii there     {apex['lateral_radius_mm']:.2f} mm laterally, "
+        f"  apex radii      {apex['lateral_radius_mm']:.2f} mm laterally, "
         f"{'none' if axial is None else f'{axial:.2f} mm'} axially"
     )
     out.print("layers   under the apex, along the ray to the bone's axis")
@@ -142,18 +142,18 @@ def _place(position_mm: list[float]) -> str:
 
 
 def _doubts(found: dict[str, Any], config: FingertipConfig) -> Iterator[str]:
-    """What is no error and still deserves a look."""
+    """Yield warnings: not errors, but worth a check."""
     skin, quality, spacing = found["skin"], found["quality"], config.mesh.spacing_mm
     if skin["residual_max_mm"] > spacing:
         yield (
-            f"the point {_place(skin['worst_point_mm'])} lies {skin['residual_max_mm']:.2f} mm off the fitted skin: "
-            f"expected less than a node's spacing, {spacing:g} mm"
+            f"the point {_place(skin['worst_point_mm'])} lies {skin['residual_max_mm']:.2f} mm from the fitted skin, "
+            f"more than the node spacing, {spacing:g} mm; check the point"
         )
     if found["apex"]["axial_radius_mm"] is None:
-        yield f"the skin is highest at {_place(found['apex']['position_mm'])}: expected it to fall to both ends"
+        yield f"the skin is highest at {_place(found['apex']['position_mm'])}; it must fall towards both ends"
     if quality["poor"]:
         yield (
-            f"{quality['poor']} elements have a scaled Jacobian below {POOR_SCALED_JACOBIAN}, the worst "
+            f"{quality['poor']} elements have a scaled Jacobian below {POOR_SCALED_JACOBIAN}; the worst is "
             f"at {_place(quality['smallest_scaled_jacobian_at_mm'])}"
         )
 
@@ -168,17 +168,19 @@ def export_deck_command(
     ] = False,
     config: FingertipOption = None,
 ) -> None:
-    """Solve the scene here, write it for CalculiX, and say what its answer should be compared with."""
+    """Solve the scene, write it for CalculiX, and print the expected result."""
     with told_in_one_line(as_json=False):
         if out_file.exists():
             raise BadInputError(
-                "{option} {path}: exists already, expected a new file",
+                "{option} {path}: the file already exists; choose another name",
                 code="exists_already", option="--out", path=out_file,
             )  # fmt: skip
         indentor = parse_shape(shape)
         if not (isinstance(indentor, Prismatic) and indentor == Indentor.along(indentor.profile)):
             raise BadInputError(
-                "--shape {shape}: a deck has shapes that lie along the finger only", code="not_along", shape=shape
+                "--shape {shape}: a deck supports only shapes that lie along the finger; choose one of them",
+                code="not_along",
+                shape=shape,
             )
         settings = load_config(config).finger.model_copy(update={"contact": Contact(between_nodes=False, patch_gb=0)})
         finger = Fingertip.load(settings)
@@ -192,7 +194,7 @@ def export_deck_command(
         else:
             write_contact_deck(out_file, meshed, indentor.profile, x_mm, result.touch_height_mm, doi_mm)
         if settings.mesh.element != "full":
-            err.print('rig: CalculiX\'s C3D8 is fully integrated: compare with mesh.element = "full"')
+            err.print('rig: CalculiX\'s C3D8 is fully integrated; to compare, set mesh.element = "full"')
         out.print(
-            f"{out_file}: expect a total reaction of {-result.force_n:.6g} N along y; {result.small_strain.note}"
+            f"{out_file}: the expected total reaction is {-result.force_n:.6g} N along y; {result.small_strain.note}"
         )

@@ -5,7 +5,7 @@ from typing import Any
 from typer.core import TyperCommand, TyperGroup
 
 GENERAL = "General options"
-"""The panel of options without one, in a command whose other options are in panels."""
+"""Title of the panel of options without a panel, in commands that put other options in panels."""
 
 START_PAGE = """\
 rig runs, rehearses and compares indentations of a fingertip.

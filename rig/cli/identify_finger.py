@@ -65,7 +65,7 @@ _SECONDS_A_PRESS = 15.0
 
 
 def usual_goals(shapes: Sequence[str]) -> tuple[PressAt, ...]:
-    """A few common presses, of shapes that slope as those do that are pressed: each other kind wants a model more."""
+    """Return a few common presses, limited to shapes that slope like the pressed ones; others need another model."""
     axes = {parse_shape(shape).axes for shape in shapes}
     return tuple(goal for goal in USUAL_GOALS if parse_shape(goal.indentor).axes in axes)
 
@@ -76,35 +76,36 @@ def goals_of(script: Script, config: Config, finger: Finger) -> tuple[PressAt, .
     found = [PressAt(p.indentor, p.x_mm, round(p.predicted_doi_mm, 3)) for p in plan.indentations]
     if any("," in press.indentor and "across" in press.indentor for press in found):
         raise BadInputError(
-            "protocol {protocol}: presses across the finger cannot be foreseen yet",
+            "protocol {protocol}: the forces of presses across the finger cannot be predicted; choose a "
+            "protocol of presses along it",
             code="not_foreseen", protocol=script.name,
         )  # fmt: skip
     return tuple(dict.fromkeys(found))
 
 
 def scope_of(wanted: IdentificationOptions) -> tuple[float, float]:
-    """How far from the pad's centre and how deep forces are to be foreseen, mm."""
+    """Return the largest distance from the pad center and the largest depth of the predicted forces (mm)."""
     places = [*map(abs, PLACES_MM), *(abs(goal.x_mm) for goal in wanted.goals)]
     depths = [*DEPTHS_MM, *(goal.doi_mm for goal in wanted.goals)]
     return max(places) + _BEYOND_X_MM, BEYOND_DEPTH * max(depths)
 
 
 def page_lines(config: Config, wanted: IdentificationOptions) -> dict[str, str]:
-    """What is confirmed before anything real moves."""
+    """Return the lines of the confirmation page."""
     stage, force = config.stage, config.force
     return {
-        "meeting": f"at most {wanted.presses} presses, none expected above {wanted.most_gwt:g} gwt, gentle first",
+        "meeting": f"at most {wanted.presses} presses, lightest first, predicted below {wanted.most_gwt:g} gwt",
         "devices": f"{stage.kind} on {' and '.join(stage_ports(stage))}, {force.kind} on {force.port}",
-        "shapes": f"{', '.join(wanted.shapes)}: each is asked for when it is to be mounted",
-        "duration": f"about {wanted.presses * _SECONDS_A_PRESS + 35:.0f} s, mounting aside",
-        "safety": "is the emergency stop in reach, the finger clear of the indentor?",
+        "shapes": f"{', '.join(wanted.shapes)}: the program asks you to mount each one",
+        "duration": f"about {wanted.presses * _SECONDS_A_PRESS + 35:.0f} s, without the time to mount indentors",
+        "safety": "check that the emergency stop is within reach and the finger is clear of the indentor",
     }
 
 
 def said_before(meeting: Meeting, press: PressAt | None) -> None:
     """One line on what begins now."""
     if press is None:
-        err.print("homing, then the sensor's zero …")
+        err.print("homing the stage, then zeroing the force sensor …")
         return
     where = f"{press.indentor} at {press.x_mm:+.1f} mm to {press.doi_mm:.2f} mm"
     trip_gwt = min(meeting.trip_n(press), meeting.settings.limits.soft_trip_n) / GWT_N
@@ -114,19 +115,18 @@ def said_before(meeting: Meeting, press: PressAt | None) -> None:
 
 
 def said_after(meeting: Meeting, told: PressReport) -> None:
-    """One line: measured on foreseen with its band, what is known now, how much is left."""
+    """Print one line: measured and predicted force with its band, what is known now, and what remains."""
     left = meeting.wanted.presses - told.number
-    goes_on = "enough" if meeting.enough else f"at most {left} presses, {left * _SECONDS_A_PRESS:.0f} s left"
+    goes_on = "enough" if meeting.enough else f"at most {left} presses, about {left * _SECONDS_A_PRESS:.0f} s remain"
     foreseen = _in_brackets(told.surprise.foreseen, " gwt")
     err.print(
-        f"press {told.number}: {told.surprise.measured_gwt:.2f} gwt, foreseen {foreseen}; "
-        f"forces known to ± {100 * told.widest:.0f} % of ± {100 * meeting.wanted.width:g} %; "
-        f"{goes_on}"
+        f"press {told.number}: measured {told.surprise.measured_gwt:.2f} gwt, predicted {foreseen}; forces "
+        f"are known to ± {100 * told.widest:.0f} %, target ± {100 * meeting.wanted.width:g} %; {goes_on}"
     )
 
 
 def press_rows(meeting: Meeting) -> list[tuple[str, ...]]:
-    """Of each press: what it was, what was foreseen before it, what was measured, what was known after it."""
+    """Return a row per press: the press, its prediction, its measurement, and the uncertainty after it."""
     return [
         (
             f"{told.number}",
@@ -142,7 +142,7 @@ def press_rows(meeting: Meeting) -> list[tuple[str, ...]]:
 
 
 def force_rows(meeting: Meeting) -> list[tuple[str, ...]]:
-    """Of each force that was asked for: of which press, its band, how well it is known."""
+    """Return a row per requested force: its press, its band and its uncertainty."""
     return [
         (goal.indentor, f"{goal.x_mm:+.1f}", f"{goal.doi_mm:.2f}", _in_brackets(w), f"± {100 * w.half:.0f} %")
         for goal, w in zip(meeting.wanted.goals, meeting.widths, strict=True)
@@ -150,7 +150,7 @@ def force_rows(meeting: Meeting) -> list[tuple[str, ...]]:
 
 
 def number_rows(meeting: Meeting) -> list[tuple[str, ...]]:
-    """Of each parameter, as what it is of: the likeliest, and its bands after and before."""
+    """Return a row per parameter: the maximum-likelihood value, and its bands after and before."""
     known = [np.quantile(one.draws, ends(), axis=0) for one in (meeting.learned, meeting.before)]
     return [
         (
@@ -165,18 +165,18 @@ def number_rows(meeting: Meeting) -> list[tuple[str, ...]]:
 
 
 def said_at_the_end(done: FinishedRun, meeting: Meeting, to: object) -> dict[str, Any]:
-    """What was met, and what was not learned."""
+    """Return the results of the identification, and what was not learned."""
     said: dict[str, Any] = {"run": str(done.folder.path), "presses": len(meeting.given)}
     if done.problem is not None and done.ending is not None:
         told = {about: words for about, words in done.ending.told.items() if about != "resume"}
         said |= {"ended": done.ending.reason} | told
     if meeting.learned.collapsed:
         said["collapsed"] = (
-            f"too few draws explain these presses ({meeting.learned.effective:.1f} effective): "
-            f"the bands mean nothing, and no command accepts {to}; repeat the identification"
+            f"too few samples of the prior explain these presses ({meeting.learned.effective:.1f} effective "
+            f"samples); the bands are meaningless and no command accepts {to}; repeat the identification"
         )
     if meeting.stranger is not None:
-        said["no finger"] = f"{meeting.stranger}; was another indentor on than was asked for?"
+        said["no finger"] = f"{meeting.stranger}; check that the requested indentor is mounted"
     if meeting.given:
         learned = [f"{name} {likeliest} ({after})" for name, likeliest, after, _ in number_rows(meeting)]
         forces = [
@@ -196,12 +196,12 @@ A = TypeVar("A")
 
 
 class MeetingAttendant(AtTheTerminal):
-    """Who looks on knows where the journal is."""
+    """Attendant that gives the script the location of the journal."""
 
     script: MeetingScript
 
     def begins(self, folder: RunFolder) -> None:
-        """From now on presses can be read back."""
+        """Tell the script the run folder, from which presses can be read."""
         self.script.begins(folder)
         super().begins(folder)
 
@@ -243,7 +243,7 @@ def meet_command(
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Press gently, say after each press what was learned, write the finger's file."""
+    """Press gently, print after each press what was learned, and write the finger file."""
     beginning = Beginning(aloud=not dry)
     with told_in_one_line(as_json=as_json, beginning=beginning), ExitStack() as opened:
         settings = felt_surely(load_config(config))
@@ -282,23 +282,23 @@ def meet_command(
 def _refuse(width: float, most_gwt: float, settings: Config) -> None:
     if not 1 <= width <= 50:
         raise BadInputError(
-            "{option} {value:g}: expected {low} … {high} percent",
+            "{option} {value:g}: must be {low} to {high} %",
             code="outside_range", option="--width", value=width, low=1, high=50,
         )  # fmt: skip
     if not 1 <= most_gwt <= settings.limits.max_force_gwt:
         raise BadInputError(
-            "{option} {value:g}: expected {low} … {high:g} gwt",
+            "{option} {value:g}: must be {low} to {high:g} gwt",
             code="outside_range", option="--most-gwt", value=most_gwt, low=1, high=settings.limits.max_force_gwt,
         )  # fmt: skip
 
 
 def _nothing_yet(rig: Rig) -> None:
-    """What the meeting runs while it is prepared."""
+    """Do nothing; placeholder script while the identification is prepared."""
 
 
 def _counted(what: str, function: Callable[[T], A], items: Sequence[T], /) -> Iterator[A]:
     """Shared by as many processes as there are cores, and shown."""
-    return counted(spread(function, items) if items else (), len(items), f"{what}, made once", quiet=False)
+    return counted(spread(function, items) if items else (), len(items), f"{what}, computed once", quiet=False)
 
 
 def _stage(settings: Config, into: NewRun) -> StageInHand:
@@ -322,7 +322,10 @@ def _carried_out(
 
 def _leave(done: FinishedRun, meeting: Meeting, to: Path) -> NoReturn:
     if done.problem is None and meeting.learned.collapsed:
-        complain(f"the identification has collapsed: no command accepts {to}")
+        complain(
+            "the identification failed: too few samples explain the presses, and no command accepts "
+            f"{to}; repeat the identification"
+        )
         raise typer.Exit(ExitCode.STOPPED)
     leave(done)
 
@@ -345,7 +348,11 @@ def _written(done: FinishedRun, meeting: Meeting, settings: Config, to: Path, *,
         for line in words if isinstance(words, list) else [words]:
             out.print(f"{about:<12}{line}")
     if done.problem is not None:
-        err.print("what was learned until then is kept" if meeting.given else "nothing was learned")
+        err.print(
+            "the finger file holds what was learned before the end"
+            if meeting.given
+            else "nothing was learned; no finger file was written"
+        )
 
 
 _LARGEST_TURN_DEG = 3.0
@@ -365,8 +372,14 @@ def find_command(
             found = {"value": lie.value, "sd": lie.sd, "correlation": lie.correlation.tolist()}
             print_json({**found, "residual_mm": lie.residual_mm, "touches": lie.touches, "toml": lie.as_toml()})
         else:
-            out.print(f"{lie.touches} touches, {1000 * lie.residual_mm:.1f} µm off the finger\n\n{lie.as_toml()}")
+            out.print(
+                f"{lie.touches} touches, residual {1000 * lie.residual_mm:.1f} µm from the finger's "
+                f"surface\n\n{lie.as_toml()}"
+            )
         for name in ("roll_deg", "tilt_deg"):
             turned, sd = lie.value.get(name, 0.0), lie.sd.get(name, 0.0)
             if abs(turned) > max(_LARGEST_TURN_DEG, 2 * sd):
-                complain(f"{name} = {turned:.1f}: the stage cannot turn the finger, turn its holder by that")
+                complain(
+                    f"{name} = {turned:.1f}°: the stage cannot rotate the finger; rotate the finger "
+                    "holder by this angle"
+                )

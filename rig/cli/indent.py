@@ -1,4 +1,4 @@
-"""`rig indent`: simulate one indentation with the model that is asked for."""
+"""`rig indent`: simulate one indentation with the requested model."""
 
 import math
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ from sim.models.result import IndentationResult, PointLoadResult
 from sim.units import GWT_N
 
 TOLERANCE, QUANTITY = "2%", "force"
-"""What `auto` holds unless it is told."""
+"""Tolerance and quantity of `auto` by default."""
 
 _LONGEST_MM = 50.0
 
@@ -44,12 +44,12 @@ class Chosen:
 
     @property
     def why(self) -> str:
-        """In one line."""
-        return f"{self.model}, as asked for" if self.choice is None else self.choice.why
+        """The reason for the model, in one line."""
+        return f"{self.model}, as requested" if self.choice is None else self.choice.why
 
     @property
     def receptors(self) -> bool:
-        """Whether there are any."""
+        """Whether the model has receptors."""
         return self.choice is None or self.choice.aim.receptors
 
     def load(self, config: FingertipConfig, slopes: tuple[int, ...], receptors: ReceptorPlaces) -> Fingertip:
@@ -64,7 +64,7 @@ class Chosen:
             return force_gwt
         if self.length_mm is None:
             raise BadInputError(
-                "--model section: its force is per millimetre, expected {needs} beside {option}",
+                "{option} requires {needs} with --model section, whose force is per millimeter; add it",
                 code="needs_option", option="--force-gwt", needs="--length-mm",
             )  # fmt: skip
         return force_gwt / self.length_mm
@@ -74,7 +74,7 @@ class Chosen:
         if self.model != "section":
             return f"{force_n:.5f} N = {force_n / GWT_N:.4f} gwt"
         if self.length_mm is None:
-            return f"{force_n:.5f} N/mm (--length-mm turns it into gwt)"
+            return f"{force_n:.5f} N/mm (use --length-mm for the force in gwt)"
         whole = force_n * self.length_mm
         return f"{force_n:.5f} N/mm, over {self.length_mm:g} mm {whole:.5f} N = {whole / GWT_N:.4f} gwt"
 
@@ -91,7 +91,7 @@ class Chosen:
 
 @dataclass(frozen=True)
 class ModelRequest:
-    """What the command line asked for."""
+    """Model requested on the command line."""
 
     model: ModelName | None  # None: the cheapest that holds the aim
     aim: Aim
@@ -104,25 +104,25 @@ class ModelRequest:
         """Raises BadInputError, saying what was expected."""
         if model not in (*MODELS, "auto"):
             raise BadInputError(
-                "{option} {value!r}: expected one of {expected}, auto",
+                "{option} {value!r}: must be one of {expected}, auto",
                 code="unknown_choice", option="--model", value=model, expected=", ".join(get_args(ModelName)),
             )  # fmt: skip
         quantities = tuple((quantity or QUANTITY).split(","))
         if not set(quantities) <= set(QUANTITIES):
             raise BadInputError(
-                "{option} {value!r}: expected one of {expected}, or several",
+                "{option} {value!r}: must be one or more of {expected}, separated by commas",
                 code="unknown_choice", option="--quantity", value=quantity, expected=", ".join(QUANTITIES),
             )  # fmt: skip
         if length_mm is not None and not (model in ("section", "auto") and 0 < length_mm <= _LONGEST_MM):
             raise BadInputError(
-                "{option} {value:g}: expected 0 … {high:g}, for --model section or auto",
+                "{option} {value:g}: must be more than 0 and at most {high:g} mm, with --model section or auto",
                 code="outside_range", option="--length-mm", value=length_mm, high=_LONGEST_MM,
             )  # fmt: skip
         aim = Aim(quantities, _fraction(tolerance or TOLERANCE), per_length=length_mm is not None)
         for option, given in (("--tol", tolerance), ("--quantity", quantity)):
             if given is not None and model != "auto":
                 raise BadInputError(
-                    "{option} {value}: expected {needs} beside it",
+                    "{option} {value} requires {needs}; add it",
                     code="needs_option", option=option, value=given, needs="--model auto",
                 )  # fmt: skip
         named = next((name for name in MODELS if name == model), None)
@@ -132,21 +132,22 @@ class ModelRequest:
         """The named model; raises BadInputError where it takes no point load."""
         if self.model not in ("finger", "section"):
             raise BadInputError(
-                "--shape point: expected --model finger or section", code="no_point_loads", model=self.model
+                "--shape point requires --model finger or section", code="no_point_loads", model=self.model
             )
         return self._as_asked(self.model)
 
     def refuse(self, config: FingertipConfig, receptors: ReceptorPlaces) -> None:
-        """What a choice cannot go by, before it is made."""
+        """Refuse options that a choice of model cannot use."""
         if self.model is not None:
             return
         if config.mesh != MeshSpec():
             raise BadInputError(
-                "--model auto: chooses the mesh itself, expected no [finger.mesh] in --config", code="mesh_configured"
+                "--model auto chooses the mesh itself; remove [finger.mesh] from the configuration or name a model",
+                code="mesh_configured",
             )
         if not self.aim.receptors and receptors != ReceptorPlaces():
             raise BadInputError(
-                "--model auto: no receptors are made for force alone, expected --quantity sed or ep1",
+                "--model auto computes no receptors for force alone; add --quantity sed or ep1",
                 code="receptors_unmade",
             )
 
@@ -187,7 +188,7 @@ def _fraction(text: str) -> float:
         value = -1.0
     if not 0 < value < 1:
         raise BadInputError(
-            "{option} {value!r}: expected a part of the whole, as 2% or 0.02",
+            "{option} {value!r}: must be a fraction between 0 and 1, e.g. 2% or 0.02",
             code="bad_value", option="--tol", value=text,
         )  # fmt: skip
     return value
@@ -364,7 +365,7 @@ def _receptors(x_mm: str | None, depth_mm: str, z_mm: str | None) -> ReceptorPla
     for depth in depths:
         if not 0.1 <= depth <= 3.0:
             raise BadInputError(
-                "{option} {value:g}: expected {low:.1f} … {high:.1f}",
+                "{option} {value:g}: must be {low:.1f} to {high:.1f} mm",
                 code="outside_range", option="--receptor-depth-mm", value=depth, low=0.1, high=3.0,
             )  # fmt: skip
     return ReceptorPlaces(x, depths, None if z_mm is None else numbers("--receptor-z-mm", z_mm))
@@ -374,18 +375,18 @@ def _refuse_place(shape: str, indentor: Indentor | None, x_mm: float | None, z_m
     by = BOTH if indentor is None else indentor.placed_by
     if not by and not x_mm is z_mm is None:
         raise BadInputError(
-            "--shape {shape}: the same everywhere, expected neither --x-mm nor --z-mm", code="no_place", shape=shape
+            "--shape {shape} is the same everywhere; remove --x-mm and --z-mm", code="no_place", shape=shape
         )
     if x_mm is None and X in by:
-        raise BadInputError("--shape {shape}: expected --x-mm", code="place_missing", shape=shape)
+        raise BadInputError("--shape {shape} requires --x-mm; add it", code="place_missing", shape=shape)
     if x_mm is not None and X not in by:
         raise BadInputError(
-            "--shape {shape}: lies across the finger, expected --z-mm instead of --x-mm",
+            "--shape {shape} lies across the finger; use --z-mm instead of --x-mm",
             code="placed_by_z", shape=shape,
         )  # fmt: skip
     if z_mm is not None and Z not in by:
         raise BadInputError(
-            "--shape {shape}: lies along the finger, expected --x-mm instead of --z-mm",
+            "--shape {shape} lies along the finger; use --x-mm instead of --z-mm",
             code="placed_by_x", shape=shape,
         )  # fmt: skip
 
@@ -393,7 +394,7 @@ def _refuse_place(shape: str, indentor: Indentor | None, x_mm: float | None, z_m
 def _refuse_picture(picture: Path | None, shape: str) -> None:
     if picture is not None and shape == "point":
         raise BadInputError(
-            "{option}: a point load has no contact to be drawn", code="point_load", option="--picture"
+            "{option}: a point load has no contact to plot; choose an indentor", code="point_load", option="--picture"
         )
     checked_picture(picture)
 
@@ -403,7 +404,7 @@ def _measured(deflection: Path | None, shape: str) -> SkinDeflection | None:
         return None
     if shape == "point":
         raise BadInputError(
-            "{option}: a point load's skin is not kept, expected an indentor",
+            "{option}: a point load has no stored skin deflection; choose an indentor",
             code="point_load", option="--deflection",
         )  # fmt: skip
     return read_skin_deflection(deflection)
@@ -418,9 +419,7 @@ def _draw(result: IndentationResult, picture: Path) -> None:
 
 def _force_of_point(doi_mm: float | None, force_gwt: float | None) -> float:
     if doi_mm is not None or force_gwt is None:
-        raise BadInputError(
-            "--shape point: a point load has no depth, expected {option}", code="point_load", option="--force-gwt"
-        )
+        raise BadInputError("--shape point takes no depth; use {option}", code="point_load", option="--force-gwt")
     return force_gwt
 
 
@@ -440,7 +439,7 @@ def _say_point(result: PointLoadResult, chosen: Chosen, build_s: float, *, as_js
 def _reference(text: str) -> Literal["contact", "apex"]:
     if text not in ("contact", "apex"):
         raise BadInputError(
-            "{option} {value!r}: expected {expected}",
+            "{option} {value!r}: must be {expected}",
             code="unknown_choice", option="--reference", value=text, expected="contact or apex",
         )  # fmt: skip
     return "apex" if text == "apex" else "contact"
@@ -470,13 +469,13 @@ def _print(result: IndentationResult, chosen: Chosen, build_s: float) -> None:
 
 
 def _path(result: IndentationResult, chosen: Chosen) -> str:
-    """What other steps down to the same depth make of the force."""
+    """Return a note on how the force depends on the loading path."""
     if result.path_spread is None:
-        return "the force may depend on the steps down to it: --other-paths says by how much"
+        return "the force may depend on the loading path; --other-paths reports by how much"
     if result.path_spread <= _SAME:
-        return "finer steps give the same force"
+        return "finer increments give the same force"
     forces = " and ".join(chosen.force_text(force) for force in result.other_forces_n)
-    return f"by finer steps {forces}: a spread of {result.path_spread:.2%}"
+    return f"finer increments give {forces}: a spread of {result.path_spread:.2%}"
 
 
 def _print_receptors(result: IndentationResult | PointLoadResult) -> None:
@@ -490,7 +489,7 @@ def _print_receptors(result: IndentationResult | PointLoadResult) -> None:
 
 
 def _places(model: ModelOutline) -> dict[str, list[float]]:
-    """What tells receptors apart, by its heading: x, and depth and z where these are not the usual ones or differ."""
+    """Return the columns that distinguish receptors, by heading: x, and depth and z unless they are the default."""
     receptors = model.receptors
     x, _, z = receptors.position_mm.T
     found = {"receptor x (mm)": x.tolist()}

@@ -52,7 +52,7 @@ def command(
         settings = load_config(config)
         if not SLOWEST_MM_S <= speed_mm_s <= FASTEST_MM_S:
             raise BadInputError(
-                "{option} {value:g}: expected {low:.2g} … {high:g}",
+                "{option} {value:g}: must be {low:.2g} to {high:g} mm/s",
                 code="outside_range", option="--speed-mm-s", value=speed_mm_s, low=SLOWEST_MM_S, high=FASTEST_MM_S,
             )  # fmt: skip
         target = _target(axis, by_mm)
@@ -82,7 +82,7 @@ def _target(axis: str | None, by_mm: float | None) -> tuple[Direction, float] | 
         return None
     if axis is None or by_mm is None:
         raise BadInputError(
-            "{options}: expected both of them, or neither to jog by keys",
+            "{options} require each other: add the missing one, or omit both to jog by keys",
             code="both_or_neither", options="--axis and --by-mm",
         )  # fmt: skip
     return way(axis, by_mm)
@@ -94,20 +94,20 @@ def way(axis: str, by_mm: float) -> tuple[Direction, float]:
     found = next((one for one in axes if one == axis), None)
     if found is None:
         raise BadInputError(
-            "{option} {value}: expected {expected}",
+            "{option} {value}: must be {expected}",
             code="unknown_choice", option="--axis", value=axis, expected="x, y or z",
         )  # fmt: skip
     if not 0 < abs(by_mm) <= _FARTHEST_MM:
         raise BadInputError(
-            "{option} {value:g}: expected up to {most_mm:g} mm either way, not zero",
+            "{option} {value:g}: must be a nonzero distance of at most {most_mm:g} mm",
             code="outside_range", option="--by-mm", value=by_mm, most_mm=_FARTHEST_MM,
         )  # fmt: skip
     return Direction(found, 1 if by_mm > 0 else -1), abs(by_mm)
 
 
 def _jog_by_keys(hand: ByHand, clock: Clock, speed_mm_s: float) -> Moved:
-    """Until q; what ended a motion before its key was released is told, and the key must be pressed anew."""
-    err.print("hold d a (x + −), e c (y + −), w s (z + −); q ends")
+    """Jog until q; after a motion ends by itself, its key must be pressed again."""
+    err.print("hold d/a to move x +/−, e/c for y +/−, w/s for z +/−; press q to quit")
     with _single_keys() as read_keys:
         held = HeldKey(clock, read_keys)
         while not held.finished:

@@ -25,7 +25,7 @@ from rig.data.tables import FOREIGN, RUNNING, alive, foreign, summary_of
 
 BLOCKS = " ▁▂▃▄▅▆▇█"
 COLUMNS, ROWS, EACH = 64, 3, 4
-"""Of the trace: columns and lines of characters, readings a column."""
+"""Columns and lines of the trace, in characters, and readings per column."""
 
 
 class ForceTrace:
@@ -37,7 +37,7 @@ class ForceTrace:
         self._readings = 0
 
     def event(self, stream: str, data: Mapping[str, Any]) -> None:
-        """What the journal is told; readings only count."""
+        """Receive an entry of the journal; only readings count."""
         if not stream.endswith(READING):
             return
         force_gwt = float(data["force_gwt"])
@@ -61,12 +61,12 @@ class ForceTrace:
 
     @property
     def highest_gwt(self) -> float:
-        """Of what the trace shows: its full height."""
+        """Largest force of the trace, its full height (gwt)."""
         return max(self._columns, default=0.0)
 
     @property
     def trace(self) -> list[str]:
-        """Lines of blocks from the top, each as wide as the trace; what is below zero is drawn as zero."""
+        """Lines of blocks from the top, as wide as the trace; values below zero are plotted as zero."""
         full = self.highest_gwt
         levels = [round(len(BLOCKS[1:]) * ROWS * force / full) if full > 0 else 0 for force in self._columns]
         lines = []
@@ -77,14 +77,14 @@ class ForceTrace:
 
 
 class Screen:
-    """Lines of at most the width of the terminal; above and below the force stands what they say."""
+    """Lines no wider than the terminal, with text above and below the force."""
 
     def __init__(self, force: ForceTrace, above: Callable[[], list[str]], below: Callable[[], list[str]]) -> None:
         self._force, self._above, self._below = force, above, below
 
     @property
     def lines(self) -> list[str]:
-        """As they are now."""
+        """The current lines."""
         force = self._force
         trace = force.trace
         trace[0] += f" {force.highest_gwt:.2f} gwt"
@@ -117,7 +117,7 @@ class RunScreen(Onlooker):
         self.force.event(stream, data)
 
     def above(self) -> list[str]:
-        """What stands above the force."""
+        """The lines above the force."""
         subject = f", subject {self.start['subject']}" if self.start.get("subject") else ""
         virtual = ", virtual bench" if self.start.get("virtual") else ""
         return [named("run", f"{self.folder.path.name}{subject}{virtual}")]
@@ -125,7 +125,7 @@ class RunScreen(Onlooker):
     def below(self) -> list[str]:
         """And below it."""
         done = f"{len(self.finished)} of {'?' if self.planned is None else self.planned}"
-        left = "time left not known" if self.left_s is None else f"{as_clock(self.left_s)} left on the run's clock"
+        left = "time left unknown" if self.left_s is None else f"{as_clock(self.left_s)} left on the run's clock"
         return [named("now", self.now or "-"), named("next", self.next or "-"), named("done", f"{done}, {left}")]
 
 
@@ -149,7 +149,7 @@ def watch_command(
         except FOREIGN as error:
             raise RunError("run {run}: {problem}", code="foreign_run", run=run, problem=foreign(error)) from None
         except KeyboardInterrupt:
-            err.print("not watched any more; the run was told nothing")
+            err.print("stopped monitoring; the run continues")
             raise typer.Exit(ExitCode.ABORTED) from None
 
 
@@ -214,7 +214,7 @@ _APART_S = 3.0  # lines of what is counted
 
 
 class _Told(ProgressColumn):
-    """What a function says, each time that the bar is drawn."""
+    """Text of a function, evaluated each time the bar is drawn."""
 
     def __init__(self, say: Callable[[], str]) -> None:
         super().__init__()
@@ -225,7 +225,7 @@ class _Told(ProgressColumn):
 
 
 class IndentationProgress(RunState):
-    """A run as its own terminal shows it: which of its indentations it is at."""
+    """Progress of a run on its own terminal."""
 
     def __init__(self, total: int, time_left: TimeLeft | None, course: Course | None = None) -> None:
         super().__init__(course, time_left)
@@ -244,7 +244,7 @@ class IndentationProgress(RunState):
     @property
     def left(self) -> str:
         """h:mm:ss, or that it is not known."""
-        return "time left not known" if self.time_left is None else f"{as_clock(self.time_left.left_s)} left"
+        return "time left unknown" if self.time_left is None else f"{as_clock(self.time_left.left_s)} left"
 
     @property
     def where(self) -> str:
@@ -253,7 +253,7 @@ class IndentationProgress(RunState):
         return f"{about['indentor']} at {about['x_mm']:+.2f} mm" if about else "starting"
 
     def below(self) -> list[str]:
-        """What stands below the force."""
+        """The lines below the force."""
         return [named("now", self.now or "-"), named("next", self.next or "-")]
 
     @property
@@ -270,9 +270,9 @@ class IndentationProgress(RunState):
 def counted(
     answers: Iterable[T], total: int, what: str, *, quiet: bool, now: Callable[[], float] = time.perf_counter
 ) -> Iterator[T]:
-    """The answers of so many pieces of work: a bar where somebody looks, elsewhere lines, unless it is quiet there.
+    """Yield the results of pieces of work, with a progress bar on a terminal, else with lines unless quiet.
 
-    The first line is there before the first answer, and the last with the last; those between are 3 s apart.
+    The first line precedes the first result, and the last one follows the last; others are 3 s apart.
     """
     if err.is_terminal or quiet or not total:
         yield from track(answers, what, total, console=err, disable=not (err.is_terminal and total))
@@ -292,9 +292,9 @@ def counted(
 def progress(
     total: int, time_left: TimeLeft | None, course: Course | None = None, *, as_json: bool
 ) -> Iterator[Watch]:
-    """A run of so many indentations, shown on standard error from its first second on.
+    """Show the progress of a run on standard error.
 
-    Whoever asked for JSON and has no terminal is a program, and is told of alarms only.
+    With JSON output and without a terminal, only alarms are printed.
     """
     run = IndentationProgress(total, time_left, course)
     shown = _bar if err.is_terminal else _nothing if as_json else _lines

@@ -51,7 +51,7 @@ def numbers(option: str, text: str) -> tuple[float, ...]:
             found += _range(first, *rest) if rest else [first]
         except (TypeError, ValueError):
             raise BadInputError(
-                "{option} {value!r}: expected numbers separated by commas, or FROM:TO:STEP with up to {most} of them",
+                "{option} {value!r}: must be numbers separated by commas, or FROM:TO:STEP with at most {most} values",
                 code="not_numbers",
                 option=option,
                 value=text,
@@ -61,7 +61,7 @@ def numbers(option: str, text: str) -> tuple[float, ...]:
 
 
 def _range(first: float, last: float, step: float) -> list[float]:
-    """From the first up to the last, which is one of them where the steps lead to it. Raises ValueError."""
+    """Return the numbers from the first to the last, which is included if the steps reach it. Raises ValueError."""
     if not (math.isfinite(first) and step > 0 and 0 <= (last - first) / step < _MOST):
         raise ValueError
     return [round(first + k * step, 9) for k in range(int((last - first) / step + 1e-6) + 1)]
@@ -71,7 +71,7 @@ def checked_file(option: str, path: Path) -> Path:
     """A file that can be written later, before the work that fills it begins. Raises BadInputError."""
     if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
         raise BadInputError(
-            "{option} {path}: expected a file in a folder that exists and may be written to",
+            "{option} {path}: must be a file in an existing folder that you may write to",
             code="not_writable", option=option, path=path,
         )  # fmt: skip
     return path
@@ -92,20 +92,28 @@ def checked_picture(picture: Path | None) -> None:
         return
     if picture.suffix not in (".svg", ".png"):
         raise BadInputError(
-            "--picture {path}: expected a name that ends in .svg or .png", code="no_picture_name", path=picture
+            "--picture {path}: the name must end in .svg or .png", code="no_picture_name", path=picture
         )
     if picture.exists():
         raise BadInputError(
-            "{option} {path}: exists already, expected a new file",
+            "{option} {path}: the file already exists; choose another name",
             code="exists_already", option="--picture", path=picture,
         )  # fmt: skip
     if not picture.parent.is_dir():
         raise BadInputError(
-            "{option} {path}: no such folder {folder}",
+            "{option} {path}: the folder {folder} does not exist; create it first",
             code="no_such_folder", option="--picture", path=picture, folder=picture.parent,
         )  # fmt: skip
 
 
 def write_picture(plot: "Plot", picture: Path) -> None:
-    """As its name says."""
+    """Write the figure as SVG or PNG, by the name of the file."""
     picture.write_bytes(plot.svg.encode() if picture.suffix == ".svg" else plot.png)
+
+
+_UNITS = {"-mm-s": " mm/s", "-mm": " mm", "-gwt": " gwt", "-db": " dB", "-gb": " GB", "-s": " s", "-g": " g"}
+
+
+def unit_of(option: str) -> str:
+    """Return the unit that the name of an option ends with, after a space; empty if it has none."""
+    return next((unit for ending, unit in _UNITS.items() if option.endswith(ending)), "")

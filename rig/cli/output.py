@@ -18,14 +18,14 @@ err = Console(stderr=True, highlight=False, soft_wrap=True, markup=False)
 out = Console(highlight=False, soft_wrap=True, markup=False)
 
 _spinners: list[Callable[[str], None]] = []
-"""Those that turn now; each takes what it is to say."""
+"""Active spinners; each takes its new text."""
 
-THE_FINGER = "fingertip: from the cache, or built in about 15 s …"
+THE_FINGER = "fingertip: loading from the cache, or building in about 15 s …"
 
 
 @contextmanager
 def looking_busy(what: str) -> Iterator[None]:
-    """What goes on meanwhile, at once, where somebody looks; nothing in a pipe."""
+    """Show an activity with a spinner on a terminal; nothing in a pipe."""
     if not err.is_terminal:
         yield
         return
@@ -38,7 +38,7 @@ def looking_busy(what: str) -> Iterator[None]:
 
 
 def say_now(what: str) -> None:
-    """In what turns, or as a line of its own where nothing does."""
+    """Update the active spinner, or print a line without one."""
     if _spinners:
         _spinners[-1](what)
     else:
@@ -46,7 +46,7 @@ def say_now(what: str) -> None:
 
 
 class _Builds(logging.Handler):
-    """What a model says while it is built: in the spinner, or in a line of its own where there is none."""
+    """Log handler that shows the messages of a model under construction in the spinner, or as lines."""
 
     def emit(self, record: logging.LogRecord) -> None:
         if _spinners:
@@ -56,7 +56,7 @@ class _Builds(logging.Handler):
 
 
 def show_builds() -> None:
-    """From now on, where somebody looks: a larger patch or a round shape's model takes a minute on a busy machine."""
+    """Show model builds on a terminal; a larger patch or a round shape's model takes a minute on a busy machine."""
     logger = logging.getLogger("sim")
     for handler in [handler for handler in logger.handlers if isinstance(handler, _Builds)]:
         logger.removeHandler(handler)
@@ -66,14 +66,14 @@ def show_builds() -> None:
 
 
 def loading_the_finger() -> AbstractContextManager[None]:
-    """Something to look at meanwhile; an answer by itself says enough in a pipe."""
+    """Show a spinner while the finger is loaded; nothing in a pipe."""
     return looking_busy(THE_FINGER)
 
 
 def busy(what: str, *, as_json: bool) -> AbstractContextManager[None]:
-    """As `looking_busy`, and in a pipe a line at its beginning.
+    """Show an activity like `looking_busy`, and print one line in a pipe.
 
-    Whoever asked for JSON is a program, and is told nothing but that.
+    With JSON output nothing is printed.
     """
     if not (err.is_terminal or as_json):
         err.print(what)
@@ -89,13 +89,13 @@ def checking_the_script() -> Iterator[Callable[[int], None]]:
     with err.status("checking the script …", refresh_per_second=2) as status:
         _spinners.append(status.update)
         try:
-            yield lambda steps: status.update(f"checking the script: {steps} steps")
+            yield lambda steps: status.update(f"checking the script: {steps} steps so far …")
         finally:
             _spinners.pop()
 
 
 _screens: list[Live] = []
-"""Those of a run that goes on."""
+"""Live screens of running protocols."""
 
 
 @contextmanager
@@ -111,7 +111,7 @@ def a_screen(console: Console, shown: RenderableType) -> Iterator[None]:
 
 @contextmanager
 def screen_aside() -> Iterator[None]:
-    """While somebody is asked: what is typed would tear it."""
+    """Hide the live screens while a person types."""
     shown = list(_screens)
     for live in shown:
         live.stop()
@@ -152,31 +152,31 @@ def renamed(old: str, new: str) -> None:
 
 
 class NotConfirmedError(RigError):
-    """Whoever was asked did not say yes."""
+    """The person did not confirm."""
 
     default_code = "not_confirmed"
 
 
 class Beginning:
-    """Whether a command that carries a script out has begun to; until then its failure says that nothing was moved.
+    """State of a command that runs a script: until it begins, a failure reports that nothing was moved.
 
-    aloud: on the screen too, not in JSON alone.
+    aloud: on the screen too, not only in JSON.
     """
 
     def __init__(self, *, aloud: bool) -> None:
         self.aloud, self.begun = aloud, False
 
     def begins(self) -> None:
-        """From now on it can move something."""
+        """Record that the command may move the stage from now on."""
         self.begun = True
 
 
 def fail(
     message: str, code: str, exit_code: ExitCode, *, as_json: bool, beginning: Beginning | None = None
 ) -> NoReturn:
-    """One line on standard error (and as JSON on standard output if that was asked for), and out.
+    """Print one line on standard error, and JSON on standard output if requested, and exit.
 
-    code: what went wrong, for programs: it stays when the line is worded anew.
+    code: for programs; it does not change with the sentence.
     """
     ending = {} if beginning is None or beginning.begun else {"ending": _nothing_moved(message, exit_code)}
     if beginning is not None and ending and beginning.aloud and not as_json:

@@ -52,7 +52,7 @@ def panel_command(
     with told_in_one_line(as_json=as_json):
         if port != 0 and not _LOWEST_PORT <= port <= 65535:
             raise BadInputError(
-                "{option} {value}: expected {low} … {high}, or 0",
+                "{option} {value}: must be {low} to {high}, or 0 for a free port",
                 code="outside_range", option="--port", value=port, low=_LOWEST_PORT, high=65535,
             )  # fmt: skip
         panel = _panel(config, out_dir, port)
@@ -60,7 +60,7 @@ def panel_command(
             print_json({"url": panel.url, "port": panel.port, "pid": os.getpid()})
         else:
             out.print(panel.url)
-            err.print("Ctrl-C ends the panel; a run goes on without it")
+            err.print("press Ctrl-C to close the panel; a running protocol continues")
         with _shown(panel.url) if browser and not as_json else _not_shown():
             panel.serve()
 
@@ -72,7 +72,7 @@ def _panel(config: Path | None, out_dir: Path, port: int) -> "Panel":
         if (error.name or "").partition(".")[0] not in ("starlette", "uvicorn"):
             raise
         raise BadInputError(
-            "panel: needs {package}, expected pip install 'indentation-rig[panel]'",
+            "panel requires the package {package}; install it with pip install 'indentation-rig[panel]'",
             code="not_installed",
             package=error.name,
         ) from None
@@ -81,7 +81,7 @@ def _panel(config: Path | None, out_dir: Path, port: int) -> "Panel":
 
 @contextmanager
 def _shown(url: str) -> Iterator[None]:
-    """In the browser, by way of a file that only this user reads: others see what programs are begun with."""
+    """Open the page in the browser through a file that only this user can read, since others see command lines."""
     from rig.control.client import runtime_folder
 
     leads_there = runtime_folder() / f"panel-{os.getpid()}.html"
@@ -104,7 +104,7 @@ Answers = Mapping[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]
 
 
 def owning_command(config: ConfigOption) -> None:
-    """What rig panel starts; it ends with it, at rest. It is ready when it has announced itself."""
+    """Own the ports for rig panel, and end with it, at rest. The process is ready once it has announced itself."""
     with told_in_one_line(as_json=False), at_once():
         settings, clock, parent = load_config(config), WallClock(), os.getppid()
         known = BenchMemory(settings).read()  # a bench that is open says no more
@@ -124,11 +124,11 @@ def owning_command(config: ConfigOption) -> None:
             with owner.begun(), asked_to_leave(owner.leave), ControlSocket(announcement, _answers(owner, button)):
                 owner.run(lambda: os.getppid() != parent)
             if log.problem is not None:
-                complain(f"what was done by hand is not logged from some moment on: {log.problem}")
+                complain(f"the log of manual control is incomplete: {log.problem}")
 
 
 def _answers(owner: HandOwner, button: StopButton) -> Answers:
-    """Those of the bench, and how the participant's stop button is where there is one."""
+    """Return the handlers of the bench, and the state of the participant's stop button if there is one."""
     if not button.there:
         return owner.answers
     status = owner.answers["status"]

@@ -78,8 +78,9 @@ COMMANDS = {
 _GROUPS: tuple[Group, ...] = get_args(Group)
 
 LOOKED_THROUGH = (50_000, 3, 3)
-"""New objects that are looked through for garbage, and how often older ones are with them. At Python's own (700, 10,
-10) that takes a thirtieth of a dry-run; a figure is a hundred thousand objects, and few may lie about at a time."""
+"""Thresholds of Python's garbage collector: new objects before a collection, and collections before older objects
+join it. With the defaults (700, 10, 10) a dry run spends a thirtieth of its time there; a figure has a hundred
+thousand objects, so the threshold must not be much larger."""
 
 
 def run() -> None:
@@ -105,7 +106,7 @@ def run() -> None:
 
 
 def _app(arguments: list[str]) -> typer.Typer:
-    """The program with the command that is asked for, or with the names of all of them."""
+    """Return the program with the requested command, or with the names of all commands."""
     app = typer.Typer(cls=PlainGroup, add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
     app.callback()(_about)  # a program of one command would have no command's name
     asked = next((word for word in arguments if word != "--"), "")
@@ -117,7 +118,7 @@ def _app(arguments: list[str]) -> typer.Typer:
     near = get_close_matches(asked, COMMANDS, cutoff=0.65)
     if near:
         raise typer.BadParameter(
-            f"No such command {asked!r}, expected one that rig --help lists: {' or '.join(near)}?"
+            f"there is no command {asked!r}; did you mean {' or '.join(near)}? `rig --help` lists all commands"
         )
     for name in sorted(COMMANDS, key=lambda one: _GROUPS.index(COMMANDS[one].group)):
         _add(app, name, _named)
@@ -146,7 +147,7 @@ def _add(app: typer.Typer, name: str, command: Callable[..., None] | typer.Typer
 
 
 def _named() -> None:
-    """A command in the list of them, when none is asked for."""
+    """Add a command to the list of commands."""
 
 
 def _say_version(asked: bool) -> None:

@@ -80,7 +80,7 @@ def check_command(
             finger = Fingertip.load(settings.finger)
         with checking_the_script() as told:
             plan = make_plan(script, settings, finger, told=told)
-        with busy("rehearsing on springs …", as_json=as_json):
+        with busy("rehearsing the protocol on a spring model …", as_json=as_json):
             found = preflight(script, settings, finger, plan).as_json()
         if as_json:
             print_json({"protocol": script.name, **found})
@@ -108,13 +108,14 @@ def _tell(found: dict[str, Any]) -> None:
     left = found["margins"]
     for line in (
         f"{found['indentations']} indentations and {found['other_presses']} other presses in "
-        f"{found['duration_s']:.0f} s, the finger touched for {found['contact_s']:.0f} s of them",
+        f"{found['duration_s']:.0f} s, with {found['contact_s']:.0f} s of contact",
         f"peak {found['peak_force_gwt']:.4g} gwt, {found['peak_pressure_n_cm2']:.3g} N/cm²",
         found["small_strain"]["note"],
         f"soft trip {found['soft_trip_n']:.3g} N, hard trip {found['hard_trip_n']:.3g} N",
-        f"left {left['force_gwt']:.3g} gwt, DOI {left['doi_mm']:.3g} mm, {left['mean_pressure_n_cm2']:.3g} N/cm², "
-        f"{left['contact_s']:.0f} s of contact",
-        f"stop distance {found['stop_distance_mm']:.3g} mm, {found['overshoot_gwt']:.3g} gwt above a trip at most",
+        f"remaining up to the limits: {left['force_gwt']:.3g} gwt, DOI {left['doi_mm']:.3g} mm, "
+        f"{left['mean_pressure_n_cm2']:.3g} N/cm², {left['contact_s']:.0f} s of contact",
+        f"stopping distance {found['stop_distance_mm']:.3g} mm, overshoot at a trip at most "
+        f"{found['overshoot_gwt']:.3g} gwt",
     ):
         out.print(line)
 
@@ -122,7 +123,7 @@ def _tell(found: dict[str, Any]) -> None:
 def _short(value: object) -> str:
     if isinstance(value, list):
         low, high = value
-        return "asked for" if math.isclose(low, high, rel_tol=1e-6) else f"{low:.3g}–{high:.3g}"
+        return "target" if math.isclose(low, high, rel_tol=1e-6) else f"{low:.3g}–{high:.3g}"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
@@ -145,7 +146,7 @@ def dry_run_command(
         settings = with_finger(load_config(config), finger_file)
         refuse_twinless(settings.stage, settings.force)
         for problem in expired_calibrations(settings):
-            complain(f"warning: {problem}; `rig run` would refuse")
+            complain(f"warning: {problem}; `rig run` would refuse this configuration")
         script = load_script(protocol, [*(set_ or []), *(more or [])])
         faster = _times_real(speed)
         into = new_run(out_dir, subject)
@@ -172,7 +173,7 @@ def _times_real(text: str) -> float | None:
         value = 0.0
     if not 0 < value < 1e6:
         raise BadInputError(
-            "{option} {value!r}: expected max or a positive number", code="bad_value", option="--speed", value=text
+            "{option} {value!r}: must be max or a positive number", code="bad_value", option="--speed", value=text
         )
     return value
 
@@ -231,7 +232,7 @@ def ask_at_the_bench(request: str, asking: Callable[[], AbstractContextManager[N
         err.print(f"{request}, then press Enter")
         answer = typed_line()
     if not answer:
-        raise RunAborted("nobody answered: {request}", code="nobody_answered", request=request)
+        raise RunAborted("no answer to the request: {request}", code="nobody_answered", request=request)
     return answer
 
 
@@ -271,7 +272,7 @@ def resume_command(
 
 @contextmanager
 def _stage(stopped: StoppedRun, run: Path, *, yes: bool) -> Iterator[StageInHand | None]:
-    """Of what is left to do on real ports, open; where nothing is left it is opened for a stop alone."""
+    """Open the stage for the remaining steps, or, without any, only for a stop."""
     if stopped.virtual:
         yield None
         return
@@ -283,10 +284,10 @@ def _stage(stopped: StoppedRun, run: Path, *, yes: bool) -> Iterator[StageInHand
 
 
 def _checked(stopped: StoppedRun, owner: RunOwner, *, yes: bool) -> Confirm | None:
-    """Where it goes on, and how it was left."""
+    """Print the checkpoint at which the run continues, and how it ended."""
     left = None if stopped.run is None else ending_on_record(stopped.run)
     if stopped.run is not None and stopped.run.last_checkpoint is not None:
-        err.print(f"goes on after the checkpoint {stopped.run.last_checkpoint!r}")
+        err.print(f"resuming after the checkpoint {stopped.run.last_checkpoint!r}")
     if not stopped.virtual:
         before = careful_of(left, stopped.config)
         return at_the_page(before, yes=yes, asking=owner.asking, button=owner.button)

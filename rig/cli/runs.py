@@ -47,11 +47,11 @@ def runs_command(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """List runs, the newest last; what is no readable run gets one line on standard error."""
+    """List runs, newest last; an unreadable run gets one line on standard error."""
     with told_in_one_line(as_json=as_json):
         if state not in (None, *STATES):
             raise RunError(
-                "{option} {value!r}: expected one of {expected}",
+                "{option} {value!r}: must be one of {expected}",
                 code="unknown_choice", option="--state", value=state, expected=", ".join(STATES),
             )  # fmt: skip
         wanted = RunFilter(subject, shape, protocol, state, _day("--since", since), _day("--until", until))
@@ -80,7 +80,7 @@ def _entries(runs: Path) -> list[IndexEntry]:
             return listed(runs)
         except OSError as error:
             raise RunError(
-                "{folder}: {problem}, expected the folder in which runs have theirs",
+                "{folder}: {problem}; give the folder that contains the run folders",
                 code="no_such_folder",
                 folder=runs,
                 problem=error.strerror,
@@ -92,7 +92,7 @@ def _day(option: str, text: str | None) -> date | None:
         return None if text is None else date.fromisoformat(text)
     except ValueError:
         raise RunError(
-            "{option} {value!r}: expected {expected}", code="no_day", option=option, value=text, expected=_DAY
+            "{option} {value!r}: must be {expected}", code="no_day", option=option, value=text, expected=_DAY
         ) from None
 
 
@@ -130,7 +130,7 @@ def _told_runs(found: Sequence[IndexEntry], broken: Sequence[Summary], table: Pa
     return told if table is None else told | {"table": str(table), "holds": sum(len(one.rows) for one in found)}
 
 
-_UNKNOWN = "not known"
+_UNKNOWN = "unknown"
 
 
 def show_command(
@@ -138,10 +138,10 @@ def show_command(
     columns: Annotated[bool, typer.Option("--columns", help="Print the columns of all run tables instead.")] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """What ran, in which state it is, limits, versions, forces, how it ended, and its files."""
+    """Print what ran, its state, limits, versions, forces, how it ended, and its files."""
     with told_in_one_line(as_json=as_json):
         if columns == (run is not None):
-            raise RunError("show: expected RUN, a run folder, or --columns", code="exactly_one")
+            raise RunError("show: give either RUN, a run folder, or --columns", code="exactly_one")
         told = _columns() if run is None else _described(run)
         if as_json:
             print_json(told)
@@ -189,7 +189,7 @@ def _told(run: Run) -> dict[str, Any]:
 
 
 def _limits(run: Run) -> dict[str, Any]:
-    """Of the configuration's copy; nothing where it is gone or is none: the journal is the truth."""
+    """Return the limits from the copy of the configuration; none without a readable copy."""
     try:
         found = tomllib.loads(run.folder.config.read_text(encoding="utf-8")).get("limits", {})
     except (OSError, ValueError):
@@ -198,7 +198,7 @@ def _limits(run: Run) -> dict[str, Any]:
 
 
 def ending_of(run: Run, state: str) -> dict[str, Any] | None:
-    """Of a run that did not end well: why, and where that left the indentor."""
+    """Return why an incomplete run ended, and the final position of the indentor."""
     if state in ("done", "running"):
         return None
     from rig.session.early_ending import Ending, FinalPosition  # with the engine: a run that is done does without
@@ -207,11 +207,11 @@ def ending_of(run: Run, state: str) -> dict[str, Any] | None:
         return Ending.killed(run).as_json()
     at = FinalPosition(**run.stop["indentor"]) if "indentor" in run.stop else None
     words = None if at is None else at.words
-    return {"reason": run.stop.get("reason") or "the script did less than was planned", "words": words}
+    return {"reason": run.stop.get("reason") or "the script did less than planned", "words": words}
 
 
 def _identities(run: Run) -> dict[str, str]:
-    """What the devices said of themselves."""
+    """Return the identities that the devices reported."""
     said = {"controller": run.stream("home"), "sensor": run.stream("zero")}
     return {name: str(events[-1][name]) for name, events in said.items() if events and name in events[-1]}
 
@@ -242,7 +242,7 @@ def _lines(told: dict[str, Any]) -> list[tuple[str, str]]:
         ("what", f"{told['title']} ({told['protocol']}){', on the virtual bench' if told['virtual'] else ''}"),
         ("source", told["source"] or "-"),
         ("parameters", _pairs(told["parameters"])),
-        ("subject", told["subject"] or "none given"),
+        ("subject", told["subject"] or "none"),
         ("began", f"{told['began_utc']}, {told['duration_s']:.0f} s"),
         ("state", f"{told['state']}, {told['done']} of {told['planned']} indentations"),
         *((_OF_AN_ENDING[name], str(words)) for name, words in ending.items() if words),
@@ -284,7 +284,7 @@ def export_command(
 
     with told_in_one_line(as_json=as_json):
         if not (as_csv or as_nwb):
-            raise BadInputError("export: no format given, expected --csv or --nwb", code="no_format")
+            raise BadInputError("export: no format given; add --csv or --nwb", code="no_format")
         found = read_run(run)
         written = []
         if as_csv:

@@ -34,6 +34,7 @@ from rig.protocol.script import Script
 from rig.session.early_ending import FinalPosition
 from rig.session.preflight import Page
 from rig.session.resume import StoppedRun
+from rig.session.script_run import AT_ONCE
 from rig.session.session import FinishedRun, NewRun, Nobody, Session, record_after, record_before
 from rig.session.stop_button import StopButton
 from sim.finger_process import Finger, FingerLostError, FingerProcess, asked
@@ -47,7 +48,7 @@ Phase = Literal["planning", "running", "reporting"]
 
 
 class RunOwner:
-    """A run that others may ask: what it is at, a pause, that it goes on, a stop. Nothing here waits for the run."""
+    """A run that other processes may query: its state, pause, continue and stop. No request blocks the run."""
 
     def __init__(self, switch: StopSwitch, *, virtual: bool) -> None:
         self.switch, self.pause, self.virtual = switch, PauseRequest(), virtual
@@ -60,12 +61,12 @@ class RunOwner:
 
     @property
     def answers(self) -> Mapping[str, Callable[[Mapping[str, Any]], dict[str, Any]]]:
-        """By the requests of a run."""
+        """Return the handlers of requests, by name."""
         return {"status": self._status, "stop": self._stop, "pause": self._pause, "go_on": self._go_on}
 
     @property
     def state(self) -> str:
-        """In one word."""
+        """The state in one word."""
         if self._asks:
             return "asking"
         if self._phase != "running" or not self.pause.asked():
@@ -79,7 +80,7 @@ class RunOwner:
 
     @contextmanager
     def asking(self) -> Iterator[None]:
-        """While a person is asked."""
+        """Mark the time during which a person is prompted."""
         self._asks = True
         try:
             yield
@@ -93,7 +94,7 @@ class RunOwner:
             self.told(folder.path)
 
     def stopped(self) -> bool:
-        """Whether somebody has stopped the stage from elsewhere; asked by the main thread."""
+        """Return whether another process has stopped the stage; called by the main thread."""
         return self.switch.noticed()
 
     def record(self, script: Script, config: Config, into: NewRun | StoppedRun) -> None:
@@ -105,7 +106,7 @@ class RunOwner:
             try:
                 if self.folder is None:
                     self.folder = record_before(script, config, into, virtual=self.virtual)
-                    complain(f"the stop is recorded in {self.folder.path}")
+                    complain(f"the run folder {self.folder.path} records the stop")
                 record_after(self.folder, self._stopped_while, self.switch.kept)
             except (OSError, FolderBusyError) as error:
                 complain(f"the stop could not be recorded: {error}")
@@ -121,14 +122,14 @@ class RunOwner:
 
     def _pause(self, _: Mapping[str, Any]) -> dict[str, Any]:
         if self._phase != "running":
-            return {"ok": False, "problem": f"it is {self.state}: there is nothing to pause"}
+            return {"ok": False, "problem": f"the run is {self.state}; it can be paused only while it runs"}
         if not self.pause.asked():
             self.pause.ask_from_elsewhere()
         return {"state": self.state}
 
     def _go_on(self, _: Mapping[str, Any]) -> dict[str, Any]:
         if self._phase != "running" or not self.pause.asked():
-            return {"ok": False, "problem": f"it is {self.state}: it is not paused"}
+            return {"ok": False, "problem": f"the run is {self.state}; it is not paused"}
         self.pause.go_on_from_elsewhere()
         return {"state": self.state}
 
@@ -141,11 +142,11 @@ def owning(
     stage: StageInHand | None = None,
     config_file: Path | None = None,
 ) -> Iterator[RunOwner]:
-    """Announce a run, and record the stop that came from elsewhere, if one came.
+    """Announce a run, and record a stop that another process requests.
 
-    stage: None for a virtual bench. It is closed by the caller, when nobody can ask any more. Where the run cannot be
-    announced it goes on all the same, and says that no panel can reach it. A stop is recorded, or refused, whenever
-    it comes between the announcement and its end.
+    stage: None for a virtual bench; the caller closes it, once no request can arrive. If the run cannot be
+    announced, it continues and prints that the panel cannot reach it. A stop is recorded, or refused, at any time
+    between the announcement and its end.
     """
     out, virtual = into.out if isinstance(into, NewRun) else into.folder.path.parent, stage is None
     owner = RunOwner(StopSwitch(stage, interrupt_main), virtual=virtual)
@@ -166,7 +167,7 @@ def owning(
             socket = announced.enter_context(ControlSocket(about, owner.answers))
             owner.told = lambda run: socket.tell(run=str(run.resolve()))
         except (OSError, filelock.Timeout) as error:
-            complain(f"warning: no panel can reach this run: {error}")
+            complain(f"warning: the panel cannot reach this run: {error}")
         announced.callback(owner.record, script, config, into)
         try:
             owner.switch.begins()
@@ -183,14 +184,14 @@ def make_report(finger: "Fingertip", run: Run, wall_s: float, ending: Mapping[st
 
 
 def make_missing(finger: "Fingertip", run: Run) -> None:
-    """What a complete run lacks of it. Raises OSError."""
+    """Make the missing parts of a complete run's report. Raises OSError."""
     from rig.report.run_report import write_missing
 
     write_missing(run, finger)
 
 
 def lacks_report(run: Run) -> bool:
-    """Whether the report, or numbers behind its figures, are missing."""
+    """Return whether the report, or data behind its figures, are missing."""
     from rig.report import run_report
 
     return run_report.lacks_report(run)
@@ -246,11 +247,11 @@ def carry_out(
     confirm: Confirm | None = None,
     pace: float | None = 1.0,
 ) -> FinishedRun:
-    """Check the script, carry it out or take it up where it stopped, write its report, and say where it is.
+    """Check the script, run it or resume it, write its report, and print the location.
 
-    confirm is called when all is checked and nothing has moved (None: it begins at once), begins when the next thing
-    may move. pace: how many seconds one of the bench will take; None where it goes as fast as it can. finger: of a
-    run whose own process must not solve.
+    confirm: called after all checks and before any motion (None: start at once). begins: called before the first
+    motion. pace: real seconds per second of bench time; None runs as fast as possible. finger: for a run whose own
+    process must not solve.
     """
     session = _planned(script, config, into, loaded(config, finger, as_json=as_json))
     page = (confirm or nothing_to_confirm(as_json=as_json))(session)
@@ -269,7 +270,7 @@ def carry_out(
 
 
 def loaded(config: Config, finger: FingerProcess | None, *, as_json: bool) -> Finger:
-    """The configured finger: in a process of its own, once it is there, or here."""
+    """Load the configured finger, in its own process if one exists."""
     with busy(THE_FINGER, as_json=as_json):
         if finger is None:
             return Fingertip.load(config.finger)
@@ -285,7 +286,7 @@ def _planned(script: Script, config: Config, into: NewRun | StoppedRun, finger: 
 
 
 def make_whole(stopped: StoppedRun, run: Run, owner: RunOwner, *, as_json: bool) -> FinishedRun:
-    """Make what a complete run lacks of its exports, report and checksums; what is there stays as it is."""
+    """Make the missing exports, report and checksums of a complete run; existing files stay unchanged."""
     folder, began = stopped.folder, time.perf_counter()
     done = FinishedRun(run, 0.0, None, FinalPosition("not moved"))
     owner.folder = folder
@@ -310,7 +311,7 @@ def _made_whole(done: FinishedRun, config: Config, *, as_json: bool) -> Finished
 
 
 def _reported(done: FinishedRun, finger: Finger, owner: RunOwner) -> FinishedRun:
-    """With its report and its checksums; what cannot be written is the run's problem, if it has no other."""
+    """Add the report and the checksums; a write error becomes the problem of the run if it has no other."""
     ending = done.ending
     try:
         done.folder.write_checksums()
@@ -322,14 +323,15 @@ def _reported(done: FinishedRun, finger: Finger, owner: RunOwner) -> FinishedRun
         if not owner.stopped():
             raise
         at = replace(done.at, trusted=False)
-        return replace(done, problem=done.problem or RunAborted("at once, by the operator"), at=at)
+        return replace(done, problem=done.problem or RunAborted(AT_ONCE), at=at)
     return done
 
 
 def leave(done: FinishedRun) -> NoReturn:
     """End the command with one line on what stopped the run, if anything did."""
     if done.problem is not None and done.ending is not None:
-        complain(f"stopped: {done.ending.reason}")
+        reason = done.ending.reason
+        complain(reason if reason.startswith("stopped") else f"stopped: {reason}")
     raise typer.Exit(_exit_code(done))
 
 
@@ -360,7 +362,7 @@ def _print(done: FinishedRun, wall_s: float, *, as_json: bool, resumed: bool) ->
 
 
 def failure(done: FinishedRun) -> dict[str, Any]:
-    """What JSON says of a run that ended before its end: a code, and how it ended."""
+    """Return the code and the ending of a run that ended early, for JSON."""
     if done.ending is None:
         return {}
     code = "incomplete" if done.problem is None else code_of(done.problem)
@@ -376,7 +378,7 @@ def _exit_code(done: FinishedRun) -> ExitCode:
 
 
 def time_left(page: Page, pace: float | None, now: Callable[[], float] = time.perf_counter) -> TimeLeft | None:
-    """Of what was rehearsed; None where the rehearsal did not come to its end."""
+    """Return the predicted time left, or None if the rehearsal did not finish."""
     if isinstance(page.rehearsal, EngineError):
         return None
     instants_s, duration_s = page.rehearsal.instants_s, page.rehearsal.duration_s

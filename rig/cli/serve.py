@@ -94,17 +94,19 @@ def serve_command(
     with told_in_one_line(as_json=as_json):
         if beside is not None:
             raise BadInputError(
-                "{option}: expected {needs} beside it", code="needs_option", option="--beside", needs="--reveal"
+                "{option} requires {needs}; add it", code="needs_option", option="--beside", needs="--reveal"
             )
         if stranger is not None:
             renamed("rig serve --stranger", "rig serve --random-finger")
             random_finger = stranger
         settings = _with_indentor(load_config(config), indentor)
         if pty and tcp is not None:
-            raise BadInputError("{options}: expected one of them", code="not_together", options="--pty --tcp")
+            raise BadInputError(
+                "--pty and --tcp cannot be combined; give one of them", code="not_together", options="--pty --tcp"
+            )
         if tcp is not None and not 0 <= tcp <= 65534:
             raise BadInputError(
-                "{option} {value}: expected {low} … {high}",
+                "{option} {value}: must be {low} to {high}",
                 code="outside_range", option="--tcp", value=tcp, low=0, high=65534,
             )  # fmt: skip
         if random_finger is not None:
@@ -132,7 +134,7 @@ def serve_command(
 def _kind(room: Room, given: str | None, otherwise: str | None) -> str | None:
     if given is not None and given not in names(room):
         raise BadInputError(
-            "{option} {value}: no such device, expected {expected}",
+            "{option} {value}: there is no such device; choose {expected}",
             code="unknown_device", option=f"--{room}", value=given, expected=" or ".join(names(room)),
         )  # fmt: skip
     return given or otherwise
@@ -146,9 +148,9 @@ def _with_indentor(config: Config, indentor: str | None) -> Config:
 
 def _told(found: PressStatistics) -> str:
     return (
-        f"{found.asked} forces asked for, {found.late} not ready in time (the last one given, at most "
-        f"{found.stalest_s:.2f} s old; {found.unknown} refused); {found.solved} solved, slowest "
-        f"{1e3 * found.slowest_s:.0f} ms"
+        f"{found.asked} forces requested, {found.late} not ready in time (the last force was repeated, at "
+        f"most {found.stalest_s:.2f} s old; {found.unknown} refused); {found.solved} solved, slowest "
+        f"{1000.0 * found.slowest_s:.0f} ms"
     )
 
 
@@ -187,4 +189,6 @@ def _beside(name: str, value: float, met: Met | None) -> dict[str, Any]:
 
 
 def _band(one: dict[str, Any]) -> str:
-    return "" if "low" not in one else f"  met {one['low']:.3g} … {one['high']:.3g}{'' if one['in'] else '  !'}"
+    if "low" not in one:
+        return ""
+    return f"  identified {one['low']:.3g} … {one['high']:.3g}{'' if one['in'] else '  !'}"

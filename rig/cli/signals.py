@@ -32,14 +32,14 @@ _LOOK_S = 0.05
 
 
 class PauseRequest:
-    """Whether somebody has asked for a pause, at the terminal or elsewhere, and whether to go on after it."""
+    """A request to pause, from the terminal or another process, and whether to continue after it."""
 
     def __init__(self) -> None:
         self._asked = self._alone = self._from_elsewhere = False
         self.waits = False  # lifted, for somebody who says that it goes on
 
     def asked(self) -> bool:
-        """Whether Ctrl-C, SIGTERM, the end of the terminal or a question from elsewhere has come."""
+        """Return whether a signal or another process has requested a pause."""
         return self._asked
 
     def ask(self, number: int | None = None, *_: object) -> None:
@@ -47,32 +47,35 @@ class PauseRequest:
         if self._asked and number in KEYS:
             raise KeyboardInterrupt
         self._asked, self._from_elsewhere = True, False
-        err.print("pausing: stopping at the next safe point; Ctrl-C again stops now")
+        err.print("pausing at the next safe point; press Ctrl-C again to stop now")
 
     def ask_from_elsewhere(self) -> None:
-        """Another process asks, from a thread of its own; it waits there for whoever says first that it goes on."""
+        """Request a pause from another process; it waits for the first answer, here or there."""
         self._asked = self._from_elsewhere = True
-        err.print("pausing, as the panel asks: stopping at the next safe point; Ctrl-C stops now")
+        err.print("pausing at the next safe point, as the panel requested; press Ctrl-C to stop now")
 
     def go_on_from_elsewhere(self) -> None:
-        """Another process says that it goes on, from a thread of its own; nobody at the terminal is waited for."""
+        """Continue on request of another process, without an answer at the terminal."""
         self._asked = self._from_elsewhere = False
-        err.print("going on, as the panel asks")
+        err.print("continuing, as the panel requested")
 
     def hang_up(self, *_: object) -> None:
-        """The terminal has gone: nobody can be told anything, and nobody will say that it goes on."""
+        """Pause after the terminal has disappeared; no answer can come from it."""
         silence = os.open(os.devnull, os.O_RDWR)
         for stream in (0, 1, 2):
             os.dup2(silence, stream)
         self._asked = self._alone = True
 
     def go_on(self) -> bool:
-        """The answer of whoever is first, at the terminal or elsewhere; without both there is nobody to wait for."""
+        """Return the first answer, from the terminal or another process; without both, end the run."""
         at_terminal = sys.stdin.isatty() and sys.stderr.isatty()
         if at_terminal and not self._alone:
-            err.print("paused, the indentor is lifted: Enter goes on, Ctrl-C ends the run; rig resume can take it up")
+            err.print(
+                "paused, indentor lifted: press Enter to continue, Ctrl-C to end the run (rig resume "
+                "can finish it later)"
+            )
         elif self._from_elsewhere:
-            err.print("paused, the indentor is lifted: the panel goes on, Ctrl-C ends the run")
+            err.print("paused, indentor lifted: continue from the panel, or press Ctrl-C to end the run")
         self.waits = True
         try:
             goes_on = self._answer(at_terminal=at_terminal)
@@ -103,7 +106,7 @@ def typed_line() -> str:
 
 
 def _typed(within_s: float) -> bool:
-    """Whether a line waits at the keyboard; where that cannot be known it is waited for."""
+    """Return whether a line is waiting at the keyboard, or True if that is unknown."""
     try:
         return bool(select.select([sys.stdin], [], [], within_s)[0])
     except (OSError, ValueError):  # no file, or not on this system
@@ -121,9 +124,9 @@ def interrupt_main() -> None:
 
 @contextmanager
 def at_a_safe_point(pause: PauseRequest | None = None) -> Iterator[PauseRequest]:
-    """Ctrl-C, Ctrl-Z, Ctrl-\\ or SIGTERM asks for a pause at the next safe point; a second key, or `rig stop`, stops.
+    """Turn Ctrl-C, Ctrl-Z, Ctrl-\\ or SIGTERM into a pause at the next safe point; a second one stops.
 
-    A terminal that goes away ends the run there, lifted, unless the program was told not to mind (`nohup`).
+    If the terminal disappears, the run ends there, lifted, unless the program ignores hang-ups (`nohup`).
     """
     pause = PauseRequest() if pause is None else pause
     handlers: Handlers = dict.fromkeys((*KEYS, signal.SIGTERM), pause.ask)
@@ -150,7 +153,7 @@ def unstoppable() -> Iterator[None]:
 
 @contextmanager
 def at_once() -> Iterator[None]:
-    """Every such signal is a KeyboardInterrupt: at the bench the stage stops when whoever moves it goes away."""
+    """Turn each of these signals into KeyboardInterrupt, so that the stage stops when its process ends."""
     numbers = (*KEYS, signal.SIGTERM, _HANG_UP, STOP_SIGNAL)
     with _handling(dict.fromkeys(numbers, signal.default_int_handler) | _NOT_SUSPENDED):
         yield

@@ -1,4 +1,4 @@
-"""`rig stop`: stop the stage now, whoever moves it. It imports no more than its bytes need."""
+"""`rig stop`: stop the stage now, whichever program moves it. It imports only what a stop needs."""
 
 import os
 import sys
@@ -14,7 +14,7 @@ from rig.errors import code_of
 
 
 def stop_command(config: ConfigOption, as_json: JsonOption = False) -> None:
-    """Tell whoever owns the stage's port to stop, and send the stop down the wire."""
+    """Request a stop from the owner of the stage's port, and send the stop to the port."""
     try:
         settings, passed = stage_alone(config)
     except NoStageError as error:
@@ -44,7 +44,7 @@ def _fail(words: str, code: str, told: dict[str, Any], exit_code: ExitCode, *, a
 
 
 def _still_there(found: SentStop) -> list[str]:
-    """What of the owner must be known although the stage was stopped."""
+    """Return the problems of the owner that remain although the stage was stopped."""
     return [] if found.confirmed_by is not None else found.problems
 
 

@@ -64,15 +64,15 @@ def command(
                         "interpolation": HOW_MADE if between else None,
                         "seconds": seconds})  # fmt: skip
         else:
-            out.print(f"{len(cases)} cases, {len(rows)} rows, {problems} without an answer, {seconds:.1f} s\n{table}")
+            out.print(f"{len(cases)} cases, {len(rows)} rows, {problems} without a result, {seconds:.1f} s\n{table}")
             if small:
                 out.print(small)
             if between:
-                out.print(f"{between} rows on fingers {HOW_MADE}; --exact builds each in full")
+                out.print(f"{between} rows use fingers {HOW_MADE}; --exact builds a full model of each")
 
 
 def _small_strain(cases: Sequence[Case], answers: Sequence[Sequence[Row]]) -> str | None:
-    """Of the deepest answer; None where there is none."""
+    """Return the note on small strain for the deepest result; None without a result."""
     rows = [(row, case) for case, found in zip(cases, answers, strict=True) for row in found if "doi_mm" in row]
     if not rows:
         return None

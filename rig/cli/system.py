@@ -32,9 +32,9 @@ from sim.models.cache import KINDS, CacheEntry, cache_dir, entries, most_bytes, 
 
 HEAD = """# Configuration reference
 
-Every table and key of a configuration file, as `rig config --markdown` writes it. `rig config` prints the same as a
-file to begin with, `rig config KEY` one key or table; with `--config rig.toml` it says what that file sets. An
-unknown key is an error; a key without a default here is absent unless it is given.
+Every table and key of a configuration file. `rig config --markdown` writes this page. `rig config` prints the same as
+a configuration file to start from, and `rig config KEY` prints one key or table. With `--config rig.toml`, it shows
+the values of that file. An unknown key is an error. A key without a default is absent unless you set it.
 """
 
 
@@ -69,7 +69,7 @@ def _named(every: Sequence[Key], name: str | None) -> list[Key]:
         known = dict.fromkeys(word for one in every for word in (one.place if whole else one.name, one.table))
         near = " or ".join(get_close_matches(name, known, n=2)) or "a key or table that `rig config` lists"
         raise BadInputError(
-            "{key}: there is no such key, expected {expected}", code="unknown_key", key=name, expected=near
+            "{key}: there is no such key; use {expected}", code="unknown_key", key=name, expected=near
         )
     return found
 
@@ -98,12 +98,12 @@ def _described(one: Key) -> dict[str, object]:
 
 
 _ABOUT = {
-    "model": "condensed fingers",
-    "node": "builds to interpolate between",
-    "columns": "strain under them, a file for each set of receptors",
-    "skin": "where a skin is highest",
-    "answers": "what fingers said of runs",
-    "sites": "SED under point loads at the source's 24 sites",
+    "model": "condensed finger models",
+    "node": "full builds for interpolation",
+    "columns": "strain responses, one file per set of receptors",
+    "skin": "apex lines of skins",
+    "answers": "simulated responses to runs",
+    "sites": "SED under point loads at the 24 sites of the source",
 }
 
 
@@ -115,11 +115,11 @@ def cache_command(
     ] = 0.0,
     as_json: JsonOption = False,
 ) -> None:
-    """Say what is kept, and with --prune remove what was not read for longest."""
+    """List cached results; with --prune delete the least recently used ones."""
     with told_in_one_line(as_json=as_json):
         if keep_gb and not prune_it:
             raise BadInputError(
-                "{option} {value:g}: says what {needs} leaves, expected {needs} too",
+                "{option} {value:g} requires {needs}; add it",
                 code="needs_option", option="--keep-gb", value=keep_gb, needs="--prune",
             )  # fmt: skip
         limit_gb = most_bytes() / 1e9
@@ -141,9 +141,12 @@ def _print(kept: Sequence[CacheEntry], limit_gb: float) -> None:
     for kind in KINDS:
         them = [entry for entry in kept if entry.kind == kind]
         if them:
-            last = f"read last {_read(them[0]):%Y-%m-%d}, longest ago {_read(them[-1]):%Y-%m-%d}"
+            last = f"read last on {_read(them[0]):%Y-%m-%d}, least recently on {_read(them[-1]):%Y-%m-%d}"
             out.print(f"{kind:<12}{len(them)} files, {_megabytes(them)}: {_ABOUT[kind]}; {last}")
-    out.print(f"in all      {_megabytes(kept)}; beyond {limit_gb:g} GB (RIG_CACHE_GB) what was read longest ago goes")
+    out.print(
+        f"in all      {_megabytes(kept)}; above {limit_gb:g} GB (RIG_CACHE_GB) the least recently read "
+        "entries are deleted"
+    )
 
 
 def _as_json(entry: CacheEntry) -> dict[str, Any]:
@@ -176,7 +179,7 @@ def doctor_command(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Print what a bug report should say."""
+    """Print the contents of a bug report."""
     with told_in_one_line(as_json=as_json):
         found = _examine(config) if bundle is None else _bundled(bundle, load_config(config))
         if as_json:
@@ -191,7 +194,7 @@ def doctor_command(
 
 
 def _bundled(run: Path, settings: Config) -> dict[str, Any]:
-    """Write the file for a bug report beside where the command is given; what is in it, and what is not."""
+    """Write the file for a bug report to the current folder, and return what it contains and leaves out."""
     here = _installation(settings)
     told = {name: here[name] for name in ("python", "versions", "devices", "solver", "protocols")}
     to = Path(bundle_name(run))
@@ -210,7 +213,7 @@ def _examine(config: Path | None) -> dict[str, Any]:
 
 
 def _kinds() -> dict[str, str]:
-    """Those of packages with their packages."""
+    """Return the kinds of devices from packages, with their packages."""
     added = registry.third_party()
     return {
         kind.room: " ".join(
@@ -231,7 +234,7 @@ def _bench(settings: Config) -> dict[str, Any]:
             for name, one in settings.calibration.measured()
         },
         "contact": contact(settings),
-        "last run": left or "clear of the finger, as far as is on record",
+        "last run": left or "clear of the finger, according to the record",
     }
 
 
@@ -267,7 +270,7 @@ def speed_command(
     ),
     as_json: JsonOption = False,
 ) -> None:
-    """Measure every model, element and refinement in a process of its own, and write the page."""
+    """Benchmark every model, element and refinement in its own process, and write the page."""
     with told_in_one_line(as_json=as_json):
         checked_file("--out", page_file)
         start = time.perf_counter()
@@ -294,7 +297,7 @@ def speed_command(
             print_json({"rows": table, "page": str(page_file), "reference_s": unit_s})
         else:
             out.print(f"{page_file}: {len(measured)} candidates, {time.perf_counter() - start:.0f} s")
-            out.print(f"the reference computation: {unit_s:.3f} processor seconds")
+            out.print(f"reference computation: {unit_s:.3f} processor seconds")
 
 
 def _name(found: Measured) -> str:
@@ -313,7 +316,7 @@ def _breakdown(found: Measured) -> dict[str, Any]:
 
 def _calculix(*, quick: bool) -> dict[str, Any]:
     if quick:
-        return {"calculix": None, "no_calculix": "Left out by --quick."}
+        return {"calculix": None, "no_calculix": "skipped with --quick"}
     if not benchmark.available():
-        return {"calculix": None, "no_calculix": "There is no ccx here (Debian: apt-get install calculix-ccx)."}
+        return {"calculix": None, "no_calculix": "ccx is not installed (Debian: apt-get install calculix-ccx)"}
     return {"calculix": asdict(benchmark.compare()), "no_calculix": ""}

@@ -1,4 +1,4 @@
-"""The candidates of a verdict, their likeliest fits, and how good each fit is."""
+"""Candidates of a verdict, their maximum-likelihood fits, and their goodness of fit."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -14,7 +14,7 @@ from rig.compare.verdict import LEVEL
 Array = NDArray[np.float64]
 
 SEEN = 0.8
-"""The probability with which a misfit that counts as detectable is rejected."""
+"""Power at which a misfit counts as detectable."""
 
 _KNOWN = 1e9  # degrees of freedom from which a variance counts as known
 _CERTAIN = 12.0
@@ -112,10 +112,10 @@ def blocks(observed: Observed, folds: int) -> NDArray[np.int64]:
 Flags = NDArray[np.bool_]
 
 DISCREPANCY = 0.5
-"""How far a right measure may be off on a finger that no finger of the ranges quite is, over the spread of these."""
+"""Allowed discrepancy of a true measure on a finger between the simulated ones, relative to the spread of these."""
 
 OF_THE_MESH = 0.02
-"""And how far on another mesh, over the largest rate (docs/statistics.md)."""
+"""Allowed discrepancy between meshes, relative to the largest rate (docs/statistics.md)."""
 
 
 class Fitted(NamedTuple):
@@ -140,7 +140,7 @@ class Candidates:
 
     @property
     def parameters(self) -> int:
-        """Of a candidate's fit."""
+        """Return the parameters of a candidate's fit."""
         return self.form.parameters + self.free
 
     def only(self, chosen: Flags | NDArray[np.int64]) -> "Candidates":

@@ -21,13 +21,13 @@ from sim.models.small_strain import SmallStrain, small_strain
 
 Array = NDArray[np.float64]
 Pair = tuple[int, int]
-"""Numbers of a measure and a receptor."""
+"""Values by measure and receptor."""
 
 COLLINEAR = 0.98
-"""|r| from which two measures are called nearly collinear."""
+"""|r| from which two measures count as nearly collinear."""
 
 NEAR_CENTRE_MM = 0.25
-"""Bars must pass at a receptor this near to x = 0."""
+"""Largest distance from x = 0 (mm) of a receptor at which bars must pass."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Joint:
         return self.explained_by(self.fit)
 
     def explained_by(self, fit: Fit) -> Array:
-        """The same of another fit of every pair."""
+        """Return R² of another fit of every pair."""
         known = ~np.isnan(self.eps)
         y = np.where(known, self.rate[:, None], np.nan)
         with np.errstate(invalid="ignore", divide="ignore"):
@@ -115,7 +115,7 @@ class Comparison:
 
     @property
     def interpolated(self) -> bool:
-        """Whether plausible fingers were not built in full."""
+        """Whether plausible fingers were interpolated."""
         return any(overlay.stimulus.interpolated for overlay in self.overlays)
 
     @property
@@ -132,7 +132,7 @@ class Comparison:
 
     @property
     def judged(self) -> list[Stimulus]:
-        """The stimuli of which there is something to say: a shape test is defined, or there is a recording."""
+        """The stimuli to report: a shape test is defined, or a recording exists."""
         recorded = [overlay.stimulus for overlay in self.overlays]
         return [s for s in self.stimuli if s in recorded or self.passes(s) is not None]
 
@@ -156,7 +156,7 @@ class Comparison:
         return [name for name, passed in zip(MEASURES, np.logical_and.reduce(asked), strict=True) if passed]
 
     def candidates_by_condition(self, threshold: float = THRESHOLD) -> list[tuple[str, list[str]]]:
-        """The same for the stimuli of each condition of a family alone, and for every pair of steps and bars."""
+        """Return the candidates for each condition of a family, and for every pair of steps and bars."""
         steps, bars = ([g for g in self._groups if g[0].family == family] for family in FAMILIES)
         named = [(_conditions(group), group) for group in (*steps, *bars)]
         named += [(f"{_conditions(a)} and {_conditions(b)}", [*a, *b]) for a in steps for b in bars]
@@ -173,7 +173,7 @@ class Comparison:
 
     @cached_property
     def _passed(self) -> dict[tuple[Stimulus, float], Flags | None]:
-        """What the shape test said, each stimulus judged once at each threshold."""
+        """Return the results of the shape test, computed once per stimulus and threshold."""
         return {}
 
     @cached_property
@@ -220,7 +220,7 @@ def _refuse_twins(ordered: Sequence[Stimulus]) -> None:
     for one, other in pairwise(ordered):
         if (_group(one), one.shape) == (_group(other), other.shape):
             raise ComparisonError(
-                "runs {run} and {other}: both hold {held}, expected one of them",
+                "runs {run} and {other} both contain {held}; give only one of them",
                 code="held_twice",
                 run=one.run,
                 other=other.run,
@@ -234,7 +234,7 @@ def _refuse_strays(ordered: Sequence[Stimulus], recordings: Mapping[str, Recordi
     for shape in recordings:
         if shape not in held | conditions:
             raise ComparisonError(
-                "--recorded {shape}: no such shape in the runs, expected one of {held}",
+                "--recorded {shape}: the runs contain no such shape; use one of {held}",
                 code="never_pressed",
                 shape=shape,
                 held=sorted(held),
@@ -284,7 +284,7 @@ def range_needed(overlay: Overlay) -> tuple[float, float]:
 
 
 def left_out_rows(comparison: Comparison) -> list[dict[str, Any]]:
-    """For `--json`: each recording under each stimulus, and what is left out of it at each receptor."""
+    """Return what is left out of each recording at each receptor, for `--json`."""
     return [_row(overlay) for overlay in comparison.overlays]
 
 
@@ -305,7 +305,7 @@ def _row(overlay: Overlay) -> dict[str, Any]:
 
 
 def left_out_lines(comparison: Comparison) -> list[str]:
-    """For people: one line for each recording under a stimulus that does not cover it at every receptor."""
+    """Return a line for each recording that the stimulus does not cover at every receptor."""
     return [_line(overlay) for overlay in comparison.overlays if left_out(overlay).any()]
 
 
@@ -314,10 +314,11 @@ def _line(overlay: Overlay) -> str:
     never, sometimes = missing.all(axis=1), missing.any(axis=1)
     position = overlay.recording.position_mm
     low, high = range_needed(overlay)
-    said = [f"{overlay.stimulus.title}: {sometimes.sum()} of {len(position)} positions of {overlay.recording.name}"]
+    count = f"{sometimes.sum()} of {len(position)} positions"
+    said = [f"{overlay.stimulus.title}: {count} of {overlay.recording.name} are not covered"]
     said.append(f"at some receptors ({_told(position[sometimes & ~never])})" if (sometimes & ~never).any() else "")
-    said.append(f"at every one ({_told(position[never])})" if never.any() else "")
-    return f"{', '.join(filter(None, said))}; a run from {high:g} to {low:g} mm covers them"
+    said.append(f"at all receptors ({_told(position[never])})" if never.any() else "")
+    return f"{', '.join(filter(None, said))}; a run from {high:g} to {low:g} mm would cover them"
 
 
 def _told(position: NDArray[np.float64]) -> str:

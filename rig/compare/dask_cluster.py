@@ -40,12 +40,13 @@ def _told_of(scheduler: str) -> Iterator[None]:
         raise WorkersError("--scheduler {scheduler}: {problem}", code=error.code, **fields) from None
     except (CancelledError, CommClosedError):
         raise WorkersError(
-            "--scheduler {scheduler}: the scheduler has gone", code="scheduler_gone", scheduler=scheduler
+            "--scheduler {scheduler}: the scheduler is no longer reachable; check it and start again",
+            code="scheduler_gone",
+            scheduler=scheduler,
         ) from None
     except KilledWorker:
         raise WorkersError(
-            "--scheduler {scheduler}: the same case was lost with {workers} workers or more; "
-            "have they the memory for it?",
+            "--scheduler {scheduler}: {workers} or more workers were lost on the same case; check their memory",
             code="case_lost",
             scheduler=scheduler,
             workers=_RETRIES,
@@ -56,25 +57,23 @@ def _connected(scheduler: str) -> Any:
     try:
         return Client(scheduler, timeout=_PATIENCE_S)  # type: ignore[no-untyped-call]
     except (OSError, ValueError):
-        raise WorkersError("nobody answers, expected for example tcp://host:8786", code="no_answer") from None
+        raise WorkersError("no scheduler answers; give its address, e.g. tcp://host:8786", code="no_answer") from None
 
 
 def _expect_workers(client: Any) -> None:
     try:
         client.wait_for_workers(1, timeout=_PATIENCE_S)
     except TimeoutError:
-        raise WorkersError(
-            "it has no workers, expected some to have joined by dask worker", code="no_workers"
-        ) from None
+        raise WorkersError("the scheduler has no workers; start some with dask worker", code="no_workers") from None
 
 
 def _expect_same_program(client: Any) -> None:
-    """Of the workers that are there at the start; the digits of another version would not tell themselves apart."""
+    """Refuse workers with another version at the start, since their results would differ unnoticed."""
     expected = program()
     for worker, found in client.run(program, on_error="return").items():
         if found != expected:
             raise WorkersError(
-                "worker {worker} has {found}, expected {expected}",
+                "worker {worker} runs {found}, expected {expected}; install the same version",
                 code="other_program",
                 worker=worker,
                 found=str(found),
@@ -88,7 +87,7 @@ def program() -> str:
 
 
 def _await(future: Any, client: Any) -> None:
-    """Until it is done; not for ever, where all workers have gone."""
+    """Wait for the result, unless all workers have gone."""
     while not future.done():
         try:
             wait([future], timeout=_PATIENCE_S)  # type: ignore[no-untyped-call]

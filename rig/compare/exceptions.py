@@ -1,4 +1,4 @@
-"""What can be wrong with what a comparison is given; apart, so that commands may know of it cheaply."""
+"""Errors of the input to a comparison, in a module that commands can import quickly."""
 
 from rig.errors import RigError
 

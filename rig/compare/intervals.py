@@ -71,7 +71,7 @@ def _ends(eps: Array, saturation: float, observed: Observed, form: Form, limit: 
 
 
 def _more(candidates: Candidates, observed: Observed, fit: Fitted, row: int) -> float:
-    """By how much the discrepancy of fingers is above the noise, on average over what fires; 1 on one finger."""
+    """Return the mean discrepancy of fingers relative to the noise, over firing positions; 1 for one finger."""
     mean = fit.found.mean[row]
     if not candidates.free or not (mean > 0).any():
         return 1.0
@@ -114,7 +114,7 @@ def _slope(above: Array, rate: Array, weight: Array) -> Array:
 
 
 def _crossed(at: Array, room: Array, least: float) -> Limits:
-    """Where room, positive somewhere, is zero first and last, linearly between; `least` or infinite if nowhere."""
+    """Return the ends at which room, linear between positions, crosses zero; `least` or infinity without one."""
     inside = np.flatnonzero(room >= 0)
     first, last = int(inside[0]), int(inside[-1])
     low, high = least, np.inf

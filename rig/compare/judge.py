@@ -1,4 +1,4 @@
-"""From recordings laid over stimuli to an answer: every candidate fitted once to one afferent, tested, predicted."""
+"""Verdicts from recordings: every candidate is fitted once to one afferent, tested, and used for prediction."""
 
 from collections.abc import Sequence
 from itertools import groupby
@@ -61,7 +61,7 @@ class _Named(NamedTuple):
 
     @property
     def title(self) -> str:
-        """As in tables."""
+        """The name of the pair, as in tables."""
         return titled(self.name, self.receptor_mm)
 
 
@@ -93,7 +93,7 @@ class _Judged(NamedTuple):
 
     @property
     def closest(self) -> int:
-        """The likeliest measure."""
+        """Number of the maximum-likelihood measure."""
         return int(np.argmin(np.where(self.measures, self.fit.found.total, np.inf)))
 
 
@@ -218,18 +218,18 @@ def _least_squares_r2(eps: Array, rate: Array) -> float:
 
 
 def _left_out(overlays: Sequence[Overlay], used: Flags) -> tuple[LeftOut, ...]:
-    """What no receptor in play, or not all of them, saw."""
+    """Return the positions that not every receptor in play covers."""
     ends = np.cumsum([len(overlay.recording.position_mm) for overlay in overlays])[:-1]
     found = []
     for overlay, mine in zip(overlays, np.split(used, ends), strict=True):
-        missing = tuple(float(x) for x in overlay.recording.position_mm[~mine])
-        if missing:
-            found.append(LeftOut(overlay.stimulus.title, missing))
+        position_mm, rate = overlay.recording.position_mm[~mine], overlay.recording.rate[~mine]
+        if len(position_mm):
+            found.append(LeftOut(overlay.stimulus.title, tuple(position_mm.tolist()), tuple(rate.tolist())))
     return tuple(found)
 
 
 def _together(judged: _Judged, stimuli: Sequence[str]) -> Together | None:
-    """The likeliest measure on the finger of its joint fit."""
+    """Compare separate fits with the joint fit, for the maximum-likelihood measure on the finger of its joint fit."""
     seen, n = judged.observed, judged.closest
     numbers = np.unique(seen.stimulus)
     if len(numbers) < 2:
@@ -251,7 +251,7 @@ def _together(judged: _Judged, stimuli: Sequence[str]) -> Together | None:
 
 
 def _power(judged: _Judged) -> Power:
-    """Were each control, at its likeliest receptor, the truth."""
+    """Return the power against each control at its best receptor."""
     mimics, total = [], judged.fit.found.total
     measures = np.flatnonzero(judged.measures)
     for name in dict.fromkeys(one.name for one in judged.named if one.control and one.receptor_mm is not None):

@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 FEWEST_REPEATED = 3
-"""Degrees of freedom within positions from which repeats say how large the noise is."""
+"""Degrees of freedom within positions from which the noise is estimated from repeats."""
 
 _HALF_A_SPIKE = 0.5
 _LEAST_NOISE = 1e-6  # of the largest rate: what has no noise at all is fitted, too
@@ -124,7 +124,9 @@ class Observed:
         return dispersion, float((freedom * self.share(self.rate)).sum())
 
     def _between_neighbours(self) -> tuple[float, float]:
-        """From how far each rate is off the line through its neighbours': a profile's curvature counts as noise."""
+        """Estimate noise from the distance of each rate to the line through its neighbors; curvature counts as
+        noise.
+        """
         one = np.arange(1, len(self.rate) - 1)
         one = one[(self.stimulus[one - 1] == self.stimulus[one]) & (self.stimulus[one + 1] == self.stimulus[one])]
         sides = (self.at(one - 1), self.at(one), self.at(one + 1))
@@ -178,14 +180,14 @@ _MOST = 0.96
 
 
 class Form(NamedTuple):
-    """What is asked of the rate model."""
+    """Options of the rate model."""
 
     saturating: bool = False
     silent_at_rest: bool = False
 
     @property
     def parameters(self) -> int:
-        """Of a line."""
+        """Return the number of parameters of a line."""
         return 3 if self.saturating else 2
 
 
@@ -211,7 +213,7 @@ class Likeliest:
 
 
 def likeliest(eps: Array, observed: Observed, form: Form) -> Likeliest:
-    """Of candidates ε (N, p); one that does not vary is a constant rate."""
+    """Return the maximum-likelihood fits of candidates ε (N, p); a constant candidate is a constant rate."""
     none = np.zeros(len(eps))
     found = at_saturation(eps, observed, form, none)
     if not form.saturating:
@@ -271,7 +273,7 @@ def _rates(fit: Fit, saturation: Array, eps: Array) -> Array:
 
 
 def _likelier(one: Likeliest, other: Likeliest) -> Likeliest:
-    """Of each row whichever has the smaller deviance."""
+    """Return, for each row, the fit with the smaller deviance."""
     first = one.total < other.total
     rows = first[:, None]
     return Likeliest(

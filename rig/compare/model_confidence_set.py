@@ -13,10 +13,11 @@ Array = NDArray[np.float64]
 
 DRAWS = 500
 BLOCK = 4
-"""Neighbouring positions that are resampled together: what a model leaves is alike there."""
+"""Length of a block of neighboring positions in the bootstrap; residuals of neighbors are correlated."""
 
 HARDLY = 0.5
-"""A difference in deviance (over the noise, all positions together) that is none: twins stay twins."""
+"""Difference in deviance (relative to the noise, over all positions) that counts as none, for near-identical
+pairs."""
 
 
 def resampled(stimulus: NDArray[np.int64], draws: int = DRAWS) -> Array:

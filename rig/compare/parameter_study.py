@@ -56,7 +56,7 @@ Work = TypeVar("Work", bound=OnAFinger)
 
 
 def interpolated(work: Sequence[Work]) -> list[Work]:
-    """The same, those interpolated where fingers differ in the moduli of dermis and fat alone."""
+    """Return the cases with interpolated fingers where only the moduli of dermis and fat differ."""
     chosen = worth_interpolating([one.finger for one in work])
     return [replace(one, exact=not other) for one, other in zip(work, chosen, strict=True)]
 
@@ -69,7 +69,7 @@ def nodes_to_build(work: Sequence[OnAFinger]) -> list[Node]:
 
 
 _NATIVE_LISTS = ("points", "sections")
-"""Keys of a finger whose values are tables; they are not varied."""
+"""Keys of a finger whose values are tables, which a study cannot vary."""
 
 
 def _one_or_more(value: object) -> object:
@@ -94,20 +94,20 @@ class StudyPress(_Given):
     @model_validator(mode="after")
     def _one_target(self) -> Self:
         if bool(self.doi_mm) == bool(self.force_gwt):
-            raise ValueError("expected either doi_mm or force_gwt")
+            raise ValueError("must contain exactly one of doi_mm and force_gwt")
         if X not in parse_shape(self.shape).placed_by and self.x_mm != (0.0,):
-            raise ValueError(f"shape {self.shape!r}: x_mm means nothing to it, expected none")
+            raise ValueError(f"shape {self.shape!r} has no position along x; remove x_mm")
         return self
 
     @property
     def targets(self) -> list[tuple[str, float]]:
-        """What is commanded, one after the other."""
+        """The commanded depths or forces, in order."""
         kind = "doi_mm" if self.doi_mm else "force_gwt"
         return [(kind, value) for value in self.doi_mm or self.force_gwt]
 
 
 class StudyFile(_Given):
-    """What the TOML holds."""
+    """Contents of the TOML file."""
 
     receptor_depth_mm: _Numbers = Field((DEFAULT_DEPTH_MM,), min_length=1)
     receptor_x_mm: _Numbers = Field(DEFAULT_X_MM, min_length=1)
@@ -131,17 +131,17 @@ class Case:
 
     @property
     def finger(self) -> FingerWithReceptors:
-        """With its receptors."""
+        """The finger with its receptors."""
         return FingerWithReceptors.of(self.config_json, self.receptor_x_mm, self.receptor_depth_mm)
 
     @property
     def stiffening(self) -> float:
-        """Of its tissue."""
+        """Stiffening of the tissue."""
         return FingertipConfig.model_validate_json(self.config_json).tissue.stiffening
 
     @property
     def shapes(self) -> tuple[str, ...]:
-        """By their names."""
+        """The shapes by name."""
         return (self.shape,)
 
 
@@ -237,7 +237,7 @@ def _answers(finger: Fingertip, case: Case, x_mm: float) -> Iterator[Row]:
 
 
 def columns(cases: Sequence[Case]) -> list[str]:
-    """Of the table, in order."""
+    """Return the columns of the table, in order."""
     varied = dict.fromkeys(name for case in cases for name, _ in case.varied)
     pressed = ("receptor_depth_mm", "shape", "target", "value", "x_mm", "problem", "model")
     return [*varied, *pressed, "force_gwt", "doi_mm", "peak_pressure_pseudo", "receptor_x_mm", *MEASURES]

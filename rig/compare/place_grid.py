@@ -17,14 +17,14 @@ Array = NDArray[np.float64]
 Range = tuple[float, float]
 
 X_STEP_MM, DEPTH_STEP_MM = 0.125, 0.15
-"""Of the nodes, at most; places between them are interpolated (docs/validation/comparison.md says how well)."""
+"""Maximum spacing of the nodes (mm); locations between them are interpolated (docs/validation/comparison.md)."""
 
 BELOW_EPIDERMIS_MM = (0.1, 0.7)
-"""Where nothing else is asked for, receptors are sought so far below the epidermis."""
+"""Default range of depths below the epidermis (mm)."""
 
 
 class PlaceRange(NamedTuple):
-    """Where the receptor may be: x, depth below the skin, and the field's centre off the receptor; mm."""
+    """Range of the receptor location: x, depth below the skin, and offset of the field center (mm)."""
 
     x_mm: Range
     depth_mm: Range
@@ -47,19 +47,20 @@ class PlaceRange(NamedTuple):
 
 
 def place_range(x_mm: Range, depth_mm: Range | None, offset_mm: Range | None, config: FingertipConfig) -> PlaceRange:
-    """What is asked for, below the epidermis of this finger. Raises ComparisonError."""
+    """Return the requested range, by default below the epidermis of this finger. Raises ComparisonError."""
     skin = config.tissue.epidermis_mm
     depth = depth_mm or (skin + BELOW_EPIDERMIS_MM[0], skin + BELOW_EPIDERMIS_MM[1])
     _refuse("--depth-range-mm", depth)
     _refuse("--offset-mm", offset_mm or (0.0, 1.0))
     if not x_mm[0] < x_mm[1]:
         raise ComparisonError(
-            "--place: expected receptors at two or more x, between which it is sought", code="one_receptor_x"
+            "--place requires receptors at two or more x, the ends of the search; set --receptor-x-mm",
+            code="one_receptor_x",
         )
     if depth[0] < skin < depth[1]:
         raise ComparisonError(
-            "--depth-range-mm {low_mm:g},{high_mm:g}: the epidermis ends at {epidermis_mm:g} mm, where strains jump; "
-            "expected a range on one side of it",
+            "--depth-range-mm {low_mm:g},{high_mm:g}: the range must not cross the end of the epidermis at "
+            "{epidermis_mm:g} mm, where strains jump",
             code="across_epidermis",
             low_mm=depth[0],
             high_mm=depth[1],
@@ -71,7 +72,7 @@ def place_range(x_mm: Range, depth_mm: Range | None, offset_mm: Range | None, co
 def _refuse(option: str, asked: Range) -> None:
     if not (all(map(math.isfinite, asked)) and asked[0] < asked[1]):
         raise ComparisonError(
-            "{option} {low_mm:g},{high_mm:g}: expected two numbers, the lower one first",
+            "{option} {low_mm:g},{high_mm:g}: must be two numbers in mm, the lower one first",
             code="not_ascending",
             option=option,
             low_mm=asked[0],
@@ -80,7 +81,7 @@ def _refuse(option: str, asked: Range) -> None:
 
 
 def nodes(asked: Range, step: float) -> Array:
-    """From end to end in equal steps, none above `step`."""
+    """Return equally spaced nodes from end to end, with a spacing of at most `step`."""
     low, high = asked
     return np.linspace(low, high, math.ceil((high - low) / step - 1e-9) + 1)
 
@@ -124,7 +125,7 @@ class PlaceRow:
 
     @property
     def fits(self) -> bool:
-        """Whether its own fit does not reject it."""
+        """Whether its fit is not rejected."""
         return self.p_fit >= LEVEL
 
 
@@ -150,7 +151,7 @@ class ReceptorLocation:
 
     @property
     def frame(self) -> str:
-        """What was done about an offset; said wherever rows are shown."""
+        """How the offset was treated; shown with every table of rows."""
         if not self.with_offset:
             return "indentor x = recorded position + receptor x, no offset fitted"
         low, high = map(in_mm, self.asked.offset_mm)
@@ -163,20 +164,20 @@ def in_mm(x: float) -> str:
 
 
 def place_lines(found: Sequence[ReceptorLocation], most: int = 3) -> list[str]:
-    """For people: of each afferent the likeliest measures that fit, or the closest one."""
+    """Return lines for the terminal: the best measures that fit each afferent, or the closest one."""
     return [line for one in found for line in _lines(one, most)]
 
 
 def _lines(found: ReceptorLocation, most: int) -> list[str]:
     fitting = [row for row in found.rows if row.fits][:most]
     rows = fitting or list(found.rows[:1])
-    return [f"{_line(row, found)}{'' if row.fits else '; its fit is rejected'}" for row in rows] + [found.frame]
+    return [f"{_line(row, found)}{'' if row.fits else '; the fit is rejected'}" for row in rows] + [found.frame]
 
 
 def _line(row: PlaceRow, found: ReceptorLocation) -> str:
     said = f"{row.measure}: x {within(row.x_mm, row.x_interval)}, depth {within(row.depth_mm, row.depth_interval)}"
     said += f", offset {within(row.offset_mm, row.offset_interval)}" if found.with_offset else ""
-    return f"{said} mm" + (f"; held by a bound: {', '.join(row.at_bounds)}" if row.at_bounds else "")
+    return f"{said} mm" + (f"; at a limit of the search: {', '.join(row.at_bounds)}" if row.at_bounds else "")
 
 
 def within(value: float, interval: Range) -> str:

@@ -47,14 +47,14 @@ from sim.models.interpolation import FingerWithReceptors, make_node
 Array = NDArray[np.float64]
 
 MOST_FREE = 3
-"""Parameters that may have a range: each triples the number of fingers that are built."""
+"""Maximum number of parameters with a range; each triples the number of simulated fingers."""
 
 _DEPTH = "receptor_depth_mm"
 
 
 def _ascending(limits: tuple[float, float]) -> tuple[float, float]:
     if limits[0] > limits[1]:
-        raise ValueError(f"{list(limits)}, expected the lowest value first")
+        raise ValueError(f"{list(limits)}: must begin with the lowest value")
     return limits
 
 
@@ -72,7 +72,7 @@ class _File(Settings):
 
     @property
     def ranges(self) -> dict[str, Range]:
-        """By dotted name, in one order whatever the file's."""
+        """The ranges by dotted name, in a fixed order."""
         found = {f"geometry.{key}": limits for key, limits in sorted(self.finger.geometry.items())}
         found |= {f"tissue.{key}": limits for key, limits in sorted(self.finger.tissue.items())}
         return found | ({} if self.receptor_depth_mm is None else {_DEPTH: self.receptor_depth_mm})
@@ -101,7 +101,9 @@ class PlausibleFingers:
         return [name for name, (low, high) in self.ranges.items() if low < high]
 
     def values(self, place: Array) -> dict[str, float]:
-        """Of every parameter at a place (free,) in units of the ranges, −1 the lowest and 1 the highest."""
+        """Return the value of every parameter at (free,) coordinates; −1 is the lowest value of a range and 1 the
+        highest.
+        """
         middle = {name: (low + high) / 2 for name, (low, high) in self.ranges.items()}
         half = {name: (self.ranges[name][1] - self.ranges[name][0]) / 2 for name in self.free}
         return middle | {name: middle[name] + half[name] * float(u) for name, u in zip(half, place, strict=True)}
@@ -131,7 +133,7 @@ class PlausibleFingers:
             own = depth_mm if name == _DEPTH else _number(config, name, self.source)
             if not low <= own <= high:
                 raise FingersError(
-                    "{where}: {key}: [{low:g}, {high:g}], expected a range that holds the run's own {own:g}",
+                    "{where}: {key}: the range [{low:g}, {high:g}] must contain the value of the run, {own:g}",
                     code="without_the_own",
                     where=self.source,
                     key=name,
@@ -164,14 +166,14 @@ def read_plausible(path: Path) -> PlausibleFingers:
     found = PlausibleFingers(source, ranges, hashlib.sha256(content).hexdigest())
     if not ranges:
         raise FingersError(
-            "{where}: expected a range in finger.tissue, finger.geometry or {depth}",
+            "{where}: must contain a range in finger.tissue, finger.geometry or {depth}",
             code="no_range",
             where=source,
             depth=_DEPTH,
         )
     if len(found.free) > MOST_FREE:
         raise FingersError(
-            "{where}: {ranges} ranges, expected {most} or fewer",
+            "{where}: {ranges} ranges, at most {most} are allowed",
             code="many_ranges",
             where=source,
             ranges=len(found.free),
@@ -181,7 +183,9 @@ def read_plausible(path: Path) -> PlausibleFingers:
 
 
 def _ranges_of(file: FingerFile) -> dict[str, Range]:
-    """Of a finger that was met: nine tenths of its likely fingers and the likeliest, in what they differ in most."""
+    """Return the ranges of an identified finger: 90 % of its samples and the maximum-likelihood value, for the most
+    uncertain parameters.
+    """
     own = file.finger.tissue
     values = {name: np.array([getattr(draw, name) for draw in file.met.draw]) for name in TISSUE}
     spread = {
@@ -197,7 +201,7 @@ def _number(config: FingertipConfig, name: str, source: str) -> float:
     value = getattr(getattr(config, table), key, None)
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise FingersError(
-            "{where}: finger.{key}: expected a number of a configuration's finger.{table}",
+            "{where}: finger.{key} must be a number in the table finger.{table} of the configuration",
             code="no_number",
             where=source,
             key=name,
@@ -267,14 +271,14 @@ def fit_with_finger(eps: Array, rate: Array, weight: Array | None = None, *, sil
 
 
 class _Rates(NamedTuple):
-    """What is fitted: rates and weights (p,), and whether k > 0 and ε₀ ≥ 0."""
+    """The data of a fit: rates and weights (p,), and whether k > 0 and ε₀ ≥ 0."""
 
     rate: Array
     weight: Array
     silent: bool
 
     def line(self, eps: Array) -> Fit:
-        """Of SSRPs (N, p) that rise with the rate."""
+        """Fit lines to SSRPs (N, p) that rise with the rate."""
         return fit_rates(eps, self.rate, self.weight, sign=1, silent=self.silent)
 
 
@@ -306,7 +310,7 @@ def fit_all_with_finger(eps: Array, rate: Array) -> tuple[Array, Fit]:
 
 
 def _improved(best: FingerFit, eps: Array, rates: _Rates) -> FingerFit:
-    """For SSRPs (N, fingers, p) of k > 0."""
+    """Improve the fits of SSRPs (N, fingers, p) with k > 0."""
     damping = np.full(len(eps), _DAMPING)
     for _ in range(_STEPS):
         place = np.clip(best.place + _step(best, eps, rates, damping), -1, 1)
@@ -383,12 +387,12 @@ class FingerWork:
 
     @property
     def finger(self) -> FingerWithReceptors:
-        """With its receptors."""
+        """The finger with its receptors."""
         return FingerWithReceptors.of(self.config_json, self.receptor_x_mm, self.receptor_depth_mm)
 
     @property
     def shapes(self) -> tuple[str, ...]:
-        """By their names."""
+        """The shapes by name."""
         return tuple(row.indentor for row in self.press_rows)
 
 
@@ -434,14 +438,14 @@ def _work(finger: DesignFinger, receptor_x_mm: tuple[float, ...], press_rows: tu
 
 
 def _all_answers(work: Sequence[FingerWork]) -> dict[str, NDArray[np.generic]]:
-    """For each row by its number (fingers, 18, n, receptors)."""
+    """Return (fingers, 18, n, receptors) responses for each row, by its number."""
     deque(spread(make_node, nodes_to_build(work)), maxlen=0)
     answers = list(spread(measures_on, work))
     return {f"{n}": np.stack(each) for n, each in enumerate(zip(*answers, strict=True))}
 
 
 def measures_on(work: FingerWork) -> list[Array]:
-    """For each row the measures (18, n, receptors) in the signs of `shown`. Raises FingersError."""
+    """Return (18, n, receptors) measures for each row, in the signs of `shown`. Raises FingersError."""
     config = FingertipConfig.model_validate_json(work.config_json)
     try:
         places = {"receptor_x_mm": work.receptor_x_mm, "receptor_depth_mm": work.receptor_depth_mm}
@@ -449,7 +453,7 @@ def measures_on(work: FingerWork) -> list[Array]:
         return [_measures(finger, row) for row in work.press_rows]
     except (ModelRangeError, MeshError, SurfaceError, ReceptorError) as error:
         raise FingersError(
-            "on the finger with {finger}: {problem}", code="not_pressed", finger=work.name, problem=str(error)
+            "plausible finger with {finger}: {problem}", code="not_pressed", finger=work.name, problem=str(error)
         ) from None
 
 

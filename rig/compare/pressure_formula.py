@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 Nodes = Literal["row", "patch"]
 
 FROM_EDGE_MM = 0.35
-"""Places nearer to an edge, two elements, are not what the formula is for."""
+"""Distance from an edge (mm), two elements, within which the formula is not evaluated."""
 
 RESAMPLES, SEED = 2000, 1998
 _COVERED = (2.5, 97.5)

@@ -25,8 +25,8 @@ TABLE: dict[str, tuple[tuple[float, ...], ...]] = {
     "sp1": (_TWO, _TWO, ()), "sp2": ((), (), ()), "sp3": ((), (), ()),
     "sed": (_THREE, _TWO, (-1,)), "mean": ((-1,), (-1,), (-0.5,)), "third": ((), (), ()),
 }  # fmt: skip
-"""Receptors (x in mm) under steps 1, 3 and 5. The source prints +1.5 for e11 under step 1 in a third place, which
-may be a misprint for −1.5; it is in `DOUBTFUL` and added as printed."""
+"""Receptors (x in mm) under steps 1, 3 and 5. The source prints +1.5 for e11 under step 1 in a third place, perhaps a
+misprint for −1.5; it is listed in `DOUBTFUL` and included as printed."""
 
 DOUBTFUL = ("e11", "step:1", 1.5)
 
@@ -59,7 +59,7 @@ class Agreement:
 
 
 def source_flags(receptor_mm: NDArray[np.float64]) -> Flags:
-    """(18, 3, receptors) what the table says at receptors (n,) mm."""
+    """Return (18, 3, receptors) flags of the table at receptors (n,) mm."""
     flags = np.zeros((len(MEASURES), len(SHAPES), len(receptor_mm)), dtype=bool)
     for m, measure in enumerate(MEASURES):
         for k, receptors in enumerate(TABLE.get(measure, ())):  # () of one that the source does not have

@@ -45,7 +45,7 @@ from sim.models.fingertip import Fingertip
 
 Array = NDArray[np.float64]
 Deviance = Callable[[Array], Array]
-"""(n,) of places (n, 3): x, depth and offset in mm."""
+"""(n,) values at locations (n, 3): x, depth and offset (mm)."""
 
 _AROUND = np.linspace(-1.0, 1.0, 5)
 _STARTS, _ROUNDS, _SHRUNK, _FINE_MM = 4, 60, 0.4, 1e-3
@@ -176,7 +176,7 @@ def _sphere() -> Array:
 
 
 _STEPS_MM = np.array([0.05, 0.15, 0.05])
-"""Of the first grid in x, depth and offset: profiles change within a tenth of a millimetre."""
+"""Spacing of the first grid in x, depth and offset (mm); profiles change within 0.1 mm."""
 
 _BLOCK = 400  # places that are fitted at once
 
@@ -214,7 +214,9 @@ def _at(overlay: Overlay, measure: int, offset_mm: Array) -> Array:
 def whereabouts(
     overlays: Sequence[Overlay], where: PlaceRange, form: Form, measures: Sequence[str] = MEASURES
 ) -> ReceptorLocation | None:
-    """Of one afferent, from recordings over stimuli with receptors at every node; None with too few positions."""
+    """Locate the receptor of one afferent from recordings over stimuli with receptors at every node; None with too
+    few positions.
+    """
     seen = _seen(overlays, where)
     if seen is None:
         return None
@@ -314,7 +316,7 @@ _SAME_MM = 1e-9
 
 
 class Sought(NamedTuple):
-    """Ranges in mm that are asked for; None: the usual depths, and no offset."""
+    """Requested ranges in mm; None: the default depths, and no offset."""
 
     x_mm: Range
     depth_mm: Range | None = None

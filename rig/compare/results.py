@@ -24,7 +24,7 @@ Row = dict[str, Any]
 
 
 def as_json(comparison: Comparison, report: str) -> dict[str, Any]:
-    """What `rig compare --json` prints. k and ε₀ are in the signs in which profiles are shown."""
+    """Return the JSON of `rig compare --json`; k and ε₀ are in the signs in which profiles are shown."""
     return {
         "rows": [row for stimulus in comparison.stimuli for row in _rows(comparison, stimulus)],
         "candidates": comparison.candidates(),
@@ -38,7 +38,7 @@ def as_json(comparison: Comparison, report: str) -> dict[str, Any]:
 
 
 def _rows(comparison: Comparison, stimulus: Stimulus) -> list[dict[str, Any]]:
-    """One for each measure and receptor; what is not defined is None."""
+    """Return a row per measure and receptor; undefined values are None."""
     passed = comparison.passes(stimulus)
     overlay = next((p for p in comparison.overlays if p.stimulus is stimulus), None)
     fit = fit_all(overlay.eps, overlay.recording.rate) if overlay else None
@@ -62,7 +62,7 @@ def _rows(comparison: Comparison, stimulus: Stimulus) -> list[dict[str, Any]]:
 
 
 def fingers_as_json(comparison: Comparison) -> dict[str, Any]:
-    """What `rig compare --json` prints besides when fingers are stated; nothing without."""
+    """Return the JSON for plausible fingers; nothing without ranges."""
     plausible = comparison.plausible
     if plausible is None:
         return {}
@@ -148,7 +148,7 @@ def chance_row(joint: Joint) -> dict[str, Any]:
 
 
 def threshold_rows(comparison: Comparison) -> list[dict[str, Any]]:
-    """For each threshold how many of the 18 × receptors pass under each stimulus, and the candidates."""
+    """Return, for each threshold, the number of passing receptors under each stimulus, and the candidates."""
     judged = [stimulus for stimulus in comparison.stimuli if comparison.passes(stimulus) is not None]
     return [
         {
@@ -171,7 +171,7 @@ def number(value: float) -> float | None:
 
 
 def answers_as_json(found: Sequence[AfferentVerdict]) -> list[dict[str, Any]]:
-    """One for each afferent; the same rows as on the page, likeliest first."""
+    """Return a verdict per afferent, with the rows of the page in order of likelihood."""
     return [_as_json(answer) for answer in found]
 
 

@@ -21,10 +21,10 @@ Flags = NDArray[np.bool_]
 Judged = tuple[Flags, dict[str, Array]]
 
 THRESHOLD = 0.05
-"""A dip smaller than this part of the peak (steps) or of the range (bars) does not count."""
+"""Smallest dip that counts, as a share of the peak (steps) or of the range (bars)."""
 
 THRESHOLDS = (0.02, 0.03, 0.05, 0.08, 0.10, 0.15)
-"""Those for which verdicts are shown beside the default."""
+"""Thresholds for which verdicts are shown beside the default."""
 
 _RECOVERED = 0.5
 _FEWEST_POSITIONS = 5
@@ -105,7 +105,7 @@ def _prominences(profile: Array) -> Array:
 DRAWS = 1000
 SEED = 52
 NEAR_CENTRE_MM = 0.25
-"""Bars must pass at a receptor this near to x = 0, as of a candidate."""
+"""Largest distance from x = 0 (mm) of a receptor at which bars must pass, as for a candidate."""
 
 
 class ShapePositions(NamedTuple):
@@ -192,7 +192,7 @@ def candidates_by_chance(
 
 
 def chance_rows(stimuli: Sequence[Stimulus]) -> list[dict[str, Any]]:
-    """For `--json`: of each stimulus with a shape test, what random profiles as smooth as its own pass."""
+    """Return the share of random profiles, as smooth as its own, that pass, for each stimulus with a shape test."""
     rows = []
     for stimulus in stimuli:
         if shape_flags(stimulus.indentor, stimulus.x_mm, stimulus.x_mm) is None:

@@ -32,7 +32,7 @@ from sim.units import PSEUDO_E_EPIDERMIS
 Array = NDArray[np.float64]
 
 CONTROLS = ("skin pressure", "skin displacement", "indentor curvature", "half-space strain")
-"""Pseudo-units, mm downwards, 1/mm (convex is positive), the maximum compressive strain as a magnitude."""
+"""Units: pseudo-units, mm downwards, 1/mm (convex positive), magnitude of the maximum compressive strain."""
 
 _ACROSS_MM = 0.17  # the spacing of schedules: over it a corner's curvature is averaged
 _POISSON = 0.48
@@ -82,7 +82,7 @@ def _curvature(result: IndentationResult) -> Array:
 
 
 FAMILIES = ("step", "bar")
-"""Shapes that are judged together."""
+"""Shapes that are compared together."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +133,7 @@ class Stimulus:
 
     @property
     def condition(self) -> str:
-        """What was commanded, e.g. "2.33 gwt"."""
+        """The commanded force or depth, e.g. "2.33 gwt"."""
         return f"{self.commanded:g} " + {"doi_mm": "mm", "force_gwt": "gwt"}[self.kind]
 
     @property
@@ -274,13 +274,13 @@ def contact_regions(results: Sequence[IndentationResult]) -> Array:
 
 
 def responses_key(run: Run, finger: Fingertip) -> str:
-    """Of what the model says to a run."""
+    """Return the cache key for a run's simulated responses."""
     journal = hashlib.sha256(run.folder.events.read_bytes()).hexdigest()
     return answers_key(finger, [_CACHED_AS, journal])
 
 
 def answers_key(finger: Fingertip, asked: object) -> str:
-    """Of what a model says to anything: it hangs on the finger, its receptors and the simulator's code."""
+    """Return the cache key of a model's responses, from the finger, its receptors and the simulator's code."""
     receptors = finger.model.receptors
     what = [asked, simulator_code(), finger.config.model_dump(mode="json"), finger.e_epidermis_mpa]
     return content_key([*what, receptors.position_mm.tolist(), receptors.depths_mm.tolist()])

@@ -1,4 +1,4 @@
-"""What the recording of one afferent says of the measures: the object that table, sentence and JSON are made from."""
+"""Verdict on the measures from the recording of one afferent; table, sentence and JSON are derived from it."""
 
 import math
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ Limits = tuple[float, float]
 Outcome = Literal["explained", "not beyond controls", "nothing"]
 
 LEVEL = 0.05
-"""Below this p a fit is rejected, and a pair is outside the model confidence set. No correction for many pairs."""
+"""p below which a fit is rejected, and a pair leaves the model confidence set. Not corrected for many pairs."""
 
 A_CONSTANT = "a constant rate"
 
@@ -80,7 +80,7 @@ class PairRow:
 
     @property
     def in_set(self) -> bool:
-        """Whether it fits, and no other pair is known to be better."""
+        """Whether the pair fits, and no other pair is known to be better."""
         return self.fits and self.p_set >= LEVEL
 
     @property
@@ -90,10 +90,11 @@ class PairRow:
 
 
 class LeftOut(NamedTuple):
-    """Recorded positions (mm) of one stimulus that nothing is said of, since a receptor in play does not see them."""
+    """Recorded positions of one stimulus that are not used, since not every receptor covers them, and their rates."""
 
     stimulus: str
     position_mm: tuple[float, ...]
+    rate: tuple[float, ...] = ()
 
 
 class Mimic(NamedTuple):
@@ -105,14 +106,14 @@ class Mimic(NamedTuple):
 
 
 class Power(NamedTuple):
-    """What the fit test can see: the rms misfit, over the largest rate, that it rejects in 80 % of recordings."""
+    """Power of the fit test: the rms misfit, relative to the largest rate, that it rejects in 80 % of recordings."""
 
     detectable: float
     mimics: tuple[Mimic, ...]
 
 
 class Separate(NamedTuple):
-    """The likeliest pair fitted to one stimulus alone, and how well the other stimuli predict this one."""
+    """The maximum-likelihood pair fitted to one stimulus alone, and how well the other stimuli predict this one."""
 
     stimulus: str
     k: float
@@ -160,7 +161,7 @@ class AfferentVerdict:
 
     @property
     def controls(self) -> list[PairRow]:
-        """What a measure has to beat."""
+        """The controls, which a measure must beat."""
         return [row for row in self.rows if row.control]
 
     @property
@@ -182,22 +183,22 @@ class AfferentVerdict:
 
     @property
     def closest(self) -> PairRow:
-        """The likeliest measure, whether it fits or not."""
+        """The maximum-likelihood measure, whether it fits or not."""
         return self.measures[0]
 
     @property
     def headline(self) -> PairRow | None:
-        """The likeliest of the set."""
+        """The maximum-likelihood pair of the set."""
         return next(iter(self.set), None)
 
     @property
     def next(self) -> PairRow | None:
-        """The likeliest measure outside the set."""
+        """The maximum-likelihood measure outside the set."""
         return next((row for row in self.measures if not row.in_set), None)
 
     @property
     def worse_by(self) -> float:
-        """By how much the next pair's deviance is above the headline's, over the dispersion; NaN without both."""
+        """Deviance of the next pair minus that of the headline, relative to the dispersion; NaN without both."""
         first, second = self.headline, self.next
         return np.nan if first is None or second is None else second.deviance - first.deviance
 

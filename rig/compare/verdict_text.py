@@ -10,36 +10,37 @@ from rig.compare.verdict import LEVEL, AfferentVerdict, Mimic, PairRow, in_mm
 from sim.measures.measures import MEASURES
 
 FROM = {
-    "repeats": "from repeated presses",
-    "sd": "as given with the rates",
-    "neighbours": "from differences between neighbouring positions, for want of repeats",
+    "repeats": "estimated from repeated presses",
+    "sd": "given with the rates",
+    "neighbours": "estimated from differences between neighboring positions, since there are no repeats",
 }
 
 
 def sentence(answer: AfferentVerdict) -> str:
-    """What the recording says, in one line."""
+    """Return the verdict in one sentence."""
     best = answer.headline
     if best is None:
         row = answer.closest
         return (
-            "No measure explains this recording within its noise: the closest, "
-            f"{row.title}, {_why_not(row)}, though {_explains(row)}."
+            f"No measure explains this recording within its noise. The closest, {row.title}, {_why_not(row)}, "
+            f"although {_explains(row)}."
         )
     among = listed(answer.set)
     if answer.outcome == "not beyond controls":
         return (
-            f"No measure is shown to explain this recording: {among} cannot be told from "
-            f"{listed(answer.controls_in_set)}, and a measure that does not beat a control explains nothing."
+            f"No measure is shown to explain this recording: {among} cannot be distinguished from "
+            f"{listed(answer.controls_in_set)}. A measure that does not beat a control explains nothing."
         )
     if len(answer.set) == 1:
-        return f"{best.title} explains this recording, and nothing else that was tried does: {_explains(best)}."
-    return f"This recording is explained by {among}, which it cannot tell apart; the likeliest is {best.title}" + (
-        f": {_explains(best)}."
+        return f"{best.title} explains this recording, and none of the other pairs does: {_explains(best)}."
+    return (
+        f"Several pairs explain this recording and cannot be distinguished by it: {among}. "
+        f"The maximum-likelihood pair is {best.title}: {_explains(best)}."
     )
 
 
 def sentences(answer: AfferentVerdict) -> list[str]:
-    """What goes with it, in the order of its weight."""
+    """Return further sentences, most important first."""
     said = [
         _next(answer),
         _controls(answer),
@@ -74,12 +75,12 @@ def _and(words: Sequence[str]) -> str:
 
 
 def _explains(row: PairRow) -> str:
-    return f"it predicts {percent(row.left_out)} of the deviance of what it was not fitted to"
+    return f"it predicts {percent(row.left_out)} of the held-out deviance"
 
 
 def _why_not(row: PairRow) -> str:
     if not row.fits:
-        return f"is rejected by its own lack of fit ({probability(row.p_fit)})"
+        return f"is rejected by its lack of fit ({probability(row.p_fit)})"
     return f"is worse than a control ({probability(row.p_set)})"
 
 
@@ -88,13 +89,15 @@ def _next(answer: AfferentVerdict) -> str:
     if answer.headline is None:
         return ""
     if row is None:
-        return "No pair of a measure and a receptor can be excluded: this recording says little."
-    why = "its fit is rejected" if not row.fits else "it is not in the model confidence set"
+        return (
+            "No pair of a measure and a receptor can be excluded; the recording does not discriminate between them."
+        )
+    why = "its fit is rejected" if not row.fits else "it is outside the model confidence set"
     by = probability(row.p_fit if not row.fits else row.p_set)
     more = f"{answer.worse_by:.1f}".replace("-", "−")
     return (
-        f"The next pair, {row.title}, has a deviance larger by {more} times the noise, and {why} ({by}); of what was "
-        f"left out it predicts {percent(row.left_out)}."
+        f"The next pair is {row.title}. Its deviance is larger by {more} times the noise, and {why} ({by}); "
+        f"it predicts {percent(row.left_out)} of the held-out deviance."
     )
 
 
@@ -102,32 +105,38 @@ def _controls(answer: AfferentVerdict) -> str:
     if not answer.controls:
         return ""
     best = max(answer.controls, key=lambda row: -np.inf if np.isnan(row.left_out) else row.left_out)
-    inside = f"in the set: {listed(answer.controls_in_set)}" if answer.controls_in_set else "none in the set"
+    inside = (
+        f"Controls in the set: {listed(answer.controls_in_set)}"
+        if answer.controls_in_set
+        else "No control is in the set"
+    )
     share = percent(best.left_out)
-    return f"Of the controls {inside}; the best of them, {best.title}, predicts {share} of what was left out."
+    return f"{inside}. The best control, {best.title}, predicts {share} of the held-out deviance."
 
 
 def _ceiling(answer: AfferentVerdict) -> str:
     if answer.ceiling_from == "repeats":
-        return f"By its repeats {percent(answer.ceiling)} of the recording's variance can be explained at all."
+        return f"Its repeats limit the explainable share of the recording's variance to {percent(answer.ceiling)}."
     return (
-        f"At most {percent(answer.ceiling)} of the recording's variance can be explained: so much of what was left "
-        "out the best monotone function of any candidate predicts."
+        f"The explainable share of the recording's variance is at most {percent(answer.ceiling)}: the best "
+        "monotone function of any candidate predicts this share of the held-out data."
     )
 
 
 def _powers(answer: AfferentVerdict) -> list[str]:
-    """What the noise hides."""
+    """Return what the noise hides."""
     seen = percent(answer.power.detectable)
-    found = [f"A misfit of {seen} of the largest rate (rms) would be seen in {percent(SEEN)} of such recordings."]
+    found = [
+        (f"A misfit of {seen} of the largest rate (rms) would be detected in {percent(SEEN)} of such recordings.")
+    ]
     blind = [one for one in answer.power.mimics if one.probability < SEEN]
     return found + [_blind(one) for one in blind]
 
 
 def _blind(one: Mimic) -> str:
     return (
-        f"Were {one.control} the truth, {one.pair} would imitate it, and be rejected with a probability of "
-        f"{one.probability:.2f} only."
+        f"If {one.control} were true, {one.pair} would imitate it and be rejected with a probability of only "
+        f"{one.probability:.2f}."
     )
 
 
@@ -137,8 +146,8 @@ def _together(answer: AfferentVerdict) -> str:
         return ""
     differ = "differ" if found.p < LEVEL else "do not differ"
     return (
-        f"Fitted to each of {len(found.separate)} stimuli alone, k and ε₀ of {answer.closest.title} {differ} "
-        f"from the one fit of all ({probability(found.p)})."
+        f"Fitted separately to each of {len(found.separate)} stimuli, k and ε₀ of {answer.closest.title} "
+        f"{differ} from the joint fit ({probability(found.p)})."
     )
 
 
@@ -147,11 +156,11 @@ def _positions(answer: AfferentVerdict) -> str:
     if not answer.left_out:
         return f"All {used} recorded positions are used."
     missing = "; ".join(f"{one.stimulus}: {', '.join(map(in_mm, one.position_mm))} mm" for one in answer.left_out)
-    return f"{used} of {answer.recorded} recorded positions are used; not every receptor in play saw {missing}."
+    return f"{used} of {answer.recorded} recorded positions are used; not every receptor covers {missing}."
 
 
 def methods(answer: AfferentVerdict) -> str:
-    """What was done, on what, and what came out."""
+    """Return a paragraph on data, methods and result."""
     return " ".join(
         [
             _data(answer),
@@ -169,9 +178,10 @@ def _data(answer: AfferentVerdict) -> str:
     names = dict.fromkeys(row.name for row in answer.controls)
     places = len({row.receptor_mm for row in answer.measures})
     return (
-        f"Responses to {', '.join(answer.stimuli)} were compared with {len(MEASURES)} measures of stress and strain, "
-        f"and with controls ({', '.join(names)}), at {places} receptors in a finite-element model of the fingertip, "
-        f"over {len(answer.places.rate)} of {answer.recorded} recorded positions, the same for all."
+        f"Responses to {', '.join(answer.stimuli)} were compared with {len(MEASURES)} measures of stress and "
+        f"strain, and with controls ({', '.join(names)}), at {places} receptors in a finite-element model of "
+        f"the fingertip. All pairs were compared over the same {len(answer.places.rate)} of {answer.recorded} "
+        "recorded positions."
     )
 
 
@@ -201,24 +211,29 @@ def _test(answer: AfferentVerdict) -> str:
 
 def _set(answer: AfferentVerdict) -> str:
     return (
-        f"Pairs that were not rejected were kept if they were in the {percent(1 - LEVEL)} model confidence set "
-        f"(Hansen, Lunde & Nason 2011; range statistic, {DRAWS} draws of blocks of {BLOCK} neighbouring "
-        f"positions; differences in deviance below {HARDLY:g} count as none)."
+        f"Pairs that were not rejected were retained if they were in the {percent(1 - LEVEL)} model "
+        f"confidence set (Hansen, Lunde & Nason 2011; range statistic, {DRAWS} draws of blocks of {BLOCK} "
+        f"neighboring positions; differences in deviance below {HARDLY:g} count as none)."
     )
 
 
 def _prediction(answer: AfferentVerdict) -> str:
     out = "each stimulus in turn" if answer.together else f"each of {BLOCKS} blocks of positions in turn"
-    return f"Prediction was judged by leaving out {out}, as the share of the deviance about the mean of the rest."
+    return (
+        f"Prediction was assessed by leaving out {out}, as the explained share of the deviance about the "
+        "mean of the remaining data."
+    )
 
 
 def _fingers(answer: AfferentVerdict) -> list[str]:
     if answer.fingers == 1:
         return []
     return [
-        f"The finger's uncertain parameters were fitted with each pair, between {answer.fingers} simulated fingers, "
-        f"and the test allowed for a discrepancy of {percent(DISCREPANCY)} of the spread between these and of "
-        f"{percent(OF_THE_MESH)} of the largest rate."
+        (
+            f"The finger's uncertain parameters were fitted with each pair, among {answer.fingers} simulated "
+            f"fingers. The test allowed for a discrepancy of {percent(DISCREPANCY)} of the spread between these "
+            f"fingers and of {percent(OF_THE_MESH)} of the largest rate."
+        )
     ]
 
 
@@ -227,12 +242,14 @@ def _result(answer: AfferentVerdict) -> str:
     if best is None:
         row = answer.closest
         return (
-            f"No pair was kept; the closest, {row.title}, had F = {row.lack_of_fit:.2f} ({probability(row.p_fit)})."
+            f"No pair was retained; the closest, {row.title}, had F = {row.lack_of_fit:.2f} "
+            f"({probability(row.p_fit)})."
         )
     ratio = f"F = {best.lack_of_fit:.2f}, {probability(best.p_fit)}"
     control = f", and {len(answer.controls_in_set)} of the controls" if answer.controls_in_set else ""
     fitted = f"k = {best.k:.3g}, ε₀ = {best.eps0:.3g}"
     return (
-        f"{size} of {len(answer.measures)} pairs were kept{control}; the likeliest, {best.title} ({fitted}), had "
-        f"{ratio} and predicted {percent(best.left_out)} of what was left out."
+        f"{size} of {len(answer.measures)} pairs were retained{control}; the maximum-likelihood pair, "
+        f"{best.title} ({fitted}), had {ratio} and predicted {percent(best.left_out)} of the held-out "
+        "deviance."
     )

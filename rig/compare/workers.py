@@ -33,7 +33,10 @@ def spread(
     try:
         from rig.compare.dask_cluster import over_cluster
     except ImportError:
-        needed = "--scheduler: needs dask.distributed, expected pip install 'indentation-rig[cluster]'"
+        needed = (
+            "--scheduler requires the package dask.distributed; install it with pip install "
+            "'indentation-rig[cluster]'"
+        )
         raise WorkersError(needed, code="dask_missing") from None
     yield from over_cluster(alone, items, scheduler)
 
@@ -45,7 +48,8 @@ def _over_processes(
         yield from in_processes(function, items, processes)
     except BrokenProcessPool:
         raise WorkersError(
-            "a worker process was killed; is there memory for fewer only (--processes)?", code="process_killed"
+            "a worker process was killed, perhaps for lack of memory; try fewer processes (--processes)",
+            code="process_killed",
         ) from None
 
 

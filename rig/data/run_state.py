@@ -279,7 +279,7 @@ class Placed(NamedTuple):
 class Heard(NamedTuple):
     """The last that a device said of itself, and when."""
 
-    word: str = "not heard of"
+    word: str = "no data"
     unix_s: float | None = None
 
 

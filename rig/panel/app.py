@@ -76,7 +76,7 @@ class _Events:
             await Response()(scope, receive, send)
             return
         if outlet.full:
-            words = f"{MOST_STREAMS} pages look on already: close one of them"
+            words = f"{MOST_STREAMS} pages already monitor the rig; close one of them"
             await PlainTextResponse(words, 503)(scope, receive, send)
             return
         tabs.opened(tab)
@@ -124,7 +124,7 @@ class Panel:
         return f"http://{HOST}:{self.port}/#token={self._token}"
 
     def serve(self) -> None:
-        """Until Ctrl-C, another signal that asks for it, or `end`; the bench is left then."""
+        """Serve until Ctrl-C, another terminating signal, or `end`; manual control then ends."""
         try:
             with quick_switches(), contextlib.suppress(KeyboardInterrupt):  # where signals do not come to the loop
                 asyncio.run(self._serve())
@@ -135,7 +135,7 @@ class Panel:
             self._bench.forget()
 
     def end(self) -> None:
-        """From any thread."""
+        """End the server; may be called from any thread."""
         self._server.should_exit = True
 
     async def _serve(self) -> None:
@@ -178,7 +178,7 @@ class _Server(uvicorn.Server):
 
 
 def _quiet(app: object) -> uvicorn.Config:
-    """No log of what is asked, no header that says who serves; nothing that is not needed on loopback."""
+    """Disable access logs and the server header."""
     return uvicorn.Config(
         app,  # type: ignore[arg-type]
         loop="asyncio",

@@ -1,4 +1,4 @@
-"""Draw the section of the finger and the indentor for a page, in a process of its own."""
+"""Draw the section of the finger and the indentor for a page, in a separate process."""
 
 import asyncio
 import contextlib
@@ -57,12 +57,12 @@ class Job:
 
 
 PATIENCE_S = 120.0
-"""A larger patch takes a minute on a busy machine; what takes longer is not waited for."""
+"""Longest wait for a drawing (s); a larger patch takes a minute on a busy machine."""
 _GIVES_WAY = 10
-"""To whoever moves something, and to the model that they wait for."""
+"""Nice value of the drawing process, so that it yields to motion and to the model behind it."""
 
 DrawingAnswer = dict[str, Any]
-"""Of `section`, with `prediction` where there is a press, or a `problem`."""
+"""Draws `section`, with `prediction` for a press, or returns a `problem`."""
 
 
 class DrawingError(RigError):
@@ -80,7 +80,7 @@ class DrawingProcess:
         self._changing = threading.Lock()
 
     def ask(self, job: Job) -> DrawingAnswer:
-        """Waits for it. Raises DrawingError; what cannot be drawn is a `problem` in it."""
+        """Wait for a drawing. Raises DrawingError; a section that cannot be drawn is a `problem` in the answer."""
         try:
             near = self._begun()
             near.send(job)
@@ -88,9 +88,11 @@ class DrawingProcess:
                 return near.recv()
         except (EOFError, OSError):
             self.close()
-            raise DrawingError("the process that draws has ended", code="process_ended") from None
+            raise DrawingError("the drawing process ended; reload the page", code="process_ended") from None
         self.close()
-        raise DrawingError("not drawn within {within_s:g} s", code="too_slow", within_s=PATIENCE_S)
+        raise DrawingError(
+            "the drawing was not ready within {within_s:g} s; reload the page", code="too_slow", within_s=PATIENCE_S
+        )
 
     def close(self) -> None:
         """End it."""
@@ -128,7 +130,7 @@ NO_CURVE: DrawingAnswer = {"doi_mm": None, "force_gwt": None}
 
 
 class Drawer:
-    """Has drawn what `wanted` says; what was wanted meanwhile and is no more, is never drawn."""
+    """Draws the latest requested section; superseded requests are dropped."""
 
     def __init__(self, wanted: Callable[[], Job | None], outlet: Outlet, clock: Clock) -> None:
         self._wanted, self._outlet, self._clock = wanted, outlet, clock
@@ -138,13 +140,13 @@ class Drawer:
         self._told_of: Job | None = None
 
     async def look_on(self) -> None:
-        """Until it is cancelled."""
+        """Draw until cancelled."""
         while True:
             await self.look()
             await asyncio.sleep(_LOOK_S)
 
     async def look(self) -> None:
-        """Have drawn what is not: finger and indentor first, since what is solved takes longer."""
+        """Draw the missing parts: finger and indentor first, since solving takes longer."""
         job = self._wanted()
         if job != self._told_of:
             self._told_of = job
@@ -192,7 +194,7 @@ Array = NDArray[np.float64]
 Line = list[list[float]]
 
 HIGHEST_MM = 2.0
-"""Above its lowest point no more of an indentor is drawn."""
+"""Height above the lowest point (mm) up to which an indentor is drawn."""
 _REACH_MM, _STEP_MM = 8.0, 0.02
 _ANGLES = 181
 _DIGITS = 4
@@ -212,7 +214,7 @@ def finger_outlines(
 
 
 def _nail(config: FingertipConfig, surface: FingertipSurface, z_mm: float, apex_mm: float) -> Line:
-    """Where the skin is held still; nothing where the section has no nail."""
+    """Return the fixed part of the skin; nothing if the section has no nail."""
     if z_mm < config.tissue.nail_from_z_mm or config.tissue.nail_arc_deg <= 0:
         return []
     half = math.radians(0.5 * config.tissue.nail_arc_deg)
@@ -237,7 +239,7 @@ def indentor_outline(indentor: Indentor) -> Line:
 
 
 def points(x: Array, z: Array) -> Line:
-    """As a page takes them."""
+    """Return points in the format of the page."""
     return np.round(np.stack([x, z], axis=1), _DIGITS).tolist()
 
 
@@ -246,7 +248,7 @@ NONE: dict[str, Any] = {"doi_mm": None, "force_gwt": None}
 
 
 def foreseen(finger: Fingertip, shape: Indentor, press: PressSummary) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Of `prediction` the curve up to the target, of `section` skin and contact there; empty where there is none."""
+    """Return the predicted curve up to the target, with skin and contact at it; empty without a prediction."""
     try:
         x_mm, ways = shape.lateral_mm(press.x_mm), finger.keeping_ways()
         last = ways.indent(shape, x_mm, **{press.target: press.value})  # type: ignore[arg-type]
@@ -271,7 +273,7 @@ Drawing = dict[str, Any]
 
 
 def drawn(job: Job) -> Drawing:
-    """The section of a job, with `prediction` where it has a press; what cannot be had is told in `problem`."""
+    """Return the section of a job, with `prediction` for a press; a failure is in `problem`."""
     try:
         config = _finger_config(job.config, _written_ns(job.config))
         told = _still(config, job)

@@ -19,7 +19,7 @@ PAGE_POLICY = (
 FILE_POLICY = (
     "sandbox; default-src 'none'; img-src data:; style-src 'unsafe-inline'; font-src data:; frame-ancestors 'none'"
 )
-"""What a run's own files may do where they are shown: be looked at."""
+"""Content security policy of a run's own files: a browser may only display them."""
 
 _HEADERS = {
     "cache-control": "no-store",
@@ -34,7 +34,7 @@ _SHOWS = ("GET", "HEAD")
 
 
 class Gate:
-    """Stands before everything that is served, and says in every answer what a browser may do with it."""
+    """Middleware that checks every request, and sets security headers on every response."""
 
     def __init__(self, app: ASGIApp, port: int, token: str) -> None:
         self._app, self._token = app, token
@@ -61,20 +61,22 @@ class Gate:
         """Why it is not let in: a code, and a line."""
         hosts, origins = headers.getlist("host"), headers.getlist("origin")
         if len(hosts) != 1 or hosts[0].lower() not in self._hosts:
-            return "foreign_host", f"host: expected {' or '.join(self._hosts)}"
+            return "foreign_host", f"host: must be {' or '.join(self._hosts)}"
         own = f"http://{hosts[0].lower()}"
         if method in _SHOWS:
             here = origins in ([], [own]) and _from_here(headers)
-            return None if here else ("foreign_page", "asked for by another page")
+            return (
+                None if here else ("foreign_page", ("the request comes from another page; use the panel's own page"))
+            )
         if origins != [own]:
-            return "foreign_origin", f"origin: expected {own}"
+            return "foreign_origin", f"origin: must be {own}"
         tokens = headers.getlist(TOKEN_HEADER)
         if len(tokens) != 1 or not secrets.compare_digest(tokens[0].encode(), self._token.encode()):
-            return "wrong_token", "token: expected the one that rig panel printed"
+            return "wrong_token", "token: must be the one that rig panel printed; open the address that it printed"
         return None
 
 
 def _from_here(headers: Headers) -> bool:
-    """By what browsers say of whoever asks; a link that somebody followed leads here from anywhere."""
+    """Return whether the request comes from this page or a followed link, by the headers of the browser."""
     site, mode = headers.get("sec-fetch-site", "none"), headers.get("sec-fetch-mode", "")
     return site in ("none", "same-origin") or mode == "navigate"

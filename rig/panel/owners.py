@@ -16,7 +16,7 @@ from rig.control.client import ControlError, RefusedError
 from rig.errors import RigError
 
 STOP_S = 3.0
-"""How long an owner is listened to after a stop, which went at once: drives say when they stand."""
+"""Time (s) for which the panel polls an owner after a stop, until the drives report that they stand."""
 
 
 class Owner(Protocol):
@@ -40,7 +40,7 @@ class Owner(Protocol):
         ...
 
     def say_stop(self) -> Callable[[float], dict[str, Any]]:
-        """Waits for nothing; what is returned listens to the answer for so many seconds. Raises ControlError."""
+        """Send a stop without waiting; the returned function waits for the answer. Raises ControlError."""
         ...
 
 
@@ -48,7 +48,7 @@ Find = Callable[[], Sequence[Owner]]
 
 
 def shown(owners: Sequence[Owner]) -> Owner | None:
-    """The one that a page shows: what is real goes before what is virtual, the newest before the others."""
+    """Return the owner that a page shows: real before virtual, then newest first."""
     return max(owners, key=lambda one: (not one.virtual, one.began_unix_s), default=None)
 
 
@@ -67,12 +67,12 @@ def owner_told(owner: Owner, status: dict[str, Any] | None) -> dict[str, Any]:
 
 
 def run_of(owner: Owner) -> Path | None:
-    """The folder of its run, once there is one."""
+    """The folder of the owner's run, once it exists."""
     return None if owner.run is None else Path(owner.run)
 
 
 class NobodyError(RigError):
-    """There is nobody who could be asked. One line."""
+    """No owner exists for the request."""
 
     default_code = "nobody"
 
@@ -81,17 +81,17 @@ def asked(owner: Owner | None, kind: str, do: str, within_s: float, **more: Any)
     """An owner's answer. Raises NobodyError where it is none of that kind, RefusedError, ControlError."""
     if owner is None or owner.kind != kind:
         if kind == "run":
-            raise NobodyError("no run is going", code="no_run")
-        raise NobodyError("nobody has the bench by hand: take it first", code="bench_not_taken")
+            raise NobodyError("no protocol is running", code="no_run")
+        raise NobodyError("manual control is off; take control first", code="bench_not_taken")
     return owner.ask(do, within_s=within_s, **more)
 
 
 Said = Mapping[int, Callable[[float], dict[str, Any]]]
-"""Whoever was told to stop, by process, and what listens to the answer."""
+"""Owners that were requested to stop, by process, with the functions that receive their answers."""
 
 
 def say_stop(owners: Sequence[Owner]) -> Said:
-    """Every real owner is told to stop, and the one that is shown, without waiting, but for those that cannot be."""
+    """Send a stop to every real owner and to the shown one, without waiting; skip unreachable owners."""
     said = {}
     for one in _to_be_stopped(owners):
         with suppress(ControlError):
@@ -100,13 +100,13 @@ def say_stop(owners: Sequence[Owner]) -> Said:
 
 
 def stop_all(owners: Sequence[Owner], said: Said, pool: ThreadPoolExecutor) -> dict[str, Any]:
-    """Whoever has not been told to stop is, all at once and none behind another; what all of them answer.
+    """Stop the remaining owners in parallel, and return the answers of all.
 
-    Raises NobodyError where there is none, ControlError where one does not answer, RefusedError where all refuse.
+    Raises NobodyError without an owner, ControlError if one does not answer, RefusedError if all refuse.
     """
     there = _to_be_stopped(owners)
     if not there:
-        raise NobodyError("nothing owns the ports: there is nothing to stop", code="nothing_to_stop")
+        raise NobodyError("no process owns the ports, so there is nothing to stop", code="nothing_to_stop")
     stopping = partial(_stopped, said)
     others = pool.map(stopping, there[1:])
     answers = [stopping(there[0]), *others]
@@ -116,7 +116,7 @@ def stop_all(owners: Sequence[Owner], said: Said, pool: ThreadPoolExecutor) -> d
     stopped = [one.pid for one, answer in zip(there, answers, strict=True) if not isinstance(answer, ControlError)]
     if not stopped:
         raise RefusedError("{problems}", code="all_refuse", problems="; ".join(map(str, answers)))
-    return {"stopped": stopped, "words": f"told to stop: process {', '.join(map(str, stopped))}"}
+    return {"stopped": stopped, "words": f"the stop reached process {', '.join(map(str, stopped))}"}
 
 
 def _to_be_stopped(owners: Sequence[Owner]) -> list[Owner]:
@@ -131,7 +131,7 @@ def _stopped(said: Said, owner: Owner) -> dict[str, Any] | ControlError:
         return error
     if "unconfirmed" in answer:
         return ControlError(
-            "process {pid} was told to stop: {problem}",
+            "stop sent to process {pid}: {problem}",
             code="stop_not_confirmed", pid=owner.pid, problem=answer["unconfirmed"],
         )  # fmt: skip
     return answer
@@ -148,7 +148,7 @@ class NotTakenError(RigError):
 
 
 def words(config: Path | None) -> list[str]:
-    """What it is begun with."""
+    """Return the command line of the process."""
     return [sys.executable, "-m", "rig", "by-hand", "--config", str(config)]
 
 
@@ -162,7 +162,7 @@ class ByHandProcess:
         self._taking = asyncio.Lock()
 
     async def take(self) -> None:
-        """Begin it, and wait until it has announced itself. Raises NotTakenError."""
+        """Start manual control, and wait until the process has announced itself. Raises NotTakenError."""
         async with self._taking:
             if await asyncio.to_thread(self._announced):
                 return
@@ -179,15 +179,17 @@ class ByHandProcess:
                     raise NotTakenError("it ended with exit code {exit_code}", code="ended", exit_code=code)
                 await asyncio.sleep(_LOOK_S)
             self._process.terminate()
-            raise NotTakenError("the bench did not answer within {within_s:g} s", code="no_reply", within_s=READY_S)
+            raise NotTakenError(
+                "manual control did not start within {within_s:g} s", code="no_reply", within_s=READY_S
+            )
 
     async def ended(self) -> None:
-        """Wait until it is there no more: it has the ports longer than its note says. Raises NotTakenError."""
+        """Wait until the process has ended; it holds the ports longer than its announcement. Raises NotTakenError."""
         for _ in range(round(READY_S / _LOOK_S)):
             if self._process is None or self._process.poll() is not None:
                 return
             await asyncio.sleep(_LOOK_S)
-        raise NotTakenError("the bench was not left within {within_s:g} s", code="not_left", within_s=READY_S)
+        raise NotTakenError("manual control did not end within {within_s:g} s", code="not_left", within_s=READY_S)
 
     def leave(self) -> None:
         """Have it leave the bench, where it is there."""
@@ -201,14 +203,14 @@ class ByHandProcess:
             self._process.wait(READY_S)
 
     def forget(self) -> None:
-        """What the last one said."""
+        """Forget the output of the last process."""
         if self._said is not None:
             self._said.close()
             self._said = None
 
     @property
     def last_words(self) -> str:
-        """The last line of one that has ended otherwise than it was asked to; else none."""
+        """Return the last line of a process that ended unexpectedly, else nothing."""
         if self._said is None or self._process is None or self._process.poll() in (None, 0):
             return ""
         self._said.seek(0)
@@ -232,11 +234,11 @@ class ByHandProcess:
 
 
 GONE_S = 5.0
-"""A tab that looks on no more and asks for nothing for so long has left."""
+"""Time in s after which a tab that sends no requests counts as closed."""
 
 
 class Tabs:
-    """The tabs that look on, and the one that has the controls."""
+    """The tabs that monitor the rig, and the tab that has control."""
 
     def __init__(self) -> None:
         self.holder: str | None = None
@@ -245,7 +247,7 @@ class Tabs:
         self._released = 0
 
     def opened(self, tab: str) -> None:
-        """It looks on."""
+        """Register a tab."""
         self._looking[tab] += 1
 
     def closed(self, tab: str, now_s: float) -> None:
@@ -263,7 +265,7 @@ class Tabs:
         self.holder, self._heard_s = tab, now_s
 
     def may(self, tab: str, now_s: float) -> bool:
-        """Whether a tab has the controls; the first one that asks for something gets them."""
+        """Return whether a tab has control; the first tab that sends a request gets it."""
         if self.holder is None:
             self.take(tab, now_s)
         if tab == self.holder:
@@ -280,5 +282,5 @@ class Tabs:
         self._released = max(self._released, press)
 
     def is_released(self, press: int) -> bool:
-        """Whether that button was let go."""
+        """Return whether the button was released."""
         return press <= self._released

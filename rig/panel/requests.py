@@ -1,4 +1,4 @@
-"""What a page asks for by POST, read strictly: stop, pause, continue, the bench."""
+"""POST requests of a page, strictly validated: stop, pause, continue, manual control."""
 
 import asyncio
 import json
@@ -43,18 +43,18 @@ class RequestError(RigError):
 async def body_of(request: Request) -> dict[str, Any]:
     """The JSON object that was sent. Raises RequestError."""
     if request.headers.get("content-type", "").partition(";")[0].strip() != "application/json":
-        raise RequestError("content-type: expected application/json", code="content_type")
+        raise RequestError("content-type: must be application/json", code="content_type")
     found = bytearray()
     async for piece in request.stream():
         found += piece
         if len(found) > MOST_BYTES:
-            raise RequestError("body: expected at most {most} bytes", code="body_too_large", most=MOST_BYTES)
+            raise RequestError("body: at most {most} bytes are allowed", code="body_too_large", most=MOST_BYTES)
     try:
         told = json.loads(found, parse_constant=_no_number)
     except (ValueError, RecursionError):
-        raise RequestError("body: expected a JSON object", code="no_json_object") from None
+        raise RequestError("body: must be a JSON object", code="no_json_object") from None
     if not isinstance(told, dict):
-        raise RequestError("body: expected a JSON object", code="no_json_object")
+        raise RequestError("body: must be a JSON object", code="no_json_object")
     return told
 
 
@@ -63,7 +63,7 @@ def _no_number(name: str) -> float:
 
 
 def _not_understood(code: str, key: str, expected: str) -> RequestError:
-    return RequestError("{key}: expected {expected}", code=code, key=key, expected=expected)
+    return RequestError("{key}: must be {expected}", code=code, key=key, expected=expected)
 
 
 class HeldButton(NamedTuple):
@@ -121,7 +121,7 @@ class Few:
     """So many at once, each in a thread; what comes while all are busy is refused, and waits nowhere."""
 
     def __init__(self, threads: int, name: str, problem: str, code: str = "busy") -> None:
-        """problem, code: what is said where all are busy."""
+        """problem, code: the answer while all threads are busy."""
         self._pool, self._problem, self._code = ThreadPoolExecutor(threads, name), problem, code
         self._idle = threading.Semaphore(threads)
 
@@ -149,12 +149,12 @@ Body = Mapping[str, Any]
 PostAnswer = Mapping[str, Any]
 
 HELD_S = 0.25
-"""A button that was down longer ago than this is down no more."""
+"""Age in s from which a press of a button no longer counts."""
 _ANSWER_S, _HOLD_S, _STOP_S = 1.0, 0.2, 0.25
 _THREADS, _MOST_STOPS = 4, 16
 _MOST_HELD = 3
-"""Holds on their way to an owner: with more it is too slow to be moved by hand."""
-_NOT_YET = "told to stop, and not answered yet: use the emergency stop"
+"""Number of pending hold requests from which an owner is too slow for manual control."""
+_NOT_YET = "stop sent, no answer yet: use the emergency stop"
 _NOT_YET_CODE = "not_answered_yet"
 
 
@@ -163,8 +163,10 @@ class Posts:
 
     def __init__(self, watcher: Watcher, bench: ByHandProcess) -> None:
         self._watcher, self._bench = watcher, bench
-        self._asking = Few(_THREADS, "post", "what was asked before has not been answered yet")
-        self._holding = Few(_MOST_HELD, "hold", "the bench has not answered yet")
+        self._asking = Few(_THREADS, "post", "the previous request is still pending; wait for its answer")
+        self._holding = Few(
+            _MOST_HELD, "hold", "the owner of the ports has not answered yet; wait, or use the emergency stop"
+        )
         self._stopping = Few(_MOST_STOPS, "stop", _NOT_YET, _NOT_YET_CODE)
         self._each = ThreadPoolExecutor(64, "stopped")
 
@@ -192,7 +194,7 @@ class Posts:
 
         async def guarded(tab: str, body: Body) -> PostAnswer:
             if not self._watcher.tabs.may(tab, self._watcher.clock.monotonic_s()):
-                raise NobodyError("another tab has the controls", code="another_tab")
+                raise NobodyError("another tab has control; take control first", code="another_tab")
             return await do(tab, body)
 
         return self._answered(guarded)
@@ -201,7 +203,7 @@ class Posts:
         async def answered(request: Request) -> Response:
             body, tab = await body_of(request), request.headers.get(TAB_HEADER, "")
             if not (0 < len(tab) <= 64 and tab.isascii() and tab.isprintable()):
-                raise RequestError("{header}: expected the name of the tab", code="no_tab", header=TAB_HEADER)
+                raise RequestError("{header}: must be the name of the tab", code="no_tab", header=TAB_HEADER)
             try:
                 return JSONResponse({"ok": True, "problem": None, **await do(tab, body)})
             except (NobodyError, RefusedError) as error:
@@ -218,9 +220,9 @@ class Posts:
         return {}
 
     async def _stop(self, tab: str, body: Body) -> PostAnswer:
-        """Past everything else, and in no other thread: whoever is known is told here and now.
+        """Send the stop at once, in this thread, to every known owner.
 
-        Who has come since, and what they answer, has threads of its own; it is waited for shortly.
+        Other threads find new owners and wait shortly for the answers.
         """
         asking = self._stopping.begin_behind(lambda: say_stop(self._watcher.owners), self._stop_all)
         done, _ = await asyncio.wait({asking}, timeout=_STOP_S)
@@ -232,7 +234,7 @@ class Posts:
         return answer
 
     def _stop_all(self, said: Said) -> PostAnswer | NobodyError | ControlError:
-        """What comes of it; its failure is an answer, too, since nobody may be there any more to be told."""
+        """Return the outcome of a stop; a failure is an answer too, since the page may have gone."""
         try:
             owners = self._watcher.find()
         except OSError:
@@ -282,20 +284,24 @@ class Posts:
 
     def _refuse_a_busy_bench(self) -> None:
         if not self._watcher.bench.configured:
-            raise NobodyError("rig panel was begun without --config: it knows no bench", code="no_bench")
+            raise NobodyError("no configuration; restart rig panel with --config", code="no_bench")
         ports = set(self._watcher.bench.ports)
         for owner in self._watcher.owners:
             if owner.kind == "run" and ports & set(owner.ports):
-                raise NobodyError("a run has the ports: process {pid}", code="ports_taken", pid=owner.pid)
+                raise NobodyError(
+                    "a run owns the ports (process {pid}); end it first", code="ports_taken", pid=owner.pid
+                )
 
     async def _hold(self, tab: str, body: Body) -> PostAnswer:
         """Passed on at once and while it is fresh: nothing that waited somewhere moves anything."""
         button = HeldButton.of(body)
         if self._watcher.tabs.is_released(button.press):
-            raise NobodyError("that button was let go: press it anew", code="let_go")
+            raise NobodyError("the button was released; press it again", code="let_go")
         if abs(self._watcher.clock.unix_s() - button.unix_s) > HELD_S:
             raise NobodyError(
-                "held longer ago than {most_s:g} s, or by another clock: press it anew", code="too_old", most_s=HELD_S
+                "the press is older than {most_s:g} s, or from another clock; press the button again",
+                code="too_old",
+                most_s=HELD_S,
             )
         answer = self._asked(self._holding, "by hand", "hold", _HOLD_S, tab=tab, **button._asdict())
         try:
@@ -310,14 +316,14 @@ class Posts:
         return await self._asked(self._asking, "by hand", "release", _ANSWER_S, tab=tab, press=press)
 
     def _asked(self, few: Few, kind: str, do: str, within_s: float, **more: Any) -> Awaitable[PostAnswer]:
-        """The answer of whoever is shown. Raises ControlError where too much is asked already."""
+        """Return the answer of the shown owner. Raises ControlError if too many requests are pending."""
         return few.begin(partial(asked, self._watcher.owner, kind, do, within_s, **more))
 
 
 def _sent_where_nobody_lives(
     settings: BenchSettings, owners: Sequence[Owner], answered: threading.Event
 ) -> SentStop | None:
-    """The stop from here, where none of those that were told is heard at once; None where one is."""
+    """Send the stop directly to the drives if no owner answers at once; None if one does."""
     if owners and answered.wait(BESIDE_S):
         return None
     of_the_bench = [one for one in owners if set(one.ports) & set(stage_ports(settings.stage))]

@@ -1,4 +1,4 @@
-"""What a page shows of a run: read from its journal while it grows, never written."""
+"""State of a run for a page, read from its growing journal; nothing is written."""
 
 import stat
 from collections.abc import Mapping
@@ -24,7 +24,7 @@ def age_s(then_s: float | None, now_s: float) -> float | None:
 
 
 GROWS_S = 5.0
-"""A journal that was written to so lately is one that goes on."""
+"""Age of the last entry (s) up to which a journal counts as growing."""
 _NEWEST = 50  # folders, whose names begin with the time
 
 
@@ -71,11 +71,11 @@ COLUMNS = (
     *("phase", "index", "purpose"),
 )
 AT_ONCE = 1 << 20
-"""Bytes: a journal of hours is read in pieces, and of its readings the last minute is kept."""
+"""Bytes per read of a journal; of its readings the last minute is kept in memory."""
 
 
 class SeenRun(Onlooker):
-    """What a run's journal says so far; `look` reads it, all else is what was read."""
+    """A run as its journal describes it so far; `look` reads new entries."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(RunFolder(path))
@@ -94,7 +94,7 @@ class SeenRun(Onlooker):
         return rows
 
     def _is_alive(self, unix_s: float) -> bool:
-        """Whether somebody writes to it: while it is silent its lock is asked now and then, until nobody holds it."""
+        """Return whether a process writes the journal; a silent journal is checked by its lock from time to time."""
         if unix_s - written_s(self.folder.path) < GROWS_S:
             self._asked_s = unix_s
             return True
@@ -133,7 +133,7 @@ class SeenRun(Onlooker):
             self._config = load_config(self.folder.config)
 
     def _drawn(self) -> Job | None:
-        """What there is to draw."""
+        """Return what the page draws."""
         placed = self.placed
         if placed is None:
             return None
@@ -156,7 +156,7 @@ class SeenRun(Onlooker):
         return self.stop is not None
 
     def told(self, *, going: bool) -> dict[str, Any]:
-        """`run` of the state. going: somebody writes to it."""
+        """Return `run` of the state. going: a process writes the journal."""
         start, stop = self.start, self.stop
         return {
             "folder": str(self.folder.path),
@@ -199,7 +199,7 @@ class SeenRun(Onlooker):
         }
 
     def limits_told(self) -> dict[str, Any] | None:
-        """`limits` of the state: of the run's own copy of its configuration."""
+        """Return `limits` of the state, from the run's own copy of its configuration."""
         if self._config is None:
             return None
         return limits_told(self._config, self.start.get("soft_trip_n"), self.newest.get("force_gwt"))
@@ -210,7 +210,7 @@ class SeenRun(Onlooker):
 
 
 def _latest(rows: list[Row]) -> list[Row]:
-    """Those that a page is shown."""
+    """Return the latest values for the page."""
     at = COLUMNS.index("t_s")
     return [row for row in rows if row[at] >= rows[-1][at] - SHOWN_S]
 

@@ -25,7 +25,7 @@ _FILTERS = ("subject", "shape", "protocol", "state")
 
 
 class RunFiles:
-    """What `rig panel --out` names, looked at."""
+    """The run folders below `rig panel --out`."""
 
     def __init__(self, out: Path) -> None:
         self._out = out
@@ -35,7 +35,7 @@ class RunFiles:
         asked = request.query_params
         limit = asked.get("limit", str(_MOST_RUNS))
         if not (limit.isascii() and limit.isdecimal()):
-            raise RequestError("limit {value!r}: expected a number", code="not_a_number", key="limit", value=limit)
+            raise RequestError("limit {value!r}: must be a number", code="not_a_number", key="limit", value=limit)
         subject, shape, protocol, state = (asked.get(name) or None for name in _FILTERS)
         wanted = RunFilter(subject, shape, protocol, state)
         return JSONResponse(await asyncio.to_thread(self._told, wanted, int(limit)))
@@ -66,10 +66,10 @@ class RunFiles:
         return _Closing(body, media_type=_type_of(path), headers=headers)
 
     def _folder(self, name: str) -> Path:
-        """Of a run; no link. Raises RequestError."""
+        """Return the folder of a run, not a link. Raises RequestError."""
         path = self._out / name
         if not _named(name) or path.is_symlink() or not path.is_dir():
-            raise RequestError("no such run", code="no_such_run")
+            raise RequestError("there is no such run", code="no_such_run")
         return path
 
 
@@ -84,7 +84,7 @@ class _Closing(StreamingResponse):
 
 
 def _named(name: str) -> bool:
-    """Whether it is the name of something in a folder, and not hidden there."""
+    """Return whether it is the name of a visible file in a folder."""
     return bool(name) and not name.startswith(".") and not set(name) & {"/", "\\", "\0", ":"}
 
 
@@ -96,7 +96,7 @@ def _plain_file(folder: Path, name: str) -> Path:
     except OSError:
         there = False
     if not there:
-        raise RequestError("no such file", code="no_such_file")
+        raise RequestError("there is no such file", code="no_such_file")
     return path
 
 

@@ -23,7 +23,7 @@ HAND = ReadingSource(None, COLUMNS, hand=True)
 
 
 class SeenBench:
-    """What was last heard of by hand; nothing where nobody has the bench."""
+    """Last state of manual control; empty if no process provides it."""
 
     def __init__(self, path: Path | None = None, config: Config | None = None) -> None:
         self.path, self._config = path, config
@@ -36,31 +36,31 @@ class SeenBench:
         self.owner, self.since, self._status = owner, 0, {}
 
     def since_of(self, owner: int) -> int:
-        """Where a process's readings begin that were not told yet."""
+        """Return the time from which readings of a process are new."""
         return self.since if owner == self.owner else 0
 
     @property
     def configured(self) -> bool:
-        """Whether there is a bench that could be taken."""
+        """Whether a configuration allows manual control."""
         return self._config is not None
 
     @property
     def settings(self) -> BenchSettings | None:
-        """Of its devices; None where there is no bench that could be taken."""
+        """Settings of the devices; None without a configuration."""
         return self._config
 
     @property
     def ports(self) -> tuple[str, ...]:
-        """Of its devices."""
+        """Ports of the devices."""
         return () if self._config is None else (*stage_ports(self._config.stage), self._config.force.port)
 
     @property
     def job(self) -> Job | None:
-        """The finger alone: what is mounted nobody knows."""
+        """The finger alone, since the mounted indentor is unknown."""
         return None if self.path is None else Job(self.path)
 
     def heard(self, status: Mapping[str, Any] | None) -> list[Row]:
-        """What the owner answered, None where it did not; returns the readings in it, which are new."""
+        """Store the answer of the owner, None without one, and return its new readings."""
         if status is None:
             return []
         self._status = status
@@ -89,10 +89,10 @@ class SeenBench:
     def devices_told(self, unix_s: float) -> dict[str, Any]:
         """`devices` of the state."""
         status = self._status
-        force = "not heard of" if status.get("force_gwt") is None else "zeroed" if status.get("zeroed") else "reads"
+        force = "no data" if status.get("force_gwt") is None else "zeroed" if status.get("zeroed") else "reads"
         return {
             "stage": {
-                "word": status.get("stage_problem") or status.get("state", "not heard of"),
+                "word": status.get("stage_problem") or status.get("state", "no data"),
                 "homed": bool(status.get("homed")),
                 "age_s": age_s(status.get("seen_unix_s"), unix_s),
             },
@@ -108,21 +108,21 @@ class SeenBench:
 
 
 LOOK_S, ASK_S, FIND_S, BEAT_S = 0.05, 0.1, 1.0, 0.4
-"""Between two looks at a journal; two questions to an owner; two searches for a run; two states that say the same."""
+"""Periods (s): polling of a journal, polling of an owner, search for runs, and repetition of an unchanged state."""
 STATUS_S = 0.5
-"""How long a question for the state waits."""
+"""Longest wait for a request for the state (s)."""
 _NOTICES = {
-    "planning": "the script is being checked: nothing moves yet",
-    "asking": "waits at its terminal for an answer",
-    "pausing": "pausing: at the next safe point it lifts",
-    "paused": "paused, the indentor is lifted",
-    "reporting": "the report is being made",
+    "planning": "checking the script; nothing has moved yet",
+    "asking": "waiting for an answer at its terminal",
+    "pausing": "pausing; lifting at the next safe point",
+    "paused": "paused, indentor lifted",
+    "reporting": "making the report",
 }
 
 
 @dataclass
 class Watcher:
-    """What goes on, as far as it is known here; its loops run until they are cancelled."""
+    """State of the rig; its loops run until they are cancelled."""
 
     out: Path
     bench: SeenBench
@@ -150,13 +150,13 @@ class Watcher:
 
     @property
     def job(self) -> Job | None:
-        """What there is to draw."""
+        """Return what the page draws."""
         if self.run is not None:
             return self.run.job
         return self.bench.job
 
     async def look_on(self) -> None:
-        """Until it is cancelled."""
+        """Poll until cancelled."""
         async with asyncio.TaskGroup() as loops:
             for each_s, look in ((ASK_S, self.ask), (LOOK_S, self.read), (LOOK_S, self.beat)):
                 loops.create_task(_again(each_s, look))
@@ -187,7 +187,7 @@ class Watcher:
             self._tell_schedule([])
 
     async def read(self) -> None:
-        """What came to the journal of the run that goes on."""
+        """Read new entries of the journal of the running protocol."""
         loop, owner = asyncio.get_running_loop(), self.owner
         folder = await self._folder(owner)
         if folder is None:
@@ -204,7 +204,7 @@ class Watcher:
             self._tell_schedule(run.schedule_told())
 
     async def _folder(self, owner: Owner | None) -> Path | None:
-        """Of the run that is followed."""
+        """Return the folder of the followed run."""
         if owner is not None:
             return run_of(owner)
         found, then_s = self._found
@@ -270,7 +270,7 @@ def _status_of(owner: Owner, since: int) -> dict[str, Any] | None:
 
 
 def _marks(state: dict[str, Any]) -> object:
-    """What is told at once when it changes: all but numbers that always do."""
+    """Return the values whose change is sent at once, without numbers that always change."""
     run, hand = state["run"] or {}, state["hand"] or {}
     steady = [state[name] for name in ("controls", "owner", "notice", "problem")]
     of_the_run = {name: told for name, told in run.items() if name != "left_s"}

@@ -1,4 +1,4 @@
-"""What goes out to the pages that look on: each has a queue of its own, so that a slow one holds up nobody."""
+"""Events for the pages that monitor the rig; each has its own queue, so that a slow page delays no other."""
 
 import asyncio
 import json
@@ -11,18 +11,20 @@ from typing import Any
 from starlette.types import Message, Receive, Send
 
 MOST_STREAMS = 4
-"""A browser has six connections to a host for all its tabs together: two are left for STOP and the rest."""
+"""Maximum number of streams: a browser has six connections to a host for all its tabs, and two remain for STOP and
+others."""
 MOST_ROWS = 20_000
-"""Readings kept for a page that does not fetch them: several hundred seconds at fifty a second."""
+"""Number of readings that are stored for a page that does not fetch them: several hundred seconds at fifty per
+second."""
 SHOWN_S = 60.0
-"""Of a run's clock: what a page gets of the past when it comes."""
+"""Run time (s) that a page gets of the past when it opens."""
 
 Row = Sequence[Any]
 
 
 @dataclass(frozen=True)
 class ReadingSource:
-    """What readings are of; `run` is the name of its folder, None by hand."""
+    """Source of readings; `run` is the name of its folder, None for manual control."""
 
     run: str | None
     columns: tuple[str, ...]
@@ -39,7 +41,7 @@ def as_event(kind: str, told: Mapping[str, Any]) -> str:
 
 @dataclass(eq=False)
 class Onlooking:
-    """What waits for one page: of states and pictures the newest, of readings all, as long as there is room."""
+    """Pending events of one page: the newest states and drawings, and all readings up to a limit."""
 
     source: ReadingSource
     rows: deque[Row]
@@ -49,7 +51,7 @@ class Onlooking:
     woken: asyncio.Event = field(default_factory=asyncio.Event)
 
     def put(self, kind: str, event: str) -> None:
-        """The newest of its kind."""
+        """Store the newest event of its kind."""
         self.latest[kind] = event
         self.woken.set()
 
@@ -62,7 +64,7 @@ class Onlooking:
         self.woken.set()
 
     def begin(self, source: ReadingSource) -> None:
-        """Other readings from here on; what is left of the ones before is of no use."""
+        """Start with readings of another source; remaining old ones are dropped."""
         self.source, self.reset = source, True
         self.rows.clear()
         self.woken.set()
@@ -88,7 +90,7 @@ class Onlooking:
 
 
 class Outlet:
-    """Tells every page what is new, and a page that comes what there is."""
+    """Sends new events to every page, and the current state to a new page."""
 
     def __init__(self) -> None:
         self.clients: list[Onlooking] = []
@@ -125,14 +127,14 @@ class Outlet:
             client.add(rows)
 
     def close(self) -> None:
-        """Nothing more is told."""
+        """Send nothing more."""
         self.closed = True
         for client in self.clients:
             client.woken.set()
 
     @property
     def full(self) -> bool:
-        """Whether as many pages look on as may."""
+        """Return whether the maximum number of pages is reached."""
         return len(self.clients) >= MOST_STREAMS
 
     @contextmanager

@@ -11,7 +11,7 @@ def _no_help(artist: Any) -> str:
 
 
 def _load_library() -> None:
-    """matplotlib without the help texts of its artists: to make them takes two fifths of the time that it takes."""
+    """Import matplotlib without the help texts of its artists, which take two fifths of the import time."""
     help_of, artists.kwdoc = artists.kwdoc, _no_help
     try:
         import_module("matplotlib.figure")

@@ -34,7 +34,7 @@ def page(rows: Sequence[Row], **about: Any) -> str:
 
 def pareto(rows: Sequence[Row], against: str = "seconds") -> Plot:
     """Largest error of each family and quantity, log against log; a line for each model and element."""
-    labels = {"seconds": "from nothing to an answer (s)", "memory_mb": "peak memory (MB)", "contact_s": "contact (s)"}
+    labels = {"seconds": "time without cache (s)", "memory_mb": "peak memory (MB)", "contact_s": "contact (s)"}
     quantities = [q for q in _TITLES if any(row["quantity"] == q for row in rows)]
 
     def draw(figure: Canvas) -> None:
@@ -65,7 +65,7 @@ def cost_against_nodes(rows: Sequence[Row]) -> Plot:
 
     def draw(figure: Canvas) -> None:
         for axes, key, label in zip(figure.subplots(1, 2), ("seconds", "memory_mb"),
-                                    ("from nothing to an answer (s)", "peak memory (MB)"), strict=True):  # fmt: skip
+                                    ("time without cache (s)", "peak memory (MB)"), strict=True):  # fmt: skip
             for line, points in _lines(rows).items():
                 nodes, cost = np.array(sorted((p[0]["nodes"], _median(p, key)) for p in points)).T
                 colour, marker = _LOOK[line]
@@ -142,16 +142,18 @@ def _figures(rows: Sequence[Row]) -> list[PageFigure]:
         PageFigure(
             "Error against time",
             pareto(rows),
-            "The largest error over the scenes of a family, against the seconds from nothing (no cache) to one "
-            "answer. SED and ep1: the largest deviation at any receptor over the largest value at any. A section "
-            "has no force to compare: its force is per millimetre.",
+            "The largest error over the scenes of a family, against the time to one result without a cache. "
+            "SED and ep1: the largest deviation at any receptor relative to the largest value at any "
+            "receptor. A section has no force to compare, since its force is per millimeter.",
         ),
         PageFigure(
-            "Error against memory", pareto(rows, "memory_mb"), "The same against the peak memory of the process."
+            "Error against memory",
+            pareto(rows, "memory_mb"),
+            "The largest error against the peak memory of the process.",
         ),
         PageFigure(
             "Cost against size",
             cost_against_nodes(rows),
-            "Straight lines through the points in the logarithms; a half-space's nodes are those of its patch.",
+            "Straight lines are fitted to the logarithms; the nodes of a half-space are those of its patch.",
         ),
     ]

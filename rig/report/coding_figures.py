@@ -47,7 +47,7 @@ def _draw_decoded(figure: Figure, drawn: DrawnDecoding) -> None:
     energy.plot(drawn.receptor_mm[order], drawn.reading[order], ".", color=ORANGE, label="readings")
     energy.plot(drawn.receptor_mm[order], drawn.explained[order], color=GREY, lw=1, label="explained")
     skin.set_ylabel("pressure (pseudo-units)")
-    energy.set(ylabel="SED (pseudo-units)", xlabel="place on the skin (mm)")
+    energy.set(ylabel="SED (pseudo-units)", xlabel="position on the skin (mm)")
     skin.legend()
     energy.legend()
 
@@ -80,7 +80,7 @@ def _draw_encoding(figure: Figure, drawn: DrawnEncoding) -> None:
     said.plot(operator.receptor_mm, encoded.rate, ".-", color=GREEN)
     for axes, label in zip((skin, energy, said), ("pressure", f"SED, {operator.energy}", "rate"), strict=True):
         axes.set_ylabel(f"{label} (pseudo-units)" if axes is not said else label)
-    said.set_xlabel("place on the skin (mm)")
+    said.set_xlabel("position on the skin (mm)")
     skin.legend()
     energy.legend()
 
@@ -109,8 +109,8 @@ def _draw_impulse(figure: Figure, drawn: Mapping[str, DrawnImpulse]) -> None:
         _spectra(spectrum, responses)
         _errors(error, errors)
     panels[0, 0].set_ylabel("strain per pseudo-unit on one sample")
-    panels[1, 0].set_ylabel("amplitude over its largest")
-    panels[2, 0].set_ylabel("relative L2 of shifting (%)")
+    panels[1, 0].set_ylabel("amplitude over its maximum")
+    panels[2, 0].set_ylabel("relative L2 error of shifting (%)")
     for row in panels[:, 0]:
         row.legend()
 
@@ -119,7 +119,7 @@ def _responses(axes: Axes, responses: ImpulseResponses) -> None:
     for name, means, colour, values in zip(NAMES, _MEANS, _IMPULSE_COLOURS, responses.strain, strict=True):
         axes.plot(responses.sampling.place_mm, values, color=colour, label=f"{name} ({means})")
     axes.plot(responses.sampling.place_mm, -responses.strain[1], color=GREY, lw=0.8, ls="--", label="−g")
-    axes.set_xlabel("place on the skin (mm)")
+    axes.set_xlabel("position on the skin (mm)")
 
 
 def _spectra(axes: Axes, responses: ImpulseResponses) -> None:
@@ -133,7 +133,7 @@ def _errors(axes: Axes, errors: ShiftErrors) -> None:
     for means, colour, values in zip(_MEANS, _IMPULSE_COLOURS, errors.strain, strict=True):
         axes.plot(errors.place_mm, 100 * values, color=colour, label=means)
     axes.plot(errors.place_mm, 100 * errors.sed, color="black", label="SED")
-    axes.set_xlabel("place of the load (mm)")
+    axes.set_xlabel("position of the load (mm)")
 
 
 _NOISE_COLOURS = (ORANGE, BLUE, GREEN, PURPLE)
@@ -169,7 +169,7 @@ def noise_figure(snr_db: Array, errors: Mapping[str, Array], samples: int, limit
     def draw(figure: Figure) -> None:
         axes = figure.subplots()
         if limit is not None:
-            axes.plot(snr_db, limit, "--", color=GREY, lw=1.2, label="limit, told the distribution")
+            axes.plot(snr_db, limit, "--", color=GREY, lw=1.2, label="limit for a known distribution")
         _draw_errors(axes, snr_db, errors, samples)
 
     return Plot((5.8, 4.0), draw)
@@ -264,7 +264,7 @@ def search_figure(surfaces: Mapping[str, ErrorSurface], paths: Mapping[str, Arra
 
 def extents(path: Array) -> dict[str, tuple[Array, Array]]:
     """(2,) lowest and highest pressures by title: of a way after its first move, and of its first few moves alone."""
-    return {"its valley": _about(path[1:]), "the first moves": _about(path[1:_FIRST_MOVES])}
+    return {"valley": _about(path[1:]), "first moves": _about(path[1:_FIRST_MOVES])}
 
 
 def _about(places: Array) -> tuple[Array, Array]:
@@ -305,8 +305,8 @@ def _what_is_left(axes: Axes, paths: Mapping[str, Array], true: Array | None) ->
     for (name, path), colour in zip(paths.items(), _COLOURS, strict=False):
         away = np.linalg.norm(path - (path[-1] if true is None else true), axis=1)
         axes.plot(np.arange(1, len(path) + 1), np.where(away > _LOWEST, away, np.nan), color=colour, label=name)
-    axes.set(xscale="log", yscale="log", xlabel="place on the way")
-    axes.set_ylabel(f"away from {'the end' if true is None else 'the truth'}")
+    axes.set(xscale="log", yscale="log", xlabel="position along the trajectory")
+    axes.set_ylabel(f"distance from {('the end' if true is None else 'the true pressures')}")
     axes.legend()
 
 
@@ -343,7 +343,10 @@ def sheet_figure(drawn: DrawnSheet) -> Plot:
 def _draw_sheet(figure: Figure, drawn: DrawnSheet) -> None:
     highest = max(float(drawn.pressure.max()), float(drawn.sd.max()))
     for axes, values, title in zip(
-        figure.subplots(1, 2, sharey=True), (drawn.pressure, drawn.sd), ("pressure", "its sd"), strict=True
+        figure.subplots(1, 2, sharey=True),
+        (drawn.pressure, drawn.sd),
+        ("pressure", "standard deviation"),
+        strict=True,
     ):
         shown = axes.pcolormesh(drawn.z_mm, drawn.x_mm, values, vmin=0.0, vmax=highest, cmap="viridis")
         axes.plot(drawn.receptor_mm[:, 1], drawn.receptor_mm[:, 0], ".", color="white", ms=2)

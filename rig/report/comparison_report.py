@@ -40,7 +40,7 @@ def shape_figures(comparison: Comparison, shown: Sequence[str]) -> list[PageFigu
 
 
 def simulation_figures(comparison: Comparison, shown: Sequence[str], maps: Sequence[StimulusMap]) -> list[PageFigure]:
-    """What the finger does, in the order of the page."""
+    """Return the figures of the simulation, in the order of the page."""
     moved = _moved(comparison)
     return [
         *(_population(stimulus, shown) for stimulus in comparison.stimuli),
@@ -50,7 +50,7 @@ def simulation_figures(comparison: Comparison, shown: Sequence[str], maps: Seque
 
 
 def shown_measures(comparison: Comparison, answers: Sequence[AfferentVerdict]) -> list[str]:
-    """The measures in the figures of the simulation: the likeliest, then candidates, then the source's survivors."""
+    """Return the measures to plot: maximum-likelihood measures, then candidates, then the source's."""
     likeliest = (row.name for answer in answers for row in answer.measures)
     passed = comparison.candidates()
     candidates = [name for name in (*SURVIVORS, *MEASURES) if name in passed]
@@ -66,21 +66,21 @@ def _heat_maps(comparison: Comparison) -> list[PageFigure]:
     if comparison.overlays:
         title = f"Correlation and {title[0].lower()}{title[1:]}"
         caption += (
-            "Colour: Pearson's correlation between the recorded rates and the SSRP at the recorded positions; dash: "
-            "negative; white: nothing recorded, or too few positions covered. "
+            "Color: Pearson's correlation between the recorded rates and the SSRP at the recorded positions; "
+            "dash: negative; white: nothing recorded, or too few positions covered. "
         )
-    caption += "Compressive measures have their sign changed (−)."
+    caption += "Compressive measures are plotted with their sign changed (−)."
     draw = partial(profile_figures.correlations, comparison)
     return figures_of(title, comparison.judged, profile_figures.CORRELATIONS_A_PAGE, draw, caption)
 
 
 def _profiles(stimulus: Stimulus, shown: Sequence[str], *, tested: bool) -> PageFigure:
     caption = (
-        "One profile a receptor, shifted upwards. Dotted: the mean of the two ends; black tick: the receptor's own x."
+        "One profile per receptor, shifted upwards. Dotted: the mean of the two ends; black tick: x of the receptor."
     )
     test = (
-        f" Profiles in blue pass the shape test, grey ones do not. Orange: the least dip (steps) or prominence "
-        f"(bars) that counts, {100 * THRESHOLD:g} % of the peak or of the range."
+        " Blue profiles pass the shape test, grey ones do not. Orange: the smallest dip (steps) or "
+        f"prominence (bars) that counts, {100 * THRESHOLD:g} % of the peak or of the range."
     )
     drawn = profile_figures.ssrps(stimulus, shown)
     if tested:
@@ -92,8 +92,9 @@ def _population(stimulus: Stimulus, shown: Sequence[str]) -> PageFigure:
     return PageFigure(
         f"Population responses: {stimulus.title}",
         profile_figures.populations(stimulus, shown),
-        "The measures at all receptors for each position of the indentor. In images a row is a position; dotted: "
-        "the indentor's reference point is over the receptor; black, where a measure has both signs: zero.",
+        "The measures at all receptors for each position of the indentor. In images each row is a position. "
+        "Dotted: the indentor's reference point is over the receptor. Black: zero, where a measure has both "
+        "signs.",
     )
 
 
@@ -103,8 +104,8 @@ def _pressures(moved: Sequence[Stimulus]) -> list[PageFigure]:
         moved,
         profile_figures.PRESSURES_A_PAGE,
         profile_figures.pressure_maps,
-        "Nodal pressure in the receptor plane, unfiltered; each panel has its own scale. A row is a position of the "
-        "indentor and reaches halfway to the next ones. White: the ends of the contact regions.",
+        "Nodal pressure in the receptor plane, unfiltered; each panel has its own scale. Each row is a "
+        "position of the indentor and extends halfway to the next. White: the ends of the contact regions.",
     )
 
 
@@ -113,9 +114,9 @@ def _strain_maps(maps: Sequence[StimulusMap]) -> list[PageFigure]:
         PageFigure(
             f"Strain under the skin: {title}",
             strain_maps(list(members)),
-            "The receptor plane, deformed, at up to three positions of the schedule: one value an element, not "
-            "smoothed. The epidermis is ten times as stiff as what lies below. White circles: receptors. The highest "
-            "3 % of the elements share the top colour.",
+            "The deformed receptor plane, at up to three positions of the schedule, with one value per "
+            "element and no smoothing. The epidermis is ten times as stiff as the layers below it. White "
+            "circles: receptors. The highest 3 % of the elements share the top color.",
         )
         for title, members in groupby(maps, key=lambda one: one.stimulus.title)
     ]
@@ -138,22 +139,23 @@ WHAT = {
     "sp2": "middle principal stress",
     "sp3": "largest principal stress: the least compressive",
     "mean": "mean normal stress, (s11 + s22 + s33) / 3: minus the hydrostatic pressure",
-    "sed": "strain energy density, ½ σ:ε, of shape and volume together; never negative",
+    "sed": "strain energy density, ½ σ:ε, of the changes of shape and volume; never negative",
     "third": "third invariant of stress, det σ: the product of the principal stresses",
 }
-_HEADER = ("measure", "what it is", "unit", "drawn as", "here from … to, as drawn", "of the other sign")
+_HEADER = ("measure", "definition", "unit", "plotted as", "range as plotted", "share with the other sign")
 
 
 def measures_section(comparison: Comparison, young_mpa: float) -> Section:
     """Each with its unit and sign, and its range over all receptors and positions; E of the epidermis in MPa."""
     pseudo_unit = as_number(young_mpa / PSEUDO_E_EPIDERMIS)
     return Section(
-        "What the measures are",
-        "At a receptor in the receptor plane: x across the finger, y out of the pulp, z along the finger, small "
-        "strains. Raw values have tension (and extension) positive. Those that are compressive at almost every "
-        "receptor are drawn with their sign changed, so that more compression is more; where one is not, it stays "
-        "negative and is not folded over. k and ε₀ are in the sign and unit that is drawn. Stresses and energy are "
-        f"in pseudo-units, of which the epidermis' E is 10 000; one pseudo-unit is {pseudo_unit} MPa here.",
+        "Definition of the measures",
+        "Each measure is evaluated at a receptor in the receptor plane: x across the finger, y out of the "
+        "pulp, z along the finger, at small strain. Raw values are positive in tension and extension. "
+        "Measures that are compressive at almost every receptor are plotted with their sign changed, so that "
+        "a larger value means more compression; values of the other sign stay negative. k and ε₀ have the "
+        "sign and the unit of the plot. Stresses and energy are in pseudo-units, in which E of the epidermis "
+        f"is 10 000; one pseudo-unit is {pseudo_unit} MPa here.",
         _HEADER,
         tuple(_row(comparison, m, name) for m, name in enumerate(MEASURES)),
     )
@@ -166,15 +168,16 @@ def _row(comparison: Comparison, number: int, name: str) -> tuple[str, ...]:
         name,
         WHAT.get(name, "–"),
         unit(name),
-        f"{label(name)}, as magnitude" if turned else f"{label(name)}, as it is",
+        f"{label(name)}, as magnitude" if turned else f"{label(name)}, unchanged",
         f"{as_number(float(values.min()))} … {as_number(float(values.max()))}",
         f"{100 * np.mean(values < 0):.0f} %" if turned else "",
     )
 
 
 _ONLY_SIMULATED = (
-    "A property of the simulation: it asks whether simulated profiles have the form that the source's recordings "
-    "have (for steps a peak above its dip, for bars two peaks), and ignores every recording given here."
+    "The shape test is a property of the simulation. It checks whether simulated profiles have the shape of "
+    "the source's recordings (for steps a peak above its dip, for bars two peaks) and does not use the "
+    "recordings given here."
 )
 
 
@@ -183,7 +186,10 @@ def shape_sections(comparison: Comparison, figures: list[PageFigure]) -> list[Se
     judged = [stimulus for stimulus in comparison.stimuli if comparison.passes(stimulus) is not None]
     title = "The shape test: a property of the simulation"
     if not judged:
-        none = "None is defined for these indentors or schedules: it needs steps or bars at five positions or more."
+        none = (
+            "No test is defined for these indentors or schedules; it requires steps or bars at five or "
+            "more positions."
+        )
         return [
             Section(title, f"{_ONLY_SIMULATED}\n\n{none}", figures=tuple(figures)),
             *_collinear(comparison),
@@ -206,16 +212,20 @@ def shape_sections(comparison: Comparison, figures: list[PageFigure]) -> list[Se
 def _candidates(comparison: Comparison) -> str:
     names = ", ".join(comparison.candidates()) or "none"
     return (
-        f"Candidates: {names}. A candidate passes at one and the same receptor under every step given here, at every "
-        "force, and near x = 0 under every bar."
+        f"Candidates: {names}. A candidate passes at the same receptor under every step at every force, and "
+        "near x = 0 under every bar."
     )
 
 
 def _by_chance(comparison: Comparison) -> str:
-    """What the test lets pass that has no form at all."""
+    """Return the share of random profiles that pass the shape test, as a sentence."""
     rows = [row for row in chance_rows(comparison.stimuli) if row["passes_by_chance"] is not None]
     shares = [f"{row['shape']} at {row['condition']} {100 * row['passes_by_chance']:.0f} %" for row in rows]
-    return f"Of {DRAWS} random profiles as smooth as a stimulus's own pass: {', '.join(shares)}." if rows else ""
+    return (
+        f"Of {DRAWS} random profiles as smooth as the stimulus's own, these shares pass: {', '.join(shares)}."
+        if rows
+        else ""
+    )
 
 
 def _by_condition(comparison: Comparison) -> tuple[str, ...]:
@@ -239,8 +249,8 @@ def _rows(comparison: Comparison, judged: list[Stimulus]) -> tuple[tuple[str, ..
 def _thresholds(comparison: Comparison, judged: list[Stimulus]) -> Section:
     receptors = len(comparison.stimuli[0].receptor_mm)
     return Section(
-        "How the shape test hangs on its threshold",
-        f"Number of passing profiles, of {len(MEASURES)} measures × {receptors} receptors, and the candidates.",
+        "Dependence of the shape test on its threshold",
+        f"Number of passing profiles of {len(MEASURES)} measures × {receptors} receptors, and the candidates.",
         ("threshold", *(stimulus.title for stimulus in judged), "candidates"),
         tuple(
             (f"{100 * row['threshold']:g} %", *map(str, row["counts"]), ", ".join(row["candidates"]) or "none")
@@ -256,7 +266,7 @@ def _collinear(comparison: Comparison) -> list[Section]:
     return [
         Section(
             "Nearly collinear measures",
-            "Which a recording with these stimuli can hardly tell apart, whatever is recorded (|r| ≥ "
+            "Recordings with these stimuli can hardly distinguish these measures, whatever the rates (|r| ≥ "
             f"{COLLINEAR:g} over all positions and receptors).",
             points=tuple(f"{name}: {'; '.join(' = '.join(names) for names in groups)}" for name, groups in found),
         )
@@ -302,7 +312,7 @@ def write_comparison(
 
 
 def simulation_sections(comparison: Comparison, shown: Sequence[str], maps: Sequence[StimulusMap]) -> list[Section]:
-    """What the simulation says, whatever was recorded, of the measures that are shown."""
+    """Return the sections on the simulation, which do not depend on recordings."""
     figures = simulation_figures(comparison, shown, maps)
     return [*shape_sections(comparison, shape_figures(comparison, shown)), *map(alone, figures)]
 
@@ -330,31 +340,39 @@ def fingers_sections(comparison: Comparison) -> list[Section]:
     plausible = comparison.plausible
     if plausible is None or not comparison.overlays:
         return []
-    made = f" The fingers were {HOW_MADE}; `--exact` builds each in full." if comparison.interpolated else ""
+    made = (
+        f" The responses were {HOW_MADE}; `--exact` builds a full model of each finger."
+        if comparison.interpolated
+        else ""
+    )
     return [
         Section(
-            "The plausible fingers",
-            f"Stated in a file with SHA-256 {plausible.sha256}. {3 ** len(plausible.free)} fingers of these ranges "
-            "were simulated, and each pair is fitted with the finger between them on which it is likeliest. The set "
-            "and its intervals hold for whatever finger lies within the ranges, and for no other." + made,
+            "Plausible fingers",
+            (
+                f"The ranges come from a file with SHA-256 {plausible.sha256}. {3 ** len(plausible.free)} fingers "
+                "of these ranges were simulated, and each pair was fitted with its maximum-likelihood finger "
+                "among them. The set and its intervals hold for every finger within the ranges, and for no other."
+            )
+            + made,
             ("parameter", "lowest", "highest"),
             tuple((name, f"{low:g}", f"{high:g}") for name, (low, high) in plausible.ranges.items()),
         )
     ]
 
 
-HEADER = ("measure", "x (mm)", "depth (mm)", "offset (mm)", "k", "ε₀", "deviance over the noise", "its own fit",
-          "held by a bound")  # fmt: skip
+HEADER = ("measure", "x (mm)", "depth (mm)", "offset (mm)", "k", "ε₀", "deviance over the noise", "fit",
+          "at a limit")  # fmt: skip
 
 
 def place_section(found: ReceptorLocation) -> Section:
-    """Every measure at its likeliest place, the likeliest first."""
+    """Return the table of every measure at its maximum-likelihood location, best first."""
     x, depth = (f"{in_mm(low)} to {in_mm(high)} mm" for low, high in found.where[:2])
     return Section(
-        f"Where the receptor is: {', '.join(found.stimuli)}",
-        f"Each measure at its likeliest place, with 95 % limits by profile likelihood: x sought from {x}, depth from "
-        f"{depth}; {found.frame}. Over {found.positions} of {found.recorded} recorded positions, the same for every "
-        "place. An interval that is held by a bound goes on beyond it. Intervals hold given this finger model.",
+        f"Receptor location: {', '.join(found.stimuli)}",
+        "The maximum-likelihood location of each measure, with 95 % limits by profile likelihood. The search "
+        f"covered x from {x} and depth from {depth}; {found.frame}. All locations were compared over the same "
+        f"{found.positions} of {found.recorded} recorded positions. An interval at a limit of the search may "
+        "extend beyond it. The intervals assume this finger model.",
         HEADER,
         tuple(_cells(row, found) for row in found.rows),
     )

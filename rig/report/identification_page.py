@@ -1,4 +1,4 @@
-"""The page of a meeting: the forces that are known now, measured on foreseen, what is known before and after."""
+"""Page of an identification: known forces, measured and predicted presses, parameters before and after."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -38,45 +38,45 @@ class IdentificationPage:
 def write_meeting_page(path: Path, met: IdentificationPage) -> None:
     """One self-contained page. Raises OSError."""
     sections = [
+        Section("Known forces", _IN_BRACKETS, (*_PRESS, "force (gwt)", "known to"), tuple(met.forces)),
         Section(
-            "Forces as they are known now", _IN_BRACKETS, (*_PRESS, "force (gwt)", "known to"), tuple(met.forces)
-        ),
-        Section(
-            "Not learned", "" if met.not_learned else "All that was asked is known.", points=tuple(met.not_learned)
+            "Not learned", "" if met.not_learned else "All requested forces are known.", points=tuple(met.not_learned)
         ),
         Section(
             "Presses",
-            f"Foreseen before each, and measured: the highest force of the press. {_IN_BRACKETS} After it all forces "
-            "that were asked for are known to what the last column says.",
+            f"Highest force of each press: predicted before it, and measured. {_IN_BRACKETS} The last column "
+            "says how well all requested forces are known after the press.",
             ("press", *_PRESS, "foreseen (gwt)", "measured (gwt)", "all known to"),
             tuple(met.presses),
         ),
         alone(PageFigure("Each press over time", _presses(met), _OVER_TIME)),
         Section("Numbers of the finger", _AFTER_AND_BEFORE, ("", "likeliest", "after", "before"), tuple(met.numbers)),
         alone(PageFigure("Before and after", _marginals(met), _BEFORE_AND_AFTER)),
-        alone(PageFigure("What goes with what", _correlations(met), _CORRELATED)),
+        alone(PageFigure("Correlations", _correlations(met), _CORRELATED)),
     ]
     presses = f"{len(met.given)} press{'es' if len(met.given) > 1 else ''}"
-    title = "A finger was met" if met.stranger is None else "What was met is no finger that is known"
-    about = f"{presses}: {met.stranger or 'the likely fingers answer them within the errors of cell and model'}"
+    title = "Identified finger" if met.stranger is None else "The identified object is not a finger of the prior"
+    about = (
+        f"{presses}: "
+        f"{met.stranger or 'the predicted forces agree with the measured ones within the errors of sensor and model'}"
+    )
     replace_text(path, render("meeting.html.j2", title=title, about=about, sections=sections))
 
 
 _PRESS = ("shape", "x (mm)", "depth (mm)")
-_IN_BRACKETS = f"In brackets the band that holds it {100 * COVERAGE:.0f} times of 100."
-_AFTER_AND_BEFORE = (
-    f"After the last press and before the first: the band that holds it {100 * COVERAGE:.0f} times of 100."
-)
+_IN_BRACKETS = f"In brackets: the {100 * COVERAGE:.0f} % band."
+_AFTER_AND_BEFORE = f"{100 * COVERAGE:.0f} % bands, after the last press and before the first."
 _OVER_TIME = (
-    "Black: readings, less what was read in the air. Blue: 60 of the likely fingers, as they are known after the "
-    "last press. Where a line turns the hold begins: the tissue relaxes."
+    "Black: readings minus the mean reading in the air. Blue: 60 samples of the finger after the last press. "
+    "The hold begins where a line turns, and the tissue relaxes."
 )
 _BEFORE_AND_AFTER = (
-    "How likely each number is. Grey: before the first press. Blue: after the last. Orange: the likeliest."
+    "Probability density of each parameter. Grey: before the first press. Blue: after the last press. "
+    "Orange: the maximum-likelihood value."
 )
 _CORRELATED = (
-    "Correlation over the likely fingers: what is near 1 or −1 cannot be told apart by these presses, and forces may "
-    "be well known though neither number is."
+    "Correlation over samples of the finger. Parameters with a correlation near 1 or −1 cannot be "
+    "distinguished by these presses; forces may be well known although neither parameter is."
 )
 
 

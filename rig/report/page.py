@@ -1,4 +1,4 @@
-"""What every report is made of: figures inline, one template, one style."""
+"""Parts that all reports share: inline figures, one template, one style."""
 
 import base64
 from collections.abc import Callable, Sequence
@@ -42,19 +42,19 @@ def alone(figure: PageFigure) -> Section:
 def figures_of(
     title: str, items: Sequence[Item], most: int, draw: Callable[[Sequence[Item]], Plot], caption: str
 ) -> list[PageFigure]:
-    """One figure with a panel for each item, or several where a page has no room for so many."""
+    """Return one figure with a panel per item, or several if a page is too small."""
     parts = [items[k : k + most] for k in range(0, len(items), most)]
     numbers = [f", {k + 1} of {len(parts)}" if len(parts) > 1 else "" for k in range(len(parts))]
     return [PageFigure(title + number, draw(part), caption) for number, part in zip(numbers, parts, strict=True)]
 
 
 def as_svg(figure: PageFigure) -> str:
-    """For the src of an img on a page."""
+    """Return a figure for the src of an img on a page."""
     return "data:image/svg+xml;base64," + base64.b64encode(figure.plot.svg.encode()).decode()
 
 
 def as_png(figure: PageFigure) -> str:
-    """For the src of an img on a page that becomes a PDF."""
+    """Return a figure for the src of an img on a page that becomes a PDF."""
     return "data:image/png;base64," + base64.b64encode(figure.plot.png).decode()
 
 

@@ -36,7 +36,7 @@ class PageBlock:
 
 
 def blocks(html: str) -> list[PageBlock]:
-    """What a page of this program's reports consists of; pictures must be PNG."""
+    """Yield the parts of a report page; images must be PNG."""
     reader = _Reader()
     reader.feed(html)
     return [block for block in reader.found if block.text or block.picture or block.rows]
@@ -87,7 +87,7 @@ _LINE_MM_PER_POINT = 0.5
 _ABOVE_HEADING_MM, _AFTER_TEXT_MM, _AFTER_PICTURE_MM, _AFTER_TABLE_MM = 2.0, 1.0, 1.0, 2.0
 _LEAST_OF_A_TABLE_MM = 30.0
 _LONG_TABLE_MM = 90.0
-"""A table that is higher may be split; its header is repeated."""
+"""Height in mm above which a table may be split; its header is repeated."""
 _MM_PER_INCH = 25.4
 
 
@@ -207,7 +207,7 @@ def _characters(column: tuple[str, ...]) -> int:
 
 
 def _table_mm(pdf: FPDF, rows: list[list[str]]) -> float:
-    """About how high a table becomes, by the number of its characters."""
+    """Estimate the height of a table (mm) from its number of characters."""
     filled, widths = _columns(rows)
     shrunk = min(1.0, pdf.epw / sum(widths))
     room = [max(shrunk * width - _CELL_PADDING_MM, 1.0) / _MM_PER_CHARACTER for width in widths]

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 _STEP_UP = 0.8  # from one profile to the next, of the range
 _HIGHEST_IN, _MOST_LEVELS = 5.6, 20
 _MARKERS = "osD^vP"
-"""For positions few enough to tell by marker; more are rows of an image."""
+"""Markers for up to six positions; more positions are rows of an image."""
 _BOTH_SIGNS = 0.05  # of the largest magnitude: a measure has both signs from here on
 _TICKS_OF_A_SCALE = 4
 _PROFILES = Room(left=0.75, right=0.4, bottom=0.45, top=0.3, columns=0.45)

@@ -54,10 +54,10 @@ def _overlays(figure: Figure, joint: Joint, pairs: list[Pair], rows: int, column
         axes.set_title(f"{overlay.stimulus.title}: {named(overlay.stimulus.receptor_mm, pair)}", fontsize=8)
     figure.supylabel(_RATE, fontsize=9)
     for axes in panels[-1]:
-        axes.set_xlabel("position from field centre (mm)")
+        axes.set_xlabel("position from field center (mm)")
     handles = [
         Line2D([], [], color="black", marker="o", ms=3, ls="", label="recorded, ± 1 sd"),
-        Line2D([], [], color=BLUE, label="predicted by the joint line"),
+        Line2D([], [], color=BLUE, label="predicted by the joint fit"),
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=2, fontsize=8)
 
@@ -67,8 +67,7 @@ def _overlay(axes: Axes, overlay: Overlay, fit: Fit, pair: Pair) -> None:
     fine = np.linspace(recording.position_mm[0], recording.position_mm[-1], 241)
     line = Fit(*(np.asarray(v[pair]) for v in fit))
     axes.plot(fine, predicted(line, overlay.stimulus.at(fine)[pair[0], :, pair[1]]), color=BLUE, lw=1.4)
-    bars = np.nan_to_num(recording.sd)
-    axes.errorbar(recording.position_mm, recording.rate, bars, fmt="o", ms=3, color="black", elinewidth=0.7)
+    axes.errorbar(recording.position_mm, recording.rate, recording.sd, fmt="o", ms=3, color="black", elinewidth=0.7)
 
 
 def _scatter(figure: Figure, joint: Joint, pairs: list[Pair]) -> None:
@@ -107,7 +106,7 @@ def named(receptor_mm: NDArray[np.float64], pair: Pair) -> str:
 
 
 SURVIVORS = ("ep1", "ep3", "sed")
-"""What the source is left with, and draws."""
+"""Measures that the source retains and plots."""
 
 
 class PublishedRecordings(NamedTuple):
@@ -136,11 +135,11 @@ def source_sections(comparison: Comparison) -> list[Section]:
 def source_section(comparison: Comparison) -> Section:
     """A row for each figure and table, and the figures of those whose recordings are loaded."""
     return Section(
-        "Figures of the source that recordings fill",
-        "Raju (1998, ch. 5) draws these over recordings that were published as figures, not as tables; none is "
-        "shipped. Steps are published as mirror images of the frame used here (--mirror). Whatever is loaded for a "
-        "shape is taken for it: whose recording it is, its file must say.",
-        ("of the source", "what it shows", "needs", "here"),
+        "Figures of the source filled by recordings",
+        "Raju (1998, ch. 5) plots these over recordings that were published as figures, not as tables; none "
+        "is shipped. Published step profiles are mirror images in the frame used here (--mirror). The "
+        "program uses any recording given for a shape; the file must state its source.",
+        ("figure or table", "content", "needs", "here"),
         (*(row for one in PUBLISHED for row in _rows(comparison, one)), _row_of_table(comparison)),
         tuple(figure for one in PUBLISHED for figure in _figures(comparison, one)),
     )
@@ -150,10 +149,10 @@ def table_5_1(comparison: Comparison) -> Section:
     """Pearson's r of what survives in the source with each recording, and its joint line; no rows without one."""
     return Section(
         "Table 5.1 of the source",
-        "Pearson's r between the recorded rates and the measure at the recorded positions, shape by shape, and k and "
-        "ε₀ of one line R = max(0, k(ε − ε₀)) over them, by least squares; steps at −1.0 mm and bars at 0, as in the "
-        "source. r and R² are not what the verdict goes by.",
-        ("recordings", "measure", "receptor (mm)", "r, shape by shape", "k", "ε₀", "R²"),
+        "Pearson's r between the recorded rates and the measure at the recorded positions for each shape, "
+        "and k and ε₀ of one line R = max(0, k(ε − ε₀)) by least squares; steps at −1.0 mm and bars at 0 mm, "
+        "as in the source. The verdict does not use r and R².",
+        ("recordings", "measure", "receptor (mm)", "r for each shape", "k", "ε₀", "R²"),
         tuple(row for one in PUBLISHED for row in _correlations(comparison, one)),
     )
 
@@ -170,12 +169,12 @@ def _rows(comparison: Comparison, one: PublishedRecordings) -> list[tuple[str, .
 
 def _row_of_table(comparison: Comparison) -> tuple[str, ...]:
     filled = [one for one in PUBLISHED if _recorded(comparison, one)]
-    here = "filled" if len(filled) == len(PUBLISHED) else "filled in part" if filled else "empty"
-    return ("Table 5.1", "correlation of rates and measures, shape by shape", "either of them", here)
+    here = "filled" if len(filled) == len(PUBLISHED) else "partly filled" if filled else "empty"
+    return ("Table 5.1", "correlation of rates and measures for each shape", "either recording", here)
 
 
 def _here(comparison: Comparison, one: PublishedRecordings) -> str:
-    """The files that fill it, or what is missing."""
+    """Return the files that fill the figure, or what is missing."""
     found = {overlay.stimulus.shape: overlay.recording.name for overlay in _recorded(comparison, one)}
     missing = [shape for shape in one.shapes if shape not in found]
     if not missing:
@@ -192,7 +191,9 @@ def _recorded(comparison: Comparison, one: PublishedRecordings) -> list[Overlay]
 
 
 def _joint(comparison: Comparison, one: PublishedRecordings) -> tuple[Joint, list[Pair]] | None:
-    """All of its recordings with one line, and the survivors at its receptor; None if one is missing."""
+    """Return all of its recordings with one line, and the measures that the source retains; None if a recording is
+    missing.
+    """
     found = _recorded(comparison, one)
     if len(found) < len(one.shapes):
         return None
@@ -212,12 +213,12 @@ def _figures(comparison: Comparison, one: PublishedRecordings) -> list[PageFigur
         PageFigure(
             f"Fig. {one.scatter} of the source: rate against measure",
             scatter(joint, pairs),
-            f"Each point is a recorded position, black the line over all shapes. {files}.",
+            f"Each point is a recorded position; black: the line over all shapes. {files}.",
         ),
         PageFigure(
             f"Fig. {one.profiles} of the source: predicted over recorded",
             overlays(joint, pairs),
-            f"Rates that this line predicts. {files}.",
+            f"Rates predicted by this line. {files}.",
         ),
     ]
 
@@ -255,7 +256,7 @@ class Deflection:
 
 
 def simulated(run: Run, finger: Fingertip) -> list[Deflection]:
-    """What the model gives at every hold of a run with an indentor that lies across the finger; none of others."""
+    """Return the simulated deflection at every hold of an indentor across the finger; none for other indentors."""
     if not any(
         parse_shape(from_copy(run.folder.path, event["indentor"])).axes == ACROSS for event in run.stream("mount")
     ):
@@ -291,17 +292,23 @@ def deflection_section(profiles: list[Deflection], measured: list[Deflection], s
     figure = PageFigure(
         "Deflection of the skin along the finger",
         Plot((7.2, 3.8), lambda canvas: _draw(canvas, profiles, measured)),
-        "Downward displacement of the skin along the pad's centre line against undeformed z (proximal to the left). "
-        + ("Circles: measured, in the colour of their depth, black where none is given." if measured else ""),
+        (
+            "Downward displacement of the skin along the center line of the pad against undeformed z (proximal "
+            "on the left). "
+        )
+        + ("Circles: measured, in the color of their depth; black without a depth." if measured else ""),
     )
-    text = "The indentor lies across the finger; what it does to the skin beside it is what can be measured by eye."
+    text = (
+        "The indentor lies across the finger, so that the deflection of the skin beside it can be "
+        "measured from outside."
+    )
     text += f" Measured: {source}." if source else ""
     header = ("measured at DOI (mm)", "points", "measured − model, mean (mm)", "rms (mm)") if measured else ()
     return Section("Deflection along the finger", text, header, rows, (figure,))
 
 
 def _row(one: Deflection, other: Deflection | None) -> tuple[str, ...]:
-    depth = "not given" if math.isnan(one.doi_mm) else f"{one.doi_mm:g}"
+    depth = "unknown" if math.isnan(one.doi_mm) else f"{one.doi_mm:g}"
     if other is None:
         return depth, f"{len(one.z_mm)}", "–", "–"
     inside = (one.z_mm >= other.z_mm[0]) & (one.z_mm <= other.z_mm[-1])
@@ -322,6 +329,6 @@ def _draw(canvas: Canvas, profiles: list[Deflection], measured: list[Deflection]
         colour = "black" if other is None else colours[id(other)]
         axes.plot(points.z_mm, points.deflection_mm, "o", ms=4, mfc="none", mec=colour)
     axes.axhline(0, color="black", lw=0.6)
-    axes.set(xlabel="along the finger, z (mm)", ylabel="deflection of the skin (mm)")
+    axes.set(xlabel="z along the finger (mm)", ylabel="deflection of the skin (mm)")
     axes.invert_yaxis()
     axes.legend(fontsize=8)

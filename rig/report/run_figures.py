@@ -48,7 +48,7 @@ _CONTACT_ROW_IN = _TITLE_IN + _SKIN_IN + _PRESSURE_IN
 _LATERAL_MM = (-3.6, 3.6)
 _DRAWN = 361
 _HIGHEST_MM = 1.3
-"""Above its lowest point no more of an indentor is drawn."""
+"""Height above the lowest point (mm) up to which an indentor is plotted."""
 
 
 def contact_panels(found: Sequence[Sequence[Response]], top: float) -> Plot:
@@ -60,7 +60,7 @@ def contact_panels(found: Sequence[Sequence[Response]], top: float) -> Plot:
 
 
 def highest_pressure(found: Sequence[Response]) -> float:
-    """Of all in the receptor plane, in pseudo-units."""
+    """Return the highest pressure in the receptor plane (pseudo-units)."""
     return max((float(r.result.pressure_profile[1].max()) for r in found), default=0.0) or 1.0
 
 
@@ -134,7 +134,9 @@ _TITLE_WIDTH = 46
 
 
 def is_relief(indentor: Indentor) -> bool:
-    """Whether it is neither round nor carried along or across the finger: one section does not show it."""
+    """Return whether the shape is neither round nor constant along or across the finger, so that one section does
+    not show it.
+    """
     return indentor.axes == BOTH and not isinstance(indentor, Revolved)
 
 
@@ -193,7 +195,7 @@ PHASES = {
     "hold": BLUE,
     "lift": GREEN,
 }
-"""Those that have a colour of their own in the strip; what is neither is white."""
+"""Phases with a color of their own in the strip; all others are white."""
 
 SAMPLES = ("sample", "precondition_sample", "reference_sample", "find_sample")
 _MINUTES_FROM_S = 600.0
@@ -209,14 +211,14 @@ def force_time(run: Run) -> Plot:
 
 
 def presses(run: Run) -> Plot:
-    """Force from the beginning of each press, and in its holds over what it was when they began."""
+    """Plot force from the start of each press, and force in its holds relative to their start."""
     groups = by_target(conditions(run))
     height = 0.5 + _ROW_IN * len(groups)
     return Plot((_WIDTH_IN, height), lambda figure: _presses(figure, groups, run), layout=None)
 
 
 def force_depth(run: Run) -> Plot:
-    """Mean force of each condition against depth, and the spread of its repeats."""
+    """Plot the mean force of each condition against depth, and the spread of its repeats."""
     groups = by_target(conditions(run))
     height = 0.5 + _ROW_IN * len(groups)
     return Plot((_WIDTH_IN, height), lambda figure: _force_depth(figure, groups, samples_of(run)), layout=None)
@@ -279,8 +281,8 @@ def _presses(figure: Figure, groups: dict[str, list[Condition]], run: Run) -> No
                 left.plot(*_since_press(samples[index]), lw=0.8, color=color)
                 for t, ratio in _in_holds(samples[index]):
                     right.plot(t, ratio, lw=0.8, color=color)
-        left.set(title=name, ylabel="force (gwt)", xlabel="time since the press began (s)")
-        right.set(title=name, ylabel="force over the hold's first", xlabel="time in the hold (s)")
+        left.set(title=name, ylabel="force (gwt)", xlabel="time since the start of the press (s)")
+        right.set(title=name, ylabel="force relative to the start of the hold", xlabel="time in the hold (s)")
         position_scale(right, xs)
 
 
@@ -310,7 +312,7 @@ def _force_depth(figure: Figure, groups: dict[str, list[Condition]], samples: Sa
         left.set(title=name, ylabel="mean force (gwt)", xlabel="depth of indentation (mm)")
         right.set(title=name, ylabel="sd over repeats (gwt)", xlabel="depth of indentation (mm)")
         if all(len(condition.indices) == 1 for condition in members):
-            right.text(0.5, 0.5, "each condition once: no spread", transform=right.transAxes, ha="center", color=GREY)
+            right.text(0.5, 0.5, "no repeats, hence no spread", transform=right.transAxes, ha="center", color=GREY)
         position_scale(right, xs)
 
 
@@ -380,7 +382,7 @@ def _ssrps(figure: Figure, found: list[Response], measure: str) -> None:
 
 
 def _over_repeats(x_mm: Array, values: Array) -> tuple[Array, Array]:
-    """Each place once (n,), with the mean of its repeats (n, receptors)."""
+    """Return each position once (n,), with the mean of its repeats (n, receptors)."""
     places, back = np.unique(x_mm, return_inverse=True)
     return places, np.stack([values[back == k].mean(axis=0) for k in range(len(places))])
 

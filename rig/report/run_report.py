@@ -48,8 +48,8 @@ def met_finger(run: Run, finger: Fingertip) -> MetFinger | None:
         replace_text(run.folder.path / AFTER, after.as_toml())
     inside = sum(one.kept for one in pairs)
     sentence = (
-        f"Met on {met.date} in {met.presses} presses. Of {len(pairs)} presses here {inside} lie in their band, "
-        f"which is to hold {met.band.coverage:.0%}."
+        f"Identified on {met.date} in {met.presses} presses. Of {len(pairs)} presses in this run, {inside} "
+        f"lie within their band, whose nominal coverage is {met.band.coverage:.0%}."
     )
     return MetFinger(sentence, pairs, [] if after is None else _rows(met.draw, after.met.draw))
 
@@ -81,7 +81,7 @@ def write_report(
 
 
 def write_missing(run: Run, finger: Fingertip) -> None:
-    """Of report and numbers what is not there; the rest stays as it is."""
+    """Write the missing parts of report and data; existing files stay unchanged."""
     found = responses(run, finger)
     if found:
         write_numbers(run, found, again=False)
@@ -90,7 +90,7 @@ def write_missing(run: Run, finger: Fingertip) -> None:
 
 
 def lacks_report(run: Run) -> bool:
-    """Whether the report, or numbers behind its figures, are missing."""
+    """Return whether the report, or data behind its figures, are missing."""
     return not run.folder.report.exists() or (bool(run.done) and numbers_missing(run))
 
 
@@ -131,7 +131,7 @@ def _figures(run: Run, found: list[Response], finger: Fingertip) -> list[PageFig
 
 
 def _small_strain(found: Sequence[Response]) -> str:
-    """Of the deepest of the model's answers; nothing where there is none."""
+    """Return the note on small strain for the deepest result; empty without a result."""
     deepest = max((response.result for response in found), key=lambda result: result.doi_mm, default=None)
     return "" if deepest is None else deepest.small_strain.note
 
@@ -140,8 +140,8 @@ def _over_time(run: Run) -> PageFigure:
     return PageFigure(
         "Force against time",
         run_figures.force_time(run),
-        "Every reading of the run; grey: presses that are no data. Below: what the time went to; white is what moved "
-        "sideways, rested, was zeroed or waited for. Numbers: sample.csv.",
+        "All readings of the run; grey: presses that are not data. Below: the phases of the run; white: "
+        "lateral moves, rests, zeroing and waits. Data: sample.csv.",
     )
 
 
@@ -150,15 +150,15 @@ def _press_figures(run: Run) -> list[PageFigure]:
         PageFigure(
             "Press, hold and relaxation",
             run_figures.presses(run),
-            "Left: force from the beginning of each press, all repeats. Right: force in each hold over its first "
-            "reading. Coloured by the indentor's position. Numbers: sample.csv.",
+            "Left: force from the start of each press, all repeats. Right: force in each hold relative to "
+            "its first reading. Color: position of the indentor. Data: sample.csv.",
         ),
         PageFigure(
             "Force against depth",
             run_figures.force_depth(run),
-            "While pressing, against the depth from the contact fitted at each touch-off. Left: the mean of each "
-            "condition's repeats, on the depths that all of them reached. Right: their standard deviation. "
-            "Numbers: sample.csv.",
+            "Force while pressing, against the depth from the contact fitted at each touch-off. Left: the "
+            "mean over repeats of each condition, at depths that all repeats reached. Right: their standard "
+            "deviation. Data: sample.csv.",
         ),
     ]
 
@@ -167,10 +167,10 @@ def _contact_figures(run: Run, found: list[Response], finger: Fingertip) -> list
     last = [response for response in found if response.last]
     top, kpa = run_figures.highest_pressure(last), finger.e_epidermis_mpa * _KPA_PER_MPA / 10
     caption = (
-        "Black: the indentor. Grey: the deformed skin in the receptor plane. Orange: contact regions. Blue: nodal "
-        "pressure against undeformed x, unfiltered, in pseudo-units (E of the epidermis = 10 000); 1 000 of them are "
-        f"{kpa:.3g} kPa on this finger. Repeats lie over one another. The last hold of each indentation. Numbers: "
-        "model_contact.csv, model_pressure.csv."
+        "Black: the indentor. Grey: the deformed skin in the receptor plane. Orange: contact regions. Blue: "
+        "nodal pressure against undeformed x, unfiltered, in pseudo-units (E of the epidermis = 10 000); 1 "
+        f"000 pseudo-units are {kpa:.3g} kPa on this finger. Repeats are superimposed. The last hold of each "
+        "indentation. Data: model_contact.csv, model_pressure.csv."
     )
     return [
         *(
@@ -185,19 +185,19 @@ def _contact_figures(run: Run, found: list[Response], finger: Fingertip) -> list
             )
         ),
         *figures_of(
-            "Contact as seen from the finger",
+            "Contact from below",
             [response for response in last if is_relief(response.result.indentor)],
             PICTURES_A_PAGE,
             lambda part: contacts_from_below([r.result for r in part], [_title(r) for r in part]),
-            "Nodal pressure over x and z, the finger's tip up; grey: lines of equal height of the indentor, orange: "
-            "places that bear, dotted: the receptor plane. The last hold of each indentation.",
+            "Nodal pressure over x and z, fingertip up. Grey: contours of the indentor's height. Orange: "
+            "contact. Dotted: the receptor plane. The last hold of each indentation.",
         ),
         PageFigure(
             "Population responses",
             run_figures.population_responses(found),
-            "−ep1 (compression is plotted upwards) and strain energy density at the receptors, "
-            f"{found[0].result.model.receptors.depth_mm:g} mm below the skin: one line for each position of what the "
-            "titles name, or, where one place was pressed, for each depth or force. Numbers: model_measures.csv.",
+            "−ep1 (compression is positive) and strain energy density at the receptors, "
+            f"{found[0].result.model.receptors.depth_mm:g} mm below the skin. One line per position of the "
+            "indentor, or, for a single position, per depth or force. Data: model_measures.csv.",
         ),
     ]
 
@@ -218,13 +218,14 @@ def _ssrp_figures(found: list[Response]) -> list[PageFigure]:
         PageFigure(
             "SSRP of ep1",
             run_figures.ssrps(found, "ep1"),
-            "Simulated spatial response profiles: −ep1 at one receptor against the indentor's position, the mean of "
-            "repeats, one line for each depth or force. Dotted: the receptor's own x. Numbers: model_measures.csv.",
+            "Simulated spatial response profiles: −ep1 at one receptor against the position of the indentor, "
+            "mean of repeats, one line per depth or force. Dotted: x of the receptor. Data: "
+            "model_measures.csv.",
         ),
         PageFigure(
             "SSRP of strain energy density",
             run_figures.ssrps(found, "sed"),
-            "As above, for the strain energy density in pseudo-units.",
+            "The same for the strain energy density, in pseudo-units.",
         ),
     ]
 

@@ -25,11 +25,11 @@ COLUMNS = {
     name: tuple(OF_A_HOLD) + (("receptor_x_mm", *MEASURES) if name == "model_measures" else tuple(own))
     for name, own in MODEL_TABLES.items()
 }
-"""Of each file, in order."""
+"""Columns of each file, in order."""
 
 
 def numbers_missing(run: Run) -> bool:
-    """Whether a file is not there."""
+    """Return whether a file is missing."""
     return not all(_file(run, name).exists() for name in COLUMNS)
 
 
@@ -101,7 +101,7 @@ class Condition:
 
     @property
     def group(self) -> str:
-        """What it shares with other places, e.g. "step:1 to 2.33 gwt"."""
+        """What the condition shares with other positions, e.g. "step:1 to 2.33 gwt"."""
         return f"{self.indentor} to {self.value:g} {_UNITS[self.target]}"
 
     @property
@@ -120,7 +120,7 @@ class Loading:
 
 
 def conditions(run: Run) -> list[Condition]:
-    """Those of the finished indentations, by indentor, target and place."""
+    """Return the conditions of finished indentations, by indentor, target and position."""
     begun = [event for event in run.stream("indentation_start") if event["index"] in run.done]
     ordered = sorted(begun, key=_alike)
     return [Condition(*alike, tuple(e["index"] for e in same)) for alike, same in _runs_of(ordered)]
@@ -178,7 +178,7 @@ _LIMITS = (
 
 @dataclass(frozen=True)
 class Phase:
-    """What some of the run's time went to: s in all, a share, and s an indentation."""
+    """A phase of the run: total seconds, its share, and seconds per indentation."""
 
     name: str
     seconds: float
@@ -187,7 +187,7 @@ class Phase:
 
 
 def phases(run: Run) -> list[Phase]:
-    """What the run's time went to; nothing that took none."""
+    """Return the phases that took time."""
     booked = booked_s(run)
     whole, presses = sum(booked.values()) or 1.0, max(len(run.stream("indentation_end")), 1)
     return [Phase(name, s, s / whole, s / presses) for name, s in booked.items() if s]
@@ -207,9 +207,9 @@ def why_approach(run: Run) -> str:
     seconds, fallen = np.median(down, axis=0)
     presses = len({s["index"] for s in samples})
     return (
-        f"An approach goes down by {fallen:.3g} mm, waits until the force sensor has read, and goes on: "
-        f"{seconds:.2f} s a step, {len(looks) / presses:.0f} steps an indentation. That keeps small a force that "
-        "nobody expects; a lower clearance and larger steps would save time at its price."
+        f"An approach descends by {fallen:.3g} mm, waits for a force reading, and repeats: {seconds:.2f} s "
+        f"per step, {len(looks) / presses:.0f} steps per indentation. This keeps an unexpected force small; a "
+        "lower clearance and larger steps are faster but allow a larger force."
     )
 
 
@@ -223,15 +223,15 @@ def limits(run: Run) -> list[tuple[str, str]]:
         trip_n = run.start["soft_trip_n"]
         rows.append(("soft trip of this run", f"{trip_n / GWT_N:.2f} gwt ({trip_n:.4f} N)"))
     if forces:
-        rows.append(("highest force read", f"{max(forces):.2f} gwt ({max(forces) * GWT_N:.4f} N)"))
+        rows.append(("highest measured force", f"{max(forces):.2f} gwt ({max(forces) * GWT_N:.4f} N)"))
     if depths:
         rows.append(("deepest", f"{max(depths):.3f} mm"))
-    rows.append(("touched for, in all", f"{run.contact_s:.1f} s"))
+    rows.append(("total contact time", f"{run.contact_s:.1f} s"))
     return rows + [(f"limits.{key}", as_number(table[key])) for key in _LIMITS if key in table]
 
 
 def devices(run: Run, provenance: dict[str, Any]) -> list[tuple[str, str]]:
-    """What the devices called themselves."""
+    """Return the identities that the devices reported."""
     said = {
         "stage": {event["controller"] for event in run.stream("home")},
         "force": {event["sensor"] for event in run.stream("zero")},

@@ -16,9 +16,10 @@ BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"  # Okabe 
 PURPLE, YELLOW = "#CC79A7", "#E69F00"
 PNG_DOTS_PER_INCH = 200  # letters are measured at it, too: coarser ones are rounded to other widths
 _IMAGES_DOTS_PER_INCH = 100
-"""Of what is no line or letter in an SVG."""
+"""Resolution of the raster parts of an SVG (dpi)."""
 PAGE_IN = (10.9, 6.3)
-"""Width and height that A4 across leaves to a figure beside its heading and caption: what is larger is shrunk."""
+"""Width and height (in) of a figure beside its heading and caption on landscape A4; larger figures are scaled
+down."""
 
 _ORDERED = mpl.colormaps["viridis"]
 _LIGHTEST = 0.86  # beyond it lines fade on paper
@@ -35,23 +36,23 @@ _STYLE: dict[Any, Any] = {
 
 @dataclass(frozen=True)
 class Plot:
-    """A drawing of a size in inches, drawn when it is asked for."""
+    """A figure with its size in inches, plotted on request."""
 
     size: tuple[float, float]
     draw: Callable[[Figure], None]
     layout: Literal["constrained"] | None = "constrained"
-    """None: it has margins of its own."""
+    """No layout engine: the figure sets its own margins."""
 
     @cached_property
     def svg(self) -> str:
-        """As text."""
+        """The figure as SVG text."""
         text = io.StringIO()
         self._save(text, format="svg", dpi=_IMAGES_DOTS_PER_INCH, metadata={"Date": None})
         return text.getvalue()
 
     @cached_property
     def png(self) -> bytes:
-        """As an image."""
+        """The figure as a PNG image."""
         content = io.BytesIO()
         self._save(content, format="png", dpi=PNG_DOTS_PER_INCH, metadata={"Software": None})
         return content.getvalue()
@@ -89,7 +90,7 @@ def signed(x_mm: float) -> str:
 
 
 def some_of(n: int, most: int) -> list[int]:
-    """Which of n ticks are written where there is room for so many, evenly spread, first and last among them."""
+    """Return the indices of evenly spread ticks that fit, including the first and the last."""
     return sorted({round(k * (n - 1) / (most - 1)) for k in range(most)})
 
 

@@ -1,4 +1,4 @@
-"""Figures of what one afferent's recording says: rates as recorded and predicted, residuals, how each pair fares."""
+"""Figures of the verdict on one afferent: recorded and predicted rates, residuals, and the misfit of each pair."""
 
 from collections.abc import Callable, Sequence
 from itertools import cycle
@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 from numpy.typing import NDArray
 
-from rig.compare.verdict import AfferentVerdict, PairRow
+from rig.compare.verdict import AfferentVerdict, LeftOut, PairRow
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, Plot, Room, as_number, label, signed, some_of, unit
 
 Array = NDArray[np.float64]
@@ -24,7 +24,7 @@ _RANKED, _CONTROLS_RANKED = 7, 3
 _RATE = "discharge rate\n(unit of the recording)"
 _RESIDUAL = "recorded − predicted\n(standard deviations)"
 _LINES: tuple[tuple[str, str, float], ...] = ((BLUE, "-", 1.6), (ORANGE, "--", 1.3), (GREEN, ":", 1.5))
-"""Of the pairs that are drawn over each other, in their order."""
+"""Line styles of the superimposed pairs, in their order."""
 _MOST_RECEPTORS = 14
 _FRAME_POINTS = 7
 _ROOM = Room(left=0.75, right=0.1, bottom=0.42, top=0.55, columns=0.12, rows=0.42)
@@ -33,21 +33,21 @@ _STYLES = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "^"), (GREY, "D"), (PURPLE, "v"),
 
 
 def drawn_pairs(answer: AfferentVerdict) -> list[PairRow]:
-    """The likeliest pair, the likeliest of another measure, and the likeliest control."""
+    """Return the maximum-likelihood pair, the best pair of another measure, and the best control."""
     first = answer.headline or answer.closest
     found = (first, rival(answer), next(iter(answer.controls), None))
     return [row for row in found if row is not None]
 
 
 def rival(answer: AfferentVerdict) -> PairRow | None:
-    """The likeliest pair of another measure than the first, in the set if that has one."""
+    """Return the best pair of another measure than the first, from the set if possible."""
     first = answer.headline or answer.closest
     others = [row for row in answer.measures if row.name != first.name]
     return next((row for row in others if row.in_set), next(iter(others), None))
 
 
 def apart(answer: AfferentVerdict) -> Array | None:
-    """(p,) by how many standard errors the likeliest pair and its rival predict other rates; None without a rival."""
+    """Return (p,) differences of the rates of the best pair and its rival, in standard errors; None without one."""
     first, other = answer.headline or answer.closest, rival(answer)
     if other is None:
         return None
@@ -65,13 +65,13 @@ def most_telling(answer: AfferentVerdict) -> list[int]:
 
 
 def the_answer(answer: AfferentVerdict, shown: Sequence[int], frame: str) -> Plot:
-    """Recorded rates of the stimuli shown, with the pairs' predictions, above how well the likeliest pairs fit."""
+    """Plot recorded rates of some stimuli with the predictions, above the misfit of the best pairs."""
     size = (_WIDE_IN, _PROFILES_IN + _ranking_in(answer))
     return Plot(size, lambda figure: _the_answer(figure, answer, shown, frame))
 
 
 def ranking(answer: AfferentVerdict) -> list[PairRow]:
-    """The likeliest receptor of each of the likeliest measures and controls, likeliest first."""
+    """Return the best receptor of each of the best measures and controls, best first."""
     best: dict[str, PairRow] = {}
     for row in answer.rows:
         best.setdefault(row.name, row)
@@ -91,7 +91,7 @@ def residuals(answer: AfferentVerdict, shown: Sequence[int], frame: str) -> Plot
 
 
 def scatter(answer: AfferentVerdict, frame: str) -> Plot:
-    """Recorded rate against each pair's measure, with what it predicts."""
+    """Plot recorded rate against each pair's measure, with the fit."""
     rows = [row for row in drawn_pairs(answer) if np.isfinite(row.eps).any()]
     return Plot((0.6 + 2.4 * len(rows), 3.0), lambda figure: _scatter(figure, answer, rows, frame))
 
@@ -105,7 +105,7 @@ def every_pair(answer: AfferentVerdict) -> Plot:
 
 
 def named(row: PairRow) -> str:
-    """A pair in the sign in which it is drawn."""
+    """Return the name of a pair in the sign in which it is plotted."""
     name = f"{row.name} (control)" if row.control else label(row.name)
     return name if row.receptor_mm is None else f"{name} at {signed(row.receptor_mm)} mm"
 
@@ -131,7 +131,7 @@ def _the_answer(figure: Figure, answer: AfferentVerdict, shown: Sequence[int], f
             _predicted(axes, answer, number, row, color=colour, ls=style, lw=width)
         axes.set_title(answer.stimuli[number], fontsize=8)
     panels[0].set_ylabel(_RATE, fontsize=8)
-    above.supxlabel("position from field centre (mm)", fontsize=8)
+    above.supxlabel("position from field center (mm)", fontsize=8)
     lines = [Line2D([], [], color=c, ls=s, lw=w) for c, s, w in _LINES[: len(pairs)]]
     handles = [Line2D([], [], color="black", marker="o", ms=3, ls=""), *lines]
     names = ["recorded, ± standard error", *(f"{named(row)}: {_fate(row)}" for row in pairs)]
@@ -142,17 +142,25 @@ def _the_answer(figure: Figure, answer: AfferentVerdict, shown: Sequence[int], f
 
 def _recorded(axes: Axes, answer: AfferentVerdict, number: int) -> None:
     mine, places = of_stimulus(answer, number), answer.places
-    bars = np.nan_to_num(places.error[mine])
+    bars = places.error[mine]
     axes.errorbar(places.position_mm[mine], places.rate[mine], bars, fmt="o", ms=3, color="black", elinewidth=0.7)
-    left_out = [x for one in answer.left_out if one.stimulus == answer.stimuli[number] for x in one.position_mm]
-    if left_out:
-        axes.plot(left_out, np.zeros(len(left_out)), "x", ms=4, color=GREY)
+    for one in _left_out(answer, number):
+        axes.plot(one.position_mm[: len(one.rate)], one.rate, "x", ms=4, color=GREY)
     axes.tick_params(labelsize=7.5)
 
 
 def _predicted(axes: Axes, answer: AfferentVerdict, number: int, row: PairRow, **style: Any) -> None:
+    """A line through the predictions that stops where positions are left out."""
     mine = of_stimulus(answer, number)
-    axes.plot(answer.places.position_mm[mine], row.predicted[mine], **style)
+    gaps = [x for one in _left_out(answer, number) for x in one.position_mm]
+    at = np.concatenate([answer.places.position_mm[mine], gaps])
+    rate = np.concatenate([row.predicted[mine], np.full(len(gaps), np.nan)])
+    order = np.argsort(at, kind="stable")
+    axes.plot(at[order], rate[order], **style)
+
+
+def _left_out(answer: AfferentVerdict, number: int) -> list[LeftOut]:
+    return [one for one in answer.left_out if one.stimulus == answer.stimuli[number]]
 
 
 def _ranking(below: SubFigure, ranked: Sequence[PairRow]) -> None:
@@ -176,7 +184,7 @@ def _ranking(below: SubFigure, ranked: Sequence[PairRow]) -> None:
 
 
 def _fate(row: PairRow) -> str:
-    return "in the set" if row.in_set else "fits, but worse" if row.fits else "rejected by its fit"
+    return "in the set" if row.in_set else "not rejected, but worse" if row.fits else "rejected by its fit"
 
 
 def _marker(row: PairRow) -> dict[str, Any]:
@@ -191,7 +199,7 @@ def _marker(row: PairRow) -> dict[str, Any]:
 def _legend() -> list[Line2D]:
     return [
         Line2D([], [], ls="", marker="o", mfc=BLUE, mec=BLUE, label="in the set"),
-        Line2D([], [], ls="", marker="o", mfc="white", mec=BLUE, label="fits, but worse"),
+        Line2D([], [], ls="", marker="o", mfc="white", mec=BLUE, label="not rejected, but worse"),
         Line2D([], [], ls="", marker="x", mec=ORANGE, label="rejected by its fit"),
         Line2D([], [], ls="", marker="s", mfc="white", mec=GREY, label="squares: controls"),
     ]
@@ -221,7 +229,7 @@ def _draw_grid(
         axes.tick_params(labelsize=7.5)
     width, height = figure.get_size_inches()
     figure.text(0.5, 1 - 0.08 / height, frame, fontsize=_FRAME_POINTS, color=GREY, ha="center", va="top")
-    figure.text(0.5, 0.05 / height, "position from field centre (mm)", fontsize=8, ha="center", va="bottom")
+    figure.text(0.5, 0.05 / height, "position from field center (mm)", fontsize=8, ha="center", va="bottom")
     figure.text(0.05 / width, 0.5, quantity, fontsize=8, rotation=90, va="center", ha="left")
 
 

@@ -1,4 +1,4 @@
-"""What the recording of one afferent says, as sections of the report; every number is of one `AfferentVerdict`."""
+"""Sections of the report on one afferent; every number comes from one `AfferentVerdict`."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -14,19 +14,27 @@ from rig.report.style import as_limits, as_number
 from rig.report.verdict_figures import STIMULI_ACROSS, apart, drawn_pairs, most_telling, of_stimulus, ranking, rival
 
 _PAIR = (
-    "pair", "in the set", "misfit F", "p of the fit", "p in the set", "left out: predicted", "k [95 %]",
+    "pair", "in the set", "misfit F", "p of the fit", "p in the set", "held-out deviance predicted", "k [95 %]",
     "ε₀ [95 %]", "R²", "remarks",
 )  # fmt: skip
-_NOTHING = "Nothing was recorded (--recorded SHAPE=FILE), so that nothing is explained. What follows is a simulation."
-_TOO_FEW = "Too few recorded positions are covered by the runs to say which measure explains them."
+_NOTHING = (
+    "No recording was given (--recorded SHAPE=FILE), so no measure is tested. The rest of this page is a simulation."
+)
+_TOO_FEW = "The runs cover too few recorded positions to determine which measure explains them."
 _WOULD_CHANGE = {
-    "explained": "The answer would be another if a control came into the set, or if with less noise the fit of every "
-    "pair of the set were rejected.",
-    "not beyond controls": "The answer would be another if the controls in the set were rejected: with more presses, "
-    "or with stimuli under which they differ from the measures.",
-    "nothing": "The answer would be another if the noise were larger than it is taken for, on another finger "
-    "(--fingers says how well it is known), for receptors between or below those tried (--receptor-x-mm, "
-    "--receptor-depth-mm), or for a rate that saturates.",
+    "explained": (
+        "The answer would change if a control entered the set, or if, with less noise, the fit of "
+        "every pair of the set were rejected."
+    ),
+    "not beyond controls": (
+        "The answer would change if the controls in the set were rejected, by more "
+        "presses or by stimuli under which they differ from the measures."
+    ),
+    "nothing": (
+        "The answer would change if the noise were larger than estimated, for another finger "
+        "(--fingers states the range), for receptors between or below those tested (--receptor-x-mm, "
+        "--receptor-depth-mm), or for a rate that saturates."
+    ),
 }
 
 
@@ -45,45 +53,49 @@ def _sections(answer: AfferentVerdict, frame: str, of: str) -> list[Section]:
     besides = (*sentences(answer), *_other_measure(answer), _WOULD_CHANGE[answer.outcome])
     return [
         Section(f"Verdicts{of}", sentence(answer), figures=(_verdict(answer, frame, of),)),
-        Section(f"What goes with it, and what would change it{of}", "", points=besides),
+        Section(f"Details, and what would change the answer{of}", "", points=besides),
         _recorded(answer, frame, of),
         _residuals(answer, frame, of),
         _fits(answer, of),
         _controls(answer, of),
         *_together(answer, of),
-        Section(f"Methods, to be pasted{of}", methods(answer)),
+        Section(f"Methods text for a paper{of}", methods(answer)),
     ]
 
 
 def _verdict(answer: AfferentVerdict, frame: str, of: str) -> PageFigure:
     shown = most_telling(answer)
     all_of_them = len(shown) == len(answer.stimuli)
-    some = "" if all_of_them else f"The {len(shown)} of {len(answer.stimuli)} stimuli that tell most. "
+    some = "" if all_of_them else f"The {len(shown)} of {len(answer.stimuli)} most informative stimuli. "
     return PageFigure(
         f"Verdicts{of}",
         verdict_figures.the_answer(answer, shown, frame),
-        f"{some}Above: recorded rates, and what the likeliest pair of measure and receptor, the likeliest pair of "
-        "another measure and the likeliest control predict there; grey crosses: positions left out. Below: the "
-        "likeliest receptor of the likeliest measures and controls, best first, with the p of its own fit.",
+        f"{some}Above: recorded rates, and the predictions of the maximum-likelihood pair of measure and "
+        "receptor, of the best pair of another measure, and of the best control; grey crosses: positions "
+        "left out. Below: the best receptor of the best measures and controls, with the p of its fit, best "
+        "first.",
     )
 
 
 def _other_measure(answer: AfferentVerdict) -> list[str]:
-    """By how much the likeliest other measure is worse, and where to record for telling them apart."""
+    """Return by how much the best other measure is worse, and where more presses would distinguish it."""
     first, other, distance = answer.headline or answer.closest, rival(answer), apart(answer)
     if other is None or distance is None:
         return []
-    kept = "in the set, too" if other.in_set else "not in the set" if other.fits else "rejected by its own fit"
+    kept = "also in the set" if other.in_set else "not in the set" if other.fits else "rejected by its own fit"
     k = int(np.argmax(np.nan_to_num(distance)))
-    rates = f"{as_number(float(first.predicted[k]))} against {as_number(float(other.predicted[k]))}"
+    rates = f"{as_number(float(first.predicted[k]))} and {as_number(float(other.predicted[k]))}"
     by = (
-        f"Of other measures the likeliest is {other.title}: its deviance is larger by "
+        f"The best pair of another measure is {other.title}. Its deviance is larger by "
         f"{as_number(other.deviance - first.deviance)} times the noise, and it is {kept}."
     )
     return [
         *([] if other is answer.next else [by]),
-        f"Of the recorded positions {_place(answer, k)} tells {other.title} from {first.title} best: {rates}, "
-        f"{as_number(float(distance[k]), 2)} standard errors apart. More presses there change the answer soonest.",
+        (
+            f"{other.title} and {first.title} differ most at {_place(answer, k)}: they predict {rates}, "
+            f"{as_number(float(distance[k]), 2)} standard errors apart. More presses there are the most "
+            "informative."
+        ),
     ]
 
 
@@ -99,9 +111,10 @@ def _recorded(answer: AfferentVerdict, frame: str, of: str) -> Section:
         range(len(answer.stimuli)),
         STIMULI_ACROSS,
         lambda shown: verdict_figures.profiles(answer, shown, frame),
-        "One k and ε₀ for all stimuli. Bars: one standard error of the mean. Lines join what is predicted at the "
-        "recorded positions. Crosses: recorded positions that are left out, since a receptor in play does not see "
-        f"them in the simulation. {', '.join(answer.recordings)}.",
+        "One k and ε₀ for all stimuli. Bars: one standard error of the mean. Lines join the predictions at "
+        "the recorded positions and stop where positions are left out. Crosses: recorded positions that are "
+        "left out, since the simulation does not cover them at every receptor. "
+        f"{', '.join(answer.recordings)}.",
     )
     against = PageFigure(
         f"Rate against measure{of}",
@@ -110,8 +123,8 @@ def _recorded(answer: AfferentVerdict, frame: str, of: str) -> Section:
     )
     return Section(
         title,
-        "The likeliest pair, the likeliest pair of another measure, and the likeliest control. The answer would "
-        "change where a prediction leaves the bars at many neighbouring places: see the residuals.",
+        "The maximum-likelihood pair, the best pair of another measure, and the best control. The answer "
+        "would change where a prediction leaves the bars at many neighboring positions; see the residuals.",
         figures=(*over, against),
     )
 
@@ -128,9 +141,10 @@ def _residuals(answer: AfferentVerdict, frame: str, of: str) -> Section:
     limit = as_number(2 / max(len(_neighbours(answer)), 1) ** 0.5, 2)
     return Section(
         title,
-        "Noise alone leaves 95 of 100 residuals within two standard deviations, and neighbours do not go together "
-        f"(|r| below {limit} here). Where they do, the measure lacks a part of the form, and one that has it would "
-        "change the answer, even if no test rejects the fit yet.",
+        "With noise alone, 95 % of the residuals lie within two standard deviations, and neighbors are "
+        f"uncorrelated (|r| below {limit} here). Where they are correlated, the measure misses a part of the "
+        "profile's shape. A measure without this misfit would change the answer, even if no test rejects the "
+        "fit yet.",
         points=tuple(f"{row.title}: {_residual_words(answer, row)}" for row in drawn_pairs(answer)),
         figures=tuple(figures),
     )
@@ -149,29 +163,29 @@ def _residual_words(answer: AfferentVerdict, row: PairRow) -> str:
     products = sum(float(size[a] * size[b]) for a, b in _neighbours(answer))
     r = products / (float(size @ size) or 1.0)
     return (
-        f"the largest is {as_number(float(size[k]), 2)} ({_place(answer, k)}), {beyond} of {len(size)} are beyond "
-        f"two, neighbours go together with r = {as_number(r, 2)}."
+        f"the largest residual is {as_number(float(size[k]), 2)} ({_place(answer, k)}), {beyond} of "
+        f"{len(size)} exceed two, and neighbors have r = {as_number(r, 2)}."
     )
 
 
 def _fits(answer: AfferentVerdict, of: str) -> Section:
-    finger = "They hold for this finger (--fingers states how well it is known)."
+    finger = "The results hold for this finger (--fingers states a range of fingers)."
     if answer.fingers > 1:
-        finger = f"The finger was fitted with each pair, between {answer.fingers} fingers of the stated ranges."
+        finger = f"The finger was fitted with each pair, among {answer.fingers} fingers of the stated ranges."
     figure = PageFigure(
         f"Every pair of measure and receptor{of}",
         verdict_figures.every_pair(answer),
-        "Colour: lack-of-fit F of each measure and control at each receptor; noise alone gives about 1. Filled: in "
-        "the set; ring: fits, but worse; none: rejected by its own fit. White: no fit.",
+        "Color: lack-of-fit F of each measure and control at each receptor; noise alone gives about 1. "
+        "Filled: in the set; ring: not rejected, but worse; none: rejected by its own fit. White: no fit.",
     )
     rest = [row for row in ranking(answer) if not row.in_set]
     return Section(
-        f"Fits to what was recorded{of}",
-        "The set: pairs whose own fit is not rejected and that lie in the model confidence set, both at "
-        f"{percent(LEVEL)} without correction, all over the same {len(answer.places.rate)} positions. A pair would "
-        f"leave it if either p fell below {LEVEL:g}. Below the set: the likeliest receptor of the likeliest others. "
-        "The intervals in a row are those of this pair; over whichever receptor of the set they are listed first. "
-        f"{finger}",
+        f"Fits to the recording{of}",
+        "The set contains the pairs whose fit is not rejected and that lie in the model confidence set, both "
+        f"at {percent(LEVEL)} without correction, all over the same {len(answer.places.rate)} positions. A "
+        f"pair leaves the set if either p falls below {LEVEL:g}. Below the set: the best receptor of the best "
+        "other measures and controls. The intervals in a row are those of that pair; the list above gives "
+        f"them over all receptors of the set. {finger}",
         _PAIR,
         tuple(_cells(row) for row in (*answer.set, *rest)),
         (figure,),
@@ -181,14 +195,14 @@ def _fits(answer: AfferentVerdict, of: str) -> Section:
 
 def _over_receptors(answer: AfferentVerdict, name: str) -> str:
     k, eps0 = (_interval(answer.interval(name, of)) for of in _OF)
-    return f"{name}, at whichever receptor of the set: k in {k}, ε₀ in {eps0}."
+    return f"{name}, over all receptors of the set: k in {k}, ε₀ in {eps0}."
 
 
 _OF: tuple[Literal["k", "eps0"], ...] = ("k", "eps0")
 
 
 def _cells(row: PairRow) -> tuple[str, ...]:
-    remarks = ["fires unloaded"] * row.fires_unloaded + ["k < 0"] * bool(row.k < 0)
+    remarks = ["fires without load"] * row.fires_unloaded + ["k < 0"] * bool(row.k < 0)
     remarks += [f"{name.rpartition('.')[2]} {as_number(value)}" for name, value in (row.finger or {}).items()]
     return (
         f"{row.title} (control)" if row.control else row.title,
@@ -217,13 +231,16 @@ def _controls(answer: AfferentVerdict, of: str) -> Section:
     best = {row.name: row for row in reversed(answer.controls)}
     return Section(
         f"Controls{of}",
-        "No measures of what is under the skin, judged like one, each at its likeliest receptor. A measure that does "
-        "not beat them has explained nothing: the answer would change if one of these came into the set.",
+        "Controls do not depend on the tissue below the skin. They are tested like a measure, each at its "
+        "best receptor. A measure that does not beat them explains nothing: the answer would change if one "
+        "of them entered the set.",
         _PAIR,
         tuple(_cells(row) for row in sorted(best.values(), key=lambda row: row.deviance)),
         points=tuple(
-            f"Were {one.control} what the afferent follows, {one.pair} would imitate it best, and be rejected with a "
-            f"probability of {one.probability:.2f}."
+            (
+                f"If the afferent followed {one.control}, {one.pair} would imitate it best and be rejected with a "
+                f"probability of {one.probability:.2f}."
+            )
             for one in answer.power.mimics
         ),
     )
@@ -237,10 +254,11 @@ def _together(answer: AfferentVerdict, of: str) -> list[Section]:
     differ = "differ" if found.p < LEVEL else "do not differ"
     return [
         Section(
-            f"One afferent, fitted once{of}",
-            f"Fits of {answer.closest.title} to each stimulus alone {differ} from the one fit of all (F({a}, {b}) = "
-            f"{as_number(found.ratio)}, {probability(found.p)}). Where they do, the afferent, its place or the "
-            "finger was another from stimulus to stimulus, or the law is; the answer holds for each alone.",
+            f"Joint and separate fits of one afferent{of}",
+            f"Separate fits of {answer.closest.title} to each stimulus {differ} from the joint fit (F({a}, "
+            f"{b}) = {as_number(found.ratio)}, {probability(found.p)}). If they differ, the afferent, its "
+            "location, the finger or the law changed between stimuli, and the answer holds for each stimulus "
+            "alone.",
             ("stimulus", "k", "ε₀", "predicted from the other stimuli"),
             tuple((one.stimulus, _finite(one.k), _finite(one.eps0), percent(one.left_out)) for one in found.separate),
         )

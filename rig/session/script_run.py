@@ -12,7 +12,7 @@ from rig.protocol.script import Script, said_of_script
 from rig.transport import TransportError
 from sim.finger_process import FingerLostError
 
-AT_ONCE = "at once, by the operator"
+AT_ONCE = "stopped at once by the operator"
 ENDINGS = (EngineError, StageError, ForceError, TransportError, FingerLostError)
 """What ends a run before its end: the engine has lifted or stopped before it raises these."""
 

@@ -13,7 +13,7 @@ from rig.errors import BadInputError, around
 from rig.settings import BenchSettings, StopSettings
 from rig.transport import TransportError
 
-BY_THE_BUTTON = "at once, by the participant's stop button"
+BY_THE_BUTTON = "stopped at once by the participant's stop button"
 _SET_POINT_WITHIN = 0.02  # of what is configured: a transmitter rounds to its divisions
 
 

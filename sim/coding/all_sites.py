@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 Where = Literal["pulp", "all"]
 
 DRAWN = 9
-"""Index of the site that is drawn: the tenth, in the receptor plane and nearest to the pad's middle."""
+"""Index of the plotted site: the tenth, in the receptor plane and nearest to the pad center."""
 
 
 class AllSites(NamedTuple):

@@ -35,7 +35,7 @@ from sim.coding.search_decoders import checked_readings
 Array = NDArray[np.float64]
 
 EVIDENCE_DECADES = 3.0
-"""How far below the discrepancy principle's λ evidence may go."""
+"""Decades by which λ may fall below the λ of the discrepancy principle."""
 
 _DECADES = np.arange(2.0, -8.1, -0.5)  # of λ, over the data's own curvature; from smooth to rough
 _WHOLE_DECADES = np.arange(0.0, -3.1, -1.0)
@@ -216,13 +216,13 @@ def _log_det(matrix: Array) -> float:
 Prior = Literal["contacts", "smooth"]
 
 FEWEST_FOR_CONTACTS = 8
-"""Pressures; fewer are decoded as smooth."""
+"""Fewest pressures that are decoded within contacts; fewer are decoded as a smooth profile."""
 
 FEWEST_READINGS = 5
-"""Of pressures within contacts, which may be more than the readings."""
+"""Fewest pressures within contacts, which may exceed the number of readings."""
 
 _LOOSENED = 3.0
-"""The model's error at the first look, over what it is: far from the answer linear SED is wrong too."""
+"""Model error in the first pass, relative to the final one; far from the solution linear SED is inaccurate too."""
 
 
 _POSSIBLE = 8.0  # log evidence below the best at the first look

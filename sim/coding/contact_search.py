@@ -124,7 +124,7 @@ def table_of_contacts(most: int) -> tuple[Array, Array, Array]:
 # Readings as seen from pressures nearby: linear, so that all of a few contacts is normal, prior and posterior.
 
 Model = tuple[ContactInterval, ...]
-"""Contacts side by side, ascending, at least one free sample between them."""
+"""Contacts side by side, ascending, with at least one free sample between them."""
 
 
 class _Together(NamedTuple):

@@ -14,7 +14,7 @@ Array = NDArray[np.float64]
 
 NoisePlace = Literal["receptor", "output"]
 NOISE_PLACES: tuple[NoisePlace, ...] = get_args(NoisePlace)
-"""Before the receptor, on SED (Fig. 6-6), or at the output, on what the receptor says (§6.8)."""
+"""Where noise is added: before the receptor, on SED (Fig. 6-6), or on its output, the rate (§6.8)."""
 
 
 @dataclass(frozen=True)
@@ -84,13 +84,13 @@ def _said(noisy: Array, receptor: Receptor | None, *, before: bool) -> Array:
 Flags = NDArray[np.bool_]
 
 LOWEST_SD = 6.0
-"""A reading of SED so many sd below 0 is no noise."""
+"""Number of sd below 0 beyond which an SED reading cannot be noise."""
 
 QUIET_SD = 3.0
-"""Where noise is added to rates, one of so many sd or less says only that the true one is not far above 0."""
+"""Number of sd below which a noisy rate only bounds the true one."""
 
 FEWEST_AT_REST = 3
-"""Readings of an unloaded receptor from which its noise is taken."""
+"""Fewest readings of an unloaded receptor for an estimate of its noise."""
 
 
 @dataclass(frozen=True)
@@ -107,7 +107,7 @@ class Readings:
         low = np.flatnonzero(sed < -LOWEST_SD * _positive(sd))
         if len(low):
             raise DecodingError(
-                "reading {number} is {sed:g}: expected SED above −{lowest_sd:g} sd of noise, {sd:g} each",
+                "reading {number} is {sed:g}; SED must be above −{lowest_sd:g} sd of its noise, which is {sd:g}",
                 code="below_noise",
                 number=int(low[0]) + 1,
                 sed=float(sed[low[0]]),
@@ -120,9 +120,7 @@ class Readings:
     def of_rates(cls, rate: Array, receptor: Receptor, sd: float) -> "Readings":
         """Rates of receptors whose noise, of this sd in SED, entered before them. Raises DecodingError below zero."""
         if (rate < 0).any():
-            raise DecodingError(
-                "rate {rate:g}: expected rates that are not negative", code="negative_rate", rate=float(rate.min())
-            )
+            raise DecodingError("rate {rate:g}: must not be negative", code="negative_rate", rate=float(rate.min()))
         return cls(rate / receptor.gain + receptor.threshold, _positive(sd), rate == 0)
 
     @classmethod
@@ -153,7 +151,7 @@ def sd_at_rest(unloaded: Array) -> float:
     """Noise sd from readings of unloaded receptors. Raises DecodingError for too few, or without noise."""
     if len(unloaded) < FEWEST_AT_REST or not np.isfinite(unloaded).all():
         raise DecodingError(
-            "{readings} readings at rest: expected {fewest} numbers or more",
+            "{readings} readings at rest: at least {fewest} finite numbers are required",
             code="too_few_at_rest",
             readings=len(unloaded),
             fewest=FEWEST_AT_REST,
@@ -163,5 +161,5 @@ def sd_at_rest(unloaded: Array) -> float:
 
 def _positive(sd: float) -> float:
     if not (np.isfinite(sd) and sd > 0):
-        raise DecodingError("noise sd {sd:g}: expected a positive number", code="noise_not_positive", sd=sd)
+        raise DecodingError("noise sd {sd:g}: must be a positive number", code="noise_not_positive", sd=sd)
     return sd

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 MOST_MODELS = 40
 FROM_BEST = 5.0
-"""In log evidence: models farther below the best are left out."""
+"""Log evidence below the best model at which models are dropped."""
 
 _MOST_CUTS = 8
 _SURELY_ABOVE = 2.5  # sd: what is cut off so far out moves nothing
@@ -178,7 +178,7 @@ Singles = NDArray[np.float32]
 
 ENTRIES = 40_000
 ENOUGH = 100.0
-"""Effective entries."""
+"""Effective number of entries."""
 
 _DRAWS = 400  # that stand for the weighed entries
 _SIZE_SD = 0.8  # of the log of an entry's pressures, about those whose SED is as large as the readings'

@@ -18,7 +18,7 @@ from sim.measures.measures import Elastic
 Array = NDArray[np.float64]
 
 NAMES = ("h", "g", "f")
-"""Of the responses of e11, e22 and e12 (Raju 1998, Fig. 6-5)."""
+"""Components of strain with a response: e11, e22 and e12 (Raju 1998, Fig. 6-5)."""
 
 
 class Opposite(NamedTuple):

@@ -25,7 +25,7 @@ from sim.units import PSEUDO_E_EPIDERMIS
 Array = NDArray[np.float64]
 
 Direction = Literal["normal", "vertical"]
-"""Of a force: along the skin's inward normal, or along −y."""
+"""Direction of a force: along the skin's inward normal, or along −y."""
 
 _WIDEST_Z_MM = 4.5  # to each side of the receptor plane: as far as a mesh is made even
 _FROM_ENDS_MM = 0.5
@@ -88,7 +88,7 @@ class LoadedFinger:
         foot = self.skin(np.array(load.x_mm), np.array(load.z_mm))
         if np.isnan(foot).any():
             raise ModelRangeError(
-                "a load at x = {x_mm:g}, z = {z_mm:g} mm: expected a place on the pulp",
+                "a load at x = {x_mm:g}, z = {z_mm:g} mm: must lie on the pulp",
                 code="load_beside_pulp",
                 x_mm=load.x_mm,
                 z_mm=load.z_mm,
@@ -186,7 +186,8 @@ def spread_over_mean(values: Array) -> float:
 
 FitKind = Literal["linear", "logarithmic"]
 FIT_KINDS: tuple[FitKind, ...] = get_args(FitKind)
-"""linear: squared differences of SED, which weighs what is near; logarithmic: a line through the logarithms."""
+"""Fit: `linear` minimizes squared differences of SED, which weights near receptors; `logarithmic` fits a line to the
+logarithms."""
 
 
 class PowerLaw(NamedTuple):

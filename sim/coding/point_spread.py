@@ -30,13 +30,14 @@ from sim.units import GWT_N
 Array = NDArray[np.float64]
 
 SPACING_MM = 0.17
-"""Between receptors, across and along the finger; the source's mesh is as fine (Raju 1998, ch. 3)."""
+"""Receptor spacing (mm) across and along the finger, as fine as the source's mesh (Raju 1998, ch. 3)."""
 
 HALF_WIDTH_MM = 1.5
-"""Of the neighbourhood of a site, along x and along z: there SED is down to a twentieth. The source does not say."""
+"""Half-width (mm) of the area around a site along x and z, where SED has fallen to a twentieth. The source gives
+none."""
 
 SECTORS = 8
-"""Of the azimuth about a load; the first is centred on +x, the third on +z."""
+"""Sectors of the azimuth about a load; the first is centered on +x, the third on +z."""
 
 _FEWEST = 12  # samples that a law is fitted to
 
@@ -122,7 +123,8 @@ def _near(sheet: Sheet, foot: Array, half_width_mm: float, site: Site) -> NDArra
     near = np.asarray(away <= half_width_mm)
     if near.sum() < _FEWEST:
         raise ModelRangeError(
-            "site {site}: {receptors} receptors near it, expected {fewest} or more",
+            "site {site}: {receptors} receptors near it, at least {fewest} are required; reduce the spacing "
+            "or widen the area",
             code="too_few_receptors",
             site=site.number,
             receptors=int(near.sum()),

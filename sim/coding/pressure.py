@@ -152,7 +152,7 @@ def _skin(section: FeltSection, ends_mm: Array) -> SectionSkin:
     place, width = place[order], patch.area_mm2[order]
     if not (place[0] <= ends_mm[0] and ends_mm[-1] <= place[-1]):
         raise ModelRangeError(
-            "samples from {from_mm:.2f} to {to_mm:.2f} mm: expected places within {low_mm:.2f} … {high_mm:.2f} mm",
+            "samples from {from_mm:.2f} to {to_mm:.2f} mm: must lie within {low_mm:.2f} to {high_mm:.2f} mm",
             code="samples_beside_patch",
             from_mm=float(ends_mm[0]),
             to_mm=float(ends_mm[-1]),

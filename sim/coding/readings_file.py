@@ -28,7 +28,7 @@ DEPTHS_MM = (0.1, 3.0)
 _SAME_MM = 1e-6
 
 Placed = Callable[[int, tuple[float, ...]], tuple[float, ...]]
-"""A row's number and its cells to where its receptor is."""
+"""Returns the location of the receptor of a row, given its line number and its cells."""
 
 
 @dataclass(frozen=True)
@@ -92,18 +92,18 @@ def read_readings(path: Path, finger: FingertipConfig) -> GivenReadings:
     noise = [name for name in NOISE if name in names]
     if len(noise) > 1:
         raise TableError(
-            "{where}: columns {columns}, expected at most one of them",
+            "{where}: the columns {columns} cannot be combined; keep one",
             code="columns_together", where=where, columns=" and ".join(noise),
         )  # fmt: skip
     if kind == "rate" and noise == ["at_rest"]:
         raise TableError(
-            "{where}: at_rest, expected sd beside rate: a silent receptor hides its noise",
+            "{where}: a column rate requires sd, not at_rest, since the noise of a silent receptor is hidden",
             code="at_rest_beside_rate", where=where,
         )  # fmt: skip
     along = ["z_mm"] if "z_mm" in names else []
     if along and place != "x_mm":
         raise TableError(
-            "{where}: z_mm beside {column}, expected x_mm: a sheet has places in space",
+            "{where}: a column z_mm requires x_mm, not {column}",
             code="sheet_without_x", where=where, column=place,
         )  # fmt: skip
     columns = (place, "depth_mm", kind, *noise, *along)
@@ -114,7 +114,7 @@ def _one_of(where: str, names: Sequence[str], columns: Sequence[str]) -> str:
     found = [name for name in columns if name in names]
     if len(found) != 1:
         raise TableError(
-            "{where}: {found} of the columns {columns}, expected one of them",
+            "{where}: must have exactly one of the columns {columns}; found {found}",
             code="not_one_column", where=where, found=len(found), columns=", ".join(columns),
         )  # fmt: skip
     return found[0]
@@ -148,7 +148,7 @@ class _Rows:
         fewest = FEWEST_OF_SHEET if self.sheet else FEWEST
         if not fewest <= len(self.numbered) <= MOST:
             raise TableError(
-                "{path}: {readings} readings, expected {fewest} … {most}",
+                "{path}: {readings} readings; must be {fewest} to {most}",
                 code="wrong_count", path=self.path, readings=len(self.numbered), fewest=fewest, most=MOST,
             )  # fmt: skip
         placed = self._placed_in_space(finger) if self.sheet else self._placed_on_skin(finger)
@@ -166,7 +166,7 @@ class _Rows:
 
     def _refused(self, code: str, n: int, column: str, value: float, expected: str) -> TableError:
         return TableError(
-            "{path}, line {line}, {column}: {value:g}, expected {expected}",
+            "{path}, line {line}, {column}: {value:g} must be {expected}",
             code=code, path=self.path, line=n, column=column, value=float(value), expected=expected,
         )  # fmt: skip
 
@@ -209,7 +209,7 @@ class _Rows:
     def _depth(self, n: int, row: tuple[float, ...]) -> float:
         if not DEPTHS_MM[0] <= row[1] <= DEPTHS_MM[1]:
             raise self._refused(
-                "outside_range", n, "depth_mm", row[1], f"{DEPTHS_MM[0]:g} … {DEPTHS_MM[1]:g} mm below the skin"
+                "outside_range", n, "depth_mm", row[1], f"{DEPTHS_MM[0]:g} to {DEPTHS_MM[1]:g} mm below the skin"
             )
         return row[1]
 
@@ -218,7 +218,7 @@ class _Rows:
             same = np.flatnonzero(np.abs(places[:k] - place).max(axis=1) < _SAME_MM)
             if len(same):
                 first = self.numbered[same[0]][0]
-                expected = f"each receptor once: line {first} is the same place"
+                expected = f"given once per receptor location; line {first} has the same location"
                 raise self._refused("same_place", self.numbered[k][0], self.place, place[0], expected)
 
     def _refuse_noise(self) -> None:
@@ -228,7 +228,7 @@ class _Rows:
                     raise self._refused("not_positive", n, "sd", sd, "a positive number")
         if self.noise == ["at_rest"] and len({value for _, value in self._column(3)}) < FEWEST_AT_REST:
             raise TableError(
-                "{path}, at_rest: expected noise, {fewest} values or more",
+                "{path}, at_rest: must contain at least {fewest} different values",
                 code="too_little_noise", path=self.path, fewest=FEWEST_AT_REST,
             )  # fmt: skip
 
@@ -239,11 +239,11 @@ class _Rows:
             noise = [float(np.std(noise, ddof=1))] * len(noise)
         for (n, value), sd in zip(self._column(2), noise, strict=True):
             if value < (0 if self.kind == "rate" else -LOWEST_SD * sd):
-                expected = "no less than 0, but for noise" if self.noise else "0 or more"
+                expected = "0 or more, apart from noise" if self.noise else "0 or more"
                 raise self._refused("negative", n, self.kind, value, expected)
         if not any(value > 0 for _, value in self._column(2)):
             raise TableError(
-                "{path}, {column}: none is above 0, expected receptors that feel",
+                "{path}, {column}: no reading is above 0; at least one receptor must respond",
                 code="none_above_zero", path=self.path, column=self.kind,
             )  # fmt: skip
 
@@ -278,13 +278,13 @@ def checked_pressures(values: ArrayLike) -> Array:
     pressure = np.atleast_1d(np.asarray(values, dtype=np.float64))
     if not 1 <= len(pressure) <= MOST_SAMPLES:
         raise CodingError(
-            "{pressure}: {numbers} samples, expected 1 … {most}",
+            "{pressure}: {numbers} samples; must be 1 to {most}",
             code="wrong_count", pressure="pressure", numbers=len(pressure), most=MOST_SAMPLES,
         )  # fmt: skip
     wrong = pressure[~(np.isfinite(pressure) & (pressure >= 0))]
     if len(wrong):
         raise CodingError(
-            "{pressure} {value:g}: expected numbers that are not negative, nothing pulls at skin",
+            "{pressure} {value:g}: pressures must not be negative",
             code="negative", pressure="pressure", value=float(wrong[0]),
         )  # fmt: skip
     return pressure

@@ -68,21 +68,21 @@ def checked_readings(operator: ForwardOperator, reading: Array, fewest: int | No
     receptors, unknowns = operator.parts.shape[1:]
     if reading.shape != (receptors,):
         raise DecodingError(
-            "{readings} readings: expected {receptors}, one for each receptor",
+            "{readings} readings: must be {receptors}, one for each receptor",
             code="not_one_each",
             readings=reading.size,
             receptors=receptors,
         )
     if fewest is None and receptors < unknowns:
         raise DecodingError(
-            "{readings} readings of {pressures} pressures: expected at least as many",
+            "{readings} readings of {pressures} pressures: at least as many readings as pressures are required",
             code="fewer_than_pressures",
             readings=receptors,
             pressures=unknowns,
         )
     if fewest is not None and receptors < fewest:
         raise DecodingError(
-            "{readings} readings of {pressures} pressures: expected {fewest} or more",
+            "{readings} readings of {pressures} pressures: at least {fewest} readings are required",
             code="too_few",
             readings=receptors,
             pressures=unknowns,
@@ -91,7 +91,7 @@ def checked_readings(operator: ForwardOperator, reading: Array, fewest: int | No
     bad = np.flatnonzero(~np.isfinite(reading))
     if len(bad):
         raise DecodingError(
-            "reading {number} is {value:g}: expected a number",
+            "reading {number} is {value:g}: must be a number",
             code="not_a_number",
             number=int(bad[0]) + 1,
             value=float(reading[bad[0]]),
@@ -107,10 +107,10 @@ def checked_readings(operator: ForwardOperator, reading: Array, fewest: int | No
 # (`converged_search`), or among the values of a grid, as the source does (`grid_search`).
 
 STAGNANT = 1e-9
-"""Of the range: a sweep over all pressures that moves none by more has converged."""
+"""Share of the range: a sweep over all pressures that moves none by more has converged."""
 
 MOST_SWEEPS = 20_000
-"""Over two pressures; over more, as many moves."""
+"""Maximum number of sweeps over two pressures; for more pressures as many moves."""
 
 
 class PressureRange(NamedTuple):

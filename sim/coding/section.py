@@ -29,7 +29,8 @@ Array = NDArray[np.float64]
 
 Axes = Literal["skin", "cartesian"]
 AXES: tuple[Axes, ...] = get_args(Axes)
-"""skin: places by length of skin, strains tangent and normal to it; cartesian, as the source: by x, along x and y."""
+"""skin: positions along the skin, strains tangent and normal to it; cartesian, as in the source: by x, along x and
+y."""
 
 _SIDE_RAD = 0.3  # of the section's widest places, where the nail is near
 _TABLE = np.linspace(np.pi - _SIDE_RAD, _SIDE_RAD, 2001)
@@ -67,7 +68,7 @@ class SkinLine:
         beside = place[~((place >= low) & (place <= high))]
         if len(beside):
             raise ModelRangeError(
-                "place {place_mm:g} mm: expected {low_mm:.2f} … {high_mm:.2f} mm on the pulp's skin",
+                "place {place_mm:g} mm: must be {low_mm:.2f} to {high_mm:.2f} mm on the skin of the pulp",
                 code="place_beside_pulp",
                 place_mm=float(beside[0]),
                 low_mm=low,
@@ -98,7 +99,7 @@ class SkinLine:
         x = self.below(self.angles(reach), depth_mm)[:, X]
         if not x[0] <= x_mm <= x[-1]:
             raise ModelRangeError(
-                "x {x_mm:g} mm: expected {low_mm:.2f} … {high_mm:.2f} mm, below the pulp's skin",
+                "x {x_mm:g} mm: must be {low_mm:.2f} to {high_mm:.2f} mm, below the skin of the pulp",
                 code="x_beside_pulp",
                 x_mm=float(x_mm),
                 low_mm=float(x[0]),
@@ -123,10 +124,10 @@ class SkinLine:
 
 
 SPACING_MM = 0.17
-"""Between samples (Raju 1998, §6.5)."""
+"""Sample spacing in mm (Raju 1998, §6.5)."""
 
 HALF_LENGTH = 24
-"""Samples to each side of the middle; the source does not say."""
+"""Samples on each side of the middle; the source gives no number."""
 
 
 @dataclass(frozen=True)
@@ -218,7 +219,9 @@ def _material_about(config: FingertipConfig, columns: Columns, deep: str) -> Ela
     ratio = columns.young_ratio
     if (ratio != ratio[0]).any():
         raise ModelRangeError(
-            "receptors {depths} mm deep: expected a depth inside one layer", code="several_layers", depths=deep
+            "receptors {depths} mm deep lie in several layers; all must lie in one",
+            code="several_layers",
+            depths=deep,
         )
     return Elastic(PSEUDO_E_EPIDERMIS * float(ratio[0]), config.tissue.poisson)
 
@@ -235,9 +238,9 @@ def _strain_per_node(line: SkinLine, columns: Columns, angle: Array) -> Array:
 
 Energy = Literal["incompressible", "finite"]
 ENERGIES: tuple[Energy, ...] = get_args(Energy)
-"""incompressible: G (e11² + e22² + ½ e12²), Raju (1998) Eq. 6.1; finite: with ½ λ (e11 + e22)², as Hooke has it.
+"""incompressible: G (e11² + e22² + ½ e12²), Raju (1998) Eq. 6.1; finite: adds ½ λ (e11 + e22)² (Hooke's law).
 
-Of six strains all normal and all shear ones alike."""
+For six strain components the sums run over all normal and all shear strains."""
 
 _WEIGHT = {3: [1.0, 1.0, 0.5], 6: [1.0, 1.0, 1.0, 0.5, 0.5, 0.5]}
 

@@ -23,7 +23,7 @@ SKIN_SD_MM = 0.007
 """Of the skin under decoded pressures; chosen on other scenes than those reported (docs/validation/coding.md)."""
 
 STEP_MM = 0.5
-"""Height of the source's steps."""
+"""Height of the source's steps (mm)."""
 
 _PRESSED = 0.15  # of the median pressure: in contact
 _NUMBERS: dict[ShapeClass, int] = {"bar": 1, "cylinder": 3, "step": 3}  # that each outline is fitted with

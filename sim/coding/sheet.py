@@ -109,10 +109,11 @@ def felt_skin(
 
 
 SHEET_SPACING_MM = 0.3
-"""Between pressures, both ways: SED under a sphere is then right to 3 %, to 1 % at 0.2 mm."""
+"""Spacing of pressures in x and z (mm): SED under a sphere is then accurate to 3 %, to 1 % at 0.2 mm."""
 
 GRID_MM = 2.1
-"""From the middle of the pad: as far as pressures are sought, on the patch of the default finger."""
+"""Half-width (mm) of the area around the pad center where pressures are estimated, on the patch of the default
+finger."""
 
 FEWEST_PLACES = 3  # along x, and along z
 
@@ -213,7 +214,7 @@ def sheet_operator(felt: FeltSkin, grid: Grid, energy: Energy) -> SheetOperator:
     if len(bare):
         x, z = grid.place_mm[bare[0]]
         raise ModelRangeError(
-            "pressure at x = {x_mm:.2f}, z = {z_mm:.2f} mm: expected a place on the patch of the skin",
+            "pressure at x = {x_mm:.2f}, z = {z_mm:.2f} mm: must lie on the patch of the skin",
             code="pressure_beside_patch",
             x_mm=float(x),
             z_mm=float(z),
@@ -237,7 +238,7 @@ def sheet_operator(felt: FeltSkin, grid: Grid, energy: Energy) -> SheetOperator:
 # in the plane, under an axial shape that is told, or that of several which explains its readings best.
 
 ROW_ERROR = ModelError(share=0.06)
-"""Of SED: between meshes, and what an axial shape that is the same at all x leaves (3 to 6 %)."""
+"""Relative model error of SED: between meshes, and of an axial shape that is the same at all x (3 to 6 %)."""
 
 
 @dataclass(frozen=True)
@@ -262,7 +263,7 @@ class AxialShape:
 
 
 HALF_LENGTHS_MM = (1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.3)
-"""Of the ellipses that are tried where none is named."""
+"""Half-lengths of the ellipses that are tried by default (mm)."""
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@
 """
 
 import time
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple, get_args
@@ -213,14 +214,14 @@ def load_of_press(section: SampledSection, name: OperatorName, energy: Energy, p
 
 # --- decoding ---
 
-DecoderName = Literal["ours", "univariate", "grid", "table", "global"]
+DecoderName = Literal["bayes", "univariate", "grid", "table", "global"]
 DECODERS: tuple[DecoderName, ...] = get_args(DecoderName)
 
 TABLE_ENTRIES = 1000
 SURPRISING = 5.0  # standard deviations of chi-squared beyond which readings are not explained
-CUT_OFF = "the search was cut off before it stood still"
+CUT_OFF = "the search was cut off before it converged"
 NO_NOISE = 1e-3
-"""Of the highest reading: the sd that stands for no noise, since a likelihood needs one."""
+"""Share of the highest reading that serves as the sd without noise, since a likelihood requires one."""
 
 _HELD = 0.95  # of a press's force under the pressures that are sought
 _SOUGHT = 0.8  # of the receptors' half length: beyond, too few of them feel a pressure
@@ -235,7 +236,7 @@ class SearchOptions(NamedTuple):
         Starting pressures of `univariate` and `grid` (pseudo-units): one for all, or (n,). Default: the even pressure
         that explains the readings best.
     bounds : tuple of two floats, optional
-        Lowest and highest pressure, for all decoders but `ours`. Default: from 0 to twice what the highest reading
+        Lowest and highest pressure, for decoders except `bayes`. Default: from 0 to twice what the highest reading
         needs of the one pressure that it feels most.
     grid_step : float, optional
         Spacing of the values of `grid`. Default: a 30th of the bounds.
@@ -257,8 +258,9 @@ class DecodeTask:
     ----------
     source : sequence of float, SectionPress or GivenReadings
         Pressures (pseudo-units) or a press, as for `EncodeTask`; or readings, from `read_readings`.
-    decoder : {"ours", "univariate", "grid", "table", "global"}
-        Only `ours` gives standard deviations and bands, and only it decodes sheets and axial shapes.
+    decoder : {"bayes", "univariate", "grid", "table", "global"}
+        Only `bayes` gives standard deviations and bands, and only it decodes sheets and axial shapes. The old name
+        "ours" works for one release.
     operator : {"convolution", "influence"}, optional
         What encodes pressures and reads them back. Default: convolution for pressures, influence for a press.
         Readings always go by influence.
@@ -282,7 +284,7 @@ class DecodeTask:
     """
 
     source: Sequence[float] | Array | SectionPress | GivenReadings
-    decoder: DecoderName = "ours"
+    decoder: DecoderName = "bayes"
     operator: OperatorName | None = None
     energy: Energy = "finite"
     receptor: FittedReceptor | None = None
@@ -292,6 +294,11 @@ class DecodeTask:
     axial_mm: tuple[float, ...] = ()
     search: SearchOptions = field(default_factory=SearchOptions)
     finger: FingertipConfig = field(default_factory=FingertipConfig)
+
+    def __post_init__(self) -> None:
+        if str(self.decoder) == "ours":
+            warnings.warn("the decoder ours is now bayes", DeprecationWarning, stacklevel=3)
+            object.__setattr__(self, "decoder", "bayes")
 
 
 @dataclass(frozen=True)
@@ -363,7 +370,9 @@ class Observation:
         expected, misfit = int(self.heard.sum()), float((off[self.heard] ** 2).sum())
         if misfit <= expected + SURPRISING * np.sqrt(2 * expected):
             return ()
-        return (f"the readings are not explained: misfit {misfit:.3g}, expected about {expected}",)
+        return (
+            (f"the decoded pressures do not explain the readings: misfit {misfit:.3g}, expected about {expected}"),
+        )
 
 
 @dataclass(frozen=True)
@@ -381,11 +390,11 @@ class DecodeResult:
     ms : float
         Time of the decoder alone.
     profile : Profile, optional
-        Of `ours`: standard deviations and bands.
+        Of `bayes`: standard deviations and bands.
     path : (moves + 1, n) array
         The way of `univariate` and `grid`; empty for the others.
     bounds : PressureRange, optional
-        Between which pressures were searched for; None for `ours`.
+        Between which pressures were searched for; None for `bayes`.
     problems : tuple of str
     """
 
@@ -446,9 +455,9 @@ def observe(task: DecodeTask) -> Observation:
 def decode_observation(observation: Observation, decoder: DecoderName, search: SearchOptions) -> DecodeResult:
     """Find the pressures. Raises CodingError for a start or bounds that cannot be meant, and for such readings."""
     if not observation.heard.any():
-        raise CodingError("no reading is above its noise: expected some that are", code="all_noise")
-    if decoder == "ours":
-        return _ours(observation, search.seed)
+        raise CodingError("no reading exceeds its noise; at least one receptor must respond", code="all_noise")
+    if decoder == "bayes":
+        return _bayes(observation, search.seed)
     upright = observation.operator.leaning(np.zeros(len(observation.operator.place_mm)))  # they know no other forces
     observation = replace(observation, operator=upright)
     within = _bounds(observation, search)
@@ -466,27 +475,29 @@ def decode_observation(observation: Observation, decoder: DecoderName, search: S
     ends = int(np.isclose(found.pressure, within.high, rtol=1e-9).sum())
     problems = [] if found.converged else [CUT_OFF]
     if ends:
-        problems.append(f"{ends} of {len(found.pressure)} pressures stand at the end of the range, {within.high:g}")
+        problems.append(
+            f"{ends} of {len(found.pressure)} pressures are at the upper end of the range, {within.high:g}"
+        )
     problems += observation.unexplained(found.pressure)
     return DecodeResult(observation, found.pressure, found.converged, ms, None, found.path, within, tuple(problems))
 
 
 def best_explained(observations: Sequence[Observation]) -> Observation:
     """Of the same readings under several axial shapes: the one whose pressures explain them best, at a quick look."""
-    return min(observations, key=lambda one: _profile(one, _noise_of_ours(one), 0, table=False).misfit)
+    return min(observations, key=lambda one: _profile(one, _noise_of_readings(one), 0, table=False).misfit)
 
 
-def _noise_of_ours(observation: Observation) -> ReadingNoise:
+def _noise_of_readings(observation: Observation) -> ReadingNoise:
     if observation.noise is None:
         raise CodingError(
-            "{readings}: expected a column sd or at_rest, decoder ours goes by the readings' noise",
+            "{readings} requires a column sd or at_rest, since the decoder bayes uses the noise of the readings",
             code="noise_unknown", readings="readings",
         )  # fmt: skip
     return observation.noise
 
 
-def _ours(observation: Observation, seed: int) -> DecodeResult:
-    noise = _noise_of_ours(observation)
+def _bayes(observation: Observation, seed: int) -> DecodeResult:
+    noise = _noise_of_readings(observation)
     began = time.perf_counter()
     profile = _profile(observation, noise, seed)
     ms = 1e3 * (time.perf_counter() - began)
@@ -533,12 +544,12 @@ def _start(observation: Observation, search: SearchOptions, within: PressureRang
     given = np.array(search.start)
     if len(given) not in (1, n):
         raise CodingError(
-            "{start}: {numbers} numbers, expected 1 or {expected}",
+            "{start}: {numbers} numbers; must be 1 or {expected}",
             code="wrong_count", start="start", numbers=len(given), expected=n,
         )  # fmt: skip
     if not ((given >= within.low) & (given <= within.high)).all():
         raise CodingError(
-            "{start}: expected numbers within {bounds} {low:g} … {high:g}",
+            "{start}: must lie within {bounds}, {low:g} to {high:g}",
             code="outside_range", start="start", bounds="bounds", low=within.low, high=within.high,
         )  # fmt: skip
     return np.full(n, given[0]) if len(given) == 1 else given
@@ -566,8 +577,9 @@ def _of_press(task: DecodeTask, press: SectionPress) -> Observation:
     held = float(true.sum() * section.sampling.spacing_mm / (borne.normal * borne.width_mm).sum())
     if held < _HELD:
         raise CodingError(
-            "{shape} at x = {x_mm:g} mm: {held:.0%} of its force is between {low_mm:.2f} and {high_mm:.2f} mm, where "
-            "pressures are sought, expected {least:.0%} or more",
+            "{shape} at x = {x_mm:g} mm: {held:.0%} of the force lies between {low_mm:.2f} and {high_mm:.2f} "
+            "mm, where pressures are estimated; at least {least:.0%} is required; move the indentor towards "
+            "x = 0",
             code="beside_the_search",
             shape="shape",
             x_mm=press.x_mm,
@@ -596,7 +608,7 @@ def _encoded(
     encoded = encode(felt, load, receptor, task.noise)
     if not encoded.rate.max() > 0:
         raise CodingError(
-            "no receptor says anything: expected pressure, and a {threshold} below its SED",
+            "no receptor responds; raise the pressure, or lower {threshold} below its SED",
             code="all_silent", threshold="threshold",
         )  # fmt: skip
     return Observation(operator, encoded.rate, task.receptor, noise_of(encoded, receptor, task.noise), true)
@@ -606,10 +618,10 @@ def noise_of(encoded: Encoded, receptor: Receptor | None, noise: Noise | None) -
     """Measured, as it would be, from the same receptors at rest; where those are silent, told."""
     m = encoded.samples
     if noise is None or not encoded.noise_sd:
-        return ReadingNoise(np.full(m, NO_NOISE * float(encoded.rate.max())), "assumed, there is none")
+        return ReadingNoise(np.full(m, NO_NOISE * float(encoded.rate.max())), "none; a small sd is assumed")
     if receptor is None:
         rest = encoded.noise_sd * np.random.default_rng((noise.seed, 1)).normal(size=m)
-        return ReadingNoise(np.full(m, sd_at_rest(rest)), f"measured at rest of {m} receptors")
+        return ReadingNoise(np.full(m, sd_at_rest(rest)), f"measured from {m} receptors at rest")
     unit = receptor.gain if noise.at == "receptor" else 1.0
     return ReadingNoise(np.full(m, unit * encoded.noise_sd), "told", noise.at)
 
@@ -620,9 +632,9 @@ def _of_readings(task: DecodeTask, given: GivenReadings) -> Observation:
     """
     _refuse_kind(task, given)
     if given.z_mm is not None:
-        if task.decoder != "ours":
+        if task.decoder != "bayes":
             raise CodingError(
-                "{readings} with a column z_mm: expected {decoder} ours, the only one of sheets",
+                "{readings} with a column z_mm requires {decoder} bayes",
                 code="sheet_not_decoded", readings="readings", decoder="decoder",
             )  # fmt: skip
         return Observation(_over_sheet(task, given, given.z_mm), given.reading, task.receptor, _noise(task, given))
@@ -631,10 +643,10 @@ def _of_readings(task: DecodeTask, given: GivenReadings) -> Observation:
     n = round((high - low) / task.sampling.spacing_mm)
     if n < 1:
         raise CodingError(
-            "{readings} over {length_mm:g} mm of skin: expected more than {least_mm:g} mm",
+            "{readings} over {length_mm:g} mm of skin: must span more than {least_mm:g} mm",
             code="too_short", readings="readings", length_mm=high - low, least_mm=task.sampling.spacing_mm,
         )  # fmt: skip
-    if task.decoder == "ours" and n >= FEWEST_FOR_CONTACTS:
+    if task.decoder == "bayes" and n >= FEWEST_FOR_CONTACTS:
         operator: ForwardOperator = frictionless(section, np.linspace(low, high, n + 1), task.energy)
     else:
         few = np.linspace(low, high, min(n + 1, len(given.place_mm)))
@@ -647,7 +659,7 @@ def _of_row(task: DecodeTask, given: GivenReadings) -> list[Observation]:
     _refuse_kind(task, given)
     if given.z_mm is not None:
         raise CodingError(
-            "{axial} beside a column z_mm: expected a row of receptors, a sheet needs no axial shape",
+            "{axial} applies to a row of receptors; remove it, or the column z_mm",
             code="axial_of_sheet", axial="axial",
         )  # fmt: skip
     row = felt_row(task.finger, given.place_mm, given.depth_mm)
@@ -656,7 +668,7 @@ def _of_row(task: DecodeTask, given: GivenReadings) -> list[Observation]:
     if n < FEWEST_FOR_CONTACTS:
         least_mm = FEWEST_FOR_CONTACTS * task.sampling.spacing_mm
         raise CodingError(
-            "{axial} with a row over {length_mm:.2f} mm of skin: expected {least_mm:.2f} mm or more",
+            "{axial} with a row over {length_mm:.2f} mm of skin: the row must span at least {least_mm:.2f} mm",
             code="too_short", axial="axial", length_mm=high - low, least_mm=least_mm,
         )  # fmt: skip
     centre_mm = row.line.surface.apex.position_mm[Z]
@@ -672,12 +684,12 @@ def _of_row(task: DecodeTask, given: GivenReadings) -> list[Observation]:
 def _refuse_kind(task: DecodeTask, given: GivenReadings) -> None:
     if given.kind == "rate" and task.receptor is None:
         raise CodingError(
-            "{readings} with a column {column}: expected {gain} and {threshold} beside rates",
+            "{readings} with a column {column} requires {gain} and {threshold}; add them",
             code="receptor_mismatch", readings="readings", column=given.kind, gain="gain", threshold="threshold",
         )  # fmt: skip
     if given.kind != "rate" and task.receptor is not None:
         raise CodingError(
-            "{readings} with a column {column}: expected no {threshold} beside SED",
+            "{readings} with a column {column} contains SED, which takes no {threshold}; remove it",
             code="receptor_mismatch", readings="readings", column=given.kind, threshold="threshold",
         )  # fmt: skip
 
@@ -703,8 +715,8 @@ def _places(name: str, receptors_mm: Array, middle_mm: float, apart_mm: float) -
     n = int((high - low) / apart_mm + 1e-9) + 1
     if n < FEWEST_PLACES:
         raise CodingError(
-            "{readings}, {column}: a sheet over {length_mm:.2f} mm, expected {least_mm:g} mm or more within "
-            "± {half_mm:g} mm of {middle_mm:.2f}",
+            "{readings}, {column}: the sheet spans {length_mm:.2f} mm; it must span at least {least_mm:g} mm "
+            "within ± {half_mm:g} mm of {middle_mm:.2f} mm",
             code="too_short",
             readings="readings",
             column=name,
@@ -718,9 +730,9 @@ def _places(name: str, receptors_mm: Array, middle_mm: float, apart_mm: float) -
 
 def _noise(task: DecodeTask, given: GivenReadings) -> ReadingNoise | None:
     if given.sd is not None:
-        return ReadingNoise(given.sd, "told by the file", task.noise_at)
+        return ReadingNoise(given.sd, "given in the file", task.noise_at)
     if given.at_rest is not None:
         m = len(given.reading)
         sd = np.full(m, sd_at_rest(given.at_rest))
-        return ReadingNoise(sd, f"measured at rest of {m} receptors", task.noise_at)
+        return ReadingNoise(sd, f"measured from {m} receptors at rest", task.noise_at)
     return None

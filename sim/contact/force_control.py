@@ -58,7 +58,7 @@ def solve_for_force(
         if reached < force:
             if doi >= deepest_mm:
                 raise ForceNotReachedError(
-                    "the force is not reached at the deepest DOI allowed, {deepest_mm:g} mm", deepest_mm=deepest_mm
+                    "not reached at the largest DOI allowed, {deepest_mm:g} mm", deepest_mm=deepest_mm
                 )
             if refused and high - doi < _NO_CLOSER_MM:
                 raise refused

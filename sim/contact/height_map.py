@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 LEAST_POINTS, MOST_POINTS = 4, 1_000_000
 STEEPEST_OF_A_MAP = 20.0
-"""Slope above which a map is refused, 87 degrees: a wall cannot be told from an overhang."""
+"""Largest slope of a map, 87 degrees; a steeper wall cannot be distinguished from an overhang."""
 
 _UNEVEN = 1e-3  # of the spacing
 _UNDERSHOOT = 0.05  # of the relief, by which the spline may lie below the lowest height
@@ -62,7 +62,7 @@ class HeightMap(Indentor):
         x, z, height = (np.array(given, dtype=np.float64) for given in (x_mm, z_mm, height_mm))
         if height.shape != (z.size, x.size) or x.ndim != 1 or z.ndim != 1:
             raise HeightMapError(
-                "{name}: heights of shape {shape} over {n_x} x and {n_z} z: expected {expected}",
+                "{name}: heights of shape {shape} over {n_x} x and {n_z} z: must have the shape {expected}",
                 code="heights_unlike_grid",
                 name=name,
                 shape=height.shape,
@@ -77,8 +77,8 @@ class HeightMap(Indentor):
         if len(missing):
             k, i = missing[0]
             raise HeightMapError(
-                "{name}: no height at x = {x_mm:g}, z = {z_mm:g} mm ({missing} of {points}): expected a number "
-                "everywhere",
+                "{name}: no height at x = {x_mm:g}, z = {z_mm:g} mm ({missing} of {points} points); every "
+                "point must have a finite height",
                 code="missing_height",
                 name=name,
                 x_mm=float(x[i]),
@@ -240,8 +240,8 @@ class HeightMap(Indentor):
         below = float(self.height_mm.min()) - self._lowest_mm
         if steepest > STEEPEST_OF_A_MAP:
             raise HeightMapError(
-                "{name}: a slope of {slope:.3g}, {slope_deg:.1f}° (an overhang, a wall or a wrong spacing): expected "
-                "at most {most:g}; edge_mm rounds edges",
+                "{name}: a slope of {slope:.3g}, {slope_deg:.1f}° (an overhang, a wall or a wrong spacing); "
+                "at most {most:g} is allowed; round the edges with edge_mm",
                 code="too_steep",
                 name=self.name,
                 slope=steepest,
@@ -250,8 +250,8 @@ class HeightMap(Indentor):
             )
         if below > _UNDERSHOOT * relief:
             raise HeightMapError(
-                "{name}: between its points the surface would reach {below_mm:.2g} mm below the lowest, of "
-                "{relief_mm:.2g} mm in all: expected a finer map, or edges rounded by edge_mm",
+                "{name}: between its points the surface would reach {below_mm:.2g} mm below the lowest "
+                "point, of {relief_mm:.2g} mm in all; use a finer map, or round the edges with edge_mm",
                 code="swings_below",
                 name=self.name,
                 below_mm=below,
@@ -282,7 +282,7 @@ def _angle(slope: Array, other: Array) -> Array:
 def _refuse_size(name: str, rows: int, columns: int) -> None:
     if min(rows, columns) < LEAST_POINTS:
         raise HeightMapError(
-            "{name}: {columns} × {rows} points, expected at least {least} × {least}",
+            "{name}: {columns} × {rows} points; at least {least} × {least} are required",
             code="too_small",
             name=name,
             columns=columns,
@@ -291,7 +291,7 @@ def _refuse_size(name: str, rows: int, columns: int) -> None:
         )
     if rows * columns > MOST_POINTS:
         raise HeightMapError(
-            "{name}: {columns} × {rows} points, expected at most {most} in all",
+            "{name}: {columns} × {rows} points; at most {most} in all are allowed",
             code="too_large",
             name=name,
             columns=columns,
@@ -303,12 +303,12 @@ def _refuse_size(name: str, rows: int, columns: int) -> None:
 def _refuse_uneven(name: str, axis: str, places: Array) -> None:
     steps = np.diff(places)
     if not np.isfinite(places).all() or not (steps > 0).all():
-        raise HeightMapError("{name}: expected {axis} to rise", code="axis_not_rising", name=name, axis=axis)
+        raise HeightMapError("{name}: {axis} must rise", code="axis_not_rising", name=name, axis=axis)
     worst = int(np.argmax(np.abs(steps - steps.mean())))
     if abs(steps[worst] - steps.mean()) > _UNEVEN * steps.mean():
         raise HeightMapError(
-            "{name}: {axis} goes from {from_mm:g} to {to_mm:g} mm, elsewhere by {step_mm:.4g} mm: expected even "
-            "spacing",
+            "{name}: {axis} changes from {from_mm:g} to {to_mm:g} mm but by {step_mm:.4g} mm elsewhere; the "
+            "spacing must be even",
             code="uneven_spacing",
             name=name,
             axis=axis,

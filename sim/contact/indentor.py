@@ -22,10 +22,10 @@ BOTH: tuple[int, ...] = (X, Z)
 
 SHARP_RADIUS_MM = 0.5
 RADIUS_TOLERANCE = 0.1
-"""By how much a profile's word about its sharpest radius may differ from what is measured on it."""
+"""Allowed difference between the stated sharpest radius of a profile and the measured one."""
 
 EDGE_RADIUS_MM = 0.02
-"""Radii below this are edges, whatever they are."""
+"""Radius below which a profile has an edge (mm)."""
 
 
 _ALONG_ITSELF = np.ones((1, 1))
@@ -116,8 +116,8 @@ class _OfProfile(Indentor):
             return said < SHARP_RADIUS_MM
         warnings.warn(
             ShapeWarning(
-                "{name}: sharpest_radius_mm says {said_mm:g} mm, the profile turns within {measured_mm:.3g} mm: "
-                "taken as measured",
+                "{name}: sharpest_radius_mm is {said_mm:g} mm, but the profile turns within "
+                "{measured_mm:.3g} mm; using the measured value",
                 code="other_radius",
                 name=self.name,
                 said_mm=said,
@@ -168,9 +168,9 @@ class Prismatic(_OfProfile):
     def turned(self, turn_deg: float) -> "Prismatic":
         """A shape along the finger, turned. Raises ValueError for any other, and for a plane."""
         if not self.placed_by:
-            raise ArgumentError("it is the same everywhere: turning it makes no difference", code="same_everywhere")
+            raise ArgumentError("it is the same everywhere and cannot be turned", code="same_everywhere")
         if self.axes != ALONG or self.direction != (1.0,):
-            raise ArgumentError("it does not lie along the finger, to be turned from there", code="not_along")
+            raise ArgumentError("only a shape that lies along the finger can be turned", code="not_along")
         turn = 180.0 - (180.0 - turn_deg) % 360.0  # above −180 to 180
         quarters = {0.0: (ALONG, 1.0), 90.0: (ACROSS, 1.0), 180.0: (ALONG, -1.0), -90.0: (ACROSS, -1.0)}
         if turn in quarters:
@@ -209,7 +209,7 @@ class Revolved(_OfProfile):
 
     def turned(self, turn_deg: float) -> Indentor:
         """Raises ValueError."""
-        raise ArgumentError("it is round: turning it makes no difference", code="round")
+        raise ArgumentError("it is round and cannot be turned", code="round")
 
     def _arm(self, offset_mm: Array) -> tuple[Array, Array]:
         s = np.hypot(*offset_mm)

@@ -18,10 +18,10 @@ Array = NDArray[np.float64]
 
 COLUMNS = "x_mm,z_mm,height_mm"
 PICTURE_EDGE_MM = 0.05
-"""By which the edges of a picture are rounded: a bar's edge radius. [free]"""
+"""Radius of the edges in a picture (mm), that of a bar's edge. [free]"""
 
 LEAST_EDGE_SPACINGS = 0.7
-"""Of an edge rounded by less the spline swings below the face, by 1 % of the relief and more."""
+"""Smallest edge radius relative to the spacing; below it the spline overshoots by more than 1 % of the relief."""
 
 RAISED = ("dark", "light")
 _OPTIONS = {"width_mm": (0.1, 30.0), "height_mm": (0.01, 5.0), "spacing_mm": (0.001, 2.0), "edge_mm": (0.0, 2.0)}
@@ -35,7 +35,7 @@ def read_height_map(file: str, options: Sequence[str]) -> HeightMap:
     readers = {".png": _picture, ".npy": _array, ".csv": _table}
     suffix = Path(file).suffix.lower()
     if suffix not in readers:
-        raise HeightMapError("{name}: expected a file named .png, .npy or .csv", code="unknown_suffix", name=where)
+        raise HeightMapError("{name}: must be a file named .png, .npy or .csv", code="unknown_suffix", name=where)
     x, z, height = readers[suffix](where, file, given)
     if min(height.shape) > 1:
         from scipy.ndimage import gaussian_filter  # few scenes have a map
@@ -57,7 +57,7 @@ def _edge_mm(where: str, given: Mapping[str, str], least_mm: float, *, picture: 
     edge_mm = _number(where, given, "edge_mm")
     if 0 < edge_mm < (1 - 1e-9) * least_mm:
         raise HeightMapError(
-            "{name}: edge_mm={edge_mm:g}: expected 0, or at least {least_mm:.3g} for such a spacing",
+            "{name}: edge_mm={edge_mm:g}: must be 0, or at least {least_mm:.3g} mm for this spacing",
             code="edge_too_small",
             name=where,
             edge_mm=edge_mm,
@@ -72,7 +72,7 @@ def _given(where: str, options: Sequence[str]) -> dict[str, str]:
         key, _, value = option.partition("=")
         if key in given or key not in (*_OPTIONS, "raised"):
             raise HeightMapError(
-                "{name}: {option}: expected {options} or raised, each once",
+                "{name}: the option {option} is unknown or repeated; use {options} or raised, each once",
                 code="unknown_option",
                 name=where,
                 option=option,
@@ -97,7 +97,7 @@ def _number(where: str, given: Mapping[str, str], key: str) -> float:
         value = float("nan")
     if not low <= value <= high:
         raise HeightMapError(
-            "{name}: {key}={value}: expected {low_mm:g} … {high_mm:g} mm",
+            "{name}: {key}={value}: must be {low_mm:g} to {high_mm:g} mm",
             code="option_out_of_range",
             name=where,
             key=key,
@@ -112,12 +112,12 @@ def _need(where: str, given: Mapping[str, str], needed: Sequence[str], allowed: 
     """The numbers of options that must be there; others than the allowed ones are refused."""
     for key in needed:
         if key not in given:
-            raise HeightMapError("{name}: expected {key}=…", code="option_missing", name=where, key=key)
+            raise HeightMapError("{name} requires {key}=…; add it", code="option_missing", name=where, key=key)
     for key in given:
         if key not in (*needed, *allowed, "edge_mm"):
             takes = ", ".join([*needed, *allowed, "edge_mm"])
             raise HeightMapError(
-                "{name}: {key} says nothing about such a file, expected {options}",
+                "{name}: {key} does not apply to this type of file; use {options}",
                 code="option_of_no_use",
                 name=where,
                 key=key,
@@ -132,7 +132,7 @@ def _picture(where: str, file: str, given: Mapping[str, str]) -> tuple[Array, Ar
     raised = given.get("raised", RAISED[0])
     if raised not in RAISED:
         raise HeightMapError(
-            "{name}: raised={raised}: expected {choices}",
+            "{name}: raised={raised}: must be {choices}",
             code="unknown_raised",
             name=where,
             raised=raised,
@@ -150,7 +150,7 @@ def _grey(where: str, file: str) -> Array:
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the size is looked at below
             if image.width * image.height > MOST_POINTS:
                 raise HeightMapError(
-                    "{name}: {columns} × {rows} pixels, expected at most {most} in all",
+                    "{name}: {columns} × {rows} pixels; at most {most} in all are allowed",
                     code="too_many_pixels",
                     name=where,
                     columns=image.width,
@@ -172,7 +172,7 @@ def _grey(where: str, file: str) -> Array:
 
 
 def _no_picture(where: str, problem: str) -> HeightMapError:
-    return HeightMapError("{name}: {problem}, expected a PNG file", code="no_picture", name=where, problem=problem)
+    return HeightMapError("{name}: {problem}; must be a PNG file", code="no_picture", name=where, problem=problem)
 
 
 def _array(where: str, file: str, given: Mapping[str, str]) -> tuple[Array, Array, Array]:
@@ -182,15 +182,15 @@ def _array(where: str, file: str, given: Mapping[str, str]) -> tuple[Array, Arra
     except (OSError, ValueError, EOFError) as error:
         what = getattr(error, "strerror", None) or "not an array"
         raise HeightMapError(
-            "{name}: {problem}, expected a NumPy file of numbers", code="no_array", name=where, problem=what
+            "{name}: {problem}; must be a NumPy file of numbers", code="no_array", name=where, problem=what
         ) from None
     if not isinstance(height, np.ndarray) or height.ndim != 2 or height.dtype.kind not in "iuf":
         raise HeightMapError(
-            "{name}: expected numbers in rows and columns, heights in mm", code="no_heights", name=where
+            "{name}: must contain numbers in rows and columns, heights in mm", code="no_heights", name=where
         )
     if height.size > MOST_POINTS:
         raise HeightMapError(
-            "{name}: {points} points, expected at most {most} in all",
+            "{name}: {points} points; at most {most} in all are allowed",
             code="too_many_heights",
             name=where,
             points=height.size,
@@ -206,24 +206,29 @@ def _table(where: str, file: str, given: Mapping[str, str]) -> tuple[Array, Arra
     except (OSError, UnicodeDecodeError) as error:
         what = getattr(error, "strerror", None) or "not text"
         raise HeightMapError(
-            "{name}: {problem}, expected a CSV file", code="no_text", name=where, problem=what
+            "{name}: {problem}; must be a CSV file", code="no_text", name=where, problem=what
         ) from None
     points = bool(lines) and lines[0].replace(" ", "") == COLUMNS
     if not points and "spacing_mm" not in given:
         raise HeightMapError(
-            "{name}: expected the columns {columns}, or rows of heights and spacing_mm=…",
+            "{name}: must have the columns {columns}, or rows of heights and spacing_mm=…",
             code="no_columns",
             name=where,
             columns=COLUMNS,
         )
     rows = [_numbers(where, n, line) for n, line in enumerate(lines, 1) if line and not (points and n == 1)]
     if sum(map(len, rows)) > (3 if points else 1) * MOST_POINTS:
-        raise HeightMapError("{name}: more than {most} points", code="too_many_numbers", name=where, most=MOST_POINTS)
+        raise HeightMapError(
+            "{name}: more than {most} points; use a coarser map",
+            code="too_many_numbers",
+            name=where,
+            most=MOST_POINTS,
+        )
     for n, row in enumerate(rows):
         if len(row) != (3 if points else len(rows[0])):
             expected = 3 if points else len(rows[0])
             raise HeightMapError(
-                "{name}, row {row} of numbers: {numbers} numbers, expected {expected}",
+                "{name}, row {row} of numbers: {numbers} numbers; must be {expected}",
                 code="map_row_length",
                 name=where,
                 row=n + 1,
@@ -244,7 +249,7 @@ def _numbers(where: str, line: int, text: str) -> list[float]:
             values.append(float(cell))
         except ValueError:
             raise HeightMapError(
-                "{name}, line {line}: expected a number, got {cell!r}",
+                "{name}, line {line}: {cell!r} must be a number",
                 code="no_number",
                 name=where,
                 line=line,
@@ -256,7 +261,7 @@ def _numbers(where: str, line: int, text: str) -> list[float]:
 def _gridded(where: str, points: Array) -> tuple[Array, Array, Array]:
     """Points in any order, one at every place of a grid."""
     if not np.isfinite(points[:, :2]).all():
-        raise HeightMapError("{name}: expected a number for every x_mm and z_mm", code="no_place", name=where)
+        raise HeightMapError("{name}: every x_mm and z_mm must be a number", code="no_place", name=where)
     (x, i), (z, k) = (np.unique(points[:, axis], return_inverse=True) for axis in (0, 1))
     count = np.zeros((len(z), len(x)), dtype=np.int64)
     np.add.at(count, (k, i), 1)
@@ -267,8 +272,8 @@ def _gridded(where: str, points: Array) -> tuple[Array, Array, Array]:
         if wrong.any():
             row, column = np.argwhere(wrong)[0]
             raise HeightMapError(
-                f"{{name}}: {what} at x = {{x_mm:g}}, z = {{z_mm:g}} mm ({{places}} places): expected one at every "
-                "place of a grid, here of {n_x} × {n_z}",
+                f"{{name}}: {what} at x = {{x_mm:g}}, z = {{z_mm:g}} mm ({{places}} locations); each location "
+                f"of the {{n_x}} × {{n_z}} grid must have exactly one height",
                 code=code,
                 name=where,
                 x_mm=float(x[column]),

@@ -49,7 +49,7 @@ class MeasuredProfile:
         x, height = np.asarray(x_mm, dtype=float), np.asarray(height_mm, dtype=float)
         if x.ndim != 1 or x.shape != height.shape:
             raise ProfileError(
-                "profile {name}: expected as many heights as x_mm, got {heights} and {x}",
+                "profile {name}: {heights} heights for {x} values of x_mm; the numbers must be equal",
                 code="heights_unlike_x",
                 name=name,
                 heights=height.shape,
@@ -59,7 +59,7 @@ class MeasuredProfile:
         if not np.isfinite(points).all():
             row = int(np.argmin(np.isfinite(points).all(axis=1)))
             raise ProfileError(
-                "profile {name}, point {point}: expected numbers, got {x_mm:g} and {height_mm:g}",
+                "profile {name}, point {point}: {x_mm:g} and {height_mm:g} must be finite numbers",
                 code="point_of_no_numbers",
                 name=name,
                 point=row,
@@ -73,7 +73,7 @@ class MeasuredProfile:
         """Of (n, 2) points, the lowest of which becomes zero."""
         if len(points) < 2:
             raise ProfileError(
-                "profile {name}: expected at least two points, got {points}",
+                "profile {name}: {points} points; at least two are required",
                 code="too_few_points",
                 name=path,
                 points=len(points),
@@ -81,7 +81,7 @@ class MeasuredProfile:
         backwards = np.flatnonzero(np.diff(points[:, 0]) <= 0)
         if len(backwards):
             raise ProfileError(
-                "profile {name}: expected x_mm to rise, it does not after {x_mm:g} mm",
+                "profile {name}: x_mm must rise; it does not after {x_mm:g} mm",
                 code="x_not_rising",
                 name=path,
                 x_mm=float(points[backwards[0], 0]),
@@ -160,11 +160,11 @@ def read_profile(path: str, *, linear: bool = False) -> MeasuredProfile:
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         what = getattr(error, "strerror", None) or error
         raise ProfileError(
-            "profile {name}: {problem}, expected a CSV file", code="profile_unreadable", name=path, problem=str(what)
+            "profile {name}: {problem}; must be a CSV file", code="profile_unreadable", name=path, problem=str(what)
         ) from None
     if not rows or tuple(cell.strip() for cell in rows[0]) != COLUMNS:
         raise ProfileError(
-            "profile {name}, line {line}: expected the columns {columns}",
+            "profile {name}, line {line}: must have the columns {columns}",
             code="profile_columns",
             name=path,
             line=1,
@@ -177,7 +177,7 @@ def read_profile(path: str, *, linear: bool = False) -> MeasuredProfile:
 def _point(path: str, line: int, row: list[str]) -> list[float]:
     if len(row) != len(COLUMNS):
         raise ProfileError(
-            "profile {name}, line {line}: expected {expected} numbers, got {numbers}",
+            "profile {name}, line {line}: {numbers} numbers; must be {expected}",
             code="profile_row_length",
             name=path,
             line=line,
@@ -192,7 +192,7 @@ def _point(path: str, line: int, row: list[str]) -> list[float]:
             value = float("nan")
         if not np.isfinite(value):
             raise ProfileError(
-                "profile {name}, line {line}, {column}: expected a number, got {cell!r}",
+                "profile {name}, line {line}, {column}: {cell!r} must be a number",
                 code="profile_number",
                 name=path,
                 line=line,

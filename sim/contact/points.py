@@ -15,7 +15,7 @@ Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 PARTS = 4
-"""Parts into which the points between nodes divide a segment."""
+"""Number of parts into which the points between nodes divide a segment."""
 
 _INNER = PARTS - 1
 _BENT_MM = 1e-7  # an indentor that leaves a segment's chord by less is straight there

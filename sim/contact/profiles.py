@@ -15,15 +15,15 @@ from sim.contact.compiled import curves
 Array = NDArray[np.float64]
 
 BAR_EDGE_RADIUS_MM = 0.05
-"""Radius of the quarter circles at a bar's edges; the source does not give it. [free]"""
+"""Radius of the quarter circles at a bar's edges (mm); the source does not state it. [free]"""
 
 STEP_HEIGHT_MM = 0.5
 STEP_HALF_WAVELENGTH_MM = {"1": 0.450, "3": 1.3, "5": 3.134}
-"""Raju (1998, ch. 4) for steps 1 and 5; step 3 lies in between. [free]"""
+"""Radii of the steps (mm): Raju (1998, ch. 4) for steps 1 and 5; step 3 lies between them. [free]"""
 
 GROOVE_DEPTH_MM = 0.5
 WEDGE_TIP_RADIUS_MM = 0.05
-"""A wedge's edge is rounded like a bar's. [free]"""
+"""Radius of a wedge's edge (mm), the same as a bar's. [free]"""
 
 STEEPEST_SLOPE = 1000.0
 """Slope of the flanks of bars and cylinders: 0.06 degrees off the vertical, so that a profile is a function of x."""

@@ -12,11 +12,11 @@ from sim.errors import ArgumentError, SimError
 
 EXPECTED = (
     "bar:WIDTH, cylinder:DIAMETER, step:1|3|5, grating:RIDGE,PITCH, wedge:ANGLE, profile:FILE.csv[,linear], "
-    "sphere:RADIUS, flat:RADIUS, cone:ANGLE, flat, line or heightmap:FILE,…; what lies along the finger also "
-    "with ,across or ,turn_deg=ANGLE"
+    "sphere:RADIUS, flat:RADIUS, cone:ANGLE, flat, line or heightmap:FILE,…; shapes that lie along the "
+    "finger also with ,across or ,turn_deg=ANGLE"
 )
 LINE_THICKNESS_MM = 0.2
-"""The line load is the rounded edge of a plate this thick. [free]"""
+"""Thickness of the plate whose rounded edge is the line load (mm). [free]"""
 
 _OPTION = r",linear|,(?:width_mm|height_mm|spacing_mm|edge_mm|raised)=[^,]*"
 _TURN = re.compile(rf"(.*?),(?:across|turn_deg=([^,]*))((?:{_OPTION})*)", re.DOTALL)
@@ -34,7 +34,7 @@ def parse_shape(text: str) -> Indentor:
     kind, _, argument = text.partition(":")
     if kind == "point":
         raise ShapeError(
-            "shape {shape!r}: a point load is no contact, expected {expected}",
+            "shape {shape!r}: a point load has no contact; choose {expected}",
             code="point_load",
             shape=text,
             expected=EXPECTED,
@@ -44,7 +44,10 @@ def parse_shape(text: str) -> Indentor:
         return _turned(text, turned[1] + turned[3], turned[2])
     if kind not in _KINDS:
         raise ShapeError(
-            "shape {shape!r}: no such indentor, expected {expected}", code="no_such", shape=text, expected=EXPECTED
+            "shape {shape!r}: there is no such indentor; choose {expected}",
+            code="no_such",
+            shape=text,
+            expected=EXPECTED,
         )
     return _KINDS[kind](text, argument)
 
@@ -73,7 +76,7 @@ def _turned(text: str, shape: str, turn: str | None) -> Indentor:
         turn_deg = float("nan")
     if not abs(turn_deg) <= 360.0:
         raise ShapeError(
-            "shape {shape!r}: turn_deg = {turn}: expected an angle within ± 360 degrees",
+            "shape {shape!r}: turn_deg = {turn}: must be an angle within ± 360 degrees",
             code="turn_out_of_range",
             shape=text,
             turn=turn,
@@ -84,7 +87,7 @@ def _turned(text: str, shape: str, turn: str | None) -> Indentor:
         raise
     except ArgumentError as error:
         raise ShapeError(
-            "shape {shape!r}: {problem}; expected no across and no turn_deg",
+            "shape {shape!r}: {problem}; remove across and turn_deg",
             code=error.code,
             shape=text,
             problem=str(error),
@@ -93,7 +96,7 @@ def _turned(text: str, shape: str, turn: str | None) -> Indentor:
 
 def _step(text: str, argument: str) -> Indentor:
     if argument not in STEP_HALF_WAVELENGTH_MM:
-        raise ShapeError("shape {shape!r}: expected step:1, step:3 or step:5", code="no_such_step", shape=text)
+        raise ShapeError("shape {shape!r}: must be step:1, step:3 or step:5", code="no_such_step", shape=text)
     return Indentor.along(SinusoidalStep(argument))
 
 
@@ -112,7 +115,7 @@ def _wedge(text: str, argument: str) -> Indentor:
 def _grating(text: str, argument: str) -> Indentor:
     ridge, comma, pitch = argument.partition(",")
     if not comma:
-        raise ShapeError("shape {shape!r}: expected grating:RIDGE,PITCH in mm", code="no_pitch", shape=text)
+        raise ShapeError("shape {shape!r}: must be grating:RIDGE,PITCH in mm", code="no_pitch", shape=text)
     ridge_mm = _number(text, ridge, "ridge", "mm", 0.15, 10.0)
     return Indentor.along(Grating(ridge_mm, _number(text, pitch, "pitch", "mm", ridge_mm + 0.05, 20.0)))
 
@@ -128,7 +131,7 @@ def _height_map(text: str, argument: str) -> Indentor:
     found = _FILE.fullmatch(text)
     if found is None or not argument:
         raise ShapeError(
-            "shape {shape!r}: expected heightmap:FILE.png|npy|csv and its scale", code="no_file", shape=text
+            "shape {shape!r}: must be heightmap:FILE.png|npy|csv followed by its scale", code="no_file", shape=text
         )
     try:
         return read_height_map(found[2], [option for option in found[3].split(",") if option])
@@ -155,7 +158,11 @@ def _cone(text: str, argument: str) -> Indentor:
 
 def _line(text: str, argument: str) -> Indentor:
     if argument:
-        raise ShapeError("shape {shape!r}: expected line, placed by its z", code="line_with_number", shape=text)
+        raise ShapeError(
+            "shape {shape!r}: must be line, without a dimension; its position is z",
+            code="line_with_number",
+            shape=text,
+        )
     return Prismatic("line", Bar(LINE_THICKNESS_MM, 0.5 * LINE_THICKNESS_MM), ACROSS)
 
 
@@ -179,7 +186,7 @@ def _number(text: str, argument: str, what: str, unit: str, low: float, high: fl
         value = float(argument)
     except ValueError:
         raise ShapeError(
-            "shape {shape!r}: expected a {dimension} in {unit} after the colon",
+            "shape {shape!r}: must have a {dimension} in {unit} after the colon",
             code="no_dimension",
             shape=text,
             dimension=what,
@@ -187,7 +194,7 @@ def _number(text: str, argument: str, what: str, unit: str, low: float, high: fl
         ) from None
     if not low <= value <= high:
         raise ShapeError(
-            "shape {shape!r}: {dimension} {value:g} {unit} is outside {low:g} … {high:g} {unit}",
+            "shape {shape!r}: {dimension} {value:g} {unit}: must be {low:g} to {high:g} {unit}",
             code="dimension_out_of_range",
             shape=text,
             dimension=what,

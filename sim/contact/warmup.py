@@ -27,7 +27,7 @@ class _Compiling(numba_events.Listener):
     def on_start(self, event: numba_events.Event) -> None:
         """Called before a function is."""
         if not self.told:
-            _log.info("the contact's loops are compiled for this machine, once: some twenty seconds …")
+            _log.info("compiling the contact loops for this machine, once, about 20 s …")
         self.told = True
 
     def on_end(self, event: numba_events.Event) -> None:

@@ -49,7 +49,7 @@ class EventQueue:
     def push(self, t_s: float, action: Callable[[], None]) -> Handle:
         """Raises ValueError unless t_s is finite."""
         if not math.isfinite(t_s):
-            raise ArgumentError("an event needs a finite time, got {t_s}", code="endless_time", t_s=t_s)
+            raise ArgumentError("an event requires a finite time, got {t_s}", code="endless_time", t_s=t_s)
         event = _Event(action)
         self._count += 1
         heapq.heappush(self._heap, (t_s, self._count, event))
@@ -100,7 +100,7 @@ class VirtualClock:
         Raises RuntimeError where nothing could ever end the wait.
         """
         if math.isnan(deadline_s):
-            raise ArgumentError("the deadline of a wait is not a number", code="no_deadline", deadline_s=deadline_s)
+            raise ArgumentError("the deadline of a wait must be a number", code="no_deadline", deadline_s=deadline_s)
         while not ready():
             if not self._run_next(deadline_s):
                 return self._stand_at(deadline_s, ready)
@@ -116,7 +116,7 @@ class VirtualClock:
 
     def _stand_at(self, deadline_s: float, ready: Callable[[], bool]) -> bool:
         if math.isinf(deadline_s):
-            raise RuntimeError("waiting without a deadline for something that no event can bring")
+            raise RuntimeError("a wait without a deadline would never end, since no event is due")
         self._now_s = max(self._now_s, deadline_s)
         return ready()
 

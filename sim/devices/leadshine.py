@@ -392,7 +392,7 @@ def leadshine_twin(scheduler: Scheduler, line: SerialLine, told: StageTold) -> D
     x, z = told.own["x"], told.own["z"]
     if x["device_id"] == z["device_id"]:
         raise TwinError(
-            "drives: the virtual drives share one port, expected different device ids",
+            "drives: the virtual drives share one port; give each another device id",
             code="same_device_id",
             device_id=x["device_id"],
         )

@@ -26,7 +26,7 @@ from sim.errors import SimError
 ILLEGAL_FUNCTION, ILLEGAL_ADDRESS, ILLEGAL_VALUE, DEVICE_BUSY = 1, 2, 3, 6
 BROADCAST = 0
 ALONE = (0, 255)
-"""Unit ids on TCP that mean whoever is behind the port, where that is one device (guide V1.0b, 4.4.2)."""
+"""Unit ids on TCP that address the device behind the port, if it is a single device (guide V1.0b, 4.4.2)."""
 
 # Half an RTU frame that is not continued is forgotten; a host process may be held up for longer than 3.5 characters.
 FORGET_S = 0.05

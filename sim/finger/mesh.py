@@ -71,7 +71,7 @@ def axial_places(config: FingertipConfig) -> tuple[Array, NDArray[np.bool_]]:
     fine = middle + np.arange(-n, n + 1) * spacing
     if fine[0] < 0.5 or fine[-1] > length - 0.5:
         raise MeshError(
-            "patch_z_mm = {patch_z_mm}: the patch leaves the finger, z 0 … {length_mm} mm",
+            "patch_z_mm = {patch_z_mm}: the patch leaves the finger, z = 0 to {length_mm} mm; reduce patch_z_mm",
             code="patch_leaves_finger",
             patch_z_mm=mesh.patch_z_mm,
             length_mm=length,
@@ -99,8 +99,8 @@ def angles_around(config: FingertipConfig, surface: FingertipSurface) -> tuple[A
     angles = surface.angle_at(sides, config.receptor_plane_mm)
     if np.abs(surface.section(angles, config.receptor_plane_mm)[0] - sides).max() > 1e-6:
         raise MeshError(
-            "patch_x_mm = {patch_x_mm}: the patch leaves the pulp, which is x {low_mm:.2f} … {high_mm:.2f} mm in the "
-            "receptor plane, z = {z_mm:.2f} mm",
+            "patch_x_mm = {patch_x_mm}: the patch leaves the pulp, x = {low_mm:.2f} to {high_mm:.2f} mm in "
+            "the receptor plane, z = {z_mm:.2f} mm; reduce patch_x_mm",
             code="patch_leaves_pulp",
             patch_x_mm=mesh.patch_x_mm,
             low_mm=float(x.min()),
@@ -167,7 +167,7 @@ LAYERS = ("epidermis", "dermis", "fat", "bone")
 EPIDERMIS, DERMIS, FAT, BONE = range(4)
 
 _DEEPEST_DERMIS = 0.7
-"""Lower face of the dermis: at most this part of the way to the bone, so that the fat's elements do not vanish."""
+"""Largest depth of the dermis relative to the depth of the bone, so that the elements of fat do not vanish."""
 
 
 def nodes_on_rays(config: FingertipConfig, surface: FingertipSurface, phi: Array, z_mm: Array) -> tuple[Array, Ints]:
@@ -214,8 +214,8 @@ def _radial_fractions(mesh: MeshSpec, tissue: Tissue, depth_mm: float) -> tuple[
     below = depth_mm - top
     if top > _DEEPEST_DERMIS * depth_mm:
         raise MeshError(
-            "epidermis + dermis = {skin_mm:.2f} mm reach the bone, {bone_mm:.2f} mm below the skin, or nearly: "
-            "expected at most {most_mm:.2f} mm, so that fat is left",
+            "epidermis + dermis = {skin_mm:.2f} mm leave no fat above the bone, {bone_mm:.2f} mm below the "
+            "skin; at most {most_mm:.2f} mm is allowed",
             code="no_fat",
             skin_mm=top,
             bone_mm=float(depth_mm),
@@ -237,7 +237,7 @@ def _radial_fractions(mesh: MeshSpec, tissue: Tissue, depth_mm: float) -> tuple[
 # How well shaped the elements of a mesh are.
 
 POOR_SCALED_JACOBIAN = 0.1
-"""Below this an element is nearly flat at a corner."""
+"""Scaled Jacobian below which an element is nearly flat at a corner."""
 
 # each corner of a hexahedron in VTK order, and its three neighbours, right-handed
 _CORNERS = np.array(
@@ -286,7 +286,7 @@ def mesh_quality(nodes: Array, hexes: Ints) -> MeshQuality:
 
 
 MOST_PATCH_NODES = 6000
-"""Their compliance alone is 1.2 GB; more would not fit beside its factor."""
+"""Maximum number of patch nodes; their compliance takes 1.2 GB, and more would not fit beside its factor."""
 
 
 @dataclass(frozen=True)
@@ -334,7 +334,7 @@ def build_mesh(config: FingertipConfig, surface: FingertipSurface) -> FingerMesh
     n_patch = int(z_fine.sum() * phi_fine.sum())
     if n_patch > MOST_PATCH_NODES:
         raise MeshError(
-            "a patch of {nodes} nodes: expected at most {most}; coarser, or a smaller patch",
+            "a patch of {nodes} nodes; at most {most} are allowed; use a coarser mesh or a smaller patch",
             code="too_many_nodes",
             nodes=n_patch,
             most=MOST_PATCH_NODES,
@@ -425,8 +425,8 @@ def _refuse_folded(nodes: Array, hexes: Ints) -> None:
     if jacobian[worst] <= 0:
         x, y, z = nodes[hexes[worst]]
         raise MeshError(
-            "element {element} is folded at ({x_mm:.2f}, {y_mm:.2f}, {z_mm:.2f}) mm: corner volume {volume_mm3:.3g} "
-            "mm³, expected > 0",
+            "element {element} is folded at ({x_mm:.2f}, {y_mm:.2f}, {z_mm:.2f}) mm: its corner volume "
+            "{volume_mm3:.3g} mm³ must be positive; check the geometry and the mesh settings",
             code="folded",
             element=int(worst[0]),
             x_mm=float(x),

@@ -324,7 +324,7 @@ def _refuse_unusable(surface: FingertipSurface) -> None:
         k = bad[0]
         raise SurfaceError(
             "the skin crosses the bone's axis at z = {z_mm:.2f} mm (half-width {half_width_mm:.2f}, height "
-            "{height_mm:.2f}, lean {lean_mm:.2f} mm): expected sections around x = y = 0",
+            "{height_mm:.2f}, lean {lean_mm:.2f} mm); every section must enclose x = y = 0",
             code="crosses_axis",
             z_mm=float(z_mm[k]),
             half_width_mm=float(a[k]),

@@ -23,7 +23,7 @@ from sim.workers import Work, one_by_one
 Array = NDArray[np.float64]
 
 Made = Callable[[Mapping[str, float]], Fingertip]
-"""The finger of some tissue parameters, at stiffness 1; it stiffens, by however much."""
+"""Builds the finger of some tissue parameters, at stiffness 1 and any stiffening."""
 
 SHALLOWEST_MM = 0.03
 _TOUCH_NODES = 9
@@ -196,7 +196,8 @@ def _way(finger: Fingertip, indentor: str, x_mm: float, doi_mm: Array) -> Array:
         found = finger.indent(indentor, x_mm, doi_mm=float(doi_mm[k]), start=state)
         if not found.state.converged:
             raise ModelRangeError(
-                "{indentor} at x = {x_mm:.2f} mm, DOI {doi_mm:.2f} mm: no answer to learn from",
+                "{indentor} at x = {x_mm:.2f} mm, DOI {doi_mm:.2f} mm: the solver did not converge, so "
+                "nothing can be learned",
                 code="nothing_to_learn",
                 indentor=indentor,
                 x_mm=x_mm,

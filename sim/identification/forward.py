@@ -94,7 +94,7 @@ class RampAndHold:
 
 
 _NODES = 4
-"""Of each parameter that a table is made over."""
+"""Ranges of the parameters of a table."""
 
 _TAU_NODES = 4
 

@@ -270,10 +270,10 @@ def no_finger(
     surprising = max((abs(one.sds) for one in surprises), default=0.0) > MOST_SURPRISE
     if not (total_off or one_off or surprising):
         return _NO_LAYERS if _layers_off(learned) else None
-    return f"no finger of the prior answers like this: {_how(foreseen, presses, learned)}"
+    return f"no finger of the prior predicts these forces: {_how(foreseen, presses, learned)}"
 
 
-_NO_LAYERS = "no finger of the prior is likely to answer like this: its layers would be at the end of their ranges"
+_NO_LAYERS = "no finger of the prior is likely to give these forces; its layers would be at the ends of their ranges"
 
 
 def _layers_off(learned: Learned) -> bool:
@@ -287,15 +287,17 @@ def _how(foreseen: Foreseen, presses: Sequence[Given], learned: Learned) -> str:
     any_of_them = learned.prior.draws(_COMPARED, np.random.default_rng(0))
     ranks = [rank for press in presses if (rank := _rank(foreseen, press, any_of_them)) is not None]
     if ranks and np.mean(np.array(ranks) > 1 - _RARE) > _MOST_PRESSES:
-        return "force grows more steeply with depth: something stiff under the skin, as bone under the indentor"
+        return (
+            "force grows more steeply with depth; something stiff lies under the skin, e.g. bone under the indentor"
+        )
     if ranks and np.mean(np.array(ranks) < _RARE) > _MOST_PRESSES:
-        return "force grows less steeply with depth: something even, as a ball of rubber"
+        return "force grows less steeply with depth; the object is homogeneous, e.g. a rubber ball"
     shift_mm = np.array([_shift_mm(foreseen, press, learned.likeliest) for press in presses])
     jump_mm = np.diff(shift_mm)
     if len(jump_mm) and np.abs(jump_mm).max() > _JUMP_MM:
         k = int(np.argmax(np.abs(jump_mm)))
-        return f"at press {k + 2} it lay {1e3 * jump_mm[k]:+.0f} µm from where it was before: does the mount slip?"
-    return "shapes and places do not agree on one finger"
+        return f"at press {k + 2} the surface moved by {1e3 * jump_mm[k]:+.0f} µm; check whether the mount slips"
+    return "shapes and positions do not agree on one finger"
 
 
 def _rank(foreseen: Foreseen, press: Given, draws: Array) -> float | None:

@@ -14,11 +14,12 @@ from sim.config import Tissue
 Array = NDArray[np.float64]
 
 TAU_FAST_S = 0.07
-"""Of the quick part of relaxation: shorter than two readings of a balance, so that it cannot be learned."""
+"""Time constant (s) of the fast part of relaxation, shorter than two readings of a balance, so that it cannot be
+learned."""
 
 
 LEAST_STIFFENING = 0.02
-"""Of living tissue; at 0 a finger is linear at small strain."""
+"""Stiffening of living tissue; at 0 a finger is linear at small strain."""
 
 
 @dataclass(frozen=True)
@@ -40,19 +41,20 @@ def _logarithm(name: str, middle: float, factor: float, low: float, high: float,
 
 PARAMETERS = (
     _logarithm("ln_stiffness", 0.7, 2.0, 0.1, 5.0, "four people under a plate, on two geometries (docs/validation)"),
-    _logarithm("ln_e_dermis", 0.16, 1.6, 0.05, 0.5, "from half of the source's 0.1 to the published 0.59, nearly"),
+    _logarithm("ln_e_dermis", 0.16, 1.6, 0.05, 0.5, "from half of the source's 0.1 almost to the published 0.59"),
     _logarithm("ln_e_fat", 0.08, 1.6, 0.025, 0.28, "from a quarter of the source's 0.1 to the published 0.25"),
-    Parameter("stiffening", 0.3, 0.2, LEAST_STIFFENING, 0.8, "under a plate force grows 5 times from 1 to 2 mm"),
+    Parameter("stiffening", 0.3, 0.2, LEAST_STIFFENING, 0.8, "under a plate, force grows fivefold from 1 to 2 mm"),
     Parameter("share_fast", 0.2, 0.07, 0.02, 0.4, "70 ms: Pawluk & Howe 1999"),
     Parameter("share_slow", 0.2, 0.07, 0.02, 0.4, "1.4 s: Pawluk & Howe 1999"),
-    _logarithm("ln_tau_slow_s", 1.4, 1.2, 0.8, 2.5, "Pawluk & Howe 1999, as far as people differ"),
-    Parameter("x_mm", 0.0, 0.3, -0.6, 0.6, "a finger laid down by eye"),
+    _logarithm("ln_tau_slow_s", 1.4, 1.2, 0.8, 2.5, "Pawluk & Howe 1999, spread between people"),
+    Parameter("x_mm", 0.0, 0.3, -0.6, 0.6, "a finger positioned by eye"),
     Parameter("height_mm", 0.0, 0.15, -0.4, 0.4, "the same, within limits.search_mm"),
 )
-"""Of a finger that lies on a bench."""
+"""Prior of a finger that lies on a bench."""
 
 TISSUE = ("ln_e_dermis", "ln_e_fat")
-"""Those that a model of the finger is made anew for: force is proportional to stiffness, and stiffens by a factor."""
+"""Parameters that require a new model of the finger; force is proportional to stiffness, and stiffening is a
+factor."""
 
 
 class Prior:

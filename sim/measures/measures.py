@@ -10,13 +10,13 @@ from sim.units import PSEUDO_E_EPIDERMIS
 Array = NDArray[np.float64]
 
 STRAINS = ("e11", "e22", "e33", "e12", "e23", "e13", "ep1", "ep2", "ep3")
-"""Numbers; shear strains are engineering ones (e12 = s12/G)."""
+"""Six components; shear strains are engineering strains (e12 = s12/G)."""
 
 STRESSES = ("s11", "s22", "s33", "sp1", "sp2", "sp3", "mean", "sed", "third")
-"""In the unit of E, `third` in its cube."""
+"""In the unit of E; `third` in its cube."""
 
 MEASURES = (*STRAINS, *STRESSES)
-"""In the order of what `measures_from_strain` computes."""
+"""In the order of what `measures_from_strain` returns."""
 
 PLOTTED_AS_MAGNITUDE = frozenset({"e22", "ep1", "s11", "s22", "s33", "sp1", "sp2", "sp3", "mean", "third"})
 """Measures that are negative under every indentor here; profiles show their magnitude. e13 keeps its sign."""

@@ -19,10 +19,11 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 DEFAULT_X_MM = (-2.0, -1.5, -1.25, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0)
-"""Lateral positions of the ten receptors (Raju 1998, ch. 5)."""
+"""x of the ten receptors in mm (Raju 1998, ch. 5)."""
 
 DEFAULT_DEPTH_MM = 0.76
-"""Perpendicular distance below the skin (Raju 1998, ch. 5; that it is perpendicular is ours)."""
+"""Perpendicular distance below the skin in mm (Raju 1998, ch. 5; the source does not state that it is
+perpendicular)."""
 
 _PLACED_MM = 1e-9
 _TURNS = (0.0, 0.1, -0.1, 0.3, -0.3)  # rad; where the skin curves about the place the first may miss
@@ -101,7 +102,9 @@ def _depth_of(surface: FingertipSurface, point: Array) -> float:
     found = _solved(missed, np.array([phi, point[2], there]))
     if found is None:
         raise ReceptorError(
-            "no way up to the skin from ({x_mm:.2f}, {y_mm:.2f}, {z_mm:.2f}) mm", code="no_way_up", **_at(point)
+            "the point ({x_mm:.2f}, {y_mm:.2f}, {z_mm:.2f}) mm has no foot on the skin",
+            code="no_way_up",
+            **_at(point),
         )
     return float(found[2])
 
@@ -157,8 +160,8 @@ def located(mesh: FingerMesh, point: Array) -> MeshLocation:
             break
     low, high = mesh.z_mm[[1, -2]]
     raise ReceptorError(
-        "the point ({x_mm:.2f}, {y_mm:.2f}, {z_mm:.2f}) mm lies at an end of the finger or outside of it: expected z "
-        "from {low_mm:.2f} to {high_mm:.2f} mm, between skin and bone",
+        "the point ({x_mm:.2f}, {y_mm:.2f}, {z_mm:.2f}) mm lies at an end of the finger or outside it; z "
+        "must be {low_mm:.2f} to {high_mm:.2f} mm, between skin and bone",
         code="outside_finger",
         **_at(point),
         low_mm=float(low),
@@ -268,7 +271,7 @@ def _fit_weights(offset: Array) -> Array:
 # Which places there are inside a finger, by its skin and bone alone: receptors at x, depth and z, or a refusal.
 
 MOST_RECEPTORS = 1000
-"""Their columns take 0.4 GB and a minute; more points than that are for `fields`."""
+"""Maximum number of receptors; their columns take 0.4 GB and a minute. For more points use `fields`."""
 
 _AROUND = np.linspace(-np.pi, np.pi, 1441)
 _PLACED = 1e-6
@@ -296,7 +299,7 @@ class ReceptorPlaces(NamedTuple):
 
 
 NOWHERE = ReceptorPlaces((), (), ())
-"""For a finger that is asked for its force alone."""
+"""Places of a finger that is used for force alone."""
 
 
 def _several(values: float | Sequence[float]) -> tuple[float, ...]:
@@ -314,7 +317,7 @@ def receptors_at(config: FingertipConfig, surface: FingertipSurface, places: Rec
     asked = len(z) * len(places.depth_mm) * len(places.x_mm)
     if not 0 < asked <= MOST_RECEPTORS:
         raise ReceptorError(
-            "{receptors} receptors: expected 1 to {most}", code="how_many", receptors=asked, most=MOST_RECEPTORS
+            "{receptors} receptors; must be 1 to {most}", code="how_many", receptors=asked, most=MOST_RECEPTORS
         )
     z_mm, depth_mm, x_mm = np.meshgrid(z, places.depth_mm, places.x_mm, indexing="ij")
     points = points_below(config, surface, x_mm, depth_mm, z_mm)
@@ -372,7 +375,7 @@ def _refuse_ends(config: FingertipConfig, z_mm: Array) -> None:
     outside = z_mm[~((z_mm > ends[0]) & (z_mm < ends[1]))]
     if len(outside):
         raise ReceptorError(
-            "no receptor at z = {z_mm:g} mm: expected z from {low_mm:g} to {high_mm:g} mm",
+            "no receptor at z = {z_mm:g} mm: z must be {low_mm:g} to {high_mm:g} mm",
             code="z_outside",
             z_mm=float(outside[0]),
             **_range(*ends),
@@ -382,7 +385,7 @@ def _refuse_ends(config: FingertipConfig, z_mm: Array) -> None:
 def _none_there(
     config: FingertipConfig, surface: FingertipSurface, x_mm: float, depth_mm: float, z_mm: float
 ) -> ReceptorError:
-    what = "no receptor at x = {x_mm:g} mm, {depth_mm:g} mm below the skin: expected "
+    what = "no receptor at x = {x_mm:g} mm, {depth_mm:g} mm below the skin; choose "
     at = {"x_mm": x_mm, "depth_mm": depth_mm, "z_mm": z_mm}
     x, _ = surface.section(np.linspace(0.0, np.pi, 721), z_mm)
     if not x.min() < x_mm < x.max():

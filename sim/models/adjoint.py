@@ -34,7 +34,7 @@ def adjoint_columns(
         some = slice(start, start + 6 * _PLACES_AT_ONCE)
         columns[some, at] = factor.solve(rows_of_free[some].toarray())[:, on_skin]
         done, of = min(some.stop, len(columns)) // 6, len(columns) // 6
-        _log.debug("building a model: strain at %d of %d places …", done, of)
+        _log.debug("building a model: strain at %d of %d receptors …", done, of)
         if progress:
             progress(done, of)
     return columns.reshape(-1, n_z, n_phi, 3)

@@ -23,18 +23,18 @@ from sim.finger.surface import FingertipSurface
 Arrays = dict[str, NDArray[np.generic]]
 Kind = Literal["model", "node", "columns", "skin", "answers", "sites"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-"""Condensed models, builds to interpolate between, columns of strain, where skins are highest, what fingers said, SED
-about the source's 24 sites."""
+"""Condensed models, builds for interpolation, columns of strain, apex lines of skins, simulated responses to runs,
+and SED around the source's 24 sites."""
 
 MOST_BYTES = 5e9
-"""Of all that is kept, unless RIG_CACHE_GB says otherwise; what was not read for longest goes first."""
+"""Largest size of the cache unless RIG_CACHE_GB is set; the least recently read files are deleted first."""
 
 _SEAL_BYTES = hashlib.sha256().digest_size
 _CODE = (
     *("errors.py", "units.py", "tables.py", "config.py", "contact/patch.py", "fem", "finger", "measures"),
     *("models/adjoint.py", "models/condensed.py", "models/finger.py"),
 )
-"""Folders and modules of `sim` that say what a finger's model comes to."""
+"""Folders and modules of `sim` that determine a finger's model."""
 
 
 class CacheError(SimError, ValueError):
@@ -63,7 +63,9 @@ def most_bytes() -> float:
         most = math.nan
     if not 0 <= most < math.inf:
         raise CacheError(
-            "RIG_CACHE_GB = {value!r}: expected how much is kept in GB, 0 or more", code="bad_size", value=given
+            "RIG_CACHE_GB = {value!r}: must be the largest size of the cache in GB, 0 or more",
+            code="bad_size",
+            value=given,
         )
     return most
 
@@ -159,7 +161,7 @@ def _alone(folder: Path, key: str) -> Iterator[None]:
         lock.acquire()
     except OSError as error:
         raise CacheError(
-            "cache folder {folder} (RIG_CACHE_DIR): {problem}",
+            "cache folder {folder} (RIG_CACHE_DIR): {problem}; choose a folder that you may write to",
             code="bad_folder",
             folder=str(folder),
             problem=error.strerror,

@@ -24,7 +24,7 @@ ModelName = Literal["halfspace", "section", "finger"]
 MODELS: tuple[ModelName, ...] = get_args(ModelName)
 
 Builder = Callable[[FingertipConfig, FingertipSurface, ReceptorSet, tuple[int, ...]], CondensedModel]
-"""Makes a model of a skin, with receptors under it, for indentors that slope along some axes."""
+"""Builds a model with receptors for indentors that slope along given axes."""
 
 BUILDERS: Mapping[ModelName, Builder] = {
     "halfspace": build_halfspace,
@@ -57,7 +57,7 @@ def load(
     if name == "section":
         if places.z_mm:
             raise ModelRangeError(
-                "a section is the receptor plane alone: expected receptors at no other z",
+                "a section contains the receptor plane only; receptors at other z require --model finger",
                 code="receptors_beside_section",
                 z_mm=places.z_mm,
             )

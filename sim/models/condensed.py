@@ -28,7 +28,7 @@ Ints = NDArray[np.int64]
 Factor = PardisoFactor | DissectionFactor
 
 LONG = 50_000
-"""Unknowns from which on condensing them takes seconds; the default finger has twice as many."""
+"""Number of unknowns from which condensing takes seconds; the default finger has twice as many."""
 
 _log = logging.getLogger(__name__)
 
@@ -93,7 +93,7 @@ def condense(upper: sp.csr_array, kept: Ints, places: Ints, solver: str = "auto"
     """The same for any symmetric matrix whose unknowns have places (n, d); it says so where that takes long."""
     unknowns = upper.shape[0]
     level = logging.INFO if unknowns >= LONG else logging.DEBUG
-    _log.log(level, "building a model: a stiffness of %d unknowns is factorised …", unknowns)
+    _log.log(level, "building a model: factorizing a stiffness of %d unknowns …", unknowns)
     if solver == "pardiso" or (solver == "auto" and mkl_condensation.available()):
         return PardisoFactor(upper, kept)
     return DissectionFactor(upper, kept, places)
@@ -104,7 +104,7 @@ def condense(upper: sp.csr_array, kept: Ints, places: Ints, solver: str = "auto"
 # Columns: strain at places inside a model under unit forces on its skin, apart from the skin's own compliance.
 
 STORED = ("young_ratio", "per_skin_force")
-"""Fields of columns that go to disk."""
+"""Fields of columns that are stored on disk."""
 
 
 @dataclass(frozen=True)

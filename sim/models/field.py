@@ -59,7 +59,7 @@ class Fields:
 
 
 FEW_POINTS = 40
-"""For so many columns are made, whatever the number of presses: from then on they cost nothing."""
+"""Number of points up to which columns are built, whatever the number of presses; from then on they cost nothing."""
 
 _SETS_KEPT = 4
 
@@ -158,11 +158,11 @@ class SeenInside:
         (`FEW_POINTS`) columns instead, 0.1 s each, which are cached. `progress(done, of)` counts points. Raises
         ModelRangeError and ReceptorError.
         """
-        refuse_stiffening(self.config.tissue, "what is seen inside a finger")
+        refuse_stiffening(self.config.tissue, "fields inside a finger")
         points = np.asarray(points_mm, dtype=float)
         if not (points.ndim and points.shape[-1] == 3 and points.size and np.isfinite(points).all()):
             raise ModelRangeError(
-                "points_mm: expected (…, 3) finite numbers: x, y and z of each point", code="bad_points"
+                "points_mm: must be (…, 3) finite numbers, x, y and z of each point in mm", code="bad_points"
             )
         one = isinstance(results, IndentationResult)
         many = [results] if isinstance(results, IndentationResult) else list(results)
@@ -179,5 +179,5 @@ class SeenInside:
                 self.model_for(*mesh_key(result)).patch.position_mm, result.model.patch.position_mm
             ):
                 raise ModelRangeError(
-                    "{press}: expected a press of this finger", code="other_finger", press=repr(result)
+                    "{press}: must be a press of this finger", code="other_finger", press=repr(result)
                 )

@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 Reference = Literal["contact", "apex"]
 
 DEEPEST_DOI_MM, DEEPEST_SHARE = 2.0, 0.6
-"""No finger is asked beyond this depth, or this share of its tissue if that is more; the source's: 1.33 mm."""
+"""Largest DOI (mm), or this share of the tissue's thickness if that is more; the source's largest is 1.33 mm."""
 
 _TOUCHES_KEPT = 64
 _SIDE_RAD = 0.05  # of the section's widest places; below them the skin is no function of x
@@ -179,7 +179,7 @@ class Fingertip(ByRecipe, SeenInside):
         height = self.apex_height_mm if reference == "apex" else touch.height_mm
         if doi_mm is not None and not 0 < doi_mm <= self.deepest_doi_mm:
             raise ModelRangeError(
-                "DOI {doi_mm:g} mm: expected 0 < DOI ≤ {deepest_mm:g} mm",
+                "DOI {doi_mm:g} mm: must be more than 0 and at most {deepest_mm:g} mm",
                 code="doi_outside",
                 doi_mm=doi_mm,
                 deepest_mm=self.deepest_doi_mm,
@@ -232,7 +232,7 @@ class Fingertip(ByRecipe, SeenInside):
         left, right = (float(self.surface.section(phi, z)[0]) for phi in (math.pi - _SIDE_RAD, _SIDE_RAD))
         if not left < x_mm < right:
             raise ModelRangeError(
-                "x = {x_mm} mm: expected {low_mm:.2f} … {high_mm:.2f} mm, the pulp at z = {z_mm:g} mm",
+                "x = {x_mm} mm: must be {low_mm:.2f} to {high_mm:.2f} mm, on the pulp at z = {z_mm:g} mm",
                 code="x_beside_pulp",
                 x_mm=x_mm,
                 low_mm=left,
@@ -243,7 +243,7 @@ class Fingertip(ByRecipe, SeenInside):
         key, model = next(iter(self._models.items()))
         if model.kind == "section" and z != self.config.receptor_plane_mm:
             raise ModelRangeError(
-                "z = {z_mm} mm: a section is the receptor plane alone, expected no z", code="z_of_section", z_mm=z
+                "z = {z_mm} mm: a section contains the receptor plane only; remove z", code="z_of_section", z_mm=z
             )
         strain = model.point_load(x_mm, z) * (force_n / self.e_epidermis_mpa)
         return PointLoadResult(x_mm, z, force_n, strain.reshape(-1, 6), self._outlines[key])

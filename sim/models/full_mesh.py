@@ -55,7 +55,8 @@ class MeshedFinger:
             refuse_stiffening(self.config.tissue, "a deck")
         if self.mesh.order > 1:
             raise MeshError(
-                'mesh.element = "quadratic": a deck has elements of eight nodes, expected "full"', code="quadratic"
+                'mesh.element = "quadratic": a deck supports elements of eight nodes only; set mesh.element = "full"',
+                code="quadratic",
             )
 
 

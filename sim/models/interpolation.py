@@ -75,7 +75,7 @@ def _blocks(n: int) -> Iterator[slice]:
 # The full builds between which fingers of other moduli are interpolated: made once, each a file of its own.
 
 INTERPOLATED = "interpolated finger"
-"""The kind of model that answers say they are from."""
+"""Kind of model that results report."""
 
 _log = logging.getLogger(__name__)
 
@@ -139,7 +139,7 @@ class NodeBuilds:
         compliance, columns, shared, read = [], [], Arrays(), True
         for n, node in enumerate(nodes, 1):
             if not node.kept:
-                _log.info("full build %d of %d, to interpolate between, made once …", n, len(nodes))
+                _log.info("full build %d of %d for interpolation, done once …", n, len(nodes))
             shared, was_read = node.compliance()
             compliance.append(shared.pop("compliance"))
             columns.append(node.columns())
@@ -167,11 +167,11 @@ class NodeBuilds:
 # Source of the errors: `studies/accuracy/another_finger.py`, 50 held-out fingers (`docs/validation/performance.md`).
 
 FORCE_ERROR, SED_ERROR = 0.005, 0.015
-"""None was larger, relative, against full builds of fingers that were held out."""
+"""Largest relative errors against full builds of held-out fingers."""
 
 HOW_MADE = (
-    f"interpolated between {FULL_BUILDS} full builds over the moduli of dermis and fat: against full builds at most "
-    f"{100 * FORCE_ERROR:g} % off in force and {100 * SED_ERROR:g} % in SED"
+    f"interpolated between {FULL_BUILDS} full builds over the moduli of dermis and fat; the error against "
+    f"full builds is at most {100 * FORCE_ERROR:g} % of force and {100 * SED_ERROR:g} % of SED"
 )
 
 _SETS_KEPT = 2  # in memory: 0.25 GB each
@@ -188,8 +188,8 @@ class Interpolated:
         tissue = self.exact.config.tissue
         if not in_range(tissue):
             raise ModelRangeError(
-                "e_dermis = {e_dermis:g}, e_fat = {e_fat:g}: interpolated for e_dermis from {dermis_low:g} to "
-                "{dermis_high:g} and e_fat from {fat_low:g} to {fat_high:g}, expected exact=True",
+                "e_dermis = {e_dermis:g}, e_fat = {e_fat:g}: interpolation covers e_dermis from "
+                "{dermis_low:g} to {dermis_high:g} and e_fat from {fat_low:g} to {fat_high:g}; use exact=True",
                 code="not_interpolated",
                 e_dermis=tissue.e_dermis,
                 e_fat=tissue.e_fat,
@@ -252,7 +252,8 @@ def make_node(node: Node) -> None:
 # Which of many fingers are interpolated: those that differ from others in the moduli of dermis and fat alone.
 
 PAYS_FROM = 9
-"""Fingers of a family for which it is made: 16 builds instead of 9, and none for those that come later."""
+"""Number of fingers of a family from which interpolation pays: 16 builds instead of 9, and none for later
+fingers."""
 
 
 class FingerWithReceptors(NamedTuple):

@@ -71,10 +71,10 @@ class StiffnessAxis:
 
 
 DERMIS, FAT = StiffnessAxis(0.04, 0.64), StiffnessAxis(0.02, 0.32)
-"""E / E(epidermis) of a finger to be interpolated; the default's is 0.1 of both."""
+"""E / E(epidermis) of a finger that can be interpolated; the default has 0.1 for dermis and fat."""
 
 FULL_BUILDS = _NODES**2
-"""Fingers that are built to interpolate between."""
+"""Fingers that are built for interpolation."""
 
 
 def in_range(tissue: Tissue) -> bool:

@@ -62,9 +62,9 @@ def indent_many(
     arguments do not go together and WorkerLostError when a process was killed.
     """
     if doi_mm is None and force_gwt is None:
-        raise ArgumentError("expected a depth (doi_mm) or a force (force_gwt)", code="no_target")
+        raise ArgumentError("give a depth (doi_mm) or a force (force_gwt)", code="no_target")
     if cores is not None and cores < 1:
-        raise ArgumentError("cores = {cores}: expected 1 or more, or None for all", code="no_cores", cores=cores)
+        raise ArgumentError("cores = {cores}: must be 1 or more, or None for all", code="no_cores", cores=cores)
     asked = _rows(shapes, x_mm, z_mm, doi_mm, force_gwt)
     answers: dict[int, IndentationOutcome] = {}
     outlines: dict[Hashable, ModelOutline] = {}
@@ -109,8 +109,8 @@ def _found(
         yield from in_processes(press, tasks, min(cores, len(tasks)))
     except BrokenProcessPool:
         raise WorkerLostError(
-            "a process ended before it answered: it was killed, memory ran out, or a script calls indent_many "
-            'outside of `if __name__ == "__main__":`'
+            "a process ended before it returned a result: it was killed, memory ran out, or a script calls "
+            'indent_many outside of `if __name__ == "__main__":`'
         ) from None
 
 

@@ -27,11 +27,11 @@ from sim.units import GWT_N
 Array = NDArray[np.float64]
 
 FARTHEST_X_MM = 20.0
-"""Beyond this no part of a shape is over the pad."""
+"""Distance from x = 0 (mm) beyond which no part of a shape is over the pad."""
 
 _PRESS_IN_MM, _PRESS_IN_CORNER_MM, _PRESS_IN_FINE_MM = 0.2, 0.05, 0.0125
 OTHER_STEPS_MM = (0.0125, 0.00625)
-"""Steps of the other paths that an answer may be held against."""
+"""Increments of the other loading paths (mm)."""
 
 _ON_THE_WAY = 1e-4  # residual that is enough where the next step starts
 _CORNER_REACH_MM, _EDGE_STEP_MM = 0.1, 0.005
@@ -58,7 +58,7 @@ def refuse_beside_the_finger(config: FingertipConfig, x_mm: float, z_mm: float |
     length_mm = config.geometry.length_mm
     if not abs(x_mm) <= FARTHEST_X_MM:
         raise ModelRangeError(
-            "x = {x_mm} mm: expected a finite number within ± {farthest_mm:g} mm",
+            "x = {x_mm} mm: must be a number within ± {farthest_mm:g} mm",
             code="x_outside",
             x_mm=x_mm,
             farthest_mm=FARTHEST_X_MM,
@@ -73,7 +73,7 @@ def refuse_meaningless(indentor: Indentor, x_mm: float, z_mm: float | None) -> N
         if given is not None and axis not in indentor.placed_by:
             by = " and ".join(_AXIS_NAMES[axis] for axis in indentor.placed_by) or "its depth alone"
             raise ModelRangeError(
-                "{indentor}: {axis}_mm = {place_mm:g} means nothing to it: it is placed by {placed_by}",
+                "{indentor}: {axis}_mm = {place_mm:g} does not apply; the shape is positioned by {placed_by}",
                 code="meaningless_place",
                 indentor=indentor.name,
                 axis=_AXIS_NAMES[axis],
@@ -161,7 +161,7 @@ class PlacedIndentor:
         if len(at_rim) or (gap < 0).any():
             below = pose.gap(beside[:, list(self.indentor.axes)].T, beside[:, Y]).height_mm < 0
             x, _, z = patch.position_mm[at_rim[0]] if len(at_rim) else beside[np.argmin(gap)]
-            what = "contact reaches the patch's rim at x = {x_mm:.2f}, z = {z_mm:.2f} mm"
+            what = "contact reaches the edge of the patch at x = {x_mm:.2f}, z = {z_mm:.2f} mm"
             raise self._beyond(what, (x, z), beside[below][:, [X, Z]], x_mm=float(x), z_mm=float(z))
 
     @property
@@ -178,8 +178,8 @@ class PlacedIndentor:
         told |= {f"at_{name}_mm": place for name, place in named.items()}
         size = "mesh.round_patch_mm" if len(at) > 1 else "mesh.patch_x_mm / patch_z_mm"
         return RimError(
-            f"{{indentor}}{where}: {what}; expected a smaller depth, a position nearer the pad's centre, or a "
-            "wider {size}",
+            f"{{indentor}}{where}: {what}; use a smaller depth, a position nearer to the pad center, or a "
+            f"larger {{size}}",
             (float(at_mm[0]), float(at_mm[1])),
             others_mm,
             indentor=self.indentor.name,

@@ -75,7 +75,9 @@ class Prony:
     def __init__(self, terms: Sequence[PronyTerm]) -> None:
         if any(not (term.share > 0 and term.tau_s > 0) for term in terms) or sum(t.share for t in terms) >= 1:
             raise ArgumentError(
-                "a Prony series needs shares > 0 that sum to less than 1 and time constants > 0", code="bad_series"
+                "the shares of a Prony series must be positive and sum to less than 1, and its time "
+                "constants must be positive",
+                code="bad_series",
             )
         self.shares = np.array([term.share for term in terms])
         self.tau_s = np.array([term.tau_s for term in terms])
@@ -116,7 +118,7 @@ class Memory:
         """A step of time from here; 0 s is a sudden one. Raises ValueError for a step back."""
         if not step_s >= 0 or math.isinf(step_s):
             raise ArgumentError(
-                "a step of {step_s} s: expected a finite number, 0 or more", code="bad_step", step_s=step_s
+                "step_s = {step_s}: must be a finite number of seconds, 0 or more", code="bad_step", step_s=step_s
             )
         tau_s, shares = self._prony.tau_s, self._prony.shares
         decays = np.exp(-step_s / tau_s)

@@ -22,7 +22,7 @@ from sim.units import GWT_N, PSEUDO_E_EPIDERMIS
 Array = NDArray[np.float64]
 
 REGION_GAP_MM = 0.3
-"""Contact regions are separate when the free stretch between them is wider than this."""
+"""Gap in mm above which contact regions are separate."""
 
 FILTER_SPACING_MM = 0.17
 
@@ -216,7 +216,7 @@ class IndentationResult:
 
     def __repr__(self) -> str:
         name, pressed = type(self).__name__, f"{self.doi_mm:.4g} mm deep, {self.force_gwt:.4g} gwt"
-        pressed += f"{', may depend on its path' if self.may_depend_on_path else ''}"
+        pressed += f"{', may depend on its loading path' if self.may_depend_on_path else ''}"
         return f"<{name} {self.indentor.name} at x = {self.x_mm:g}, z = {self.z_mm:g} mm: {pressed}>"
 
     def _repr_html_(self) -> str:

@@ -58,7 +58,7 @@ class SmallStrain:
             return (
                 f"small strain: a {self.kind} pressed {self.doi_mm:.2f} mm deep was not compared with finite strain"
             )
-        return f"small strain: {self.doi_mm:.2f} mm deep linear force is {self.force}, SED {self.sed}"
+        return f"small strain: at {self.doi_mm:.2f} mm the linear force is {self.force}, SED {self.sed}"
 
     def as_json(self) -> dict[str, Any]:
         """For programs."""

@@ -27,7 +27,7 @@ from sim.models.strain_field import Interior
 
 Array = NDArray[np.float64]
 HalfWidths = tuple[float, float]
-"""Along x and along z, in the receptor plane; mm."""
+"""Half-widths along x and z, in the receptor plane (mm)."""
 
 _GROWTH = 1.25  # a patch is so many times as wide as the mesh's own, or a power of that: scenes share them
 _TOUCHED = 0.85  # how far contact goes of how far the indentor would lie below the undeformed skin
@@ -96,7 +96,7 @@ def _refuse_memory(
     if needed_gb > config.contact.patch_gb:
         raise ModelRangeError(
             "{problem}; a patch of ± {patch_x_mm:.2f} × ± {patch_z_mm:.2f} mm would take {needed_gb:.2g} GB, "
-            "contact.patch_gb = {patch_gb:g}",
+            "more than contact.patch_gb = {patch_gb:g} GB",
             code="patch_too_large",
             problem=str(met),
             patch_x_mm=patch[0],
@@ -107,7 +107,7 @@ def _refuse_memory(
 
 
 MeshKey = tuple[tuple[int, ...], HalfWidths | None]
-"""The axes along which indentors slope, and the half-widths of a patch that is not the mesh's own."""
+"""The axes along which indentors slope, and the half-widths (mm) of a patch that is not the mesh's own."""
 
 
 class ModelSource(Protocol):

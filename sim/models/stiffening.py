@@ -119,7 +119,7 @@ FORCE = ForceFactor(0.2121, 1.845, 0.8738, -0.6237, 1.012, 1.341, 0.2931, 0.5755
 ENERGY = Energy(2.56, 1.94, 0.4056, 0.9115, 0.3392, 2.281)
 
 FORCE_ERROR, SED_ERROR = 0.1, 0.22
-"""None was larger, relative, against references to 2 mm, those at other moduli too; SED the highest receptor's."""
+"""Largest relative errors against references to 2 mm, at other moduli too; SED is that of the highest receptor."""
 
 _NONE = 1e-12
 
@@ -317,7 +317,7 @@ class Stiffened(NamedTuple):
 LINEAR_TISSUE = Stiffened(0.0, DimensionlessPress(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), np.zeros(0), 1.0, 1.0)
 
 ROOFS = (0.35, 4.5)
-"""What a prior of layers holds; beyond it counts as its end, of the fingers compared it was 0.55 to 2.3."""
+"""Range of the prior of layers; values beyond it count as its end. The compared fingers had 0.55 to 2.3."""
 
 
 @dataclass(frozen=True)
@@ -395,7 +395,7 @@ def refuse_stiffening(tissue: Tissue, what: str) -> None:
     """Raises ModelRangeError where tissue stiffens."""
     if tissue.stiffening > 0:
         raise ModelRangeError(
-            "finger.tissue.stiffening = {stiffening:g}: {what} is linear, expected 0",
+            "finger.tissue.stiffening = {stiffening:g}: must be 0, since {what} is linear",
             code="linear_alone",
             stiffening=tissue.stiffening,
             what=what,

@@ -48,7 +48,9 @@ class FingerNotLoadedError(SimError):
 
 def _too_late() -> FingerNotLoadedError:
     return FingerNotLoadedError(
-        "virtual finger: not loaded within {timeout_s:g} s", code="too_late", timeout_s=_READY_S
+        "virtual finger: not loaded within {timeout_s:g} s; start again on a less busy machine",
+        code="too_late",
+        timeout_s=_READY_S,
     )
 
 
@@ -70,7 +72,9 @@ class ForceProcess(Generic[Asked, Answer]):
         try:
             problem = self._near.recv() if self._near.poll(_READY_S) else _too_late()
         except EOFError:
-            problem = FingerNotLoadedError("virtual finger: its process ended while it was loaded", code="ended")
+            problem = FingerNotLoadedError(
+                "virtual finger: its process ended while loading; start again", code="ended"
+            )
         if problem is not None:
             self.close()
             raise problem

@@ -92,7 +92,7 @@ class ForcePrefetcher(ABC):
             return self._last_n
         self.statistics.unknown += 1
         if not self._too_late:
-            self._complain(f"the virtual finger has no force for {stale_s:.1f} s: this machine is too busy for it")
+            self._complain(f"the virtual finger has had no force for {stale_s:.1f} s; this machine is too busy")
         self._too_late = True
         return math.nan
 
@@ -143,7 +143,7 @@ class ForcePrefetcher(ABC):
         except (EOFError, OSError):
             self._scheduler.unwatch(self._process)
             self.ended = True
-            self._complain("the process of the virtual finger has ended")
+            self._complain("the process of the virtual finger ended")
             self._scheduler.stop()
             return
         self._ask_next()

@@ -17,8 +17,8 @@ def bench(**other: Any) -> dict[str, Any]:
         "hand": None,
         "notice": None,
         "devices": {
-            "stage": {"word": "not heard of", "homed": None, "age_s": None},
-            "force": {"word": "not heard of", "age_s": None},
+            "stage": {"word": "no data", "homed": None, "age_s": None},
+            "force": {"word": "no data", "age_s": None},
         },
         "newest": {"force_gwt": None, "age_s": None},
         "limits": {"trip_gwt": 20.39, "trip_n": 0.2, "margin_gwt": None, "max_doi_mm": 1.5},

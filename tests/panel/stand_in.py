@@ -137,7 +137,13 @@ def _handler(one: StandIn) -> type[BaseHTTPRequestHandler]:
             one.asked.append(Asked(one.now(), self.path, self.headers["X-Rig-Tab"], body))
             one.answering.wait()
             if self.headers["X-Rig-Token"] != TOKEN:
-                status, told = 403, {"ok": False, "problem": "token: expected the one that rig panel printed"}
+                status, told = (
+                    403,
+                    {
+                        "ok": False,
+                        "problem": "token: must be the one that rig panel printed; open the address that it printed",
+                    },
+                )
             else:
                 status, told = one.answers.get(self.path, (200, {"ok": True, "words": "understood"}))
             if self.path == "/take" and status == 200:

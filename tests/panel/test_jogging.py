@@ -99,7 +99,7 @@ def test_a_button_is_held_by_a_finger(end: str, hand: StandIn, page: Any) -> Non
     ("what", "words"),
     [
         ("window.dispatchEvent(new Event('blur'))", "another window has the keyboard"),
-        ("window.dispatchEvent(new PageTransitionEvent('pagehide'))", "let go"),
+        ("window.dispatchEvent(new PageTransitionEvent('pagehide'))", "released"),
         (
             "Object.defineProperty(document, 'hidden', {value: true});"
             "document.dispatchEvent(new Event('visibilitychange'))",

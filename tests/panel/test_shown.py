@@ -75,7 +75,7 @@ def test_what_comes_late_was_never_live(bench: Bench, opened: Opened) -> None:
     one.before_s = 5.0
     page = opened(one.address)
     expect(page.locator("#read_at")).to_contain_text("NOT LIVE: read at ")
-    expect(page.locator("#no_server")).to_contain_text("Nothing heard from the panel's server since")
+    expect(page.locator("#no_server")).to_contain_text("No data from the panel's server since")
     expect(page.locator("#controls_words")).to_have_text("the run is running")
     assert page.locator("[data-post=pause]").is_disabled()
 

@@ -67,7 +67,7 @@ def test_where_it_is_looked_at_closely() -> None:
     assert_allclose(valley, ([20 - 0.6, 10 - 0.6], [24 + 0.6, 14 + 0.6]))
     assert_allclose(first, ([22.8 - 0.18, 10 - 0.18], [24.18, 11.2 + 0.18]))
     still = np.array([[10.0, 10.0], [20.0, 5.0]])
-    assert_allclose(extents(still)["its valley"], ([20 - 0.003, 5 - 0.003], [20.003, 5.003]))
+    assert_allclose(extents(still)["valley"], ([20 - 0.003, 5 - 0.003], [20.003, 5.003]))
 
 
 @pytest.mark.parametrize(("converged", "shown"), [(0.03, True), (5e-14, False)])
@@ -117,4 +117,4 @@ def test_error_against_noise() -> None:
     assert "M = 50" in axes.get_xlabel()
     assert not any("limit" in name for name in lines(axes))
     (axes,) = drawn(noise_figure(np.array([0.0, 10.0]), errors, 50, np.array([0.1, 0.01]))).axes
-    assert_allclose(lines(axes)["limit, told the distribution"], [[0, 10], [0.1, 0.01]])
+    assert_allclose(lines(axes)["limit for a known distribution"], [[0, 10], [0.1, 0.01]])

@@ -111,7 +111,7 @@ def test_auto_says_what_it_chose_and_why(rig: Rig, tolerance: str, model: str) -
     assert 0 < answer["choice"]["promised_error"] <= (0.6 if model == "halfspace" else 0.05)
     level = answer["choice"]["level"]
     assert answer["choice"]["why"].startswith(
-        f"{model}, level {level}: the largest error of force measured under sharp"
+        f"{model}, level {level}: the largest measured error of force under sharp"
     )
     assert answer["choice"]["outputs"] == ["force", "contact"]
     assert answer["receptors"]["sed"] == []
@@ -124,10 +124,10 @@ def test_auto_says_what_it_will_do_before_it_does_it(rig: Rig) -> None:
     first, *rest = ended.out.splitlines()
     assert re.fullmatch(
         r"auto chose halfspace, level default: force, contact and receptors; patch ± \d\.\d\d × ± \d\.\d\d mm; from "
-        r"nothing some [\d.]+ s of processor time and 0\.\d+ GB, a further press [\d.e+]+ ms", first,
+        r"about [\d.]+ s of processor time and 0\.\d+ GB without cached models, [\d.e+]+ ms for", first,
     )  # fmt: skip
     assert rest[0] == "bar:3 at x = 0 mm"
-    assert rest[1].startswith("  model          halfspace, level default: the largest error of force, sed measured")
+    assert rest[1].startswith("  model          halfspace, level default: the largest measured error of force, sed")
     assert "SED (pseudo)" in ended.out
     alone = rig("indent", "--shape", "bar:3.0", "--x-mm", "0", "--doi-mm", "0.3", "--model", "auto", "--tol", "90%")
     assert "no receptors" in alone.out.splitlines()[0]

@@ -104,7 +104,7 @@ def test_ours_with_a_band_from_noise_that_it_measures(rig: Program) -> None:
     assert_allclose((np.array(high) - found["pressure"]) / found["sd"], 1.645)
     signal = rig("encode", *options[1:5], "--json").json["sed"]
     told = noise_sd(np.array(signal), 25)
-    assert found["noise"]["known"] == "measured at rest of 22 receptors"
+    assert found["noise"]["known"] == "measured from 22 receptors at rest"
     assert found["noise"]["sd"][0] == pytest.approx(told, rel=0.5)
     assert found["noise"]["sd"][0] != pytest.approx(told, rel=1e-6)
     assert found["noise"]["left_of_sed"] == pytest.approx(told, rel=0.5)
@@ -113,7 +113,7 @@ def test_ours_with_a_band_from_noise_that_it_measures(rig: Program) -> None:
 
 def test_without_noise_some_is_assumed_and_said(rig: Program) -> None:
     ended = rig("decode", "--pressure", "20,14", "--half-length", 10)
-    assert "assumed, there is none" in ended.out
+    assert "none; a small sd is assumed" in ended.out
     assert "convolution, SED finite: 2 pressures from M = 22 readings in " in ended.out
     assert ", converged\n" in ended.out
     assert "90 % band" in ended.out
@@ -207,7 +207,7 @@ def test_readings_at_any_places_in_any_order(rig: Program, section: FeltSection,
     middle = np.array(found["place_mm"]) @ found["pressure"] / np.sum(found["pressure"])
     assert middle == pytest.approx(0.2, abs=0.15)
     assert np.sum(found["pressure"]) * np.diff(ends)[0] == pytest.approx(300 * 0.75 * np.pi / 2, rel=0.15)
-    assert found["noise"]["known"] == "measured at rest of 12 receptors"
+    assert found["noise"]["known"] == "measured from 12 receptors at rest"
     assert found["noise"]["sd"][0] == pytest.approx(noise[1].std(ddof=1))
     assert (found["operator"], found["converged"]) == ("influence", True)
 
@@ -220,10 +220,10 @@ def test_readings_at_any_places_in_any_order(rig: Program, section: FeltSection,
     other = rig("decode", "--readings", written("x.csv", shuffled), "--json").json
     assert_allclose(other["receptor_mm"], found["receptor_mm"], atol=1e-5)
     assert_allclose(other["reading"], found["reading"], rtol=1e-9)
-    assert other["noise"]["known"] == "told by the file"
+    assert other["noise"]["known"] == "given in the file"
     assert_allclose(other["noise"]["sd"], sd)
     assert_allclose(other["pressure"], found["pressure"], atol=0.2 * max(found["pressure"]))
-    assert "one pseudo-unit is 18.63 Pa" in rig("decode", "--readings", "x.csv").out
+    assert "1 pseudo-unit = 18.63 Pa" in rig("decode", "--readings", "x.csv").out
 
 
 def test_a_reading_that_is_known_badly_counts_little(rig: Program, section: FeltSection, felt: np.ndarray) -> None:
@@ -307,7 +307,7 @@ def test_the_page_shows_a_file_that_can_be_read(rig: Program) -> None:
 
 def test_a_search_that_is_cut_off_or_ends_at_its_range_says_so(rig: Program, monkeypatch: pytest.MonkeyPatch) -> None:
     narrow = rig(*TWO, "--start", "10,10", "--range", "0,15", "--decoder", "univariate", "--json").json
-    assert narrow["problems"][0] == "2 of 2 pressures stand at the end of the range, 15"
+    assert narrow["problems"][0] == "2 of 2 pressures are at the upper end of the range, 15"
     monkeypatch.setattr(search_decoders, "MOST_SWEEPS", 3)
     cut = rig(*WORKED, "--decoder", "univariate", "--json").json
     assert (cut["converged"], cut["moves"]) == (False, 6)

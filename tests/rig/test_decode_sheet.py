@@ -60,8 +60,8 @@ def test_a_sheet_gives_pressures_over_x_and_z_and_what_touches(rig: Program, sph
     shuffled = written(sphere, np.random.default_rng(1).permutation(49))
     ended = rig("decode", "--readings", shuffled, "--config", "coarse.toml", "--picture", "sheet.svg")
     assert ended.code == 0
-    assert ended.err.startswith("fingertip: from the cache, or built in about 15 s …\n")
-    assert "ours, influence, SED finite: 169 pressures from M = 49 readings in " in ended.out
+    assert ended.err.startswith("fingertip: loading from the cache, or building in about 15 s …\n")
+    assert "bayes, influence, SED finite: 169 pressures from M = 49 readings in " in ended.out
     assert "  felt as a sphere, " in ended.out
     rows = [line.split() for line in ended.out.splitlines()]
     header = next(row for row in rows if row[:4] == ["x", "\\", "z", "(mm)"])
@@ -81,7 +81,7 @@ def test_a_sheet_gives_pressures_over_x_and_z_and_what_touches(rig: Program, sph
     assert len(found["felt"]["extent_mm"]) == 2
     assert (found["converged"], found["problems"]) == (True, [])
     assert len(found["receptor_mm"]) == 49
-    assert found["noise"]["known"] == "measured at rest of 49 receptors"
+    assert found["noise"]["known"] == "measured from 49 receptors at rest"
     low, high = (np.array(found["band_90"][end]) for end in ("low", "high"))
     assert ((low <= found["pressure"]) & (high >= found["pressure"])).all()
 
@@ -115,7 +115,7 @@ def test_what_is_no_sheet_is_one_line(
 def test_of_sheets_there_is_one_decoder(rig: Program, sphere: Cells) -> None:
     ended = rig("decode", "--readings", written(sphere), "--decoder", "univariate", "--json")
     assert ended.code == 2
-    assert ended.json["error"] == "--readings with a column z_mm: expected --decoder ours, the only one of sheets"
+    assert ended.json["error"] == "--readings with a column z_mm requires --decoder bayes"
 
 
 def test_the_same_x_at_another_z_is_another_receptor(rig: Program, sphere: Cells) -> None:

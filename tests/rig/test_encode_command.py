@@ -37,8 +37,8 @@ def test_a_press_says_how_far_the_operator_is_from_finite_elements(rig: Program)
     assert abs(felt["relative_l2"]) < 1e-6
     assert abs(felt["peak"]) < 1e-6
     folded = rig(*press, "--x-mm", 0.5, "--snr-db", 20, "--threshold", 0.1, "--picture", "encoded.svg")
-    assert "against finite elements: " in folded.out
-    assert "noise at the receptor: 20 dB over M = " in folded.out
+    assert "  difference from finite elements: " in folded.out
+    assert "noise added to the receptor: 20 dB over M = " in folded.out
     assert "of the peak, seed 0" in folded.out
     assert Path("encoded.svg").read_text(encoding="utf-8").startswith("<?xml")
 

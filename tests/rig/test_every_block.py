@@ -81,7 +81,7 @@ NOT_RUN = {
     # --- blocks, by their first line ---
     "git clone https://github.com/gnea/grbl && git clone https://github.com/grbl/grbl-sim grbl/grbl/sim": NETWORK,
     "auto chose finger, level coarse: force and contact, no receptors; patch ± 3.30 × ± 3.50 mm; "
-    "from nothing some 2.6 s of …": PRINTED,
+    "about 2.6 s of processor time …": PRINTED,
     "21 indentations, 0:05:05 left": PRINTED,
     "skin     99 points": PRINTED,
     "press 1 of at most 8: flat:3 at +1.2 mm to 0.30 mm, trips at 8.8 gwt …": PRINTED,

@@ -101,7 +101,7 @@ ENDS = {
     "Ctrl-C": End(130, "stopped by the operator at a safe point", "lifted", False, WELL, _signal("SIGINT")),
     "SIGTERM": End(130, "stopped by the operator at a safe point", "lifted", False, WELL, _signal("SIGTERM")),
     "SIGHUP": End(130, "stopped by the operator at a safe point", "lifted", False, WELL, _hang_up),
-    "rig stop, or Ctrl-C twice": End(130, "at once, by the operator", "held", True, FREE, _signal("SIGUSR1")),
+    "rig stop, or Ctrl-C twice": End(130, "stopped at once by the operator", "held", True, FREE, _signal("SIGUSR1")),
     "a limit": End(
         1, "the finger has been touched for", "lifted", False, "change the script or the limit",
         limits={"max_contact_s": 2.5}, again=False,
@@ -338,7 +338,7 @@ def test_a_second_ctrl_c_while_it_homes_leaves_nothing_moving(
     assert it.struck
     assert ended.code == 130
     said = json.loads(ended.out)["ending"]
-    assert said["reason"] == "at once, by the operator"
+    assert said["reason"] == "stopped at once by the operator"
     assert (said["indentor"]["left"], said["indentor"]["trusted"]) == ("held", False)
     assert said["next"].startswith(FREE)
     it.bench.clock.wait_s(0.01)  # the bytes that stop it are on their way

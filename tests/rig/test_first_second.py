@@ -124,7 +124,7 @@ def test_a_mistyped_command_is_told_its_neighbour(
     code, _, complaint = said(capsys, monkeypatch, typed)
     assert code == 2
     assert complaint.count("\n") == 1
-    assert f"No such command {typed!r}, expected one that rig --help lists: {meant}" in complaint
+    assert f"{typed!r}; did you mean {meant}" in complaint
 
 
 def test_a_command_after_two_dashes_is_carried_out(

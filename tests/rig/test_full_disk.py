@@ -136,7 +136,7 @@ def test_before_a_run_nothing_is_left_of_it(
     assert ended.code == 2
     assert f"/{name}" in _line(ended)
     assert ": cannot be written: No space left on device, " in _line(ended)
-    assert " MB free: free space, then the same again" in _line(ended)
+    assert " MB free: free disk space, then repeat the command" in _line(ended)
     assert list((tmp_path / "runs").iterdir()) == []
 
 
@@ -202,7 +202,7 @@ def test_an_export_is_the_old_one_or_the_whole_new_one(
     assert disk.struck
     assert ended.code == 2
     assert f"/{name}: cannot be written: No space left on device, " in _line(ended)
-    assert " MB free: free space, then the same again" in _line(ended)
+    assert " MB free: free disk space, then repeat the command" in _line(ended)
     _no_half_file(folder)
     assert (folder / name).exists() is (name in before)
     assert name not in before or (folder / name).read_bytes() == before[name]
@@ -220,5 +220,5 @@ def test_a_run_that_cannot_be_locked_is_not_taken_up(
     make_room()
     assert ended.code == 2
     assert "/.lock: cannot be written: No space left on device, " in _line(ended)
-    assert " MB free: free space, then the same again" in _line(ended)
+    assert " MB free: free disk space, then repeat the command" in _line(ended)
     assert rig("resume", str(folder)).code == 0

@@ -127,7 +127,7 @@ def test_a_run_whose_terminal_goes_away_lifts_and_can_be_taken_up(
         else:
             process.send_signal(getattr(signal, way))
             if way == "SIGTERM":  # which pauses: Ctrl-D is nobody's Enter
-                until(lambda: b"Enter goes on" in os.read(master, 4096))
+                until(lambda: b"press Enter to continue" in os.read(master, 4096))
                 os.write(master, b"\x04")
         assert process.wait(timeout=DEADLINE_S) == 130
     finally:

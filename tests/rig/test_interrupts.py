@@ -130,7 +130,7 @@ def test_it_goes_on_when_somebody_at_the_terminal_says_so(
         signal.raise_signal(signal.SIGINT)
         assert pause.go_on() is goes_on
         assert pause.asked() is not goes_on
-    assert ("Enter goes on, Ctrl-C ends the run" in shown.getvalue()) is (keyboard and screen)
+    assert ("press Enter to continue, Ctrl-C to end the run" in shown.getvalue()) is (keyboard and screen)
 
 
 def test_after_it_went_on_a_signal_asks_for_a_pause_again(terminal: Callable[..., Terminal]) -> None:

@@ -79,7 +79,7 @@ def test_a_letter_is_pressed_in_a_run(rig: Callable[..., Any], tmp_path: Path) -
     assert [e["doi_mm"] for e in holds] == pytest.approx([0.4, 0.4, 0.2], abs=0.03)
     assert all(e["force_gwt"] > 0.1 for e in holds)
     report = run.folder.report.read_text(encoding="utf-8")
-    assert "Contact as seen from the finger" in report
+    assert "Contact from below" in report
     # gone or edited, the original changes nothing
     Image.new("L", (60, 60), 0).save(tmp_path / "parts" / "letter.png")
     answers = responses(run, load("finger", run_config(), cached=True))

@@ -88,9 +88,7 @@ def test_the_page_says_what_will_be_done(rig: Run, opened: list[Any], finger: Fi
     assert page["protocol"] == "Two presses (mine.py)"
     assert page["subject"] == "S07"
     assert page["steps"] == "2 indentations, 1 preconditioning presses"
-    assert re.fullmatch(
-        r"about \d+ s, the finger touched for \d+ s of them \(rehearsed on springs in \d+\.\d s\)", page["duration"]
-    )
+    assert re.fullmatch(r"about \d+ s, with \d+ s of them \(rehearsed on springs in \d+\.\d s\)", page["duration"])
     said_s = float(page["duration"].split()[1])
     assert said_s == pytest.approx(json.loads(ended.out)["duration_s"], rel=0.05)
     peak = max(finger.indent("bar:3.0", x, doi_mm=0.2).force_gwt for x in (-0.5, 0.5))
@@ -114,7 +112,10 @@ def test_without_a_terminal_nothing_is_opened(rig: Run, opened: list[Any], comma
     opened.clear()
     ended = rig(*arguments)
     assert ended.code == 2
-    assert ended.err.splitlines()[-1] == f"rig: {command}: nobody can be asked here, expected a terminal or --yes"
+    assert (
+        ended.err.splitlines()[-1]
+        == f"rig: {command}: the session is not interactive, so nobody can confirm; run it in a terminal or add --yes"
+    )
     assert (opened, ended.out) == ([], "")
     assert len(list((tmp_path / "runs").iterdir())) == (0 if command == "run" else 1)
 
@@ -123,10 +124,10 @@ def test_without_a_terminal_nothing_is_opened(rig: Run, opened: list[Any], comma
 def test_the_page_is_confirmed_once(rig: Run, opened: list[Any], tmp_path: Path, typed: str, code: int) -> None:
     ended = rig(*RUN, typed=typed)
     assert ended.code == code, ended.err
-    assert ended.err.count("press Enter to begin, Ctrl-C to leave") == 1
+    assert ended.err.count("press Enter to start, Ctrl-C to cancel") == 1
     assert len(opened) == (1 if code == 0 else 0)
     assert len(list((tmp_path / "runs").iterdir())) == len(opened)
-    assert ("not confirmed: nothing has moved" in ended.err) is (code != 0)
+    assert ("not confirmed; nothing has moved" in ended.err) is (code != 0)
 
 
 @pytest.mark.parametrize(("typed", "done"), [("\n", ["planned", "reported"]), ("n\n", ["planned"]), (None, None)])

@@ -53,7 +53,7 @@ shape = "bar:3.0"
 doi_mm = [0.1, 0.15, 0.2, 0.25, 0.3, 0.35]
 """
 COARSE = as_toml(coarse_mesh(0.3, 0.3, patch_x_mm=2.0, patch_z_mm=2.0, round_patch_mm=2.0))
-FINGER = "fingertip: from the cache, or built in about 15 s …"
+FINGER = "fingertip: loading from the cache, or building in about 15 s …"
 LINE = re.compile(
     r"\d of 2, block 1, condition -?0\.5, bar:3\.0 at [+-]0\.50 mm, peak \d+\.\d\d gwt, \d:\d\d:\d\d left"
 )
@@ -176,7 +176,7 @@ def test_who_asked_for_json_is_told_nothing_else(rig: Callable[..., Said], name:
     """`rig run` has its page, and a run that was killed its warning."""
     said = rig(*COMMANDS[name][0](rig), "--json")
     assert said.out.count("\n") == 1
-    told = [line for line in said.err.splitlines() if not line.startswith(("goes on after", "rig: the run ended"))]
+    told = [line for line in said.err.splitlines() if not line.startswith(("resuming after", "rig: the run ended"))]
     assert told == []
 
 
@@ -234,12 +234,12 @@ BEGUN = {"index": 0, "indentor": "bar:3.0", "x_mm": -0.5}
 
 def test_a_line_has_the_highest_force_of_its_own_holds() -> None:
     run = IndentationProgress(3, None)
-    assert (run.where, run.line) == ("starting", "0 of 3, starting, peak 0.00 gwt, time left not known")
+    assert (run.where, run.line) == ("starting", "0 of 3, starting, peak 0.00 gwt, time left unknown")
     ended = (
-        ((1.0, 3.0, 2.0), {}, "1 of 3, bar:3.0 at -0.50 mm, peak 3.00 gwt, time left not known"),
-        ((1.5,), {"block": 2}, "2 of 3, block 2, bar:3.0 at -0.50 mm, peak 1.50 gwt, time left not known"),
+        ((1.0, 3.0, 2.0), {}, "1 of 3, bar:3.0 at -0.50 mm, peak 3.00 gwt, time left unknown"),
+        ((1.5,), {"block": 2}, "2 of 3, block 2, bar:3.0 at -0.50 mm, peak 1.50 gwt, time left unknown"),
         ((), {"block": 1, "condition": "a"}, "3 of 3, block 1, condition a, bar:3.0 at -0.50 mm, peak 0.00 gwt, "
-         "time left not known"),
+         "time left unknown"),
     )  # fmt: skip
     for index, (peaks_gwt, marks, told) in enumerate(ended):
         run.event("indentation_start", {**BEGUN, "index": index, **marks})

@@ -32,7 +32,7 @@ def run(rig):
         rig.indent(doi_mm=0.2, hold_s=0.1)
 """
 WIRE = '{"t_s": 3.5, "port": "stage", "dir": "tx", "hex": "2118"}\n'
-AT_ONCE = "at once, by the operator"
+AT_ONCE = "stopped at once by the operator"
 
 
 @pytest.fixture

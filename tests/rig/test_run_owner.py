@@ -128,21 +128,22 @@ def test_a_stop_under_way_is_waited_for_before_it_is_recorded(
 @pytest.mark.parametrize("phase", ["planning", "reporting"])
 def test_only_what_runs_is_paused(owner: RunOwner, do: str, phase: Any) -> None:
     owner.at(phase)
-    words = {"pause": "there is nothing to pause", "go_on": "it is not paused"}[do]
-    assert _asked(owner, do) == {"ok": False, "problem": f"it is {phase}: {words}"}
+    words = {"pause": "it can be paused only while it runs", "go_on": "it is not paused"}[do]
+    assert _asked(owner, do) == {"ok": False, "problem": f"the run is {phase}; {words}"}
     assert owner.pause.asked() is False
 
 
 def test_a_pause_and_its_end(owner: RunOwner, capsys: pytest.CaptureFixture[str]) -> None:
     owner.at("running")
-    assert _asked(owner, "go_on") == {"ok": False, "problem": "it is running: it is not paused"}
+    assert _asked(owner, "go_on") == {"ok": False, "problem": "the run is running; it is not paused"}
     for _ in range(2):
         assert _asked(owner, "pause") == {"state": "pausing"}
     assert owner.pause.asked() is True
     assert _asked(owner, "go_on") == {"state": "running"}
     assert owner.pause.asked() is False
     assert capsys.readouterr().err == (
-        "pausing, as the panel asks: stopping at the next safe point; Ctrl-C stops now\ngoing on, as the panel asks\n"
+        "pausing at the next safe point, as the panel requested; press Ctrl-C to stop now\n"
+        "continuing, as the panel requested\n"
     )
 
 
@@ -214,8 +215,8 @@ def test_at_a_terminal_it_goes_on_with_whoever_is_first(terminal: Terminal, aske
         assert pause.go_on() is True
     assert (pause.asked(), pause.waits) == (False, False)
     said = screen.getvalue()
-    assert "paused, the indentor is lifted: Enter goes on, Ctrl-C ends the run; rig resume can take it up" in said
-    assert ("going on, as the panel asks" in said) is (answered == "elsewhere")
+    assert "paused, indentor lifted: press Enter to continue, Ctrl-C to end the run" in said
+    assert ("continuing, as the panel requested" in said) is (answered == "elsewhere")
 
 
 def test_the_end_of_the_keyboard_ends_a_pause_that_was_asked_elsewhere(terminal: Terminal) -> None:
@@ -251,7 +252,10 @@ def test_without_a_terminal_the_panel_is_waited_for(nobody: pytest.CaptureFixtur
     pause.ask_from_elsewhere()
     with _as_soon_as_it_waits(pause, pause.go_on_from_elsewhere):
         assert pause.go_on() is True
-    assert "paused, the indentor is lifted: the panel goes on, Ctrl-C ends the run\n" in nobody.readouterr().err
+    assert (
+        "paused, indentor lifted: continue from the panel, or press Ctrl-C to end the run\n"
+        in nobody.readouterr().err
+    )
 
 
 def test_without_a_terminal_nobody_is_waited_for_where_a_signal_asked(nobody: pytest.CaptureFixture[str]) -> None:
@@ -348,7 +352,7 @@ def test_a_run_is_announced_while_it_lasts(tmp_path: Path, monkeypatch: pytest.M
         assert (one.out, one.config) == (str(tmp_path / "runs"), str(tmp_path / "rig.toml"))
         assert (one.protocol, one.run) == ("two", None)
         assert one.ask("status") == {"ok": True, "state": "planning", "run": None, "stopped": False}
-        with pytest.raises(RefusedError, match=r"^it is planning: there is nothing to pause$"):
+        with pytest.raises(RefusedError, match=r"^the run is planning; it can be paused only while it runs$"):
             one.ask("pause")
         owner.begins(RunFolder(tmp_path / "runs" / "one"))
         (one,) = (one for one in announced() if one.pid == os.getpid())
@@ -363,7 +367,7 @@ def test_where_a_run_cannot_be_announced_it_goes_on(
     monkeypatch.setenv("RIG_RUNTIME_DIR", str(tmp_path / "file"))
     with _owning(NewRun(tmp_path)) as owner:
         owner.begins(RunFolder(tmp_path))
-    assert capsys.readouterr().err.startswith("rig: warning: no panel can reach this run: ")
+    assert capsys.readouterr().err.startswith("rig: warning: the panel cannot reach this run: ")
 
 
 # --- a stop at whatever moment of its life ---
@@ -490,7 +494,7 @@ def test_a_stop_is_recorded_at_the_end_and_only_then(
         _from_a_thread(lambda: one.ask("stop"))
     state = "reporting" if began else "planning"
     assert done == [*([] if began else [("before", NewRun(tmp_path), True)]), (folder, state, "its bytes")]
-    assert (f"rig: the stop is recorded in {folder.path}\n" in capsys.readouterr().err) is not began
+    assert (f"rig: the run folder {folder.path} records the stop\n" in capsys.readouterr().err) is not began
 
 
 def test_a_stop_that_cannot_be_recorded_is_told_of(

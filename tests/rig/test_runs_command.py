@@ -570,7 +570,7 @@ def test_one_run_in_lines(program: Program, runs: Path) -> None:
     assert lines["model"] == "nodes 34164, e_epidermis_mpa 0.186266, from_cache True"
     assert lines["files"].startswith(f"16, {size / 1e6:.1f} MB: config.toml, data.h5, ")
     assert lines["what"] == "Bar at five positions (bars_of_five), on the virtual bench"
-    assert lines["subject"] == "none given"
+    assert lines["subject"] == "none"
     assert lines["state"] == "done, 5 of 5 indentations"
     assert lines["pressed"].startswith("bar:3.0 to 0.4 mm, x = -3.00 … 3.00 mm: 5 holds, mean ")
     assert "because" not in lines
@@ -592,7 +592,7 @@ def test_a_script_that_did_less_than_was_planned(program: Program, runs: Path) -
     stopped(runs / "stopped", "done", "")
     told = program("show", runs / "stopped", "--json").json
     assert (told["state"], told["done"]) == ("incomplete", 5)
-    assert told["ending"] == {"reason": "the script did less than was planned", "words": None}
+    assert told["ending"] == {"reason": "the script did less than planned", "words": None}
     assert "subject     S07\n" in program("show", runs / "stopped").out
     at = {"left": "lifted", "x_mm": 0.5, "height_mm": 2.0, "trusted": True, "may_touch": False}
     with (runs / "stopped" / "events.jsonl").open("a", encoding="utf-8") as file:
@@ -623,5 +623,5 @@ def test_a_run_without_its_copies_is_told_all_the_same(program: Program, runs: P
     (folder / "config.toml").write_text("[limits", encoding="utf-8")
     told = program("show", folder, "--json").json
     assert told["limits"] == {"soft_trip_of_the_plan_n": None}
-    assert told["versions"] == {"python": "not known"}
+    assert told["versions"] == {"python": "unknown"}
     assert set(told["devices"]) == {"controller", "sensor"}

@@ -91,7 +91,6 @@ def test_options_that_mean_nothing_are_refused_wherever_a_shape_is_given(
         with pytest.raises(ShapeError) as caught:
             given()
         assert "\n" not in str(caught.value)
-        assert "expected" in str(caught.value)
     with pytest.raises(StudyError):
         read_study(study(tmp_path, shape))
 
@@ -116,19 +115,17 @@ def test_places_that_mean_nothing_are_refused_wherever_one_is_given(
         lambda: finger.indent(shape, x_mm, z_mm=z_mm, doi_mm=0.3),
         lambda: finger.touch_height_mm(shape, x_mm, z_mm=z_mm),
     ):
-        with pytest.raises(
-            ModelRangeError, match=rf"{parse_shape(shape).name}: [xz]_mm = .* means nothing to it: it"
-        ):
+        with pytest.raises(ModelRangeError, match=rf"{parse_shape(shape).name}: [xz]_mm = .* does not apply"):
             given()
     model = FingerModel(finger, {})
     along_mm = 0.0 if z_mm is None else z_mm - finger.config.receptor_plane_mm
     if x_mm or along_mm:
-        with pytest.raises(ModelRangeError, match="means nothing to it"):
+        with pytest.raises(ModelRangeError, match="does not apply"):
             model.touch_height_mm(shape, x_mm, along_mm)
     if x_mm and shape != "step:1":
-        with pytest.raises(ModelRangeError, match="means nothing to it"):
+        with pytest.raises(ModelRangeError, match="does not apply"):
             model.press(shape, x_mm, Target("doi_mm", 0.3))
-        with pytest.raises(StudyError, match=r"x_mm means nothing to it, expected none"):
+        with pytest.raises(StudyError, match=r"has no position along x; remove x_mm"):
             read_study(study(tmp_path, shape, f"x_mm = [{x_mm}]"))
     assert read_study(study(tmp_path, shape))
 
@@ -136,15 +133,15 @@ def test_places_that_mean_nothing_are_refused_wherever_one_is_given(
 @pytest.mark.parametrize(
     ("shape", "place", "expected"),
     [
-        ("bar:3", ("--x-mm", "0", "--z-mm", "6"), "lies along the finger, expected --x-mm instead of --z-mm"),
-        ("bar:3", (), "expected --x-mm"),
-        ("bar:3,across", ("--x-mm", "0"), "lies across the finger, expected --z-mm instead of --x-mm"),
-        ("line", ("--x-mm", "0"), "lies across the finger, expected --z-mm instead of --x-mm"),
-        ("flat", ("--x-mm", "0"), "the same everywhere, expected neither --x-mm nor --z-mm"),
-        ("flat", ("--z-mm", "6"), "the same everywhere, expected neither --x-mm nor --z-mm"),
-        ("bar:3,turn_deg=20", ("--z-mm", "6"), "expected --x-mm"),
-        ("sphere:2", (), "expected --x-mm"),
-        ("point", (), "expected --x-mm"),
+        ("bar:3", ("--x-mm", "0", "--z-mm", "6"), "lies along the finger; use --x-mm instead of --z-mm"),
+        ("bar:3", (), "requires --x-mm"),
+        ("bar:3,across", ("--x-mm", "0"), "lies across the finger; use --z-mm instead of --x-mm"),
+        ("line", ("--x-mm", "0"), "lies across the finger; use --z-mm instead of --x-mm"),
+        ("flat", ("--x-mm", "0"), "is the same everywhere; remove --x-mm and --z-mm"),
+        ("flat", ("--z-mm", "6"), "is the same everywhere; remove --x-mm and --z-mm"),
+        ("bar:3,turn_deg=20", ("--z-mm", "6"), "requires --x-mm"),
+        ("sphere:2", (), "requires --x-mm"),
+        ("point", (), "requires --x-mm"),
     ],
 )
 def test_rig_indent_says_which_place_a_shape_wants(
@@ -152,15 +149,15 @@ def test_rig_indent_says_which_place_a_shape_wants(
 ) -> None:
     code, said = rig("indent", "--shape", shape, *place, "--doi-mm", "0.5")
     assert (code, said.count("\n")) == (2, 1)
-    assert f"--shape {shape}: {expected}" in said
+    assert f"--shape {shape} {expected}" in said
 
 
 @pytest.mark.parametrize(
     ("picture", "expected"),
     [
-        ("a.pdf", "--picture a.pdf: expected a name that ends in .svg or .png"),
-        ("there.svg", "--picture there.svg: exists already, expected a new file"),
-        ("no/a.svg", "--picture no/a.svg: no such folder no"),
+        ("a.pdf", "--picture a.pdf: the name must end in .svg or .png"),
+        ("there.svg", "--picture there.svg: the file already exists; choose another name"),
+        ("no/a.svg", "--picture no/a.svg: the folder no does not exist"),
     ],
 )
 def test_a_picture_that_cannot_be_drawn(rig: Callable[..., Any], picture: str, expected: str) -> None:
@@ -169,7 +166,7 @@ def test_a_picture_that_cannot_be_drawn(rig: Callable[..., Any], picture: str, e
     assert (code, said.count("\n")) == (2, 1)
     assert expected in said
     code, said = rig("indent", "--shape", "point", "--x-mm", "0", "--force-gwt", "1", "--picture", "a.svg")
-    assert "--picture: a point load has no contact to be drawn" in said
+    assert "--picture: a point load has no contact to plot" in said
 
 
 @pytest.mark.parametrize(("shape", "x_mm"), [("line", 0.4), ("bar:3,across", -0.7), ("flat", 1.0)])

@@ -25,7 +25,7 @@ def rig(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp
 def test_it_prints_every_site_beside_the_printed_table_and_draws_one(rig: Program) -> None:
     ended = rig("shift-invariance", *QUICK, "--picture", "spread.svg")
     assert ended.code == 0
-    assert ended.err == "24 point loads on the whole finger: from the cache, or about twenty seconds …\n"
+    assert ended.err == "24 point loads on the whole finger: loading from the cache, or computing in about 20 s …\n"
     assert "SED 0.76 mm below the skin = A / r^m, under 1 gwt along the inward normal" in ended.out
     assert "receptors 0.5 mm apart within ± 2 mm of each site in x and in z" in ended.out
     rows = [line.split() for line in ended.out.splitlines()]
@@ -73,7 +73,7 @@ def test_what_was_solved_once_is_read_and_listed_by_rig_cache(rig: Program, monk
         assert (again.code, again.out) == (0, made.out)
     listed = rig("cache").out
     assert "sites       1 files" in listed
-    assert "SED under point loads at the source's 24 sites" in listed
+    assert "SED under point loads at the 24 sites of the source" in listed
 
 
 def test_other_choices_are_solved_for_anew(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -101,9 +101,9 @@ def test_a_large_sheet_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     encode._told(2693, 2693)
     encode._told(300, 300)
     assert said == [
-        "strain at 1000 of 2693 receptors …",
-        "strain at 2000 of 2693 receptors …",
-        "a factorisation, then 24 loads …",
+        "computing strain at 1000 of 2693 receptors …",
+        "computing strain at 2000 of 2693 receptors …",
+        "factorizing the stiffness, then solving 24 point loads …",
     ]
 
 

@@ -41,7 +41,7 @@ def run(rig):
         rig.indent(doi_mm=0.3, hold_s=0.5)
 """
 STUDY = '[[press]]\nshape = "cylinder:9"\ndoi_mm = [0.3]\n'
-SAID = re.compile(r"small strain: 0\.(29|3\d|90) mm deep linear force is ")  # a bench's true depth is a little off
+SAID = re.compile(r"small strain: at 0\.(29|3\d|90) mm the linear force is ")  # a bench's true depth is a little off
 
 
 class At(NamedTuple):
@@ -167,7 +167,7 @@ def test_between_the_depths_that_were_compared_it_is_linear_and_beyond_them_not_
     assert small_strain("finger", 1.0).force == pytest.approx((-0.1, 0.0))
     assert small_strain("finger", 1.01).force is None
     assert small_strain("finger", 0.5).note == (
-        "small strain: 0.50 mm deep linear force is 2 to 10 % high, SED 20 % low to 10 % high"
+        "small strain: at 0.50 mm the linear force is 2 to 10 % high, SED 20 % low to 10 % high"
     )
 
 
@@ -208,5 +208,5 @@ def test_a_study_says_it_of_the_finger_that_was_pressed_deepest(tmp_path: Path) 
         return _small_strain(cases, [[{"model": "finger", "doi_mm": mm}] for mm in depths_mm])
 
     assert (note(0.2, 0.3) or "").startswith(STIFFENS)
-    assert (note(0.3, 0.2) or "").startswith("small strain: 0.30 mm")
+    assert (note(0.3, 0.2) or "").startswith("small strain: at 0.30 mm")
     assert _small_strain(cases, [[{"problem": "too deep"}], [{"problem": "too deep"}]]) is None

@@ -40,7 +40,7 @@ def test_its_table_names_every_candidate(html: str) -> None:
 
 
 def test_its_table_has_the_unit_of_time(html: str) -> None:
-    assert "<tr><td>the reference computation</td><td>one thread</td><td>–</td><td>0.300</td>" in html
+    assert "<tr><td>reference computation</td><td>one thread</td><td>–</td><td>0.300</td>" in html
 
 
 def test_a_section_has_no_error_of_force(html: str) -> None:

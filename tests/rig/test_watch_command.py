@@ -272,7 +272,7 @@ def test_who_looks_on_knows_force_step_and_time(course: Course, tmp_path: Path) 
     assert (seen.above(), seen.left_s, seen.now, seen.next) == (
         ["run     mine, subject S07, virtual bench"], None, "", "",
     )  # fmt: skip
-    assert seen.below() == ["now     -", "next    -", "done    0 of 2, time left not known"]
+    assert seen.below() == ["now     -", "next    -", "done    0 of 2, time left unknown"]
     seen.take(documents[:4])
     assert (seen.now, seen.left_s) == (FIRST, None)  # of the press that was begun: nothing else is known
     seen.take(documents[4:5])
@@ -445,7 +445,7 @@ def test_on_a_terminal_there_is_a_screen(
     assert "run     complete, virtual bench\n" in drawn
     assert re.search(r"force   [\d.]+ gwt, depth [\d.]+ mm, x = .3\.00 mm, hold\n", drawn)
     assert "█" in drawn
-    assert "done    5 of 5, time left not known\n" in drawn
+    assert "done    5 of 5, time left unknown\n" in drawn
     assert drawn.rstrip().endswith("state   done, 5 of 5 indentations")
     assert max(map(len, drawn.splitlines())) <= 80
 
@@ -486,7 +486,7 @@ def test_ctrl_c_ends_the_looking_on_only(
         monkeypatch.setattr(watch_command, "out", console)
         with RunFolder(folder).owned():
             ended = program("watch", folder)
-        assert (ended.code, ended.err) == (130, "not watched any more; the run was told nothing\n")
+        assert (ended.code, ended.err) == (130, "stopped monitoring; the run continues\n")
 
 
 # --- a run's own screen, and what it leaves for others ---

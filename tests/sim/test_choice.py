@@ -171,15 +171,15 @@ def test_quantities_are_named(quantities: tuple[str, ...]) -> None:
 def test_a_choice_says_what_it_is() -> None:
     found = chosen(0.03)
     assert found.why == (
-        "finger, level coarse: the largest error of force measured under sharp shapes, so deep and so placed, is "
-        "3 %, the tolerance 3 %; cheaper ones passed over: halfspace default 10 %"
+        "finger, level coarse: the largest measured error of force under sharp shapes at this depth and position is "
+        "3 %; the tolerance is 3 %; cheaper models rejected: halfspace default 10 %"
     )
     assert found.outlook == (
-        "force and contact, no receptors; patch ± 2.15 × ± 2.27 mm; from nothing some 1 s of processor time and "
-        "0.4 GB, a further press 20 ms"
+        "force and contact, no receptors; patch ± 2.15 × ± 2.27 mm; about 1 s of processor time and "
+        "0.4 GB without cached models, 20 ms for each further press"
     )
     dear = replace(found, cost=found.cost._replace(press_s=0.1234, memory_mb=123_400.0))
-    assert dear.outlook.endswith(" and 120 GB, a further press 120 ms")
+    assert dear.outlook.endswith(" and 120 GB without cached models, 120 ms for each further press")
     told = found.as_json()
     assert told["mesh"]["level"] == "coarse"
     assert MeshSpec.model_validate(told["mesh"]) == found.mesh

@@ -83,7 +83,7 @@ def test_readings_are_explained_up_to_five_deviations_of_chi_squared(
         problems = given.unexplained(PRESSURE)
         assert bool(problems) is said
         if said:
-            assert problems == ("the readings are not explained: misfit 28.1, expected about 8",)
+            assert problems == ("the decoded pressures do not explain the readings: misfit 28.1, expected about 8",)
 
 
 def test_a_share_of_sed_may_be_wrong_too() -> None:
@@ -107,7 +107,7 @@ def test_silent_receptors_need_no_explanation() -> None:
 
 def test_nothing_above_its_noise_is_refused() -> None:
     with raises(CodingError, "all_noise"):
-        decode_observation(observation(np.zeros(M), receptor=through(1.0, 0.0)), "ours", SearchOptions())
+        decode_observation(observation(np.zeros(M), receptor=through(1.0, 0.0)), "bayes", SearchOptions())
 
 
 # --- noise ---
@@ -119,14 +119,14 @@ def test_noise_is_measured_told_or_assumed() -> None:
     rest = 0.25 * np.random.default_rng((7, 1)).normal(size=M)
     measured = noise_of(SAID, None, Noise(20.0, "receptor", 7))
     assert_allclose(measured.sd, np.full(M, sd_at_rest(rest)))
-    assert (measured.known, measured.at) == ("measured at rest of 8 receptors", "receptor")
+    assert (measured.known, measured.at) == ("measured from 8 receptors at rest", "receptor")
     before, after = (noise_of(SAID, Receptor(2.0, 0.0), Noise(20.0, at, 7)) for at in NOISE_PLACES)
     assert_allclose(before.sd, np.full(M, 0.5))  # in the unit of rates
     assert_allclose(after.sd, np.full(M, 0.25))
     assert (before.known, before.at, after.at) == ("told", "receptor", "output")
     for none in (noise_of(replace(SAID, noise_sd=0.0), None, Noise(20.0)), noise_of(SAID, None, None)):
         assert_allclose(none.sd, np.full(M, 1e-3 * 128))
-        assert none.known == "assumed, there is none"
+        assert none.known == "none; a small sd is assumed"
     assert NO_NOISE == 1e-3
 
 
@@ -147,7 +147,7 @@ def test_a_search_begins_and_ends_by_the_readings_size() -> None:
     assert_allclose(each.path[0], PRESSURE)
     low = decode_observation(observation(), "univariate", SearchOptions(None, (0.0, 2.0)))
     assert_allclose(low.path[0], np.full(M, 2.0))  # within its range
-    assert low.problems[0] == "7 of 8 pressures stand at the end of the range, 2"
+    assert low.problems[0] == "7 of 8 pressures are at the upper end of the range, 2"
 
 
 def test_the_grid_is_a_thirtieth_of_the_range_unless_told() -> None:
@@ -190,14 +190,14 @@ def test_the_range_is_of_what_one_pressure_alone_would_need() -> None:
     assert_allclose(start, np.full(2, np.sqrt(even @ SED / (even @ even))))
 
 
-@pytest.mark.parametrize("decoder", ["table", "ours"])
+@pytest.mark.parametrize("decoder", ["table", "bayes"])
 def test_milliseconds_are_those_of_the_decoder(decoder: DecoderName, monkeypatch: pytest.MonkeyPatch) -> None:
     times = iter((5.0, 5.25))
     monkeypatch.setattr(task_module, "time", SimpleNamespace(perf_counter=lambda: next(times)))
     assert decode_observation(two_pressures(), decoder, SearchOptions()).ms == 250.0
 
 
-# --- ours ---
+# --- bayes ---
 
 PARTS = np.random.default_rng(2).normal(size=(2, M, 2))
 TRUE = np.array([20.0, 14.0])
@@ -213,12 +213,12 @@ def two_pressures(sd: float | np.ndarray = 1.0, gain: float = 1.0, at: NoisePlac
 
 
 def test_ours_goes_by_noise_told_before_or_after_the_receptor() -> None:
-    plain = decode_observation(two_pressures(), "ours", SearchOptions())
+    plain = decode_observation(two_pressures(), "bayes", SearchOptions())
     assert_allclose(plain.pressure, TRUE, rtol=0.05)
     assert plain.profile is not None
     assert plain.converged
     for at in NOISE_PLACES:
-        found = decode_observation(two_pressures(gain=30.0, at=at), "ours", SearchOptions())
+        found = decode_observation(two_pressures(gain=30.0, at=at), "bayes", SearchOptions())
         assert_allclose(found.pressure, plain.pressure, rtol=1e-6)
         assert found.profile is not None
         assert_allclose(found.profile.sd, plain.profile.sd, rtol=1e-6)
@@ -229,10 +229,10 @@ def test_noise_that_differs_weighs_readings(gain: float) -> None:
     sd = np.where(np.arange(M) == 2, 1e6, 1.0)
     given = two_pressures(sd, gain)
     wrong = replace(given, reading=np.where(np.arange(M) == 2, 3 * given.reading, given.reading))
-    right, found = (decode_observation(one, "ours", SearchOptions()) for one in (given, wrong))
+    right, found = (decode_observation(one, "bayes", SearchOptions()) for one in (given, wrong))
     assert_allclose(found.pressure, right.pressure, rtol=0.01)
     assert right.problems == found.problems == ()
-    sure = decode_observation(replace(wrong, noise=two_pressures(1.0, gain).noise), "ours", SearchOptions())
+    sure = decode_observation(replace(wrong, noise=two_pressures(1.0, gain).noise), "bayes", SearchOptions())
     assert sure.problems[0].startswith("the readings are not explained: ")
     assert (
         decode_observation(wrong, "table", SearchOptions())
@@ -244,14 +244,14 @@ def test_noise_that_differs_weighs_readings(gain: float) -> None:
 def test_ours_says_when_it_was_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
     real = task_module.decode_profile
     monkeypatch.setattr(task_module, "decode_profile", lambda *a, **b: replace(real(*a, **b), converged=False))
-    found = decode_observation(two_pressures(), "ours", SearchOptions())
+    found = decode_observation(two_pressures(), "bayes", SearchOptions())
     assert (found.converged, found.problems) == (False, (CUT_OFF,))
 
 
 def test_ours_needs_to_know_the_noise() -> None:
     silent = observation(noise=None)
     with raises(CodingError, "noise_unknown", readings="readings"):
-        decode_observation(silent, "ours", SearchOptions())
+        decode_observation(silent, "bayes", SearchOptions())
     with raises(CodingError, "noise_unknown"):  # before any axial shape is chosen
         best_explained([silent, silent])
 

@@ -107,25 +107,34 @@ def test_no_file_no_text_a_folder(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("points", "expected"),
     [
-        (PUBLISHED[:11], "11 points, expected 12 to 10000"),
-        (np.tile(PUBLISHED, (500, 1)), "12000 points, expected 12 to 10000"),
-        (PUBLISHED / 1000, "the points span 0.00445 × 0.00286 × 0.00744: expected millimetres, 2 to 60"),
-        (PUBLISHED / 10, "the points span 0.445 × 0.286 × 0.744: expected millimetres"),
-        (PUBLISHED * 1000, "the points span 4.44e+03 × 2.86e+03 × 7.44e+03: expected millimetres"),
-        (PUBLISHED - [0, 0, -3], "z 7.07 … 14.51 mm: expected z from 0, the proximal edge, to length_mm = 12.75"),
-        (PUBLISHED - [0, 0, 5], "z -0.93 … 6.51 mm: expected z from 0, the proximal edge, to length_mm = 12.75"),
-        (PUBLISHED[:18], "z 4.07 … 9.00 mm: expected points over 6.38 mm of z or more, half of length_mm = 12.75"),
+        (PUBLISHED[:11], "11 points; must be 12 to 10000"),
+        (np.tile(PUBLISHED, (500, 1)), "12000 points; must be 12 to 10000"),
+        (PUBLISHED / 1000, "the points span 0.00445 × 0.00286 × 0.00744 mm; the largest span must be 2 to 60 mm"),
+        (PUBLISHED / 10, "the points span 0.445 × 0.286 × 0.744 mm; the largest"),
+        (PUBLISHED * 1000, "the points span 4.44e+03 × 2.86e+03 × 7.44e+03 mm; the largest"),
+        (
+            PUBLISHED - [0, 0, -3],
+            "z spans 7.07 to 14.51 mm; it must lie between 0, the proximal edge, and length_mm = 12.75 mm",
+        ),
+        (
+            PUBLISHED - [0, 0, 5],
+            "z spans -0.93 to 6.51 mm; it must lie between 0, the proximal edge, and length_mm = 12.75 mm",
+        ),
+        (
+            PUBLISHED[:18],
+            "z spans 4.07 to 9.00 mm; points must cover at least 6.38 mm of z, half of length_mm = 12.75 mm",
+        ),
         (
             np.tile(PUBLISHED[np.abs(PUBLISHED[:, 2] - 7.5) > 2.2], (2, 1)),
-            "no points from z = 5.21 to 9.75 mm: expected gaps of at most 3.19 mm, a quarter of length_mm = 12.75",
+            "no points from z = 5.21 to 9.75 mm; gaps must not exceed 3.19 mm, a quarter of length_mm = 12.75 mm",
         ),
         (
             PUBLISHED - [-3, 0, 0],
-            "x 0.47 … 4.92 mm: expected points on both sides of the midline x = 0, 0.64 mm from it or more",
+            "x spans 0.47 to 4.92 mm; points must lie on both sides of the midline x = 0, to at least 0.64 mm",
         ),
         (
             PUBLISHED - [0, 4.839, 0],
-            "highest y = 0.00 mm: expected y upwards from the bone's axis to the pulp's skin",
+            "highest y = 0.00 mm; y must point from the bone's axis to the skin of the pulp",
         ),
     ],
 )
@@ -140,14 +149,23 @@ def test_points_must_fit_the_length_that_is_given() -> None:
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        (lambda rows: rows[:4], "4 sections, expected at least 5"),
-        (lambda rows: [*rows[:2], rows[1], *rows[2:]], "z_mm = 3 after 3: expected z_mm to rise from row to row"),
-        (lambda rows: [rows[0], rows[2], rows[1], *rows[3:]], "z_mm = 3 after 6: expected z_mm to rise"),
-        (lambda rows: (np.array(rows) / 1000).tolist(), "z_mm ends at 0.01275: expected millimetres"),
-        (lambda rows: [*rows, [13.0, 0.9, 0.9, 0.0]], "z_mm 0 … 13: expected z = 0, the proximal edge, to length_mm"),
-        (lambda rows: [[1.0, 3.5, 3.0, 0.0], *rows[1:]], "z_mm 1 … 12.75: expected z = 0, the proximal edge"),
-        (lambda rows: [*rows[:4], [12.75, 0.0, 1.0, 0.0]], "half_width_mm = 0 at z_mm = 12.75: expected more than 0"),
-        (lambda rows: [*rows[:4], [12.75, 1.0, -1.0, 0.0]], "height_mm = -1 at z_mm = 12.75: expected more than 0"),
+        (lambda rows: rows[:4], "4 sections; at least 5 are required"),
+        (lambda rows: [*rows[:2], rows[1], *rows[2:]], "z_mm = 3 after 3: z_mm must rise from row to row"),
+        (lambda rows: [rows[0], rows[2], rows[1], *rows[3:]], "z_mm = 3 after 6: z_mm must rise"),
+        (lambda rows: (np.array(rows) / 1000).tolist(), "z_mm ends at 0.01275 mm; it must be in millimeters"),
+        (
+            lambda rows: [*rows, [13.0, 0.9, 0.9, 0.0]],
+            "z_mm spans 0 to 13 mm; it must span 0, the proximal edge, to length_mm",
+        ),
+        (
+            lambda rows: [[1.0, 3.5, 3.0, 0.0], *rows[1:]],
+            "z_mm spans 1 to 12.75 mm; it must span 0, the proximal edge",
+        ),
+        (
+            lambda rows: [*rows[:4], [12.75, 0.0, 1.0, 0.0]],
+            "half_width_mm = 0 at z_mm = 12.75: must be more than 0 mm",
+        ),
+        (lambda rows: [*rows[:4], [12.75, 1.0, -1.0, 0.0]], "height_mm = -1 at z_mm = 12.75: must be more than 0 mm"),
     ],
 )
 def test_sections_that_are_no_finger_are_refused(
@@ -157,7 +175,9 @@ def test_sections_that_are_no_finger_are_refused(
 
 
 def test_points_and_sections_exclude_each_other() -> None:
-    assert complaint(points=PUBLISHED.tolist(), sections=SECTIONS) == "expected either points or sections, not both"
+    assert (
+        complaint(points=PUBLISHED.tolist(), sections=SECTIONS) == "points and sections cannot be combined; keep one"
+    )
 
 
 @pytest.mark.parametrize(

@@ -285,11 +285,9 @@ def test_a_build_that_is_missing_is_made_and_told(nodes: Path, caplog: pytest.Lo
 
 
 def test_the_sentence_has_the_errors() -> None:
-    assert HOW_MADE.endswith("at most 0.5 % off in force and 1.5 % in SED")
-    assert (
-        "interpolated between 16 full builds over the moduli of dermis and fat: against full builds at most "
-        f"{100 * FORCE_ERROR:g} % off in force and {100 * SED_ERROR:g} % in SED"
-    ) == HOW_MADE
+    assert HOW_MADE.endswith("at most 0.5 % of force and 1.5 % of SED")
+    for part in ("16 full builds", f"{100 * FORCE_ERROR:g} % of force", f"{100 * SED_ERROR:g} % of SED"):
+        assert part in HOW_MADE
 
 
 # --- which of many ---

@@ -146,7 +146,7 @@ def test_a_depth_beyond_the_model_is_no_force_and_one_complaint(following: Follo
     told = [line for line in following.complaints if "this machine is too busy" not in line]
     assert len(told) == 1
     assert told[0].startswith("DOI ")
-    assert "expected 0 < DOI ≤ 2 mm" in told[0]
+    assert "must be more than 0 and at most 2 mm" in told[0]
     following.plan = lambda t_s: 1.0
     following.run_until(following.known)
     assert following.press.force_n(following.scheduler.monotonic_s()) == 0.0
@@ -160,7 +160,7 @@ def test_a_finger_whose_process_dies_stops_the_loop_and_is_told_once(following: 
     following.complaints.clear()
     following.run_until(lambda: following.press.ended)
     following.run(2 * PERIOD_S)
-    assert following.complaints == ["the process of the virtual finger has ended"]
+    assert following.complaints == ["the process of the virtual finger ended"]
     following.plan = lambda t_s: -0.777  # where it has not been
     assert math.isnan(following.press.force_n(following.scheduler.monotonic_s() + 2 * STALE_S))
 

@@ -150,7 +150,7 @@ def test_what_has_no_answer_is_told_and_not_remembered(skin: Fingertip) -> None:
     way = (*legs(skin, 0.2), Leg(PERIOD_S, deep(skin, 2.5)), *legs(skin, 0.2))
     answer = going(TrajectoryUpdate(way))
     assert math.isnan(answer.forces_n[1])
-    assert "DOI 2.5 mm: expected 0 < DOI ≤ 2 mm" in answer.problem
+    assert "DOI 2.5 mm: must be more than 0 and at most 2 mm" in answer.problem
     assert answer.forces_n[2] == pytest.approx(alone(skin, (way[0], way[2]))[1], rel=1e-6)
     assert going(TrajectoryUpdate(legs(skin, 0.2))).problem == ""
 
@@ -277,7 +277,7 @@ def test_a_process_that_has_gone_is_told_and_ends_the_loop(rig: Rig) -> None:
     rig.clock.go(PERIOD_S)
     rig.process.ended = True
     rig.clock.answers()
-    assert (rig.ahead.ended, rig.told) == (True, ["the process of the virtual finger has ended"])
+    assert (rig.ahead.ended, rig.told) == (True, ["the process of the virtual finger ended"])
     rig.clock.go(9 * PERIOD_S)
     assert len(rig.process.asked) == 2, "nobody is asked any more"
 

@@ -68,4 +68,4 @@ def test_no_more_than_one_in_twenty_is_said_to_be_no_finger(rows: list[dict[str,
 def test_a_mount_that_slips_is_no_finger() -> None:
     stranger = outside(KNOWN, SLIPS)
     assert stranger.kind == "mount slips"
-    assert _met(stranger)["stranger"].startswith("no finger of the prior answers like this: ")
+    assert _met(stranger)["stranger"].startswith("no finger of the prior predicts these forces: ")

@@ -86,14 +86,17 @@ def column_map(texts: Sequence[str]) -> ColumnMap:
             role, equals, name = (word.strip() for word in part.partition("="))
             if role not in _ROLES or not (equals and name):
                 raise RecordingError(
-                    "--columns {given!r}: expected ROLE=COLUMN[:UNIT], ROLE one of {roles}",
+                    "--columns {given!r}: must be ROLE=COLUMN[:UNIT], with ROLE one of {roles}",
                     code="no_role",
                     given=part,
                     roles=", ".join(_ROLES),
                 )
             if role in given:
                 raise RecordingError(
-                    "--columns {given!r}: {role} is given twice", code="role_twice", given=part, role=role
+                    "--columns {given!r}: the role {role} is given twice; give it once",
+                    code="role_twice",
+                    given=part,
+                    role=role,
                 )
             given[role] = _column(part, name, _ROLES[role].units)
     _refuse_what_cannot_be(given)
@@ -110,7 +113,7 @@ def _stated_window(given: dict[str, RecordingColumn]) -> float | None:
         return None
     if not 0 < seconds < math.inf:
         raise RecordingError(
-            "--columns window={window}: expected a number of seconds above 0",
+            "--columns window={window}: must be a number of seconds above 0",
             code="window_not_above_0",
             window=given["window"].name,
         )
@@ -122,11 +125,11 @@ def _refuse_what_cannot_be(given: Mapping[str, RecordingColumn]) -> None:
     twice = [name for name in names if names.count(name) > 1]
     if twice:
         raise RecordingError(
-            "--columns: {column!r} is named twice, expected a column for each", code="column_twice", column=twice[0]
+            "--columns: the column {column!r} has two roles; give it one", code="column_twice", column=twice[0]
         )
     if "count" in given and ("rate" in given or "sd" in given):
         raise RecordingError(
-            "--columns: count beside rate or sd, expected counts (with window) or rates (with sd)",
+            "--columns: count cannot be combined with rate or sd; use counts with a window, or rates with an sd",
             code="counts_and_rates",
         )
 
@@ -135,9 +138,9 @@ def _column(part: str, name: str, units: Mapping[str, float]) -> RecordingColumn
     before, colon, unit = name.rpartition(":")
     if colon:
         if not before or _known(unit, units) is None:
-            expected = "a unit of {units}" if units else "no unit"
+            expected = "one of {units}" if units else "omitted for this role"
             raise RecordingError(
-                "--columns {given!r}: unit {unit!r}, expected " + expected,
+                "--columns {given!r}: the unit {unit!r} must be " + expected,
                 code="unknown_unit",
                 given=part,
                 unit=unit,
@@ -183,7 +186,7 @@ class Row:
     def wrong(self, column: str, code: str, expected: str, **fields: Any) -> RecordingError:
         """The complaint about a cell; what was expected may name further fields."""
         return RecordingError(
-            "{path}, row {row}, column {column}: {cell!r}, expected " + expected,
+            "{path}, row {row}, column {column}: {cell!r} must be " + expected,
             code=code,
             path=str(self.path),
             row=self.row,
@@ -211,11 +214,11 @@ def read_table(
     wanted = (*required, *optional)
     for name in required:
         if name not in header:
-            problem = "{path}, row 1: no column {column}, expected {columns}"
+            problem = "{path}, row 1: the column {column} is missing; the columns are {columns}"
             raise _wrong_header(problem, "no_column", path, name, told(required, optional))
     for name in header:
         if (name not in wanted and not others) or (name in wanted and header.count(name) > 1):
-            problem = "{path}, row 1: column {column!r}, expected {columns}"
+            problem = "{path}, row 1: the column {column!r} is unknown or repeated; the columns are {columns}"
             raise _wrong_header(problem, "extra_column", path, name, told(required, optional))
     rows = []
     for number, cells in enumerate(lines[1:], 2):
@@ -223,7 +226,7 @@ def read_table(
             continue
         if len(cells) != len(header):
             raise RecordingError(
-                "{path}, row {row}: {cells} cells, expected {columns}",
+                "{path}, row {row}: {cells} cells, but the header has {columns}",
                 code="cells_of_row",
                 path=str(path),
                 row=number,
@@ -247,7 +250,7 @@ def told(required: Sequence[str], optional: Sequence[str] = ()) -> str:
 
 def no_rows(path: Path, expected: str) -> RecordingError:
     """The complaint about a table that ends with its header."""
-    sentence = "{path}: no rows below the header, expected {expected}"
+    sentence = "{path}: no rows below the header; the file must contain {expected}"
     return RecordingError(sentence, code="no_rows", path=str(path), expected=expected)
 
 

@@ -39,9 +39,7 @@ def read_skin_deflection(path: Path) -> SkinDeflection:
         raise no_rows(path, told(("deflection_mm",), _COLUMNS))
     given = [name for name in _COLUMNS if name in rows[0].cells]
     if not given:
-        raise RecordingError(
-            "{path}, row 1: neither x_mm nor z_mm, expected one of them or both", code="no_place", path=str(path)
-        )
+        raise RecordingError("{path}, row 1: must have a column x_mm, z_mm, or both", code="no_place", path=str(path))
     usual = {"x_mm": _CENTRE_MM, "z_mm": np.nan}
     places = {
         name: np.array([row.number(name) if name in given else usual[name] for row in rows]) for name in _COLUMNS
@@ -93,7 +91,7 @@ def laid_beside(result: IndentationResult, measured: SkinDeflection) -> dict[str
 
 
 def in_words(found: dict[str, Any]) -> str:
-    """For the terminal."""
+    """Return the comparison as a line for the terminal."""
     on = found["points"] - found["beside_the_patch"]
     if not on:
         return f"none of {found['points']} measured points lies on the model's patch"

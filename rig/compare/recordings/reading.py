@@ -23,7 +23,7 @@ Roles = tuple[tuple[str, ...], tuple[str, ...]]
 
 RATES: Roles = (("position", "rate"), ("sd", "repeat"))
 COUNTS: Roles = (("position", "count", "window"), ("repeat",))
-"""Roles of the columns that must be there, and of those that may."""
+"""Roles of required and of optional columns."""
 
 
 def holds_counts(path: Path, columns: ColumnMap) -> bool:
@@ -52,8 +52,8 @@ def _placed(rows: list[Row], columns: ColumnMap) -> Iterator[tuple[Row, float]]:
         place = (position, row.cells.get(repeat, ""))
         if place in seen:
             raise RecordingError(
-                "{path}, row {row}, column {column}: {position:g} again (first in row {first_row}), "
-                "expected another value in a column {repeat}",
+                "{path}, row {row}, column {column}: position {position:g} is repeated (first in row "
+                "{first_row}); number repeated presses in a column {repeat}",
                 code="place_twice",
                 path=str(row.path),
                 row=row.row,
@@ -98,7 +98,7 @@ def _one_window(path: Path, rows: list[tuple[Row, float]], window: RecordingColu
             raise row.wrong(window.name, "not_above_0", "a number above 0")
         if seconds != found[0][1]:
             first = found[0][0].cells[window.name]
-            raise row.wrong(window.name, "another_window", "the window of every row, {first}", first=first)
+            raise row.wrong(window.name, "another_window", "the window of all rows, {first}", first=first)
     if not found:
         raise no_rows(path, "counts")
     return found[0][1]
@@ -127,7 +127,10 @@ def read_recordings(
         key = shape_key(shape)
         if key in named:
             raise RecordingError(
-                "--recorded {given!r}: {shape} is given twice", code="recorded_twice", given=text, shape=shape
+                "--recorded {given!r}: {shape} is given twice; give each shape once",
+                code="recorded_twice",
+                given=text,
+                shape=shape,
             )
         named[key] = shape, file
     found = {key: _read(file, shape, runs, reading) for key, (shape, file) in named.items()}
@@ -136,7 +139,7 @@ def read_recordings(
         meant = [key for key in found if shape_key(shape) in (key, ShapeKey(key.shape, ""))]
         if not meant:
             raise RecordingError(
-                "--mirror {shape}: nothing recorded for it, expected --recorded {shape}=CSV",
+                "--mirror {shape} requires a recording of this shape; add --recorded {shape}=CSV",
                 code="nothing_to_mirror",
                 shape=shape,
             )
@@ -149,7 +152,7 @@ def _shape_and_file(text: str) -> tuple[str, str]:
     words = text.split("=")
     parted = [("=".join(words[:n]), "=".join(words[n:])) for n in range(1, len(words))]
     if not parted or not all(parted[-1]):
-        raise RecordingError("--recorded {given!r}: expected SHAPE=CSV", code="no_shape_and_file", given=text)
+        raise RecordingError("--recorded {given!r}: must be SHAPE=CSV", code="no_shape_and_file", given=text)
     return next((one for one in parted if _is_shape(one[0])), parted[0])
 
 
@@ -168,7 +171,7 @@ def _file_and_unit(text: str) -> tuple[Path, str]:
 
 
 def _roles(path: Path, columns: ColumnMap) -> Roles:
-    """What the columns of a file hold, by its kind: those that must be there, and those that may."""
+    """Return the required and the optional roles of a file's columns, by its kind."""
     if path.suffix == NWB:
         return SPIKES_IN_NWB
     if columns["time"].name in header_of(path):
@@ -194,7 +197,7 @@ def _run_with(shape: str, path: Path, runs: Sequence[Run]) -> Run:
     holding = [run for run in runs if any(shape_name(e["indentor"]) == name for e in run.stream("mount"))]
     if len(holding) != 1:
         raise RecordingError(
-            "{path}: spike times belong to one run with {shape}, {runs} are given",
+            "{path}: spike times apply to exactly one run with {shape}, but {runs} were given",
             code="not_one_run",
             path=str(path),
             shape=shape,
@@ -208,9 +211,9 @@ def _refuse_unused(files: Sequence[str], columns: ColumnMap) -> None:
     used = {role for file in files for roles in _roles(_file_and_unit(file)[0], columns) for role in roles}
     for role, column in columns.given.items():
         if role not in used:
-            expected = "one of {roles}" if used else "it beside --recorded"
+            expected = "a role must be one of {roles}" if used else "add --recorded"
             raise RecordingError(
-                "--columns {role}={column}: no recording is read by it, expected " + expected,
+                "--columns {role}={column}: no recording uses this column; " + expected,
                 code="unused_column",
                 role=role,
                 column=column.name,
@@ -219,5 +222,5 @@ def _refuse_unused(files: Sequence[str], columns: ColumnMap) -> None:
 
 
 def sha256(path: Path) -> str:
-    """Of a file, for provenance."""
+    """Return the SHA-256 of a file, for provenance."""
     return hashlib.sha256(path.read_bytes()).hexdigest()

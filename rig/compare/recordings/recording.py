@@ -69,7 +69,7 @@ def with_enough_positions(path: Path, found: Recording) -> Recording:
     """The recording of a file. Raises RecordingError below three positions, which say nothing of a profile."""
     if len(found.repeats) < _FEWEST_POSITIONS:
         raise RecordingError(
-            "{path}: {positions} positions, expected {fewest} or more",
+            "{path}: {positions} positions, at least {fewest} are required",
             code="few_positions",
             path=str(path),
             positions=len(found.repeats),
@@ -99,7 +99,7 @@ def shape_key(text: str) -> ShapeKey:
     condition = _CONDITION.fullmatch(said.strip())
     if at and condition is None:
         raise RecordingError(
-            "{given!r}: {condition!r}, expected a force or depth after @, like 8gwt or 0.5mm",
+            "{given!r}: {condition!r} after @ must be a force or a depth, e.g. 8gwt or 0.5mm",
             code="no_condition",
             given=text,
             condition=said,
@@ -108,5 +108,5 @@ def shape_key(text: str) -> ShapeKey:
 
 
 def condition_of(started: Mapping[str, Any]) -> str:
-    """What an indentation of a run was commanded to, from its `indentation_start`."""
+    """Return the commanded force or depth of an indentation, from its `indentation_start`."""
     return f"{started['value']:g} {_UNITS[started['target']]}"

@@ -49,7 +49,8 @@ def _spikes(file: h5py.File, path: Path, unit: str, columns: ColumnMap) -> Array
     wanted = (name, f"{name}_index", "id")
     if any(f"units/{column}" not in file for column in wanted):
         raise RecordingError(
-            "{path}: no spike times, expected a table units with a column {column} (and {column}_index and id)",
+            "{path}: no spike times; the file must have a table units with a column {column} (and "
+            "{column}_index and id)",
             code="no_spike_times",
             path=str(path),
             column=name,
@@ -57,9 +58,9 @@ def _spikes(file: h5py.File, path: Path, unit: str, columns: ColumnMap) -> Array
     times, ends, numbers = (file[f"units/{column}"][:] for column in wanted)
     ids = [str(number) for number in numbers]
     if unit not in ids and not (unit == "" and len(ids) == 1):
-        known = "no unit {unit}" if unit else "{units} units"
+        known = "there is no unit {unit}" if unit else "{units} units"
         raise RecordingError(
-            "{path}: " + known + ", expected SHAPE={file}#UNIT, UNIT one of {ids}",
+            "{path}: " + known + "; use SHAPE={file}#UNIT with UNIT one of {ids}",
             code="no_unit" if unit else "several_units",
             path=str(path),
             file=path.name,
@@ -78,7 +79,7 @@ def _pulses(file: h5py.File, path: Path, columns: ColumnMap) -> Array:
     found = next((place for place in places if place in file), None)
     if found is None and "sync" in columns.given:
         raise RecordingError(
-            "{path}: no sync pulses {name}, expected {places}",
+            "{path}: there are no sync pulses {name}; use {places}",
             code="no_pulses",
             path=str(path),
             name=name,
@@ -92,7 +93,7 @@ def _numbers(values: NDArray[np.generic], path: Path, dataset: str) -> Array:
         times = np.asarray(values, dtype=float)
     except ValueError:
         raise RecordingError(
-            "{path}, {dataset}: {dtype} values, expected times in numbers",
+            "{path}, {dataset}: the values have type {dtype}; they must be times as numbers",
             code="no_numbers",
             path=str(path),
             dataset=dataset,
@@ -101,7 +102,7 @@ def _numbers(values: NDArray[np.generic], path: Path, dataset: str) -> Array:
     wrong = np.flatnonzero(~np.isfinite(times))
     if len(wrong):
         raise RecordingError(
-            "{path}, {dataset}, entry {entry}: {value:g}, expected a number",
+            "{path}, {dataset}, entry {entry}: {value:g} must be a number",
             code="not_finite",
             path=str(path),
             dataset=dataset,
@@ -116,7 +117,7 @@ _SAME_PLACE_DECIMALS = 3
 
 SPIKES = (("time",), ("kind",))
 SPIKES_IN_NWB = (("time",), ("sync",))
-"""Roles of the columns that must be there, and of those that may; of a file of each kind."""
+"""Roles of required and of optional columns, by kind of file."""
 
 
 def read_spike_times(path: Path, run: Run, unit: str = "", columns: ColumnMap | None = None) -> Array:
@@ -128,7 +129,9 @@ def read_spike_times(path: Path, run: Run, unit: str = "", columns: ColumnMap | 
     columns = columns or ColumnMap()
     spikes, pulses = read_nwb(path, unit, columns) if path.suffix == NWB else _read_csv(path, columns)
     if not len(spikes):
-        raise RecordingError("{path}: no spikes, expected the times of some", code="no_spikes", path=str(path))
+        raise RecordingError(
+            "{path}: contains no spikes; at least one spike time is required", code="no_spikes", path=str(path)
+        )
     return _on_the_runs_clock(path, spikes, pulses, run) if len(pulses) else spikes
 
 
@@ -151,7 +154,7 @@ def _on_the_runs_clock(path: Path, spike_s: Array, pulse_s: Array, run: Run) -> 
     rise_s = np.sort(np.array([event["rise_s"] for event in run.stream("sync")], dtype=float))
     if len(rise_s) != len(pulse_s):
         raise RecordingError(
-            "{path}: {pulses} sync pulses, the journal of the run has {journalled}",
+            "{path}: {pulses} sync pulses, but the run's journal has {journalled}",
             code="number_of_pulses",
             path=str(path),
             pulses=len(pulse_s),
@@ -163,7 +166,8 @@ def _on_the_runs_clock(path: Path, spike_s: Array, pulse_s: Array, run: Run) -> 
     worst_s = float(np.abs(line(pulse_s) - rise_s).max())
     if worst_s > _PULSE_TOLERANCE_S:
         raise RecordingError(
-            "{path}: the sync pulses miss the journal's by up to {worst_ms:.1f} ms, expected {most_ms:g} ms or less",
+            "{path}: the sync pulses differ from the journal's by up to {worst_ms:.1f} ms; at most "
+            "{most_ms:g} ms is allowed",
             code="pulses_apart",
             path=str(path),
             worst_ms=1e3 * worst_s,
@@ -188,21 +192,21 @@ def rates_in_run(
     begin, end = window_s
     if not 0 <= begin < end:
         raise RecordingError(
-            "--window-s {begin_s:g},{end_s:g}: expected 0 ≤ begin < end, in s from the start of the hold",
+            "--window-s {begin_s:g},{end_s:g}: must satisfy 0 ≤ begin < end, in s from the start of the hold",
             code="no_window",
             begin_s=begin,
             end_s=end,
         )
     if not np.isfinite(centre_mm):
         raise RecordingError(
-            "--field-centre-mm {centre_mm:g}: expected a number", code="no_centre", centre_mm=centre_mm
+            "--field-centre-mm {centre_mm:g}: must be a number in mm", code="no_centre", centre_mm=centre_mm
         )
     rows = []
     for x_mm, start_s, stop_s in _last_holds(run, shape, name):
         if start_s + end > stop_s + _CLOCK_TICK_S:
             raise RecordingError(
-                "--window-s {begin_s:g},{end_s:g}: the hold at x = {x_mm:g} mm lasts {hold_s:.3f} s, "
-                "expected a window within the holds",
+                "--window-s {begin_s:g},{end_s:g}: must end within each hold; the hold at x = {x_mm:g} mm "
+                "lasts {hold_s:.3f} s",
                 code="window_beyond_hold",
                 begin_s=begin,
                 end_s=end,
@@ -213,7 +217,7 @@ def rates_in_run(
         rows.append((round(x_mm - centre_mm, _SAME_PLACE_DECIMALS), (last - first) / (end - begin), np.nan))
     if not rows:
         raise RecordingError(
-            "{file}: run {run} has no finished indentation by {shape}",
+            "{file}: run {run} contains no finished indentation by {shape}",
             code="never_pressed",
             file=name,
             run=run.folder.path.name,
@@ -241,7 +245,7 @@ def _last_holds(run: Run, shape: str, name: str) -> list[tuple[float, float, flo
     told = sorted({condition for condition, *_ in found})
     if not meant.condition and len(told) > 1:
         raise RecordingError(
-            "{file}: {shape} was pressed to {conditions}, expected one of them: --recorded '{shape}@{first}={file}'",
+            "{file}: {shape} was pressed to {conditions}; name one, e.g. --recorded '{shape}@{first}={file}'",
             code="several_conditions",
             file=name,
             shape=shape,
@@ -273,7 +277,9 @@ class Afferent:
 
 
 def afferent_for(stimuli: list[Stimulus], measure: str, receptor: int, peak: float, silent: float) -> Afferent:
-    """One that fires at `peak` where ε is largest over the stimuli, and not below a part `silent` of its range."""
+    """Return an afferent that fires at `peak` at the largest ε of the stimuli, and not below a share `silent` of its
+    range.
+    """
     values = np.concatenate([stimulus.ssrp(measure, receptor) for stimulus in stimuli])
     eps0 = float(values.min() + silent * np.ptp(values))
     return Afferent(measure, receptor, peak / (float(values.max()) - eps0), eps0)
@@ -287,7 +293,7 @@ def record(
     repeats: int = 5,
     window_s: float = 1.0,
 ) -> Recording:
-    """What would be recorded at the positions (p,) that the run covers."""
+    """Return a synthetic recording at the positions (p,) that the run covers."""
     mean = afferent.rate(stimulus, position_mm)
     covered = np.isfinite(mean)
     counts = rng.poisson(window_s * mean[covered], size=(repeats, int(covered.sum())))

@@ -56,5 +56,5 @@ function request(body, options) {
 
 async function answered(response) {
   const told = await response.json().catch(() => ({}));
-  return { problem: response.ok ? null : `the server says ${response.status}`, ...told, status: response.status, ok: response.ok && told.ok !== false };
+  return { problem: response.ok ? null : `the server returned ${response.status}`, ...told, status: response.status, ok: response.ok && told.ok !== false };
 }

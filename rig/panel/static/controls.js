@@ -4,7 +4,7 @@ import { post } from "/static/access.js";
 import { Held } from "/static/held.js";
 import { at, mark, show, write } from "/static/page.js";
 
-const HINT = "hold a button or its key; let go, and it stops";
+const HINT = "hold a button or its key to move; release it to stop";
 
 export class Controls {
   /** said(words): what the server answered; mine(): whether this tab has the controls and the server is there. */
@@ -13,7 +13,7 @@ export class Controls {
     this.mine = mine;
     this.words = "";
     this.told = null;
-    this.held = new Held((words) => (this.words = words ?? "moving as long as it is held"));
+    this.held = new Held((words) => (this.words = words ?? "moving while held"));
     for (const button of document.querySelectorAll("[data-post]")) button.addEventListener("click", () => this.ask(button));
     for (const button of at("jog").children) this.jogged(button);
     window.addEventListener("keydown", (event) => this.keyDown(event));
@@ -78,7 +78,7 @@ export class Controls {
       button.disabled = !may || this.refused("hold");
       mark(button, "held", this.held.now?.by === button || (this.held.now !== null && this.held.now.by === `Key${button.dataset.key.toUpperCase()}`));
     }
-    if (this.held.now !== null && (!may || this.refused("hold"))) this.held.release("let go: this tab may not move the stage now");
+    if (this.held.now !== null && (!may || this.refused("hold"))) this.held.release("released: this tab may not move the stage now");
     write("controls_words", this.saying(kind));
     write("jog_words", this.words || HINT);
   }
@@ -95,9 +95,9 @@ export class Controls {
 
   saying(kind) {
     const { owner, hand, configured } = this.told ?? {};
-    if (kind === "run") return owner.reachable === false ? "the run's process does not answer" : owner.stopped ? "stopped" : `the run is ${owner.state}`;
-    if (kind === null) return configured ? "nothing has the ports" : "nothing has the ports; for the stage by hand begin with rig panel --config TOML";
-    if (hand === null || hand === undefined) return "the stage is taken by hand …";
+    if (kind === "run") return owner.reachable === false ? "the process of the run does not answer" : owner.stopped ? "stopped" : `the run is ${owner.state}`;
+    if (kind === null) return configured ? "no process owns the ports" : "no process owns the ports; for manual control start rig panel --config TOML";
+    if (hand === null || hand === undefined) return "starting manual control …";
     const busy = hand.busy ? `busy: ${hand.busy}` : null;
     const parts = [busy, hand.ended_by, hand.contact?.may_touch ? hand.contact.words : null, hand.stopped ? "stopped" : null, hand.next, hand.homed ? null : "not homed", hand.zeroed ? null : "not zeroed"];
     return parts.filter(Boolean).join("; ") || "by hand";

@@ -14,14 +14,14 @@ export class Held {
     this.told = told;
     this.now = null;
     this.last_press = 0;
-    window.addEventListener("blur", () => this.release("let go: another window has the keyboard"));
-    window.addEventListener("pagehide", () => this.release("let go"));
-    document.addEventListener("visibilitychange", () => document.hidden && this.release("let go: the tab was hidden"));
+    window.addEventListener("blur", () => this.release("released: another window has the keyboard"));
+    window.addEventListener("pagehide", () => this.release("released"));
+    document.addEventListener("visibilitychange", () => document.hidden && this.release("released: the tab was hidden"));
   }
 
   /** What: {axis, sign, speed_mm_s}; by: the button or key that holds it. */
   press(what, by) {
-    if (this.now !== null) return this.release("let go: two at once");
+    if (this.now !== null) return this.release("released: two buttons at once");
     this.last_press = Math.max(Date.now(), this.last_press + 1);
     const abort = new AbortController();
     this.now = { what, by, press: this.last_press, abort, asked: false, ticked_ms: performance.now() };
@@ -34,7 +34,7 @@ export class Held {
     const held = this.now;
     const late_ms = performance.now() - held.ticked_ms;
     held.ticked_ms = performance.now();
-    if (late_ms > HUNG_MS) this.release("let go: this page was held up");
+    if (late_ms > HUNG_MS) this.release("released: this page was too slow");
     else if (!held.asked) this.send(held);
   }
 

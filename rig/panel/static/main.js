@@ -63,8 +63,8 @@ function look() {
 }
 
 function gone() {
-  const since = feed.heard === null ? "Nothing was heard from the panel's server yet" : `Nothing heard from the panel's server since ${timeOfDay(feed.heard.unix_s)}`;
-  return `${since}; trying again. Nothing here is live, and STOP may not arrive: use the emergency stop.`;
+  const since = feed.heard === null ? "The panel's server has not answered yet" : `No data from the panel's server since ${timeOfDay(feed.heard.unix_s)}`;
+  return `${since}; retrying. No value here is live and STOP may not work: use the emergency stop.`;
 }
 
 function what() {
@@ -94,7 +94,7 @@ function view() {
 
 at("take").addEventListener("click", async () => {
   const answer = await post("/take");
-  if (!answer.ok) said(`Take the controls: ${answer.problem}`, true);
+  if (!answer.ok) said(`Take control: ${answer.problem}`, true);
 });
 window.addEventListener("hashchange", view);
 view();

@@ -28,7 +28,7 @@ export class Runs {
       const told = await response.json();
       if (asked !== this.asked) return;
       if (response.ok) this.list(told);
-      else write("runs_words", told.problem ?? `the server says ${response.status}`);
+      else write("runs_words", told.problem ?? `the server returned ${response.status}`);
     } catch {
       write("runs_words", "the panel's server does not answer");
     }

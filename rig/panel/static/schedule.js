@@ -52,7 +52,7 @@ export class Schedule {
 function left(run) {
   if (!run) return "no run";
   if (ENDED.includes(run.state)) return run.state;
-  return known(run.left_s) ? `${asClock(run.left_s)} left` : "time left not known";
+  return known(run.left_s) ? `${asClock(run.left_s)} left` : "time left unknown";
 }
 
 function written(row, { words, block, condition, repeat, done, now }) {

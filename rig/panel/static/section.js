@@ -63,10 +63,10 @@ export class Section {
 
   said(somewhere, above) {
     const { x_mm, height_mm } = this.place;
-    if (!somewhere) return "it is not known where the indentor is";
+    if (!somewhere) return "the position of the indentor is unknown";
     const place = `x = ${fixed(x_mm, 2)} mm, tip ${fixed(height_mm, 3)} mm above the apex`;
     const contact = this.drawn.contact?.length ? "; thick: contact as predicted at the target" : "";
-    return `${place}${above ? " (higher than is drawn)" : ""}; the skin is drawn unpressed${contact}`;
+    return `${place}${above ? " (above the figure)" : ""}; the skin is drawn undeformed${contact}`;
   }
 }
 

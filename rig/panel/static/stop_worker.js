@@ -32,7 +32,7 @@ async function answer() {
     const options = { method: "POST", cache: "no-store", credentials: "omit", redirect: "error", priority: "high" };
     const response = await fetch("/stop", { ...options, headers, body: "{}", signal: AbortSignal.timeout(PATIENCE_MS) });
     const told = await response.json().catch(() => ({}));
-    const problem = response.ok ? null : `the server says ${response.status}`;
+    const problem = response.ok ? null : `the server returned ${response.status}`;
     const at_ms = performance.timeOrigin + performance.now();
     return { problem, ...told, status: response.status, ok: response.ok && told.ok !== false, at_ms };
   } catch {

@@ -72,7 +72,7 @@ def test_json_and_report(command: Command, bar_run: Run, csv: Path) -> None:
     assert truth["shape"] == "bar:3.0"
     assert truth["run"] == bar_run.folder.path.name
     page = Path("a.html").read_text(encoding="utf-8")
-    for section in ("Verdicts", "Fits to what was recorded", "Recorded over predicted", "Rate against measure",
+    for section in ("Verdicts", "Fits to the recording", "Recorded over predicted", "Rate against measure",
                     "Correlation and shape test", "SSRPs and shape test", "Population responses",
                     "Pressure and contact regions", "Strain under the skin", "Provenance"):  # fmt: skip
         assert section in page
@@ -182,7 +182,7 @@ def test_where_the_receptor_is(command: Command, bar_run: Run, csv: Path) -> Non
     assert -0.1 <= row["x_mm"] <= 0.1
     assert 0.7 <= row["depth_mm"] <= 0.85
     page = Path("a.html").read_text(encoding="utf-8")
-    assert "Where the receptor is: bar:3.0 at 0.4 mm" in page
+    assert "Receptor location: bar:3.0 at 0.4 mm" in page
     assert "--place" in page
     code, out, _ = command(*asked, "--offset-mm=-0.05,0.05")
     assert code == 0
@@ -216,8 +216,9 @@ def test_columns_units_and_what_is_left_out(command: Command, bar_run: Run) -> N
     assert "--columns" in page
     assert "position=x (um),rate=FR" in page
     code, out, _ = command(*asked)
-    assert "2 of 5 positions of mine.csv, at every one (1.2, 1.8 mm); a run from 1.8 to -0.6 mm" in " ".join(
-        out.split()
+    assert (
+        "2 of 5 positions of mine.csv are not covered, at all receptors (1.2, 1.8 mm); a run from 1.8 to -0.6 mm"
+        in " ".join(out.split())
     )
 
 
@@ -238,7 +239,7 @@ def test_export_writes_the_tables_again(command: Command, bar_run: Run) -> None:
     assert hold.read_bytes() == before
     assert "  hold_end.csv\n" in (bar_run.folder.path / "SHA256SUMS").read_text(encoding="utf-8")
     code, _, err = command("export", bar_run.folder.path)
-    assert (code, err) == (2, "rig: export: no format given, expected --csv or --nwb\n")
+    assert (code, err) == (2, "rig: export: no format given; add --csv or --nwb\n")
 
 
 def test_export_as_nwb(command: Command, bar_run: Run) -> None:
@@ -267,4 +268,4 @@ def test_spike_times_from_nwb(command: Command, bar_run: Run) -> None:
     assert next(row for row in rows if row["receptor_mm"] == 0.0)["positions"] == 5
     assert "u.nwb" in Path("a.html").read_text(encoding="utf-8")
     code, _, err = command(*run, "--recorded", "bar:3.0=u.nwb")
-    assert (code, err) == (2, "rig: u.nwb: 2 units, expected SHAPE=u.nwb#UNIT, UNIT one of 4, 9\n")
+    assert (code, err) == (2, "rig: u.nwb: 2 units; use SHAPE=u.nwb#UNIT with UNIT one of 4, 9\n")

@@ -88,6 +88,6 @@ def test_the_table_says_how_far_the_points_lie_off() -> None:
     assert partner(off, [model]) is model
     assert partner(Deflection(1.1, z, z), [model]) is None
     section = deflection_section([model], [off, unknown], "mine.csv")
-    assert section.rows == (("1.02", "3", "−0.100", "0.100"), ("not given", "2", "–", "–"))
+    assert section.rows == (("1.02", "3", "−0.100", "0.100"), ("unknown", "2", "–", "–"))
     assert "Measured: mine.csv." in section.text
     assert section.figures[0].plot.svg.count('<g id="line2d_') > 3

@@ -145,7 +145,10 @@ def test_the_report_has_the_ranges_and_how_fingers_were_made(stimulus: Stimulus,
     (section,) = fingers_sections(comparison)
     assert section.rows == (("tissue.epidermis_mm", "0.3", "0.5"),)
     assert "SHA-256 abc" in section.text
-    assert section.text.endswith(f" The fingers were {HOW_MADE}; `--exact` builds each in full.") is between
+    assert (
+        section.text.endswith(f" The responses were {HOW_MADE}; `--exact` builds a full model of each finger.")
+        is between
+    )
     assert fingers_as_json(comparison)["fingers"]["interpolation"] == (HOW_MADE if between else None)
 
 

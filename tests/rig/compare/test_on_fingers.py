@@ -154,7 +154,7 @@ def test_the_command(
     assert not work
     assert a.read_bytes() == b.read_bytes()
     page = a.read_text(encoding="utf-8")
-    assert "The plausible fingers" in page
+    assert "Plausible fingers" in page
     assert hashlib.sha256(ranges.read_bytes()).hexdigest() in page
     assert f"--fingers {ranges}" in page
     assert answer["fingers"]["ranges"] == {"tissue.epidermis_mm": [0.3, 0.5]}

@@ -96,7 +96,7 @@ def test_what_has_no_answer_says_why_in_its_row(coarse: Path) -> None:
     deep = coarse.read_text(encoding="utf-8").replace("doi_mm = [0.2, 0.4]", "doi_mm = [5.0]")
     coarse.write_text(deep, encoding="utf-8")
     (row,) = solve(read_study(coarse)[1])
-    assert "DOI 5 mm: expected 0 < DOI" in row["problem"]
+    assert "DOI 5 mm: must be more than 0" in row["problem"]
     assert row["shape"] == "bar:3.0"
 
 

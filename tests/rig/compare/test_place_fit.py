@@ -165,14 +165,14 @@ def told(*rows: PlaceRow, offset: bool) -> ReceptorLocation:
 def test_what_is_said_on_the_terminal() -> None:
     frame = "indentor x = recorded position + receptor x, no offset fitted"
     assert place_lines([told(ROW, OTHER, offset=False)]) == [
-        "ep1: x −0.98 (−1.10 … −0.85), depth 0.74 (0.60 … 1.10) mm; held by a bound: depth high", frame,
+        "ep1: x −0.98 (−1.10 … −0.85), depth 0.74 (0.60 … 1.10) mm; at a limit of the search: depth high", frame,
     ]  # fmt: skip
     assert place_lines([told(OTHER, offset=False)]) == [
-        "sed: x 0.50 (0.40 … 0.60), depth 0.60 (0.50 … 0.70) mm; its fit is rejected", frame,
+        "sed: x 0.50 (0.40 … 0.60), depth 0.60 (0.50 … 0.70) mm; the fit is rejected", frame,
     ]  # fmt: skip
     assert place_lines([told(ROW, offset=True)]) == [
         "ep1: x −0.98 (−1.10 … −0.85), depth 0.74 (0.60 … 1.10), offset 0.10 (0.00 … 0.20) mm; "
-        "held by a bound: depth high",
+        "at a limit of the search: depth high",
         "indentor x = recorded position + receptor x + offset, fitted between −0.30 and 0.30 mm",
     ]
     assert len(place_lines([told(ROW, ROW, ROW, ROW, offset=False)])) == 4
@@ -200,9 +200,10 @@ def test_what_is_said_in_json() -> None:
 
 def test_the_table_of_the_page() -> None:
     section = place_section(told(ROW, OTHER, offset=True))
-    assert section.title == "Where the receptor is: step:1 at 8 gwt"
+    assert section.title == "Receptor location: step:1 at 8 gwt"
     assert (
-        "x sought from −1.00 to 0.50 mm, depth from 0.50 to 1.10 mm; indentor x = recorded position" in section.text
+        "covered x from −1.00 to 0.50 mm and depth from 0.50 to 1.10 mm; indentor x = recorded position"
+        in section.text
     )
     assert "47 of 58 recorded positions" in section.text
     assert section.header == HEADER

@@ -173,7 +173,7 @@ def test_limits_stand_beside_what_came_nearest(tmp_path: Path, bar_run: Run) -> 
     run = replace(run_of([], samples, **TRIP), folder=bar_run.folder)
     found = dict(limits(run))
     assert found["soft trip of this run"] == "5.00 gwt (0.0490 N)"
-    assert found["highest force read"] == "3.00 gwt (0.0294 N)"
+    assert found["highest measured force"] == "3.00 gwt (0.0294 N)"
     assert found["deepest"] == "0.310 mm"
     assert found["limits.hard_trip_n"] == "5"
     assert found["limits.max_doi_mm"] == "1.5"

@@ -90,7 +90,7 @@ def test_what_a_run_finds_lies_in_the_band(
     assert not run.stream("alarm")
     report = run.folder.report.read_text(encoding="utf-8")
     assert "The finger that was met" in report
-    assert "Of 6 presses here 6 lie in their band, which is to hold 90%." in report
+    assert "Of 6 presses in this run, 6 lie within their band, whose nominal coverage is 90%." in report
     after = read_finger_file(run.folder.path / "finger_after.toml")
     assert after.met.runs == ("one", run.folder.path.name)
     assert after.met.draw[0].stiffness != met_file().met.draw[0].stiffness

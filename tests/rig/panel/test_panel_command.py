@@ -45,7 +45,7 @@ def opened(monkeypatch: pytest.MonkeyPatch) -> list[str]:
 def test_it_prints_the_page_and_opens_it_by_a_file_of_its_own(program: Program, opened: list[str]) -> None:
     ended = program("panel")
     assert (ended.code, ended.out) == (0, f"{ToldPanel.url}\n")
-    assert ended.err == "Ctrl-C ends the panel; a run goes on without it\n"
+    assert ended.err == "press Ctrl-C to close the panel; a running protocol continues\n"
     url, page = opened
     assert "the-token" not in url
     assert f'url={ToldPanel.url}"' in page

@@ -141,7 +141,7 @@ def test_its_schedule(run: Written) -> None:
 
 def test_devices_by_what_was_heard_of_them(run: Written) -> None:
     seen = told(run)
-    unknown = {"word": "not heard of", "age_s": None}
+    unknown = {"word": "no data", "age_s": None}
     assert seen.devices_told(2000.0) == {"stage": {**unknown, "homed": False}, "force": unknown}
 
     def after(stream: str, **data: Any) -> tuple[Any, ...]:
@@ -151,7 +151,7 @@ def test_devices_by_what_was_heard_of_them(run: Written) -> None:
         stage, force = found["stage"], found["force"]
         return stage["word"], stage["homed"], stage["age_s"], force["word"], force["age_s"]
 
-    assert after("home", controller="a") == ("homed", True, 2.0, "not heard of", None)
+    assert after("home", controller="a") == ("homed", True, 2.0, "no data", None)
     assert after("zero", sensor="a") == ("homed", True, 3.0, "zeroed", 2.0)
     assert after("move", x_mm=1.0) == ("at rest", True, 2.0, "zeroed", 3.0)
     assert after("find_sample", **SAMPLE) == ("press", True, 2.0, "reads", 2.0)
@@ -327,7 +327,7 @@ def test_the_bench_by_what_its_owner_answers(tmp_path: Path) -> None:
     bench = SeenBench(tmp_path / "rig.toml", Config())
     assert (bench.configured, bench.job, bench.since) == (True, Job(tmp_path / "rig.toml"), 0)
     assert bench.heard(None) == []
-    assert bench.devices_told(9.0)["stage"] == {"word": "not heard of", "homed": False, "age_s": None}
+    assert bench.devices_told(9.0)["stage"] == {"word": "no data", "homed": False, "age_s": None}
     new = {"columns": ["t_s", *HAND.columns[2:], "unix_s"], "next": 12, "rows": [[3.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0]]}
     status = {
         "state": "idle", "homed": True, "zeroed": False, "force_gwt": 1.5, "x_mm": 0.5, "height_mm": 3.0,

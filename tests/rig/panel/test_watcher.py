@@ -95,7 +95,7 @@ def test_a_run_that_has_not_begun_is_no_run_and_one_that_ended_stays(make: Make,
         panel.owners.append(ToldOwner(pid=2, answers={"status": {"ok": True, "state": "planning"}}))
         found = told(watcher, client)
         assert (found["state"]["run"], found["state"]["notice"]) == (
-            None, "the script is being checked: nothing moves yet",
+            None, "checking the script; nothing has moved yet",
         )  # fmt: skip
         assert (found["readings"]["run"], found["readings"]["columns"], found["readings"]["rows"]) == (None, [], [])
         assert watcher.outlet.source is NOTHING
@@ -133,7 +133,7 @@ def test_what_is_drawn_is_of_the_run_that_is_followed(make: Make, tmp_path: Path
     assert watcher.run is not None
     assert watcher.job is watcher.run.job is not None
     assert (owner.asked, owner.within_s) == ([("status", {})], [STATUS_S])
-    assert watcher.bench.devices_told(0.0)["stage"]["word"] == "not heard of"
+    assert watcher.bench.devices_told(0.0)["stage"]["word"] == "no data"
 
 
 def test_an_announced_run_goes_on_however_silent_it_is(make: Make, tmp_path: Path) -> None:
@@ -142,7 +142,7 @@ def test_an_announced_run_goes_on_however_silent_it_is(make: Make, tmp_path: Pat
     panel = make(ToldOwner(run=str(run), answers={"status": {"ok": True, "state": "paused"}}))
     with panel.watcher.outlet.joined() as client:
         state = told(panel.watcher, client)["state"]
-        assert (state["run"]["state"], state["notice"]) == ("running", "paused, the indentor is lifted")
+        assert (state["run"]["state"], state["notice"]) == ("running", "paused, indentor lifted")
         panel.owners.clear()
         state = told(panel.watcher, client)["state"]
         assert (state["run"]["state"], state["notice"]) == ("killed", None)
@@ -162,7 +162,7 @@ def test_of_a_run_that_ended_nothing_is_now(make: Make, tmp_path: Path) -> None:
             None,
             "by the operator",
         )
-        assert state["notice"] == "the report is being made"
+        assert state["notice"] == "making the report"
 
 
 def test_an_owner_is_told_of_together_with_what_it_says(make: Make) -> None:
@@ -239,7 +239,7 @@ def test_a_state_is_told_when_it_changes_and_otherwise_now_and_then(make: Make) 
         assert told(watcher, client)["state"]["owner"]["reachable"] is False
         panel.owners[0].answers["status"] = {"ok": True, "state": "paused", "stopped": True}
         state = told(watcher, client)["state"]
-        assert (state["owner"]["stopped"], state["notice"]) == (True, "paused, the indentor is lifted")
+        assert (state["owner"]["stopped"], state["notice"]) == (True, "paused, indentor lifted")
         watcher.find = _not_ours
         state = told(watcher, client)["state"]
         assert (state["owner"], state["problem"]) == (None, "/run/rig: not yours")

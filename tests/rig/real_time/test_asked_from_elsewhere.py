@@ -148,7 +148,7 @@ def _stopped_as_soon_as_announced(run: Elsewhere) -> None:
     assert run.ask("stop") == {"ok": True, "stopped": True}
     code, _, err = run.end()
     assert code == 130, err
-    assert f"the stop is recorded in {run.folder}\n" in err
+    assert f"the run folder {run.folder} records the stop\n" in err
     *_, last = run.documents
     assert (last["status"], last["stopped_while"], last["indentor"]["left"]) == ("aborted", "planning", "not moved")
     assert state_of(read_run(run.folder)) == "aborted"
@@ -190,7 +190,7 @@ def test_a_stop_while_the_report_is_made_leaves_the_data_what_they_are(
     assert (after.complete, after.done, after.duration_s) == (True, before.done, before.duration_s)
     told = json.loads(out)
     assert (told["complete"], told["indentations"]) == (True, 1)
-    assert told["ending"]["reason"] == "at once, by the operator"
+    assert told["ending"]["reason"] == "stopped at once by the operator"
     assert told["ending"]["indentor"]["trusted"] is False
     resumed = rig("resume", run.folder, "--json")
     assert (resumed.code, resumed.json["complete"]) == (0, True)
@@ -216,7 +216,7 @@ def test_a_pause_from_elsewhere_and_rig_stop_over_the_socket(
     code, _, err = run.end()
     assert code == 130
     assert "pausing, as the panel asks" in err
-    assert "going on, as the panel asks" in err
+    assert "continuing, as the panel requested" in err
     assert run.documents[-1]["status"] == "aborted"
 
 
@@ -230,7 +230,7 @@ def test_a_run_whose_finger_is_lost_is_lifted_and_says_so(
     os.kill(child, signal.SIGKILL)
     code, _, err = run.end()
     assert code == 1, err
-    assert "rig: stopped: the process of the finger model has ended (SIGKILL)" in err
+    assert "rig: stopped: the process of the finger model ended (SIGKILL)" in err
     *_, last = run.documents
     assert (last["status"], last["indentor"]["left"]) == ("failed", "lifted")
     assert (run.folder / "report.html").exists(), "another process has made it"

@@ -104,7 +104,7 @@ def test_the_fifth_page_is_told_that_it_is_one_too_many(serve: Serve) -> None:
         page.until("state", bool)
     with closing(Stream(panel)) as fifth:
         assert fifth.answer.status == 503
-        assert fifth.answer.read() == b"4 pages look on already: close one of them"
+        assert fifth.answer.read() == b"4 pages already monitor the rig; close one of them"
     pages.pop().close()
 
     def again() -> bool:
@@ -122,11 +122,11 @@ def test_two_tabs_and_one_that_takes_the_controls(serve: Serve) -> None:
         assert post(panel, "/take", tab="a") == (200, {"ok": True, "problem": None})
         for page in (first, second):
             page.until("state", lambda told: told["controls"] == "a")
-        assert post(panel, "/pause", tab="b")[1]["problem"] == "another tab has the controls"
+        assert post(panel, "/pause", tab="b")[1]["problem"] == "another tab has control; take control first"
         post(panel, "/take", tab="b")
         for page in (first, second):
             page.until("state", lambda told: told["controls"] == "b")
-        assert post(panel, "/pause", tab="a")[1]["problem"] == "another tab has the controls"
+        assert post(panel, "/pause", tab="a")[1]["problem"] == "another tab has control; take control first"
     with closing(Stream(panel, "a")) as first:
         first.until("state", lambda told: told["controls"] is None)  # a tab that left gives them back
 
@@ -220,7 +220,7 @@ def test_stop_goes_over_the_private_socket_of_whoever_owns_the_ports(serve: Serv
     with closing(Stream(panel)) as page:
         with owned(answers):
             state = page.until("state", lambda told: told["owner"] and told["owner"]["reachable"])
-            assert (state["owner"]["pid"], state["notice"]) == (os.getpid(), "paused, the indentor is lifted")
+            assert (state["owner"]["pid"], state["notice"]) == (os.getpid(), "paused, indentor lifted")
             assert post(panel, "/stop", tab="b")[1]["stopped"] == [os.getpid()]
             assert asked == ["stop"]
             refused = post(panel, "/pause")

@@ -54,7 +54,7 @@ def test_both_devices_behind_two_tcp_ports(serving: Serving, finger: Fingertip) 
     force.close()
     code, out, err = serve.end(signal.SIGTERM)
     assert (code, out) == (0, "")
-    assert "forces asked for, 0 not ready in time" in err
+    assert "forces requested, 0 not ready in time" in err
 
 
 def test_a_busy_port_is_one_line(rig: Rig) -> None:
