@@ -19,6 +19,8 @@ from sim.config import Contact
 from sim.contact.warmup import make_ready
 from sim.models.fingertip import Fingertip
 
+TESTS = Path(__file__).parent
+
 # Processes, threads, ports and clocks of the real world: what `make shake` repeats beside a busy machine.
 REAL_TIME = (
     "panel/",
@@ -173,6 +175,20 @@ def _signals_as_in_the_foreground() -> None:
             signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, numbers)
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """No worker imports a file whose tests all belong to the other half of `make test`, or to `make test-studies`."""
+    if collection_path.suffix != ".py":
+        return None
+    name = collection_path.relative_to(TESTS).as_posix()
+    asked = config.option.markexpr.split(" and ")
+    for marker, places in (("real_time", REAL_TIME), ("study", STUDIES)):
+        wholly = name.startswith(tuple(place for place in places if "::" not in place))
+        partly = wholly or any(place.startswith(f"{name}::") for place in places)
+        if (wholly and f"not {marker}" in asked) or (not partly and marker in asked):
+            return True
+    return None
 
 
 def pytest_collection_finish() -> None:
