@@ -106,6 +106,8 @@ bench: .venv/.ready-dev
 	$(BIN)/python -m studies.accuracy.check_predictions
 
 test test-studies shake mutants: export OMP_NUM_THREADS = 1  # of each worker
+# Where nothing compiled is written, every worker and every program that a test starts compiles all it imports.
+test test-studies shake: export PYTHONDONTWRITEBYTECODE =
 mutants: .venv/.ready-dev
 	$(BIN)/python -m studies.mutants --fresh
 

@@ -4,20 +4,25 @@ import gc
 import pkgutil
 import signal
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
 import sim.models.cache as cache
 from rig.cli.program import LOOKED_THROUGH
+from rig.compare.stimuli import MAPPED, Stimulus, StimulusMap
+from rig.data import Run
 from rig.report.style import Plot
 from sim.config import Contact
 from sim.contact.warmup import make_ready
 from sim.models.fingertip import Fingertip
+
+TESTS = Path(__file__).parent
 
 # Processes, threads, ports and clocks of the real world: what `make shake` repeats beside a busy machine.
 REAL_TIME = (
@@ -175,6 +180,20 @@ def _signals_as_in_the_foreground() -> None:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, numbers)
 
 
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """No worker imports a file whose tests all belong to the other half of `make test`, or to `make test-studies`."""
+    if collection_path.suffix != ".py":
+        return None
+    name = collection_path.relative_to(TESTS).as_posix()
+    asked = config.option.markexpr.split(" and ")
+    for marker, places in (("real_time", REAL_TIME), ("study", STUDIES)):
+        wholly = name.startswith(tuple(place for place in places if "::" not in place))
+        partly = wholly or any(place.startswith(f"{name}::") for place in places)
+        if (wholly and f"not {marker}" in asked) or (not partly and marker in asked):
+            return True
+    return None
+
+
 def pytest_collection_finish() -> None:
     """What was imported and collected stays: it is not looked through for garbage while the tests run."""
     gc.freeze()
@@ -282,5 +301,14 @@ def rtu() -> Callable[[str], bytes]:
 
 @pytest.fixture
 def empty_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pages whose figures are empty: drawing them is most of a short run's time, and other tests look at them."""
+    """Pages whose figures are empty: drawing them is most of a short run's time, and other tests look at them.
+
+    A comparison does not solve the whole mesh for its figures of the strain under the skin, which takes 5 s a run.
+    """
     monkeypatch.setattr(Plot, "_save", lambda plot, target, **options: Figure((1, 1)).savefig(target, **options))
+    monkeypatch.setattr("rig.cli.compare.stimulus_maps", _unsolved)
+
+
+def _unsolved(run: Run, finger: Fingertip, stimuli: Sequence[Stimulus]) -> list[StimulusMap]:
+    corners, receptors, values = np.zeros((2, 2, 2)), np.zeros((1, 2)), dict.fromkeys(MAPPED, np.zeros((1, 1)))
+    return [StimulusMap(one, float(one.x_mm[0]), corners, receptors, values) for one in stimuli]

@@ -57,6 +57,16 @@ Plot._save = lambda plot, target, **options: Figure((1, 1)).savefig(target, **op
 """To begin a program with that has a process of its own: what the fixture of that name is in this one."""
 
 
+NEAR_HOME = """\
+[frame]
+pad_centre_x_mm = -12.0
+apex_z_mm = -12.0
+[habits]
+clearance_mm = 0.8
+"""
+"""The finger close to the switches and still below where a virtual stage begins: a short way down from home."""
+
+
 def program_of(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Program:
     """Run it with these arguments, and with what is typed to it."""
 

@@ -189,15 +189,14 @@ def test_what_is_shown_runs(
     program: Program,
     finger: Fingertip,
     empty_figures: None,
+    made_once: Callable[[str, Callable[[], object]], Path],
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
     Path("rig.toml").write_text("", encoding="utf-8")
     shutil.copy(ROOT / "examples" / "plausible_fingers" / "fingers.toml", tmp_path)
-    positions = ["from_mm=1.2", "to_mm=-1.2", "spacing_mm=0.4"]
-    assert program("dry-run", "steps", "--set", *positions, "--subject", "S07").code == 0
-    (run,) = Path("runs").iterdir()
+    run = made_once("steps", lambda: _run_of_steps(program)).relative_to(tmp_path)
     for line in TO_RUN[page]:
         Path("mine.csv").write_text(OTHER_UNITS if "FR:1/ms" in line else RATES, encoding="utf-8")
         found = sorted(Path("runs").glob("*-find_finger-*"))
@@ -208,6 +207,11 @@ def test_what_is_shown_runs(
         ]
         ended = program(*words[1:])
         assert ended.code == 0, f"{line}: {ended.err}"
+
+
+def _run_of_steps(program: Program) -> None:
+    positions = ["from_mm=1.2", "to_mm=-1.2", "spacing_mm=0.4"]
+    assert program("dry-run", "steps", "--set", *positions, "--subject", "S07").code == 0
 
 
 # --- whatever is named in running text can be typed ---

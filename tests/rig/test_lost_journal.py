@@ -18,7 +18,7 @@ from rig.data import read_run
 from rig.engine import Journal
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
-from tests.program import Ended, Program
+from tests.program import NEAR_HOME, Ended, Program
 
 pytestmark = pytest.mark.usefixtures("empty_figures")
 
@@ -100,8 +100,8 @@ class Bench:
     recorded: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
 
     def run(self) -> Ended:
-        options = ["--config", "rig.toml", "--yes"] if self.command == "run" else []
-        return self.program(self.command, "mine.py", *options, "--json")
+        options = ["--yes"] if self.command == "run" else []
+        return self.program(self.command, "mine.py", "--config", "rig.toml", *options, "--json")
 
     def resume(self, line: str) -> Ended:
         return self.program(*line.split()[1:], *(["--yes"] if self.command == "run" else []), "--json")
@@ -127,7 +127,7 @@ def bench(
     for port in ("stage", "force"):
         (tmp_path / port).touch()
     ports = f"[stage]\nport = '{tmp_path / 'stage'}'\n[force]\nport = '{tmp_path / 'force'}'\n"
-    (tmp_path / "rig.toml").write_text(ports, encoding="utf-8")
+    (tmp_path / "rig.toml").write_text(NEAR_HOME + ports, encoding="utf-8")
     return Bench(program, request.param, tmp_path / "runs")
 
 

@@ -24,7 +24,7 @@ from rig.settings import StopSettings
 from sim.devices.clock import VirtualClock
 from sim.devices.line import StopPins
 from sim.models.fingertip import Fingertip
-from tests.program import Ended, Program
+from tests.program import NEAR_HOME, Ended, Program
 from tests.raising import raises
 from tests.waiting import until
 
@@ -120,7 +120,7 @@ def after(bench: Bench) -> Iterator[Callable[..., None]]:
 def test_a_press_of_the_boards_input_stops_the_stage_whatever_it_does_and_ends_the_run(
     name: str, phase: str, bench: Bench, after: Callable[..., None]
 ) -> None:
-    bench.config.write_text(BENCHES[name], encoding="utf-8")
+    bench.config.write_text(BENCHES[name] + NEAR_HOME, encoding="utf-8")
     after(*AFTER[phase], lambda: bench.press(name))
     ended = bench.dry_run()
     assert bench.pressed_s > 0
@@ -145,7 +145,7 @@ def test_a_press_of_the_boards_input_stops_the_stage_whatever_it_does_and_ends_t
 
 def test_a_run_whose_button_is_not_pressed_is_the_run_without_one(bench: Bench) -> None:
     for text in BENCHES.values():
-        bench.config.write_text(text, encoding="utf-8")
+        bench.config.write_text(text + NEAR_HOME, encoding="utf-8")
         ended = bench.dry_run()
         assert ended.code == 0, ended.err
         assert json.loads(ended.out)["complete"]
@@ -354,7 +354,7 @@ def real(
         (tmp_path / port).touch()
     ports = f"[stage]\nport = '{tmp_path / 'stage'}'\n[force]\nport = '{tmp_path / 'force'}'\n"
     (tmp_path / "rig.toml").write_text(
-        f"{ports}[stop]\nkind = 'key'\ndevice = '{pipe[0]}'\nkey_code = {A}\n", encoding="utf-8"
+        f"{NEAR_HOME}{ports}[stop]\nkind = 'key'\ndevice = '{pipe[0]}'\nkey_code = {A}\n", encoding="utf-8"
     )
     return lambda *more: program("run", "mine.py", "--config", "rig.toml", *more, "--json", typed="\n")
 
