@@ -406,9 +406,9 @@ def test_a_meeting_feels_surely_and_no_less_than_it_is_told() -> None:
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--width", "0.5"], "--width 0.5: expected 1 … 50 percent"),
-        (["--most-gwt", "500"], "--most-gwt 500: expected 1 … 100 gwt"),
-        (["--to", "nowhere/finger.toml"], "expected a file in a folder that exists"),
+        (["--width", "0.5"], "--width 0.5: must be 1 to 50 %"),
+        (["--most-gwt", "500"], "--most-gwt 500: must be 1 to 100 gwt"),
+        (["--to", "nowhere/finger.toml"], "must be a file in an existing folder"),
         (["--shapes", "blob:3", "--dry-run"], "blob:3"),
     ],
 )

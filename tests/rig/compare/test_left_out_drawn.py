@@ -109,8 +109,9 @@ def test_the_gaps_are_inside_the_recording_too(comparison: Comparison) -> None:
         for row in answer.rows
     )
     x, rate = float(places.position_mm[gap]), float(places.rate[gap])
+    used = FittedPositions(places.stimulus[kept], places.position_mm[kept], places.rate[kept], places.error[kept])
     found = replace(
-        answer, rows=rows, places=FittedPositions(*(values[kept] for values in places)),
+        answer, rows=rows, places=used,
         left_out=(LeftOut(title, (x,), (rate,)),),
     )  # fmt: skip
     for plot in (verdict_figures.the_answer(found, [0, 1], ""), verdict_figures.profiles(found, [0, 1], "")):
