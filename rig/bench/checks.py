@@ -36,17 +36,25 @@ def _problems(config: Config) -> Iterator[BadInputError]:
     force = config.force.port
     for port in stage_ports(config.stage):
         if _same_port(port, force):
-            yield BadInputError("stage.port and force.port: both are {port}, expected a port for each",
-                                code="same_port", port=port)  # fmt: skip
+            yield BadInputError(
+                "stage.port and force.port are both {port}; give each device its own port",
+                code="same_port",
+                port=port,
+            )
     try:
         refuse_place(0.0, 0.0, config)
     except BadInputError as error:
-        yield around(BadInputError, "frame: the pad at clearance: {problem}", error)
+        yield around(BadInputError, "frame: the stage cannot reach the pad at clearance: {problem}", error)
     apex_mm, lowest_mm = config.frame.apex_z_mm, -config.stage.travel_mm[2]
     if not lowest_mm <= apex_mm <= 0:
-        yield BadInputError("{key} = {value:g}: outside the stage's travel, {low:g} … 0 mm",
-                            code="apex_outside_travel", key="frame.apex_z_mm", value=apex_mm, low=lowest_mm,
-                            high=0.0)  # fmt: skip
+        yield BadInputError(
+            "{key} = {value:g} mm is outside the stage's travel, {low:g} … 0 mm",
+            code="apex_outside_travel",
+            key="frame.apex_z_mm",
+            value=apex_mm,
+            low=lowest_mm,
+            high=0.0,
+        )
 
 
 def _same_port(one: str, other: str) -> bool:
@@ -73,8 +81,12 @@ def refuse_expired(config: Config) -> None:
 def _expired(config: Config) -> Iterator[BadInputError]:
     for name in config.calibration.expired(today()):
         expires = getattr(config.calibration, name).expires
-        yield BadInputError("{key}: expired on {expires}, expected a newer measurement", code="expired",
-                            key=f"calibration.{name}", expires=expires)  # fmt: skip
+        yield BadInputError(
+            "{key} expired on {expires}; measure it again and update the configuration",
+            code="expired",
+            key=f"calibration.{name}",
+            expires=expires,
+        )
 
 
 def as_table(name: str, value: float, valid_days: int, sd: float | None = None) -> str:
@@ -94,7 +106,8 @@ def checked_subject(code: str | None) -> str | None:
     if code is None or _CODE.fullmatch(code):
         return code
     raise BadInputError(
-        "--subject: expected a code such as S07, one to three capital letters and two to six digits, never a name",
+        "--subject: not a subject code; use one to three capital letters and two to six digits, such as "
+        "S07, never a name",
         code="no_subject_code",
     )
 

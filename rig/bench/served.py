@@ -60,7 +60,7 @@ class ServedBench:
             self._build(config, stage, force, complain)
         except PortBusyError as error:
             self.close()
-            raise around(BadInputError, "{problem}, expected another number for --tcp", error) from None
+            raise around(BadInputError, "{problem}; choose another number for --tcp", error) from None
         except FingerNotLoadedError as error:
             self.close()
             raise around(BadInputError, "{problem}", error) from None

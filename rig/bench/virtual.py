@@ -182,14 +182,20 @@ def _twin(entry: DeviceKind) -> Callable[..., Any]:
     what = f"{entry.room}.kind = {entry.name!r}"
     if not entry.twin:
         usual = f"{entry.room}.kind = {DEFAULTS[entry.room]!r}"
-        raise BadInputError("{what}: this device has no virtual twin, expected another one here, such as {usual}",
-                            code="no_twin", what=what, room=entry.room, kind=entry.name, usual=usual)  # fmt: skip
+        raise BadInputError(
+            "{what}: this device has no virtual twin; use one that has, such as {usual}",
+            code="no_twin",
+            what=what,
+            room=entry.room,
+            kind=entry.name,
+            usual=usual,
+        )
     module, _, function = entry.twin.partition(":")
     try:
         twin: Callable[..., Any] = getattr(import_module(module), function)
     except (Exception, SystemExit) as error:  # whatever a package does when it is imported
         raise BadInputError(
-            "{what}: its virtual twin {twin}: {exception}: {problem}",
+            "{what}: its virtual twin {twin} cannot be loaded: {exception}: {problem}",
             code="twin_not_loaded",
             what=what,
             twin=entry.twin,

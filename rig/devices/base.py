@@ -55,7 +55,7 @@ class StageNotHomed(StageError):  # noqa: N818
     default_code = "not_homed"
 
     def __init__(self, who: str) -> None:
-        super().__init__("{who} must be homed before a move", who=who)
+        super().__init__("{who} must be homed before a move; home the stage first", who=who)
 
 
 class StageHeld(StageError):  # noqa: N818
@@ -65,7 +65,7 @@ class StageHeld(StageError):  # noqa: N818
 
     def __init__(self, state: str, who: str = "") -> None:
         super().__init__(
-            "{who}the stage is held, {state}: somebody stopped it at the controller", state=state, who=who
+            "{who}the stage is held at its controller (state {state}); release the hold there", state=state, who=who
         )
 
 
@@ -82,7 +82,10 @@ class StageRejected(StageError):  # noqa: N818
 
     def __init__(self, number: int, line: str, meaning: str) -> None:
         super().__init__(
-            "stage refused {line!r} with error {number}: {meaning}", number=number, line=line, meaning=meaning
+            "the stage's controller refused {line!r} with error {number}: {meaning}",
+            number=number,
+            line=line,
+            meaning=meaning,
         )
         self.number = number
         self.line = line

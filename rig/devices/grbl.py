@@ -131,7 +131,7 @@ class GrblStage(Stage):
         wrong = differences(board, self._expected) + unsuited(printed, board)
         if wrong:
             raise StageError(
-                "{port}: the board is not set as configured{keys}, expected {settings}",
+                "{port}: the settings of the board differ from the configuration{keys}; send it {settings}",
                 code="not_as_configured",
                 port=self._transport.name,
                 keys=keys_of(board, self._expected),
@@ -155,7 +155,9 @@ class GrblStage(Stage):
             if board == before:
                 return board
         raise StageError(
-            "{port}: no two answers to $$ are the same", code="answers_differ", port=self._transport.name
+            "{port}: the board reports different settings each time ($$); check the cable and stage.baud",
+            code="answers_differ",
+            port=self._transport.name,
         )
 
     def _enforce(self, wanted: Mapping[int, float]) -> None:
@@ -168,7 +170,7 @@ class GrblStage(Stage):
                 self._link.command(f"${n}={number(value, 3)}")
             self._agreed_settings()
         raise StageError(
-            "{port}: the board does not keep what is written, expected {settings}",
+            "{port}: the board did not accept the settings {settings}",
             code="not_kept",
             port=self._transport.name,
             **told(differences(self._settings, wanted)),
@@ -191,7 +193,7 @@ class GrblStage(Stage):
             if self._clock.monotonic_s() - begun_s > REPLY_S and set(new) - {"Home"}:
                 self._link.in_step = False
                 raise StageTimeout(
-                    "{port}: no answer to '$H', and it does not home: {state}",
+                    "{port}: the board neither answers '$H' nor homes (state {state}); home again",
                     code="does_not_home",
                     port=self._transport.name,
                     state=new[-1],
@@ -207,7 +209,7 @@ class GrblStage(Stage):
     def _say_not_homed(self, missed: Misplaced | None) -> NoReturn:
         where = {} if missed is None else {"missed": str(missed), **missed._asdict()}
         raise StageError(
-            "{port}: the board says ok but did not home" + (": {missed}" if missed else ""),
+            "{port}: the board answered ok to '$H' but did not home" + (": {missed}" if missed else ""),
             code="did_not_home",
             port=self._transport.name,
             **where,
@@ -233,7 +235,9 @@ class GrblStage(Stage):
             asked += 1
             if asked > (ASK_TIMES if fields.work is None else ASK_FOR_OFFSET):
                 raise StageError(
-                    "{port}: the status holds no machine position", code="no_position", port=self._transport.name
+                    "{port}: the status report contains no machine position; check setting $10 of the board",
+                    code="no_position",
+                    port=self._transport.name,
                 )
             fields = self._link.ask_status()
         self._last = fields.machine or machine_from(fields.work, self._link.offset)
@@ -308,7 +312,7 @@ class GrblStage(Stage):
             assert refused is not None
             raise refused
         raise StageError(
-            "{port}: the target was not confirmed, {doubt}; nothing was moved",
+            "{port}: the board did not confirm the target ({doubt}); nothing was moved",
             code="not_confirmed",
             port=self._transport.name,
             doubt=doubt.words,
@@ -335,7 +339,8 @@ class GrblStage(Stage):
         while (state := self._status().state) not in ("Hold:0", "Idle"):
             if self._clock.monotonic_s() >= deadline_s:
                 raise StageTimeout(
-                    "{port}: not at rest {timeout_s:g} s after a hold, state {state}",
+                    "{port}: the stage is not at rest {timeout_s:g} s after a feed hold (state {state}); "
+                    "use the emergency stop",
                     code="not_at_rest",
                     port=self._transport.name,
                     timeout_s=HALT_S,
@@ -348,7 +353,7 @@ class GrblStage(Stage):
         state = self._status().state
         if state != "Idle":
             raise StageError(
-                "{port}: {state} after a halt, the position is lost",
+                "{port}: the board is in state {state} after a halt, so the position is lost; home again",
                 code="lost_in_halt",
                 port=self._transport.name,
                 state=state,
@@ -372,7 +377,7 @@ class GrblStage(Stage):
         while is_held(self._status().state):
             if self._clock.monotonic_s() >= deadline_s:
                 raise StageTimeout(
-                    "{port}: still held after {timeout_s:g} s",
+                    "{port}: the stage is still held after {timeout_s:g} s; release the hold at its controller",
                     code="still_held",
                     port=self._transport.name,
                     timeout_s=timeout_s,
@@ -437,7 +442,7 @@ class GrblStage(Stage):
         missed = misplaced(self._settings, target, (now.x_mm, now.y_mm, now.z_mm))
         if missed:
             raise StageError(
-                "{port}: the jog was stopped at the controller, {missed}",
+                "{port}: the jog was stopped at the controller: {missed}",
                 code="jog_stopped",
                 port=self._transport.name,
                 missed=str(missed),
@@ -446,7 +451,7 @@ class GrblStage(Stage):
 
     def _still_jogging(self, timeout_s: float) -> StageTimeout:
         return StageTimeout(
-            "{port}: still jogging after {timeout_s:g} s",
+            "{port}: the stage still jogs after {timeout_s:g} s",
             code="still_jogging",
             port=self._transport.name,
             timeout_s=timeout_s,
@@ -460,7 +465,9 @@ class GrblStage(Stage):
         """
         if not self._link.in_step:
             raise StageError(
-                "{port}: a line may still wait in the board", code="line_waits", port=self._transport.name
+                "{port}: a command may still wait in the board; stop the stage",
+                code="line_waits",
+                port=self._transport.name,
             )
         deadline_s = self._clock.monotonic_s() + timeout_s
         self._jogged = None
@@ -483,7 +490,7 @@ class GrblStage(Stage):
         """Coolant (M8, M9) or spindle (M3, M5); the board switches when all motion before is over."""
         if self._output == "off":
             raise StageError(
-                "{port}: no output of the board is configured, see sync.output",
+                "{port}: no output of the board is configured; set sync.output to coolant or spindle",
                 code="no_output",
                 port=self._transport.name,
             )
@@ -508,14 +515,14 @@ class GrblStage(Stage):
             self._link.refuse_interference(now.state)
             if now.state.startswith(("Alarm", "Sleep", "Check")):
                 raise StageError(
-                    "{port}: {state} during a move",
+                    "{port}: the board changed to state {state} during a move; remove the cause, then home",
                     code="left_move",
                     port=self._transport.name,
                     state=now.state,
                 )
             if self._clock.monotonic_s() >= deadline_s:
                 raise StageTimeout(
-                    "{port}: move not over in time, state {state}",
+                    "{port}: the move did not end in time (state {state})",
                     code="not_over",
                     port=self._transport.name,
                     state=now.state,
@@ -553,7 +560,7 @@ def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
 
 DEVICE = StageKind(
     name="grbl",
-    device="GRBL 1.1 board, or one with grblHAL",
+    device="GRBL 1.1 or grblHAL board",
     driver=_driver,
     outputs=("off", "coolant", "spindle"),
     inputs=("door", "hold"),

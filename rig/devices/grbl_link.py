@@ -39,7 +39,7 @@ ALARMS = {
     9: "homing: switch not found",
 }
 ERRORS = {
-    1: "a word begins with no letter",
+    1: "a word does not begin with a letter",
     2: "bad number",
     3: "unknown $ command or setting",
     4: "negative value",
@@ -236,7 +236,7 @@ class GrblLink:
             }
             found = ", ".join(f"{name.removesuffix('_percent')} override {{{name}}} %" for name in changed)
             raise StageOverridden(
-                f"{{port}}: {found}: somebody changed it at the controller, expected 100 %",
+                f"{{port}}: {found} at the controller; reset it to 100 %",
                 port=self.name,
                 **changed,
             )
@@ -290,7 +290,7 @@ class GrblLink:
             else:
                 self.in_step = self.trusted = False
                 raise StageTimeout(
-                    "{port}: no answer to {line!r} in {timeout_s:g} s",
+                    "{port}: no answer to {line!r} within {timeout_s:g} s; check the power, the cable and stage.baud",
                     code="no_reply",
                     port=self.name,
                     line=line,
@@ -301,7 +301,11 @@ class GrblLink:
         """Raises StageError where the board may still owe an answer to another line."""
         if not self.in_step:
             raise StageError(
-                "{port}: the board must be reset before {line!r}", code="needs_reset", port=self.name, line=line
+                "{port}: the board may still owe an answer, so {line!r} was not sent; home the stage, which "
+                "resets the board",
+                code="needs_reset",
+                port=self.name,
+                line=line,
             )
 
     def _refuse_error(self, heard: str, line: str) -> None:
@@ -334,7 +338,9 @@ class GrblLink:
                     break
         self.trusted = False
         raise StageTimeout(
-            "{port}: no answer to ?, is it a GRBL board at this baud rate?", code="no_status", port=self.name
+            "{port}: no answer to a status request (?); check that it is a GRBL board, and stage.baud",
+            code="no_status",
+            port=self.name,
         )
 
     def listen_until(self, t_s: float) -> None:
@@ -360,7 +366,11 @@ class GrblLink:
                 self.in_step = True
                 self.offset, self.overrides = None, FULL
                 return
-        raise StageTimeout("{port}: no banner after a reset", code="no_banner", port=self.name)
+        raise StageTimeout(
+            "{port}: no startup message after a reset; check that it is a GRBL board, and stage.baud",
+            code="no_banner",
+            port=self.name,
+        )
 
     def _await_banner(self) -> bool:
         deadline_s = self._clock.monotonic_s() + BANNER_S
@@ -381,7 +391,7 @@ class GrblLink:
         if is_banner(line):
             # It may have crossed with a line on the wire: whether that line still gets an answer is unknown.
             self.in_step, self.trusted, self.offset, self.overrides = False, False, None, FULL
-            raise StageReset("{port}: the board was reset ({line})", port=self.name, line=line)
+            raise StageReset("{port}: the board restarted ({line}); home again", port=self.name, line=line)
         code = number_after(line, "ALARM:")
         if code is not None:
             self.in_step = self.trusted = False
@@ -410,7 +420,7 @@ class Difference(NamedTuple):
     with_which: str = ""
 
     def __str__(self) -> str:
-        return f"${self.number}={self.wanted:g} (it has {self.found:g}{self.with_which})"
+        return f"${self.number}={self.wanted:g} (found {self.found:g}{self.with_which})"
 
 
 class Misplaced(NamedTuple):
@@ -421,7 +431,7 @@ class Misplaced(NamedTuple):
     target_mm: float
 
     def __str__(self) -> str:
-        return f"{self.axis} is at {self.at_mm} mm, not at {self.target_mm} mm"
+        return f"{self.axis} is at {self.at_mm} mm instead of {self.target_mm} mm"
 
 
 def expected_settings(settings: BenchSettings) -> dict[int, float]:
@@ -481,7 +491,7 @@ def unsuited(printed: Iterable[str], board: Mapping[int, float]) -> list[Differe
     if mask & _REPORTED != _REPORTED:
         found.append(Difference(REPORTS, mask | _REPORTED, mask, ", which hides its work zero or its overrides"))
     if board.get(VOLATILE_OFFSET, 1.0) != 1:
-        found.append(Difference(VOLATILE_OFFSET, 1, 0, ", which stores each target in a memory that wears out"))
+        found.append(Difference(VOLATILE_OFFSET, 1, 0, ", which stores each target in memory that wears out"))
     return found
 
 
@@ -639,9 +649,14 @@ def doubt_about_zero(
     fields = link.ask_status()
     link.refuse_interference(fields.state)
     if fields.state != "Idle":
-        raise StageError("{port}: {state} before a move", code="not_idle", port=link.name, state=fields.state)
+        raise StageError(
+            "{port}: the board is in state {state} before a move, expected Idle",
+            code="not_idle",
+            port=link.name,
+            state=fields.state,
+        )
     if fields.offset is None:
-        return Doubt("the status after G92 holds no WCO", "no_offset", {})
+        return Doubt("the status report after G92 contains no WCO", "no_offset", {})
     meant = tuple(mm - coordinate for mm, coordinate in zip(present, coordinates, strict=True))
     wrong = [
         (axis, found, mm)
@@ -650,7 +665,7 @@ def doubt_about_zero(
     ]
     if not wrong:
         return None
-    said = ", ".join(f"work zero {axis} is at {found} mm, not at {mm:.4f} mm" for axis, found, mm in wrong)
+    said = ", ".join(f"work zero {axis} is at {found} mm instead of {mm:.4f} mm" for axis, found, mm in wrong)
     zeros = {axis: found for axis, found, _ in wrong}
     return Doubt(said, "wrong_work_zero", {"found_mm": zeros, "meant_mm": {axis: mm for axis, _, mm in wrong}})
 
@@ -661,6 +676,6 @@ def _doubt_about_modes(printed: list[str], feed_mm_min: float) -> Doubt | None:
     if missing:
         return Doubt(f"$G does not show {', '.join(missing)}", "modes_missing", {"missing": missing})
     if feed is None or abs(feed - feed_mm_min) > _FEED_SHOWN_MM_MIN:
-        said = f"$G shows a feed of {feed} mm/min, not of {feed_mm_min:g} mm/min"
+        said = f"$G shows a feed of {feed} mm/min instead of {feed_mm_min:g} mm/min"
         return Doubt(said, "wrong_feed", {"found_mm_min": feed, "meant_mm_min": feed_mm_min})
     return None

@@ -71,7 +71,8 @@ class LaumasForce:
         while not self.read().stable:
             if self._clock.monotonic_s() >= deadline_s:
                 raise ForceBusy(
-                    "{port}: transmitter {device_id}: no stable load in {timeout_s:g} s",
+                    "{port}: transmitter {device_id}: no stable load within {timeout_s:g} s; let the load "
+                    "settle and zero again",
                     code="no_stable_load",
                     timeout_s=SETTLE_S,
                     **self._who,
@@ -82,7 +83,7 @@ class LaumasForce:
         left_gwt = self.read().force_n / GWT_N
         if abs(left_gwt) > self.resolution_gwt:
             raise ForceBusy(
-                "{port}: transmitter {device_id}: still {left_gwt:.3g} gwt after zeroing",
+                "{port}: transmitter {device_id}: the weight is {left_gwt:.3g} gwt after zeroing; zero again",
                 code="not_zeroed",
                 left_gwt=left_gwt,
                 **self._who,
@@ -111,7 +112,7 @@ class LaumasForce:
         if units != self._settings.units_word:
             raise ForceError(
                 "{port}: transmitter {device_id}: division and unit (register {register}) are 0x{word:04X}, "
-                "expected 0x{expected_word:04X}",
+                "but force.laumas.units_word is 0x{expected_word:04X}; make them equal",
                 code="wrong_unit",
                 register=UNITS,
                 word=units,
@@ -138,21 +139,22 @@ class LaumasForce:
         bits = self._settings.bits
         if _bit(status, bits.cell_error):
             raise ForceBroken(
-                "{port}: transmitter {device_id}: load cell error, is its cable whole?",
+                "{port}: transmitter {device_id}: load cell error; check the cable of the cell",
                 code="cell_error",
                 **self._who,
             )
         if _bit(status, bits.converter_error):
             raise ForceBroken(
-                "{port}: transmitter {device_id}: the analogue-to-digital converter fails",
+                "{port}: transmitter {device_id}: the analog-to-digital converter has failed; see the "
+                "manual of the transmitter",
                 code="converter_error",
                 **self._who,
             )
         for bit, code, problem in (
-            (bits.over_max, "over_max", "maximum weight exceeded"),
-            (bits.over_full_scale, "over_full_scale", "more than 110 % of full scale"),
-            (bits.gross_out_of_range, "gross_out_of_range", "gross weight out of range"),
-            (bits.net_out_of_range, "net_out_of_range", "net weight out of range"),
+            (bits.over_max, "over_max", "the weight exceeds the maximum set in the transmitter"),
+            (bits.over_full_scale, "over_full_scale", "the weight exceeds 110 % of full scale"),
+            (bits.gross_out_of_range, "gross_out_of_range", "the gross weight is out of range"),
+            (bits.net_out_of_range, "net_out_of_range", "the net weight is out of range"),
         ):
             if _bit(status, bit):
                 kind = ForceUnderload if negative else ForceOverload

@@ -182,7 +182,10 @@ class LeadshineStage(Stage):
     def set_output(self, on: bool) -> None:
         """One word to one register of the drive that has the output; its echo is the end. Raises StageError."""
         if self._output is None or self._output.words is None:
-            raise StageError("no output of a drive is configured, see sync.output", code="no_output")
+            raise StageError(
+                "no output of a drive is configured; set sync.output to drive, and its register and words",
+                code="no_output",
+            )
         address, on_word, off_word = self._output.words
         self._drives[self._output.drive].write_word(address, on_word if on else off_word)
 
@@ -240,7 +243,7 @@ class LeadshineStage(Stage):
 
     def _drive(self, axis: Axis) -> LeadshineDrive:
         if axis not in self._drives:
-            raise StageError("there is no drive for {axis}; it is set by hand", code="no_drive", axis=axis)
+            raise StageError("the stage has no drive for the {axis} axis; set it by hand", code="no_drive", axis=axis)
         return self._drives[axis]
 
     def _up_first(self) -> tuple[LeadshineDrive, LeadshineDrive]:
@@ -263,7 +266,7 @@ class LeadshineStage(Stage):
             )
         if y_mm is not None and abs(y_mm - self._y_mm) > _SAME_PLACE_MM:
             raise MoveError(
-                "y_mm must be {set_mm:g}, where it was set by hand, got {y_mm:g}",
+                "y_mm must be {set_mm:g}, the position set by hand, got {y_mm:g}",
                 code="set_by_hand",
                 set_mm=self._y_mm,
                 y_mm=y_mm,
@@ -271,7 +274,8 @@ class LeadshineStage(Stage):
         moves = {axis: mm for axis, mm in (("x", x_mm), ("z", z_mm)) if mm is not None}
         if len(moves) > 1 or not (moves or y_mm is not None):
             raise MoveError(
-                "a move needs one of x_mm and z_mm: two drives cannot keep a straight line", code="not_one_axis"
+                "a move needs exactly one of x_mm and z_mm: two drives cannot keep a straight line",
+                code="not_one_axis",
             )
         return next(iter(moves.items()), (None, self._y_mm))
 

@@ -129,7 +129,7 @@ class LeadshineDrive:
         settings = self._settings
         self._expect("pulses per turn", settings.pulses_per_rev_register, [settings.pulses_per_rev])
         self.disarm()
-        return f"{self.axis}: Leadshine drive {self.device_id}, {settings.pulses_per_rev} pulses a turn"
+        return f"{self.axis}: Leadshine drive {self.device_id}, {settings.pulses_per_rev} pulses per turn"
 
     def disarm(self) -> None:
         """Leave nothing in the drive that a wrong bit could start: null paths, and a creep for homing and jogs.
@@ -170,7 +170,7 @@ class LeadshineDrive:
         self._refuse(status)
         self._refuse_unhomed(status)
         if Status.RUNNING in status:
-            raise StageError(f"{_DRIVE} runs; a soft limit is only set at rest", code="runs", **self._names)
+            raise StageError(f"{_DRIVE} is moving; a soft limit can be set only at rest", code="runs", **self._names)
         lowest = self._pulses(min(max(lowest_mm, -self.travel_mm), 0.0))
         if self.pulses_per_mm > 0:
             self._set("negative soft limit", NEGATIVE_LIMIT, words(lowest))
@@ -199,7 +199,7 @@ class LeadshineDrive:
             nonlocal begun
             begun = begun or Status.RUNNING in status or Status.HOMED not in status
             if not begun and self._clock.monotonic_s() >= begins_by_s:
-                raise StageError(f"{_DRIVE} did not begin to home", code="did_not_home", **self._names)
+                raise StageError(f"{_DRIVE} did not start to home; home again", code="did_not_home", **self._names)
             return begun and Status.HOMED in status and self._commanded() == 0
 
         yield from self._until(at_home, HOME_S, START_S, "homing")
@@ -229,7 +229,7 @@ class LeadshineDrive:
         at_mm = self.position_mm()
         if abs(at_mm - target / self.pulses_per_mm) > TOLERANCE_MM:
             raise StageError(
-                f"{_DRIVE} is at {{at_mm:.4f}} mm, not at {{target_mm:g}} mm",
+                f"{_DRIVE} is at {{at_mm:.4f}} mm instead of {{target_mm:g}} mm",
                 code="not_there",
                 at_mm=at_mm,
                 target_mm=to_mm,
@@ -287,7 +287,7 @@ class LeadshineDrive:
                 problem = error
             self._clock.wait_s(POLL_S)
         raise problem or StageTimeout(
-            f"{_DRIVE} still runs {{timeout_s:g}} s after a quick stop",
+            f"{_DRIVE} still moves {{timeout_s:g}} s after a quick stop; use the emergency stop",
             code="still_runs",
             timeout_s=STOP_S,
             **self._names,
@@ -357,7 +357,7 @@ class LeadshineDrive:
         once, again = self._commanded(), self._commanded()
         if once != again:
             raise StageError(
-                f"{_DRIVE} is at {{once}} and at {{again}} pulses: does it move?",
+                f"{_DRIVE} reports {{once}} and then {{again}} pulses at rest; check whether it moves",
                 code="answers_differ",
                 once=once,
                 again=again,
@@ -383,7 +383,7 @@ class LeadshineDrive:
                 return
             if self._clock.monotonic_s() >= begun_s + most_s:
                 raise StageTimeout(
-                    f"{_DRIVE}: {{what}} is not over after {{timeout_s:.1f}} s, status {{status!r}}",
+                    f"{_DRIVE}: {{what}} takes longer than {{timeout_s:.1f}} s (status {{status!r}})",
                     code="not_over",
                     what=what,
                     timeout_s=most_s,
@@ -398,15 +398,19 @@ class LeadshineDrive:
         """A drive that was switched off counts from where it stood when it came back, and has its own paths again."""
         if Status.HOMED not in status:
             self.harmless = False
-            raise StageError(f"{_DRIVE} is no longer homed: was it switched off?", code="lost_home", **self._names)
+            raise StageError(
+                f"{_DRIVE} is no longer homed, probably because it was switched off; home again",
+                code="lost_home",
+                **self._names,
+            )
 
     def _refuse(self, status: Status) -> None:
         if Status.FAULT in status:
             code = self._read(ALARM)[0]
-            meaning = f"{_DRIVE.format_map(self._names)}: {ALARMS.get(code, 'see the manual')} ({code:X} hex)"
+            meaning = f"{_DRIVE.format_map(self._names)}: {ALARMS.get(code, 'see its manual')} ({code:X} hex)"
             raise StageAlarm(code, meaning, **self._names)
         if Status.ENABLED not in status:
-            raise StageError(f"{_DRIVE}: the drive is not enabled", code="not_enabled", **self._names)
+            raise StageError(f"{_DRIVE} is not enabled; enable it", code="not_enabled", **self._names)
 
     def _travel_s(self, pulses: int, rpm: int) -> float:
         pulses_s = rpm * self._settings.pulses_per_rev / 60
@@ -463,7 +467,7 @@ class LeadshineDrive:
         return {**error.fields, "axis": self.axis, "problem": str(error)}
 
     def _stopped(self) -> StageError:
-        return StageError(f"{_DRIVE}: stopped", code="stopped", **self._names)
+        return StageError(f"{_DRIVE} was stopped", code="stopped", **self._names)
 
     @property
     def _names(self) -> dict[str, Any]:

@@ -28,8 +28,8 @@ SETTLE_S = 10.0
 _VALUE = re.compile(r"[+-]?\d+(\.\d*)?")
 _SYNTAX = {
     "ES": ("unknown_command", "does not know the command"),
-    "ET": ("garbled_command", "received garbled bytes"),
-    "EL": ("not_possible", "cannot do that"),
+    "ET": ("garbled_command", "received a garbled command"),
+    "EL": ("not_possible", "cannot carry out the command"),
 }
 
 
@@ -92,7 +92,7 @@ class MtSicsForce:
             raise self._garbled(" ".join(words))
         if words[3] != "g":
             raise ForceError(
-                "{port}: the balance reports {unit}, it must be set to g",
+                "{port}: the balance reports the unit {unit}; set it to g",
                 code="wrong_unit",
                 port=self._transport.name,
                 unit=words[3],
@@ -109,7 +109,7 @@ class MtSicsForce:
             # The answer may still come: it must not be taken for that to the next question.
             self._in_step = False
             raise ForceTimeout(
-                "{port}: no answer to {command} in {timeout_s:g} s",
+                "{port}: the balance did not answer {command} within {timeout_s:g} s; check the power and the cable",
                 code="no_reply",
                 port=self._transport.name,
                 command=command,
@@ -134,12 +134,16 @@ class MtSicsForce:
         if len(words) < 2 or words[0] != command[:1]:
             raise self._garbled(" ".join(words))
         if words[1] == "+":
-            raise ForceOverload("{port}: the balance is overloaded", code="overload", port=port)
+            raise ForceOverload("{port}: the balance is overloaded; remove the load", code="overload", port=port)
         if words[1] == "-":
-            raise ForceUnderload("{port}: the balance is underloaded", code="underload", port=port)
+            raise ForceUnderload(
+                "{port}: the balance is underloaded; check that nothing lifts it off its support",
+                code="underload",
+                port=port,
+            )
         if words[1] == "I":
             raise ForceBusy(
-                "{port}: the balance cannot answer {command} now, or found no stable value",
+                "{port}: the balance is busy or found no stable value ({command}); try again",
                 code="busy",
                 port=port,
                 command=command,
@@ -155,14 +159,23 @@ class MtSicsForce:
                 if line.startswith("I4 A"):
                     self._in_step = True
                     return line[4:].strip(' "')
-        raise ForceTimeout("{port}: no balance answers", code="no_device", port=self._transport.name)
+        raise ForceTimeout(
+            "{port}: no balance answers; check the power, the cable and force.baud",
+            code="no_device",
+            port=self._transport.name,
+        )
 
     def _send(self, command: str) -> None:
         self._transport.write(command.encode("ascii") + b"\r\n")
 
     def _garbled(self, answer: str) -> ForceError:
         self._in_step = False
-        return ForceError("{port}: garbled answer {reply!r}", code="garbled", port=self._transport.name, reply=answer)
+        return ForceError(
+            "{port}: the balance sent a garbled answer, {reply!r}; check the cable and force.baud",
+            code="garbled",
+            port=self._transport.name,
+            reply=answer,
+        )
 
 
 def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> ForceSensor:
@@ -177,7 +190,7 @@ def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> ForceSenso
 
 DEVICE = ForceKind(
     name="mtsics",
-    device="balance that speaks MT-SICS",
+    device="MT-SICS balance",
     driver=_driver,
     twin="sim.devices.mtsics:balance_twin",
     tests=("tests/rig/test_mtsics_driver.py",),

@@ -115,7 +115,7 @@ def find(of: type[K], name: str) -> K:
         )
     if len(offers) > 1:
         raise KindError(
-            "offered by {packages}: expected one of these packages to be uninstalled",
+            "offered by {packages}; uninstall one of these packages",
             code="offered_twice",
             packages=" and ".join(map(package, offers)),
         )
@@ -140,7 +140,7 @@ def problems() -> Iterator[KindError]:
         of = next((kind for kind in KINDS if kind.room == room), None)
         if of is None or not name:
             yield KindError(
-                "{package}: entry point {entry!r} of {group}: expected stage.NAME or force.NAME",
+                "{package}: entry point {entry!r} of {group} must be named stage.NAME or force.NAME",
                 code="bad_entry_point",
                 package=who,
                 entry=point,
@@ -148,7 +148,7 @@ def problems() -> Iterator[KindError]:
             )
         elif name in BUILT_IN[of.room]:
             yield KindError(
-                "{package}: {room}.kind = {kind!r} is taken: this program's own is used",
+                "{package}: {room}.kind = {kind!r} is the name of a built-in driver, which is used instead",
                 code="name_taken",
                 package=who,
                 room=room,
@@ -193,7 +193,7 @@ def _loaded(of: type[K], name: str, point: EntryPoint) -> K:
         ) from error
     if not isinstance(found, of):
         raise KindError(
-            "{package} cannot be used: {entry} is no {expected}",
+            "{package} cannot be used: {entry} is not a {expected}",
             code="wrong_type",
             package=package(point),
             entry=point.value,
@@ -201,11 +201,12 @@ def _loaded(of: type[K], name: str, point: EntryPoint) -> K:
         )
     if found.name != name:
         raise KindError(
-            "{package} cannot be used: {entry} is named {found!r}",
+            "{package} cannot be used: {entry} is named {found!r}, expected {kind!r}",
             code="wrong_name",
             package=package(point),
             entry=point.value,
             found=found.name,
+            kind=name,
         )
     return found
 
@@ -258,7 +259,7 @@ def checked(settings: type[D], device: Any) -> D:
 def _refuse_table_of_another(settings: type[DeviceSettings], device: Mapping[str, Any]) -> None:
     for key in device:
         if key not in settings.model_fields and key in names(settings.room):
-            raise _refused(settings, ValueError(f"{key}: expected with kind = {key!r} only"), device)
+            raise _refused(settings, ValueError(f"{key} is allowed only with kind = {key!r}"), device)
 
 
 def _refused(settings: type[DeviceSettings], error: ValueError, value: object, *place: str) -> ValidationError:
@@ -308,14 +309,15 @@ class KnownBench(BenchSettings):
         allowed = find(StageKind, self.stage.kind).outputs
         if self.sync.output not in allowed:
             raise RuleError(
-                "sync.output: expected {allowed} with a {stage} stage",
+                "sync.output = {output!r} is not available on a {stage} stage; allowed: {allowed}",
                 code="no_such_output",
+                output=self.sync.output,
                 allowed=" or ".join(allowed),
                 stage=self.stage.kind,
             )
         if self.sync.output == "drive" and self.sync.words is None:
             raise RuleError(
-                "sync: expected register_address, on_word and off_word, from the manual of the drive",
+                "sync.output = 'drive' requires register_address, on_word and off_word, from the manual of the drive",
                 code="incomplete_sync",
             )
         return self
@@ -325,9 +327,9 @@ class KnownBench(BenchSettings):
         allowed = find(StageKind, self.stage.kind).inputs
         for key, name in self.stop.inputs.items():
             if name not in allowed:
-                either = " or ".join(allowed) or "no input, none is reported"
+                either = " or ".join(allowed) or "none, because it reports no inputs"
                 raise RuleError(
-                    "stop.{setting} = {input!r}: expected {allowed} with a {stage} stage",
+                    "stop.{setting} = {input!r} is not available on a {stage} stage; allowed: {allowed}",
                     code="no_such_input",
                     setting=key,
                     input=name,

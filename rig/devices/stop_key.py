@@ -92,7 +92,10 @@ class StopKey:
                 self._why, self.problem = "gone", f"{self.path}: {error.strerror}"
                 return
             if len(data) % _EVENT.size or not data:
-                self._why, self.problem = "no_key_events", f"{self.path}: it ended, or sends no key events"
+                self._why, self.problem = (
+                    "no_key_events",
+                    f"{self.path}: the device was closed or sends no key events",
+                )
                 return
             for _, _, kind, code, value in _EVENT.iter_unpack(data):
                 if kind == _KEY and self._counts(code):
@@ -113,7 +116,10 @@ def _opened(path: Path) -> int:
         file = os.open(path, (os.O_RDWR if pipe else os.O_RDONLY) | os.O_NONBLOCK)
     except (OSError, AttributeError) as error:
         raise StopKeyError(
-            "{path}: {problem}, expected an input device", code="not_opened", path=str(path), problem=_what(error)
+            "{path}: {problem}; connect the stop button, or correct stop.device",
+            code="not_opened",
+            path=str(path),
+            problem=_what(error),
         ) from None
     if pipe:
         return file
@@ -124,7 +130,10 @@ def _opened(path: Path) -> int:
     except (OSError, ImportError) as error:
         os.close(file)
         raise StopKeyError(
-            "{path}: cannot be had for itself: {problem}", code="not_grabbed", path=str(path), problem=_what(error)
+            "{path}: cannot be reserved for the rig: {problem}; close other programs that use it",
+            code="not_grabbed",
+            path=str(path),
+            problem=_what(error),
         ) from None
     return file
 

@@ -94,7 +94,8 @@ class BenchMemory:
                 self._path.unlink()  # a full disk lets it go
             if self.read().contact == before:
                 raise RecordError(
-                    "{path}: cannot be written, and says that the finger is not touched",
+                    "cannot write {path}, which still records that the finger is not touched; free disk "
+                    "space or make it writable",
                     code="says_not_touched",
                     path=str(self._path),
                 )

@@ -85,5 +85,5 @@ class Corridor:
     @staticmethod
     def _commanded(start_mm: float, target_mm: float) -> str:
         if math.isclose(start_mm, target_mm, abs_tol=1e-9):
-            return "commanded no motion of {axis} from {from_mm:.3f} mm"
+            return "commanded no motion of {axis} at {from_mm:.3f} mm"
         return "commanded {axis} from {from_mm:.3f} to {to_mm:.3f} mm"

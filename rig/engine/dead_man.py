@@ -156,13 +156,15 @@ def _jogging(
         pace.seen(asked_s, heard_s, gone_mm, at_rest=now.state == "Idle")
         if pace.stood and by_mm is None:
             raise StageError(
-                "the jog stood still while a key was held: somebody stopped it at the controller",
+                "jog: the stage stopped although the key was held; release the hold at the controller, then "
+                "jog again",
                 code="jog_stood_still",
             )
         stood = stood + 1 if now.state == "Idle" and ahead_mm > step_mm + _ROUNDING_MM else 0
         if stood > _STANDS:
             raise StageError(
-                "the jog was stopped at the controller, {short_mm:.3f} mm short of what it was told",
+                "jog: the stage stopped {short_mm:.3f} mm short of its target; release the hold at the "
+                "controller, then jog again",
                 code="jog_cut_short",
                 short_mm=ahead_mm,
             )

@@ -90,7 +90,7 @@ class Approach:
         force = engine.read_force_gwt(self.press, phase)
         readings.append((engine.height_mm, force))
         if force <= -engine.sensing.touch_gwt:
-            words = "{force_gwt:.2f} gwt while descending: does the sensor read backwards?"
+            words = "the sensor reads {force_gwt:.2f} gwt (a pull) during the descent; check its sign and mounting"
             engine.trip(TripError(words, code="reads_backwards", force_gwt=force), force)
         if force < engine.sensing.touch_gwt:
             return False
@@ -106,9 +106,9 @@ class Approach:
         """What was felt coarsely must be felt again within one coarse increment: a dead sensor would go on."""
         felt_before = lowest_mm > self.lowest_mm
         place = "no contact at x = {x_mm:g} mm down to {lowest_mm:.3f} mm from the nominal apex"
-        again = ", where it was felt just before" if felt_before else ""
+        again = ", although the force showed a touch there just before" if felt_before else ""
         missed = TripError(
-            f"{place}{again}: is the sensor alive, the finger in place, frame.apex_z_mm right?",
+            f"{place}{again}; check the force sensor, the position of the finger and frame.apex_z_mm",
             code="no_contact",
             x_mm=self.engine.x_mm,
             lowest_mm=lowest_mm,
@@ -120,8 +120,8 @@ class Approach:
         engine = self.engine
         if engine.height_mm > self.highest_mm:
             too_high = TripError(
-                "contact at x = {x_mm:g} mm already {height_mm:.3f} mm above the nominal apex: "
-                "expected below {highest_mm:.3f} mm",
+                "contact at x = {x_mm:g} mm is {height_mm:.3f} mm above the nominal apex, expected below "
+                "{highest_mm:.3f} mm; check the position of the finger and frame.apex_z_mm",
                 code="contact_too_high",
                 x_mm=engine.x_mm,
                 height_mm=engine.height_mm,
@@ -232,9 +232,11 @@ def ready_to_indent(engine: Engine) -> None:
     """Raise NotReadyError unless homed, zeroed, mounted, placed and clear."""
     engine.require_clear("indent")
     if engine.indentor is None:
-        raise NotReadyError("indent: no indentor is mounted", code="no_indentor")
+        raise NotReadyError("indent: no indentor is mounted; mount one first", code="no_indentor")
     if not engine.sensing.zeroed:
-        raise NotReadyError("indent: the force sensor has not been zeroed", code="not_zeroed")
+        raise NotReadyError("indent: the force sensor is not zeroed; zero it first", code="not_zeroed")
     if not engine.placed:
-        raise NotReadyError("indent: the indentor has not been moved to a position since homing", code="not_placed")
+        raise NotReadyError(
+            "indent: the stage has not moved to a position since homing; move to one first", code="not_placed"
+        )
     engine.contact.refuse_more()

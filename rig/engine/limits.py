@@ -54,7 +54,7 @@ class Trips:
         """What a reading of a press has passed, or None."""
         if abs(force_gwt) > self.lowest_gwt:
             return TripError(
-                f"force {{force_gwt:.2f}} gwt above the {self.lowest} {{limit_gwt:.2f}} gwt",
+                f"force {{force_gwt:.2f}} gwt exceeds the {self.lowest} of {{limit_gwt:.2f}} gwt",
                 code=self.lowest_code,
                 force_gwt=force_gwt,
                 limit_gwt=self.lowest_gwt,
@@ -65,7 +65,7 @@ class Trips:
         """Whether a reading, of whatever it is, has passed the hard trip."""
         if abs(force_gwt) > self.hard_gwt:
             return TripError(
-                "force {force_gwt:.2f} gwt above the hard trip {limit_gwt:.2f} gwt",
+                "force {force_gwt:.2f} gwt exceeds the hard trip of {limit_gwt:.2f} gwt",
                 code="hard_trip",
                 force_gwt=force_gwt,
                 limit_gwt=self.hard_gwt,
@@ -108,7 +108,8 @@ class ContactTime:
         """Raises LimitError where the finger has been touched for longer than limits.max_contact_s."""
         if self.total_s > self._longest_s:
             raise LimitError(
-                "the finger has been touched for {contact_s:.1f} s in this run, limits.max_contact_s = {limit_s:g}",
+                "the finger has been touched for {contact_s:.1f} s in this run, longer than "
+                "limits.max_contact_s = {limit_s:g} s",
                 code="contact_time",
                 contact_s=self.total_s,
                 limit_s=self._longest_s,
@@ -138,13 +139,13 @@ def refuse_height(
     habits, fastest = settings.habits, settings.limits.max_press_speed_mm_s
     if longer_than_an_increment(settings, from_mm, to_mm, min(free_mm, habits.clearance_mm)):
         raise LimitError(
-            "a move down to {to_mm:.3f} mm is longer than one increment below clearance",
+            "a move down to {to_mm:.3f} mm exceeds habits.increment_mm, the longest move below clearance",
             code="longer_than_an_increment",
             to_mm=to_mm,
         )
     if to_mm < min(from_mm, habits.clearance_mm) and speed_mm_s > fastest:
         raise LimitError(
-            "a move down below clearance at {speed_mm_s:g} mm/s is faster than {limit_mm_s:g}",
+            "a move below clearance at {speed_mm_s:g} mm/s exceeds limits.max_press_speed_mm_s = {limit_mm_s:g} mm/s",
             code="too_fast",
             speed_mm_s=speed_mm_s,
             limit_mm_s=fastest,

@@ -101,7 +101,7 @@ class Press:
                 return
             self._press_by(doi_mm - self._doi_mm)
         raise LimitError(
-            "DOI {doi_mm:g} mm not reached within {moves} moves",
+            "DOI {doi_mm:g} mm was not reached within {moves} moves; check calibration.compliance_mm_per_n",
             code="doi_not_reached",
             doi_mm=doi_mm,
             moves=_MAX_SEEK_MOVES,
@@ -130,7 +130,8 @@ class Press:
                 smallest_before = step
             self._press_by(step)
         raise LimitError(
-            "force {target_gwt:g} gwt not settled within {moves} moves",
+            "force {target_gwt:g} gwt did not settle within {moves} moves; check the force sensor for noise "
+            "and drift",
             code="force_not_settled",
             target_gwt=target_gwt,
             moves=_MAX_SEEK_MOVES,
@@ -139,8 +140,8 @@ class Press:
     def _refuse_to_and_fro(self, step_mm: float, before_mm: float, target_gwt: float) -> None:
         if step_mm * before_mm < 0:
             raise LimitError(
-                "force {target_gwt:g} gwt: one step of the stage, {step_mm:g} mm, "
-                "passes over the tolerance of ± {tolerance_gwt:.3g} gwt",
+                "force {target_gwt:g} gwt cannot be held within ± {tolerance_gwt:.3g} gwt: one step of the "
+                "stage ({step_mm:g} mm) changes it by more",
                 code="step_too_coarse",
                 target_gwt=target_gwt,
                 step_mm=self._smallest_mm,
@@ -181,8 +182,8 @@ class Press:
         below_mm = self._touch.height_at_threshold_mm - engine.height_mm
         if force_gwt < least_gwt and below_mm >= self._habits.increment_mm - 1e-9:
             lost = TripError(
-                "{force_gwt:.2f} gwt, {below_mm:.2f} mm below the touch: a dead sensor, one that reads backwards, "
-                "or the finger has gone",
+                "the sensor reads {force_gwt:.2f} gwt {below_mm:.2f} mm below the touch; check its cable "
+                "and sign, and whether the finger has moved away",
                 code="lost_finger",
                 force_gwt=force_gwt,
                 below_mm=below_mm,
@@ -201,7 +202,7 @@ class Press:
         room = TRIP_MARGIN * self._to_force(engine.trip_gwt)
         if room < min(step_mm, self._smallest_mm):
             raise LimitError(
-                f"the next move at x = {{x_mm:g}} mm would pass the {engine.trips.lowest}, {{limit_gwt:.2f}} gwt",
+                f"the next move at x = {{x_mm:g}} mm would exceed the {engine.trips.lowest} of {{limit_gwt:.2f}} gwt",
                 code=f"next_move_past_{engine.trips.lowest_code}",
                 x_mm=engine.x_mm,
                 limit_gwt=engine.trip_gwt,
@@ -210,7 +211,7 @@ class Press:
         deepest = engine.settings.limits.max_doi_mm
         if self._doi_mm + step > deepest + 1e-9:
             raise LimitError(
-                "DOI {doi_mm:.3f} mm at x = {x_mm:g} mm would pass limits.max_doi_mm = {limit_mm:g}",
+                "DOI {doi_mm:.3f} mm at x = {x_mm:g} mm would exceed limits.max_doi_mm = {limit_mm:g} mm",
                 code="too_deep",
                 doi_mm=self._doi_mm + step,
                 x_mm=engine.x_mm,
@@ -223,8 +224,8 @@ class Press:
             self._stiffness_gwt_mm = (self._force_gwt - before) / step
         if self._unanswered.too_long(before, self._force_gwt, expected):
             frozen = TripError(
-                "the force stays at {force_gwt:.2f} gwt while the stage moves: "
-                "a frozen reading, or a motor that does not turn",
+                "the force stays at {force_gwt:.2f} gwt while the stage moves; check for a frozen reading "
+                "or a stalled motor",
                 code="frozen",
                 force_gwt=self._force_gwt,
             )

@@ -37,7 +37,8 @@ def compare_reference(engine: Engine, found: Indentation, promised_gwt: tuple[fl
     if abs(off) > band:
         engine.alarm(
             TripError(
-                "reference {index} is off by {deviation:+.1%}, limits.reference_band = {band:g}",
+                "reference press {index} deviates by {deviation:+.1%} from the first one, more than "
+                "limits.reference_band = {band:g}",
                 code="reference_off",
                 index=found.index,
                 deviation=off,
@@ -48,8 +49,8 @@ def compare_reference(engine: Engine, found: Indentation, promised_gwt: tuple[fl
     if not low <= forces_gwt[-1] <= high:
         engine.alarm(
             TripError(
-                "reference {index} is {force_gwt:.3g} gwt, the finger that was met should be at "
-                "{low_gwt:.3g} … {high_gwt:.3g} gwt",
+                "reference press {index} reads {force_gwt:.3g} gwt, but {low_gwt:.3g} … {high_gwt:.3g} gwt "
+                "is predicted for the identified finger; check that the finger has not moved",
                 code="not_as_met",
                 index=found.index,
                 force_gwt=forces_gwt[-1],
@@ -95,7 +96,10 @@ def _pressed(engine: Engine, to_gwt: float) -> list[tuple[float, float]]:
         safe_point(engine)
         step = habits.increment_mm if engine.height_mm > search_mm else settings.stage.resolution_mm
         if engine.height_mm - step < -search_mm:
-            words = "no block down to {lowest_mm:.3f} mm from the nominal apex: is frame.apex_z_mm its top?"
+            words = (
+                "no block found down to {lowest_mm:.3f} mm from the nominal apex; set frame.apex_z_mm to the "
+                "top of the block"
+            )
             engine.trip(TripError(words, code="no_block", lowest_mm=-search_mm))
         engine.go_to_height(engine.height_mm - step, habits.approach_speed_mm_s)
         force = engine.read_force_gwt(NO_PRESS, "compliance")
@@ -111,8 +115,8 @@ def _fitted(readings: list[tuple[float, float]], resolution_mm: float) -> Compli
     height, force_n = height[settled], force_n[settled]
     if len(force_n) < _FEWEST:
         raise LimitError(
-            "{steps} steps of {step_mm:g} mm within the force, expected {fewest}: "
-            "press harder, or take the rig for rigid",
+            "only {steps} steps of {step_mm:g} mm lie within the force, at least {fewest} are needed; press "
+            "with more force, or treat the rig as rigid",
             code="too_few_steps",
             steps=len(force_n),
             step_mm=resolution_mm,

@@ -21,7 +21,7 @@ def mount(engine: Engine, indentor: str) -> None:
     """Have an indentor mounted; the finger must be clear of it."""
     if engine.may_touch or engine.state is State.TRIPPED:
         raise NotReadyError(
-            "mount: not allowed while {state}, the finger may be touched; lift first",
+            "mount: not allowed while {state}, because the indentor may touch the finger; lift it first",
             code="may_touch",
             state=engine.state.value,
         )
@@ -30,7 +30,7 @@ def mount(engine: Engine, indentor: str) -> None:
     mounted = engine.bench.operator.mount(indentor)
     if mounted != indentor:
         raise NotReadyError(
-            "mount: {mounted} is on, expected {indentor}; nothing is pressed with the wrong one",
+            "mount: indentor {mounted} is mounted, but {indentor} is required; mount {indentor}",
             code="wrong_indentor",
             mounted=mounted,
             indentor=indentor,
@@ -42,7 +42,7 @@ def mount(engine: Engine, indentor: str) -> None:
 def home(engine: Engine) -> None:
     """Find the switches; from then on the position is trusted."""
     if engine.state is State.TRIPPED:
-        raise NotReadyError("home: the rig has tripped, an operator must reset it", code="tripped")
+        raise NotReadyError("home: not allowed after a trip; an operator must reset the rig first", code="tripped")
     engine.touched.forget()
     engine.heartbeat.rest()  # homing lifts first, and takes its time
     controller = engine.guarded(engine.bench.stage.connect)
@@ -85,13 +85,13 @@ def leave_finger(engine: Engine, before: LastKnown, *, resumed: bool) -> None:
             sensing.zero = replace(before.zero, provisional=not engine.may_touch)
             force_gwt = engine.force_at_rest_gwt()
             if force_gwt is not None and abs(force_gwt) >= sensing.touch_gwt:
-                found = f"{force_gwt:.2f} gwt against the last zero on record"
+                found = f"the sensor reads {force_gwt:.2f} gwt from the last recorded zero"
         if resumed or found is not None:
             home(engine)
     finally:
         sensing.zero = None
     if found is not None:
-        engine.record("alarm", {"reason": f"before anything moved: {found}; now {engine.known_contact.words}"})
+        engine.record("alarm", {"reason": f"before the first motion: {found}; now {engine.known_contact.words}"})
 
 
 def _contact(engine: Engine) -> dict[str, Any]:
@@ -116,7 +116,8 @@ def zero(engine: Engine) -> None:
     if drift_gwt is not None and abs(drift_gwt) > band_gwt:
         engine.alarm(
             TripError(
-                "the zero has drifted by {drift_gwt:+.2f} gwt, limits.zero_drift_gwt = {band_gwt:g}",
+                "the zero of the force sensor has drifted by {drift_gwt:+.2f} gwt, more than "
+                "limits.zero_drift_gwt = {band_gwt:g} gwt",
                 code="zero_drift",
                 drift_gwt=drift_gwt,
                 band_gwt=band_gwt,
@@ -131,7 +132,7 @@ def move_to(engine: Engine, x_mm: float, along_mm: float = 0.0) -> None:
     for name, mm, (low, high) in (("x", x_mm, limits.x_mm), ("along", along_mm, limits.along_mm)):
         if not low <= mm <= high:
             raise LimitError(
-                "move_to: {axis} = {at_mm:g} mm is outside the limits {low_mm:g} … {high_mm:g} mm",
+                "move_to: {axis} = {at_mm:g} mm is outside limits.{axis}_mm = {low_mm:g} … {high_mm:g} mm",
                 code="outside_limits",
                 axis=name,
                 at_mm=mm,
@@ -234,8 +235,8 @@ def _go_to_clearance(engine: Engine, speed_mm_s: float) -> None:
 def _refuse_contact(engine: Engine, force_gwt: float) -> None:
     if abs(force_gwt) >= engine.sensing.touch_gwt:
         touched = TripError(
-            "{force_gwt:.2f} gwt at clearance, {height_mm:.2f} mm above the nominal apex: "
-            "is frame.apex_z_mm right, and the sensor zeroed?",
+            "the sensor reads {force_gwt:.2f} gwt at clearance, {height_mm:.2f} mm above the nominal apex; "
+            "check frame.apex_z_mm and the zero of the sensor",
             code="touch_at_clearance",
             force_gwt=force_gwt,
             height_mm=engine.height_mm,

@@ -23,7 +23,7 @@ from rig.units import GWT_N
 
 def unfelt(error: Exception) -> BadInputError:
     """A sensor that does not answer, where something should be moved."""
-    sentence = "{problem}; nothing was moved: without a force sensor only --without-force moves"
+    sentence = "{problem}; nothing was moved. To move without force readings, use --without-force"
     return around(BadInputError, sentence, error, code="not_felt")
 
 
@@ -93,7 +93,7 @@ def zero(settings: RigSettings, sensing: Sensing, *, anyway: bool) -> str:
         memory.forget_zero()
         memory.zeroed(sensing.take_zero(several_gwt(sensing.raw)))
     except NoReadingError as error:
-        raise around(LimitError, "{problem}; the sensor must be zeroed again", error, code="no_reading") from error
+        raise around(LimitError, "{problem}; zero the sensor again", error, code="no_reading") from error
     return name
 
 
@@ -102,8 +102,8 @@ def _refuse_touched(sensing: Sensing, last: LastKnown) -> None:
     if abs(force_gwt := sensing.settled().force_n / GWT_N) > sensing.touch_gwt:
         taken = datetime.fromtimestamp(last.zero_unix_s).isoformat(" ", "minutes")
         raise LimitError(
-            "{force_gwt:.2f} gwt against the last zero on record, of {taken}, more than {high_gwt:.2f}: "
-            "is something touched? Nothing was zeroed; --anyway zeroes all the same",
+            "the sensor reads {force_gwt:.2f} gwt from the last recorded zero ({taken}), more than "
+            "{high_gwt:.2f} gwt, so nothing was zeroed; if nothing touches the indentor, use --anyway",
             code="maybe_touched",
             force_gwt=force_gwt,
             taken=taken,

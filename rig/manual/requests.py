@@ -76,10 +76,14 @@ class Holds:
         """A button is held. Raises LimitError for one that is too late, NotReadyError where another one is."""
         ago_s = self._clock.unix_s() - hold.unix_s
         if not -AHEAD_S <= ago_s < HOLD_S:
-            raise LimitError("a hold of {ago_s:.2f} s ago, expected at most {high_s:g} s: press anew",
-                             code="late_hold", ago_s=ago_s, high_s=HOLD_S)  # fmt: skip
+            raise LimitError(
+                "the button signal is {ago_s:.2f} s old, at most {high_s:g} s are allowed; press the button again",
+                code="late_hold",
+                ago_s=ago_s,
+                high_s=HOLD_S,
+            )
         if self._is_over(hold):
-            raise NotReadyError("that motion is over: press anew", code="motion_over")
+            raise NotReadyError("that motion has ended; press the button again", code="motion_over")
         if self.press is None or not hold.is_of(self.press):
             if self.live:
                 raise NotReadyError("busy: {busy}", code="busy", busy="another button is held")
@@ -119,7 +123,7 @@ class Holds:
 
 Verb = Literal["home", "zero", "zero anyway"]
 
-HOME_FIRST = "home first: nothing else moves until then, and homing lifts before anything else"
+HOME_FIRST = "home first; nothing else moves until then, and homing starts with a lift"
 
 
 class Orders:

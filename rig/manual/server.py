@@ -65,23 +65,33 @@ def _since(request: Request) -> int | None:
     since = request.get("since")
     if since is None or (isinstance(since, int) and since >= 0):
         return since
-    raise LimitError("{do}: {key} = {value!r}, expected a number of readings", code="invalid_request", do="status",
-                     key="since", value=since)  # fmt: skip
+    raise LimitError(
+        "{do}: {key} = {value!r} must be a number of readings, at least 0",
+        code="invalid_request",
+        do="status",
+        key="since",
+        value=since,
+    )
 
 
 def _press(request: Request) -> tuple[str, int]:
     tab, press = request.get("tab"), request.get("press")
     if isinstance(tab, str) and isinstance(press, int):
         return tab, press
-    raise LimitError("{do}: tab = {tab!r}, press = {press!r}, expected those of a hold", code="invalid_request",
-                     do="release", tab=tab, press=press)  # fmt: skip
+    raise LimitError(
+        "{do}: tab = {tab!r} must be text and press = {press!r} a whole number, as in a hold",
+        code="invalid_request",
+        do="release",
+        tab=tab,
+        press=press,
+    )
 
 
 LOOK_S = 0.1
 """With nothing to do the stage is looked at so often, and the force as often as the sensor has a new value."""
 
 STOPPED = "stopped at once by the operator"
-LAPSED = f"nothing was heard of the button for {HOLD_S:g} s: press anew"
+LAPSED = f"no signal from the button for {HOLD_S:g} s; press it again"
 _GATE_S = 0.02
 
 

@@ -110,8 +110,10 @@ class Backlog:
 
 
 NOT_FELT = "nothing moves while the force sensor does not answer"
-IN_STEPS = "home: where it is not homed heights are not known, and down it goes in steps of one increment"
-ZERO_FIRST = "zero, with nothing touched: until then forces count from what is felt before the first motion"
+IN_STEPS = "not homed: heights are unknown, and downward moves are single increments; home the stage"
+ZERO_FIRST = (
+    "not zeroed: forces count from the reading before the first motion; zero the sensor while nothing touches it"
+)
 
 
 class HandStatus:

@@ -210,11 +210,11 @@ def _with_band(finger: Fingertip, found: Prediction, shape: Indentor, pace: Pace
     try:
         likely = answers(finger, shape, found.x_mm, found.target, pace, met)
     except ForceOutOfReachError as error:
-        sentence = "on one of the {fingers} likely fingers: {problem}"
+        sentence = "for one of the {fingers} likely fingers: {problem}"
         raise around(ForceTooDeepError, sentence, error, fingers=len(met.draw)) from None
     if not np.isfinite(likely).all():
         raise NoPredictionError(
-            "the model does not converge here on one of the likely fingers", code="likely_finger_not_converged"
+            "the model does not converge here for one of the likely fingers", code="likely_finger_not_converged"
         )
     force_gwt, doi_mm, band = band_of(likely, met)
     return replace(found, predicted_force_gwt=force_gwt, predicted_doi_mm=doi_mm, band=band)

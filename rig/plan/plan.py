@@ -91,8 +91,11 @@ def make_plan(
     `told` hears how many steps there are so far.
     """
     if inspect.iscoroutinefunction(script.run):
-        raise BadInputError("protocol {path}: run(rig) is asynchronous, expected an ordinary function",
-                            code="asynchronous", path=str(script.path))  # fmt: skip
+        raise BadInputError(
+            "protocol {path}: run(rig) is asynchronous; define it with `def`, not `async def`",
+            code="asynchronous",
+            path=str(script.path),
+        )
     first_soft_trip_n = None if before is None else before.start.get("soft_trip_n")
     plan = Plan(first_soft_trip_n=first_soft_trip_n)
     where = partial(_kept, plan) if folder is None else partial(kept_in, folder)
@@ -109,7 +112,9 @@ def make_plan(
         raise said_of_script(BadInputError, script.path, error, _REFUSALS) from None
     if not walk.pressed["data"]:
         raise BadInputError(
-            "protocol {path}: run(rig) indents nowhere", code="indents_nowhere", path=str(script.path)
+            "protocol {path}: run(rig) makes no indentation; call rig.indent() at least once",
+            code="indents_nowhere",
+            path=str(script.path),
         )
     return plan
 

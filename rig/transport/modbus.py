@@ -199,7 +199,7 @@ class ModbusMaster:
             raise self._refused(request, answer)
         if answer.function_code != request.function_code or not fits(answer):
             raise ModbusGarbled(
-                f"{_ABOUT}: the answer does not fit the question ({{answer}})",
+                f"{_ABOUT}: the answer does not match the request ({{answer}})",
                 code="does_not_fit",
                 answer=str(answer),
                 **self._about(request),
@@ -235,7 +235,7 @@ class ModbusMaster:
             self._refuse_two_answers(request, heard)
             if answer.dev_id != request.dev_id:
                 raise ModbusGarbled(
-                    f"{_ABOUT}: device {{answering}} answered",
+                    f"{_ABOUT}: device {{answering}} answered instead",
                     code="another_device",
                     answering=answer.dev_id,
                     **self._about(request),
@@ -248,7 +248,7 @@ class ModbusMaster:
         elif self.echoes:
             code, came = "only_echo", "only its own echo"
         raise ModbusTimeout(
-            f"{_ABOUT}: {came} in {{timeout_s:g}} s",
+            f"{_ABOUT}: {came} within {{timeout_s:g}} s",
             code=code,
             heard=heard.hex(" "),
             timeout_s=self._reply_s,
@@ -260,7 +260,7 @@ class ModbusMaster:
         found = heard.startswith(sent)
         if self.echoes and not found:
             raise ModbusGarbled(
-                f"{_ABOUT}: the adapter's echo is missing in {{heard}}",
+                f"{_ABOUT}: the echo of the adapter is missing in {{heard}}",
                 code="no_echo",
                 heard=heard.hex(" "),
                 **self._about(request),
@@ -290,7 +290,7 @@ class ModbusMaster:
         if heard:
             self._unanswered = _Unanswered()
             raise ModbusGarbled(
-                f"{_ABOUT}: a late answer to an earlier question came, too",
+                f"{_ABOUT}: a late answer to an earlier request also arrived",
                 code="late_answer",
                 **self._about(request),
             )
@@ -301,14 +301,14 @@ class ModbusMaster:
             used, answer = self._framer.handleFrame(heard, 0, 0)
         except ModbusException:
             raise ModbusGarbled(
-                f"{_ABOUT}: not a Modbus answer: {{heard}}",
+                f"{_ABOUT}: received {{heard}}, which is not a Modbus answer; check the baud rate and the framing",
                 code="no_modbus",
                 heard=heard.hex(" "),
                 **self._about(request),
             ) from None
         if used and answer is None:
             raise ModbusGarbled(
-                f"{_ABOUT}: bad CRC in {{heard}}",
+                f"{_ABOUT}: wrong checksum (CRC) in {{heard}}; check the cable and the baud rate",
                 code="bad_crc",
                 heard=heard.hex(" "),
                 **self._about(request),

@@ -48,12 +48,12 @@ def tcp_addresses(port: str) -> tuple[Address, ...]:
     """
     host, colon, number = port.removeprefix(SCHEME).rpartition(":")
     if not (port.startswith(SCHEME) and host and colon and number.isdigit() and 0 < int(number) < 65536):
-        raise TransportError("{port!r} is no TCP port, expected tcp://HOST:PORT", code="no_address", port=port)
+        raise TransportError("{port!r} is not a TCP port; use tcp://HOST:PORT", code="no_address", port=port)
     try:
         found = socket.getaddrinfo(host.strip("[]"), int(number), type=socket.SOCK_STREAM)
     except (OSError, UnicodeError) as problem:
         raise TransportError(
-            "cannot open {port}: {problem}", code="unknown_host", port=port, problem=str(problem)
+            "cannot open port {port}: {problem}", code="unknown_host", port=port, problem=str(problem)
         ) from problem
     return tuple(dict.fromkeys((int(family), address) for family, _, _, _, address in found))
 
@@ -268,7 +268,7 @@ else:
                     if _inode(os.lstat(self._path)) == _inode(os.fstat(fd)):
                         return fd
                 _close(fd)  # whoever held it removed the file meanwhile
-            raise OSError(errno.EAGAIN, "it changes all the time", str(self._path))
+            raise OSError(errno.EAGAIN, "the lock file keeps changing", str(self._path))
 
     def lock_owner(name: str) -> PortOwner | None:
         """Return who holds a name now, None if nobody does. Nothing is locked, written or waited for."""
@@ -300,7 +300,7 @@ else:
         fd = os.open(path, os.O_RDWR | _OPEN)
         if not stat.S_ISREG(os.fstat(fd).st_mode):
             os.close(fd)
-            raise OSError(errno.EEXIST, "expected an empty file", str(path))
+            raise OSError(errno.EEXIST, "not a lock file of this program", str(path))
         return fd
 
     def _make(path: Path) -> None:
@@ -365,7 +365,7 @@ class PortOwnership:
         except LockHeldError as held:
             self.release()
             raise NotOwnedError(
-                "{port} is already in use by {owner}",
+                "port {port} is in use by {owner}; end it or wait for it",
                 held.owner,
                 code="in_use",
                 port=port,
@@ -375,7 +375,7 @@ class PortOwnership:
         except OSError as problem:
             self.release()
             raise NotOwnedError(
-                "cannot lock {port}: {path}: {problem}; expected its owner to remove that",
+                "cannot lock port {port}: {path}: {problem}; ask the owner of that file to remove it",
                 None,
                 code="not_lockable",
                 port=port,

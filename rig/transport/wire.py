@@ -83,7 +83,7 @@ class LineReader:
         if len(self._rest) > LONGEST_LINE:
             self._rest = b""
             raise TransportError(
-                "{port}: {longest} bytes without an end of line",
+                "{port}: {longest} bytes without an end of line; check the baud rate",
                 code="line_too_long",
                 port=self._transport.name,
                 longest=LONGEST_LINE,
@@ -193,5 +193,5 @@ class LoopbackTransport:
 
     def _open_line(self) -> HostLine:
         if self._line is None:
-            raise TransportError("{port} is closed", code="closed", port=self.name)
+            raise TransportError("port {port} is closed", code="closed", port=self.name)
         return self._line
