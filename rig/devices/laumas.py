@@ -1,6 +1,6 @@
-"""A Laumas TLB or TLU load-cell transmitter over Modbus, as a force sensor.
+"""Force sensor: Laumas TLB or TLU load-cell transmitter over Modbus.
 
-Source: Laumas TLU manual, list of registers; LCB manual, status register 1. What is second-hand lies in
+Source: Laumas TLU manual, list of registers; LCB manual, status register 1. Values from elsewhere are in
 LaumasSettings.
 """
 
@@ -30,10 +30,9 @@ SETTLE_S = 10.0
 
 
 class LaumasForce:
-    """ForceSensor over a Laumas transmitter.
+    """ForceSensor with a Laumas transmitter.
 
-    sample_period_s and resolution_gwt are those set in the instrument; scale is the measured ratio of true force to
-    the force that the instrument shows.
+    sample_period_s and resolution_gwt are settings of the instrument; scale is true force divided by its reading.
     """
 
     def __init__(
@@ -52,7 +51,7 @@ class LaumasForce:
         self._count_n = scale * settings.count_g * GWT_N
 
     def connect(self) -> str:
-        """Check the instrument's division and unit; returns its type and serial number. Raises ForceError."""
+        """Check the division and unit, and return type and serial number. Raises ForceError."""
         firmware, kind, year, serial = self._read(IDENTITY, 4, silent="no_device")
         self._snapshot()
         return f"Laumas transmitter type {kind}, serial {serial} of {year}, firmware {firmware}"
@@ -61,11 +60,11 @@ class LaumasForce:
         return self.connect()
 
     def read(self) -> ForceReading:
-        """The latest weight as a force in N. Raises ForceError, and one of its kinds where the status says so."""
+        """Return the latest weight as a force (N). Raises ForceError, or the subclass that the status indicates."""
         return self._reading(self._snapshot())
 
     def zero(self) -> None:
-        """Take the next stable load for zero: the zero command, or the tare where net is read. Raises ForceError."""
+        """Zero at the next stable load, or tare if the net weight is read. Raises ForceError."""
         settings = self._settings
         deadline_s = self._clock.monotonic_s() + SETTLE_S
         while not self.read().stable:
@@ -90,7 +89,7 @@ class LaumasForce:
             )
 
     def tare(self) -> None:
-        """Take the present load for the container: net is zero. Raises ForceError."""
+        """Tare: set the net weight to zero. Raises ForceError."""
         self._command(self._settings.tare_command)
 
     def show_gross(self) -> None:
@@ -106,7 +105,7 @@ class LaumasForce:
         self._bus.close()
 
     def _snapshot(self) -> list[int]:
-        """Registers 6 … 13 of one instant; whole, sane, and in the unit that is expected."""
+        """Return registers 6 … 13 of one instant, in the expected unit."""
         registers = self._read(STATUS, UNITS - STATUS + 1)
         units = registers[UNITS - STATUS]
         if units != self._settings.units_word:
@@ -181,7 +180,7 @@ class LaumasForce:
 
     @property
     def _who(self) -> dict[str, Any]:
-        """What every error says of the instrument."""
+        """Fields of every error."""
         return {"port": self._bus.name, "device_id": self._settings.device_id}
 
 

@@ -1,7 +1,7 @@
-"""A balance that speaks MT-SICS level 0 and 1, as a force sensor.
+"""Force sensor: balance with MT-SICS level 0 and 1.
 
-Source: MT-SICS reference manual. Answers are split on white space, never on columns. That `@` answers with
-the serial number is second-hand, so I4 stands in for it.
+Source: MT-SICS reference manual. Answers are split on white space, never on columns. That `@` answers with the
+serial number is not from the manual, so I4 is sent as well.
 """
 
 import re
@@ -56,11 +56,11 @@ class MtSicsForce:
         self._in_step = False
 
     def connect(self) -> str:
-        """Cancel whatever the balance was at, its tare too; returns its serial number. Raises ForceError."""
+        """Reset the balance, including its tare, and return its serial number. Raises ForceError."""
         return f"MT-SICS balance {self._hello('@', 'I4')}"
 
     def identify(self) -> str:
-        """Ask for the serial number alone, since `@` would forget the tare. Raises ForceError."""
+        """Return the serial number without a reset, which would clear the tare. Raises ForceError."""
         return f"MT-SICS balance {self._hello('I4')}"
 
     def read(self) -> ForceReading:
@@ -76,7 +76,7 @@ class MtSicsForce:
             raise self._garbled("Z")
 
     def tare(self) -> float:
-        """Take the next stable load for the container; returns it in N. Raises ForceError."""
+        """Tare at the next stable load, and return that load (N). Raises ForceError."""
         return self._newton(self._ask("T", SETTLE_S))
 
     def close(self) -> None:
@@ -106,7 +106,7 @@ class MtSicsForce:
         self._send(command)
         line = self._reader.read_line(self._clock.monotonic_s() + timeout_s)
         if line is None:
-            # The answer may still come: it must not be taken for that to the next question.
+            # A late answer must not be taken for that to the next command.
             self._in_step = False
             raise ForceTimeout(
                 "{port}: the balance did not answer {command} within {timeout_s:g} s; check the power and the cable",

@@ -1,7 +1,7 @@
-"""A key or foot switch on USB as a stop button: a Linux input device that nothing else on the machine hears.
+"""Stop button: USB key or foot switch, a Linux input device reserved for this program.
 
 Source: Linux kernel documentation, input event interface (`struct input_event`, EVIOCGRAB, EVIOCGKEY). A named pipe
-that carries the same events stands in for a device.
+with the same events can replace a device.
 """
 
 import os
@@ -31,9 +31,9 @@ class StopKeyError(TransportError):
 
 
 class StopKey:
-    """The device, grabbed, and a thread that reads it; close() gives it back.
+    """Reserved input device with a reading thread; close() releases it.
 
-    A press calls what arm() was given, from the thread. A device that goes away is `problem`.
+    A press calls the function given to arm(), in that thread. If the device disappears, `problem` says so.
     """
 
     def __init__(self, path: Path, code: int | None = None) -> None:
@@ -62,17 +62,17 @@ class StopKey:
 
     @property
     def pressed(self) -> bool:
-        """Whether it is held down now. Raises StopKeyError where that is not known."""
+        """Whether the key is held down. Raises StopKeyError if that is unknown."""
         if self.problem:
             raise StopKeyError("{problem}", code=self._why, path=str(self.path), problem=self.problem)
         return bool(self._held)
 
     def arm(self, on_press: Callable[[], object]) -> None:
-        """Have each press, from now on, call something, from another thread; what it raises is its own affair."""
+        """Call a function on each press from now on, in another thread; it must handle its own exceptions."""
         self._on_press = on_press
 
     def close(self) -> None:
-        """Let others have the device."""
+        """Release the device."""
         os.write(self._wake, b".")
         self._thread.join()
         for file in (self._file, self._woken, self._wake):

@@ -1,4 +1,4 @@
-"""Reference presses: whether force still follows depth as at first, and how far the rig itself gives."""
+"""Reference presses, which check that the finger still responds as at first; compliance of the rig."""
 
 import math
 from dataclasses import dataclass
@@ -60,13 +60,13 @@ def compare_reference(engine: Engine, found: Indentation, promised_gwt: tuple[fl
         )
 
 
-_FROM_SHARE = 0.2  # of the largest force: below it the surfaces have not settled on each other
+_FROM_SHARE = 0.2  # of the largest force; below it the surfaces are not yet in full contact
 _FEWEST = 4
 
 
 @dataclass(frozen=True)
 class Compliance:
-    """Travel per force and its standard deviation, mm/N, from so many readings."""
+    """Compliance of the rig and its standard deviation (mm/N), with the number of readings."""
 
     mm_per_n: float
     sd_mm_per_n: float
@@ -74,9 +74,9 @@ class Compliance:
 
 
 def measure_compliance(engine: Engine, to_gwt: float) -> Compliance:
-    """Press on a rigid block at the present place in single steps of the stage, up to a force; ends lifted.
+    """Press on a rigid block at the present position in single steps of the stage, up to a force, then lift.
 
-    The block's top is expected at the nominal apex. Raises LimitError where too few steps lie within the force.
+    The top of the block is expected at the nominal apex. Raises LimitError if too few steps lie within the force.
     """
     ready_to_indent(engine)
     try:
@@ -87,7 +87,7 @@ def measure_compliance(engine: Engine, to_gwt: float) -> Compliance:
 
 
 def _pressed(engine: Engine, to_gwt: float) -> list[tuple[float, float]]:
-    """(height mm, force gwt) of each step, the way down in the air left out."""
+    """Return (height mm, force gwt) of each step in contact."""
     settings = engine.settings
     habits, search_mm = settings.habits, settings.limits.search_mm
     readings: list[tuple[float, float]] = []
@@ -109,7 +109,7 @@ def _pressed(engine: Engine, to_gwt: float) -> list[tuple[float, float]]:
 
 
 def _fitted(readings: list[tuple[float, float]], resolution_mm: float) -> Compliance:
-    """The slope of the least-squares line of travel against force; a step of the stage is known to step / √12."""
+    """Return the slope of the least-squares line of travel against force; a step is known to step / √12."""
     height, force_n = np.array(readings).T * np.array([[1.0], [GWT_N]])
     settled = force_n >= _FROM_SHARE * force_n.max()
     height, force_n = height[settled], force_n[settled]

@@ -1,4 +1,4 @@
-"""A bench at hand: what the last command left of it and what this one leaves; homing and zeroing, felt."""
+"""Bench under manual control: state between commands, homing and zeroing with force readings."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -22,13 +22,13 @@ from rig.units import GWT_N
 
 
 def unfelt(error: Exception) -> BadInputError:
-    """A sensor that does not answer, where something should be moved."""
+    """Return the error for a motion without an answer from the sensor."""
     sentence = "{problem}; nothing was moved. To move without force readings, use --without-force"
     return around(BadInputError, sentence, error, code="not_felt")
 
 
 def feel(sensing: Sensing) -> Sensing:
-    """Speak to a sensor. Raises BadInputError where it does not answer."""
+    """Connect to a sensor. Raises BadInputError if it does not answer."""
     try:
         sensing.connect()
     except (ForceError, TransportError) as error:
@@ -40,9 +40,9 @@ def feel(sensing: Sensing) -> Sensing:
 def at_hand(
     settings: RigSettings, stage: Stage, clock: Clock, sensing: Sensing | None, show: Show, known: LastKnown
 ) -> Iterator[ByHand]:
-    """Motions of a stage that was spoken to; None: without force.
+    """Yield the manual control of a connected stage; without force readings if `sensing` is None.
 
-    Where it stands is known if the last command left it there homed, and is remembered where this one ends well.
+    The position is known if the last command left the homed stage there, and is recorded again at a normal end.
     """
     memory = BenchMemory(settings)
     guard = None
@@ -58,7 +58,7 @@ def at_hand(
 
 
 def home(settings: RigSettings, bench: Bench, sensing: Sensing) -> KnownContact:
-    """Find the switches, the force read all the way; returns what is then known about contact.
+    """Home with force readings, and return the state of contact.
 
     Raises ENDINGS but ForceError, BadInputError.
     """
@@ -76,10 +76,10 @@ def home(settings: RigSettings, bench: Bench, sensing: Sensing) -> KnownContact:
 
 
 def zero(settings: RigSettings, sensing: Sensing, *, anyway: bool) -> str:
-    """Take the present load for zero and remember it; returns the sensor's identity.
+    """Zero the sensor, record the zero, and return the sensor's identification.
 
-    Raises LimitError where the last zero on record says that something is touched, unless anyway, and where there are
-    no readings; ForceError, TransportError.
+    Raises LimitError if there are no readings, or if the last recorded zero shows a contact and `anyway` is false;
+    ForceError, TransportError.
     """
     memory = BenchMemory(settings)
     name, last = sensing.connect(), memory.read()
@@ -89,7 +89,7 @@ def zero(settings: RigSettings, sensing: Sensing, *, anyway: bool) -> str:
             if not anyway:
                 _refuse_touched(sensing, last)
         sensing.sensor.zero()
-        sensing.zero = None  # what the sensor shows counts from elsewhere now
+        sensing.zero = None  # readings have a new zero now
         memory.forget_zero()
         memory.zeroed(sensing.take_zero(several_gwt(sensing.raw)))
     except NoReadingError as error:
@@ -98,7 +98,7 @@ def zero(settings: RigSettings, sensing: Sensing, *, anyway: bool) -> str:
 
 
 def _refuse_touched(sensing: Sensing, last: LastKnown) -> None:
-    """Raises LimitError for a load that is no drift of the zero on record."""
+    """Raise LimitError for a load too large for drift of the recorded zero."""
     if abs(force_gwt := sensing.settled().force_n / GWT_N) > sensing.touch_gwt:
         taken = datetime.fromtimestamp(last.zero_unix_s).isoformat(" ", "minutes")
         raise LimitError(

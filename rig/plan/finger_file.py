@@ -1,6 +1,6 @@
-"""The file of a finger that the rig has met: a piece of a configuration, and what the rig learned and from what.
+"""File of an identified finger: part of a configuration, with the result of the identification and its sources.
 
-A configuration has its tables: `[finger]` the likeliest finger, `[virtual]` how its tissue relaxes, `[met]` the rest.
+Tables: `[finger]` the maximum-likelihood finger, `[virtual]` its relaxation, `[met]` the rest.
 """
 
 import math
@@ -17,14 +17,14 @@ from sim.config import FingertipConfig, Tissue
 from sim.models.weights import DERMIS, FAT
 
 TISSUE = ("stiffness", "e_dermis", "e_fat", "stiffening")
-"""What likely fingers differ in, besides how they relax: keys of `finger.tissue`."""
+"""Keys of `finger.tissue` in which likely fingers differ, besides relaxation."""
 
 Relaxation = tuple[tuple[float, float], ...]
-_ASYMMETRY = 1e-6  # of a covariance that was written with fewer digits
+_ASYMMETRY = 1e-6  # of a covariance, from rounding in the file
 
 
 def checked_relaxation(series: Relaxation) -> Relaxation:
-    """A Prony series of which something lasts. Raises RuleError."""
+    """Validate a Prony series. Raises RuleError."""
     if any(not (share > 0 and tau_s > 0) for share, tau_s in series) or sum(share for share, _ in series) >= 1:
         raise RuleError(
             "not a Prony series: shares must be > 0 and sum to less than 1, time constants must be > 0 s",
@@ -34,7 +34,7 @@ def checked_relaxation(series: Relaxation) -> Relaxation:
 
 
 class Place(Settings):
-    """Where the finger lay on the bench, and the cell's zero."""
+    """Position of the finger on the bench, and zero of the cell."""
 
     x_mm: float = Field(
         description="lateral position of the pad's center, from the one in the configuration of the bench, in mm"
@@ -47,7 +47,7 @@ class Place(Settings):
 
 
 class Posterior(Settings):
-    """What was learned, as one normal distribution: a name that begins with ln_ is of a logarithm."""
+    """Result as a normal distribution; names that begin with ln_ are logarithms."""
 
     names: tuple[str, ...] = Field(min_length=1)
     mean: tuple[float, ...]
@@ -82,7 +82,7 @@ class Posterior(Settings):
 
 
 class Draw(Settings):
-    """One of the equally likely fingers."""
+    """One of several equally likely fingers."""
 
     stiffness: float = Field(gt=0)
     e_dermis: float = Field(gt=0)
@@ -110,7 +110,7 @@ class Draw(Settings):
 
 
 class Band(Settings):
-    """How wide a prediction is made."""
+    """Width of predictions."""
 
     model_error: float = Field(
         ge=0, lt=1, description="relative standard deviation of the simulator's own force error"
@@ -119,7 +119,7 @@ class Band(Settings):
 
 
 class Met(Settings):
-    """Where a met finger's numbers come from, and how well they are known."""
+    """Sources and uncertainty of an identified finger."""
 
     date: str
     version: str
@@ -150,7 +150,7 @@ class Met(Settings):
 
 
 class FingerFile(Settings):
-    """A whole file."""
+    """Content of a finger file."""
 
     finger: FingertipConfig
     relaxation: Relaxation
@@ -159,7 +159,7 @@ class FingerFile(Settings):
     _lasts = field_validator("relaxation")(checked_relaxation)
 
     def as_toml(self) -> str:
-        """As it is written."""
+        """Return the file as TOML."""
         tables = self.model_dump(mode="json", exclude_none=True)
         return tomlkit.dumps(
             {"finger": tables["finger"], "virtual": {"relaxation": tables["relaxation"]}} | {"met": tables["met"]}
@@ -167,7 +167,7 @@ class FingerFile(Settings):
 
 
 def refuse_collapsed(what: str, met: Met) -> None:
-    """Raise BadInputError for an identification that collapsed; files of version 0.1 show it by equal draws only."""
+    """Raise BadInputError for a collapsed identification, which files of version 0.1 show by equal draws."""
     if met.collapsed or all(draw == met.draw[0] for draw in met.draw):
         raise BadInputError(
             "{where}: the identification collapsed onto too few fingers, so its bands are meaningless; "
@@ -178,23 +178,23 @@ def refuse_collapsed(what: str, met: Met) -> None:
 
 
 def fingers_of(finger: FingertipConfig, met: Met) -> list[FingertipConfig]:
-    """The equally likely ones, alike in all but the tissue's stiffness."""
+    """Return the equally likely fingers, which differ only in the stiffness of their tissue."""
     return [finger.model_copy(update={"tissue": _tissue(finger.tissue, draw)}) for draw in met.draw]
 
 
 def _tissue(tissue: Tissue, draw: Draw) -> Tissue:
-    """Raises ValidationError where a draw is no tissue."""
+    """Return the tissue of a draw. Raises ValidationError."""
     return Tissue.model_validate(tissue.model_dump() | draw.model_dump(exclude={"relaxation"}))
 
 
 def read_finger_file(path: Path) -> FingerFile:
-    """What is in a file. Raises BadInputError: one line on what is wrong where."""
+    """Read a finger file. Raises BadInputError."""
     what = f"finger file {path}"
     return finger_file_of(what, tables_in(what, path), path.parent)
 
 
 def tables_in(what: str, path: Path) -> dict[str, Any]:
-    """The tables of a TOML file. Raises BadInputError, which begins with what it is."""
+    """Read the tables of a TOML file. Raises BadInputError, which begins with `what`."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
@@ -206,7 +206,7 @@ def tables_in(what: str, path: Path) -> dict[str, Any]:
 
 
 def finger_file_of(what: str, tables: dict[str, Any], folder: Path) -> FingerFile:
-    """What is in tables. Raises BadInputError, which begins with what they are of."""
+    """Validate the tables of a finger file. Raises BadInputError, which begins with `what`."""
     if "met" not in tables:
         raise BadInputError(
             "{where}: no [met] table; give a file that `rig meet` wrote", code="no_met_table", where=what

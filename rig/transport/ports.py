@@ -19,10 +19,10 @@ WRITE_TIMEOUT_S = 1.0
 class SerialTransport:
     """Transport over pyserial.
 
-    port is a device or a pyserial URL such as rfc2217://host:port. Raises TransportError, in one line that
-    names the port, if it is missing or not permitted; NotOwnedError if somebody else owns it. character: data bits,
-    parity, stop bits. Opening raises DTR, which resets many GRBL boards, or leaves it low. owned: False for a stop
-    alone, which goes out beside whoever owns the port.
+    port: device or pyserial URL such as rfc2217://host:port. character: data bits, parity, stop bits. Opening
+    raises DTR, which resets many GRBL boards, or keeps it low. owned: False for a stop, which is sent even if
+    another process owns the port. Raises TransportError if the port is missing or not permitted; NotOwnedError if
+    it is owned.
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class SerialTransport:
 
 
 def _made(port: str, baud: int, character: str, *, dtr: bool, exclusive: bool) -> Any:
-    """What is not open yet: opening may reset the board, and is for the owner alone."""
+    """Create the serial object without opening it, since opening may reset the board."""
     try:
         wire = serial.serial_for_url(
             port,
@@ -138,9 +138,9 @@ _CHUNK = 4096
 class TcpTransport:
     """Transport over one TCP connection to `tcp://HOST:PORT`, owned by one process of this machine at a time.
 
-    owned: False for a stop alone, which goes out beside whoever owns the port.
+    owned: False for a stop, which is sent even if another process owns the port.
 
-    Raises TransportError, in one line that names the port, if nobody answers; NotOwnedError if somebody else owns it.
+    Raises TransportError if nothing answers; NotOwnedError if the port is owned.
     """
 
     def __init__(self, port: str, *, name: str | None = None, owned: bool = True) -> None:
@@ -204,7 +204,7 @@ def _connect(port: str, addresses: tuple[Address, ...]) -> socket.socket:
 
 
 def _connected(addresses: tuple[Address, ...]) -> socket.socket:
-    """To the first address that answers. Raises OSError, that of the last one."""
+    """Connect to the first address that answers. Raises the OSError of the last one."""
     *others, last = addresses
     for family, address in others:
         with suppress(OSError):
@@ -235,7 +235,7 @@ def open_port(
 ) -> Transport:
     """Open `tcp://HOST:PORT`, a serial device or a pyserial URL.
 
-    Raises TransportError; NotOwnedError where somebody has the port, unless owned is False, as for a stop alone.
+    Raises TransportError; NotOwnedError if another process owns the port, unless owned is False, as for a stop.
     """
     if port.startswith(SCHEME):
         return TcpTransport(port, name=name, owned=owned)
@@ -243,7 +243,7 @@ def open_port(
 
 
 def refuse_missing(port: str) -> None:
-    """Raises TransportError for a device that is not there; opens nothing, and asks nothing of a URL."""
+    """Raise TransportError if a device does not exist; URLs are not checked."""
     if os.name == "posix" and "://" not in port and not os.path.exists(port):
         raise TransportError(
             "port {port} does not exist; connect the device, or correct its port in the configuration",

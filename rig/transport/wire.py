@@ -1,4 +1,4 @@
-"""A wire as drivers see it: bytes, lines, the byte log, and a loopback for virtual devices."""
+"""Transports of bytes for drivers: lines, byte log, and a loopback to virtual devices."""
 
 import json
 from collections import deque
@@ -12,7 +12,7 @@ from rig.line_file import LineFile
 
 
 class TransportError(RigError):
-    """The wire itself failed: no such port, port busy, unplugged, closed."""
+    """The transport failed: port missing, busy, unplugged or closed."""
 
     default_code = "wire_failed"
 
@@ -22,11 +22,11 @@ class Transport(Protocol):
 
     @property
     def name(self) -> str:
-        """The port as a person knows it."""
+        """Name of the port in messages."""
         ...
 
     def write(self, data: bytes) -> None:
-        """Send now, past anything that waits in read(). Raises TransportError."""
+        """Send at once, even while another thread waits in read(). Raises TransportError."""
         ...
 
     def read(self, timeout_s: float) -> bytes:
@@ -68,7 +68,7 @@ class LineReader:
         return self._lines.popleft() if self._lines else None
 
     def discard(self) -> None:
-        """Forget everything that has arrived, half lines included."""
+        """Discard everything that has arrived, partial lines included."""
         while self._transport.read(0.0):
             pass
         self._rest = b""
@@ -91,17 +91,17 @@ class LineReader:
 
 
 class Sink(Protocol):
-    """Where lines go."""
+    """Destination of lines."""
 
     def write(self, text: str, /) -> object:
         """Take one whole line."""
 
 
 class ByteLog:
-    """A file of whole lines. One that cannot be written ends it and is its `problem`: it stands before no stop."""
+    """File of whole lines. A write error ends the log and becomes its `problem`; it never delays a stop."""
 
     def __init__(self, path: Path) -> None:
-        """One that is there already is added to. Raises OSError."""
+        """Open for appending. Raises OSError."""
         self.file = LineFile(path)
         self.problem: OSError | None = None
 
@@ -114,7 +114,7 @@ class ByteLog:
             self.problem = error
 
     def check(self) -> None:
-        """Notice where the file is no longer the one at its path: that is its `problem`, too."""
+        """Set `problem` if the file is no longer the one at its path."""
         if self.problem is None:
             try:
                 self.file.check()
@@ -143,7 +143,7 @@ class LoggedTransport:
         self._rx = f', "port": {port}, "dir": "rx", "hex": "'
 
     def write(self, data: bytes) -> None:
-        # The bytes go first: a full disk must not stand before a stop.
+        # The bytes go first: a full disk must not delay a stop.
         t_s = self._clock.monotonic_s()
         self._inner.write(data)
         self._log(t_s, self._tx, data)
