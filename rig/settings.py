@@ -225,30 +225,30 @@ class StopSettings(Settings):
         for kind, key in (("board", "input"), ("key", "device")):
             if self.kind == kind and getattr(self, key) is None:
                 raise RuleError(
-                    "{setting} is missing; kind = {kind!r} requires it",
+                    "{setting}: required with kind = {kind!r}",
                     code="expected_with_kind",
                     setting=key,
                     kind=kind,
                 )
             if self.kind != kind and getattr(self, key) is not None:
                 raise RuleError(
-                    "{setting} is allowed only with kind = {kind!r}",
+                    "{setting}: allowed only with kind = {kind!r}",
                     code="expected_with_kind_only",
                     setting=key,
                     kind=kind,
                 )
         if self.key_code is not None and self.kind != "key":
             raise RuleError(
-                "{setting} is allowed only with kind = {kind!r}",
+                "{setting}: allowed only with kind = {kind!r}",
                 code="expected_with_kind_only",
                 setting="key_code",
                 kind="key",
             )
         if self.trip_gwt is not None and self.trip_input is None:
-            raise RuleError("trip_gwt is allowed only together with trip_input", code="no_trip_input")
+            raise RuleError("trip_gwt: allowed only together with trip_input", code="no_trip_input")
         if self.trip_input is not None and self.trip_input == self.input:
             raise RuleError(
-                "trip_input and input name the same input; connect the participant's button to another one",
+                "trip_input: same as input; connect the participant's button to another input",
                 code="input_used_twice",
             )
         return self
@@ -267,7 +267,7 @@ class Calibration(Settings):
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if self.expires < self.date:
-            raise RuleError("expires lies before date; it must be the same day or later", code="expires_before_date")
+            raise RuleError("expires: must not be earlier than date", code="expires_before_date")
         return self
 
 
@@ -275,7 +275,7 @@ def _measured(allowed: Callable[[float], bool], expected: str) -> AfterValidator
     def check(calibration: Calibration) -> Calibration:
         if not allowed(calibration.value):
             raise RuleError(
-                "value = {given:g} must be {expected}",
+                "value = {given:g}: must be {expected}",
                 code="impossible_value",
                 given=calibration.value,
                 expected=expected,
@@ -390,7 +390,7 @@ class StageSettings(DeviceSettings):
         x, z = self.drives.x, self.drives.z
         if x.device_id == z.device_id and (x.port or self.port) == (z.port or self.port):
             raise RuleError(
-                "drives.x and drives.z have the same device_id on one port; give each drive its own",
+                "drives.x and drives.z: same device_id on one port; give each drive its own",
                 code="one_id_for_two",
             )
         return self
@@ -599,9 +599,9 @@ class LimitSettings(Settings):
         if not self.x_mm[0] < self.x_mm[1]:
             raise ValueError("x_mm: the lower limit must be less than the upper one")
         if not self.along_mm[0] <= 0 <= self.along_mm[1]:
-            raise ValueError("along_mm must include 0: lower limit ≤ 0 ≤ upper limit")
+            raise ValueError("along_mm: must include 0 (lower limit ≤ 0 ≤ upper limit)")
         if self.soft_trip_n > self.hard_trip_n:
-            raise ValueError("soft_trip_n must not exceed hard_trip_n")
+            raise ValueError("soft_trip_n: must not exceed hard_trip_n")
         return self
 
 
@@ -660,7 +660,7 @@ class HabitSettings(Settings):
     @model_validator(mode="after")
     def _fine_within_coarse(self) -> Self:
         if self.touch_increment_mm > self.increment_mm:
-            raise ValueError("touch_increment_mm must not exceed increment_mm")
+            raise ValueError("touch_increment_mm: must not exceed increment_mm")
         return self
 
 
@@ -711,5 +711,7 @@ class RigSettings(BenchSettings):
         for name in ("approach_speed_mm_s", "press_speed_mm_s"):
             speed = getattr(self.habits, name)
             if speed > fastest:
-                raise ValueError(f"habits.{name} = {speed:g} exceeds limits.max_press_speed_mm_s = {fastest:g} mm/s")
+                raise ValueError(
+                    f"limits.max_press_speed_mm_s = {fastest:g}: must be at least habits.{name} = {speed:g} mm/s"
+                )
         return self

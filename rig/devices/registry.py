@@ -259,7 +259,7 @@ def checked(settings: type[D], device: Any) -> D:
 def _refuse_table_of_another(settings: type[DeviceSettings], device: Mapping[str, Any]) -> None:
     for key in device:
         if key not in settings.model_fields and key in names(settings.room):
-            raise _refused(settings, ValueError(f"{key} is allowed only with kind = {key!r}"), device)
+            raise _refused(settings, ValueError(f"{key}: allowed only with kind = {key!r}"), device)
 
 
 def _refused(settings: type[DeviceSettings], error: ValueError, value: object, *place: str) -> ValidationError:
@@ -309,7 +309,7 @@ class KnownBench(BenchSettings):
         allowed = find(StageKind, self.stage.kind).outputs
         if self.sync.output not in allowed:
             raise RuleError(
-                "sync.output = {output!r} is not available on a {stage} stage; allowed: {allowed}",
+                "sync.output: {output!r} is not available on a {stage} stage; allowed: {allowed}",
                 code="no_such_output",
                 output=self.sync.output,
                 allowed=" or ".join(allowed),
@@ -317,7 +317,8 @@ class KnownBench(BenchSettings):
             )
         if self.sync.output == "drive" and self.sync.words is None:
             raise RuleError(
-                "sync.output = 'drive' requires register_address, on_word and off_word, from the manual of the drive",
+                "sync: output = 'drive' requires register_address, on_word and off_word, from the manual of "
+                "the drive",
                 code="incomplete_sync",
             )
         return self

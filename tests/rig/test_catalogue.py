@@ -223,7 +223,7 @@ def test_its_table_is_a_part_of_the_configuration(example: None, tmp_path: Path)
             "force.line_scale.address = 100: input should be",
         ),
         ('kind = "line_scale"\nlaumas.count_g = 0\n', "force.laumas.count_g = 0: input should be greater than 0"),
-        ("line_scale.address = 7\n", "force: line_scale is allowed only with kind = 'line_scale'"),
+        ("line_scale.address = 7\n", "force: line_scale: allowed only with kind = 'line_scale'"),
     ],
 )
 def test_a_mistake_in_it_is_told_like_any_other(text: str, complaint: str, example: None, tmp_path: Path) -> None:
