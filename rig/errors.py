@@ -44,9 +44,9 @@ Coded = TypeVar("Coded", bound=RigError)
 
 
 def code_of(error: BaseException) -> str:
-    """The code of an error: its own, or for one of another library the name of its class (`file_not_found`).
+    """Return the code of an error: its own, or the name of its class (`file_not_found`) for other libraries.
 
-    An error of the simulation has its own too: packages below this one cannot be imported here.
+    Errors of the simulation have their own codes too, although it is not imported here.
     """
     code = getattr(error, "code", None)
     if isinstance(code, str) and not isinstance(error, SystemExit):
@@ -56,26 +56,26 @@ def code_of(error: BaseException) -> str:
 
 
 def is_coded(error: Any) -> bool:
-    """Whether it is an error with code and fields, of the rig or of the simulation, which is not imported here."""
+    """Return whether an error has a code and fields, as those of the rig and the simulation do."""
     return isinstance(getattr(error, "fields", None), dict) and isinstance(getattr(error, "code", None), str)
 
 
 def around(kind: type[Coded], sentence: str, error: Any, /, *, code: str | None = None, **fields: Any) -> Coded:
-    """Return an error that has the sentence of another one in its own, as {problem}, and its code and fields."""
+    """Return an error that contains another one as {problem}, with its code and fields."""
     known = error.fields if is_coded(error) else {}
     kept = error.code if code is None and is_coded(error) else code
     return kind(sentence, code=kept, **{**known, **fields, "problem": str(error)})
 
 
 def recast(kind: type[Coded], error: Exception) -> Coded:
-    """Return the same words, code and fields as an error of another kind; of one that has words alone, these."""
+    """Return an error of another class with the same sentence, code and fields."""
     if isinstance(error, RigError):
         return kind(error.sentence, code=error.code, **error.fields)
     return kind(str(error))
 
 
 def fields_of(error: BaseException) -> dict[str, Any]:
-    """The fields of an error; none of one that has none."""
+    """Return the fields of an error, or an empty dictionary."""
     return dict(getattr(error, "fields", {}))
 
 
@@ -86,7 +86,7 @@ def _raised_again(kind: type[RigError], args: tuple[Any, ...]) -> RigError:
 
 
 WRITTEN_BY_COMMANDS: dict[str, JsonValue] = {"written_by_commands": True}
-"""Marks the field of a table that no person writes."""
+"""Marks a key that only commands write."""
 
 _SHORT = Repr()
 _SHORT.maxlist = _SHORT.maxdict = 3
@@ -94,15 +94,15 @@ _SHORT.maxstring = _SHORT.maxother = 200
 
 
 class BadInputError(RigError):
-    """Something the user gave is not usable; nothing has moved."""
+    """Invalid input; nothing has moved."""
 
     default_code = "bad_input"
 
 
 def first_problem(where: str, error: ValidationError, model: type[BaseModel] | None = None) -> BadInputError:
-    """The first complaint of a validation, with the place and the value it is about.
+    """Return the first error of a validation, with its place and value.
 
-    model: what was validated; an unknown key is then told with its nearest neighbours.
+    model: validated model; for an unknown key the most similar ones are suggested.
 
     Codes: unknown_key, missing_key, invalid_value, invalid_table, or that of the error which a validator raised.
     Fields: where, key, value, rule (the validation's own name for it), and the rule's bounds.
@@ -123,7 +123,7 @@ def first_problem(where: str, error: ValidationError, model: type[BaseModel] | N
         fields, code = dict(raised.fields), raised.code
     what = str(raised) if rule == "value_error" else problem["msg"].lower()
     fields |= {"where": where, "key": place, "rule": rule, "problem": what}
-    if isinstance(problem["input"], dict):  # about a whole table: the message says which keys
+    if isinstance(problem["input"], dict):  # about a whole table: the message names the keys
         parts = ("{where}" if where else "", "{key}" if place else "", "{problem}" if what else "")
         return BadInputError(": ".join(part for part in parts if part), code=code or "invalid_table", **fields)
     fields |= {"value": problem["input"], "shown": _SHORT.repr(problem["input"])}
@@ -131,7 +131,7 @@ def first_problem(where: str, error: ValidationError, model: type[BaseModel] | N
 
 
 def _neighbours(place: tuple[str | int, ...], model: type[BaseModel]) -> list[str]:
-    """Keys that look like the last one of a place: in its own table, else in any other one."""
+    """Return keys similar to the last one of a place: from its own table, else from any other."""
     table, wanted = model, str(place[-1])
     for name in place[:-1]:
         inner = _table(table.model_fields[str(name)].annotation) if str(name) in table.model_fields else None
@@ -142,7 +142,7 @@ def _neighbours(place: tuple[str | int, ...], model: type[BaseModel]) -> list[st
 
 
 def _keys(model: type[BaseModel], above: str = "") -> Iterator[tuple[str, str]]:
-    """Every key of a model and of its tables that a person writes, with its whole place."""
+    """Yield every key of a model and its tables that a person writes, with its full name."""
     for name, field in model.model_fields.items():
         if field.json_schema_extra == WRITTEN_BY_COMMANDS:
             continue
@@ -153,49 +153,49 @@ def _keys(model: type[BaseModel], above: str = "") -> Iterator[tuple[str, str]]:
 
 
 def _table(annotation: Any) -> type[BaseModel] | None:
-    """The table that a key holds, or may hold."""
+    """Return the table type that a key holds, if any."""
     kinds = (annotation, *get_args(annotation))
     return next((kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)), None)
 
 
 class EngineError(RigError):
-    """The engine did not do what it was told."""
+    """The engine could not carry out a command."""
 
     default_code = "engine_failed"
 
 
 class LimitError(EngineError):
-    """A step lies beyond a limit; nothing was moved for it."""
+    """A step exceeds a limit; it did not move anything."""
 
     default_code = "beyond_limit"
 
 
 class NotReadyError(EngineError):
-    """The verb is not allowed in the present state."""
+    """The command is not allowed in the present state."""
 
     default_code = "not_allowed"
 
 
 class TripError(EngineError):
-    """A reading passed a trip: the stage was stopped and stays stopped until an operator resets it."""
+    """A reading exceeded a trip: the stage was stopped until an operator resets it."""
 
     default_code = "tripped"
 
 
 class RecordError(EngineError):
-    """The journal cannot be written: what is not recorded must not go on."""
+    """The journal cannot be written, so the run must not continue."""
 
     default_code = "not_recorded"
 
 
 class LostRecordError(RecordError):
-    """The journal or the byte log is no longer at its path: what is written to it would not be found."""
+    """The journal or the byte log is no longer at its path."""
 
     default_code = "record_lost"
 
 
 class PressPaused(EngineError):  # noqa: N818
-    """The operator paused during an indentation and goes on: it begins again, from clearance."""
+    """The operator paused during an indentation and resumed: it is repeated from clearance."""
 
     default_code = "press_paused"
 
@@ -207,6 +207,6 @@ class RunAborted(EngineError):  # noqa: N818
 
 
 class ScriptError(EngineError):
-    """The protocol script itself failed while it was carried out."""
+    """The protocol failed while it ran."""
 
     default_code = "script_failed"

@@ -1,7 +1,7 @@
-"""Every table that the rig reads of a configuration: devices, calibration, limits, habits. Unknown keys are errors.
+"""Tables of a configuration that the rig reads: devices, calibration, limits, habits. Unknown keys are errors.
 
-A kind of device is a name here. What depends on it (is there such a kind, its own table, its axes, ports, outputs and
-inputs) the registry says, which checks a configuration where it is made: `rig/devices/registry.py: KnownBench`.
+The type of a device is only a name here. The device registry checks what depends on it, its own table, axes, ports,
+outputs and inputs: `rig/devices/registry.py: KnownBench`.
 """
 
 import datetime
@@ -32,84 +32,122 @@ NOMINAL_STEPS_PER_MM = 400.0
 
 
 class Settings(BaseModel):
-    """A table of the configuration file; every value is checked, none may be NaN."""
+    """Table of the configuration file. Values are validated; NaN is rejected."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 def _addressed(port: str) -> str:
     if not port.strip() or (port.startswith("tcp://") and not re.fullmatch(r"tcp://[^/]+:\d{1,5}", port)):
-        raise RuleError("expected tcp://HOST:PORT or the name of a serial port", code="no_port_name")
+        raise RuleError(
+            "not a port; use tcp://HOST:PORT or the name of a serial port, such as /dev/ttyUSB0", code="no_port_name"
+        )
     return port
 
 
 def _spelled(character: str) -> str:
     if not re.fullmatch(r"[78][NEO][12]", character):
-        raise RuleError("expected data bits, parity and stop bits, such as 8N1 or 7E1", code="no_character")
+        raise RuleError(
+            "not a character format; give data bits, parity and stop bits, such as 8N1 or 7E1", code="no_character"
+        )
     return character
 
 
 Character = Annotated[str, AfterValidator(_spelled)]
-"""Of a serial line: data bits, parity (none, even, odd) and stop bits."""
+"""Character format of a serial line: data bits, parity (none, even, odd) and stop bits."""
 
 Port = Annotated[str, AfterValidator(_addressed)]
 
 
 class StatusBits(Settings):
-    """Bits of a Laumas status word; second-hand for TLB and TLU, as printed in the manual of the LCB."""
+    """Bits of a Laumas status word, from the manual of the LCB; not verified for TLB and TLU."""
 
-    cell_error: int = Field(0, ge=0, le=15, description="bit of a cell that is broken or not connected")
-    converter_error: int = Field(1, ge=0, le=15, description="bit of a converter that failed")
-    over_max: int = Field(2, ge=0, le=15, description="bit of a weight above the largest one set")
-    over_full_scale: int = Field(3, ge=0, le=15, description="bit of a weight above full scale")
-    gross_out_of_range: int = Field(4, ge=0, le=15, description="bit of a gross weight out of range")
-    net_out_of_range: int = Field(5, ge=0, le=15, description="bit of a net weight out of range")
-    gross_negative: int = Field(7, ge=0, le=15, description="bit of a negative gross weight")
-    net_negative: int = Field(8, ge=0, le=15, description="bit of a negative net weight")
-    stable: int = Field(11, ge=0, le=15, description="bit of a weight at rest")
+    cell_error: int = Field(0, ge=0, le=15, description="status bit: load cell broken or not connected")
+    converter_error: int = Field(1, ge=0, le=15, description="status bit: analog-to-digital converter failed")
+    over_max: int = Field(2, ge=0, le=15, description="status bit: weight above the maximum set in the transmitter")
+    over_full_scale: int = Field(3, ge=0, le=15, description="status bit: weight above full scale")
+    gross_out_of_range: int = Field(4, ge=0, le=15, description="status bit: gross weight out of range")
+    net_out_of_range: int = Field(5, ge=0, le=15, description="status bit: net weight out of range")
+    gross_negative: int = Field(7, ge=0, le=15, description="status bit: gross weight negative")
+    net_negative: int = Field(8, ge=0, le=15, description="status bit: net weight negative")
+    stable: int = Field(11, ge=0, le=15, description="status bit: weight stable")
 
 
 class LaumasSettings(Settings):
-    """A Laumas load-cell transmitter. Second-hand: all of the status bits, the commands and the units word."""
+    """Laumas load-cell transmitter. Status bits, commands and units word are not from its own manual."""
 
-    device_id: int = Field(1, ge=1, le=99, description="its Modbus address")
-    weight: Literal["gross", "net"] = Field(
-        "gross", description="which weight is read: gross is zeroed, net is tared"
+    device_id: int = Field(1, ge=1, le=99, description="Modbus address of the transmitter")
+    weight: Literal["gross", "net"] = Field("gross", description="weight that is read; gross is zeroed, net is tared")
+    count_g: float = Field(0.01, gt=0, le=10, description="weight of one count of a weight register, in g")
+    units_word: int = Field(
+        0x010C, ge=0, le=0xFFFF, description="content of register 13 that agrees with count_g; checked on connecting"
     )
-    count_g: float = Field(0.01, gt=0, le=10, description="one count of a weight register")
-    units_word: int = Field(0x010C, ge=0, le=0xFFFF, description="what register 13 says when count_g is right")
-    signs: Literal["status", "registers"] = Field("status", description="where the sign of a weight is told")
+    signs: Literal["status", "registers"] = Field(
+        "status", description="source of the sign of a weight: the status word, or signed registers"
+    )
     filter_samples: int = Field(
-        1, ge=1, le=64, description="samples that the instrument's filter averages; waited for after every move"
+        1,
+        ge=1,
+        le=64,
+        description="samples averaged by the transmitter's filter; the rig waits for them after every move",
     )
-    tare_command: int = Field(7, ge=0, le=0xFFFF, description="written to tare; second-hand")
-    zero_command: int = Field(8, ge=0, le=0xFFFF, description="written to zero; second-hand")
-    gross_command: int = Field(9, ge=0, le=0xFFFF, description="written to show the gross weight again; second-hand")
+    tare_command: int = Field(
+        7, ge=0, le=0xFFFF, description="command word that tares; not from the maker's manual, check it"
+    )
+    zero_command: int = Field(
+        8, ge=0, le=0xFFFF, description="command word that zeroes; not from the maker's manual, check it"
+    )
+    gross_command: int = Field(
+        9,
+        ge=0,
+        le=0xFFFF,
+        description="command word that returns to the gross weight; not from the maker's manual, check it",
+    )
     bits: StatusBits = StatusBits()
 
 
 class DriveSettings(Settings):
-    """One Leadshine drive. Second-hand: not from the maker's manual, to be looked up before the drive moves."""
+    """One Leadshine drive. Check the registers against the maker's manual before the drive moves."""
 
-    device_id: int = Field(ge=1, le=31, description="its Modbus address")
-    port: Port | None = Field(None, description="its own, where it does not share the stage's")
-    pulses_per_rev: int = Field(
-        400, ge=200, le=51200, description="pulses a turn; what the drive says must be the same"
+    device_id: int = Field(ge=1, le=31, description="Modbus address of the drive")
+    port: Port | None = Field(
+        None, description="port of this drive: a serial port or tcp://HOST:PORT; absent: the port of the stage"
     )
-    pulses_per_rev_register: int = Field(0x0001, ge=0, le=0xFFFF, description="where the drive says it; second-hand")
-    ramp_ms: int = Field(333, ge=1, le=10_000, description="acceleration and deceleration as the drive takes them")
-    ramp_rpm: float = Field(1000.0, gt=0, description="a ramp is told in ms for this many rpm; second-hand")
-    homing_mode: int = Field(0x0001, ge=0, le=0xFFFF, description="as in the drive's manual; second-hand")
-    homing_high_rpm: int = Field(300, ge=1, le=600, description="speed towards the home switch")
-    homing_low_rpm: int = Field(25, ge=1, le=100, description="speed back to its edge")
-    homing_ramp_ms: int = Field(333, ge=1, le=10_000, description="acceleration and deceleration while homing")
+    pulses_per_rev: int = Field(
+        400, ge=200, le=51200, description="pulses per turn of the motor; must equal the setting stored in the drive"
+    )
+    pulses_per_rev_register: int = Field(
+        0x0001,
+        ge=0,
+        le=0xFFFF,
+        description="register that holds the pulses per turn; not from the maker's manual, check it",
+    )
+    ramp_ms: int = Field(
+        333, ge=1, le=10_000, description="acceleration and deceleration time of moves, in ms per ramp_rpm"
+    )
+    ramp_rpm: float = Field(
+        1000.0,
+        gt=0,
+        description="speed change that the ramp times refer to, in rpm; not from the maker's manual, check it",
+    )
+    homing_mode: int = Field(
+        0x0001, ge=0, le=0xFFFF, description="homing mode word of the drive; not from the maker's manual, check it"
+    )
+    homing_high_rpm: int = Field(300, ge=1, le=600, description="homing speed towards the switch, in rpm")
+    homing_low_rpm: int = Field(25, ge=1, le=100, description="homing speed back to the edge of the switch, in rpm")
+    homing_ramp_ms: int = Field(
+        333, ge=1, le=10_000, description="acceleration and deceleration time of homing, in ms per ramp_rpm"
+    )
     jog_rpm_register: int = Field(
-        0x01E1, ge=0, le=0xFFFF, description="where the speed of a jog is told; second-hand"
+        0x01E1,
+        ge=0,
+        le=0xFFFF,
+        description="register that holds the jog speed; not from the maker's manual, check it",
     )
 
 
 class DrivesSettings(Settings):
-    """The drives of a stage without a board: x lateral and z vertical; y stays where it was set by hand."""
+    """Drives of a stage without a controller board: x lateral, z vertical; y is set by hand."""
 
     x: DriveSettings = DriveSettings(device_id=1)
     z: DriveSettings = DriveSettings(device_id=2)
@@ -117,7 +155,7 @@ class DrivesSettings(Settings):
 
 def _said(text: str) -> str:
     if not text.strip():
-        raise RuleError("expected a name", code="no_name")
+        raise RuleError("the name is empty; give a name", code="no_name")
     return text
 
 
@@ -125,43 +163,60 @@ Name = Annotated[str, AfterValidator(_said)]
 
 
 class StopSettings(Settings):
-    """The participant's stop button, and the relay of the force transmitter that stops the stage by itself."""
+    """Participant's stop button, and the relay of the force transmitter that stops the stage."""
 
     kind: Literal["off", "board", "key"] = Field(
         "off",
-        description="the participant's stop button: off, an input of the stage's controller, or a USB key or switch",
+        description=(
+            "participant's stop button: none (off), input of the stage's controller (board), or USB key or "
+            "switch (key)"
+        ),
     )
     input: Name | None = Field(
-        None, description="kind = board: which input of the controller, door or hold (GRBL), di1 … di7 (Leadshine)"
+        None, description="with kind = board: input of the controller, door or hold (GRBL), di1 … di7 (Leadshine)"
     )
     device: Name | None = Field(
-        None, description="kind = key: its file below /dev/input/by-id, which this program then has for itself"
+        None,
+        description="with kind = key: name of its file in /dev/input/by-id; no other program can use it during a run",
     )
     key_code: int | None = Field(
-        None, ge=1, le=767, description="kind = key: only this key of the device, by its Linux code; absent: any"
+        None,
+        ge=1,
+        le=767,
+        description="with kind = key: Linux code of the only key that stops; absent: any key of the device",
     )
     trip_input: Name | None = Field(
-        None, description="input of the controller that the force transmitter's relay is wired to; absent: none is"
+        None,
+        description=(
+            "input of the controller that is wired to the relay of the force transmitter; absent: no hardware trip"
+        ),
     )
     trip_gwt: float | None = Field(
-        None, gt=0, le=2000, description="set-point of that relay; a transmitter that can report its own must agree"
+        None,
+        gt=0,
+        le=2000,
+        description="set-point of the relay, in gwt; must equal the one that the transmitter reports",
     )
     trip_register: int = Field(
         16,
         ge=0,
         le=0xFFFF,
-        description="register of the set-point of a Laumas transmitter (two words); second-hand, see its manual",
+        description=(
+            "register of the set-point of a Laumas transmitter (two words); not from the maker's manual, check it"
+        ),
     )
     inputs_register: int = Field(
         0x0179,
         ge=0,
         le=0xFFFF,
-        description="register of the digital inputs of a Leadshine drive, DI1 lowest; second-hand, see its manual",
+        description=(
+            "register of a Leadshine drive's digital inputs, DI1 = lowest bit; not from the maker's manual, check it"
+        ),
     )
 
     @property
     def inputs(self) -> dict[str, str]:
-        """Inputs of the controller that are used, by the key that names them."""
+        """Inputs of the controller that are in use, by configuration key."""
         found = {"input": self.input, "trip_input": self.trip_input}
         return {key: name for key, name in found.items() if name is not None}
 
@@ -170,45 +225,49 @@ class StopSettings(Settings):
         for kind, key in (("board", "input"), ("key", "device")):
             if self.kind == kind and getattr(self, key) is None:
                 raise RuleError(
-                    "{setting}: expected with kind = {kind!r}", code="expected_with_kind", setting=key, kind=kind
+                    "{setting}: required with kind = {kind!r}",
+                    code="expected_with_kind",
+                    setting=key,
+                    kind=kind,
                 )
             if self.kind != kind and getattr(self, key) is not None:
                 raise RuleError(
-                    "{setting}: expected with kind = {kind!r} only",
+                    "{setting}: allowed only with kind = {kind!r}",
                     code="expected_with_kind_only",
                     setting=key,
                     kind=kind,
                 )
         if self.key_code is not None and self.kind != "key":
             raise RuleError(
-                "{setting}: expected with kind = {kind!r} only",
+                "{setting}: allowed only with kind = {kind!r}",
                 code="expected_with_kind_only",
                 setting="key_code",
                 kind="key",
             )
         if self.trip_gwt is not None and self.trip_input is None:
-            raise RuleError("trip_gwt: expected with trip_input only", code="no_trip_input")
+            raise RuleError("trip_gwt: allowed only together with trip_input", code="no_trip_input")
         if self.trip_input is not None and self.trip_input == self.input:
             raise RuleError(
-                "trip_input: expected another input than the participant's button", code="input_used_twice"
+                "trip_input: same as input; connect the participant's button to another input",
+                code="input_used_twice",
             )
         return self
 
 
 class Calibration(Settings):
-    """A number measured on this rig, the day it was measured, and the last day it may be used."""
+    """Value measured on this rig, with its date and expiry."""
 
-    value: float = Field(description="the number, in the unit of its key")
-    sd: float = Field(0.0, ge=0, description="standard deviation of the value, where it is known")
-    date: datetime.date = Field(description="the day it was measured")
+    value: float = Field(description="calibrated value, in the unit of its key")
+    sd: float = Field(0.0, ge=0, description="standard deviation of the value, in the unit of its key")
+    date: datetime.date = Field(description="day of the measurement")
     expires: datetime.date = Field(
-        description="the last day it may be used: `rig run` refuses it after that, a dry-run warns"
+        description="last day on which the value may be used; then `rig run` refuses it and a dry run warns"
     )
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if self.expires < self.date:
-            raise RuleError("expires: expected a day not before date", code="expires_before_date")
+            raise RuleError("expires: must not be earlier than date", code="expires_before_date")
         return self
 
 
@@ -216,7 +275,7 @@ def _measured(allowed: Callable[[float], bool], expected: str) -> AfterValidator
     def check(calibration: Calibration) -> Calibration:
         if not allowed(calibration.value):
             raise RuleError(
-                "value = {given:g}: expected {expected}",
+                "value = {given:g}: must be {expected}",
                 code="impossible_value",
                 given=calibration.value,
                 expected=expected,
@@ -227,48 +286,55 @@ def _measured(allowed: Callable[[float], bool], expected: str) -> AfterValidator
 
 
 _StepsPerMm = Annotated[Calibration, _measured(lambda value: value != 0, "a number other than zero")]
-_Length = Annotated[Calibration, _measured(lambda value: value >= 0, "a number ≥ 0")]
+_Length = Annotated[Calibration, _measured(lambda value: value >= 0, "a number of at least 0")]
 _Scale = Annotated[Calibration, _measured(lambda value: value > 0, "a positive number")]
 
 
 class CalibrationSettings(Settings):
-    """What was measured on this rig; a line that is absent was not.
-
-    steps_per_mm of each axis (pulses of a drive), negative where the motor runs against the axis; backlash_mm;
-    force_scale, true force over the force read; compliance_mm_per_n, how far the rig itself gives under a force.
-    """
+    """Calibration of this rig; an absent key was not measured."""
 
     x_steps_per_mm: _StepsPerMm | None = Field(
-        None, description="steps (pulses of a drive) a millimetre; negative where the motor runs against the axis"
+        None,
+        description="motor steps (drive pulses) per mm of the x axis; negative if the motor runs against the axis",
     )
-    y_steps_per_mm: _StepsPerMm | None = Field(None, description="the same along the finger")
-    z_steps_per_mm: _StepsPerMm | None = Field(None, description="the same of the vertical axis")
+    y_steps_per_mm: _StepsPerMm | None = Field(
+        None,
+        description=("motor steps (drive pulses) per mm of the y axis; negative if the motor runs against the axis"),
+    )
+    z_steps_per_mm: _StepsPerMm | None = Field(
+        None,
+        description="motor steps (drive pulses) per mm of the z axis; negative if the motor runs against the axis",
+    )
     x_backlash_mm: _Length | None = Field(
-        None, description="lost motion when the axis turns round; each move makes up for it"
+        None, description="lost motion at each reversal of the lateral axis, in mm; moves compensate for it"
     )
-    y_backlash_mm: _Length | None = Field(None, description="the same along the finger")
-    z_backlash_mm: _Length | None = Field(None, description="the same of the vertical axis")
+    y_backlash_mm: _Length | None = Field(
+        None, description="lost motion at each reversal of the axis along the finger, in mm; moves compensate for it"
+    )
+    z_backlash_mm: _Length | None = Field(
+        None, description="lost motion at each reversal of the vertical axis, in mm; moves compensate for it"
+    )
     force_scale: _Scale | None = Field(
-        None, description="true force over the force read; every reading is multiplied by it"
+        None, description="true force divided by the sensor's reading; every reading is multiplied by it"
     )
     compliance_mm_per_n: _Length | None = Field(
-        None, description="how far the rig itself gives under a force; a press goes so much further"
+        None, description="compliance of the rig, in mm/N; a press moves the stage that much farther per N"
     )
 
     def measured(self) -> Iterator[tuple[str, Calibration]]:
-        """Every calibration there is, by name."""
+        """Yield every calibration in the configuration, with its name."""
         for name in type(self).model_fields:
             calibration = getattr(self, name)
             if calibration is not None:
                 yield name, calibration
 
     def value(self, name: str, otherwise: float) -> float:
-        """The measured number, or another where nothing was measured."""
+        """Return the measured value, or `otherwise` if there is none."""
         calibration: Calibration | None = getattr(self, name)
         return otherwise if calibration is None else calibration.value
 
     def expired(self, day: datetime.date) -> list[str]:
-        """Names of those that may no longer be used on this day."""
+        """Return the names of the calibrations that have expired by this day."""
         return [name for name, calibration in self.measured() if calibration.expires < day]
 
 
@@ -276,14 +342,14 @@ T = TypeVar("T", bound=Settings)
 
 
 class DeviceSettings(Settings):
-    """[stage] or [force]; what a package's kind has in a table of its own, the registry adds."""
+    """Table [stage] or [force]; the registry adds the table of a device type from another package."""
 
     room: ClassVar[Literal["stage", "force"]]
     kind: str
-    _place: str = PrivateAttr("")  # of the kind's own table; the registry says it
+    _place: str = PrivateAttr("")  # name of the table of the device type; set by the registry
 
     def own(self, table: type[T]) -> T:
-        """The kind's own table. Raises TypeError if it is another one."""
+        """Return the table of the device type. Raises TypeError if it is of another class."""
         found = getattr(self, self._place, None)
         if not isinstance(found, table):
             raise TypeError(f"{self.kind} has no {table.__name__}")
@@ -291,103 +357,144 @@ class DeviceSettings(Settings):
 
 
 class StageSettings(DeviceSettings):
-    """The motorised stage; framing is read for Modbus only, drives for leadshine only, and both stand in any file."""
+    """Motorized stage. Only Modbus stages use `framing`, only leadshine uses `drives`; any file may contain both."""
 
     room: ClassVar[Literal["stage", "force"]] = "stage"
-    kind: str = Field("grbl", description="which device it is")
-    port: Port = Field("/dev/ttyUSB0", description="a serial port or tcp://HOST:PORT")
-    baud: int = Field(115200, ge=300, le=1_000_000, description="bits a second of a serial port")
-    character: Character = Field(EIGHT_N_ONE, description="data bits, parity and stop bits of a serial port")
-    dtr: bool = Field(True, description="raised on opening, which resets many boards; false: left low")
+    kind: str = Field("grbl", description="type of the stage")
+    port: Port = Field("/dev/ttyUSB0", description="port of the stage: a serial port or tcp://HOST:PORT")
+    baud: int = Field(115200, ge=300, le=1_000_000, description="baud rate of a serial port, in bit/s")
+    character: Character = Field(
+        EIGHT_N_ONE, description="data bits, parity and stop bits of a serial port, e.g. 8N1"
+    )
+    dtr: bool = Field(
+        True, description="raise the DTR line on opening a serial port, which resets many boards; false keeps it low"
+    )
     travel_mm: tuple[PositiveFloat, PositiveFloat, PositiveFloat] = Field(
         (60.0, 30.0, 40.0),
-        description="how far each axis can go from home, x, y and z; nothing is planned or moved beyond",
+        description="travel of the x, y and z axes from home, in mm; plans and moves stay within it",
     )
-    resolution_mm: float = Field(
-        0.0025, gt=0, le=0.05, description="one step of the vertical axis; a depth is no finer"
-    )
+    resolution_mm: float = Field(0.0025, gt=0, le=0.05, description="smallest step of the vertical axis, in mm")
     acceleration_mm_s2: float = Field(
-        50.0, gt=0, le=1e4, description="of the vertical axis; the stop distance comes from it"
+        50.0,
+        gt=0,
+        le=1e4,
+        description="acceleration of the vertical axis, in mm/s²; determines the stopping distance",
     )
-    framing: Framing | None = Field(None, description="of Modbus; absent: tcp on a tcp:// port, rtu elsewhere")
+    framing: Framing | None = Field(
+        None, description="Modbus framing; absent: tcp on a tcp:// port, rtu on a serial port"
+    )
     drives: DrivesSettings = DrivesSettings()
 
     @model_validator(mode="after")
     def _told_apart(self) -> Self:
         x, z = self.drives.x, self.drives.z
         if x.device_id == z.device_id and (x.port or self.port) == (z.port or self.port):
-            raise RuleError("drives.x and drives.z: expected different device ids on one port", code="one_id_for_two")
+            raise RuleError(
+                "drives.x and drives.z: same device_id on one port; give each drive its own",
+                code="one_id_for_two",
+            )
         return self
 
 
 class ForceSettings(DeviceSettings):
-    """The force sensor; framing is read for Modbus only, laumas for laumas only, and both stand in any file."""
+    """Force sensor. Only Modbus sensors use `framing`, only laumas uses `laumas`; any file may contain both."""
 
     room: ClassVar[Literal["stage", "force"]] = "force"
-    kind: str = Field("mtsics", description="which device it is")
-    port: Port = Field("/dev/ttyUSB1", description="a serial port or tcp://HOST:PORT")
-    baud: int = Field(9600, ge=300, le=1_000_000, description="bits a second of a serial port")
-    character: Character = Field(EIGHT_N_ONE, description="data bits, parity and stop bits of a serial port")
-    dtr: bool = Field(True, description="raised on opening; false: left low")
+    kind: str = Field("mtsics", description="type of the force sensor")
+    port: Port = Field("/dev/ttyUSB1", description="port of the force sensor: a serial port or tcp://HOST:PORT")
+    baud: int = Field(9600, ge=300, le=1_000_000, description="baud rate of a serial port, in bit/s")
+    character: Character = Field(
+        EIGHT_N_ONE, description="data bits, parity and stop bits of a serial port, e.g. 8N1"
+    )
+    dtr: bool = Field(True, description="raise the DTR line on opening a serial port; false keeps it low")
     sample_period_s: float = Field(
         0.05,
         ge=0.01,
         le=10,
-        description="time from one sample of the sensor to the next; a reading after a move waits for it",
+        description="time between two samples of the sensor, in s; a reading after a move waits for it",
     )
-    latency_s: float = Field(0.0, ge=0, le=2, description="how late a reading is; waited for after every move")
-    resolution_gwt: float = Field(
-        0.01, gt=0, le=1, description="one step of what the sensor shows; contact is no finer"
+    latency_s: float = Field(
+        0.0,
+        ge=0,
+        le=2,
+        description="delay of a reading behind the force, in s; the rig waits for it after every move",
     )
-    framing: Framing | None = Field(None, description="of Modbus; absent: tcp on a tcp:// port, rtu elsewhere")
+    resolution_gwt: float = Field(0.01, gt=0, le=1, description="smallest step of the sensor's reading, in gwt")
+    framing: Framing | None = Field(
+        None, description="Modbus framing; absent: tcp on a tcp:// port, rtu on a serial port"
+    )
     laumas: LaumasSettings = LaumasSettings()
 
 
 class SyncSettings(Settings):
-    """A pulse for the recording amplifier at contact, hold start and hold end; off by default.
+    """Pulse for the recording amplifier at contact, hold start and hold end.
 
-    Which register and words switch a drive's output depends on the drive: they have no default.
+    Register and words of a drive's output depend on the drive, so they have no default.
     """
 
     output: Literal["off", "coolant", "spindle", "drive"] = Field(
-        "off", description="where the pulse comes out: M8/M9 or M3/M5 of a GRBL board, an output of a Leadshine drive"
+        "off",
+        description=(
+            "output for the pulse: coolant (M8/M9) or spindle (M3/M5) of a GRBL board, or drive (a Leadshine output)"
+        ),
     )
-    width_s: float = Field(0.01, ge=0.001, le=1, description="how long the pulse lasts")
-    drive: Literal["x", "z"] = Field("z", description="whose output it is")
+    width_s: float = Field(0.01, ge=0.001, le=1, description="width of the pulse, in s")
+    drive: Literal["x", "z"] = Field("z", description="with output = drive: axis of the drive that makes the pulse")
     register_address: int | None = Field(
         None,
         ge=0,
         le=0x0FFF,
-        description="of the output, from the drive's manual; what makes the drive move lies higher",
+        description=(
+            "with output = drive: register of the output, from the drive's manual; those that start a move "
+            "are excluded"
+        ),
     )
     on_word: int | None = Field(
-        None, ge=0, le=0xFFFF, description="what switches the output on, from the drive's manual"
+        None,
+        ge=0,
+        le=0xFFFF,
+        description="with output = drive: word that switches the output on, from the drive's manual",
     )
-    off_word: int | None = Field(None, ge=0, le=0xFFFF, description="what switches it off, from the drive's manual")
+    off_word: int | None = Field(
+        None,
+        ge=0,
+        le=0xFFFF,
+        description="with output = drive: word that switches the output off, from the drive's manual",
+    )
 
     @property
     def words(self) -> tuple[int, int, int] | None:
-        """Register, word for on and word for off, where all are given."""
+        """Register, on word and off word; None unless all are set."""
         if self.register_address is None or self.on_word is None or self.off_word is None:
             return None
         return self.register_address, self.on_word, self.off_word
 
 
 class FrameSettings(Settings):
-    """The finger's frame in machine coordinates (mm)."""
+    """Coordinate frame of the finger in machine coordinates (mm)."""
 
-    pad_centre_x_mm: float = Field(-30.0, description="machine X over the centre of the finger pad, x = 0")
-    pad_y_mm: float = Field(-15.0, description="machine Y of the receptor plane")
-    apex_z_mm: float = Field(-25.0, description="machine Z at which the indentor is level with the pad's apex")
-    roll_deg: float = Field(
-        0.0, ge=-20, le=20, description="about the finger's axis, as found; turn the holder by it"
+    pad_centre_x_mm: float = Field(-30.0, description="machine X at the center of the finger pad (x = 0), in mm")
+    pad_y_mm: float = Field(-15.0, description="machine Y of the receptor plane, in mm")
+    apex_z_mm: float = Field(
+        -25.0, description="machine Z at which the indentor's lowest point is level with the apex of the pad, in mm"
     )
-    tilt_deg: float = Field(0.0, ge=-20, le=20, description="about x, as found; turn the holder by it")
+    roll_deg: float = Field(
+        0.0,
+        ge=-20,
+        le=20,
+        description="measured roll of the finger about its long axis, in degrees; turn the finger holder by it",
+    )
+    tilt_deg: float = Field(
+        0.0,
+        ge=-20,
+        le=20,
+        description="measured tilt of the finger about the x axis, in degrees; turn the finger holder by it",
+    )
 
 
 @dataclass(frozen=True)
 class StageBounds:
-    """What no motion of the rig needs to go beyond, for a controller that can enforce it.
+    """Bounds of all motion, for a controller that can enforce them.
 
     Attributes
     ----------
@@ -402,137 +509,163 @@ class StageBounds:
 
 
 class LimitSettings(Settings):
-    """Refused before a move, or tripped on; DEVICES: software is never the safety function."""
+    """Limits that refuse a step before it moves, or trip. Software is never the safety function."""
 
     max_doi_mm: float = Field(
-        1.5, gt=0, le=2.0, description="the deepest indentation; a step that is deeper is refused"
+        1.5, gt=0, le=2.0, description="maximum depth of indentation (DOI), in mm; deeper steps are refused"
     )
     max_force_gwt: float = Field(
-        100.0, gt=0, le=500, description="the highest force asked for or predicted; a step above it is refused"
+        100.0, gt=0, le=500, description="maximum commanded or predicted force, in gwt; steps above it are refused"
     )
     search_mm: float = Field(
         0.5,
         gt=0,
         le=1.5,
-        description="how far contact may lie from where the finger model expects it; beyond, it trips",
+        description=(
+            "maximum distance of contact from the height that the finger model predicts, in mm; beyond it, a trip"
+        ),
     )
     fall_mm: float = Field(
         1.6,
         ge=0,
         le=10,
-        description="how much lower than the apex the skin may lie where it is pressed; the floor is so much lower",
+        description=(
+            "maximum depth of the skin below the apex where it is pressed, in mm; lowers the floor of the stage"
+        ),
     )
     soft_trip_n: float = Field(
         2.0,
         gt=0,
         le=5.0,
-        description="trips a run; lowered to twice the highest force of its plan, 1.25 times a met finger's",
+        description=(
+            "force that trips a run, in N; a plan lowers it to 2 × its peak force (1.25 × for an identified finger)"
+        ),
     )
     hard_trip_n: float = Field(
-        5.0, gt=0, le=5.0, description="trips on every reading there is, whatever was predicted"
+        5.0, gt=0, le=5.0, description="force that trips on every reading, in N, whatever the plan predicts"
     )
     max_pressure_n_cm2: float = Field(
         30.0,
         gt=0,
         le=60.0,
-        description="force over predicted contact area; a step above it is refused, a reading trips",
+        description=(
+            "maximum force over predicted contact area, in N/cm²; steps above are refused, readings above trip"
+        ),
     )
     max_press_speed_mm_s: float = Field(
         FASTEST_PRESS_MM_S,
         ge=SLOWEST_MM_S,
         le=FASTEST_PRESS_MM_S,
-        description="the fastest that a finger is approached or pressed; a speed above it is refused",
+        description="maximum speed of approach and press, in mm/s; faster steps are refused",
     )
     heartbeat_s: float = Field(
-        3.0, ge=0.5, le=60, description="the longest silence of the engine below clearance; then the stage is stopped"
+        3.0,
+        ge=0.5,
+        le=60,
+        description=(
+            "longest silence of the engine while the indentor is below clearance, in s; then the stage stops"
+        ),
     )
     max_contact_s: float = Field(
         3600.0,
         gt=0,
         le=36_000,
-        description="how long a run may touch the finger, all its touches together; then it ends",
+        description="maximum total contact time of a run, in s; then the run ends",
     )
     zero_drift_gwt: float = Field(
-        0.03, gt=0, le=10, description="alarm: how far the zero may have drifted since the last one"
+        0.03, gt=0, le=10, description="alarm: maximum drift of the sensor's zero since the last zeroing, in gwt"
     )
     reference_band: float = Field(
-        0.15, gt=0, le=1, description="alarm: the share by which a reference press may differ from the first"
+        0.15, gt=0, le=1, description="alarm: maximum relative deviation of a reference press from the first one"
     )
     on_alarm: Literal["warn", "trip"] = Field(
-        "warn", description="warn: an alarm is journalled and printed; trip: it trips as well"
+        "warn", description="reaction to an alarm: warn records and prints it, trip also trips the run"
     )
     on_trip: Literal["stop", "retract", "park"] = Field(
         "retract",
-        description="what follows a trip: stop and hold, retract to clearance, or park at habits.park_height_mm",
+        description="motion after a trip: stop and hold, retract to clearance, or park at habits.park_height_mm",
     )
     x_mm: tuple[float, float] = Field(
-        (-6.0, 6.0), description="how far to either side of the pad's centre; a place beyond is refused"
+        (-6.0, 6.0),
+        description="allowed lateral positions from the center of the pad, in mm; others are refused",
     )
     along_mm: tuple[float, float] = Field(
-        (-4.0, 4.0), description="how far along the finger from the receptor plane; a place beyond is refused"
+        (-4.0, 4.0),
+        description="allowed positions along the finger from the receptor plane, in mm; others are refused",
     )
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if not self.x_mm[0] < self.x_mm[1]:
-            raise ValueError("x_mm: expected the lower limit before the upper one")
+            raise ValueError("x_mm: the lower limit must be less than the upper one")
         if not self.along_mm[0] <= 0 <= self.along_mm[1]:
-            raise ValueError("along_mm: expected a limit on either side of 0")
+            raise ValueError("along_mm: must include 0 (lower limit ≤ 0 ≤ upper limit)")
         if self.soft_trip_n > self.hard_trip_n:
-            raise ValueError("soft_trip_n: expected no more than hard_trip_n")
+            raise ValueError("soft_trip_n: must not exceed hard_trip_n")
         return self
 
 
 class HabitSettings(Settings):
     """Speeds (mm/s), increments (mm) and thresholds of an indentation."""
 
-    travel_speed_mm_s: float = Field(5.0, ge=SLOWEST_MM_S, le=10, description="of moves to a place, and of the lift")
-    approach_speed_mm_s: float = Field(0.5, ge=SLOWEST_MM_S, le=2, description="of the increments down to contact")
+    travel_speed_mm_s: float = Field(
+        5.0, ge=SLOWEST_MM_S, le=10, description="speed of lateral moves and lifts, in mm/s"
+    )
+    approach_speed_mm_s: float = Field(
+        0.5, ge=SLOWEST_MM_S, le=2, description="speed of the approach to contact, in mm/s"
+    )
     press_speed_mm_s: float = Field(
         1.0,
         ge=SLOWEST_MM_S,
         le=FASTEST_PRESS_MM_S,
-        description="of the increments past contact, where a script names no speed",
+        description="speed of the press past contact unless the protocol sets one, in mm/s",
     )
     clearance_mm: float = Field(
         2.0,
         gt=0.2,
         le=20,
-        description="height above the apex between indentations; below it the stage goes by increments",
+        description=("height above the apex between indentations, in mm; below it the stage moves in increments"),
     )
-    park_height_mm: float = Field(10.0, gt=0.2, le=40, description="above the apex, where on_trip = park lifts to")
+    park_height_mm: float = Field(
+        10.0, gt=0.2, le=40, description="height above the apex that limits.on_trip = park lifts to, in mm"
+    )
     descent_speed_mm_s: float = Field(
-        0.8, ge=SLOWEST_MM_S, le=2, description="of the way down to clearance after homing, which a touch ends"
+        0.8,
+        ge=SLOWEST_MM_S,
+        le=2,
+        description="speed of the descent to clearance after homing, in mm/s; a touch ends the descent",
     )
     descent_step_mm: float = Field(
-        0.5, gt=0, le=5, description="between readings on the way down by hand, and after a touch that was none"
+        0.5, gt=0, le=5, description="step between readings during a manual descent, in mm, and after a false touch"
     )
     increment_mm: float = Field(
-        0.05, gt=0, le=0.05, description="the longest move below clearance; force is read after each"
+        0.05, gt=0, le=0.05, description="longest single move below clearance, in mm; the force is read after each"
     )
     touch_increment_mm: float = Field(
-        0.01, gt=0, le=0.05, description="the increments that find contact, after increment_mm has felt it"
+        0.01, gt=0, le=0.05, description="increment that locates contact once increment_mm has detected it, in mm"
     )
     retouch_margin_mm: float = Field(
         0.1,
         ge=0.05,
         le=20,
-        description="besides the stopping distance, above the last contact: so far one move comes back to a place",
+        description=(
+            "margin above the last contact, in mm, where a repeated approach begins; added to the stopping distance"
+        ),
     )
-    touch_force_gwt: float = Field(0.05, gt=0, le=1, description="a force above this is contact")
+    touch_force_gwt: float = Field(0.05, gt=0, le=1, description="force that counts as contact, in gwt")
     settle_readings: int = Field(
-        1, ge=1, le=20, description="sensor periods waited for between a move and its reading"
+        1, ge=1, le=20, description="number of sensor periods to wait between a move and its reading"
     )
 
     @model_validator(mode="after")
     def _fine_within_coarse(self) -> Self:
         if self.touch_increment_mm > self.increment_mm:
-            raise ValueError("touch_increment_mm: expected no more than increment_mm")
+            raise ValueError("touch_increment_mm: must not exceed increment_mm")
         return self
 
 
 class BenchSettings(Settings):
-    """All that the devices need."""
+    """Settings of the devices."""
 
     stage: SerializeAsAny[StageSettings] = StageSettings()
     force: SerializeAsAny[ForceSettings] = ForceSettings()
@@ -543,19 +676,19 @@ class BenchSettings(Settings):
 
     @property
     def bounds(self) -> StageBounds | None:
-        """What the stage's controller may enforce; None where no limits are known."""
+        """Bounds that the stage's controller may enforce; None if there are no limits."""
         return None
 
 
 class RigSettings(BenchSettings):
-    """All that the engine needs."""
+    """Settings of the engine."""
 
     limits: LimitSettings = LimitSettings()
     habits: HabitSettings = HabitSettings()
 
     @property
     def bounds(self) -> StageBounds:
-        """What the stage's controller may enforce: a floor below the deepest press there is, the highest speed."""
+        """Bounds that the stage's controller may enforce: a floor below the deepest press, and the highest speed."""
         limits = self.limits
         given_mm = self.calibration.value("compliance_mm_per_n", 0.0) * limits.soft_trip_n
         floor_mm = self.frame.apex_z_mm - limits.fall_mm - limits.search_mm - limits.max_doi_mm - given_mm
@@ -566,7 +699,7 @@ class RigSettings(BenchSettings):
 
     @property
     def floor(self) -> str:
-        """The lowest height of the stage, in words."""
+        """Lowest position of the stage, as text."""
         return (
             f"the floor at {self.bounds.lowest_z_mm:g} mm: "
             "limits.fall_mm, limits.search_mm and limits.max_doi_mm below frame.apex_z_mm"
@@ -579,6 +712,6 @@ class RigSettings(BenchSettings):
             speed = getattr(self.habits, name)
             if speed > fastest:
                 raise ValueError(
-                    f"limits.max_press_speed_mm_s = {fastest:g}: expected no less than habits.{name} = {speed:g}"
+                    f"limits.max_press_speed_mm_s = {fastest:g}: must be at least habits.{name} = {speed:g} mm/s"
                 )
         return self

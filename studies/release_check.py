@@ -129,7 +129,7 @@ def tried(place: CleanEnvironment, version: str) -> Iterator[str]:
         place.run("rig", *words)
     yield "runs, show, watch, export, doctor --bundle"
     said = place.run("rig", "export", run, "--nwb", code=2)
-    _expect(said.strip(), "rig: export --nwb: needs pynwb, expected pip install 'indentation-rig[nwb]'")
+    _expect(said.strip(), "rig: export --nwb requires pynwb; install it with pip install 'indentation-rig[nwb]'")
     yield "an extra that is not there is asked for in one line"
 
 

@@ -22,12 +22,12 @@ from rig.transport import PortOwner, TransportError, first_owner, port_owner
 
 
 def bench_problems(config: Config) -> list[str]:
-    """One line for each."""
+    """Return the problems of a configuration, one line each."""
     return [str(problem) for problem in _problems(config)]
 
 
 def refuse_bench(config: Config) -> None:
-    """Raises BadInputError for the first of them."""
+    """Raise BadInputError for the first problem of a configuration."""
     for problem in _problems(config):
         raise problem
 
@@ -36,36 +36,44 @@ def _problems(config: Config) -> Iterator[BadInputError]:
     force = config.force.port
     for port in stage_ports(config.stage):
         if _same_port(port, force):
-            yield BadInputError("stage.port and force.port: both are {port}, expected a port for each",
-                                code="same_port", port=port)  # fmt: skip
+            yield BadInputError(
+                "stage.port and force.port are both {port}; give each device its own port",
+                code="same_port",
+                port=port,
+            )
     try:
         refuse_place(0.0, 0.0, config)
     except BadInputError as error:
-        yield around(BadInputError, "frame: the pad at clearance: {problem}", error)
+        yield around(BadInputError, "frame: the stage cannot reach the pad at clearance: {problem}", error)
     apex_mm, lowest_mm = config.frame.apex_z_mm, -config.stage.travel_mm[2]
     if not lowest_mm <= apex_mm <= 0:
-        yield BadInputError("{key} = {value:g}: outside the stage's travel, {low:g} … 0 mm",
-                            code="apex_outside_travel", key="frame.apex_z_mm", value=apex_mm, low=lowest_mm,
-                            high=0.0)  # fmt: skip
+        yield BadInputError(
+            "{key} = {value:g} mm is outside the stage's travel, {low:g} … 0 mm",
+            code="apex_outside_travel",
+            key="frame.apex_z_mm",
+            value=apex_mm,
+            low=lowest_mm,
+            high=0.0,
+        )
 
 
 def _same_port(one: str, other: str) -> bool:
-    """Under whichever of its names: a link by id is the device that it leads to."""
+    """Return whether two names are the same port; a link counts as its device."""
     return one == other or (os.path.exists(one) and os.path.exists(other) and os.path.samefile(one, other))
 
 
 def today() -> datetime.date:
-    """The day at the bench."""
+    """Return the local date."""
     return datetime.datetime.fromtimestamp(WallClock().unix_s()).date()
 
 
 def expired_calibrations(config: Config) -> list[str]:
-    """One line for each calibration that may no longer be used: refused on hardware, a warning in a dry-run."""
+    """Return a line per expired calibration: refused on hardware, a warning in a dry run."""
     return [str(problem) for problem in _expired(config)]
 
 
 def refuse_expired(config: Config) -> None:
-    """Raises BadInputError for a calibration that may no longer be used."""
+    """Raise BadInputError for an expired calibration."""
     for problem in _expired(config):
         raise problem
 
@@ -73,12 +81,16 @@ def refuse_expired(config: Config) -> None:
 def _expired(config: Config) -> Iterator[BadInputError]:
     for name in config.calibration.expired(today()):
         expires = getattr(config.calibration, name).expires
-        yield BadInputError("{key}: expired on {expires}, expected a newer measurement", code="expired",
-                            key=f"calibration.{name}", expires=expires)  # fmt: skip
+        yield BadInputError(
+            "{key} expired on {expires}; measure it again and update the configuration",
+            code="expired",
+            key=f"calibration.{name}",
+            expires=expires,
+        )
 
 
 def as_table(name: str, value: float, valid_days: int, sd: float | None = None) -> str:
-    """A calibration made today, as lines for the configuration file."""
+    """Return a calibration made today as lines for the configuration file."""
     date = today()
     expires = date + datetime.timedelta(days=valid_days)
     known_to = {} if sd is None else {"sd": tomlkit.value(f"{sd:.3g}")}
@@ -90,11 +102,12 @@ _CODE = re.compile(r"[A-Z]{1,3}[0-9]{2,6}")
 
 
 def checked_subject(code: str | None) -> str | None:
-    """The code, if it is one: no name looks like it. Raises BadInputError."""
+    """Return a valid subject code, whose form no name has. Raises BadInputError."""
     if code is None or _CODE.fullmatch(code):
         return code
     raise BadInputError(
-        "--subject: expected a code such as S07, one to three capital letters and two to six digits, never a name",
+        "--subject: not a subject code; use one to three capital letters and two to six digits, such as "
+        "S07, never a name",
         code="no_subject_code",
     )
 
@@ -103,9 +116,9 @@ _AT_REST = ("Idle", "Alarm")
 
 
 def look(settings: Config, *, closely: bool = False) -> dict[str, dict[str, Any]]:
-    """Stage and force as they are: kind, port, who has that and what they do, or what the device says, or a problem.
+    """Return the state of stage and force sensor: type, port, and owner, status or problem.
 
-    closely: a stage at rest also says who it is, and its settings are compared with the configuration.
+    closely: also identify a stage at rest, and compare its settings with the configuration.
     """
     stage, force = settings.stage, settings.force
     ports = " and ".join(stage_ports(stage))
@@ -116,19 +129,19 @@ def look(settings: Config, *, closely: bool = False) -> dict[str, dict[str, Any]
 
 
 def contact(settings: Config) -> dict[str, Any]:
-    """What is on record about contact; nothing where no command has found anything out."""
+    """Return the recorded state of contact."""
     known = BenchMemory(settings).read().contact
     return {"words": "nothing on record"} if known is None else known.as_json()
 
 
 def in_one_line(found: dict[str, Any]) -> str:
-    """Return what was found for a terminal: its sentences where it has any, else keys and values but for codes."""
+    """Format a state for the terminal: its sentences, or else keys and values without codes."""
     sentences = [str(found[key]) for key in ("words", "to_do") if found.get(key)]
     return "; ".join(sentences) or ", ".join(f"{key} {value}" for key, value in found.items() if key != "code")
 
 
 def position(at: StageStatus) -> dict[str, Any]:
-    """A status as JSON: machine coordinates in mm."""
+    """Return a status as JSON, machine coordinates in mm."""
     return {"state": at.state, "x_mm": at.x_mm, "y_mm": at.y_mm, "z_mm": at.z_mm}
 
 
@@ -161,5 +174,5 @@ def _look_at_force(settings: Config) -> dict[str, Any]:
 
 
 def _owned(owner: PortOwner) -> dict[str, Any]:
-    """Who has a port, by number where the system tells it, and what they do."""
+    """Return the owner of a port, by process id if known, and what it does."""
     return {"owner": str(owner)} if owner.pid is None else {"owner": owner.pid, **at_work(owner.pid)}

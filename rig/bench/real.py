@@ -19,7 +19,7 @@ from rig.transport.wire import Sink
 
 
 class PortError(TransportError):
-    """A port of the bench could not be opened; device says which."""
+    """A port of the bench could not be opened; `device` says which."""
 
     def __init__(self, device: Literal["stage", "force"], error: TransportError) -> None:
         fields = {**error.fields, "device": device, "problem": str(error)}
@@ -29,7 +29,7 @@ class PortError(TransportError):
 
 @dataclass(frozen=True)
 class RealBench:
-    """What the engine needs, on real ports and the wall clock; `ask` puts a request to the person at the bench."""
+    """Bench on real ports and the wall clock; `ask` prompts the operator."""
 
     clock: WallClock
     stage: Stage
@@ -43,23 +43,23 @@ class RealBench:
 
     @property
     def operator(self) -> Self:
-        """The person whom `ask` asks."""
+        """The operator."""
         return self
 
     def mount(self, indentor: str) -> str:
-        """What the person says is on: Enter for what was asked for, or a name."""
+        """Ask for an indentor and return the mounted one: Enter confirms, a name replaces it."""
         return self.ask(f"mount {indentor}").strip() or indentor
 
     def confirm(self, request: str) -> None:
-        """Returns when the person says that it is done."""
+        """Return when the operator confirms a request."""
         self.ask(request)
 
     def witness(self, stream: str, data: Mapping[str, Any]) -> dict[str, float]:
-        """Nobody knows more than the devices say."""
+        """Return nothing: a real bench knows no more than its devices."""
         return {}
 
     def look_after(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
-        """A thread looks at it."""
+        """Monitor the heartbeat from a thread."""
         return looked_after(heartbeat)
 
     def touched(self, known: KnownContact) -> None:
@@ -67,12 +67,12 @@ class RealBench:
         self.memory.touched(known)
 
     def left_with(self, zero: ForceZero | None) -> None:
-        """Remember for the next command what forces were counted from."""
+        """Record the zero for the next command."""
         if zero is not None:
             self.memory.zeroed(zero)
 
     def close(self) -> None:
-        """Give the ports back; where a homed stage stands is remembered."""
+        """Release the ports; record the position of a homed stage."""
         if self.stage.homed:
             with suppress(StageError, TransportError):
                 self.memory.left(self.stage.status())
@@ -88,9 +88,9 @@ def open_bench(
     pause: Pause = NO_PAUSE,
     in_hand: StageInHand | None = None,
 ) -> RealBench:
-    """Open both ports; the bytes go to `byte_log`, and `ask` puts requests to whoever stands there.
+    """Open both ports; the bytes go to `byte_log`, and `ask` prompts the operator.
 
-    in_hand: where the stage is open already; it is given back to it.
+    in_hand: holder of a stage that is open already; it gets the stage back.
 
     Raises PortError.
     """

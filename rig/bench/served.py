@@ -30,9 +30,9 @@ Process = TypeVar("Process", PressProcess, WayProcess)
 
 
 class ServedBench:
-    """A stage, a force sensor or both, with the finger between them; close() it, or use it in a `with`.
+    """Served stage, force sensor or both, with a finger between them; close it, or use it in a `with`.
 
-    ports says by what names clients open them.
+    ports: names by which clients open the devices.
     """
 
     def __init__(
@@ -44,9 +44,9 @@ class ServedBench:
         tcp: int | None = None,
         complain: Callable[[str], object] = print,
     ) -> None:
-        """Kinds of the devices, None for none; tcp is the first port's number, pseudo-terminals without it.
+        """stage, force: types of the devices, None for none. tcp: number of the first port; else pseudo-terminals.
 
-        Returns when everything answers. Raises BadInputError.
+        Returns when all devices answer. Raises BadInputError.
         """
         config = with_framing(with_kinds(config, stage, force), "rtu" if tcp is None else "tcp")
         self.scheduler = WallScheduler()
@@ -60,7 +60,7 @@ class ServedBench:
             self._build(config, stage, force, complain)
         except PortBusyError as error:
             self.close()
-            raise around(BadInputError, "{problem}, expected another number for --tcp", error) from None
+            raise around(BadInputError, "{problem}; choose another number for --tcp", error) from None
         except FingerNotLoadedError as error:
             self.close()
             raise around(BadInputError, "{problem}", error) from None
@@ -70,7 +70,7 @@ class ServedBench:
 
     @property
     def statistics(self) -> PressStatistics | None:
-        """How the forces came, if there is a finger."""
+        """Statistics of the computed forces, if there is a finger."""
         return None if self.press is None else self.press.statistics
 
     def run(self) -> None:
@@ -101,7 +101,7 @@ class ServedBench:
             felt = self._finger(config, board, complain) if board else Load(lambda t_s: 0.0)
             sensor = virtual_force(self.scheduler, force_line, config, load_on_sensor(felt, config))
             wire_hardware_trip(config, board, sensor)
-        for port in self._refusing:  # until now: a client would wait for what nobody answers yet
+        for port in self._refusing:  # not earlier: clients would wait for an answer
             port.listen()
 
     def _open(self, name: str, baud: int) -> SerialLine:

@@ -1,4 +1,4 @@
-"""The bench of a dry-run: real drivers and real bytes, virtual devices on one virtual clock."""
+"""Virtual bench: real drivers and bytes, virtual devices on one virtual clock."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
@@ -41,31 +41,31 @@ from sim.plant import Carriage, Placement, Plant, RelaxingPlant, Screws, TruePos
 
 
 def believed_steps_per_mm(config: Config, axis: str) -> float:
-    """As measured, or nominal; negative where the motor runs against the axis."""
+    """Return the calibrated or nominal steps per mm, negative if the motor runs against the axis."""
     return config.calibration.value(f"{axis}_steps_per_mm", NOMINAL_STEPS_PER_MM)
 
 
 def _screw(config: Config, axis: str) -> float:
-    """Steps in a mm of the true screw."""
+    """Return the steps per mm of the true screw."""
     true: float | None = getattr(config.virtual, f"{axis}_screw_steps_per_mm")
     return true or abs(believed_steps_per_mm(config, axis))
 
 
 def lost_steps(config: Config, axis: str) -> float:
-    """Lost motion of the true screw."""
+    """Return the lost motion of the true screw (steps)."""
     backlash_mm: float = getattr(config.virtual, f"{axis}_screw_backlash_mm")
     return backlash_mm * _screw(config, axis)
 
 
 def with_framing(config: Config, framing: Framing) -> Config:
-    """The configuration, Modbus framed like this where it does not say."""
+    """Return the configuration with a default Modbus framing."""
     stage = config.stage.model_copy(update={"framing": config.stage.framing or framing})
     force = config.force.model_copy(update={"framing": config.force.framing or framing})
     return config.model_copy(update={"stage": stage, "force": force})
 
 
 def with_kinds(config: Config, stage: str | None, force: str | None) -> Config:
-    """The configuration with devices of these kinds; None leaves what is there. Raises BadInputError."""
+    """Return the configuration with devices of these types; None keeps a device. Raises BadInputError."""
     parts: dict[str, DeviceSettings] = {}
     try:
         parts["stage"] = config.stage if stage is None else as_kind(StageSettings, config.stage, stage)
@@ -76,7 +76,7 @@ def with_kinds(config: Config, stage: str | None, force: str | None) -> Config:
 
 
 def true_carriage(stage: VirtualStage, config: Config) -> Carriage:
-    """Where the stage's steps really put the indentor: true screws, true place of the finger."""
+    """Return the true carriage: true screws, true position of the finger."""
     virtual, frame = config.virtual, config.frame
     return Carriage(
         stage.nut_steps_at,
@@ -90,19 +90,19 @@ def true_carriage(stage: VirtualStage, config: Config) -> Carriage:
 
 
 def truth(config: Config) -> Truth:
-    """How the finger and the rig of the virtual bench differ from the model."""
+    """Return how finger and rig of the virtual bench differ from the model."""
     virtual = config.virtual
     turn = Turn(virtual.finger_roll_deg, virtual.finger_tilt_deg)
     return Truth(virtual.stiffness, virtual.compliance_mm_per_n, turn)
 
 
 def relaxation(config: Config) -> list[PronyTerm]:
-    """Of the tissue; none: it is elastic."""
+    """Return the relaxation of the tissue; empty if it is elastic."""
     return [PronyTerm(share, tau_s) for share, tau_s in config.virtual.relaxation]
 
 
 def load_on_sensor(felt: Load, config: Config) -> Load:
-    """The force on the finger as the sensor gets it: late, noisy and drifting where that is configured."""
+    """Return the force as the sensor measures it, with the configured delay, noise and drift."""
     virtual = config.virtual
     latency_s = virtual.cell_latency_s
     force_n = load_cell(
@@ -117,7 +117,7 @@ def load_on_sensor(felt: Load, config: Config) -> Load:
 
 
 def virtual_stage(scheduler: Scheduler, line: SerialLine, config: Config) -> VirtualStage:
-    """The twin of the configured stage, on a line. Raises BadInputError."""
+    """Create the twin of the configured stage on a line. Raises BadInputError."""
     x, y, z = (believed_steps_per_mm(config, axis) for axis in "xyz")
     told = StageTold(
         config.stage.travel_mm,
@@ -132,7 +132,7 @@ def virtual_stage(scheduler: Scheduler, line: SerialLine, config: Config) -> Vir
 
 
 def virtual_force(scheduler: Scheduler, line: SerialLine, config: Config, load: Load) -> object:
-    """The twin of the configured force sensor, on a line, under a load. Raises BadInputError."""
+    """Create the twin of the configured force sensor on a line, under a load. Raises BadInputError."""
     force = config.force
     told = ForceTold(
         force.sample_period_s,
@@ -145,7 +145,7 @@ def virtual_force(scheduler: Scheduler, line: SerialLine, config: Config, load: 
 
 
 def wire_hardware_trip(config: Config, stage: object, sensor: object) -> None:
-    """Lead the relay of the virtual transmitter to the stop input of the virtual stage, as [stop] says."""
+    """Connect the relay of the virtual transmitter to the stop input of the virtual stage, as in [stop]."""
     name = config.stop.trip_input
     if name is None or not (isinstance(stage, StopPins) and isinstance(sensor, Relay)):
         return
@@ -153,13 +153,13 @@ def wire_hardware_trip(config: Config, stage: object, sensor: object) -> None:
 
 
 def refuse_twinless(*devices: DeviceSettings) -> None:
-    """Raises BadInputError for a device without a virtual twin, or with one that is not there."""
+    """Raise BadInputError for a device without a usable virtual twin."""
     for device in devices:
         _twin(kind_of(device))
 
 
 def with_stand_ins(config: Config) -> Config:
-    """The usual kind of device in the place of one without a virtual twin: what a rehearsal can do without."""
+    """Replace devices without a virtual twin by the default types, for a rehearsal."""
     stage = None if kind_of(config.stage).twin else DEFAULTS["stage"]
     force = None if kind_of(config.force).twin else DEFAULTS["force"]
     sync = config.sync if stage is None else SyncSettings()  # whose outputs are others
@@ -182,14 +182,20 @@ def _twin(entry: DeviceKind) -> Callable[..., Any]:
     what = f"{entry.room}.kind = {entry.name!r}"
     if not entry.twin:
         usual = f"{entry.room}.kind = {DEFAULTS[entry.room]!r}"
-        raise BadInputError("{what}: this device has no virtual twin, expected another one here, such as {usual}",
-                            code="no_twin", what=what, room=entry.room, kind=entry.name, usual=usual)  # fmt: skip
+        raise BadInputError(
+            "{what}: this device has no virtual twin; use one that has, such as {usual}",
+            code="no_twin",
+            what=what,
+            room=entry.room,
+            kind=entry.name,
+            usual=usual,
+        )
     module, _, function = entry.twin.partition(":")
     try:
         twin: Callable[..., Any] = getattr(import_module(module), function)
-    except (Exception, SystemExit) as error:  # whatever a package does when it is imported
+    except (Exception, SystemExit) as error:  # importing a package may raise anything
         raise BadInputError(
-            "{what}: its virtual twin {twin}: {exception}: {problem}",
+            "{what}: its virtual twin {twin} cannot be loaded: {exception}: {problem}",
             code="twin_not_loaded",
             what=what,
             twin=entry.twin,
@@ -200,7 +206,7 @@ def _twin(entry: DeviceKind) -> Callable[..., Any]:
 
 
 class AnyPlant(Protocol):
-    """What stands under the virtual indentor."""
+    """Finger under the virtual indentor."""
 
     def mount(self, indentor: str) -> None: ...
 
@@ -211,7 +217,7 @@ class AnyPlant(Protocol):
 
 @contextmanager
 def looked_after_by(clock: VirtualClock, heartbeat: Heartbeat) -> Iterator[None]:
-    """Have a timer of the virtual clock look at a heartbeat."""
+    """Monitor a heartbeat from a timer of the virtual clock."""
     looking = True
 
     def look() -> None:
@@ -228,7 +234,7 @@ def looked_after_by(clock: VirtualClock, heartbeat: Heartbeat) -> Iterator[None]
 
 @dataclass(frozen=True)
 class VirtualBench:
-    """What the engine needs, and the plant behind the wire. It is its own operator."""
+    """Virtual bench, with its plant. It is its own operator."""
 
     clock: VirtualClock
     stage: Stage
@@ -241,16 +247,16 @@ class VirtualBench:
 
     @property
     def operator(self) -> Self:
-        """Nobody else stands here."""
+        """The bench itself."""
         return self
 
     def mount(self, indentor: str) -> str:
-        """The virtual operator never takes the wrong one."""
+        """Mount an indentor; the virtual operator makes no mistakes."""
         self.plant.mount(indentor if self.shape_files is None else kept_in(self.shape_files, indentor))
         return indentor
 
     def witness(self, stream: str, data: Mapping[str, Any]) -> dict[str, float]:
-        """Where the indentor truly is at a touch and at the end of a hold, mm."""
+        """Return the true position of the indentor at a touch and at the end of a hold (mm)."""
         if stream.endswith("hold_end"):
             pose = self.plant.pose_at(self.clock.monotonic_s())
             return {"true_x_mm": round(pose.x_mm, 9), "true_doi_mm": round(pose.doi_mm, 9)}
@@ -260,28 +266,28 @@ class VirtualBench:
         return {}
 
     def look_after(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
-        """A timer of the virtual clock looks at it."""
+        """Monitor the heartbeat from a timer of the virtual clock."""
         return looked_after_by(self.clock, heartbeat)
 
     @property
     def before(self) -> LastKnown:
-        """Nothing: it is a new one."""
+        """Empty: every virtual bench is new."""
         return LastKnown()
 
     def touched(self, known: KnownContact) -> None:
-        """No finger is on it when the program is gone."""
+        """Do nothing: a virtual bench keeps no record."""
 
     def left_with(self, zero: ForceZero | None) -> None:
-        """The next virtual bench is a new one."""
+        """Do nothing: every virtual bench is new."""
 
     def close(self) -> None:
-        """There is nothing to give back."""
+        """Do nothing."""
 
 
 def virtual_bench(
     config: Config, finger: Fingertip, byte_log: Sink, clock: VirtualClock, pause: Pause
 ) -> VirtualBench:
-    """Devices as configured, with the fingertip under the indentor; the bytes go to `byte_log`."""
+    """Create the configured devices with the fingertip under the indentor; the bytes go to `byte_log`."""
 
     terms, period_s = relaxation(config), config.force.sample_period_s
 
@@ -301,9 +307,9 @@ def bench_around(
     pause: Pause = NO_PAUSE,
     gate: StopGate | None = None,
 ) -> VirtualBench:
-    """Devices as configured around a plant, which is told where the carriage is; the bytes go to `byte_log`.
+    """Create the configured devices around a plant; the bytes go to `byte_log`.
 
-    gate: what a stop closes, between the stage and its driver.
+    gate: gate between the stage and its driver, which a stop closes.
     """
     config = with_framing(config, "rtu")  # there is one wire, whatever ports the configuration names
     stage_line = SerialLine(clock, config.stage.baud)

@@ -19,7 +19,18 @@ from rig.data import dictionary
 from rig.data.folder import replace_text
 from rig.data.index import IndexEntry, RunFilter, listed
 from rig.data.run import Run, RunError, provenance_of, read_run
-from rig.data.tables import FOREIGN, HOLD_COLUMNS, RUN_COLUMNS, STATES, Summary, alive, foreign, summary_of, tables
+from rig.data.tables import (
+    ENDED_EARLY,
+    FOREIGN,
+    HOLD_COLUMNS,
+    RUN_COLUMNS,
+    STATES,
+    Summary,
+    alive,
+    foreign,
+    summary_of,
+    tables,
+)
 from rig.errors import BadInputError
 
 _DAY = "a day such as 2026-03-01"
@@ -207,7 +218,7 @@ def ending_of(run: Run, state: str) -> dict[str, Any] | None:
         return Ending.killed(run).as_json()
     at = FinalPosition(**run.stop["indentor"]) if "indentor" in run.stop else None
     words = None if at is None else at.words
-    return {"reason": run.stop.get("reason") or "the script did less than planned", "words": words}
+    return {"reason": run.stop.get("reason") or ENDED_EARLY, "words": words}
 
 
 def _identities(run: Run) -> dict[str, str]:

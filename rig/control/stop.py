@@ -379,16 +379,16 @@ class SentStop:
 
     @property
     def words(self) -> str:
-        """One line that begins with what is known about the stage."""
+        """One line: whether the stop was sent and confirmed, and what to do if it was not."""
         ports = " and ".join(self.ports)
         if self.sent and self.state is not None:
             return f"Stop sent to {ports}: the stage reports {self.state}."
         if self.confirmed_by is not None:
-            return f"Stop sent to {ports} by process {self.confirmed_by}, which has it."
+            return f"Stop sent to {ports} by process {self.confirmed_by}, which owns the stage."
         why = "; ".join(dict.fromkeys(self.problems)) or "the stage does not answer"
         if self.sent:
-            return f"Stop sent to {ports}, not confirmed: {why}: use the emergency stop."
-        return f"Stop NOT sent to {ports}: {why}: use the emergency stop."
+            return f"Stop sent to {ports} but not confirmed. Use the emergency stop. Cause: {why}"
+        return f"Stop NOT sent to {ports}. Use the emergency stop. Cause: {why}"
 
 
 def send_stop(

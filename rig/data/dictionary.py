@@ -8,93 +8,93 @@ from rig.data.tables import HOLD_COLUMNS, OF_THE_PRESS, RUN_COLUMNS, SUPERSEDED
 
 TABLES = {
     "indentation_start": "an indentation begins",
-    "sample": "a reading of the force, and where the indentor was",
+    "sample": "a reading of the force, with the position of the indentor",
     "touch": "contact was found: F ∝ d^1.5 through the readings of the touch-off",
-    "hold_start": "the target, or an equal part of it, is reached; from now on the indentor rests",
-    "hold_end": "a hold is over: what was delivered",
+    "hold_start": "the target, or an equal part of it, is reached and the hold begins",
+    "hold_end": "a hold ended, with the depth and force that were delivered",
     "sync": "a pulse for the recording amplifier",
     "indentation_end": "the indentor is back at clearance",
     "mount": "an indentor was mounted",
     "home": "the home switches were found",
     "zero": "the force sensor was zeroed in the air",
-    "move": "a place was gone to, at clearance",
+    "move": "the indentor moved to a position, at clearance",
     "find": "contact was found by touch() alone",
     "retract": "the indentor was lifted to clearance",
     "reference": "a reference press was compared with the first one",
-    "rest": "the finger was let be",
-    "checkpoint": "a checkpoint of the script was passed",
-    "note": "the script noted something",
-    "alarm": "something is not as it should be; the run goes on",
+    "rest": "a pause without contact ended",
+    "checkpoint": "the protocol passed a checkpoint",
+    "note": "the protocol wrote a note",
+    "alarm": "an alarm was raised; the run continued unless limits.on_alarm is trip",
     "trip": "the rig tripped",
-    "paused": "the operator paused",
-    "resumed": "the operator went on",
+    "paused": "the operator paused the run",
+    "resumed": "the operator resumed the run",
 }
 """By the name of the stream."""
 
 FAMILIES = {
-    "precondition_": "of preconditioning presses, which are no data",
-    "reference_": "of reference presses, which are no data",
+    "precondition_": "of preconditioning presses, which are not data",
+    "reference_": "of reference presses, which are not data",
     "find_": "of touch()",
 }
 """By what their names begin with; a name that ends in `_superseded` is of indentations that were begun again."""
 
 MEANINGS = {
-    "t_s": "when it was journalled, on the run's clock",
-    "index": "number of the press among those of its kind, from 0, in the order of the script; −1 outside of one",
-    "indentor": "shape, as the program names it",
-    "x_mm": "lateral place of the indentor's reference point, from the pad's centre",
-    "along_mm": "place along the finger, from the pad's centre",
+    "t_s": "time of the event on the run's clock",
+    "index": "number of the press among those of its kind, from 0, in the order of the protocol; −1 outside a press",
+    "indentor": "shape of the indentor, e.g. bar:3.0",
+    "x_mm": "lateral position of the indentor's reference point, from the center of the pad",
+    "along_mm": "position along the finger, from the receptor plane",
     "height_mm": "height of the indentor's lowest point above the nominal apex of the finger",
-    "target": "what was commanded, and its unit: doi_mm (depth past contact) or force_gwt",
-    "value": "how much of it, in the unit of target",
-    "commanded": "the hold's own part of it, in the unit of target",
-    "increments": "holds at equal parts of the target",
-    "target_doi_mm": "depth past contact that was commanded; empty where a force was; of a hold its own part",
-    "target_force_gwt": "force that was commanded; empty where a depth was; of a hold its own part",
-    "block": "of the schedule, from 1; empty outside of one",
-    "repeat": "of the condition in its block, from 1; empty outside of one",
+    "target": "commanded quantity and its unit: doi_mm (depth past contact) or force_gwt",
+    "value": "commanded value, in the unit of target",
+    "commanded": "commanded value of this hold, in the unit of target",
+    "increments": "number of holds, at equal parts of the target",
+    "target_doi_mm": "commanded depth past contact, for a hold its own part; empty if a force was commanded",
+    "target_force_gwt": "commanded force, for a hold its own part; empty if a depth was commanded",
+    "block": "number of the block in the schedule, from 1; empty outside a schedule",
+    "repeat": "repetition of the condition in its block, from 1; empty outside a schedule",
     "condition": "item of the schedule, as text",
-    "phase": "what was being done: clearance, moving, approach, back off, touch, press, hold or compliance",
+    "phase": "activity: clearance, moving, approach, back off, touch, press, hold or compliance",
     "doi_mm": "depth past the fitted contact, corrected for the rig's compliance; empty before contact is found",
-    "doi_sd_mm": "standard deviation of doi_mm: of a step of the stage, and of the compliance",
-    "force_gwt": "force on the finger, pressing being positive",
+    "doi_sd_mm": "standard deviation of doi_mm, from the step of the stage and the compliance",
+    "force_gwt": "force on the finger, positive when pressing",
     "hold_end.force_gwt": "mean force over the readings of the hold",
     "force_sd_gwt": "standard deviation of the readings of the hold",
-    "peak_gwt": "highest force since the hold before, or since contact",
-    "ramp_gwt": "change of force on the way to the hold",
-    "ramp_s": "how long that took",
-    "readings": "how many readings the hold has",
-    "asked_s": "how long the hold was to last",
-    "hold_s": "how long it lasted",
-    "interval_sd_s": "standard deviation of the time between its readings",
-    "stable": "whether the sensor called the reading stable",
-    "contact": "what is known about contact then: lifted (measured), raised (by position alone), or a disagreement",
-    "contact_s": "how long the finger has been touched so far in this run",
-    "threshold_gwt": "force that counted as contact",
-    "height_at_threshold_mm": "height at which that was first read",
-    "contact_height_mm": "height of first contact by the fit, above the nominal apex",
-    "fit_points": "readings that the fit goes through",
-    "doi_bias_mm": "depth already reached when the threshold was crossed, by the fit",
-    "hold": "number of the hold within its indentation, from 1",
-    "at": "what the pulse marks: touch, hold_start or hold_end",
-    "rise_s": "when the device had confirmed the rise, on the run's clock",
-    "uncertainty_s": "how long before that it may have been",
-    "width_s": "how long the output was on",
-    "duration_s": "from its start to clearance again",
-    "true_x_mm": "virtual bench only: where the indentor truly was",
-    "true_doi_mm": "virtual bench only: the true depth past contact",
-    "true_doi_bias_mm": "virtual bench only: true depth at the touch less doi_mm",
-    "controller": "what the stage's controller says of itself",
-    "sensor": "what the force sensor says of itself",
+    "peak_gwt": "highest force since the previous hold, or since contact",
+    "ramp_gwt": "change of force during the ramp to the hold",
+    "ramp_s": "duration of the ramp to the hold",
+    "readings": "number of readings in the hold",
+    "asked_s": "commanded duration of the hold",
+    "hold_s": "actual duration of the hold",
+    "interval_sd_s": "standard deviation of the time between readings of the hold",
+    "stable": "whether the sensor reported the reading as stable",
+    "contact": "state of contact: lifted (measured), raised (by position only), disagreement, touching or unknown",
+    "contact_s": "total contact time in the run so far",
+    "threshold_gwt": "force that counts as contact",
+    "height_at_threshold_mm": "height at which the force first exceeded the threshold",
+    "contact_height_mm": "height of first contact above the nominal apex, from the fit",
+    "fit_points": "number of readings in the fit",
+    "doi_bias_mm": "depth already reached when the force exceeded the threshold, from the fit",
+    "hold": "number of the hold in its indentation, from 1",
+    "at": "event that the pulse marks: touch, hold_start or hold_end",
+    "rise_s": "time when the device had confirmed the rise, on the run's clock",
+    "uncertainty_s": "uncertainty of the rise: it may have been earlier by as much",
+    "width_s": "duration of the pulse",
+    "duration_s": "duration from the start of the indentation until clearance",
+    "true_x_mm": "virtual bench only: true lateral position of the indentor",
+    "true_doi_mm": "virtual bench only: true depth past contact",
+    "true_doi_bias_mm": "virtual bench only: true depth at the touch minus doi_mm",
+    "controller": "identification reported by the stage's controller",
+    "sensor": "identification reported by the force sensor",
     "noise_gwt": "standard deviation of readings in the air",
-    "offset_gwt": "reading in the air that forces are counted from",
-    "drift_gwt": "mean force in the air just before, by the zero of then; empty at the first",
-    "deviation": "largest deviation from the first reference, as a share of its force",
-    "rest_s": "for how long",
-    "name": "of the checkpoint",
-    "text": "what was noted",
-    "reason": "why, in words",
-    "by": "who went on",
+    "offset_gwt": "zero: reading in the air that is subtracted from every reading",
+    "drift_gwt": "drift of the previous zero: mean force in the air just before; empty at the first zeroing",
+    "deviation": "largest deviation from the first reference press, relative to its force",
+    "rest_s": "duration of the pause",
+    "name": "name of the checkpoint",
+    "text": "text of the note",
+    "reason": "reason, as text",
+    "by": "who resumed the run",
 }
 """By the name of the column, or by that of its table and its own where that says more."""
 
@@ -106,22 +106,22 @@ OF_A_HOLD = {
 }
 MODEL_TABLES = {
     "model_contact": {
-        "doi_mm": "depth past contact that the model was pressed to",
-        "force_gwt": "force that the model says",
+        "doi_mm": "depth past contact in the model",
+        "force_gwt": "force predicted by the model",
         "peak_pressure_pseudo": "highest nodal pressure, in pseudo-units",
         "region": "number of the contact region in the receptor plane, from 1",
-        "from_x_mm": "its left end, on the undeformed skin",
-        "to_x_mm": "its right end",
+        "from_x_mm": "left end of the region, on the undeformed skin",
+        "to_x_mm": "right end of the region, on the undeformed skin",
     },
     "model_pressure": {
-        "undeformed_x_mm": "lateral place of a node of the skin in the receptor plane, undeformed",
-        "skin_x_mm": "where that node is under the indentor",
-        "skin_y_mm": "and how high",
+        "undeformed_x_mm": "lateral position of a skin node in the receptor plane, undeformed",
+        "skin_x_mm": "lateral position of the node under the indentor",
+        "skin_y_mm": "height of the node under the indentor",
         "pressure_pseudo": "nodal pressure, unfiltered, in pseudo-units",
     },
     "model_measures": {
-        "receptor_x_mm": "lateral place of the receptor",
-        "e11 … third": "the 18 measures there, tension positive: strains as numbers, stresses in pseudo-units",
+        "receptor_x_mm": "lateral position of the receptor",
+        "e11 … third": "18 measures at the receptor, tension positive: strains unitless, stresses in pseudo-units",
     },
 }
 """What the finger model says of each hold, in CSV files beside the report: their own columns after `OF_A_HOLD`."""
@@ -134,15 +134,15 @@ FLAGS = frozenset({"stable"})
 
 ATTRIBUTES = {
     "run": "name of the run's folder",
-    "uid": "of the run's first document, unlike that of any other run",
-    "date_utc": "when the run began, ISO 8601",
-    "version": "of the program that made the run",
-    "protocol": "name of the script",
-    "title": "what the script says it is",
-    "subject": "code of whoever lay under the rig; empty where none was given",
-    "virtual": "whether it ran on the virtual bench",
-    "planned_indentations": "how many indentations were planned",
-    "complete": "whether all of them were done and the run ended by itself",
+    "uid": "unique identifier of the run",
+    "date_utc": "start of the run, ISO 8601",
+    "version": "version of the program that made the run",
+    "protocol": "name of the protocol",
+    "title": "title of the protocol",
+    "subject": "code of the subject; empty if none was given",
+    "virtual": "whether the run used the virtual bench",
+    "planned_indentations": "number of planned indentations",
+    "complete": "whether all planned indentations were done and the run ended normally",
 }
 """Of data.h5. Every table has a `description` there, every dataset a `unit` and a `description`."""
 
@@ -152,7 +152,7 @@ _OF_A_RUN = {
     "protocol": ATTRIBUTES["protocol"],
     "subject": ATTRIBUTES["subject"],
     "virtual": ATTRIBUTES["virtual"],
-    "state": "how the run ended: done, incomplete, aborted, tripped, limited, failed, killed or running",
+    "state": "state of the run: done, incomplete, aborted, tripped, limited, failed, killed or running",
 }
 
 
@@ -208,10 +208,13 @@ def as_markdown() -> str:
 
 def _model() -> str:
     parts = [
-        "\n## What the finger model says\n\nWritten with the report, one row for what each file lists under a hold.\n"
+        (
+            "\n## Predictions of the finger model\n\nThese files are written with the report. Each has one row per "
+            "hold and item.\n"
+        )
     ]
     of_a_hold = ", ".join(f"`{name}`" for name in OF_A_HOLD)
-    parts.append(f"Each row begins with {of_a_hold}, as above.\n\n| file | column | what it is |\n|---|---|---|\n")
+    parts.append(f"Each row begins with {of_a_hold}, as above.\\n\\n| file | column | meaning |\\n|---|---|---|\\n")
     for name, own in MODEL_TABLES.items():
         parts += [f"| `{name}.csv` | `{column}` | {words} |\n" for column, words in own.items()]
     return "".join(parts)
@@ -220,11 +223,11 @@ def _model() -> str:
 def _tables() -> str:
     parts = ["## Every column\n"]
     for stream, words in TABLES.items():
-        parts.append(f"\n### `{stream}`\n\nA row: {words}.\n\n{_HEAD}")
+        parts.append(f"\\n### `{stream}`\\n\\nOne row per event: {words}.\\n\\n{_HEAD}")
         parts += [_row(one.name, one.unit, one.dtype, one.what) for one in columns() if one.table == stream]
     parts.append("\n### The same columns\n\n| table | rows |\n|---|---|\n")
     parts += [f"| `{begin}…` | {words} |\n" for begin, words in FAMILIES.items()]
-    return "".join([*parts, f"| `…{SUPERSEDED}` | of indentations that were interrupted and begun again |\n"])
+    return "".join([*parts, f"| `…{SUPERSEDED}` | of indentations that were interrupted and repeated |\\n"])
 
 
 def _attributes() -> str:
@@ -238,7 +241,7 @@ def _many_runs() -> str:
         _row(name, "", "bool" if name == "virtual" else "text (UTF-8)", _OF_A_RUN[name]) for name in RUN_COLUMNS
     ]
     of_holds = [_row(name, units[name], dtype(name), meaning("hold_end", name)) for name in HOLD_COLUMNS]
-    return "".join([f"\n## Columns of `rig runs --table`\n\nA row: a hold is over.\n\n{_HEAD}", *of_runs, *of_holds])
+    return "".join([f"\\n## Columns of `rig runs --table`\\n\\nOne row per hold.\\n\\n{_HEAD}", *of_runs, *of_holds])
 
 
 _HEAD = "| column | unit | dtype in `data.h5` | what it is |\n|---|---|---|---|\n"

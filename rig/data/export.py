@@ -87,9 +87,9 @@ def _as_csv(columns: dict[str, list[Any]]) -> str:
 
 _M_PER_MM = 1e-3
 _MARKS = {
-    "block": "of the schedule, from 1; 0 outside of one",
-    "repeat": "of the condition in its block, from 1; 0 outside of a schedule",
-    "condition": "item of the schedule",
+    "block": "number of the block in the schedule, from 1; 0 outside a schedule",
+    "repeat": "repetition of the condition in its block, from 1; 0 outside a schedule",
+    "condition": "item of the schedule, as text",
 }
 _OUTSIDE: dict[str, Any] = {"block": 0, "repeat": 0, "condition": ""}
 
@@ -105,7 +105,9 @@ def export_nwb(run: Run) -> Path:
     try:
         import pynwb
     except ImportError:
-        raise NwbMissingError("export --nwb: needs pynwb, expected pip install 'indentation-rig[nwb]'") from None
+        raise NwbMissingError(
+            "export --nwb requires pynwb; install it with pip install 'indentation-rig[nwb]'"
+        ) from None
     path = run.folder.path / "run.nwb"
     image = io.BytesIO()  # a full disk met by HDF5 itself ends the program
     with h5py.File(image, "w") as hdf5, pynwb.NWBHDF5IO(mode="w", file=hdf5) as file:
@@ -137,9 +139,9 @@ def _add_devices(run: Run, file: Any) -> None:
     """Stage, force sensor and indentors: what they are, and what they say of themselves."""
     kinds = provenance_of(run).get("devices", {})
     said = {"stage": _said(run, "home", "controller"), "force": _said(run, "zero", "sensor")}
-    for name, about in {"stage": "moves the indentor", "force": "feels what presses on the finger"}.items():
-        kind = kinds.get(name, "kind not known")
-        file.create_device(name=name, description=f"{about}: {kind}; says of itself: {said[name]}")
+    for name, about in {"stage": "moves the indentor", "force": "measures the force on the finger"}.items():
+        kind = kinds.get(name, "type unknown")
+        file.create_device(name=name, description=f"{about}: {kind}; identification: {said[name]}")
     shapes = dict.fromkeys(str(event["indentor"]) for event in run.stream("mount"))
     for number, shape in enumerate(shapes, 1):  # a name has no colon and no slash there, as those of shapes have
         file.create_device(name=f"indentor {number}", description=f"rigid shape {shape}")
@@ -168,9 +170,11 @@ def _add_samples(run: Run, file: Any, pynwb: Any) -> None:
     file.add_acquisition(force)
     position = pynwb.behavior.SpatialSeries(
         name="position",
-        description="Indentor's reference point: x across the finger from the pad's centre, height over its apex.",
+        description=(
+            "Reference point of the indentor: x across the finger from the center of the pad, height above its apex."
+        ),
         data=np.stack([_numbers(samples, "x_mm"), _numbers(samples, "height_mm")], axis=1),
-        reference_frame="the finger's: x = 0 at the pad's centre, height 0 at the finger's nominal apex",
+        reference_frame="the finger's frame: x = 0 at the center of the pad, height 0 at the nominal apex",
         unit="meters",
         conversion=_M_PER_MM,
         timestamps=force,
@@ -187,11 +191,11 @@ def _add_indentations(run: Run, file: Any) -> None:
         return
     for name, about in {
         "index": "number of the indentation in the script",
-        "indentor": "shape, as the program names it",
-        "x_mm": "indentor's reference point from the pad's centre",
-        "target": "what was commanded: doi_mm (depth past contact) or force_gwt (gram-weight)",
-        "value": "how much of it",
-        "increments": "holds at equal parts of the target",
+        "indentor": "shape of the indentor, e.g. bar:3.0",
+        "x_mm": "lateral position of the indentor's reference point from the center of the pad, mm",
+        "target": "commanded quantity: doi_mm (depth past contact) or force_gwt (gram-weight)",
+        "value": "commanded value, in the unit of target",
+        "increments": "number of holds, at equal parts of the target",
     }.items():
         file.add_trial_column(name, about)
     marked = any("block" in event for event in starts)
@@ -213,10 +217,10 @@ def _add_holds(run: Run, file: Any, pynwb: Any) -> None:
     for name, about in {
         "index": "number of the indentation in the script",
         "hold": "number of the hold within it, from 1",
-        "x_mm": "indentor's reference point from the pad's centre",
-        "doi_mm": "depth past the fitted contact",
+        "x_mm": "lateral position of the indentor's reference point from the center of the pad, mm",
+        "doi_mm": "depth past the fitted contact, mm",
         "force_gwt": "mean force in gram-weight",
-        "force_sd_gwt": "its standard deviation over readings",
+        "force_sd_gwt": "standard deviation of the readings, in gram-weight",
     }.items():
         table.add_column(name, about)
     for event in began:
@@ -232,7 +236,7 @@ def _add_sync(run: Run, file: Any, pynwb: Any) -> None:
     if not pulses:
         return
     table = pynwb.epoch.TimeIntervals(name="sync_pulses", description="Pulses on the sync output.")
-    table.add_column("uncertainty_s", "how well the rise is known, s")
+    table.add_column("uncertainty_s", "uncertainty of the rise time, s")
     for pulse in pulses:
         rise, width = pulse["rise_s"], pulse["width_s"]
         table.add_row(start_time=rise, stop_time=rise + width, uncertainty_s=pulse["uncertainty_s"])

@@ -147,7 +147,9 @@ class RunFolder:
         try:
             lock.acquire()
         except filelock.Timeout:
-            raise FolderBusyError("run {run}: another process is at it", run=str(self.path)) from None
+            raise FolderBusyError(
+                "run {run} is in use by another process; wait until it ends", run=str(self.path)
+            ) from None
         except OSError as error:
             if error.errno in _FULL:
                 raise UnwritableError.of(self.path / _LOCK, error) from error

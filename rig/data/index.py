@@ -79,7 +79,9 @@ def _mark(journal: Path) -> str:
 
 def _entry(path: Path, mark: str, read: Read) -> IndexEntry:
     if path.name.startswith("."):
-        return IndexEntry(mark, Summary(path.name, problem="half made: its program is at it, or was killed"), "[]")
+        return IndexEntry(
+            mark, Summary(path.name, problem="incomplete folder: its program is still running or was killed"), "[]"
+        )
     if mark == "no file":
         return IndexEntry(mark, Summary(path.name, problem=f"{RunFolder(path).events.name}: not a file"), "[]")
     summary, rows = read(path)

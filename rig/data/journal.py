@@ -131,7 +131,7 @@ class LineFile:
         except FileNotFoundError:
             if mine.st_nlink == 0:
                 return LostFileError(self.path, "was deleted during the run", code="deleted")
-            return LostFileError(self.path, "was moved during the run, or its folder was", code="moved")
+            return LostFileError(self.path, "was moved during the run, alone or with its folder", code="moved")
         except OSError as error:
             what = "can no longer be found: {problem}"
             return LostFileError(self.path, what, code="not_found", problem=error.strerror)

@@ -132,6 +132,9 @@ RUNNING, KILLED, SHORT = "running", "killed", "incomplete"
 STATES = ("done", SHORT, "aborted", "tripped", "limited", "failed", KILLED, RUNNING)
 """How a run ended: its journal's words, and for what has none: not all done, without an end, not ended yet."""
 
+ENDED_EARLY = "the protocol ended before all planned indentations were done"
+"""Reason of a run that ended `incomplete`, which its journal does not give."""
+
 RUN_COLUMNS = ("run", "date_utc", "protocol", "subject", "virtual", "state")
 HOLD_COLUMNS = (
     *("index", "hold", "block", "repeat", "condition", "indentor", "x_mm", "target_doi_mm", "target_force_gwt"),
@@ -187,7 +190,7 @@ def summarised(path: Path) -> tuple[Summary, list[Row]]:
 
 def foreign(error: Exception) -> str:
     """What is said of such a journal."""
-    return f"no journal that this version can read: {type(error).__name__}: {error}"
+    return f"this version cannot read the journal: {type(error).__name__}: {error}"
 
 
 def alive(found: Summary, runs: Path) -> Summary:

@@ -1,4 +1,4 @@
-"""The contracts of a stage and of a force sensor, and how each fails."""
+"""Interfaces of stages and force sensors, and their errors."""
 
 import math
 from abc import abstractmethod
@@ -11,23 +11,23 @@ from rig.errors import RigError
 Axis = Literal["x", "y", "z"]
 
 LOOK_S = 0.1
-"""A motion is looked at so often while it lasts; one that is over sooner, when it is over."""
+"""Interval between statuses during a motion (s); a shorter motion is checked at its end."""
 
 
 class StageError(RigError):
-    """The stage did not do what it was told; position is to be trusted only if the driver says so."""
+    """The stage did not carry out a command; trust its position only if the driver does."""
 
     default_code = "stage_failed"
 
 
 class MoveError(RigError, ValueError):
-    """A move that no stage could make, or not this one: nothing was sent."""
+    """Invalid move; nothing was sent."""
 
     default_code = "bad_move"
 
 
 class StageAlarm(StageError):  # noqa: N818
-    """The controller locked itself; number is the maker's."""
+    """The controller locked itself; `number` is the maker's alarm number."""
 
     default_code = "alarm"
 
@@ -38,7 +38,7 @@ class StageAlarm(StageError):  # noqa: N818
 
 
 class StageReset(StageError):  # noqa: N818
-    """The controller started anew: its queue is gone and its position is no longer to be trusted."""
+    """The controller restarted: its queue is gone and its position is not trusted."""
 
     default_code = "was_reset"
 
@@ -50,39 +50,42 @@ class StageTimeout(StageError):  # noqa: N818
 
 
 class StageNotHomed(StageError):  # noqa: N818
-    """Nothing was moved: where the stage is would not be known."""
+    """The stage is not homed; nothing was moved."""
 
     default_code = "not_homed"
 
     def __init__(self, who: str) -> None:
-        super().__init__("{who} must be homed before a move", who=who)
+        super().__init__("{who} must be homed before a move; home the stage first", who=who)
 
 
 class StageHeld(StageError):  # noqa: N818
-    """Somebody stopped it at the controller: whatever it was told waits for them, and is not to be waited for."""
+    """The stage was held at its controller; commands wait until the hold is released."""
 
     default_code = "held"
 
     def __init__(self, state: str, who: str = "") -> None:
         super().__init__(
-            "{who}the stage is held, {state}: somebody stopped it at the controller", state=state, who=who
+            "{who}the stage is held at its controller (state {state}); release the hold there", state=state, who=who
         )
 
 
 class StageOverridden(StageError):  # noqa: N818
-    """Somebody changed how fast it goes; its position is trusted. halt() brings it to rest at full speed again."""
+    """The speed was changed at the controller; the position is trusted. halt() restores full speed and rest."""
 
     default_code = "overridden"
 
 
 class StageRejected(StageError):  # noqa: N818
-    """The controller refused one line; number is the maker's."""
+    """The controller refused a line; `number` is the maker's error number."""
 
     default_code = "line_refused"
 
     def __init__(self, number: int, line: str, meaning: str) -> None:
         super().__init__(
-            "stage refused {line!r} with error {number}: {meaning}", number=number, line=line, meaning=meaning
+            "the stage's controller refused {line!r} with error {number}: {meaning}",
+            number=number,
+            line=line,
+            meaning=meaning,
         )
         self.number = number
         self.line = line
@@ -90,13 +93,13 @@ class StageRejected(StageError):  # noqa: N818
 
 
 def is_held(state: str) -> bool:
-    """Whether a controller of this state was stopped by somebody, and goes on when they let go."""
+    """Return whether the controller is held in this state and continues on release."""
     return state.startswith(("Hold", "Door"))
 
 
 @dataclass(frozen=True, slots=True)
 class StageStatus:
-    """State as the controller names it; machine coordinates in mm."""
+    """State, in the controller's words, and machine coordinates (mm)."""
 
     state: str
     x_mm: float
@@ -105,34 +108,34 @@ class StageStatus:
 
 
 Looks = Iterator[StageStatus | None]
-"""A motion under way: each item is a look at the stage, LOOK_S after the last one; it ends on arrival.
+"""Motion in progress: yields a status every LOOK_S and ends on arrival.
 
-None where the controller says nothing while it moves. The first look begins the motion. Whoever does not go to the
-end of it calls Stage.halt() or Stage.stop().
+Items are None if the controller does not report during motion. The first item starts the motion. A caller that does
+not exhaust the iterator must call Stage.halt() or Stage.stop().
 """
 
 
 class Stage(Protocol):
     """Three axes in machine coordinates (mm): x lateral, y axial, z vertical, + up.
 
-    No move is accepted unhomed: StageNotHomed before any byte. Moves and jogs that somebody interferes with raise
-    StageHeld or StageOverridden at the next look; a driver whose status names a hold need not.
+    An unhomed stage raises StageNotHomed before any byte is sent. A hold or override at the controller raises
+    StageHeld or StageOverridden at the next status, unless the driver reports the hold in the status itself.
     """
 
     @property
     @abstractmethod
     def homed(self) -> bool:
-        """Whether the position is to be trusted: homed, and no alarm, reset, timeout or stop since."""
+        """Whether the position is trusted: homed, and no alarm, reset, timeout or stop since."""
         ...
 
     @abstractmethod
     def connect(self) -> str:
-        """Make contact; returns the controller's identity. Raises StageError."""
+        """Connect and return the controller's identification. Raises StageError."""
         ...
 
     @abstractmethod
     def homing(self) -> Looks:
-        """Find the home switches; afterwards the position is trusted. Raises StageError."""
+        """Home the stage; afterwards the position is trusted. Raises StageError."""
         ...
 
     @abstractmethod
@@ -145,7 +148,7 @@ class Stage(Protocol):
         speed_mm_s: float,
         look_s: float = LOOK_S,
     ) -> Looks:
-        """Move in a straight line, looked at each look_s.
+        """Move in a straight line, with a status every look_s.
 
         Raises StageError; MoveError, StageNotHomed before any byte.
         """
@@ -153,14 +156,14 @@ class Stage(Protocol):
 
     @abstractmethod
     def halt(self) -> None:
-        """Give up the motion under way and return at rest; the position stays as trusted as it was.
+        """Abort the motion and return at rest; whether the position is trusted does not change.
 
-        What somebody changed of its speed is ended, too. Raises StageError, TransportError.
+        Speed overrides are reset as well. Raises StageError, TransportError.
         """
         ...
 
     def home(self) -> None:
-        """Home and return when it is over. Raises StageError."""
+        """Home and return when done. Raises StageError."""
         arrive(self.homing())
 
     def move_to(
@@ -181,17 +184,17 @@ class Stage(Protocol):
 
     @abstractmethod
     def look(self) -> StageStatus:
-        """Where a stage is that has not been spoken to; changes nothing. Raises StageError."""
+        """Return the status without connecting; changes nothing. Raises StageError."""
         ...
 
     @abstractmethod
     def steps_per_mm(self, axis: Axis) -> float:
-        """What the controller takes for a millimetre, negative where the motor runs against the axis."""
+        """Steps per mm set in the controller, negative if the motor runs against the axis."""
         ...
 
     @abstractmethod
     def jog(self, axis: Axis, by_mm: float, speed_mm_s: float) -> None:
-        """Go on by so much and no farther, even if nothing is heard again; returns at once. Raises StageError."""
+        """Jog by a distance and no farther, even if communication ends; return at once. Raises StageError."""
         ...
 
     @abstractmethod
@@ -201,21 +204,21 @@ class Stage(Protocol):
 
     @abstractmethod
     def set_output(self, on: bool) -> None:
-        """Raise or lower the output that tells a recording amplifier; returns when it is done. Raises StageError."""
+        """Switch the sync output and return when done. Raises StageError."""
         ...
 
     @abstractmethod
     def stop(self) -> None:
-        """Stop now, past every queue and every wait; a driver may then make sure of it, for a second at most.
+        """Stop at once, past every queue and wait; a driver may then confirm the stop for up to 1 s.
 
         The position is not trusted afterwards. Raises StageError, TransportError.
         """
         ...
 
     def limit_depth(self, lowest_z_mm: float) -> None:
-        """Have the controller itself refuse any target below a height, where it can do so without wearing out.
+        """Make the controller refuse targets below a height, if it has a volatile limit.
 
-        The default does nothing: not every controller has a volatile limit.
+        The default does nothing.
 
         Parameters
         ----------
@@ -256,53 +259,53 @@ class Stage(Protocol):
 
 
 def next_look_s(last_s: float, over_s: float, look_s: float) -> float:
-    """When a motion that should be over at over_s is looked at again: not just before that, nor just after it."""
+    """Return the time of the next status of a motion due at over_s: not shortly before or after that."""
     due_s = last_s + look_s
     in_time = last_s >= over_s or over_s - due_s >= look_s / 2
     return due_s if in_time else max(due_s, over_s + look_s)
 
 
 def arrive(looks: Looks) -> None:
-    """Go to the end of a motion."""
+    """Exhaust a motion."""
     for _ in looks:
         pass
 
 
 @runtime_checkable
 class DeadManStage(Protocol):
-    """A stage whose controller stops by itself as soon as nothing is heard."""
+    """Stage whose controller stops by itself when communication ends."""
 
     def jog_while(self, axis: Axis, sign: int, held: Callable[[], bool], speed_mm_s: float) -> None:
-        """Run one way as long as held() says so, and return at rest. Raises StageError."""
+        """Jog in one direction while held() is true, and return at rest. Raises StageError."""
         ...
 
 
 class ForceError(RigError):
-    """There is no force to be had: whoever presses must stop."""
+    """No force reading is available; pressing must stop."""
 
     default_code = "no_force"
 
 
 class ForceOverload(ForceError):  # noqa: N818
-    """More than the instrument can measure."""
+    """The force exceeds the range of the instrument."""
 
     default_code = "overload"
 
 
 class ForceUnderload(ForceError):  # noqa: N818
-    """Less than the instrument can measure: lifted off its support, or broken."""
+    """The force is below the range of the instrument: lifted off its support, or broken."""
 
     default_code = "underload"
 
 
 class ForceBusy(ForceError):  # noqa: N818
-    """The instrument does something else, or found no stable value in its own time."""
+    """The instrument is busy or found no stable value in time."""
 
     default_code = "busy"
 
 
 class ForceBroken(ForceError):  # noqa: N818
-    """The cell or its converter is broken, or its cable."""
+    """The load cell, its converter or its cable is broken."""
 
     default_code = "broken"
 
@@ -315,7 +318,7 @@ class ForceTimeout(ForceError):  # noqa: N818
 
 @dataclass(frozen=True, slots=True)
 class ForceReading:
-    """A force in N, whether the instrument calls it stable, and the host's monotonic time when it came in."""
+    """Force (N), whether the instrument reports it as stable, and its arrival on the host's monotonic clock (s)."""
 
     force_n: float
     stable: bool
@@ -323,24 +326,24 @@ class ForceReading:
 
 
 class ForceSensor(Protocol):
-    """One axis of force, N; press on the sensor is positive."""
+    """Single-axis force sensor (N); pressing is positive."""
 
     @property
     def sample_period_s(self) -> float:
-        """How often the instrument has a value that is made of new samples only."""
+        """Time between values that share no samples (s)."""
         ...
 
     @property
     def resolution_gwt(self) -> float:
-        """One step of what the instrument shows, gwt: less than that it cannot tell from nothing."""
+        """Smallest step of the reading (gwt)."""
         ...
 
     def connect(self) -> str:
-        """Make contact; returns the instrument's identity. Raises ForceError."""
+        """Connect and return the instrument's identification. Raises ForceError."""
         ...
 
     def identify(self) -> str:
-        """The identity of an instrument that somebody else may be using: changes nothing. Raises ForceError."""
+        """Return the identification of an instrument that may be in use; changes nothing. Raises ForceError."""
         ...
 
     def read(self) -> ForceReading:
@@ -348,7 +351,7 @@ class ForceSensor(Protocol):
         ...
 
     def zero(self) -> None:
-        """Take the present load for zero. Raises ForceError."""
+        """Zero the sensor at the present load. Raises ForceError."""
         ...
 
     def close(self) -> None:
@@ -358,7 +361,7 @@ class ForceSensor(Protocol):
 
 @runtime_checkable
 class HasSetPoint(Protocol):
-    """A sensor whose instrument switches a relay at a force, and says at which."""
+    """Sensor whose instrument switches a relay at a force that it reports."""
 
     def set_point_gwt(self, register: int) -> float:
         """Return the force at which the relay switches (gwt). Raises ForceError."""

@@ -62,32 +62,32 @@ from rig.transport import Transport
 POLL_S = 0.02
 HOME_S = 180.0
 HALT_S = 2.0
-# Longer than a step takes at the slowest speed there is, 1 mm/min.
+# Longer than one step at the slowest speed, 1 mm/min.
 STANDS_S = 0.5
 # A second 0x85 at the very end of a jog leaves GRBL 1.1h suspended, Idle and deaf to lines until `~` or a reset.
 CANCEL_AGAIN_S = 0.5
-# A move may take this much longer than its length, speed and acceleration say.
+# A move may take this much longer than computed from length, speed and acceleration.
 LATE_FACTOR, LATE_S = 1.5, 5.0
 ASK_FOR_OFFSET = 35
-# What the board does not confirm is sent anew so often: noise is not there each time.
+# Attempts to have a line confirmed, in case noise corrupted it.
 ATTEMPTS = 3
-# An alarm, the banner after it, and one more of each.
+# Twice: an alarm and the banner after it.
 NEWS = 4
 
 
 @dataclass(frozen=True)
 class Jogged:
-    """A jog under way: along which axis; down to which height, machine mm, where it goes down."""
+    """Jog in progress: axis, and target height (machine mm) if it goes down."""
 
     axis: Axis
     down_to_mm: float | None = None
 
 
 class GrblStage(Stage):
-    """Stage over a GRBL board, one move at a time; output: what set_output() switches.
+    """Stage with a GRBL board, one move at a time; `output` is what set_output() switches.
 
-    expected: settings, by number, without which connect() refuses the board. bounds: what the board is made to
-    enforce by settings of its own, which connect() writes where they differ.
+    expected: settings, by number, that connect() requires of the board. bounds: limits that the board enforces
+    through its own settings, which connect() writes if they differ.
     """
 
     def __init__(
@@ -117,9 +117,9 @@ class GrblStage(Stage):
         return self._link.trusted
 
     def connect(self) -> str:
-        """Return the board's identity. The banner may have been missed, so the board is asked, or reset.
+        """Connect and return the board's identification; ask the board for it, or reset it if it does not answer.
 
-        Raises StageError, also where a setting of the board is not the expected one.
+        Raises StageError, also if a setting of the board is not as expected.
         """
         try:
             printed = self._link.hello()
@@ -131,7 +131,7 @@ class GrblStage(Stage):
         wrong = differences(board, self._expected) + unsuited(printed, board)
         if wrong:
             raise StageError(
-                "{port}: the board is not set as configured{keys}, expected {settings}",
+                "{port}: the settings of the board differ from the configuration{keys}; send it {settings}",
                 code="not_as_configured",
                 port=self._transport.name,
                 keys=keys_of(board, self._expected),
@@ -142,24 +142,26 @@ class GrblStage(Stage):
         return " ".join(line for line in printed if line.startswith("[") and not line.startswith("[MSG"))
 
     def settings(self) -> dict[int, float]:
-        """The board's `$$`, by number. Raises StageError."""
+        """Return the settings of the board (`$$`), by number. Raises StageError."""
         lines = self._link.command("$$")
         self._settings = dict(pair for pair in map(parse_setting, lines) if pair)
         return dict(self._settings)
 
     def _agreed_settings(self) -> dict[int, float]:
-        """Two answers that are the same: a number read wrong would be believed for as long as this runs."""
+        """Return the settings once two answers agree, since a misread number would stay in use."""
         board = self.settings()
         for _ in range(ATTEMPTS):
             before, board = board, self.settings()
             if board == before:
                 return board
         raise StageError(
-            "{port}: no two answers to $$ are the same", code="answers_differ", port=self._transport.name
+            "{port}: the board reports different settings each time ($$); check the cable and stage.baud",
+            code="answers_differ",
+            port=self._transport.name,
         )
 
     def _enforce(self, wanted: Mapping[int, float]) -> None:
-        """Write what differs and read everything back; nothing is written where nothing differs."""
+        """Write the settings that differ and read all of them back."""
         for _ in range(ATTEMPTS):
             wrong = {n: value for n, value in wanted.items() if differs(self._settings, n, value)}
             if not wrong:
@@ -168,17 +170,17 @@ class GrblStage(Stage):
                 self._link.command(f"${n}={number(value, 3)}")
             self._agreed_settings()
         raise StageError(
-            "{port}: the board does not keep what is written, expected {settings}",
+            "{port}: the board did not accept the settings {settings}",
             code="not_kept",
             port=self._transport.name,
             **told(differences(self._settings, wanted)),
         )
 
     def homing(self) -> Looks:
-        """`$H`; most boards answer nothing while it lasts. The position is given up as it begins.
+        """Home with `$H`; most boards do not answer meanwhile, and the position is not trusted.
 
-        It is trusted only if the board was seen homing, and stands where homing ends: an `ok` alone may be that of
-        `$X`, which is one bit from `$H`.
+        It is trusted again only if the board reported homing and rests where homing ends. An `ok` alone may belong to
+        `$X`, which differs from `$H` by one bit.
         """
         self._jogged = None
         if not self._link.in_step:
@@ -191,7 +193,7 @@ class GrblStage(Stage):
             if self._clock.monotonic_s() - begun_s > REPLY_S and set(new) - {"Home"}:
                 self._link.in_step = False
                 raise StageTimeout(
-                    "{port}: no answer to '$H', and it does not home: {state}",
+                    "{port}: the board neither answers '$H' nor homes (state {state}); home again",
                     code="does_not_home",
                     port=self._transport.name,
                     state=new[-1],
@@ -207,7 +209,7 @@ class GrblStage(Stage):
     def _say_not_homed(self, missed: Misplaced | None) -> NoReturn:
         where = {} if missed is None else {"missed": str(missed), **missed._asdict()}
         raise StageError(
-            "{port}: the board says ok but did not home" + (": {missed}" if missed else ""),
+            "{port}: the board answered ok to '$H' but did not home" + (": {missed}" if missed else ""),
             code="did_not_home",
             port=self._transport.name,
             **where,
@@ -219,7 +221,7 @@ class GrblStage(Stage):
         self._link.command("$X")
 
     def status(self) -> StageStatus:
-        """Where the stage is now. Raises StageError, also where somebody interferes with a jog."""
+        """Return the status. Raises StageError, also if a jog is held or overridden at the controller."""
         now = self._status()
         if self._jogged is not None:
             self._link.refuse_interference(now.state)
@@ -229,11 +231,13 @@ class GrblStage(Stage):
         fields = self._link.ask_status()
         asked = 0
         while fields.machine is None and (fields.work is None or self._link.offset is None):
-            # Work coordinates ($10) mean nothing until the offset has come by; a garbled line has neither.
+            # Work coordinates ($10) need the offset, which comes seldom; a garbled line has neither.
             asked += 1
             if asked > (ASK_TIMES if fields.work is None else ASK_FOR_OFFSET):
                 raise StageError(
-                    "{port}: the status holds no machine position", code="no_position", port=self._transport.name
+                    "{port}: the status report contains no machine position; check setting $10 of the board",
+                    code="no_position",
+                    port=self._transport.name,
                 )
             fields = self._link.ask_status()
         self._last = fields.machine or machine_from(fields.work, self._link.offset)
@@ -249,10 +253,11 @@ class GrblStage(Stage):
         speed_mm_s: float,
         look_s: float = LOOK_S,
     ) -> Looks:
-        """Straight to machine coordinates (mm) at speed_mm_s; over when the board says it is there.
+        """Move straight to machine coordinates (mm) at speed_mm_s; done when the board reports arrival.
 
-        It is asked each look_s, and after the expected travel time each POLL_S. Where an axis has backlash it always
-        arrives in its negative direction: down, for Z. Raises StageError; MoveError, StageNotHomed before any byte.
+        The board is polled every look_s, and every POLL_S after the expected travel time. An axis with backlash
+        always arrives in its negative direction: down, for Z. Raises StageError; MoveError, StageNotHomed before
+        any byte.
         """
         target = {axis: mm for axis, mm in (("X", x_mm), ("Y", y_mm), ("Z", z_mm)) if mm is not None}
         refuse_move(target, speed_mm_s)
@@ -275,7 +280,7 @@ class GrblStage(Stage):
         yield from self._arriving(target, expected_s, look_s)
 
     def _to(self, target: Mapping[str, float], present: Xyz) -> Xyz:
-        """The work coordinates of the present place where those of a target are zero."""
+        """Return the work coordinates of the present position that make those of the target zero."""
         x, y, z = (
             present[i] - on_a_step(self._settings, i, target[axis]) if axis in target else 0.0
             for i, axis in enumerate("XYZ")
@@ -285,9 +290,9 @@ class GrblStage(Stage):
     def _begin(
         self, trigger: str, coordinates: Callable[[Xyz], Xyz], speed_mm_s: float, *, confirm_modes: bool = False
     ) -> Xyz:
-        """Place work zero, and send the trigger once the board has confirmed it; returns where it begins.
+        """Set work zero, send the trigger once the board has confirmed it, and return the start position.
 
-        Nothing moves without. Raises StageError.
+        Nothing moves without the confirmation. Raises StageError.
         """
         self._link.require_in_step(trigger)
         doubt, refused = None, None
@@ -308,7 +313,7 @@ class GrblStage(Stage):
             assert refused is not None
             raise refused
         raise StageError(
-            "{port}: the target was not confirmed, {doubt}; nothing was moved",
+            "{port}: the board did not confirm the target ({doubt}); nothing was moved",
             code="not_confirmed",
             port=self._transport.name,
             doubt=doubt.words,
@@ -317,15 +322,15 @@ class GrblStage(Stage):
         )
 
     def _present(self) -> Xyz:
-        """Where the stage stands: on a step, since what the board prints has three decimals only."""
+        """Return the position rounded to a step, since the board prints only three decimals."""
         assert self._last is not None
         x, y, z = (on_a_step(self._settings, i, mm) for i, mm in enumerate(self._last))
         return (x, y, z)
 
     def halt(self) -> None:
-        """Feed hold, and a reset once the board stands: from rest it loses no step, and what was queued is gone.
+        """Feed hold, then reset at rest: no step is lost, and the queue is empty.
 
-        Overrides end first: some grblHAL boards keep them through a reset.
+        Overrides are cleared first, since some grblHAL boards keep them through a reset.
         """
         if self._link.overrides != FULL:
             self._link.full_speed()
@@ -335,7 +340,8 @@ class GrblStage(Stage):
         while (state := self._status().state) not in ("Hold:0", "Idle"):
             if self._clock.monotonic_s() >= deadline_s:
                 raise StageTimeout(
-                    "{port}: not at rest {timeout_s:g} s after a hold, state {state}",
+                    "{port}: the stage is not at rest {timeout_s:g} s after a feed hold (state {state}); "
+                    "use the emergency stop",
                     code="not_at_rest",
                     port=self._transport.name,
                     timeout_s=HALT_S,
@@ -348,7 +354,7 @@ class GrblStage(Stage):
         state = self._status().state
         if state != "Idle":
             raise StageError(
-                "{port}: {state} after a halt, the position is lost",
+                "{port}: the board is in state {state} after a halt, so the position is lost; home again",
                 code="lost_in_halt",
                 port=self._transport.name,
                 state=state,
@@ -364,7 +370,7 @@ class GrblStage(Stage):
         self._link.send_now(b"!")
 
     def resume(self, timeout_s: float = 5.0) -> None:
-        """End a hold. A `~` that comes while the board still slows down is lost, so it is looked at again.
+        """End a hold. A board that still slows down ignores `~`, so it is sent again.
 
         Raises StageError.
         """
@@ -372,7 +378,7 @@ class GrblStage(Stage):
         while is_held(self._status().state):
             if self._clock.monotonic_s() >= deadline_s:
                 raise StageTimeout(
-                    "{port}: still held after {timeout_s:g} s",
+                    "{port}: the stage is still held after {timeout_s:g} s; release the hold at its controller",
                     code="still_held",
                     port=self._transport.name,
                     timeout_s=timeout_s,
@@ -381,7 +387,7 @@ class GrblStage(Stage):
             self._listen(POLL_S)
 
     def look(self) -> StageStatus:
-        # Opening the port may have reset the board, or somebody stopped it: what that prints is not an answer.
+        # Opening the port may have reset the board, or it was stopped; those messages are not answers.
         for _ in range(NEWS):
             with suppress(StageReset, StageAlarm):
                 return self.status()
@@ -396,10 +402,10 @@ class GrblStage(Stage):
     def jog(self, axis: Axis, by_mm: float, speed_mm_s: float) -> None:
         """Send `$J=` to a board that is idle or jogging; before a jog down, wait until the board is at rest.
 
-        A jog down, and a jog up from rest, goes to a work zero that the board has confirmed. While the board moves
-        sideways or up, a line cannot be confirmed: Z stands in each, so that no single bit makes it go down. One bit
-        makes X of that Z, though: where the finger may be touched, go up in jogs that each begin at rest. Raises
-        StageError; MoveError before any byte.
+        A jog down, and a jog up from rest, goes to a work zero that the board has confirmed. During a lateral or
+        upward jog a line cannot be confirmed. Each therefore contains Z, so that no single bit error makes the
+        stage go down. One bit can still turn that Z into X: if the indentor may touch the finger, jog up in slices
+        from rest. Raises StageError; MoveError before any byte.
         """
         refuse_move({axis: by_mm}, speed_mm_s)
         self._link.refuse_interference("")
@@ -427,7 +433,7 @@ class GrblStage(Stage):
             self._jogged = Jogged("z", start[2] + by_mm)
 
     def _end_of(self, jog: Jogged) -> None:
-        """Wait until a jog is over; one down that ended short was stopped by somebody else. Raises StageError."""
+        """Wait until a jog ends. Raises StageError if a jog down ended short of its target."""
         deadline_s = self._clock.monotonic_s() + LATE_S
         while (now := self.status()).state == "Jog":
             if self._clock.monotonic_s() >= deadline_s:
@@ -437,7 +443,7 @@ class GrblStage(Stage):
         missed = misplaced(self._settings, target, (now.x_mm, now.y_mm, now.z_mm))
         if missed:
             raise StageError(
-                "{port}: the jog was stopped at the controller, {missed}",
+                "{port}: the jog was stopped at the controller: {missed}",
                 code="jog_stopped",
                 port=self._transport.name,
                 missed=str(missed),
@@ -446,21 +452,23 @@ class GrblStage(Stage):
 
     def _still_jogging(self, timeout_s: float) -> StageTimeout:
         return StageTimeout(
-            "{port}: still jogging after {timeout_s:g} s",
+            "{port}: the stage still jogs after {timeout_s:g} s",
             code="still_jogging",
             port=self._transport.name,
             timeout_s=timeout_s,
         )
 
     def end_jog(self, timeout_s: float = 5.0) -> None:
-        """0x85 until the board is at rest: one that comes before the jog has begun is lost.
+        """Send 0x85 until the board is at rest, since a cancel before the jog begins is lost.
 
-        A board that says Jog and stands, as some grblHAL do after a cancel, is at rest. Raises StageError, also where
-        a line may still wait in the board.
+        A board that reports Jog at a constant position, as some grblHAL do after a cancel, is at rest. Raises
+        StageError, also if a line may still wait in the board.
         """
         if not self._link.in_step:
             raise StageError(
-                "{port}: a line may still wait in the board", code="line_waits", port=self._transport.name
+                "{port}: a command may still wait in the board; stop the stage",
+                code="line_waits",
+                port=self._transport.name,
             )
         deadline_s = self._clock.monotonic_s() + timeout_s
         self._jogged = None
@@ -483,14 +491,14 @@ class GrblStage(Stage):
         """Coolant (M8, M9) or spindle (M3, M5); the board switches when all motion before is over."""
         if self._output == "off":
             raise StageError(
-                "{port}: no output of the board is configured, see sync.output",
+                "{port}: no output of the board is configured; set sync.output to coolant or spindle",
                 code="no_output",
                 port=self._transport.name,
             )
         self._link.command(OUTPUT_WORDS[self._output][on], look_s=LOOK_S)
 
     def active_inputs(self) -> frozenset[str]:
-        """Return the stop inputs that the last status named; status() asks anew."""
+        """Return the stop inputs that were active in the last status."""
         return frozenset(STOP_PINS[letter] for letter in self._link.pins if letter in STOP_PINS)
 
     def close(self) -> None:
@@ -508,14 +516,14 @@ class GrblStage(Stage):
             self._link.refuse_interference(now.state)
             if now.state.startswith(("Alarm", "Sleep", "Check")):
                 raise StageError(
-                    "{port}: {state} during a move",
+                    "{port}: the board changed to state {state} during a move; remove the cause, then home",
                     code="left_move",
                     port=self._transport.name,
                     state=now.state,
                 )
             if self._clock.monotonic_s() >= deadline_s:
                 raise StageTimeout(
-                    "{port}: move not over in time, state {state}",
+                    "{port}: the move did not end in time (state {state})",
                     code="not_over",
                     port=self._transport.name,
                     state=now.state,
@@ -527,7 +535,7 @@ class GrblStage(Stage):
         self._link.refuse_interference(now.state)
         missed = misplaced(self._settings, target, (now.x_mm, now.y_mm, now.z_mm))
         if missed:
-            now = self.status()  # one report may be garbled, two do not agree
+            now = self.status()  # a single report may be garbled
             missed = misplaced(self._settings, target, (now.x_mm, now.y_mm, now.z_mm))
         if missed:
             raise StageError(
@@ -553,7 +561,7 @@ def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
 
 DEVICE = StageKind(
     name="grbl",
-    device="GRBL 1.1 board, or one with grblHAL",
+    device="GRBL 1.1 or grblHAL board",
     driver=_driver,
     outputs=("off", "coolant", "spindle"),
     inputs=("door", "hold"),

@@ -39,7 +39,7 @@ ALARMS = {
     9: "homing: switch not found",
 }
 ERRORS = {
-    1: "a word begins with no letter",
+    1: "a word does not begin with a letter",
     2: "bad number",
     3: "unknown $ command or setting",
     4: "negative value",
@@ -66,10 +66,7 @@ OVERRIDDEN = ("feed", "rapid", "spindle")
 
 @dataclass(frozen=True, slots=True)
 class StatusFields:
-    """One `<…>` line, as far as it went: mm; machine or work position, seldom the offset between them.
-
-    Seldom the overrides too, in per cent.
-    """
+    """One `<…>` line: machine or work position (mm), sometimes the offset between them and overrides (%)."""
 
     state: str
     machine: Xyz | None
@@ -80,12 +77,12 @@ class StatusFields:
 
 
 def is_banner(line: str) -> bool:
-    """A banner, also with the half of another line before it."""
+    """Return whether a line contains a banner, even after the rest of another line."""
     return "Grbl" in line and _BANNER.search(line) is not None
 
 
 def parse_status(line: str) -> StatusFields | None:
-    """Read whichever fields come; None if the line is garbled."""
+    """Parse the fields of a status line; None if it is garbled."""
     if line[:1] != "<" or line[-1:] != ">" or "<" in line[1:]:
         return None
     state, *parts = line[1:-1].split("|")
@@ -98,12 +95,12 @@ def parse_status(line: str) -> StatusFields | None:
 
 
 def states(printed: Iterable[str]) -> list[str]:
-    """The states of the statuses among some lines."""
+    """Return the states of all status lines."""
     return [fields.state for line in printed if (fields := parse_status(line))]
 
 
 def machine_from(work: Xyz | None, offset: Xyz | None) -> Xyz:
-    """A machine position from a work position and what lies between them."""
+    """Return the machine position from work position and offset."""
     assert work is not None
     assert offset is not None
     return (work[0] + offset[0], work[1] + offset[1], work[2] + offset[2])
@@ -124,7 +121,7 @@ def number_after(line: str, prefix: str) -> int | None:
 
 
 def refuse_move(target: Mapping[str, float], speed_mm_s: float) -> None:
-    """Raises MoveError for a move that no line can express."""
+    """Raise MoveError for a move that no line can express."""
     if not target:
         raise MoveError("a move needs at least one of x_mm, y_mm, z_mm", code="no_target")
     for name, value in (*target.items(), ("speed_mm_s", speed_mm_s)):
@@ -140,7 +137,7 @@ def refuse_move(target: Mapping[str, float], speed_mm_s: float) -> None:
 
 
 def number(value: float, decimals: int = 4) -> str:
-    """Return a number as a line holds it, without needless zeros."""
+    """Return a number as text, without trailing zeros."""
     text = f"{value:.{decimals}f}".rstrip("0").rstrip(".")
     return "0" if text == "-0" else text
 
@@ -162,7 +159,7 @@ def parse_modes(printed: Iterable[str]) -> tuple[frozenset[str], float | None]:
 
 
 def travel_s(mm: float, speed: float, accel: float) -> float:
-    """From rest to rest over a length in mm, at mm/s and mm/s²."""
+    """Return the travel time (s) from rest to rest over a length (mm), at mm/s and mm/s²."""
     ramp_mm = speed * speed / accel
     if mm <= ramp_mm:
         return 2 * math.sqrt(mm / accel)
@@ -188,7 +185,7 @@ def _xyz(text: str | None) -> Xyz | None:
 REPLY_S = 2.0
 STATUS_S = 0.3
 BANNER_S = 3.0
-# After a banner the board may still print a message, and a second reset may be on its way.
+# After a banner the board may still print a message, or restart once more.
 QUIET_S = 0.05
 ASK_TIMES = 3
 RESET = b"\x18"
@@ -211,21 +208,21 @@ class GrblLink:
         self.pins = ""  # of the last status
 
     def hello(self) -> list[str]:
-        """Ask a board of unknown state who it is. Raises StageError."""
+        """Ask a board in an unknown state for its identification. Raises StageError."""
         self.trusted = False
-        # A banner that lies in the buffer is just how the board says it is there.
+        # A banner in the buffer only shows that the board is there.
         with suppress(StageReset):
             self.hear_pending()
         self.in_step = True
         return self.command("$I")
 
     def full_speed(self) -> None:
-        """End what overrides there are; a change from here on is somebody else's."""
+        """Reset all overrides to 100 %."""
         self.send_now(FULL_SPEED)
         self.overrides = FULL
 
     def refuse_interference(self, state: str) -> None:
-        """Raises StageHeld where somebody holds the board, StageOverridden where they changed how fast it goes."""
+        """Raise StageHeld if the board is held, StageOverridden if its speed was changed."""
         if is_held(state):
             raise StageHeld(state, f"{self.name}: ")
         if self.overrides != FULL:
@@ -236,31 +233,31 @@ class GrblLink:
             }
             found = ", ".join(f"{name.removesuffix('_percent')} override {{{name}}} %" for name in changed)
             raise StageOverridden(
-                f"{{port}}: {found}: somebody changed it at the controller, expected 100 %",
+                f"{{port}}: {found} at the controller; reset it to 100 %",
                 port=self.name,
                 **changed,
             )
 
     def recover(self) -> None:
-        """Reset the board if it may still owe an answer or be deaf; the position is not trusted from here."""
+        """Reset the board if it may still owe an answer; the position is not trusted afterwards."""
         self.trusted = False
         if not self.in_step:
             self.reset()
 
     def stop_now(self) -> None:
-        """Hold and reset, from any thread; before that goes out, lines that another thread would send are refused."""
+        """Hold and reset, from any thread; lines of other threads are refused from now on."""
         self.times_stopped += 1
         self.in_step = self.trusted = False
         self._transport.write(HOLD_AND_RESET)
 
     def send_now(self, data: bytes) -> None:
-        """Real-time bytes: they wait for nothing."""
+        """Send real-time bytes at once."""
         self._transport.write(data)
 
     def command(self, line: str, *, look_s: float = math.inf) -> list[str]:
-        """Send one line and wait for its ok; returns what was printed before it. Raises StageError.
+        """Send one line, wait for its ok and return the lines printed before it. Raises StageError.
 
-        A board that somebody holds reads no line but answers `?`: look_s is how often it is asked.
+        A held board does not read lines but answers `?`, which is sent every look_s.
         """
         talk = self.talking(line, REPLY_S, look_s)
         while True:
@@ -271,7 +268,7 @@ class GrblLink:
                 return list(over.value)
 
     def talking(self, line: str, timeout_s: float, look_s: float = math.inf) -> Generator[list[str], None, list[str]]:
-        """Send one line; yields what came so far each look_s until its ok, and returns it then. Raises StageError."""
+        """Send one line; yield the lines so far every look_s, and return them after ok. Raises StageError."""
         self.require_in_step(line)
         self.hear_pending()
         self._transport.write(line.encode("ascii") + b"\n")
@@ -290,7 +287,7 @@ class GrblLink:
             else:
                 self.in_step = self.trusted = False
                 raise StageTimeout(
-                    "{port}: no answer to {line!r} in {timeout_s:g} s",
+                    "{port}: no answer to {line!r} within {timeout_s:g} s; check the power, the cable and stage.baud",
                     code="no_reply",
                     port=self.name,
                     line=line,
@@ -298,10 +295,14 @@ class GrblLink:
                 )
 
     def require_in_step(self, line: str) -> None:
-        """Raises StageError where the board may still owe an answer to another line."""
+        """Raise StageError if the board may still owe an answer to another line."""
         if not self.in_step:
             raise StageError(
-                "{port}: the board must be reset before {line!r}", code="needs_reset", port=self.name, line=line
+                "{port}: the board may still owe an answer, so {line!r} was not sent; home the stage, which "
+                "resets the board",
+                code="needs_reset",
+                port=self.name,
+                line=line,
             )
 
     def _refuse_error(self, heard: str, line: str) -> None:
@@ -310,7 +311,7 @@ class GrblLink:
             raise StageRejected(code, line, ERRORS.get(code, "see the controller's manual"))
 
     def _refuse_hold(self, heard: str) -> None:
-        """The line waits in the board's buffer for whoever holds it: only a reset takes it back."""
+        """Raise if the board is held: the line waits in its buffer, and only a reset removes it."""
         fields = parse_status(heard)
         if fields is not None and is_held(fields.state):
             self.pins = fields.pins
@@ -318,7 +319,7 @@ class GrblLink:
             self.refuse_interference(fields.state)
 
     def ask_status(self) -> StatusFields:
-        """Send `?` and return its answer; a garbled one is asked again. Raises StageError."""
+        """Send `?` and return the status; repeat if it is garbled. Raises StageError."""
         for _ in range(ASK_TIMES):
             self.hear_pending()
             self._transport.write(b"?")
@@ -334,23 +335,25 @@ class GrblLink:
                     break
         self.trusted = False
         raise StageTimeout(
-            "{port}: no answer to ?, is it a GRBL board at this baud rate?", code="no_status", port=self.name
+            "{port}: no answer to a status request (?); check that it is a GRBL board, and stage.baud",
+            code="no_status",
+            port=self.name,
         )
 
     def listen_until(self, t_s: float) -> None:
-        """Let time pass, but hear an alarm or a reset at once. Raises StageAlarm, StageReset."""
+        """Wait, but notice an alarm or a reset at once. Raises StageAlarm, StageReset."""
         while self._hear(t_s) is not None:
             pass
 
     def hear_pending(self) -> None:
-        """Take in what has come unasked. Raises StageAlarm, StageReset."""
+        """Read unsolicited lines. Raises StageAlarm, StageReset."""
         while (line := self._reader.next_pending()) is not None:
             self._notice(line)
 
     def reset(self) -> None:
-        """Reset the board and wait until it is through; drops queue, hold, alarm text and late answers.
+        """Reset the board and wait for its banner; drops queue, hold, alarm text and late answers.
 
-        Twice if need be: the board loses a reset that comes while it prints a soft-limit alarm.
+        A second attempt is made, because the board ignores a reset while it prints a soft-limit alarm.
         """
         self.trusted = False
         for _ in range(2):
@@ -360,7 +363,11 @@ class GrblLink:
                 self.in_step = True
                 self.offset, self.overrides = None, FULL
                 return
-        raise StageTimeout("{port}: no banner after a reset", code="no_banner", port=self.name)
+        raise StageTimeout(
+            "{port}: no startup message after a reset; check that it is a GRBL board, and stage.baud",
+            code="no_banner",
+            port=self.name,
+        )
 
     def _await_banner(self) -> bool:
         deadline_s = self._clock.monotonic_s() + BANNER_S
@@ -379,9 +386,9 @@ class GrblLink:
 
     def _notice(self, line: str) -> None:
         if is_banner(line):
-            # It may have crossed with a line on the wire: whether that line still gets an answer is unknown.
+            # The banner may have crossed with a line, which may or may not still be answered.
             self.in_step, self.trusted, self.offset, self.overrides = False, False, None, FULL
-            raise StageReset("{port}: the board was reset ({line})", port=self.name, line=line)
+            raise StageReset("{port}: the board restarted ({line}); home again", port=self.name, line=line)
         code = number_after(line, "ALARM:")
         if code is not None:
             self.in_step = self.trusted = False
@@ -397,12 +404,12 @@ _REPORTED = 1 << 5 | 1 << 6  # of $10 in grblHAL: the offset of work zero, and o
 # Boards print three decimals.
 _TOLERANCE = 5e-4
 _PRINTED_MM = 1e-3
-# The board reckons in 24 bits: a target that is just within its soft limits must not come out just beyond them.
+# The board computes with 24 bits: rounding must not move a target beyond its soft limits.
 _INSIDE_MM, _ROUND_OFF_MM = 2e-4, 1e-9
 
 
 class Difference(NamedTuple):
-    """A setting that is not as it should be, as the line that would set it; `with_which` ends the words for it."""
+    """Setting that differs from the expected value; `with_which` is an explanation."""
 
     number: int
     wanted: float
@@ -410,24 +417,24 @@ class Difference(NamedTuple):
     with_which: str = ""
 
     def __str__(self) -> str:
-        return f"${self.number}={self.wanted:g} (it has {self.found:g}{self.with_which})"
+        return f"${self.number}={self.wanted:g} (found {self.found:g}{self.with_which})"
 
 
 class Misplaced(NamedTuple):
-    """An axis that is not where it was told to be."""
+    """Axis that is not at its target."""
 
     axis: str
     at_mm: float
     target_mm: float
 
     def __str__(self) -> str:
-        return f"{self.axis} is at {self.at_mm} mm, not at {self.target_mm} mm"
+        return f"{self.axis} is at {self.at_mm} mm instead of {self.target_mm} mm"
 
 
 def expected_settings(settings: BenchSettings) -> dict[int, float]:
-    """Settings by number that the board must have: limits and homing on, the travel, and what was calibrated.
+    """Return the settings, by number, that the board must have: limits, homing, travel and calibration.
 
-    The travel of the vertical axis is not among them: it is one of enforced_settings().
+    The travel of the vertical axis belongs to enforced_settings().
     """
     expected: dict[int, float] = {INCHES: 0, SOFT_LIMITS: 1, HOMING: 1, LASER: 0}
     expected |= {TRAVEL + i: mm for i, mm in enumerate(settings.stage.travel_mm[:2])}
@@ -441,9 +448,9 @@ def expected_settings(settings: BenchSettings) -> dict[int, float]:
 
 
 def enforced_settings(board: Mapping[int, float], bounds: StageBounds) -> dict[int, float]:
-    """Return what the board is to enforce itself: the lowest height, and a rate that is never raised.
+    """Return the settings that make the board enforce the lowest height and the highest rate.
 
-    A board that is slower than the rig would ever ask is left as it is: its motors may not be able to go faster.
+    A lower rate of the board is kept, since its motors may not be faster.
     """
     most_mm_min = 60 * bounds.fastest_mm_s
     rates = {n: most_mm_min for n in range(MOST_MM_MIN, MOST_MM_MIN + 3) if board.get(n, 0.0) > most_mm_min}
@@ -451,7 +458,7 @@ def enforced_settings(board: Mapping[int, float], bounds: StageBounds) -> dict[i
 
 
 def differences(board: Mapping[int, float], expected: Mapping[int, float]) -> list[Difference]:
-    """What to send to the board so that it is as the configuration says; a setting it lacks counts as 0."""
+    """Return the settings that differ from the expected ones; a missing setting counts as 0."""
     return [
         Difference(number, value, board.get(number, 0.0))
         for number, value in expected.items()
@@ -470,7 +477,7 @@ def told(wrong: Iterable[Difference]) -> dict[str, Any]:
 
 
 def unsuited(printed: Iterable[str], board: Mapping[int, float]) -> list[Difference]:
-    """What to send to the board so that its moves can be confirmed; GRBL 1.1 always reports what is needed."""
+    """Return the settings that prevent moves from being confirmed; GRBL 1.1 needs none of them."""
     found, homes_down = list[Difference](), int(board.get(HOMING_DIRECTION, 0.0))
     if homes_down & 4:
         up = homes_down & ~4
@@ -481,14 +488,14 @@ def unsuited(printed: Iterable[str], board: Mapping[int, float]) -> list[Differe
     if mask & _REPORTED != _REPORTED:
         found.append(Difference(REPORTS, mask | _REPORTED, mask, ", which hides its work zero or its overrides"))
     if board.get(VOLATILE_OFFSET, 1.0) != 1:
-        found.append(Difference(VOLATILE_OFFSET, 1, 0, ", which stores each target in a memory that wears out"))
+        found.append(Difference(VOLATILE_OFFSET, 1, 0, ", which stores each target in memory that wears out"))
     return found
 
 
 def expected_s_of(
     board: Mapping[int, float], was: Xyz | None, target: Mapping[str, float], speed_mm_s: float
 ) -> float:
-    """How long a move from where it was takes a board of these settings; 0 where either is not known."""
+    """Return the duration of a move (s) with these settings; 0 if settings or start are unknown."""
     if was is None:
         return 0.0
     moves = {i: abs(target[axis] - was[i]) for i, axis in enumerate("XYZ") if target.get(axis, was[i]) != was[i]}
@@ -501,7 +508,7 @@ def expected_s_of(
 
 
 def overrun(target: dict[str, float], was: Xyz | None, backlash_mm: Xyz) -> dict[str, float]:
-    """The target, overrun by twice the backlash on the axes that would get there in their positive direction."""
+    """Return the target, overrun by twice the backlash on axes that would arrive in positive direction."""
     if was is None:
         return target
     slack = {
@@ -513,14 +520,14 @@ def overrun(target: dict[str, float], was: Xyz | None, backlash_mm: Xyz) -> dict
 
 
 def near(board: Mapping[int, float], axis: int, printed_mm: float, meant_mm: float) -> bool:
-    """Whether a position that the board prints is the one that was meant: to half a step and the last digit."""
+    """Return whether a printed position equals the intended one, to half a step and the last digit."""
     steps_per_mm = board.get(STEPS_PER_MM + axis)
     tolerance_mm = 0.5 / steps_per_mm + _PRINTED_MM if steps_per_mm else 0.5 * _PRINTED_MM
     return abs(printed_mm - meant_mm) <= tolerance_mm
 
 
 def misplaced(board: Mapping[int, float], target: Mapping[str, float], at: Xyz) -> Misplaced | None:
-    """Which axis is not where it was told to be; None where all are."""
+    """Return the first axis that is not at its target, or None."""
     for i, (axis, is_mm) in enumerate(zip("XYZ", at, strict=True)):
         if axis in target and not near(board, i, is_mm, target[axis]):
             return Misplaced(axis, is_mm, target[axis])
@@ -528,9 +535,9 @@ def misplaced(board: Mapping[int, float], target: Mapping[str, float], at: Xyz) 
 
 
 def on_a_step(board: Mapping[int, float], axis: int, mm: float) -> float:
-    """The position of the step nearest to mm, as the board rounds; within the soft limits by less than half a step.
+    """Return the position of the nearest step, as the board rounds, kept within the soft limits.
 
-    What the board prints has three decimals, and where its parser stands is on a step: so it is known exactly.
+    The board prints three decimals but rests on a step, so its position is known exactly.
     """
     steps_per_mm = board.get(STEPS_PER_MM + axis)
     if steps_per_mm:
@@ -542,7 +549,7 @@ def on_a_step(board: Mapping[int, float], axis: int, mm: float) -> float:
 
 
 def at_home(board: Mapping[int, float]) -> dict[str, float]:
-    """Where homing ends, mm, by axis; nothing where the board does not tell its pull-off."""
+    """Return where homing ends (mm) by axis; empty if the board does not report its pull-off."""
     if PULL_OFF not in board:
         return {}
     negative, off_mm = int(board.get(HOMING_DIRECTION, 0.0)), board[PULL_OFF]
@@ -551,21 +558,21 @@ def at_home(board: Mapping[int, float]) -> dict[str, float]:
 
 
 def keys_of(board: Mapping[int, float], expected: Mapping[int, float]) -> str:
-    """Which key of the configuration a difference may be about, in brackets; nothing for what is always expected."""
+    """Return the configuration key behind a difference, in brackets; empty for settings that are always required."""
     travel = [number for number in (TRAVEL, TRAVEL + 1) if number in expected]
     return " (stage.travel_mm)" if any(differs(board, number, expected[number]) for number in travel) else ""
 
 
 def differs(board: Mapping[int, float], number: int, value: float) -> bool:
-    """Whether a setting is another than a value, as far as boards print it; one that the board lacks counts as 0."""
+    """Return whether a setting differs from a value, to the printed precision; a missing setting counts as 0."""
     return abs(board.get(number, 0.0) - value) > _TOLERANCE
 
 
 # Work zero: where the target of a motion is placed and read back before anything can move (decision 0036).
 #
 # GRBL has no checksums. A target is sent as an offset (G92), which moves nothing, and the board prints where that
-# puts work zero (WCO in the next status). Only a place that was read back is gone to, by a trigger that is always the
-# same.
+# puts work zero (WCO in the next status). The stage moves only to a position that was read back, by a trigger that is
+# always the same.
 
 SHORT_MM = 0.1
 """An increment, which is over before it is fast: at 50 mm/s² the feed hardly matters."""
@@ -577,7 +584,7 @@ _FEED_SHOWN_MM_MIN = 0.51
 
 
 class Doubt(NamedTuple):
-    """What the board did not confirm: words, a code and fields for the error that it ends in."""
+    """Missing confirmation: text, code and fields of the error that it leads to."""
 
     words: str
     code: str
@@ -639,9 +646,14 @@ def doubt_about_zero(
     fields = link.ask_status()
     link.refuse_interference(fields.state)
     if fields.state != "Idle":
-        raise StageError("{port}: {state} before a move", code="not_idle", port=link.name, state=fields.state)
+        raise StageError(
+            "{port}: the board is in state {state} before a move, expected Idle",
+            code="not_idle",
+            port=link.name,
+            state=fields.state,
+        )
     if fields.offset is None:
-        return Doubt("the status after G92 holds no WCO", "no_offset", {})
+        return Doubt("the status report after G92 contains no WCO", "no_offset", {})
     meant = tuple(mm - coordinate for mm, coordinate in zip(present, coordinates, strict=True))
     wrong = [
         (axis, found, mm)
@@ -650,7 +662,7 @@ def doubt_about_zero(
     ]
     if not wrong:
         return None
-    said = ", ".join(f"work zero {axis} is at {found} mm, not at {mm:.4f} mm" for axis, found, mm in wrong)
+    said = ", ".join(f"work zero {axis} is at {found} mm instead of {mm:.4f} mm" for axis, found, mm in wrong)
     zeros = {axis: found for axis, found, _ in wrong}
     return Doubt(said, "wrong_work_zero", {"found_mm": zeros, "meant_mm": {axis: mm for axis, _, mm in wrong}})
 
@@ -661,6 +673,6 @@ def _doubt_about_modes(printed: list[str], feed_mm_min: float) -> Doubt | None:
     if missing:
         return Doubt(f"$G does not show {', '.join(missing)}", "modes_missing", {"missing": missing})
     if feed is None or abs(feed - feed_mm_min) > _FEED_SHOWN_MM_MIN:
-        said = f"$G shows a feed of {feed} mm/min, not of {feed_mm_min:g} mm/min"
+        said = f"$G shows a feed of {feed} mm/min instead of {feed_mm_min:g} mm/min"
         return Doubt(said, "wrong_feed", {"found_mm_min": feed, "meant_mm_min": feed_mm_min})
     return None

@@ -1,6 +1,6 @@
-"""A Laumas TLB or TLU load-cell transmitter over Modbus, as a force sensor.
+"""Force sensor: Laumas TLB or TLU load-cell transmitter over Modbus.
 
-Source: Laumas TLU manual, list of registers; LCB manual, status register 1. What is second-hand lies in
+Source: Laumas TLU manual, list of registers; LCB manual, status register 1. Values from elsewhere are in
 LaumasSettings.
 """
 
@@ -30,10 +30,9 @@ SETTLE_S = 10.0
 
 
 class LaumasForce:
-    """ForceSensor over a Laumas transmitter.
+    """ForceSensor with a Laumas transmitter.
 
-    sample_period_s and resolution_gwt are those set in the instrument; scale is the measured ratio of true force to
-    the force that the instrument shows.
+    sample_period_s and resolution_gwt are settings of the instrument; scale is true force divided by its reading.
     """
 
     def __init__(
@@ -52,7 +51,7 @@ class LaumasForce:
         self._count_n = scale * settings.count_g * GWT_N
 
     def connect(self) -> str:
-        """Check the instrument's division and unit; returns its type and serial number. Raises ForceError."""
+        """Check the division and unit, and return type and serial number. Raises ForceError."""
         firmware, kind, year, serial = self._read(IDENTITY, 4, silent="no_device")
         self._snapshot()
         return f"Laumas transmitter type {kind}, serial {serial} of {year}, firmware {firmware}"
@@ -61,17 +60,18 @@ class LaumasForce:
         return self.connect()
 
     def read(self) -> ForceReading:
-        """The latest weight as a force in N. Raises ForceError, and one of its kinds where the status says so."""
+        """Return the latest weight as a force (N). Raises ForceError, or the subclass that the status indicates."""
         return self._reading(self._snapshot())
 
     def zero(self) -> None:
-        """Take the next stable load for zero: the zero command, or the tare where net is read. Raises ForceError."""
+        """Zero at the next stable load, or tare if the net weight is read. Raises ForceError."""
         settings = self._settings
         deadline_s = self._clock.monotonic_s() + SETTLE_S
         while not self.read().stable:
             if self._clock.monotonic_s() >= deadline_s:
                 raise ForceBusy(
-                    "{port}: transmitter {device_id}: no stable load in {timeout_s:g} s",
+                    "{port}: transmitter {device_id}: no stable load within {timeout_s:g} s; let the load "
+                    "settle and zero again",
                     code="no_stable_load",
                     timeout_s=SETTLE_S,
                     **self._who,
@@ -82,14 +82,14 @@ class LaumasForce:
         left_gwt = self.read().force_n / GWT_N
         if abs(left_gwt) > self.resolution_gwt:
             raise ForceBusy(
-                "{port}: transmitter {device_id}: still {left_gwt:.3g} gwt after zeroing",
+                "{port}: transmitter {device_id}: the weight is {left_gwt:.3g} gwt after zeroing; zero again",
                 code="not_zeroed",
                 left_gwt=left_gwt,
                 **self._who,
             )
 
     def tare(self) -> None:
-        """Take the present load for the container: net is zero. Raises ForceError."""
+        """Tare: set the net weight to zero. Raises ForceError."""
         self._command(self._settings.tare_command)
 
     def show_gross(self) -> None:
@@ -105,13 +105,13 @@ class LaumasForce:
         self._bus.close()
 
     def _snapshot(self) -> list[int]:
-        """Registers 6 … 13 of one instant; whole, sane, and in the unit that is expected."""
+        """Return registers 6 … 13 of one instant, in the expected unit."""
         registers = self._read(STATUS, UNITS - STATUS + 1)
         units = registers[UNITS - STATUS]
         if units != self._settings.units_word:
             raise ForceError(
                 "{port}: transmitter {device_id}: division and unit (register {register}) are 0x{word:04X}, "
-                "expected 0x{expected_word:04X}",
+                "but force.laumas.units_word is 0x{expected_word:04X}; make them equal",
                 code="wrong_unit",
                 register=UNITS,
                 word=units,
@@ -138,21 +138,22 @@ class LaumasForce:
         bits = self._settings.bits
         if _bit(status, bits.cell_error):
             raise ForceBroken(
-                "{port}: transmitter {device_id}: load cell error, is its cable whole?",
+                "{port}: transmitter {device_id}: load cell error; check the cable of the cell",
                 code="cell_error",
                 **self._who,
             )
         if _bit(status, bits.converter_error):
             raise ForceBroken(
-                "{port}: transmitter {device_id}: the analogue-to-digital converter fails",
+                "{port}: transmitter {device_id}: the analog-to-digital converter has failed; see the "
+                "manual of the transmitter",
                 code="converter_error",
                 **self._who,
             )
         for bit, code, problem in (
-            (bits.over_max, "over_max", "maximum weight exceeded"),
-            (bits.over_full_scale, "over_full_scale", "more than 110 % of full scale"),
-            (bits.gross_out_of_range, "gross_out_of_range", "gross weight out of range"),
-            (bits.net_out_of_range, "net_out_of_range", "net weight out of range"),
+            (bits.over_max, "over_max", "the weight exceeds the maximum set in the transmitter"),
+            (bits.over_full_scale, "over_full_scale", "the weight exceeds 110 % of full scale"),
+            (bits.gross_out_of_range, "gross_out_of_range", "the gross weight is out of range"),
+            (bits.net_out_of_range, "net_out_of_range", "the net weight is out of range"),
         ):
             if _bit(status, bit):
                 kind = ForceUnderload if negative else ForceOverload
@@ -179,7 +180,7 @@ class LaumasForce:
 
     @property
     def _who(self) -> dict[str, Any]:
-        """What every error says of the instrument."""
+        """Fields of every error."""
         return {"port": self._bus.name, "device_id": self._settings.device_id}
 
 

@@ -23,11 +23,10 @@ _SAME_PLACE_MM = 1e-6
 
 
 class LeadshineStage(Stage):
-    """Stage over two drives, one axis at a time: two drives cannot keep a straight line between them.
+    """Stage with two drives, which move one axis at a time, since they cannot keep a straight line together.
 
-    y_mm: where the stage was set by hand along the finger; it cannot change that. output: what set_output() switches.
-    An axis with backlash always
-    arrives in its negative direction (down, for z): a move the other way goes twice the backlash further and returns.
+    y_mm: position along the finger, set by hand. output: what set_output() switches. An axis with backlash always
+    arrives in its negative direction (down, for z): an opposite move overruns by twice the backlash and returns.
     """
 
     def __init__(
@@ -50,11 +49,11 @@ class LeadshineStage(Stage):
 
     @property
     def homed(self) -> bool:
-        """Whether the position is to be trusted: homed, and no alarm, timeout or stop since."""
+        """Whether the position is trusted: homed, and no alarm, timeout or stop since."""
         return self._trusted
 
     def connect(self) -> str:
-        """Ask both drives who they are and whether they are set as configured, and disarm them. Raises StageError."""
+        """Check the settings of both drives, disarm them, and return their identification. Raises StageError."""
         self._trusted = False
         return "; ".join(drive.connect() for drive in self._drives.values())
 
@@ -94,7 +93,7 @@ class LeadshineStage(Stage):
         speed_mm_s: float,
         look_s: float = LOOK_S,
     ) -> Looks:
-        """Straight to a place (machine mm).
+        """Move straight to a position (machine mm).
 
         Raises StageError; MoveError, StageNotHomed before any byte: for two axes at once, another y, or a speed out
         of range.
@@ -116,18 +115,18 @@ class LeadshineStage(Stage):
             raise
 
     def halt(self) -> None:
-        """A quick stop of each drive; its position feedback goes on counting."""
+        """Quick stop of each drive; its position feedback stays valid."""
         self.end_jog()
 
     def look(self) -> StageStatus:
         return self.status()
 
     def steps_per_mm(self, axis: Axis) -> float:
-        """Pulses in a millimetre, as configured; a drive itself knows turns only. Raises StageError for y."""
+        """Return the configured pulses per mm. Raises StageError for y."""
         return self._drive(axis).pulses_per_mm
 
     def jog(self, axis: Axis, by_mm: float, speed_mm_s: float) -> None:
-        """Go on by so much from where the axis is going to; the position stays trusted, homed or not.
+        """Extend the present move by a distance; whether the position is trusted does not change.
 
         Raises StageError; MoveError before any byte.
         """
@@ -141,7 +140,7 @@ class LeadshineStage(Stage):
         drive.go_on(by_mm, speed_mm_s, keep_on)
 
     def jog_while(self, axis: Axis, sign: int, held: Callable[[], bool], speed_mm_s: float) -> None:
-        """Run an axis as long as held() says so; 50 ms after this program or its wire dies the drive stops.
+        """Jog an axis while held() is true; the drive stops 50 ms after the last command.
 
         Returns at rest. Raises StageError; MoveError before any byte.
         """
@@ -151,7 +150,7 @@ class LeadshineStage(Stage):
         drive.jog(sign, held, speed_mm_s)
 
     def limit_depth(self, lowest_z_mm: float) -> None:
-        """Have the z drive refuse to go below a height: a soft limit, volatile, that holds until the next homing.
+        """Set a volatile soft limit of the z drive at a height; it holds until the next homing.
 
         Parameters
         ----------
@@ -180,17 +179,20 @@ class LeadshineStage(Stage):
             drive.confirm_stopped()
 
     def set_output(self, on: bool) -> None:
-        """One word to one register of the drive that has the output; its echo is the end. Raises StageError."""
+        """Write the output word to the drive that has the output. Raises StageError."""
         if self._output is None or self._output.words is None:
-            raise StageError("no output of a drive is configured, see sync.output", code="no_output")
+            raise StageError(
+                "no output of a drive is configured; set sync.output to drive, and its register and words",
+                code="no_output",
+            )
         address, on_word, off_word = self._output.words
         self._drives[self._output.drive].write_word(address, on_word if on else off_word)
 
     def stop(self) -> None:
-        """Quick stop of both drives, past everything that is being waited for; then make sure of it.
+        """Quick stop of both drives, past every wait; then confirm it.
 
-        What goes out at once: a broadcast on a serial bus they share, else a frame to each. Then each is told again
-        until it says that it stands, for a second at most. Raises StageError if one does not, TransportError.
+        At once a broadcast goes out on a shared serial bus, else a frame to each drive. Then the stop is repeated
+        until each drive reports rest, for up to 1 s. Raises StageError if one does not, TransportError.
         """
         self._times_stopped += 1
         self._trusted = False
@@ -202,7 +204,7 @@ class LeadshineStage(Stage):
             raise problems[0]
 
     def active_inputs(self) -> frozenset[str]:
-        """Ask the vertical drive for its digital inputs: di1 … di7. Raises StageError."""
+        """Return the active digital inputs of the vertical drive, di1 … di7. Raises StageError."""
         word = self._drives["z"].inputs(self._inputs_register)
         return frozenset(name for bit, name in enumerate(reg.INPUT_NAMES) if word >> bit & 1)
 
@@ -211,7 +213,7 @@ class LeadshineStage(Stage):
             bus.close()
 
     def _status(self, known: Mapping[str, Status]) -> StageStatus:
-        """known: the words of drives that need not be asked for it again."""
+        """known: status words that were read already, by axis."""
         words = [known[axis] if axis in known else drive.status() for axis, drive in self._drives.items()]
         if any(Status.HOMED not in word for word in words):
             self._trusted = False
@@ -219,13 +221,13 @@ class LeadshineStage(Stage):
         return StageStatus(_state(words), x_mm, self._y_mm, z_mm)
 
     def _disarm(self, *, again: bool = False) -> None:
-        """Both, before either moves: a wrong bit in a drive's address tells the other one."""
+        """Disarm both before either moves, since a bit error in the address reaches the other one."""
         if again or not all(drive.harmless for drive in self._up_first()):
             for drive in self._up_first():
                 drive.disarm()
 
     def _stop_all_but(self, told: LeadshineDrive) -> None:
-        """Another drive may have heard what this one was told; it creeps."""
+        """Stop the other drives, which may have received this command and creep."""
         for drive in self._up_first():
             if drive is not told:
                 _unconfirmed(drive)
@@ -240,7 +242,7 @@ class LeadshineStage(Stage):
 
     def _drive(self, axis: Axis) -> LeadshineDrive:
         if axis not in self._drives:
-            raise StageError("there is no drive for {axis}; it is set by hand", code="no_drive", axis=axis)
+            raise StageError("the stage has no drive for the {axis} axis; set it by hand", code="no_drive", axis=axis)
         return self._drives[axis]
 
     def _up_first(self) -> tuple[LeadshineDrive, LeadshineDrive]:
@@ -263,7 +265,7 @@ class LeadshineStage(Stage):
             )
         if y_mm is not None and abs(y_mm - self._y_mm) > _SAME_PLACE_MM:
             raise MoveError(
-                "y_mm must be {set_mm:g}, where it was set by hand, got {y_mm:g}",
+                "y_mm must be {set_mm:g}, the position set by hand, got {y_mm:g}",
                 code="set_by_hand",
                 set_mm=self._y_mm,
                 y_mm=y_mm,
@@ -271,12 +273,13 @@ class LeadshineStage(Stage):
         moves = {axis: mm for axis, mm in (("x", x_mm), ("z", z_mm)) if mm is not None}
         if len(moves) > 1 or not (moves or y_mm is not None):
             raise MoveError(
-                "a move needs one of x_mm and z_mm: two drives cannot keep a straight line", code="not_one_axis"
+                "a move needs exactly one of x_mm and z_mm: two drives cannot keep a straight line",
+                code="not_one_axis",
             )
         return next(iter(moves.items()), (None, self._y_mm))
 
     def _stops(self, axis: str, to_mm: float) -> list[float]:
-        """The places to go to in turn: one, or two where backlash is to be taken up."""
+        """Return the successive targets: one, or two to take up backlash."""
         overrun = self._overrun_mm[axis]
         if not (overrun and to_mm > self._drives[axis].position_mm()):
             return [to_mm]

@@ -66,7 +66,7 @@ def number(pair: Sequence[int]) -> int:
 
 
 def path(position: int, rpm: int, ramp_ms: int) -> list[int]:
-    """The first seven registers of PR0 for an absolute move: all but its trigger."""
+    """Return the first seven registers of PR0 for an absolute move: all but its trigger."""
     return [ABSOLUTE, *words(position), rpm, ramp_ms, ramp_ms, 0]
 
 
@@ -77,13 +77,13 @@ START_S = 0.05
 # A move may take this much longer than its length, speed and ramps say.
 LATE_FACTOR, LATE_S = 1.5, 5.0
 STOP_S = 1.0
-# How far from the target the feedback may be at arrival.
+# Maximum distance of the feedback from the target on arrival.
 TOLERANCE_MM = 0.0025
 # The drive stops by itself 50 ms after the last jog word.
 JOG_PERIOD_S = 0.02
-# A drive that was told to home shows within this time that it runs, or that it is no longer homed.
+# Within this time a homing drive reports that it runs, or that it is no longer homed.
 HOMING_BEGINS_S = 1.0
-# Speed at which a drive that nobody told to would home or jog.
+# Speed of homing and jogging that a bit error could start.
 CREEP_RPM = 1
 
 
@@ -122,19 +122,19 @@ class LeadshineDrive:
     # --- settings ---
 
     def connect(self) -> str:
-        """Check that the drive is what the configuration says, and disarm it; returns its identity.
+        """Check that the drive agrees with the configuration, disarm it, and return its identification.
 
         Raises StageError.
         """
         settings = self._settings
         self._expect("pulses per turn", settings.pulses_per_rev_register, [settings.pulses_per_rev])
         self.disarm()
-        return f"{self.axis}: Leadshine drive {self.device_id}, {settings.pulses_per_rev} pulses a turn"
+        return f"{self.axis}: Leadshine drive {self.device_id}, {settings.pulses_per_rev} pulses per turn"
 
     def disarm(self) -> None:
-        """Leave nothing in the drive that a wrong bit could start: null paths, and a creep for homing and jogs.
+        """Clear everything that a bit error could start: null paths, and creep speed for homing and jogs.
 
-        Nothing is saved: the owner's paths are back when the drive is switched on again. Raises StageError.
+        Nothing is saved, so the owner's paths return when the drive is switched on again. Raises StageError.
         """
         ramp = self._settings.homing_ramp_ms
         for name, register, harmless in (
@@ -148,7 +148,7 @@ class LeadshineDrive:
         self.harmless = True
 
     def set_soft_limits(self) -> None:
-        """Have the drive itself refuse to leave 0 … −travel, and make sure that it was heard. Raises StageError."""
+        """Set the soft limits of the drive to 0 … −travel and read them back. Raises StageError."""
         low, high = sorted((0, self._pulses(-self.travel_mm)))
         for name, register, value in (
             ("positive soft limit", POSITIVE_LIMIT, words(high)),
@@ -158,9 +158,9 @@ class LeadshineDrive:
             self._set(name, register, value)
 
     def limit_travel(self, lowest_mm: float) -> None:
-        """Move the lower soft limit, within the travel, while the drive stands; it holds until the next homing.
+        """Move the lower soft limit within the travel, at rest; it holds until the next homing.
 
-        Raises StageError, also where the drive does not confirm it; MoveError.
+        Raises StageError, also if the drive does not confirm it; MoveError.
         """
         if not math.isfinite(lowest_mm):
             raise MoveError(
@@ -170,7 +170,7 @@ class LeadshineDrive:
         self._refuse(status)
         self._refuse_unhomed(status)
         if Status.RUNNING in status:
-            raise StageError(f"{_DRIVE} runs; a soft limit is only set at rest", code="runs", **self._names)
+            raise StageError(f"{_DRIVE} is moving; a soft limit can be set only at rest", code="runs", **self._names)
         lowest = self._pulses(min(max(lowest_mm, -self.travel_mm), 0.0))
         if self.pulses_per_mm > 0:
             self._set("negative soft limit", NEGATIVE_LIMIT, words(lowest))
@@ -181,9 +181,9 @@ class LeadshineDrive:
     # --- motion ---
 
     def homing(self, keep_on: Callable[[], bool] = _always) -> Iterator[Status]:
-        """Find the home switch, which is 0 from then on; gives way at each look.
+        """Home the axis, whose switch is 0 from then on; yield at each status.
 
-        keep_on says whether to begin after all that is to be set before. Raises StageError.
+        keep_on is checked just before the start. Raises StageError.
         """
         self.refuse_fault()
         self._going_to = None
@@ -199,16 +199,16 @@ class LeadshineDrive:
             nonlocal begun
             begun = begun or Status.RUNNING in status or Status.HOMED not in status
             if not begun and self._clock.monotonic_s() >= begins_by_s:
-                raise StageError(f"{_DRIVE} did not begin to home", code="did_not_home", **self._names)
+                raise StageError(f"{_DRIVE} did not start to home; home again", code="did_not_home", **self._names)
             return begun and Status.HOMED in status and self._commanded() == 0
 
         yield from self._until(at_home, HOME_S, START_S, "homing")
 
     def moving(self, to_mm: float, speed_mm_s: float, keep_on: Callable[[], bool], look_s: float) -> Iterator[Status]:
-        """To a position at up to speed_mm_s; gives way each look_s with its status, and is over on arrival.
+        """Move to a position at up to speed_mm_s; yield the status every look_s, until arrival.
 
-        keep_on says whether to go on waiting. Raises StageError; MoveError before any byte where the drive cannot
-        be so slow.
+        keep_on says whether to continue waiting. Raises StageError; MoveError before any byte if the speed is too low
+        for the drive.
         """
         target, rpm = self._pulses(to_mm), self.rpm(speed_mm_s)
         self._going_to = None
@@ -229,7 +229,7 @@ class LeadshineDrive:
         at_mm = self.position_mm()
         if abs(at_mm - target / self.pulses_per_mm) > TOLERANCE_MM:
             raise StageError(
-                f"{_DRIVE} is at {{at_mm:.4f}} mm, not at {{target_mm:g}} mm",
+                f"{_DRIVE} is at {{at_mm:.4f}} mm instead of {{target_mm:g}} mm",
                 code="not_there",
                 at_mm=at_mm,
                 target_mm=to_mm,
@@ -238,9 +238,9 @@ class LeadshineDrive:
         self._loose = False
 
     def go_on(self, by_mm: float, speed_mm_s: float, keep_on: Callable[[], bool] = _always) -> None:
-        """Go by so much from where the drive is going to, and return at once.
+        """Extend the present move by a distance, and return at once.
 
-        keep_on says whether to begin after all that is to be set before. Raises StageError.
+        keep_on is checked just before the start. Raises StageError.
         """
         rpm, status = self.rpm(speed_mm_s), self.status()
         self._refuse(status)
@@ -252,10 +252,10 @@ class LeadshineDrive:
         self._going_to = target
 
     def jog(self, sign: int, held: Callable[[], bool], speed_mm_s: float) -> None:
-        """Run one way, sign +1 or −1, as long as held() says so, and return at rest.
+        """Jog in one direction, sign +1 or −1, while held() is true, and return at rest.
 
-        A dead-man in the drive: the word is rewritten every 20 ms, and 50 ms after the last one, whatever the reason,
-        the drive stops. Raises StageError; MoveError before any byte.
+        The drive has a dead man's switch: the word is rewritten every 20 ms, and 50 ms after the last one the drive
+        stops. Raises StageError; MoveError before any byte.
         """
         rpm = self.rpm(speed_mm_s)
         self.refuse_fault()
@@ -272,7 +272,7 @@ class LeadshineDrive:
         self._set("jog speed", self._settings.jog_rpm_register, [CREEP_RPM])
 
     def confirm_stopped(self) -> None:
-        """Tell it to stop until it says that it stands, and drop the path that it was on. Raises StageError."""
+        """Repeat the quick stop until the drive reports rest, and clear its path. Raises StageError."""
         self._going_to = None
         deadline_s = self._clock.monotonic_s() + STOP_S
         problem: StageError | None = None
@@ -287,14 +287,14 @@ class LeadshineDrive:
                 problem = error
             self._clock.wait_s(POLL_S)
         raise problem or StageTimeout(
-            f"{_DRIVE} still runs {{timeout_s:g}} s after a quick stop",
+            f"{_DRIVE} still moves {{timeout_s:g}} s after a quick stop; use the emergency stop",
             code="still_runs",
             timeout_s=STOP_S,
             **self._names,
         )
 
     def write_word(self, register: int, value: int) -> None:
-        """One register that is none of those above. Raises StageError."""
+        """Write any other register. Raises StageError."""
         self._write(register, value)
 
     # --- what it says ---
@@ -308,11 +308,11 @@ class LeadshineDrive:
         return self._read(register)[0]
 
     def position_mm(self) -> float:
-        """Where the feedback says it is. Raises StageError."""
+        """Return the position by the feedback (mm). Raises StageError."""
         return number(self._read(FEEDBACK, 2)) / self.pulses_per_mm
 
     def refuse_fault(self) -> None:
-        """Look before anything moves. Raises StageAlarm for an alarm, StageError for a drive that is not enabled."""
+        """Raise StageAlarm for an alarm, StageError for a drive that is not enabled."""
         self._refuse(self.status())
 
     def clear_alarm(self) -> None:
@@ -321,7 +321,7 @@ class LeadshineDrive:
         self.refuse_fault()
 
     def rpm(self, speed_mm_s: float) -> int:
-        """Whole turns a minute, never faster than asked for. Raises MoveError below one."""
+        """Return the speed in whole rpm, rounded down. Raises MoveError below 1 rpm."""
         pulses_s = abs(self.pulses_per_mm) * speed_mm_s
         rpm = math.floor(60 * pulses_s / self._settings.pulses_per_rev + 1e-9)
         if rpm < 1:
@@ -337,13 +337,13 @@ class LeadshineDrive:
     # --- words ---
 
     def _start(self, target: int, rpm: int, keep_on: Callable[[], bool]) -> None:
-        """Begin an absolute move that the drive has confirmed before."""
+        """Start an absolute move that the drive has confirmed."""
         self._loose = True
         self._set("path 0", PR0, path(target, rpm, self._settings.ramp_ms))
         self._trigger(RUN_PR0, keep_on)
 
     def _trigger(self, word: int, keep_on: Callable[[], bool]) -> None:
-        """Begin what was set, unless somebody has stopped the drive meanwhile."""
+        """Start the prepared motion, unless the drive was stopped meanwhile."""
         if not keep_on():
             raise self._stopped()
         self._write(TRIGGER, word)
@@ -353,11 +353,11 @@ class LeadshineDrive:
         self._loose = False
 
     def _standing(self) -> int:
-        """Where a drive at rest is told to be; asked twice, since a wrong answer would become a wrong target."""
+        """Return the commanded position at rest; read twice, since an error would become a wrong target."""
         once, again = self._commanded(), self._commanded()
         if once != again:
             raise StageError(
-                f"{_DRIVE} is at {{once}} and at {{again}} pulses: does it move?",
+                f"{_DRIVE} reports {{once}} and then {{again}} pulses at rest; check whether it moves",
                 code="answers_differ",
                 once=once,
                 again=again,
@@ -368,9 +368,9 @@ class LeadshineDrive:
     def _until(
         self, done: Callable[[Status], bool], most_s: float, first_s: float, what: str, look_s: float = LOOK_S
     ) -> Iterator[Status]:
-        """Until it stands and done() says so; gives way each look_s with its status.
+        """Wait until the drive rests and done() is true; yield the status every look_s.
 
-        The drive is asked now and then in the first first_s, for an alarm, and steadily afterwards.
+        During the first first_s the drive is polled seldom, for alarms, and steadily afterwards.
         """
         begun_s = self._clock.monotonic_s()
         over_s, due_s = begun_s + first_s, next_look_s(begun_s, begun_s + first_s, look_s)
@@ -383,7 +383,7 @@ class LeadshineDrive:
                 return
             if self._clock.monotonic_s() >= begun_s + most_s:
                 raise StageTimeout(
-                    f"{_DRIVE}: {{what}} is not over after {{timeout_s:.1f}} s, status {{status!r}}",
+                    f"{_DRIVE}: {{what}} takes longer than {{timeout_s:.1f}} s (status {{status!r}})",
                     code="not_over",
                     what=what,
                     timeout_s=most_s,
@@ -395,18 +395,22 @@ class LeadshineDrive:
                 due_s = next_look_s(self._clock.monotonic_s(), over_s, look_s)
 
     def _refuse_unhomed(self, status: Status) -> None:
-        """A drive that was switched off counts from where it stood when it came back, and has its own paths again."""
+        """Raise if the drive lost its home: after power-off its origin and its paths have changed."""
         if Status.HOMED not in status:
             self.harmless = False
-            raise StageError(f"{_DRIVE} is no longer homed: was it switched off?", code="lost_home", **self._names)
+            raise StageError(
+                f"{_DRIVE} is no longer homed, probably because it was switched off; home again",
+                code="lost_home",
+                **self._names,
+            )
 
     def _refuse(self, status: Status) -> None:
         if Status.FAULT in status:
             code = self._read(ALARM)[0]
-            meaning = f"{_DRIVE.format_map(self._names)}: {ALARMS.get(code, 'see the manual')} ({code:X} hex)"
+            meaning = f"{_DRIVE.format_map(self._names)}: {ALARMS.get(code, 'see its manual')} ({code:X} hex)"
             raise StageAlarm(code, meaning, **self._names)
         if Status.ENABLED not in status:
-            raise StageError(f"{_DRIVE}: the drive is not enabled", code="not_enabled", **self._names)
+            raise StageError(f"{_DRIVE} is not enabled; enable it", code="not_enabled", **self._names)
 
     def _travel_s(self, pulses: int, rpm: int) -> float:
         pulses_s = rpm * self._settings.pulses_per_rev / 60
@@ -463,7 +467,7 @@ class LeadshineDrive:
         return {**error.fields, "axis": self.axis, "problem": str(error)}
 
     def _stopped(self) -> StageError:
-        return StageError(f"{_DRIVE}: stopped", code="stopped", **self._names)
+        return StageError(f"{_DRIVE} was stopped", code="stopped", **self._names)
 
     @property
     def _names(self) -> dict[str, Any]:

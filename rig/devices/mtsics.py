@@ -1,7 +1,7 @@
-"""A balance that speaks MT-SICS level 0 and 1, as a force sensor.
+"""Force sensor: balance with MT-SICS level 0 and 1.
 
-Source: MT-SICS reference manual. Answers are split on white space, never on columns. That `@` answers with
-the serial number is second-hand, so I4 stands in for it.
+Source: MT-SICS reference manual. Answers are split on white space, never on columns. That `@` answers with the
+serial number is not from the manual, so I4 is sent as well.
 """
 
 import re
@@ -28,8 +28,8 @@ SETTLE_S = 10.0
 _VALUE = re.compile(r"[+-]?\d+(\.\d*)?")
 _SYNTAX = {
     "ES": ("unknown_command", "does not know the command"),
-    "ET": ("garbled_command", "received garbled bytes"),
-    "EL": ("not_possible", "cannot do that"),
+    "ET": ("garbled_command", "received a garbled command"),
+    "EL": ("not_possible", "cannot carry out the command"),
 }
 
 
@@ -56,11 +56,11 @@ class MtSicsForce:
         self._in_step = False
 
     def connect(self) -> str:
-        """Cancel whatever the balance was at, its tare too; returns its serial number. Raises ForceError."""
+        """Reset the balance, including its tare, and return its serial number. Raises ForceError."""
         return f"MT-SICS balance {self._hello('@', 'I4')}"
 
     def identify(self) -> str:
-        """Ask for the serial number alone, since `@` would forget the tare. Raises ForceError."""
+        """Return the serial number without a reset, which would clear the tare. Raises ForceError."""
         return f"MT-SICS balance {self._hello('I4')}"
 
     def read(self) -> ForceReading:
@@ -76,7 +76,7 @@ class MtSicsForce:
             raise self._garbled("Z")
 
     def tare(self) -> float:
-        """Take the next stable load for the container; returns it in N. Raises ForceError."""
+        """Tare at the next stable load, and return that load (N). Raises ForceError."""
         return self._newton(self._ask("T", SETTLE_S))
 
     def close(self) -> None:
@@ -92,7 +92,7 @@ class MtSicsForce:
             raise self._garbled(" ".join(words))
         if words[3] != "g":
             raise ForceError(
-                "{port}: the balance reports {unit}, it must be set to g",
+                "{port}: the balance reports the unit {unit}; set it to g",
                 code="wrong_unit",
                 port=self._transport.name,
                 unit=words[3],
@@ -106,10 +106,10 @@ class MtSicsForce:
         self._send(command)
         line = self._reader.read_line(self._clock.monotonic_s() + timeout_s)
         if line is None:
-            # The answer may still come: it must not be taken for that to the next question.
+            # A late answer must not be taken for that to the next command.
             self._in_step = False
             raise ForceTimeout(
-                "{port}: no answer to {command} in {timeout_s:g} s",
+                "{port}: the balance did not answer {command} within {timeout_s:g} s; check the power and the cable",
                 code="no_reply",
                 port=self._transport.name,
                 command=command,
@@ -134,12 +134,16 @@ class MtSicsForce:
         if len(words) < 2 or words[0] != command[:1]:
             raise self._garbled(" ".join(words))
         if words[1] == "+":
-            raise ForceOverload("{port}: the balance is overloaded", code="overload", port=port)
+            raise ForceOverload("{port}: the balance is overloaded; remove the load", code="overload", port=port)
         if words[1] == "-":
-            raise ForceUnderload("{port}: the balance is underloaded", code="underload", port=port)
+            raise ForceUnderload(
+                "{port}: the balance is underloaded; check that nothing lifts it off its support",
+                code="underload",
+                port=port,
+            )
         if words[1] == "I":
             raise ForceBusy(
-                "{port}: the balance cannot answer {command} now, or found no stable value",
+                "{port}: the balance is busy or found no stable value ({command}); try again",
                 code="busy",
                 port=port,
                 command=command,
@@ -155,14 +159,23 @@ class MtSicsForce:
                 if line.startswith("I4 A"):
                     self._in_step = True
                     return line[4:].strip(' "')
-        raise ForceTimeout("{port}: no balance answers", code="no_device", port=self._transport.name)
+        raise ForceTimeout(
+            "{port}: no balance answers; check the power, the cable and force.baud",
+            code="no_device",
+            port=self._transport.name,
+        )
 
     def _send(self, command: str) -> None:
         self._transport.write(command.encode("ascii") + b"\r\n")
 
     def _garbled(self, answer: str) -> ForceError:
         self._in_step = False
-        return ForceError("{port}: garbled answer {reply!r}", code="garbled", port=self._transport.name, reply=answer)
+        return ForceError(
+            "{port}: the balance sent a garbled answer, {reply!r}; check the cable and force.baud",
+            code="garbled",
+            port=self._transport.name,
+            reply=answer,
+        )
 
 
 def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> ForceSensor:
@@ -177,7 +190,7 @@ def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> ForceSenso
 
 DEVICE = ForceKind(
     name="mtsics",
-    device="balance that speaks MT-SICS",
+    device="MT-SICS balance",
     driver=_driver,
     twin="sim.devices.mtsics:balance_twin",
     tests=("tests/rig/test_mtsics_driver.py",),

@@ -1,8 +1,8 @@
-"""The registry of devices: every kind by the name that a configuration gives, and settings checked against it.
+"""Registry of device types, by their names in a configuration; checks the settings of a bench against it.
 
-BUILT_IN names the kinds of this program; the module beside this one with a kind's name holds its entry, DEVICE. An
-installed package adds a kind by an entry point of the group rig.devices: `"force.NAME" = "its_module:DEVICE"`. A list
-of names imports no driver, and the use of a kind imports that one alone.
+BUILT_IN names the types of this program; the module of that name in this package holds the entry, DEVICE. An
+installed package adds a type by an entry point of the group rig.devices: `"force.NAME" = "its_module:DEVICE"`.
+Listing names imports no driver, and using a type imports only its own.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -26,18 +26,18 @@ Room = Literal["stage", "force"]
 
 
 def own_port(stage: StageSettings) -> tuple[str, ...]:
-    """One device on one port."""
+    """Return the single port of a stage."""
     return (stage.port,)
 
 
 @dataclass(frozen=True, kw_only=True)
 class DeviceKind:
-    """What every entry says.
+    """Entry of a device type.
 
-    name: as in `kind = "…"`. device: what it is, in words. settings: the table of its own, which stands in [stage] or
-    [force] under `table`, or else under its name. twin: "module:function" of its virtual twin, for the virtual bench
-    alone to find (StageTwin, ForceTwin in `sim/devices/line.py`); empty where it has none. tests: the modules that
-    hold its driver to the bytes of the real device, from the folder of its project.
+    name: as in `kind = "…"`. device: description. settings: model of its own table, in [stage] or [force] under
+    `table` or else under its name. twin: "module:function" of its virtual twin (StageTwin, ForceTwin in
+    `sim/devices/line.py`), empty if there is none. tests: modules that check its driver against the bytes of the
+    real device, relative to its project.
     """
 
     room: ClassVar[Room]
@@ -50,17 +50,17 @@ class DeviceKind:
 
     @property
     def place(self) -> str:
-        """Where in [stage] or [force] its own table stands."""
+        """Name of its own table in [stage] or [force]."""
         return self.table or self.name
 
 
 @dataclass(frozen=True, kw_only=True)
 class StageKind(DeviceKind):
-    """A kind of stage.
+    """Stage type.
 
-    driver raises what the opener raises. ports: every one that it is on, by its settings. axes: those with a motor,
-    x lateral, y along the finger, z vertical. outputs: of sync.output, those that it can switch. inputs: names of the
-    stop inputs that its driver can report, for [stop].
+    driver: raises what the opener raises. ports: all ports, by its settings. axes: motorized axes, x lateral, y along
+    the finger, z vertical. outputs: values of sync.output that it supports. inputs: stop inputs that its driver can
+    report, for [stop].
     """
 
     room: ClassVar[Room] = "stage"
@@ -73,7 +73,7 @@ class StageKind(DeviceKind):
 
 @dataclass(frozen=True, kw_only=True)
 class ForceKind(DeviceKind):
-    """A kind of force sensor; driver raises what the opener raises."""
+    """Force sensor type; `driver` raises what the opener raises."""
 
     room: ClassVar[Room] = "force"
     driver: Callable[[Opener, Clock, BenchSettings], ForceSensor]
@@ -84,7 +84,7 @@ BUILT_IN: dict[Room, tuple[str, ...]] = {
     "stage": ("grbl", "leadshine"),
     "force": ("mtsics", "laumas"),
 }
-"""The kinds of this program, the default first."""
+"""Built-in types, the default first."""
 DEFAULTS: dict[Room, str] = {room: names[0] for room, names in BUILT_IN.items()}
 KINDS: tuple[type[DeviceKind], ...] = (StageKind, ForceKind)
 _OF: dict[Room, type[DeviceKind]] = {of.room: of for of in KINDS}
@@ -93,13 +93,13 @@ K = TypeVar("K", bound=DeviceKind)
 
 
 class KindError(RigError, ValueError):
-    """There is no such kind, or the package that offers it cannot be used; one line."""
+    """Unknown device type, or its package cannot be used."""
 
     default_code = "no_kind"
 
 
 def find(of: type[K], name: str) -> K:
-    """The entry of a kind, of stages or of force sensors. Raises KindError."""
+    """Return the entry of a device type. Raises KindError."""
     if name in BUILT_IN[of.room]:
         found: K = import_module(f"rig.devices.{name}").DEVICE
         return found
@@ -115,7 +115,7 @@ def find(of: type[K], name: str) -> K:
         )
     if len(offers) > 1:
         raise KindError(
-            "offered by {packages}: expected one of these packages to be uninstalled",
+            "offered by {packages}; uninstall one of these packages",
             code="offered_twice",
             packages=" and ".join(map(package, offers)),
         )
@@ -123,24 +123,24 @@ def find(of: type[K], name: str) -> K:
 
 
 def names(room: Room) -> list[str]:
-    """The kinds of stage or force sensor that there are, the default first."""
+    """Return the names of all types, the default first."""
     there = [point.partition(".")[2] for point in _offered() if point.startswith(f"{room}.")]
     return list(dict.fromkeys([*BUILT_IN[room], *there]))
 
 
 def third_party() -> dict[str, str]:
-    """What packages add, such as force.NAME: the package that does."""
+    """Return the types that packages add, such as force.NAME, with the package of each."""
     return {point: " and ".join(map(package, offers)) for point, offers in _offered().items()}
 
 
 def problems() -> Iterator[KindError]:
-    """One for each entry point that cannot be used; this imports them all."""
+    """Yield an error for each entry point that cannot be used; imports them all."""
     for point, who in third_party().items():
         room, _, name = point.partition(".")
         of = next((kind for kind in KINDS if kind.room == room), None)
         if of is None or not name:
             yield KindError(
-                "{package}: entry point {entry!r} of {group}: expected stage.NAME or force.NAME",
+                "{package}: entry point {entry!r} of {group} must be named stage.NAME or force.NAME",
                 code="bad_entry_point",
                 package=who,
                 entry=point,
@@ -148,7 +148,7 @@ def problems() -> Iterator[KindError]:
             )
         elif name in BUILT_IN[of.room]:
             yield KindError(
-                "{package}: {room}.kind = {kind!r} is taken: this program's own is used",
+                "{package}: {room}.kind = {kind!r} is the name of a built-in driver, which is used instead",
                 code="name_taken",
                 package=who,
                 room=room,
@@ -167,7 +167,7 @@ def problems() -> Iterator[KindError]:
 
 @cache
 def _offered() -> dict[str, tuple[EntryPoint, ...]]:
-    """Entry points by name, in the order of names."""
+    """Return the entry points, sorted by name."""
     found: dict[str, tuple[EntryPoint, ...]] = {}
     for point in sorted(entry_points(group=GROUP), key=lambda point: (point.name, package(point))):
         found[point.name] = (*found.get(point.name, ()), point)
@@ -175,14 +175,14 @@ def _offered() -> dict[str, tuple[EntryPoint, ...]]:
 
 
 def package(point: EntryPoint) -> str:
-    """Name and version of the package that an entry point is of."""
+    """Return name and version of the package of an entry point."""
     return "a package" if point.dist is None else f"{point.dist.name} {point.dist.version}"
 
 
 def _loaded(of: type[K], name: str, point: EntryPoint) -> K:
     try:
         found = point.load()
-    except (Exception, SystemExit) as error:  # whatever a package does when it is imported
+    except (Exception, SystemExit) as error:  # importing a package may raise anything
         what = " ".join(str(error).split())
         raise KindError(
             "{package} cannot be used: {error}: {what}",
@@ -193,7 +193,7 @@ def _loaded(of: type[K], name: str, point: EntryPoint) -> K:
         ) from error
     if not isinstance(found, of):
         raise KindError(
-            "{package} cannot be used: {entry} is no {expected}",
+            "{package} cannot be used: {entry} is not a {expected}",
             code="wrong_type",
             package=package(point),
             entry=point.value,
@@ -201,11 +201,12 @@ def _loaded(of: type[K], name: str, point: EntryPoint) -> K:
         )
     if found.name != name:
         raise KindError(
-            "{package} cannot be used: {entry} is named {found!r}",
+            "{package} cannot be used: {entry} is named {found!r}, expected {kind!r}",
             code="wrong_name",
             package=package(point),
             entry=point.value,
             found=found.name,
+            kind=name,
         )
     return found
 
@@ -219,24 +220,24 @@ M = TypeVar("M", bound=BaseModel)
 
 
 def kind_of(device: DeviceSettings) -> DeviceKind:
-    """The entry of a device's kind. Raises KindError."""
+    """Return the entry of a device. Raises KindError."""
     return find(_OF[device.room], device.kind)
 
 
 def stage_ports(stage: StageSettings) -> tuple[str, ...]:
-    """Every port that the stage is on."""
+    """Return all ports of the stage."""
     return find(StageKind, stage.kind).ports(stage)
 
 
 def moves_along(stage: StageSettings) -> bool:
-    """Whether the stage has an axis along the finger."""
+    """Return whether the stage has an axis along the finger."""
     return "y" in find(StageKind, stage.kind).axes
 
 
 def checked(settings: type[D], device: Any) -> D:
-    """[stage] or [force] as a file or code has it: of a kind that there is, with that kind's own table.
+    """Validate [stage] or [force], with the table of its device type.
 
-    Raises ValidationError. The own table is a part of the settings, checked like any other, for that kind only.
+    Raises ValidationError. The table of the type is part of the settings and validated like any other.
     """
     if isinstance(device, settings):
         device = device.model_dump()
@@ -258,24 +259,24 @@ def checked(settings: type[D], device: Any) -> D:
 def _refuse_table_of_another(settings: type[DeviceSettings], device: Mapping[str, Any]) -> None:
     for key in device:
         if key not in settings.model_fields and key in names(settings.room):
-            raise _refused(settings, ValueError(f"{key}: expected with kind = {key!r} only"), device)
+            raise _refused(settings, ValueError(f"{key}: allowed only with kind = {key!r}"), device)
 
 
 def _refused(settings: type[DeviceSettings], error: ValueError, value: object, *place: str) -> ValidationError:
-    """What pydantic raises where a validator of that place raises this error."""
+    """Return the ValidationError that pydantic would raise for this error at this place."""
     problem = InitErrorDetails(type="value_error", loc=place, input=value, ctx={"error": error})
     return ValidationError.from_exception_data(settings.__name__, [problem])
 
 
 def as_kind(settings: type[D], told: D, name: str) -> D:
-    """The same for another kind, whose own table is as by default. Raises ValidationError."""
+    """Return the settings for another type, with the defaults of its table. Raises ValidationError."""
     if name == told.kind:
         return told
     return checked(settings, told.model_dump(include=set(settings.model_fields)) | {"kind": name})
 
 
 def of_kind(settings: type[D], name: object) -> type[D]:
-    """The settings with the own table of a kind, if it has one and they have not; a bad name is told elsewhere."""
+    """Return the settings class with the table of a type; unknown names are reported elsewhere."""
     try:
         entry = find(_OF[settings.room], name) if isinstance(name, str) else None
     except KindError:
@@ -296,7 +297,7 @@ def _with(settings: type[D], place: str, table: type[Settings]) -> type[D]:
 
 
 class KnownBench(BenchSettings):
-    """A bench of kinds that there are, with their own tables; every configuration is one."""
+    """Bench of known device types, with their tables."""
 
     @field_validator("stage", "force", mode="before")
     @classmethod
@@ -308,14 +309,16 @@ class KnownBench(BenchSettings):
         allowed = find(StageKind, self.stage.kind).outputs
         if self.sync.output not in allowed:
             raise RuleError(
-                "sync.output: expected {allowed} with a {stage} stage",
+                "sync.output: {output!r} is not available on a {stage} stage; allowed: {allowed}",
                 code="no_such_output",
+                output=self.sync.output,
                 allowed=" or ".join(allowed),
                 stage=self.stage.kind,
             )
         if self.sync.output == "drive" and self.sync.words is None:
             raise RuleError(
-                "sync: expected register_address, on_word and off_word, from the manual of the drive",
+                "sync: output = 'drive' requires register_address, on_word and off_word, from the manual of "
+                "the drive",
                 code="incomplete_sync",
             )
         return self
@@ -325,9 +328,9 @@ class KnownBench(BenchSettings):
         allowed = find(StageKind, self.stage.kind).inputs
         for key, name in self.stop.inputs.items():
             if name not in allowed:
-                either = " or ".join(allowed) or "no input, none is reported"
+                either = " or ".join(allowed) or "none, because it reports no inputs"
                 raise RuleError(
-                    "stop.{setting} = {input!r}: expected {allowed} with a {stage} stage",
+                    "stop.{setting} = {input!r} is not available on a {stage} stage; allowed: {allowed}",
                     code="no_such_input",
                     setting=key,
                     input=name,
@@ -338,7 +341,7 @@ class KnownBench(BenchSettings):
 
 
 def as_asked(model: type[M], tables: Mapping[str, Any]) -> type[M]:
-    """The model of a whole configuration, with the own tables of the kinds that it names."""
+    """Return the model of a whole configuration, with the tables of the types that it names."""
     parts: dict[str, Any] = {}
     for room in DEFAULTS:
         part: Any = model.model_fields[room].annotation

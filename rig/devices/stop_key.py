@@ -1,7 +1,7 @@
-"""A key or foot switch on USB as a stop button: a Linux input device that nothing else on the machine hears.
+"""Stop button: USB key or foot switch, a Linux input device reserved for this program.
 
 Source: Linux kernel documentation, input event interface (`struct input_event`, EVIOCGRAB, EVIOCGKEY). A named pipe
-that carries the same events stands in for a device.
+with the same events can replace a device.
 """
 
 import os
@@ -31,9 +31,9 @@ class StopKeyError(TransportError):
 
 
 class StopKey:
-    """The device, grabbed, and a thread that reads it; close() gives it back.
+    """Reserved input device with a reading thread; close() releases it.
 
-    A press calls what arm() was given, from the thread. A device that goes away is `problem`.
+    A press calls the function given to arm(), in that thread. If the device disappears, `problem` says so.
     """
 
     def __init__(self, path: Path, code: int | None = None) -> None:
@@ -62,17 +62,17 @@ class StopKey:
 
     @property
     def pressed(self) -> bool:
-        """Whether it is held down now. Raises StopKeyError where that is not known."""
+        """Whether the key is held down. Raises StopKeyError if that is unknown."""
         if self.problem:
             raise StopKeyError("{problem}", code=self._why, path=str(self.path), problem=self.problem)
         return bool(self._held)
 
     def arm(self, on_press: Callable[[], object]) -> None:
-        """Have each press, from now on, call something, from another thread; what it raises is its own affair."""
+        """Call a function on each press from now on, in another thread; it must handle its own exceptions."""
         self._on_press = on_press
 
     def close(self) -> None:
-        """Let others have the device."""
+        """Release the device."""
         os.write(self._wake, b".")
         self._thread.join()
         for file in (self._file, self._woken, self._wake):
@@ -92,7 +92,10 @@ class StopKey:
                 self._why, self.problem = "gone", f"{self.path}: {error.strerror}"
                 return
             if len(data) % _EVENT.size or not data:
-                self._why, self.problem = "no_key_events", f"{self.path}: it ended, or sends no key events"
+                self._why, self.problem = (
+                    "no_key_events",
+                    f"{self.path}: the device was closed or sends no key events",
+                )
                 return
             for _, _, kind, code, value in _EVENT.iter_unpack(data):
                 if kind == _KEY and self._counts(code):
@@ -113,7 +116,10 @@ def _opened(path: Path) -> int:
         file = os.open(path, (os.O_RDWR if pipe else os.O_RDONLY) | os.O_NONBLOCK)
     except (OSError, AttributeError) as error:
         raise StopKeyError(
-            "{path}: {problem}, expected an input device", code="not_opened", path=str(path), problem=_what(error)
+            "{path}: {problem}; connect the stop button, or correct stop.device",
+            code="not_opened",
+            path=str(path),
+            problem=_what(error),
         ) from None
     if pipe:
         return file
@@ -124,7 +130,10 @@ def _opened(path: Path) -> int:
     except (OSError, ImportError) as error:
         os.close(file)
         raise StopKeyError(
-            "{path}: cannot be had for itself: {problem}", code="not_grabbed", path=str(path), problem=_what(error)
+            "{path}: cannot be reserved for the rig: {problem}; close other programs that use it",
+            code="not_grabbed",
+            path=str(path),
+            problem=_what(error),
         ) from None
     return file
 

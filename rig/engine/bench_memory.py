@@ -1,10 +1,10 @@
-"""What the last command on a bench left behind: the zero of its sensor, the place of its stage, contact.
+"""State of a bench between commands: zero of the sensor, position of the stage, contact.
 
-The contact is the one record of it that every command reads. It is written before the first motion below clearance
-and cleared by a confirmed lift alone, so that it outlives whatever ends a program, and runs that never moved.
+Every command reads the same record of contact. It is written before the first motion below clearance, and only a
+confirmed lift clears it. It therefore outlives a killed program, and runs that never moved.
 
-A command is a process of its own, and a driver that has just connected trusts no position. It may where the stage
-still says the very place that the last command left it at, homed.
+Each command is a process of its own, and a driver that has just connected trusts no position. It may trust the
+position if the stage still reports exactly where the last command left it, homed.
 """
 
 import os
@@ -27,7 +27,7 @@ _SAME_PLACE_MM = 0.003  # a board prints 0.001 mm and stands on a step
 
 
 class LastKnown(BaseModel):
-    """As it is on disk: mm, N, gwt, seconds since 1970; None where it is not known."""
+    """Record on disk, in mm, N, gwt and seconds since 1970; None if unknown."""
 
     zero_offset_n: float | None = None
     zero_noise_gwt: float = 0.0
@@ -37,11 +37,11 @@ class LastKnown(BaseModel):
 
     @property
     def zero(self) -> ForceZero | None:
-        """What forces were counted from."""
+        """Zero of the force sensor."""
         return None if self.zero_offset_n is None else ForceZero(self.zero_offset_n, self.zero_noise_gwt)
 
     def stands_there(self, at: StageStatus) -> bool:
-        """Whether a stage is where it was left, homed."""
+        """Return whether a stage is still where it was left, homed."""
         if self.left_at_mm is None or at.state != "Idle":
             return False
         now = (at.x_mm, at.y_mm, at.z_mm)
@@ -49,41 +49,41 @@ class LastKnown(BaseModel):
 
 
 class BenchMemory:
-    """The file of one bench, known by its ports."""
+    """File of one bench, identified by its ports."""
 
     def __init__(self, settings: BenchSettings) -> None:
         ports = " ".join((*stage_ports(settings.stage), settings.force.port))
         self._path = state_folder() / f"bench-{sha256(ports.encode()).hexdigest()[:16]}.json"
 
     def read(self) -> LastKnown:
-        """What is known; nothing, where nothing can be read."""
+        """Return the record; an empty one if the file cannot be read."""
         try:
             return LastKnown.model_validate_json(self._path.read_text(encoding="utf-8"))
         except (OSError, ValidationError):
             return LastKnown()
 
     def zeroed(self, zero: ForceZero) -> None:
-        """A zero was taken."""
+        """Record a new zero."""
         now_s = WallClock().unix_s()
         self._write(zero_offset_n=zero.offset_n, zero_noise_gwt=zero.noise_gwt, zero_unix_s=now_s)
 
     def forget_zero(self) -> None:
-        """What the sensor shows is counted from elsewhere now, and nobody knows yet from where."""
+        """Forget the zero: the sensor was zeroed, and its new zero is not yet measured."""
         self._write(zero_offset_n=None, zero_noise_gwt=0.0, zero_unix_s=0.0)
 
     def moves(self) -> None:
-        """Something is about to move: where it stands is not known until `left`."""
+        """Forget the position before a motion, until `left` records it again."""
         self._write(left_at_mm=None)
 
     def left(self, at: StageStatus) -> None:
-        """A homed stage is left at rest."""
+        """Record the position of a homed stage at rest."""
         self._write(left_at_mm=(at.x_mm, at.y_mm, at.z_mm))
 
     def touched(self, known: KnownContact) -> None:
         """Record what is known about contact.
 
-        Only a confirmed lift makes a finger clear that may have been touched, and only a motion below clearance, or a
-        force, makes one doubtful that was clear. Raises RecordError where the record would go on saying that it is.
+        Only a confirmed lift clears a finger that may have been touched, and only a motion below clearance or a force
+        makes a clear one doubtful. Raises RecordError if the file would still record a clear finger.
         """
         clear = (before := self.read().contact) is not None and not before.may_touch
         if clear and known.kind in ("raised", "disagreement"):
@@ -91,10 +91,11 @@ class BenchMemory:
         self._write(contact=known)
         if clear and known.may_touch and self.read().contact == before:
             with suppress(OSError):
-                self._path.unlink()  # a full disk lets it go
+                self._path.unlink()  # possible even on a full disk
             if self.read().contact == before:
                 raise RecordError(
-                    "{path}: cannot be written, and says that the finger is not touched",
+                    "cannot write {path}, which still records that the finger is not touched; free disk "
+                    "space or make it writable",
                     code="says_not_touched",
                     path=str(self._path),
                 )
@@ -109,6 +110,6 @@ class BenchMemory:
 
 
 def state_folder() -> Path:
-    """RIG_STATE_DIR, or the user's state folder."""
+    """Return RIG_STATE_DIR, or the user's state folder."""
     chosen = os.environ.get("RIG_STATE_DIR")
     return Path(chosen) if chosen else user_state_path("indentation-rig")

@@ -1,7 +1,7 @@
-"""What is known about contact between indentor and finger: defined once, for engine, commands and records.
+"""State of contact between indentor and finger, defined once for engine, commands and records.
 
-*Lifted* is measured: the force at rest is below the touch threshold, and the position is at clearance or higher. What
-is known without both is named for what it is, and says what to do.
+*Lifted* is measured: the force at rest is below the touch threshold, and the position is at clearance or higher.
+Every other state names what is missing, and what to do.
 """
 
 from collections.abc import Mapping
@@ -11,13 +11,17 @@ from typing import Any, Literal, get_args
 ContactKind = Literal["lifted", "raised", "disagreement", "touching", "unknown"]
 KINDS: tuple[ContactKind, ...] = get_args(ContactKind)
 
-FREE_THE_FINGER = "free the finger before anything else, by hand or by the controller's own jog, straight up"
+DOES_NOT_TOUCH = "the indentor does not touch the finger"
+MAY_TOUCH = "the indentor may still touch the finger"
+FREE_THE_FINGER = "free the finger first, straight up: by hand or with the controller's own jog"
 _TO_DO: Mapping[ContactKind, str | None] = {
     "lifted": None,
-    "raised": "look before you touch anything; `rig zero` and `rig home` confirm it by force",
+    "raised": (
+        "look at the finger before you touch the rig; `rig zero`, then `rig home` confirm by force that it is free"
+    ),
     "disagreement": (
-        "look at the finger: if it is touched, free it by hand; if nothing touches it, "
-        "`rig zero --anyway` and then `rig home`"
+        "look at the finger: if the indentor touches it, free it by hand; if not, run `rig zero --anyway`, "
+        "then `rig home`"
     ),
     "touching": FREE_THE_FINGER,
     "unknown": FREE_THE_FINGER,
@@ -26,7 +30,7 @@ _TO_DO: Mapping[ContactKind, str | None] = {
 
 @dataclass(frozen=True)
 class KnownContact:
-    """What is known about contact.
+    """What is known about contact between indentor and finger.
 
     Parameters
     ----------
@@ -50,12 +54,12 @@ class KnownContact:
 
     @property
     def may_touch(self) -> bool:
-        """Whether the finger may be touched: all that was not confirmed."""
+        """Whether the indentor may touch the finger: true unless a lift is confirmed."""
         return self.kind != "lifted"
 
     @property
     def words(self) -> str:
-        """One sentence, with the place."""
+        """One sentence with the position."""
         if self.kind == "lifted":
             return f"lifted, at {self.place}; {self.clause}"
         if self.kind == "raised":
@@ -66,43 +70,43 @@ class KnownContact:
 
     @property
     def clause(self) -> str:
-        """The same without the place."""
+        """The same sentence without the position."""
         if self.kind == "lifted":
-            return f"{self._force}: it does not touch the finger"
+            return f"{self._force}, so {DOES_NOT_TOUCH}"
         if self.kind == "raised":
-            return "by position alone, not confirmed by force: it may still touch the finger"
+            return f"by position only, not confirmed by force; {MAY_TOUCH}"
         if self.kind == "disagreement":
             return (
-                f"but the sensor reads {self._force}: the motor may have stalled, or the zero drifted; "
-                "it may still touch the finger"
+                f"but the sensor reads {self._force}: the motor may have stalled or the zero may have drifted; "
+                f"{MAY_TOUCH}"
             )
-        return f"{self._force}: it may still touch the finger"
+        return f"{self._force}; {MAY_TOUCH}"
 
     @property
     def to_do(self) -> str | None:
-        """What whoever stands at the bench should do first; None where nothing need be done."""
+        """What the operator should do first; None if nothing needs to be done."""
         return _TO_DO[self.kind]
 
     @property
     def place(self) -> str:
-        """Where it is known of, in words."""
-        x = "x not known" if self.x_mm is None else f"x = {self.x_mm:.2f} mm"
+        """Last known position, in words."""
+        x = "x unknown" if self.x_mm is None else f"x = {self.x_mm:.2f} mm"
         if self.height_mm is None:
-            return f"{x}, height not known"
+            return f"{x}, height unknown"
         return f"{x}, {abs(self.height_mm):.2f} mm {'above' if self.height_mm >= 0 else 'below'} the nominal apex"
 
     def as_json(self) -> dict[str, Any]:
-        """As a command prints it."""
+        """Return the fields that commands print as JSON."""
         return {"contact": self.kind, "may_touch": self.may_touch, "force_gwt": self.force_gwt, "words": self.words,
                 "to_do": self.to_do}  # fmt: skip
 
     @property
     def _force(self) -> str:
-        return "force not known" if self.force_gwt is None else f"{self.force_gwt:.2f} gwt"
+        return "force unknown" if self.force_gwt is None else f"{self.force_gwt:.2f} gwt"
 
 
 def judged(*, clear: bool, force_gwt: float | None, touch_gwt: float) -> ContactKind:
-    """Return what position and force at rest say together.
+    """Return the state of contact from position and force at rest.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""Where a stage may be while a motion lasts: on the way from its start, no farther than its speed allows.
+"""Corridor of a motion: positions that a stage may report between start and target, given its speed.
 
-The second layer against a command that was corrupted on its wire and against a stage that runs on: the force is
-watched besides, and a driver confirms what it can before anything moves.
+The corridor is the second layer against a corrupted command and against a stage that does not stop. The first is that
+a driver confirms commands before motion; the force is monitored in addition.
 """
 
 import math
@@ -12,7 +12,7 @@ from rig.devices.base import StageStatus
 from rig.errors import EngineError
 
 PRINTED_MM = 0.003
-"""What a controller rounds, and how far the feedback of a drive may lie from its command, besides one step."""
+"""Rounding of a controller's reports, and error of a drive's feedback beyond one step (mm)."""
 
 _AXES = ("x", "y", "z")
 
@@ -24,11 +24,11 @@ class Corridor:
     Parameters
     ----------
     start_mm, target_mm : sequence of float
-        Machine x, y and z where the motion began and where it should end.
+        Machine x, y and z at the start and the end of the motion.
     speed_mm_s : float
-        The speed asked for.
+        Commanded speed.
     begun_s : float
-        When the command was sent, on the clock that `strayed` is asked with.
+        Time when the command was sent, on the clock of `strayed`.
     tolerance_mm : float
         How far a report may lie outside.
     overrun_mm : sequence of float
@@ -36,7 +36,7 @@ class Corridor:
 
     Notes
     -----
-    Each axis by itself: a box around the straight way. Two axes move together only sideways, at clearance.
+    Each axis is checked separately, so the corridor is a box. Two axes move together only laterally, at clearance.
     """
 
     start_mm: Sequence[float]
@@ -47,14 +47,14 @@ class Corridor:
     overrun_mm: Sequence[float] = (0.0, 0.0, 0.0)
 
     def strayed(self, at: StageStatus, now_s: float) -> EngineError | None:
-        """Return what is wrong with a report of the stage, with what was commanded; None where nothing is.
+        """Return an error if a reported position lies outside the corridor, else None.
 
         Parameters
         ----------
         at : StageStatus
             The report.
         now_s : float
-            When it was heard; the stage was there no later than that.
+            Time when the report arrived; the stage was there at that time or earlier.
         """
         gone_mm = 0.0
         ways = zip(_AXES, (at.x_mm, at.y_mm, at.z_mm), self.start_mm, self.target_mm, self.overrun_mm, strict=True)
@@ -85,5 +85,5 @@ class Corridor:
     @staticmethod
     def _commanded(start_mm: float, target_mm: float) -> str:
         if math.isclose(start_mm, target_mm, abs_tol=1e-9):
-            return "commanded no motion of {axis} from {from_mm:.3f} mm"
+            return "commanded no motion of {axis} at {from_mm:.3f} mm"
         return "commanded {axis} from {from_mm:.3f} to {to_mm:.3f} mm"

@@ -1,4 +1,4 @@
-"""Jog with a dead man's switch: the stage moves only while somebody keeps asking for it."""
+"""Jog with a dead man's switch: the stage moves only while the request is repeated."""
 
 import contextlib
 import math
@@ -11,18 +11,18 @@ from rig.engine.corridor import PRINTED_MM, Corridor
 from rig.engine.motion import StrayedError, refuse_strayed
 from rig.transport.wire import TransportError
 
-# A stage that goes on by less than this of its way, or takes a line in so much later than before, may have stood.
+# A stage that covers less than this share of the distance, or accepts a line this much later, may have stopped.
 _SLOWER, _LATER, _LATER_S = 0.9, 2.0, 0.005
 _PRINTED_MM = 0.001
 _LOOKS = 3
 
 
 class StagePace:
-    """The pace of a stage since it began.
+    """Progress of a jog, to detect a stop at the controller.
 
-    A GRBL board cancels a jog that somebody holds, and says nothing of it. A line that comes while it slows down it
-    takes in once it stands, and goes on: line and stage are late then. Each by itself is doubtful, since this machine
-    may be busy; a doubtful stage is told no more until it is at rest, where what it lacks can be seen.
+    A GRBL board cancels a jog on a feed hold without reporting it. It accepts a line that arrives while it slows down
+    only at rest, and then continues: both the line and the stage are late. Either delay alone may come from a busy
+    computer. A doubtful stage gets no further line until it is at rest, where its position shows what is missing.
     """
 
     def __init__(self, step_mm: float) -> None:
@@ -37,12 +37,12 @@ class StagePace:
         self.doubtful = self.stood = False
 
     def told(self, took_s: float) -> None:
-        """A line was taken in after so long."""
+        """Record how long the board took to accept a line (s)."""
         self._late = took_s > _LATER * self._quickest_s + _LATER_S
         self._quickest_s = min(took_s, self._quickest_s)
 
     def seen(self, asked_s: float, heard_s: float, gone_mm: float, *, at_rest: bool) -> None:
-        """A look at it: when it was asked for and heard, and how far it had gone."""
+        """Record a status: times of request and reply (s), and the distance covered (mm)."""
         if at_rest:
             self._begin()
         self._looks = [*self._looks[1 - _LOOKS :], (asked_s, heard_s, gone_mm)]
@@ -59,13 +59,13 @@ class StagePace:
 
 SLICE_S = 0.1
 _LOOK_S = 0.02
-# A board that stands short of what it was told at so many looks in a row was stopped by somebody else.
+# A board that rests short of its target in this many statuses in a row was stopped at the controller.
 _ROUNDING_MM, _STANDS = 0.003, 5
 
 
 @dataclass(frozen=True)
 class Direction:
-    """Along an axis, and which way."""
+    """Direction along an axis."""
 
     axis: Axis
     sign: int
@@ -84,12 +84,12 @@ def dead_man_jog(
     *,
     slice_s: float = SLICE_S,
 ) -> StageStatus:
-    """Jog while held() keeps its first answer, by_mm at most; returns where the stage has then come to rest.
+    """Jog while held() keeps its first answer, by at most by_mm; return the status at rest.
 
-    The stage is told of no more than two slices of slice_s ahead of where it is: if this process dies, or its wire is
-    cut, it stops by itself within 2 · speed_mm_s · slice_s. look is called with every status; what it raises ends the
-    jog, at rest, and is passed on. Where there is none and the way is not limited, a controller with a dead man's
-    switch of its own is left to it. Raises StageError.
+    At most two slices of slice_s are queued ahead of the stage. If this process dies or the cable is cut, the stage
+    therefore stops within 2 · speed_mm_s · slice_s. Every status is passed to `look`; an exception from it ends the
+    jog at rest and is raised again. Without `look` and by_mm, a controller with its own dead man's switch does the
+    work. Raises StageError.
     """
     start, direction = stage.status(), held()
     if direction is None:
@@ -118,10 +118,10 @@ def jog_up_from_rest(
     by_mm: float,
     look: Callable[[StageStatus], None] | None = None,
 ) -> Iterator[tuple[StageStatus, float]]:
-    """Jog up in slices that each begin at rest; yield where the stage stands after each, and mm that are left.
+    """Jog up in slices that each begin at rest; yield the status after each, and the remaining distance (mm).
 
-    A stage confirms a slice from rest before it moves, so that no corrupted command goes sideways while the finger
-    may be touched. Each is two slices of SLICE_S, since none is told ahead. Raises StageError.
+    A stage confirms a slice from rest before it moves, so that no corrupted command can move sideways while the
+    indentor may touch the finger. Each slice lasts 2 · SLICE_S, because none is queued ahead. Raises StageError.
     """
     slice_s = 2 * SLICE_S
     while held() == UP and by_mm > _PRINTED_MM / 2:
@@ -140,7 +140,7 @@ def _jogging(
     by_mm: float | None,
     slice_s: float,
 ) -> Iterator[StageStatus]:
-    """Looks at the stage while it goes; when they end it is at rest."""
+    """Yield every status during the jog; the stage is at rest at the end."""
     start: StageStatus | None = None
     step_mm = 1 / abs(stage.steps_per_mm(direction.axis))
     slice_mm, told_mm, stood = max(round(speed_mm_s * slice_s / step_mm), 1) * step_mm, 0.0, 0
@@ -156,17 +156,19 @@ def _jogging(
         pace.seen(asked_s, heard_s, gone_mm, at_rest=now.state == "Idle")
         if pace.stood and by_mm is None:
             raise StageError(
-                "the jog stood still while a key was held: somebody stopped it at the controller",
+                "jog: the stage stopped although the key was held; release the hold at the controller, then "
+                "jog again",
                 code="jog_stood_still",
             )
         stood = stood + 1 if now.state == "Idle" and ahead_mm > step_mm + _ROUNDING_MM else 0
         if stood > _STANDS:
             raise StageError(
-                "the jog was stopped at the controller, {short_mm:.3f} mm short of what it was told",
+                "jog: the stage stopped {short_mm:.3f} mm short of its target; release the hold at the "
+                "controller, then jog again",
                 code="jog_cut_short",
                 short_mm=ahead_mm,
             )
-        # as finely as a controller is told, so that what was told adds up
+        # rounded like the commands, so that their sum is exact
         left_mm = round(slice_mm if by_mm is None else min(slice_mm, by_mm - told_mm), 4)
         if left_mm <= 0 and now.state == "Idle" and not stood:
             return
@@ -183,7 +185,7 @@ def _jogging(
 def _corridor(
     start: StageStatus, direction: Direction, told_mm: float, speed_mm_s: float, begun_s: float, step_mm: float
 ) -> Corridor:
-    """The corridor of what was told until now."""
+    """Return the corridor of the distance commanded so far."""
     start_mm = (start.x_mm, start.y_mm, start.z_mm)
     target_mm = tuple(
         mm + direction.sign * told_mm if axis == direction.axis else mm
@@ -197,8 +199,8 @@ def _gone_mm(now: StageStatus, start: StageStatus, axis: Axis) -> float:
 
 
 def _end(stage: Stage) -> None:
-    """Gently where the stage still listens, past every queue where it does not."""
-    with contextlib.suppress(StageError, TransportError):  # whoever calls has the first error to report
+    """End the jog; stop past every queue if the stage does not respond."""
+    with contextlib.suppress(StageError, TransportError):  # the caller reports the first error
         try:
             stage.end_jog()
         except StageError:

@@ -17,7 +17,7 @@ _SHOWN_BY = 4  # readings
 
 @dataclass(frozen=True)
 class Approach:
-    """From clearance to first touch, which is expected between two heights above the nominal apex (mm)."""
+    """Approach from clearance to first touch, expected between two heights above the nominal apex (mm)."""
 
     engine: Engine
     press: PressId
@@ -25,9 +25,9 @@ class Approach:
     highest_mm: float
 
     def touch_off(self) -> ContactFit:
-        """Touch twice, fit where contact was, and journal it; ends in contact.
+        """Touch twice, fit the contact height, and journal it; end in contact.
 
-        Trips where contact is not found, found too high, or pulls.
+        Trips if contact is missing or too high, or if the sensor reads a pull.
         """
         habits, deepest_mm = self.engine.settings.habits, self.engine.settings.limits.max_doi_mm
         self.engine.limit_depth(self.lowest_mm - deepest_mm)
@@ -44,9 +44,9 @@ class Approach:
         return touch
 
     def _come_back(self) -> bool:
-        """Where this place was touched before, in one move of whole increments to near there; whether it met a touch.
+        """Move down in one go to just above an earlier contact at this position; return whether it touched.
 
-        Until the press has ended well the place counts as untouched.
+        The position counts as untouched until the press has ended normally.
         """
         engine, habits = self.engine, self.engine.settings.habits
         free_mm = engine.touched.free_mm(engine.x_mm, engine.along_mm, habits.approach_speed_mm_s)
@@ -57,7 +57,7 @@ class Approach:
         return felt
 
     def _back_off(self) -> None:
-        """Up by whole increments until no force shows or clearance is reached, and one more."""
+        """Move up by increments until the force vanishes or clearance is reached, then by one more."""
         engine, habits = self.engine, self.engine.settings.habits
         force = math.inf
         while force > 0.5 * engine.sensing.least_gwt and engine.height_mm < habits.clearance_mm:
@@ -68,9 +68,9 @@ class Approach:
     def _descend(
         self, step_mm: float, phase: Phase, lowest_mm: float, farther_mm: float = 0.0
     ) -> list[tuple[float, float]]:
-        """(height, force) readings down to the touch threshold; trips where there is none.
+        """Descend to the touch threshold and return the (height, force) readings; trip if there is no touch.
 
-        farther_mm: how much lower it may lie where the last readings show a force: noise has felt it too early.
+        farther_mm: extra depth allowed if the last readings show a force, since noise may have triggered too early.
         """
         readings = list[tuple[float, float]]()
         while True:
@@ -84,13 +84,13 @@ class Approach:
                 return readings
 
     def _feels(self, height_mm: float, phase: Phase, readings: list[tuple[float, float]]) -> bool:
-        """Go down there, add what is read to the readings, and say whether it is a touch; trips where it pulls."""
+        """Move down, add the reading, and return whether it is a touch; trip if the sensor reads a pull."""
         engine = self.engine
         engine.go_to_height(height_mm, engine.settings.habits.approach_speed_mm_s)
         force = engine.read_force_gwt(self.press, phase)
         readings.append((engine.height_mm, force))
         if force <= -engine.sensing.touch_gwt:
-            words = "{force_gwt:.2f} gwt while descending: does the sensor read backwards?"
+            words = "the sensor reads {force_gwt:.2f} gwt (a pull) during the descent; check its sign and mounting"
             engine.trip(TripError(words, code="reads_backwards", force_gwt=force), force)
         if force < engine.sensing.touch_gwt:
             return False
@@ -98,17 +98,17 @@ class Approach:
         return True
 
     def _shows(self, readings: list[tuple[float, float]]) -> bool:
-        """Whether the mean of the last readings is more than their noise: the sensor is alive, and touches."""
+        """Return whether the mean of the last readings exceeds their noise: the sensor responds to the finger."""
         last = [force for _, force in readings[-_SHOWN_BY:]]
         return bool(last) and statistics.fmean(last) > 0.5 * self.engine.sensing.least_gwt / math.sqrt(_SHOWN_BY)
 
     def _miss(self, lowest_mm: float) -> NoReturn:
-        """What was felt coarsely must be felt again within one coarse increment: a dead sensor would go on."""
+        """Trip: the coarse touch must reappear within one coarse increment, or the sensor is dead."""
         felt_before = lowest_mm > self.lowest_mm
         place = "no contact at x = {x_mm:g} mm down to {lowest_mm:.3f} mm from the nominal apex"
-        again = ", where it was felt just before" if felt_before else ""
+        again = ", although the force showed a touch there just before" if felt_before else ""
         missed = TripError(
-            f"{place}{again}: is the sensor alive, the finger in place, frame.apex_z_mm right?",
+            f"{place}{again}; check the force sensor, the position of the finger and frame.apex_z_mm",
             code="no_contact",
             x_mm=self.engine.x_mm,
             lowest_mm=lowest_mm,
@@ -120,8 +120,8 @@ class Approach:
         engine = self.engine
         if engine.height_mm > self.highest_mm:
             too_high = TripError(
-                "contact at x = {x_mm:g} mm already {height_mm:.3f} mm above the nominal apex: "
-                "expected below {highest_mm:.3f} mm",
+                "contact at x = {x_mm:g} mm is {height_mm:.3f} mm above the nominal apex, expected below "
+                "{highest_mm:.3f} mm; check the position of the finger and frame.apex_z_mm",
                 code="contact_too_high",
                 x_mm=engine.x_mm,
                 height_mm=engine.height_mm,
@@ -155,13 +155,12 @@ def indent(
     contact_area_mm2: float = math.inf,
     press_id: PressId | None = None,
 ) -> Indentation:
-    """Touch off at the present x, press in equal increments with a hold after each, end lifted to clearance.
+    """Touch off at the present x, press in equal increments with a hold after each, and lift to clearance.
 
-    Contact is expected within limits.search_mm of expected_contact_mm (height from the nominal apex); none there, or
-    one above, trips, since a dead or frozen sensor looks the same. Raises LimitError when the target is not
-    reached within the deepest DOI allowed, or the finger has been touched for too long; the indentor is then lifted.
-    contact_area_mm2 is what the pressure limit counts over. An indentation that the operator paused is done anew
-    under the same press_id.
+    Contact is expected within limits.search_mm of expected_contact_mm (height from the nominal apex). Missing or
+    higher contact trips, because a dead or frozen sensor looks the same. Raises LimitError, after a lift, if the
+    target is not reached within limits.max_doi_mm or the contact time exceeds its limit. The pressure limit uses
+    contact_area_mm2. An indentation that the operator paused is repeated under the same press_id.
     """
     ready_to_indent(engine)
     press = PressId(engine.next_index()) if press_id is None else press_id
@@ -177,7 +176,7 @@ def indent(
 
 
 def touch_place(engine: Engine, index: int, expected_contact_mm: float) -> float:
-    """Touch off at the present place and lift; returns where contact was, height above the nominal apex, mm."""
+    """Touch off at the present position, lift, and return the contact height above the nominal apex (mm)."""
     ready_to_indent(engine)
     search_mm = engine.settings.limits.search_mm
     approach = Approach(
@@ -229,12 +228,14 @@ def _attempt(
 
 
 def ready_to_indent(engine: Engine) -> None:
-    """Raise NotReadyError unless homed, zeroed, mounted, placed and clear."""
+    """Raise NotReadyError unless the rig is homed, zeroed, at a position and clear, with an indentor mounted."""
     engine.require_clear("indent")
     if engine.indentor is None:
-        raise NotReadyError("indent: no indentor is mounted", code="no_indentor")
+        raise NotReadyError("indent: no indentor is mounted; mount one first", code="no_indentor")
     if not engine.sensing.zeroed:
-        raise NotReadyError("indent: the force sensor has not been zeroed", code="not_zeroed")
+        raise NotReadyError("indent: the force sensor is not zeroed; zero it first", code="not_zeroed")
     if not engine.placed:
-        raise NotReadyError("indent: the indentor has not been moved to a position since homing", code="not_placed")
+        raise NotReadyError(
+            "indent: the stage has not moved to a position since homing; move to one first", code="not_placed"
+        )
     engine.contact.refuse_more()

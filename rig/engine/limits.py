@@ -1,4 +1,4 @@
-"""Limits and trips: forces, stop distance, time in contact, and where the finger was touched."""
+"""Limits and trips: forces, stopping distance, contact time, and positions of earlier contact."""
 
 import math
 from collections.abc import Sequence
@@ -13,15 +13,15 @@ from rig.records import ContactFit
 from rig.settings import LimitSettings, RigSettings
 from rig.units import GWT_N
 
-TRIP_MARGIN = 0.9  # no step is made that would go beyond so much of a trip, at the last stiffness
-AT_MM = 0.02  # heights closer than this are the same place
+TRIP_MARGIN = 0.9  # share of the trip that a step may reach, extrapolated with the last stiffness
+AT_MM = 0.02  # heights closer than this count as equal
 
 
 class Trips:
-    """Three layers of force, gwt; a reading that passes one trips, whichever way it points.
+    """Three force limits (gwt); a reading of either sign beyond one of them trips.
 
-    Soft: the limit, lowered to what a plan allows. Area: limits.max_pressure_n_cm2 over a contact that is expected.
-    Hard: the same whatever is planned or pressed, and for every reading there is.
+    Soft: the configured limit, lowered by the plan. Pressure: limits.max_pressure_n_cm2 times the expected contact
+    area. Hard: the same for every plan and every reading.
     """
 
     def __init__(self, limits: LimitSettings, soft_trip_n: float | None) -> None:
@@ -32,29 +32,29 @@ class Trips:
         self._area_gwt = math.inf
 
     def press_on(self, contact_area_mm2: float) -> None:
-        """From here on the area's layer counts, over this contact; infinite: it does not."""
+        """Apply the pressure limit to this contact area; infinity disables it."""
         self._area_gwt = self._max_pressure_n_cm2 * contact_area_mm2 / 100 / GWT_N
 
     @property
     def lowest_gwt(self) -> float:
-        """What a press must stay below."""
+        """Lowest limit of a press (gwt)."""
         return min(self.soft_gwt, self._area_gwt)
 
     @property
     def lowest(self) -> str:
-        """The name of that."""
+        """Name of the lowest limit."""
         return "soft trip" if self.soft_gwt <= self._area_gwt else "pressure limit"
 
     @property
     def lowest_code(self) -> str:
-        """The same as a code."""
+        """Error code of the lowest limit."""
         return self.lowest.replace(" ", "_")
 
     def passed(self, force_gwt: float) -> TripError | None:
-        """What a reading of a press has passed, or None."""
+        """Return the trip that a reading of a press exceeds, or None."""
         if abs(force_gwt) > self.lowest_gwt:
             return TripError(
-                f"force {{force_gwt:.2f}} gwt above the {self.lowest} {{limit_gwt:.2f}} gwt",
+                f"force {{force_gwt:.2f}} gwt exceeds the {self.lowest} of {{limit_gwt:.2f}} gwt",
                 code=self.lowest_code,
                 force_gwt=force_gwt,
                 limit_gwt=self.lowest_gwt,
@@ -62,10 +62,10 @@ class Trips:
         return None
 
     def passed_hard(self, force_gwt: float) -> TripError | None:
-        """Whether a reading, of whatever it is, has passed the hard trip."""
+        """Return an error if any reading exceeds the hard trip, else None."""
         if abs(force_gwt) > self.hard_gwt:
             return TripError(
-                "force {force_gwt:.2f} gwt above the hard trip {limit_gwt:.2f} gwt",
+                "force {force_gwt:.2f} gwt exceeds the hard trip of {limit_gwt:.2f} gwt",
                 code="hard_trip",
                 force_gwt=force_gwt,
                 limit_gwt=self.hard_gwt,
@@ -73,42 +73,43 @@ class Trips:
         return None
 
     def passed_any(self, force_gwt: float) -> TripError | None:
-        """What a force has passed while something moves: every layer counts."""
+        """Return the trip that a force exceeds during a motion; all limits apply."""
         return self.passed_hard(force_gwt) or self.passed(force_gwt)
 
 
 class ContactTime:
-    """Seconds from first touch to lift, added up over all the parts of a run."""
+    """Contact time (s) from first touch to lift, summed over all parts of a run."""
 
     def __init__(self, clock: Clock, limits: LimitSettings, before_s: float = 0.0) -> None:
-        """before_s: what the parts of the run before this one have used up."""
+        """before_s: contact time of the earlier parts of the run (s)."""
         self._clock, self._longest_s, self._before_s = clock, limits.max_contact_s, before_s
         self._since_s: float | None = None
 
     @property
     def total_s(self) -> float:
-        """Until now."""
+        """Contact time so far (s)."""
         return self._before_s + (0.0 if self._since_s is None else self._clock.monotonic_s() - self._since_s)
 
     def begin(self) -> None:
-        """Touched now, if not already before."""
+        """Begin contact, unless it has begun."""
         if self._since_s is None:
             self._since_s = self._clock.monotonic_s()
 
     def end(self) -> None:
-        """Lifted."""
+        """End contact."""
         self._before_s, self._since_s = self.total_s, None
 
     @property
     def rounded_s(self) -> float:
-        """Until now, as it is journalled."""
+        """Contact time so far (s), rounded for the journal."""
         return round(self.total_s, 6)
 
     def refuse_more(self) -> None:
-        """Raises LimitError where the finger has been touched for longer than limits.max_contact_s."""
+        """Raise LimitError if the contact time exceeds limits.max_contact_s."""
         if self.total_s > self._longest_s:
             raise LimitError(
-                "the finger has been touched for {contact_s:.1f} s in this run, limits.max_contact_s = {limit_s:g}",
+                "the finger has been touched for {contact_s:.1f} s in this run, longer than "
+                "limits.max_contact_s = {limit_s:g} s",
                 code="contact_time",
                 contact_s=self.total_s,
                 limit_s=self._longest_s,
@@ -116,7 +117,7 @@ class ContactTime:
 
 
 def trip_height_mm(settings: RigSettings, height_mm: float) -> float:
-    """Where a trip lifts to: clearance; farther up where that is configured, or where clearance is not clear."""
+    """Return the height that a trip lifts to: clearance, or higher if configured or if clearance is not clear."""
     habits, highest = settings.habits, -settings.frame.apex_z_mm
     if settings.limits.on_trip != "park" and height_mm <= habits.clearance_mm - AT_MM:
         return habits.clearance_mm
@@ -124,27 +125,27 @@ def trip_height_mm(settings: RigSettings, height_mm: float) -> float:
 
 
 def longer_than_an_increment(settings: RigSettings, from_mm: float, to_mm: float, free_mm: float) -> bool:
-    """Whether a vertical move goes down below a height by more than one increment."""
+    """Return whether a vertical move descends below a height by more than one increment."""
     return to_mm < min(from_mm, free_mm) - settings.habits.increment_mm - 1e-9
 
 
 def refuse_height(
     settings: RigSettings, from_mm: float, to_mm: float, speed_mm_s: float, free_mm: float = math.inf
 ) -> None:
-    """Raises LimitError for a vertical move beyond the travel, or too long or too fast below clearance.
+    """Raise LimitError for a vertical move beyond the travel, or too long or too fast below clearance.
 
-    free_mm: down to where nothing is met at this place and speed, if lower than clearance.
+    free_mm: height above which this position is free at this speed, if lower than clearance.
     """
     habits, fastest = settings.habits, settings.limits.max_press_speed_mm_s
     if longer_than_an_increment(settings, from_mm, to_mm, min(free_mm, habits.clearance_mm)):
         raise LimitError(
-            "a move down to {to_mm:.3f} mm is longer than one increment below clearance",
+            "a move down to {to_mm:.3f} mm exceeds habits.increment_mm, the longest move below clearance",
             code="longer_than_an_increment",
             to_mm=to_mm,
         )
     if to_mm < min(from_mm, habits.clearance_mm) and speed_mm_s > fastest:
         raise LimitError(
-            "a move down below clearance at {speed_mm_s:g} mm/s is faster than {limit_mm_s:g}",
+            "a move below clearance at {speed_mm_s:g} mm/s exceeds limits.max_press_speed_mm_s = {limit_mm_s:g} mm/s",
             code="too_fast",
             speed_mm_s=speed_mm_s,
             limit_mm_s=fastest,
@@ -169,16 +170,16 @@ def refuse_height(
 
 CONTACT_EXPONENT = 1.5  # F ∝ d^1.5, a sphere pressed on an elastic solid (Hertz)
 
-_TRIED = 201  # contact heights looked at together
-_FINER = 4  # times that those about the best are looked at, each a hundred times closer
+_TRIED = 201  # contact heights tried at once
+_FINER = 4  # refinements about the best one, each a hundred times finer
 
 
 def fit_contact(readings: Sequence[tuple[float, float]], threshold_gwt: float, resolution_gwt: float) -> ContactFit:
-    """Contact height from (height mm, force gwt) readings that descend to the threshold.
+    """Fit the contact height to (height mm, force gwt) readings that descend to the threshold.
 
-    The least-squares fit of F = a · (contact − height)^1.5, none above contact, to all readings: one that noise has
-    lifted is outvoted by its neighbours. It is the last height where fewer than two readings show more than half a
-    step of the sensor, resolution_gwt.
+    Least-squares fit of F = a · (contact − height)^1.5, zero above contact, to all readings, so that a single noisy
+    reading has little weight. If fewer than two readings exceed half a step of the sensor (resolution_gwt), the last
+    height is returned.
     """
     height, force = np.array(readings).T
     shown = force > 0.5 * resolution_gwt
@@ -212,7 +213,7 @@ UNREAD_S = 0.35
 
 @dataclass(frozen=True)
 class Stopping:
-    """A stage at a speed, told to stop late by latency_s; it never has more than most_mm to go."""
+    """Stopping of a stage from a speed, with a delay latency_s and at most most_mm left to go."""
 
     speed_mm_s: float
     latency_s: float
@@ -221,14 +222,14 @@ class Stopping:
 
     @classmethod
     def of(cls, settings: RigSettings, speed_mm_s: float) -> "Stopping":
-        """Late by sensor, wait for a reading and what is prepared; no more than an increment is ever queued."""
+        """Return the stopping in a press: delays of sensor, reading and controller, at most one increment queued."""
         waited_s = settings.habits.settle_readings * settings.force.sample_period_s
         late_s = settings.force.latency_s + waited_s + PREPARED_S
         return cls(speed_mm_s, late_s, settings.stage.acceleration_mm_s2, settings.habits.increment_mm)
 
     @classmethod
     def in_one_move(cls, settings: RigSettings, speed_mm_s: float) -> "Stopping":
-        """In a move of any length that is looked at on the way: the force may also have gone unread for UNREAD_S."""
+        """Return the stopping in a long monitored move, where the force may go unread for UNREAD_S."""
         late = cls.of(settings, speed_mm_s)
         return replace(late, latency_s=late.latency_s + UNREAD_S, most_mm=math.inf)
 
@@ -239,35 +240,34 @@ class Stopping:
         return min(free_mm, self.most_mm)
 
     def overshoot_gwt(self, trip_gwt: float, force_gwt: float, doi_mm: float) -> float:
-        """What the force gains over the trip in that distance, on F ∝ d^1.5 through (doi_mm, force_gwt)."""
+        """Return the force gained beyond the trip (gwt), for F ∝ d^1.5 through (doi_mm, force_gwt)."""
         trip_doi_mm = doi_mm * (trip_gwt / force_gwt) ** (1 / CONTACT_EXPONENT)
         return trip_gwt * ((1 + self.distance_mm / trip_doi_mm) ** CONTACT_EXPONENT - 1)
 
 
 class Touched:
-    """Heights of first contact above the nominal apex, mm, by place; of one indentor, since the last homing."""
+    """Contact heights above the nominal apex (mm) by position, for one indentor since the last homing."""
 
     def __init__(self, settings: RigSettings) -> None:
         self._settings = settings
         self._contact_mm: dict[tuple[float, float], float] = {}
 
     def at(self, x_mm: float, along_mm: float, contact_mm: float) -> None:
-        """Contact was here, and the indentor has been lifted from it."""
+        """Record the contact height at a position after the lift."""
         self._contact_mm[x_mm, along_mm] = contact_mm
 
     def forget_at(self, x_mm: float, along_mm: float) -> None:
-        """What was here counts no more."""
+        """Forget the contact at a position."""
         self._contact_mm.pop((x_mm, along_mm), None)
 
     def forget(self) -> None:
-        """Nothing counts any more: another indentor, a new homing, somebody at the finger."""
+        """Forget all contacts: new indentor, new homing, or an operator at the finger."""
         self._contact_mm.clear()
 
     def free_mm(self, x_mm: float, along_mm: float, speed_mm_s: float) -> float:
-        """Above which height one move at this speed meets nothing, and stops in time for what has come nearer.
+        """Return the height (mm) down to which one move at this speed is safe at a position.
 
-        The last contact here, the margin, and how far the stage goes on after a touch; clearance where that is lower,
-        or where this place was not touched.
+        Last contact plus margin plus stopping distance, at most clearance; clearance if the position was not touched.
         """
         habits = self._settings.habits
         contact_mm = self._contact_mm.get((x_mm, along_mm))

@@ -15,13 +15,13 @@ _MOVES, _STEPS, _SHARE = 3, 5, 0.1
 
 
 class Unanswered:
-    """Moves, and the change of force (gwt) that was expected of them, since the reading last changed."""
+    """Count of moves, and the force change (gwt) expected of them, since the reading last changed."""
 
     def __init__(self, resolution_gwt: float) -> None:
         self._resolution_gwt, self._moves, self._expected_gwt = resolution_gwt, 0, 0.0
 
     def too_long(self, before_gwt: float, force_gwt: float, expected_gwt: float) -> bool:
-        """Whether the force has not answered by any step of the sensor for far too long, this move included."""
+        """Return whether the reading has stayed constant for too long, this move included."""
         if abs(force_gwt - before_gwt) > 0.5 * self._resolution_gwt:
             self._moves, self._expected_gwt = 0, 0.0
             return False
@@ -32,9 +32,9 @@ class Unanswered:
 
 
 def pulse(engine: Engine, press: PressId, at: str) -> None:
-    """Say that this is the instant, where an output is configured; of data only.
+    """Pulse the sync output, if configured, for presses that are data.
 
-    rise_s is when the device had confirmed the rise, uncertainty_s how long before that it may have been.
+    The journal gets rise_s, when the device had confirmed the rise, and uncertainty_s, by how much earlier it may be.
     """
     sync, clock, stage = engine.settings.sync, engine.clock, engine.bench.stage
     if sync.output == "off" or press.purpose != "data":
@@ -59,13 +59,13 @@ def pulse(engine: Engine, press: PressId, at: str) -> None:
 
 _MAX_SEEK_MOVES = 400
 _FORCE_TOLERANCE_GWT, _FORCE_TOLERANCE = 0.05, 0.01
-_LOST_SHARE = 0.5  # of the touch threshold: less than that, an increment below the touch, is no finger
+_LOST_SHARE = 0.5  # of the touch threshold; less force one increment below the touch means that the finger is gone
 # Of a gap in force wider than this share of the target, a step closes only so much: no step lands beyond it.
 _WIDE_GAP, _CLOSED_AT_ONCE = 0.05, 0.75
 _MOST_AVERAGED = 25
-# What has relaxed under a held force answers a move more stiffly than the force it has left says: by 1 / 0.6, say.
+# Relaxed tissue answers a move more stiffly than its remaining force suggests, by about 1 / 0.6.
 _FOLLOWED = 0.6
-_HIGHEST_AIM = 1.02  # of the target, in a hold: noise comes on top, and 1.05 must not be felt
+_HIGHEST_AIM = 1.02  # of the target, in a hold: with noise on top the force must stay below 1.05
 
 
 class Press:
@@ -78,7 +78,7 @@ class Press:
         self._touch = touch
         self._contact_mm, self._force_gwt = touch.contact_height_mm, touch.force_gwt
         self._ramp_from = (touch.force_gwt, engine.clock.monotonic_s())  # at contact, or at the end of the last hold
-        self._stiffness_gwt_mm = 0.0  # as the last move was answered
+        self._stiffness_gwt_mm = 0.0  # of the last move
         self._peak_gwt = 0.0  # highest reading since then
         self._unanswered = Unanswered(engine.sensing.resolution_gwt)
 
@@ -95,22 +95,23 @@ class Press:
         return self._hold(target, hold, hold_s)
 
     def _press_to_doi(self, doi_mm: float) -> None:
-        """Until within half a step of the stage; LimitError where a rig that gives never lets it get there."""
+        """Press to within half a step of the stage. Raises LimitError if a compliant rig never gets there."""
         for _ in range(_MAX_SEEK_MOVES):
             if abs(doi_mm - self._doi_mm) <= 0.5 * self._smallest_mm:
                 return
             self._press_by(doi_mm - self._doi_mm)
         raise LimitError(
-            "DOI {doi_mm:g} mm not reached within {moves} moves",
+            "DOI {doi_mm:g} mm was not reached within {moves} moves; check calibration.compliance_mm_per_n",
             code="doi_not_reached",
             doi_mm=doi_mm,
             moves=_MAX_SEEK_MOVES,
         )
 
     def _seek_force(self, target_gwt: float) -> None:
-        """Steps along F ∝ d^1.5 through the present force, until within half the tolerance.
+        """Step along F ∝ d^1.5 through the present force, until within half the tolerance.
 
-        Where one step of the stage is more than that, the full tolerance will do; LimitError if it cannot be met.
+        If one step of the stage changes the force by more, the full tolerance applies. Raises LimitError if it cannot
+        be reached.
         """
         tolerance = self._tolerance_gwt(target_gwt)
         smallest_before = 0.0
@@ -130,7 +131,8 @@ class Press:
                 smallest_before = step
             self._press_by(step)
         raise LimitError(
-            "force {target_gwt:g} gwt not settled within {moves} moves",
+            "force {target_gwt:g} gwt did not settle within {moves} moves; check the force sensor for noise "
+            "and drift",
             code="force_not_settled",
             target_gwt=target_gwt,
             moves=_MAX_SEEK_MOVES,
@@ -139,8 +141,8 @@ class Press:
     def _refuse_to_and_fro(self, step_mm: float, before_mm: float, target_gwt: float) -> None:
         if step_mm * before_mm < 0:
             raise LimitError(
-                "force {target_gwt:g} gwt: one step of the stage, {step_mm:g} mm, "
-                "passes over the tolerance of ± {tolerance_gwt:.3g} gwt",
+                "force {target_gwt:g} gwt cannot be held within ± {tolerance_gwt:.3g} gwt: one step of the "
+                "stage ({step_mm:g} mm) changes it by more",
                 code="step_too_coarse",
                 target_gwt=target_gwt,
                 step_mm=self._smallest_mm,
@@ -151,18 +153,18 @@ class Press:
         return max(_FORCE_TOLERANCE_GWT, _FORCE_TOLERANCE * target_gwt, self._engine.sensing.resolution_gwt)
 
     def _averaged(self, to_gwt: float) -> int:
-        """How many readings it takes to know a force to so much."""
+        """Return the number of readings that determine a force to this accuracy (gwt)."""
         return min(max(math.ceil((self._engine.sensing.noise_gwt / to_gwt) ** 2), 1), _MOST_AVERAGED)
 
     def _look_closer(self, target_gwt: float, tolerance_gwt: float) -> None:
-        """Near the target a noisy reading is not enough: the mean of as many as it takes."""
+        """Average more readings near the target, if a single one is too noisy."""
         more = self._averaged(tolerance_gwt / 4) - 1
         if more and abs(self._force_gwt - target_gwt) < 2 * tolerance_gwt:
             readings = [self._read("press") for _ in range(more)]
             self._force_gwt = statistics.fmean([self._force_gwt, *readings])
 
     def _step_towards(self, target_gwt: float) -> float:
-        """Along the law, or as stiffly as the last move was answered where that is more."""
+        """Return the step (mm) by the force law, or by the stiffness of the last move if that is higher."""
         gap_gwt = target_gwt - self._force_gwt
         if gap_gwt > _WIDE_GAP * target_gwt:
             gap_gwt *= _CLOSED_AT_ONCE
@@ -176,13 +178,13 @@ class Press:
         return force
 
     def _refuse_lost_finger(self, force_gwt: float) -> None:
-        """Deeper than where it was touched a finger is felt: what hardly shows it, or pulls, is no finger's force."""
+        """Trip if the force below the touch is too small for a finger, or a pull."""
         engine, least_gwt = self._engine, _LOST_SHARE * self._touch.threshold_gwt
         below_mm = self._touch.height_at_threshold_mm - engine.height_mm
         if force_gwt < least_gwt and below_mm >= self._habits.increment_mm - 1e-9:
             lost = TripError(
-                "{force_gwt:.2f} gwt, {below_mm:.2f} mm below the touch: a dead sensor, one that reads backwards, "
-                "or the finger has gone",
+                "the sensor reads {force_gwt:.2f} gwt {below_mm:.2f} mm below the touch; check its cable "
+                "and sign, and whether the finger has moved away",
                 code="lost_finger",
                 force_gwt=force_gwt,
                 below_mm=below_mm,
@@ -190,18 +192,18 @@ class Press:
             engine.trip(lost, force_gwt)
 
     def _to_force(self, force_gwt: float) -> float:
-        """Move in mm that would reach a force on F ∝ d^1.5 through the present reading."""
+        """Return the move (mm) that reaches a force on F ∝ d^1.5 through the present reading."""
         present = max(self._force_gwt, 0.5 * self._habits.touch_force_gwt)
         return max(self._doi_mm, self._smallest_mm) * ((force_gwt / present) ** (1 / CONTACT_EXPONENT) - 1)
 
     def _press_by(self, step_mm: float, phase: Phase = "press") -> None:
-        """One safe move in contact: at most an increment, and not past the soft trip at the present stiffness."""
+        """Make one move in contact: at most an increment, and not past the soft trip at the present stiffness."""
         engine = self._engine
         safe_point(engine)
         room = TRIP_MARGIN * self._to_force(engine.trip_gwt)
         if room < min(step_mm, self._smallest_mm):
             raise LimitError(
-                f"the next move at x = {{x_mm:g}} mm would pass the {engine.trips.lowest}, {{limit_gwt:.2f}} gwt",
+                f"the next move at x = {{x_mm:g}} mm would exceed the {engine.trips.lowest} of {{limit_gwt:.2f}} gwt",
                 code=f"next_move_past_{engine.trips.lowest_code}",
                 x_mm=engine.x_mm,
                 limit_gwt=engine.trip_gwt,
@@ -210,7 +212,7 @@ class Press:
         deepest = engine.settings.limits.max_doi_mm
         if self._doi_mm + step > deepest + 1e-9:
             raise LimitError(
-                "DOI {doi_mm:.3f} mm at x = {x_mm:g} mm would pass limits.max_doi_mm = {limit_mm:g}",
+                "DOI {doi_mm:.3f} mm at x = {x_mm:g} mm would exceed limits.max_doi_mm = {limit_mm:g} mm",
                 code="too_deep",
                 doi_mm=self._doi_mm + step,
                 x_mm=engine.x_mm,
@@ -223,15 +225,15 @@ class Press:
             self._stiffness_gwt_mm = (self._force_gwt - before) / step
         if self._unanswered.too_long(before, self._force_gwt, expected):
             frozen = TripError(
-                "the force stays at {force_gwt:.2f} gwt while the stage moves: "
-                "a frozen reading, or a motor that does not turn",
+                "the force stays at {force_gwt:.2f} gwt while the stage moves; check for a frozen reading "
+                "or a stalled motor",
                 code="frozen",
                 force_gwt=self._force_gwt,
             )
             engine.trip(frozen, self._force_gwt)
 
     def _force_after(self, step_mm: float) -> float:
-        """The force that F ∝ d^1.5 through the present reading expects after a step."""
+        """Return the force expected after a step, on F ∝ d^1.5 through the present reading."""
         doi = max(self._doi_mm, self._smallest_mm)
         return self._force_gwt * (max(doi + step_mm, 0.0) / doi) ** CONTACT_EXPONENT
 
@@ -271,7 +273,7 @@ class Press:
         return Hold(target, doi, mean, sd)
 
     def _held_readings(self, target: Target, hold_s: float) -> tuple[list[float], list[float]]:
-        """Forces and times of the readings of a hold; a force that has drifted is followed by small moves."""
+        """Return forces and times of the readings of a hold; small moves correct a force that drifts."""
         engine, clock = self._engine, self._engine.clock
         readings, times = list[float](), list[float]()
         follow = target.kind == "force_gwt"
@@ -296,10 +298,10 @@ class Press:
         return readings, times
 
     def _back_to(self, target_gwt: float, short_gwt: float, aim_gwt: float) -> tuple[float, float]:
-        """The move in mm that takes back a force which, or whose mean, is off by a quarter of its tolerance; its aim.
+        """Return the correcting move (mm) and its aim (gwt) once the force or its mean is off by a quarter tolerance.
 
-        It makes up for what the mean of the hold is short of the target, and aims beyond by half of what the force
-        has lost since the last aim. Zero, and the old aim, where the stage cannot make a move so small.
+        The move compensates the deficit of the mean, and aims higher by half of the force lost since the last aim.
+        Zero and the old aim if the move is smaller than a step of the stage.
         """
         force, tolerance = self._force_gwt, self._tolerance_gwt(target_gwt)
         goal = target_gwt + _within(short_gwt, tolerance)

@@ -1,4 +1,4 @@
-"""Reference presses: whether force still follows depth as at first, and how far the rig itself gives."""
+"""Reference presses, which check that the finger still responds as at first; compliance of the rig."""
 
 import math
 from dataclasses import dataclass
@@ -37,7 +37,8 @@ def compare_reference(engine: Engine, found: Indentation, promised_gwt: tuple[fl
     if abs(off) > band:
         engine.alarm(
             TripError(
-                "reference {index} is off by {deviation:+.1%}, limits.reference_band = {band:g}",
+                "reference press {index} deviates by {deviation:+.1%} from the first one, more than "
+                "limits.reference_band = {band:g}",
                 code="reference_off",
                 index=found.index,
                 deviation=off,
@@ -48,8 +49,8 @@ def compare_reference(engine: Engine, found: Indentation, promised_gwt: tuple[fl
     if not low <= forces_gwt[-1] <= high:
         engine.alarm(
             TripError(
-                "reference {index} is {force_gwt:.3g} gwt, the finger that was met should be at "
-                "{low_gwt:.3g} … {high_gwt:.3g} gwt",
+                "reference press {index} reads {force_gwt:.3g} gwt, but {low_gwt:.3g} … {high_gwt:.3g} gwt "
+                "is predicted for the identified finger; check that the finger has not moved",
                 code="not_as_met",
                 index=found.index,
                 force_gwt=forces_gwt[-1],
@@ -59,13 +60,13 @@ def compare_reference(engine: Engine, found: Indentation, promised_gwt: tuple[fl
         )
 
 
-_FROM_SHARE = 0.2  # of the largest force: below it the surfaces have not settled on each other
+_FROM_SHARE = 0.2  # of the largest force; below it the surfaces are not yet in full contact
 _FEWEST = 4
 
 
 @dataclass(frozen=True)
 class Compliance:
-    """Travel per force and its standard deviation, mm/N, from so many readings."""
+    """Compliance of the rig and its standard deviation (mm/N), with the number of readings."""
 
     mm_per_n: float
     sd_mm_per_n: float
@@ -73,9 +74,9 @@ class Compliance:
 
 
 def measure_compliance(engine: Engine, to_gwt: float) -> Compliance:
-    """Press on a rigid block at the present place in single steps of the stage, up to a force; ends lifted.
+    """Press on a rigid block at the present position in single steps of the stage, up to a force, then lift.
 
-    The block's top is expected at the nominal apex. Raises LimitError where too few steps lie within the force.
+    The top of the block is expected at the nominal apex. Raises LimitError if too few steps lie within the force.
     """
     ready_to_indent(engine)
     try:
@@ -86,7 +87,7 @@ def measure_compliance(engine: Engine, to_gwt: float) -> Compliance:
 
 
 def _pressed(engine: Engine, to_gwt: float) -> list[tuple[float, float]]:
-    """(height mm, force gwt) of each step, the way down in the air left out."""
+    """Return (height mm, force gwt) of each step in contact."""
     settings = engine.settings
     habits, search_mm = settings.habits, settings.limits.search_mm
     readings: list[tuple[float, float]] = []
@@ -95,7 +96,10 @@ def _pressed(engine: Engine, to_gwt: float) -> list[tuple[float, float]]:
         safe_point(engine)
         step = habits.increment_mm if engine.height_mm > search_mm else settings.stage.resolution_mm
         if engine.height_mm - step < -search_mm:
-            words = "no block down to {lowest_mm:.3f} mm from the nominal apex: is frame.apex_z_mm its top?"
+            words = (
+                "no block found down to {lowest_mm:.3f} mm from the nominal apex; set frame.apex_z_mm to the "
+                "top of the block"
+            )
             engine.trip(TripError(words, code="no_block", lowest_mm=-search_mm))
         engine.go_to_height(engine.height_mm - step, habits.approach_speed_mm_s)
         force = engine.read_force_gwt(NO_PRESS, "compliance")
@@ -105,14 +109,14 @@ def _pressed(engine: Engine, to_gwt: float) -> list[tuple[float, float]]:
 
 
 def _fitted(readings: list[tuple[float, float]], resolution_mm: float) -> Compliance:
-    """The slope of the least-squares line of travel against force; a step of the stage is known to step / √12."""
+    """Return the slope of the least-squares line of travel against force; a step is known to step / √12."""
     height, force_n = np.array(readings).T * np.array([[1.0], [GWT_N]])
     settled = force_n >= _FROM_SHARE * force_n.max()
     height, force_n = height[settled], force_n[settled]
     if len(force_n) < _FEWEST:
         raise LimitError(
-            "{steps} steps of {step_mm:g} mm within the force, expected {fewest}: "
-            "press harder, or take the rig for rigid",
+            "only {steps} steps of {step_mm:g} mm lie within the force, at least {fewest} are needed; press "
+            "with more force, or treat the rig as rigid",
             code="too_few_steps",
             steps=len(force_n),
             step_mm=resolution_mm,

@@ -18,10 +18,10 @@ _T = TypeVar("_T")
 
 
 def mount(engine: Engine, indentor: str) -> None:
-    """Have an indentor mounted; the finger must be clear of it."""
+    """Ask the operator to mount an indentor; the rig must be clear of the finger."""
     if engine.may_touch or engine.state is State.TRIPPED:
         raise NotReadyError(
-            "mount: not allowed while {state}, the finger may be touched; lift first",
+            "mount: not allowed while {state}, because the indentor may touch the finger; lift it first",
             code="may_touch",
             state=engine.state.value,
         )
@@ -30,7 +30,7 @@ def mount(engine: Engine, indentor: str) -> None:
     mounted = engine.bench.operator.mount(indentor)
     if mounted != indentor:
         raise NotReadyError(
-            "mount: {mounted} is on, expected {indentor}; nothing is pressed with the wrong one",
+            "mount: indentor {mounted} is mounted, but {indentor} is required; mount {indentor}",
             code="wrong_indentor",
             mounted=mounted,
             indentor=indentor,
@@ -40,9 +40,9 @@ def mount(engine: Engine, indentor: str) -> None:
 
 
 def home(engine: Engine) -> None:
-    """Find the switches; from then on the position is trusted."""
+    """Home the stage; from then on the position is trusted."""
     if engine.state is State.TRIPPED:
-        raise NotReadyError("home: the rig has tripped, an operator must reset it", code="tripped")
+        raise NotReadyError("home: not allowed after a trip; an operator must reset the rig first", code="tripped")
     engine.touched.forget()
     engine.heartbeat.rest()  # homing lifts first, and takes its time
     controller = engine.guarded(engine.bench.stage.connect)
@@ -66,12 +66,12 @@ def home(engine: Engine) -> None:
 
 
 def leave_finger(engine: Engine, before: LastKnown, *, resumed: bool) -> None:
-    """Lift by homing before anything else, where the finger may be touched; what was found is journalled as an alarm.
+    """Home, which lifts first, if the indentor may touch the finger; journal the finding as an alarm.
 
     Parameters
     ----------
     before : LastKnown
-        What the command before this one left: its record of contact, and the zero that tells a force from none.
+        State that the previous command left: record of contact, and zero of the sensor.
     resumed : bool
         Whether to home in any case.
     """
@@ -81,27 +81,27 @@ def leave_finger(engine: Engine, before: LastKnown, *, resumed: bool) -> None:
     try:
         if before.zero is not None:
             sensing.connect()
-            # An older zero tells a touch from none only where one is on record: the indentor may have been changed.
+            # The indentor may have been changed, so an older zero counts only if a touch is on record.
             sensing.zero = replace(before.zero, provisional=not engine.may_touch)
             force_gwt = engine.force_at_rest_gwt()
             if force_gwt is not None and abs(force_gwt) >= sensing.touch_gwt:
-                found = f"{force_gwt:.2f} gwt against the last zero on record"
+                found = f"the sensor reads {force_gwt:.2f} gwt from the last recorded zero"
         if resumed or found is not None:
             home(engine)
     finally:
         sensing.zero = None
     if found is not None:
-        engine.record("alarm", {"reason": f"before anything moved: {found}; now {engine.known_contact.words}"})
+        engine.record("alarm", {"reason": f"before the first motion: {found}; now {engine.known_contact.words}"})
 
 
 def _contact(engine: Engine) -> dict[str, Any]:
-    """What is known about contact, as it is journalled."""
+    """Return the state of contact for the journal."""
     known = engine.known_contact
     return {"contact": known.kind, "force_gwt": known.force_gwt}
 
 
 def zero(engine: Engine) -> None:
-    """Zero the force sensor with the indentor in the air; how far it has drifted since the last one is told."""
+    """Zero the force sensor in the air, and journal its drift since the last zero."""
     engine.require_clear("zero")
     sensing = engine.sensing
     drift_gwt = statistics.fmean(several_gwt(engine.reading)) if sensing.zeroed else None
@@ -116,7 +116,8 @@ def zero(engine: Engine) -> None:
     if drift_gwt is not None and abs(drift_gwt) > band_gwt:
         engine.alarm(
             TripError(
-                "the zero has drifted by {drift_gwt:+.2f} gwt, limits.zero_drift_gwt = {band_gwt:g}",
+                "the zero of the force sensor has drifted by {drift_gwt:+.2f} gwt, more than "
+                "limits.zero_drift_gwt = {band_gwt:g} gwt",
                 code="zero_drift",
                 drift_gwt=drift_gwt,
                 band_gwt=band_gwt,
@@ -125,13 +126,13 @@ def zero(engine: Engine) -> None:
 
 
 def move_to(engine: Engine, x_mm: float, along_mm: float = 0.0) -> None:
-    """Go to a place, at clearance: sideways, and along the finger where the stage has that axis."""
+    """Move to a position at clearance: laterally, and along the finger if the stage has that axis."""
     engine.require_clear("move_to")
     limits = engine.settings.limits
     for name, mm, (low, high) in (("x", x_mm, limits.x_mm), ("along", along_mm, limits.along_mm)):
         if not low <= mm <= high:
             raise LimitError(
-                "move_to: {axis} = {at_mm:g} mm is outside the limits {low_mm:g} … {high_mm:g} mm",
+                "move_to: {axis} = {at_mm:g} mm is outside limits.{axis}_mm = {low_mm:g} … {high_mm:g} mm",
                 code="outside_limits",
                 axis=name,
                 at_mm=mm,
@@ -147,7 +148,7 @@ def move_to(engine: Engine, x_mm: float, along_mm: float = 0.0) -> None:
 
 
 def be_over(engine: Engine, x_mm: float) -> None:
-    """Go to a lateral position unless there already."""
+    """Move to a lateral position, unless already there."""
     if not engine.placed or (engine.x_mm, engine.along_mm) != (x_mm, 0.0):
         move_to(engine, x_mm)
 
@@ -163,7 +164,7 @@ def retract(engine: Engine) -> None:
 
 
 def rest(engine: Engine, seconds: float) -> None:
-    """Let the finger be for so long, at clearance; a pause is taken at once, and its time counts."""
+    """Wait at clearance (s). A pause takes effect at once, and its time counts."""
     engine.require_clear("rest")
     until_s = engine.clock.monotonic_s() + seconds
     while engine.clock.monotonic_s() < until_s:
@@ -173,19 +174,19 @@ def rest(engine: Engine, seconds: float) -> None:
 
 
 def checkpoint(engine: Engine, name: str) -> None:
-    """Write into the journal that the script has come to here."""
+    """Journal a checkpoint of the protocol."""
     engine.record("checkpoint", {"name": name})
 
 
 def note(engine: Engine, text: str) -> None:
-    """Write a line into the journal."""
+    """Journal a note."""
     engine.record("note", {"text": text})
 
 
 def safe_point(engine: Engine) -> None:
-    """Where an operator's pause takes effect: lift and journal; then go on, or raise RunAborted.
+    """Let an operator's pause take effect: lift and journal, then continue or raise RunAborted.
 
-    Raises PressPaused where the lift has interrupted an indentation.
+    Raises PressPaused if the lift interrupted an indentation.
     """
     pause = engine.bench.operator.pause
     if not pause.asked():
@@ -193,7 +194,7 @@ def safe_point(engine: Engine) -> None:
     pressing = engine.state is State.IN_CONTACT
     if pressing:
         retract(engine)
-    engine.touched.forget()  # somebody may see to the finger
+    engine.touched.forget()  # the operator may move the finger
     engine.record("paused", {"reason": "operator"})
     if not pause.go_on():
         raise RunAborted(
@@ -205,17 +206,17 @@ def safe_point(engine: Engine) -> None:
 
 
 def unpaused(press: Callable[[], _T]) -> _T:
-    """Press, and begin again, from clearance, as often as the operator pauses it and goes on."""
+    """Press, and repeat the press from clearance each time the operator pauses and resumes."""
     while True:
         with suppress(PressPaused):
             return press()
 
 
 def _go_to_clearance(engine: Engine, speed_mm_s: float) -> None:
-    """Down to clearance; from above it slowly, and a touch ends it, since frame and screw may not be right.
+    """Descend slowly to clearance; a touch ends the descent, since frame and calibration may be wrong.
 
-    A carriage that goes twice as far as commanded, under a cell that is half a second late, stays within the bound of
-    docs/safety_design.md that way. A touch that is none at rest (the stage shakes the cell) is passed by one step.
+    This keeps a carriage that goes twice as far as commanded, with a sensor half a second late, within the bound of
+    docs/safety_design.md. A touch that vanishes at rest (vibration of the stage) is passed by one step.
     """
     habits = engine.settings.habits
     down_mm, slow_mm_s, step_mm = habits.clearance_mm, habits.descent_speed_mm_s, habits.descent_step_mm
@@ -234,8 +235,8 @@ def _go_to_clearance(engine: Engine, speed_mm_s: float) -> None:
 def _refuse_contact(engine: Engine, force_gwt: float) -> None:
     if abs(force_gwt) >= engine.sensing.touch_gwt:
         touched = TripError(
-            "{force_gwt:.2f} gwt at clearance, {height_mm:.2f} mm above the nominal apex: "
-            "is frame.apex_z_mm right, and the sensor zeroed?",
+            "the sensor reads {force_gwt:.2f} gwt at clearance, {height_mm:.2f} mm above the nominal apex; "
+            "check frame.apex_z_mm and the zero of the sensor",
             code="touch_at_clearance",
             force_gwt=force_gwt,
             height_mm=engine.height_mm,

@@ -76,8 +76,13 @@ def find(run: Run, config: Config, finger: Fingertip) -> Lie:
     places = np.array([(e["x_mm"], e["contact_height_mm"], e["along_mm"]) for e in touches])
     free = [0, 1, 3] if np.ptp(places[:, 2]) == 0 else [0, 1, 2, 3, 4]
     if len(places) <= len(free) + 1 or np.ptp(places[:, 0]) == 0:
-        raise BadInputError("run {path}: {touches} touches, expected more, at several x", code="too_few_touches",
-                            path=str(run.folder.path), touches=len(places))  # fmt: skip
+        raise BadInputError(
+            "run {path} has {touches} touches; at least {least}, at several x, are needed",
+            code="too_few_touches",
+            path=str(run.folder.path),
+            touches=len(places),
+            least=len(free) + 2,
+        )
     skin = _Skin(finger)
 
     def off_mm(found: Array) -> Array:
@@ -95,8 +100,11 @@ def _radius(run: Run, touches: list[dict[str, object]]) -> float:
     names = {str(event["indentor"]) for event in touches}
     kind, _, radius = next(iter(names), "").partition(":")
     if len(names) != 1 or kind != "sphere":
-        raise BadInputError("run {path}: expected touches of one sphere, as of rig dry-run find_finger",
-                            code="not_one_sphere", path=str(run.folder.path))  # fmt: skip
+        raise BadInputError(
+            "run {path} has no touches by a single sphere; give a run of the protocol find_finger",
+            code="not_one_sphere",
+            path=str(run.folder.path),
+        )
     return float(radius)
 
 

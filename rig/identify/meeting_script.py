@@ -25,7 +25,7 @@ A = TypeVar("A")
 
 def as_script(run: Callable[[Rig], None]) -> Script:
     """A meeting as a script, whatever runs it."""
-    path, title = Path(__file__).with_name(SCRIPT), "Meeting a finger"
+    path, title = Path(__file__).with_name(SCRIPT), "Identification of a finger"
     return Script(path, "meet", title, "docs/meet.md", ProtocolParameters(), run)
 
 
@@ -85,10 +85,10 @@ class MeetingScript:
         except LimitError as error:
             if self._begun() == begun:
                 raise
-            rig.note(f"press cut short: {error}")
+            rig.note(f"press ended early: {error}")
         given = given_press(self._events, self._begun()[-1], self.meeting.settings)
         if given is None:
-            raise LimitError("the press was cut short before it told anything", code="press_cut_short")
+            raise LimitError("the press ended before it gave enough readings", code="press_cut_short")
         told = self.meeting.take(press, given)
         rig.note(json.dumps(_noted(told)))
         self._say(told)

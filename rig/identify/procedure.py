@@ -97,8 +97,8 @@ class Meeting:
         for goal in self.wanted.goals:
             if goal.doi_mm > self._deepest_mm(goal.indentor):
                 raise ModelRangeError(
-                    "{indentor} to {doi_mm:.2f} mm: its force can be foreseen down to {deepest_mm:.2f} mm, expected "
-                    "a smaller depth or a wider patch of the mesh",
+                    "{indentor} to {doi_mm:.2f} mm: the model predicts its force only to {deepest_mm:.2f} "
+                    "mm; choose a smaller depth or a wider patch of the mesh",
                     code="goal_too_deep",
                     indentor=goal.indentor,
                     doi_mm=goal.doi_mm,
@@ -181,16 +181,16 @@ class Meeting:
         if self.learned.collapsed:
             said.append(
                 f"the estimate has collapsed onto {self.learned.effective:.1f} effective draws of "
-                f"{len(self.learned.draws)}: no band below means anything"
+                f"{len(self.learned.draws)}, so the bands below are meaningless"
             )
         for goal, before, now in zip(self.wanted.goals, self.widths_before, self.widths, strict=True):
             if now.half > self.wanted.width:
-                known = f"force of {goal.indentor} at {goal.x_mm:+.2f} mm to {goal.doi_mm:.2f} mm is known to "
-                hardly = ", hardly better than before" if now.half > _LEAST_NARROWER * before.half else ""
-                said.append(
-                    f"{known}± {100 * now.half:.0f} % only, asked for ± {100 * self.wanted.width:g} %{hardly}"
+                known = (
+                    f"the force of {goal.indentor} at {goal.x_mm:+.2f} mm to {goal.doi_mm:.2f} mm is known only to "
                 )
+                hardly = ", hardly better than before the presses" if now.half > _LEAST_NARROWER * before.half else ""
+                said.append(f"{known}± {100 * now.half:.0f} % (requested: ± {100 * self.wanted.width:g} %){hardly}")
         prior = self.foreseen.prior
         left = self.learned.draws.std(axis=0) / self.before.draws.std(axis=0)
         wide = [name for name, share in zip(prior.names, left, strict=True) if share > _NOT_LEARNED_SHARE]
-        return [*said, *(f"{named(name)} is hardly better known than before" for name in wide)]
+        return [*said, *(f"{named(name)} is known hardly better than before the presses" for name in wide)]

@@ -1,4 +1,4 @@
-"""A bench at hand: what the last command left of it and what this one leaves; homing and zeroing, felt."""
+"""Bench under manual control: state between commands, homing and zeroing with force readings."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -21,13 +21,13 @@ from rig.transport.wire import TransportError
 
 
 def unfelt(error: Exception) -> BadInputError:
-    """A sensor that does not answer, where something should be moved."""
-    sentence = "{problem}; nothing was moved: without a force sensor only --without-force moves"
+    """Return the error for a motion without an answer from the sensor."""
+    sentence = "{problem}; nothing was moved. To move without force readings, use --without-force"
     return around(BadInputError, sentence, error, code="not_felt")
 
 
 def feel(sensing: Sensing) -> Sensing:
-    """Speak to a sensor. Raises BadInputError where it does not answer."""
+    """Connect to a sensor. Raises BadInputError if it does not answer."""
     try:
         sensing.connect()
     except (ForceError, TransportError) as error:
@@ -39,9 +39,9 @@ def feel(sensing: Sensing) -> Sensing:
 def at_hand(
     settings: RigSettings, stage: Stage, clock: Clock, sensing: Sensing | None, show: Show, known: LastKnown
 ) -> Iterator[ByHand]:
-    """Motions of a stage that was spoken to; None: without force.
+    """Yield the manual control of a connected stage; without force readings if `sensing` is None.
 
-    Where it stands is known if the last command left it there homed, and is remembered where this one ends well.
+    The position is known if the last command left the homed stage there, and is recorded again at a normal end.
     """
     memory = BenchMemory(settings)
     guard = None
@@ -57,7 +57,7 @@ def at_hand(
 
 
 def home(settings: RigSettings, bench: Bench, sensing: Sensing) -> KnownContact:
-    """Find the switches, the force read all the way; returns what is then known about contact.
+    """Home with force readings, and return the state of contact.
 
     Raises ENDINGS but ForceError, BadInputError.
     """
@@ -75,10 +75,10 @@ def home(settings: RigSettings, bench: Bench, sensing: Sensing) -> KnownContact:
 
 
 def zero(settings: RigSettings, sensing: Sensing, *, anyway: bool) -> str:
-    """Take the present load for zero and remember it; returns the sensor's identity.
+    """Zero the sensor, record the zero, and return the sensor's identification.
 
-    Raises LimitError where the last zero on record says that something is touched, unless anyway, and where there are
-    no readings; ForceError, TransportError.
+    Raises LimitError if there are no readings, or if the last recorded zero shows a contact and `anyway` is false;
+    ForceError, TransportError.
     """
     memory = BenchMemory(settings)
     name, last = sensing.connect(), memory.read()
@@ -88,21 +88,21 @@ def zero(settings: RigSettings, sensing: Sensing, *, anyway: bool) -> str:
             if not anyway:
                 _refuse_touched(sensing, last)
         sensing.sensor.zero()
-        sensing.zero = None  # what the sensor shows counts from elsewhere now
+        sensing.zero = None  # readings have a new zero now
         memory.forget_zero()
         memory.zeroed(sensing.take_zero(several_gwt(sensing.raw)))
     except NoReadingError as error:
-        raise around(LimitError, "{problem}; the sensor must be zeroed again", error, code="no_reading") from error
+        raise around(LimitError, "{problem}; zero the sensor again", error, code="no_reading") from error
     return name
 
 
 def _refuse_touched(sensing: Sensing, last: LastKnown) -> None:
-    """Raises LimitError for a load that is no drift of the zero on record."""
+    """Raise LimitError for a load too large for drift of the recorded zero."""
     if abs(force_gwt := sensing.at_rest_gwt()) >= sensing.touch_gwt:
         taken = datetime.fromtimestamp(last.zero_unix_s).isoformat(" ", "minutes")
         raise LimitError(
-            "{force_gwt:.2f} gwt against the last zero on record, of {taken}, more than {high_gwt:.2f}: "
-            "is something touched? Nothing was zeroed; --anyway zeroes all the same",
+            "the sensor reads {force_gwt:.2f} gwt from the last recorded zero ({taken}), more than "
+            "{high_gwt:.2f} gwt, so nothing was zeroed; if nothing touches the indentor, use --anyway",
             code="maybe_touched",
             force_gwt=force_gwt,
             taken=taken,

@@ -1,4 +1,4 @@
-"""Requests to the process that owns the bench by hand: orders, and buttons that are held down."""
+"""Requests to the process of manual control: commands, and buttons that are held down."""
 
 import threading
 from collections.abc import Callable, Mapping
@@ -14,14 +14,14 @@ from rig.manual.jog import FASTEST_MM_S, HeldWord
 from rig.settings import SLOWEST_MM_S
 
 HOLD_S = 0.25
-"""A hold counts for so long from when it was said, whenever it comes."""
+"""A button signal is valid for this long after it was sent (s)."""
 
 AHEAD_S = 1.0
-"""By so much the clock of who says it may be ahead."""
+"""The clock of the sender may be ahead by this much (s)."""
 
 
 class HoldRequest(BaseModel):
-    """A button was down at unix_s: press counts the presses of a tab, and grows."""
+    """Signal that a button was down at unix_s; `press` numbers the presses of a tab."""
 
     axis: Axis
     sign: Literal[-1, 1]
@@ -32,7 +32,7 @@ class HoldRequest(BaseModel):
 
     @classmethod
     def asked(cls, request: Mapping[str, Any]) -> "HoldRequest":
-        """What somebody asks for. Raises LimitError."""
+        """Validate a request. Raises LimitError."""
         try:
             return cls.model_validate(request)
         except ValidationError as error:
@@ -48,18 +48,18 @@ class HoldRequest(BaseModel):
 
     @property
     def direction(self) -> Direction:
-        """Which way."""
+        """Direction of the motion."""
         return Direction(self.axis, self.sign)
 
     def is_of(self, other: "HoldRequest") -> bool:
-        """Whether it is the same press of the same button."""
+        """Return whether it is the same press of the same button."""
         return (self.tab, self.press, self.direction) == (other.tab, other.press, other.direction)
 
 
 class Holds:
-    """One press is one motion: when that has ended, whatever ended it, the button must be pressed anew.
+    """Buttons held down. One press is one motion; after it ends, the button must be pressed again.
 
-    Used by several threads, one at a time: whoever has it looks after that.
+    The caller serializes access from several threads.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -73,13 +73,17 @@ class Holds:
         return self._held() is not None
 
     def take(self, hold: HoldRequest) -> None:
-        """A button is held. Raises LimitError for one that is too late, NotReadyError where another one is."""
+        """Record a button signal. Raises LimitError if it is late, NotReadyError if another button is held."""
         ago_s = self._clock.unix_s() - hold.unix_s
         if not -AHEAD_S <= ago_s < HOLD_S:
-            raise LimitError("a hold of {ago_s:.2f} s ago, expected at most {high_s:g} s: press anew",
-                             code="late_hold", ago_s=ago_s, high_s=HOLD_S)  # fmt: skip
+            raise LimitError(
+                "the button signal is {ago_s:.2f} s old, at most {high_s:g} s are allowed; press the button again",
+                code="late_hold",
+                ago_s=ago_s,
+                high_s=HOLD_S,
+            )
         if self._is_over(hold):
-            raise NotReadyError("that motion is over: press anew", code="motion_over")
+            raise NotReadyError("that motion has ended; press the button again", code="motion_over")
         if self.press is None or not hold.is_of(self.press):
             if self.live:
                 raise NotReadyError("busy: {busy}", code="busy", busy="another button is held")
@@ -88,27 +92,27 @@ class Holds:
         self._held.say(hold.direction, max(ago_s, 0.0))
 
     def release(self, tab: str, press: int) -> None:
-        """The button is not down any more, nor is any that this tab pressed before."""
+        """Release a button, and every earlier press of its tab."""
         self._over[tab] = max(press, self._over.get(tab, press))
         if self.press is not None and self._is_over(self.press):
             self._held.say(None)
 
     def drop(self) -> None:
-        """Whatever is held counts no more."""
+        """Release the button that is held."""
         if self.press is not None:
             self.release(self.press.tab, self.press.press)
             self.press = None
 
     def held(self, press: HoldRequest) -> Direction | None:
-        """Which way, as long as that press is what is held."""
+        """Return the direction while this press is held."""
         return self._held() if self.press is press else None
 
     def lapsed(self, press: HoldRequest) -> bool:
-        """Whether a press was not let go, and yet not heard of for too long."""
+        """Return whether the signals of a press stopped without a release."""
         return not self._is_over(press) and not self.live
 
     def end(self, press: HoldRequest) -> None:
-        """The motion of a press is over, and no hold of it counts any more."""
+        """End a press; later signals of it are ignored."""
         self.release(press.tab, press.press)
         if self.press is press:
             self.press = None
@@ -119,11 +123,11 @@ class Holds:
 
 Verb = Literal["home", "zero", "zero anyway"]
 
-HOME_FIRST = "home first: nothing else moves until then, and homing lifts before anything else"
+HOME_FIRST = "home first; nothing else moves until then, and homing starts with a lift"
 
 
 class Orders:
-    """Whoever asks is refused, or has it begun as soon as the other thread comes by."""
+    """Commands from any thread, carried out by the moving thread."""
 
     def __init__(self, clock: Clock) -> None:
         self._lock, self._holds = threading.RLock(), Holds(clock)
@@ -134,13 +138,13 @@ class Orders:
 
     @property
     def busy(self) -> str | None:
-        """What is done or about to be: home, zero or jog."""
+        """Current or next action: home, zero or jog."""
         to_do = self._to_do
         return "jog" if isinstance(to_do, HoldRequest) else to_do and to_do.partition(" ")[0]
 
     @property
     def tab(self) -> str | None:
-        """Whose button it is that jogs."""
+        """Tab whose button jogs."""
         to_do = self._to_do
         return to_do.tab if isinstance(to_do, HoldRequest) else None
 
@@ -149,10 +153,10 @@ class Orders:
         with self._lock:
             return self._doing or self._verb or self._holds.press
 
-    # what is asked, by any thread
+    # called by any thread
 
     def hold(self, hold: HoldRequest) -> None:
-        """A button is down. Raises LimitError, NotReadyError."""
+        """Handle a button signal. Raises LimitError, NotReadyError."""
         with self._lock:
             self._refuse_stopped()
             if self.busy not in (None, "jog"):
@@ -160,12 +164,12 @@ class Orders:
             self._holds.take(hold)
 
     def release(self, tab: str, press: int) -> None:
-        """It is down no more."""
+        """Handle the release of a button."""
         with self._lock:
             self._holds.release(tab, press)
 
     def do(self, verb: Verb) -> None:
-        """Home or zero. Raises NotReadyError."""
+        """Request homing or zeroing. Raises NotReadyError."""
         with self._lock:
             if verb != "home":
                 self._refuse_stopped()
@@ -174,26 +178,26 @@ class Orders:
             self._verb = verb
 
     def stop(self) -> None:
-        """Nothing that was asked for counts any more."""
+        """Cancel all requests."""
         with self._lock:
             self.stopped = self._stopped_since = True
             self._holds.drop()
             self._verb = None
 
     def leave(self) -> None:
-        """What is held counts no more, and nothing else is begun; from a signal's handler, too."""
+        """Release all buttons and start nothing else; may be called from a signal handler."""
         self.leaving = True
 
-    # what is done, by one thread
+    # called by the moving thread
 
     def next(self) -> HoldRequest | Verb | None:
-        """What is to be done now."""
+        """Return the next action."""
         with self._lock:
             self._doing, self._verb, self._stopped_since = self._to_do, None, False
             return self._doing
 
     def held(self, press: HoldRequest) -> Callable[[], Direction | None]:
-        """For the motion of a press: which way, as long as it is held."""
+        """Return a function that gives the direction of a press while it is held."""
 
         def held() -> Direction | None:
             with self._lock:
@@ -202,19 +206,19 @@ class Orders:
         return held
 
     def lapsed(self, done: HoldRequest | Verb) -> bool:
-        """Whether it is a press whose button was not let go, and yet not heard of for too long."""
+        """Return whether it is a press whose signals stopped without a release."""
         with self._lock:
             return isinstance(done, HoldRequest) and self._holds.lapsed(done)
 
     def over(self, done: HoldRequest | Verb) -> None:
-        """It is over."""
+        """Mark an action as ended."""
         with self._lock:
             self._doing = None
             if isinstance(done, HoldRequest):
                 self._holds.end(done)
 
     def homed(self) -> None:
-        """A stop is over with that, unless it came later than what is done now began."""
+        """Clear a stop after homing, unless it came during the homing."""
         with self._lock:
             self.stopped = self._stopped_since
 

@@ -1,4 +1,4 @@
-"""The process that owns the ports while somebody works by hand: one thread moves, others answer."""
+"""Process of manual control: owns the ports; one thread moves, others answer requests."""
 
 import json
 from collections.abc import Callable, Iterator, Mapping
@@ -25,10 +25,10 @@ Answers = Mapping[str, Callable[[Request], Mapping[str, Any]]]
 
 
 def hand_answers(orders: Orders, status: HandStatus, stage: Stage, gate: StopGate) -> Answers:
-    """By what is asked for; what they raise is a refusal, in one line."""
+    """Return the handlers by request name; an exception refuses the request."""
 
     def stop(request: Request) -> Mapping[str, Any]:
-        """Past every queue, from this thread; nothing of what is under way goes out after it."""
+        """Stop past every queue; pending commands are blocked."""
         orders.stop()
         with gate.stopping():
             return answer_to_a_stop(stage.stop)
@@ -65,31 +65,41 @@ def _since(request: Request) -> int | None:
     since = request.get("since")
     if since is None or (isinstance(since, int) and since >= 0):
         return since
-    raise LimitError("{do}: {key} = {value!r}, expected a number of readings", code="invalid_request", do="status",
-                     key="since", value=since)  # fmt: skip
+    raise LimitError(
+        "{do}: {key} = {value!r} must be a number of readings, at least 0",
+        code="invalid_request",
+        do="status",
+        key="since",
+        value=since,
+    )
 
 
 def _press(request: Request) -> tuple[str, int]:
     tab, press = request.get("tab"), request.get("press")
     if isinstance(tab, str) and isinstance(press, int):
         return tab, press
-    raise LimitError("{do}: tab = {tab!r}, press = {press!r}, expected those of a hold", code="invalid_request",
-                     do="release", tab=tab, press=press)  # fmt: skip
+    raise LimitError(
+        "{do}: tab = {tab!r} must be text and press = {press!r} a whole number, as in a hold",
+        code="invalid_request",
+        do="release",
+        tab=tab,
+        press=press,
+    )
 
 
 LOOK_S = 0.1
-"""With nothing to do the stage is looked at so often, and the force as often as the sensor has a new value."""
+"""Interval between stage statuses when idle (s); the force is read at the sensor's rate."""
 
 STOPPED = "stopped at once by the operator"
-LAPSED = f"nothing was heard of the button for {HOLD_S:g} s: press anew"
+LAPSED = f"no signal from the button for {HOLD_S:g} s; press it again"
 _GATE_S = 0.02
 
 
 class HandOwner:
-    """answers is asked by other threads; run() does it, until somebody leaves."""
+    """Owner of the bench under manual control; run() acts until leave(), `answers` serves other threads."""
 
     def __init__(self, settings: RigSettings, bench: Bench, gate: StopGate, log: Sink, known: LastKnown) -> None:
-        """gate: that of the stage's wires. log: takes a line for each deed. known: what the last command left."""
+        """gate: of the stage's transports. log: gets a line per action. known: state left by the last command."""
         self._settings, self._bench, self._gate, self._log = settings, bench, gate, log
         self._clock, self._stage, self._known = bench.clock, bench.stage, known
         sensor = OverheardSensor(
@@ -103,14 +113,14 @@ class HandOwner:
         self._hand: ByHand
 
     def leave(self) -> None:
-        """End run(), at rest; from a signal's handler, too."""
+        """End run() at rest; may be called from a signal handler."""
         self._orders.leave()
 
     @contextmanager
     def begun(self) -> Iterator[None]:
-        """Both devices spoken to; where the stage is left at the end is remembered.
+        """Connect both devices, and record the position of the stage at the end.
 
-        Raises StageError, TransportError, BadInputError where a device does not answer.
+        Raises StageError, TransportError, BadInputError if a device does not answer.
         """
         self._stage.connect()
         at_hand.feel(self._sensing)
@@ -124,7 +134,7 @@ class HandOwner:
                 self._lose()
 
     def run(self, gone: Callable[[], bool] = lambda: False) -> None:
-        """Until leave(), or until nobody is there any more. Raises StageError, TransportError: the stage is lost."""
+        """Run until leave() or until gone(). Raises StageError, TransportError if the stage is lost."""
         try:
             while not (self._orders.leaving or gone()):
                 self._turn()
@@ -134,7 +144,7 @@ class HandOwner:
             raise
 
     def _turn(self) -> None:
-        """One thing, or a look at both devices."""
+        """Carry out one action, or poll both devices."""
         if self._gate.closed:
             self._lose()
             if not self._gate.open():
@@ -164,7 +174,7 @@ class HandOwner:
         try:
             self._hand.steps_per_mm(press.axis)
         except StageError as error:
-            return str(error)  # there is no such axis: nothing was told to move, and its place is still known
+            return str(error)  # no such axis: nothing moved, and the position is still known
         moved = self._hand.go(self._orders.held(press), press.speed_mm_s)
         self._show(moved.at, moved.force_gwt)
         return moved.ended_by
@@ -189,7 +199,7 @@ class HandOwner:
     # looking
 
     def _look(self) -> None:
-        """The newest reading; and the stage, where it is due."""
+        """Read the force, and the stage if it is due."""
         now_s = self._clock.monotonic_s()
         if now_s >= self._look_s:
             self._look_s = now_s + LOOK_S
@@ -200,7 +210,7 @@ class HandOwner:
         self._clock.wait_s(self._read_s - self._clock.monotonic_s())
 
     def _look_at_stage(self) -> None:
-        """Raises TransportError where its port is gone."""
+        """Poll the stage. Raises TransportError if its port is gone."""
         try:
             at = self._stage.status()
             self._show(at, None)
@@ -218,13 +228,13 @@ class HandOwner:
         self._status.seen(at)
 
     def _doubt(self, error: Exception) -> None:
-        """After a failure of the stage only its driver may know where it stands."""
+        """Distrust the position after a failure, unless the driver still trusts it."""
         kept = self._stage.homed or isinstance(error, StageOverridden | StageRejected)
         if isinstance(error, StageError | TransportError) and not kept:
             self._lose()
 
     def _lose(self) -> None:
-        """Where it stands is not known any more, and its driver may be out of step."""
+        """Forget the position; the driver must connect again."""
         self._stands(placed=False)
         self._lost = True
 

@@ -1,4 +1,4 @@
-"""What the process that owns the bench by hand reports: position, force, readings, byte log."""
+"""Status of manual control: position, force, readings, byte log."""
 
 import json
 import math
@@ -27,16 +27,16 @@ from rig.units import GWT_N
 
 COLUMNS = ("unix_s", "t_s", "force_gwt", "x_mm", "y_mm", "z_mm", "height_mm")
 KEPT = 3600
-"""A little more than a minute of 50 a second."""
+"""Number of stored readings, a little more than a minute at 50 per second."""
 
 AT_A_TIME = 400
-"""So many rows in an answer: it stays well below what the wire takes."""
+"""Maximum number of rows in an answer, within the message size of the socket."""
 
 Row = tuple[float | None, ...]
 
 
 class OverheardSensor:
-    """A force sensor whose every reading, or lack of one, is told, whoever asks for it."""
+    """Force sensor that passes every reading, or failure, to a listener."""
 
     def __init__(
         self, sensor: ForceSensor, told: Callable[[ForceReading], None], failed: Callable[[str], None]
@@ -44,15 +44,15 @@ class OverheardSensor:
         self._sensor, self._told, self._failed = sensor, told, failed
 
     def connect(self) -> str:
-        """Make contact. Raises ForceError, TransportError."""
+        """Connect. Raises ForceError, TransportError."""
         return self._sensor.connect()
 
     def identify(self) -> str:
-        """Who it is. Raises ForceError, TransportError."""
+        """Return the identification. Raises ForceError, TransportError."""
         return self._sensor.identify()
 
     def zero(self) -> None:
-        """Take the present load for zero. Raises ForceError, TransportError."""
+        """Zero at the present load. Raises ForceError, TransportError."""
         self._sensor.zero()
 
     def close(self) -> None:
@@ -61,16 +61,16 @@ class OverheardSensor:
 
     @property
     def sample_period_s(self) -> float:
-        """How often it has a new value."""
+        """Time between new values (s)."""
         return self._sensor.sample_period_s
 
     @property
     def resolution_gwt(self) -> float:
-        """One step of what it shows."""
+        """Smallest step of the reading (gwt)."""
         return self._sensor.resolution_gwt
 
     def read(self) -> ForceReading:
-        """The latest value. Raises ForceError, TransportError."""
+        """Return the latest reading. Raises ForceError, TransportError."""
         try:
             reading = self._sensor.read()
         except (ForceError, TransportError) as error:
@@ -81,21 +81,21 @@ class OverheardSensor:
 
 
 class Backlog:
-    """The last KEPT readings, numbered from 0; written by one thread, read by others under the owner's lock."""
+    """The last KEPT readings, numbered from 0; written by one thread, read by others under a lock."""
 
     def __init__(self) -> None:
         self._rows: deque[Row] = deque(maxlen=KEPT)
         self._told = 0
 
     def add(self, row: Row) -> None:
-        """One reading, as COLUMNS."""
+        """Add a reading, as COLUMNS."""
         self._rows.append(row)
         self._told += 1
 
     def since(self, number: int) -> dict[str, Any]:
-        """Those from this number on (0: all that is kept), AT_A_TIME at most, and where to go on.
+        """Return readings from this number on (0: all), at most AT_A_TIME, and the number of the next one.
 
-        more: there are some already. lost: so many were asked for too late.
+        more: whether more are available. lost: number of requested readings that are no longer stored.
         """
         first = self._told - len(self._rows)
         start = min(max(number, first), self._told)
@@ -111,12 +111,14 @@ class Backlog:
 
 
 NOT_FELT = "nothing moves while the force sensor does not answer"
-IN_STEPS = "home: where it is not homed heights are not known, and down it goes in steps of one increment"
-ZERO_FIRST = "zero, with nothing touched: until then forces count from what is felt before the first motion"
+IN_STEPS = "not homed: heights are unknown, and downward moves are single increments; home the stage"
+ZERO_FIRST = (
+    "not zeroed: forces count from the reading before the first motion; zero the sensor while nothing touches it"
+)
 
 
 class HandStatus:
-    """Told by one thread, read by others; nothing here waits for a device."""
+    """Status written by one thread and read by others; never waits for a device."""
 
     def __init__(self, settings: RigSettings, clock: Clock, sensing: Sensing) -> None:
         self._settings, self._clock, self._sensing = settings, clock, sensing
@@ -130,20 +132,20 @@ class HandStatus:
         self.ended_by: str | None = None
         self.contact: KnownContact | None = None  # as it is on record
 
-    # what is told
+    # written
 
     def seen(self, at: StageStatus | None) -> None:
-        """Where the stage is now, None: it does not say."""
+        """Record the stage's status; None if it does not report."""
         with self._lock:
             self._at, self._seen_unix_s = at, self._clock.unix_s()
             self._problems["stage"] = None
 
     def unseen(self, problem: str) -> None:
-        """The stage did not answer."""
+        """Record a failure of the stage."""
         self._problems["stage"] = problem
 
     def read(self, reading: ForceReading) -> None:
-        """A reading, as the sensor has it."""
+        """Record a raw reading."""
         if not math.isfinite(reading.force_n):
             self.unread(f"the force reading is {reading.force_n}, not a number")
             return
@@ -156,13 +158,13 @@ class HandStatus:
             self._backlog.add((round(unix_s, 3), round(reading.t_s, 3), round(force_gwt, 6), *place))
 
     def unread(self, problem: str) -> None:
-        """There was no reading."""
+        """Record a failure of the sensor."""
         self._problems["force"] = problem
 
-    # what is asked
+    # read
 
     def as_json(self, *, stopped: bool, since: int | None) -> dict[str, Any]:
-        """As of now; since: with the readings from that number on."""
+        """Return the status; with `since`, include the readings from that number on."""
         homed = self.placed and not stopped
         with self._lock:
             x_mm, y_mm, z_mm = self._place
@@ -185,7 +187,7 @@ class HandStatus:
 
     @property
     def _height_mm(self) -> float | None:
-        """Above the nominal apex, where that is known."""
+        """Height above the nominal apex (mm), if known."""
         known = self.placed and self._at is not None
         return round(self._at.z_mm - self._settings.frame.apex_z_mm, 6) if self._at and known else None
 
@@ -198,7 +200,7 @@ class HandStatus:
         }
 
     def _next(self, *, stopped: bool) -> str | None:
-        """What whoever stands there must do before the next thing, or had better."""
+        """Return what the operator must or should do next."""
         if stopped:
             return HOME_FIRST
         if self._problems["force"] is not None:
@@ -210,11 +212,11 @@ class HandStatus:
 
 FILE_BYTES = 8 << 20
 KEPT_FILES = 16
-"""Files, of all benches together: some hours of readings."""
+"""Number of files of all benches together, some hours of readings."""
 
 
 class HandLog:
-    """A sink of whole lines, of any thread; each file begins with the wall time, unix_s, at a t_s of its lines."""
+    """Log of lines from any thread; each file begins with the wall time (unix_s) at its first t_s."""
 
     def __init__(self, clock: Clock) -> None:
         """Raises OSError."""
@@ -225,11 +227,11 @@ class HandLog:
 
     @property
     def problem(self) -> OSError | None:
-        """Why nothing is written any more, if so."""
+        """Error that ended the log, or None."""
         return self._file.problem
 
     def write(self, text: str, /) -> None:
-        """A line; a file that is full is followed by another one."""
+        """Write a line; start a new file when one is full."""
         with self._lock:
             self._file.write(text)
             self._bytes += len(text)

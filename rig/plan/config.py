@@ -22,35 +22,58 @@ from sim.config import FingertipConfig
 
 def _named(indentor: str) -> str:
     if not indentor.strip():
-        raise ValueError("expected an indentor, such as bar:3.0")
+        raise ValueError("the name is empty; give an indentor, such as bar:3.0")
     return indentor
 
 
 class VirtualSettings(Settings):
-    """How the virtual bench differs from what the rig believes; by default in nothing."""
+    """Differences between the virtual bench and its calibration and frame; none by default."""
 
     x_screw_steps_per_mm: float | None = Field(
-        None, gt=1, lt=1e6, description="of the true screw; absent: as the rig believes"
+        None, gt=1, lt=1e6, description="true motor steps per mm of the lateral axis; absent: as calibrated"
     )
-    z_screw_steps_per_mm: float | None = Field(None, gt=1, lt=1e6, description="the same of the vertical axis")
-    x_screw_backlash_mm: float = Field(0.0, ge=0, le=1, description="true lost motion; felt when going up")
-    z_screw_backlash_mm: float = Field(0.0, ge=0, le=1, description="the same of the vertical axis")
-    compliance_mm_per_n: float = Field(0.0, ge=0, le=1, description="how far the true rig gives under a force")
-    finger_x_offset_mm: float = Field(0.0, ge=-5, le=5, description="true pad centre − frame.pad_centre_x_mm")
-    finger_z_offset_mm: float = Field(0.0, ge=-2, le=2, description="true apex − frame.apex_z_mm")
-    finger_along_offset_mm: float = Field(0.0, ge=-3, le=3, description="true receptor plane − frame.pad_y_mm")
-    finger_roll_deg: float = Field(0.0, ge=-20, le=20, description="about the finger's axis; for spheres only")
-    finger_tilt_deg: float = Field(0.0, ge=-20, le=20, description="about x; for spheres only")
-    stiffness: float = Field(1.0, gt=0, le=100, description="true force over the predicted one")
+    z_screw_steps_per_mm: float | None = Field(
+        None, gt=1, lt=1e6, description="true motor steps per mm of the vertical axis; absent: as calibrated"
+    )
+    x_screw_backlash_mm: float = Field(
+        0.0, ge=0, le=1, description="true lost motion of the lateral axis at each reversal, in mm"
+    )
+    z_screw_backlash_mm: float = Field(
+        0.0, ge=0, le=1, description="true lost motion of the vertical axis at each reversal, in mm"
+    )
+    compliance_mm_per_n: float = Field(0.0, ge=0, le=1, description="true compliance of the rig, in mm/N")
+    finger_x_offset_mm: float = Field(
+        0.0, ge=-5, le=5, description="true center of the pad minus frame.pad_centre_x_mm, in mm"
+    )
+    finger_z_offset_mm: float = Field(
+        0.0, ge=-2, le=2, description="true height of the apex minus frame.apex_z_mm, in mm"
+    )
+    finger_along_offset_mm: float = Field(
+        0.0, ge=-3, le=3, description="true receptor plane minus frame.pad_y_mm, in mm"
+    )
+    finger_roll_deg: float = Field(
+        0.0, ge=-20, le=20, description="roll of the finger about its long axis, in degrees; used for spheres only"
+    )
+    finger_tilt_deg: float = Field(
+        0.0, ge=-20, le=20, description="tilt of the finger about the x axis, in degrees; used for spheres only"
+    )
+    stiffness: float = Field(1.0, gt=0, le=100, description="true force divided by the predicted force")
     relaxation: tuple[tuple[float, float], ...] = Field(
-        (), description="Prony series of the tissue: [share, time constant in s], shares sum to less than 1"
+        (),
+        description="Prony series of the tissue, rows of [share, time constant in s]; the shares sum to less than 1",
     )
-    cell_noise_gwt: float = Field(0.0, ge=0, le=10, description="standard deviation of each sample")
-    cell_drift_gwt_per_min: float = Field(0.0, ge=-5, le=5, description="how fast the zero of the cell goes away")
-    cell_latency_s: float = Field(0.0, ge=0, le=1, description="how late a sample truly is")
-    cell_resolution_gwt: float = Field(0.01, ge=0.001, le=10, description="one step of what the virtual sensor shows")
-    noise_seed: int = Field(0, ge=0, description="the same seed gives the same noise")
-    indentor: Annotated[str, AfterValidator(_named)] = Field("bar:3.0", description="on the carriage of `rig serve`")
+    cell_noise_gwt: float = Field(
+        0.0, ge=0, le=10, description="standard deviation of the noise of each sample, in gwt"
+    )
+    cell_drift_gwt_per_min: float = Field(0.0, ge=-5, le=5, description="drift of the cell's zero, in gwt/min")
+    cell_latency_s: float = Field(0.0, ge=0, le=1, description="true delay of a sample behind the force, in s")
+    cell_resolution_gwt: float = Field(
+        0.01, ge=0.001, le=10, description="smallest step of the virtual sensor's reading, in gwt"
+    )
+    noise_seed: int = Field(0, ge=0, description="seed of the random generator for the noise")
+    indentor: Annotated[str, AfterValidator(_named)] = Field(
+        "bar:3.0", description="indentor that `rig serve` mounts, such as bar:3.0"
+    )
 
     @model_validator(mode="after")
     def _relaxes(self) -> Self:
@@ -62,23 +85,25 @@ class VirtualSettings(Settings):
 
 
 class Config(RigSettings, KnownBench):
-    """A configuration file; every table and key has a default."""
+    """Configuration file. Every table and key has a default."""
 
     finger: FingertipConfig = FingertipConfig()
     virtual: VirtualSettings = VirtualSettings()
     met: Met | None = Field(
-        None, description="how well the finger is known: docs/meet.md", json_schema_extra=WRITTEN_BY_COMMANDS
+        None,
+        description="results of the identification of this finger: docs/meet.md",
+        json_schema_extra=WRITTEN_BY_COMMANDS,
     )
 
     def as_toml(self) -> str:
-        """Every table and value, as a configuration file that gives this configuration."""
+        """Return a configuration file with every table and value."""
         return tomlkit.dumps(self.model_dump(mode="json", exclude_none=True))
 
 
 def load_config(path: Path | None) -> Config:
-    """The configuration in a TOML file, or the defaults. Raises BadInputError.
+    """Load a TOML configuration file, or the defaults. Raises BadInputError.
 
-    Paths in it are relative to the file's folder.
+    Paths in the file are relative to its folder.
     """
     if path is None:
         return Config()
@@ -93,20 +118,21 @@ def load_config(path: Path | None) -> Config:
 
 
 def with_finger(config: Config, path: Path | None) -> Config:
-    """The configuration with the finger of a file that `rig meet` wrote; None: as it is. Raises BadInputError.
+    """Return the configuration with the identified finger of a file; unchanged if there is none.
 
-    The virtual bench's finger relaxes as that one does, unless the configuration says how.
+    The finger of the virtual bench takes over the relaxation in the file unless the configuration sets its own.
+    Raises BadInputError.
     """
     if path is None:
         return config
     found = read_finger_file(path)
-    told = "relaxation" in config.virtual.model_fields_set
-    relaxes = {} if told else {"relaxation": found.relaxation}
+    sets_its_own = "relaxation" in config.virtual.model_fields_set
+    relaxes = {} if sets_its_own else {"relaxation": found.relaxation}
     virtual = config.virtual.model_copy(update=relaxes)
     return config.model_copy(update={"finger": found.finger, "met": found.met, "virtual": virtual})
 
 
-# Endings of names, the longer before those that they end on.
+# Longer endings first: `mm_s` before `s`.
 UNITS = {
     "steps_per_mm": "steps/mm",
     "mm_per_n": "mm/N",
@@ -137,7 +163,7 @@ _SIGNS = {Gt: ">", Ge: "≥", Lt: "<", Le: "≤"}
 
 @dataclass(frozen=True)
 class Key:
-    """One key, or an optional table as a whole; `value` is the configuration's, None where it says nothing."""
+    """One key, or a whole optional table. `value` is None if the configuration does not set it."""
 
     table: str
     name: str
@@ -149,24 +175,24 @@ class Key:
 
     @property
     def place(self) -> str:
-        """As it is named in errors."""
+        """Full name of the key, as in error messages."""
         return f"{self.table}.{self.name}"
 
     @property
     def allowed_in_words(self) -> str:
-        """Unit and what it may be."""
+        """Unit and allowed values."""
         return ", ".join(part for part in (self.unit, self.allowed) if part)
 
     @property
     def lines(self) -> str:
-        """As it stands in a file, what it is above it; what has no value is a comment."""
+        """Lines of a configuration file: the description as a comment, then the key (a comment if not set)."""
         usual = "" if self.value == self.default else f"; by default {as_toml(self.default)}"
         given = self.name if self.value is not None else f"# {self.name}"
         return f"# {self.what} ({self.allowed_in_words}{usual})\n{given} = {as_toml(self.value)}\n"
 
 
 def keys(settings: BaseModel) -> Iterator[Key]:
-    """Every key of a configuration that a person writes, in the order of its tables."""
+    """Yield every key that a person may write, in the order of the tables."""
     return _keys(settings, type(settings)(), "")
 
 
@@ -186,19 +212,19 @@ def _keys(settings: BaseModel, default: BaseModel | None, table: str) -> Iterato
 
 
 def _usual(default: BaseModel | None, name: str, field: FieldInfo) -> Any:
-    """What a key is where nothing is said, in a table that may be absent itself."""
+    """Return the default of a key, whose table may be absent."""
     if default is not None:
         return getattr(default, name, None)
     return None if field.is_required() else field.get_default(call_default_factory=True)
 
 
 def unit(name: str) -> str:
-    """Of a key, by the end of its name; empty for what is counted, named or a ratio."""
+    """Return the unit of a key by the end of its name; empty for counts, names and ratios."""
     return next((said for end, said in UNITS.items() if name == end or name.endswith(f"_{end}")), "")
 
 
 def _allowed(field: FieldInfo, device: BaseModel | None) -> str:
-    """The words, the range or the kind of value."""
+    """Return the allowed words, the range or the type of a value."""
     if isinstance(device, DeviceSettings):
         return " | ".join(names(device.room))
     options = [one for one in get_args(field.annotation) if one is not type(None)]
@@ -231,7 +257,7 @@ def _range(bounds: Iterable[Any]) -> str:
 
 
 def as_toml(value: Any) -> str:
-    """A value as it stands in a file."""
+    """Return a value as TOML."""
     if value is None:
         return ABSENT
     return tomlkit.item(list(value) if isinstance(value, tuple) else value).as_string()
@@ -239,14 +265,14 @@ def as_toml(value: Any) -> str:
 
 @contextmanager
 def told_of(where: str, error: Callable[..., RigError]) -> Iterator[None]:
-    """Raise as `error`, beginning with where, what reading and validating a TOML file may raise."""
+    """Re-raise errors of reading and validating a TOML file as `error`, with `where` in front."""
     try:
         yield
     except OSError as problem:
         what = str(problem.strerror or problem)
         raise error("{where}: {problem}", code="unreadable", where=where, problem=what) from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
-        raise error("{where}: {problem}", code="no_toml", where=where, problem=str(problem)) from None
+        raise error("{where}: not valid TOML: {problem}", code="no_toml", where=where, problem=str(problem)) from None
     except ValidationError as problem:
         first = problem.errors()[0]
         raise error(

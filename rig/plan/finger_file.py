@@ -1,6 +1,6 @@
-"""The file of a finger that the rig has met: a piece of a configuration, and what the rig learned and from what.
+"""File of an identified finger: part of a configuration, with the result of the identification and its sources.
 
-A configuration has its tables: `[finger]` the likeliest finger, `[virtual]` how its tissue relaxes, `[met]` the rest.
+Tables: `[finger]` the maximum-likelihood finger, `[virtual]` its relaxation, `[met]` the rest.
 """
 
 import math
@@ -17,32 +17,37 @@ from sim.config import FingertipConfig, Tissue
 from sim.models.interpolation_weights import DERMIS, FAT
 
 TISSUE = ("stiffness", "e_dermis", "e_fat", "stiffening")
-"""What likely fingers differ in, besides how they relax: keys of `finger.tissue`."""
+"""Keys of `finger.tissue` in which likely fingers differ, besides relaxation."""
 
 Relaxation = tuple[tuple[float, float], ...]
-_ASYMMETRY = 1e-6  # of a covariance that was written with fewer digits
+_ASYMMETRY = 1e-6  # of a covariance, from rounding in the file
 
 
 def checked_relaxation(series: Relaxation) -> Relaxation:
-    """A Prony series of which something lasts. Raises RuleError."""
+    """Validate a Prony series. Raises RuleError."""
     if any(not (share > 0 and tau_s > 0) for share, tau_s in series) or sum(share for share, _ in series) >= 1:
-        raise RuleError("expected shares > 0 that sum to less than 1 and time constants > 0", code="no_prony_series")
+        raise RuleError(
+            "not a Prony series: shares must be > 0 and sum to less than 1, time constants must be > 0 s",
+            code="no_prony_series",
+        )
     return series
 
 
 class Place(Settings):
-    """Where the finger lay on the bench, and the cell's zero."""
+    """Position of the finger on the bench, and zero of the cell."""
 
-    x_mm: float = Field(description="of the pad's centre, from where the bench's configuration has it")
+    x_mm: float = Field(
+        description="lateral position of the pad's center, from the one in the configuration of the bench, in mm"
+    )
     x_sd_mm: float = Field(ge=0)
-    height_mm: float = Field(description="of the apex, from where the bench's configuration has it")
+    height_mm: float = Field(description="height of the apex, from the one in the configuration of the bench, in mm")
     height_sd_mm: float = Field(ge=0)
     cell_zero_gwt: float
     cell_zero_sd_gwt: float = Field(ge=0)
 
 
 class Posterior(Settings):
-    """What was learned, as one normal distribution: a name that begins with ln_ is of a logarithm."""
+    """Result as a normal distribution; names that begin with ln_ are logarithms."""
 
     names: tuple[str, ...] = Field(min_length=1)
     mean: tuple[float, ...]
@@ -52,21 +57,32 @@ class Posterior(Settings):
     def _goes_together(self) -> Self:
         n, rows = len(self.names), self.covariance
         if len(self.mean) != n or len(rows) != n or any(len(row) != n for row in rows):
-            raise RuleError("expected {names} means and {names} rows of {names} covariances, one for each name",
-                            code="not_one_for_each_name", names=n)  # fmt: skip
+            raise RuleError(
+                "{names} names require {names} means and {names} rows of {names} covariances",
+                code="not_one_for_each_name",
+                names=n,
+            )
         for k, row in enumerate(rows):
             if row[k] < 0:
-                raise RuleError("covariance of {name}: {variance:g}, expected a variance of 0 or more",
-                                code="negative_variance", name=self.names[k], variance=row[k])  # fmt: skip
+                raise RuleError(
+                    "covariance of {name}: the variance {variance:g} must be at least 0",
+                    code="negative_variance",
+                    name=self.names[k],
+                    variance=row[k],
+                )
             for j in range(k):
                 if abs(row[j] - rows[j][k]) > _ASYMMETRY * math.sqrt(row[k] * rows[j][j]):
-                    raise RuleError("covariance of {name} and {other}: expected the same both ways",
-                                    code="not_symmetric", name=self.names[k], other=self.names[j])  # fmt: skip
+                    raise RuleError(
+                        "covariance of {name} and {other}: the matrix must be symmetric",
+                        code="not_symmetric",
+                        name=self.names[k],
+                        other=self.names[j],
+                    )
         return self
 
 
 class Draw(Settings):
-    """One of the equally likely fingers."""
+    """One of several equally likely fingers."""
 
     stiffness: float = Field(gt=0)
     e_dermis: float = Field(gt=0)
@@ -80,8 +96,8 @@ class Draw(Settings):
     def _interpolated(self) -> Self:
         if not (DERMIS.low <= self.e_dermis <= DERMIS.high and FAT.low <= self.e_fat <= FAT.high):
             raise RuleError(
-                "e_dermis = {e_dermis:g}, e_fat = {e_fat:g}: expected e_dermis from {e_dermis_low:g} to "
-                "{e_dermis_high:g} and e_fat from {e_fat_low:g} to {e_fat_high:g}",
+                "e_dermis = {e_dermis:g}, e_fat = {e_fat:g} is outside the range of the model: e_dermis "
+                "{e_dermis_low:g} … {e_dermis_high:g}, e_fat {e_fat_low:g} … {e_fat_high:g}",
                 code="beyond_interpolation",
                 e_dermis=self.e_dermis,
                 e_fat=self.e_fat,
@@ -94,14 +110,16 @@ class Draw(Settings):
 
 
 class Band(Settings):
-    """How wide a prediction is made."""
+    """Width of predictions."""
 
-    model_error: float = Field(ge=0, lt=1, description="relative sd of force that the simulator itself leaves")
+    model_error: float = Field(
+        ge=0, lt=1, description="relative standard deviation of the simulator's own force error"
+    )
     coverage: float = Field(0.9, gt=0, lt=1)
 
 
 class Met(Settings):
-    """Where a met finger's numbers come from, and how well they are known."""
+    """Sources and uncertainty of an identified finger."""
 
     date: str
     version: str
@@ -110,7 +128,8 @@ class Met(Settings):
     journals_sha256: tuple[str, ...] = Field(min_length=1)
     presses: int = Field(ge=1)
     collapsed: bool = Field(
-        False, description="the identification ended on too few fingers for its bands to mean anything"
+        False,
+        description="whether the identification collapsed onto too few fingers, which makes its bands meaningless",
     )
     not_learned: tuple[str, ...] = ()
     place: Place
@@ -121,13 +140,17 @@ class Met(Settings):
     @model_validator(mode="after")
     def _one_hash_a_run(self) -> Self:
         if len(self.runs) != len(self.journals_sha256):
-            raise RuleError("{runs} runs and {hashes} hashes, expected one for each", code="not_one_hash_a_run",
-                            runs=len(self.runs), hashes=len(self.journals_sha256))  # fmt: skip
+            raise RuleError(
+                "{runs} runs require {runs} hashes, got {hashes}",
+                code="not_one_hash_a_run",
+                runs=len(self.runs),
+                hashes=len(self.journals_sha256),
+            )
         return self
 
 
 class FingerFile(Settings):
-    """A whole file."""
+    """Content of a finger file."""
 
     finger: FingertipConfig
     relaxation: Relaxation
@@ -136,7 +159,7 @@ class FingerFile(Settings):
     _lasts = field_validator("relaxation")(checked_relaxation)
 
     def as_toml(self) -> str:
-        """As it is written."""
+        """Return the file as TOML."""
         tables = self.model_dump(mode="json", exclude_none=True)
         return tomlkit.dumps(
             {"finger": tables["finger"], "virtual": {"relaxation": tables["relaxation"]}} | {"met": tables["met"]}
@@ -144,34 +167,34 @@ class FingerFile(Settings):
 
 
 def refuse_collapsed(what: str, met: Met) -> None:
-    """Raise BadInputError for an identification that collapsed; files of version 0.1 show it by equal draws only."""
+    """Raise BadInputError for a collapsed identification, which files of version 0.1 show by equal draws."""
     if met.collapsed or all(draw == met.draw[0] for draw in met.draw):
         raise BadInputError(
-            "{where}: the identification has collapsed onto too few fingers, so its bands mean nothing; "
-            "expected the file of one that ended with exit code 0: repeat `rig meet`",
+            "{where}: the identification collapsed onto too few fingers, so its bands are meaningless; "
+            "repeat `rig meet` until it ends with exit code 0",
             code="collapsed",
             where=what,
         )
 
 
 def fingers_of(finger: FingertipConfig, met: Met) -> list[FingertipConfig]:
-    """The equally likely ones, alike in all but the tissue's stiffness."""
+    """Return the equally likely fingers, which differ only in the stiffness of their tissue."""
     return [finger.model_copy(update={"tissue": _tissue(finger.tissue, draw)}) for draw in met.draw]
 
 
 def _tissue(tissue: Tissue, draw: Draw) -> Tissue:
-    """Raises ValidationError where a draw is no tissue."""
+    """Return the tissue of a draw. Raises ValidationError."""
     return Tissue.model_validate(tissue.model_dump() | draw.model_dump(exclude={"relaxation"}))
 
 
 def read_finger_file(path: Path) -> FingerFile:
-    """What is in a file. Raises BadInputError: one line on what is wrong where."""
+    """Read a finger file. Raises BadInputError."""
     what = f"finger file {path}"
     return finger_file_of(what, tables_in(what, path), path.parent)
 
 
 def tables_in(what: str, path: Path) -> dict[str, Any]:
-    """The tables of a TOML file. Raises BadInputError, which begins with what it is."""
+    """Read the tables of a TOML file. Raises BadInputError, which begins with `what`."""
     try:
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError as error:
@@ -183,10 +206,11 @@ def tables_in(what: str, path: Path) -> dict[str, Any]:
 
 
 def finger_file_of(what: str, tables: dict[str, Any], folder: Path) -> FingerFile:
-    """What is in tables. Raises BadInputError, which begins with what they are of."""
+    """Validate the tables of a finger file. Raises BadInputError, which begins with `what`."""
     if "met" not in tables:
-        raise BadInputError("{where}: no [met] table, expected a file that `rig meet` wrote", code="no_met_table",
-                            where=what)  # fmt: skip
+        raise BadInputError(
+            "{where}: no [met] table; give a file that `rig meet` wrote", code="no_met_table", where=what
+        )
     relaxation = tables.get("virtual", {}).get("relaxation", ())
     rest = {name: table for name, table in tables.items() if name != "virtual"}
     try:

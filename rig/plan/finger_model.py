@@ -1,4 +1,4 @@
-"""The finger model as a script's steps ask it: predictions, each solved once, and responses of a run."""
+"""Finger model for the steps of a protocol: predictions, each solved once, and responses of a run."""
 
 import hashlib
 import math
@@ -30,9 +30,9 @@ from sim.models.fingertip import Fingertip
 from sim.models.relaxation import Moves
 from sim.models.result import IndentationResult
 
-# What relaxing tissue leaves of the elastic force of a press, on the way and in the last hold.
+# Share of the elastic force that remains in relaxing tissue, during the ramp and in the last hold.
 #
-# The depth grows evenly up to each hold, and f(t) = ∫ G(t − s) dF(s), with F ∝ d^1.5 as the engine takes it to be.
+# The depth grows evenly up to each hold, and f(t) = ∫ G(t − s) dF(s), with F ∝ d^1.5 as in the engine.
 
 Array = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ class Left(NamedTuple):
 
 
 def left_of(series: tuple[tuple[float, float], ...], pace: Pace, doi_mm: float) -> Left:
-    """Of tissue with a Prony series of (share, time constant in s); all of it where there is none."""
+    """Return the remaining shares for a Prony series of (share, time constant in s)."""
     if not series:
         return Left(1.0, 1.0)
     each_s, quick_s = pace.ramp_s(doi_mm) / pace.ramps, doi_mm / pace.speed_mm_s
@@ -56,7 +56,7 @@ def left_of(series: tuple[tuple[float, float], ...], pace: Pace, doi_mm: float) 
 
 
 def _felt(series: tuple[tuple[float, float], ...], ramps: int, ramp_s: float, hold_s: float, since_s: Array) -> float:
-    """Mean force so long after the last of some ramps, holds between them, over the elastic one at the target."""
+    """Return the mean force after the last ramp, relative to the elastic force at the target."""
     ramp, part_of_one = np.arange(ramps)[:, None], np.arange(1, _STEPS + 1) / _STEPS
     ended_s = (ramp * (ramp_s + hold_s) + ramp_s * part_of_one).ravel()
     elastic = ((ramp + part_of_one).ravel() / ramps) ** CONTACT_EXPONENT
@@ -67,7 +67,7 @@ def _felt(series: tuple[tuple[float, float], ...], ramps: int, ramp_s: float, ho
 
 
 class Answers(NamedTuple):
-    """Of each likely finger, (draws,), to one press."""
+    """Responses of the likely fingers to one press, (draws,) each."""
 
     held_gwt: Array  # mean force in the last hold
     doi_mm: Array
@@ -75,7 +75,7 @@ class Answers(NamedTuple):
 
 
 def answers(finger: Fingertip, shape: Indentor, x_mm: float, target: Target, pace: Pace, met: Met) -> Answers:
-    """Raises ModelRangeError; not a number where the model does not converge."""
+    """Return the responses; NaN where the model does not converge. Raises ModelRangeError."""
     return Answers(
         *np.array(
             [
@@ -87,9 +87,9 @@ def answers(finger: Fingertip, shape: Indentor, x_mm: float, target: Target, pac
 
 
 def band_of(found: Answers, met: Met) -> tuple[float, float, PredictionBand]:
-    """Force and depth in the middle, and their band: log-normal, widened by what the simulator leaves."""
+    """Return median force and depth and their bands: log-normal, widened by the error of the simulator."""
     error, coverage = met.band.model_error, met.band.coverage
-    controlled = float(np.ptp(np.log(found.held_gwt))) < 1e-9  # a force that was asked for
+    controlled = float(np.ptp(np.log(found.held_gwt))) < 1e-9  # a commanded force
     force = band(found.held_gwt, 0.0 if controlled else error, coverage)
     depth = band(found.doi_mm, error / CONTACT_EXPONENT if controlled else 0.0, coverage)
     most = float(found.held_gwt[0]) if controlled else band(found.highest_gwt, error, coverage).high
@@ -128,7 +128,7 @@ def _left_at_force(
     pace: Pace,
     series: tuple[tuple[float, float], ...],
 ) -> Left:
-    """With a ramp as long as elastic tissue would take; relaxed it is a little longer, and as much is left."""
+    """Return the remaining shares for a commanded force, with the ramp of elastic tissue."""
     return left_of(series, pace, finger.indent(shape, x_mm, force_gwt=force_gwt).doi_mm) if series else Left(1.0, 1.0)
 
 
@@ -136,26 +136,26 @@ Predictions = dict[tuple[str, float, Target] | tuple[str, float, Target, Pace], 
 
 
 class FingerModel:
-    """Predictions of a fingertip; those in `kept` are taken from there, new ones are put there.
+    """Predictions of a fingertip, cached in `kept`.
 
-    A shape is read once, by the name that `where` makes of the script's: a file that is edited meanwhile is not seen.
+    A shape is read once, by the name that `where` makes of the protocol's; later edits of its file have no effect.
     """
 
     def __init__(
         self, finger: Finger, kept: Predictions, where: Callable[[str], str] = str, met: Met | None = None
     ) -> None:
-        """met: how well the finger is known, where the rig has met it."""
+        """met: result of the identification, if the finger was identified."""
         self._finger, self._kept, self._where, self._met = finger, kept, where, met
         self._shapes: dict[str, Indentor] = {}
 
     def refuse_shape(self, indentor: str) -> None:
-        """Raises ShapeError where this is the name of no indentor."""
+        """Raise ShapeError if this is not the name of an indentor."""
         self._shape(indentor)
 
     def press(self, indentor: str, x_mm: float, target: Target, pace: Pace | None = None) -> Prediction:
-        """What a press meets; tissue that is known to relax does so at a pace, and not at all where none is given.
+        """Predict a press; relaxation is included only with a pace.
 
-        Raises ModelRangeError, and NoPredictionError where the model does not converge.
+        Raises ModelRangeError, and NoPredictionError if the model does not converge.
         """
         asked = indentor, x_mm, target
         if asked not in self._kept:
@@ -168,7 +168,7 @@ class FingerModel:
         return self._kept[paced]
 
     def touch_height_mm(self, indentor: str, x_mm: float, along_mm: float) -> float:
-        """Height of the indentor at first touch, from the nominal apex."""
+        """Return the height of the indentor at first touch above the nominal apex (mm)."""
         return asked(self._finger, _touch_height_mm, self._shape(indentor), x_mm, along_mm)
 
     def _shape(self, indentor: str) -> Indentor:
@@ -184,7 +184,7 @@ class FingerModel:
 
 
 class RequestedPress(NamedTuple):
-    """A press by the script's words."""
+    """Press as requested by the protocol."""
 
     indentor: str
     x_mm: float
@@ -192,7 +192,7 @@ class RequestedPress(NamedTuple):
 
 
 def about_model(finger: Fingertip) -> dict[str, Any]:
-    """What is kept of the model that a run was made with."""
+    """Return the facts of the model that a run records."""
     return {
         "nodes": finger.model.nodes,
         "e_epidermis_mpa": finger.e_epidermis_mpa,
@@ -206,15 +206,15 @@ def _touch_height_mm(finger: Fingertip, shape: Indentor, x_mm: float, along_mm: 
 
 
 def _with_band(finger: Fingertip, found: Prediction, shape: Indentor, pace: Pace, met: Met) -> Prediction:
-    """The middle and the band of the likely fingers; area and pressure as on the likeliest, at its elastic force."""
+    """Return the prediction with the band of the likely fingers; area and pressure are of the most likely one."""
     try:
         likely = answers(finger, shape, found.x_mm, found.target, pace, met)
     except ForceOutOfReachError as error:
-        sentence = "on one of the {fingers} likely fingers: {problem}"
+        sentence = "for one of the {fingers} likely fingers: {problem}"
         raise around(ForceTooDeepError, sentence, error, fingers=len(met.draw)) from None
     if not np.isfinite(likely).all():
         raise NoPredictionError(
-            "the model does not converge here on one of the likely fingers", code="likely_finger_not_converged"
+            "the model does not converge here for one of the likely fingers", code="likely_finger_not_converged"
         )
     force_gwt, doi_mm, band = band_of(likely, met)
     return replace(found, predicted_force_gwt=force_gwt, predicted_doi_mm=doi_mm, band=band)
@@ -240,17 +240,17 @@ def _predicted(finger: Fingertip, shape: Indentor, press: RequestedPress) -> Pre
 
 
 def named_file(indentor: str) -> str | None:
-    """The file that an indentor's name names, as the script wrote it."""
+    """Return the file in an indentor's name, as the protocol wrote it."""
     return shapes.named_file(indentor) if isinstance(indentor, str) else None
 
 
 def copy_name(file: str) -> str:
-    """What a file is called in a run folder: told from another one of the same name elsewhere."""
+    """Return the name of a file's copy in a run folder, unique by its path."""
     return f"{SHAPE_COPY}{hashlib.sha256(file.encode()).hexdigest()[:8]}_{Path(file).name}"
 
 
 def from_copy(folder: Path, indentor: str) -> str:
-    """The same shape, read from the run's own copy where there is one; runs of earlier versions have none."""
+    """Return the shape with the run's own copy of its file, if there is one."""
     file = named_file(indentor)
     if file is None or not (folder / copy_name(file)).is_file():
         return indentor
@@ -258,7 +258,7 @@ def from_copy(folder: Path, indentor: str) -> str:
 
 
 def kept_in(folder: Path, indentor: str) -> str:
-    """The same, copying a file that the run meets for the first time. Raises OSError."""
+    """Return the shape with the run's copy of its file, copying it if needed. Raises OSError."""
     file = named_file(indentor)
     if file is not None and Path(file).is_file() and not (folder / copy_name(file)).is_file():
         replace_bytes(folder / copy_name(file), Path(file).read_bytes())
@@ -267,11 +267,11 @@ def kept_in(folder: Path, indentor: str) -> str:
 
 @dataclass(frozen=True)
 class Response:
-    """One hold and the model's answer to it."""
+    """Hold and the response of the model."""
 
     index: int
     indentor: str
-    kind: str  # what was commanded: doi_mm or force_gwt
+    kind: str  # commanded quantity: doi_mm or force_gwt
     commanded: float
     last: bool  # of its indentation
     hold: dict[str, Any]
@@ -280,15 +280,15 @@ class Response:
 
     @property
     def group(self) -> str:
-        """What it can be compared with over positions, e.g. "step:1 at 2.33 gwt"."""
+        """Group that is comparable over positions, e.g. "step:1 at 2.33 gwt"."""
         unit = {"doi_mm": "mm", "force_gwt": "gwt"}[self.kind]
         return f"{self.indentor} at {self.commanded:g} {unit}"
 
 
 def responses(run: Run, finger: Fingertip, *, last_only: bool = False) -> list[Response]:
-    """One response for each hold, or each last hold, of each finished indentation, in the order of the run.
+    """Return a response for each hold, or each last hold, of each finished indentation, in order.
 
-    A virtual run is answered at the true x and DOI; a run on hardware at the force it recorded.
+    A virtual run is evaluated at the true x and DOI, a real run at the recorded force.
     """
     starts = {event["index"]: event for event in run.stream("indentation_start")}
     touches = {event["index"]: event for event in run.stream("touch")}
@@ -315,7 +315,7 @@ def responses(run: Run, finger: Fingertip, *, last_only: bool = False) -> list[R
 
 
 def by_group(found: list[Response]) -> dict[str, list[Response]]:
-    """The responses that differ in position only, each list ordered by x."""
+    """Return the responses that differ only in position, ordered by x."""
     ordered = sorted(found, key=lambda r: (r.indentor, r.kind, r.commanded, r.hold["x_mm"]))
     return {name: list(members) for name, members in groupby(ordered, key=lambda r: r.group)}
 

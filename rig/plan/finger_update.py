@@ -1,7 +1,7 @@
-"""What reference presses say of a finger that was met: its likely fingers, moved and drawn together.
+"""Update of an identified finger from the reference presses of a run.
 
-The mean of ln force over a place's references is taken in as an observation of an ensemble: the middle moves by
-Kalman's gain and the spread shrinks with it (Anderson 2003, Mon. Weather Rev. 131, 634: the deterministic update).
+The mean of ln force over the references at a position is assimilated into the ensemble of likely fingers: the mean
+moves by the Kalman gain and the spread shrinks (deterministic update, Anderson 2003, Mon. Weather Rev. 131, 634).
 """
 
 import hashlib
@@ -26,12 +26,12 @@ from sim.models.interpolation_weights import DERMIS, FAT
 Array = NDArray[np.float64]
 
 NAMES = ("ln_stiffness", "ln_e_dermis", "ln_e_fat", "stiffening")
-_LEAST_SPREAD = 1e-9  # of ln force over the likely fingers: below, an observation tells nothing
+_LEAST_SPREAD = 1e-9  # of ln force over the likely fingers; below it an observation has no information
 
 
 @dataclass(frozen=True)
 class ReferenceForce:
-    """References at one place to one target: mean of ln force, and its variance."""
+    """References at one position to one target: mean of ln force, and its variance."""
 
     indentor: str
     x_mm: float
@@ -42,7 +42,7 @@ class ReferenceForce:
 
 
 def learned(run: Run, finger: Fingertip) -> FingerFile | None:
-    """The finger's file after a run; None where it was not met or nothing refers to it."""
+    """Return the finger file after a run; None without an identified finger or references."""
     config = load_config(run.folder.config)
     seen = [] if config.met is None else references(run, config)
     if config.met is None or not seen:
@@ -62,7 +62,7 @@ def learned(run: Run, finger: Fingertip) -> FingerFile | None:
 
 
 def references(run: Run, config: Config) -> list[ReferenceForce]:
-    """Of a run, to a depth; those alike are one."""
+    """Return the references of a run to a depth; equal ones are averaged."""
     begun = {e["index"]: e for e in run.stream("reference_indentation_start")}
     last = {e["index"]: e for e in run.stream("reference_hold_end")}
     found = []
@@ -83,7 +83,7 @@ def _together(press: tuple[str, float, Target, Pace], alike: Sequence[tuple[floa
 
 
 def taken_in(met: Met, ln_said: Array, seen: ReferenceForce) -> Met:
-    """After one observation, of which the likely fingers said (draws,)."""
+    """Return the identification after one observation, given the predictions (draws,)."""
     spread = float(ln_said.var(ddof=1))
     if spread < _LEAST_SPREAD:
         return met
@@ -98,7 +98,7 @@ def taken_in(met: Met, ln_said: Array, seen: ReferenceForce) -> Met:
 
 
 def _posterior(met: Met, slope: Array, moved: float, spread: float, noise: float) -> Posterior:
-    """Of what is drawn; the rest stays."""
+    """Return the posterior of the updated names; the others stay."""
     before = met.posterior
     by_name = dict(zip(NAMES, slope, strict=True))
     along = np.array([by_name.get(name, 0.0) for name in before.names])
@@ -113,7 +113,7 @@ def _logs(draw: Draw) -> list[float]:
 
 
 def _draw(draw: Draw, row: Array) -> Draw:
-    """Moduli stay where fingers are interpolated."""
+    """Return an updated draw, with moduli clipped to the range of the model."""
     stiffness, e_dermis, e_fat = np.exp(row[:3])
     return draw.model_copy(
         update={

@@ -27,7 +27,7 @@ A = TypeVar("A")
 
 _SOFT_TRIP_OVER_PREDICTED = 2.0
 SOFT_TRIP_OVER_BAND = 1.25
-"""Of a finger that was met, or is being met: besides its band only noise and the bench are to be allowed for."""
+"""Soft trip over the band of an identified finger: allows only for noise and the bench."""
 
 SMALLEST_SOFT_TRIP_N = 0.02
 _REFUSALS = (BadInputError, ShapeError, ModelRangeError, SilentScriptError)
@@ -39,36 +39,35 @@ def _nothing_yet() -> dict[Purpose, list[PlannedIndentation]]:
 
 @dataclass
 class Plan:
-    """Every press that a script has still to make, by its purpose, and every touch, in the script's order.
+    """Remaining presses of a protocol, by purpose, and touches, in order.
 
-    `predictions` are what the model has been asked; whoever carries the plan out looks there first.
-    `first_soft_trip_n` is the soft trip of the run that the plan takes up.
+    `predictions` caches the model for the execution. `first_soft_trip_n` is the soft trip of a resumed run.
     """
 
     presses: dict[Purpose, list[PlannedIndentation]] = field(default_factory=_nothing_yet)
     touches: list[ExpectedTouch] = field(default_factory=list)
     predictions: Predictions = field(default_factory=dict)
     first_soft_trip_n: float | None = None
-    shape_files: dict[str, bytes] = field(default_factory=dict)  # as they were read, by the names of their copies
+    shape_files: dict[str, bytes] = field(default_factory=dict)  # content, by the names of their copies
 
     @property
     def indentations(self) -> list[PlannedIndentation]:
-        """Those that are data."""
+        """Presses that are data."""
         return self.presses["data"]
 
     @property
     def all_presses(self) -> list[PlannedIndentation]:
-        """Data and what is none."""
+        """All presses, data or not."""
         return [planned for presses in self.presses.values() for planned in presses]
 
     @property
     def peak_force_gwt(self) -> float:
-        """Highest force the model predicts; of a finger that was met the upper end of its band."""
+        """Highest predicted force (gwt); for an identified finger the upper end of its band."""
         return max((planned.highest_gwt for planned in self.all_presses), default=0.0)
 
     @property
     def soft_trip_n(self) -> float:
-        """Twice the highest force predicted, or a quarter above a band's; never so little that noise would trip."""
+        """Soft trip (N): 2 × the predicted peak, or 1.25 × the upper end of a band, but above the noise."""
         if self.first_soft_trip_n is not None:
             return self.first_soft_trip_n
         met = all(planned.band is not None for planned in self.all_presses)
@@ -84,15 +83,17 @@ def make_plan(
     folder: Path | None = None,
     told: Callable[[int], None] = lambda steps: None,
 ) -> Plan:
-    """Walk through the script; raises BadInputError at the first step that cannot be done, FingerLostError.
+    """Plan a protocol. Raises BadInputError at the first step that cannot be done, FingerLostError.
 
-    `before` is the run that is to be taken up: what it has done is answered by its journal, and not planned, where
-    that tells the soft trip of the whole; `folder` is that run's, whose copies of files that shapes name are read.
-    `told` hears how many steps there are so far.
+    before: run to resume; finished steps are answered by its journal, not planned. folder: folder of that run, whose
+    copies of shape files are used. told: called with the number of steps so far.
     """
     if inspect.iscoroutinefunction(script.run):
-        raise BadInputError("protocol {path}: run(rig) is asynchronous, expected an ordinary function",
-                            code="asynchronous", path=str(script.path))  # fmt: skip
+        raise BadInputError(
+            "protocol {path}: run(rig) is asynchronous; define it with `def`, not `async def`",
+            code="asynchronous",
+            path=str(script.path),
+        )
     first_soft_trip_n = None if before is None else before.start.get("soft_trip_n")
     plan = Plan(first_soft_trip_n=first_soft_trip_n)
     where = partial(_kept, plan) if folder is None else partial(kept_in, folder)
@@ -109,13 +110,15 @@ def make_plan(
         raise said_of_script(BadInputError, script.path, error, _REFUSALS) from None
     if not walk.pressed["data"]:
         raise BadInputError(
-            "protocol {path}: run(rig) indents nowhere", code="indents_nowhere", path=str(script.path)
+            "protocol {path}: run(rig) makes no indentation; call rig.indent() at least once",
+            code="indents_nowhere",
+            path=str(script.path),
         )
     return plan
 
 
 def _kept(plan: Plan, indentor: str) -> str:
-    """The name as it is; what a file that it names holds now is what the run will have."""
+    """Return the name, and store the content of the file in it for the run."""
     file = named_file(indentor)
     if file is not None and Path(file).is_file():
         plan.shape_files[copy_name(file)] = Path(file).read_bytes()
@@ -123,13 +126,13 @@ def _kept(plan: Plan, indentor: str) -> str:
 
 
 class Planner:
-    """Carries out nothing: each step is foreseen by the model, and its presses go into the plan."""
+    """Handler that predicts each step with the model and adds its presses to the plan."""
 
     def __init__(self, walk: Walk, plan: Plan) -> None:
         self._walk, self._plan = walk, plan
 
     def handle(self, step: Step[E, A], spot: Spot) -> A:
-        """The answer that the model foresees."""
+        """Return the predicted answer."""
         expected = step.expect(spot, self._walk)
         if isinstance(expected, ExpectedPresses):
             for press in expected.ids:
@@ -144,7 +147,7 @@ _PREFIX: Mapping[str, str] = {"data": "", "precondition": "precondition_", "refe
 
 @dataclass(frozen=True)
 class Promise:
-    """The band of what a press does not control: the force at a depth (gwt), the depth at a force (mm)."""
+    """Predicted band of the uncontrolled quantity: force at a depth (gwt), depth at a force (mm)."""
 
     purpose: Purpose
     index: int
@@ -156,7 +159,7 @@ class Promise:
 
 @dataclass(frozen=True)
 class PredictionCheck:
-    """A promise beside what was measured in the last hold."""
+    """Predicted band and the measurement in the last hold."""
 
     promise: Promise
     indentor: str
@@ -165,12 +168,12 @@ class PredictionCheck:
 
     @property
     def kept(self) -> bool:
-        """Whether it lies in the band."""
+        """Whether the measurement lies in the band."""
         return self.promise.low <= self.measured <= self.promise.high
 
 
 def promised(plan: Plan) -> list[dict[str, Any]]:
-    """As the run's first document says it; nothing of a finger that nobody met."""
+    """Return the predicted bands for the run's first document; empty without an identified finger."""
     return [
         asdict(_promise(purpose, index, press))
         for purpose, presses in plan.presses.items()
@@ -189,7 +192,7 @@ def _promise(purpose: Purpose, index: int, press: PlannedIndentation) -> Promise
 
 
 def found(run: Run) -> list[PredictionCheck]:
-    """Of every press that was promised and finished."""
+    """Return the check of every finished press that has a predicted band."""
     pairs = []
     for promise in (Promise(**one) for one in run.start.get("promised", [])):
         prefix = _PREFIX[promise.purpose]

@@ -11,6 +11,7 @@ from typing import Any, Literal
 
 from rig.data import Run
 from rig.data.folder import free_space
+from rig.data.tables import ENDED_EARLY
 from rig.engine import Engine, LimitError, RecordError, RunAborted, ScriptError, TripError
 from rig.engine.contact import ContactKind, KnownContact
 from rig.engine.limits import AT_MM
@@ -20,17 +21,17 @@ from sim.finger_process import FingerLostError
 Left = Literal["lifted", "raised", "held", "not moved"]
 
 _SEE_TO: tuple[tuple[type[Exception], str], ...] = (
-    (RunAborted, "see that the finger is well"),
-    (TripError, "see that the finger is well, and to what tripped it"),
-    (LimitError, "change the script or the limit and begin a new run: resumed, this one meets the same limit"),
-    (ScriptError, "correct the script and begin a new run: resumed, this one runs its own copy of the script"),
-    (OSError, "free space, then resume"),
-    (LostRecordError, "see who moved or deleted the run's files, then resume"),
-    (RecordError, "free space, then resume"),
-    (FingerLostError, "see whether memory ran out, then resume"),
+    (RunAborted, "check that the finger is well"),
+    (TripError, "check that the finger is well, and find out what caused the trip"),
+    (LimitError, "change the protocol or the limit, then start a new run; a resumed run would reach the same limit"),
+    (ScriptError, "correct the protocol, then start a new run; a resumed run would use its own copy of the protocol"),
+    (OSError, "free disk space, then resume"),
+    (LostRecordError, "find out who moved or deleted the files of the run, then resume"),
+    (RecordError, "free disk space, then resume"),
+    (FingerLostError, "check whether the computer ran out of memory, then resume"),
 )
-_PUT_RIGHT = "put right what is named, then "
-_SEE_TO_THE_DEVICE = "see to the device that is named"
+_PUT_RIGHT = "correct the problem, then "
+_SEE_TO_THE_DEVICE = "check the device that failed"
 
 
 @dataclass(frozen=True)
@@ -75,11 +76,11 @@ class FinalPosition:
     def words(self) -> str:
         """One line on where it is and whether it touches."""
         if self.left == "not moved":
-            return "not moved: nothing was told to move, it is where it was before"
+            return "not moved; it is where it was before"
         doubt = "trusted" if self.trusted else "last known and not trusted"
         found = self._found
         if self.contact is None and self.may_touch is None:
-            return f"{self.left}, at {found.place} ({doubt}); whether it touches the finger is not known"
+            return f"{self.left}, at {found.place} ({doubt}); it is unknown whether the indentor touches the finger"
         return f"{self.left}, at {found.place} ({doubt}); {found.clause}"
 
     @property
@@ -108,20 +109,20 @@ class Ending:
     def of(cls, problem: Exception | None, at: FinalPosition, folder: Path) -> "Ending":
         """Of a run in a folder; no problem: its script ended with less than was planned."""
         if problem is None:
-            return cls("the script did less than was planned", at, _next(ScriptError(), at), resume_line(folder))
+            return cls(ENDED_EARLY, at, _next(ScriptError(), at), resume_line(folder))
         return cls(_reason(problem, folder), at, _next(problem, at), resume_line(folder))
 
     @classmethod
     def killed(cls, run: Run) -> "Ending":
         """Of a run whose journal has no end."""
         at = FinalPosition.last_known(run)
-        reason = "the run ended without its end: its program was killed, or the power failed"
+        reason = "the run has no end record: its program was killed or the power failed"
         return cls(reason, at, _next(RunAborted(), at), resume_line(run.folder.path))
 
     @classmethod
     def before_it_began(cls, reason: str, *, refused: bool) -> "Ending":
         """Of a run that was refused, or left, before anything could move."""
-        return cls(reason, FinalPosition("not moved"), f"{_PUT_RIGHT if refused else ''}the same again", None)
+        return cls(reason, FinalPosition("not moved"), f"{_PUT_RIGHT if refused else ''}repeat the command", None)
 
     @property
     def told(self) -> dict[str, str]:
@@ -144,11 +145,11 @@ def _reason(problem: Exception, folder: Path) -> str:
     """In one line; of a full disk with the room that there is, and the remedy."""
     reason = " ".join(str(problem).split())
     if isinstance(problem, LostRecordError):
-        return f"{reason}; what was recorded is in {folder.resolve()}: {resume_line(folder)}"
+        return f"{reason}; the recorded data are in {folder.resolve()}; resume with {resume_line(folder)}"
     if isinstance(problem, RecordError):
         reason = f"{reason}, {free_space(folder)}"
     if isinstance(problem, RecordError | OSError):
-        reason = f"{reason}: free space, then {resume_line(folder)}"
+        reason = f"{reason}; free disk space, then resume with {resume_line(folder)}"
     return reason
 
 

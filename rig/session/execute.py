@@ -80,8 +80,12 @@ def execute(engine: Engine, step: Step[E, A], expected: E) -> A:
     """
     executor = EXECUTE.get(type(step))
     if executor is None:
-        raise BadInputError("{verb}: no function is registered by @executes({step})", code="no_executor",
-                            verb=step.verb, step=type(step).__name__)  # fmt: skip
+        raise BadInputError(
+            "{verb}: no executor is registered for {step}; register a function with @executes({step})",
+            code="no_executor",
+            verb=step.verb,
+            step=type(step).__name__,
+        )
     answer: A = executor(engine, step, expected)
     return answer
 

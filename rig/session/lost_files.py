@@ -61,12 +61,15 @@ class LostRun:
             where = rescued_folder(folder, self.contents, state_folder() / "rescued").path
             return read_run(where)
         except OSError as error:
-            sentence = "{problem}; the indentor is {indentor}; the data are lost: they cannot be written anew: {why}"
+            sentence = (
+                "{problem}; the indentor is {indentor}; the data are lost because they cannot be written to a "
+                "new folder: {why}"
+            )
             raise around(
                 LostRecordError, sentence, self.problem, code="data_lost", indentor=at.words, why=str(error)
             ) from error
         except RunError as error:
-            sentence = "{problem}; the indentor is {indentor}; what is left of the data is in {rescued}"
+            sentence = "{problem}; the indentor is {indentor}; the remaining data are in {rescued}"
             raise around(
                 LostRecordError, sentence, self.problem, code="rescued", indentor=at.words, rescued=str(where)
             ) from error

@@ -134,7 +134,7 @@ class Page:
             "force": self._force,
             "trips": f"soft {_both(self._soft_trip_n)}, hard {_both(config.limits.hard_trip_n)}",
             "first": self._first,
-            "safety": "is the emergency stop in reach, the finger clear of the indentor?",
+            "safety": "check that the emergency stop is in reach and the finger is clear of the indentor",
         }
 
     @property
@@ -156,22 +156,26 @@ class Page:
         return (
             told
             if before is None
-            else f"{told}: what is missing of {before.start['planned_indentations']} indentations"
+            else f"{told}, the rest of {before.start['planned_indentations']} planned indentations"
         )
 
     @property
     def _duration(self) -> str:
-        cost = f"rehearsed on springs in {self.took_s:.1f} s"
+        cost = f"rehearsed on a spring model in {self.took_s:.1f} s"
         if isinstance(self.rehearsal, EngineError):
-            return f"not known: {cost}, it ended with {self.rehearsal}"
+            return f"unknown ({cost}; the rehearsal failed: {self.rehearsal})"
         found = self.rehearsal
-        return f"about {found.duration_s:.0f} s, the finger touched for {found.contact_s:.0f} s of them ({cost})"
+        return f"about {found.duration_s:.0f} s, of which {found.contact_s:.0f} s in contact ({cost})"
 
     @property
     def _force(self) -> str:
         peak_n = self._plan.peak_force_gwt * GWT_N
         met = self.session.config.met
-        band = "" if met is None else f", the upper end for the finger met on {met.date} in {met.presses} presses"
+        band = (
+            ""
+            if met is None
+            else f", the upper end of the band for the finger identified on {met.date} from {met.presses} presses"
+        )
         below = f"{_both(self._soft_trip_n - peak_n)} below the trip"
         return f"predicted peak {_both(peak_n)}{band}, {below}{self._small_strain}"
 
@@ -188,9 +192,13 @@ class Page:
         mounted = next(iter(dict.fromkeys(planned.indentor for planned in self._plan.all_presses)), None)
         by_hand = "" if mounted is None else f"you mount {mounted}; "
         places = [planned.x_mm for planned in self._plan.all_presses]
-        to = f", then to x = {places[0]:g} mm and down to" if places else ", and no lower than"
+        to = (
+            f"; then the stage moves to x = {places[0]:g} mm and down to"
+            if places
+            else "; then the stage goes no lower than"
+        )
         return (
-            f"{by_hand}homing, the indentor up to its switch before anything moves sideways{to} "
+            f"{by_hand}homing lifts the indentor to its switch before any lateral motion{to} "
             f"{config.habits.clearance_mm:g} mm above the finger"
         )
 

@@ -59,7 +59,7 @@ def read_stopped(path: Path) -> StoppedRun:
         raise
     except OSError as error:
         raise BadInputError(
-            "run {path}: {file}: {problem}, expected a run folder",
+            "run {path}: cannot read {file}: {problem}; give the folder of a run",
             code="no_run_folder",
             path=str(path),
             file=str(error.filename),
@@ -78,16 +78,14 @@ def _never_planned(run: Run) -> bool:
 def _learned(folder: RunFolder) -> str:
     """What is left of a meeting."""
     page = folder.path / MEETING_PAGE
-    return (
-        f"what it learned is in its finger file and in {page}" if page.exists() else "its presses stay in its journal"
-    )
+    return f"its result is in its finger file and in {page}" if page.exists() else "its presses remain in its journal"
 
 
 def _read(folder: RunFolder) -> StoppedRun:
     changed = folder.changed()
     if changed:
         raise BadInputError(
-            "run {path}: {files}: changed since the run began, cannot go on with it",
+            "run {path}: {files} changed since the run began, so it cannot be resumed; start a new run",
             code="changed_since",
             path=str(folder.path),
             files=", ".join(changed),
@@ -95,7 +93,7 @@ def _read(folder: RunFolder) -> StoppedRun:
     about: dict[str, Any] = json.loads(folder.provenance.read_text(encoding="utf-8"))
     if about["protocol"] == SCRIPT:
         raise BadInputError(
-            "run {path}: a meeting is not taken up, expected `rig meet` anew; {left}",
+            "run {path}: an identification cannot be resumed; repeat `rig meet`. In this run, {left}",
             code="meeting",
             path=str(folder.path),
             left=_learned(folder),
@@ -103,8 +101,11 @@ def _read(folder: RunFolder) -> StoppedRun:
     copy = folder.path / "protocol.py"
     run = read_run(folder.path) if mend_journal(folder.events) else None
     if run is not None and _never_planned(run):
-        raise BadInputError("run {path}: it was stopped while it was planned, expected a new run",
-                            code="never_planned", path=str(folder.path))  # fmt: skip
+        raise BadInputError(
+            "run {path} was stopped during planning and cannot be resumed; start a new run",
+            code="never_planned",
+            path=str(folder.path),
+        )
     return StoppedRun(
         folder=folder,
         script=script_with(copy, Path(about["protocol"]).stem, about["parameters"]),

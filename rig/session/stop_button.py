@@ -80,7 +80,7 @@ class StopButton:
     def last_state(self) -> str:
         """The same for another thread, without asking the controller: an input is as it was last seen."""
         if self.stopped:
-            return "PRESSED: it has stopped the stage"
+            return "PRESSED; it has stopped the stage"
         if self.key is not None:
             held = self.key.problem or ("PRESSED" if self.key.pressed else "not pressed")
         else:
@@ -158,15 +158,22 @@ def refuse_stop_inputs(settings: BenchSettings, bench: WatchedBench) -> None:
         active = bench.stage.active_inputs()
         for key, name in stop.inputs.items():
             if name in active:
-                remedy = "release the stop button" if key == "input" else "free the force sensor, see to its relay"
-                raise BadInputError("{key} = {value!r}: this input is active, nothing is moved: {remedy}",
-                                    code="input_active", key=f"stop.{key}", value=name, remedy=remedy)  # fmt: skip
+                remedy = (
+                    "release the stop button" if key == "input" else "unload the force sensor and check its relay"
+                )
+                raise BadInputError(
+                    "{key} = {value!r}: this input is active, so nothing may move; {remedy}",
+                    code="input_active",
+                    key=f"stop.{key}",
+                    value=name,
+                    remedy=remedy,
+                )
     if stop.trip_gwt is not None and isinstance(bench.force, HasSetPoint):
         found_gwt = bench.force.set_point_gwt(stop.trip_register)
         if abs(found_gwt - stop.trip_gwt) > _SET_POINT_WITHIN * stop.trip_gwt:
             raise BadInputError(
-                "{key} = {value:g}: the transmitter's set-point (register {register}) is {found_gwt:g} gwt, expected "
-                "the same",
+                "{key} = {value:g} gwt, but the set-point of the transmitter (register {register}) is "
+                "{found_gwt:g} gwt; make them equal",
                 code="another_set_point",
                 key="stop.trip_gwt",
                 value=stop.trip_gwt,
@@ -219,7 +226,11 @@ class _Look:
     def __call__(self, *, at_rest: bool) -> TripError | None:
         """Return what trips, if anything does. Raises RunAborted where the button was pressed; the stage stands."""
         if self._key is not None and self._key.problem:
-            return TripError("the stop button is gone: {problem}", code="button_gone", problem=self._key.problem)
+            return TripError(
+                "the stop button no longer answers: {problem}; connect it again",
+                code="button_gone",
+                problem=self._key.problem,
+            )
         if not self._stop.inputs:
             return None
         active, held = self._engine.guarded(lambda: self._asked(anew=at_rest))

@@ -132,7 +132,7 @@ class ModbusMaster:
     def on_port(
         cls, transport: Transport, clock: Clock, port: str, *, framing: Framing | None, baud: int
     ) -> "ModbusMaster":
-        """On what was opened under this name; framing by the port where it is not said: tcp on tcp://, else rtu."""
+        """Create a master on an opened port; the default framing is tcp on tcp://, else rtu."""
         by_port: Framing = "tcp" if port.startswith(SCHEME) else "rtu"
         return cls(transport, clock, framing=framing or by_port, baud=baud)
 
@@ -160,9 +160,9 @@ class ModbusMaster:
         self._exchange(request, lambda answer: (answer.address, answer.count) == (address, len(values)))
 
     def send_now(self, device_ids: Sequence[int], address: int, value: int) -> None:
-        """Function 06 to all of these in one write, waiting for nothing; their answers are not looked at.
+        """Write one register of several devices in one write, without waiting for answers.
 
-        On a serial bus frames need silence between them, so several devices are told by one broadcast.
+        On a serial bus frames need silence between them, so several devices get one broadcast.
         Raises TransportError.
         """
         if self._rtu and len(device_ids) > 1:
@@ -180,7 +180,7 @@ class ModbusMaster:
 
     @contextmanager
     def _turn(self) -> Iterator[None]:
-        """Who makes sure of a stop from another thread waits for the exchange under way, but for none that hangs."""
+        """Wait for an exchange in another thread, but not for one that hangs."""
         mine = self._one.acquire(timeout=2 * self._reply_s)
         try:
             yield
@@ -191,7 +191,7 @@ class ModbusMaster:
     def _exchanged(self, request: ModbusPDU, fits: Callable[[ModbusPDU], bool]) -> ModbusPDU:
         self._clock.wait_s(self._free_s - self._clock.monotonic_s())
         while self._transport.read(0.0):
-            self._unanswered = _Unanswered()  # it came when nobody waited for it
+            self._unanswered = _Unanswered()  # it arrived unsolicited
         frame = self._frame(request)
         self._send(frame)
         answer = self._answer(request, frame)
@@ -199,7 +199,7 @@ class ModbusMaster:
             raise self._refused(request, answer)
         if answer.function_code != request.function_code or not fits(answer):
             raise ModbusGarbled(
-                f"{_ABOUT}: the answer does not fit the question ({{answer}})",
+                f"{_ABOUT}: the answer does not match the request ({{answer}})",
                 code="does_not_fit",
                 answer=str(answer),
                 **self._about(request),
@@ -216,7 +216,7 @@ class ModbusMaster:
         self._free_s = self._clock.monotonic_s() + len(frame) * self._byte_s + self._silence_s
 
     def _answer(self, request: ModbusPDU, sent: bytes) -> ModbusPDU:
-        """The answer to this request; older answers of a TCP connection are passed over."""
+        """Return the answer to this request; skip older answers on a TCP connection."""
         deadline_s = self._clock.monotonic_s() + self._reply_s
         heard, echo_due = b"", self.echoes is True or (self.echoes is None and request.function_code == _READ)
         while (left_s := deadline_s - self._clock.monotonic_s()) > 0:
@@ -235,7 +235,7 @@ class ModbusMaster:
             self._refuse_two_answers(request, heard)
             if answer.dev_id != request.dev_id:
                 raise ModbusGarbled(
-                    f"{_ABOUT}: device {{answering}} answered",
+                    f"{_ABOUT}: device {{answering}} answered instead",
                     code="another_device",
                     answering=answer.dev_id,
                     **self._about(request),
@@ -248,7 +248,7 @@ class ModbusMaster:
         elif self.echoes:
             code, came = "only_echo", "only its own echo"
         raise ModbusTimeout(
-            f"{_ABOUT}: {came} in {{timeout_s:g}} s",
+            f"{_ABOUT}: {came} within {{timeout_s:g}} s",
             code=code,
             heard=heard.hex(" "),
             timeout_s=self._reply_s,
@@ -256,11 +256,11 @@ class ModbusMaster:
         )
 
     def _without_echo(self, request: ModbusPDU, heard: bytes, sent: bytes) -> bytes:
-        """What was heard after one's own frame, where the adapter hears it; the first read tells whether it does."""
+        """Return the data after the echo of the request; the first read shows whether the adapter echoes."""
         found = heard.startswith(sent)
         if self.echoes and not found:
             raise ModbusGarbled(
-                f"{_ABOUT}: the adapter's echo is missing in {{heard}}",
+                f"{_ABOUT}: the echo of the adapter is missing in {{heard}}",
                 code="no_echo",
                 heard=heard.hex(" "),
                 **self._about(request),
@@ -269,7 +269,7 @@ class ModbusMaster:
         return heard[len(sent) :] if found else heard
 
     def _first_fitting(self, request: ModbusPDU, heard: bytes) -> tuple[bytes, ModbusPDU | None]:
-        """What is left of `heard`, and the first whole answer in it; on TCP, the first with the request's number."""
+        """Return the rest of `heard` and the first complete answer; on TCP, the first with the request's number."""
         while heard:
             left, answer = self._decoded(request, heard)
             if answer is not None and (self._rtu or answer.transaction_id == request.transaction_id):
@@ -280,7 +280,7 @@ class ModbusMaster:
         return heard, None
 
     def _refuse_two_answers(self, request: ModbusPDU, heard: bytes) -> None:
-        """After a question without an answer: of two answers nobody can say which is the right one."""
+        """After an unanswered request, reject two answers, since either may be the late one."""
         late, now_s = self._unanswered, self._clock.monotonic_s()
         if not self._rtu or late.kind != _kind(request) or now_s >= late.since_s + LATE_S:
             return
@@ -290,25 +290,25 @@ class ModbusMaster:
         if heard:
             self._unanswered = _Unanswered()
             raise ModbusGarbled(
-                f"{_ABOUT}: a late answer to an earlier question came, too",
+                f"{_ABOUT}: a late answer to an earlier request also arrived",
                 code="late_answer",
                 **self._about(request),
             )
 
     def _decoded(self, request: ModbusPDU, heard: bytes) -> tuple[bytes, ModbusPDU | None]:
-        """What is left of `heard`, and the answer in it if it is whole."""
+        """Return the rest of `heard`, and its answer if it is complete."""
         try:
             used, answer = self._framer.handleFrame(heard, 0, 0)
         except ModbusException:
             raise ModbusGarbled(
-                f"{_ABOUT}: not a Modbus answer: {{heard}}",
+                f"{_ABOUT}: received {{heard}}, which is not a Modbus answer; check the baud rate and the framing",
                 code="no_modbus",
                 heard=heard.hex(" "),
                 **self._about(request),
             ) from None
         if used and answer is None:
             raise ModbusGarbled(
-                f"{_ABOUT}: bad CRC in {{heard}}",
+                f"{_ABOUT}: wrong checksum (CRC) in {{heard}}; check the cable and the baud rate",
                 code="bad_crc",
                 heard=heard.hex(" "),
                 **self._about(request),
@@ -316,7 +316,7 @@ class ModbusMaster:
         return heard[used:], answer
 
     def _drain(self) -> None:
-        """Let an answer that comes late or in pieces pass by."""
+        """Discard an answer that arrives late or in pieces."""
         deadline_s = self._clock.monotonic_s() + self._reply_s
         quiet_s = max(self._silence_s, 10 * self._byte_s)
         while self._transport.read(quiet_s) and self._clock.monotonic_s() < deadline_s:
@@ -343,5 +343,5 @@ class ModbusMaster:
 
 
 def silence_s(baud: int) -> float:
-    """The silence that separates RTU frames: 3.5 characters, 1.75 ms above 19200 baud."""
+    """Return the silence between RTU frames (s): 3.5 characters, 1.75 ms above 19200 baud."""
     return FIXED_SILENCE_S if baud > FAST_BAUD else SILENT_BITS / baud

@@ -1,4 +1,4 @@
-"""One owner a port, by what the port is and not by its name, on a lock that every account sees."""
+"""Exclusive ownership of ports, by identity rather than name, with locks visible to every account."""
 
 import errno
 import ipaddress
@@ -48,12 +48,12 @@ def tcp_addresses(port: str) -> tuple[Address, ...]:
     """
     host, colon, number = port.removeprefix(SCHEME).rpartition(":")
     if not (port.startswith(SCHEME) and host and colon and number.isdigit() and 0 < int(number) < 65536):
-        raise TransportError("{port!r} is no TCP port, expected tcp://HOST:PORT", code="no_address", port=port)
+        raise TransportError("{port!r} is not a TCP port; use tcp://HOST:PORT", code="no_address", port=port)
     try:
         found = socket.getaddrinfo(host.strip("[]"), int(number), type=socket.SOCK_STREAM)
     except (OSError, UnicodeError) as problem:
         raise TransportError(
-            "cannot open {port}: {problem}", code="unknown_host", port=port, problem=str(problem)
+            "cannot open port {port}: {problem}", code="unknown_host", port=port, problem=str(problem)
         ) from problem
     return tuple(dict.fromkeys((int(family), address) for family, _, _, _, address in found))
 
@@ -72,7 +72,7 @@ def identities(port: str) -> tuple[str, ...]:
     Returns
     -------
     tuple of str
-        Sorted, so that whoever locks them all does so in the same order as everybody else.
+        Sorted, so that every process locks them in the same order.
 
     Raises
     ------
@@ -95,7 +95,7 @@ def _of_address(family: int, address: tuple[Any, ...]) -> str:
 
 
 def _is_here(family: int, address: tuple[Any, ...]) -> bool:
-    """Whether an address is one of this machine's own: the system would send from it to itself. Nothing is sent."""
+    """Return whether an address belongs to this machine; nothing is sent."""
     try:
         with socket.socket(family, socket.SOCK_DGRAM) as probe:
             probe.connect(address)
@@ -126,27 +126,27 @@ def _of_device(path: str) -> str:
 # Windows has a lock file, and nobody's number; what it lacks stands in the class of that name.
 
 FOLDERS = ("/run/lock", "/tmp")
-"""The first that is everybody's; neither an account nor its environment has a say in it."""
+"""Folders for locks; the first one that everybody may write to, independent of account and environment."""
 
 _TRIES = 20
 
 
 @dataclass(frozen=True)
 class PortOwner:
-    """Process that holds a lock, as the system says; pid is None where it does not."""
+    """Process that holds a lock; pid is None if the system does not report it."""
 
     pid: int | None
 
     @property
     def ours(self) -> bool:
-        """Whether it is a process of this account, which may be signalled."""
+        """Whether the process belongs to this account and may be signaled."""
         if self.pid is None:
             return False
         if os.path.isdir("/proc/self"):
             with suppress(OSError):
                 return os.stat(f"/proc/{self.pid}").st_uid == os.geteuid()
             return False
-        if os.geteuid() == 0:  # it may signal anybody: that says nothing
+        if os.geteuid() == 0:  # root may signal every process, so this shows nothing
             return False
         with suppress(OSError):
             os.kill(self.pid, 0)
@@ -160,7 +160,7 @@ class PortOwner:
 
 
 class LockHeldError(RigError):
-    """Somebody else has the lock."""
+    """The lock is held by another process."""
 
     default_code = "lock_held"
 
@@ -207,7 +207,7 @@ else:
     Inode = tuple[int, int]
 
     _held: set[Inode] = set()
-    """Files that this process has locked. To close any descriptor of one would let go of its lock."""
+    """Files that this process has locked; closing any descriptor of one would release its lock."""
 
     _guard = threading.Lock()
     os.register_at_fork(after_in_child=lambda: _held.clear())
@@ -268,7 +268,7 @@ else:
                     if _inode(os.lstat(self._path)) == _inode(os.fstat(fd)):
                         return fd
                 _close(fd)  # whoever held it removed the file meanwhile
-            raise OSError(errno.EAGAIN, "it changes all the time", str(self._path))
+            raise OSError(errno.EAGAIN, "the lock file keeps changing", str(self._path))
 
     def lock_owner(name: str) -> PortOwner | None:
         """Return who holds a name now, None if nobody does. Nothing is locked, written or waited for."""
@@ -295,16 +295,16 @@ else:
         return Path(FOLDERS[-1])
 
     def _opened(path: Path) -> int:
-        """A descriptor of the lock's file, to which nothing is ever written."""
+        """Open the lock file, to which nothing is ever written."""
         # Without O_CREAT: Linux refuses that for a file of another account (fs.protected_regular).
         fd = os.open(path, os.O_RDWR | _OPEN)
         if not stat.S_ISREG(os.fstat(fd).st_mode):
             os.close(fd)
-            raise OSError(errno.EEXIST, "expected an empty file", str(path))
+            raise OSError(errno.EEXIST, "not a lock file of this program", str(path))
         return fd
 
     def _make(path: Path) -> None:
-        """An empty file that every account may lock whatever the umask is, there as a whole or not at all."""
+        """Create an empty file that every account may lock, whatever the umask, in one step."""
         new = path.with_name(f"{path.name}-{secrets.token_hex(8)}")
         fd = os.open(new, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
         try:
@@ -316,7 +316,7 @@ else:
             os.close(fd)
 
     def _blocker(fd: int) -> PortOwner | None:
-        """Who has locked a file. A file with another name may be anybody's, and says nothing of who uses a port."""
+        """Return the process that has locked a file. A file with several links is not trusted."""
         found = struct.unpack(_FLOCK, fcntl.fcntl(fd, fcntl.F_GETLK, struct.pack(_FLOCK, *_ASKED)))
         if found[_TYPE] == fcntl.F_UNLCK:
             return None
@@ -336,7 +336,7 @@ def _file_name(name: str) -> str:
 
 
 class NotOwnedError(TransportError):
-    """The port cannot be had for oneself; owner: who has it, None where it cannot be locked at all."""
+    """The port is not available; `owner` is the process that owns it, None if it cannot be locked."""
 
     default_code = "in_use"
 
@@ -346,7 +346,7 @@ class NotOwnedError(TransportError):
 
 
 class PortOwnership:
-    """This process's hold on a port, under all of its names and for every account.
+    """Ownership of a port by this process, under all of its names and for every account.
 
     Raises
     ------
@@ -365,7 +365,7 @@ class PortOwnership:
         except LockHeldError as held:
             self.release()
             raise NotOwnedError(
-                "{port} is already in use by {owner}",
+                "port {port} is in use by {owner}; end it or wait for it",
                 held.owner,
                 code="in_use",
                 port=port,
@@ -375,7 +375,7 @@ class PortOwnership:
         except OSError as problem:
             self.release()
             raise NotOwnedError(
-                "cannot lock {port}: {path}: {problem}; expected its owner to remove that",
+                "cannot lock port {port}: {path}: {problem}; ask the owner of that file to remove it",
                 None,
                 code="not_lockable",
                 port=port,
@@ -390,7 +390,7 @@ class PortOwnership:
 
 
 def port_owner(port: str) -> PortOwner | None:
-    """Return who owns a port, None if nobody does, or it is not there."""
+    """Return the owner of a port; None if it has none or does not exist."""
     try:
         names = identities(port)
     except TransportError:
@@ -399,5 +399,5 @@ def port_owner(port: str) -> PortOwner | None:
 
 
 def first_owner(ports: Iterable[str]) -> PortOwner | None:
-    """Return who owns one of these ports, None if nobody does."""
+    """Return the owner of the first port that has one, or None."""
     return next((owner for port in ports if (owner := port_owner(port)) is not None), None)

@@ -19,10 +19,10 @@ WRITE_TIMEOUT_S = 1.0
 class SerialTransport:
     """Transport over pyserial.
 
-    port is a device or a pyserial URL such as rfc2217://host:port. Raises TransportError, in one line that
-    names the port, if it is missing or not permitted; NotOwnedError if somebody else owns it. character: data bits,
-    parity, stop bits. Opening raises DTR, which resets many GRBL boards, or leaves it low. owned: False for a stop
-    alone, which goes out beside whoever owns the port.
+    port: device or pyserial URL such as rfc2217://host:port. character: data bits, parity, stop bits. Opening
+    raises DTR, which resets many GRBL boards, or keeps it low. owned: False for a stop, which is sent even if
+    another process owns the port. Raises TransportError if the port is missing or not permitted; NotOwnedError if
+    it is owned.
     """
 
     def __init__(
@@ -44,7 +44,11 @@ class SerialTransport:
             _open(port, self._serial)
             if self._ownership is not None and identities(device) != self._ownership.names:
                 self._serial.close()
-                raise TransportError("{port} became another device while it was opened", code="exchanged", port=port)
+                raise TransportError(
+                    "port {port} changed to another device while it was opened; connect again",
+                    code="exchanged",
+                    port=port,
+                )
         except BaseException:
             self._let_go()
             raise
@@ -54,7 +58,7 @@ class SerialTransport:
             self._serial.write(data)
         except (serial.SerialException, OSError) as problem:
             raise TransportError(
-                "cannot write to {port}: {problem}", code="not_written", port=self._port, problem=str(problem)
+                "cannot write to port {port}: {problem}", code="not_written", port=self._port, problem=str(problem)
             ) from problem
 
     def read(self, timeout_s: float) -> bytes:
@@ -65,7 +69,7 @@ class SerialTransport:
         except (serial.SerialException, OSError, TypeError) as problem:
             # pyserial fails with a TypeError when another thread closes the port under a read.
             raise TransportError(
-                "cannot read from {port}: {problem}", code="not_read", port=self._port, problem=str(problem)
+                "cannot read from port {port}: {problem}", code="not_read", port=self._port, problem=str(problem)
             ) from problem
 
     def close(self) -> None:
@@ -78,7 +82,7 @@ class SerialTransport:
 
 
 def _made(port: str, baud: int, character: str, *, dtr: bool, exclusive: bool) -> Any:
-    """What is not open yet: opening may reset the board, and is for the owner alone."""
+    """Create the serial object without opening it, since opening may reset the board."""
     try:
         wire = serial.serial_for_url(
             port,
@@ -107,13 +111,21 @@ def _open(port: str, wire: Any) -> None:
 def _not_opened(port: str, problem: Exception) -> TransportError:
     number = getattr(problem, "errno", None)
     if number == errno.ENOENT:
-        return TransportError("there is no port {port}", code="no_port", port=port)
+        return TransportError(
+            "port {port} does not exist; connect the device, or correct its port in the configuration",
+            code="no_port",
+            port=port,
+        )
     if number in (errno.EBUSY, errno.EAGAIN):
-        return TransportError("{port} is already in use by another program", code="in_use", port=port)
+        return TransportError(
+            "port {port} is in use by another program; end it or wait for it", code="in_use", port=port
+        )
     if number == errno.EACCES:
-        return TransportError("no permission to open {port}", code="no_permission", port=port)
+        return TransportError(
+            "no permission to open port {port}; give your account access to it", code="no_permission", port=port
+        )
     first = "".join(str(problem).splitlines()[:1])
-    return TransportError("cannot open {port}: {problem}", code="not_opened", port=port, problem=first)
+    return TransportError("cannot open port {port}: {problem}", code="not_opened", port=port, problem=first)
 
 
 __all__ = ["SCHEME", "TcpTransport"]
@@ -126,9 +138,9 @@ _CHUNK = 4096
 class TcpTransport:
     """Transport over one TCP connection to `tcp://HOST:PORT`, owned by one process of this machine at a time.
 
-    owned: False for a stop alone, which goes out beside whoever owns the port.
+    owned: False for a stop, which is sent even if another process owns the port.
 
-    Raises TransportError, in one line that names the port, if nobody answers; NotOwnedError if somebody else owns it.
+    Raises TransportError if nothing answers; NotOwnedError if the port is owned.
     """
 
     def __init__(self, port: str, *, name: str | None = None, owned: bool = True) -> None:
@@ -148,7 +160,7 @@ class TcpTransport:
             self._socket.sendall(data)
         except OSError as problem:
             raise TransportError(
-                "cannot write to {port}: {problem}", code="not_written", port=self._port, problem=_said(problem)
+                "cannot write to port {port}: {problem}", code="not_written", port=self._port, problem=_said(problem)
             ) from problem
 
     def read(self, timeout_s: float) -> bytes:
@@ -157,11 +169,11 @@ class TcpTransport:
             data = self._socket.recv(_CHUNK) if readable else None
         except (OSError, ValueError) as problem:
             raise TransportError(
-                "cannot read from {port}: {problem}", code="not_read", port=self._port, problem=_said(problem)
+                "cannot read from port {port}: {problem}", code="not_read", port=self._port, problem=_said(problem)
             ) from problem
         if data == b"":
             raise TransportError(
-                "cannot read from {port}: the other side closed the connection", code="hung_up", port=self._port
+                "cannot read from port {port}: the device closed the connection", code="hung_up", port=self._port
             )
         return data or b""
 
@@ -176,15 +188,15 @@ def _connect(port: str, addresses: tuple[Address, ...]) -> socket.socket:
         connection = _connected(addresses)
     except ConnectionRefusedError as problem:
         raise TransportError(
-            "cannot open {port}: {problem}, nothing listens there, expected a device that is on, "
-            "or `rig serve` that has said its ports",
+            "cannot open port {port}: {problem}; switch the device on, or start `rig serve` and wait until "
+            "it prints its ports",
             code="no_listener",
             port=port,
             problem=_said(problem),
         ) from problem
     except OSError as problem:
         raise TransportError(
-            "cannot open {port}: {problem}", code="not_opened", port=port, problem=_said(problem)
+            "cannot open port {port}: {problem}", code="not_opened", port=port, problem=_said(problem)
         ) from problem
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # a stop must not wait for more bytes
     connection.settimeout(WRITE_S)
@@ -192,7 +204,7 @@ def _connect(port: str, addresses: tuple[Address, ...]) -> socket.socket:
 
 
 def _connected(addresses: tuple[Address, ...]) -> socket.socket:
-    """To the first address that answers. Raises OSError, that of the last one."""
+    """Connect to the first address that answers. Raises the OSError of the last one."""
     *others, last = addresses
     for family, address in others:
         with suppress(OSError):
@@ -223,7 +235,7 @@ def open_port(
 ) -> Transport:
     """Open `tcp://HOST:PORT`, a serial device or a pyserial URL.
 
-    Raises TransportError; NotOwnedError where somebody has the port, unless owned is False, as for a stop alone.
+    Raises TransportError; NotOwnedError if another process owns the port, unless owned is False, as for a stop.
     """
     if port.startswith(SCHEME):
         return TcpTransport(port, name=name, owned=owned)
@@ -231,6 +243,10 @@ def open_port(
 
 
 def refuse_missing(port: str) -> None:
-    """Raises TransportError for a device that is not there; opens nothing, and asks nothing of a URL."""
+    """Raise TransportError if a device does not exist; URLs are not checked."""
     if os.name == "posix" and "://" not in port and not os.path.exists(port):
-        raise TransportError("there is no port {port}", code="no_port", port=port)
+        raise TransportError(
+            "port {port} does not exist; connect the device, or correct its port in the configuration",
+            code="no_port",
+            port=port,
+        )

@@ -1,4 +1,4 @@
-"""A gate on the wires of a stage: after a stop nothing goes out any more of what was under way."""
+"""Gate on the transports of a stage: after a stop, pending commands are blocked."""
 
 import threading
 from collections.abc import Iterator
@@ -7,15 +7,15 @@ from contextlib import contextmanager
 from rig.transport.wire import Transport, TransportError
 
 STUCK_S = 0.05
-"""A write that has not come back after so long does not hold up a stop."""
+"""Longest time that a stop waits for a pending write (s)."""
 
 
 class StopGate:
-    """Closed by a stop, which comes from another thread than what is being done.
+    """Gate that a stop closes from another thread.
 
-    Between its bytes and the moment when the other thread notices, that one may be about to send a move: a controller
-    that was reset at rest would carry it out. Whatever is sent or heard through a closed gate, but by who stops, is a
-    TransportError. It is opened again by whoever has come to the end of what was under way.
+    After the stop is sent, the working thread may still send a move before it notices, and a controller that was
+    reset at rest would carry it out. Through a closed gate, every other thread's read or write raises
+    TransportError. The working thread opens the gate again when it has ended its command.
     """
 
     def __init__(self) -> None:
@@ -24,12 +24,12 @@ class StopGate:
         self.closed = False
 
     def guarded(self, wire: Transport) -> Transport:
-        """The wire behind the gate."""
+        """Return the transport behind the gate."""
         return _Guarded(wire, self)
 
     @contextmanager
     def stopping(self) -> Iterator[None]:
-        """From here on the gate is closed; what is said inside, in this thread, passes."""
+        """Close the gate; this thread may still read and write inside the context."""
         held = self._lock.acquire(timeout=STUCK_S)
         self.closed = True
         self._stopping.append(threading.get_ident())
@@ -41,13 +41,13 @@ class StopGate:
             self._stopping.remove(threading.get_ident())
 
     def open(self) -> bool:
-        """Open it again, unless somebody is stopping now; whether it is open."""
+        """Open the gate unless a stop is in progress; return whether it is open."""
         with self._lock:
             self.closed = bool(self._stopping)
             return not self.closed
 
     def write(self, wire: Transport, data: bytes) -> None:
-        """Raises TransportError where it is closed."""
+        """Write through the gate. Raises TransportError if it is closed."""
         if threading.get_ident() in self._stopping:
             wire.write(data)
             return
@@ -56,13 +56,13 @@ class StopGate:
             wire.write(data)
 
     def refuse(self, wire: Transport) -> None:
-        """Raises TransportError where it is closed for this thread."""
+        """Raise TransportError if the gate is closed for this thread."""
         if self.closed and threading.get_ident() not in self._stopping:
             raise TransportError("{port}: stopped by the operator", code="stopped", port=wire.name)
 
 
 class _Guarded:
-    """A transport behind a gate."""
+    """Transport behind a gate."""
 
     def __init__(self, wire: Transport, gate: StopGate) -> None:
         self.name = wire.name
@@ -74,7 +74,7 @@ class _Guarded:
     def read(self, timeout_s: float) -> bytes:
         self._gate.refuse(self._wire)
         data = self._wire.read(timeout_s)
-        self._gate.refuse(self._wire)  # it is the answer to who stops
+        self._gate.refuse(self._wire)  # the answer belongs to the stopping thread
         return data
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""A wire as drivers see it: bytes, lines, where bytes are logged, and a loopback for virtual devices."""
+"""Transports of bytes for drivers: lines, where bytes are logged, and a loopback to virtual devices."""
 
 import json
 from collections import deque
@@ -9,7 +9,7 @@ from rig.errors import RigError
 
 
 class TransportError(RigError):
-    """The wire itself failed: no such port, port busy, unplugged, closed."""
+    """The transport failed: port missing, busy, unplugged or closed."""
 
     default_code = "wire_failed"
 
@@ -19,11 +19,11 @@ class Transport(Protocol):
 
     @property
     def name(self) -> str:
-        """The port as a person knows it."""
+        """Name of the port in messages."""
         ...
 
     def write(self, data: bytes) -> None:
-        """Send now, past anything that waits in read(). Raises TransportError."""
+        """Send at once, even while another thread waits in read(). Raises TransportError."""
         ...
 
     def read(self, timeout_s: float) -> bytes:
@@ -65,7 +65,7 @@ class LineReader:
         return self._lines.popleft() if self._lines else None
 
     def discard(self) -> None:
-        """Forget everything that has arrived, half lines included."""
+        """Discard everything that has arrived, partial lines included."""
         while self._transport.read(0.0):
             pass
         self._rest = b""
@@ -80,7 +80,7 @@ class LineReader:
         if len(self._rest) > LONGEST_LINE:
             self._rest = b""
             raise TransportError(
-                "{port}: {longest} bytes without an end of line",
+                "{port}: {longest} bytes without an end of line; check the baud rate",
                 code="line_too_long",
                 port=self._transport.name,
                 longest=LONGEST_LINE,
@@ -88,7 +88,7 @@ class LineReader:
 
 
 class Sink(Protocol):
-    """Where lines go."""
+    """Destination of lines."""
 
     def write(self, text: str, /) -> object:
         """Take one whole line."""
@@ -107,7 +107,7 @@ class LoggedTransport:
         self._rx = f', "port": {port}, "dir": "rx", "hex": "'
 
     def write(self, data: bytes) -> None:
-        # The bytes go first: a full disk must not stand before a stop.
+        # The bytes go first: a full disk must not delay a stop.
         t_s = self._clock.monotonic_s()
         self._inner.write(data)
         self._log(t_s, self._tx, data)
@@ -157,5 +157,5 @@ class LoopbackTransport:
 
     def _open_line(self) -> HostLine:
         if self._line is None:
-            raise TransportError("{port} is closed", code="closed", port=self.name)
+            raise TransportError("port {port} is closed", code="closed", port=self.name)
         return self._line

@@ -204,7 +204,12 @@ def runs(n: int = 3) -> list[dict[str, Any]]:
 def ended() -> dict[str, Any]:
     """A run that tripped; nobody has the ports."""
     scene = running("tripped")
-    scene["run"] |= {"now": None, "next": None, "left_s": None, "ending": "force 21.3 gwt above the soft trip"}
+    scene["run"] |= {
+        "now": None,
+        "next": None,
+        "left_s": None,
+        "ending": "force 21.3 gwt exceeds the soft trip",
+    }
     scene["newest"]["age_s"] = 12.0
     for device in scene["devices"].values():
         device["age_s"] = 12.0

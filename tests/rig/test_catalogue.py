@@ -223,7 +223,7 @@ def test_its_table_is_a_part_of_the_configuration(example: None, tmp_path: Path)
             "force.line_scale.address = 100: input should be",
         ),
         ('kind = "line_scale"\nlaumas.count_g = 0\n', "force.laumas.count_g = 0: input should be greater than 0"),
-        ("line_scale.address = 7\n", "force: line_scale: expected with kind = 'line_scale' only"),
+        ("line_scale.address = 7\n", "force: line_scale: allowed only with kind = 'line_scale'"),
     ],
 )
 def test_a_mistake_in_it_is_told_like_any_other(text: str, complaint: str, example: None, tmp_path: Path) -> None:
@@ -419,9 +419,12 @@ def test_doctor_tells_of_packages(
 @pytest.mark.parametrize(
     ("twin", "told"),
     [
-        ("", "this device has no virtual twin, expected another one here, such as force.kind = 'mtsics'"),
-        ("odd_twin:make", "its virtual twin odd_twin:make: ModuleNotFoundError: No module named 'odd_twin'"),
-        ("odd_there:make", "its virtual twin odd_there:make: AttributeError: "),
+        ("", "this device has no virtual twin; use one that has, such as force.kind = 'mtsics'"),
+        (
+            "odd_twin:make",
+            "its virtual twin odd_twin:make cannot be loaded: ModuleNotFoundError: No module named 'odd_twin'",
+        ),
+        ("odd_there:make", "its virtual twin odd_there:make cannot be loaded: AttributeError: "),
     ],
 )
 def test_a_device_without_a_twin_is_refused_in_one_line(offered: Offer, twin: str, told: str) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from rig.plan.config import ABSENT, UNITS, Config, keys, load_config, unit
+from rig.settings import LimitSettings
 from tests.config_keys import TABLE
 from tests.program import Ended, Program
 
@@ -20,6 +21,10 @@ expires = 2027-03-01
 [sync]
 output = "spindle"
 """
+
+
+def _described(limit: str) -> str:
+    return LimitSettings.model_fields[limit].description or ""
 
 
 def _whole() -> Config:
@@ -66,11 +71,7 @@ def test_the_reference_is_what_the_command_writes(program: Program) -> None:
 
 
 def test_one_key_or_one_table(program: Program) -> None:
-    of_a_key = (
-        "[limits]\n"
-        "# the deepest indentation; a step that is deeper is refused (mm, number > 0, ≤ 2)\n"
-        "max_doi_mm = 1.5\n"
-    )
+    of_a_key = f"[limits]\n# {_described('max_doi_mm')} (mm, number > 0, ≤ 2)\nmax_doi_mm = 1.5\n"
     for name in ("max_doi_mm", "limits.max_doi_mm"):
         assert program("config", name) == Ended(0, of_a_key, "")
     heads = re.findall(r"^\[(.*)\]$", program("config", "finger").out, flags=re.M)
@@ -85,7 +86,7 @@ def test_what_a_file_sets_stands_beside_the_default(program: Program, tmp_path: 
     (told,) = program(*words, "--json").json["keys"]
     assert told == {
         "key": "limits.max_doi_mm", "value": 1.0, "default": 1.5, "unit": "mm", "allowed": "number > 0, ≤ 2",
-        "what": "the deepest indentation; a step that is deeper is refused",
+        "what": _described("max_doi_mm"),
     }  # fmt: skip
 
 

@@ -15,7 +15,7 @@ from rig.data.run import read_run
 from rig.devices.base import StageError
 from rig.engine import Engine, RecordError, RunAborted, TripError, indent, verbs
 from rig.engine.bench_memory import BenchMemory
-from rig.engine.contact import KINDS, ContactKind, KnownContact, judged
+from rig.engine.contact import DOES_NOT_TOUCH, KINDS, MAY_TOUCH, ContactKind, KnownContact, judged
 from rig.engine.dead_man import Direction
 from rig.engine.sensing import Sensing
 from rig.manual.guard import Guard
@@ -31,8 +31,6 @@ from tests.raising import raises
 from tests.rig.test_last_left import run
 
 TOUCH_GWT = 0.05
-DENIES = "it does not touch the finger"
-ADMITS = "it may still touch the finger"
 FORCES: dict[ContactKind, float | None] = {
     "lifted": 0.02, "raised": None, "disagreement": 3.6, "touching": 5.0, "unknown": 0.01
 }  # fmt: skip
@@ -130,9 +128,9 @@ PLACES: dict[str, Callable[[Config, KnownContact, Path], str]] = {
     "rig status, rig jog": lambda settings, known, tmp_path: printed_contact(settings)["words"],
     "rig home": lambda settings, known, tmp_path: known.as_json()["words"],
     "rig doctor, and the page of run": lambda settings, known, tmp_path: str(
-        left_on_record(tmp_path, settings) or DENIES
+        left_on_record(tmp_path, settings) or DOES_NOT_TOUCH
     ),
-    "the page of resume": lambda settings, known, tmp_path: str(careful_of(None, settings) or DENIES),
+    "the page of resume": lambda settings, known, tmp_path: str(careful_of(None, settings) or DOES_NOT_TOUCH),
     "the panel": _panel,
 }
 
@@ -145,8 +143,8 @@ def test_every_place_says_what_is_known_and_no_more(
     known = _known(kind)
     _on_record(settings, known)
     said = PLACES[place](settings, known, tmp_path)
-    assert (DENIES in said) is (kind == "lifted")
-    assert (ADMITS in said) is (kind != "lifted")
+    assert (DOES_NOT_TOUCH in said) is (kind == "lifted")
+    assert (MAY_TOUCH in said) is (kind != "lifted")
     if kind in ("disagreement", "touching"):
         assert f"{FORCES[kind]:.2f} gwt" in said
     if kind == "raised":
@@ -226,7 +224,7 @@ def test_a_kill_is_remembered_through_a_run_that_never_moved_until_a_homing_that
         indent(bench.engine, TARGET, hold_s=0.5, expected_contact_mm=PREDICTED.contact_mm)
     zero = bench.engine.sensing.zero
     run(tmp_path / "runs", "2", {"left": "not moved", "may_touch": None})
-    assert ADMITS in str(left_on_record(tmp_path / "runs", settings))
+    assert MAY_TOUCH in str(left_on_record(tmp_path / "runs", settings))
     again = bench.engine = Engine(bench.config, bench, bench.journal, SOFT_TRIP_N)
     again.keep_contact, again.sensing.zero = BenchMemory(settings).touched, zero
     verbs.home(again)
@@ -269,7 +267,7 @@ def test_a_jog_down_is_on_record_before_it_moves_and_one_up_that_is_confirmed_cl
     assert kept == [], "sideways at clearance nothing is doubtful"
     hand.go(lambda: Direction("z", -1), 1.0)
     assert kept[0] == ("unknown", True)
-    assert ADMITS in str(left_on_record(Path("none"), settings))
+    assert MAY_TOUCH in str(left_on_record(Path("none"), settings))
     hand.go(lambda: Direction("z", 1), 5.0, 4.0)
     assert kept[-1][0] == "lifted"
     assert left_on_record(Path("none"), settings) is None

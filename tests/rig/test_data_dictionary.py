@@ -64,7 +64,7 @@ def test_every_table_there_is_is_told() -> None:
     }
     assert all(about_table(stream) for stream in STREAMS)
     assert about_table("precondition_touch_superseded") == (
-        f"{about_table('touch')} (of preconditioning presses, which are no data)"
+        f"{about_table('touch')} (of preconditioning presses, which are not data)"
     )
     assert (
         meaning("reference_hold_end", "force_gwt")
@@ -196,10 +196,10 @@ def test_nwb_has_the_devices(tmp_path: Path) -> None:
         indentors = {f"indentor {n}": f"rigid shape {shape}" for n, shape in enumerate(shapes, 1)}
         assert told == {
             "stage": told["stage"],
-            "force": f"feels what presses on the finger: virtual mtsics; says of itself: {sensor}",
+            "force": f"measures the force on the finger: virtual mtsics; identification: {sensor}",
             **indentors,
         }
-        assert told["stage"].startswith("moves the indentor: virtual grbl; says of itself: [VER:")
+        assert told["stage"].startswith("moves the indentor: virtual grbl; identification: [VER:")
 
 
 # --- the documented lines ---

@@ -236,8 +236,9 @@ def test_a_finger_out_of_reach_trips(finger: Fingertip, tmp_path: Path) -> None:
     run = read_run(done.folder.path)
     assert run.stop is not None
     assert run.stop["status"] == "tripped"
-    assert "is the sensor alive" in run.stop["reason"]
-    assert "is the sensor alive" in write_report(run, finger).read_text(encoding="utf-8")
+    assert done.problem.code == "no_contact"
+    assert run.stop["reason"] == str(done.problem)
+    assert "no contact at x = " in write_report(run, finger).read_text(encoding="utf-8")
 
 
 # --- many holds, and an operator ---

@@ -16,6 +16,7 @@ import pytest
 import rig.session.session as sessions
 from rig.data.journal import Journal, read_journal
 from rig.devices.base import ForceReading
+from rig.engine.contact import DOES_NOT_TOUCH, FREE_THE_FINGER, MAY_TOUCH, KnownContact
 from sim.models.fingertip import Fingertip
 from tests.program import Ended, Program
 from tests.waiting import DEADLINE_S, journal_says, until
@@ -80,22 +81,23 @@ class End:
     again: bool = True  # taken up, it comes to its end
 
 
-FREE, WELL = "free the finger before anything else", "see that the finger is well"
-LOOK = "look at the finger: if it is touched, free it by hand"  # the sensor goes on reading 10 N
+FREE, WELL = FREE_THE_FINGER, "check that the finger is well"
+LOOK = KnownContact("disagreement").to_do or ""  # the sensor goes on reading 10 N
 ENDS = {
-    "a trip that lifts": End(1, "above the hard trip", "raised", True, LOOK, _trip),
-    "a trip that parks": End(1, "above the hard trip", "raised", True, LOOK, _trip, {"on_trip": "park"}),
-    "a trip that stops": End(1, "above the hard trip", "held", True, FREE, _trip, {"on_trip": "stop"}, again=False),
+    "a trip that lifts": End(1, "exceeds the hard trip", "raised", True, LOOK, _trip),
+    "a trip that parks": End(1, "exceeds the hard trip", "raised", True, LOOK, _trip, {"on_trip": "park"}),
+    "a trip that stops": End(1, "exceeds the hard trip", "held", True, FREE, _trip, {"on_trip": "stop"}, again=False),
     "the stage fails": End(
-        1, "stage is closed", "held", True, f"{FREE}, by hand or by the controller's own jog",
+        1, "stage is closed", "held", True, FREE,
         lambda bench, patch: bench.stage._transport.close(),
     ),
     "the sensor fails": End(
-        1, "no force reading: force is closed", "raised", True, "look before you touch anything",
+        1, "no force reading: port force is closed", "raised", True, KnownContact("raised").to_do or "",
         lambda bench, patch: bench.force._transport.close(),
     ),
     "the journal cannot be written": End(
-        1, "events.jsonl: cannot be written: No space left on device, ", "lifted", False, "free space, then resume",
+        1, "events.jsonl: cannot be written: No space left on device, ", "lifted", False,
+        "free disk space, then resume",
         lambda bench, patch: [patch.setattr(f"os.{call}", _full) for call in ("write", "fsync")],
     ),
     "Ctrl-C": End(130, "stopped by the operator at a safe point", "lifted", False, WELL, _signal("SIGINT")),
@@ -103,11 +105,11 @@ ENDS = {
     "SIGHUP": End(130, "stopped by the operator at a safe point", "lifted", False, WELL, _hang_up),
     "rig stop, or Ctrl-C twice": End(130, "stopped at once by the operator", "held", True, FREE, _signal("SIGUSR1")),
     "a limit": End(
-        1, "the finger has been touched for", "lifted", False, "change the script or the limit",
+        1, "the finger has been touched for", "lifted", False, "change the protocol or the limit",
         limits={"max_contact_s": 2.5}, again=False,
     ),
     "the script fails": End(
-        1, "ZeroDivisionError", "lifted", False, "correct the script and begin a new run", fails=True, again=False
+        1, "ZeroDivisionError", "lifted", False, "correct the protocol, then start a new run", fails=True, again=False
     ),
 }  # fmt: skip
 
@@ -197,7 +199,7 @@ def test_every_end_says_where_the_indentor_is_and_how_to_go_on(
         assert lines["next"].startswith(end.next)
         assert lines["resume"] == resume
     assert words.startswith(f"{end.left}, at x = -0.50 mm, ")
-    assert ("it may still touch the finger" if end.may_touch else "it does not touch the finger") in words
+    assert (MAY_TOUCH if end.may_touch else DOES_NOT_TOUCH) in words
     if (folder / "report.html").exists():
         report = (folder / "report.html").read_text(encoding="utf-8")
         assert words in report
@@ -243,9 +245,9 @@ def test_the_next_command_says_that_a_program_was_killed(
     (folder,) = (tmp_path / "runs").iterdir()
     again = rig("resume", str(folder))
     assert again.code == 0
-    assert "the run ended without its end" in again.err
+    assert "the run has no end record" in again.err
     assert "last known" in again.err
-    touches = "it may still touch the finger" in again.err
+    touches = MAY_TOUCH in again.err
     assert touches is (needle == '"press"')
 
 

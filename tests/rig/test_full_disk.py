@@ -157,7 +157,7 @@ def test_a_run_is_whole_again_when_there_is_room(
     assert disk.struck
     line = _line(ended)
     assert f"/{name}: cannot be written: No space left on device, " in line
-    assert re.search(r"\s\d+ MB free: free space, then ", line)
+    assert re.search(r"\s\d+ MB free[:;] free (disk )?space, then ", line)
     _no_half_file(tmp_path / "runs")
     folders = list((tmp_path / "runs").iterdir())
     if (name, nth) == ("events.jsonl", 1):  # nothing was journalled, nothing has moved
@@ -169,7 +169,7 @@ def test_a_run_is_whole_again_when_there_is_room(
     assert (said["run"], said["complete"]) == (str(folder.relative_to(tmp_path)), name not in WHILE_IT_RUNS)
     # the bytes end while it homes, before there is a zero that could confirm it
     assert said["ending"]["indentor"]["left"] == ("raised" if name == "bytes.jsonl" else "lifted")
-    resume = line.partition("free space, then ")[2]
+    resume = line.partition("then resume with ")[2]
     assert said["ending"]["resume"] == resume == f"rig resume {folder}"
     again = rig(*shlex.split(resume)[1:])
     assert again.code == 0, again.err

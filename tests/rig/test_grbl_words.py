@@ -18,7 +18,7 @@ ALARMS = {
     6: "homing: reset", 7: "homing: door", 8: "homing: pull-off", 9: "homing: switch", 10: "manual", 14: "manual",
 }  # fmt: skip
 ERRORS = {
-    1: "no letter", 2: "bad number", 3: r"unknown \$ command", 4: "negative value", 5: "homing is switched off",
+    1: "letter", 2: "bad number", 3: r"unknown \$ command", 4: "negative value", 5: "homing is switched off",
     6: "manual", 7: "manual", 8: "busy", 9: "locked", 10: "soft limits need homing", 11: "line too long",
     12: "manual", 14: "manual", 15: "jog target", 16: "not allowed in a jog", 17: "manual", 20: "unsupported",
     21: "manual", 22: "no feed rate", 23: "manual", 53: "unknown setting", 54: "manual",

@@ -169,8 +169,9 @@ def test_a_grblhal_that_hides_its_overrides_or_its_work_zero_is_refused(scripted
 def test_a_jog_that_was_cut_short_at_the_controller_does_not_end_well(bench: Bench, at_s: float) -> None:
     """A feed hold in a jog cancels what was told so far: the way is shorter by that, a caliper misled."""
     bench.later(at_s, b"!")
-    with pytest.raises(StageError, match=r"stopped at the controller, 0\.\d+ mm short of what it was told"):
+    with raises(StageError, "jog_cut_short") as caught:
         _jog(bench, 2.0)
+    assert 0 < caught.value.fields["short_mm"] < 1
     at_mm = bench.x_mm()
     bench.clock.wait_s(3.0)
     assert bench.x_mm() == at_mm > -3.0
@@ -207,8 +208,9 @@ def test_a_held_key_does_not_go_on_after_a_feed_hold(bench: Bench, speed_mm_s: f
     bench.later(after_s, b"!")
     at_mm: list[float] = []
     bench.clock.call_at(bench.clock.monotonic_s() + after_s, lambda: at_mm.append(bench.x_mm()))
-    with pytest.raises(StageError, match=r"stopped (it )?at the controller"):
+    with pytest.raises(StageError) as caught:
         _key(bench, speed_mm_s)
+    assert caught.value.code in ("jog_stood_still", "jog_cut_short", "jog_stopped")
     assert at_mm[0] - bench.x_mm() < 2 * speed_mm_s * SLICE_S + 0.05
     rest_mm = bench.x_mm()
     bench.clock.wait_s(2.0)

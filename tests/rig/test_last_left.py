@@ -13,7 +13,7 @@ from rig.session.resume import last_left
 HERE = Config.model_validate({"stage": {"port": "here"}})
 HELD = {"left": "held", "may_touch": True, "x_mm": 0.5, "height_mm": -0.4, "trusted": True}
 LIFTED = {**HELD, "left": "lifted", "may_touch": False, "height_mm": 2.0}
-KILLED = "the run ended without its end"
+KILLED = "the run has no end record"
 
 
 def run(runs: Path, name: str, at: dict[str, Any] | None, *, ports: str = "here", virtual: bool = False) -> Path:

@@ -299,7 +299,7 @@ def test_a_path_that_the_drive_has_otherwise_is_not_started(homed: Make, word: i
     ("word", "meaning"),
     [
         ("00 E0", "over-current"), ("00 C0", "over-voltage"), ("00 A1", "current sensing"), ("01 52", "motor phase"),
-        ("02 40", "EEPROM"), ("00 99", "see the manual"),
+        ("02 40", "EEPROM"), ("00 99", "99 hex"),
     ],
 )  # fmt: skip
 def test_an_alarm_in_a_move_has_its_name_and_is_not_cleared(homed: Make, word: str, meaning: str) -> None:

@@ -52,7 +52,7 @@ BESIDE = [
     (["7", "--beside", "nowhere.toml"], "nowhere.toml: No such file or directory"),
     (["7", "--beside", "."], "Is a directory"),
     (["7", "--beside", "not.toml"], "not.toml: not valid TOML"),
-    (["7", "--beside", "not_met.toml"], "not_met.toml: no [met] table, expected a file that `rig meet` wrote"),
+    (["7", "--beside", "not_met.toml"], "not_met.toml: no [met] table"),
     (["7", "--beside", "nan.toml"], "nan.toml"),
 ]
 
@@ -108,7 +108,7 @@ def listener() -> Iterator[int]:
 
 def test_of_a_port_that_is_taken(program: Program, listener: int) -> None:
     said = _one_line(program, "serve", "--random-finger", "7", "--tcp", str(listener))
-    assert f"TCP port {listener}: address already in use, expected another number for --tcp" in said
+    assert f"TCP port {listener}: address already in use" in said
 
 
 def test_of_a_server_that_is_not_there(program: Program, listener: int, tmp_path: Path) -> None:
@@ -121,7 +121,7 @@ def test_of_a_server_that_is_not_there(program: Program, listener: int, tmp_path
     ended = program("meet", "--config", "rig.toml", "--shapes", "bar:3.0", "--yes")
     assert ended.code == 1
     assert "not moved" in ended.err
-    assert f"cannot open tcp://127.0.0.1:{nobody}: connection refused, nothing listens there" in ended.err
+    assert f"port tcp://127.0.0.1:{nobody}: connection refused" in ended.err
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere")

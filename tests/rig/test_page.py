@@ -16,7 +16,9 @@ import rig.cli.script_execution as run_owner
 import rig.session.session as sessions
 from rig.bench.virtual import VirtualBench, virtual_bench
 from rig.control.stop import StageInHand
+from rig.engine.contact import MAY_TOUCH
 from rig.errors import code_of
+from rig.session.early_ending import FinalPosition
 from rig.transport import TransportError
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
@@ -88,7 +90,9 @@ def test_the_page_says_what_will_be_done(rig: Run, opened: list[Any], finger: Fi
     assert page["protocol"] == "Two presses (mine.py)"
     assert page["subject"] == "S07"
     assert page["steps"] == "2 indentations, 1 preconditioning presses"
-    assert re.fullmatch(r"about \d+ s, with \d+ s of them \(rehearsed on springs in \d+\.\d s\)", page["duration"])
+    assert re.fullmatch(
+        r"about \d+ s, of which \d+ s in contact \(rehearsed on a spring model in \d+\.\d s\)", page["duration"]
+    )
     said_s = float(page["duration"].split()[1])
     assert said_s == pytest.approx(json.loads(ended.out)["duration_s"], rel=0.05)
     peak = max(finger.indent("bar:3.0", x, doi_mm=0.2).force_gwt for x in (-0.5, 0.5))
@@ -98,8 +102,8 @@ def test_the_page_says_what_will_be_done(rig: Run, opened: list[Any], finger: Fi
     assert (soft, hard) == (pytest.approx(2 * peak, rel=1e-3), pytest.approx(5.0 / GWT_N, rel=1e-3))
     assert left_said == pytest.approx(soft - peak_said, rel=1e-3)
     assert [float(text) for text in re.findall(r"([\d.]+) N", page["trips"])][1] == 5.0
-    assert page["first"].startswith("you mount bar:3.0; homing, the indentor up to its switch before anything")
-    assert "then to x = -0.5 mm and down to 2 mm above the finger" in page["first"]
+    assert page["first"].startswith("you mount bar:3.0; homing lifts the indentor")
+    assert "x = -0.5 mm and down to 2 mm above the finger" in page["first"]
     assert "emergency stop" in page["safety"]
     assert len(opened) == 1
 
@@ -185,14 +189,14 @@ def test_every_next_command_knows_of_a_kill(rig: Run, opened: list[Any], tmp_pat
     again = rig(*RUN, typed="n\n")
     resumed = rig("resume", str(run), typed="\n")
     for words in (doctor, _page(again)["careful"], _page(resumed)["careful"]):
-        assert words.startswith("the run ended without its end")
+        assert words.startswith("the run has no end record")
         assert re.search(
             r"held, at x = 0.50 mm, \d\.\d\d mm below the nominal apex \(last known and not trusted\)", words
         )
-        assert "it may still touch the finger" in words
+        assert MAY_TOUCH in words
         assert line in words
     assert resumed.code == 0, resumed.err
-    assert _page(resumed)["steps"] == "1 indentations, 1 preconditioning presses: what is missing of 2 indentations"
+    assert _page(resumed)["steps"] == "1 indentations, 1 preconditioning presses, the rest of 2 planned indentations"
     assert resumed.err.count("press Enter") == 1
     assert "careful" not in _page(rig(*RUN, typed="n\n"))
     assert "clear of the finger" in rig("doctor", "--config", "rig.toml").out
@@ -236,7 +240,7 @@ def _as_it_is(folder: Path, patch: pytest.MonkeyPatch) -> None:
     """What is typed refuses it."""
 
 
-PUT_RIGHT, SAME = "put right what is named, then the same again", "the same again"
+PUT_RIGHT, SAME = "correct the problem, then repeat the command", "repeat the command"
 REFUSED: dict[str, tuple[Callable[[Path, pytest.MonkeyPatch], None], str | None, int, str]] = {
     "no port": (_no_port, "\n", 1, PUT_RIGHT),
     "stage and force on one port": (_same_port, "\n", 2, PUT_RIGHT),
@@ -260,7 +264,7 @@ def test_what_ends_before_it_begins_says_that_nothing_was_moved(
         ended = rig(*RUN, *(["--json"] if as_json else []), typed=typed)
     assert ended.code == code, ended.err
     (line,) = [line for line in ended.err.splitlines() if line.startswith("rig: ")]
-    words = "not moved: nothing was told to move, it is where it was before"
+    words = FinalPosition("not moved").words
     if not as_json:
         assert ended.err.splitlines()[-2:] == [f"where   {words}", line]
         assert ended.out == ""

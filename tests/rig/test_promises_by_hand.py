@@ -12,6 +12,8 @@ import pytest
 
 from rig.devices.base import ForceReading, StageOverridden
 from rig.engine.sensing import ForceZero
+from rig.manual.server import LAPSED
+from rig.manual.status import IN_STEPS
 from rig.units import GWT_N
 from tests.rig.hand_bench import APEX_MM, KINDS, STOPS, HandBench, Person
 
@@ -78,7 +80,8 @@ def down_it_ends_at_the_first_touch_and_a_new_press_goes_on_to_nine_tenths_of_th
         yield from bench.hold("z", -1, 20.0)
         assert bench("status")["ended_by"].startswith("touched")
         assert bench.worst_gwt <= 6.0 * ((TOUCH_GWT / 6.0) ** (2 / 3) + INCREMENT_MM + 0.003) ** 1.5
-        assert bench.refused == ["that motion is over: press anew"], "the same press never goes on"
+        (refused,) = bench.refused
+        assert refused.startswith("that motion has ended"), "the same press never goes on"
         for _ in range(3):
             yield from bench.hold("z", -1, 20.0)
             assert "the next step down would pass the soft trip" in bench("status")["ended_by"]
@@ -91,7 +94,7 @@ def down_it_ends_at_the_first_touch_and_a_new_press_goes_on_to_nine_tenths_of_th
 def above_a_trip_it_goes_back_up_the_way_it_came(make: Make) -> None:
     bench = make(above_mm=0.52, k_gwt=6000.0, soft_trip_n=0.1)
     said = ended(bench, bench.hold("z", -1, 20.0))
-    assert re.search(r"above the soft trip 10\.20 gwt.*; lifted by 0\.\d\d mm$", said)
+    assert re.search(r"exceeds the soft trip of 10\.20 gwt.*; lifted by 0\.\d\d mm$", said)
     assert bench.height_mm == pytest.approx(0.52, abs=0.004)
 
 
@@ -137,7 +140,7 @@ def above_a_trip_only_up_is_free(make: Make) -> None:
     def person() -> Person:
         for axis, sign in (("x", 1), ("z", -1)):
             yield from bench.hold(axis, sign, 0.4)
-            assert "above the soft trip 2.04 gwt; nothing was moved: up first" in bench("status")["ended_by"]
+            assert "exceeds the soft trip of 2.04 gwt; nothing was moved" in bench("status")["ended_by"]
         yield from bench.hold("z", 1, 1.5)  # in slices that begin at rest: the finger may be touched
 
     assert ended(bench, person()) == "None"
@@ -149,7 +152,7 @@ def up_it_is_stopped_by_a_force_that_grows_beyond_a_trip(make: Make) -> None:
     bench = make(soft_trip_n=0.02)
     from_s = bench.clock.monotonic_s() + 2.0
     bench.spring.true_gwt = lambda t_s: 30.0 + t_s if t_s > from_s else 0.0  # type: ignore[method-assign]
-    assert "above the soft trip" in ended(bench, bench.hold("z", 1, 20.0))
+    assert "exceeds the soft trip" in ended(bench, bench.hold("z", 1, 20.0))
     assert bench.height_mm < 3.0 + 2.0 * 3.2
 
 
@@ -206,7 +209,7 @@ def a_stage_that_is_not_where_it_was_left_has_no_known_height(make: Make) -> Non
     bench = make(known=False, zero=ZERO)
     state = bench.run(bench.hold("z", -1, 0.3, 5.0))
     assert (state["homed"], state["height_mm"]) == (False, None)
-    assert state["next"].startswith("home: where it is not homed heights are not known")
+    assert state["next"] == IN_STEPS
     assert 3.0 - 3 * INCREMENT_MM - 0.003 <= bench.height_mm < 3.0
 
 
@@ -267,7 +270,7 @@ def it_ends_within_two_slices_and_a_hold_of_the_last_one(make: Make) -> None:
             yield from bench.done()
 
         said = ended(bench, person())
-        assert said == "nothing was heard of the button for 0.25 s: press anew"
+        assert said == LAPSED
         assert 0 < bench.x_mm - last[0] <= speed_mm_s * (0.25 + 2 * 0.1) + 1 / 400
 
 
@@ -287,9 +290,9 @@ def homing_reads_the_force_all_the_way_and_a_trip_ends_it(make: Make) -> None:
         bench.spring.offset_gwt = 60.0
         yield from bench.done()
         state = bench("status")
-        assert "above the soft trip" in state["ended_by"]
+        assert "exceeds the soft trip" in state["ended_by"]
         assert (state["homed"], state["stopped"]) == (False, False)
-        assert state["next"].startswith("home")
+        assert state["next"] == IN_STEPS
 
     bench.run(person())
     at_mm = bench.height_mm
@@ -324,10 +327,10 @@ def zero_is_refused_where_something_seems_touched_and_taken_anyway(make: Make) -
 
     def person() -> Person:
         yield from bench.do("zero")
-        assert bench("status")["ended_by"].startswith("2.00 gwt against the last zero on record, of 20")
+        assert bench("status")["ended_by"].startswith("the sensor reads 2.00 gwt from the last recorded zero (20")
         assert bench.memory.read().zero == ZERO
         yield from bench.do("zero", anyway="yes")
-        assert "is something touched?" in bench("status")["ended_by"], "anyway is true or nothing"
+        assert "so nothing was zeroed" in bench("status")["ended_by"], "anyway is true or nothing"
         yield from bench.do("zero", anyway=True)
         assert bench("status")["ended_by"] is None
         assert bench("status")["force_gwt"] == pytest.approx(0.0, abs=0.011)
@@ -410,7 +413,7 @@ def test_a_stop_goes_out_at_once_in_every_state_and_nothing_after_it(kind: str, 
         yield 1.0
         found = bench("status")
         assert (found["stopped"], found["homed"], found["busy"]) == (True, False, None)
-        assert found["next"].startswith("home first: nothing else moves until then")
+        assert found["next"].startswith("home first; nothing else moves until then")
         at_mm.append((bench.x_mm, bench.height_mm))
         for more in (bench.hold("z", 1, 0.3), bench.do("zero")):
             yield from more

@@ -22,7 +22,8 @@ from rig.data.folder import RunFolder
 from rig.data.index import INDEX, IndexEntry, listed
 from rig.data.journal import JournalError, mend_journal, read_journal
 from rig.data.run import read_run
-from rig.data.tables import HOLD_COLUMNS, RUN_COLUMNS, Row, Summary, summarised
+from rig.data.tables import ENDED_EARLY, HOLD_COLUMNS, RUN_COLUMNS, Row, Summary, summarised
+from rig.engine.contact import MAY_TOUCH
 from tests.program import Program
 from tests.raising import raises
 from tests.waiting import DEADLINE_S
@@ -204,7 +205,7 @@ def test_what_else_lies_there(runs: Path) -> None:
     os.mkfifo(runs / ".hidden" / "events.jsonl")
     told = {entry.summary.name: entry.summary.problem for entry in listed(runs) if entry.summary.problem}
     assert told == {
-        ".20260101T000000-a-b.part": "half made: its program is at it, or was killed",
+        ".20260101T000000-a-b.part": "incomplete folder: its program is still running or was killed",
         "odd": "events.jsonl: not a file",
     }
 
@@ -578,7 +579,7 @@ def test_one_run_in_lines(program: Program, runs: Path) -> None:
 
 def test_a_run_that_was_killed_says_where_it_left_the_indentor(program: Program, runs: Path) -> None:
     ended = program("show", runs / "stopped")
-    assert "because     the run ended without its end: its program was killed, or the power failed\n" in ended.out
+    assert "because     the run has no end record: its program was killed or the power failed\n" in ended.out
     assert (
         "where       held, at x = 0.50 mm, 0.13 mm below the nominal apex (last known and not trusted)" in ended.out
     )
@@ -592,7 +593,7 @@ def test_a_script_that_did_less_than_was_planned(program: Program, runs: Path) -
     stopped(runs / "stopped", "done", "")
     told = program("show", runs / "stopped", "--json").json
     assert (told["state"], told["done"]) == ("incomplete", 5)
-    assert told["ending"] == {"reason": "the script did less than planned", "words": None}
+    assert told["ending"] == {"reason": ENDED_EARLY, "words": None}
     assert "subject     S07\n" in program("show", runs / "stopped").out
     at = {"left": "lifted", "x_mm": 0.5, "height_mm": 2.0, "trusted": True, "may_touch": False}
     with (runs / "stopped" / "events.jsonl").open("a", encoding="utf-8") as file:
@@ -602,7 +603,7 @@ def test_a_script_that_did_less_than_was_planned(program: Program, runs: Path) -
     assert program("show", runs / "stopped", "--json").json["ending"] == {
         "reason": "x",
         "words": "lifted, at x = 0.50 mm, 2.00 mm above the nominal apex (trusted); "
-        "by position alone, not confirmed by force: it may still touch the finger",  # of before it was measured
+        f"by position only, not confirmed by force; {MAY_TOUCH}",  # of before it was measured
     }
 
 

@@ -156,7 +156,7 @@ def test_of_two_wires_one_that_cannot_be_opened_keeps_nothing_from_the_other(tmp
         found = send_stop(settings, find=list)
     assert found.sent
     assert not found.done, "half of a stage is no stage"
-    assert "there is no port /dev/ttyNOWHERE7" in found.words
+    assert "/dev/ttyNOWHERE7" in found.words
     assert board.all != b""
 
 
@@ -219,16 +219,16 @@ def test_a_file_of_defaults_is_the_default_stage(tmp_path: Path) -> None:
     ("found", "words", "done"),
     [
         (SentStop(("a",), sent=True, state="Alarm"), "Stop sent to a: the stage reports Alarm.", True),
-        (SentStop(("a", "b"), confirmed_by=7), "Stop sent to a and b by process 7, which has it.", True),
-        (
-            SentStop(("a",), sent=True, problems=["it is slow"]),
-            "Stop sent to a, not confirmed: it is slow: use the emergency stop.", False,
-        ),
-        (SentStop(("a",), problems=["gone", "gone"]), "Stop NOT sent to a: gone: use the emergency stop.", False),
+        (SentStop(("a", "b"), confirmed_by=7), "Stop sent to a and b by process 7", True),
+        (SentStop(("a",), sent=True, problems=["it is slow"]), "Stop sent to a but not confirmed", False),
+        (SentStop(("a",), problems=["gone", "gone"]), "Stop NOT sent to a", False),
     ],
 )  # fmt: skip
 def test_the_words_begin_with_what_is_known(found: SentStop, words: str, done: bool) -> None:
-    assert (found.words, found.done) == (words, done)
+    assert found.words.startswith(words)
+    assert found.done is done
+    assert ("emergency stop" in found.words) is not done
+    assert all(found.words.count(problem) == 1 for problem in found.problems)
 
 
 def _file(folder: Path, text: str) -> Path:

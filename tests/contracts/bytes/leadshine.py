@@ -87,7 +87,7 @@ RTU = StageBytes(
     name="leadshine_rtu",
     kind="leadshine",
     source="CS2RS and iEM-RS user manuals; Modbus application protocol V1.1b3",
-    identity="x: Leadshine drive 1, 400 pulses a turn; z: Leadshine drive 2, 400 pulses a turn",
+    identity="x: Leadshine drive 1, 400 pulses per turn; z: Leadshine drive 2, 400 pulses per turn",
     usual={
         **usual(X, "FF FF A2 40", "x is set"),  # −60 mm
         **usual(Z, "FF FF C1 80", "z is set"),  # −40 mm

@@ -110,7 +110,7 @@ def test_a_finger_that_is_another_by_now_is_an_alarm_and_is_learned(
     run = _run(out)
     alarms = [event["reason"] for event in run.stream("alarm")]
     assert len(alarms) == 2
-    assert all("the finger that was met should be at" in reason for reason in alarms)
+    assert all("identified finger" in reason for reason in alarms)
     after = read_finger_file(run.folder.path / "finger_after.toml")
     promised = {(one["purpose"], one["index"]): one for one in run.start["promised"]}
     again = program("check", script, "--finger", run.folder.path / "finger_after.toml", "--json").json

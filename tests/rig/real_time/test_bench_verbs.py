@@ -107,7 +107,7 @@ def test_doctor_looks_at_the_devices_of_a_configuration(
     )
     found = rig("doctor", "--config", config, "--json").json
     assert found["stage"]["state"] == "Alarm"
-    assert "$130=70 (it has 60)" in found["stage"]["problem"]
+    assert "$130=70 (found 60)" in found["stage"]["problem"]
     assert found["stage"]["code"]
     assert found["force"]["identity"] == "MT-SICS balance 0123456789"
     assert found["calibrated"] == {"force_scale": "1.02, expired 2020-01-01"}

@@ -12,6 +12,7 @@ import pytest
 from rig.bench.served import ServedBench
 from rig.clock import WallClock
 from rig.data import read_run
+from rig.session.early_ending import FinalPosition
 from sim.models.fingertip import Fingertip
 from tests.program import EMPTY_FIGURES
 from tests.waiting import DEADLINE_S, journal_says, until
@@ -20,7 +21,7 @@ pytest.importorskip("pty", reason="needs pseudo-terminals")
 pytestmark = pytest.mark.usefixtures("empty_figures")
 
 Rig = Callable[..., Any]
-NOT_MOVED = "where   not moved: nothing was told to move, it is where it was before\n"
+NOT_MOVED = f"where   {FinalPosition('not moved').words}\n"
 Apart = tuple[str, str, Path]
 
 
