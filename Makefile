@@ -54,6 +54,8 @@ test: check
 	rest=$$?; \
 	$(BIN)/pytest -m "real_time and not study" -n $(REAL_TIME_WORKERS) --dist loadfile --no-loadscope-reorder --durations=20 && exit $$rest
 
+MEASURE_STUDIES = $(BIN)/pytest -m study -n 3 --dist loadfile --no-loadscope-reorder --durations=20
+
 test-studies: .venv/.ready-dev
 	$(MEASURE_STUDIES)
 
