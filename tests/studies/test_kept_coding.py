@@ -10,6 +10,7 @@ import pytest
 from studies.coding import decoding_part, pages
 from studies.coding.bands.drawn_presses import NEAR
 from studies.coding.profiles_read_back import SCENES, SNRS_DB
+from studies.registry import expanded
 
 ROOT = Path(__file__).parents[2]
 KEPT = ROOT / "studies" / "coding" / "kept"
@@ -24,7 +25,7 @@ def kept() -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def docs() -> str:
-    return _plain((ROOT / "docs" / "validation" / "coding.md").read_text(encoding="utf-8"))
+    return _plain(expanded((ROOT / "docs" / "validation" / "coding.md").read_text(encoding="utf-8")))
 
 
 def _plain(text: str) -> str:

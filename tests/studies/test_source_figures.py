@@ -19,6 +19,7 @@ from sim.models.fingertip import Fingertip
 from sim.models.result import median_of_four
 from studies.coding import chapter_6
 from studies.coding.decoding_part import converged_errors, noisy
+from studies.registry import expanded
 from studies.source import bench_pages, pages, pressure_fits
 from studies.source.matrix import HEADER, matrix
 from studies.source.matrix_page import MatrixPage, as_docs
@@ -501,7 +502,7 @@ def test_an_unknown_number_is_refused(capsys: pytest.CaptureFixture[str]) -> Non
 @pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry.key)
 def test_the_docs_have_every_entry(entry: Entry) -> None:
     """Number, what it shows and the claims with the source's words are those of the list."""
-    text = (ROOT / "docs" / "validation" / "source.md").read_text(encoding="utf-8")
+    text = expanded((ROOT / "docs" / "validation" / "source.md").read_text(encoding="utf-8"))
     assert f"| {entry.number} | {entry.shows} |" in text
     for claim in entry.claims:
         assert f"| {typeset(claim.says)} | {claim.source} | " in text
