@@ -1,28 +1,38 @@
-"""Chapter 6 among the source's figures and tables: its numbers beside ours; everything else is on coding.html."""
+"""Chapter 6 among the source's figures and tables; docs/validation/coding.md has the rest."""
 
-from functools import partial
+from functools import cache, partial
 
 import numpy as np
 from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
-from rig.report.coding_figures import DrawnImpulse, impulse_figure, search_figure
+from rig.report.coding_figures import DrawnImpulse, ErrorSurface, extents, impulse_figure, search_figure
 from rig.report.page import PageFigure
 from rig.report.style import BLUE, GREY, ORANGE, Plot
 from sim.coding.all_sites import DRAWN, AllSites, Sampled, Where, kept_sites
-from sim.coding.operators import ImpulseResponses, impulse_responses, shift_errors
+from sim.coding.operators import ForwardOperator, ImpulseResponses, impulse_responses, shift_errors
 from sim.coding.point_spread import mean_over
+from sim.coding.search import Decoded, decoding_errors, error_surface
 from sim.coding.section import AXES, HALF_LENGTH, Axes, SampledSection, Sampling, sampled_section
-from studies.coding.decoding_part import DRAWS, GRID_STEPS, Searched, converged_errors, searched
-from studies.coding.two_samples import TRUE
+from studies.coding.two_samples import (
+    DRAWS,
+    RANGE,
+    SEED,
+    TRUE,
+    converged_error,
+    drawn,
+    sampled_operator,
+    worked_example,
+)
 from studies.source.printed.answers import FingerAnswers, once
 from studies.source.printed.entry import Claim, Entry
 from studies.source.printed.rules import Above, Below, Near
 
 Array = NDArray[np.float64]
 
-PAGE, COMMAND = "coding.html", "make study-coding"
+PAGE = "docs/validation/coding.md"
 TRUTHS = "U(0, 30)²"
+_ACROSS = 81  # values of a surface's axis
 
 # --- shift invariance ---
 
@@ -115,42 +125,56 @@ def _impulse_figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
 # --- decoding ---
 
 
+EXACT, GRID = "univariate, converged", "univariate, grid of 1"
+
+
 @once
-def search(_: FingerAnswers) -> Searched:
+def search(_: FingerAnswers) -> dict[str, Decoded]:
     """The worked example, on the default finger's section."""
-    return searched()
+    return worked_example(_operator())
+
+
+@cache
+def _operator() -> ForwardOperator:
+    return sampled_operator()
 
 
 def first_move(answers: FingerAnswers) -> float:
     """The first pressure after it."""
-    return float(search(answers).paths["exact along each coordinate"][1][0])
+    return float(search(answers)[EXACT].path[1][0])
 
 
-def on_a_grid(answers: FingerAnswers) -> float:
-    """Eq. 6.8 where the search ends on a grid of 1."""
-    return float(search(answers).grid_errors[GRID_STEPS.index(1.0)])
+def ends_off(answers: FingerAnswers, decoder: str) -> float:
+    """Eq. 6.8 where a search ends."""
+    return decoding_errors(TRUE, search(answers)[decoder].pressure).eq_6_8
 
 
 def _ends(answers: FingerAnswers, decoder: str) -> str:
-    return next(f"ends at {row[1]}" for row in search(answers).rows if row[0] == decoder)
+    first, second = search(answers)[decoder].pressure
+    return f"ends at [{first:.2f} {second:.2f}]"
 
 
 @once
 def under_noise(_: FingerAnswers, snr_db: int) -> float:
     """Mean of Eq. 6.8 of the converged search."""
-    return float(converged_errors(TRUTHS, snr_db, DRAWS).mean())
+    told = (drawn(_operator(), TRUTHS, snr_db, SEED + k) for k in range(DRAWS))
+    return float(np.mean([converged_error(_operator(), *one) for one in told]))
 
 
 def _search_figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
     found = search(answers)
+    ends = {"the whole range": (np.zeros(2), np.full(2, RANGE.high)), **extents(found[EXACT].path)}
+    surfaces = {title: _surface(low, high) for title, (low, high) in ends.items()}
+    paths = {"exact along each coordinate": found[EXACT].path, "grid of 1": found[GRID].path}
     caption = (
         "After Figs 6-8 and 6-9. Grey: decades of the squared error. White dot: start; square: end; star: truth."
     )
-    return (
-        PageFigure(
-            "The error surface and the ways over it", search_figure(found.surfaces, found.paths, TRUE), caption
-        ),
-    )
+    return (PageFigure("The error surface and the ways over it", search_figure(surfaces, paths, TRUE), caption),)
+
+
+def _surface(low: Array, high: Array) -> ErrorSurface:
+    first, second = (np.linspace(a, b, _ACROSS) for a, b in zip(np.maximum(low, 0.0), high, strict=True))
+    return ErrorSurface(first, second, error_surface(_operator(), _operator().sed(TRUE), first, second))
 
 
 def _noise(snr_db: int, source: str, rule: Above | Below) -> Claim:
@@ -245,7 +269,6 @@ ENTRIES = (
         "6-6",
         "Encoding, a block diagram without numbers: from pressure to the receptors' readings, with noise.",
         elsewhere=PAGE,
-        made_by=COMMAND,
     ),
     Entry(
         "6-8 … 6-12",
@@ -262,17 +285,17 @@ ENTRIES = (
                 "Eq. 6.8 at the end of the search, no noise",
                 "reaches [20 14]",
                 Below(1e-6, 1e-3),
-                lambda answers: search(answers).converged_error,
+                partial(ends_off, decoder=EXACT),
                 "{:.0e}",
-                partial(_ends, decoder="univariate, converged"),
+                partial(_ends, decoder=EXACT),
             ),
             Claim(
                 "the same on a grid of 1",
                 "sticks on a coarse grid",
                 Above(1e-2, 1e-3),
-                on_a_grid,
+                partial(ends_off, decoder=GRID),
                 "{:.3f}",
-                partial(_ends, decoder="univariate, grid of 1"),
+                partial(_ends, decoder=GRID),
             ),
             _noise(20, "within 10 %", Below(0.1, 0.15)),
             _noise(10, "fails near 10 dB", Above(0.1, 0.07)),

@@ -30,7 +30,6 @@ those behind chapter 6. To make one figure alone:
 SUMMARY_HEADER = ("number", "what it shows", "verdict", "note")
 CLAIMS_HEADER = ("number", "what", "the source", "here", "verdict", "bounds of agrees, partly")
 PAGES = (
-    ("coding.html", "chapter 6, encoding and decoding", "make study-coding"),
     ("comparison.html", "the same schedules on the virtual bench, as a comparison shows them", "make study-bench"),
     ("forces.html", "step 1 at two forces on the virtual bench", "make study-bench"),
     ("synthetic.html", "an example on synthetic recordings", "make study-bench"),

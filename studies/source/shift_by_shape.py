@@ -9,10 +9,17 @@ from sim.coding.point_loads import LoadedFinger
 from sim.coding.point_spread import MovedResponse, receptor_sheet
 from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
-from studies.coding import section_part
 
-SCENES = {**section_part.SCENES, "sphere:3": (0.0, 0.67)}
-"""x and DOI of each shape, mm; as in the section's table."""
+SCENES = {
+    "cylinder:3": (0.0, 0.67),
+    "cylinder:9": (0.0, 0.67),
+    "bar:3.0": (0.0, 0.67),
+    "bar:1.5": (0.0, 0.67),
+    "step:1": (-1.63, 0.73),
+    "step:5": (-1.63, 0.73),
+    "sphere:3": (0.0, 0.67),
+}
+"""x and DOI of each shape, mm."""
 
 HEADER = ("shape", "relative L2", "peak", "lateral", "normal alone")
 

@@ -18,7 +18,7 @@ from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
 from sim.models.result import median_of_four
 from studies.coding import chapter_6
-from studies.coding.decoding_part import converged_errors, noisy
+from studies.coding.two_samples import SEED, errors_of, sampled_operator
 from studies.registry import expanded
 from studies.source import bench_pages, pages, pressure_fits
 from studies.source.matrix import HEADER, matrix
@@ -370,15 +370,18 @@ def test_overlap_is_of_what_either_has(monkeypatch: pytest.MonkeyPatch) -> None:
 # --- chapter 6 ---
 
 
-def test_the_search_under_noise_is_that_of_the_page_of_chapter_6() -> None:
-    alone, with_others = converged_errors(chapter_6.TRUTHS, 20, 2), noisy(chapter_6.TRUTHS, 20, 2).errors[1]
-    np.testing.assert_array_equal(alone, with_others)
-    assert alone.min() > 0
+def test_the_search_under_noise_is_that_of_the_study(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(chapter_6, "DRAWS", 2)
+    errors, _ = errors_of(sampled_operator(), chapter_6.TRUTHS, 20, range(SEED, SEED + 2))
+    alone = chapter_6.under_noise(FingerAnswers(None), snr_db=20)  # type: ignore[arg-type]
+    assert alone == pytest.approx(errors[0].mean(), rel=1e-12)
+    assert errors[0].min() > 0
 
 
 def test_the_worked_example_goes_where_the_source_goes(answered: FingerAnswers) -> None:
     assert chapter_6.first_move(answered) == pytest.approx(23.9, abs=0.05)
-    assert chapter_6.on_a_grid(answered) == pytest.approx((4**2 + 4**2) / (20**2 + 14**2))  # stuck at [24 10]
+    stuck = (4**2 + 4**2) / (20**2 + 14**2)  # at [24 10]
+    assert chapter_6.ends_off(answered, chapter_6.GRID) == pytest.approx(stuck)
 
 
 def test_shift_invariance_is_told_of_the_sites(answered: FingerAnswers) -> None:
@@ -401,8 +404,8 @@ def test_what_passes_low_frequencies_has_the_most_of_them(answered: FingerAnswer
 
 def test_a_page_of_its_own_is_named_beside_the_numbers() -> None:
     one = CheckedClaim(Claim("x", "y", Below(1, 2), lambda _: 0.5), 0.5)
-    row = MatrixRow(Entry("6-1", "It shows.", elsewhere="there.html"), (one,))
-    assert (row.verdict, matrix([row]).rows[0][4]) == ("agrees", "0.50; on there.html")
+    row = MatrixRow(Entry("6-1", "It shows.", elsewhere="docs/there.md"), (one,))
+    assert (row.verdict, matrix([row]).rows[0][4]) == ("agrees", "0.50; in docs/there.md")
     assert MatrixRow(row.entry, ()).verdict == "a page of its own"
 
 

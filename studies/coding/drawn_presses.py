@@ -1,6 +1,6 @@
 """Bands over presses drawn at random: each draw has its own place, depth and noise.
 
-    .venv/bin/python -m studies.coding.bands.drawn_presses [DRAWS] [wider] [choosing]
+    .venv/bin/python -m studies.coding.drawn_presses [DRAWS] [wider] [choosing]
 
 A band is of all presses that there may be: over noise on one press alone it need not hold its share. Drawn are the
 shapes reported, beside their place and depth there; with `wider`, bars, cylinders and steps of any size. With
