@@ -18,7 +18,7 @@ from pathlib import Path
 
 from rig.data.folder import replace_text
 from studies import registry
-from studies.registry import Study, studies
+from studies.registry import Rows, Study, studies
 
 OUTPUT = registry.ROOT / "build" / "studies"
 """What each study printed last."""
@@ -93,22 +93,33 @@ def _printed(command: str, threads: int | None) -> tuple[int, str]:
 
 
 def store(study: Study, printed: str) -> int:
-    """Write the tables of an output to the study's CSV files, where there are as many; return an exit code."""
+    """Write the tables of an output to the study's CSV files; return 1 where a file finds no table."""
     OUTPUT.mkdir(parents=True, exist_ok=True)
     output = OUTPUT / f"{study.name}.md"
     replace_text(output, printed)
-    found = list(registry.tables_in(printed))
-    if len(found) != len(study.tables):
-        if study.tables:
-            print(f"{output}: {len(found)} tables, the registry lists {len(study.tables)}", file=sys.stderr)
-        return int(bool(study.tables))
-    for name, rows in zip(study.tables, found, strict=True):
-        registry.write_table(name, rows, registry.RESULTS)
+    found = matched(study, list(registry.tables_in(printed)))
     text = registry.REGISTRY.read_text(encoding="utf-8")
-    for name in study.tables:
+    for name, rows in found.items():
+        registry.write_table(name, rows, registry.RESULTS)
         text = re.sub(rf'^"{name}" = ".*"$', f'"{name}" = "{_commit()}"', text, flags=re.MULTILINE)
     replace_text(registry.REGISTRY, text)
-    return 0
+    missing = [name for name in study.tables if name not in found]
+    for name in missing:
+        print(f"{output}: no table for studies/results/{name}.csv", file=sys.stderr)
+    return int(bool(missing))
+
+
+def matched(study: Study, printed: list[Rows]) -> dict[str, Rows]:
+    """Return the printed table of each CSV: the first with its header; else the next, where as many are left."""
+    found: dict[str, Rows] = {}
+    for name in study.tables:
+        header = registry.read_table(name, registry.RESULTS)[0]
+        same = [rows for rows in printed if rows[0] == header]
+        if same:
+            found[name] = same[0]
+            printed = [rows for rows in printed if rows is not same[0]]
+    rest = [name for name in study.tables if name not in found]
+    return found | (dict(zip(rest, printed, strict=True)) if len(rest) == len(printed) else {})
 
 
 def _commit() -> str:

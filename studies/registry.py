@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from importlib.util import find_spec
 from io import StringIO
 from pathlib import Path
+from typing import Any
 
 from rig.data.folder import replace_text
 
@@ -64,11 +65,11 @@ class Study:
 def studies(registry: Path = REGISTRY) -> dict[str, Study]:
     """Read every study by its name."""
     entries = tomllib.loads(registry.read_text(encoding="utf-8"))
-    lists = ("pages", "run", "sets", "data")
-    return {
-        name: Study(name, **{key: tuple(value) if key in lists else value for key, value in entry.items()})
-        for name, entry in entries.items()
-    }
+    return {name: Study(name, **_given(entry)) for name, entry in entries.items()}
+
+
+def _given(entry: Mapping[str, Any]) -> dict[str, Any]:
+    return {key: tuple(value) if isinstance(value, list) else value for key, value in entry.items()}
 
 
 def owners(known: Mapping[str, Study]) -> dict[str, Study]:
@@ -98,6 +99,13 @@ def as_markdown(rows: Sequence[Sequence[str]]) -> str:
     """Return a Markdown table."""
     head, *body = (f"| {' | '.join(row)} |" for row in rows)
     return "\n".join([head, f"|{'---|' * len(rows[0])}", *body]) + "\n"
+
+
+def show(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Print a Markdown table, each row as soon as it is known."""
+    print(f"| {' | '.join(header)} |\n|{'---|' * len(header)}", flush=True)
+    for row in rows:
+        print(f"| {' | '.join(row)} |", flush=True)
 
 
 def tables_in(text: str) -> Iterator[Rows]:

@@ -30,6 +30,7 @@ from studies.coding.profiles_read_back import (
     finer_section,
     pressed,
 )
+from studies.registry import show
 from studies.source.pressure_fits import centred as centred_presses
 
 Array = NDArray[np.float64]
@@ -50,9 +51,7 @@ Row = tuple[str, ...]
 def main(draws: int = DRAWS) -> None:
     """Print the table and the constants."""
     print("K1, K2, K3: " + ", ".join(f"{k:.0f}" for k in constants()))
-    print(f"| {' | '.join(HEADER)} |\n|{'---|' * len(HEADER)}")
-    for row in rows(draws):
-        print(f"| {' | '.join(row)} |", flush=True)
+    show(HEADER, rows(draws))
 
 
 def rows(draws: int) -> Iterator[Row]:

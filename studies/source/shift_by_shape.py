@@ -9,6 +9,7 @@ from sim.coding.point_loads import LoadedFinger
 from sim.coding.point_spread import MovedResponse, receptor_sheet
 from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
+from studies.registry import show
 
 SCENES = {
     "cylinder:3": (0.0, 0.67),
@@ -41,9 +42,7 @@ def main() -> None:
     """Print the table."""
     loaded = LoadedFinger(FingertipConfig())
     response = MovedResponse.of(loaded, receptor_sheet(loaded))
-    print(f"| {' | '.join(HEADER)} |\n|{'---|' * len(HEADER)}")
-    for row in rows(response, Fingertip.load()):
-        print(f"| {' | '.join(row)} |", flush=True)
+    show(HEADER, rows(response, Fingertip.load()))
 
 
 if __name__ == "__main__":

@@ -13,6 +13,7 @@ from sim.coding.point_spread import SPACING_MM, Judged, Sheet, judged, mean_over
 from sim.config import FingertipConfig, MeshSpec, Tissue
 from sim.contact.patch import Y, Z
 from sim.measures.receptors import DEFAULT_DEPTH_MM
+from studies.registry import show
 
 HEADER = ("instead", "m, pulp", "A over the default's", "A's spread, pulp", "all", "m by logarithms")
 MESH_HEADER = ("mesh of site 10", "m", "m by logarithms", "A over the default's")
@@ -26,9 +27,7 @@ _EVEN_MM = (1.5, 1.5)  # about site 10: what lies farther away is smooth
 def main() -> None:
     """Print both tables."""
     for header, rows in ((HEADER, choices()), (MESH_HEADER, meshes())):
-        print(f"| {' | '.join(header)} |\n|{'---|' * len(header)}")
-        for row in rows:
-            print(f"| {' | '.join(row)} |", flush=True)
+        show(header, rows)
 
 
 def choices() -> Iterator[Row]:

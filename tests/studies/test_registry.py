@@ -97,10 +97,12 @@ def test_a_study_stores_the_tables_that_it_prints_and_the_commit(tree: Path) -> 
     assert (tree / "output" / "one.md").read_text("utf-8") == PRINTED
 
 
-def test_a_study_that_prints_another_number_of_tables_changes_nothing(tree: Path) -> None:
+def test_a_table_goes_to_the_file_with_its_header(tree: Path) -> None:
     (study,) = registry.studies(tree / "registry.toml").values()
-    assert runner.store(study, PRINTED.split("\n\n")[0]) == 1
-    assert "12345678" in (tree / "registry.toml").read_text("utf-8")
+    assert runner.store(study, "| c | d |\n|---|---|\n| 7 | 8 |\n\n| e |\n|---|\n| 9 |\n\n| f |\n|---|\n| 0 |\n") == 1
+    assert registry.read_table("one/second", tree / "results")[1] == ["7", "8"]
+    assert registry.read_table("one/first", tree / "results")[1] == ["1, 2", ""]
+    assert (tree / "registry.toml").read_text("utf-8").count("12345678") == 1
 
 
 def test_a_study_is_run_with_its_threads(

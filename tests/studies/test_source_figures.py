@@ -17,14 +17,13 @@ from sim.config import FingertipConfig
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
 from sim.models.result import median_of_four
-from studies.coding import chapter_6
 from studies.coding.two_samples import SEED, errors_of, sampled_operator
 from studies.registry import expanded
 from studies.source import bench_pages, pages, pressure_fits
 from studies.source.matrix import HEADER, matrix
-from studies.source.matrix_page import MatrixPage, as_docs
+from studies.source.matrix_page import all_claims, verdicts
 from studies.source.printed import answers as presses
-from studies.source.printed import bars, cylinders, drawing, profiles, steps, table, under_steps
+from studies.source.printed import bars, chapter_6, cylinders, drawing, profiles, steps, table, under_steps
 from studies.source.printed.answers import FingerAnswers, PrintedPress, deep, forced, once
 from studies.source.printed.catalogue import ENTRIES, named
 from studies.source.printed.entry import (
@@ -392,7 +391,7 @@ def test_shift_invariance_is_told_of_the_sites(answered: FingerAnswers) -> None:
     assert chapter_6.exponents_spread(answered, "all") == pytest.approx(m.std(ddof=1) / m.mean())
     a = np.array([site.linear.a for site in chapter_6.sites(answered).sites])
     assert chapter_6.sizes_spread(answered, "all") == pytest.approx(a.std(ddof=1) / a.mean())
-    assert chapter_6._site_10(answered, "m") == m[9]
+    assert chapter_6.site_10(answered, "m") == m[9]
 
 
 def test_what_passes_low_frequencies_has_the_most_of_them(answered: FingerAnswers) -> None:
@@ -468,17 +467,17 @@ def test_the_matrix_counts_in_words_that_fit_the_number() -> None:
     assert matrix([*rows, rows[1]]).text.startswith("4 figures and tables: 1 agrees, 2 agree in part, 1 differs.")
 
 
-def test_the_docs_are_the_matrix_and_the_claims() -> None:
+def test_the_docs_are_the_verdicts_and_the_claims() -> None:
     rule = Below(1, 2)
     row = MatrixRow(
         Entry("1-1", "It shows.", reading="Read it."), (CheckedClaim(Claim("x", "y", rule, lambda _: 0.0), 0.0),)
     )
     silent = MatrixRow(Entry("9-9", "It shows nothing.", outside="elsewhere"), ())
-    text = as_docs(MatrixPage((row, silent), {}, {}))
-    verdicts, claims = text.split("## Claims")
-    assert "| 1-1 | It shows. | agrees | Read it. |" in verdicts
-    assert "| 9-9 | It shows nothing. | out of scope | elsewhere |" in verdicts
-    assert claims.strip().splitlines()[2:] == ["| 1-1 | x | y | 0.00 | agrees | ≤ 1, ≤ 2 |"]
+    assert verdicts([row, silent])[1:] == [
+        ("1-1", "It shows.", "agrees", "Read it."),
+        ("9-9", "It shows nothing.", "out of scope", "elsewhere"),
+    ]
+    assert all_claims([row, silent])[1:] == [("1-1", "x", "y", "0.00", "agrees", "≤ 1, ≤ 2")]
 
 
 def test_the_bench_says_how_far_it_is(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,6 +1,6 @@
 """Chapter 6 among the source's figures and tables; docs/validation/coding.md has the rest."""
 
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 from matplotlib.figure import Figure as Canvas
@@ -25,12 +25,9 @@ from studies.coding.two_samples import (
     worked_example,
 )
 from studies.source.printed.answers import FingerAnswers, once
-from studies.source.printed.entry import Claim, Entry
-from studies.source.printed.rules import Above, Below, Near
 
 Array = NDArray[np.float64]
 
-PAGE = "docs/validation/coding.md"
 TRUTHS = "U(0, 30)²"
 _ACROSS = 81  # values of a surface's axis
 
@@ -58,15 +55,18 @@ def sizes_spread(answers: FingerAnswers, where: Where) -> float:
     return mean_over(sites(answers).laws(where)).a_spread
 
 
-def _site_10(answers: FingerAnswers, name: str) -> float:
+def site_10(answers: FingerAnswers, name: str) -> float:
+    """A number of the site that the source draws."""
     return float(getattr(sites(answers).sites[DRAWN].linear, name))
 
 
-def _by_logarithms(answers: FingerAnswers, where: Where) -> str:
+def by_logarithms(answers: FingerAnswers, where: Where) -> str:
+    """m of the other fit, in words."""
     return f"{mean_over(sites(answers).laws(where, 'logarithmic')).m:.2f} by logarithms"
 
 
-def _site_figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
+def site_figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
+    """The power law at all sites."""
     caption = (
         "m and A of every site, ours (blue) beside the printed ones (orange); A multiplied by one factor, which "
         "makes its mean over the pulp the printed one. Sites beyond the line are on the tip."
@@ -106,13 +106,19 @@ def responses(answers: FingerAnswers) -> ImpulseResponses:
     return impulse_responses(sections(answers)["cartesian"])
 
 
+def opposite(answers: FingerAnswers, name: str) -> float:
+    """How nearly h and −g are the same."""
+    return float(getattr(responses(answers).opposite, name))
+
+
 def at_rest(answers: FingerAnswers, k: int) -> float:
     """Amplitude at frequency 0 over the highest, of h, g or f."""
     amplitude = responses(answers).spectra()[1][k]
     return float(amplitude[0] / amplitude.max())
 
 
-def _impulse_figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
+def impulse_figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
+    """Responses and their spectra."""
     farthest = int(0.75 * HALF_LENGTH)
     drawn: dict[str, DrawnImpulse] = {
         axes: DrawnImpulse(impulse_responses(section), shift_errors(section, "finite", farthest))
@@ -149,7 +155,8 @@ def ends_off(answers: FingerAnswers, decoder: str) -> float:
     return decoding_errors(TRUE, search(answers)[decoder].pressure).eq_6_8
 
 
-def _ends(answers: FingerAnswers, decoder: str) -> str:
+def ends_said(answers: FingerAnswers, decoder: str) -> str:
+    """Where a search ends, in words."""
     first, second = search(answers)[decoder].pressure
     return f"ends at [{first:.2f} {second:.2f}]"
 
@@ -161,7 +168,8 @@ def under_noise(_: FingerAnswers, snr_db: int) -> float:
     return float(np.mean([converged_error(_operator(), *one) for one in told]))
 
 
-def _search_figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
+def search_figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
+    """The error surface and the searches on it."""
     found = search(answers)
     ends = {"the whole range": (np.zeros(2), np.full(2, RANGE.high)), **extents(found[EXACT].path)}
     surfaces = {title: _surface(low, high) for title, (low, high) in ends.items()}
@@ -175,134 +183,3 @@ def _search_figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
 def _surface(low: Array, high: Array) -> ErrorSurface:
     first, second = (np.linspace(a, b, _ACROSS) for a, b in zip(np.maximum(low, 0.0), high, strict=True))
     return ErrorSurface(first, second, error_surface(_operator(), _operator().sed(TRUE), first, second))
-
-
-def _noise(snr_db: int, source: str, rule: Above | Below) -> Claim:
-    says = f"Eq. 6.8 of the search at {snr_db} dB, mean of {DRAWS} draws, truths from {TRUTHS}"
-    return Claim(says, source, rule, partial(under_noise, snr_db=snr_db), "{:.3f}")
-
-
-ENTRIES = (
-    Entry(
-        "6-3, 6-4, Table 6.1",
-        "Shift invariance: strain energy under point loads at 24 sites falls off alike.",
-        (
-            Claim(
-                "exponent m, mean of 18 sites on the pulp",
-                "3.886",
-                Near(3.886, 0.1, 0.25),
-                partial(exponent, where="pulp"),
-                beside=partial(_by_logarithms, where="pulp"),
-            ),
-            Claim(
-                "its spread over them",
-                "4.9 %",
-                Near(0.049, 0.35, 0.7),
-                partial(exponents_spread, where="pulp"),
-                "{:.1%}",
-            ),
-            Claim(
-                "spread of A over them",
-                "10.2 %",
-                Near(0.102, 0.35, 0.7),
-                partial(sizes_spread, where="pulp"),
-                "{:.1%}",
-            ),
-            Claim(
-                "m, mean of all 24",
-                "3.980",
-                Near(3.980, 0.1, 0.25),
-                partial(exponent, where="all"),
-                beside=partial(_by_logarithms, where="all"),
-            ),
-            Claim("its spread", "6.2 %", Near(0.062, 0.35, 0.7), partial(exponents_spread, where="all"), "{:.1%}"),
-            Claim("spread of A", "17.7 %", Near(0.177, 0.35, 0.7), partial(sizes_spread, where="all"), "{:.1%}"),
-            Claim("m at site 10", "3.96", Near(3.96, 0.1, 0.25), partial(_site_10, name="m")),
-            Claim(
-                "R² there",
-                "0.96 (called a correlation coefficient)",
-                Near(0.96, 0.03, 0.1),
-                partial(_site_10, name="r2"),
-                "{:.3f}",
-            ),
-        ),
-        figures=_site_figures,
-        elsewhere=PAGE,
-        reading="The source does not print its load, so A alone cannot be compared. Elements spread a force on "
-        "one node, which lowers m. Only a depth counted vertically or loads along −y make A spread as "
-        "widely (docs/validation/coding.md).",
-    ),
-    Entry(
-        "ch. 6, impulse responses",
-        "Impulse responses h, g and f and their spectra: h and g low-pass, nearly equal and opposite, f band-pass.",
-        (
-            Claim(
-                "correlation of h and g",
-                "nearly equal and opposite",
-                Below(-0.95, -0.8),
-                lambda answers: responses(answers).opposite.correlation,
-                "{:.3f}",
-            ),
-            Claim(
-                "h + g over h, relative L2",
-                "nearly equal and opposite",
-                Below(0.2, 0.5),
-                lambda answers: responses(answers).opposite.relative_l2,
-                "{:.0%}",
-            ),
-            *(
-                Claim(
-                    f"amplitude of {name} at frequency 0 over its highest",
-                    "low-pass",
-                    Above(0.7, 0.5),
-                    partial(at_rest, k=k),
-                )
-                for k, name in enumerate("hg")
-            ),
-            Claim("the same of f", "band-pass", Below(0.3, 0.5), partial(at_rest, k=2)),
-        ),
-        figures=_impulse_figures,
-        elsewhere=PAGE,
-        reading="Axes are Cartesian, as in the source.",
-    ),
-    Entry(
-        "6-6",
-        "Encoding, a block diagram without numbers: from pressure to the receptors' readings, with noise.",
-        elsewhere=PAGE,
-    ),
-    Entry(
-        "6-8 … 6-12",
-        "Decoding: the worked example, its search, and what noise does to it.",
-        (
-            Claim(
-                "first pressure after the first move from [10 10]",
-                "[24 10]",
-                Near(24.0, 0.05, 0.15),
-                first_move,
-                "{:.1f}",
-            ),
-            Claim(
-                "Eq. 6.8 at the end of the search, no noise",
-                "reaches [20 14]",
-                Below(1e-6, 1e-3),
-                partial(ends_off, decoder=EXACT),
-                "{:.0e}",
-                partial(_ends, decoder=EXACT),
-            ),
-            Claim(
-                "the same on a grid of 1",
-                "sticks on a coarse grid",
-                Above(1e-2, 1e-3),
-                partial(ends_off, decoder=GRID),
-                "{:.3f}",
-                partial(_ends, decoder=GRID),
-            ),
-            _noise(20, "within 10 %", Below(0.1, 0.15)),
-            _noise(10, "fails near 10 dB", Above(0.1, 0.07)),
-        ),
-        figures=_search_figures,
-        elsewhere=PAGE,
-        reading="Eq. 6.8 is squared: 10 % of it is 32 % in relative L2. The source does not print the window of "
-        "its signal's variance; here it is all samples of the output.",
-    ),
-)
