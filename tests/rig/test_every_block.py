@@ -134,7 +134,7 @@ def _lines(block: Block) -> list[str]:
 
 
 def _is_study(line: str) -> bool:
-    return re.match(r"(OMP_NUM_THREADS=1 )?\.venv/bin/python -m studies\.", line) is not None
+    return re.match(r"(OMP_NUM_THREADS=1 )?\.venv/bin/python -m studies[. ]", line) is not None
 
 
 TO_RUN = {
