@@ -27,17 +27,10 @@ study-bench: setup
 	$(BIN)/python -m studies.source.bench_pages study
 
 study-coding: setup
-	$(BIN)/python -m studies.coding.pages study
+	$(BIN)/python -m studies run two-pressures profiles drawn-presses decoded-shapes decoded-curvature edge-place
 
-studies: study-bench
-	$(BIN)/python -m studies.source.pages study --sensitivity
-	$(BIN)/python -m studies.source.allowed study
-	$(BIN)/python -m studies.coding.pages study --draws 200
-	OMP_NUM_THREADS=1 $(BIN)/python -m studies.finite_strain.tables study/finite_strain
-	OMP_NUM_THREADS=1 $(BIN)/python -m studies.stiffening.fitted
-	OMP_NUM_THREADS=1 $(BIN)/python -m studies.stiffening.confirmed study/stiffening_calculix.jsonl
-	OMP_NUM_THREADS=1 $(BIN)/python -m studies.stiffening.in_time
-	OMP_NUM_THREADS=1 $(BIN)/python -m studies.meeting study/meeting.jsonl
+studies: study
+	$(BIN)/python -m studies run --set studies
 
 docs: .venv/.ready-dev
 	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/site
@@ -54,6 +47,8 @@ test: check
 	rest=$$?; \
 	$(BIN)/pytest -m "real_time and not study" -n $(REAL_TIME_WORKERS) --dist loadfile --no-loadscope-reorder --durations=20 && exit $$rest
 
+MEASURE_STUDIES = $(BIN)/pytest -m study -n 3 --dist loadfile --no-loadscope-reorder --durations=20
+
 test-studies: .venv/.ready-dev
 	$(MEASURE_STUDIES)
 
@@ -69,41 +64,7 @@ shake: .venv/.ready-dev
 	$(BIN)/python -m tests.shake; shaken=$$?; $(MEASURE_STUDIES) && exit $$shaken
 
 bench: .venv/.ready-dev
-	$(BIN)/python -m studies.speed.timing
-	OMP_NUM_THREADS=1 $(BIN)/python -m studies.speed.demo
-	$(BIN)/python -m studies.speed.planning
-	$(BIN)/python -m studies.source.facts_by_parameter
-	$(BIN)/python -m studies.source.impulse_choices
-	$(BIN)/python -m studies.source.shift_choices
-	$(BIN)/python -m studies.source.shift_by_shape
-	$(BIN)/python -m studies.coding.two_samples
-	OMP_NUM_THREADS=1 $(BIN)/python -m studies.coding.profiles_read_back
-	OMP_NUM_THREADS=1 $(BIN)/python -m studies.coding.profiles_read_back 8 snr
-	OMP_NUM_THREADS=1 $(BIN)/python -m studies.coding.bands.drawn_presses
-	OMP_NUM_THREADS=1 $(BIN)/python -m studies.coding.bands.drawn_presses wider
-	$(BIN)/python -m studies.coding.bands.model_error
-	$(BIN)/python -m studies.coding.shapes_read_back
-	$(BIN)/python -m studies.coding.curvature_read_back
-	$(BIN)/python -m studies.coding.edge_place
-	$(BIN)/python -m studies.coding.sheets_read_back
-	$(BIN)/python -m studies.accuracy.random_poses
-	$(BIN)/python -m studies.accuracy.sharp_sweep
-	$(BIN)/python -m studies.accuracy.branches
-	$(BIN)/python -m studies.accuracy.oracles
-	$(BIN)/rig bench
-	$(BIN)/python -m studies.speed.serve_latency
-	$(BIN)/python -m studies.speed.looks
-	$(BIN)/python -m studies.speed.panel_soak
-	$(BIN)/python -m studies.speed.warm_contact
-	OMP_NUM_THREADS=1 $(BIN)/python -m studies.speed.many_presses
-	$(BIN)/python -m studies.speed.commands
-	$(BIN)/python -m studies.accuracy.strain_recovery
-	OMP_NUM_THREADS=1 $(BIN)/python -m studies.accuracy.another_finger
-	OMP_NUM_THREADS=1 $(BIN)/python -m studies.verification.in_time
-	$(BIN)/python -m studies.faults.kills --cables 60
-	$(BIN)/python -m studies.faults.outcomes
-	$(BIN)/python -m studies.faults.phases
-	$(BIN)/python -m studies.accuracy.check_predictions
+	$(BIN)/python -m studies run --set bench
 
 test test-studies shake mutants: export OMP_NUM_THREADS = 1  # of each worker
 # Where nothing compiled is written, every worker and every program that a test starts compiles all it imports.

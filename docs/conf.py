@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE))
+sys.path[:0] = [str(HERE), str(HERE.parent)]
+
+from studies_page import provenance, studies_page  # noqa: E402
 
 project = "Indentation rig"
 copyright = "The indentation rig authors, MIT licence"
@@ -27,9 +29,9 @@ _PAGE = re.compile(r"`docs/([\w/]+)\.md`")
 
 
 def _linked(app: Any, page: str, source: list[str]) -> None:
-    """Where a page names another one by its path in the repository, it becomes a link."""
+    """Turn paths of pages into links, and name the study above each of its tables."""
     up = "../" * page.count("/")
-    source[0] = _PAGE.sub(lambda found: f"[`docs/{found[1]}.md`]({up}{found[1]}.md)", source[0])
+    source[0] = _PAGE.sub(lambda found: f"[`docs/{found[1]}.md`]({up}{found[1]}.md)", provenance(source[0], up))
 
 
 def _generated(app: Any) -> None:
@@ -41,6 +43,7 @@ def _generated(app: Any) -> None:
     (HERE / "columns.md").write_text(columns_page(), encoding="utf-8")
     (HERE / "commands.md").write_text(commands_page(), encoding="utf-8")
     (HERE / "python_names.md").write_text(names_page(), encoding="utf-8")
+    (HERE / "studies.md").write_text(studies_page(), encoding="utf-8")
 
 
 def setup(app: Any) -> None:

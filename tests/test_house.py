@@ -73,3 +73,10 @@ def test_every_package_is_held_to_its_types() -> None:
     mypy = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["mypy"]
     assert mypy["strict"] is True
     assert {"rig", "sim", "studies"} <= set(mypy["packages"])
+
+
+def test_every_variable_of_the_makefile_is_defined() -> None:
+    text = (ROOT / "Makefile").read_text(encoding="utf-8")
+    used = set(re.findall(r"\$\((\w+)\)", text))
+    assert {"BIN", "MEASURE_STUDIES"} <= used
+    assert not used - set(re.findall(r"^(?:export )?(\w+) *[?:]?=", text, re.M))

@@ -14,7 +14,7 @@ from tests.waiting import DEADLINE_S
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
-GENERATED = ("columns.md", "commands.md", "python_names.md")
+GENERATED = ("columns.md", "commands.md", "python_names.md", "studies.md")
 
 
 @pytest.fixture(scope="module")
@@ -22,7 +22,8 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pytest.importorskip("sphinx", reason="needs Sphinx: pip install -e '.[dev]'")
     folder = tmp_path_factory.mktemp("site")
     shutil.copytree(DOCS, folder / "docs", ignore=shutil.ignore_patterns(*GENERATED, "__pycache__"))
-    shutil.copytree(ROOT / "examples" / "library", folder / "examples" / "library")
+    for name in ("examples/library", "studies/results"):
+        shutil.copytree(ROOT / name, folder / name)
     words = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "docs", "html"]
     built = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=10 * DEADLINE_S)
     assert built.returncode == 0, built.stderr

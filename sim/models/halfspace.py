@@ -20,9 +20,8 @@ Array = NDArray[np.float64]
 EFFECTIVE_MODULUS = 0.21
 """E / E(epidermis) of the half-space.
 
-With it a cylinder 9 mm in diameter at x = 0, pressed 0.4 mm deep, carries the finger's force;
-`studies/accuracy/model_errors.py` prints it anew. A layered finger has no such number: other shapes and depths
-would give others.
+With it a cylinder 9 mm in diameter at x = 0, pressed 0.4 mm deep, carries the finger's force. A
+layered finger has no such number: other shapes and depths would give others.
 """
 
 _FAR = 10.0

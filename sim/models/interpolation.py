@@ -164,7 +164,7 @@ class NodeBuilds:
 #
 # Another finger in a moment: where only the moduli of dermis and fat differ, full builds are interpolated.
 #
-# Source of the errors: `studies/accuracy/another_finger.py`, 50 held-out fingers (`docs/validation/performance.md`).
+# Source of the errors: 50 held-out fingers (`docs/validation/performance.md`).
 
 FORCE_ERROR, SED_ERROR = 0.005, 0.015
 """Largest relative errors against full builds of held-out fingers."""

@@ -17,12 +17,20 @@ from numpy.typing import NDArray
 from rig.compare.pressure_formula import Constants, curvature_at, finger_curvature, fit, together
 from sim.coding.bayes import decode_profile
 from sim.coding.encoding import Readings, noise_sd
-from sim.coding.pressure import SectionSkin
-from sim.coding.section import SampledSection
+from sim.coding.operators import centred
+from sim.coding.pressure import Frictionless, SectionSkin, frictionless
+from sim.coding.section import SPACING_MM, SampledSection
 from sim.coding.shape_class import felt_shape
 from sim.contact.patch import X, Y
-from studies.coding.profiles_part import default_operator, pressed_finger
-from studies.coding.profiles_read_back import SNR_DB, ProfilePress, default_section, pressed
+from studies.coding.profiles_read_back import (
+    SAMPLES,
+    SNR_DB,
+    ProfilePress,
+    default_section,
+    finer_section,
+    pressed,
+)
+from studies.registry import show
 from studies.source.pressure_fits import centred as centred_presses
 
 Array = NDArray[np.float64]
@@ -43,16 +51,15 @@ Row = tuple[str, ...]
 def main(draws: int = DRAWS) -> None:
     """Print the table and the constants."""
     print("K1, K2, K3: " + ", ".join(f"{k:.0f}" for k in constants()))
-    print(f"| {' | '.join(HEADER)} |\n|{'---|' * len(HEADER)}")
-    for row in rows(draws):
-        print(f"| {' | '.join(row)} |", flush=True)
+    show(HEADER, rows(draws))
 
 
 def rows(draws: int) -> Iterator[Row]:
     """One row for each cylinder and depth: means, and sds over draws of the noise."""
+    finer = finer_section()
     for diameter in DIAMETERS_MM:
         for doi_mm in DEPTHS_MM:
-            true, sed = pressed(pressed_finger(), ProfilePress(f"cylinder:{diameter:g}", 0.2, doi_mm))
+            true, sed = pressed(finer, ProfilePress(f"cylinder:{diameter:g}", 0.2, doi_mm))
             sd = noise_sd(sed, SNR_DB)
             found = []
             for k in range(draws):
@@ -103,6 +110,12 @@ def constants() -> Constants:
 @cache
 def _same() -> SampledSection:
     return default_section()
+
+
+@cache
+def default_operator() -> Frictionless:
+    """By which the default mesh decodes whole profiles."""
+    return frictionless(_same(), centred(SAMPLES + 1, SPACING_MM), "finite")
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from sim.coding.pressure import frictionless
 from sim.coding.section import SPACING_MM, SampledSection
 from sim.coding.shape_class import edges_mm
 from studies.coding.profiles_read_back import SAMPLES, default_section, finer_section
+from studies.registry import show
 
 Array = NDArray[np.float64]
 
@@ -31,9 +32,8 @@ _ASIDE_MM, _DEEPER_MM = SPACING_MM, 0.05  # of the differences that the bound's 
 
 def main(draws: int = DRAWS) -> None:
     """Print bias, sd and bound in micrometres."""
-    print(f"{draws} draws at each of {len(PLACES_MM)} places\n| {' | '.join(HEADER)} |\n|{'---|' * len(HEADER)}")
-    for row in rows(draws):
-        print(f"| {' | '.join(row)} |", flush=True)
+    print(f"{draws} draws at each of {len(PLACES_MM)} places")
+    show(HEADER, rows(draws))
 
 
 def rows(draws: int) -> Iterator[tuple[str, ...]]:

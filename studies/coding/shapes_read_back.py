@@ -22,6 +22,7 @@ from sim.coding.section import SPACING_MM, SampledSection, Sampling, sampled_sec
 from sim.coding.shape_class import CLASSES, ShapeClass, felt_shape
 from sim.config import FingertipConfig, MeshSpec, Tissue
 from studies.coding.profiles_read_back import SAMPLES, SNR_DB, ProfilePress, default_section, finer_section
+from studies.registry import show
 
 Array = NDArray[np.float64]
 
@@ -52,9 +53,7 @@ class DrawnPress:
 def main(scenes: int = SCENES, seed: int = SEED) -> None:
     """Print how often the class is right, and errors of size, for each way of reading."""
     print(f"{scenes} scenes a class, seeds {seed} …; chance is {1 / len(CLASSES):.0%}")
-    print(f"| {' | '.join(HEADER)} |\n|{'---|' * len(HEADER)}")
-    for row in rows(scenes, seed):
-        print(f"| {' | '.join(row)} |", flush=True)
+    show(HEADER, rows(scenes, seed))
 
 
 def rows(scenes: int, seed: int = SEED) -> Iterator[Row]:

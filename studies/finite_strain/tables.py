@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.data.folder import replace_text
-from studies.finite_strain import cause, confirmed, states, worlds
+from studies.finite_strain import confirmed, states, worlds
 from studies.finite_strain.curves_figure import write_figure
 from studies.finite_strain.judged import Profiles, WorldVerdicts, among, profiles, ranks, verdicts
 from studies.finite_strain.ratios import COLUMNS, Ratio, envelope, ratios
@@ -37,7 +37,6 @@ def main(folder: str = "study/finite_strain") -> None:
     states.main(str(place / "states.jsonl"))
     worlds.main(str(place / "worlds.jsonl"))
     confirmed.main(str(KEPT / "calculix.jsonl"))
-    cause.main(str(KEPT / "cause.jsonl"))
     keep(list(ratios(states.read(place / "states.jsonl"))), worlds.read(place / "worlds.jsonl"))
     found = kept_ratios()
     write_figure(found, FIGURE)

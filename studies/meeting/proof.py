@@ -37,7 +37,8 @@ from sim.models.fingertip import Fingertip
 from sim.workers import in_processes, one_by_one
 from studies.meeting.hidden import Keeper
 from studies.meeting.strangers import Stranger, inside, outside
-from studies.meeting.tables import as_markdown
+from studies.meeting.tables import demands, kinds
+from studies.registry import as_markdown
 
 KNOWN = felt_surely(Config(finger=FingertipConfig(mesh=MeshSpec(level="coarse"))))
 """What whoever meets the finger is told: nothing of it but the mesh to think on."""
@@ -156,4 +157,5 @@ def main() -> None:
         with given.rows.open("a") as file:
             file.write(json.dumps(row) + "\n")
         print(f"{n} of {len(missing)}: {row['kind']} {row['seed']}", file=sys.stderr, flush=True)
-    print(as_markdown(kept))
+    sets = {"measured": kept}
+    print(as_markdown(demands(sets)), as_markdown(kinds(sets)), sep="\n")

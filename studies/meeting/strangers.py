@@ -10,7 +10,6 @@ from rig.plan.config import Config
 from sim.config import MeshSpec
 from sim.models.fingertip import Fingertip
 from studies.meeting.ogden import OgdenFinger
-from studies.meeting.ogden_references import FINGER
 from studies.stiffening.fingers import finger
 
 COARSER = MeshSpec(level="coarse", spacing_mm=0.34, axial_spacing_mm=0.6)
@@ -102,7 +101,7 @@ def _giving(stranger: Stranger, chance: np.random.Generator) -> Stranger:
 
 def _ogden(stranger: Stranger, chance: np.random.Generator) -> Stranger:
     """Tissue of Ogden's law, with the moduli at small strain of the finger that its references are of."""
-    tissue = finger(FINGER).tissue
+    tissue = finger("default").tissue
     stranger = _of(stranger, "tissue", e_dermis=tissue.e_dermis, e_fat=tissue.e_fat, stiffening=0.0)
     return stranger._replace(made=OgdenFinger)
 

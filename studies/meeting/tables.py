@@ -1,21 +1,57 @@
-"""The table of many meetings."""
+"""The tables of many identifications.
 
-from collections.abc import Sequence
+.venv/bin/python -m studies.meeting.tables     # of the sets in kept/: studies/results/identification/
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from studies.registry import as_markdown
+
 Row = dict[str, Any]
 
 
-def as_markdown(rows: Sequence[Row]) -> str:
-    """Measured beside what is demanded; of fingers inside and outside of the prior."""
-    inside = [row for row in rows if row["of"] == "inside"]
-    outside = [row for row in rows if row["of"] == "outside"]
-    lines = ["| | demanded | measured |", "|---|---|---|"]
-    lines += [f"| {what} | {demanded} | {measured} |" for what, demanded, measured in _inside(inside)]
-    lines += [f"| {what} | {demanded} | {measured} |" for what, demanded, measured in _outside(outside)]
-    return "\n".join([*lines, "", *_kinds(outside)])
+KEPT = Path(__file__).parent / "kept"
+SETS = {"first": "proof.jsonl", "second": "fresh.jsonl", "third": "third.jsonl"}
+
+
+def main() -> None:
+    """Print the tables of the stored sets."""
+    print(as_markdown(demands(stored())), as_markdown(kinds(stored())), sep="\n")
+
+
+def stored() -> dict[str, list[Row]]:
+    """Return the rows of every set."""
+    return {
+        name: [json.loads(line) for line in (KEPT / file).read_text("utf-8").splitlines()]
+        for name, file in SETS.items()
+    }
+
+
+def demands(sets: Mapping[str, Sequence[Row]]) -> list[list[str]]:
+    """What is demanded, and what each set measured."""
+    columns = [_inside(_of(rows, "inside")) + _outside(_of(rows, "outside")) for rows in sets.values()]
+    asked = [[what, demanded] for what, demanded, _ in columns[0]]
+    return [
+        ["", "demanded", *sets],
+        *([*row, *(column[k][2] for column in columns)] for k, row in enumerate(asked)),
+    ]
+
+
+def kinds(sets: Mapping[str, Sequence[Row]]) -> list[list[str]]:
+    """Fingers from outside the prior, by set and kind."""
+    rows = [["set", "from outside", "fingers", "flagged", "covered", "median error"]]
+    for name, all_rows in sets.items():
+        rows += [[name, *cells] for cells in _kinds(_of(all_rows, "outside"))]
+    return rows
+
+
+def _of(rows: Sequence[Row], of: str) -> list[Row]:
+    return [row for row in rows if row["of"] == of]
 
 
 def _inside(rows: Sequence[Row]) -> list[tuple[str, str, str]]:
@@ -63,18 +99,20 @@ def _well(row: Row) -> bool:
     return row["stranger"] is not None or row["ended"] is not None or bool(np.mean(row["covered"]) >= 0.8)
 
 
-def _kinds(rows: Sequence[Row]) -> list[str]:
-    if not rows:
-        return []
-    lines = ["| from outside | fingers | flagged | covered | median error |", "|---|---|---|---|---|"]
+def _kinds(rows: Sequence[Row]) -> list[list[str]]:
+    found = []
     for kind in dict.fromkeys(row["kind"] for row in rows):
         own = [row for row in rows if row["kind"] == kind]
         flagged = sum(row["stranger"] is not None or row["ended"] is not None for row in own)
         covered, error = (np.concatenate([row[key] for row in own]) for key in ("covered", "error"))
         median = _percent(float(np.median(np.abs(error))))
-        lines.append(f"| {kind} | {len(own)} | {flagged} | {_percent(covered.mean())} | {median} |")
-    return lines
+        found.append([kind, f"{len(own)}", f"{flagged}", _percent(covered.mean()), median])
+    return found
 
 
 def _percent(share: float) -> str:
     return f"{100 * share:.1f} %"
+
+
+if __name__ == "__main__":
+    main()

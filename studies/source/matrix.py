@@ -60,7 +60,7 @@ def why(row: MatrixRow) -> str:
     """Return why an entry has no verdict, or an empty string."""
     entry = row.entry
     return (
-        entry.outside or (entry.missing and f"needs {entry.missing}") or (entry.elsewhere and f"on {entry.elsewhere}")
+        entry.outside or (entry.missing and f"needs {entry.missing}") or (entry.elsewhere and f"in {entry.elsewhere}")
     )
 
 

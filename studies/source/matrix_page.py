@@ -12,25 +12,16 @@ from typing import Any
 from rig.data.folder import replace_bytes, replace_text
 from rig.report.page import PageFigure, Section, as_png, render
 from rig.report.pdf import as_pdf
+from studies.registry import as_markdown
 from studies.source.matrix import VERDICT_COLUMN, matrix, why
 from studies.source.printed.answers import FingerAnswers
 from studies.source.printed.entry import HEADER, Entry, MatrixRow, found
 
 TITLE = "The source, figure by figure"
 ABOUT = "Chapters 3 to 6 of B. I. Raju, S.M. thesis, MIT, 1998, beside the default finger."
-DOCS = """\
-This page compares chapters 3 to 6 of B. I. Raju, S.M. thesis, MIT, 1998 (*Raju 1998*) with the default finger.
-`make study` writes it as `study/source.md`; `docs/source.md` shows how to run the study.
-`docs/validation/source_verdicts.md` has the tables behind Table 5.2 and Eq. 4.1, and `docs/validation/coding.md`
-those behind chapter 6. To make one figure alone:
-
-```
-.venv/bin/python -m studies.source.pages study --only 4-4
-```"""
 SUMMARY_HEADER = ("number", "what it shows", "verdict", "note")
 CLAIMS_HEADER = ("number", "what", "the source", "here", "verdict", "bounds of agrees, partly")
 PAGES = (
-    ("coding.html", "chapter 6, encoding and decoding", "make study-coding"),
     ("comparison.html", "the same schedules on the virtual bench, as a comparison shows them", "make study-bench"),
     ("forces.html", "step 1 at two forces on the virtual bench", "make study-bench"),
     ("synthetic.html", "an example on synthetic recordings", "make study-bench"),
@@ -94,7 +85,7 @@ def _provenance(answers: FingerAnswers, command: str) -> dict[str, Any]:
 
 
 def write(folder: Path, study: MatrixPage) -> None:
-    """study.html and .pdf, tables.md and .json, and source.md for the docs."""
+    """study.html and .pdf, tables.md and .json."""
     draw = partial(
         render,
         "study.html.j2",
@@ -112,7 +103,6 @@ def write(folder: Path, study: MatrixPage) -> None:
     replace_text(folder / "study.html", draw())
     replace_bytes(folder / "study.pdf", as_pdf(draw(picture=as_png), datetime.now(UTC)))
     replace_text(folder / "tables.md", "\n".join(markdown(section) for section in study.tables))
-    replace_text(folder / "source.md", as_docs(study))
     as_json = [
         {"number": row.entry.number, "verdict": row.verdict, "claims": [f.row for f in row.found]}
         for row in study.rows
@@ -121,32 +111,19 @@ def write(folder: Path, study: MatrixPage) -> None:
     replace_text(folder / "tables.json", json.dumps(kept, ensure_ascii=False, indent=1))
 
 
-def as_docs(study: MatrixPage) -> str:
-    """Return docs/validation/source.md: one table of verdicts, one of all claims."""
-    verdicts = [
-        (row.entry.number, row.entry.shows, row.told, why(row) or row.entry.reading or "–") for row in study.rows
+def verdicts(rows: Sequence[MatrixRow]) -> list[tuple[str, ...]]:
+    """Return the verdict of every figure and table: studies/results/source/figures.csv."""
+    return [
+        SUMMARY_HEADER,
+        *((row.entry.number, row.entry.shows, row.told, why(row) or row.entry.reading or "–") for row in rows),
     ]
-    claims = [
-        ("" if n else row.entry.number, *cells[:3], *cells[4:])
-        for row in study.rows
-        for n, cells in enumerate(row.claims)
-    ]
-    parts = [
-        f"# Validation: {TITLE[0].lower()}{TITLE[1:]}",
-        DOCS,
-        study.matrix.text,
-        _table(SUMMARY_HEADER, verdicts),
-        "## Claims",
-        _table(CLAIMS_HEADER, claims),
-    ]
-    return "\n\n".join(part.strip() for part in parts) + "\n"
+
+
+def all_claims(rows: Sequence[MatrixRow]) -> list[tuple[str, ...]]:
+    """Return every claim: studies/results/source/claims.csv."""
+    return [CLAIMS_HEADER, *((row.entry.number, *cells[:3], *cells[4:]) for row in rows for cells in row.claims)]
 
 
 def markdown(section: Section) -> str:
     """A table as the docs have them."""
-    return f"**{section.title}.** {section.text}\n\n{_table(section.header, section.rows)}"
-
-
-def _table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [header, ["---"] * len(header), *rows]
-    return "".join(f"| {' | '.join(cells)} |\n" for cells in lines)
+    return f"**{section.title}.** {section.text}\n\n{as_markdown([section.header, *section.rows])}"

@@ -14,7 +14,8 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from studies.source.matrix_page import markdown, studied, write
+from studies.registry import as_markdown
+from studies.source.matrix_page import all_claims, markdown, studied, verdicts, write
 from studies.source.printed.answers import FingerAnswers, load
 from studies.source.printed.catalogue import ENTRIES, named
 from studies.source.printed.entry import Entry, scenes_of
@@ -52,6 +53,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     write(folder, study)
     if told.only:
         print("\n".join(markdown(section) for section in study.tables[1:]))
+    else:
+        print(as_markdown(verdicts(study.rows)), as_markdown(all_claims(study.rows)), sep="\n")
     say(f"{folder / 'study.html'}, its PDF and its tables")
 
 

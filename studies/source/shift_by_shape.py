@@ -9,10 +9,18 @@ from sim.coding.point_loads import LoadedFinger
 from sim.coding.point_spread import MovedResponse, receptor_sheet
 from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
-from studies.coding import section_part
+from studies.registry import show
 
-SCENES = {**section_part.SCENES, "sphere:3": (0.0, 0.67)}
-"""x and DOI of each shape, mm; as in the section's table."""
+SCENES = {
+    "cylinder:3": (0.0, 0.67),
+    "cylinder:9": (0.0, 0.67),
+    "bar:3.0": (0.0, 0.67),
+    "bar:1.5": (0.0, 0.67),
+    "step:1": (-1.63, 0.73),
+    "step:5": (-1.63, 0.73),
+    "sphere:3": (0.0, 0.67),
+}
+"""x and DOI of each shape, mm."""
 
 HEADER = ("shape", "relative L2", "peak", "lateral", "normal alone")
 
@@ -34,9 +42,7 @@ def main() -> None:
     """Print the table."""
     loaded = LoadedFinger(FingertipConfig())
     response = MovedResponse.of(loaded, receptor_sheet(loaded))
-    print(f"| {' | '.join(HEADER)} |\n|{'---|' * len(HEADER)}")
-    for row in rows(response, Fingertip.load()):
-        print(f"| {' | '.join(row)} |", flush=True)
+    show(HEADER, rows(response, Fingertip.load()))
 
 
 if __name__ == "__main__":

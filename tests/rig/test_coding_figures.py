@@ -9,11 +9,8 @@ from numpy.typing import NDArray
 from rig.report.coding_figures import (
     DrawnDecoding,
     ErrorSurface,
-    cloud_figure,
     decoded_figure,
     extents,
-    grid_figure,
-    noise_figure,
     search_figure,
 )
 from rig.report.style import Plot
@@ -70,16 +67,6 @@ def test_where_it_is_looked_at_closely() -> None:
     assert_allclose(extents(still)["valley"], ([20 - 0.003, 5 - 0.003], [20.003, 5.003]))
 
 
-@pytest.mark.parametrize(("converged", "shown"), [(0.03, True), (5e-14, False)])
-def test_error_against_grid_step(converged: float, shown: bool) -> None:
-    (axes,) = drawn(grid_figure(np.array([0.1, 1.0]), np.array([0.04, 0.07]), converged)).axes
-    assert_allclose(lines(axes)["grid"], [[0.1, 1.0], [0.04, 0.07]])
-    across = [line for line in axes.get_lines() if line.get_linestyle() == "--" and len(line.get_xdata())]
-    assert bool(across) is shown
-    assert f"exact along each coordinate: {converged:.1g}" in lines(axes)
-    assert_allclose(lines(axes)["10 %"][1], 0.1)
-
-
 @pytest.mark.parametrize("known", [True, False])
 def test_pressures_over_readings(known: bool) -> None:
     place, receptor = np.array([-1.0, 0.0, 1.0]), np.array([2.0, -2.0, 0.0])
@@ -94,27 +81,3 @@ def test_pressures_over_readings(known: bool) -> None:
     assert len(skin.collections) == known
     assert_allclose(lines(energy)["readings"], [[-2, 0, 2], [2, 3, 1]])
     assert_allclose(lines(energy)["explained"], [[-2, 0, 2], [4, 0, 4]])
-
-
-def test_where_two_pressures_are_found_under_noise() -> None:
-    found = {"univariate": {"0 dB": PATH, "20 dB": PATH[1:]}, "ours": {"0 dB": PATH[2:]}}
-    figure = drawn(cloud_figure(found, TRUE))
-    assert [axes.get_title() for axes in figure.axes] == ["univariate, 0 dB", "univariate, 20 dB", "ours, 0 dB", ""]
-    points = [np.array(line.get_xydata()) for axes in figure.axes for line in axes.get_lines()[1:]]
-    for shown, given in zip(points, [PATH, PATH[1:], PATH[2:]], strict=True):
-        assert_allclose(shown, given)
-    assert_allclose(figure.axes[0].get_lines()[0].get_xydata(), [TRUE])
-
-
-def test_error_against_noise() -> None:
-    errors = {"ours": np.array([[0.1, 0.3], [0.01, 0.03]])}
-    (axes,) = drawn(noise_figure(np.array([0.0, 10.0]), errors, 50)).axes
-    assert_allclose(lines(axes)["ours"], [[0, 10], [0.2, 0.02]])
-    (band,) = axes.collections
-    heights = band.get_paths()[0].vertices[:, 1]
-    assert heights.max() == pytest.approx(0.2 + 0.1)  # sd 0.1 √2, of two draws
-    assert heights.min() == pytest.approx(0.02 - 0.01)
-    assert "M = 50" in axes.get_xlabel()
-    assert not any("limit" in name for name in lines(axes))
-    (axes,) = drawn(noise_figure(np.array([0.0, 10.0]), errors, 50, np.array([0.1, 0.01]))).axes
-    assert_allclose(lines(axes)["limit for a known distribution"], [[0, 10], [0.1, 0.01]])

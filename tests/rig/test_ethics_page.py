@@ -8,6 +8,7 @@ import pytest
 
 from rig.settings import LimitSettings
 from rig.units import GWT_N
+from studies.registry import expanded
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "ethics.md").read_text(encoding="utf-8")
@@ -15,7 +16,7 @@ PAGE = (DOCS / "ethics.md").read_text(encoding="utf-8")
 
 def table(page: str, after: str) -> list[list[str]]:
     """Cells of the rows of the first table after some words, its head left out."""
-    lines = (DOCS / page).read_text(encoding="utf-8").split(after, 1)[1].splitlines()
+    lines = expanded((DOCS / page).read_text(encoding="utf-8")).split(after, 1)[1].splitlines()
     first = next(n for n, line in enumerate(lines) if line.startswith("|"))
     rows = []
     for line in lines[first + 2 :]:

@@ -24,9 +24,9 @@ ROOT = Path(__file__).parents[2]
 PAGES = sorted(
     path
     for path in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "examples").rglob("*.md")]
-    if path.name not in ("columns.md", "commands.md", "python_names.md")  # read off the program
+    if path.name not in ("columns.md", "commands.md", "python_names.md", "studies.md")  # read off the program
 )
-DRAWN = {"mermaid", "{toctree}", "{eval-rst}", "{literalinclude}"}
+DRAWN = {"mermaid", "{toctree}", "{eval-rst}", "{literalinclude}", "{csv-table}"}
 
 HARDWARE, SLOW, NETWORK, SETUP = "needs a rig", "takes long", "needs the network", "what every test begins with"
 PRINTED, SKETCH = "what is printed", "shown in part"
@@ -134,7 +134,7 @@ def _lines(block: Block) -> list[str]:
 
 
 def _is_study(line: str) -> bool:
-    return re.match(r"(OMP_NUM_THREADS=1 )?\.venv/bin/python -m studies\.", line) is not None
+    return re.match(r"(OMP_NUM_THREADS=1 )?\.venv/bin/python -m studies[. ]", line) is not None
 
 
 TO_RUN = {

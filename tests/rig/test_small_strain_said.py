@@ -4,7 +4,6 @@ import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import NamedTuple
 
 import pytest
@@ -24,7 +23,6 @@ from sim.models import small_strain as module
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.small_strain import DeviationRange, small_strain
-from studies.coding import pages
 from studies.source import matrix_page
 from studies.source.printed.answers import FingerAnswers, deep
 from tests.program import Program
@@ -82,13 +80,6 @@ def _source(at: At) -> str:
     return (at.folder / "study.html").read_text("utf-8")
 
 
-def _coding(at: At) -> str:
-    made_by = pages.provenance({(pages.SHIFT, ()): SimpleNamespace(nodes=1)}, 2)
-    pages.write(at.folder, [], made_by)
-    assert made_by["small_strain"] in (at.folder / "coding_tables.json").read_text("utf-8")
-    return (at.folder / "coding.html").read_text("utf-8")
-
-
 def _compared(at: At, *more: str) -> str:
     run = at.run()
     ended = at.program("compare", run, *more)
@@ -116,7 +107,6 @@ PLACES: dict[str, Callable[[At], str]] = {
     "rig study": _study,
     "rig study --json": lambda at: _study(at, "--json"),
     "the source, figure by figure": _source,
-    "encoding and decoding": _coding,
 }
 
 

@@ -2,7 +2,6 @@
 
 import csv
 import json
-import re
 import subprocess
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +12,8 @@ import pytest
 from numpy.typing import NDArray
 
 from rig.compare.plausible_fingers import read_plausible
-from studies.source.allowed import design, kept, page, sentences, study, summary
+from studies.registry import read_table
+from studies.source.allowed import design, kept, study, tables
 from studies.source.allowed.emulator import learn
 from studies.source.allowed.facts import FACTS
 from studies.source.allowed.implausible import Judge, MeshDeviation, worst
@@ -134,109 +134,19 @@ def test_the_default_but_for_the_pinned_is_in_the_middle_of_what_is_left_of_thos
     np.testing.assert_allclose(place[1:], place_of(DEFAULT)[1:])
 
 
-def test_a_fact_is_out_of_reach_where_no_finger_comes_near(small: AllowedStudy) -> None:
-    found = summary.lines(small)
-    assert [line.fact for line in found] == list(FACTS)
-    assert [line.fact.key for line in found if line.out_of_reach] == [KEYS[1]]
-    assert {line.chooses for line in found if line.fact.figure == "4-4"} == {True}
-    assert found[0].default.off == pytest.approx(4.0)
-    assert found[0].best.off == pytest.approx(0.5)
-
-
-def test_the_best_is_the_one_that_the_choosing_half_likes_best(small: AllowedStudy) -> None:
-    assert summary.best_row(small) == 1
-
-
-def test_facts_met_are_counted_within_one_and_within_the_cut_off(small: AllowedStudy) -> None:
-    found, n, m = summary.lines(small), int(CHOOSES.sum()), int((~CHOOSES).sum())
-    assert summary.met(found, True, 1.01) == (0, 0, n)
-    assert summary.met(found, True, 1.6) == (0, n, n)
-    assert summary.met(found, False, 1.01) == (m, 0, m)
-
-
-def test_the_page_has_a_row_for_each_wave_parameter_half_fact_and_finger(small: AllowedStudy, tmp_path: Path) -> None:
-    told = page.markdown(small)
-    tables = [part.splitlines() for part in told.split("\n\n") if part.startswith("|")]
-    assert [len(table) - 2 for table in tables] == [2, len(RANGES), 2, len(FACTS), 2]
-    assert all(len(row.split("|")) == len(table[0].split("|")) for table in tables for row in table)
-    assert tables[0][-1] == f"| 2 | 64 | 1.5 | {small.last.share:.2%} |"
-    assert "Of what is left the checking half allows 50%, of all ranges 12%." in told
+def test_tables_have_a_row_for_each_parameter_and_half(small: AllowedStudy, tmp_path: Path) -> None:
+    assert tables.best_row(small) == 1  # the choosing half likes it best
     n, m = int(CHOOSES.sum()), int((~CHOOSES).sum())
-    assert tables[2][2:] == [
-        f"| choose | {n} | 0, 0, 4.00 | 0, {n}, 1.50 | {n}, {n}, 0.50 |",
-        f"| check | {m} | {m}, {m}, 0.90 | 0, {m}, 1.50 | {m}, {m}, 0.50 |",
+    assert list(tables.halves(small))[1:] == [
+        ("choose", f"{n}", "0, 0, 4.00", f"0, {n}, 1.50", f"{n}, {n}, 0.50"),
+        ("check", f"{m}", f"{m}, {m}, 0.90", f"0, {m}, 1.50", f"{m}, {m}, 0.50"),
     ]
-    assert [row.rpartition(" | ")[2] for row in tables[4][2:]] == ["no |", "yes |"]
-    assert "| 0, 2.00; 0, 2.00 | 0, 1.50; 0, 1.50 |" in tables[4][2]
-    assert tables[3][5].startswith("| 4-1 | check |")
-    assert tables[1][2].startswith("| `bone_axis_mm` | −0.4 … 0.8 |")
-    assert "(out of reach)" in tables[3][3]
-    assert "+0.5 ± 0.25" in tables[3][2]
-    page.drawn(small, tmp_path / "one.png")
+    head, first, *others = tables.parameters(small.last)
+    assert first[:2] == ("`bone_axis_mm`", "−0.4 … 0.8")
+    assert len(others) == len(RANGES) - 1
+    assert {len(row) for row in (first, *others)} == {len(head)}
+    tables.drawn(small, tmp_path / "one.png")
     assert (tmp_path / "one.png").read_bytes().startswith(b"\x89PNG")
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "told"),
-    [(1.0, 1.0, "1"), (-np.inf, 0.05, "≤ 0.05"), (0.85, np.inf, "≥ 0.85"), (1, 1.5, "1 … 1.5")],
-)
-def test_a_target_is_told(low: float, high: float, told: str) -> None:
-    assert page._target(low, high) == told
-
-
-# --- in words ---
-
-
-def test_the_words_are_those_of_the_numbers(small: AllowedStudy) -> None:
-    """A quarter of the places is left, the emulators say 10 x + 0.5 for at most 2.5, one of them far below 0."""
-    told = sentences.sentences(small)
-    assert told[0] == "After 64 fingers 25 % of the ranges' volume are left, after 64 25 %."
-    assert told[1].startswith("Reading and model errors are multiplied by 1.5; with 0.8 times of them ")
-    assert "the checking half allows 50 %, so that all figures together leave 12 % of the ranges" in told[2]
-    assert told[3].endswith("or less.")
-    assert told[4] == "Pinned are 1 of 13, the middle nine tenths of what is left: `bone_axis_mm` −0.37 … −0.13."
-    assert "Out of reach are 1 numbers; " in told[6]
-    assert f"“{sentences.BY_KEY[KEYS[1]].says}” (" in told[6]
-    assert told[7:] == [
-        "Finger 0 at 1.91 gwt, ruled out and rms: choose 0, 2.00 for 0, 1.50; check 0, 2.00 for 0, 1.50: does not "
-        "pass the rule.",
-        "Finger 1 at 2.58 gwt, ruled out and rms: choose 0, 0.50 for 0, 1.50; check 0, 0.50 for 0, 1.50: passes the "
-        "rule.",
-    ]
-
-
-def test_what_the_later_waves_show_is_told_of_them_alone(small: AllowedStudy) -> None:
-    facts = np.stack([np.full(len(FACTS), value) for value in (1.0, 2.0, 3.25)])
-    tables = [kept.FingerSample(np.arange(3), np.tile(list(DEFAULT.values()), (3, 1)), facts + k) for k in (100, 0)]
-    (told,) = [one for one in sentences.sentences(replace(small, tables=tables)) if one.startswith("On the fingers")]
-    default = [small.default[KEYS.index(key)] for key in ("growth", "upper_share")]
-    assert told == (
-        f"On the fingers of later waves the population's peak grows 1.0 to 3.2 times (default {default[0]:.1f}), and "
-        f"the upper flat carries 1.00 to 3.25 of the force (default {default[1]:.2f})."
-    )
-
-
-def test_what_was_expected_of_the_last_wave_is_held_against_it(small: AllowedStudy) -> None:
-    """Emulators that say 10 x, one of them far below, of two fingers: as they say, and far above."""
-    mean = float(small.last.judges[0].emulator.predict(place_of(DEFAULT)[None])[0][0])
-    facts = np.stack([np.full(len(FACTS), mean), np.full(len(FACTS), mean + 1e3)])
-    facts[1, :5] = np.nan
-    table = kept.FingerSample(np.arange(2), np.tile(list(DEFAULT.values()), (2, 1)), facts)
-    told = sentences.foreseen(replace(small, tables=[table]))
-    found = [judge.target.key for judge in small.last.judges]
-    shown = 2 * len(found) - sum(key in KEYS[:5] for key in found)
-    within = sentences.percent((len(found) - (KEYS[1] in found)) / shown)
-    assert told == (
-        "The choosing half's emulators of 64 fingers foresaw the 2 pressed after them: "
-        f"{within} of the numbers lie within 2 deviations of what was expected."
-    )
-
-
-@pytest.mark.parametrize(
-    ("share", "told"), [(0.0, "nothing"), (0.0026, "0.26 %"), (0.0782, "7.8 %"), (0.714, "71 %")]
-)
-def test_a_share_is_told(share: float, told: str) -> None:
-    assert sentences.percent(share) == told
 
 
 # --- what is kept ---
@@ -326,20 +236,6 @@ def test_the_shipped_ranges_hold_the_default_finger() -> None:
         assert low <= DEFAULT[name] <= high
 
 
-def test_the_docs_say_of_fingers_what_the_kept_tables_say() -> None:
-    """Whatever needs no emulator: those take half a minute to learn (the next two tests, `make test-studies`)."""
-    default, best, alike = (
-        kept.read(kept.RESULTS / f"{name}.csv", NAMES, KEYS) for name in ("mesh_default", "best", "default_alike")
-    )
-    nobody = RemainingPlaces(0, 1.0, np.zeros((1, len(NAMES))), np.ones(1, dtype=bool), [])
-    unjudged = AllowedStudy([], [nobody], nobody, default.facts[0], best, alike, _waves())
-    docs = " ".join((ROOT / "docs" / "validation" / "allowed_fingers.md").read_text(encoding="utf-8").split())
-    told = [*sentences.best(unjudged), sentences.later(unjudged)]
-    told += [row for row in page.halves(unjudged).splitlines() if row.startswith("|")]
-    assert len(told) == study.BEST + 1 + 1 + 4
-    assert [text for text in told if " ".join(text.split()) not in docs] == []
-
-
 class Judged(NamedTuple):
     """The kept tables judged again: what came of it, what was said, and the files before."""
 
@@ -372,20 +268,9 @@ def test_what_is_kept_is_not_pressed_again_and_leaves_what_is_shipped(judged: Ju
         assert (low, high) == (pytest.approx(left[name].low, rel=0.08), pytest.approx(left[name].high, rel=0.08))
 
 
-def test_the_docs_say_what_the_kept_tables_say(judged: Judged) -> None:
-    """Every sentence, and the tables of parameters and of facts met.
-
-    What the emulators foresaw, to a percent: where the search for their lengths ends hangs on SciPy (694 of 832
-    numbers with 1.17, 695 with 1.18: 83.4 and 83.5 %).
-    """
-    docs = " ".join((ROOT / "docs" / "validation" / "allowed_fingers.md").read_text(encoding="utf-8").split())
-    foreseen = " ".join(sentences.foreseen(judged.study).split())
-    told = [" ".join(text.split()) for text in sentences.sentences(judged.study)]
-    tables = page.parameters(pins(judged.study.last)), page.halves(judged.study)
-    rows = [" ".join(row.split()) for table in tables for row in table.splitlines() if row.startswith("|")]
-    assert {text for text in (*told, *rows) if text not in docs} <= {foreseen}
-    before, share, after = re.split(r"(\d+)(?= %)", foreseen)
-    assert any(f"{before}{int(share) + off}{after}" in docs for off in (-1, 0, 1))
+def test_the_docs_have_the_tables_of_what_is_kept(judged: Judged) -> None:
+    for name, rows in (("ranges", tables.parameters(judged.study.last)), ("facts", tables.halves(judged.study))):
+        assert [list(row) for row in rows] == read_table(f"allowed_fingers/{name}")
 
 
 def test_the_default_finger_is_pressed_at_the_low_force_of_each_of_the_best() -> None:

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from studies.coding.bands import drawn_presses
-from studies.coding.bands.drawn_presses import (
+from studies.coding import drawn_presses
+from studies.coding.drawn_presses import (
     CHOOSING_SEED,
     NEAR,
     WIDER,

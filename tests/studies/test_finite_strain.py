@@ -13,12 +13,10 @@ from sim.contact.shapes import parse_shape
 from sim.fem.elements import lame, stiffness
 from sim.measures.measures import Elastic, measures_from_strain
 from sim.models.catalogue import load
-from studies.finite_strain import cause, confirmed, states
-from studies.finite_strain.cause import Parts
+from studies.finite_strain import confirmed, states
 from studies.finite_strain.judged import among
 from studies.finite_strain.ratios import COLUMNS, Ratio, correlation, envelope, ratios
 from studies.finite_strain.reading import extent
-from studies.finite_strain.solver.body import Body
 from studies.finite_strain.solver.bricks import Dilatation, Moduli, bricks
 from studies.finite_strain.solver.clearance import along, clearance
 from studies.finite_strain.solver.inside import cauchy, finite_measures
@@ -259,28 +257,6 @@ def test_skin_slides_round_the_edges_of_a_bar(section: Specimen) -> None:
     assert skin_clearance(section.skin, there, found.unknowns).mm.min() > -1e-3
     across = found.touched.load_n[:, None] * found.touched.normal
     assert found.force == pytest.approx(-across[:, 1].sum())
-
-
-def test_tissue_may_be_at_finite_strain_in_some_layers_alone(section: Specimen) -> None:
-    size = section.body(None).size
-    a = 1e-2 * np.random.default_rng(3).normal(size=size)
-    linear, finite = section.body(None), section.body(NeoHookean())
-    skin, below = (Body(Parts.of(section, some, "bbar"), section.unknown, 3.0) for some in ((0,), (1, 2)))
-    assert skin.energy(a) + below.energy(a) == pytest.approx(linear.energy(a) + finite.energy(a))
-    assert skin.energy(a) != pytest.approx(linear.energy(a), rel=1e-6)
-    assert skin.energy(a) != pytest.approx(finite.energy(a), rel=1e-6)
-    for k in range(2):
-        both = skin.tangent(a)[k] + below.tangent(a)[k]
-        np.testing.assert_allclose(both, linear.tangent(a)[k] + finite.tangent(a)[k], atol=1e-10)
-
-
-def test_the_table_of_causes_has_a_dash_where_nothing_converged() -> None:
-    kept = [{"what": "nothing", "doi_mm": 0.33, "off": 0.139}, {"what": "section", "doi_mm": 0.6, "off": -0.11}]
-    lines = list(cause.markdown(kept))
-    assert lines[0] == "| changed | 0.15 mm | 0.33 mm | 0.45 mm | 0.6 mm |"
-    assert lines[2] == "| nothing | – | +13.9 % | – | – |"
-    assert "| section | – | – | – | -11.0 % |" in lines
-    assert len(lines) == 2 + len(cause.CASES)
 
 
 def test_a_world_is_compared_at_the_places_where_both_were_pressed() -> None:

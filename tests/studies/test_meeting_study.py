@@ -18,10 +18,12 @@ from sim.errors import ModelRangeError
 from sim.identification.design import PressAt
 from sim.models.fingertip import Fingertip
 from sim.plant import Pose, RelaxingPress
+from studies.meeting import tables
 from studies.meeting.hidden import Keeper, OnlyMounts, TruthReadError
 from studies.meeting.ogden import OgdenFinger
 from studies.meeting.strangers import COARSER, inside, outside
-from studies.meeting.tables import as_markdown
+from studies.meeting.tables import demands, kinds
+from studies.registry import as_markdown, read_table
 from tests.made_up_fingers import made_up
 from tests.sim.coarse import coarse_mesh
 
@@ -150,7 +152,8 @@ def test_the_table_counts_what_is_demanded() -> None:
         _row("outside", kind="creeps", covered=[False, False], ended="tripped"),
         _row("outside", kind="creeps"),
     ]
-    table = as_markdown(json.loads(json.dumps(rows)))
+    sets = {"measured": json.loads(json.dumps(rows))}
+    table = as_markdown(demands(sets)) + as_markdown(kinds(sets))
     for line in (
         "| fingers of the prior | ≥ 200 | 2 |",
         "| median error of force, held-back shapes | ≤ 5 % | 2.5 % |",
@@ -161,21 +164,27 @@ def test_the_table_counts_what_is_demanded() -> None:
         "| seconds of an update, median and most | ≤ 1 | 0.20, 0.30 |",
         "| highest force while learning over its trip | ≤ 1 | 0.70 |",
         "| fingers from outside: covered or flagged | ≥ 36 of 40 | 3 of 4 |",
-        "| one material | 2 | 1 | 0.0 % | 2.0 % |",
-        "| creeps | 2 | 1 | 50.0 % | 2.0 % |",
+        "| measured | one material | 2 | 1 | 0.0 % | 2.0 % |",
+        "| measured | creeps | 2 | 1 | 50.0 % | 2.0 % |",
     ):
         assert line in table
-    assert "fingers of the prior" not in as_markdown(rows[2:])
-    assert "from outside" not in as_markdown(rows[:2])
+    assert "fingers of the prior" not in as_markdown(demands({"measured": rows[2:]}))
+    assert len(kinds({"measured": rows[:2]})) == 1
 
 
-@pytest.mark.parametrize(("name", "first"), [("proof", 0), ("fresh", 3000), ("third", 6000)])
-def test_the_page_has_the_tables_of_the_kept_rows(name: str, first: int) -> None:
-    rows = [json.loads(line) for line in (KEPT / f"{name}.jsonl").read_text("utf-8").splitlines()]
-    assert sorted((row["of"], row["seed"]) for row in rows) == sorted(
+SETS = tables.stored()
+
+
+@pytest.mark.parametrize(("name", "first"), [("first", 0), ("second", 3000), ("third", 6000)])
+def test_a_set_has_its_seeds_and_the_page_its_commits(name: str, first: int) -> None:
+    assert sorted((row["of"], row["seed"]) for row in SETS[name]) == sorted(
         [("inside", first + k) for k in range(200)] + [("outside", first + k) for k in range(40)]
     )
     page = PAGE.read_text("utf-8")
-    assert as_markdown(rows) in page
-    for commit in {row["commit"] for row in rows}:
+    for commit in {row["commit"] for row in SETS[name]}:
         assert commit[:7] in page
+
+
+def test_the_page_has_the_tables_of_the_kept_rows() -> None:
+    assert demands(SETS) == read_table("identification/demands")
+    assert kinds(SETS) == read_table("identification/kinds")

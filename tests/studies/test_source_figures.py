@@ -17,13 +17,13 @@ from sim.config import FingertipConfig
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
 from sim.models.result import median_of_four
-from studies.coding import chapter_6
-from studies.coding.decoding_part import converged_errors, noisy
+from studies.coding.two_samples import SEED, errors_of, sampled_operator
+from studies.registry import expanded
 from studies.source import bench_pages, pages, pressure_fits
 from studies.source.matrix import HEADER, matrix
-from studies.source.matrix_page import MatrixPage, as_docs
+from studies.source.matrix_page import all_claims, verdicts
 from studies.source.printed import answers as presses
-from studies.source.printed import bars, cylinders, drawing, profiles, steps, table, under_steps
+from studies.source.printed import bars, chapter_6, cylinders, drawing, profiles, steps, table, under_steps
 from studies.source.printed.answers import FingerAnswers, PrintedPress, deep, forced, once
 from studies.source.printed.catalogue import ENTRIES, named
 from studies.source.printed.entry import (
@@ -369,15 +369,18 @@ def test_overlap_is_of_what_either_has(monkeypatch: pytest.MonkeyPatch) -> None:
 # --- chapter 6 ---
 
 
-def test_the_search_under_noise_is_that_of_the_page_of_chapter_6() -> None:
-    alone, with_others = converged_errors(chapter_6.TRUTHS, 20, 2), noisy(chapter_6.TRUTHS, 20, 2).errors[1]
-    np.testing.assert_array_equal(alone, with_others)
-    assert alone.min() > 0
+def test_the_search_under_noise_is_that_of_the_study(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(chapter_6, "DRAWS", 2)
+    errors, _ = errors_of(sampled_operator(), chapter_6.TRUTHS, 20, range(SEED, SEED + 2))
+    alone = chapter_6.under_noise(FingerAnswers(None), snr_db=20)  # type: ignore[arg-type]
+    assert alone == pytest.approx(errors[0].mean(), rel=1e-12)
+    assert errors[0].min() > 0
 
 
 def test_the_worked_example_goes_where_the_source_goes(answered: FingerAnswers) -> None:
     assert chapter_6.first_move(answered) == pytest.approx(23.9, abs=0.05)
-    assert chapter_6.on_a_grid(answered) == pytest.approx((4**2 + 4**2) / (20**2 + 14**2))  # stuck at [24 10]
+    stuck = (4**2 + 4**2) / (20**2 + 14**2)  # at [24 10]
+    assert chapter_6.ends_off(answered, chapter_6.GRID) == pytest.approx(stuck)
 
 
 def test_shift_invariance_is_told_of_the_sites(answered: FingerAnswers) -> None:
@@ -388,7 +391,7 @@ def test_shift_invariance_is_told_of_the_sites(answered: FingerAnswers) -> None:
     assert chapter_6.exponents_spread(answered, "all") == pytest.approx(m.std(ddof=1) / m.mean())
     a = np.array([site.linear.a for site in chapter_6.sites(answered).sites])
     assert chapter_6.sizes_spread(answered, "all") == pytest.approx(a.std(ddof=1) / a.mean())
-    assert chapter_6._site_10(answered, "m") == m[9]
+    assert chapter_6.site_10(answered, "m") == m[9]
 
 
 def test_what_passes_low_frequencies_has_the_most_of_them(answered: FingerAnswers) -> None:
@@ -400,8 +403,8 @@ def test_what_passes_low_frequencies_has_the_most_of_them(answered: FingerAnswer
 
 def test_a_page_of_its_own_is_named_beside_the_numbers() -> None:
     one = CheckedClaim(Claim("x", "y", Below(1, 2), lambda _: 0.5), 0.5)
-    row = MatrixRow(Entry("6-1", "It shows.", elsewhere="there.html"), (one,))
-    assert (row.verdict, matrix([row]).rows[0][4]) == ("agrees", "0.50; on there.html")
+    row = MatrixRow(Entry("6-1", "It shows.", elsewhere="docs/there.md"), (one,))
+    assert (row.verdict, matrix([row]).rows[0][4]) == ("agrees", "0.50; in docs/there.md")
     assert MatrixRow(row.entry, ()).verdict == "a page of its own"
 
 
@@ -464,17 +467,17 @@ def test_the_matrix_counts_in_words_that_fit_the_number() -> None:
     assert matrix([*rows, rows[1]]).text.startswith("4 figures and tables: 1 agrees, 2 agree in part, 1 differs.")
 
 
-def test_the_docs_are_the_matrix_and_the_claims() -> None:
+def test_the_docs_are_the_verdicts_and_the_claims() -> None:
     rule = Below(1, 2)
     row = MatrixRow(
         Entry("1-1", "It shows.", reading="Read it."), (CheckedClaim(Claim("x", "y", rule, lambda _: 0.0), 0.0),)
     )
     silent = MatrixRow(Entry("9-9", "It shows nothing.", outside="elsewhere"), ())
-    text = as_docs(MatrixPage((row, silent), {}, {}))
-    verdicts, claims = text.split("## Claims")
-    assert "| 1-1 | It shows. | agrees | Read it. |" in verdicts
-    assert "| 9-9 | It shows nothing. | out of scope | elsewhere |" in verdicts
-    assert claims.strip().splitlines()[2:] == ["| 1-1 | x | y | 0.00 | agrees | ≤ 1, ≤ 2 |"]
+    assert verdicts([row, silent])[1:] == [
+        ("1-1", "It shows.", "agrees", "Read it."),
+        ("9-9", "It shows nothing.", "out of scope", "elsewhere"),
+    ]
+    assert all_claims([row, silent])[1:] == [("1-1", "x", "y", "0.00", "agrees", "≤ 1, ≤ 2")]
 
 
 def test_the_bench_says_how_far_it_is(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
@@ -501,7 +504,7 @@ def test_an_unknown_number_is_refused(capsys: pytest.CaptureFixture[str]) -> Non
 @pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry.key)
 def test_the_docs_have_every_entry(entry: Entry) -> None:
     """Number, what it shows and the claims with the source's words are those of the list."""
-    text = (ROOT / "docs" / "validation" / "source.md").read_text(encoding="utf-8")
+    text = expanded((ROOT / "docs" / "validation" / "source.md").read_text(encoding="utf-8"))
     assert f"| {entry.number} | {entry.shows} |" in text
     for claim in entry.claims:
         assert f"| {typeset(claim.says)} | {claim.source} | " in text

@@ -3,8 +3,8 @@
     .venv/bin/python -m studies.source.allowed [FOLDER] [--results FOLDER]    # default: study, the kept tables
 
 Reads what is kept of every finger that was pressed (`results/`), presses what is missing, one finger after another,
-each on disk before the next is begun; then emulates, rules out, and writes FOLDER/allowed.md and allowed.png. With
-the kept tables a minute or two; with an empty folder of results half an hour of one core.
+each on disk before the next is begun; then emulates, rules out, prints what is left, and writes FOLDER/allowed.png.
+With the kept tables a minute or two; with an empty folder of results half an hour of one core.
 """
 
 import argparse
@@ -13,9 +13,10 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
+from studies.registry import as_markdown
 from studies.source.allowed import kept
-from studies.source.allowed.page import drawn, markdown
 from studies.source.allowed.study import made
+from studies.source.allowed.tables import drawn, halves, parameters
 
 
 def parser() -> argparse.ArgumentParser:
@@ -32,9 +33,11 @@ def main(arguments: Sequence[str] | None = None) -> None:
     say = _saying(time.perf_counter())
     study = made(told.results, say)
     told.folder.mkdir(parents=True, exist_ok=True)
-    (told.folder / "allowed.md").write_text(markdown(study), encoding="utf-8")
     drawn(study, told.folder / "allowed.png")
-    say(f"{told.folder / 'allowed.md'} and allowed.png")
+    for k, left in enumerate(study.lefts, 1):
+        say(f"wave {k}: {left.fingers} fingers, inflation {left.inflation:g}, {left.share:.2%} of all ranges left")
+    print(as_markdown(list(parameters(study.last))), as_markdown(list(halves(study))), sep="\n")
+    say(f"{told.folder / 'allowed.png'}")
 
 
 def _saying(began: float) -> Callable[[str], None]:

@@ -1,7 +1,5 @@
 """Cylinders on the pad's centre, beside the bar: Fig. 4-3 and 4-8."""
 
-from functools import partial
-
 import numpy as np
 from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
@@ -9,15 +7,14 @@ from numpy.typing import NDArray
 from rig.report.page import PageFigure
 from rig.report.style import Plot
 from studies.source.printed.answers import ROW_DEPTH_MM, FingerAnswers, PrintedPress, deep, forced, once
-from studies.source.printed.drawing import COLOURS, PROMINENT, maps, maxima, pressures, second
-from studies.source.printed.entry import Claim, Entry
-from studies.source.printed.rules import Above, Below, Near, Same
+from studies.source.printed.drawing import COLOURS, maps, maxima, pressures, second
 
 Array = NDArray[np.float64]
 
 DOIS_MM = (0.33, 1.0, 1.33)
 THICK, THIN = ([deep(f"cylinder:{d}", doi) for doi in DOIS_MM] for d in (9, 3))
 SHAPES = ("bar:3.0", "cylinder:9", "cylinder:3")
+ALL = [deep(shape, doi) for shape in SHAPES for doi in DOIS_MM]
 DEEP_MM, DEEP_X_MM = 2.5, 0.17 * np.arange(-11.0, 12.0)  # the row that lies inside the finger there
 
 
@@ -32,7 +29,8 @@ def more_force(answers: FingerAnswers, k: int) -> float:
     return answers.press(THICK[k]).force_gwt / answers.press(THIN[k]).force_gwt - 1
 
 
-def _forces(answers: FingerAnswers, k: int) -> str:
+def forces(answers: FingerAnswers, k: int) -> str:
+    """Of the thick and the thin cylinder, in words."""
     thick, thin = answers.press(THICK[k]).force_gwt, answers.press(THIN[k]).force_gwt
     return f"{thick:.2f} and {thin:.2f} gwt"
 
@@ -46,7 +44,8 @@ def higher_peak(answers: FingerAnswers) -> float:
     return _peak(answers, equal_force(answers)) / _peak(answers, THICK[-1]) - 1
 
 
-def _peaks(answers: FingerAnswers) -> str:
+def peaks(answers: FingerAnswers) -> str:
+    """Of both at the same force, in words."""
     return f"{_peak(answers, equal_force(answers)):.0f} and {_peak(answers, THICK[-1]):.0f} pseudo-units"
 
 
@@ -71,7 +70,8 @@ def apart(answers: FingerAnswers, doi_mm: float, depth_mm: float) -> float:
     return float(np.ptp(shapes, axis=0).max())
 
 
-def _maxima(answers: FingerAnswers, shape: str) -> str:
+def count(answers: FingerAnswers, shape: str) -> str:
+    """Maxima of SED under a shape."""
     return f"{maxima(_sed(answers, shape))}"
 
 
@@ -80,21 +80,13 @@ def _sed(answers: FingerAnswers, shape: str) -> Array:
     return profiles[SHAPES.index(shape)]
 
 
-def _second(answers: FingerAnswers, shape: str) -> str:
+def stands_out(answers: FingerAnswers, shape: str) -> str:
+    """How far the second one stands out, in words."""
     return f"second stands out by {second(_sed(answers, shape)):.0%}"
 
 
-def _count(shape: str, source: str, partly: tuple[str, ...]) -> Claim:
-    return Claim(
-        f"SED maxima under {shape}, DOI 1.33, 0.75 mm deep",
-        source,
-        Same((source,), partly),
-        partial(_maxima, shape=shape),
-        beside=partial(_second, shape=shape),
-    )
-
-
-def _pressure_figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
+def pressure_figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
+    """Pressure under the cylinders."""
     pressed = [*THICK, *THIN]
     beside = [deep("bar:3.0", DOIS_MM[-1]), THICK[-1], THIN[-1], equal_force(answers)]
     return (
@@ -103,7 +95,8 @@ def _pressure_figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
     )
 
 
-def _sed_figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
+def sed_figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
+    """SED under bar and cylinders."""
     caption = "Each over its peak, in the receptor plane; upper row 0.75 mm below the skin, lower 2.5 mm."
     return (PageFigure("SED under bar and cylinders", Plot((10.2, 5.2), lambda c: _draw_sed(c, answers)), caption),)
 
@@ -121,66 +114,3 @@ def _draw_sed(canvas: Canvas, answers: FingerAnswers) -> None:
     for axes in panels[-1]:
         axes.set_xlabel("x (mm)")
     panels[0, 0].legend(fontsize=8)
-
-
-ENTRIES = (
-    Entry(
-        "4-3",
-        "Pressure over x and z under cylinders of 9 and 3 mm: the blunt one needs more force, the thin one "
-        "presses harder.",
-        (
-            Claim(
-                "force of 9 mm over 3 mm less one, DOI 0.33",
-                "about 10 %",
-                Near(0.10, 0.35, 1.0),
-                partial(more_force, k=0),
-                "{:.1%}",
-                partial(_forces, k=0),
-            ),
-            Claim(
-                "the same, DOI 1.0",
-                "about 15 %",
-                Near(0.15, 0.35, 1.0),
-                partial(more_force, k=1),
-                "{:.1%}",
-                partial(_forces, k=1),
-            ),
-            Claim(
-                "peak of 3 mm over 9 mm less one, at the force of 9 mm at 1.33",
-                "about 30 %",
-                Near(0.30, 0.35, 1.0),
-                higher_peak,
-                "{:.0%}",
-                _peaks,
-            ),
-        ),
-        (*THICK, *THIN, deep("bar:3.0", DOIS_MM[-1])),
-        _pressure_figures,
-        reading="The shapes of the printed panels are not known; the figure shows all of the schedule.",
-    ),
-    Entry(
-        "4-8",
-        "SED under bar and cylinders: its shapes differ near the skin and nearly coincide 2.5 mm below it.",
-        (
-            Claim(
-                "largest difference of normalised SED, DOI 1.33, 2.5 mm deep",
-                "nearly coincide",
-                Below(0.10, 0.25),
-                partial(apart, doi_mm=1.33, depth_mm=DEEP_MM),
-            ),
-            Claim(
-                "the same, DOI 1.33, 0.75 mm deep",
-                "differ",
-                Above(0.25, 0.10),
-                partial(apart, doi_mm=1.33, depth_mm=ROW_DEPTH_MM),
-            ),
-            _count("bar:3.0", "2", ("3",)),
-            _count("cylinder:9", "1", ("2",)),
-            _count("cylinder:3", "1", ("2",)),
-        ),
-        tuple(deep(shape, doi) for shape in SHAPES for doi in DOIS_MM),
-        _sed_figures,
-        reading=f"A maximum counts from {100 * PROMINENT:g} % of the range. The source shows DOI 0.33 and 1.33, not "
-        "1.0.",
-    ),
-)

@@ -1,7 +1,5 @@
 """Pressure as a formula of depth and curvature: Fig. 4-9, Eq. 4.1 and 4.2."""
 
-from functools import partial
-
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
@@ -24,13 +22,10 @@ from studies.source.pressure_fits import (
 )
 from studies.source.printed.answers import FingerAnswers, PrintedPress, deep, forced, once
 from studies.source.printed.drawing import COLOURS
-from studies.source.printed.entry import Claim, Entry
-from studies.source.printed.rules import Above
 
 MIDDLE = [deep(shape, doi) for shape, depths in CENTRED.items() for doi in depths]
 STEPS = [forced(f"step:{n}", force, x) for n in "135" for x in STEP_X_MM for force in STEP_GWT]
 OTHERS = [deep(shape, doi) for shape in UNSEEN for doi in DEPTHS_MM]
-NAMES = ("K1", "K2", "K3")
 
 
 @once
@@ -53,7 +48,8 @@ def least_k2_over_k1(answers: FingerAnswers) -> float:
     return study(answers).fits["patch"].spread.k2_over_k1[0]
 
 
-def _k2_over_k1(answers: FingerAnswers) -> str:
+def constants_said(answers: FingerAnswers) -> str:
+    """All constants, in words."""
     fits = study(answers).fits
     return "; ".join(
         f"{name} K1, K2, K3 = {', '.join(f'{k:.0f}' for k in fits[name].constants)}" for name in ("patch", "row")
@@ -66,16 +62,19 @@ def k2_with_curvature(answers: FingerAnswers) -> float:
     return float(spearmanr(curvature, k2).statistic)
 
 
-def _by_shape(answers: FingerAnswers) -> str:
+def by_shape(answers: FingerAnswers) -> str:
+    """K2 of every shape, in words."""
     return ", ".join(f"{k2:.0f} ({shape})" for shape, _, _, k2 in study(answers).by_shape)
 
 
-def _constant(answers: FingerAnswers, k: int) -> str:
+def constant(answers: FingerAnswers, k: int) -> str:
+    """With its intervals, in words."""
     fits = study(answers).fits
     return f"patch {fits['patch'].with_interval(k)}, row {fits['row'].with_interval(k)}"
 
 
-def _figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
+def figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
+    """Pressure against displacement."""
     caption = (
         "Pressure against the skin's own downward displacement at every node that carries force, one colour a "
         "depth (0.33, 0.67, 1.0, 1.33 mm); lines: the formula with the patch's constants at the contact's median "
@@ -113,47 +112,6 @@ def _line(axes: Axes, at: ContactSamples, shown: PressureStudy, colour: str) -> 
     axes.plot(d, k2 * (d - doi * (1 - k1 / k2)) + k3 * curvature, color=colour, lw=1)
 
 
-def _tables(answers: FingerAnswers) -> tuple[Section, ...]:
+def tables(answers: FingerAnswers) -> tuple[Section, ...]:
+    """Fits, and fingers of other layers."""
     return fits_section(study(answers)), layers_section()
-
-
-ENTRIES = (
-    Entry(
-        "4-9, Eq. 4.1, 4.2",
-        "Pressure inside a contact rises with local displacement and with curvature: P = K2 (d − d0) + K3 C.",
-        (
-            Claim(
-                "K2 − K1, low end of 95 % (pseudo-units/mm)",
-                "K2 > K1",
-                Above(0.0, -100.0),
-                least_k2_over_k1,
-                "{:.0f}",
-                _k2_over_k1,
-            ),
-            *(
-                Claim(
-                    f"{name}, low end of 95 % (pseudo-units{' · mm' if k == 2 else '/mm'})",
-                    "positive",
-                    Above(0.0, -100.0),
-                    partial(least, k=k),
-                    "{:.0f}",
-                    partial(_constant, k=k),
-                )
-                for k, name in enumerate(NAMES)
-            ),
-            Claim(
-                "rank correlation of K2 within contacts with C",
-                "K2 rises with C",
-                Above(0.8, 0.3),
-                k2_with_curvature,
-                beside=_by_shape,
-            ),
-        ),
-        (*MIDDLE, *STEPS, *OTHERS),
-        _figures,
-        _tables,
-        reading="The verdict uses all contact nodes of the patch under centered bars and cylinders, away from the "
-        "bars' edges. The source names neither nodes nor edges; other choices give other constants "
-        "(docs/validation/source_verdicts.md). Intervals are 95 % over indentations drawn with replacement.",
-    ),
-)

@@ -4,14 +4,30 @@ import numpy as np
 from matplotlib.figure import Figure as Canvas
 
 from rig.report.page import PageFigure
+from rig.report.recording_sections import Deflection, deflection_section
 from rig.report.style import BLUE, GREY, ORANGE, Plot
 from sim.finger.surface import published_points
 from studies.source.printed.answers import FingerAnswers
-from studies.source.printed.entry import Claim, Entry
-from studies.source.printed.rules import Below, Near, Within
+
+LINE_DOIS_MM = (0.5, 1.0, 1.5, 2.0)
 
 
-def _spacing(answers: FingerAnswers) -> float:
+def apex(answers: FingerAnswers, name: str) -> float:
+    """One number of the skin's apex."""
+    return float(getattr(answers.finger.surface.apex, name))
+
+
+def apex_x(answers: FingerAnswers) -> float:
+    """Where the apex lies across the finger, mm."""
+    return float(answers.finger.surface.apex.position_mm[0])
+
+
+def nodes(answers: FingerAnswers) -> float:
+    """Of the whole mesh."""
+    return float(answers.finger.model.nodes)
+
+
+def spacing(answers: FingerAnswers) -> float:
     """Largest distance between neighbouring nodes across the finger, under the pad's centre; mm."""
     model = answers.finger.model
     x = np.sort(
@@ -22,7 +38,8 @@ def _spacing(answers: FingerAnswers) -> float:
     return float(np.diff(x).max())
 
 
-def _figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
+def figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
+    """The skin and its published points."""
     caption = (
         "Left: the section in the receptor plane, and the published points within 1 mm of it. Right: the skin's "
         "topmost line along the finger, and the points nearest to it."
@@ -47,40 +64,7 @@ def _draw(canvas: Canvas, answers: FingerAnswers) -> None:
     along.set(xlabel="along the finger, z (mm)", ylabel="y (mm)", aspect="equal")
 
 
-ENTRIES = (
-    Entry(
-        "ch. 3, geometry",
-        "A pad that is nearly spherical at its apex; elements of 170 µm or less on the pulp, some 30 000 nodes.",
-        (
-            Claim(
-                "lateral radius at the apex (mm)",
-                "about 3.5",
-                Near(3.5, 0.1, 0.25),
-                lambda answers: answers.finger.surface.apex.lateral_radius_mm,
-            ),
-            Claim(
-                "axial radius at the apex (mm)",
-                "about 3.8",
-                Near(3.8, 0.1, 0.25),
-                lambda answers: answers.finger.surface.apex.axial_radius_mm,
-            ),
-            Claim(
-                "apex at x (mm)",
-                "about −0.1",
-                Within(-0.1, 0.1, 0.3),
-                lambda answers: answers.finger.surface.apex.position_mm[0],
-            ),
-            Claim("widest element across the pulp (mm)", "170 µm or less", Below(0.1705, 0.2), _spacing, "{:.3f}"),
-            Claim(
-                "nodes",
-                "about 30 000",
-                Near(30000, 0.2, 0.5),
-                lambda answers: float(answers.finger.model.nodes),
-                "{:.0f}",
-            ),
-        ),
-        figures=_figures,
-        reading="The source published 24 of 49 × 72 surface points, all on the pulp. docs/model.md shows which "
-        "fingers its figures allow.",
-    ),
-)
+def line_figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
+    """Deflection under a line load across the finger."""
+    results = [answers.finger.indent("line", doi_mm=doi) for doi in LINE_DOIS_MM]
+    return deflection_section([Deflection(result.doi_mm, *result.axial_profile) for result in results], []).figures

@@ -1,7 +1,5 @@
 """Spatial response profiles under steps and bars, all 18 measures: Fig. 5-5 to 5-7, 5-10, 5-11."""
 
-from functools import partial
-
 import numpy as np
 from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
@@ -13,8 +11,6 @@ from rig.report.page import PageFigure
 from rig.report.style import BLUE, GREY, ORANGE, Plot, label, signed
 from sim.measures.measures import MEASURES
 from studies.source.printed.answers import FingerAnswers, deep, once
-from studies.source.printed.entry import Claim, Entry
-from studies.source.printed.rules import Above, Below, Rule, Same
 from studies.source.printed.steps import MOVED
 
 Array = NDArray[np.float64]
@@ -70,16 +66,10 @@ def peak_and_dip(answers: FingerAnswers, x_mm: float, measure: str) -> tuple[flo
     return p, lowest if p < COUNTS * lowest else q, verdict.passed  # a dip alone comes before the highest value
 
 
-def _told(answers: FingerAnswers, x_mm: float, measure: str = "ep1") -> str:
+def peak_and_dip_said(answers: FingerAnswers, x_mm: float, measure: str = "ep1") -> str:
+    """Peak and dip, in words."""
     p, q, _ = peak_and_dip(answers, x_mm, measure)
     return f"peak {p:.4f}, dip {q:.4f}"
-
-
-def _ep1(x_mm: float, source: str, partly: tuple[str, ...]) -> Claim:
-    says = f"ep1 under step 1 at receptor {signed(x_mm)}"
-    return Claim(
-        says, source, Same((source,), partly), partial(step_in_words, x_mm=x_mm), beside=partial(_told, x_mm=x_mm)
-    )
 
 
 def peak_over_dip(answers: FingerAnswers) -> float:
@@ -102,11 +92,6 @@ def second_at_zero(answers: FingerAnswers, width: str, measure: str) -> float:
     return verdict.judged_by["second"] / verdict.judged_by["range"]
 
 
-def _at_zero(width: str, measure: str, source: str, rule: Rule) -> Claim:
-    says = f"second maximum of {measure} at receptor 0 under bar {width}, of the range"
-    return Claim(says, source, rule, partial(second_at_zero, width=width, measure=measure), "{:.0%}")
-
-
 @once
 def mirrored(answers: FingerAnswers, width: str) -> dict[str, float]:
     """Correlation of each measure's profile at +2 with that at −2 in the mirror."""
@@ -127,21 +112,11 @@ def least_mirrored(answers: FingerAnswers, width: str) -> float:
     return min(found[m] for m in ("ep1", "ep3", "sed"))
 
 
-def _others(answers: FingerAnswers, width: str) -> str:
+def mirrored_said(answers: FingerAnswers, width: str) -> str:
+    """Of all measures, in words."""
     found = mirrored(answers, width)
     worst = min(found, key=lambda m: found[m])
     return f"median of 18 measures {np.median(list(found.values())):.2f}, least {found[worst]:.2f} of {worst}"
-
-
-def _mirror(width: str) -> Claim:
-    says = f"profiles at ± 2 in the mirror under bar {width}, least correlation of ep1, ep3, SED"
-    return Claim(
-        says,
-        "mirror images",
-        Above(0.95, 0.8),
-        partial(least_mirrored, width=width),
-        beside=partial(_others, width=width),
-    )
 
 
 def shallower(answers: FingerAnswers) -> float:
@@ -196,62 +171,12 @@ def _draw_mirrors(canvas: Canvas, stimulus: Stimulus) -> None:
     canvas.supxlabel("indentor x (mm)", fontsize=9)
 
 
-def _step_figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
+def step_figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
+    """Profiles under the steps."""
     return tuple(_ssrps(under_step(answers, n), f"Profiles under step {n} at 2.33 gwt") for n in "135")
 
 
-def _bar_figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
+def bar_figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
+    """Profiles under the bars, and their mirror images."""
     profiles = [_ssrps(under_bar(answers, w), f"Profiles under bar {w} at DOI 1.0") for w in BAR_POSITIONS]
     return (*profiles, *(_mirrors(answers, w) for w in BAR_POSITIONS))
-
-
-ENTRIES = (
-    Entry(
-        "5-5, 5-6, 5-7",
-        "Profiles of 18 measures at ten receptors under steps 1, 3 and 5 at 2.33 gwt; ep1: peak, smaller dip, "
-        "recovery.",
-        (
-            _ep1(-2.0, "no dip", ("passes",)),
-            *(_ep1(x, "passes", ("no dip", "peak exceeds dip, but fails")) for x in PASSING),
-            *(_ep1(x, "dip exceeds peak", ("only a dip",)) for x in EXCEEDED),
-            *(_ep1(x, "only a dip", ("dip exceeds peak",)) for x in ONLY_DIPS),
-            Claim(
-                "ep3 under step 1 at receptor 0, peak over dip",
-                "above 1 (text of Fig. 5-5)",
-                Above(1.0, 0.8),
-                peak_over_dip,
-            ),
-            Claim(
-                "the dip's place, mm per mm of the receptor's",
-                "moves right (text; the caption says left)",
-                Above(0.5, 0.0),
-                dip_follows,
-            ),
-        ),
-        tuple(scene for n in "135" for scene in MOVED[n]),
-        _step_figures,
-        reading="The numbers of the three steps are inferred from their order. Table 5.2 excludes ep3 at 0, although "
-        "the text of Fig. 5-5 gives it a peak above its dip.",
-    ),
-    Entry(
-        "5-10, 5-11",
-        "Profiles of 18 measures under bars of 3.0 and 1.5 mm at DOI 1.0: ep1, ep3, SED peak, dip and peak; ± 2 "
-        "mirror each other.",
-        (
-            *(
-                _at_zero(w, m, "peak, dip, peak", Above(COUNTS, 0.02))
-                for w in ("3.0", "1.5")
-                for m in ("ep1", "ep3", "sed")
-            ),
-            *(_at_zero(w, "e13", "not so", Below(COUNTS, 0.15)) for w in ("3.0", "1.5")),
-            Claim("dip of SED, bar 1.5 over bar 3.0", "shallower", Below(0.8, 1.0), shallower),
-            *(_mirror(w) for w in ("3.0", "1.5")),
-        ),
-        tuple(scene for scenes in BARS.values() for scene in scenes),
-        _bar_figures,
-        reading="The pad leans, so no receptor has an exact mirror image. e13 is small and uneven under bars; its "
-        "second maximum is no peak beside a dip. The source explains the shallow dip under bar 1.5 by its mesh; here "
-        "the second maximum of SED is 31, 35 and 33 % of the range on the coarse, default and fine mesh "
-        "(studies/source/facts_by_parameter.py).",
-    ),
-)

@@ -23,7 +23,7 @@ PEAK_THEN_DIP = np.array([1.0, 0.6, 0.2, 1.0, 3.0, 1.0])  # from right to left, 
 def test_a_table_as_the_docs_have_it() -> None:
     section = Section("Facts", "What comes out.", ("fact", "here"), (("1", "left | right"), ("2", "−3")))
     assert markdown(section) == (
-        "**Facts.** What comes out.\n\n| fact | here |\n| --- | --- |\n| 1 | left | right |\n| 2 | −3 |\n"
+        "**Facts.** What comes out.\n\n| fact | here |\n|---|---|\n| 1 | left | right |\n| 2 | −3 |\n"
     )
 
 

@@ -1,1 +1,0 @@
-"""Bands of decoded profiles: which share of the pressures they hold, over presses drawn at random."""
