@@ -1,7 +1,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 export OMP_NUM_THREADS ?= 2
-REAL_TIME_WORKERS ?= 4
+REAL_TIME_WORKERS ?= 6
 
 .PHONY: setup demo study study-bench study-coding studies docs test test-studies panel-test shake check bench mutants release-check clean
 
