@@ -51,7 +51,7 @@ def read(sensor: ForceSensor, clock: Clock, wait_s: float) -> ForceReading:
         )
     if reading.t_s < asked_s:
         raise NoReadingError(
-            "the force reading is stale, {older_s:.3f} s older than the question",
+            "the force reading is stale: the sensor took it {older_s:.3f} s before the request",
             code="stale_reading",
             older_s=asked_s - reading.t_s,
         )

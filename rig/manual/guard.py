@@ -54,15 +54,15 @@ class Guard:
         problem = self.look_at_rest(meanwhile)
         if problem is not None and problem.code == "unsteady":
             words = (
-                f"{problem.sentence}, and the finger was touched before: nothing was moved sideways; up first, or "
-                "rig zero --anyway where nothing touches"
+                f"{problem.sentence}, so nothing was moved sideways after a touch: move up first, or use "
+                "`rig zero --anyway` if nothing touches the indentor"
             )
             raise LimitError(words, code=problem.code, **problem.fields)
         force_gwt = self.from_air_gwt
         if force_gwt is not None and abs(force_gwt) >= self.touch_gwt:
             raise LimitError(
-                "{force_gwt:.2f} gwt, and the finger was touched before: nothing was moved sideways; up first, or "
-                "rig zero --anyway where nothing touches",
+                "the sensor reads {force_gwt:.2f} gwt, so nothing was moved sideways after a touch: move up first, "
+                "or use `rig zero --anyway` if nothing touches the indentor",
                 code="touches_still",
                 force_gwt=force_gwt,
             )
@@ -93,14 +93,14 @@ class Guard:
             self._sensing.begin_motion(away=up)
         except NoReadingError as error:
             if not (up and error.out_of_range):
-                words = f"{error.sentence}; nothing was moved, --without-force moves all the same"
+                words = f"{error.sentence}; nothing was moved; to move without force, use --without-force"
                 raise LimitError(words, code=error.code, **error.fields) from error
             self.force_gwt, self._touched_z_mm = None, None
             self._sensing.begin_motion(away=up)
             return
         self.force_gwt = self._rest_gwt
         if (above := self.above_trip) and not up:
-            words = f"{above.sentence}; nothing was moved: up first, or rig zero"
+            words = f"{above.sentence}; nothing was moved: move up first, or run `rig zero`"
             raise LimitError(words, code=above.code, **above.fields)
         if not (down and self._touched_z_mm is not None):
             self._touched_z_mm, self._air_gwt, self._stiffness_gwt_mm = None, self._rest_gwt, 0.0
@@ -165,7 +165,7 @@ class Guard:
             return
         if z_mm < self._touched_z_mm - _LOST_INCREMENTS * self._increment_mm and not self._touches(force_gwt):
             raise FeltError(
-                "{force_gwt:.2f} gwt, {below_mm:.2f} mm below a touch: a frozen reading?",
+                "{force_gwt:.2f} gwt, {below_mm:.2f} mm below a touch; check for a frozen reading",
                 force_gwt,
                 code="lost_finger",
                 below_mm=self._touched_z_mm - z_mm,
@@ -173,7 +173,7 @@ class Guard:
         # a touch that was felt in motion has told no stiffness yet: it is a touch's force in an increment, or more
         stiffness_gwt_mm = self._stiffness_gwt_mm or self._sensing.touch_gwt / self._increment_mm
         if self._unanswered.too_long(before_gwt, force_gwt, stiffness_gwt_mm * step_mm):
-            words = "the force stays at {force_gwt:.2f} gwt while the stage moves: a frozen reading?"
+            words = "the force stays at {force_gwt:.2f} gwt while the stage moves; check for a frozen reading"
             raise FeltError(words, force_gwt, code="frozen")
 
     def _touches(self, force_gwt: float) -> bool:

@@ -113,7 +113,7 @@ def a_reading_that_falls_ends_it(make: Make) -> None:
 
 @promise
 def a_reading_that_stays_the_same_or_is_gone_below_a_touch_ends_it(make: Make) -> None:
-    for at_gwt, reason in ((0.0, "mm below a touch: a frozen reading"), (None, "stays at")):
+    for at_gwt, reason in ((0.0, "mm below a touch; check"), (None, "stays at")):
         bench = make(above_mm=0.2)
 
         def person(bench: HandBench = bench, at_gwt: float | None = at_gwt) -> Person:
