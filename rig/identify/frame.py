@@ -6,7 +6,7 @@ import numpy as np
 import tomlkit
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from rig.data import Run
 from rig.errors import BadInputError
@@ -134,7 +134,7 @@ def _lie(found: Array, jacobian: Array, off_mm: Array, free: list[int], config: 
     was = (frame.pad_centre_x_mm, frame.apex_z_mm, frame.pad_y_mm, 0.0, 0.0)
     return Lie(
         value={NAMES[i]: float(was[i] + change[i]) for i in free},
-        sd={NAMES[i]: float(s * student.ppf(0.975, spare) / 2) for i, s in zip(free, sd, strict=True)},
+        sd={NAMES[i]: float(s * stdtrit(spare, 0.975) / 2) for i, s in zip(free, sd, strict=True)},
         correlation=covariance / np.outer(sd, sd),
         residual_mm=float(np.sqrt((off_mm**2).mean())),
         touches=len(off_mm),

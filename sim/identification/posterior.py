@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from sim.identification.forward import Foreseen, Given
 from sim.identification.prior import TISSUE, Prior
@@ -265,8 +265,8 @@ def no_finger(
     """Why this is no finger of the prior, in one sentence; None where it may be one."""
     if not presses:
         return None
-    total_off = chi2.sf(learned.total, int(learned.readings.sum())) < CHANCE_OF_ALL
-    one_off = bool((chi2.sf(learned.misfit, learned.readings) < CHANCE_OF_ONE).any())
+    total_off = chdtrc(int(learned.readings.sum()), learned.total) < CHANCE_OF_ALL
+    one_off = bool((chdtrc(learned.readings, learned.misfit) < CHANCE_OF_ONE).any())
     surprising = max((abs(one.sds) for one in surprises), default=0.0) > MOST_SURPRISE
     if not (total_off or one_off or surprising):
         return _NO_LAYERS if _layers_off(learned) else None
@@ -279,7 +279,7 @@ _NO_LAYERS = "no finger of the prior is likely to give these forces; its layers 
 def _layers_off(learned: Learned) -> bool:
     """Whether only unlikely moduli of dermis and fat come near: what lies there may be layered otherwise."""
     off = learned.prior.off(learned.likeliest)[[learned.prior.index(name) for name in TISSUE]]
-    return bool(chi2.sf(float(off @ off), len(TISSUE)) < CHANCE_OF_LAYERS)
+    return bool(chdtrc(len(TISSUE), float(off @ off)) < CHANCE_OF_LAYERS)
 
 
 def _how(foreseen: Foreseen, presses: Sequence[Given], learned: Learned) -> str:

@@ -7,7 +7,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import truncnorm
 
 from sim.config import Tissue
 
@@ -89,6 +88,8 @@ class Prior:
 
     def draws(self, n: int, chance: np.random.Generator) -> Array:
         """(n, p) fingers."""
+        from scipy.stats import truncnorm  # as long to import as all else of scipy, and every report imports this
+
         low, high = (np.array(edge - self.middle) / self.sd for edge in self.bounds)
         cut = truncnorm(low, high, loc=self.middle, scale=self.sd)
         return np.asarray(cut.ppf(chance.random((n, len(self.names)))))
