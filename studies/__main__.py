@@ -66,14 +66,14 @@ def run(study: Study) -> int:
     if study.removed or not study.run:
         print(as_text(study), file=sys.stderr)
         return 1
-    printed = ""
+    printed, begun_at = "", _commit()
     for command in study.run:
         print(f"{study.name}: {command}", file=sys.stderr, flush=True)
         code, text = _printed(command, study.threads)
         printed += text
         if code:
             return code
-    return store(study, printed)
+    return store(study, printed, begun_at)
 
 
 def _printed(command: str, threads: int | None) -> tuple[int, str]:
@@ -92,7 +92,7 @@ def _printed(command: str, threads: int | None) -> tuple[int, str]:
     return process.returncode, "".join(lines)
 
 
-def store(study: Study, printed: str) -> int:
+def store(study: Study, printed: str, commit: str) -> int:
     """Write the tables of an output to the study's CSV files; return 1 where a file finds no table."""
     OUTPUT.mkdir(parents=True, exist_ok=True)
     output = OUTPUT / f"{study.name}.md"
@@ -101,7 +101,7 @@ def store(study: Study, printed: str) -> int:
     text = registry.REGISTRY.read_text(encoding="utf-8")
     for name, rows in found.items():
         registry.write_table(name, rows, registry.RESULTS)
-        text = re.sub(rf'^"{name}" = ".*"$', f'"{name}" = "{_commit()}"', text, flags=re.MULTILINE)
+        text = re.sub(rf'^"{name}" = ".*"$', f'"{name}" = "{commit}"', text, flags=re.MULTILINE)
     replace_text(registry.REGISTRY, text)
     missing = [name for name in study.tables if name not in found]
     for name in missing:

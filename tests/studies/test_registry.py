@@ -91,15 +91,20 @@ def test_a_page_is_written_anew_from_its_csv_files(tree: Path) -> None:
 
 def test_a_study_stores_the_tables_that_it_prints_and_the_commit(tree: Path) -> None:
     (study,) = registry.studies(tree / "registry.toml").values()
-    assert runner.store(study, PRINTED) == 0
+    assert runner.store(study, PRINTED, "abcdef12") == 0
     assert registry.read_table("one/second", tree / "results") == [["c", "d"], ["4", "a \\| b"]]
-    assert "12345678" not in (tree / "registry.toml").read_text("utf-8")
+    assert (tree / "registry.toml").read_text("utf-8") == REGISTRY.replace("12345678", "abcdef12")
     assert (tree / "output" / "one.md").read_text("utf-8") == PRINTED
 
 
 def test_a_table_goes_to_the_file_with_its_header(tree: Path) -> None:
     (study,) = registry.studies(tree / "registry.toml").values()
-    assert runner.store(study, "| c | d |\n|---|---|\n| 7 | 8 |\n\n| e |\n|---|\n| 9 |\n\n| f |\n|---|\n| 0 |\n") == 1
+    assert (
+        runner.store(
+            study, "| c | d |\n|---|---|\n| 7 | 8 |\n\n| e |\n|---|\n| 9 |\n\n| f |\n|---|\n| 0 |\n", "abcdef12"
+        )
+        == 1
+    )
     assert registry.read_table("one/second", tree / "results")[1] == ["7", "8"]
     assert registry.read_table("one/first", tree / "results")[1] == ["1, 2", ""]
     assert (tree / "registry.toml").read_text("utf-8").count("12345678") == 1
