@@ -66,7 +66,7 @@ def test_it_is_found_there_with_its_data_and_types(site: Path) -> None:
 
 
 def test_an_example_runs_there(site: Path) -> None:
-    said = _python(site, ROOT / "examples" / "library" / "01_press_and_plot.py")
+    said = _python(site, ROOT / "examples" / "gallery" / "library" / "01_press_and_plot.py")
     assert said.startswith("15.")
     assert " gwt, contact at x = [(" in said
     assert (site.parent / "press.svg").exists()
