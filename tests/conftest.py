@@ -73,6 +73,8 @@ REAL_TIME = (
     "sim/test_workers.py",
     "test_adding_a_part.py::test_a_command",
     "test_gallery.py::test_one_runs_as_a_script_beside_processes",
+    "test_gallery.py::test_run_resumed",
+    "test_gallery.py::test_study_on_a_cluster",
     "test_inherited_signals.py",
     "test_wheel.py",
     "test_third_party_device.py::test_nothing_is_imported_but_the_kinds_that_are_used",
@@ -100,6 +102,7 @@ STUDIES = (
 # among what computes, so that not all wait at once.
 LONG = (
     "test_adding_a_part.py",
+    "test_gallery.py",
     "studies/test_finite_strain.py",
     "studies/test_allowed_page.py",
     "rig/real_time/test_calibrate.py",

@@ -18,6 +18,7 @@ ROOT = Path(__file__).parents[1]
 GALLERY = ROOT / "examples" / "gallery"
 LIBRARY = sorted((GALLERY / "library").glob("*.py"))
 SCRIPTS = sorted(GALLERY.glob("*/*.py"))
+RIG = sorted((GALLERY / "rig").glob("*.py"))
 
 
 @pytest.fixture(autouse=True)
@@ -128,18 +129,76 @@ def test_decode() -> None:
     assert left["errors"].relative_l2 < 0.5
 
 
+# --- the rig, rehearsed ---
+
+
+def test_own_protocol() -> None:
+    samples = _run("01_own_protocol")["samples"]
+    assert [max(_forces(samples, index)) > 1 for index in range(3)] == [True] * 3
+
+
+def test_random_order() -> None:
+    started = _run("02_random_order")["recorded"].stream("indentation_start")
+    order = {block: [one["value"] for one in started if one["block"] == block] for block in (1, 2)}
+    assert sorted(order[1]) == sorted(order[2]) == [1.0, 2.0, 4.0]
+    assert order[1] != order[2]
+
+
+def test_letter() -> None:
+    answer = _run("03_letter")["answer"]
+    assert answer["doi_mm"] == pytest.approx(0.3)
+    assert answer["force_gwt"] > 0.5
+
+
+def test_recording_compared() -> None:
+    left = _run("04_recording_compared")
+    assert left["measures"] == list(MEASURES)
+    assert np.nanmax(np.abs(left["r"])) > 0.9
+
+
+def test_finger_identified() -> None:
+    left = _run("05_finger_identified")
+    assert 4 <= len(left["presses"]) <= 8
+    assert (left["low"] < left["middle"]).all()
+    assert (left["middle"] < left["high"]).all()
+
+
+def test_run_resumed() -> None:
+    left = _run("06_run_resumed")
+    assert left["stopped"].missing > 0
+    assert len(left["resumed"].done) == 4
+    assert (left["resumed"].missing, left["resumed"].repeated) == (0, 0)
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+def test_study_on_a_cluster() -> None:
+    rows = _run("07_study_on_a_cluster")["rows"]
+    assert len(rows) == 12
+    assert [row["problem"] for row in rows] == [""] * 12
+
+
+def test_device_added() -> None:
+    samples = _run("08_device_added")["samples"]
+    assert max(_forces(samples, 1)) > 1
+
+
+def _forces(samples: list[dict[str, Any]], index: int) -> list[float]:
+    return [one["force_gwt"] for one in samples if one["index"] == index]
+
+
 # --- all of them ---
 
 
 def test_each_is_tried() -> None:
     assert [path.stem[:3] for path in LIBRARY] == [f"{n:02}_" for n in range(1, 13)]
+    assert [path.stem[:3] for path in RIG] == [f"{n:02}_" for n in range(1, 9)]
     tried = {name.removeprefix("test_") for name in globals() if name.startswith("test_")}
     assert {path.stem[3:] for path in SCRIPTS} <= tried
 
 
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
 def test_each_is_one_page_of_code(path: Path) -> None:
-    assert len(path.read_text(encoding="utf-8").splitlines()) <= 40
+    assert len([line for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]) <= 40
 
 
 def test_their_types_hold_without_plugins(tmp_path: Path) -> None:
