@@ -14,7 +14,8 @@ from sim import Fingertip, FingertipConfig, MeshSpec
 
 finger = Fingertip.load(FingertipConfig(mesh=MeshSpec(level="coarse")))  # built once, then read from the cache
 result = finger.indent("bar:3.0", x_mm=0.0, doi_mm=0.5)
-print(f"{result.force_gwt:.2f} gwt, contact at x = {result.contact_regions_mm} mm")
+((left_mm, right_mm),) = result.contact_regions_mm
+print(f"{result.force_gwt:.2f} gwt, contact from x = {left_mm:.2f} to {right_mm:.2f} mm")
 
 figure, (skin, receptors) = plt.subplots(2, sharex=True, layout="constrained")
 skin.plot(*result.pressure_profile)

@@ -11,13 +11,13 @@ a file. How-to: :doc:`/shapes`. Reference: :doc:`/python_names`.
 import matplotlib.pyplot as plt
 import numpy as np
 
-from sim import Fingertip, FingertipConfig, MeasuredProfile, MeshSpec
+from sim import Fingertip, MeasuredProfile
 
 x_mm = np.linspace(-2.0, 2.0, 81)  # rising; 0 is the reference point
 height_mm = 0.1 * x_mm**2 + 0.02 * np.cos(8 * x_mm)  # above any level
 dome = MeasuredProfile.from_arrays(x_mm, height_mm, name="rippled dome")
 
-finger = Fingertip.load(FingertipConfig(mesh=MeshSpec(level="coarse")))
+finger = Fingertip.load()
 result = finger.indent(dome, x_mm=0.1, force_gwt=2.0)
 print(f"{dome}: {result.doi_mm:.3f} mm deep, {len(result.contact_regions_mm)} regions")
 

@@ -33,14 +33,12 @@ def run(rig: Rig) -> None:
 
 if __name__ == "__main__":  # `rig` imports this file as a protocol
     with TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "rig", "dry-run", __file__, "order=random", "seed=7", "blocks=2"]
+        command = [sys.executable, "-m", "rig", "dry-run", __file__, "order=random", "seed=4", "blocks=2"]
         done = subprocess.run([*command, "--out", folder, "--json"], check=True, capture_output=True, text=True)
         recorded = read_run(Path(json.loads(done.stdout)["run"]))
     figure, axes = plt.subplots(layout="constrained")
-    for block in (1, 2):
-        indices = [one["index"] for one in recorded.stream("indentation_start") if one["block"] == block]
-        samples = [one for one in recorded.stream("sample") if one["index"] in indices]
-        axes.plot([one["t_s"] for one in samples], [one["force_gwt"] for one in samples], label=f"block {block}")
-    axes.set(xlabel="time (s)", ylabel="force (gwt)")
-    axes.legend()
+    for press in recorded.stream("indentation_start"):
+        samples = [one for one in recorded.stream("sample") if one["index"] == press["index"]]
+        axes.plot([one["t_s"] for one in samples], [one["force_gwt"] for one in samples], color=f"C{press['block']}")
+    axes.set(xlabel="time (s); one color for each block", ylabel="force (gwt)")
     plt.show()
