@@ -23,20 +23,9 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("site")
     shutil.copytree(DOCS, folder / "docs", ignore=shutil.ignore_patterns(*GENERATED, "__pycache__", "gallery"))
     shutil.copytree(ROOT / "examples" / "gallery", folder / "examples" / "gallery")
-    words = [
-        sys.executable,
-        "-m",
-        "sphinx",
-        "-W",
-        "--keep-going",
-        "-q",
-        "-D",
-        "plot_gallery=0",
-        "-b",
-        "html",
-        "docs",
-        "html",
-    ]  # tests/test_gallery.py
+    # tests/test_gallery.py runs the scripts of the gallery
+    options = ("-W", "--keep-going", "-q", "-D", "plot_gallery=0", "-b", "html")
+    words = [sys.executable, "-m", "sphinx", *options, "docs", "html"]
     built = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=10 * DEADLINE_S)
     assert built.returncode == 0, built.stderr
     return folder / "html"

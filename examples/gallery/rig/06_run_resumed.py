@@ -9,10 +9,10 @@ How-to: :doc:`/running`. Reference: :doc:`/data`.
 """
 
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
+from subprocess import DEVNULL, Popen, run
 from tempfile import TemporaryDirectory
 
 import matplotlib.pyplot as plt
@@ -21,16 +21,23 @@ from rig.data import read_run
 
 RIG = [sys.executable, "-m", "rig"]
 SCRIPT = "bars", "from_mm=0.6", "to_mm=-0.6", "spacing_mm=0.4"
+
+
+def presses(folder: Path) -> int:
+    """Return the number of presses done: the journal describes their ends once, then has a line for each."""
+    return sum(file.read_text().count('"indentation_end"') for file in folder.glob("*/events.jsonl")) - 1
+
+
 with TemporaryDirectory() as folder:
     command = [*RIG, "dry-run", *SCRIPT, "--speed", "20", "--out", folder]
-    with subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL) as rehearsal:
-        while sum(file.read_text().count('"indentation_end"') for file in Path(folder).glob("*/events.jsonl")) < 3:
-            time.sleep(0.05)  # the journal describes the stream once, then has a line for each press
+    with Popen(command, stdin=DEVNULL, stdout=DEVNULL, stderr=DEVNULL) as rehearsal:
+        while rehearsal.poll() is None and presses(Path(folder)) < 2:
+            time.sleep(0.05)
         rehearsal.send_signal(signal.SIGINT)  # Ctrl-C
     (path,) = (file.parent for file in Path(folder).glob("*/events.jsonl"))
     stopped = read_run(path)
     print(f"stopped: {len(stopped.done)} presses done, {stopped.missing} missing")
-    subprocess.run([*RIG, "resume", str(path), "--yes"], check=True, capture_output=True)
+    run([*RIG, "resume", str(path), "--yes"], check=True, capture_output=True)
     resumed = read_run(path)
     print(f"resumed: {len(resumed.done)} presses done, {resumed.repeated} repeated")
 
