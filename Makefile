@@ -76,4 +76,4 @@ release-check:
 	$(PYTHON) -m studies.release_check
 
 clean:
-	rm -rf .venv .mutants runs study build dist
+	rm -rf .venv .mutants runs study build dist docs/gallery

@@ -14,8 +14,18 @@ from studies_page import provenance, studies_page  # noqa: E402
 project = "Indentation rig"
 copyright = "The indentation rig authors, MIT licence"
 version = release = installed("indentation-rig")
-extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_gallery.gen_gallery"]
 exclude_patterns = ["figures/*.html"]
+sphinx_gallery_conf = {
+    "examples_dirs": "../examples/gallery",
+    "gallery_dirs": "gallery",
+    "filename_pattern": r"\.py",  # every script is run
+    "within_subsection_order": "FileNameSortKey",
+    "abort_on_example_error": True,
+    "download_all_examples": False,
+    "show_signature": False,
+    "write_computation_times": False,
+}
 html_theme = "furo"
 html_title = f"Indentation rig {version}"
 html_theme_options = {"source_repository": "", "navigation_with_keys": True}

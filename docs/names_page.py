@@ -6,7 +6,7 @@ from importlib import import_module
 _HEAD = """\
 # Names in Python
 
-Two doors: `sim` to press fingers from a program ([tasks](library_tasks.md)), `rig.protocol` to write a
+Two doors: `sim` to press fingers from a program ([gallery](gallery/index.rst)), `rig.protocol` to write a
 script ([how](your_own_protocol.md)). What stands nowhere here is not public: it may change between versions.
 """
 DOORS = ("sim", "rig.protocol")

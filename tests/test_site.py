@@ -21,10 +21,12 @@ GENERATED = ("columns.md", "commands.md", "python_names.md", "studies.md")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pytest.importorskip("sphinx", reason="needs Sphinx: pip install -e '.[dev]'")
     folder = tmp_path_factory.mktemp("site")
-    shutil.copytree(DOCS, folder / "docs", ignore=shutil.ignore_patterns(*GENERATED, "__pycache__"))
-    for name in ("examples/library", "studies/results"):
+    shutil.copytree(DOCS, folder / "docs", ignore=shutil.ignore_patterns(*GENERATED, "__pycache__", "gallery"))
+    for name in ("examples/gallery", "studies/results"):
         shutil.copytree(ROOT / name, folder / name)
-    words = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "docs", "html"]
+    # tests/test_gallery.py runs the scripts of the gallery
+    options = ("-W", "--keep-going", "-q", "-D", "plot_gallery=0", "-b", "html")
+    words = [sys.executable, "-m", "sphinx", *options, "docs", "html"]
     built = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=10 * DEADLINE_S)
     assert built.returncode == 0, built.stderr
     return folder / "html"

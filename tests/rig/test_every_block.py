@@ -75,7 +75,7 @@ NOT_RUN = {
     "pip install 'indentation-rig[cluster]'": NETWORK,
     "pip install build && python -m build --wheel": f"{NETWORK}; tests/test_wheel.py makes one without",
     "python -m venv elsewhere && elsewhere/bin/pip install dist/indentation_rig-*.whl": "tests/test_wheel.py",
-    "elsewhere/bin/python examples/library/01_press_and_plot.py": "tests/test_wheel.py",
+    "elsewhere/bin/python examples/gallery/library/01_press_and_plot.py": "tests/test_wheel.py",
     "mbpoll -m tcp -p 5020 -a 1 -t 4:hex -0 -r 25088 -c 8 -1 127.0.0.1": "tests/rig/test_modbus_counterparties.py",
     "RIG_GRBL_PORT=/dev/pts/… .venv/bin/pytest tests/rig/test_grbl_conformance.py": HARDWARE,
     # --- blocks, by their first line ---
@@ -259,7 +259,7 @@ def test_a_table_can_be_read(block: Block, tmp_path: Path) -> None:
     READ_BY.get(block.page.stem, load_config)(path)
 
 
-SHOWN_BY = {"library_tasks": "tests/sim/test_library_examples.py", "data": "tests/rig/test_data_dictionary.py"}
+SHOWN_BY = {"data": "tests/rig/test_data_dictionary.py"}
 
 
 @pytest.mark.parametrize("block", [block for block in BLOCKS if block.kind.startswith("python")], ids=str)
@@ -267,7 +267,7 @@ def test_code_is_run_or_excused(
     block: Block, program: Program, finger: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    if block.page.stem in SHOWN_BY and not block.text.startswith("from sim import"):
+    if block.page.stem in SHOWN_BY:
         assert block.page.name in (ROOT / SHOWN_BY[block.page.stem]).read_text(encoding="utf-8")
     elif "def run(rig: Rig)" in block.text:
         Path("mine.py").write_text(block.text, encoding="utf-8")

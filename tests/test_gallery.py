@@ -1,0 +1,215 @@
+"""The gallery's scripts run, give what their pages say, draw a picture, and hold their types."""
+
+import runpy
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
+
+from sim import MEASURES
+from tests.sim.test_door import checked
+
+ROOT = Path(__file__).parents[1]
+GALLERY = ROOT / "examples" / "gallery"
+LIBRARY = sorted((GALLERY / "library").glob("*.py"))
+SCRIPTS = sorted(GALLERY.glob("*/*.py"))
+RIG = sorted((GALLERY / "rig").glob("*.py"))
+
+
+@pytest.fixture(autouse=True)
+def _in_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("DISPLAY", raising=False)
+    matplotlib.use("agg")
+
+
+def _run(name: str) -> dict[str, Any]:
+    """The names that a script leaves; it has drawn one figure and written nothing beside it."""
+    (path,) = (path for path in SCRIPTS if path.stem == name)
+    try:
+        left = runpy.run_path(str(path), run_name="__main__")
+        assert len(plt.get_fignums()) == 1
+        assert all(axes.has_data() for axes in plt.gcf().axes)
+    finally:
+        plt.close("all")
+    assert not list(Path().iterdir())
+    return left
+
+
+def test_press_and_plot() -> None:
+    result = _run("01_press_and_plot")["result"]
+    assert result.doi_mm == 0.5
+    assert len(result.contact_regions_mm) == 1
+
+
+def test_sweep(capsys: pytest.CaptureFixture[str]) -> None:
+    found = _run("02_sweep")["found"]
+    assert found.problems == [""] * 9
+    assert found.table()["force_gwt"] == pytest.approx(2.33, rel=1e-6)
+    printed = capsys.readouterr().out.splitlines()
+    assert len(printed) == 9
+    assert printed[0].startswith(f"x =  2.00 mm: {found[0].peak_pressure_pseudo:5.0f} pseudo-units, ")
+
+
+def test_own_indentor() -> None:
+    result = _run("03_own_indentor")["result"]
+    assert result.indentor.name == "profile:rippled dome"
+    assert result.force_gwt == pytest.approx(2.0, rel=1e-6)
+
+
+def test_own_layers() -> None:
+    default, soft = _run("04_own_layers")["force_gwt"].values()
+    assert (soft < 0.8 * default).all()
+    assert (np.diff(default) > 0).all()
+
+
+def test_own_finger() -> None:
+    left = _run("05_own_finger")
+    assert left["finger"].config.receptor_plane_mm == pytest.approx(7.6)
+    assert left["finger"].apex_height_mm == pytest.approx(5.2, abs=0.2)
+    assert (np.diff(left["table"]["force_gwt"]) > 0).all()
+
+
+def test_strain_anywhere() -> None:
+    sed = _run("06_strain_anywhere")["sed"]
+    assert sed.shape == (16, 33)
+    assert sed[4].max() > 1.2 * sed[7].max()
+    assert sed.min() > 0
+
+
+def test_ssrp() -> None:
+    left = _run("07_ssrp")
+    found, place = left["profiles"], 5
+    assert tuple(found) == MEASURES
+    alone = left["finger"].indent("step:1", left["x_mm"][place], force_gwt=2.33).receptor_measures
+    assert found["sed"][place] == pytest.approx(alone["sed"][3], rel=1e-6)
+    assert found["ep1"][place] == pytest.approx(-alone["ep1"][3], rel=1e-6)
+
+
+def test_fit_to_rates() -> None:
+    left = _run("08_fit_to_rates")
+    highest = left["eps"].max()
+    assert 0 < left["fit"].eps0 < highest
+    assert 0 < left["fit"].k < 80 / (0.5 * highest)
+    assert left["r"] > 0.9
+
+
+def test_many_poses(capsys: pytest.CaptureFixture[str]) -> None:
+    found = _run("09_many_poses")["found"]
+    assert found.problems == [""] * 80
+    printed = capsys.readouterr().out
+    assert printed.startswith("<80 indentations, 0 with a problem>\n")
+    assert printed.count("mm deep on average") == len(set(found.table()["shape"])) == 3
+
+
+def test_parameter_study() -> None:
+    study = _run("10_parameter_study")["study"]
+    assert study["epidermis_mm"].tolist() == [0.3] * 3 + [0.4] * 3 + [0.5] * 3
+    force_gwt = study["force_gwt"].reshape(3, 3)
+    assert (np.diff(force_gwt, axis=0) > 0).all()
+    assert (np.diff(force_gwt, axis=1) > 0).all()
+
+
+def test_encode() -> None:
+    left = _run("11_encode")
+    noisy, quiet = left["noisy"], left["quiet"]
+    assert noisy.samples == len(left["sed"]) == 41
+    assert np.linalg.norm(left["sed"] - quiet.sed) < 0.5 * np.linalg.norm(quiet.sed)
+    assert 0 < int((noisy.rate == 0).sum()) < 41
+
+
+def test_decode() -> None:
+    left = _run("12_decode")
+    assert left["found"].converged
+    assert left["errors"].relative_l2 < 0.5
+
+
+# --- the rig, rehearsed ---
+
+
+def test_own_protocol() -> None:
+    samples = _run("01_own_protocol")["samples"]
+    assert [max(_forces(samples, index)) > 1 for index in range(3)] == [True] * 3
+
+
+def test_random_order() -> None:
+    started = _run("02_random_order")["recorded"].stream("indentation_start")
+    order = {block: [one["value"] for one in started if one["block"] == block] for block in (1, 2)}
+    assert sorted(order[1]) == sorted(order[2]) == [1.0, 2.0, 4.0]
+    assert order[1] != order[2]
+
+
+def test_letter() -> None:
+    answer = _run("03_letter")["answer"]
+    assert answer["doi_mm"] == pytest.approx(0.3)
+    assert answer["force_gwt"] > 0.5
+
+
+def test_recording_compared() -> None:
+    left = _run("04_recording_compared")
+    assert left["measures"] == list(MEASURES)
+    assert np.nanmax(np.abs(left["r"])) > 0.9
+
+
+def test_finger_identified() -> None:
+    left = _run("05_finger_identified")
+    assert 4 <= len(left["presses"]) <= 8
+    assert (left["low"] < left["middle"]).all()
+    assert (left["middle"] < left["high"]).all()
+
+
+def test_run_resumed() -> None:
+    left = _run("06_run_resumed")
+    assert left["stopped"].missing > 0
+    assert len(left["resumed"].done) == 4
+    assert (left["resumed"].missing, left["resumed"].repeated) == (0, 0)
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+def test_study_on_a_cluster() -> None:
+    rows = _run("07_study_on_a_cluster")["rows"]
+    assert len(rows) == 12
+    assert [row["problem"] for row in rows] == [""] * 12
+
+
+def test_device_added() -> None:
+    samples = _run("08_device_added")["samples"]
+    assert max(_forces(samples, 1)) > 1
+
+
+def _forces(samples: list[dict[str, Any]], index: int) -> list[float]:
+    return [one["force_gwt"] for one in samples if one["index"] == index]
+
+
+# --- all of them ---
+
+
+def test_each_is_tried() -> None:
+    assert [path.stem[:3] for path in LIBRARY] == [f"{n:02}_" for n in range(1, 13)]
+    assert [path.stem[:3] for path in RIG] == [f"{n:02}_" for n in range(1, 9)]
+    tried = {name.removeprefix("test_") for name in globals() if name.startswith("test_")}
+    assert {path.stem[3:] for path in SCRIPTS} <= tried
+
+
+@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
+def test_each_is_one_page_of_code(path: Path) -> None:
+    assert len([line for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]) <= 40
+
+
+def test_their_types_hold_without_plugins(tmp_path: Path) -> None:
+    printed = checked(LIBRARY, tmp_path)
+    assert printed.startswith("Success: no issues found in 12 source files"), printed
+
+
+def test_one_runs_as_a_script_beside_processes(tmp_path: Path) -> None:
+    """What is imported again in a process does not begin anew."""
+    script = tmp_path / "sweep.py"
+    text = (GALLERY / "library" / "02_sweep.py").read_text(encoding="utf-8")
+    script.write_text(text.replace("-3.2, 9)", "-3.2, 3)").replace("cores=1", "cores=2"), encoding="utf-8")
+    done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True)
+    assert np.array(done.stdout.splitlines()).shape == (3,)
