@@ -32,7 +32,10 @@ NOMINAL_STEPS_PER_MM = 400.0
 
 
 class Settings(BaseModel):
-    """A table of the configuration file; every value is checked, none may be NaN."""
+    """Base class of a table of the configuration file.
+
+    Unknown keys, wrong types and NaN are errors.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -50,13 +53,16 @@ def _spelled(character: str) -> str:
 
 
 Character = Annotated[str, AfterValidator(_spelled)]
-"""Of a serial line: data bits, parity (none, even, odd) and stop bits."""
+"""Data bits, parity (none, even, odd) and stop bits of a serial line."""
 
 Port = Annotated[str, AfterValidator(_addressed)]
 
 
 class StatusBits(Settings):
-    """Bits of a Laumas status word; second-hand for TLB and TLU, as printed in the manual of the LCB."""
+    """Bits of a Laumas status word.
+
+    They are second-hand for TLB and TLU: as printed in the manual of the LCB.
+    """
 
     cell_error: int = Field(0, ge=0, le=15, description="bit of a cell that is broken or not connected")
     converter_error: int = Field(1, ge=0, le=15, description="bit of a converter that failed")
@@ -70,7 +76,10 @@ class StatusBits(Settings):
 
 
 class LaumasSettings(Settings):
-    """A Laumas load-cell transmitter. Second-hand: all of the status bits, the commands and the units word."""
+    """Settings of a Laumas load-cell transmitter.
+
+    The status bits, the commands and the units word are second-hand.
+    """
 
     device_id: int = Field(1, ge=1, le=99, description="its Modbus address")
     weight: Literal["gross", "net"] = Field(
@@ -89,7 +98,10 @@ class LaumasSettings(Settings):
 
 
 class DriveSettings(Settings):
-    """One Leadshine drive. Second-hand: not from the maker's manual, to be looked up before the drive moves."""
+    """Settings of one Leadshine drive.
+
+    They are second-hand, not from the maker's manual: verify them before the drive moves.
+    """
 
     device_id: int = Field(ge=1, le=31, description="its Modbus address")
     port: Port | None = Field(None, description="its own, where it does not share the stage's")
@@ -109,7 +121,10 @@ class DriveSettings(Settings):
 
 
 class DrivesSettings(Settings):
-    """The drives of a stage without a board: x lateral and z vertical; y stays where it was set by hand."""
+    """Settings of the drives of a stage without a board.
+
+    x is lateral and z vertical; y stays where it was set by hand.
+    """
 
     x: DriveSettings = DriveSettings(device_id=1)
     z: DriveSettings = DriveSettings(device_id=2)
@@ -125,7 +140,7 @@ Name = Annotated[str, AfterValidator(_said)]
 
 
 class StopSettings(Settings):
-    """The participant's stop button, and the relay of the force transmitter that stops the stage by itself."""
+    """Settings of the participant's stop button, and of the relay that stops the stage without the program."""
 
     kind: Literal["off", "board", "key"] = Field(
         "off",
@@ -196,7 +211,7 @@ class StopSettings(Settings):
 
 
 class Calibration(Settings):
-    """A number measured on this rig, the day it was measured, and the last day it may be used."""
+    """A number measured on this rig, the day of the measurement, and the last day on which it may be used."""
 
     value: float = Field(description="the number, in the unit of its key")
     sd: float = Field(0.0, ge=0, description="standard deviation of the value, where it is known")
@@ -232,11 +247,7 @@ _Scale = Annotated[Calibration, _measured(lambda value: value > 0, "a positive n
 
 
 class CalibrationSettings(Settings):
-    """What was measured on this rig; a line that is absent was not.
-
-    steps_per_mm of each axis (pulses of a drive), negative where the motor runs against the axis; backlash_mm;
-    force_scale, true force over the force read; compliance_mm_per_n, how far the rig itself gives under a force.
-    """
+    """Calibrations of this rig; an absent key was not measured."""
 
     x_steps_per_mm: _StepsPerMm | None = Field(
         None, description="steps (pulses of a drive) a millimetre; negative where the motor runs against the axis"
@@ -256,19 +267,49 @@ class CalibrationSettings(Settings):
     )
 
     def measured(self) -> Iterator[tuple[str, Calibration]]:
-        """Every calibration there is, by name."""
+        """Yield every calibration.
+
+        Yields
+        ------
+        tuple of str and Calibration
+            The key and the calibration.
+        """
         for name in type(self).model_fields:
             calibration = getattr(self, name)
             if calibration is not None:
                 yield name, calibration
 
     def value(self, name: str, otherwise: float) -> float:
-        """The measured number, or another where nothing was measured."""
+        """Return a measured number, or another one where nothing was measured.
+
+        Parameters
+        ----------
+        name : str
+            Key of the calibration.
+        otherwise : float
+            Number to return if there is no calibration.
+
+        Returns
+        -------
+        float
+            The number, in the unit of its key.
+        """
         calibration: Calibration | None = getattr(self, name)
         return otherwise if calibration is None else calibration.value
 
     def expired(self, day: datetime.date) -> list[str]:
-        """Names of those that may no longer be used on this day."""
+        """Return the calibrations that have expired.
+
+        Parameters
+        ----------
+        day : datetime.date
+            The day on which they would be used.
+
+        Returns
+        -------
+        list of str
+            Their keys.
+        """
         return [name for name, calibration in self.measured() if calibration.expires < day]
 
 
@@ -276,14 +317,30 @@ T = TypeVar("T", bound=Settings)
 
 
 class DeviceSettings(Settings):
-    """[stage] or [force]; what a package's kind has in a table of its own, the registry adds."""
+    """Base class of [stage] and [force]; the registry adds the table of a package's kind."""
 
     room: ClassVar[Literal["stage", "force"]]
-    kind: str
+    kind: str = Field(description="which device it is")
     _place: str = PrivateAttr("")  # of the kind's own table; the registry says it
 
     def own(self, table: type[T]) -> T:
-        """The kind's own table. Raises TypeError if it is another one."""
+        """Return the kind's own table.
+
+        Parameters
+        ----------
+        table : type of Settings
+            Class of the table.
+
+        Returns
+        -------
+        Settings
+            The table.
+
+        Raises
+        ------
+        TypeError
+            If the kind has no such table.
+        """
         found = getattr(self, self._place, None)
         if not isinstance(found, table):
             raise TypeError(f"{self.kind} has no {table.__name__}")
@@ -291,7 +348,10 @@ class DeviceSettings(Settings):
 
 
 class StageSettings(DeviceSettings):
-    """The motorised stage; framing is read for Modbus only, drives for leadshine only, and both stand in any file."""
+    """Settings of the stage.
+
+    Only Modbus uses `framing`, and only `leadshine` uses `drives`; both may stand in any file.
+    """
 
     room: ClassVar[Literal["stage", "force"]] = "stage"
     kind: str = Field("grbl", description="which device it is")
@@ -321,7 +381,10 @@ class StageSettings(DeviceSettings):
 
 
 class ForceSettings(DeviceSettings):
-    """The force sensor; framing is read for Modbus only, laumas for laumas only, and both stand in any file."""
+    """Settings of the force sensor.
+
+    Only Modbus uses `framing`, and only `laumas` uses `laumas`; both may stand in any file.
+    """
 
     room: ClassVar[Literal["stage", "force"]] = "force"
     kind: str = Field("mtsics", description="which device it is")
@@ -344,9 +407,9 @@ class ForceSettings(DeviceSettings):
 
 
 class SyncSettings(Settings):
-    """A pulse for the recording amplifier at contact, hold start and hold end; off by default.
+    """Settings of the pulse for the recording amplifier at contact, hold start and hold end; off by default.
 
-    Which register and words switch a drive's output depends on the drive: they have no default.
+    The register and the words that switch a drive's output depend on the drive: they have no default.
     """
 
     output: Literal["off", "coolant", "spindle", "drive"] = Field(
@@ -367,14 +430,14 @@ class SyncSettings(Settings):
 
     @property
     def words(self) -> tuple[int, int, int] | None:
-        """Register, word for on and word for off, where all are given."""
+        """Register, word for on and word for off, or None unless all are set."""
         if self.register_address is None or self.on_word is None or self.off_word is None:
             return None
         return self.register_address, self.on_word, self.off_word
 
 
 class FrameSettings(Settings):
-    """The finger's frame in machine coordinates (mm)."""
+    """Position of the finger in machine coordinates (mm)."""
 
     pad_centre_x_mm: float = Field(-30.0, description="machine X over the centre of the finger pad, x = 0")
     pad_y_mm: float = Field(-15.0, description="machine Y of the receptor plane")
@@ -387,14 +450,14 @@ class FrameSettings(Settings):
 
 @dataclass(frozen=True)
 class StageBounds:
-    """What no motion of the rig needs to go beyond, for a controller that can enforce it.
+    """Bounds of every motion of the rig, for a controller that can enforce them.
 
     Attributes
     ----------
     lowest_z_mm : float
-        The lowest position of the vertical axis, machine mm.
+        Lowest position of the vertical axis, in machine coordinates (mm).
     fastest_mm_s : float
-        The highest speed of any axis, mm/s.
+        Highest speed of any axis (mm/s).
     """
 
     lowest_z_mm: float
@@ -402,7 +465,7 @@ class StageBounds:
 
 
 class LimitSettings(Settings):
-    """Refused before a move, or tripped on; DEVICES: software is never the safety function."""
+    """Limits that refuse a step before a move, and forces that trip; software is never the safety function."""
 
     max_doi_mm: float = Field(
         1.5, gt=0, le=2.0, description="the deepest indentation; a step that is deeper is refused"
@@ -532,7 +595,7 @@ class HabitSettings(Settings):
 
 
 class BenchSettings(Settings):
-    """All that the devices need."""
+    """Settings of the devices."""
 
     stage: SerializeAsAny[StageSettings] = StageSettings()
     force: SerializeAsAny[ForceSettings] = ForceSettings()
@@ -543,19 +606,19 @@ class BenchSettings(Settings):
 
     @property
     def bounds(self) -> StageBounds | None:
-        """What the stage's controller may enforce; None where no limits are known."""
+        """Bounds that the stage's controller may enforce; None where no limits are known."""
         return None
 
 
 class RigSettings(BenchSettings):
-    """All that the engine needs."""
+    """Settings of the engine and the devices."""
 
     limits: LimitSettings = LimitSettings()
     habits: HabitSettings = HabitSettings()
 
     @property
     def bounds(self) -> StageBounds:
-        """What the stage's controller may enforce: a floor below the deepest press there is, the highest speed."""
+        """Bounds that the stage's controller may enforce: a floor below the deepest press, and the highest speed."""
         limits = self.limits
         given_mm = self.calibration.value("compliance_mm_per_n", 0.0) * limits.soft_trip_n
         floor_mm = self.frame.apex_z_mm - limits.fall_mm - limits.search_mm - limits.max_doi_mm - given_mm
@@ -566,7 +629,7 @@ class RigSettings(BenchSettings):
 
     @property
     def floor(self) -> str:
-        """The lowest height of the stage, in words."""
+        """Lowest height of the stage, in words."""
         return (
             f"the floor at {self.bounds.lowest_z_mm:g} mm: "
             "limits.fall_mm, limits.search_mm and limits.max_doi_mm below frame.apex_z_mm"

@@ -27,7 +27,7 @@ def _named(indentor: str) -> str:
 
 
 class VirtualSettings(Settings):
-    """How the virtual bench differs from what the rig believes; by default in nothing."""
+    """Differences between the virtual bench and the configured rig; none by default."""
 
     x_screw_steps_per_mm: float | None = Field(
         None, gt=1, lt=1e6, description="of the true screw; absent: as the rig believes"
@@ -71,14 +71,33 @@ class Config(RigSettings, KnownBench):
     )
 
     def as_toml(self) -> str:
-        """Every table and value, as a configuration file that gives this configuration."""
+        """Return a configuration file with every table and value.
+
+        Returns
+        -------
+        str
+            Text in TOML that gives this configuration.
+        """
         return tomlkit.dumps(self.model_dump(mode="json", exclude_none=True))
 
 
 def load_config(path: Path | None) -> Config:
-    """The configuration in a TOML file, or the defaults. Raises BadInputError.
+    """Load the configuration from a TOML file; paths in it are relative to its folder.
 
-    Paths in it are relative to the file's folder.
+    Parameters
+    ----------
+    path : Path or None
+        The file; None for the defaults.
+
+    Returns
+    -------
+    Config
+        The configuration.
+
+    Raises
+    ------
+    BadInputError
+        If the file cannot be read, or a key or value in it is wrong.
     """
     if path is None:
         return Config()
@@ -93,9 +112,26 @@ def load_config(path: Path | None) -> Config:
 
 
 def with_finger(config: Config, path: Path | None) -> Config:
-    """The configuration with the finger of a file that `rig meet` wrote; None: as it is. Raises BadInputError.
+    """Return the configuration with an identified finger.
 
-    The virtual bench's finger relaxes as that one does, unless the configuration says how.
+    The virtual bench's finger relaxes as the identified one, unless the configuration sets `virtual.relaxation`.
+
+    Parameters
+    ----------
+    config : Config
+        The configuration.
+    path : Path or None
+        File that `rig meet` wrote; None to keep the finger of the configuration.
+
+    Returns
+    -------
+    Config
+        The configuration.
+
+    Raises
+    ------
+    BadInputError
+        If the file cannot be read, or a key or value in it is wrong.
     """
     if path is None:
         return config
