@@ -618,7 +618,7 @@ class RigSettings(BenchSettings):
 
     @property
     def bounds(self) -> StageBounds:
-        """Bounds that the stage's controller may enforce: a floor below the deepest press, and the highest speed."""
+        """Bounds that the stage's controller may enforce, a floor below the deepest press and the highest speed."""
         limits = self.limits
         given_mm = self.calibration.value("compliance_mm_per_n", 0.0) * limits.soft_trip_n
         floor_mm = self.frame.apex_z_mm - limits.fall_mm - limits.search_mm - limits.max_doi_mm - given_mm

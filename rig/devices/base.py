@@ -186,7 +186,7 @@ class Stage(Protocol):
     @property
     @abstractmethod
     def homed(self) -> bool:
-        """Whether the position is trusted: homed, and no alarm, reset, timeout or stop since."""
+        """Whether the position is trusted, homed and without alarm, reset, timeout or stop since."""
         ...
 
     @abstractmethod

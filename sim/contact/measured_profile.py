@@ -143,7 +143,7 @@ class MeasuredProfile:
 
     @property
     def sharpest_radius_mm(self) -> float:
-        """Smallest radius of curvature (mm): 0, because the profile ends in edges."""
+        """Smallest radius of curvature (mm), 0 because the profile ends in edges."""
         return 0.0
 
     @cached_property
