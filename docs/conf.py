@@ -33,6 +33,7 @@ myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 3
 suppress_warnings = ["misc.highlighting_failure"]  # mermaid, and blocks that are named by what becomes of them
 autodoc_typehints = "description"
+autodoc_typehints_description_target = "documented"  # fields are attributes already
 autodoc_member_order = "bysource"
 
 _PAGE = re.compile(r"`docs/([\w/]+)\.md`")

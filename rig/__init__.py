@@ -8,10 +8,26 @@ from rig import _moved
 
 
 def door(package: str, homes: Mapping[str, Sequence[str]]) -> Callable[[str], Any]:
-    """A package's `__getattr__` that imports a name when it is first used.
+    """Return a package's `__getattr__` that imports a name when it is first used.
 
-    homes: names by the modules that have them. What reads a run, or lists a hundred, waits for no device or library
-    that it has no use for.
+    A program that only reads runs then loads no driver and no library that it does not use.
+
+    Parameters
+    ----------
+    package : str
+        Name of the package, for errors.
+    homes : mapping of str to sequence of str
+        Names by the module that defines them.
+
+    Returns
+    -------
+    callable
+        Function from a name to the imported object; it raises AttributeError for a name that is not in `homes`.
+
+    Raises
+    ------
+    AttributeError
+        By the returned function, for an unknown name.
     """
     home = {name: module for module, names in homes.items() for name in names}
 

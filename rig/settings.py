@@ -32,7 +32,10 @@ NOMINAL_STEPS_PER_MM = 400.0
 
 
 class Settings(BaseModel):
-    """Table of the configuration file. Values are validated; NaN is rejected."""
+    """Base class of a table of the configuration file.
+
+    Unknown keys, wrong types and NaN are errors.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -54,13 +57,16 @@ def _spelled(character: str) -> str:
 
 
 Character = Annotated[str, AfterValidator(_spelled)]
-"""Character format of a serial line: data bits, parity (none, even, odd) and stop bits."""
+"""Data bits, parity (none, even, odd) and stop bits of a serial line."""
 
 Port = Annotated[str, AfterValidator(_addressed)]
 
 
 class StatusBits(Settings):
-    """Bits of a Laumas status word, from the manual of the LCB; not verified for TLB and TLU."""
+    """Bits of a Laumas status word.
+
+    They are second-hand for TLB and TLU: as printed in the manual of the LCB.
+    """
 
     cell_error: int = Field(0, ge=0, le=15, description="status bit: load cell broken or not connected")
     converter_error: int = Field(1, ge=0, le=15, description="status bit: analog-to-digital converter failed")
@@ -74,7 +80,10 @@ class StatusBits(Settings):
 
 
 class LaumasSettings(Settings):
-    """Laumas load-cell transmitter. Status bits, commands and units word are not from its own manual."""
+    """Settings of a Laumas load-cell transmitter.
+
+    The status bits, the commands and the units word are second-hand.
+    """
 
     device_id: int = Field(1, ge=1, le=99, description="Modbus address of the transmitter")
     weight: Literal["gross", "net"] = Field("gross", description="weight that is read; gross is zeroed, net is tared")
@@ -107,7 +116,10 @@ class LaumasSettings(Settings):
 
 
 class DriveSettings(Settings):
-    """One Leadshine drive. Check the registers against the maker's manual before the drive moves."""
+    """Settings of one Leadshine drive.
+
+    They are second-hand, not from the maker's manual: verify them before the drive moves.
+    """
 
     device_id: int = Field(ge=1, le=31, description="Modbus address of the drive")
     port: Port | None = Field(
@@ -147,7 +159,10 @@ class DriveSettings(Settings):
 
 
 class DrivesSettings(Settings):
-    """Drives of a stage without a controller board: x lateral, z vertical; y is set by hand."""
+    """Settings of the drives of a stage without a board.
+
+    x is lateral and z vertical; y stays where it was set by hand.
+    """
 
     x: DriveSettings = DriveSettings(device_id=1)
     z: DriveSettings = DriveSettings(device_id=2)
@@ -163,7 +178,7 @@ Name = Annotated[str, AfterValidator(_said)]
 
 
 class StopSettings(Settings):
-    """Participant's stop button, and the relay of the force transmitter that stops the stage."""
+    """Settings of the participant's stop button, and of the relay that stops the stage without the program."""
 
     kind: Literal["off", "board", "key"] = Field(
         "off",
@@ -255,7 +270,7 @@ class StopSettings(Settings):
 
 
 class Calibration(Settings):
-    """Value measured on this rig, with its date and expiry."""
+    """A number measured on this rig, the day of the measurement, and the last day on which it may be used."""
 
     value: float = Field(description="calibrated value, in the unit of its key")
     sd: float = Field(0.0, ge=0, description="standard deviation of the value, in the unit of its key")
@@ -291,7 +306,7 @@ _Scale = Annotated[Calibration, _measured(lambda value: value > 0, "a positive n
 
 
 class CalibrationSettings(Settings):
-    """Calibration of this rig; an absent key was not measured."""
+    """Calibrations of this rig; an absent key was not measured."""
 
     x_steps_per_mm: _StepsPerMm | None = Field(
         None,
@@ -322,19 +337,49 @@ class CalibrationSettings(Settings):
     )
 
     def measured(self) -> Iterator[tuple[str, Calibration]]:
-        """Yield every calibration in the configuration, with its name."""
+        """Yield every calibration.
+
+        Yields
+        ------
+        tuple of str and Calibration
+            The key and the calibration.
+        """
         for name in type(self).model_fields:
             calibration = getattr(self, name)
             if calibration is not None:
                 yield name, calibration
 
     def value(self, name: str, otherwise: float) -> float:
-        """Return the measured value, or `otherwise` if there is none."""
+        """Return a measured number, or another one where nothing was measured.
+
+        Parameters
+        ----------
+        name : str
+            Key of the calibration.
+        otherwise : float
+            Number to return if there is no calibration.
+
+        Returns
+        -------
+        float
+            The number, in the unit of its key.
+        """
         calibration: Calibration | None = getattr(self, name)
         return otherwise if calibration is None else calibration.value
 
     def expired(self, day: datetime.date) -> list[str]:
-        """Return the names of the calibrations that have expired by this day."""
+        """Return the calibrations that have expired.
+
+        Parameters
+        ----------
+        day : datetime.date
+            The day on which they would be used.
+
+        Returns
+        -------
+        list of str
+            Their keys.
+        """
         return [name for name, calibration in self.measured() if calibration.expires < day]
 
 
@@ -342,14 +387,30 @@ T = TypeVar("T", bound=Settings)
 
 
 class DeviceSettings(Settings):
-    """Table [stage] or [force]; the registry adds the table of a device type from another package."""
+    """Base class of [stage] and [force]; the registry adds the table of a package's kind."""
 
     room: ClassVar[Literal["stage", "force"]]
-    kind: str
-    _place: str = PrivateAttr("")  # name of the table of the device type; set by the registry
+    kind: str = Field(description="which device it is")
+    _place: str = PrivateAttr("")  # of the kind's own table; the registry says it
 
     def own(self, table: type[T]) -> T:
-        """Return the table of the device type. Raises TypeError if it is of another class."""
+        """Return the kind's own table.
+
+        Parameters
+        ----------
+        table : type of Settings
+            Class of the table.
+
+        Returns
+        -------
+        Settings
+            The table.
+
+        Raises
+        ------
+        TypeError
+            If the kind has no such table.
+        """
         found = getattr(self, self._place, None)
         if not isinstance(found, table):
             raise TypeError(f"{self.kind} has no {table.__name__}")
@@ -357,7 +418,10 @@ class DeviceSettings(Settings):
 
 
 class StageSettings(DeviceSettings):
-    """Motorized stage. Only Modbus stages use `framing`, only leadshine uses `drives`; any file may contain both."""
+    """Settings of the stage.
+
+    Only Modbus uses `framing`, and only `leadshine` uses `drives`; both may stand in any file.
+    """
 
     room: ClassVar[Literal["stage", "force"]] = "stage"
     kind: str = Field("grbl", description="type of the stage")
@@ -397,7 +461,10 @@ class StageSettings(DeviceSettings):
 
 
 class ForceSettings(DeviceSettings):
-    """Force sensor. Only Modbus sensors use `framing`, only laumas uses `laumas`; any file may contain both."""
+    """Settings of the force sensor.
+
+    Only Modbus uses `framing`, and only `laumas` uses `laumas`; both may stand in any file.
+    """
 
     room: ClassVar[Literal["stage", "force"]] = "force"
     kind: str = Field("mtsics", description="type of the force sensor")
@@ -427,9 +494,9 @@ class ForceSettings(DeviceSettings):
 
 
 class SyncSettings(Settings):
-    """Pulse for the recording amplifier at contact, hold start and hold end.
+    """Settings of the pulse for the recording amplifier at contact, hold start and hold end; off by default.
 
-    Register and words of a drive's output depend on the drive, so they have no default.
+    The register and the words that switch a drive's output depend on the drive: they have no default.
     """
 
     output: Literal["off", "coolant", "spindle", "drive"] = Field(
@@ -464,14 +531,14 @@ class SyncSettings(Settings):
 
     @property
     def words(self) -> tuple[int, int, int] | None:
-        """Register, on word and off word; None unless all are set."""
+        """Register, word for on and word for off, or None unless all are set."""
         if self.register_address is None or self.on_word is None or self.off_word is None:
             return None
         return self.register_address, self.on_word, self.off_word
 
 
 class FrameSettings(Settings):
-    """Coordinate frame of the finger in machine coordinates (mm)."""
+    """Position of the finger in machine coordinates (mm)."""
 
     pad_centre_x_mm: float = Field(-30.0, description="machine X at the center of the finger pad (x = 0), in mm")
     pad_y_mm: float = Field(-15.0, description="machine Y of the receptor plane, in mm")
@@ -494,14 +561,14 @@ class FrameSettings(Settings):
 
 @dataclass(frozen=True)
 class StageBounds:
-    """Bounds of all motion, for a controller that can enforce them.
+    """Bounds of every motion of the rig, for a controller that can enforce them.
 
     Attributes
     ----------
     lowest_z_mm : float
-        The lowest position of the vertical axis, machine mm.
+        Lowest position of the vertical axis, in machine coordinates (mm).
     fastest_mm_s : float
-        The highest speed of any axis, mm/s.
+        Highest speed of any axis (mm/s).
     """
 
     lowest_z_mm: float
@@ -509,7 +576,7 @@ class StageBounds:
 
 
 class LimitSettings(Settings):
-    """Limits that refuse a step before it moves, or trip. Software is never the safety function."""
+    """Limits that refuse a step before a move, and forces that trip; software is never the safety function."""
 
     max_doi_mm: float = Field(
         1.5, gt=0, le=2.0, description="maximum depth of indentation (DOI), in mm; deeper steps are refused"
@@ -676,19 +743,19 @@ class BenchSettings(Settings):
 
     @property
     def bounds(self) -> StageBounds | None:
-        """Bounds that the stage's controller may enforce; None if there are no limits."""
+        """Bounds that the stage's controller may enforce; None where no limits are known."""
         return None
 
 
 class RigSettings(BenchSettings):
-    """Settings of the engine."""
+    """Settings of the engine and the devices."""
 
     limits: LimitSettings = LimitSettings()
     habits: HabitSettings = HabitSettings()
 
     @property
     def bounds(self) -> StageBounds:
-        """Bounds that the stage's controller may enforce: a floor below the deepest press, and the highest speed."""
+        """Bounds that the stage's controller may enforce, a floor below the deepest press and the highest speed."""
         limits = self.limits
         given_mm = self.calibration.value("compliance_mm_per_n", 0.0) * limits.soft_trip_n
         floor_mm = self.frame.apex_z_mm - limits.fall_mm - limits.search_mm - limits.max_doi_mm - given_mm
@@ -699,7 +766,7 @@ class RigSettings(BenchSettings):
 
     @property
     def floor(self) -> str:
-        """Lowest position of the stage, as text."""
+        """Lowest height of the stage, in words."""
         return (
             f"the floor at {self.bounds.lowest_z_mm:g} mm: "
             "limits.fall_mm, limits.search_mm and limits.max_doi_mm below frame.apex_z_mm"

@@ -41,7 +41,7 @@ _MARGIN_MM = (0.3, 0.5)  # a row of nodes and a half, across and along
 
 
 def family_of(indentor: Indentor) -> str:
-    """The shapes that an indentor is measured with."""
+    """Return the family of shapes that an indentor is measured with."""
     return _family(indentor.axes, sharp=indentor.sharp)
 
 
@@ -54,7 +54,7 @@ FAMILIES = tuple(_family(axes, sharp=sharp) for axes in _AXES for sharp in (Fals
 
 @dataclass(frozen=True)
 class Situation:
-    """A shape over a place, and how deep."""
+    """A shape over a position, and its depth."""
 
     shape: str
     axes: tuple[int, ...]
@@ -73,7 +73,7 @@ class Situation:
         config: FingertipConfig,
         reference: Literal["contact", "apex"] = "contact",
     ) -> "Situation":
-        """By the undeformed skin alone. Raises ModelRangeError for a place that an indentor cannot have."""
+        """Return the situation from the undeformed skin alone. Raises ModelRangeError for a position out of range."""
         refuse_beside_the_finger(config, x_mm, z_mm)
         refuse_meaningless(indentor, x_mm, z_mm)
         skin = _skin(config.geometry)
@@ -92,12 +92,12 @@ class Situation:
 
     @property
     def family(self) -> str:
-        """The shapes that it is measured with."""
+        """Family of shapes that it is measured with."""
         return _family(self.axes, sharp=self.sharp)
 
     @property
     def share(self) -> float:
-        """The smallest of SHARES whose patch holds the skin that may be touched; the whole where none is known to."""
+        """Smallest of SHARES whose patch holds the skin that may be touched; the largest for an unknown depth."""
         if self.reach_mm is None:
             return SHARES[-1]
         own = MeshSpec()
@@ -147,7 +147,7 @@ PLACES_MM = (0.5, 1.8)
 
 
 class Cell(NamedTuple):
-    """Scenes that are expected to be equally hard: a family, up to a depth, up to a distance from the centre."""
+    """Scenes that are expected to be equally hard: a family, up to a depth, up to a distance from the center."""
 
     family: str
     depth_mm: float
@@ -162,7 +162,7 @@ class Rung(NamedTuple):
 
 
 class Cost(NamedTuple):
-    """Of a press, from nothing: processor seconds of one thread, and the memory that building takes."""
+    """Cost of a press from nothing: processor seconds of one thread, and the memory of the build."""
 
     build_s: float  # without receptors
     receptors_s: float  # for ten of them
@@ -171,13 +171,13 @@ class Cost(NamedTuple):
 
 
 def cell_of(situation: Situation) -> Cell | None:
-    """Where a scene of known depth belongs; None where nothing was measured."""
+    """Return the cell of a scene of known depth; None where nothing was measured."""
     cells = cells_of(situation)
     return cells[0] if situation.depth_mm is not None and cells else None
 
 
 def cells_of(situation: Situation) -> list[Cell]:
-    """Where a scene may belong: at every depth, if its own is not known. None where nothing was measured."""
+    """Return the cells of a scene, at every depth if its own is not known; none where nothing was measured."""
     place = next((band for band in PLACES_MM if situation.place_mm <= band), None)
     if place is None:
         return []
@@ -190,13 +190,13 @@ def cells_of(situation: Situation) -> list[Cell]:
 
 @dataclass(frozen=True)
 class Expected:
-    """The largest errors in each cell, by rung and quantity, and what each rung costs on a share of the patch."""
+    """Largest errors in each cell, by rung and quantity, and the cost of each rung on a share of the patch."""
 
     largest: Mapping[Cell, Mapping[Rung, Mapping[str, float]]]
     costs: Mapping[tuple[Rung, tuple[int, ...], float, bool], Cost]  # by axes of slope, share, sharp
 
     def errors(self, situation: Situation) -> dict[Rung, dict[str, float]]:
-        """Of those measured in every cell to which a scene may belong."""
+        """Return the largest errors of the rungs that were measured in every cell of the scene."""
         cells = [self.largest.get(cell, {}) for cell in cells_of(situation)]
         if not cells:
             return {}
@@ -207,23 +207,23 @@ class Expected:
         }
 
     def share(self, rung: Rung, situation: Situation) -> float:
-        """Of the patch: the smallest that is large enough and whose cost is known."""
+        """Return the smallest share of the patch that is large enough and whose cost is known."""
         known = (s for s in SHARES if (rung, situation.axes, s, situation.sharp) in self.costs)
         return next(share for share in known if share >= situation.share)
 
     def cost(self, rung: Rung, situation: Situation) -> Cost:
-        """Of one press."""
+        """Return the cost of one press."""
         return self.costs[rung, situation.axes, self.share(rung, situation), situation.sharp]
 
 
 @cache
 def bundled() -> Expected:
-    """What was measured."""
+    """Return the measured errors and costs."""
     return from_json((files("sim") / "data" / FILE).read_text(encoding="utf-8"))
 
 
 def from_json(text: str) -> Expected:
-    """What `studies/choice/table.py` wrote."""
+    """Read what `studies/choice/table.py` wrote."""
     content = json.loads(text)
     largest = {
         Cell(row["family"], row["depth_mm"], row["place_mm"]): {
@@ -245,18 +245,34 @@ AT_RECEPTORS = frozenset({"sed", "ep1"})
 
 
 class NoModelError(ModelRangeError):
-    """No model is known to hold the tolerance."""
+    """Error of a tolerance that no model is known to hold."""
 
     default_code = "no_model"
 
 
 @dataclass(frozen=True)
 class Aim:
-    """What is asked for, and how right it shall be: each of the quantities, relative."""
+    """What a model must compute, and how accurately.
+
+    Parameters
+    ----------
+    quantities : tuple of str, optional
+        Some of ``"force"``, ``"width"``, ``"sed"``, ``"ep1"``.
+    tolerance : float, optional
+        Largest relative error of each quantity, between 0 and 1.
+    per_length : bool, optional
+        Whether the force per length of a section is acceptable.
+
+    Examples
+    --------
+    >>> from sim import Aim
+    >>> Aim(("force", "sed"), 0.05).text
+    '5 % of force, sed'
+    """
 
     quantities: tuple[str, ...] = ("force",)
     tolerance: float = 0.02
-    per_length: bool = False  # whether a force per length, a section's, is of use
+    per_length: bool = False
 
     def __post_init__(self) -> None:
         if not self.quantities or not set(self.quantities) <= set(QUANTITIES):
@@ -275,48 +291,77 @@ class Aim:
 
     @property
     def receptors(self) -> bool:
-        """Whether any are needed."""
+        """Whether a quantity needs receptors."""
         return bool(AT_RECEPTORS & set(self.quantities))
 
     @property
     def text(self) -> str:
-        """As it is said."""
+        """The aim in words, for example ``"2 % of force"``."""
         return f"{100 * self.tolerance:g} % of {', '.join(self.quantities)}"
 
 
 @dataclass(frozen=True)
 class Choice:
-    """A model, the level of its mesh, its patch and outputs; what it promises and what it costs."""
+    """A model with its mesh, patch and outputs, its expected errors and its cost.
+
+    Attributes
+    ----------
+    model : {'halfspace', 'section', 'finger'}
+        The model.
+    level : str
+        Level of its mesh.
+    mesh : MeshSpec
+        Mesh, with the size of the patch.
+    axes : tuple of int
+        Axes along which the shape slopes.
+    sharp : bool
+        Whether the shape has an edge.
+    aim : Aim
+        What was requested.
+    errors : mapping of str to float
+        Largest relative error measured in scenes of this kind, by quantity.
+    cost : Cost
+        Processor time (s) and memory (MB) of a press.
+    passed : tuple of str
+        Cheaper models, and their errors.
+
+    Examples
+    --------
+    >>> from sim import choose
+    >>> choice = choose("cylinder:9", doi_mm=0.2)
+    >>> choice.promised <= choice.aim.tolerance
+    True
+    """
 
     model: ModelName
     level: str
     mesh: MeshSpec
-    axes: tuple[int, ...]  # along which the shape slopes
+    axes: tuple[int, ...]
     sharp: bool
     aim: Aim
-    errors: Mapping[str, float]  # the largest measured in scenes of this kind, relative, by quantity
+    errors: Mapping[str, float]
     cost: Cost
-    passed: tuple[str, ...]  # cheaper ones, and what they may be off by
+    passed: tuple[str, ...]
 
     @property
     def promised(self) -> float:
-        """The largest error of what was asked for."""
+        """Largest expected relative error of a requested quantity."""
         return max(self.errors.values())
 
     @property
     def seconds(self) -> float:
-        """Of processor time, from nothing to the answer."""
+        """Processor time from nothing to the answer (s)."""
         return _seconds(self.cost, self.aim)
 
     @property
     def patch_mm(self) -> tuple[float, float]:
-        """Half-widths of the skin that may be touched, before it has to grow."""
+        """Half-widths across and along the finger of the patch that an indentor may touch (mm)."""
         mesh = self.mesh
         return (mesh.round_patch_mm,) * 2 if self.axes == BOTH else (mesh.patch_x_mm, mesh.patch_z_mm)
 
     @property
     def why(self) -> str:
-        """In one line."""
+        """Reason for the choice, in one line."""
         kind = "sharp" if self.sharp else "smooth"
         errors = ", ".join(map(_percent, self.errors.values()))
         passed = f"; cheaper models rejected: {'; '.join(self.passed)}" if self.passed else ""
@@ -328,7 +373,7 @@ class Choice:
 
     @property
     def outlook(self) -> str:
-        """What is made and what it costs, in one line, before anything is solved."""
+        """Outputs and cost, in one line, before anything is solved."""
         x, z = self.patch_mm
         outputs = "force, contact and receptors" if self.aim.receptors else "force and contact, no receptors"
         return (
@@ -338,9 +383,24 @@ class Choice:
         )
 
     def load(self, config: FingertipConfig | None = None, places: ReceptorPlaces | None = None) -> Fingertip:
-        """The model of a finger, with receptors at places (default: the ten) where they were asked for.
+        """Load the chosen model of a finger, with receptors where the aim needs them.
 
-        Raises ModelRangeError for a finger with a mesh of its own.
+        Parameters
+        ----------
+        config : FingertipConfig, optional
+            A finger without a mesh of its own. Default: the default finger.
+        places : ReceptorPlaces, optional
+            Positions of the receptors. Default: the ten of Raju (1998, ch. 5).
+
+        Returns
+        -------
+        Fingertip
+            The model.
+
+        Raises
+        ------
+        ModelRangeError
+            If the finger has a mesh of its own.
         """
         config = FingertipConfig() if config is None else config
         if config.mesh != MeshSpec():
@@ -352,7 +412,13 @@ class Choice:
         return load(self.model, config, slopes=self.axes, **wanted.as_options())
 
     def as_json(self) -> dict[str, Any]:
-        """What `rig indent --json` prints under `choice`."""
+        """Return what `rig indent --json` prints under `choice`.
+
+        Returns
+        -------
+        dict
+            Numbers, lists and text; names carry their units.
+        """
         x, z = self.patch_mm
         return {
             "level": self.level,
@@ -382,9 +448,49 @@ def choose(
     reference: Literal["contact", "apex"] = "contact",
     config: FingertipConfig | None = None,
 ) -> Choice:
-    """The cheapest that is known to hold an aim (default: 2 % of the force) in a scene; nothing is solved.
+    """Choose the cheapest model that is known to hold an aim in a scene; nothing is solved.
 
-    Errors were measured on the default finger, against the level `fine`. Raises NoModelError with the best there is.
+    The errors were measured on the default finger, against the level `fine`. The choice depends on the scene and the
+    aim, not on the cache.
+
+    Parameters
+    ----------
+    indentor : Indentor or str
+        The shape, for example ``"bar:3.0"``.
+    x_mm : float, optional
+        Lateral position of its reference point (mm).
+    z_mm : float, optional
+        Position along the finger (mm). Default: the receptor plane.
+    doi_mm : float, optional
+        Depth of indentation (mm). Pass either a depth or a force.
+    force_gwt : float, optional
+        Force (gwt).
+    aim : Aim, optional
+        Default: 2 % of the force.
+    reference : {'contact', 'apex'}, optional
+        As in `Fingertip.indent`.
+    config : FingertipConfig, optional
+        Default: the default finger.
+
+    Returns
+    -------
+    Choice
+        Model, mesh, patch and outputs.
+
+    Raises
+    ------
+    NoModelError
+        If no model holds the aim; the message has the best one.
+    ModelRangeError
+        If there is not exactly one of depth and force, or the position has no meaning for the shape.
+    ShapeError
+        If there is no such indentor.
+
+    Examples
+    --------
+    >>> from sim import Aim, choose
+    >>> choose("bar:3.0", doi_mm=0.5, aim=Aim(("force", "sed"), 0.05)).model
+    'finger'
     """
     refuse_unless_one(doi_mm, force_gwt)
     shape = parse_shape(indentor) if isinstance(indentor, str) else indentor
@@ -393,7 +499,7 @@ def choose(
 
 
 def cheapest(situation: Situation, aim: Aim, expected: Expected) -> Choice:
-    """The first, from cheap to dear, whose largest error holds; raises NoModelError with the best there is."""
+    """Return the first, from cheap to dear, whose largest error holds. Raises NoModelError with the best one."""
     known = expected.errors(situation)
     errors = {rung: of for rung, of in known.items() if _of_use(rung, of, situation, aim)}
     if not errors:

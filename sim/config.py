@@ -128,10 +128,21 @@ class _Settings(BaseModel):
 
 
 class Geometry(_Settings):
-    """Shape of the finger; lengths in mm. [free], and all that the 24 published points say nothing about.
+    """Shape of the finger; lengths in mm.
 
-    `points` or `sections` replace the published points. Each is a list of rows, or the path of a CSV file, relative
-    to the validation context's `folder`; only the numbers are kept.
+    These numbers are free: the 24 published points of the source say nothing about them (`docs/model.md`). `points`
+    or `sections` replace the published points. Each is a list of rows, or the path of a CSV file relative to the
+    validation context's `folder`; only the numbers are stored.
+
+    Notes
+    -----
+    Published points: Raju (1998, Figure 6-3).
+
+    Examples
+    --------
+    >>> from sim import Geometry
+    >>> Geometry(length_mm=14.0)
+    Geometry(length_mm=14.0)
     """
 
     length_mm: float = Field(
@@ -178,7 +189,20 @@ class Geometry(_Settings):
 
 
 class Tissue(_Settings):
-    """Layers from the outside in. Ratios of E and Poisson's ratio: Raju (1998, ch. 3); thicknesses [free]."""
+    """Layers of the finger, from the outside in.
+
+    Notes
+    -----
+    Ratios of Young's moduli and Poisson's ratio: Raju (1998, ch. 3). Thicknesses are free.
+
+    Examples
+    --------
+    >>> from sim import Tissue
+    >>> Tissue(e_fat=0.05)
+    Tissue(e_fat=0.05)
+    >>> round(Tissue(stiffness=2.0).e_epidermis_mpa, 6)
+    0.372532
+    """
 
     epidermis_mm: float = Field(default=0.4, gt=0.05, lt=1.0, description="thickness of the outermost layer")
     dermis_mm: float = Field(
@@ -209,7 +233,7 @@ class Tissue(_Settings):
 
     @property
     def e_epidermis_mpa(self) -> float:
-        """Young's modulus of the epidermis, MPa."""
+        """Young's modulus of the epidermis (MPa)."""
         return E_EPIDERMIS_MPA * self.stiffness
 
 
@@ -232,7 +256,16 @@ nail."""
 
 
 class MeshSpec(_Settings):
-    """Sizes of elements, mm; a quadratic one has nodes half way too. `patch_*` bound what an indentor may touch."""
+    """Sizes of elements in mm; `patch_*` limits the skin that an indentor may touch.
+
+    A quadratic element has nodes half way too.
+
+    Examples
+    --------
+    >>> from sim import MeshSpec
+    >>> MeshSpec(level="coarse").spacing_mm
+    0.28
+    """
 
     level: Literal["coarse", "default", "fine"] = Field(
         default="default", description="coarse: fast; fine: for sharp shapes; sets the spacings that are not given"
@@ -294,7 +327,7 @@ class MeshSpec(_Settings):
 
     @property
     def axial_mm(self) -> float:
-        """Spacing along the finger on the pulp, under shapes prismatic along it."""
+        """Spacing along the finger on the pulp (mm), under shapes that are prismatic along it."""
         return AXIAL_STRETCH * self.spacing_mm if self.axial_spacing_mm is None else self.axial_spacing_mm
 
 
@@ -313,7 +346,16 @@ class Contact(_Settings):
 
 
 class FingertipConfig(_Settings):
-    """A fingertip: what its condensed model is made of, and how it is touched."""
+    """A fingertip: geometry, tissue, mesh and contact.
+
+    Every number has a default, and a repr shows what differs.
+
+    Examples
+    --------
+    >>> from sim import FingertipConfig, Tissue
+    >>> FingertipConfig(tissue=Tissue(e_fat=0.05))
+    FingertipConfig(tissue=Tissue(e_fat=0.05))
+    """
 
     geometry: Geometry = Geometry()
     tissue: Tissue = Tissue()
@@ -325,5 +367,5 @@ class FingertipConfig(_Settings):
 
     @property
     def receptor_plane_mm(self) -> float:
-        """Axial position of the receptor plane, mm from the proximal edge (6.893 by default)."""
+        """Position of the receptor plane along the finger (mm from the proximal edge, 6.893 by default)."""
         return self.geometry.length_mm - self.receptor_plane_from_tip_mm

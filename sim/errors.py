@@ -47,13 +47,13 @@ def _raised_again(kind: type[SimError], args: tuple[Any, ...]) -> SimError:
 
 
 class ModelRangeError(SimError, ValueError):
-    """What is asked for lies outside what the model can answer."""
+    """Error of a request outside the range of a model."""
 
     default_code = "out_of_range"
 
 
 class ForceOutOfReachError(ModelRangeError):
-    """The force is not reached at the deepest indentation that the model answers."""
+    """Error of a force that is not reached at the deepest allowed indentation."""
 
     default_code = "force_out_of_reach"
 
@@ -70,7 +70,7 @@ def refuse_unless_one(doi_mm: float | None, force_gwt: float | None) -> None:
 
 
 def z_outside(z_mm: float, length_mm: float) -> ModelRangeError:
-    """Of a place beyond an end of the finger."""
+    """Return the error of a position beyond an end of the finger."""
     return ModelRangeError(
         "z = {z_mm} mm: must be 0 to {length_mm:g} mm along the finger",
         code="z_outside",
@@ -80,7 +80,7 @@ def z_outside(z_mm: float, length_mm: float) -> ModelRangeError:
 
 
 def positive(force_gwt: float) -> float:
-    """A force that can be asked for. Raises ModelRangeError."""
+    """Return a force that is positive and finite. Raises ModelRangeError."""
     if not (math.isfinite(force_gwt) and force_gwt > 0):
         raise ModelRangeError(
             "force {force_gwt:g} gwt: must be a positive number", code="force_not_positive", force_gwt=force_gwt

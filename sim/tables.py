@@ -20,13 +20,13 @@ Row = tuple[float, ...]
 
 
 class TableError(SimError, ValueError):
-    """The file holds no usable table; the message names file, line, column and what was expected."""
+    """Error of a file that holds no usable table; the message names file, line and column."""
 
     default_code = "bad_table"
 
 
 def read_columns(path: Path, columns: Sequence[str]) -> tuple[Row, ...]:
-    """The named columns of a CSV file, row by row, in the order asked for.
+    """Read the named columns of a CSV file, row by row, in the requested order.
 
     The first line names the columns, in any order; others are ignored. Empty lines and lines that begin with # are
     skipped. Raises TableError.
@@ -35,13 +35,13 @@ def read_columns(path: Path, columns: Sequence[str]) -> tuple[Row, ...]:
 
 
 def header_of(path: Path) -> tuple[int, tuple[str, ...]]:
-    """The line that names the columns, and the names; line 1 and none in an empty file. Raises TableError."""
+    """Return the line that names the columns, and the names; line 1 and none in an empty file. Raises TableError."""
     lines = _lines(path)
     return (lines[0][0], tuple(cell.strip() for cell in lines[0][1])) if lines else (1, ())
 
 
 def read_numbered(path: Path, columns: Sequence[str]) -> tuple[tuple[int, Row], ...]:
-    """As `read_columns`, each row with the number of its line in the file. Raises TableError."""
+    """Read columns as `read_columns`, each row with the number of its line in the file. Raises TableError."""
     lines = _lines(path)
     if not lines:
         raise TableError(
@@ -128,13 +128,33 @@ ROW = "row"
 
 
 class NotInstalledError(SimError, ImportError):
-    """A package that is no part of the simulator is wanted and not there."""
+    """Error of an optional package that is not installed."""
 
     default_code = "not_installed"
 
 
 def write_csv(path: str | Path, columns: Columns) -> None:
-    """A file with the columns' names in its first line; numbers to the last digit."""
+    """Write columns to a CSV file, with their names in the first line and every digit of the numbers.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    columns : mapping of str to ndarray of shape (n,)
+        For example `Indentations.table()`.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> import numpy as np
+    >>> from sim import write_csv
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = Path(folder) / "forces.csv"
+    ...     write_csv(path, {"doi_mm": np.array([0.5, 1.0]), "force_gwt": np.array([2.5, 8.0])})
+    ...     path.read_text().split()
+    ['doi_mm,force_gwt', '0.5,2.5', '1.0,8.0']
+    """
     with Path(path).open("w", newline="", encoding="utf-8") as stream:
         table = csv.writer(stream)
         table.writerow(columns)
@@ -142,12 +162,58 @@ def write_csv(path: str | Path, columns: Columns) -> None:
 
 
 def to_pandas(columns: Columns) -> Any:
-    """A `pandas.DataFrame` of columns of one length. Raises NotInstalledError."""
+    """Return columns as a data frame of pandas.
+
+    Parameters
+    ----------
+    columns : mapping of str to ndarray of shape (n,)
+        For example `Indentations.table()`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One column for each name.
+
+    Raises
+    ------
+    NotInstalledError
+        If pandas is not installed.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sim import to_pandas
+    >>> to_pandas({"doi_mm": np.array([0.5, 1.0]), "force_gwt": np.array([2.5, 8.0])}).shape
+    (2, 2)
+    """
     return _installed("pandas").DataFrame(dict(columns))
 
 
 def to_xarray(columns: Columns) -> Any:
-    """An `xarray.Dataset` of columns of one length, along `row`. Raises NotInstalledError."""
+    """Return columns as a data set of xarray, along the dimension `row`.
+
+    Parameters
+    ----------
+    columns : mapping of str to ndarray of shape (n,)
+        For example `Indentations.table()`.
+
+    Returns
+    -------
+    xarray.Dataset
+        One variable for each name.
+
+    Raises
+    ------
+    NotInstalledError
+        If xarray is not installed.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sim import to_xarray
+    >>> to_xarray({"doi_mm": np.array([0.5, 1.0]), "force_gwt": np.array([2.5, 8.0])}).sizes["row"]
+    2
+    """
     length = len(next(iter(columns.values()), ()))
     along = {name: (ROW, values) for name, values in columns.items()}
     return _installed("xarray").Dataset(along, coords={ROW: np.arange(length)})

@@ -1,4 +1,4 @@
-"""Interfaces of stages and force sensors, and their errors."""
+"""The interfaces of a stage and of a force sensor, and their errors."""
 
 import math
 from abc import abstractmethod
@@ -11,23 +11,33 @@ from rig.errors import RigError
 Axis = Literal["x", "y", "z"]
 
 LOOK_S = 0.1
-"""Interval between statuses during a motion (s); a shorter motion is checked at its end."""
+"""Time between two status polls of a motion (s); a shorter motion is polled at its end."""
 
 
 class StageError(RigError):
-    """The stage did not carry out a command; trust its position only if the driver does."""
+    """Error of a stage; its position is trusted only if `Stage.homed` is true."""
 
     default_code = "stage_failed"
 
 
 class MoveError(RigError, ValueError):
-    """Invalid move; nothing was sent."""
+    """Error of a move that this stage cannot make; nothing was sent."""
 
     default_code = "bad_move"
 
 
 class StageAlarm(StageError):  # noqa: N818
-    """The controller locked itself; `number` is the maker's alarm number."""
+    """Error of a controller that has locked itself.
+
+    Parameters
+    ----------
+    number : int
+        Number of the alarm in the manual of the controller.
+    meaning : str
+        What the manual says about this number.
+    **fields
+        Further fields of the error.
+    """
 
     default_code = "alarm"
 
@@ -38,19 +48,25 @@ class StageAlarm(StageError):  # noqa: N818
 
 
 class StageReset(StageError):  # noqa: N818
-    """The controller restarted: its queue is gone and its position is not trusted."""
+    """Error of a controller that has restarted; its queue is empty and its position is not trusted."""
 
     default_code = "was_reset"
 
 
 class StageTimeout(StageError):  # noqa: N818
-    """No answer, or no arrival, within the time allowed."""
+    """Error of a controller that does not answer, or of a move that does not arrive, in time."""
 
     default_code = "timeout"
 
 
 class StageNotHomed(StageError):  # noqa: N818
-    """The stage is not homed; nothing was moved."""
+    """Error of a move that is requested before homing; nothing was sent.
+
+    Parameters
+    ----------
+    who : str
+        The stage or the axis that must be homed.
+    """
 
     default_code = "not_homed"
 
@@ -59,7 +75,17 @@ class StageNotHomed(StageError):  # noqa: N818
 
 
 class StageHeld(StageError):  # noqa: N818
-    """The stage was held at its controller; commands wait until the hold is released."""
+    """Error of a stage that an operator has stopped at the controller.
+
+    Its command waits until the operator releases the stage; the program does not wait for it.
+
+    Parameters
+    ----------
+    state : str
+        State that the controller reports, for example ``"Hold:0"``.
+    who : str, optional
+        Beginning of the message, before "the stage is held".
+    """
 
     default_code = "held"
 
@@ -70,13 +96,26 @@ class StageHeld(StageError):  # noqa: N818
 
 
 class StageOverridden(StageError):  # noqa: N818
-    """The speed was changed at the controller; the position is trusted. halt() restores full speed and rest."""
+    """Error of a stage whose speed an operator has changed; its position is trusted.
+
+    `Stage.halt` stops the motion and restores the full speed.
+    """
 
     default_code = "overridden"
 
 
 class StageRejected(StageError):  # noqa: N818
-    """The controller refused a line; `number` is the maker's error number."""
+    """Error of a line that the controller refuses.
+
+    Parameters
+    ----------
+    number : int
+        Number of the error in the manual of the controller.
+    line : str
+        The line that was sent.
+    meaning : str
+        What the manual says about this number.
+    """
 
     default_code = "line_refused"
 
@@ -93,13 +132,37 @@ class StageRejected(StageError):  # noqa: N818
 
 
 def is_held(state: str) -> bool:
-    """Return whether the controller is held in this state and continues on release."""
+    """Return whether this state means that an operator has stopped the stage.
+
+    Parameters
+    ----------
+    state : str
+        State that the controller reports.
+
+    Returns
+    -------
+    bool
+        True if the stage continues as soon as the operator releases it.
+
+    Examples
+    --------
+    >>> is_held("Hold:0"), is_held("Idle")
+    (True, False)
+    """
     return state.startswith(("Hold", "Door"))
 
 
 @dataclass(frozen=True, slots=True)
 class StageStatus:
-    """State, in the controller's words, and machine coordinates (mm)."""
+    """State and position of a stage.
+
+    Attributes
+    ----------
+    state : str
+        State as the controller names it, for example ``"Idle"``.
+    x_mm, y_mm, z_mm : float
+        Position in machine coordinates (mm).
+    """
 
     state: str
     x_mm: float
@@ -108,34 +171,57 @@ class StageStatus:
 
 
 Looks = Iterator[StageStatus | None]
-"""Motion in progress: yields a status every LOOK_S and ends on arrival.
+"""A motion under way: each item is a status poll, LOOK_S after the previous one; it ends on arrival.
 
-Items are None if the controller does not report during motion. The first item starts the motion. A caller that does
-not exhaust the iterator must call Stage.halt() or Stage.stop().
+An item is None where the controller reports nothing while it moves. The first item starts the motion. Code that does
+not run it to its end calls Stage.halt() or Stage.stop().
 """
 
 
 class Stage(Protocol):
-    """Three axes in machine coordinates (mm): x lateral, y axial, z vertical, + up.
+    """Interface of a stage with three axes in machine coordinates.
 
-    An unhomed stage raises StageNotHomed before any byte is sent. A hold or override at the controller raises
-    StageHeld or StageOverridden at the next status, unless the driver reports the hold in the status itself.
+    x is lateral, y runs along the finger, z is vertical with + up, all in mm. Before homing, a driver refuses each
+    move with StageNotHomed and sends nothing. If an operator interferes with a move or a jog, the next status poll
+    raises StageHeld or StageOverridden; a driver whose controller reports no hold need not do this.
     """
 
     @property
     @abstractmethod
     def homed(self) -> bool:
-        """Whether the position is trusted: homed, and no alarm, reset, timeout or stop since."""
+        """Whether the position is trusted, homed and without alarm, reset, timeout or stop since."""
         ...
 
     @abstractmethod
     def connect(self) -> str:
-        """Connect and return the controller's identification. Raises StageError."""
+        """Connect to the controller.
+
+        Returns
+        -------
+        str
+            Identity of the controller.
+
+        Raises
+        ------
+        StageError
+            If the controller does not answer, or is not the configured one.
+        """
         ...
 
     @abstractmethod
     def homing(self) -> Looks:
-        """Home the stage; afterwards the position is trusted. Raises StageError."""
+        """Start the search for the home switches; the position is trusted at its end.
+
+        Returns
+        -------
+        iterator of StageStatus or None
+            One item for each status poll; it ends on arrival. Run it to its end, or call `halt` or `stop`.
+
+        Raises
+        ------
+        StageError
+            If the controller does not answer, or does not find a switch.
+        """
         ...
 
     @abstractmethod
@@ -148,22 +234,57 @@ class Stage(Protocol):
         speed_mm_s: float,
         look_s: float = LOOK_S,
     ) -> Looks:
-        """Move in a straight line, with a status every look_s.
+        """Start a move in a straight line that the caller monitors.
 
-        Raises StageError; MoveError, StageNotHomed before any byte.
+        Parameters
+        ----------
+        x_mm, y_mm, z_mm : float, optional
+            Target in machine coordinates (mm). An axis without a target does not move.
+        speed_mm_s : float
+            Speed along the line (mm/s).
+        look_s : float, optional
+            Time between two status polls (s).
+
+        Returns
+        -------
+        iterator of StageStatus or None
+            One item for each status poll, None where the controller reports nothing while it moves. The first item
+            starts the motion; it ends on arrival. Run it to its end, or call `halt` or `stop`.
+
+        Raises
+        ------
+        MoveError
+            If the stage cannot make this move; nothing was sent.
+        StageNotHomed
+            If the position is not trusted; nothing was sent.
+        StageError
+            If the controller reports an error, or does not answer.
         """
         ...
 
     @abstractmethod
     def halt(self) -> None:
-        """Abort the motion and return at rest; whether the position is trusted does not change.
+        """Halt the motion under way and return at rest; the position stays as trusted as before.
 
-        Speed overrides are reset as well. Raises StageError, TransportError.
+        This also ends a change of speed by an operator.
+
+        Raises
+        ------
+        StageError
+            If the stage does not come to rest.
+        TransportError
+            If the port fails.
         """
         ...
 
     def home(self) -> None:
-        """Home and return when done. Raises StageError."""
+        """Home and return on arrival.
+
+        Raises
+        ------
+        StageError
+            As `homing`.
+        """
         arrive(self.homing())
 
     def move_to(
@@ -174,56 +295,151 @@ class Stage(Protocol):
         z_mm: float | None = None,
         speed_mm_s: float,
     ) -> None:
-        """Move and return on arrival. Raises StageError; MoveError, StageNotHomed before any byte."""
+        """Move in a straight line and return on arrival.
+
+        Parameters
+        ----------
+        x_mm, y_mm, z_mm : float, optional
+            Target in machine coordinates (mm). An axis without a target does not move.
+        speed_mm_s : float
+            Speed along the line (mm/s).
+
+        Raises
+        ------
+        MoveError
+            If the stage cannot make this move; nothing was sent.
+        StageNotHomed
+            If the position is not trusted; nothing was sent.
+        StageError
+            As `moving`.
+        """
         arrive(self.moving(x_mm=x_mm, y_mm=y_mm, z_mm=z_mm, speed_mm_s=speed_mm_s, look_s=math.inf))
 
     @abstractmethod
     def status(self) -> StageStatus:
-        """State and position now. Raises StageError."""
+        """Read the state and the position.
+
+        Returns
+        -------
+        StageStatus
+            State and position now.
+
+        Raises
+        ------
+        StageError
+            If the controller does not answer.
+        """
         ...
 
     @abstractmethod
     def look(self) -> StageStatus:
-        """Return the status without connecting; changes nothing. Raises StageError."""
+        """Read the state and the position without changing anything, also before `connect`.
+
+        Returns
+        -------
+        StageStatus
+            State and position now.
+
+        Raises
+        ------
+        StageError
+            If the controller does not answer.
+        """
         ...
 
     @abstractmethod
     def steps_per_mm(self, axis: Axis) -> float:
-        """Steps per mm set in the controller, negative if the motor runs against the axis."""
+        """Return the motor steps for one mm of an axis.
+
+        Parameters
+        ----------
+        axis : {'x', 'y', 'z'}
+            The axis.
+
+        Returns
+        -------
+        float
+            Steps for each mm, negative where the motor turns against the axis.
+        """
         ...
 
     @abstractmethod
     def jog(self, axis: Axis, by_mm: float, speed_mm_s: float) -> None:
-        """Jog by a distance and no farther, even if communication ends; return at once. Raises StageError."""
+        """Jog an axis by a distance and return at once.
+
+        The stage stops after this distance, even if the program sends nothing more.
+
+        Parameters
+        ----------
+        axis : {'x', 'y', 'z'}
+            The axis.
+        by_mm : float
+            Distance, with its sign (mm).
+        speed_mm_s : float
+            Speed (mm/s).
+
+        Raises
+        ------
+        MoveError
+            If the stage cannot make this move; nothing was sent.
+        StageNotHomed
+            If the position is not trusted; nothing was sent.
+        StageError
+            If the controller reports an error, or does not answer.
+        """
         ...
 
     @abstractmethod
     def end_jog(self) -> None:
-        """Stop jogging and return at rest; the position stays trusted. Raises StageError."""
+        """Stop jogging and return at rest; the position stays trusted.
+
+        Raises
+        ------
+        StageError
+            If the stage does not come to rest.
+        """
         ...
 
     @abstractmethod
     def set_output(self, on: bool) -> None:
-        """Switch the sync output and return when done. Raises StageError."""
+        """Switch the output that marks events on a recording amplifier, and return when it has switched.
+
+        Parameters
+        ----------
+        on : bool
+            Whether the output is high.
+
+        Raises
+        ------
+        StageError
+            If the controller does not confirm the output.
+        """
         ...
 
     @abstractmethod
     def stop(self) -> None:
-        """Stop at once, past every queue and wait; a driver may then confirm the stop for up to 1 s.
+        """Stop now, ahead of every queue and every wait; the position is not trusted afterwards.
 
-        The position is not trusted afterwards. Raises StageError, TransportError.
+        A driver may then verify the stop for one second at most.
+
+        Raises
+        ------
+        StageError
+            If the controller reports that it did not stop.
+        TransportError
+            If the port fails.
         """
         ...
 
     def limit_depth(self, lowest_z_mm: float) -> None:
-        """Make the controller refuse targets below a height, if it has a volatile limit.
+        """Set the lowest height that the controller itself accepts, where it has a volatile limit.
 
-        The default does nothing.
+        The default does nothing: not every controller has such a limit.
 
         Parameters
         ----------
         lowest_z_mm : float
-            Lowest allowed position of the vertical axis, in machine mm.
+            Lowest allowed position of the vertical axis, in machine coordinates (mm).
 
         Raises
         ------
@@ -249,76 +465,141 @@ class Stage(Protocol):
 
     @abstractmethod
     def unlock(self) -> None:
-        """Clear an alarm without homing; the position stays untrusted. Raises StageError."""
+        """Clear an alarm without homing; the position stays untrusted.
+
+        Raises
+        ------
+        StageError
+            If the controller does not answer, or stays locked.
+        """
         ...
 
     @abstractmethod
     def close(self) -> None:
-        """Give the port back."""
+        """Release the port."""
         ...
 
 
 def next_look_s(last_s: float, over_s: float, look_s: float) -> float:
-    """Return the time of the next status of a motion due at over_s: not shortly before or after that."""
+    """Return when to poll a motion again: never just before or just after its predicted end.
+
+    Parameters
+    ----------
+    last_s : float
+        Time of the last status poll (s).
+    over_s : float
+        Time at which the motion should end (s).
+    look_s : float
+        Time between two status polls (s).
+
+    Returns
+    -------
+    float
+        Time of the next status poll (s).
+
+    Examples
+    --------
+    >>> next_look_s(1.0, 5.0, 0.5)
+    1.5
+    >>> next_look_s(1.0, 1.6, 0.5)
+    2.1
+    """
     due_s = last_s + look_s
     in_time = last_s >= over_s or over_s - due_s >= look_s / 2
     return due_s if in_time else max(due_s, over_s + look_s)
 
 
 def arrive(looks: Looks) -> None:
-    """Exhaust a motion."""
+    """Run a motion to its end.
+
+    Parameters
+    ----------
+    looks : iterator of StageStatus or None
+        What `Stage.moving` or `Stage.homing` returned.
+    """
     for _ in looks:
         pass
 
 
 @runtime_checkable
 class DeadManStage(Protocol):
-    """Stage whose controller stops by itself when communication ends."""
+    """Interface of a stage whose controller stops by itself when the program sends nothing."""
 
     def jog_while(self, axis: Axis, sign: int, held: Callable[[], bool], speed_mm_s: float) -> None:
-        """Jog in one direction while held() is true, and return at rest. Raises StageError."""
+        """Jog in one direction while a key is held, and return at rest.
+
+        Parameters
+        ----------
+        axis : {'x', 'y', 'z'}
+            The axis.
+        sign : int
+            Direction, 1 or −1.
+        held : callable
+            Returns whether the key is held.
+        speed_mm_s : float
+            Speed (mm/s).
+
+        Raises
+        ------
+        MoveError
+            If the stage cannot make this move; nothing was sent.
+        StageNotHomed
+            If the position is not trusted; nothing was sent.
+        StageError
+            If the controller reports an error, or does not answer.
+        """
         ...
 
 
 class ForceError(RigError):
-    """No force reading is available; pressing must stop."""
+    """Error of a force sensor that has no valid reading; the engine stops the press."""
 
     default_code = "no_force"
 
 
 class ForceOverload(ForceError):  # noqa: N818
-    """The force exceeds the range of the instrument."""
+    """Error of a load above the range of the instrument."""
 
     default_code = "overload"
 
 
 class ForceUnderload(ForceError):  # noqa: N818
-    """The force is below the range of the instrument: lifted off its support, or broken."""
+    """Error of a load below the range of the instrument: the cell is lifted off its support, or broken."""
 
     default_code = "underload"
 
 
 class ForceBusy(ForceError):  # noqa: N818
-    """The instrument is busy or found no stable value in time."""
+    """Error of an instrument that is busy, or found no stable value in its own time."""
 
     default_code = "busy"
 
 
 class ForceBroken(ForceError):  # noqa: N818
-    """The load cell, its converter or its cable is broken."""
+    """Error of a broken cell, converter or cable."""
 
     default_code = "broken"
 
 
 class ForceTimeout(ForceError):  # noqa: N818
-    """No answer within the time allowed."""
+    """Error of an instrument that does not answer in time."""
 
     default_code = "no_reply"
 
 
 @dataclass(frozen=True, slots=True)
 class ForceReading:
-    """Force (N), whether the instrument reports it as stable, and its arrival on the host's monotonic clock (s)."""
+    """One reading of a force sensor.
+
+    Attributes
+    ----------
+    force_n : float
+        Force (N); press on the sensor is positive.
+    stable : bool
+        Whether the instrument reports the value as stable.
+    t_s : float
+        Monotonic time of the host at which the reading arrived (s).
+    """
 
     force_n: float
     stable: bool
@@ -326,43 +607,98 @@ class ForceReading:
 
 
 class ForceSensor(Protocol):
-    """Single-axis force sensor (N); pressing is positive."""
+    """Interface of a force sensor with one axis; press on the sensor is positive."""
 
     @property
     def sample_period_s(self) -> float:
-        """Time between values that share no samples (s)."""
+        """Time after which a value consists of new samples only, filter included (s)."""
         ...
 
     @property
     def resolution_gwt(self) -> float:
-        """Smallest step of the reading (gwt)."""
+        """Smallest step of the value that the instrument shows (gwt)."""
         ...
 
     def connect(self) -> str:
-        """Connect and return the instrument's identification. Raises ForceError."""
+        """Connect to the instrument, and refuse one that is set otherwise than configured.
+
+        Returns
+        -------
+        str
+            Identity of the instrument.
+
+        Raises
+        ------
+        ForceError
+            If the instrument does not answer, or is set otherwise than configured.
+        """
         ...
 
     def identify(self) -> str:
-        """Return the identification of an instrument that may be in use; changes nothing. Raises ForceError."""
+        """Read the identity without changing anything; another program may use the instrument.
+
+        Returns
+        -------
+        str
+            Identity of the instrument.
+
+        Raises
+        ------
+        ForceError
+            If the instrument does not answer.
+        """
         ...
 
     def read(self) -> ForceReading:
-        """The latest value, stable or not. Raises ForceError."""
+        """Read the latest value, stable or not.
+
+        Returns
+        -------
+        ForceReading
+            Force, stability and time.
+
+        Raises
+        ------
+        ForceError
+            If there is no valid reading: no answer, a load outside the range, a broken cell.
+        """
         ...
 
     def zero(self) -> None:
-        """Zero the sensor at the present load. Raises ForceError."""
+        """Zero the sensor at the present load, and verify it.
+
+        Raises
+        ------
+        ForceError
+            If the sensor does not confirm zero.
+        """
         ...
 
     def close(self) -> None:
-        """Give the port back."""
+        """Release the port."""
         ...
 
 
 @runtime_checkable
 class HasSetPoint(Protocol):
-    """Sensor whose instrument switches a relay at a force that it reports."""
+    """Interface of a sensor whose instrument switches a relay at a force and reports that force."""
 
     def set_point_gwt(self, register: int) -> float:
-        """Return the force at which the relay switches (gwt). Raises ForceError."""
+        """Return the force at which the relay switches.
+
+        Parameters
+        ----------
+        register : int
+            Number of the register that holds the set point.
+
+        Returns
+        -------
+        float
+            Force (gwt).
+
+        Raises
+        ------
+        ForceError
+            If the instrument does not answer.
+        """
         ...

@@ -26,18 +26,29 @@ Room = Literal["stage", "force"]
 
 
 def own_port(stage: StageSettings) -> tuple[str, ...]:
-    """Return the single port of a stage."""
+    """Return the port of a stage with one device on one port."""
     return (stage.port,)
 
 
 @dataclass(frozen=True, kw_only=True)
 class DeviceKind:
-    """Entry of a device type.
+    """Entry of a device in the registry.
 
-    name: as in `kind = "…"`. device: description. settings: model of its own table, in [stage] or [force] under
-    `table` or else under its name. twin: "module:function" of its virtual twin (StageTwin, ForceTwin in
-    `sim/devices/line.py`), empty if there is none. tests: modules that check its driver against the bytes of the
-    real device, relative to its project.
+    Parameters
+    ----------
+    name : str
+        Name in the configuration, ``kind = "…"``.
+    device : str
+        What the device is, in words.
+    tests : tuple of str
+        Test modules that compare the driver with the bytes of the real device, from the folder of its project.
+    settings : type of Settings, optional
+        Table of the configuration that only this kind has.
+    table : str, optional
+        Name of that table in [stage] or [force]. Default: `name`.
+    twin : str, optional
+        Virtual twin as "module:function" (`sim/devices/line.py`: `StageTwin`, `ForceTwin`). Without one the device
+        cannot be dry-run.
     """
 
     room: ClassVar[Room]
@@ -50,17 +61,29 @@ class DeviceKind:
 
     @property
     def place(self) -> str:
-        """Name of its own table in [stage] or [force]."""
+        """Name of the kind's own table in [stage] or [force]."""
         return self.table or self.name
 
 
 @dataclass(frozen=True, kw_only=True)
 class StageKind(DeviceKind):
-    """Stage type.
+    """Entry of a stage in the registry.
 
-    driver: raises what the opener raises. ports: all ports, by its settings. axes: motorized axes, x lateral, y along
-    the finger, z vertical. outputs: values of sync.output that it supports. inputs: stop inputs that its driver can
-    report, for [stop].
+    Parameters
+    ----------
+    name, device, tests, settings, table, twin : as in DeviceKind
+        See there.
+    driver : callable
+        Makes the `Stage` from a function that opens ports, the clock and the settings. It raises what that function
+        raises.
+    ports : callable, optional
+        Returns every port that the stage uses, from its settings. Default: its `port`.
+    axes : {'xz', 'xyz'}, optional
+        Axes with a motor: x lateral, y along the finger, z vertical.
+    outputs : tuple of str, optional
+        Values of `sync.output` that the stage can switch.
+    inputs : tuple of str, optional
+        Names of the stop inputs that the driver can report, for [stop].
     """
 
     room: ClassVar[Room] = "stage"
@@ -73,7 +96,16 @@ class StageKind(DeviceKind):
 
 @dataclass(frozen=True, kw_only=True)
 class ForceKind(DeviceKind):
-    """Force sensor type; `driver` raises what the opener raises."""
+    """Entry of a force sensor in the registry.
+
+    Parameters
+    ----------
+    name, device, tests, settings, table, twin : as in DeviceKind
+        See there.
+    driver : callable
+        Makes the `ForceSensor` from a function that opens ports, the clock and the settings. It raises what that
+        function raises.
+    """
 
     room: ClassVar[Room] = "force"
     driver: Callable[[Opener, Clock, BenchSettings], ForceSensor]
@@ -93,13 +125,13 @@ K = TypeVar("K", bound=DeviceKind)
 
 
 class KindError(RigError, ValueError):
-    """Unknown device type, or its package cannot be used."""
+    """Error of a kind that does not exist, or whose package cannot be used."""
 
     default_code = "no_kind"
 
 
 def find(of: type[K], name: str) -> K:
-    """Return the entry of a device type. Raises KindError."""
+    """Return the entry of a kind of stage or of force sensor. Raises KindError."""
     if name in BUILT_IN[of.room]:
         found: K = import_module(f"rig.devices.{name}").DEVICE
         return found
@@ -123,18 +155,18 @@ def find(of: type[K], name: str) -> K:
 
 
 def names(room: Room) -> list[str]:
-    """Return the names of all types, the default first."""
+    """Return the names of the kinds of stage or force sensor, the default first."""
     there = [point.partition(".")[2] for point in _offered() if point.startswith(f"{room}.")]
     return list(dict.fromkeys([*BUILT_IN[room], *there]))
 
 
 def third_party() -> dict[str, str]:
-    """Return the types that packages add, such as force.NAME, with the package of each."""
+    """Return what installed packages add: the package by entry point, such as `force.NAME`."""
     return {point: " and ".join(map(package, offers)) for point, offers in _offered().items()}
 
 
 def problems() -> Iterator[KindError]:
-    """Yield an error for each entry point that cannot be used; imports them all."""
+    """Yield an error for each entry point that cannot be used; this imports all of them."""
     for point, who in third_party().items():
         room, _, name = point.partition(".")
         of = next((kind for kind in KINDS if kind.room == room), None)
@@ -175,7 +207,7 @@ def _offered() -> dict[str, tuple[EntryPoint, ...]]:
 
 
 def package(point: EntryPoint) -> str:
-    """Return name and version of the package of an entry point."""
+    """Return the name and version of the package that an entry point belongs to."""
     return "a package" if point.dist is None else f"{point.dist.name} {point.dist.version}"
 
 
@@ -220,12 +252,12 @@ M = TypeVar("M", bound=BaseModel)
 
 
 def kind_of(device: DeviceSettings) -> DeviceKind:
-    """Return the entry of a device. Raises KindError."""
+    """Return the entry of a device's kind. Raises KindError."""
     return find(_OF[device.room], device.kind)
 
 
 def stage_ports(stage: StageSettings) -> tuple[str, ...]:
-    """Return all ports of the stage."""
+    """Return every port that the stage uses."""
     return find(StageKind, stage.kind).ports(stage)
 
 
@@ -235,7 +267,7 @@ def moves_along(stage: StageSettings) -> bool:
 
 
 def checked(settings: type[D], device: Any) -> D:
-    """Validate [stage] or [force], with the table of its device type.
+    """Return the settings of [stage] or [force] from a file or code, checked with the kind's own table.
 
     Raises ValidationError. The table of the type is part of the settings and validated like any other.
     """
@@ -269,14 +301,14 @@ def _refused(settings: type[DeviceSettings], error: ValueError, value: object, *
 
 
 def as_kind(settings: type[D], told: D, name: str) -> D:
-    """Return the settings for another type, with the defaults of its table. Raises ValidationError."""
+    """Return the settings for another kind, whose own table has its defaults. Raises ValidationError."""
     if name == told.kind:
         return told
     return checked(settings, told.model_dump(include=set(settings.model_fields)) | {"kind": name})
 
 
 def of_kind(settings: type[D], name: object) -> type[D]:
-    """Return the settings class with the table of a type; unknown names are reported elsewhere."""
+    """Return the class of settings with a kind's own table, if it has one; another check reports an unknown kind."""
     try:
         entry = find(_OF[settings.room], name) if isinstance(name, str) else None
     except KindError:
@@ -297,7 +329,7 @@ def _with(settings: type[D], place: str, table: type[Settings]) -> type[D]:
 
 
 class KnownBench(BenchSettings):
-    """Bench of known device types, with their tables."""
+    """Settings of a bench whose kinds exist, with the kinds' own tables."""
 
     @field_validator("stage", "force", mode="before")
     @classmethod
@@ -341,7 +373,7 @@ class KnownBench(BenchSettings):
 
 
 def as_asked(model: type[M], tables: Mapping[str, Any]) -> type[M]:
-    """Return the model of a whole configuration, with the tables of the types that it names."""
+    """Return the model of a whole configuration, with the own tables of the kinds that it names."""
     parts: dict[str, Any] = {}
     for room in DEFAULTS:
         part: Any = model.model_fields[room].annotation

@@ -27,7 +27,7 @@ def _named(indentor: str) -> str:
 
 
 class VirtualSettings(Settings):
-    """Differences between the virtual bench and its calibration and frame; none by default."""
+    """Differences between the virtual bench and the configured rig; none by default."""
 
     x_screw_steps_per_mm: float | None = Field(
         None, gt=1, lt=1e6, description="true motor steps per mm of the lateral axis; absent: as calibrated"
@@ -96,14 +96,33 @@ class Config(RigSettings, KnownBench):
     )
 
     def as_toml(self) -> str:
-        """Return a configuration file with every table and value."""
+        """Return a configuration file with every table and value.
+
+        Returns
+        -------
+        str
+            Text in TOML that gives this configuration.
+        """
         return tomlkit.dumps(self.model_dump(mode="json", exclude_none=True))
 
 
 def load_config(path: Path | None) -> Config:
-    """Load a TOML configuration file, or the defaults. Raises BadInputError.
+    """Load the configuration from a TOML file; paths in it are relative to its folder.
 
-    Paths in the file are relative to its folder.
+    Parameters
+    ----------
+    path : Path or None
+        The file; None for the defaults.
+
+    Returns
+    -------
+    Config
+        The configuration.
+
+    Raises
+    ------
+    BadInputError
+        If the file cannot be read, or a key or value in it is wrong.
     """
     if path is None:
         return Config()
@@ -118,10 +137,26 @@ def load_config(path: Path | None) -> Config:
 
 
 def with_finger(config: Config, path: Path | None) -> Config:
-    """Return the configuration with the identified finger of a file; unchanged if there is none.
+    """Return the configuration with an identified finger.
 
-    The finger of the virtual bench takes over the relaxation in the file unless the configuration sets its own.
-    Raises BadInputError.
+    The virtual bench's finger relaxes as the identified one, unless the configuration sets `virtual.relaxation`.
+
+    Parameters
+    ----------
+    config : Config
+        The configuration.
+    path : Path or None
+        File that `rig meet` wrote; None to keep the finger of the configuration.
+
+    Returns
+    -------
+    Config
+        The configuration.
+
+    Raises
+    ------
+    BadInputError
+        If the file cannot be read, or a key or value in it is wrong.
     """
     if path is None:
         return config

@@ -28,7 +28,30 @@ _SHORT.maxother = 80
 
 @dataclass(frozen=True)
 class Block(Generic[T]):
-    """The items between two zeros of the force sensor, in order."""
+    """The items between two zeros of the force sensor, in order.
+
+    Iterate over a block to get its items; `Schedule.on` makes the blocks.
+
+    Attributes
+    ----------
+    number : int
+        Number of the block, from 1.
+    items : tuple
+        The items in their order.
+    schedule : Schedule
+        The schedule that the block belongs to.
+    rig : Rig
+        The rig that carries out rests and reference presses.
+
+    Examples
+    --------
+    >>> from rig.protocol import Rig, Schedule
+    >>> def run(rig: Rig) -> None:
+    ...     for block in Schedule((-1.0, 0.0, 1.0)).on(rig):
+    ...         for x_mm in block:
+    ...             rig.move_to(x_mm=x_mm)
+    ...             rig.indent(doi_mm=0.5)
+    """
 
     number: int
     items: tuple[T, ...]
@@ -60,7 +83,23 @@ class Block(Generic[T]):
 
 @dataclass(frozen=True)
 class ReferencePress:
-    """A press that is repeated at a fixed place, before every `every`-th indentation of a block."""
+    """A press that is repeated at a fixed position, before every `every`-th indentation of a block.
+
+    Parameters
+    ----------
+    every : int
+        Number of indentations from one reference press to the next.
+    x_mm : float
+        Lateral position from the center of the finger pad (mm).
+    doi_mm : float
+        Depth past contact (mm).
+
+    Examples
+    --------
+    >>> from rig.protocol import ReferencePress, Schedule
+    >>> Schedule((0.0, 1.0), reference=ReferencePress(every=10, x_mm=0.0, doi_mm=0.4)).reference.every
+    10
+    """
 
     every: int
     x_mm: float
@@ -69,7 +108,39 @@ class ReferencePress:
 
 @dataclass(frozen=True)
 class Schedule(Generic[T]):
-    """Items in blocks, each `repeats` times a block, as listed or in a random order that depends only on the seed."""
+    """Items in blocks, as listed or in a random order.
+
+    A random order depends only on the seed and on the number of the block: it is the same in every pass over a script
+    and in every version of Python.
+
+    Parameters
+    ----------
+    items : sequence
+        For example lateral positions (mm), or names of conditions.
+    order : {'given', 'random'}, optional
+        Order of the items in a block.
+    seed : int, optional
+        Seed of a random order.
+    repeats : int, optional
+        How often each item occurs in a block.
+    blocks : int, optional
+        Number of blocks.
+    rest_s : float, optional
+        Rest between two indentations (s).
+    block_rest_s : float, optional
+        Rest between two blocks (s).
+    reference : ReferencePress, optional
+        Reference press; none by default.
+
+    Examples
+    --------
+    >>> from rig.protocol import Schedule
+    >>> schedule = Schedule((-1.0, 0.0, 1.0), order="random", seed=1, repeats=2, blocks=2)
+    >>> sorted(schedule.block(1))
+    [-1.0, -1.0, 0.0, 0.0, 1.0, 1.0]
+    >>> schedule.block(1) == schedule.block(1)
+    True
+    """
 
     items: Sequence[T]
     order: Order = "given"
@@ -81,7 +152,24 @@ class Schedule(Generic[T]):
     reference: ReferencePress | None = None
 
     def block(self, number: int) -> tuple[T, ...]:
-        """Return the items of a block, counted from 1, in their order."""
+        """Return the items of a block in their order.
+
+        Parameters
+        ----------
+        number : int
+            Number of the block, from 1.
+
+        Returns
+        -------
+        tuple
+            The items, each `repeats` times.
+
+        Examples
+        --------
+        >>> from rig.protocol import Schedule
+        >>> Schedule(("left", "right"), repeats=2).block(1)
+        ('left', 'right', 'left', 'right')
+        """
         items = tuple(self.items) * self.repeats
         if self.order == "given":
             return items
@@ -92,7 +180,18 @@ class Schedule(Generic[T]):
         )
 
     def on(self, rig: Rig) -> Iterator[Block[T]]:
-        """Yield the blocks; zero the force sensor before and after each."""
+        """Yield the blocks; zero the force sensor before and after each.
+
+        Parameters
+        ----------
+        rig : Rig
+            The rig of the script.
+
+        Yields
+        ------
+        Block
+            One block after the other, with a checkpoint before each and a rest between two.
+        """
         for number in range(1, self.blocks + 1):
             if number > 1 and self.block_rest_s:
                 rig.rest(self.block_rest_s)
@@ -114,21 +213,39 @@ def _as_text(item: object) -> str:
 
 
 class ScheduledParameters(ProtocolParameters):
-    """Base of the `Parameters` of a script with a schedule."""
+    """Base class of the `Parameters` of a script with a schedule.
 
-    order: Order = "given"
-    seed: int = Field(0, ge=0, description="of a random order")
-    repeats: int = Field(1, ge=1, le=100, description="of each item in a block")
-    blocks: int = Field(1, ge=1, le=100)
-    rest_s: float = Field(0.0, ge=0, le=3600, description="between indentations")
-    block_rest_s: float = Field(0.0, ge=0, le=3600, description="between blocks")
-    precondition: int = Field(0, ge=0, le=100, description="presses before each block that are no data")
+    Examples
+    --------
+    >>> from rig.protocol import ScheduledParameters
+    >>> ScheduledParameters(repeats=2).schedule((0.0, 1.0)).block(1)
+    (0.0, 1.0, 0.0, 1.0)
+    """
+
+    order: Order = Field("given", description="order of the items in a block")
+    seed: int = Field(0, ge=0, description="seed of a random order")
+    repeats: int = Field(1, ge=1, le=100, description="how often each item occurs in a block")
+    blocks: int = Field(1, ge=1, le=100, description="number of blocks")
+    rest_s: float = Field(0.0, ge=0, le=3600, description="rest between two indentations")
+    block_rest_s: float = Field(0.0, ge=0, le=3600, description="rest between two blocks")
+    precondition: int = Field(0, ge=0, le=100, description="presses before each block, stored apart from data")
     reference_every: int = Field(0, ge=0, le=1000, description="indentations between reference presses; 0: none")
-    reference_x_mm: float = 0.0
-    reference_doi_mm: float = Field(0.4, gt=0, le=1.5)
+    reference_x_mm: float = Field(0.0, description="x of the reference presses")
+    reference_doi_mm: float = Field(0.4, gt=0, le=1.5, description="depth of the reference presses")
 
     def schedule(self, items: Sequence[T]) -> Schedule[T]:
-        """Return a schedule of these items, as the parameters define it."""
+        """Return a schedule of these items, as the parameters define it.
+
+        Parameters
+        ----------
+        items : sequence
+            For example lateral positions (mm), or names of conditions.
+
+        Returns
+        -------
+        Schedule
+            The schedule.
+        """
         reference = ReferencePress(self.reference_every, self.reference_x_mm, self.reference_doi_mm)
         return Schedule(
             items,
@@ -150,7 +267,16 @@ _MOST_POSITIONS = 500
 
 
 class RangeParameters(ProtocolParameters):
-    """Base of the `Parameters` of a script that steps across the finger pad."""
+    """Base class of the `Parameters` of a script that steps across the finger pad.
+
+    Examples
+    --------
+    >>> from rig.protocol import RangeParameters
+    >>> RangeParameters(from_mm=1.0, to_mm=-1.0, spacing_mm=0.5).positions(())
+    (1.0, 0.5, 0.0, -0.5, -1.0)
+    >>> RangeParameters().positions((0.5, 0.0))
+    (0.5, 0.0)
+    """
 
     from_mm: float | None = Field(None, ge=-20, le=20, description="x of a range instead of the schedule")
     to_mm: float | None = Field(None, ge=-20, le=20, description="x where it ends")
@@ -180,7 +306,18 @@ class RangeParameters(ProtocolParameters):
         return math.ceil(abs(end - begin) / (self.spacing_mm or SPACING_MM) - 1e-9)
 
     def positions(self, schedule: Sequence[float]) -> tuple[float, ...]:
-        """Return x (mm) from one end of the range to the other in equal steps; the schedule's without a range."""
+        """Return the lateral positions of the range, from one end to the other in equal steps.
+
+        Parameters
+        ----------
+        schedule : sequence of float
+            Positions to return if no range is set (mm).
+
+        Returns
+        -------
+        tuple of float
+            Positions x from the center of the finger pad (mm).
+        """
         begin, end = self.from_mm, self.to_mm
         if begin is None or end is None:
             return tuple(schedule)
@@ -189,5 +326,22 @@ class RangeParameters(ProtocolParameters):
 
 
 def about_the_centre(positions: int) -> tuple[float, ...]:
-    """Return x (mm) of that many positions about the center of the pad, decreasing, 0.17 mm apart."""
+    """Return equally spaced positions about the center of the finger pad, in decreasing order.
+
+    Parameters
+    ----------
+    positions : int
+        Number of positions.
+
+    Returns
+    -------
+    tuple of float
+        Positions x (mm), 0.17 mm apart: the spacing of the source (Raju 1998, ch. 5).
+
+    Examples
+    --------
+    >>> from rig.protocol import about_the_centre
+    >>> about_the_centre(3)
+    (0.17, 0.0, -0.17)
+    """
     return tuple(round(SPACING_MM * (0.5 * (positions - 1) - k), _DECIMALS) for k in range(positions))

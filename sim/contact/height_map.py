@@ -25,23 +25,49 @@ _LEAST_STEP_MM = 1e-6
 
 
 class HeightMapError(SimError, ValueError):
-    """The heights make no indentor; the message says what was expected."""
+    """Error of heights that make no indentor."""
 
     default_code = "bad_height_map"
 
 
 @dataclass(frozen=True, eq=False)
 class HeightMap(Indentor):
-    """A bicubic spline (C²) through heights on an even grid, flanks of slope 1 000 beyond its rim.
+    """An indentor from a table of heights: embossed dots, letters, any surface without overhangs.
 
-    Two maps of one name, grid and heights are equal.
+    Maps with the same name, grid, heights and turn are equal.
+
+    Attributes
+    ----------
+    name : str
+        Name in results and errors.
+    x_mm : ndarray of shape (n_x,)
+        Evenly spaced lateral positions, ascending, 0 at the reference point (mm).
+    z_mm : ndarray of shape (n_z,)
+        The same along the finger, towards the tip (mm).
+    height_mm : ndarray of shape (n_z, n_x)
+        Heights above any level, growing away from the skin (mm).
+    turn_deg : float
+        Turn about the vertical, x towards the tip (degrees).
+
+    Notes
+    -----
+    The surface is a bicubic spline (C²) through the heights, with flanks of slope 1000 beyond its rim.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sim import HeightMap
+    >>> x = np.linspace(-1.0, 1.0, 21)
+    >>> bowl = HeightMap.from_arrays(x, x, 0.1 * (x**2 + x[:, None] ** 2), name="bowl")
+    >>> bowl
+    HeightMap('bowl', 21 × 21 points)
     """
 
     name: str
-    x_mm: Array  # (n_x,) ascending, evenly spaced, zero at the reference point
-    z_mm: Array  # (n_z,) the same, towards the tip
-    height_mm: Array  # (n_z, n_x) above any level, growing away from the skin
-    turn_deg: float = 0.0  # about the vertical, x towards the tip
+    x_mm: Array
+    z_mm: Array
+    height_mm: Array
+    turn_deg: float = 0.0
 
     axes = BOTH
     sharp = True  # its rim is an edge
@@ -55,9 +81,31 @@ class HeightMap(Indentor):
     def from_arrays(
         cls, x_mm: ArrayLike, z_mm: ArrayLike, height_mm: ArrayLike, *, name: str = "heightmap", turn_deg: float = 0.0
     ) -> "HeightMap":
-        """Heights (n_z, n_x), away from the skin, at (n_x,) and (n_z,) places from the reference point; mm.
+        """Make an indentor from arrays.
 
-        Raises HeightMapError: too few or too many points, uneven places, heights that are no numbers, a wall.
+        Parameters
+        ----------
+        x_mm : array_like of shape (n_x,)
+            Evenly spaced lateral positions, ascending, 0 at the reference point (mm).
+        z_mm : array_like of shape (n_z,)
+            The same along the finger, towards the tip (mm).
+        height_mm : array_like of shape (n_z, n_x)
+            Heights above any level, growing away from the skin (mm).
+        name : str, optional
+            Name in results and errors.
+        turn_deg : float, optional
+            Turn about the vertical, x towards the tip (degrees).
+
+        Returns
+        -------
+        HeightMap
+            The indentor.
+
+        Raises
+        ------
+        HeightMapError
+            If there are too few or too many points, the spacing is uneven, a height is not a number, or the surface
+            has a wall.
         """
         x, z, height = (np.array(given, dtype=np.float64) for given in (x_mm, z_mm, height_mm))
         if height.shape != (z.size, x.size) or x.ndim != 1 or z.ndim != 1:
@@ -112,14 +160,30 @@ class HeightMap(Indentor):
         return {field: self.__dict__[field] for field in fields}
 
     def turned(self, turn_deg: float) -> "HeightMap":
-        """The same, turned; raises ValueError where it is turned already."""
+        """Return the indentor, turned about the vertical.
+
+        Parameters
+        ----------
+        turn_deg : float
+            Angle, x towards the tip (degrees).
+
+        Returns
+        -------
+        HeightMap
+            The turned indentor.
+
+        Raises
+        ------
+        ArgumentError
+            If it is turned already.
+        """
         if self.turn_deg:
             raise ArgumentError("it is turned already", code="turned_already")
         return replace(self, name=self.name + turn_suffix(turn_deg), turn_deg=turn_deg)
 
     @cached_property
     def sharpest_radius_mm(self) -> float:
-        """Smallest radius of curvature of its convex parts within the rim, as measured on the spline; mm."""
+        """Smallest radius of curvature of the convex parts within the rim, as measured on the spline (mm)."""
         places = self._in_cells()
         surface = self._within(places)
         slope, hessian = np.moveaxis(surface.slope, -1, 0), np.moveaxis(surface.curvature, -1, 0)
@@ -130,13 +194,37 @@ class HeightMap(Indentor):
         return float(1 / largest) if largest > 0 else np.inf
 
     def turning(self, offset_mm: Array, reach_mm: float) -> Array:
-        """(k,) rad by which the surface's normal turns within a reach on either side, along x or z; the larger."""
+        """Return the angle by which the surface turns about places, along x or z; the larger.
+
+        Parameters
+        ----------
+        offset_mm : ndarray of shape (2, k)
+            Offsets from the reference point (mm).
+        reach_mm : float
+            Distance to either side (mm).
+
+        Returns
+        -------
+        ndarray of shape (k,)
+            Angles (rad).
+        """
         ways = reach_mm * np.eye(2)[:, :, None]
         found = [_angle(self.evaluate(offset_mm - way).slope, self.evaluate(offset_mm + way).slope) for way in ways]
         return np.maximum(*found)
 
     def evaluate(self, offset_mm: Array) -> Surface:
-        """The surface at (2, k) offsets from the reference point, above the lowest point."""
+        """Return the surface above its lowest point.
+
+        Parameters
+        ----------
+        offset_mm : ndarray of shape (2, k)
+            Offsets from the reference point (mm).
+
+        Returns
+        -------
+        Surface
+            Height, slope and curvature.
+        """
         at = self._turn @ offset_mm
         clipped, beyond, outside = self._clipped(at)
         surface = self._within(clipped)
@@ -150,7 +238,20 @@ class HeightMap(Indentor):
         )
 
     def tangent(self, offset_mm: Array, y_mm: Array) -> Surface:
-        """As `evaluate`; beyond the rim, the plane through its nearest place that is closest to the node."""
+        """Return the surface; beyond the rim, the closest plane through the nearest point of the rim.
+
+        Parameters
+        ----------
+        offset_mm : ndarray of shape (2, k)
+            Offsets from the reference point (mm).
+        y_mm : ndarray of shape (k,)
+            Heights of the nodes (mm).
+
+        Returns
+        -------
+        Surface
+            Height, slope and curvature.
+        """
         at = self._turn @ offset_mm
         clipped, beyond, outside = self._clipped(at)
         surface = self._within(clipped)

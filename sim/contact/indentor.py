@@ -32,13 +32,23 @@ _ALONG_ITSELF = np.ones((1, 1))
 
 
 class ShapeWarning(SimError, UserWarning):  # noqa: N818
-    """Something that a shape says of itself is not so."""
+    """Warning of a property that a shape reports and that measurements on it contradict."""
 
     default_code = "not_so"
 
 
 class Surface(NamedTuple):
-    """Height (k,) in mm, slope (m, k) and second derivatives (m, m, k) in 1/mm along the axes of slope."""
+    """Height, slope and curvature of an indentor along its axes.
+
+    Attributes
+    ----------
+    height_mm : ndarray of shape (k,)
+        Heights (mm).
+    slope : ndarray of shape (m, k)
+        Slopes along the m axes.
+    curvature : ndarray of shape (m, m, k)
+        Second derivatives (1/mm).
+    """
 
     height_mm: Array
     slope: Array
@@ -46,7 +56,17 @@ class Surface(NamedTuple):
 
 
 class Indentor(ABC):
-    """A rigid surface over offsets from its reference point, and the axes along which it slopes."""
+    """A rigid surface over offsets from its reference point, and the axes along which it slopes.
+
+    `parse_shape` and `HeightMap.from_arrays` make indentors; `Indentor.along` makes one from a profile.
+
+    Attributes
+    ----------
+    name : str
+        Name in results and errors.
+    axes : tuple of int
+        Axes along which the surface slopes.
+    """
 
     name: str
     axes: tuple[int, ...]
@@ -56,51 +76,129 @@ class Indentor(ABC):
 
     @staticmethod
     def along(profile: IndentorProfile) -> "Prismatic":
-        """Prismatic along the finger, named like its profile."""
+        """Return an indentor that is prismatic along the finger, with the name of its profile.
+
+        Parameters
+        ----------
+        profile : IndentorProfile
+            For example a `MeasuredProfile`.
+
+        Returns
+        -------
+        Prismatic
+            The indentor.
+
+        Examples
+        --------
+        >>> from sim import Indentor, MeasuredProfile
+        >>> Indentor.along(MeasuredProfile.from_arrays([-1.0, 0.0, 1.0], [0.2, 0.0, 0.2], name="groove")).sharp
+        True
+        """
         return Prismatic(profile.name, profile)
 
     @property
     def placed_by(self) -> tuple[int, ...]:
-        """The axes along which it makes a difference where it is."""
+        """Axes along which the position of the indentor makes a difference."""
         return self.axes
 
     def lateral_mm(self, x_mm: float) -> float:
-        """What a carriage's x comes to: 0 where it makes no difference."""
+        """Return the lateral position of the indentor, 0 where it makes no difference.
+
+        Parameters
+        ----------
+        x_mm : float
+            Lateral position of the carriage (mm).
+
+        Returns
+        -------
+        float
+            Lateral position (mm).
+        """
         return x_mm if X in self.placed_by else 0.0
 
     @property
     def between_nodes(self) -> bool:
-        """Whether contact is to be enforced between nodes too."""
+        """Whether contact is enforced between nodes too."""
         return self.sharp
 
     @property
     def corners_only(self) -> bool:
-        """Whether that is needed only where the surface itself turns within less than a node's spacing."""
+        """Whether that is needed only where the surface turns within less than the spacing of nodes."""
         return False
 
     @property
     @abstractmethod
     def sharp(self) -> bool:
-        """Whether the surface turns somewhere within less than about a node's spacing."""
+        """Whether the surface turns somewhere within less than about the spacing of nodes."""
 
     @abstractmethod
     def turned(self, turn_deg: float) -> "Indentor":
-        """The same, turned about the vertical through its reference point, its x towards the tip.
+        """Return the indentor, turned about the vertical through its reference point.
 
-        Raises ValueError where that makes no difference, or is not meant.
+        Parameters
+        ----------
+        turn_deg : float
+            Angle, x towards the tip (degrees).
+
+        Returns
+        -------
+        Indentor
+            The turned indentor.
+
+        Raises
+        ------
+        ArgumentError
+            If a turn makes no difference, or the shape cannot be turned.
         """
 
     @abstractmethod
     def turning(self, offset_mm: Array, reach_mm: float) -> Array:
-        """(k,) rad by which the surface's normal turns within a reach on either side of (m, k) offsets."""
+        """Return the angle by which the surface's normal turns about places.
+
+        Parameters
+        ----------
+        offset_mm : ndarray of shape (m, k)
+            Offsets from the reference point along the axes (mm).
+        reach_mm : float
+            Distance to either side (mm).
+
+        Returns
+        -------
+        ndarray of shape (k,)
+            Angles (rad).
+        """
 
     @abstractmethod
     def evaluate(self, offset_mm: Array) -> Surface:
-        """The surface at (m, k) offsets from the reference point, above the lowest point."""
+        """Return the surface above its lowest point.
+
+        Parameters
+        ----------
+        offset_mm : ndarray of shape (m, k)
+            Offsets from the reference point along the axes (mm).
+
+        Returns
+        -------
+        Surface
+            Height, slope and curvature.
+        """
 
     @abstractmethod
     def tangent(self, offset_mm: Array, y_mm: Array) -> Surface:
-        """As `evaluate`, but past an edge the tangent plane closest to a node at the height y."""
+        """Return the surface; past an edge, the tangent plane that is closest to a node.
+
+        Parameters
+        ----------
+        offset_mm : ndarray of shape (m, k)
+            Offsets from the reference point along the axes (mm).
+        y_mm : ndarray of shape (k,)
+            Heights of the nodes (mm).
+
+        Returns
+        -------
+        Surface
+            Height, slope and curvature.
+        """
 
 
 class _OfProfile(Indentor):

@@ -21,30 +21,71 @@ _FILLET_MM = 0.02
 
 
 class ProfileError(SimError, ValueError):
-    """The file holds no usable profile; the message names file, line and what was expected."""
+    """Error of a file or arrays that hold no usable profile."""
 
     default_code = "bad_profile"
 
 
 @dataclass(frozen=True, repr=False)
 class MeasuredProfile:
-    """Points joined by a C¹ monotone cubic (PCHIP) or by straight lines, flanks beyond the first and last.
+    """A measured profile that is prismatic along the finger.
 
-    Concave parts are allowed. Straight lines have fillets of ± 0.02 mm about the points.
+    Concave parts are allowed. `sim.Fingertip.indent` accepts a profile as an indentor.
+
+    Attributes
+    ----------
+    path : str
+        File or name that the profile comes from.
+    x_mm : tuple of float
+        Positions, ascending, 0 at the reference point (mm).
+    height_mm : tuple of float
+        Heights above the lowest point (mm).
+    linear : bool
+        Whether straight lines join the points, instead of a cubic.
+
+    Notes
+    -----
+    A monotone C¹ cubic joins the points (PCHIP; Fritsch & Carlson, SIAM J. Numer. Anal. 17, 1980). Straight lines
+    have fillets of ± 0.02 mm about the points. Flanks rise beyond the first and the last point.
+
+    Examples
+    --------
+    >>> from sim import MeasuredProfile
+    >>> MeasuredProfile.from_arrays([-1.0, 0.0, 1.0], [0.2, 0.0, 0.2], name="groove")
+    <MeasuredProfile profile:groove, 3 points from -1 to 1 mm>
     """
 
     path: str
-    x_mm: tuple[float, ...]  # ascending, zero at the reference point
-    height_mm: tuple[float, ...]  # above the lowest point
+    x_mm: tuple[float, ...]
+    height_mm: tuple[float, ...]
     linear: bool = False
 
     @classmethod
     def from_arrays(
         cls, x_mm: ArrayLike, height_mm: ArrayLike, *, name: str = "own", linear: bool = False
     ) -> "MeasuredProfile":
-        """Points (n,) of one's own: x rises and is 0 at the reference point, heights are above any level.
+        """Make a profile from arrays.
 
-        Raises ProfileError.
+        Parameters
+        ----------
+        x_mm : array_like of shape (n,)
+            Positions, ascending, 0 at the reference point (mm).
+        height_mm : array_like of shape (n,)
+            Heights above any level (mm).
+        name : str, optional
+            Name in results and errors.
+        linear : bool, optional
+            Whether straight lines join the points, instead of a cubic.
+
+        Returns
+        -------
+        MeasuredProfile
+            The profile.
+
+        Raises
+        ------
+        ProfileError
+            If the arrays differ in length, hold fewer than two points or no numbers, or x does not rise.
         """
         x, height = np.asarray(x_mm, dtype=float), np.asarray(height_mm, dtype=float)
         if x.ndim != 1 or x.shape != height.shape:
@@ -97,12 +138,12 @@ class MeasuredProfile:
 
     @property
     def name(self) -> str:
-        """The shape as it is written on the command line."""
+        """Name of the shape as on the command line."""
         return f"profile:{self.path}{LINEAR if self.linear else ''}"
 
     @property
     def sharpest_radius_mm(self) -> float:
-        """Smallest radius of curvature: 0, it ends in edges."""
+        """Smallest radius of curvature (mm), 0 because the profile ends in edges."""
         return 0.0
 
     @cached_property
@@ -110,7 +151,18 @@ class MeasuredProfile:
         return (_filleted if self.linear else PchipInterpolator)(self.x_mm, self.height_mm)
 
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
-        """Height, slope and curvature."""
+        """Return the profile.
+
+        Parameters
+        ----------
+        s_mm : ndarray of shape (k,)
+            Positions from the reference point (mm).
+
+        Returns
+        -------
+        tuple of ndarray
+            Height (mm), slope and curvature (1/mm), each of shape (k,).
+        """
         beyond, side, clipped = self._beyond(s_mm)
         return self._with_flanks(beyond, side, curves.joined(clipped, self._curve.x, self._curve.c))
 
@@ -125,7 +177,20 @@ class MeasuredProfile:
         )
 
     def tangent(self, s_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
-        """As `evaluate`; beyond an end, the plane through that end that is closest to the node."""
+        """Return the profile; beyond an end, the closest plane through that end.
+
+        Parameters
+        ----------
+        s_mm : ndarray of shape (k,)
+            Positions from the reference point (mm).
+        y_mm : ndarray of shape (k,)
+            Heights of the nodes (mm).
+
+        Returns
+        -------
+        tuple of ndarray
+            Height (mm), slope and curvature (1/mm), each of shape (k,).
+        """
         beyond, side, clipped = self._beyond(s_mm)
         profile = curves.joined(clipped, self._curve.x, self._curve.c)
         height, slope, _ = arc_tangent(beyond, y_mm - profile[0], 0.0, side)
@@ -153,7 +218,7 @@ def _filleted(x_mm: tuple[float, ...], height_mm: tuple[float, ...]) -> PPoly:
 
 
 def read_profile(path: str, *, linear: bool = False) -> MeasuredProfile:
-    """Read a CSV with the columns x_mm, height_mm; raises ProfileError naming the line and what was expected."""
+    """Read a profile from a CSV file with the columns x_mm and height_mm. Raises ProfileError."""
     try:
         with Path(path).open(newline="", encoding="utf-8-sig") as stream:
             rows = list(csv.reader(stream))

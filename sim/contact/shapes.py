@@ -24,13 +24,40 @@ _FILE = re.compile(rf"(profile|heightmap):(.*?)((?:,across|,turn_deg=[^,]*|{_OPT
 
 
 class ShapeError(SimError, ValueError):
-    """The name of an indentor is not understood, or its dimension is out of range."""
+    """Error of a shape whose name is unknown, or whose dimension is out of range."""
 
     default_code = "bad_shape"
 
 
 def parse_shape(text: str) -> Indentor:
-    """Indentor named as on the command line, e.g. "bar:3.0"; raises ShapeError with what was expected."""
+    """Return the indentor with a name as on the command line.
+
+    Parameters
+    ----------
+    text : str
+        For example ``"bar:3.0"``, ``"cylinder:9"`` or ``"wedge:45,across"``; dimensions in mm, angles in degrees
+        (`docs/shapes.md` has all shapes).
+
+    Returns
+    -------
+    Indentor
+        The indentor.
+
+    Raises
+    ------
+    ShapeError
+        If there is no such shape, a dimension is out of range, or a file cannot be read.
+
+    Notes
+    -----
+    The profiles of bars, cylinders and steps follow Raju (1998, ch. 4); `docs/contact.md` lists the free numbers.
+
+    Examples
+    --------
+    >>> from sim import parse_shape
+    >>> parse_shape("bar:3.0").name, parse_shape("sphere:4").sharp
+    ('bar:3', False)
+    """
     kind, _, argument = text.partition(":")
     if kind == "point":
         raise ShapeError(
@@ -53,18 +80,18 @@ def parse_shape(text: str) -> Indentor:
 
 
 def shape_name(text: str) -> str:
-    """The canonical name, "bar:3" for bar:3.0, without reading a file that it names. Raises ShapeError."""
+    """Return the canonical name, "bar:3" for bar:3.0, without reading a file that it names. Raises ShapeError."""
     return text if named_file(text) is not None else parse_shape(text).name
 
 
 def named_file(text: str) -> str | None:
-    """The file that a shape's name names, if it does."""
+    """Return the file that a shape's name contains, or None."""
     found = _FILE.fullmatch(text)
     return found[2] if found else None
 
 
 def with_file(text: str, file: str) -> str:
-    """The same shape, read from another file."""
+    """Return the name of the same shape, read from another file."""
     found = _FILE.fullmatch(text)
     return f"{found[1]}:{file}{found[3]}" if found else text
 

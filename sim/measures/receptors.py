@@ -32,7 +32,7 @@ _MOST_STEPS = 10  # from the nearest element to the one that holds the point
 
 
 class ReceptorError(SimError, ValueError):
-    """A receptor lies outside the part of the finger where strains are recovered."""
+    """Error of a receptor outside the part of the finger where strains are recovered."""
 
     default_code = "no_receptor"
 

@@ -43,9 +43,48 @@ def load(
     receptor_z_mm: float | Sequence[float] | None = None,
     cached: bool = True,
 ) -> Fingertip:
-    """A model to be indented; the finger's from the cache or built, the others always built (about a second).
+    """Load a model by name: a finger from the cache or built, the simpler models always built (about a second).
 
-    A section's forces are per millimetre of its length, in N/mm, and it takes only shapes prismatic along the finger.
+    Parameters
+    ----------
+    name : {'halfspace', 'section', 'finger'}
+        The model (`docs/model.md`). A section's forces are per mm of its length, in N/mm, and it takes only shapes
+        that are prismatic along the finger.
+    config : FingertipConfig, optional
+        Default: the default finger.
+    slopes : tuple of int, optional
+        Axes along which the first indentor slopes. Default: across the finger.
+    receptor_x_mm : sequence of float, optional
+        Lateral positions of the receptors (mm). Default: the ten of Raju (1998, ch. 5).
+    receptor_depth_mm : float or sequence of float, optional
+        Perpendicular depths below the skin (mm). Default: 0.76.
+    receptor_z_mm : float or sequence of float, optional
+        Positions along the finger (mm). Default: the receptor plane.
+    cached : bool, optional
+        Whether to read a finger from the cache, and to store it there.
+
+    Returns
+    -------
+    Fingertip
+        The model.
+
+    Raises
+    ------
+    ModelRangeError
+        If a section has receptors at another z, or the tissue stiffens under a simpler model.
+    ReceptorError
+        If a receptor lies outside the tissue.
+
+    Notes
+    -----
+    The half-space uses the solutions of Boussinesq and Cerruti (Johnson, *Contact Mechanics*, 1985, Eq. 3.19 and
+    3.75), the section plane strain.
+
+    Examples
+    --------
+    >>> from sim import load
+    >>> load("halfspace").indent("cylinder:9", doi_mm=0.1).model.kind
+    'halfspace'
     """
     config = FingertipConfig() if config is None else config
     places = ReceptorPlaces.of(receptor_x_mm, receptor_depth_mm, receptor_z_mm)

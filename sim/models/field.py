@@ -30,27 +30,59 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Fields:
-    """What one press does at points in the undeformed finger, in the shape in which they were asked for."""
+    """Strain, stress and measures at points inside one pressed finger, in the shape of the requested points.
 
-    points_mm: Array  # (…, 3)
-    strain: Array  # (…, 6) engineering e11 e22 e33 e12 e23 e13
-    young_ratio: Array  # (…) E / E(epidermis)
+    Attributes
+    ----------
+    points_mm : ndarray of shape (…, 3)
+        Undeformed x, y and z (mm).
+    strain : ndarray of shape (…, 6)
+        Engineering strains e11 e22 e33 e12 e23 e13.
+    young_ratio : ndarray of shape (…,)
+        Young's modulus over that of the epidermis.
+    poisson : float
+        Poisson's ratio.
+
+    Notes
+    -----
+    Stress follows Hooke's law, σ = λ tr(ε) 1 + 2μ ε. The 18 measures are those of Raju (1998, ch. 5): strains,
+    stresses, their principal values, mean stress, strain energy density ½ σ:ε, and det σ.
+
+    Examples
+    --------
+    >>> from sim import load
+    >>> finger = load("halfspace")
+    >>> points = finger.points_below([-0.5, 0.0, 0.5], 0.76)
+    >>> fields = finger.fields(finger.indent("cylinder:9", doi_mm=0.1), points)
+    >>> fields.strain.shape, fields.measures["sed"].shape
+    ((3, 6), (3,))
+    """
+
+    points_mm: Array
+    strain: Array
+    young_ratio: Array
     poisson: float
 
     @cached_property
     def stress(self) -> Array:
-        """(…, 6) s11 s22 s33 s12 s23 s13 in pseudo-units."""
+        """Stresses s11 s22 s33 s12 s23 s13 in pseudo-units, shape (…, 6)."""
         of_unit = stress_from_strain(self.strain, Elastic(PSEUDO_E_EPIDERMIS, self.poisson))
         return self.young_ratio[..., None] * of_unit
 
     @cached_property
     def measures(self) -> dict[str, Array]:
-        """The 18 measures, each (…); tension positive, stresses in pseudo-units."""
+        """The 18 measures by name, each of shape (…,); tension is positive, stresses are in pseudo-units."""
         found = measures_in_layers(self.strain.reshape(-1, 6), self.young_ratio.ravel(), self.poisson)
         return {name: values.reshape(self.young_ratio.shape) for name, values in found.items()}
 
     def table(self) -> dict[str, Array]:
-        """Columns x_mm, y_mm, z_mm and the 18 measures, one row a point."""
+        """Return the points and measures as columns, one row for each point.
+
+        Returns
+        -------
+        dict of str to ndarray
+            Columns `x_mm`, `y_mm`, `z_mm` (mm) and the 18 measures, each of shape (n_points,).
+        """
         places = dict(zip(("x_mm", "y_mm", "z_mm"), self.points_mm.reshape(-1, 3).T, strict=True))
         return places | {name: self.measures[name].ravel() for name in MEASURES}
 
@@ -65,12 +97,12 @@ _SETS_KEPT = 4
 
 
 def mesh_key(result: IndentationResult) -> MeshKey:
-    """Which of a finger's models gave a result."""
+    """Return which of a finger's models gave a result."""
     return result.model.patch.axes[:-1], result.model.widened_mm
 
 
 class Anywhere:
-    """Where strain is asked for once it is asked for again: columns of some sets and one mesh's factor are kept."""
+    """Strain at requested points; caches the columns of some sets of points and the factorization of one mesh."""
 
     def __init__(self, source: ModelSource, poisson: float) -> None:
         self._source = source
@@ -81,7 +113,7 @@ class Anywhere:
     def fields(
         self, results: Sequence[IndentationResult], points: Array, progress: Progress | None = None
     ) -> list[Fields]:
-        """At (…, 3) points under presses on one mesh. Raises ReceptorError."""
+        """Return fields at points of shape (…, 3) under presses on one mesh. Raises ReceptorError."""
         flat = points.reshape(-1, 3)
         strain, young = self._strain(mesh_key(results[0]), results, flat, progress)
         shape = points.shape[:-1]
@@ -117,20 +149,56 @@ class Anywhere:
 
 
 class SeenInside:
-    """A finger that can be looked into wherever it was pressed."""
+    """Base class of a finger that returns strain at any point."""
 
     config: FingertipConfig
     surface: FingertipSurface
     _anywhere: Anywhere
 
     def model_for(self, slopes: tuple[int, ...], patch: HalfWidths | None = None) -> CondensedModel:
-        """The model that gave a result."""
+        """Return the model that gave a result.
+
+        Parameters
+        ----------
+        slopes : tuple of int
+            Axes along which the indentor slopes.
+        patch : tuple of float, optional
+            Half-widths of the skin that an indentor may touch (mm).
+
+        Returns
+        -------
+        CondensedModel
+            The model.
+        """
         raise NotImplementedError
 
     def points_below(self, x_mm: ArrayLike, depth_mm: ArrayLike, z_mm: ArrayLike | None = None) -> Array:
-        """(…, 3) points so far below the pulp's skin at x and z (default: the receptor plane), broadcast; mm.
+        """Return points perpendicularly below the pulp's skin.
 
-        The depth is perpendicular. Raises ReceptorError, naming what there is, where there is no tissue.
+        Parameters
+        ----------
+        x_mm : array_like, broadcast
+            Lateral positions (mm).
+        depth_mm : array_like, broadcast
+            Perpendicular depths below the skin (mm).
+        z_mm : array_like, broadcast, optional
+            Positions along the finger (mm). Default: the receptor plane.
+
+        Returns
+        -------
+        ndarray of shape (…, 3)
+            Undeformed x, y and z (mm).
+
+        Raises
+        ------
+        ReceptorError
+            If there is no tissue at a point; the message has the range that exists.
+
+        Examples
+        --------
+        >>> from sim import load
+        >>> load("halfspace").points_below([0.0, 1.0], 0.76).shape
+        (2, 3)
         """
         z = self.config.receptor_plane_mm if z_mm is None else z_mm
         return points_below(self.config, self.surface, x_mm, depth_mm, z)
@@ -152,11 +220,32 @@ class SeenInside:
         *,
         progress: Progress | None = None,
     ) -> Fields | list[Fields]:
-        """Strain, stress and measures at (…, 3) points x, y, z inside the undeformed finger, under presses of it.
+        """Return strain, stress and measures at points inside the undeformed finger, under presses of it.
 
-        New points take a factorisation (seconds; 0.6 GB, kept for the next call) and one solve a press; few of them
-        (`FEW_POINTS`) columns instead, 0.1 s each, which are cached. `progress(done, of)` counts points. Raises
-        ModelRangeError and ReceptorError.
+        New points take a factorization (seconds; 0.6 GB, which stay in memory) and one solve for each press. Few
+        points (up to 40) take columns instead, 0.1 s each, which are cached.
+
+        Parameters
+        ----------
+        results : IndentationResult or iterable of IndentationResult
+            Presses of this finger.
+        points_mm : array_like of shape (…, 3)
+            Undeformed x, y and z of each point (mm).
+        progress : callable, optional
+            Called as ``progress(done, of)`` with numbers of points.
+
+        Returns
+        -------
+        Fields or list of Fields
+            One for each press; a list if `results` is one.
+
+        Raises
+        ------
+        ModelRangeError
+            If the points are not finite numbers of shape (…, 3), a result is of another finger, or the tissue
+            stiffens.
+        ReceptorError
+            If a point lies outside the tissue.
         """
         refuse_stiffening(self.config.tissue, "fields inside a finger")
         points = np.asarray(points_mm, dtype=float)

@@ -45,10 +45,36 @@ _SIDE_RAD = 0.05  # of the section's widest places; below them the skin is no fu
 
 
 class Fingertip(ByRecipe, SeenInside):
-    """A condensed 3-D fingertip. It keeps no state: an indentation starts from rest unless told where from.
+    """A condensed 3-D fingertip that indentors can press.
 
-    A model is condensed for indentors that slope along some axes, when one is first needed. Copies share models; a
-    pickle holds the recipe only, and whoever reads it takes the models from the cache.
+    `load` makes one. It stores no state: an indentation starts from rest unless it receives a start. A model is
+    condensed for indentors that slope along some axes, when it is first needed. Copies share models. A pickle holds
+    the configuration only; the process that reads it takes the models from the cache.
+
+    Parameters
+    ----------
+    config : FingertipConfig
+        Geometry, tissue, mesh and contact.
+    surface : FingertipSurface
+        The skin.
+    source : ModelSource
+        Where condensed models come from.
+    recipe : Recipe
+        How to load the finger again in another process.
+
+    Notes
+    -----
+    Linear elasticity at small strain: skin displacement u = C p, with the compliance C condensed from finite
+    elements, under unilateral frictionless contact, gap ≥ 0, p ≥ 0, p · gap = 0 (`docs/model.md`, `docs/contact.md`).
+    Geometry and tissue: Raju (1998, ch. 3).
+
+    Examples
+    --------
+    >>> from sim import Fingertip, FingertipConfig, MeshSpec
+    >>> finger = Fingertip.load(FingertipConfig(mesh=MeshSpec(level="coarse")))
+    >>> result = finger.indent("bar:3.0", x_mm=0.0, doi_mm=0.5)
+    >>> 1.0 < result.force_gwt < 10.0
+    True
     """
 
     def __init__(
@@ -82,10 +108,42 @@ class Fingertip(ByRecipe, SeenInside):
         solver: Literal["auto", "pardiso", "dissection"] = "auto",
         exact: bool = True,
     ) -> "Fingertip":
-        """The fingertip of a configuration, its model for shapes that slope so read or built (seconds).
+        """Load the fingertip of a configuration: read its model from the cache, or build it in seconds.
 
-        Receptors lie at every combination of x, depth and z (default: the receptor plane); others are added to the
-        same model. Raises SurfaceError, MeshError or ReceptorError when what is given does not go together.
+        Receptors lie at every combination of x, depth and z. Other receptors are added to the same model.
+
+        Parameters
+        ----------
+        config : FingertipConfig, optional
+            Default: the default finger.
+        slopes : tuple of int, optional
+            Axes along which the first indentor slopes. Default: across the finger.
+        receptor_x_mm : sequence of float, optional
+            Lateral positions of the receptors (mm). Default: the ten of Raju (1998, ch. 5).
+        receptor_depth_mm : float or sequence of float, optional
+            Perpendicular depths below the skin (mm). Default: 0.76.
+        receptor_z_mm : float or sequence of float, optional
+            Positions along the finger (mm). Default: the receptor plane.
+        solver : {'auto', 'pardiso', 'dissection'}, optional
+            Sparse solver of the build.
+        exact : bool, optional
+            If False, interpolate between fingers that differ in the moduli of dermis and fat (`docs/library.md`).
+
+        Returns
+        -------
+        Fingertip
+            The finger.
+
+        Raises
+        ------
+        SurfaceError
+            If no skin goes through the measured points.
+        MeshError
+            If the skin cannot be meshed.
+        ReceptorError
+            If a receptor lies outside the tissue.
+        ModelRangeError
+            If `exact` is False and a modulus is outside the interpolated range.
         """
         config = FingertipConfig() if config is None else config
         surface = FingertipSurface.fit(config.geometry)
@@ -107,7 +165,20 @@ class Fingertip(ByRecipe, SeenInside):
         return finger_as_html(section, next(iter(self._outlines.values())), repr(self))
 
     def model_for(self, slopes: tuple[int, ...], patch: HalfWidths | None = None) -> CondensedModel:
-        """The model for indentors that slope along some axes, on the mesh's patch or another; built in seconds."""
+        """Return the model for indentors that slope along some axes; build it in seconds if there is none.
+
+        Parameters
+        ----------
+        slopes : tuple of int
+            Axes along which the indentor slopes.
+        patch : tuple of float, optional
+            Half-widths of the skin that an indentor may touch (mm). Default: those of the mesh.
+
+        Returns
+        -------
+        CondensedModel
+            The model.
+        """
         key = slopes, patch
         if key not in self._models:
             make_ready()
@@ -120,18 +191,18 @@ class Fingertip(ByRecipe, SeenInside):
 
     @property
     def model(self) -> CondensedModel:
-        """The model for shapes prismatic along the finger."""
+        """Model for shapes that are prismatic along the finger."""
         return self.model_for(ALONG)
 
     @cached_property
     def apex_height_mm(self) -> float:
-        """Height of the skin's topmost point."""
+        """Height of the highest point of the skin (mm)."""
         ridge = self.surface.ridge
         return float(ridge(ridge.derivative().roots(extrapolate=False)).max())
 
     @cached_property
     def deepest_doi_mm(self) -> float:
-        """As deep as it may be pressed."""
+        """Largest allowed depth of indentation (mm)."""
         share_mm = DEEPEST_SHARE * thickness_mm(self.config, self.surface)
         return max(DEEPEST_DOI_MM, math.floor(10 * share_mm) / 10)
 
@@ -142,9 +213,31 @@ class Fingertip(ByRecipe, SeenInside):
         reference: Reference = "contact",
         z_mm: float | None = None,
     ) -> float:
-        """Height of the indentor's lowest point where DOI is zero.
+        """Return the height of the indentor's lowest point at DOI 0.
 
-        "contact" is first touch of the continuous skin at this place; "apex" the finger's topmost point.
+        Parameters
+        ----------
+        indentor : Indentor, IndentorProfile or str
+            The shape, for example ``"bar:3.0"``.
+        x_mm : float
+            Lateral position of its reference point (mm).
+        reference : {'contact', 'apex'}, optional
+            DOI 0 is the first touch of the undeformed skin at this position, or the height of the finger's highest
+            point.
+        z_mm : float, optional
+            Position along the finger (mm). Default: the receptor plane.
+
+        Returns
+        -------
+        float
+            Height (mm).
+
+        Raises
+        ------
+        ShapeError
+            If there is no such indentor.
+        ModelRangeError
+            If the position has no meaning for this shape.
         """
         shape = _indentor(indentor)
         place = self._place(shape, x_mm, z_mm)
@@ -163,13 +256,61 @@ class Fingertip(ByRecipe, SeenInside):
         target: float = TARGET_RESIDUAL,
         other_paths: bool = False,
     ) -> IndentationResult:
-        """Press an indentor to a depth or to a force, from rest or on from a nearby state, to a target residual.
+        """Press an indentor to a depth or to a force.
 
-        Shapes that lie along the finger are placed by x, those across it by z (default: the receptor plane), all
-        others by both, a plane by neither: what means nothing to a shape is refused. With `other_paths`, what may
-        depend on how it was reached is reached by finer steps too (five to eight times as long). Where contact leaves
-        the mesh's patch a larger one is made (minutes, then cached). Raises ModelRangeError when the scene leaves
-        the model: no larger patch, a place, depth or force out of range.
+        Shapes along the finger are placed by x, those across it by z, all others by both, a plane by neither. Where
+        contact leaves the mesh's patch a larger one is built (minutes, then cached).
+
+        Parameters
+        ----------
+        indentor : Indentor, IndentorProfile or str
+            The shape, for example ``"bar:3.0"``.
+        x_mm : float, optional
+            Lateral position of its reference point (mm).
+        z_mm : float, optional
+            Position along the finger (mm). Default: the receptor plane.
+        doi_mm : float, optional
+            Depth of indentation (mm). Pass either a depth or a force.
+        force_gwt : float, optional
+            Force (gwt).
+        reference : {'contact', 'apex'}, optional
+            DOI 0 is the first touch of the undeformed skin at this position, or the height of the finger's highest
+            point.
+        start : ContactState, optional
+            Nearby state to continue from. Default: rest.
+        target : float, optional
+            Residual to reach.
+        other_paths : bool, optional
+            If the answer may depend on how it was reached, reach it by finer steps too, in five to eight times the
+            time.
+
+        Returns
+        -------
+        IndentationResult
+            Force, pressure, contact and measures at the receptors.
+
+        Raises
+        ------
+        ModelRangeError
+            If the position, depth or force is out of range, or the contact needs a larger patch than there can be.
+        ForceOutOfReachError
+            If the force is not reached at the deepest allowed indentation.
+        ShapeError
+            If there is no such indentor.
+
+        Notes
+        -----
+        Each pass freezes the indentor's tangent planes and solves the convex problem, gap ≥ 0, p ≥ 0, p · gap = 0,
+        exactly (`docs/contact.md`).
+
+        Examples
+        --------
+        >>> from sim import load
+        >>> finger = load("halfspace")
+        >>> by_force = finger.indent("cylinder:9", force_gwt=2.0)
+        >>> by_depth = finger.indent("cylinder:9", doi_mm=by_force.doi_mm)
+        >>> abs(by_depth.force_gwt - 2.0) < 1e-6
+        True
         """
         shape = _indentor(indentor)
         refuse_unless_one(doi_mm, force_gwt)
@@ -220,9 +361,26 @@ class Fingertip(ByRecipe, SeenInside):
         )
 
     def point_load(self, x_mm: float, force_gwt: float, *, z_mm: float | None = None) -> PointLoadResult:
-        """Press on one point of the pulp's skin, along its inward normal; a section along a line, per millimetre.
+        """Press on one point of the pulp's skin, along its inward normal.
 
-        Raises ModelRangeError beside the pulp, and at any z but the section's own.
+        Parameters
+        ----------
+        x_mm : float
+            Lateral position (mm).
+        force_gwt : float
+            Force (gwt); of a section, force per mm of its length.
+        z_mm : float, optional
+            Position along the finger (mm). Default: the receptor plane.
+
+        Returns
+        -------
+        PointLoadResult
+            Strain and measures at the receptors.
+
+        Raises
+        ------
+        ModelRangeError
+            If the point lies beside the pulp, is at another z than that of a section, or the tissue stiffens.
         """
         refuse_stiffening(self.config.tissue, "a point load")
         z = self.config.receptor_plane_mm if z_mm is None else z_mm
@@ -249,15 +407,33 @@ class Fingertip(ByRecipe, SeenInside):
         return PointLoadResult(x_mm, z, force_n, strain.reshape(-1, 6), self._outlines[key])
 
     def keeping_ways(self) -> "Fingertip":
-        """A copy that remembers the ways down to where it pressed, for other depths there: with the same answers."""
+        """Copy the finger; the copy stores the path to each depth and reuses it for other depths at that position.
+
+        Returns
+        -------
+        Fingertip
+            The copy. Its answers are the same.
+        """
         copied = copy(self)
         copied._ways = {}
         return copied
 
     def held_by(self, slopes: tuple[int, ...], force: Array) -> "Fingertip":
-        """A copy whose skin (m, n) forces on its own patch hold: it answers for what comes on top of them.
+        """Copy the finger with skin that forces already hold displaced; the copy answers for further forces.
 
-        Tissue that has stiffened bears what its linear twin would times a factor: these forces are the tissue's.
+        In tissue that has stiffened these are the forces of the tissue: those of its linear twin times a factor.
+
+        Parameters
+        ----------
+        slopes : tuple of int
+            Axes along which the indentor slopes.
+        force : ndarray of shape (m, n)
+            Forces on the patch's nodes, per unit E(epidermis).
+
+        Returns
+        -------
+        Fingertip
+            The copy.
         """
         copied = copy(self)
         no_larger = {"contact": self.config.contact.model_copy(update={"patch_gb": 0.0})}

@@ -36,7 +36,7 @@ class How(TypedDict):
 
 
 class WorkerLostError(SimError, RuntimeError):
-    """A process ended before it answered."""
+    """Error of a process that ended before it answered."""
 
     default_code = "worker_lost"
 
@@ -54,12 +54,55 @@ def indent_many(
     cores: int | None = 1,
     progress: Progress | None = None,
 ) -> Indentations:
-    """Press shapes at places, each to a depth or a force: arguments broadcast against each other, in their order.
+    """Press shapes at positions, each to a depth or a force.
 
-    nan in z, depth or force: not given for that row. What cannot be pressed is a row with its reason. `other_paths`
-    is that of one press. With `cores` above 1, or None for all of them, processes share the work: a script calls this
-    under `if __name__ == "__main__":`. `progress(done, of)` is called as answers come. Raises ValueError when the
-    arguments do not go together and WorkerLostError when a process was killed.
+    Arguments broadcast against each other, and results keep that order. Each press starts from rest and is the same
+    to the last bit as if it were the only one. A press that cannot be made is a row with its reason.
+
+    Parameters
+    ----------
+    finger : Fingertip
+        The finger.
+    shapes : Indentor, IndentorProfile or str, or a sequence of these
+        The shapes, for example ``["bar:3.0", "step:1"]``.
+    x_mm : array_like, broadcast, optional
+        Lateral positions (mm).
+    z_mm : array_like, broadcast, optional
+        Positions along the finger (mm). Default, also for nan: the receptor plane.
+    doi_mm : array_like, broadcast, optional
+        Depths of indentation (mm); nan where the row has a force.
+    force_gwt : array_like, broadcast, optional
+        Forces (gwt); nan where the row has a depth.
+    reference : {'contact', 'apex'}, optional
+        As in `Fingertip.indent`.
+    other_paths : bool, optional
+        As in `Fingertip.indent`.
+    cores : int or None, optional
+        Number of processes, None for one on each core. With more than one, call this function under
+        ``if __name__ == "__main__":``.
+    progress : callable, optional
+        Called as ``progress(done, of)`` with numbers of presses.
+
+    Returns
+    -------
+    Indentations
+        Results and problems.
+
+    Raises
+    ------
+    ArgumentError
+        If there is neither a depth nor a force, or `cores` is less than 1.
+    ValueError
+        If the arguments do not broadcast.
+    WorkerLostError
+        If a process was killed.
+
+    Examples
+    --------
+    >>> from sim import indent_many, load
+    >>> found = indent_many(load("halfspace"), ["cylinder:9", "sphere:4"], doi_mm=0.1)
+    >>> [result.indentor.name for result in found]
+    ['cylinder:9', 'sphere:4']
     """
     if doi_mm is None and force_gwt is None:
         raise ArgumentError("give a depth (doi_mm) or a force (force_gwt)", code="no_target")

@@ -28,9 +28,10 @@ FILTER_SPACING_MM = 0.17
 
 
 def median_of_four(x_mm: Array, pressure: Array) -> Array:
-    """The source's 4×1 filter: values resampled linearly to 170 µm, the mean of the middle two of each four.
+    """Return pressure through the source's 4×1 filter: the mean of the middle two of each four values.
 
-    For display and for comparing peaks with Raju (1998); stored pressures are unfiltered.
+    Values are resampled linearly to 170 µm first. For display and for comparing peaks with Raju (1998); stored
+    pressures are unfiltered.
     """
     even = np.interp(np.arange(x_mm[0], x_mm[-1], FILTER_SPACING_MM), x_mm, pressure)
     return np.sort(np.lib.stride_tricks.sliding_window_view(even, 4), axis=1)[:, 1:3].mean(axis=1)
@@ -49,9 +50,45 @@ def _opens_beyond(x_mm: Array, gap_mm: Array, last_mm: float) -> float:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class IndentationResult:
-    """One simulated indentation; pressures and stresses in pseudo-units (E(epidermis) = 10 000).
+    """One simulated indentation.
 
-    It pickles without the finger: strains are computed then, at the latest.
+    A result holds arrays and numbers and no model. It pickles without the finger; strains that were not requested
+    before are computed then. Pressures and stresses are in pseudo-units, E(epidermis) = 10 000 (Raju 1998, ch. 3),
+    unless a name says MPa.
+
+    Attributes
+    ----------
+    indentor : Indentor
+        The shape.
+    x_mm, z_mm : float
+        Position of its reference point across and along the finger (mm).
+    doi_mm : float
+        Depth of indentation (mm).
+    touch_height_mm : float
+        Height of the indentor's lowest point at DOI 0 (mm).
+    force_n : float
+        Vertical force (N); of a section, force per length (N/mm).
+    state : ContactState
+        Forces and displacements of the skin; `Fingertip.indent` can start from it.
+    model : ModelOutline
+        Nodes, areas and receptors of the model.
+    e_epidermis_mpa : float
+        Young's modulus of the epidermis (MPa).
+    contact_s : float
+        Processor time of the contact solver (s).
+    other_forces_n : tuple of float
+        Forces at the same depth by finer steps (N), where they were requested and may differ.
+    strained : Stiffened
+        Correction for tissue that stiffens with strain.
+
+    Examples
+    --------
+    >>> from sim import load
+    >>> result = load("halfspace").indent("cylinder:9", doi_mm=0.1)
+    >>> result.doi_mm, len(result.receptor_measures["sed"]), result.may_depend_on_path
+    (0.1, 10, False)
+    >>> result.contact_regions_mm[0][0] < 0 < result.contact_regions_mm[0][1]
+    True
     """
 
     indentor: Indentor
@@ -63,26 +100,27 @@ class IndentationResult:
     state: ContactState
     model: ModelOutline
     e_epidermis_mpa: float
-    contact_s: float  # processor time of the one thread that solves
+    contact_s: float
     _strain: Callable[[], Array]  # made when first asked for
-    other_forces_n: tuple[
-        float, ...
-    ] = ()  # at the same depth by finer steps, where they were asked for and may differ
-    strained: Stiffened = LINEAR_TISSUE  # beside the linear twin, which state and strains are
+    other_forces_n: tuple[float, ...] = ()
+    strained: Stiffened = LINEAR_TISSUE
 
     @property
     def force_gwt(self) -> float:
-        """Force in gram-weight."""
+        """Force (gwt); 1 gwt is the weight of one gram, 9.80665e-3 N."""
         return self.force_n / GWT_N
 
     @property
     def may_depend_on_path(self) -> bool:
-        """Whether other steps down to this depth may end in another equilibrium: `docs/validation/hard_cases.md`."""
+        """Whether other steps to this depth may end in another equilibrium (`docs/validation/hard_cases.md`)."""
         return self.state.snapped
 
     @property
     def path_spread(self) -> float | None:
-        """By how much forces by other paths differ, over the largest; None where they may and none was asked for."""
+        """Range of the forces by other paths over the largest force.
+
+        It is 0 where no path can differ, and None where a path may differ and `other_paths` was not requested.
+        """
         forces = (self.force_n, *self.other_forces_n)
         if self.may_depend_on_path and len(forces) == 1:
             return None
@@ -90,59 +128,59 @@ class IndentationResult:
 
     @property
     def small_strain(self) -> SmallStrain:
-        """How far finite strain is from this depth's linear answers: `docs/small_strain.md`."""
+        """Deviation of this small-strain answer from finite strain, as measured (`docs/small_strain.md`)."""
         return small_strain(self.model.kind, self.doi_mm, self.strained.stiffening)
 
     @cached_property
     def nodal_pressure_pseudo(self) -> Array:
-        """(n_patch,) normal nodal force over tributary undeformed area."""
+        """Normal nodal force over tributary undeformed area, shape (n_patch,), in pseudo-units."""
         normal = np.linalg.norm(self.state.force, axis=0)
         return PSEUDO_E_EPIDERMIS * self.strained.force * normal / self.model.patch.area_mm2
 
     @property
     def contact_area_mm2(self) -> float:
-        """Undeformed area of the nodes that carry force: known to a ring of nodes around it."""
+        """Undeformed area of the nodes that carry force (mm²); its error is a ring of nodes around it."""
         carrying = np.linalg.norm(self.state.force, axis=0) > 0
         return float(self.model.patch.area_mm2[carrying].sum())
 
     @property
     def peak_pressure_mpa(self) -> float:
-        """Highest nodal pressure of the whole contact, on the calibrated stiffness scale."""
+        """Highest nodal pressure of the contact (MPa)."""
         return self.peak_pressure_pseudo * self.e_epidermis_mpa / PSEUDO_E_EPIDERMIS
 
     @property
     def peak_pressure_pseudo(self) -> float:
-        """Highest nodal pressure of the whole contact."""
+        """Highest nodal pressure of the contact, in pseudo-units."""
         return float(self.nodal_pressure_pseudo.max())
 
     @property
     def plane(self) -> slice:
-        """The patch nodes that lie in the receptor plane."""
+        """Patch nodes in the receptor plane."""
         return self.model.plane
 
     @property
     def pressure_profile(self) -> tuple[Array, Array]:
-        """Undeformed x (mm, ascending) and pressure (pseudo-units) in the receptor plane."""
+        """Undeformed x (mm, ascending) and pressure (pseudo-units) in the receptor plane, each of shape (n_x,)."""
         return self.model.patch.x[self.model.across], self.nodal_pressure_pseudo[self.model.across]
 
     @property
     def skin_profile(self) -> tuple[Array, Array]:
-        """Deformed x and y (mm) of the skin in the receptor plane, in the order of `pressure_profile`."""
+        """Deformed x and y (mm) of the skin in the receptor plane, as `pressure_profile` orders them."""
         patch, u = self.model.patch, self.state.displacement[:, self.model.across]
         x = patch.x[self.model.across] + (u[0] if patch.axes[0] == X else 0.0)
         return x, patch.y[self.model.across] + u[-1]
 
     @property
     def axial_profile(self) -> tuple[Array, Array]:
-        """Undeformed z and downward deflection (mm) of the skin along the pad's centre line."""
+        """Undeformed z and downward deflection (mm) of the skin along the pad's center line, each of shape (n_z,)."""
         line = self.model.along
         return self.model.patch.position_mm[line, Z], -self.state.displacement[-1][line]
 
     @cached_property
     def touching_mm(self) -> tuple[Array, Array]:
-        """Undeformed (ascending) and deformed x of the places in the receptor plane that carry force; mm.
+        """Undeformed (ascending) and deformed x of the places that carry force in the receptor plane (mm).
 
-        Of a shape that lies across the finger, all places.
+        For a shape that lies across the finger, all places that carry force.
         """
         patch, held = self.model.patch, self.state.held
         nodes, share = held.on(patch).carriers
@@ -155,9 +193,15 @@ class IndentationResult:
 
     @property
     def contact_regions_mm(self) -> list[tuple[float, float]]:
-        """[x0, x1] of the runs of places that carry force in the receptor plane, undeformed.
+        """Undeformed ends (x0, x1) of each region that carries force in the receptor plane (mm).
 
-        Under smooth shapes they end where the gap opens, between two nodes.
+        Regions are separate where the free stretch between them is wider than 0.3 mm. Under smooth shapes a region
+        ends where the gap opens, between two nodes.
+
+        Notes
+        -----
+        Near its edge a smooth contact opens as gap ∝ distance^(3/2) (Johnson, *Contact Mechanics*, 1985, ch. 4); the
+        edge is where that curve through the first two free nodes is zero.
         """
         touching, _ = self.touching_mm
         if not len(touching):
@@ -174,17 +218,26 @@ class IndentationResult:
 
     @cached_property
     def receptor_strain(self) -> Array:
-        """(n_receptors, 6) engineering strains e11 e22 e33 e12 e23 e13."""
+        """Engineering strains e11 e22 e33 e12 e23 e13 at the receptors, shape (n_receptors, 6)."""
         return self._strain()
 
     @cached_property
     def receptor_measures(self) -> dict[str, Array]:
-        """The 18 measures at the receptors; tension positive, stresses in pseudo-units."""
+        """The 18 measures at the receptors by name, each of shape (n_receptors,).
+
+        Tension is positive; stresses are in pseudo-units.
+        """
         model = self.model
         return self.strained.measures(model.measures(self.receptor_strain), model.receptor_e, model.poisson)
 
     def as_json(self) -> dict[str, Any]:
-        """What `rig indent --json` prints, without the model's build time."""
+        """Return what `rig indent --json` prints, without the build time of the model.
+
+        Returns
+        -------
+        dict
+            Numbers, lists and text; names carry their units.
+        """
         x, p = self.pressure_profile
         return {
             "force_n": self.force_n,
@@ -211,7 +264,13 @@ class IndentationResult:
         }
 
     def receptor_table(self) -> dict[str, Array]:
-        """Columns x_mm, depth_mm and the 18 measures, one row a receptor."""
+        """Return the measures as columns, one row for each receptor.
+
+        Returns
+        -------
+        dict of str to ndarray
+            Columns `x_mm`, `depth_mm` (mm) and the 18 measures, each of shape (n_receptors,).
+        """
         return self.model.receptor_columns(self.receptor_measures)
 
     def __repr__(self) -> str:
@@ -259,26 +318,56 @@ def _unpacked(force: Array, nodes: int) -> Array:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PointLoadResult:
-    """A force on one point of the skin, along its inward normal; there is no contact, and no depth is defined."""
+    """A force on one point of the skin, along its inward normal.
+
+    There is no contact, and no depth is defined.
+
+    Attributes
+    ----------
+    x_mm, z_mm : float
+        Position across and along the finger (mm).
+    force_n : float
+        Force (N); of a section, force per length (N/mm).
+    receptor_strain : ndarray of shape (n_receptors, 6)
+        Engineering strains e11 e22 e33 e12 e23 e13.
+    model : ModelOutline
+        Nodes, areas and receptors of the model.
+
+    Examples
+    --------
+    >>> from sim import load
+    >>> result = load("halfspace").point_load(0.0, 5.0)
+    >>> round(result.force_gwt, 6), result.receptor_strain.shape
+    (5.0, (10, 6))
+    """
 
     x_mm: float
     z_mm: float
     force_n: float
-    receptor_strain: Array  # (n_receptors, 6) engineering
+    receptor_strain: Array
     model: ModelOutline
 
     @property
     def force_gwt(self) -> float:
-        """Force in gram-weight."""
+        """Force (gwt)."""
         return self.force_n / GWT_N
 
     @cached_property
     def receptor_measures(self) -> dict[str, Array]:
-        """The 18 measures at the receptors; tension positive, stresses in pseudo-units."""
+        """The 18 measures at the receptors by name, each of shape (n_receptors,).
+
+        Tension is positive; stresses are in pseudo-units.
+        """
         return self.model.measures(self.receptor_strain)
 
     def as_json(self) -> dict[str, Any]:
-        """As of an indentation; what a point load does not have is null or empty."""
+        """Return the same keys as for an indentation; what a point load does not have is null or empty.
+
+        Returns
+        -------
+        dict
+            Numbers, lists and text; names carry their units.
+        """
         return {
             "force_n": self.force_n,
             "force_gwt": self.force_gwt,
@@ -298,7 +387,13 @@ class PointLoadResult:
         }
 
     def receptor_table(self) -> dict[str, Array]:
-        """Columns x_mm, depth_mm and the 18 measures, one row a receptor."""
+        """Return the measures as columns, one row for each receptor.
+
+        Returns
+        -------
+        dict of str to ndarray
+            Columns `x_mm`, `depth_mm` (mm) and the 18 measures, each of shape (n_receptors,).
+        """
         return self.model.receptor_columns(self.receptor_measures)
 
     def __repr__(self) -> str:
@@ -318,7 +413,7 @@ _NUMBERS = (
 
 
 class IndentationRequest(NamedTuple):
-    """One indentation as it is asked for; None where nothing was said."""
+    """One requested indentation; None where nothing was requested."""
 
     shape: Indentor | IndentorProfile | str
     x_mm: float
@@ -331,7 +426,7 @@ Asked = IndentationRequest  # so named in pickles of 0.1
 
 
 class IndentationOutcome(NamedTuple):
-    """A result, or the reason why there is none; what has not converged has both."""
+    """A result, or the reason why there is none; an indentation that did not converge has both."""
 
     result: IndentationResult | None
     problem: str = ""
@@ -343,7 +438,26 @@ Answer = IndentationOutcome  # so named in pickles of 0.1
 
 @dataclass(frozen=True, repr=False)
 class Indentations:
-    """What many indentations were asked for and answered."""
+    """Results of many indentations, in the order of the request.
+
+    An item is an IndentationResult, or None where there is no result.
+
+    Attributes
+    ----------
+    asked : tuple of IndentationRequest
+        Shape, position, depth and force of each indentation.
+    answers : tuple of IndentationOutcome
+        Result or problem of each indentation.
+
+    Examples
+    --------
+    >>> from sim import indent_many, load
+    >>> found = indent_many(load("halfspace"), "cylinder:9", doi_mm=[0.05, 0.1])
+    >>> len(found), found.problems, [round(result.doi_mm, 2) for result in found]
+    (2, ['', ''], [0.05, 0.1])
+    >>> found.table()["doi_mm"].shape
+    (2,)
+    """
 
     asked: tuple[IndentationRequest, ...]
     answers: tuple[IndentationOutcome, ...]
@@ -362,16 +476,23 @@ class Indentations:
 
     @property
     def results(self) -> list[IndentationResult | None]:
-        """None where there is no answer; `problems` says why."""
+        """All results, None where there is none; `problems` has the reason."""
         return list(self)
 
     @property
     def problems(self) -> list[str]:
-        """One line for each indentation, empty where all is well."""
+        """One line for each indentation, empty where there is no problem."""
         return [answer.problem for answer in self.answers]
 
     def table(self) -> Table:
-        """One row an indentation: what was asked for, numbers (nan where there is no answer), and the problem."""
+        """Return one row for each indentation.
+
+        Returns
+        -------
+        dict of str to ndarray
+            Columns of shape (n_indentations,): the request, the results (nan where there is none) and the problem.
+            Names carry their units.
+        """
         plane = next((result.model.plane_mm for result in self if result is not None), np.nan)
         return {
             "shape": np.array([_name(asked.shape) for asked in self.asked], dtype=str),
@@ -387,7 +508,14 @@ class Indentations:
         }
 
     def receptor_table(self) -> Table:
-        """One row a receptor under each indentation, which goes by its row in `table`; none where no answer is."""
+        """Return one row for each receptor under each indentation that has a result.
+
+        Returns
+        -------
+        dict of str to ndarray
+            Columns of shape (n_rows,): `indentation` (its row in `table`), `receptor_x_mm`, `receptor_depth_mm` (mm)
+            and the 18 measures.
+        """
         found = [(row, result.receptor_table()) for row, result in enumerate(self) if result is not None]
 
         def joined(name: str) -> NDArray[Any]:

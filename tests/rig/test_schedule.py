@@ -190,16 +190,16 @@ def test_a_random_order_without_a_seed_is_that_of_seed_0() -> None:
 
 # --- the parameters ---
 
-# default, lowest, highest, what lies a little below and above; what it is, where its name does not say
-BOUNDS: dict[str, tuple[float, float, float | None, float, float | None, str | None]] = {
-    "seed": (0, 0, None, -1, None, "of a random order"),
-    "repeats": (1, 1, 100, 0, 101, "of each item in a block"),
-    "blocks": (1, 1, 100, 0, 101, None),
-    "rest_s": (0.0, 0, 3600, -0.001, 3600.5, "between indentations"),
-    "block_rest_s": (0.0, 0, 3600, -0.001, 3600.5, "between blocks"),
-    "precondition": (0, 0, 100, -1, 101, "presses before each block that are no data"),
+# default, lowest, highest, what lies a little below and above; its description
+BOUNDS: dict[str, tuple[float, float, float | None, float, float | None, str]] = {
+    "seed": (0, 0, None, -1, None, "seed of a random order"),
+    "repeats": (1, 1, 100, 0, 101, "how often each item occurs in a block"),
+    "blocks": (1, 1, 100, 0, 101, "number of blocks"),
+    "rest_s": (0.0, 0, 3600, -0.001, 3600.5, "rest between two indentations"),
+    "block_rest_s": (0.0, 0, 3600, -0.001, 3600.5, "rest between two blocks"),
+    "precondition": (0, 0, 100, -1, 101, "presses before each block, stored apart from data"),
     "reference_every": (0, 0, 1000, -1, 1001, "indentations between reference presses; 0: none"),
-    "reference_doi_mm": (0.4, 0.001, 1.5, 0.0, 1.501, None),
+    "reference_doi_mm": (0.4, 0.001, 1.5, 0.0, 1.501, "depth of the reference presses"),
 }
 
 
