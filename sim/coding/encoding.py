@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
+from sim.coding.decoders_by_search import DecodingError
 from sim.coding.operators import ForwardOperator
-from sim.coding.search_decoders import DecodingError
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CloughTocher2DInterpolator
 
-from sim.coding.point_loads import (
+from sim.coding.point_loaded_finger import (
     FIT_KINDS,
     Direction,
     LoadedFinger,

@@ -16,9 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.coding.bayes import decode_profile
-from sim.coding.encoding import Encoded, Noise, Readings, encode
-from sim.coding.operators import ForwardOperator, convolution, impulse_responses
-from sim.coding.search_decoders import (
+from sim.coding.decoders_by_search import (
     Decoded,
     PressureRange,
     converged_search,
@@ -27,6 +25,8 @@ from sim.coding.search_decoders import (
     grid_search,
     table_search,
 )
+from sim.coding.encoding import Encoded, Noise, Readings, encode
+from sim.coding.operators import ForwardOperator, convolution, impulse_responses
 from sim.coding.section import Sampling, sampled_section
 from sim.config import FingertipConfig
 from studies.coding.limits import bayes_found

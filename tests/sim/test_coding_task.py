@@ -11,9 +11,9 @@ from numpy.testing import assert_allclose
 
 from sim.coding import task as task_module
 from sim.coding.bayes import FittedReceptor
+from sim.coding.decoders_by_search import CodingError, PressureRange, table_search
 from sim.coding.encoding import NOISE_PLACES, Encoded, Noise, NoisePlace, Receptor, encode, sd_at_rest
 from sim.coding.operators import ForwardOperator
-from sim.coding.search_decoders import CodingError, PressureRange, table_search
 from sim.coding.section import Sampling
 from sim.coding.task import (
     CUT_OFF,

@@ -11,11 +11,9 @@ from scipy.optimize import minimize
 from scipy.stats import norm
 
 from sim.coding import bayes
-from sim.coding import search_decoders as univariate
+from sim.coding import decoders_by_search as univariate
 from sim.coding.bayes import ModelError, Profile, decode_profile
-from sim.coding.encoding import Noise, Readings, Receptor, encode, sd_at_rest
-from sim.coding.operators import ForwardOperator, convolution, impulse_responses
-from sim.coding.search_decoders import (
+from sim.coding.decoders_by_search import (
     Decoded,
     DecodingError,
     PressureRange,
@@ -28,6 +26,8 @@ from sim.coding.search_decoders import (
     quartic_along,
     table_search,
 )
+from sim.coding.encoding import Noise, Readings, Receptor, encode, sd_at_rest
+from sim.coding.operators import ForwardOperator, convolution, impulse_responses
 from sim.coding.section import Sampling, sampled_section
 from sim.config import FingertipConfig
 from tests.raising import raises

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sim.coding.point_loads import (
+from sim.coding.point_loaded_finger import (
     LoadedFinger,
     PointLoad,
     PowerLaw,

@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.coding.point_loads import (
+from sim.coding.point_loaded_finger import (
     FitKind,
     LoadedFinger,
     PointLoad,
