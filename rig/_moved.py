@@ -157,7 +157,7 @@ engine.rig_settings settings
 engine.stopping engine.limits
 engine.streams data.schema
 engine.touched engine.limits
-identify.result identify.finger_from_presses
+identify.result identify.finger_from_presses,identify.random_finger
 line_file data.journal
 manual.requests manual.orders
 panel.asked panel.requests
@@ -284,7 +284,7 @@ session.meeting.journalled_press identify.press_record
 session.meeting.meeting identify.procedure
 session.meeting.meeting_script identify.meeting_script
 session.meeting.names data.folder
-session.meeting.stranger identify.finger_from_presses
+session.meeting.stranger identify.random_finger
 session.meeting.written_finger identify.finger_from_presses
 session.page session.rehearsal_summary
 session.preflight session.rehearsal_summary

@@ -4,9 +4,10 @@ import numpy as np
 
 from sim import FingertipConfig
 from sim.coding.bayes import FittedReceptor, Profile, decode_profile, decode_through
-from sim.coding.decoders_by_search import DecodingErrors, decoding_errors
-from sim.coding.encoding import Noise, Readings, Receptor, encode, sd_at_rest
+from sim.coding.decoding import DecodingErrors, decoding_errors
+from sim.coding.encoding import Noise, Receptor, encode
 from sim.coding.pressure import frictionless
+from sim.coding.readings import Readings, sd_at_rest
 from sim.coding.section import felt_section
 
 

@@ -31,7 +31,8 @@ from rig.cli.output import THE_FINGER, busy, out, print_json, renamed, told_in_o
 from rig.errors import BadInputError, around
 from rig.plan.config import load_config
 from sim.coding.bayes import FittedReceptor
-from sim.coding.decoders_by_search import CodingError, error_surface
+from sim.coding.decoders_by_search import error_surface
+from sim.coding.decoding import CodingError
 from sim.coding.encoding import NOISE_PLACES, Noise, NoisePlace, Receptor
 from sim.coding.operators import OPERATORS, ForwardOperator
 from sim.coding.readings_file import GivenReadings, pa_per_pseudo, read_readings

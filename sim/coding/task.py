@@ -16,18 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.coding.bayes import FEWEST_FOR_CONTACTS, FittedReceptor, ModelError, Profile, decode_profile, decode_through
-from sim.coding.decoders_by_search import (
-    CodingError,
-    Decoded,
-    DecodingErrors,
-    PressureRange,
-    converged_search,
-    decoding_errors,
-    global_search,
-    grid_search,
-    table_search,
-)
-from sim.coding.encoding import QUIET_SD, Encoded, Noise, NoisePlace, Readings, Receptor, encode, sd_at_rest
+from sim.coding.decoders_by_search import PressureRange, converged_search, global_search, grid_search, table_search
+from sim.coding.decoding import CodingError, Decoded, DecodingErrors, decoding_errors
+from sim.coding.encoding import Encoded, Noise, NoisePlace, Receptor, encode
 from sim.coding.operators import (
     ForwardOperator,
     OperatorName,
@@ -41,6 +32,7 @@ from sim.coding.operators import (
     weighted,
 )
 from sim.coding.pressure import borne_by, frictionless
+from sim.coding.readings import QUIET_SD, Readings, sd_at_rest
 from sim.coding.readings_file import GivenReadings, checked_pressures
 from sim.coding.section import SPACING_MM, Energy, SampledSection, Sampling, felt_section, sampled_section, sed_of
 from sim.coding.sheet import (

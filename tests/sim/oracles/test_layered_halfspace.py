@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from sim.coding.point_loaded_finger import energy_density as pseudo_energy
-from sim.coding.point_loaded_finger import fitted
+from sim.coding.power_law import fitted
 from sim.measures.measures import Elastic
 from studies.verification.halfspace import boussinesq_strain
 from studies.verification.layer import Layer
