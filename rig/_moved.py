@@ -46,9 +46,9 @@ cli.watch cli.monitor
 compare.answers -
 compare.answers.answer compare.verdict
 compare.answers.answer_json compare.results
-compare.answers.candidates compare.candidates
+compare.answers.candidates compare.candidate_measures
 compare.answers.confidence_set compare.model_confidence_set
-compare.answers.goodness compare.candidates
+compare.answers.goodness compare.candidate_measures
 compare.answers.judging compare.judge
 compare.answers.likeliest compare.likelihood
 compare.answers.methods compare.verdict_text
@@ -57,6 +57,7 @@ compare.answers.power compare.model_confidence_set
 compare.answers.prediction compare.model_confidence_set
 compare.answers.profile_limits compare.intervals
 compare.answers.wording compare.verdict_text
+compare.candidates compare.candidate_measures
 compare.cluster compare.dask_cluster
 compare.controls compare.stimuli
 compare.errors compare.exceptions
@@ -156,7 +157,9 @@ engine.rig_settings settings
 engine.stopping engine.limits
 engine.streams data.schema
 engine.touched engine.limits
+identify.result identify.finger_from_presses,identify.random_finger
 line_file data.journal
+manual.requests manual.orders
 panel.asked panel.requests
 panel.by_hand_process panel.owners
 panel.drawn -
@@ -169,7 +172,7 @@ panel.drawn.outlines panel.drawing
 panel.few panel.requests
 panel.outlet panel.stream
 panel.posts panel.requests
-panel.run_files panel.runs
+panel.runs panel.run_files
 panel.seen -
 panel.seen.ages panel.run_view
 panel.seen.growing panel.run_view
@@ -260,8 +263,8 @@ session.by_hand.hand_log manual.status
 session.by_hand.hand_owner manual.server
 session.by_hand.hand_readings manual.status
 session.by_hand.hand_status manual.status
-session.by_hand.holds manual.requests
-session.by_hand.orders manual.requests
+session.by_hand.holds manual.orders
+session.by_hand.orders manual.orders
 session.calibration bench.checks
 session.control -
 session.control.announcements control.client
@@ -281,9 +284,10 @@ session.meeting.journalled_press identify.press_record
 session.meeting.meeting identify.procedure
 session.meeting.meeting_script identify.meeting_script
 session.meeting.names data.folder
-session.meeting.stranger identify.result
-session.meeting.written_finger identify.result
-session.page session.preflight
+session.meeting.stranger identify.random_finger
+session.meeting.written_finger identify.finger_from_presses
+session.page session.rehearsal_summary
+session.preflight session.rehearsal_summary
 session.provenance session.resume
 session.real_bench bench.real
 session.rehearsal session.rehearse

@@ -14,7 +14,7 @@ From the bottom up, each using only those above it in this list:
 - `models`: a finger, a section of it, a half-space, all indented the same way; `models/catalogue.py` is the door.
 - `identification`: which fingers a few presses leave possible. `coding`: pressure on the skin to receptors, and back.
 - `plant`: what stands under the virtual devices. `serve`: the same in real time, behind ports.
-- `benchmark` and `choice`: what each model costs, how wrong it is, and which one a scene needs.
+- `benchmark` and `cheapest_model`: what each model costs, how wrong it is, and which one a scene needs.
 """
 
 from importlib import import_module
@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 from sim import _moved
 
 if TYPE_CHECKING:
-    from sim.choice import Aim, Choice, NoModelError, choose
+    from sim.cheapest_model import Aim, Choice, NoModelError, choose
     from sim.config import FingertipConfig, Geometry, MeshSpec, Tissue
     from sim.contact.height_map import HeightMap, HeightMapError
     from sim.contact.indentor import Indentor, ShapeWarning
@@ -56,7 +56,7 @@ _HOMES = {
     "sim.models.field": ("Fields",),
     "sim.models.result": ("IndentationResult", "Indentations", "PointLoadResult"),
     "sim.tables": ("NotInstalledError", "to_pandas", "to_xarray", "write_csv"),
-    "sim.choice": ("Aim", "Choice", "NoModelError", "choose"),
+    "sim.cheapest_model": ("Aim", "Choice", "NoModelError", "choose"),
 }
 _HOME = {name: home for home, names in _HOMES.items() for name in names}
 

@@ -7,20 +7,23 @@ from types import ModuleType
 from typing import Any
 
 _NEW = """\
+choice cheapest_model
+coding.all_sites coding.raju_table_6_1
 coding.borne coding.pressure
 coding.contacts coding.contact_search
-coding.decoded coding.search_decoders
+coding.decoded coding.decoding
 coding.energy coding.section
 coding.fitted_receptor coding.bayes
 coding.frictionless coding.pressure
 coding.impulse coding.operators
-coding.other_searches coding.search_decoders
-coding.point_spread.all_sites coding.all_sites
-coding.point_spread.kept_sites coding.all_sites
-coding.point_spread.loaded_finger coding.point_loads
+coding.other_searches coding.decoders_by_search
+coding.point_loads coding.point_loaded_finger,coding.power_law
+coding.point_spread.all_sites coding.raju_table_6_1
+coding.point_spread.kept_sites coding.raju_table_6_1
+coding.point_spread.loaded_finger coding.point_loaded_finger
 coding.point_spread.moved_response coding.point_spread
-coding.point_spread.power_law coding.point_loads
-coding.point_spread.sites coding.point_loads
+coding.point_spread.power_law coding.power_law
+coding.point_spread.sites coding.point_loaded_finger
 coding.point_spread.spreads coding.point_spread
 coding.profile_decoder coding.bayes
 coding.profiles -
@@ -33,9 +36,9 @@ coding.profiles.mixture coding.mixture
 coding.profiles.seen coding.contact_search
 coding.profiles.smooth_fit coding.bayes
 coding.profiles.table coding.mixture
-coding.readings coding.encoding
 coding.sampled_section coding.section
-coding.search coding.search_decoders
+coding.search coding.decoders_by_search,coding.decoding
+coding.search_decoders coding.decoders_by_search,coding.decoding
 coding.sheets -
 coding.sheets.axial_row coding.sheet
 coding.sheets.felt_skin coding.sheet
@@ -43,12 +46,13 @@ coding.sheets.felt_solid coding.shape_class
 coding.sheets.sheet_decoder coding.sheet
 coding.sheets.sheet_operator coding.sheet
 coding.skin_line coding.section
-coding.univariate coding.search_decoders
+coding.univariate coding.decoders_by_search
 config.csv_table tables
 config.fingertip_config config
 config.measured_skin config
 config.stiffness config
 config.units units
+contact.compiled.chords contact.compiled.points_between_nodes
 contact.compiled.kept contact.compiled.compiling
 contact.compiled.ready contact.warmup
 contact.control contact.force_control
@@ -77,6 +81,7 @@ finger.quality finger.mesh
 finger.section finger.surface
 finger.skin finger.mesh
 identification.bands identification.uncertainty_bands
+identification.design identification.next_press
 identification.shape_table identification.force_table
 measures.reach measures.receptors
 models.discretised models.condensed
@@ -92,7 +97,7 @@ models.meeting.given identification.forward
 models.meeting.in_numbers identification.prior
 models.meeting.learned identification.posterior
 models.meeting.misfit identification.posterior
-models.meeting.next_press identification.design
+models.meeting.next_press identification.next_press
 models.meeting.prior identification.prior
 models.meeting.shape_table identification.force_table
 models.meeting.shipped identification.force_table
@@ -122,8 +127,9 @@ models.results.indentations models.result
 models.results.outline models.pictures
 models.results.pictures models.pictures
 models.results.point_load models.result
-models.results.small_strain models.small_strain
+models.results.small_strain models.small_strain_error
 models.results.tables tables
+models.small_strain models.small_strain_error
 models.stiffening.at_finite_strain models.stiffening
 models.stiffening.linear_alone models.stiffening
 models.stiffening.overlap models.stiffening
@@ -138,22 +144,23 @@ plant.plant plant
 plant.relaxing_plant plant
 plant.sampled plant
 serve.ahead serve.prefetch
+serve.clock serve.real_time_loop
 serve.press_ahead serve.prefetch
 serve.press_process serve.force_process
-serve.wall_clock serve.clock
+serve.wall_clock serve.real_time_loop
 serve.way_ahead serve.prefetch
 serve.way_process serve.force_process
 speed_and_error -
 speed_and_error.calculix benchmark
 speed_and_error.candidates benchmark
-speed_and_error.choice choice
-speed_and_error.expected choice
+speed_and_error.choice cheapest_model
+speed_and_error.expected cheapest_model
 speed_and_error.measure benchmark
 speed_and_error.reference benchmark
 speed_and_error.reference_computation benchmark
 speed_and_error.rows benchmark
 speed_and_error.scenes benchmark
-speed_and_error.situation choice
+speed_and_error.situation cheapest_model
 """
 """An old module and the modules that have its names now, below the package; - for a package that is no more."""
 

@@ -38,6 +38,11 @@ def test_an_old_module_has_the_names_of_the_new_ones(old: str, new: tuple[str, .
         ("sim.models.errors", "ModelRangeError"),
         ("rig.compare.parameter_study.cases", "Case"),
         ("rig.data.reader", "Run"),
+        ("sim.coding.decoded", "Decoded"),
+        ("sim.coding.readings", "Readings"),
+        ("sim.coding.encoding", "Readings"),
+        ("sim.coding.search_decoders", "DecodingError"),
+        ("sim.coding.point_loads", "PowerLaw"),
     ],
 )
 @pytest.mark.filterwarnings("ignore:.* now:DeprecationWarning")

@@ -21,10 +21,10 @@ from rig.plan.config import Config
 from sim.contact.shapes import parse_shape
 from sim.devices.line import Load, SerialLine, VirtualStage
 from sim.plant import Carriage
-from sim.serve.clock import WallScheduler
 from sim.serve.force_process import FingerNotLoadedError, PressProcess, WayProcess
 from sim.serve.ports import PortBusyError, PtyPort, TcpPort
 from sim.serve.prefetch import ForcePrefetcher, PressAhead, PressStatistics, WayAhead
+from sim.serve.real_time_loop import WallScheduler
 
 Process = TypeVar("Process", PressProcess, WayProcess)
 

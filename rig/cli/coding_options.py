@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from rig.cli.options import unit_of
 from rig.errors import BadInputError, around
+from sim.coding.decoding import CodingError
 from sim.coding.readings_file import checked_pressures, read_pressures
-from sim.coding.search_decoders import CodingError
 from sim.coding.section import Axes, Sampling
 from sim.coding.task import SectionPress
 from sim.contact.shapes import parse_shape

@@ -13,7 +13,7 @@ from rig.devices.registry import stage_ports
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.session.early_ending import Ending
-from rig.session.preflight import Page
+from rig.session.rehearsal_summary import Page
 from rig.session.session import Session
 from rig.session.stop_button import StopButton
 from rig.transport import refuse_missing

@@ -31,10 +31,11 @@ from rig.cli.output import THE_FINGER, busy, out, print_json, renamed, told_in_o
 from rig.errors import BadInputError, around
 from rig.plan.config import load_config
 from sim.coding.bayes import FittedReceptor
+from sim.coding.decoders_by_search import error_surface
+from sim.coding.decoding import CodingError
 from sim.coding.encoding import NOISE_PLACES, Noise, NoisePlace, Receptor
 from sim.coding.operators import OPERATORS, ForwardOperator
 from sim.coding.readings_file import GivenReadings, pa_per_pseudo, read_readings
-from sim.coding.search_decoders import CodingError, error_surface
 from sim.coding.section import ENERGIES, HALF_LENGTH, SPACING_MM
 from sim.coding.shape_class import felt_solid
 from sim.coding.sheet import HALF_LENGTHS_MM, SheetOperator

@@ -28,11 +28,11 @@ from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_
 from rig.cli.output import busy, err, out, print_json, say_now, told_in_one_line
 from rig.errors import BadInputError
 from rig.plan.config import load_config
-from sim.coding.all_sites import DRAWN, AllSites, Deformed, Sampled, Where, kept_sites
 from sim.coding.encoding import NOISE_PLACES, Noise, Receptor
 from sim.coding.operators import NAMES, OPERATORS, ImpulseResponses, ShiftErrors, impulse_responses, shift_errors
 from sim.coding.point_spread import HALF_WIDTH_MM, Judged, Mean, mean_over
 from sim.coding.point_spread import SPACING_MM as SITE_SPACING_MM
+from sim.coding.raju_table_6_1 import DRAWN, AllSites, Deformed, Sampled, Where, kept_sites
 from sim.coding.section import AXES, ENERGIES, HALF_LENGTH, SPACING_MM, Energy, Sampling, sampled_section
 from sim.coding.task import EncodeResult, EncodeTask, SectionPress, encode_task
 from sim.config import FingertipConfig

@@ -25,6 +25,7 @@ from rig.data import RunFolder, read_run
 from rig.data.folder import MEETING_PAGE, replace_text
 from rig.devices.registry import stage_ports
 from rig.errors import BadInputError
+from rig.identify.finger_from_presses import finger_file
 from rig.identify.frame import find
 from rig.identify.meeting_script import MeetingScript, as_script
 from rig.identify.procedure import (
@@ -37,7 +38,6 @@ from rig.identify.procedure import (
     PressReport,
     felt_surely,
 )
-from rig.identify.result import finger_file
 from rig.plan.config import Config, load_config
 from rig.plan.plan import Plan, make_plan
 from rig.protocol.api import Rig
@@ -47,8 +47,8 @@ from rig.session.session import FinishedRun, NewRun, Session, dry_run, real_run
 from rig.units import GWT_N
 from sim.contact.shapes import parse_shape
 from sim.finger_process import Finger, FingerProcess
-from sim.identification.design import PressAt
 from sim.identification.forward import Foreseen
+from sim.identification.next_press import PressAt
 from sim.identification.prior import Prior, named, plain
 from sim.identification.uncertainty_bands import Width, ends
 from sim.models.fingertip import Fingertip

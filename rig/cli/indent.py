@@ -16,7 +16,7 @@ from rig.compare.recordings.deflection import SkinDeflection, in_words, laid_bes
 from rig.errors import BadInputError
 from rig.plan.config import load_config
 from sim.benchmark import QUANTITIES
-from sim.choice import Aim, Choice, choose
+from sim.cheapest_model import Aim, Choice, choose
 from sim.config import FingertipConfig, MeshSpec
 from sim.contact.indentor import ALONG, BOTH, Indentor
 from sim.contact.patch import X, Z

@@ -45,7 +45,7 @@ from rig.errors import BadInputError
 from rig.plan.config import load_config, with_finger
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.session.preflight import preflight
+from rig.session.rehearsal_summary import preflight
 from rig.session.resume import StoppedRun, careful_of, ending_on_record, read_stopped
 from rig.session.session import dry_run, real_run
 from sim.finger_process import FingerProcess

@@ -32,7 +32,7 @@ from rig.plan.finger_model import about_model
 from rig.plan.plan import make_plan
 from rig.protocol.script import Script
 from rig.session.early_ending import FinalPosition
-from rig.session.preflight import Page
+from rig.session.rehearsal_summary import Page
 from rig.session.resume import StoppedRun
 from rig.session.script_run import AT_ONCE
 from rig.session.session import FinishedRun, NewRun, Nobody, Session, record_after, record_before

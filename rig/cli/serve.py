@@ -12,7 +12,7 @@ from rig.cli.options import FingerConfigOption, JsonOption
 from rig.cli.output import ExitCode, complain, err, loading_the_finger, out, print_json, renamed, told_in_one_line
 from rig.devices.registry import Room, names
 from rig.errors import BadInputError
-from rig.identify.result import truth_of, with_stranger
+from rig.identify.random_finger import truth_of, with_stranger
 from rig.plan.config import Config, load_config
 from rig.plan.finger_file import Met, read_finger_file
 from sim.identification.prior import named, plain

@@ -16,7 +16,7 @@ from rig.compare.parameter_study import Case, Row, columns, interpolated, nodes_
 from rig.compare.workers import spread
 from rig.data.folder import replace_text
 from sim.models.interpolation import HOW_MADE, INTERPOLATED, make_node
-from sim.models.small_strain import small_strain
+from sim.models.small_strain_error import small_strain
 
 
 def command(

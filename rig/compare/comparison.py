@@ -17,7 +17,7 @@ from rig.compare.recordings.recording import Recording
 from rig.compare.shape_test import THRESHOLD, shape_flags
 from rig.compare.stimuli import FAMILIES, Stimulus
 from sim.measures.measures import MEASURES
-from sim.models.small_strain import SmallStrain, small_strain
+from sim.models.small_strain_error import SmallStrain, small_strain
 
 Array = NDArray[np.float64]
 Pair = tuple[int, int]

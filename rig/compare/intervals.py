@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtri
 
-from rig.compare.candidates import Candidates, Fitted
+from rig.compare.candidate_measures import Candidates, Fitted
 from rig.compare.likelihood import Form, Observed, at_saturation, saturations
 from rig.compare.plausible_fingers import places, weights
 from rig.compare.verdict import LEVEL, Limits

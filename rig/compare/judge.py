@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compare.candidates import Candidates, Fitted, by_monotone, by_repeats, detectable, tail
+from rig.compare.candidate_measures import Candidates, Fitted, by_monotone, by_repeats, detectable, tail
 from rig.compare.comparison import Comparison, Joint, Overlay, Pair
 from rig.compare.fit import Flags, by_pair, compared, correlation, fit_rates
 from rig.compare.intervals import ConfidenceLimits, limits

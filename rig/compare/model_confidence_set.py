@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compare.candidates import Candidates, blocks, rejected
+from rig.compare.candidate_measures import Candidates, blocks, rejected
 from rig.compare.likelihood import Observed
 
 Array = NDArray[np.float64]

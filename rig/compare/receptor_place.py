@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtri
 
-from rig.compare.candidates import lack_of_fit
+from rig.compare.candidate_measures import lack_of_fit
 from rig.compare.comparison import Overlay, compare
 from rig.compare.fit import Flags, compared
 from rig.compare.judge import afferents

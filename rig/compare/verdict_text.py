@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rig.compare.candidates import DISCREPANCY, OF_THE_MESH, SEEN
+from rig.compare.candidate_measures import DISCREPANCY, OF_THE_MESH, SEEN
 from rig.compare.model_confidence_set import BLOCK, BLOCKS, DRAWS, HARDLY
 from rig.compare.verdict import LEVEL, AfferentVerdict, Mimic, PairRow, in_mm
 from sim.measures.measures import MEASURES

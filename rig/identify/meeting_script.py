@@ -17,7 +17,7 @@ from rig.protocol.check import Spot, Walk
 from rig.protocol.script import Script
 from rig.protocol.steps import Indent, Step
 from rig.session.execute import Live
-from sim.identification.design import PressAt
+from sim.identification.next_press import PressAt
 
 E = TypeVar("E")
 A = TypeVar("A")

@@ -13,7 +13,7 @@ from rig.engine.sensing import NoReadingError, Sensing
 from rig.errors import BadInputError, LimitError
 from rig.manual import bench as at_hand
 from rig.manual.jog import ByHand
-from rig.manual.requests import HOLD_S, HoldRequest, Orders, Verb
+from rig.manual.orders import HOLD_S, HoldRequest, Orders, Verb
 from rig.manual.status import HandStatus, OverheardSensor
 from rig.session.script_run import ENDINGS
 from rig.settings import RigSettings

@@ -20,7 +20,7 @@ from rig.engine.contact import KnownContact
 from rig.engine.limits import Trips
 from rig.engine.sensing import Sensing
 from rig.manual.jog import FASTEST_MM_S
-from rig.manual.requests import HOME_FIRST
+from rig.manual.orders import HOME_FIRST
 from rig.settings import RigSettings
 from rig.transport.wire import TransportError
 from rig.units import GWT_N

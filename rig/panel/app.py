@@ -26,7 +26,7 @@ from rig.panel.drawing import Drawer
 from rig.panel.gate import Gate
 from rig.panel.owners import ByHandProcess, Find
 from rig.panel.requests import Posts, RequestError
-from rig.panel.runs import RunFiles
+from rig.panel.run_files import RunFiles
 from rig.panel.state import SeenBench, Watcher
 from rig.panel.stream import MOST_STREAMS, stream
 from rig.plan.config import load_config

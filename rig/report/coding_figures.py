@@ -11,10 +11,10 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, Plot
-from sim.coding.all_sites import Deformed
 from sim.coding.encoding import Encoded
 from sim.coding.operators import NAMES, ForwardOperator, ImpulseResponses, ShiftErrors
 from sim.coding.point_spread import Judged
+from sim.coding.raju_table_6_1 import Deformed
 
 Array = NDArray[np.float64]
 

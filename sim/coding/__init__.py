@@ -6,9 +6,10 @@ reads what a user has measured. The parts by themselves:
 - `section`: the finger's plane-strain section, its skin as a line, receptors anywhere, strain energy density (SED).
 - `operators`: impulse responses h, g, f, and pressure to SED by convolution or by finite-element influence.
 - `pressure`: what a press bears on the skin; pressures that lean as the skin does under them.
-- `encoding`: noise, receptors and readings.
-- `search`: the source's decoder and cheap others. `bayes`: the default; `contacts`, `mixture` and `evidence`
-  are its parts.
+- `encoding`: noise and receptors. `readings`: what receptors hand to a decoder.
+- `decoding`: what all decoders share. `decoders_by_search`: the source's decoder and cheap others. `bayes`: the
+  default; `contact_search`, `mixture` and `evidence` are its parts.
 - `sheet`: the whole finger's pressures, under a named axial shape or over x and z. `shape_class`: what touches.
-- `point_loads`, `point_spread`, `all_sites`: how SED spreads under equal point loads all over the pulp.
+- `point_loaded_finger`, `power_law`, `point_spread`, `raju_table_6_1`: how SED spreads under equal point loads all
+  over the pulp.
 """

@@ -8,18 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CloughTocher2DInterpolator
 
-from sim.coding.point_loads import (
-    FIT_KINDS,
+from sim.coding.point_loaded_finger import (
     Direction,
     LoadedFinger,
     PointLoad,
-    PowerLaw,
     PublishedPowerLaw,
     Site,
     energy_density,
-    fitted,
     spread_over_mean,
 )
+from sim.coding.power_law import FIT_KINDS, PowerLaw, fitted
 from sim.contact.patch import X, Z
 from sim.errors import ModelRangeError
 from sim.measures.receptors import DEFAULT_DEPTH_MM

@@ -14,10 +14,10 @@ from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.optimize import nnls
 
 from sim.coding.bayes import ModelError, Profile, decode_profile
-from sim.coding.encoding import Readings
+from sim.coding.decoding import checked_readings
 from sim.coding.operators import ForwardOperator
 from sim.coding.pressure import Frictionless, SectionSkin
-from sim.coding.search_decoders import checked_readings
+from sim.coding.readings import Readings
 from sim.coding.section import Energy, SkinLine, squared_parts
 from sim.config import FingertipConfig
 from sim.contact.patch import X, Y, Z

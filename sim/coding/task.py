@@ -16,7 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.coding.bayes import FEWEST_FOR_CONTACTS, FittedReceptor, ModelError, Profile, decode_profile, decode_through
-from sim.coding.encoding import QUIET_SD, Encoded, Noise, NoisePlace, Readings, Receptor, encode, sd_at_rest
+from sim.coding.decoders_by_search import PressureRange, converged_search, global_search, grid_search, table_search
+from sim.coding.decoding import CodingError, Decoded, DecodingErrors, decoding_errors
+from sim.coding.encoding import Encoded, Noise, NoisePlace, Receptor, encode
 from sim.coding.operators import (
     ForwardOperator,
     OperatorName,
@@ -30,18 +32,8 @@ from sim.coding.operators import (
     weighted,
 )
 from sim.coding.pressure import borne_by, frictionless
+from sim.coding.readings import QUIET_SD, Readings, sd_at_rest
 from sim.coding.readings_file import GivenReadings, checked_pressures
-from sim.coding.search_decoders import (
-    CodingError,
-    Decoded,
-    DecodingErrors,
-    PressureRange,
-    converged_search,
-    decoding_errors,
-    global_search,
-    grid_search,
-    table_search,
-)
 from sim.coding.section import SPACING_MM, Energy, SampledSection, Sampling, felt_section, sampled_section, sed_of
 from sim.coding.sheet import (
     FEWEST_PLACES,
@@ -61,7 +53,7 @@ from sim.contact.indentor import Indentor
 from sim.contact.patch import X, Z
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import points_below
-from sim.models.small_strain import SmallStrain
+from sim.models.small_strain_error import SmallStrain
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.contact.compiled import chords
+from sim.contact.compiled import points_between_nodes
 from sim.contact.indentor import SHARP_RADIUS_MM, Indentor, Surface
 
 Array = NDArray[np.float64]
@@ -85,16 +85,16 @@ class ContactPoints:
     def among(self, other: "ContactPoints") -> Bools:
         """(k,) whether each point is one of the other's."""
         pairs = ((self.nodes, other.nodes), (self.between, other.between))
-        return np.concatenate([chords.which_of(mine, others) for mine, others in pairs])
+        return np.concatenate([points_between_nodes.which_of(mine, others) for mine, others in pairs])
 
     def joined(self, other: "ContactPoints") -> "ContactPoints":
         """These and the other's points."""
         pairs = ((self.nodes, other.nodes), (self.between, other.between))
-        return ContactPoints(*[chords.merged(mine, others) for mine, others in pairs])
+        return ContactPoints(*[points_between_nodes.merged(mine, others) for mine, others in pairs])
 
     def on(self, skin: SkinNodes) -> "SkinPoints":
         """The same points, ready to take values from the nodes of a skin."""
-        return SkinPoints(skin, *chords.carried(self.nodes, self.between, skin.segments, PARTS))
+        return SkinPoints(skin, *points_between_nodes.carried(self.nodes, self.between, skin.segments, PARTS))
 
 
 @dataclass(frozen=True)
@@ -123,11 +123,11 @@ class SkinPoints:
     def interpolate(self, nodal: Array) -> Array:
         """(r, k) values at the points from (r, n) values at the nodes, (k,) from (n,)."""
         rows = np.ascontiguousarray(nodal).reshape(-1, nodal.shape[-1])
-        return chords.interpolated(rows, self.around, self.share).reshape(*nodal.shape[:-1], -1)
+        return points_between_nodes.interpolated(rows, self.around, self.share).reshape(*nodal.shape[:-1], -1)
 
     def to_nodes(self, force: Array) -> Array:
         """(m, n) forces on the nodes that (m, k) forces at the points amount to."""
-        return chords.shared_out(force, self.around, self.share, len(self.skin.y))
+        return points_between_nodes.shared_out(force, self.around, self.share, len(self.skin.y))
 
 
 @dataclass(frozen=True)
@@ -150,9 +150,11 @@ class Survey:
         if not between:
             nothing = np.zeros((0, _INNER))
             return cls(pose, skin, u, surface, np.zeros(0, np.int64), nothing, nothing > 0)
-        segments, at, at_y = chords.spread(tangential, y, skin.segments, pose.height_mm - _REACH_MM, PARTS)
+        segments, at, at_y = points_between_nodes.spread(
+            tangential, y, skin.segments, pose.height_mm - _REACH_MM, PARTS
+        )
         gap = pose.gap(at, at_y).height_mm.reshape(-1, _INNER)
-        below = chords.below_chord(surface.height_mm, skin.segments, segments, gap, _BENT_MM)
+        below = points_between_nodes.below_chord(surface.height_mm, skin.segments, segments, gap, _BENT_MM)
         if pose.indentor.corners_only:
             below &= _turns(pose, tangential[:, skin.segments[segments]])[:, None]
         return cls(pose, skin, u, surface, segments, gap, below)
@@ -163,7 +165,9 @@ class Survey:
         if len(self.segments) and lower_mm + gap_mm > _REACH_MM:
             return Survey.of(pose, self.skin, self.u, between=True).near(pose, gap_mm)
         height, gap = self.surface.height_mm, self.gap_mm
-        return ContactPoints(*chords.closer(height, gap, self.below_chord, self.segments, lower_mm, gap_mm))
+        return ContactPoints(
+            *points_between_nodes.closer(height, gap, self.below_chord, self.segments, lower_mm, gap_mm)
+        )
 
     @cached_property
     def penetrated(self) -> tuple[ContactPoints, Array]:

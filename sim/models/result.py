@@ -15,7 +15,7 @@ from sim.contact.profiles import IndentorProfile
 from sim.contact.solver import ContactState
 from sim.measures.measures import MEASURES
 from sim.models.pictures import ModelOutline, press_as_html
-from sim.models.small_strain import SmallStrain, small_strain
+from sim.models.small_strain_error import SmallStrain, small_strain
 from sim.models.stiffening import LINEAR_TISSUE, Stiffened
 from sim.units import GWT_N, PSEUDO_E_EPIDERMIS
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 from sim.devices.line import SerialLine
 from sim.errors import SimError
-from sim.serve.clock import WallScheduler
+from sim.serve.real_time_loop import WallScheduler
 
 HOST = "127.0.0.1"
 _CHUNK = 4096

@@ -18,8 +18,8 @@ import numpy as np
 
 from sim.devices.clock import sample_at
 from sim.plant import Carriage, Pose
-from sim.serve.clock import WallScheduler
 from sim.serve.force_process import Leg, PressAnswer, PressProcess, TrajectoryUpdate, WayAnswer, WayProcess
+from sim.serve.real_time_loop import WallScheduler
 
 STALE_S = 0.5
 _SHORTEST_S = 0.01  # between two solves

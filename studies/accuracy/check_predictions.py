@@ -13,7 +13,7 @@ from typing import Any
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.session.preflight import preflight
+from rig.session.rehearsal_summary import preflight
 from rig.session.session import NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
 

@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 
-from sim.choice import DEPTHS_MM, FAMILIES, PLACES_MM, Cell, Situation, cell_of, family_of
+from sim.cheapest_model import DEPTHS_MM, FAMILIES, PLACES_MM, Cell, Situation, cell_of, family_of
 from sim.config import FingertipConfig
 from sim.contact.indentor import Indentor
 from sim.contact.patch import X

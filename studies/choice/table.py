@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from sim.benchmark import LEVELS, PER_LENGTH, QUANTITIES, SHARES
-from sim.choice import FILE, Cell, Rung, Situation, cell_of
+from sim.cheapest_model import FILE, Cell, Rung, Situation, cell_of
 from sim.contact.indentor import ACROSS, ALONG, BOTH
 from studies.choice.answers import Row, Solver, answers, error, numbered
 from studies.choice.drawn import DrawnScene, stratified
@@ -126,7 +126,7 @@ def _median(seconds: Sequence[float]) -> float:
 
 
 def as_json(found: Mapping[Cell, Sequence[Mapping[Rung, Errors]]], cost: list[dict[str, Any]], each: int) -> str:
-    """What `sim/choice.py` reads: a line for each row."""
+    """What `sim/cheapest_model.py` reads: a line for each row."""
     about = {
         "command": f"python -m studies.choice.table {each}",
         "seed": SEED,

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from sim.benchmark import SHARES
-from sim.choice import Aim, Choice, NoModelError, Rung, Situation, bundled, cheapest
+from sim.cheapest_model import Aim, Choice, NoModelError, Rung, Situation, bundled, cheapest
 from studies.choice.answers import Row, Solver, answers, error, numbered
 from studies.choice.drawn import DrawnScene, natural
 from studies.choice.table import truth

@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from rig.compare.pressure_formula import Constants, curvature_at, finger_curvature, fit, together
 from sim.coding.bayes import decode_profile
-from sim.coding.encoding import Readings, noise_sd
+from sim.coding.encoding import noise_sd
 from sim.coding.operators import centred
 from sim.coding.pressure import Frictionless, SectionSkin, frictionless
+from sim.coding.readings import Readings
 from sim.coding.section import SPACING_MM, SampledSection
 from sim.coding.shape_class import felt_shape
 from sim.contact.patch import X, Y

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.coding.bayes import decode_profile
-from sim.coding.encoding import Readings, noise_sd
+from sim.coding.encoding import noise_sd
 from sim.coding.operators import centred, felt_where
 from sim.coding.pressure import frictionless
+from sim.coding.readings import Readings
 from sim.coding.section import SPACING_MM, SampledSection
 from sim.coding.shape_class import edges_mm
 from studies.coding.profiles_read_back import SAMPLES, default_section, finer_section

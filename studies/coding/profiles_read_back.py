@@ -16,11 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.coding.bayes import Profile, decode_profile
-from sim.coding.encoding import Readings, noise_sd
+from sim.coding.decoders_by_search import PressureRange, converged_search, global_search
+from sim.coding.decoding import decoding_errors
+from sim.coding.encoding import noise_sd
 from sim.coding.mixture import table_of
 from sim.coding.operators import centred
 from sim.coding.pressure import Frictionless, borne_by, frictionless
-from sim.coding.search_decoders import PressureRange, converged_search, decoding_errors, global_search
+from sim.coding.readings import Readings
 from sim.coding.section import SPACING_MM, SampledSection, Sampling, sampled_section
 from sim.config import FingertipConfig, MeshSpec
 from studies.coding.limits import profile_bound

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.coding.bayes import decode_profile
-from sim.coding.encoding import Readings, noise_sd
+from sim.coding.encoding import noise_sd
 from sim.coding.operators import ForwardOperator, centred, convolution, felt_where, impulse_responses
 from sim.coding.pressure import SectionSkin, frictionless
+from sim.coding.readings import Readings
 from sim.coding.section import SPACING_MM, SampledSection, Sampling, sampled_section
 from sim.coding.shape_class import CLASSES, ShapeClass, felt_shape
 from sim.config import FingertipConfig, MeshSpec, Tissue

@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.coding.bayes import decode_profile
-from sim.coding.encoding import Readings, noise_sd
+from sim.coding.decoding import decoding_errors
+from sim.coding.encoding import noise_sd
 from sim.coding.operators import centred, felt_where
 from sim.coding.pressure import Borne, frictionless
-from sim.coding.search_decoders import decoding_errors
+from sim.coding.readings import Readings
 from sim.coding.section import SPACING_MM, felt_section
 from sim.coding.shape_class import SOLIDS, SolidClass, extent_mm, felt_shape, felt_solid
 from sim.coding.sheet import (

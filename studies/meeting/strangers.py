@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rig.identify.result import as_told, truth_of
+from rig.identify.random_finger import as_told, truth_of
 from rig.plan.config import Config
 from sim.config import MeshSpec
 from sim.models.fingertip import Fingertip

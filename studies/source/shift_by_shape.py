@@ -5,7 +5,7 @@
 
 from collections.abc import Iterator
 
-from sim.coding.point_loads import LoadedFinger
+from sim.coding.point_loaded_finger import LoadedFinger
 from sim.coding.point_spread import MovedResponse, receptor_sheet
 from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip

@@ -25,7 +25,7 @@ DEMO = ("dry-run", "protocols/steps.py", "--set", "step=1", "force_gwt=2.33")
 PARTS = {
     "the finger and its loops": "rig.cli.script_execution:_loaded",
     "plan": "rig.cli.script_execution:make_plan",
-    "rehearsal on springs": "rig.session.preflight:rehearsed",
+    "rehearsal on springs": "rig.session.rehearsal_summary:rehearsed",
     "run": "rig.session.session:_on_a_bench",
     "its journal read and exported": "rig.session.session:read_run rig.session.session:export_run",
     "report: libraries that draw": "",

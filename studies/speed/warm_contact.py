@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
 from sim.plant import Carriage, Placement, Pose, PressedFinger, Screws
-from sim.serve.clock import WallScheduler
 from sim.serve.force_process import PressProcess
 from sim.serve.prefetch import PressAhead
+from sim.serve.real_time_loop import WallScheduler
 from sim.workers import keep_freed_memory
 
 Array = NDArray[np.float64]

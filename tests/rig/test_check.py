@@ -15,7 +15,7 @@ from rig.engine.limits import Stopping
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.session.preflight import Preflight, preflight
+from rig.session.rehearsal_summary import Preflight, preflight
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from rig.settings import RigSettings
 from rig.units import GWT_N

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sim.coding import search_decoders
+from sim.coding import decoders_by_search
 from sim.coding.encoding import noise_sd
 from sim.coding.operators import influence
 from sim.coding.readings_file import pa_per_pseudo
@@ -308,7 +308,7 @@ def test_the_page_shows_a_file_that_can_be_read(rig: Program) -> None:
 def test_a_search_that_is_cut_off_or_ends_at_its_range_says_so(rig: Program, monkeypatch: pytest.MonkeyPatch) -> None:
     narrow = rig(*TWO, "--start", "10,10", "--range", "0,15", "--decoder", "univariate", "--json").json
     assert narrow["problems"][0] == "2 of 2 pressures are at the upper end of the range, 15"
-    monkeypatch.setattr(search_decoders, "MOST_SWEEPS", 3)
+    monkeypatch.setattr(decoders_by_search, "MOST_SWEEPS", 3)
     cut = rig(*WORKED, "--decoder", "univariate", "--json").json
     assert (cut["converged"], cut["moves"]) == (False, 6)
     assert cut["problems"][0] == CUT_OFF

@@ -123,7 +123,7 @@ def dispositions(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
     for motion in ("homing", "moving", "jog"):
         monkeypatch.setattr(GrblStage, motion, told)
     monkeypatch.setattr(HandOwner, "run", told)
-    monkeypatch.setattr("rig.session.preflight.rehearsed", unrehearsed)
+    monkeypatch.setattr("rig.session.rehearsal_summary.rehearsed", unrehearsed)
     return found
 
 

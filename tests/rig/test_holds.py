@@ -8,7 +8,7 @@ import pytest
 from rig.engine.dead_man import Direction
 from rig.errors import LimitError, NotReadyError
 from rig.manual.jog import FASTEST_MM_S, HeldWord
-from rig.manual.requests import AHEAD_S, HOLD_S, HoldRequest, Holds, Orders
+from rig.manual.orders import AHEAD_S, HOLD_S, HoldRequest, Holds, Orders
 from sim.devices.clock import VirtualClock
 from tests.raising import raises
 

@@ -27,10 +27,11 @@ from rig.cli.identify_finger import (
 from rig.data import RunFolder, read_run
 from rig.data.folder import MEETING_PAGE
 from rig.errors import LimitError, TripError
+from rig.identify.finger_from_presses import finger_file
 from rig.identify.meeting_script import MeetingScript
 from rig.identify.press_record import given_press
 from rig.identify.procedure import IdentificationOptions, Meeting, felt_surely
-from rig.identify.result import CELL_NOISE_GWT, finger_file, truth_of, with_stranger
+from rig.identify.random_finger import CELL_NOISE_GWT, truth_of, with_stranger
 from rig.plan.config import Config, VirtualSettings
 from rig.plan.finger_file import read_finger_file
 from rig.plan.plan import Plan
@@ -39,8 +40,8 @@ from rig.report.identification_page import IdentificationPage, write_meeting_pag
 from rig.session.session import FinishedRun, NewRun, Nobody, Session, run_on
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
-from sim.identification.design import PressAt
 from sim.identification.forward import Given, PressTrajectory
+from sim.identification.next_press import PressAt
 from sim.identification.prior import TAU_FAST_S, Prior
 from sim.identification.uncertainty_bands import standard_deviations
 from sim.models.fingertip import Fingertip

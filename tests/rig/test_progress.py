@@ -22,7 +22,7 @@ from rig.control.stop import StageInHand
 from rig.data.run_state import TimeLeft
 from rig.engine import TripError
 from rig.plan.config import Config
-from rig.session.preflight import Page
+from rig.session.rehearsal_summary import Page
 from rig.session.rehearse import Rehearsed
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip

@@ -22,7 +22,7 @@ from rig.plan.plan import make_plan
 from rig.protocol import ReferencePress, Rig, Schedule, ScheduledParameters
 from rig.protocol.script import load_script
 from rig.protocol.steps import Checkpoint, Mount, MoveTo, Note, Reference, Rest, Step, Zero
-from rig.session.preflight import preflight
+from rig.session.rehearsal_summary import preflight
 from rig.session.resume import read_stopped
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from rig.settings import RigSettings

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import sim.coding.all_sites as kept
+import sim.coding.raju_table_6_1 as kept
 from rig.cli import encode
 from sim.config import Contact, FingertipConfig, Tissue
 from tests.program import Program, program_of

@@ -16,13 +16,13 @@ from rig.data import read_run
 from rig.plan.config import load_config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.session.preflight import Page
+from rig.session.rehearsal_summary import Page
 from rig.session.session import NewRun, Session
 from sim.config import Tissue
-from sim.models import small_strain as module
+from sim.models import small_strain_error as module
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
-from sim.models.small_strain import DeviationRange, small_strain
+from sim.models.small_strain_error import DeviationRange, small_strain
 from studies.source import matrix_page
 from studies.source.printed.answers import FingerAnswers, deep
 from tests.program import Program

@@ -23,7 +23,7 @@ from rig.protocol.script import Script, load_script
 from rig.protocol.steps import Home, Indent, Mount, MoveTo, Note, Owed, Rest, Retract, Step, Zero
 from rig.records import Prediction, PressId
 from rig.session.execute import EXECUTE, execute, executes
-from rig.session.preflight import preflight
+from rig.session.rehearsal_summary import preflight
 from rig.session.resume import read_stopped
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip

@@ -168,7 +168,7 @@ def test_a_run_begins_with_no_input_active(
 
     monkeypatch.setattr(benches, "virtual_stage", pressed)
     monkeypatch.setattr("rig.session.rehearse.with_stand_ins", lambda config: config, raising=False)
-    monkeypatch.setattr("rig.session.preflight.rehearsed", _unrehearsed)
+    monkeypatch.setattr("rig.session.rehearsal_summary.rehearsed", _unrehearsed)
     ended = bench.dry_run()
     assert ended.code == 2, ended.err
     assert f"stop.{key} = {name!r}: " in ended.err

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.identify.result import truth_of
+from rig.identify.random_finger import truth_of
 from rig.plan.finger_file import Band, Draw, FingerFile, Met, Place, Posterior
 from sim.config import FingertipConfig
 from sim.identification.prior import Prior, named

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from sim.coding import sheet
 from sim.coding.bayes import Profile
-from sim.coding.encoding import Readings, noise_sd
+from sim.coding.decoding import decoding_errors
+from sim.coding.encoding import noise_sd
 from sim.coding.operators import centred
 from sim.coding.pressure import Borne
-from sim.coding.search_decoders import decoding_errors
+from sim.coding.readings import Readings
 from sim.coding.section import SkinLine
 from sim.coding.sheet import AxialShape, FeltRow, FeltSkin, decode_row, felt_row
 from sim.config import FingertipConfig

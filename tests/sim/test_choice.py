@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from sim.benchmark import LEVELS, QUANTITIES, SHARES
-from sim.choice import (
+from sim.cheapest_model import (
     DEPTHS_MM,
     FAMILIES,
     PLACES_MM,

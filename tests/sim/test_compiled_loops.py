@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim.contact.compiled import chords, curves, elastic, factors, gaps
+from sim.contact.compiled import curves, elastic, factors, gaps, points_between_nodes
 from sim.contact.profiles import STEEPEST_SLOPE
 
 Array = NDArray[np.float64]
@@ -208,7 +208,7 @@ SEGMENTS = np.array([[0, 1], [1, 2], [2, 3]])
 TANGENTIAL, Y = np.array([[0.0, 1.0, 2.5, 3.0], [0.0, 0.0, 1.0, 1.0]]), np.array([0.2, -0.4, -0.3, 0.5])
 
 
-@pytest.mark.parametrize("spread", both_ways(chords.spread))
+@pytest.mark.parametrize("spread", both_ways(points_between_nodes.spread))
 def test_inner_points_of_segments_that_reach_high_enough(spread: Loops) -> None:
     which, at, at_y = spread(TANGENTIAL, Y, SEGMENTS, -0.3, 4)  # −0.3 itself does not
     assert which.tolist() == [0, 2]
@@ -216,7 +216,7 @@ def test_inner_points_of_segments_that_reach_high_enough(spread: Loops) -> None:
     np.testing.assert_allclose(at_y, [0.05, -0.1, -0.25, -0.1, 0.1, 0.3])
 
 
-@pytest.mark.parametrize("below_chord", both_ways(chords.below_chord))
+@pytest.mark.parametrize("below_chord", both_ways(points_between_nodes.below_chord))
 def test_what_bends_below_its_chord(below_chord: Loops) -> None:
     height = np.array([0.0, 1.0, 5.0, 1.0])
     gap = np.array([[0.2, 0.5, 0.75], [4.0, 2.8, 2.1]])
@@ -227,7 +227,7 @@ def test_what_bends_below_its_chord(below_chord: Loops) -> None:
     assert not below_chord(height, SEGMENTS, np.array([0]), edge, 0.0101).any()
 
 
-@pytest.mark.parametrize("closer", both_ways(chords.closer))
+@pytest.mark.parametrize("closer", both_ways(points_between_nodes.closer))
 def test_what_is_close(closer: Loops) -> None:
     height = np.array([0.5, 0.12, 0.09, -0.3])
     gap = np.array([[0.0, 0.2, 0.05], [0.0, 0.0, 0.0], [0.3, 0.12, 0.09]])
@@ -237,7 +237,7 @@ def test_what_is_close(closer: Loops) -> None:
     assert points.tolist() == [12, 14, 29]
 
 
-@pytest.mark.parametrize("carried", both_ways(chords.carried))
+@pytest.mark.parametrize("carried", both_ways(points_between_nodes.carried))
 def test_nodes_around_points(carried: Loops) -> None:
     carriers, share = carried(np.array([3, 1]), np.array([0, 4, 8]), SEGMENTS, 4)
     assert carriers.tolist() == [[3, 1, 0, 1, 2], [3, 1, 1, 2, 3]]
@@ -247,12 +247,12 @@ def test_nodes_around_points(carried: Loops) -> None:
 CARRIERS, SHARE = np.array([[3, 0, 1], [3, 1, 2]]), np.array([0.0, 0.25, 0.5])
 
 
-@pytest.mark.parametrize("interpolated", both_ways(chords.interpolated))
+@pytest.mark.parametrize("interpolated", both_ways(points_between_nodes.interpolated))
 def test_values_at_points(interpolated: Loops) -> None:
     np.testing.assert_allclose(interpolated(np.array([[1.0, 5.0, 9.0, 4.0]]), CARRIERS, SHARE), [[4.0, 2.0, 7.0]])
 
 
-@pytest.mark.parametrize("shared_out", both_ways(chords.shared_out))
+@pytest.mark.parametrize("shared_out", both_ways(points_between_nodes.shared_out))
 def test_forces_at_nodes(shared_out: Loops) -> None:
     found = shared_out(np.array([[1.0, 4.0, 2.0], [0.0, 0.0, 8.0]]), CARRIERS, SHARE, 5)
     np.testing.assert_allclose(found, [[3.0, 2.0, 1.0, 1.0, 0.0], [0.0, 4.0, 4.0, 0.0, 0.0]])
@@ -262,7 +262,10 @@ def test_forces_at_nodes(shared_out: Loops) -> None:
 @pytest.mark.parametrize("numbers", [[], [2], [2, 3, 7, 9]])
 def test_numbers_that_ascend(numbers: list[int], others: list[int]) -> None:
     one, other = np.array(numbers, dtype=np.int64), np.array(others, dtype=np.int64)
-    for which_of, merged in ((chords.which_of, chords.merged), (chords.which_of.py_func, chords.merged.py_func)):  # type: ignore[attr-defined]
+    for which_of, merged in (
+        (points_between_nodes.which_of, points_between_nodes.merged),
+        (points_between_nodes.which_of.py_func, points_between_nodes.merged.py_func),
+    ):  # type: ignore[attr-defined]
         assert which_of(one, other).tolist() == [n in others for n in numbers]
         assert merged(one, other).tolist() == sorted({*numbers, *others})
 

@@ -11,23 +11,20 @@ from scipy.optimize import minimize
 from scipy.stats import norm
 
 from sim.coding import bayes
-from sim.coding import search_decoders as univariate
+from sim.coding import decoders_by_search as univariate
 from sim.coding.bayes import ModelError, Profile, decode_profile
-from sim.coding.encoding import Noise, Readings, Receptor, encode, sd_at_rest
-from sim.coding.operators import ForwardOperator, convolution, impulse_responses
-from sim.coding.search_decoders import (
-    Decoded,
-    DecodingError,
+from sim.coding.decoders_by_search import (
     PressureRange,
-    checked_readings,
     converged_search,
-    decoding_errors,
     global_search,
     grid_search,
-    misfit,
     quartic_along,
     table_search,
 )
+from sim.coding.decoding import Decoded, DecodingError, checked_readings, decoding_errors, misfit
+from sim.coding.encoding import Noise, Receptor, encode
+from sim.coding.operators import ForwardOperator, convolution, impulse_responses
+from sim.coding.readings import Readings, sd_at_rest
 from sim.coding.section import Sampling, sampled_section
 from sim.config import FingertipConfig
 from tests.raising import raises

@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from sim.coding.bayes import FittedReceptor, Profile, decode_profile, decode_through
-from sim.coding.encoding import QUIET_SD, Readings, Receptor
+from sim.coding.decoders_by_search import error_surface
+from sim.coding.decoding import DecodingError, misfit
+from sim.coding.encoding import Receptor
 from sim.coding.operators import ForwardOperator, felt_where, influence, normal_influence, weighted
 from sim.coding.pressure import Borne
-from sim.coding.search_decoders import DecodingError, error_surface, misfit
+from sim.coding.readings import QUIET_SD, Readings
 from sim.coding.section import FeltSection, SampledSection, Sampling, felt_section, sampled_section, skin_of
 from sim.config import FingertipConfig
 from sim.errors import ModelRangeError

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import sim.identification.posterior as learned_module
-from sim.identification.design import Chooser, PressAt, SkinSearch, held_gwt, highest_gwt
 from sim.identification.forward import Given, RampAndHold, nominal_way
+from sim.identification.next_press import Chooser, PressAt, SkinSearch, held_gwt, highest_gwt
 from sim.identification.posterior import Learned, Surprise, learn, no_finger, nothing_learned
 from sim.identification.prior import Prior
 from sim.identification.uncertainty_bands import Width, band

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sim.coding.point_loads import LoadedFinger, PointLoad, Site, energy_density
+from sim.coding.point_loaded_finger import LoadedFinger, PointLoad, Site, energy_density
 from sim.coding.point_spread import MovedResponse, PointSpread, in_frames, receptor_sheet, spreads
 from sim.config import FingertipConfig
 from sim.contact.patch import X, Z

@@ -4,14 +4,12 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sim.coding.point_loads import (
+from sim.coding.point_loaded_finger import (
     LoadedFinger,
     PointLoad,
-    PowerLaw,
     Site,
     _all_along,
     energy_density,
-    fitted,
     published_sites,
     published_table,
     spread_over_mean,
@@ -29,6 +27,7 @@ from sim.coding.point_spread import (
     receptor_sheet,
     spreads,
 )
+from sim.coding.power_law import PowerLaw, fitted
 from sim.config import FingertipConfig, Geometry, MeshSpec
 from sim.errors import ModelRangeError
 from sim.measures.measures import Elastic, measures_from_strain

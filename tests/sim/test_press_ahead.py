@@ -11,9 +11,9 @@ import pytest
 from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
 from sim.plant import Carriage, Placement, Pose, Screws, Truth
-from sim.serve.clock import WallScheduler
 from sim.serve.force_process import FingerNotLoadedError, PressAnswer, PressProcess
 from sim.serve.prefetch import STALE_S, PressAhead
+from sim.serve.real_time_loop import WallScheduler
 from tests.raising import raises
 from tests.waiting import DEADLINE_S, until
 

@@ -11,11 +11,12 @@ from sim.coding import bayes
 from sim.coding import mixture as imagining
 from sim.coding import mixture as tables
 from sim.coding.bayes import decode_profile
-from sim.coding.encoding import Readings, noise_sd
+from sim.coding.decoding import decoding_errors
+from sim.coding.encoding import noise_sd
 from sim.coding.mixture import Mixture, ProfileTable, Weighed, imagined, pooled, table_of
 from sim.coding.operators import ForwardOperator, centred
 from sim.coding.pressure import Frictionless, frictionless
-from sim.coding.search_decoders import decoding_errors
+from sim.coding.readings import Readings
 from sim.coding.section import Sampling, sampled_section
 from sim.config import FingertipConfig
 

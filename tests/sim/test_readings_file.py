@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from sim.coding.decoding import CodingError
 from sim.coding.readings_file import (
     FEWEST,
     MOST,
@@ -16,7 +17,6 @@ from sim.coding.readings_file import (
     read_pressures,
     read_readings,
 )
-from sim.coding.search_decoders import CodingError
 from sim.config import FingertipConfig
 from sim.tables import TableError
 from tests.raising import raises

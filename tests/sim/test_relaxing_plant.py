@@ -13,9 +13,9 @@ from sim.models.fingertip import Fingertip
 from sim.models.relaxation import Prony, PronyTerm
 from sim.models.viscoelastic import InTime
 from sim.plant import Carriage, Placement, Pose, PressedFinger, RelaxingPlant, RelaxingPress, Screws, Truth, Turn
-from sim.serve.clock import WallScheduler
 from sim.serve.force_process import Going, Leg, TrajectoryUpdate, WayAnswer, WayProcess
 from sim.serve.prefetch import STALE_S, WayAhead
+from sim.serve.real_time_loop import WallScheduler
 from tests.raising import raises
 from tests.waiting import until
 

@@ -11,8 +11,8 @@ from functools import partial
 import pytest
 
 from sim.devices import SerialLine
-from sim.serve.clock import WallScheduler
 from sim.serve.ports import PortBusyError, PtyPort, TcpPort
+from sim.serve.real_time_loop import WallScheduler
 from tests.raising import raises
 from tests.waiting import DEADLINE_S, gathered, until
 

@@ -7,9 +7,10 @@ from numpy.typing import NDArray
 
 from sim.coding import sheet
 from sim.coding.bayes import ModelError
-from sim.coding.encoding import Readings, Receptor, noise_sd
+from sim.coding.decoding import DecodingError, decoding_errors
+from sim.coding.encoding import Receptor, noise_sd
 from sim.coding.operators import centred, felt_where, weighted
-from sim.coding.search_decoders import DecodingError, decoding_errors
+from sim.coding.readings import Readings
 from sim.coding.section import sed_of
 from sim.coding.shape_class import SOLIDS, contact, extent_mm, felt_solid
 from sim.coding.sheet import FeltSkin, Grid, SheetOperator, SkinOver, decode_sheet, felt_skin, hats, sheet_operator

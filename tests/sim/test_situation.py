@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim.benchmark import of_level
-from sim.choice import DEPTHS_MM, FAMILIES, Cell, Situation, cell_of, cells_of, choose, family_of
+from sim.cheapest_model import DEPTHS_MM, FAMILIES, Cell, Situation, cell_of, cells_of, choose, family_of
 from sim.config import FingertipConfig, MeshSpec
 from sim.contact.indentor import ACROSS, ALONG, BOTH
 from sim.contact.shapes import parse_shape

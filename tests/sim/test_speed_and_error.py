@@ -26,7 +26,7 @@ from sim.benchmark import (
     rows,
     stored,
 )
-from sim.choice import Situation, bundled
+from sim.cheapest_model import Situation, bundled
 from sim.config import FingertipConfig, MeshSpec
 from sim.contact.shapes import parse_shape
 from sim.finger.mesh import build_mesh

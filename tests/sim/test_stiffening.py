@@ -17,7 +17,7 @@ from sim.measures.measures import STRAINS, STRESSES
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.relaxation import Prony, PronyTerm
-from sim.models.small_strain import small_strain
+from sim.models.small_strain_error import small_strain
 from sim.models.stiffening import (
     ENERGY,
     FORCE,

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from rig.compare.stimuli import answers_key
-from sim.coding.all_sites import deformed_by
-from sim.coding.point_loads import LoadedFinger, Site
+from sim.coding.point_loaded_finger import LoadedFinger, Site
 from sim.coding.point_spread import MovedResponse, PointSpread, judged, receptor_sheet, spreads
+from sim.coding.raju_table_6_1 import deformed_by
 from sim.coding.readings_file import pa_per_pseudo
 from sim.config import E_EPIDERMIS_MPA, FingertipConfig, Tissue
 from sim.errors import ModelRangeError

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pytest
 
 from sim.errors import ArgumentError
-from sim.serve.clock import WallScheduler
+from sim.serve.real_time_loop import WallScheduler
 from tests.raising import raises
 from tests.waiting import DEADLINE_S
 

@@ -5,10 +5,10 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from sim.coding.encoding import Readings
+from sim.coding.decoding import decoding_errors
 from sim.coding.operators import ForwardOperator, centred
 from sim.coding.pressure import borne_by
-from sim.coding.search_decoders import decoding_errors
+from sim.coding.readings import Readings
 from studies.coding import curvature_read_back, edge_place, shapes_read_back
 from studies.coding.limits import bayes_found, profile_bound
 from studies.coding.profiles_read_back import SCENES, SNRS_DB, WITHIN, baselines, default_section, frictionless

@@ -15,7 +15,7 @@ from rig.session.session import NewRun, Nobody, Session, run_on
 from rig.units import GWT_N
 from sim.config import FingertipConfig
 from sim.errors import ModelRangeError
-from sim.identification.design import PressAt
+from sim.identification.next_press import PressAt
 from sim.models.fingertip import Fingertip
 from sim.plant import Pose, RelaxingPress
 from studies.meeting import tables

@@ -24,8 +24,8 @@ from rig.clock import WallClock
 from rig.engine import Journal
 from rig.engine.bench_memory import BenchMemory
 from rig.plan.config import Config
-from sim.serve.clock import WallScheduler
 from sim.serve.ports import TcpPort
+from sim.serve.real_time_loop import WallScheduler
 from studies.faults.campaign.cases import FaultCase, content, is_command, shape
 from studies.faults.campaign.faults import FaultyCarriage, cell
 from studies.faults.campaign.judge import claim_of, claim_on_record, exemption_of, hidden, true_claim, violations

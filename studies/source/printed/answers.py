@@ -14,7 +14,7 @@ from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
 from sim.models.fingertip import Fingertip
 from sim.models.many import indent_many
 from sim.models.result import IndentationResult
-from sim.models.small_strain import SmallStrain, small_strain
+from sim.models.small_strain_error import SmallStrain, small_strain
 from studies.source.simulated_stimuli import stimulus_of
 
 Array = NDArray[np.float64]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.compare.candidates import DISCREPANCY, OF_THE_MESH, Candidates
+from rig.compare.candidate_measures import DISCREPANCY, OF_THE_MESH, Candidates
 from rig.compare.likelihood import Form, Observed, likeliest, observed
 from rig.compare.model_confidence_set import imitated, predicted_left_out
 from rig.compare.recordings.recording import recording

@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from rig.compare.candidates import blocks, by_monotone, by_repeats, detectable, lack_of_fit, rejected, tail
+from rig.compare.candidate_measures import blocks, by_monotone, by_repeats, detectable, lack_of_fit, rejected, tail
 from rig.compare.likelihood import Observed, observed
 from rig.compare.recordings.recording import recording
 

@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from rig.compare.candidates import Candidates
+from rig.compare.candidate_measures import Candidates
 from rig.compare.intervals import ConfidenceLimits, limits
 from rig.compare.likelihood import Form, Observed, observed
 from rig.compare.recordings.recording import recording

@@ -13,11 +13,11 @@ import rig.cli.identify_finger as meet
 from rig.cli.identify_finger import said_at_the_end
 from rig.compare.plausible_fingers import read_plausible
 from rig.errors import BadInputError, RunAborted
+from rig.identify.finger_from_presses import finger_file
 from rig.identify.procedure import IdentificationOptions, Meeting, felt_surely
-from rig.identify.result import finger_file
 from rig.plan.config import Config
 from rig.plan.finger_file import FingerFile
-from sim.identification.design import PressAt
+from sim.identification.next_press import PressAt
 from sim.identification.posterior import least_effective
 from tests.made_up_fingers import made_up
 from tests.program import Program

@@ -17,7 +17,7 @@ from rig.data import run_state
 from rig.data.folder import RunFolder
 from rig.data.run import Following
 from rig.data.run_state import Course
-from rig.manual.requests import HoldRequest, Holds
+from rig.manual.orders import HoldRequest, Holds
 from rig.manual.status import KEPT, Backlog
 from rig.panel.drawing import Drawer, Job, PressSummary
 from rig.panel.owners import Tabs

@@ -10,7 +10,7 @@ from urllib.parse import quote
 import pytest
 
 from rig.panel.gate import FILE_POLICY
-from rig.panel.runs import _pieces
+from rig.panel.run_files import _pieces
 from tests.rig.panel.told_panel import OWN, Told
 
 OLD = Path(__file__).parents[2] / "data" / "runs_of_0_1"

@@ -28,7 +28,7 @@ HAS_AN_END = {
     "rig/control/stop.py problems": "of one stop, until it is over",
     "rig/control/stop.py _wires": "the stage's own, until it is let go",
     "rig/manual/status.py _rows": "KEPT",
-    "rig/manual/requests.py _over": "a number for each tab that moved the stage",
+    "rig/manual/orders.py _over": "a number for each tab that moved the stage",
     "rig/cli/monitor.py _columns": "the width of the trace",
     "rig/data/run.py _last_hold": "of a run that is over",
     "rig/data/run.py done": "of a run that is over",

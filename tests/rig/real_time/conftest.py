@@ -19,8 +19,8 @@ from rig.devices.grbl import GrblStage
 from rig.plan.config import Config
 from rig.transport import open_port
 from sim.devices import BalanceMenu, Load, SerialLine, VirtualBalance, VirtualGrbl
-from sim.serve.clock import WallScheduler
 from sim.serve.ports import PtyPort
+from sim.serve.real_time_loop import WallScheduler
 from tests.program import Program
 from tests.waiting import DEADLINE_S, gathered, until
 

@@ -11,8 +11,8 @@ import pytest
 
 from rig.plan.config import Config
 from sim.devices import Load, SerialLine, VirtualBalance
-from sim.serve.clock import WallScheduler
 from sim.serve.ports import PtyPort
+from sim.serve.real_time_loop import WallScheduler
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 

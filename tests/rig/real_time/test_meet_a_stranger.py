@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from rig.data import read_run
-from rig.identify.result import truth_of
+from rig.identify.random_finger import truth_of
 from rig.plan.config import Config
 from rig.plan.finger_file import read_finger_file
 from tests.program import Program

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim.coding.point_loads import energy_density as pseudo_energy
-from sim.coding.point_loads import fitted
+from sim.coding.point_loaded_finger import energy_density as pseudo_energy
+from sim.coding.power_law import fitted
 from sim.measures.measures import Elastic
 from studies.verification.halfspace import boussinesq_strain
 from studies.verification.layer import Layer

@@ -15,7 +15,7 @@ from rig.session.rehearse import Rehearsed, rehearsed
 from rig.session.session import Session
 from rig.units import GWT_N
 from sim.models.fingertip import Fingertip
-from sim.models.small_strain import small_strain
+from sim.models.small_strain_error import small_strain
 
 
 @dataclass(frozen=True)

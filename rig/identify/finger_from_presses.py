@@ -1,4 +1,4 @@
-"""The result of an identification as a finger file, and fingers drawn from the prior to identify."""
+"""The result of an identification, as a finger file."""
 
 import hashlib
 from collections.abc import Sequence
@@ -75,38 +75,3 @@ def _draw(prior: Prior, values: Array) -> Draw:
 
 def _fine(value: float) -> float:
     return round(float(value), _DIGITS)
-
-
-CELL_NOISE_GWT = 0.02
-MOST_DRIFT_GWT_PER_MIN = 0.1  # of the cell's zero, either way
-
-
-def truth_of(seed: int, prior: Prior | None = None) -> dict[str, float]:
-    """The stranger's numbers, by the names of the prior."""
-    prior = prior or Prior()
-    chance = np.random.default_rng([seed, 0x5712A9])
-    return dict(zip(prior.names, prior.draws(1, chance)[0].tolist(), strict=True))
-
-
-def with_stranger(config: Config, seed: int) -> Config:
-    """The configuration of a bench under which a stranger lies; what is known of the bench stays as it is."""
-    return as_told(config, truth_of(seed), seed)
-
-
-def as_told(config: Config, truth: dict[str, float], seed: int = 0) -> Config:
-    """The configuration of a bench under which a finger of these numbers lies."""
-    tissue = config.finger.tissue.model_copy(update=tissue_of(truth))
-    drift = float(np.random.default_rng([seed, 0xD81F7]).uniform(-MOST_DRIFT_GWT_PER_MIN, MOST_DRIFT_GWT_PER_MIN))
-    virtual = config.virtual.model_copy(
-        update={
-            "relaxation": series_of(truth),
-            "finger_x_offset_mm": truth["x_mm"],
-            "finger_z_offset_mm": truth["height_mm"],
-            "cell_noise_gwt": CELL_NOISE_GWT,
-            "cell_drift_gwt_per_min": drift,
-            "noise_seed": seed,
-        }
-    )
-    return config.model_copy(
-        update={"finger": config.finger.model_copy(update={"tissue": tissue}), "virtual": virtual}
-    )

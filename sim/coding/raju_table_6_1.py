@@ -5,11 +5,9 @@ from typing import Literal, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.coding.point_loads import (
-    FitKind,
+from sim.coding.point_loaded_finger import (
     LoadedFinger,
     PointLoad,
-    PowerLaw,
     PublishedPowerLaw,
     published_sites,
     published_table,
@@ -26,6 +24,7 @@ from sim.coding.point_spread import (
     receptor_sheet,
     spreads,
 )
+from sim.coding.power_law import FitKind, PowerLaw
 from sim.config import FingertipConfig
 from sim.contact.patch import X, Y
 from sim.measures.receptors import DEFAULT_DEPTH_MM

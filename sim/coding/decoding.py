@@ -1,0 +1,97 @@
+"""What all decoders share: their errors, what they return, the metrics of it, and checks of readings."""
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.coding.operators import ForwardOperator
+from sim.errors import SimError
+
+Array = NDArray[np.float64]
+
+
+class CodingError(SimError, ValueError):
+    """What cannot be encoded or decoded.
+
+    An argument that the sentence names is a field whose value is its own name: a program that has other names for its
+    arguments puts these in.
+    """
+
+    default_code = "not_coded"
+
+
+class DecodingError(CodingError):
+    """Readings that cannot be decoded; the message says what was expected."""
+
+    default_code = "bad_readings"
+
+
+@dataclass(frozen=True)
+class Decoded:
+    """Pressures that explain readings; `converged` is false where the search was cut off."""
+
+    pressure: Array  # (n,) pseudo-units
+    misfit: float  # Σ (SED of the pressures − reading)²
+    converged: bool
+    path: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (moves + 1, n) where it is kept
+
+
+class DecodingErrors(NamedTuple):
+    """Three metrics of one difference; which one a number is, is said beside it."""
+
+    eq_6_8: float  # Σ (x − x̂)² / Σ x², squared: Raju (1998), Eq. 6.8
+    relative_l2: float
+    rmse_over_peak: float
+
+
+def decoding_errors(true: Array, found: Array) -> DecodingErrors:
+    """Of (n,) true pressures, not all zero, and those that were found."""
+    missed = ((true - found) ** 2).sum()
+    squared = float(missed / (true**2).sum())
+    return DecodingErrors(squared, float(np.sqrt(squared)), float(np.sqrt(missed / len(true)) / np.abs(true).max()))
+
+
+def misfit(operator: ForwardOperator, pressure: Array, reading: Array) -> float:
+    """Σ (SED of the pressures − reading)²."""
+    return float(((operator.sed(pressure) - reading) ** 2).sum())
+
+
+def checked_readings(operator: ForwardOperator, reading: Array, fewest: int | None = None) -> Array:
+    """(m,) readings, one for each receptor. Raises DecodingError for too few, too many, or no numbers.
+
+    Too few is fewer than pressures, unless told.
+    """
+    receptors, unknowns = operator.parts.shape[1:]
+    if reading.shape != (receptors,):
+        raise DecodingError(
+            "{readings} readings: must be {receptors}, one for each receptor",
+            code="not_one_each",
+            readings=reading.size,
+            receptors=receptors,
+        )
+    if fewest is None and receptors < unknowns:
+        raise DecodingError(
+            "{readings} readings of {pressures} pressures: at least as many readings as pressures are required",
+            code="fewer_than_pressures",
+            readings=receptors,
+            pressures=unknowns,
+        )
+    if fewest is not None and receptors < fewest:
+        raise DecodingError(
+            "{readings} readings of {pressures} pressures: at least {fewest} readings are required",
+            code="too_few",
+            readings=receptors,
+            pressures=unknowns,
+            fewest=fewest,
+        )
+    bad = np.flatnonzero(~np.isfinite(reading))
+    if len(bad):
+        raise DecodingError(
+            "reading {number} is {value:g}: must be a number",
+            code="not_a_number",
+            number=int(bad[0]) + 1,
+            value=float(reading[bad[0]]),
+        )
+    return reading

@@ -1,0 +1,94 @@
+"""What a decoder is given: one reading a receptor, its noise, and which of them are only known to lie below."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import log_ndtr
+
+from sim.coding.decoding import DecodingError
+from sim.coding.encoding import Receptor
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+LOWEST_SD = 6.0
+"""Number of sd below 0 beyond which an SED reading cannot be noise."""
+
+QUIET_SD = 3.0
+"""Number of sd below which a noisy rate only bounds the true one."""
+
+FEWEST_AT_REST = 3
+"""Fewest readings of an unloaded receptor for an estimate of its noise."""
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Noisy SED in pseudo-units; a silent receptor says only that noisy SED was at most its threshold."""
+
+    sed: Array  # (m,) of a silent one the threshold
+    sd: float
+    silent: Flags  # (m,)
+
+    @classmethod
+    def of_sed(cls, sed: Array, sd: float) -> "Readings":
+        """Noisy SED itself. Raises DecodingError for what lies too far below 0 to be noise."""
+        low = np.flatnonzero(sed < -LOWEST_SD * _positive(sd))
+        if len(low):
+            raise DecodingError(
+                "reading {number} is {sed:g}; SED must be above −{lowest_sd:g} sd of its noise, which is {sd:g}",
+                code="below_noise",
+                number=int(low[0]) + 1,
+                sed=float(sed[low[0]]),
+                lowest_sd=LOWEST_SD,
+                sd=sd,
+            )
+        return cls(sed, sd, np.zeros(len(sed), np.bool_))
+
+    @classmethod
+    def of_rates(cls, rate: Array, receptor: Receptor, sd: float) -> "Readings":
+        """Rates of receptors whose noise, of this sd in SED, entered before them. Raises DecodingError below zero."""
+        if (rate < 0).any():
+            raise DecodingError("rate {rate:g}: must not be negative", code="negative_rate", rate=float(rate.min()))
+        return cls(rate / receptor.gain + receptor.threshold, _positive(sd), rate == 0)
+
+    @classmethod
+    def of_noisy_rates(cls, rate: Array, receptor: Receptor, sd: float) -> "Readings":
+        """Rates to which noise of this sd, in their own unit, was added. Raises DecodingError for rates below zero.
+
+        Those up to `QUIET_SD` are taken together, as censored there: below the threshold all SED gives the same.
+        """
+        quiet = QUIET_SD * _positive(sd)
+        heard, silent = cls.of_rates(rate, receptor, sd / receptor.gain), rate <= quiet
+        return cls(np.where(silent, quiet / receptor.gain + receptor.threshold, heard.sed), heard.sd, silent)
+
+    def cost(self, sed: Array) -> tuple[Array, Array, Array]:
+        """(m,) negative log likelihoods of true SEDs, their first and second derivatives.
+
+        Gaussian; of silent ones the censored −log Φ(−z) with z the SED over the threshold, in sd.
+        """
+        z = (sed - self.sed) / self.sd
+        log_below = log_ndtr(-z)
+        mills = np.exp(-0.5 * z * z - log_below) / np.sqrt(2 * np.pi)
+        cost = np.where(self.silent, -log_below, 0.5 * z * z)
+        first = np.where(self.silent, mills, z)
+        second = np.where(self.silent, mills * (mills - z), 1.0)
+        return cost, first / self.sd, second / self.sd**2
+
+
+def sd_at_rest(unloaded: Array) -> float:
+    """Noise sd from readings of unloaded receptors. Raises DecodingError for too few, or without noise."""
+    if len(unloaded) < FEWEST_AT_REST or not np.isfinite(unloaded).all():
+        raise DecodingError(
+            "{readings} readings at rest: at least {fewest} finite numbers are required",
+            code="too_few_at_rest",
+            readings=len(unloaded),
+            fewest=FEWEST_AT_REST,
+        )
+    return _positive(float(np.std(unloaded, ddof=1)))
+
+
+def _positive(sd: float) -> float:
+    if not (np.isfinite(sd) and sd > 0):
+        raise DecodingError("noise sd {sd:g}: must be a positive number", code="noise_not_positive", sd=sd)
+    return sd
