@@ -382,8 +382,6 @@ class Stage(Protocol):
         ------
         MoveError
             If the stage cannot make this move; nothing was sent.
-        StageNotHomed
-            If the position is not trusted; nothing was sent.
         StageError
             If the controller reports an error, or does not answer.
         """
@@ -543,8 +541,6 @@ class DeadManStage(Protocol):
         ------
         MoveError
             If the stage cannot make this move; nothing was sent.
-        StageNotHomed
-            If the position is not trusted; nothing was sent.
         StageError
             If the controller reports an error, or does not answer.
         """
