@@ -23,7 +23,7 @@ borne = borne_by(section, section.finger.indent("step:1", -1.63, doi_mm=0.73))  
 
 operator = influence(section, borne.place_mm, borne.width_mm, "finite")
 quiet = encode(operator, borne.stacked)
-receptor = Receptor(gain=30.0, threshold=0.1 * float(quiet.sed.max()))  # R = k (S − S₀), silent below S₀
+receptor = Receptor(gain=2.0, threshold=0.1 * float(quiet.sed.max()))  # R = k (S − S₀), silent below S₀
 noisy = encode(operator, borne.stacked, receptor, Noise(snr_db=20.0, at="receptor", seed=1))
 
 reach = int(min(-borne.place_mm[0], borne.place_mm[-1]) / section.sampling.spacing_mm)
