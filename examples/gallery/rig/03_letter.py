@@ -3,7 +3,7 @@ A letter pressed
 ================
 
 You get the contact of an embossed letter with the finger, beside the picture that the letter comes from. Dark pixels
-are raised; the letter is 3 mm wide and 0.5 mm high.
+are raised; the picture is 3 mm wide, the letter 0.5 mm high.
 
 How-to: :doc:`/shapes`. Reference: :doc:`/commands`.
 """
@@ -19,13 +19,14 @@ import matplotlib.pyplot as plt
 with TemporaryDirectory() as folder:
     letter, contact = Path(folder, "R.png"), Path(folder, "contact.png")
     plt.figure(figsize=(2, 2), dpi=50)
-    plt.figtext(0.5, 0.5, "R", size=100, ha="center", va="center_baseline")
+    plt.figtext(0.5, 0.5, "R", size=150, ha="center", va="center_baseline")
     plt.savefig(letter)
     plt.close()
 
-    shape = f"heightmap:{letter},width_mm=3,height_mm=0.5"
+    shape = "heightmap:R.png,width_mm=3,height_mm=0.5"
     command = [sys.executable, "-m", "rig", "indent", "--shape", shape, "--x-mm", "0", "--doi-mm", "0.3"]
-    done = subprocess.run([*command, "--picture", str(contact), "--json"], check=True, capture_output=True, text=True)
+    command += ["--picture", "contact.png", "--json"]
+    done = subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True)
     answer = json.loads(done.stdout)
     print(f"{answer['force_gwt']:.2f} gwt at {answer['doi_mm']:.2f} mm")
 

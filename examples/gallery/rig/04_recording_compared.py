@@ -28,7 +28,7 @@ with TemporaryDirectory() as folder:
 measures = list(dict.fromkeys(row["measure"] for row in compared["rows"]))
 receptors_mm = sorted({row["receptor_mm"] for row in compared["rows"]})
 r = np.full((len(measures), len(receptors_mm)), np.nan)
-for row in compared["rows"]:
+for row in [row for row in compared["rows"] if row["positions"] > 5]:  # r of a few positions means nothing
     r[measures.index(row["measure"]), receptors_mm.index(row["receptor_mm"])] = row["r"]
 
 figure, axes = plt.subplots(layout="constrained")
