@@ -22,6 +22,8 @@ Confirm = Callable[[Session], Page]
 """Asks for the confirmation of a checked session before anything moves, and returns the confirmation page."""
 
 _BUTTON_S = 60.0
+PRESS_IT = "press the participant's stop button and hold it"
+RELEASE_IT = "release the stop button"
 _YES = ("", "y", "yes")
 
 
@@ -105,8 +107,8 @@ def _button_checked(button: StopButton, *, yes: bool, asking: Callable[[], Abstr
     if button.there:
         if not yes:
             with asking():
-                _seen(button, "press the participant's stop button and hold it", pressed=True)
-                _seen(button, "release the stop button", pressed=False)
+                _seen(button, PRESS_IT, pressed=True)
+                _seen(button, RELEASE_IT, pressed=False)
             button.tested = True
         elif button.pressed():
             raise BadInputError(

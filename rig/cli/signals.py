@@ -29,6 +29,7 @@ Handlers = dict[signal.Signals | None, Callable[[int, FrameType | None], object]
 
 _NOT_SUSPENDED: Handlers = dict.fromkeys(_BACKGROUND, signal.SIG_IGN)
 _LOOK_S = 0.05
+PAUSING = "pausing at the next safe point; press Ctrl-C again to stop now"
 
 
 class PauseRequest:
@@ -47,7 +48,7 @@ class PauseRequest:
         if self._asked and number in KEYS:
             raise KeyboardInterrupt
         self._asked, self._from_elsewhere = True, False
-        err.print("pausing at the next safe point; press Ctrl-C again to stop now")
+        err.print(PAUSING)
 
     def ask_from_elsewhere(self) -> None:
         """Request a pause from another process; it waits for the first answer, here or there."""

@@ -8,6 +8,7 @@ import traceback
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
+from importlib.machinery import SourceFileLoader
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -127,14 +128,20 @@ def said_of_script(
     return around(kind, "{place}: {problem}", told, place=where_in_script(path, error))
 
 
+class _ScriptLoader(SourceFileLoader):
+    def set_data(self, path: str, data: bytes, *, _mode: int = 0o666) -> None:
+        """Write no bytecode: a script's folder belongs to its author, a run's folder to its record."""
+
+
 def _import(path: Path) -> ModuleType:
     spec = importlib.util.spec_from_file_location(f"protocol_{path.stem}", path)
     if spec is None or spec.loader is None:
         raise BadInputError("protocol {path}: not a Python file", code="no_python_file", path=str(path))
+    loader = _ScriptLoader(spec.name, str(path))
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module  # pydantic resolves postponed annotations there
     try:
-        spec.loader.exec_module(module)
+        loader.exec_module(module)
     except SyntaxError as error:
         raise BadInputError("protocol {path}, line {line}: {problem}", code="no_python", path=str(path),
                             line=error.lineno or 1, problem=error.msg) from None  # fmt: skip

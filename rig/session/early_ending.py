@@ -30,6 +30,7 @@ _SEE_TO: tuple[tuple[type[Exception], str], ...] = (
     (RecordError, "free disk space, then resume"),
     (FingerLostError, "check whether the computer ran out of memory, then resume"),
 )
+NO_END = "the run has no end record: its program was killed or the power failed"
 _PUT_RIGHT = "correct the problem, then "
 _SEE_TO_THE_DEVICE = "check the device that failed"
 
@@ -116,8 +117,7 @@ class Ending:
     def killed(cls, run: Run) -> "Ending":
         """Of a run whose journal has no end."""
         at = FinalPosition.last_known(run)
-        reason = "the run has no end record: its program was killed or the power failed"
-        return cls(reason, at, _next(RunAborted(), at), resume_line(run.folder.path))
+        return cls(NO_END, at, _next(RunAborted(), at), resume_line(run.folder.path))
 
     @classmethod
     def before_it_began(cls, reason: str, *, refused: bool) -> "Ending":

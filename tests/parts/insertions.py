@@ -100,8 +100,8 @@ class Parabola(IndentorProfile):
 ]
 
 MEASURE = [
-    ("sim/measures/measures.py", ')\n"""Numbers; shear strains', ', "gmax"'),
-    ("sim/measures/measures.py", "*np.moveaxis(stress[..., :3], -1, 0)]", "ep[..., 2] - ep[..., 0], "),
+    ("sim/measures/measures.py", '"ep1", "ep2", "ep3")', '"gmax", '),
+    ("sim/measures/measures.py", "*np.moveaxis(ep, -1, 0)", "ep[..., 2] - ep[..., 0], "),
 ]
 
 MODEL = [

@@ -1,5 +1,6 @@
 """`rig decode --readings` with z_mm: a sheet of receptors over x and z, and what is no sheet."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -62,7 +63,7 @@ def test_a_sheet_gives_pressures_over_x_and_z_and_what_touches(rig: Program, sph
     assert ended.code == 0
     assert ended.err.startswith("fingertip: loading from the cache, or building in about 15 s …\n")
     assert "bayes, influence, SED finite: 169 pressures from M = 49 readings in " in ended.out
-    assert "  felt as a sphere, " in ended.out
+    (printed_mm,) = re.findall(r" sphere, ([\d.]+) mm", ended.out)
     rows = [line.split() for line in ended.out.splitlines()]
     header = next(row for row in rows if row[:4] == ["x", "\\", "z", "(mm)"])
     assert header[4:] == [f"{z:.1f}" for z in PLANE + centred(13, 0.3)]
@@ -78,6 +79,7 @@ def test_a_sheet_gives_pressures_over_x_and_z_and_what_touches(rig: Program, sph
     assert_allclose(place.T @ np.array(found["pressure"]) / pressure.sum(), [0.2, PLANE + 0.2], atol=0.15)
     assert found["felt"]["class"] == "sphere"
     assert found["felt"]["size_mm"] == pytest.approx(4.0, rel=0.3)
+    assert float(printed_mm) == pytest.approx(found["felt"]["size_mm"], abs=0.051)
     assert len(found["felt"]["extent_mm"]) == 2
     assert (found["converged"], found["problems"]) == (True, [])
     assert len(found["receptor_mm"]) == 49

@@ -12,6 +12,7 @@ import pytest
 from rig.cli import main
 from rig.plan.config import load_config
 from sim.finger import mesh as mesh_module
+from sim.finger.mesh import POOR_SCALED_JACOBIAN
 from sim.finger.surface import published_points
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "own_finger"
@@ -131,7 +132,7 @@ def test_poor_elements_are_doubted(finger_command: Finger) -> None:
     code, _, err = finger_command("--config", path)
     assert code == 0
     assert err.count("\n") == 1
-    assert " 0.1," in err
+    assert f" below {POOR_SCALED_JACOBIAN};" in err
 
 
 def test_points_before_the_finger_are_refused_where_they_end(finger_command: Finger) -> None:

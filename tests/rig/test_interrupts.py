@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.cli.signals import STOP_SIGNAL, PauseRequest, asked_to_leave, at_a_safe_point, at_once
+from rig.cli.signals import PAUSING, STOP_SIGNAL, PauseRequest, asked_to_leave, at_a_safe_point, at_once
 
 if STOP_SIGNAL is None:
     pytest.skip("only where there are signals", allow_module_level=True)
@@ -68,7 +68,7 @@ def test_the_first_signal_asks_for_a_pause_and_says_so_and_ctrl_c_then_stops_at_
     with at_a_safe_point() as pause:
         signal.raise_signal(number)
         assert pause.asked() is True
-        assert "stopping at the next safe point; Ctrl-C again stops now" in screen.getvalue()
+        assert screen.getvalue().splitlines() == [PAUSING]
         with pytest.raises(KeyboardInterrupt):
             signal.raise_signal(signal.SIGINT)
 

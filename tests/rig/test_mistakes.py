@@ -148,17 +148,20 @@ def test_what_the_model_takes_is_no_silence_of_the_script(
 
 BENCHES = {
     "one port": (
-        "[stage]\nport = '/dev/one'\n[force]\nport = '/dev/one'\n", "stage.port and force.port", "/dev/one"),
+        "[stage]\nport = '/dev/one'\n[force]\nport = '/dev/one'\n",
+        "same_port", "stage.port and force.port", "/dev/one",
+    ),
     "one device under two names": (
-        "[stage]\nport = 'link'\n[force]\nport = 'device'\n", "stage.port and force.port", "link"),
+        "[stage]\nport = 'link'\n[force]\nport = 'device'\n", "same_port", "stage.port and force.port", "link"),
     "a drive's port": (
         "[stage]\nkind='leadshine'\n[stage.drives.z]\ndevice_id=2\nport = '/dev/two'\n[force]\nport = '/dev/two'\n",
-        "stage.port and force.port", "/dev/two",
+        "same_port", "stage.port and force.port", "/dev/two",
     ),
-    "the apex too low": ("[frame]\napex_z_mm = -45.0\n", "frame.apex_z_mm = -45", "-40 … 0 mm"),
-    "the apex above the switch": ("[frame]\napex_z_mm = 1.0\n", "frame.apex_z_mm = 1", "-40 … 0 mm"),
-    "no room for clearance": ("[frame]\napex_z_mm = -1.0\n", "frame", " z = 1.000 mm "),
-    "beside the pad": ("[frame]\npad_centre_x_mm = -70.0\n", "frame", " x = -70.000 mm "),
+    "the apex too low": ("[frame]\napex_z_mm = -45.0\n", "outside_travel", "frame.apex_z_mm = -45", "-40 … 0 mm"),
+    "the apex above the switch": (
+        "[frame]\napex_z_mm = 1.0\n", "outside_travel", "frame.apex_z_mm = 1", "-40 … 0 mm"),
+    "no room for clearance": ("[frame]\napex_z_mm = -1.0\n", "outside_travel", "frame:", " z = 1.000 mm "),
+    "beside the pad": ("[frame]\npad_centre_x_mm = -70.0\n", "outside_travel", "frame:", " x = -70.000 mm "),
 }  # fmt: skip
 
 
@@ -183,14 +186,14 @@ def test_what_no_bench_can_be_is_told(
     tmp_path: Path, finger: Fingertip, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], name: str
 ) -> None:
     """By doctor, which goes on, and by check and run, which refuse."""
-    text, where, named = BENCHES[name]
+    text, coded, where, named = BENCHES[name]
     monkeypatch.chdir(tmp_path)
     (tmp_path / "device").touch()
     (tmp_path / "link").symlink_to("device")
     (tmp_path / "rig.toml").write_text(text, encoding="utf-8")
 
     def there(problems: Iterable[str]) -> bool:
-        return any(problem.startswith(f"{where}: ") and named in problem for problem in problems)
+        return any(problem.startswith(f"{where} ") and named in problem for problem in problems)
 
     assert there(bench_problems(load_config(Path("rig.toml"))))
 
@@ -207,7 +210,7 @@ def test_what_no_bench_can_be_is_told(
     assert there(problems)
     for command in (["check", "first_press"], ["run", "first_press"]):
         code, refused = ended(*command)
-        assert (code, refused["error"]) == (2, problems[0])
+        assert (code, refused["code"], refused["error"]) == (2, coded, problems[0])
 
 
 def test_the_defaults_are_a_bench() -> None:

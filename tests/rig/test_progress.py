@@ -22,6 +22,7 @@ from rig.control.stop import StageInHand
 from rig.data.run_state import TimeLeft
 from rig.engine import TripError
 from rig.plan.config import Config
+from rig.session.early_ending import NO_END
 from rig.session.rehearsal_summary import Page
 from rig.session.rehearse import Rehearsed
 from sim.devices.clock import VirtualClock
@@ -176,7 +177,7 @@ def test_who_asked_for_json_is_told_nothing_else(rig: Callable[..., Said], name:
     """`rig run` has its page, and a run that was killed its warning."""
     said = rig(*COMMANDS[name][0](rig), "--json")
     assert said.out.count("\n") == 1
-    told = [line for line in said.err.splitlines() if not line.startswith(("resuming after", "rig: the run ended"))]
+    told = [line for line in said.err.splitlines() if not line.startswith(("resuming after", f"rig: {NO_END}"))]
     assert told == []
 
 

@@ -16,7 +16,7 @@ from rig.data import RunError, RunFolder, export_run, new_run_folder, read_run
 from rig.data.folder import UnwritableError
 from rig.data.journal import JournalError
 from rig.data.schema import PRESS_STREAMS, STREAMS
-from rig.data.tables import OF_THE_PRESS
+from rig.data.tables import KILLED, OF_THE_PRESS
 from rig.engine import Target, indent, verbs
 from rig.plan.config import Config
 from rig.report.run_report import write_report
@@ -192,8 +192,10 @@ def test_a_crash_at_any_time_is_readable_and_reported(folder: RunFolder, finger:
     run = read_run(_crashed(folder, keep).path)
     export_run(run)
     text = write_report(run, finger).read_text(encoding="utf-8")
-    assert "The journal has no end: the program was killed." in text
-    assert "Not complete:" in text
+    assert run.killed
+    what_ran = text.split('<h2 id="run">', 1)[1].split("</p>", 1)[0]
+    assert '<span class="bad">' in what_ran
+    assert KILLED in what_ran
     assert "Two presses &lt;on&gt; a spring" in text
 
 

@@ -390,7 +390,7 @@ def test_a_button_that_nobody_presses_or_that_stays_pressed_lets_nothing_begin(
         pipe[1](event(A, 1))
     ended = real()
     assert ended.code == 130
-    assert ("release it" if pressed_before else "press the participant's stop button") in ended.err.splitlines()[-1]
+    assert (confirming.RELEASE_IT if pressed_before else confirming.PRESS_IT) in ended.err.splitlines()[-1]
     assert not list((tmp_path / "runs").glob("2*"))
 
 

@@ -51,7 +51,7 @@ def test_it_is_said_before(what: str, caplog: pytest.LogCaptureFixture) -> None:
     mesh = coarse_mesh(0.5, 0.5, patch_x_mm=1.5, patch_z_mm=1.5, round_patch_mm=1.0)
     with caplog.at_level(logging.INFO, "sim.models"):
         build(FingertipConfig(mesh=mesh))
-    assert len([line for line in caplog.messages if "unknowns is factorised" in line]) == factors
+    assert len([record for record in caplog.records if record.name == condensed.__name__]) == factors
 
 
 def test_nothing_is_factorised_elsewhere() -> None:
@@ -79,9 +79,7 @@ def test_what_takes_no_time_is_said_quietly(
     matrix = condensed.sp.csr_array(np.eye(unknowns))
     with caplog.at_level(logging.DEBUG, "sim.models"):
         condensed.condense(matrix, np.array([0]), np.zeros((unknowns, 1), np.int64), "dissection")
-    assert [(record.levelno, record.getMessage()) for record in caplog.records] == [
-        (level, f"building a model: a stiffness of {unknowns} unknowns is factorised …")
-    ]
+    assert [(record.levelno, record.args) for record in caplog.records] == [(level, (unknowns,))]
 
 
 def test_each_step_of_a_finger_is_said_quietly(skin: FingertipSurface, caplog: pytest.LogCaptureFixture) -> None:

@@ -11,9 +11,10 @@ import numpy as np
 
 from sim import FingertipConfig, MeshSpec
 from sim.coding.bayes import decode_profile
-from sim.coding.encoding import Noise, Readings, encode, sd_at_rest
-from sim.coding.pressure import frictionless
 from sim.coding.decoding import decoding_errors
+from sim.coding.encoding import Noise, encode
+from sim.coding.pressure import frictionless
+from sim.coding.readings import Readings, sd_at_rest
 from sim.coding.section import felt_section
 
 rng = np.random.default_rng(4)

@@ -154,7 +154,7 @@ def test_why_an_approach_takes_what_it_takes() -> None:
     up = [{**down[-1], "t_s": 99.0, "height_mm": 2.0}]
     words = why_approach(run_of([], [*down, *up]))
     assert "by 0.05 mm" in words
-    assert "0.20 s a step, 2 steps an indentation" in words
+    assert "0.20 s per step, 2 steps per indentation" in words
     assert why_approach(run_of([], [])) == ""
 
 
@@ -165,7 +165,7 @@ def test_a_step_is_what_goes_down_and_belongs_to_a_press_of_the_approach() -> No
     ]
     words = why_approach(run_of([], [*approach, *clearance]))
     assert "by 0.1 mm" in words
-    assert "1.00 s a step, 2 steps an indentation" in words
+    assert "1.00 s per step, 2 steps per indentation" in words
 
 
 def test_limits_stand_beside_what_came_nearest(tmp_path: Path, bar_run: Run) -> None:
@@ -204,7 +204,7 @@ def test_every_figure_has_its_numbers_in_a_file(bar_run: Run, finger: Fingertip)
     assert len(captions) == page.count("<img") >= 4
     for caption in captions:
         named = re.findall(r"\w+\.csv", caption)
-        assert named or "As above" in caption
+        assert named or caption.startswith("The same for")
         assert all((bar_run.folder.path / name).exists() for name in named)
     titles = re.findall(r"<h2[^>]*>(.*?)</h2>", page)
     assert titles[:2] == ["What ran", "Force against time"]

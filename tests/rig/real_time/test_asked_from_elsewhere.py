@@ -16,6 +16,7 @@ from rig.control.client import Announced, ControlError, announced
 from rig.data import read_run
 from rig.data.journal import read_journal
 from rig.data.tables import state_of
+from rig.session.script_run import AT_ONCE
 from rig.transport import first_owner
 from sim.models.fingertip import Fingertip
 from studies.faults.stops import decides
@@ -136,7 +137,7 @@ def test_a_stop_is_on_the_wire_and_on_record_whatever_the_run_is_at(
         assert (last["stopped_while"], last["indentor"]["left"], run.sent) == ("planning", "not moved", [STOP])
         assert "where   not moved" in err
     else:
-        assert "\nrig: stopped: " in f"\n{err}"
+        assert f"\nrig: {AT_ONCE}\n" in f"\n{err}"
         assert (run.folder / "report.html").exists(), "what is on disk is worth a report"
     assert first_owner(bench.ports.values()) is None
     with raises(ControlError, "ended"):
@@ -215,7 +216,7 @@ def test_a_pause_from_elsewhere_and_rig_stop_over_the_socket(
     assert (stopped.code, stopped.json["owner"]) == (0, run.process.pid), stopped.err
     code, _, err = run.end()
     assert code == 130
-    assert "pausing, as the panel asks" in err
+    assert "as the panel requested; press Ctrl-C" in err
     assert "continuing, as the panel requested" in err
     assert run.documents[-1]["status"] == "aborted"
 

@@ -61,7 +61,7 @@ def jogging(config: Path, speed_mm_s: float) -> Iterator[subprocess.Popen[bytes]
     )  # fmt: skip
     try:
         assert jog.stderr is not None
-        assert b"without force" in jog.stderr.readline()
+        assert b"without the force sensor" in jog.stderr.readline()
         assert b"hold d a" in jog.stderr.readline()
         yield jog
     finally:

@@ -13,6 +13,7 @@ from rig.bench.served import ServedBench
 from rig.clock import WallClock
 from rig.data import read_run
 from rig.session.early_ending import FinalPosition
+from rig.session.script_run import AT_ONCE
 from sim.models.fingertip import Fingertip
 from tests.program import EMPTY_FIGURES
 from tests.waiting import DEADLINE_S, journal_says, until
@@ -79,7 +80,7 @@ def test_run_refuses_a_calibration_out_of_date(rig: Rig, finger: Fingertip, tmp_
     )
     ended = rig("run", "first_press", "--config", config, "--out", tmp_path / "runs")
     assert ended.code == 2
-    assert ended.err.startswith(f"{NOT_MOVED}rig: calibration.force_scale: ")
+    assert ended.err.startswith(f"{NOT_MOVED}rig: calibration.force_scale ")
     assert "2020-01-01" in ended.err
 
 
@@ -121,7 +122,7 @@ def test_stop_from_another_process_ends_a_run_at_once(
         run.kill()
         run.communicate()
     assert run.returncode == 130
-    assert "\nrig: stopped: " in f"\n{err}"
+    assert f"\nrig: {AT_ONCE}\n" in f"\n{err}"
     (journal,) = (tmp_path / "runs").glob("*/events.jsonl")
     assert json.loads(journal.read_text().splitlines()[-1])["status"] == "aborted"
     assert {"data.h5", "report.html", "SHA256SUMS"} <= {path.name for path in journal.parent.iterdir()}
