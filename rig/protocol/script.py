@@ -129,7 +129,7 @@ def said_of_script(
 
 
 class _ScriptLoader(SourceFileLoader):
-    def set_data(self, path: str, data: bytes, *, _mode: int = 0o666) -> None:
+    def set_data(self, path: str, data: object, *, _mode: int = 0o666) -> None:
         """Write no bytecode: a script's folder belongs to its author, a run's folder to its record."""
 
 
