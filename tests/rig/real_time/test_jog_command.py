@@ -62,7 +62,7 @@ def jogging(config: Path, speed_mm_s: float) -> Iterator[subprocess.Popen[bytes]
     try:
         assert jog.stderr is not None
         assert b"without the force sensor" in jog.stderr.readline()
-        assert b"hold d a" in jog.stderr.readline()
+        assert b"hold d" in jog.stderr.readline()
         yield jog
     finally:
         jog.kill()
