@@ -43,7 +43,7 @@ class JournalError(RigError):
 
 
 class LostFileError(RigError, OSError):
-    """The file is open, but nobody will find at its path what was written to it."""
+    """The file is open, but its path no longer leads to it."""
 
     default_code = "lost"
 
