@@ -82,14 +82,14 @@ def zero(settings: RigSettings, sensing: Sensing, *, anyway: bool) -> str:
     """
     memory = BenchMemory(settings)
     name, last = sensing.connect(), memory.read()
+    if last.zero is not None:
+        sensing.zero = last.zero
+        if not anyway:
+            _refuse_touched(sensing, last)
+    sensing.sensor.zero()
+    sensing.zero = None  # readings have a new zero now
+    memory.forget_zero()
     try:
-        if last.zero is not None:
-            sensing.zero = last.zero
-            if not anyway:
-                _refuse_touched(sensing, last)
-        sensing.sensor.zero()
-        sensing.zero = None  # readings have a new zero now
-        memory.forget_zero()
         memory.zeroed(sensing.take_zero(several_gwt(sensing.raw)))
     except NoReadingError as error:
         raise around(LimitError, "{problem}; zero the sensor again", error, code="no_reading") from error
@@ -97,8 +97,13 @@ def zero(settings: RigSettings, sensing: Sensing, *, anyway: bool) -> str:
 
 
 def _refuse_touched(sensing: Sensing, last: LastKnown) -> None:
-    """Raise LimitError for a load too large for drift of the recorded zero."""
-    if abs(force_gwt := sensing.at_rest_gwt()) >= sensing.touch_gwt:
+    """Raise LimitError for a force that may be a contact, or that does not come to rest."""
+    try:
+        force_gwt = sensing.at_rest_gwt()
+    except NoReadingError as error:
+        remedy = "let the sensor settle, or use --anyway if nothing touches the indentor"
+        raise around(LimitError, "{problem}; nothing was zeroed; " + remedy, error) from error
+    if abs(force_gwt) >= sensing.touch_gwt:
         taken = datetime.fromtimestamp(last.zero_unix_s).isoformat(" ", "minutes")
         raise LimitError(
             "the sensor reads {force_gwt:.2f} gwt from the last recorded zero ({taken}), more than "

@@ -158,6 +158,16 @@ def test_readings_that_never_agree_are_no_force_at_rest() -> None:
         _resting(lambda t_s: 0.04 if round(t_s / 0.55) % 2 else -0.04).at_rest_gwt()
 
 
+def test_a_force_that_does_not_settle_is_not_zeroed() -> None:
+    """The same two readings before `rig zero`: it names them, and the recorded zero stays."""
+    sensing = _resting(lambda t_s: 0.04 if round(t_s / 0.55) % 2 else -0.04)
+    settings = RigSettings()
+    BenchMemory(settings).zeroed(ForceZero(0.0, 0.0))
+    with raises(LimitError, "unsteady"):
+        zero_by_hand(settings, sensing, anyway=False)
+    assert BenchMemory(settings).read().zero == ForceZero(0.0, 0.0)
+
+
 def test_the_noise_of_a_good_sensor_is_no_drift() -> None:
     """Readings with a standard deviation of 0.02 gwt, measured at the zero: the threshold is 0.12 gwt then."""
     random = np.random.default_rng(20261126)
