@@ -111,7 +111,7 @@ def _number(path: Path, line: int, column: str, cell: str) -> float:
         value = math.nan
     if not math.isfinite(value):
         raise TableError(
-            "{path}, line {line}, {column}: {cell!r} must be a number",
+            "{path}, line {line}, column {column}: {cell!r} must be a number",
             code="not_a_number",
             path=str(path),
             line=line,

@@ -82,7 +82,7 @@ def _expired(config: Config) -> Iterator[BadInputError]:
     for name in config.calibration.expired(today()):
         expires = getattr(config.calibration, name).expires
         yield BadInputError(
-            "{key} expired on {expires}; measure it again and update the configuration",
+            "{key} expired on {expires}; measure it again (`rig calibrate`) and update the configuration",
             code="expired",
             key=f"calibration.{name}",
             expires=expires,

@@ -32,7 +32,7 @@ HalfLengthOption = Annotated[
     int,
     typer.Option(
         metavar="N",
-        help="Samples of the response per side, 4 to 100.",
+        help="Impulse-response samples per side, 4 to 100.",
         rich_help_panel=SAMPLING,
     ),
 ]
@@ -48,7 +48,7 @@ EnergyOption = Annotated[
     str,
     typer.Option(
         metavar="E",
-        help="Formula of SED: incompressible (source, Eq. 6.1) or finite (compressible tissue).",
+        help="Strain energy density (SED): incompressible (source, Eq. 6.1) or finite (compressible).",
         rich_help_panel=SAMPLING,
     ),
 ]
@@ -56,7 +56,7 @@ SnrOption = Annotated[
     float | None,
     typer.Option(
         metavar="DB",
-        help="Signal-to-noise ratio of the added noise, -40 to 100 dB. Default: no noise.",
+        help="Signal-to-noise ratio of added noise, -40 to 100 dB. Default: no noise.",
         rich_help_panel=NOISE,
     ),
 ]

@@ -44,7 +44,7 @@ _RECORDING, _MODEL, _RECEPTORS, _OUTPUT = "Recording", "Model", "Receptors", "Ou
 
 
 def command(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of the runs.")],
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Run folders to compare with the recordings.")],
     recorded: Annotated[
         list[str] | None,
         typer.Option(
@@ -76,7 +76,7 @@ def command(
         str,
         typer.Option(
             metavar="A,B",
-            help="Window for spikes, in s from the start of the hold.",
+            help="Window in which spikes count: BEGIN,END, in s from the start of the hold.",
             rich_help_panel=_RECORDING,
         ),
     ] = "0,1",
@@ -254,7 +254,7 @@ def _answered(runs: list[Run], receptors: Receptors, *, as_json: bool) -> list[A
     found = [Answered(run, finger, stimuli(run, finger)) for run, finger in zip(runs, fingers, strict=True)]
     if not any(one.stimuli for one in found):
         raise BadInputError(
-            "run {run}: contains no finished indentation; compare a run with at least one",
+            "run folder {run}: contains no finished indentation; compare a run with at least one",
             code="nothing_finished",
             run=runs[0].folder.path,
         )

@@ -49,7 +49,7 @@ def ready_for_a_real_run(command: str, config: Config, out: Path, *, yes: bool) 
         refuse_missing(port)
     if not (yes or _somebody_there()):
         raise BadInputError(
-            "{command}: the session is not interactive, so nobody can confirm; run it in a terminal or add --yes",
+            "{command}: cannot ask for confirmation without a terminal; use one, or add --yes to start at once",
             code="no_terminal",
             command=command,
         )

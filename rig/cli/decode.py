@@ -105,7 +105,7 @@ def _with_error(option: str, text: str) -> tuple[float, float]:
         value = error = math.nan
     if not (math.isfinite(value) and math.isfinite(error) and error >= 0):
         raise BadInputError(
-            "{option} {value!r}: must be a number, optionally with its standard error, e.g. 30±2",
+            "{option} {value!r}: must be a number such as 30, or a number and its standard error, 30±2",
             code="not_a_number", option=option, value=text,
         )  # fmt: skip
     return value, error
@@ -338,7 +338,11 @@ def decode_command(
     ] = None,
     shape: Annotated[
         str | None,
-        typer.Option(metavar="S", help="Indentor prismatic along z, as in rig indent.", rich_help_panel=INPUT),
+        typer.Option(
+            metavar="S",
+            help="Indentor along the finger, as in rig indent.",
+            rich_help_panel=INPUT,
+        ),
     ] = None,
     readings: Annotated[
         Path | None,

@@ -52,7 +52,11 @@ def encode_command(
     ] = None,
     shape: Annotated[
         str | None,
-        typer.Option(metavar="S", help="Indentor prismatic along z, as in rig indent.", rich_help_panel=INPUT),
+        typer.Option(
+            metavar="S",
+            help="Indentor that lies along the finger, as in rig indent, e.g. bar:3.0.",
+            rich_help_panel=INPUT,
+        ),
     ] = None,
     x_mm: Annotated[
         float,
@@ -69,7 +73,9 @@ def encode_command(
     operator: Annotated[
         str,
         typer.Option(
-            metavar="O", help=f"Operator from pressure to SED: {' or '.join(OPERATORS)}.", rich_help_panel=SAMPLING
+            metavar="O",
+            help=f"Operator from pressure to strain energy density (SED): {' or '.join(OPERATORS)}.",
+            rich_help_panel=SAMPLING,
         ),
     ] = "convolution",
     energy: EnergyOption = "finite",

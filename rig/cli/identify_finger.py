@@ -210,9 +210,7 @@ def meet_command(
     protocol: Annotated[
         str | None, typer.Argument(help="Protocol whose forces to predict. Default: a few common presses.")
     ] = None,
-    more: Annotated[
-        list[str] | None, typer.Argument(metavar="K=V", help="Protocol parameters and their values.")
-    ] = None,
+    more: Annotated[list[str] | None, typer.Argument(metavar="K=V", help="Protocol parameters, KEY=VALUE.")] = None,
     config: FingerConfigOption = None,
     dry: Annotated[bool, typer.Option("--dry-run", help="Use virtual devices and the configured finger.")] = False,
     to: Annotated[Path, typer.Option(metavar="TOML", help="Finger file to write.")] = Path("finger.toml"),
@@ -231,12 +229,17 @@ def meet_command(
         float,
         typer.Option(
             metavar="GWT",
-            help="Largest predicted force of a press, in gwt; 1 to limits.max_force_gwt.",
+            help="Do not press where the predicted force is larger, 1 gwt to limits.max_force_gwt.",
             rich_help_panel=_PRESSES,
         ),
     ] = 20.0,
     shapes: Annotated[
-        str, typer.Option(metavar="S,S", help="Available indentors, separated by commas.", rich_help_panel=_PRESSES)
+        str,
+        typer.Option(
+            metavar="S,S",
+            help="Indentors that you can mount, separated by commas, e.g. sphere:2.0,bar:3.0.",
+            rich_help_panel=_PRESSES,
+        ),
     ] = ",".join(SHAPES),
     out_dir: OutOption = Path("runs"),
     subject: SubjectOption = None,

@@ -211,14 +211,14 @@ def indent_command(
         float | None,
         typer.Option(
             metavar="D",
-            help="Depth of indentation (DOI), in mm. Default: none; give --force-gwt.",
+            help="Depth of indentation (DOI), in mm. Give this or --force-gwt.",
             rich_help_panel=_PRESS,
         ),
     ] = None,
     force_gwt: Annotated[
         float | None,
         typer.Option(
-            metavar="F", help="Force to reach, in gwt. Default: none; give --doi-mm.", rich_help_panel=_PRESS
+            metavar="F", help="Force to reach, in gwt (gram-weight). Give this or --doi-mm.", rich_help_panel=_PRESS
         ),
     ] = None,
     z_mm: Annotated[
@@ -276,7 +276,7 @@ def indent_command(
         str | None,
         typer.Option(
             metavar="Z,Z…",
-            help="Receptor z along the finger, in mm. Default: the receptor plane.",
+            help="Receptor position z along the finger, in mm. Default: that of the receptor plane.",
             rich_help_panel=_RECEPTORS,
         ),
     ] = None,
@@ -305,7 +305,7 @@ def indent_command(
         bool,
         typer.Option(
             "--other-paths",
-            help="Report by how much the result may depend on the loading path.",
+            help="Press in smaller steps too, and report how much the forces differ.",
             rich_help_panel=_OUTPUT,
         ),
     ] = False,

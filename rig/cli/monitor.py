@@ -147,7 +147,9 @@ def watch_command(
             (_on_a_screen if out.is_terminal else _line_by_line)(seen)
             out.print("\n".join(_end(seen)))
         except FOREIGN as error:
-            raise RunError("run {run}: {problem}", code="foreign_run", run=run, problem=foreign(error)) from None
+            raise RunError(
+                "run folder {run}: {problem}", code="foreign_run", run=run, problem=foreign(error)
+            ) from None
         except KeyboardInterrupt:
             err.print("stopped monitoring; the run continues")
             raise typer.Exit(ExitCode.ABORTED) from None

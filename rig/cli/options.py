@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 
 
 ProtocolArgument = Annotated[str, typer.Argument(help="Path of a protocol, or the name of a shipped one.")]
-MoreArgument = Annotated[list[str] | None, typer.Argument(metavar="K=V", help="Protocol parameters, as with --set.")]
+MoreArgument = Annotated[list[str] | None, typer.Argument(metavar="K=V", help="Protocol parameters, KEY=VALUE.")]
 SetOption = Annotated[
-    list[str] | None, typer.Option("--set", metavar="K=V", help="Protocol parameter and its value. Repeatable.")
+    list[str] | None, typer.Option("--set", metavar="K=V", help="Protocol parameter, KEY=VALUE. Repeatable.")
 ]
 OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="Parent folder of the run folder.")]
 SubjectOption = Annotated[str | None, typer.Option(metavar="CODE", help="Pseudonym of the subject, e.g. S07.")]

@@ -48,7 +48,7 @@ COMMANDS = {
     "indent": Command("indent.indent_command", "Simulate one indentation.", "Simulation"),
     "impulse": Command("encode.impulse_command", "Compute strains in the skin under a point load.", "Coding"),
     "shift-invariance": Command(
-        "encode.shift_invariance_command", "Fit the decay of SED around 24 point loads.", "Coding"
+        "encode.shift_invariance_command", "Fit how SED decays with distance from a point load.", "Coding"
     ),
     "encode": Command("encode.encode_command", "Compute receptor readings from skin pressure.", "Coding"),
     "decode": Command("decode.decode_command", "Estimate skin pressure from receptor readings.", "Coding"),

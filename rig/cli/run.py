@@ -173,7 +173,10 @@ def _times_real(text: str) -> float | None:
         value = 0.0
     if not 0 < value < 1e6:
         raise BadInputError(
-            "{option} {value!r}: must be max or a positive number", code="bad_value", option="--speed", value=text
+            "{option} {value!r}: must be max, or simulated seconds per real second, above 0",
+            code="bad_value",
+            option="--speed",
+            value=text,
         )
     return value
 

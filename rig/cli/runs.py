@@ -146,7 +146,9 @@ _UNKNOWN = "unknown"
 
 def show_command(
     run: Annotated[Path | None, typer.Argument(metavar="RUN", help="Folder of the run.")] = None,
-    columns: Annotated[bool, typer.Option("--columns", help="Print the columns of all run tables instead.")] = False,
+    columns: Annotated[
+        bool, typer.Option("--columns", help="Explain the columns of the run tables; takes no run.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Print what ran, its state, limits, versions, forces, how it ended, and its files."""
@@ -170,7 +172,7 @@ def _described(path: Path) -> dict[str, Any]:
     try:
         return _told(read_run(path, readings=False))
     except FOREIGN as error:
-        raise RunError("run {run}: {problem}", code="foreign_run", run=path, problem=foreign(error)) from None
+        raise RunError("run folder {run}: {problem}", code="foreign_run", run=path, problem=foreign(error)) from None
 
 
 def _told(run: Run) -> dict[str, Any]:
@@ -295,7 +297,7 @@ def export_command(
 
     with told_in_one_line(as_json=as_json):
         if not (as_csv or as_nwb):
-            raise BadInputError("export: no format given; add --csv or --nwb", code="no_format")
+            raise BadInputError("export: no format given; add --csv (HDF5 and CSV files) or --nwb", code="no_format")
         found = read_run(run)
         written = []
         if as_csv:

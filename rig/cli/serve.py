@@ -64,7 +64,7 @@ def serve_command(
         typer.Option(
             metavar="SEED",
             min=0,
-            help="Seed of a random finger to identify. Default: the configured finger.",
+            help="Serve a random finger of this seed, to be identified. Default: the configured finger.",
             rich_help_panel=_FINGER,
         ),
     ] = None,
@@ -76,7 +76,7 @@ def serve_command(
         typer.Option(
             metavar="SEED",
             min=0,
-            help="Print the random finger of this seed and exit. Default: serve.",
+            help="Seed of a random finger to print instead of serving. Default: serve devices.",
             rich_help_panel=_FINGER,
         ),
     ] = None,
@@ -134,7 +134,7 @@ def serve_command(
 def _kind(room: Room, given: str | None, otherwise: str | None) -> str | None:
     if given is not None and given not in names(room):
         raise BadInputError(
-            "{option} {value}: there is no such device; choose {expected}",
+            "{option} {value}: unknown kind of device; choose {expected}",
             code="unknown_device", option=f"--{room}", value=given, expected=" or ".join(names(room)),
         )  # fmt: skip
     return given or otherwise

@@ -125,7 +125,7 @@ def bug_report(run: Path, to: Path, installation: Mapping[str, Any], shipped: Ma
     folder = RunFolder(run)
     if not any(path.is_file() for path in (folder.events, folder.provenance)):
         raise RunError(
-            "run {run} contains neither {events} nor {provenance}; give the folder of a run",
+            "run folder {run} contains neither {events} nor {provenance}; give a run folder",
             code="no_run_folder",
             run=str(run),
             events=folder.events.name,

@@ -148,7 +148,7 @@ class RunFolder:
             lock.acquire()
         except filelock.Timeout:
             raise FolderBusyError(
-                "run {run} is in use by another process; wait until it ends", run=str(self.path)
+                "run folder {run} is in use by another process; wait until it ends", run=str(self.path)
             ) from None
         except OSError as error:
             if error.errno in _FULL:

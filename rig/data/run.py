@@ -123,17 +123,19 @@ def read_run(path: Path, *, readings: bool = True, only: Collection[str] | None 
             documents = listed_documents(folder.events, only)
     except OSError as error:
         raise RunError(
-            "run {run}: cannot read {events}: {reason}; give the folder of a run",
+            "run folder {run}: cannot read {events}: {reason}; give a run folder",
             code="no_journal",
             run=str(path),
             events=folder.events.name,
             reason=error.strerror,
         ) from None
     except JournalError as error:
-        raise RunError("run {run}: {problem}", code="bad_journal", run=str(path), problem=str(error)) from error
+        raise RunError(
+            "run folder {run}: {problem}", code="bad_journal", run=str(path), problem=str(error)
+        ) from error
     if not documents or documents[0]["doc"] != "start":
         raise RunError(
-            "run {run}: {events} does not begin with a start document, so it is not the journal of a run",
+            "run folder {run}: {events} does not begin with a start document, so it is not the journal of a run",
             code="no_start",
             run=str(path),
             events=folder.events.name,

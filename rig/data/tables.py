@@ -182,7 +182,7 @@ def summarised(path: Path) -> tuple[Summary, list[Row]]:
         found = summary_of(run)
         return found, _holds(run)
     except RunError as error:
-        problem = str(error).removeprefix(f"run {path}: ").replace(f"{path}{os.sep}", "")
+        problem = str(error).removeprefix(f"run folder {path}: ").replace(f"{path}{os.sep}", "")
     except FOREIGN as error:
         problem = foreign(error)
     return Summary(path.name, problem=" ".join(problem.split())), []

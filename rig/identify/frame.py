@@ -77,7 +77,7 @@ def find(run: Run, config: Config, finger: Fingertip) -> Lie:
     free = [0, 1, 3] if np.ptp(places[:, 2]) == 0 else [0, 1, 2, 3, 4]
     if len(places) <= len(free) + 1 or np.ptp(places[:, 0]) == 0:
         raise BadInputError(
-            "run {path} has {touches} touches; at least {least}, at several x, are needed",
+            "run folder {path} has {touches} touches; at least {least}, at several x, are needed",
             code="too_few_touches",
             path=str(run.folder.path),
             touches=len(places),
@@ -101,7 +101,7 @@ def _radius(run: Run, touches: list[dict[str, object]]) -> float:
     kind, _, radius = next(iter(names), "").partition(":")
     if len(names) != 1 or kind != "sphere":
         raise BadInputError(
-            "run {path} has no touches by a single sphere; give a run of the protocol find_finger",
+            "run folder {path} has no touches by a single sphere; give a run of the protocol find_finger",
             code="not_one_sphere",
             path=str(run.folder.path),
         )

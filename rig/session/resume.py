@@ -59,7 +59,7 @@ def read_stopped(path: Path) -> StoppedRun:
         raise
     except OSError as error:
         raise BadInputError(
-            "run {path}: cannot read {file}: {problem}; give the folder of a run",
+            "run folder {path}: cannot read {file}: {problem}; give a run folder",
             code="no_run_folder",
             path=str(path),
             file=str(error.filename),
@@ -85,7 +85,7 @@ def _read(folder: RunFolder) -> StoppedRun:
     changed = folder.changed()
     if changed:
         raise BadInputError(
-            "run {path}: {files} changed since the run began, so it cannot be resumed; start a new run",
+            "run folder {path}: {files} changed since the run began, so it cannot be resumed; start a new run",
             code="changed_since",
             path=str(folder.path),
             files=", ".join(changed),
@@ -93,7 +93,7 @@ def _read(folder: RunFolder) -> StoppedRun:
     about: dict[str, Any] = json.loads(folder.provenance.read_text(encoding="utf-8"))
     if about["protocol"] == SCRIPT:
         raise BadInputError(
-            "run {path}: an identification cannot be resumed; repeat `rig meet`. In this run, {left}",
+            "run folder {path}: an identification cannot be resumed; repeat `rig meet`. In this run, {left}",
             code="meeting",
             path=str(folder.path),
             left=_learned(folder),
@@ -102,7 +102,7 @@ def _read(folder: RunFolder) -> StoppedRun:
     run = read_run(folder.path) if mend_journal(folder.events) else None
     if run is not None and _never_planned(run):
         raise BadInputError(
-            "run {path} was stopped during planning and cannot be resumed; start a new run",
+            "run folder {path} was stopped during planning and cannot be resumed; start a new run",
             code="never_planned",
             path=str(folder.path),
         )

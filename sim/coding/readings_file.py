@@ -166,13 +166,15 @@ class _Rows:
 
     def _refused(self, code: str, n: int, column: str, value: float, expected: str) -> TableError:
         return TableError(
-            "{path}, line {line}, {column}: {value:g} must be {expected}",
+            "{path}, line {line}, column {column}: {value:g} must be {expected}",
             code=code, path=self.path, line=n, column=column, value=float(value), expected=expected,
         )  # fmt: skip
 
     def _misplaced(self, n: int, column: str, error: ModelRangeError | ReceptorError) -> TableError:
         found = {"path": self.path, "line": n, "column": column, "problem": str(error)}
-        return TableError("{path}, line {line}, {column}: {problem}", code=error.code, **{**error.fields, **found})
+        return TableError(
+            "{path}, line {line}, column {column}: {problem}", code=error.code, **{**error.fields, **found}
+        )
 
     def _column(self, k: int) -> Iterator[tuple[int, float]]:
         return ((n, row[k]) for n, row in self.numbered)
@@ -243,7 +245,7 @@ class _Rows:
                 raise self._refused("negative", n, self.kind, value, expected)
         if not any(value > 0 for _, value in self._column(2)):
             raise TableError(
-                "{path}, {column}: no reading is above 0; at least one receptor must respond",
+                "{path}, column {column}: no reading is above 0; at least one receptor must respond",
                 code="none_above_zero", path=self.path, column=self.kind,
             )  # fmt: skip
 

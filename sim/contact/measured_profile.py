@@ -257,7 +257,7 @@ def _point(path: str, line: int, row: list[str]) -> list[float]:
             value = float("nan")
         if not np.isfinite(value):
             raise ProfileError(
-                "profile {name}, line {line}, {column}: {cell!r} must be a number",
+                "profile {name}, line {line}, column {column}: {cell!r} must be a number",
                 code="profile_number",
                 name=path,
                 line=line,

@@ -14,6 +14,7 @@ from tests.program import Program
 COLUMNS, LINES, COMMAND_LINES = 80, 55, 60
 SHORTEST = 3  # words
 LONGEST = 60  # characters of a command's line
+ABSENT = re.compile(r"Default: |Give this or --")
 UNIT = re.compile(
     r"\b(mm|mm/s|gwt|g|s|dB|GB|days|pseudo-units|units? of SED|seconds per|[Nn]umber of|[Ss]amples of|[Ss]eed|"
     r"TCP port)\b|%"
@@ -84,7 +85,7 @@ def test_a_number_has_its_unit_and_a_default_or_what_its_absence_means(name: str
     option = OPTIONS[name]
     if not option.hidden:
         assert UNIT.search(option.help) or name.split()[-1] in DIMENSIONLESS
-        assert option.required or option.default is not None or "Default: " in option.help
+        assert option.required or option.default is not None or ABSENT.search(option.help)
 
 
 def test_every_option_that_holds_a_number_is_looked_at() -> None:

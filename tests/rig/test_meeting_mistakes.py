@@ -43,7 +43,7 @@ SERVES = [
     (["--tcp", "0", "--indentor", "blob:3"], "blob:3"),
     (["--tcp", "0", "--indentor", "bar:nan"], "bar:nan"),
     (["--config", "nowhere.toml"], "nowhere.toml"),
-    (["--stage", "wheel"], "--stage wheel: there is no such device"),
+    (["--stage", "wheel"], "--stage wheel: "),
 ]
 BESIDE = [
     (["seven"], "'--reveal': Input should be a valid integer"),
