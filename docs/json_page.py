@@ -12,14 +12,14 @@ HERE = Path(__file__).parent
 _HEAD = """\
 # JSON
 
-A command with `--json` prints exactly one JSON object on standard output, and all else on standard error. Each command
-has a [JSON schema](https://json-schema.org) (2020-12); an object has no keys but those of its schema.
+A command with `--json` prints exactly one JSON object on standard output, and everything else on standard error. Each
+command has a [JSON schema](https://json-schema.org) (2020-12) that lists every key of every object.
 
-- Numbers are numbers. A quantity has its unit at the end of its key, e.g. `force_gwt`, or beside it in `unit` where a row
-  mixes quantities. Counts and ratios have no unit; in the schema, `"unit": "1"` marks ratios.
+- Numbers are numbers. A quantity has its unit at the end of its key, e.g. `force_gwt`, or beside it in `unit` where a
+  row mixes quantities. Counts and ratios have no unit; in the schema, `"unit": "1"` marks ratios.
 - Prose is in keys that end in `_text`. It may change in any version: match other keys.
-- Other text comes from a list, or its `format` says what it is: a `name` that a person, device or package chose, a `shape`
-  as in `rig indent`, a `code` of an error.
+- Other text comes from a list, or its `format` says what it is: a `name` that a person, device or package chose, a
+  `shape` as in `rig indent`, a `code` of an error.
 
 Units at the end of a key: {units}.
 
@@ -30,7 +30,11 @@ The examples are shortened to two items of each list, and numbers to six digits.
 Every command can print this instead, and exits with `exit_code`.
 
 ```json
-{{"error_text": "limits.max_dio_mm: there is no such key; use limits.max_doi_mm", "code": "unknown_key", "exit_code": 2}}
+{{
+ "error_text": "limits.max_dio_mm: there is no such key; use limits.max_doi_mm",
+ "code": "unknown_key",
+ "exit_code": 2
+}}
 ```
 """
 _SKIPPED = ("Failure", "NotStopped")

@@ -25,7 +25,9 @@ def public(door: str) -> list[str]:
 
 def names_page() -> str:
     """Every public name with its docstring."""
-    return _HEAD + "".join(f"\n## `{door}`\n" + "".join(one_name(door, name) for name in public(door)) for door in DOORS)
+    return _HEAD + "".join(
+        f"\n## `{door}`\n" + "".join(one_name(door, name) for name in public(door)) for door in DOORS
+    )
 
 
 def one_name(door: str, name: str) -> str:

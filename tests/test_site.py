@@ -24,7 +24,9 @@ GENERATED = (
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pytest.importorskip("sphinx", reason="needs Sphinx: pip install -e '.[dev]'")
     folder = tmp_path_factory.mktemp("site")
-    shutil.copytree(DOCS, folder / "docs", ignore=shutil.ignore_patterns(*GENERATED, "__pycache__", "gallery", "json_schemas"))
+    shutil.copytree(
+        DOCS, folder / "docs", ignore=shutil.ignore_patterns(*GENERATED, "__pycache__", "gallery", "json_schemas")
+    )
     for name in ("examples/gallery", "studies/results"):
         shutil.copytree(ROOT / name, folder / name)
     # tests/test_gallery.py runs the scripts of the gallery

@@ -216,7 +216,7 @@ def _examine(config: Path | None) -> dict[str, Any]:
 
 def _lines(found: Mapping[str, Any]) -> dict[str, str]:
     """Return the same for people, by the name of the line."""
-    cache, bench = found["cache"], {}
+    cache, bench = found["cache"], dict[str, str]()
     for name in ("stage", "force", "contact"):
         bench |= {name: in_one_line(found[name])} if name in found else {}
     if "calibrated" in found:

@@ -133,11 +133,13 @@ def commands_with(option: str) -> Iterator[str]:
 
 
 def _json_keys() -> Iterator[str]:
-    """Every key that a command prints with --json, with the keys above it."""
+    """Every key that a command prints with --json, with the keys above it; those of a failure once."""
     for command in OUTPUTS:
         schema = schema_of(command)
-        for key in dict.fromkeys(_of_schema(schema, schema["$defs"], ())):
+        *outputs, failure = schema["anyOf"]
+        for key in dict.fromkeys(_of_schema({"anyOf": outputs}, schema["$defs"], ())):
             yield f"{command}: {key}"
+    yield from (f"failure: {key}" for key in _of_schema(failure, schema["$defs"], ()))
 
 
 def _of_schema(schema: Any, named: Mapping[str, Any], place: tuple[str, ...]) -> Iterator[str]:
