@@ -37,7 +37,7 @@ Every command can print this instead, and exits with `exit_code`.
 }}
 ```
 """
-_SKIPPED = ("Failure", "NotStopped")
+_SKIPPED = ("FailureJson", "NotStoppedJson")
 Named = Mapping[str, Any]
 
 

@@ -14,13 +14,13 @@ from jsonschema.exceptions import best_match
 from pydantic import TypeAdapter
 
 from rig.cli import main
-from rig.cli.json_output import OUTPUTS, Failure, schema_of
+from rig.cli.json_output import OUTPUTS, FailureJson, schema_of
 from rig.cli.output import THE_FINGER
 
 
 @cache
 def _schema(command: str) -> Draft202012Validator:
-    found = schema_of(command) if command in OUTPUTS else TypeAdapter(Failure).json_schema()
+    found = schema_of(command) if command in OUTPUTS else TypeAdapter(FailureJson).json_schema()
     Draft202012Validator.check_schema(found)
     return Draft202012Validator(found)
 

@@ -87,7 +87,7 @@ Limits = tuple[float | None, float | None]
 # --- what several commands print ---
 
 
-class IndentorAtEnd(Output):
+class IndentorAtEndJson(Output):
     """Final position of the indentor."""
 
     left: Left
@@ -99,28 +99,28 @@ class IndentorAtEnd(Output):
     force_gwt: float | None
 
 
-class Ending(Output):
+class EndingJson(Output):
     """Why a run ended early. A run whose journal has an end has no more than `reason_text` and `where_text`."""
 
     reason_text: str
     where_text: str | None
-    indentor: NotRequired[IndentorAtEnd]
+    indentor: NotRequired[IndentorAtEndJson]
     next_text: NotRequired[str]
     resume: NotRequired[CommandLine | None]
     """Command that continues the run; null if it never began."""
 
 
-class Failure(Output):
+class FailureJson(Output):
     """A command that failed."""
 
     error_text: str
     """The line on standard error. It may change; match `code`."""
     code: Code
     exit_code: Literal[1, 2, 130]
-    ending: NotRequired[Ending]
+    ending: NotRequired[EndingJson]
 
 
-class SmallStrain(Output):
+class SmallStrainJson(Output):
     """Deviation of a linear answer from finite strain: least and most; null where nothing was compared."""
 
     note_text: str
@@ -128,7 +128,7 @@ class SmallStrain(Output):
     sed: Ends | None
 
 
-class Contact(Output):
+class ContactJson(Output):
     """State of contact between indentor and finger; null where nothing is on record."""
 
     contact: ContactKind | None
@@ -138,7 +138,7 @@ class Contact(Output):
     to_do_text: str | None
 
 
-class DeviceLook(Output):
+class DeviceLookJson(Output):
     """A device: who owns its port, or its state, or the problem and its code."""
 
     kind: Name
@@ -154,7 +154,7 @@ class DeviceLook(Output):
     code: NotRequired[Code]
 
 
-class StageLook(DeviceLook):
+class StageLookJson(DeviceLookJson):
     """The stage; position in machine coordinates."""
 
     state: NotRequired[Name]
@@ -163,21 +163,21 @@ class StageLook(DeviceLook):
     z_mm: NotRequired[float]
 
 
-class ForceLook(DeviceLook):
+class ForceLookJson(DeviceLookJson):
     """The force sensor."""
 
     force_n: NotRequired[float]
     stable: NotRequired[bool]
 
 
-class FileSize(Output):
+class FileSizeJson(Output):
     """A file."""
 
     name: Name
     bytes: int
 
 
-class Package(Output):
+class PackageJson(Output):
     """A package and its version."""
 
     package: Name
@@ -187,7 +187,7 @@ class Package(Output):
 # --- experiment ---
 
 
-class FinishedRun(Output):
+class FinishedRunJson(Output):
     """A run that was carried out or resumed."""
 
     run: File
@@ -200,10 +200,10 @@ class FinishedRun(Output):
     repeated: NotRequired[int]
     restarted: NotRequired[int]
     code: NotRequired[Code]
-    ending: NotRequired[Ending]
+    ending: NotRequired[EndingJson]
 
 
-class Margins(Output):
+class MarginsJson(Output):
     """What remains up to the limits."""
 
     force_gwt: float
@@ -212,7 +212,7 @@ class Margins(Output):
     contact_s: float
 
 
-class PlannedStep(Output):
+class PlannedStepJson(Output):
     """A planned indentation; bands hold 90 % and are those of an identified finger."""
 
     index: int
@@ -234,7 +234,7 @@ class PlannedStep(Output):
     overshoot_gwt: float
 
 
-class Check(Output):
+class CheckJson(Output):
     """A protocol against the limits."""
 
     protocol: Name
@@ -244,17 +244,17 @@ class Check(Output):
     contact_s: float
     peak_force_n: float
     peak_force_gwt: float
-    small_strain: SmallStrain
+    small_strain: SmallStrainJson
     peak_pressure_n_cm2: float
     soft_trip_n: float
     hard_trip_n: float
-    margins: Margins
+    margins: MarginsJson
     stop_distance_mm: float
     overshoot_gwt: float
-    steps: list[PlannedStep]
+    steps: list[PlannedStepJson]
 
 
-class IdentifiedParameter(Output):
+class IdentifiedParameterJson(Output):
     """A parameter of the finger: mean, standard deviation and 90 % band; stiffness and moduli over the default's."""
 
     name: Parameter
@@ -265,7 +265,7 @@ class IdentifiedParameter(Output):
     high: float
 
 
-class PredictedForce(Output):
+class PredictedForceJson(Output):
     """Force of a press on the identified finger with its 90 % band, in gwt."""
 
     shape: Shape
@@ -277,7 +277,7 @@ class PredictedForce(Output):
     unit: Literal["gwt"]
 
 
-class Identification(Output):
+class IdentificationJson(Output):
     """An identified finger. `consistent`: the presses agree with a finger of the prior, and the bands hold."""
 
     run: File
@@ -285,14 +285,14 @@ class Identification(Output):
     presses: int
     bench_s: float
     consistent: bool
-    parameters: list[IdentifiedParameter]
-    predicted: list[PredictedForce]
+    parameters: list[IdentifiedParameterJson]
+    predicted: list[PredictedForceJson]
     problems_text: list[str]
     code: NotRequired[Code]
-    ending: NotRequired[Ending]
+    ending: NotRequired[EndingJson]
 
 
-class Watch(Output):
+class WatchJson(Output):
     """The state of a run now."""
 
     run: File
@@ -307,10 +307,10 @@ class Watch(Output):
     now_text: str | None
     next_text: str | None
     left_s: float | None
-    ending: Ending | None
+    ending: EndingJson | None
 
 
-class Panel(Output):
+class PanelJson(Output):
     """Where the panel is."""
 
     url: Uri
@@ -318,7 +318,7 @@ class Panel(Output):
     pid: int
 
 
-class FingerFrame(Output):
+class FingerFrameJson(Output):
     """Where the finger lies."""
 
     pad_centre_x_mm: float
@@ -327,11 +327,11 @@ class FingerFrame(Output):
     tilt_deg: NotRequired[float]
 
 
-class Find(Output):
+class FindJson(Output):
     """Position of the finger, fitted to touches; `toml` is for the configuration."""
 
-    value: FingerFrame
-    sd: FingerFrame
+    value: FingerFrameJson
+    sd: FingerFrameJson
     correlation: list[list[Ratio]]
     residual_mm: float
     touches: int
@@ -341,7 +341,7 @@ class Find(Output):
 # --- results ---
 
 
-class RunSummary(Output):
+class RunSummaryJson(Output):
     """A run."""
 
     name: Name
@@ -357,23 +357,23 @@ class RunSummary(Output):
     duration_s: float
 
 
-class Unreadable(Output):
+class UnreadableJson(Output):
     """A folder that cannot be read."""
 
     name: Name
     problem_text: str
 
 
-class Runs(Output):
+class RunsJson(Output):
     """All runs of a folder."""
 
-    runs: list[RunSummary]
-    unreadable: list[Unreadable]
+    runs: list[RunSummaryJson]
+    unreadable: list[UnreadableJson]
     table: NotRequired[File]
     holds: NotRequired[int]
 
 
-class Presses(Output):
+class PressesJson(Output):
     """Holds with one indentor to one target."""
 
     indentor: Shape
@@ -387,7 +387,7 @@ class Presses(Output):
     peak_gwt: float
 
 
-class RunDevices(Output):
+class RunDevicesJson(Output):
     """Devices of a run, and the identities that they reported."""
 
     stage: NotRequired[Name]
@@ -396,7 +396,7 @@ class RunDevices(Output):
     sensor: NotRequired[Name]
 
 
-class RunModel(Output):
+class RunModelJson(Output):
     """The finger model of a run."""
 
     nodes: NotRequired[int]
@@ -404,7 +404,7 @@ class RunModel(Output):
     from_cache: NotRequired[bool]
 
 
-class Show(Output):
+class ShowJson(Output):
     """A run."""
 
     run: File
@@ -420,17 +420,17 @@ class Show(Output):
     state: State
     planned: int
     done: int
-    ending: Ending | None
-    presses: list[Presses]
+    ending: EndingJson | None
+    presses: list[PressesJson]
     limits: dict[Key, Setting]
     """Table [limits] of the configuration, and the soft trip of the plan."""
-    devices: RunDevices
-    versions: list[Package]
-    model: RunModel | None
-    files: list[FileSize]
+    devices: RunDevicesJson
+    versions: list[PackageJson]
+    model: RunModelJson | None
+    files: list[FileSizeJson]
 
 
-class Column(Output):
+class ColumnJson(Output):
     """A column of a run's tables."""
 
     table: Name
@@ -440,20 +440,20 @@ class Column(Output):
     what_text: str
 
 
-class Columns(Output):
+class ColumnsJson(Output):
     """Columns of all tables."""
 
-    columns: list[Column]
+    columns: list[ColumnJson]
 
 
-class Export(Output):
+class ExportJson(Output):
     """Files that were written."""
 
     run: File
     files: list[File]
 
 
-class Stimulus(Output):
+class StimulusJson(Output):
     """A stimulus, and the number that was commanded."""
 
     stimulus: Name
@@ -465,7 +465,7 @@ class Stimulus(Output):
     run: File
 
 
-class ComparisonRow(Output):
+class ComparisonRowJson(Output):
     """A measure at a receptor under a stimulus, R = k (ε − ε₀). unit: of ε; k is in impulses/s per unit."""
 
     shape: Shape
@@ -482,21 +482,21 @@ class ComparisonRow(Output):
     run: File
 
 
-class MeasuresOfGroup(Output):
+class MeasuresOfGroupJson(Output):
     """Measures that pass the shape test under a group of stimuli."""
 
     group: Name
     measures: list[Measure]
 
 
-class CollinearInGroup(Output):
+class CollinearInGroupJson(Output):
     """Sets of measures that no recording of a group tells apart."""
 
     group: Name
     sets: list[list[Measure]]
 
 
-class JointFit(Output):
+class JointFitJson(Output):
     """A measure fitted to several shapes, by least squares, with 95 % limits of the likelihood."""
 
     shapes: list[Shape]
@@ -512,7 +512,7 @@ class JointFit(Output):
     r2: Ratio | None
 
 
-class FitValues(Output):
+class FitValuesJson(Output):
     """The same fit on the run's own finger."""
 
     unit: Unit
@@ -523,7 +523,7 @@ class FitValues(Output):
     r2: Ratio | None
 
 
-class NamedValue(Output):
+class NamedValueJson(Output):
     """A parameter of a finger, by its place in the configuration."""
 
     name: Name
@@ -531,7 +531,7 @@ class NamedValue(Output):
     unit: Unit
 
 
-class NamedRange(Output):
+class NamedRangeJson(Output):
     """The range of a parameter of a finger."""
 
     name: Name
@@ -540,7 +540,7 @@ class NamedRange(Output):
     unit: Unit
 
 
-class FitWithFinger(Output):
+class FitWithFingerJson(Output):
     """A measure with its best plausible finger."""
 
     shapes: list[Shape]
@@ -549,24 +549,24 @@ class FitWithFinger(Output):
     unit: Unit
     receptor_mm: float
     r2: Ratio | None
-    best_finger: list[NamedValue]
+    best_finger: list[NamedValueJson]
     k: float | None
     k_interval: Limits | None
     eps0: float | None
     eps0_interval: Limits | None
-    on_this_finger: FitValues
+    on_this_finger: FitValuesJson
 
 
-class PlausibleFingers(Output):
+class PlausibleFingersJson(Output):
     """Fits over plausible fingers."""
 
-    ranges: list[NamedRange]
+    ranges: list[NamedRangeJson]
     built: int
     interpolation_text: str | None
-    joint: list[FitWithFinger]
+    joint: list[FitWithFingerJson]
 
 
-class Chance(Output):
+class ChanceJson(Output):
     """Correlation that chance alone exceeds in one of twenty cases."""
 
     shapes: list[Shape]
@@ -577,25 +577,25 @@ class Chance(Output):
     chance_r: Ratio
 
 
-class MissingPositions(Output):
+class MissingPositionsJson(Output):
     """Positions that one receptor does not cover."""
 
     receptor_mm: float
     positions_mm: list[float]
 
 
-class LeftOutOfRecording(Output):
+class LeftOutOfRecordingJson(Output):
     """What is left out of a recording."""
 
     shape: Shape
     condition: Name
     recording: File
     positions: int
-    left_out: list[MissingPositions]
+    left_out: list[MissingPositionsJson]
     range_needed_mm: Range
 
 
-class ShapeTestChance(Output):
+class ShapeTestChanceJson(Output):
     """Share of random profiles that pass the shape test."""
 
     shape: Shape
@@ -606,21 +606,21 @@ class ShapeTestChance(Output):
     draws: int
 
 
-class Pair(Output):
+class PairJson(Output):
     """A measure or control at a receptor; a constant rate has none."""
 
     measure: Candidate
     receptor_mm: float | None
 
 
-class LeftOutOfAnswer(Output):
+class LeftOutOfAnswerJson(Output):
     """Positions of a stimulus that are not used."""
 
     stimulus: Name
     position_mm: list[float]
 
 
-class RecordingNoise(Output):
+class RecordingNoiseJson(Output):
     """Noise of a recording. dispersion: of counts and of rates with an sd relative, of rates alone (impulses/s)²."""
 
     kind: Literal["counts", "sd", "rates"]
@@ -629,14 +629,14 @@ class RecordingNoise(Output):
     freedom: Ratio | None
 
 
-class Ceiling(Output):
+class CeilingJson(Output):
     """Share of the variance that a model can explain."""
 
     share: Ratio | None
     source: Literal["repeats", "monotone"]
 
 
-class SeparateFit(Output):
+class SeparateFitJson(Output):
     """The maximum-likelihood pair fitted to one stimulus."""
 
     stimulus: Name
@@ -646,30 +646,30 @@ class SeparateFit(Output):
     left_out: Ratio | None
 
 
-class Together(Output):
+class TogetherJson(Output):
     """F test of separate fits against one fit of all stimuli."""
 
     ratio: Ratio | None
     p: Ratio | None
-    separate: list[SeparateFit]
+    separate: list[SeparateFitJson]
 
 
-class Mimic(Output):
+class MimicJson(Output):
     """Pair that imitates a control best, and the probability that it would be rejected."""
 
-    control: Pair
-    pair: Pair
+    control: PairJson
+    pair: PairJson
     probability: Ratio
 
 
-class Power(Output):
+class PowerJson(Output):
     """Power of the fit test."""
 
     detectable_misfit: Ratio | None
-    mimics: list[Mimic]
+    mimics: list[MimicJson]
 
 
-class Interval(Output):
+class IntervalJson(Output):
     """Limits of k and ε₀ over the receptors of the set."""
 
     measure: Measure
@@ -678,7 +678,7 @@ class Interval(Output):
     eps0: Limits
 
 
-class PairRow(Output):
+class PairRowJson(Output):
     """A measure or control at a receptor, with its fit."""
 
     measure: Candidate
@@ -700,36 +700,36 @@ class PairRow(Output):
     fits: bool
     in_set: bool
     fires_unloaded: bool
-    finger: list[NamedValue] | None
+    finger: list[NamedValueJson] | None
 
 
-class Answer(Output):
+class AnswerJson(Output):
     """The verdict on one afferent; rows are likeliest first."""
 
     stimuli: list[Name]
     recordings: list[File]
     positions: int
     positions_recorded: int
-    left_out: list[LeftOutOfAnswer]
-    noise: RecordingNoise
+    left_out: list[LeftOutOfAnswerJson]
+    noise: RecordingNoiseJson
     outcome: Outcome
     answer_text: str
     besides_text: list[str]
-    set: list[Pair]
-    controls_in_set: list[Pair]
-    headline: Pair | None
-    next: Pair | None
+    set: list[PairJson]
+    controls_in_set: list[PairJson]
+    headline: PairJson | None
+    next: PairJson | None
     next_is_worse_by: Ratio | None
-    ceiling: Ceiling
-    together: Together | None
-    power: Power
-    intervals: list[Interval]
-    rows: list[PairRow]
+    ceiling: CeilingJson
+    together: TogetherJson | None
+    power: PowerJson
+    intervals: list[IntervalJson]
+    rows: list[PairRowJson]
     fingers: int
     methods_text: str
 
 
-class PlaceRow(Output):
+class PlaceRowJson(Output):
     """A measure at its maximum-likelihood place, with 95 % intervals."""
 
     measure: Measure
@@ -749,7 +749,7 @@ class PlaceRow(Output):
     at_bounds: list[Literal["x low", "x high", "depth low", "depth high", "offset low", "offset high"]]
 
 
-class Place(Output):
+class PlaceJson(Output):
     """Location of one afferent's receptor."""
 
     stimuli: list[Name]
@@ -760,32 +760,32 @@ class Place(Output):
     depth_range_mm: Range
     offset_range_mm: Range | None
     frame_text: str
-    rows: list[PlaceRow]
+    rows: list[PlaceRowJson]
 
 
-class Compare(Output):
+class CompareJson(Output):
     """Runs against recordings; k and ε₀ in the signs in which profiles are shown."""
 
-    stimuli: list[Stimulus]
-    rows: list[ComparisonRow]
+    stimuli: list[StimulusJson]
+    rows: list[ComparisonRowJson]
     candidates: list[Measure]
-    candidates_by_condition: list[MeasuresOfGroup]
-    collinear: list[CollinearInGroup]
-    joint: list[JointFit]
-    chance: list[Chance]
-    small_strain: SmallStrain
+    candidates_by_condition: list[MeasuresOfGroupJson]
+    collinear: list[CollinearInGroupJson]
+    joint: list[JointFitJson]
+    chance: list[ChanceJson]
+    small_strain: SmallStrainJson
     report: File
-    left_out: list[LeftOutOfRecording]
-    shape_test: list[ShapeTestChance]
-    answers: list[Answer]
-    places: list[Place]
-    fingers: NotRequired[PlausibleFingers]
+    left_out: list[LeftOutOfRecordingJson]
+    shape_test: list[ShapeTestChanceJson]
+    answers: list[AnswerJson]
+    places: list[PlaceJson]
+    fingers: NotRequired[PlausibleFingersJson]
 
 
 # --- simulation ---
 
 
-class LoadingPath(Output):
+class LoadingPathJson(Output):
     """Whether the result depends on the loading path."""
 
     may_depend: bool
@@ -793,14 +793,14 @@ class LoadingPath(Output):
     others_over_force: list[Ratio]
 
 
-class PressureProfile(Output):
+class PressureProfileJson(Output):
     """Contact pressure in the receptor plane."""
 
     x_mm: list[float]
     pseudo: list[float]
 
 
-class Receptors(Output):
+class ReceptorsJson(Output):
     """Measures at receptors, one item each; tension is positive. unit: of each measure."""
 
     x_mm: list[float]
@@ -827,7 +827,7 @@ class Receptors(Output):
     third: list[float]
 
 
-class Solver(Output):
+class SolverJson(Output):
     """The model and how its contact was solved."""
 
     model: Name
@@ -839,7 +839,7 @@ class Solver(Output):
     build_s: float
 
 
-class ExpectedErrors(Output):
+class ExpectedErrorsJson(Output):
     """Largest measured relative error of each quantity that was asked for."""
 
     force: NotRequired[Ratio]
@@ -848,7 +848,7 @@ class ExpectedErrors(Output):
     ep1: NotRequired[Ratio]
 
 
-class ExpectedCost(Output):
+class ExpectedCostJson(Output):
     """Measured cost."""
 
     from_nothing_s: float
@@ -856,7 +856,7 @@ class ExpectedCost(Output):
     memory_mb: float
 
 
-class Choice(Output):
+class ChoiceJson(Output):
     """How the model was chosen; a model that was named has no more than the first three keys."""
 
     level: Level | None
@@ -867,11 +867,11 @@ class Choice(Output):
     mesh: NotRequired[dict[Key, Setting]]
     """Table [finger.mesh] of the configuration."""
     patch_mm: NotRequired[Range]
-    expected_error: NotRequired[ExpectedErrors]
-    expected_cost: NotRequired[ExpectedCost]
+    expected_error: NotRequired[ExpectedErrorsJson]
+    expected_cost: NotRequired[ExpectedCostJson]
 
 
-class Deflection(Output):
+class DeflectionJson(Output):
     """Measured skin deflection beside the model's."""
 
     points: int
@@ -884,7 +884,7 @@ class Deflection(Output):
     model_mm: list[float | None]
 
 
-class Indent(Output):
+class IndentJson(Output):
     """An indentation. A section without --length-mm has its force per mm only; a point load has no depth."""
 
     force_n: float | None
@@ -893,18 +893,18 @@ class Indent(Output):
     effective_length_mm: NotRequired[float | None]
     doi_mm: float | None
     peak_pressure_pseudo: float | None
-    small_strain: NotRequired[SmallStrain]
-    path: NotRequired[LoadingPath]
+    small_strain: NotRequired[SmallStrainJson]
+    path: NotRequired[LoadingPathJson]
     contact_regions_mm: list[Range]
-    pressure: PressureProfile
-    receptors: Receptors
-    solver: Solver
-    choice: Choice
-    deflection: NotRequired[Deflection]
+    pressure: PressureProfileJson
+    receptors: ReceptorsJson
+    solver: SolverJson
+    choice: ChoiceJson
+    deflection: NotRequired[DeflectionJson]
     code: NotRequired[Code]
 
 
-class Study(Output):
+class StudyJson(Output):
     """A parameter study."""
 
     table: File
@@ -917,7 +917,7 @@ class Study(Output):
     wall_s: float
 
 
-class Skin(Output):
+class SkinJson(Output):
     """The skin that was fitted."""
 
     source: Literal["points", "published points", "sections"]
@@ -927,7 +927,7 @@ class Skin(Output):
     worst_point_mm: NotRequired[list[float]]
 
 
-class Apex(Output):
+class ApexJson(Output):
     """The highest point of the skin."""
 
     position_mm: list[float]
@@ -935,7 +935,7 @@ class Apex(Output):
     axial_radius_mm: float | None
 
 
-class Layer(Output):
+class LayerJson(Output):
     """A layer under the apex; E over that of the epidermis."""
 
     name: Annotated[str, Field(json_schema_extra={"enum": list(LAYERS)})]
@@ -944,7 +944,7 @@ class Layer(Output):
     e_ratio: Ratio
 
 
-class MeshQuality(Output):
+class MeshQualityJson(Output):
     """Quality of the mesh and where it is worst."""
 
     folded: int
@@ -955,27 +955,27 @@ class MeshQuality(Output):
     largest_aspect_ratio_at_mm: list[float]
 
 
-class Finger(Output):
+class FingerJson(Output):
     """The finger of a configuration."""
 
-    skin: Skin
-    apex: Apex
-    layers: list[Layer]
+    skin: SkinJson
+    apex: ApexJson
+    layers: list[LayerJson]
     nodes: int
     elements: int
     patch_nodes: int
     receptor_plane_mm: float
-    quality: MeshQuality
+    quality: MeshQualityJson
 
 
-class ServedPorts(Output):
+class ServedPortsJson(Output):
     """Ports of the virtual devices."""
 
     stage: NotRequired[Port]
     force: NotRequired[Port]
 
 
-class TrueParameter(Output):
+class TrueParameterJson(Output):
     """A parameter of a random finger, beside its 90 % band in a finger file."""
 
     name: Parameter
@@ -986,23 +986,23 @@ class TrueParameter(Output):
     inside: NotRequired[bool]
 
 
-class RandomFinger(Output):
+class RandomFingerJson(Output):
     """Parameters of a random finger."""
 
-    parameters: list[TrueParameter]
+    parameters: list[TrueParameterJson]
 
 
 # --- coding ---
 
 
-class SkinPressure(Output):
+class SkinPressureJson(Output):
     """Pressure at places along the skin."""
 
     place_mm: list[float]
     pseudo: list[float]
 
 
-class AgainstFiniteElements(Output):
+class AgainstFiniteElementsJson(Output):
     """Difference of the operator's SED from that of finite elements."""
 
     relative_l2: Ratio
@@ -1013,12 +1013,12 @@ class AgainstFiniteElements(Output):
 ReadingUnit = Literal["pseudo-unit", "impulses/s"]
 
 
-class Encode(Output):
+class EncodeJson(Output):
     """Receptor readings. Without a receptor, `rate` is the noisy SED."""
 
     operator: OperatorName
     energy: Energy
-    pressure: SkinPressure
+    pressure: SkinPressureJson
     receptor_mm: list[float]
     sed_pseudo: list[float]
     rate: list[float]
@@ -1027,11 +1027,11 @@ class Encode(Output):
     noise_sd: float
     noise_sd_unit: ReadingUnit
     noise_share_of_peak: Ratio
-    against_finite_elements: AgainstFiniteElements | None
-    small_strain: SmallStrain | None
+    against_finite_elements: AgainstFiniteElementsJson | None
+    small_strain: SmallStrainJson | None
 
 
-class DecodingErrors(Output):
+class DecodingErrorsJson(Output):
     """Errors against the true pressures."""
 
     eq_6_8: Ratio
@@ -1039,7 +1039,7 @@ class DecodingErrors(Output):
     rmse_over_peak: Ratio
 
 
-class ReadingNoise(Output):
+class ReadingNoiseJson(Output):
     """Noise of the readings, and the SED that the pressures leave unexplained."""
 
     sd: list[float] | None
@@ -1048,14 +1048,14 @@ class ReadingNoise(Output):
     left_of_sed_pseudo: float
 
 
-class PressureBand(Output):
+class PressureBandJson(Output):
     """90 % band of the pressures."""
 
     low_pseudo: list[float]
     high_pseudo: list[float]
 
 
-class FeltShape(Output):
+class FeltShapeJson(Output):
     """What touches the skin. size_mm: diameter, half a wavelength of a step, or width of a bar."""
 
     shape_class: SolidClass
@@ -1063,7 +1063,7 @@ class FeltShape(Output):
     extent_mm: Range
 
 
-class Decode(Output):
+class DecodeJson(Output):
     """Pressures from readings."""
 
     decoder: DecoderName
@@ -1073,25 +1073,25 @@ class Decode(Output):
     pressure_pseudo: list[float]
     pa_per_pseudo: float
     sd_pseudo: list[float] | None
-    band_90: PressureBand | None
+    band_90: PressureBandJson | None
     true_pseudo: list[float] | None
-    errors: DecodingErrors | None
+    errors: DecodingErrorsJson | None
     receptor_mm: list[float]
     reading: list[float]
     reading_unit: ReadingUnit
     explained_sed_pseudo: list[float]
     samples: int
-    noise: ReadingNoise
+    noise: ReadingNoiseJson
     range_pseudo: Range | None
     moves: int
     converged: bool
     problems_text: list[str]
-    felt: FeltShape | None
+    felt: FeltShapeJson | None
     axial: Shape | None
     search_ms: float
 
 
-class Spectra(Output):
+class SpectraJson(Output):
     """Amplitudes of h, g and f."""
 
     cycles_per_mm: list[float]
@@ -1101,7 +1101,7 @@ class Spectra(Output):
     f: list[float]
 
 
-class Opposite(Output):
+class OppositeJson(Output):
     """How nearly g is −h."""
 
     relative_l2: Ratio
@@ -1109,7 +1109,7 @@ class Opposite(Output):
     correlation: Ratio
 
 
-class Tails(Output):
+class TailsJson(Output):
     """Amplitude at the ends over the peak."""
 
     h: Ratio
@@ -1117,7 +1117,7 @@ class Tails(Output):
     f: Ratio
 
 
-class ShiftErrors(Output):
+class ShiftErrorsJson(Output):
     """Relative L2 error of shifting the responses."""
 
     place_mm: list[float]
@@ -1127,7 +1127,7 @@ class ShiftErrors(Output):
     sed: list[Ratio]
 
 
-class ImpulseResponses(Output):
+class ImpulseResponsesJson(Output):
     """Strains under one pseudo-unit on one sample."""
 
     place_mm: list[float]
@@ -1135,21 +1135,21 @@ class ImpulseResponses(Output):
     h: list[float]
     g: list[float]
     f: list[float]
-    spectra: Spectra
-    g_is_minus_h: Opposite
-    tails_over_peak: Tails
-    shift_errors_relative_l2: ShiftErrors
+    spectra: SpectraJson
+    g_is_minus_h: OppositeJson
+    tails_over_peak: TailsJson
+    shift_errors_relative_l2: ShiftErrorsJson
 
 
-class Impulse(Output):
+class ImpulseJson(Output):
     """Impulse responses in the skin's axes and in Cartesian ones."""
 
     energy: Energy
-    skin: ImpulseResponses
-    cartesian: ImpulseResponses
+    skin: ImpulseResponsesJson
+    cartesian: ImpulseResponsesJson
 
 
-class SampledSites(Output):
+class SampledSitesJson(Output):
     """The loads, and where receptors lie."""
 
     spacing_mm: float
@@ -1158,7 +1158,7 @@ class SampledSites(Output):
     force_gwt: float
 
 
-class PowerLaw(Output):
+class PowerLawJson(Output):
     """SED = A / r^m, r in mm. `a_pseudo`: SED at 1 mm."""
 
     a_pseudo: float
@@ -1167,7 +1167,7 @@ class PowerLaw(Output):
     r2: Ratio
 
 
-class PrintedLaw(Output):
+class PrintedLawJson(Output):
     """The law that the source prints; the unit of its A is not printed."""
 
     a: Ratio
@@ -1175,7 +1175,7 @@ class PrintedLaw(Output):
     r2: Ratio
 
 
-class Site(Output):
+class SiteJson(Output):
     """A site under a point load."""
 
     number: int
@@ -1183,14 +1183,14 @@ class Site(Output):
     z_mm: float
     on_pulp: bool
     receptors: int
-    linear: PowerLaw
-    logarithmic: PowerLaw
+    linear: PowerLawJson
+    logarithmic: PowerLawJson
     by_azimuth: list[Ratio | None]
     moved_response_relative_l2: Ratio
-    printed: PrintedLaw
+    printed: PrintedLawJson
 
 
-class MeanLaw(Output):
+class MeanLawJson(Output):
     """Means over sites, and standard deviations over the means."""
 
     a_pseudo: float
@@ -1199,7 +1199,7 @@ class MeanLaw(Output):
     m_spread: Ratio
 
 
-class MeanPrintedLaw(Output):
+class MeanPrintedLawJson(Output):
     """Means of the printed laws."""
 
     a: Ratio
@@ -1208,28 +1208,28 @@ class MeanPrintedLaw(Output):
     m_spread: Ratio
 
 
-class MeanLaws(Output):
+class MeanLawsJson(Output):
     """Laws over the sites."""
 
-    linear: MeanLaw
-    logarithmic: MeanLaw
-    printed: MeanPrintedLaw
+    linear: MeanLawJson
+    logarithmic: MeanLawJson
+    printed: MeanPrintedLawJson
 
 
-class ShiftInvariance(Output):
+class ShiftInvarianceJson(Output):
     """Decay of SED around point loads. common_factor: from `a_pseudo` to the printed A."""
 
-    sampled: SampledSites
+    sampled: SampledSitesJson
     common_factor: Ratio
-    sites: list[Site]
-    pulp: MeanLaws
-    all: MeanLaws
+    sites: list[SiteJson]
+    pulp: MeanLawsJson
+    all: MeanLawsJson
 
 
 # --- bench ---
 
 
-class Homed(Contact):
+class HomedJson(ContactJson):
     """Position after homing, in machine coordinates, and contact."""
 
     state: Name
@@ -1238,22 +1238,22 @@ class Homed(Contact):
     z_mm: float
 
 
-class Zeroed(Output):
+class ZeroedJson(Output):
     """The force sensor after zeroing."""
 
     identity: Name
     force_n: float
 
 
-class Status(Output):
+class StatusJson(Output):
     """Both devices, and contact on record."""
 
-    stage: StageLook
-    force: ForceLook
-    contact: Contact
+    stage: StageLookJson
+    force: ForceLookJson
+    contact: ContactJson
 
 
-class Stopped(Output):
+class StoppedJson(Output):
     """A stop that was sent. state: as the controller names it; null where it has not answered."""
 
     stopped: list[Port]
@@ -1262,7 +1262,7 @@ class Stopped(Output):
     state: Name | None
 
 
-class NotStopped(Output):
+class NotStoppedJson(Output):
     """A stop that was not sent, or not confirmed."""
 
     error_text: str
@@ -1273,7 +1273,7 @@ class NotStopped(Output):
     state: NotRequired[Name | None]
 
 
-class Jogged(Homed):
+class JoggedJson(HomedJson):
     """Position after a manual move."""
 
     ended_by_text: str | None
@@ -1281,7 +1281,7 @@ class Jogged(Homed):
     code: NotRequired[Code]
 
 
-class Calibration(Output):
+class CalibrationJson(Output):
     """A calibration; `toml` is for the configuration."""
 
     name: Literal["x_steps_per_mm", "y_steps_per_mm", "z_steps_per_mm", "force_scale", "compliance_mm_per_n"]
@@ -1294,7 +1294,7 @@ class Calibration(Output):
 # --- system ---
 
 
-class BenchmarkRow(Output):
+class BenchmarkRowJson(Output):
     """Error and cost of a model. build_s: of the model and its first answer."""
 
     model: ModelName
@@ -1310,15 +1310,15 @@ class BenchmarkRow(Output):
     memory_mb: float
 
 
-class Benchmark(Output):
+class BenchmarkJson(Output):
     """All models on this machine."""
 
-    rows: list[BenchmarkRow]
+    rows: list[BenchmarkRowJson]
     page: File
     reference_s: float
 
 
-class CacheEntry(Output):
+class CacheEntryJson(Output):
     """A cached result."""
 
     name: Name
@@ -1327,18 +1327,18 @@ class CacheEntry(Output):
     read_utc: Time
 
 
-class Cache(Output):
+class CacheJson(Output):
     """Cached results."""
 
     folder: File
-    entries: list[CacheEntry]
+    entries: list[CacheEntryJson]
     bytes: int
     limit_gb: float
     removed: int
     removed_bytes: int
 
 
-class ConfigKey(Output):
+class ConfigKeyJson(Output):
     """A key of the configuration; value and default are null where it is not set."""
 
     key: Name
@@ -1349,34 +1349,34 @@ class ConfigKey(Output):
     what_text: str
 
 
-class Configuration(Output):
+class ConfigurationJson(Output):
     """Keys of the configuration."""
 
-    keys: list[ConfigKey]
+    keys: list[ConfigKeyJson]
 
 
-class SerialPort(Output):
+class SerialPortJson(Output):
     """A serial port of this machine."""
 
     port: Port
     description_text: str
 
 
-class Configured(Output):
+class ConfiguredJson(Output):
     """A configured device."""
 
     kind: Name
     ports: list[Port]
 
 
-class ConfiguredDevices(Output):
+class ConfiguredDevicesJson(Output):
     """The configured devices."""
 
-    stage: Configured
-    force: Configured
+    stage: ConfiguredJson
+    force: ConfiguredJson
 
 
-class DeviceKind(Output):
+class DeviceKindJson(Output):
     """A kind of device. package: where it comes from; null if built in."""
 
     kind: Name
@@ -1384,7 +1384,7 @@ class DeviceKind(Output):
     package: Name | None
 
 
-class CalibrationOnRecord(Output):
+class CalibrationOnRecordJson(Output):
     """A calibration of the configuration."""
 
     name: Name
@@ -1394,7 +1394,7 @@ class CalibrationOnRecord(Output):
     expired: bool
 
 
-class CacheSize(Output):
+class CacheSizeJson(Output):
     """Size of the cache."""
 
     folder: File
@@ -1403,77 +1403,77 @@ class CacheSize(Output):
     bytes: int
 
 
-class Doctor(Output):
+class DoctorJson(Output):
     """This installation; with --config also what answers on the ports."""
 
     python: Name
     system: Name
     machine: Name
     cores: int
-    versions: list[Package]
-    ports: list[SerialPort]
-    configured: ConfiguredDevices
-    devices: list[DeviceKind]
+    versions: list[PackageJson]
+    ports: list[SerialPortJson]
+    configured: ConfiguredDevicesJson
+    devices: list[DeviceKindJson]
     limits: dict[Key, Setting]
     """Table [limits] of the configuration."""
     solver: Literal["mkl_pardiso", "nested_dissection"]
-    cache: CacheSize
+    cache: CacheSizeJson
     protocols: list[Name]
     problems_text: NotRequired[list[str]]
-    stage: NotRequired[StageLook]
-    force: NotRequired[ForceLook]
-    calibrated: NotRequired[list[CalibrationOnRecord]]
-    contact: NotRequired[Contact]
+    stage: NotRequired[StageLookJson]
+    force: NotRequired[ForceLookJson]
+    calibrated: NotRequired[list[CalibrationOnRecordJson]]
+    contact: NotRequired[ContactJson]
     last_run_text: NotRequired[str]
 
 
-class BugReport(Output):
+class BugReportJson(Output):
     """A file for a bug report."""
 
     bundle: File
-    holds: list[FileSize]
+    holds: list[FileSizeJson]
     left_out_text: list[str]
 
 
 OUTPUTS: Mapping[str, tuple[Any, ...]] = {
-    "dry-run": (FinishedRun,),
-    "run": (FinishedRun,),
-    "meet": (Identification,),
-    "check": (Check,),
-    "resume": (FinishedRun,),
-    "compare": (Compare,),
-    "runs": (Runs,),
-    "show": (Show, Columns),
-    "watch": (Watch,),
-    "panel": (Panel,),
-    "export": (Export,),
-    "study": (Study,),
-    "indent": (Indent,),
-    "impulse": (Impulse,),
-    "shift-invariance": (ShiftInvariance,),
-    "encode": (Encode,),
-    "decode": (Decode,),
-    "finger": (Finger,),
-    "find": (Find,),
-    "serve": (ServedPorts, RandomFinger),
-    "stranger": (RandomFinger,),
-    "home": (Homed,),
-    "zero": (Zeroed,),
-    "status": (Status,),
-    "stop": (Stopped, NotStopped),
-    "jog": (Jogged,),
-    "calibrate": (Calibration,),
-    "bench": (Benchmark,),
-    "cache": (Cache,),
-    "config": (Configuration,),
-    "doctor": (Doctor, BugReport),
+    "dry-run": (FinishedRunJson,),
+    "run": (FinishedRunJson,),
+    "meet": (IdentificationJson,),
+    "check": (CheckJson,),
+    "resume": (FinishedRunJson,),
+    "compare": (CompareJson,),
+    "runs": (RunsJson,),
+    "show": (ShowJson, ColumnsJson),
+    "watch": (WatchJson,),
+    "panel": (PanelJson,),
+    "export": (ExportJson,),
+    "study": (StudyJson,),
+    "indent": (IndentJson,),
+    "impulse": (ImpulseJson,),
+    "shift-invariance": (ShiftInvarianceJson,),
+    "encode": (EncodeJson,),
+    "decode": (DecodeJson,),
+    "finger": (FingerJson,),
+    "find": (FindJson,),
+    "serve": (ServedPortsJson, RandomFingerJson),
+    "stranger": (RandomFingerJson,),
+    "home": (HomedJson,),
+    "zero": (ZeroedJson,),
+    "status": (StatusJson,),
+    "stop": (StoppedJson, NotStoppedJson),
+    "jog": (JoggedJson,),
+    "calibrate": (CalibrationJson,),
+    "bench": (BenchmarkJson,),
+    "cache": (CacheJson,),
+    "config": (ConfigurationJson,),
+    "doctor": (DoctorJson, BugReportJson),
 }
 """What a command with --json prints if it ends in a result; any of them may print a Failure instead."""
 
 
 def schema_of(command: str) -> dict[str, Any]:
     """Return the JSON schema (2020-12) of all that a command prints with `--json`."""
-    found = TypeAdapter(Union[(*OUTPUTS[command], Failure)]).json_schema()
+    found = TypeAdapter(Union[(*OUTPUTS[command], FailureJson)]).json_schema()
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": f"rig {command} --json"} | _plain(
         found
     )
