@@ -49,10 +49,16 @@ def _generated(app: Any) -> None:
     """What is read off the program itself."""
     from columns_page import columns_page
     from commands_page import commands_page
+    from interface_page import device_interface_page, settings_page
+    from json_page import json_page, write_schemas
     from names_page import names_page
 
     (HERE / "columns.md").write_text(columns_page(), encoding="utf-8")
     (HERE / "commands.md").write_text(commands_page(), encoding="utf-8")
+    (HERE / "device_interface.md").write_text(device_interface_page(), encoding="utf-8")
+    (HERE / "json_output.md").write_text(json_page(), encoding="utf-8")
+    write_schemas(HERE / "json_schemas")
+    (HERE / "settings.md").write_text(settings_page(), encoding="utf-8")
     (HERE / "python_names.md").write_text(names_page(), encoding="utf-8")
     (HERE / "studies.md").write_text(studies_page(), encoding="utf-8")
 

@@ -25,10 +25,13 @@ def public(door: str) -> list[str]:
 
 def names_page() -> str:
     """Every public name with its docstring."""
-    return _HEAD + "".join(f"\n## `{door}`\n" + "".join(_one(door, name) for name in public(door)) for door in DOORS)
+    return _HEAD + "".join(
+        f"\n## `{door}`\n" + "".join(one_name(door, name) for name in public(door)) for door in DOORS
+    )
 
 
-def _one(door: str, name: str) -> str:
+def one_name(door: str, name: str) -> str:
+    """Return a public name with its docstring."""
     if name in _OTHERS:
         return f"\n`{name}`\n: {_OTHERS[name]}\n"
     found = getattr(import_module(door), name)

@@ -394,7 +394,7 @@ WHOLE = (
 
 
 def rows(measured: Iterable[Measured], reference: ReferenceValues) -> Iterator[dict[str, Any]]:
-    """One for each scene and quantity; `seconds` from nothing to the answer, `error` relative."""
+    """One for each scene and quantity; `total_s` from nothing to the answer, `error` relative."""
     for found in measured:
         for scene, answer in found.answers.items():
             for quantity in QUANTITIES:
@@ -409,7 +409,7 @@ def rows(measured: Iterable[Measured], reference: ReferenceValues) -> Iterator[d
                     "family": scene.family,
                     "quantity": quantity,
                     "error": reference.error(scene, quantity, answer),
-                    "seconds": found.build_s + answer.seconds,
+                    "total_s": found.build_s + answer.seconds,
                     "contact_s": answer.seconds,
                     "memory_mb": found.memory_mb,
                 }

@@ -423,7 +423,7 @@ class Choice:
         return {
             "level": self.level,
             "promised_error": self.promised,
-            "why": self.why,
+            "why_text": self.why,
             "tolerance": self.aim.tolerance,
             "outputs": ["force", "contact", *(["receptors"] if self.aim.receptors else [])],
             "mesh": self.mesh.model_dump(mode="json", exclude_defaults=True),

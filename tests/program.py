@@ -4,13 +4,32 @@ import io
 import json
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cache
 from typing import Any, NoReturn
 
 import pytest
+from jsonschema import Draft202012Validator
+from jsonschema.exceptions import best_match
+from pydantic import TypeAdapter
 
 from rig.cli import main
+from rig.cli.json_output import OUTPUTS, FailureJson, schema_of
 from rig.cli.output import THE_FINGER
+
+
+@cache
+def _schema(command: str) -> Draft202012Validator:
+    found = schema_of(command) if command in OUTPUTS else TypeAdapter(FailureJson).json_schema()
+    Draft202012Validator.check_schema(found)
+    return Draft202012Validator(found)
+
+
+def as_in_its_schema(command: str, found: Any) -> Any:
+    """What a command printed with --json, held against its schema; of one that there is not only a failure."""
+    wrong = best_match(_schema(command).iter_errors(found))
+    assert wrong is None, f"rig {command}: {wrong.json_path}: {wrong.message}"
+    return found
 
 
 def _no_constant(name: str) -> NoReturn:
@@ -24,12 +43,13 @@ class Ended:
     code: int
     out: str
     err: str
+    command: str = field(default="", compare=False)
 
     @property
     def json(self) -> Any:
-        """Standard output, which must be one object, on one line, and nothing else."""
+        """Standard output, which must be one object as the command's schema says, on one line, and nothing else."""
         assert self.out.count("\n") == 1, self.err
-        return json.loads(self.out, parse_constant=_no_constant)
+        return as_in_its_schema(self.command, json.loads(self.out, parse_constant=_no_constant))
 
     @property
     def complaint(self) -> str:
@@ -43,7 +63,7 @@ class Ended:
     def error_code(self) -> str:
         """The code of what failed with --json, which says the same as the one line on standard error."""
         told = self.json
-        assert (told["error"], told["exit_code"]) == (self.complaint, self.code)
+        assert (told["error_text"], told["exit_code"]) == (self.complaint, self.code)
         return str(told["code"])
 
 
@@ -76,6 +96,6 @@ def program_of(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[st
         with pytest.raises(SystemExit) as caught:
             main()
         printed = capsys.readouterr()
-        return Ended(int(caught.value.code or 0), printed.out, printed.err)
+        return Ended(int(caught.value.code or 0), printed.out, printed.err, str(next(iter(arguments), "")))
 
     return run

@@ -14,14 +14,19 @@ from tests.waiting import DEADLINE_S
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
-GENERATED = ("columns.md", "commands.md", "python_names.md", "studies.md")
+GENERATED = (
+    *("columns.md", "commands.md", "device_interface.md", "json_output.md"),
+    *("python_names.md", "settings.md", "studies.md"),
+)
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     pytest.importorskip("sphinx", reason="needs Sphinx: pip install -e '.[dev]'")
     folder = tmp_path_factory.mktemp("site")
-    shutil.copytree(DOCS, folder / "docs", ignore=shutil.ignore_patterns(*GENERATED, "__pycache__", "gallery"))
+    shutil.copytree(
+        DOCS, folder / "docs", ignore=shutil.ignore_patterns(*GENERATED, "__pycache__", "gallery", "json_schemas")
+    )
     for name in ("examples/gallery", "studies/results"):
         shutil.copytree(ROOT / name, folder / name)
     # tests/test_gallery.py runs the scripts of the gallery

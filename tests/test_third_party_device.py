@@ -91,7 +91,7 @@ def test_it_is_pressed_with_like_a_built_in_sensor(folder: Path, finger: Fingert
 
 def test_doctor_and_serve_know_it(folder: Path) -> None:
     told = json.loads(_rig(folder, "doctor", "--json").stdout)
-    assert told["devices"]["force"] == "mtsics laumas line_scale (rig-line-scale 0.1.0)"
+    assert told["devices"][-1] == {"kind": "line_scale", "role": "force", "package": "rig-line-scale 0.1.0"}
     assert "line_scale" in _rig(folder, "serve", "--help").stdout
     refused = _rig(folder, "serve", "--force", "scale")
     assert refused.returncode == 2

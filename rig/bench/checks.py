@@ -121,23 +121,40 @@ def look(settings: Config, *, closely: bool = False) -> dict[str, dict[str, Any]
     closely: also identify a stage at rest, and compare its settings with the configuration.
     """
     stage, force = settings.stage, settings.force
-    ports = " and ".join(stage_ports(stage))
     return {
-        "stage": {"kind": stage.kind, "port": ports, **_look_at_stage(settings, closely=closely)},
-        "force": {"kind": force.kind, "port": force.port, **_look_at_force(settings)},
+        "stage": {"kind": stage.kind, "ports": list(stage_ports(stage)), **_look_at_stage(settings, closely=closely)},
+        "force": {"kind": force.kind, "ports": [force.port], **_look_at_force(settings)},
     }
 
 
 def contact(settings: Config) -> dict[str, Any]:
     """Return the recorded state of contact."""
     known = BenchMemory(settings).read().contact
-    return {"words": "nothing on record"} if known is None else known.as_json()
+    if known is None:
+        nothing = dict.fromkeys(("contact", "may_touch", "force_gwt"))
+        return {**nothing, "where_text": "nothing on record", "to_do_text": None}
+    return known.as_json()
 
 
 def in_one_line(found: dict[str, Any]) -> str:
     """Format a state for the terminal: its sentences, or else keys and values without codes."""
-    sentences = [str(found[key]) for key in ("words", "to_do") if found.get(key)]
-    return "; ".join(sentences) or ", ".join(f"{key} {value}" for key, value in found.items() if key != "code")
+    sentences = [str(found[key]) for key in ("where_text", "to_do_text") if found.get(key)]
+    return "; ".join(sentences) or ", ".join(
+        f"{titled(key)} {as_words(value)}" for key, value in found.items() if key != "code" and value is not None
+    )
+
+
+def titled(key: str) -> str:
+    """Return a key of JSON as the terminal shows it."""
+    return _TITLES.get(key, key.removesuffix("_text"))
+
+
+_TITLES = {"ports": "port", "since_utc": "since", "stop": "stopped by"}
+
+
+def as_words(value: Any) -> str:
+    """Format a value of JSON for the terminal."""
+    return " and ".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
 def position(at: StageStatus) -> dict[str, Any]:
@@ -156,7 +173,7 @@ def _look_at_stage(settings: Config, *, closely: bool) -> dict[str, Any]:
             if closely and found["state"] in _AT_REST:
                 found["identity"] = stage.connect()
     except (StageError, TransportError) as error:
-        found |= {"problem": str(error), "code": code_of(error)}
+        found |= {"problem_text": str(error), "code": code_of(error)}
     return found
 
 
@@ -170,9 +187,11 @@ def _look_at_force(settings: Config) -> dict[str, Any]:
             reading = force.read()
             return {"identity": name, "force_n": reading.force_n, "stable": reading.stable}
     except (ForceError, TransportError) as error:
-        return {"problem": str(error), "code": code_of(error)}
+        return {"problem_text": str(error), "code": code_of(error)}
 
 
 def _owned(owner: PortOwner) -> dict[str, Any]:
     """Return the owner of a port, by process id if known, and what it does."""
-    return {"owner": str(owner)} if owner.pid is None else {"owner": owner.pid, **at_work(owner.pid)}
+    if owner.pid is None:
+        return {"owner": None, "owner_text": str(owner)}
+    return {"owner": owner.pid, **at_work(owner.pid)}

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 from rich.live import Live
 
-from rig.bench.checks import contact, in_one_line, look, position
+from rig.bench.checks import contact, in_one_line, look, position, titled
 from rig.bench.real import PortError, RealBench, open_bench
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import ExitCode, complain, err, out, print_json, told_in_one_line
@@ -97,7 +97,7 @@ def status(config: ConfigOption, as_json: JsonOption = False) -> None:
         settings = load_config(config)
         found = look(settings)
         tell({**found, "contact": contact(settings)}, as_json=as_json)
-        problems = [device["problem"] for device in found.values() if "problem" in device]
+        problems = [device["problem_text"] for device in found.values() if "problem_text" in device]
         for problem in problems:
             complain(problem)
     raise typer.Exit(ExitCode.STOPPED if problems else ExitCode.DONE)
@@ -113,7 +113,7 @@ def tell(found: dict[str, Any], *, as_json: bool) -> None:
             continue
         if isinstance(value, dict):
             value = in_one_line(value)
-        out.print(f"{name:<12}{value}")
+        out.print(f"{titled(name):<12}{value}")
 
 
 @contextmanager

@@ -23,7 +23,7 @@ from rig.devices.make_drivers import open_force
 from rig.engine import Engine, verbs
 from rig.engine.reference import Compliance, measure_compliance
 from rig.errors import BadInputError
-from rig.plan.config import Config, load_config
+from rig.plan.config import Config, load_config, unit
 from rig.protocol.check import refuse_approach, refuse_place
 from rig.session.script_run import stopped_at_once
 from rig.session.stop_button import key_interrupting
@@ -158,7 +158,7 @@ def _asked(question: str) -> float:
 def _tell(name: str, value: float, valid_days: int, *, as_json: bool, sd: float | None = None) -> None:
     table = as_table(name, value, valid_days, sd)
     if as_json:
-        print_json({"name": name, "value": value, "sd": sd, "toml": table})
+        print_json({"name": name, "value": value, "sd": sd, "unit": unit(name) or "1", "toml": table})
     else:
         out.print(
             f"add this to the configuration, and set it on the controller if the controller stores it:\n\n{table}"

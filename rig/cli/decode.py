@@ -33,7 +33,7 @@ from rig.plan.config import load_config
 from sim.coding.bayes import FittedReceptor
 from sim.coding.decoders_by_search import error_surface
 from sim.coding.decoding import CodingError
-from sim.coding.encoding import NOISE_PLACES, Noise, NoisePlace, Receptor
+from sim.coding.encoding import NOISE_PLACES, RATE_UNIT, SED_UNIT, Noise, NoisePlace, Receptor
 from sim.coding.operators import OPERATORS, ForwardOperator
 from sim.coding.readings_file import GivenReadings, pa_per_pseudo, read_readings
 from sim.coding.section import ENERGIES, HALF_LENGTH, SPACING_MM
@@ -175,33 +175,40 @@ def as_json_object(finger: FingertipConfig, found: DecodeResult) -> dict[str, An
     """Return arrays and numbers for JSON; unknown values are null."""
     seen, profile, errors = found.observation, found.profile, found.errors
     operator, noise = seen.operator, seen.noise
-    band = None if profile is None else dict(zip(("low", "high"), (v.tolist() for v in profile.band()), strict=True))
+    unit = SED_UNIT if seen.receptor is None else RATE_UNIT
+    band = (
+        None
+        if profile is None
+        else dict(zip(("low_pseudo", "high_pseudo"), (v.tolist() for v in profile.band()), strict=True))
+    )
     return {
         "operator": operator.name,
         "energy": operator.energy,
         "place_mm": operator.place_mm.tolist(),
-        "pressure": found.pressure.tolist(),
+        "pressure_pseudo": found.pressure.tolist(),
         "pa_per_pseudo": pa_per_pseudo(finger),
-        "sd": None if profile is None else profile.sd.tolist(),
+        "sd_pseudo": None if profile is None else profile.sd.tolist(),
         "band_90": band,
-        "true": None if seen.true is None else seen.true.tolist(),
+        "true_pseudo": None if seen.true is None else seen.true.tolist(),
         "errors": None if errors is None else errors._asdict(),
         "receptor_mm": operator.receptor_mm.tolist(),
         "reading": seen.reading.tolist(),
-        "explained_sed": operator.sed(found.pressure).tolist(),
+        "reading_unit": unit,
+        "explained_sed_pseudo": operator.sed(found.pressure).tolist(),
         "samples": len(seen.reading),
         "noise": {
             "sd": None if noise is None else noise.sd.tolist(),
-            "known": None if noise is None else noise.known,
-            "left_of_sed": found.left_of_sed,
+            "unit": unit,
+            "known_text": None if noise is None else noise.known,
+            "left_of_sed_pseudo": found.left_of_sed,
         },
-        "range": None if found.bounds is None else list(found.bounds),
+        "range_pseudo": None if found.bounds is None else list(found.bounds),
         "moves": max(0, len(found.path) - 1),
         "converged": found.converged,
-        "problems": list(found.problems),
+        "problems_text": list(found.problems),
         "felt": _felt(operator, found),
         "axial": seen.axial,
-        "ms": found.ms,
+        "search_ms": found.ms,
     }
 
 
@@ -245,7 +252,7 @@ def _felt(operator: ForwardOperator, found: DecodeResult) -> dict[str, Any] | No
     if not isinstance(operator, SheetOperator):
         return None
     felt = felt_solid(operator.skin, found.pressure)
-    return {"class": felt.name, "size_mm": felt.size_mm, "extent_mm": list(felt.extent_mm)}
+    return {"shape_class": felt.name, "size_mm": felt.size_mm, "extent_mm": list(felt.extent_mm)}
 
 
 def _map(operator: SheetOperator, found: DecodeResult) -> Table:

@@ -28,7 +28,7 @@ from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_
 from rig.cli.output import busy, err, out, print_json, say_now, told_in_one_line
 from rig.errors import BadInputError
 from rig.plan.config import load_config
-from sim.coding.encoding import NOISE_PLACES, Noise, Receptor
+from sim.coding.encoding import NOISE_PLACES, RATE_UNIT, SED_UNIT, Noise, NoisePlace, Receptor
 from sim.coding.operators import NAMES, OPERATORS, ImpulseResponses, ShiftErrors, impulse_responses, shift_errors
 from sim.coding.point_spread import HALF_WIDTH_MM, Judged, Mean, mean_over
 from sim.coding.point_spread import SPACING_MM as SITE_SPACING_MM
@@ -134,7 +134,7 @@ def encode_command(
         if picture is not None:
             _draw(found, picture)
         if as_json:
-            print_json(_as_json(found))
+            print_json(_as_json(found, receptor, at))
         else:
             _print(found, added)
 
@@ -147,17 +147,19 @@ def _draw(found: EncodeResult, picture: Path) -> None:
     write_picture(encoding_figure(Drawn(load.operator, load.pressure, found.encoded, load.true)), picture)
 
 
-def _as_json(found: EncodeResult) -> dict[str, Any]:
+def _as_json(found: EncodeResult, receptor: Receptor | None, at: NoisePlace) -> dict[str, Any]:
     load, encoded = found
     return {
         "operator": load.operator.name,
         "energy": load.operator.energy,
         "pressure": {"place_mm": load.operator.place_mm.tolist(), "pseudo": load.pressure.tolist()},
         "receptor_mm": load.operator.receptor_mm.tolist(),
-        "sed": encoded.sed.tolist(),
+        "sed_pseudo": encoded.sed.tolist(),
         "rate": encoded.rate.tolist(),
+        "rate_unit": SED_UNIT if receptor is None else RATE_UNIT,
         "samples": encoded.samples,
         "noise_sd": encoded.noise_sd,
+        "noise_sd_unit": SED_UNIT if receptor is None or at == "receptor" else RATE_UNIT,
         "noise_share_of_peak": encoded.share_of_peak,
         "against_finite_elements": load.missed,
         "small_strain": None if load.small_strain is None else load.small_strain.as_json(),
@@ -188,6 +190,7 @@ def _print(found: EncodeResult, added: Noise | None) -> None:
     out.print(table)
 
 
+STRAIN_UNIT = "1/pseudo-unit"
 _FARTHEST = 0.75  # of the half length: beyond, few receptors are left to compare
 Found = tuple[ImpulseResponses, ShiftErrors]
 
@@ -233,9 +236,11 @@ def _as_json_impulse(responses: ImpulseResponses, errors: ShiftErrors) -> dict[s
     frequency, amplitude = responses.spectra()
     return {
         "place_mm": responses.sampling.place_mm.tolist(),
+        "unit": STRAIN_UNIT,
         **{name: values.tolist() for name, values in zip(NAMES, responses.strain, strict=True)},
         "spectra": {
             "cycles_per_mm": frequency.tolist(),
+            "unit": STRAIN_UNIT,
             **{name: values.tolist() for name, values in zip(NAMES, amplitude, strict=True)},
         },
         "g_is_minus_h": responses.opposite._asdict(),
@@ -338,8 +343,8 @@ def _as_json_shift_invariance(found: AllSites, sampled: Sampled) -> dict[str, An
             {
                 **site.spread.site._asdict(),
                 "receptors": len(site.spread.sed),
-                "linear": site.linear._asdict(),
-                "logarithmic": site.logarithmic._asdict(),
+                "linear": _in_pseudo(site.linear._asdict()),
+                "logarithmic": _in_pseudo(site.logarithmic._asdict()),
                 "by_azimuth": [None if np.isnan(v) else v for v in site.spread.by_azimuth(site.linear).tolist()],
                 "moved_response_relative_l2": missed,
                 "printed": {"a": printed.a, "m": printed.m, "r2": printed.r2},
@@ -348,13 +353,17 @@ def _as_json_shift_invariance(found: AllSites, sampled: Sampled) -> dict[str, An
         ],
         **{
             where: {
-                "linear": mean_over(found.laws(where))._asdict(),
-                "logarithmic": mean_over(found.laws(where, "logarithmic"))._asdict(),
+                "linear": _in_pseudo(mean_over(found.laws(where))._asdict()),
+                "logarithmic": _in_pseudo(mean_over(found.laws(where, "logarithmic"))._asdict()),
                 "printed": mean_over(found.published(where))._asdict(),
             }
             for where in _WHERE
         },
     }
+
+
+def _in_pseudo(law: dict[str, float]) -> dict[str, float]:
+    return {"a_pseudo" if key == "a" else key: value for key, value in law.items()}
 
 
 def _print_shift_invariance(found: AllSites, sampled: Sampled) -> None:

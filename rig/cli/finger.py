@@ -59,10 +59,10 @@ def finger_command(
 def _skin(surface: FingertipSurface) -> dict[str, Any]:
     geometry, points = surface.geometry, surface.points_mm
     if not len(points):
-        return {"from": "sections", "count": len(geometry.sections), "residual_rms_mm": 0.0, "residual_max_mm": 0.0}
+        return {"source": "sections", "count": len(geometry.sections), "residual_rms_mm": 0.0, "residual_max_mm": 0.0}
     residual = surface.residuals_mm()
     return {
-        "from": "points" if geometry.points else "published points",
+        "source": "points" if geometry.points else "published points",
         "count": len(points),
         "residual_rms_mm": float(np.sqrt((residual**2).mean())),
         "residual_max_mm": float(residual.max()),
@@ -112,7 +112,7 @@ def _quality(quality: MeshQuality) -> dict[str, Any]:
 
 def _print(found: dict[str, Any]) -> None:
     skin, apex, quality = found["skin"], found["apex"], found["quality"]
-    out.print(f"skin     {skin['count']} {skin['from']}")
+    out.print(f"skin     {skin['count']} {skin['source']}")
     if "worst_point_mm" in skin:
         out.print(
             f"  residuals       rms {skin['residual_rms_mm']:.3f} mm, largest {skin['residual_max_mm']:.3f} mm "

@@ -38,7 +38,7 @@ from rig.identify.procedure import (
     PressReport,
     felt_surely,
 )
-from rig.plan.config import Config, load_config
+from rig.plan.config import Config, load_config, unit
 from rig.plan.plan import Plan, make_plan
 from rig.protocol.api import Rig
 from rig.protocol.script import Script, load_script
@@ -185,6 +185,55 @@ def said_at_the_end(done: FinishedRun, meeting: Meeting, to: object) -> dict[str
         ]
         said |= {"finger": str(to), "learned": learned, "forces": forces, "not learned": meeting.not_learned}
     return said | {"duration_s": round(done.duration_s, 1)}
+
+
+def _as_json(done: FinishedRun, meeting: Meeting, to: Path) -> dict[str, Any]:
+    """Return the same results as JSON; without a press there is neither a finger file nor a number."""
+    collapsed = {"code": "collapsed"} if meeting.learned.collapsed else {}
+    return {
+        "run": str(done.folder.path),
+        "finger": str(to) if meeting.given else None,
+        "presses": len(meeting.given),
+        "bench_s": done.duration_s,
+        "consistent": meeting.stranger is None and not meeting.learned.collapsed,
+        "parameters": _parameters(meeting) if meeting.given else [],
+        "predicted": _predicted(meeting) if meeting.given else [],
+        "problems_text": meeting.not_learned if meeting.given else [],
+        **collapsed,
+        **failure(done),
+    }
+
+
+def _parameters(meeting: Meeting) -> list[dict[str, Any]]:
+    names, draws = meeting.learned.prior.names, meeting.learned.draws
+    values = [np.exp(draws[:, k]) if named(name) != name else draws[:, k] for k, name in enumerate(names)]
+    bands = [np.quantile(column, ends()).tolist() for column in values]
+    return [
+        {
+            "name": named(name),
+            "unit": unit(named(name)) or "1",
+            "mean": float(column.mean()),
+            "sd": float(column.std(ddof=1)),
+            "low": low,
+            "high": high,
+        }
+        for name, column, (low, high) in zip(names, values, bands, strict=True)
+    ]
+
+
+def _predicted(meeting: Meeting) -> list[dict[str, Any]]:
+    return [
+        {
+            "shape": goal.indentor,
+            "x_mm": goal.x_mm,
+            "doi_mm": goal.doi_mm,
+            "force_gwt": width.middle,
+            "low": width.low,
+            "high": width.high,
+            "unit": "gwt",
+        }
+        for goal, width in zip(meeting.wanted.goals, meeting.widths, strict=True)
+    ]
 
 
 def _in_brackets(width: Width, unit: str = "") -> str:
@@ -344,8 +393,7 @@ def _written(done: FinishedRun, meeting: Meeting, settings: Config, to: Path, *,
         write_meeting_page(done.folder.path / MEETING_PAGE, met)
     done.folder.write_checksums()
     if as_json:
-        code = failure(done).get("code", "collapsed" if meeting.learned.collapsed else None)
-        print_json(({} if code is None else {"code": code}) | said_at_the_end(done, meeting, to))
+        print_json(_as_json(done, meeting, to))
         return
     for about, words in said_at_the_end(done, meeting, to).items():
         for line in words if isinstance(words, list) else [words]:

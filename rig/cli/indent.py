@@ -80,7 +80,7 @@ class Chosen:
 
     def described(self, answer: dict[str, Any]) -> dict[str, Any]:
         """The JSON of an indentation with how its model was chosen; a section's force is null without a length."""
-        asked_for = {"level": None, "promised_error": None, "why": self.why}
+        asked_for = {"level": None, "promised_error": None, "why_text": self.why}
         answer["choice"] = asked_for if self.choice is None else self.choice.as_json()
         if self.model == "section":
             answer["force_n_per_mm"], answer["effective_length_mm"] = answer["force_n"], self.length_mm

@@ -67,7 +67,7 @@ def command(
                 **position(moved.at),
                 **contact(settings),
                 "force_gwt": moved.force_gwt,
-                "ended_by": moved.ended_by,
+                "ended_by_text": moved.ended_by,
                 **({} if moved.problem is None else {"code": moved.problem.code}),
             },
             as_json=as_json,

@@ -186,9 +186,9 @@ def _end(seen: RunScreen) -> list[str]:
     found = read_run(seen.folder.path)
     about = alive(summary_of(found), seen.folder.path.parent)
     ending = ending_of(found, about.state) or {}
-    told = {name: ending.get(name) for name in ("reason", "words", "next", "resume")}
+    told = {name: ending.get(name) for name in ("reason_text", "where_text", "next_text", "resume")}
     lines = [named("state", f"{about.state}, {about.done} of {about.planned} indentations")]
-    names = {"reason": "because", "words": "where"}
+    names = {"reason_text": "because", "where_text": "where", "next_text": "next"}
     return lines + [named(names.get(name, name), words) for name, words in told.items() if words]
 
 
@@ -203,8 +203,8 @@ def _now(seen: RunScreen) -> dict[str, Any]:
         "done": about.done,
         "planned": about.planned,
         **newest,
-        "now": seen.now if goes_on else None,
-        "next": seen.next if goes_on else None,
+        "now_text": seen.now if goes_on else None,
+        "next_text": seen.next if goes_on else None,
         "left_s": seen.left_s if goes_on else None,
         "ending": ending_of(found, about.state),
     }

@@ -180,11 +180,11 @@ def fail(
     """
     ending = {} if beginning is None or beginning.begun else {"ending": _nothing_moved(message, exit_code)}
     if beginning is not None and ending and beginning.aloud and not as_json:
-        print(f"{'where':<8}{ending['ending']['words']}", file=sys.stderr)
+        print(f"{'where':<8}{ending['ending']['where_text']}", file=sys.stderr)
     line = complain(message)
     if as_json:
         with suppress(OSError):  # it may be standard output that failed
-            print_json({"error": line, "code": code, "exit_code": int(exit_code), **ending})
+            print_json({"error_text": line, "code": code, "exit_code": int(exit_code), **ending})
     sys.exit(exit_code)
 
 

@@ -110,7 +110,7 @@ def _tell(found: dict[str, Any]) -> None:
         f"{found['indentations']} indentations and {found['other_presses']} other presses in "
         f"{found['duration_s']:.0f} s, with {found['contact_s']:.0f} s of contact",
         f"peak {found['peak_force_gwt']:.4g} gwt, {found['peak_pressure_n_cm2']:.3g} N/cm²",
-        found["small_strain"]["note"],
+        found["small_strain"]["note_text"],
         f"soft trip {found['soft_trip_n']:.3g} N, hard trip {found['hard_trip_n']:.3g} N",
         f"remaining up to the limits: {left['force_gwt']:.3g} gwt, DOI {left['doi_mm']:.3g} mm, "
         f"{left['mean_pressure_n_cm2']:.3g} N/cm², {left['contact_s']:.0f} s of contact",

@@ -137,7 +137,7 @@ def _as_csv(found: Sequence[IndexEntry]) -> str:
 def _told_runs(found: Sequence[IndexEntry], broken: Sequence[Summary], table: Path | None) -> dict[str, object]:
     runs = [{name: value for name, value in asdict(one.summary).items() if name != "problem"} for one in found]
     told: dict[str, object] = {"runs": runs}
-    told["unreadable"] = [{"name": one.name, "problem": one.problem} for one in broken]
+    told["unreadable"] = [{"name": one.name, "problem_text": one.problem} for one in broken]
     return told if table is None else told | {"table": str(table), "holds": sum(len(one.rows) for one in found)}
 
 
@@ -165,7 +165,12 @@ def show_command(
 
 
 def _columns() -> dict[str, Any]:
-    return {"columns": [asdict(one) for one in dictionary.columns()]}
+    return {
+        "columns": [
+            {"table": one.table, "name": one.name, "unit": one.unit, "dtype": one.dtype, "what_text": one.what}
+            for one in dictionary.columns()
+        ]
+    }
 
 
 def _described(path: Path) -> dict[str, Any]:
@@ -182,7 +187,7 @@ def _told(run: Run) -> dict[str, Any]:
         "run": str(run.folder.path),
         "title": about.title,
         "protocol": about.protocol,
-        "source": str(run.start.get("source", "")),
+        "source_text": str(run.start.get("source", "")),
         "parameters": run.start.get("parameters", {}),
         "subject": about.subject or None,
         "began_utc": about.date_utc,
@@ -195,9 +200,12 @@ def _told(run: Run) -> dict[str, Any]:
         "presses": _presses(run),
         "limits": {**_limits(run), "soft_trip_of_the_plan_n": run.start.get("soft_trip_n")},
         "devices": made.get("devices", {}) | _identities(run),
-        "versions": {"python": made.get("python", _UNKNOWN), **made.get("versions", {})},
+        "versions": [{"package": "python", "version": made.get("python", _UNKNOWN)}]
+        + [{"package": name, "version": found} for name, found in made.get("versions", {}).items()],
         "model": made.get("model", {}),
-        "files": {name: (run.folder.path / name).stat().st_size for name in sorted(run.folder.files)},
+        "files": [
+            {"name": name, "bytes": (run.folder.path / name).stat().st_size} for name in sorted(run.folder.files)
+        ],
     }
 
 
@@ -220,7 +228,7 @@ def ending_of(run: Run, state: str) -> dict[str, Any] | None:
         return Ending.killed(run).as_json()
     at = FinalPosition(**run.stop["indentor"]) if "indentor" in run.stop else None
     words = None if at is None else at.words
-    return {"reason": run.stop.get("reason") or ENDED_EARLY, "words": words}
+    return {"reason_text": run.stop.get("reason") or ENDED_EARLY, "where_text": words}
 
 
 def _identities(run: Run) -> dict[str, str]:
@@ -249,23 +257,25 @@ def _kind(told: dict[str, Any], rows: list[dict[str, Any]]) -> dict[str, Any]:
 def _lines(told: dict[str, Any]) -> list[tuple[str, str]]:
     """Name and words of each line for people."""
     ending = {} if told["ending"] is None else {name: told["ending"].get(name) for name in _OF_AN_ENDING}
-    size = sum(told["files"].values()) / 1e6
+    size = sum(one["bytes"] for one in told["files"]) / 1e6
     return [
         ("run", told["run"]),
         ("what", f"{told['title']} ({told['protocol']}){', on the virtual bench' if told['virtual'] else ''}"),
-        ("source", told["source"] or "-"),
+        ("source", told["source_text"] or "-"),
         ("parameters", _pairs(told["parameters"])),
         ("subject", told["subject"] or "none"),
         ("began", f"{told['began_utc']}, {told['duration_s']:.0f} s"),
         ("state", f"{told['state']}, {told['done']} of {told['planned']} indentations"),
         *((_OF_AN_ENDING[name], str(words)) for name, words in ending.items() if words),
         *(("pressed" if n == 0 else "", _pressed(one)) for n, one in enumerate(told["presses"])),
-        *((name, _pairs(told[name])) for name in ("limits", "devices", "versions", "model")),
-        ("files", f"{len(told['files'])}, {size:.1f} MB: {', '.join(told['files'])}"),
+        *((name, _pairs(told[name])) for name in ("limits", "devices")),
+        ("versions", ", ".join(f"{one['package']} {one['version']}" for one in told["versions"])),
+        ("model", _pairs(told["model"])),
+        ("files", f"{len(told['files'])}, {size:.1f} MB: {', '.join(one['name'] for one in told['files'])}"),
     ]
 
 
-_OF_AN_ENDING = {"reason": "because", "words": "where", "next": "next", "resume": "resume"}
+_OF_AN_ENDING = {"reason_text": "because", "where_text": "where", "next_text": "next", "resume": "resume"}
 
 
 def _pressed(one: dict[str, Any]) -> str:

@@ -13,7 +13,7 @@ from rig.cli.output import ExitCode, complain, err, loading_the_finger, out, pri
 from rig.devices.registry import Room, names
 from rig.errors import BadInputError
 from rig.identify.random_finger import truth_of, with_stranger
-from rig.plan.config import Config, load_config
+from rig.plan.config import Config, load_config, unit
 from rig.plan.finger_file import Met, read_finger_file
 from sim.identification.prior import named, plain
 from sim.identification.uncertainty_bands import standard_deviations
@@ -169,26 +169,26 @@ def _reveal(seed: int, beside: Path | None, *, as_json: bool) -> None:
     with told_in_one_line(as_json=as_json):
         truth = truth_of(seed)
         met = None if beside is None else read_finger_file(beside).met
-        found = {named(name): _beside(name, value, met) for name, value in truth.items()}
+        found = [_beside(name, value, met) for name, value in truth.items()]
         if as_json:
-            print_json(found)
+            print_json({"parameters": found})
             return
-        for name, one in found.items():
-            out.print(f"{name:<14}{one['truth']:<8.3g}{_band(one)}")
+        for one in found:
+            out.print(f"{one['name']:<14}{one['truth']:<8.3g}{_band(one)}")
 
 
 def _beside(name: str, value: float, met: Met | None) -> dict[str, Any]:
     """Logarithms as what they are of."""
-    told: dict[str, Any] = {"truth": plain(name, value)}
+    told: dict[str, Any] = {"name": named(name), "unit": unit(named(name)) or "1", "truth": plain(name, value)}
     if met is None or name not in met.posterior.names:
         return told
     k = met.posterior.names.index(name)
     mean, sd = met.posterior.mean[k], math.sqrt(met.posterior.covariance[k][k])
     low, high = (mean + sign * standard_deviations() * sd for sign in (-1, 1))
-    return {**told, "low": plain(name, low), "high": plain(name, high), "in": low <= value <= high}
+    return {**told, "low": plain(name, low), "high": plain(name, high), "inside": low <= value <= high}
 
 
 def _band(one: dict[str, Any]) -> str:
     if "low" not in one:
         return ""
-    return f"  identified {one['low']:.3g} … {one['high']:.3g}{'' if one['in'] else '  !'}"
+    return f"  identified {one['low']:.3g} … {one['high']:.3g}{'' if one['inside'] else '  !'}"

@@ -29,7 +29,7 @@ def stop_command(config: ConfigOption, as_json: JsonOption = False) -> None:
     if not found.done:
         _fail(found.words, "not_confirmed" if found.sent else "not_sent", told, ExitCode.STOPPED, as_json=as_json)
     if as_json:
-        print_json({"stopped": " and ".join(found.ports), **told})
+        print_json({"stopped": list(found.ports), **told})
     else:
         out.print(found.words)
     for line in dict.fromkeys([*_still_there(found), *passed]):
@@ -39,7 +39,7 @@ def stop_command(config: ConfigOption, as_json: JsonOption = False) -> None:
 def _fail(words: str, code: str, told: dict[str, Any], exit_code: ExitCode, *, as_json: bool) -> None:
     print(words, file=sys.stderr)
     if as_json:
-        print_json({"error": words, "code": code, "exit_code": int(exit_code), **told})
+        print_json({"error_text": words, "code": code, "exit_code": int(exit_code), **told})
     raise typer.Exit(exit_code)
 
 

@@ -60,9 +60,9 @@ def command(
         seconds = time.perf_counter() - began
         if as_json:
             print_json({"table": str(table), "cases": len(cases), "rows": len(rows), "problems": problems,
-                        "small_strain": small, "interpolated": between,
-                        "interpolation": HOW_MADE if between else None,
-                        "seconds": seconds})  # fmt: skip
+                        "small_strain_text": small, "interpolated": between,
+                        "interpolation_text": HOW_MADE if between else None,
+                        "wall_s": seconds})  # fmt: skip
         else:
             out.print(f"{len(cases)} cases, {len(rows)} rows, {problems} without a result, {seconds:.1f} s\n{table}")
             if small:

@@ -3,7 +3,7 @@
 import os
 import platform
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
 from difflib import get_close_matches
@@ -15,13 +15,13 @@ from typing import Annotated, Any
 import typer
 from serial.tools import list_ports
 
-from rig.bench.checks import bench_problems, contact, in_one_line, look, today
+from rig.bench.checks import as_words, bench_problems, contact, in_one_line, look, today
 from rig.cli.options import FingerConfigOption, JsonOption, checked_file
 from rig.cli.output import err, out, print_json, told_in_one_line
 from rig.data.bug_report import LEFT_OUT, bug_report, bundle_name
 from rig.devices import registry
 from rig.errors import BadInputError
-from rig.plan.config import Config, Key, as_toml, keys, load_config
+from rig.plan.config import Config, Key, as_toml, keys, load_config, unit
 from rig.protocol.script import shipped_protocols
 from rig.report.benchmark_page import page
 from rig.session.resume import left_on_record
@@ -94,7 +94,7 @@ def _row(one: Key) -> str:
 
 def _described(one: Key) -> dict[str, object]:
     told = {"key": one.place, "value": one.value, "default": one.default}
-    return told | {"unit": one.unit, "allowed": one.allowed, "what": one.what}
+    return told | {"unit": one.unit, "allowed_text": one.allowed, "what_text": one.what}
 
 
 _ABOUT = {
@@ -166,6 +166,10 @@ def _megabytes(them: Sequence[CacheEntry]) -> str:
     return f"{_bytes(them) / 1e6:.1f} MB"
 
 
+_SOLVERS = {
+    "mkl_pardiso": "MKL PARDISO",
+    "nested_dissection": "nested dissection (portable; MKL PARDISO is not installed)",
+}
 _PACKAGES = ("indentation-rig", "numpy", "scipy", "h5py", "pydantic", "pyserial", "pymodbus", "matplotlib")
 
 
@@ -185,22 +189,20 @@ def doctor_command(
         if as_json:
             print_json(found)
             return
-        for name, value in found.items():
-            if isinstance(value, dict):
-                value = in_one_line(value) or "none"
-            elif isinstance(value, list):
-                value = ", ".join(str(v) for v in value) or "none"
-            out.print(f"{name:<12}{value}")
+        for name, value in (_lines(found) if bundle is None else _bundle_lines(found)).items():
+            out.print(f"{name:<12}{value or 'none'}")
 
 
 def _bundled(run: Path, settings: Config) -> dict[str, Any]:
     """Write the file for a bug report to the current folder, and return what it contains and leaves out."""
     here = _installation(settings)
-    told = {name: here[name] for name in ("python", "versions", "devices", "solver", "protocols")}
+    about = ("python", "system", "machine", "cores", "versions", "devices", "solver", "protocols")
+    told = {name: here[name] for name in about}
     to = Path(bundle_name(run))
     shipped = {path.name: path.read_bytes() for path in shipped_protocols().glob("*.py")}
     members = bug_report(run, to, told | {"problems": list(map(str, registry.problems()))}, shipped)
-    return {"bundle": str(to), "holds": members, "left out": list(LEFT_OUT)}
+    holds = [{"name": name, "bytes": size} for name, size in members.items()]
+    return {"bundle": str(to), "holds": holds, "left_out_text": list(LEFT_OUT)}
 
 
 def _examine(config: Path | None) -> dict[str, Any]:
@@ -208,20 +210,67 @@ def _examine(config: Path | None) -> dict[str, Any]:
     found = _installation(settings)
     broken = list(map(str, registry.problems()))
     if config is not None:
-        return found | {"problems": [*broken, *bench_problems(settings)]} | _bench(settings)
-    return found | ({"problems": broken} if broken else {})
+        return found | {"problems_text": [*broken, *bench_problems(settings)]} | _bench(settings)
+    return found | ({"problems_text": broken} if broken else {})
 
 
-def _kinds() -> dict[str, str]:
-    """Return the kinds of devices from packages, with their packages."""
-    added = registry.third_party()
+def _lines(found: Mapping[str, Any]) -> dict[str, str]:
+    """Return the same for people, by the name of the line."""
+    cache, bench = found["cache"], dict[str, str]()
+    for name in ("stage", "force", "contact"):
+        bench |= {name: in_one_line(found[name])} if name in found else {}
+    if "calibrated" in found:
+        bench["calibrated"] = ", ".join(map(_calibrated, found["calibrated"]))
+        bench["last run"] = found["last_run_text"]
+    if "problems_text" in found:
+        bench["problems"] = ", ".join(found["problems_text"])
     return {
-        kind.room: " ".join(
-            f"{name} ({added[f'{kind.room}.{name}']})" if name not in registry.BUILT_IN[kind.room] else name
-            for name in registry.names(kind.room)
-        )
-        for kind in registry.KINDS
+        "python": f"{found['python']} on {found['system']} {found['machine']}, {found['cores']} cores",
+        "versions": ", ".join(f"{one['package']} {one['version']}" for one in found["versions"]),
+        "ports": ", ".join(f"{one['port']} ({one['description_text']})" for one in found["ports"]),
+        "configured": ", ".join(
+            f"{room} {one['kind']} on {as_words(one['ports'])}" for room, one in found["configured"].items()
+        ),
+        "devices": ", ".join(f"{kind.room} {' '.join(_named_kinds(found, kind.room))}" for kind in registry.KINDS),
+        "limits": in_one_line(found["limits"]),
+        "solver": _SOLVERS[found["solver"]],
+        "cache": f"{cache['folder']}, {cache['models']} models, {cache['answers']} answers, "
+        f"{cache['bytes'] / 1e6:.0f} MB",
+        "protocols": ", ".join(found["protocols"]),
+        **bench,
     }
+
+
+def _bundle_lines(found: Mapping[str, Any]) -> dict[str, str]:
+    return {
+        "bundle": found["bundle"],
+        "holds": ", ".join(f"{one['name']} {one['bytes']}" for one in found["holds"]),
+        "left out": ", ".join(found["left_out_text"]),
+    }
+
+
+def _named_kinds(found: Mapping[str, Any], room: registry.Room) -> Iterator[str]:
+    for one in found["devices"]:
+        if one["role"] == room:
+            yield one["kind"] if one["package"] is None else f"{one['kind']} ({one['package']})"
+
+
+def _calibrated(one: Mapping[str, Any]) -> str:
+    return f"{one['name']} {one['value']:g}, {'expired' if one['expired'] else 'until'} {one['expires']}"
+
+
+def _kinds() -> list[dict[str, Any]]:
+    """Return the kinds of devices, with the packages that add them."""
+    added = registry.third_party()
+    return [
+        {
+            "kind": name,
+            "role": kind.room,
+            "package": None if name in registry.BUILT_IN[kind.room] else added[f"{kind.room}.{name}"],
+        }
+        for kind in registry.KINDS
+        for name in registry.names(kind.room)
+    ]
 
 
 def _bench(settings: Config) -> dict[str, Any]:
@@ -229,12 +278,18 @@ def _bench(settings: Config) -> dict[str, Any]:
     expired = settings.calibration.expired(today())
     left = left_on_record(Path("runs"), settings)
     return look(settings, closely=True) | {
-        "calibrated": {
-            name: f"{one.value:g}, {'expired' if name in expired else 'until'} {one.expires}"
+        "calibrated": [
+            {
+                "name": name,
+                "value": one.value,
+                "unit": unit(name) or "1",
+                "expires": one.expires.isoformat(),
+                "expired": name in expired,
+            }
             for name, one in settings.calibration.measured()
-        },
+        ],
         "contact": contact(settings),
-        "last run": left or "clear of the finger, according to the record",
+        "last_run_text": left or "clear of the finger, according to the record",
     }
 
 
@@ -243,19 +298,25 @@ def _installation(settings: Config) -> dict[str, Any]:
     stored = {kind: list(folder.glob(f"*.{kind}")) for kind in KINDS}
     size = sum(path.stat().st_size for paths in stored.values() for path in paths)
     return {
-        "python": f"{platform.python_version()} on {platform.system()} {platform.machine()}, {os.cpu_count()} cores",
-        "versions": {name: version(name) for name in _PACKAGES},
-        "ports": [f"{port.device} ({port.description})" for port in list_ports.comports()],
+        "python": platform.python_version(),
+        "system": platform.system(),
+        "machine": platform.machine(),
+        "cores": os.cpu_count(),
+        "versions": [{"package": name, "version": version(name)} for name in _PACKAGES],
+        "ports": [{"port": port.device, "description_text": port.description} for port in list_ports.comports()],
         "configured": {
-            "stage": f"{settings.stage.kind} on {settings.stage.port}",
-            "force": f"{settings.force.kind} on {settings.force.port}",
+            "stage": {"kind": settings.stage.kind, "ports": list(registry.stage_ports(settings.stage))},
+            "force": {"kind": settings.force.kind, "ports": [settings.force.port]},
         },
         "devices": _kinds(),
         "limits": settings.limits.model_dump(),
-        "solver": "MKL PARDISO"
-        if mkl_condensation.available()
-        else "nested dissection (portable; MKL PARDISO is not installed)",
-        "cache": f"{folder}, {len(stored['model'])} models, {len(stored['answers'])} answers, {size / 1e6:.0f} MB",
+        "solver": "mkl_pardiso" if mkl_condensation.available() else "nested_dissection",
+        "cache": {
+            "folder": str(folder),
+            "models": len(stored["model"]),
+            "answers": len(stored["answers"]),
+            "bytes": size,
+        },
         "protocols": [path.stem for path in sorted(shipped_protocols().glob("*.py"))],
     }
 

@@ -12,6 +12,7 @@ from rig.compare.exceptions import ComparisonError
 from rig.compare.verdict import LEVEL, six_digits
 from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
+from sim.models.pictures import unit_of
 
 Array = NDArray[np.float64]
 Range = tuple[float, float]
@@ -196,7 +197,7 @@ def places_as_json(found: Sequence[ReceptorLocation]) -> list[dict[str, Any]]:
             "x_range_mm": list(one.where.x_mm),
             "depth_range_mm": list(one.where.depth_mm),
             "offset_range_mm": list(one.asked.offset_mm) if one.with_offset else None,
-            "frame": one.frame,
+            "frame_text": one.frame,
             "rows": [_as_json(row, with_offset=one.with_offset) for row in one.rows],
         }
         for one in found
@@ -207,10 +208,11 @@ def _as_json(row: PlaceRow, *, with_offset: bool) -> dict[str, Any]:
     numbers = ("x_mm", "depth_mm", "offset_mm", "k", "eps0", "deviance", "lack_of_fit", "p_fit")
     return {
         "measure": row.measure,
+        "unit": unit_of(row.measure),
         **{name: six_digits(getattr(row, name)) for name in numbers},
-        "x_interval": [six_digits(x) for x in row.x_interval],
-        "depth_interval": [six_digits(x) for x in row.depth_interval],
-        "offset_interval": [six_digits(x) for x in row.offset_interval] if with_offset else None,
+        "x_interval_mm": [six_digits(x) for x in row.x_interval],
+        "depth_interval_mm": [six_digits(x) for x in row.depth_interval],
+        "offset_interval_mm": [six_digits(x) for x in row.offset_interval] if with_offset else None,
         "fits": row.fits,
         "at_bounds": list(row.at_bounds),
     }

@@ -1,7 +1,7 @@
 """A comparison as rows and as JSON: for `--json` and for the tables of the report."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,11 +13,13 @@ from rig.compare.intervals import ConfidenceLimits
 from rig.compare.judge import joint_limits
 from rig.compare.plausible_fingers import PlausibleFingers, fit_all_with_finger
 from rig.compare.shape_test import THRESHOLDS
-from rig.compare.stimuli import Stimulus
+from rig.compare.stimuli import CONTROLS, Stimulus
 from rig.compare.verdict import AfferentVerdict, Limits, PairRow, Together, six_digits
 from rig.compare.verdict_text import methods, sentence, sentences
+from rig.plan.config import unit
 from sim.measures.measures import MEASURES
 from sim.models.interpolation import HOW_MADE
+from sim.models.pictures import unit_of
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
@@ -26,14 +28,37 @@ Row = dict[str, Any]
 def as_json(comparison: Comparison, report: str) -> dict[str, Any]:
     """Return the JSON of `rig compare --json`; k and ε₀ are in the signs in which profiles are shown."""
     return {
+        "stimuli": [_stimulus(stimulus) for stimulus in comparison.stimuli],
         "rows": [row for stimulus in comparison.stimuli for row in _rows(comparison, stimulus)],
         "candidates": comparison.candidates(),
-        "candidates_by_condition": dict(comparison.candidates_by_condition()),
-        "collinear": dict(comparison.collinear()),
+        "candidates_by_condition": [
+            {"group": group, "measures": measures} for group, measures in comparison.candidates_by_condition()
+        ],
+        "collinear": [{"group": group, "sets": sets} for group, sets in comparison.collinear()],
         "joint": [row for one in comparison.joints for row in _joint_rows(one, best_pairs(one, one.explained))],
         "chance": [chance_row(joint) for joint in comparison.joints],
         "small_strain": comparison.small_strain.as_json(),
         "report": report,
+    }
+
+
+def measure_unit(name: str) -> str:
+    """The unit of a measure or control; a constant rate has none."""
+    return unit_of(name) if name in MEASURES else _CONTROL_UNITS.get(name, "")
+
+
+_CONTROL_UNITS = dict(zip(CONTROLS, ("pseudo-unit", "mm", "1/mm", "1"), strict=True))
+
+
+def _stimulus(stimulus: Stimulus) -> Row:
+    return {
+        "stimulus": stimulus.title,
+        "shape": stimulus.indentor,
+        "condition": stimulus.condition,
+        "target": stimulus.kind,
+        "value": stimulus.commanded,
+        "unit": unit(stimulus.kind),
+        "run": stimulus.run,
     }
 
 
@@ -47,6 +72,7 @@ def _rows(comparison: Comparison, stimulus: Stimulus) -> list[dict[str, Any]]:
             "shape": stimulus.indentor,
             "condition": stimulus.condition,
             "measure": measure,
+            "unit": unit_of(measure),
             "receptor_mm": round(float(x), 6),
             "shape_test": None if passed is None else bool(passed[m, k]),
             "r": number(overlay.r[m, k]) if overlay else None,
@@ -68,9 +94,12 @@ def fingers_as_json(comparison: Comparison) -> dict[str, Any]:
         return {}
     return {
         "fingers": {
-            "ranges": {name: list(limits) for name, limits in plausible.ranges.items()},
+            "ranges": [
+                {"name": name, "low": low, "high": high, "unit": unit(name) or "1"}
+                for name, (low, high) in plausible.ranges.items()
+            ],
             "built": 3 ** len(plausible.free),
-            "interpolation": HOW_MADE if comparison.interpolated else None,
+            "interpolation_text": HOW_MADE if comparison.interpolated else None,
             "joint": [row for joint in comparison.joints for row in _rows_with_finger(joint, plausible)],
         }
     }
@@ -99,9 +128,9 @@ def _rows_with_finger(joint: Joint, plausible: PlausibleFingers) -> list[Row]:
         {
             **_named(joint, pair),
             "r2": number(explained[pair]),
-            "best_finger": {name: round(value, 6) for name, value in plausible.values(place[pair]).items()},
+            "best_finger": named_values(plausible.values(place[pair])),
             **_line(fit, pair, on_all),
-            "on_this_finger": {name: given[name] for name in (*_LINE, "r2")},
+            "on_this_finger": {name: given[name] for name in ("unit", *_LINE, "r2")},
         }
         for pair, on_all, given in zip(pairs, limits, _joint_rows(joint, pairs), strict=True)
     ]
@@ -113,8 +142,14 @@ def _named(joint: Joint, pair: Pair) -> Row:
         "shapes": [overlay.stimulus.indentor for overlay in joint.overlays],
         "condition": stimulus.condition,
         "measure": MEASURES[pair[0]],
+        "unit": unit_of(MEASURES[pair[0]]),
         "receptor_mm": round(float(stimulus.receptor_mm[pair[1]]), 6),
     }
+
+
+def named_values(values: Mapping[str, float]) -> list[Row]:
+    """Parameters of a finger by their places in the configuration."""
+    return [{"name": name, "value": round(value, 6), "unit": unit(name) or "1"} for name, value in values.items()]
 
 
 _LINE = ("k", "k_interval", "eps0", "eps0_interval")
@@ -177,6 +212,7 @@ def answers_as_json(found: Sequence[AfferentVerdict]) -> list[dict[str, Any]]:
 
 def _as_json(answer: AfferentVerdict) -> dict[str, Any]:
     headline, following = answer.headline, answer.next
+    by_title = {row.title: row for row in answer.rows}
     return {
         "stimuli": list(answer.stimuli),
         "recordings": list(answer.recordings),
@@ -185,31 +221,43 @@ def _as_json(answer: AfferentVerdict) -> dict[str, Any]:
         "left_out": [{"stimulus": one.stimulus, "position_mm": list(one.position_mm)} for one in answer.left_out],
         "noise": answer.noise._asdict() | {"freedom": six_digits(answer.noise.freedom)},
         "outcome": answer.outcome,
-        "answer": sentence(answer),
-        "besides": sentences(answer),
-        "set": [row.title for row in answer.set],
-        "controls_in_set": [row.title for row in answer.controls_in_set],
-        "headline": headline.title if headline else None,
-        "next": following.title if following else None,
+        "answer_text": sentence(answer),
+        "besides_text": sentences(answer),
+        "set": [_pair(row) for row in answer.set],
+        "controls_in_set": [_pair(row) for row in answer.controls_in_set],
+        "headline": _pair(headline) if headline else None,
+        "next": _pair(following) if following else None,
         "next_is_worse_by": six_digits(answer.worse_by),
-        "ceiling": {"share": six_digits(answer.ceiling), "from": answer.ceiling_from},
-        "together": _together(answer.together),
+        "ceiling": {"share": six_digits(answer.ceiling), "source": answer.ceiling_from},
+        "together": _together(answer.together, measure_unit(answer.closest.name)),
         "power": {
             "detectable_misfit": six_digits(answer.power.detectable),
-            "mimics": [one._asdict() for one in answer.power.mimics],
+            "mimics": [
+                {
+                    "control": _pair(by_title[one.control]),
+                    "pair": _pair(by_title[one.pair]),
+                    "probability": one.probability,
+                }
+                for one in answer.power.mimics
+            ],
         },
-        "intervals": {name: _intervals(answer, name) for name in dict.fromkeys(row.name for row in answer.set)},
+        "intervals": [_intervals(answer, name) for name in dict.fromkeys(row.name for row in answer.set)],
         "rows": [_row(row) for row in answer.rows],
         "fingers": answer.fingers,
-        "methods": methods(answer),
+        "methods_text": methods(answer),
     }
+
+
+def _pair(row: PairRow) -> dict[str, Any]:
+    return {"measure": row.name, "receptor_mm": row.receptor_mm}
 
 
 def _row(row: PairRow) -> dict[str, Any]:
     numbers = ("k", "eps0", "saturation", "r", "r2", "deviance", "lack_of_fit", "p_fit", "p_set", "left_out")
     return {
-        "name": row.name,
+        "measure": row.name,
         "control": row.control,
+        "unit": measure_unit(row.name),
         "receptor_mm": row.receptor_mm,
         **{name: six_digits(getattr(row, name)) for name in numbers},
         "k_interval": _limits(row.k_interval),
@@ -217,19 +265,24 @@ def _row(row: PairRow) -> dict[str, Any]:
         "fits": row.fits,
         "in_set": row.in_set,
         "fires_unloaded": row.fires_unloaded,
-        "finger": row.finger,
+        "finger": None if row.finger is None else named_values(row.finger),
     }
 
 
 def _intervals(answer: AfferentVerdict, name: str) -> dict[str, Any]:
-    return {"k": _limits(answer.interval(name, "k")), "eps0": _limits(answer.interval(name, "eps0"))}
+    limits = {"k": _limits(answer.interval(name, "k")), "eps0": _limits(answer.interval(name, "eps0"))}
+    return {"measure": name, "unit": measure_unit(name), **limits}
 
 
-def _together(found: Together | None) -> dict[str, Any] | None:
+def _together(found: Together | None, unit: str) -> dict[str, Any] | None:
     if found is None:
         return None
     separate = [
-        {"stimulus": one.stimulus, **{name: six_digits(getattr(one, name)) for name in ("k", "eps0", "left_out")}}
+        {
+            "stimulus": one.stimulus,
+            "unit": unit,
+            **{name: six_digits(getattr(one, name)) for name in ("k", "eps0", "left_out")},
+        }
         for one in found.separate
     ]
     return {"ratio": six_digits(found.ratio), "p": six_digits(found.p), "separate": separate}

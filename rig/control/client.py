@@ -6,7 +6,7 @@ import stat
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from datetime import datetime
+from datetime import UTC, datetime
 from multiprocessing import AuthenticationError
 from pathlib import Path
 from typing import Any, Literal
@@ -187,8 +187,8 @@ def at_work(owner: int) -> dict[str, str]:
         found = None
     if found is None:
         return {}
-    since = datetime.fromtimestamp(found.began_unix_s).isoformat(" ", "seconds")
-    return {"does": f"{_what(found)}, {_state(found)}", "since": since, "stopped by": _stop(found)}
+    since = datetime.fromtimestamp(found.began_unix_s, UTC).isoformat(timespec="seconds")
+    return {"does_text": f"{_what(found)}, {_state(found)}", "since_utc": since, "stop": _stop(found)}
 
 
 def _what(owner: Announced) -> str:

@@ -97,8 +97,8 @@ class KnownContact:
 
     def as_json(self) -> dict[str, Any]:
         """Return the fields that commands print as JSON."""
-        return {"contact": self.kind, "may_touch": self.may_touch, "force_gwt": self.force_gwt, "words": self.words,
-                "to_do": self.to_do}  # fmt: skip
+        return {"contact": self.kind, "may_touch": self.may_touch, "force_gwt": self.force_gwt,
+                "where_text": self.words, "to_do_text": self.to_do}  # fmt: skip
 
     @property
     def _force(self) -> str:

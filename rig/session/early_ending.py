@@ -132,8 +132,8 @@ class Ending:
 
     def as_json(self) -> dict[str, Any]:
         """Numbers, and the same words."""
-        return {"reason": self.reason, "indentor": asdict(self.at), "words": self.at.words, "next": self.next,
-                "resume": self.resume}  # fmt: skip
+        return {"reason_text": self.reason, "indentor": asdict(self.at), "where_text": self.at.words,
+                "next_text": self.next, "resume": self.resume}  # fmt: skip
 
 
 def resume_line(folder: Path) -> str:

@@ -71,6 +71,7 @@ class Preflight:
             "x_mm": planned.x_mm,
             "target": planned.target.kind,
             "value": planned.target.value,
+            "unit": planned.target.kind.rpartition("_")[2],
             "increments": planned.increments,
             "hold_s": planned.hold_s,
             **_band(planned),

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.contact.patch import PatchNodes, X, Z
-from sim.measures.measures import MEASURES, measures_in_layers
+from sim.measures.measures import MEASURES, STRAINS, measures_in_layers
 from sim.measures.receptors import ReceptorSet
 
 if TYPE_CHECKING:
@@ -25,6 +25,11 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+
+def unit_of(measure: str) -> str:
+    """The unit of a measure; stresses are in that of E."""
+    return "1" if measure in STRAINS else "pseudo-unit³" if measure == "third" else "pseudo-unit"
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,11 +72,12 @@ class ModelOutline:
         """The 18 measures (n_receptors,) of (n_receptors, 6) strains; stresses in pseudo-units."""
         return measures_in_layers(strain, self.receptor_e, self.poisson)
 
-    def receptors_as_json(self, measures: dict[str, Array]) -> dict[str, list[float]]:
+    def receptors_as_json(self, measures: dict[str, Array]) -> dict[str, Any]:
         """What `rig indent --json` prints under `receptors`."""
         x_mm, _, z_mm = self.receptors.position_mm.T
         places = {"x_mm": x_mm, "depth_mm": self.receptors.depths_mm, "z_mm": z_mm}
-        return {name: values.tolist() for name, values in {**places, **measures}.items()}
+        lists = {name: values.tolist() for name, values in {**places, **measures}.items()}
+        return lists | {"unit": {name: unit_of(name) for name in measures}}
 
     def receptor_columns(self, measures: dict[str, Array]) -> dict[str, Array]:
         """Columns x_mm, depth_mm and the 18 measures, one row a receptor."""

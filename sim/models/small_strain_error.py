@@ -62,7 +62,7 @@ class SmallStrain:
 
     def as_json(self) -> dict[str, Any]:
         """For programs."""
-        return {"note": self.note, "force": self.force, "sed": self.sed}
+        return {"note_text": self.note, "force": self.force, "sed": self.sed}
 
 
 def small_strain(kind: str, doi_mm: float, stiffening: float = 0.0) -> SmallStrain:

@@ -47,9 +47,9 @@ def test_what_the_owner_of_a_port_does(
 ) -> None:
     announce(status, **more)
     told = at_work(os.getpid())
-    assert (told["does"], told["stopped by"]) == (does, stopped_by)
-    assert told["since"].startswith("2023-11-1")
-    assert len(told["since"]) == len("2023-11-14 22:13:20")
+    assert (told["does_text"], told["stop"]) == (does, stopped_by)
+    assert told["since_utc"].startswith("2023-11-1")
+    assert len(told["since_utc"]) == len("2023-11-14T22:13:20+00:00")
     assert at_work(os.getpid() + 1) == {}
 
 
@@ -78,6 +78,6 @@ def test_both_devices_name_it(announce: Any, program: Program, tmp_path: Path, c
             one.release()
     for device in ("stage", "force"):
         assert found[device]["owner"] == os.getpid()
-        assert found[device]["does"] == "run of steps, running"
+        assert found[device]["does_text"] == "run of steps, running"
     assert f"owner {os.getpid()}, does run of steps, running, since 20" in line
     assert line.count(f"stopped by rig stop --config {config}") == 2

@@ -6,7 +6,9 @@ import platform
 import shutil
 import sys
 import zipfile
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -75,17 +77,21 @@ def members(path: Path) -> dict[str, str]:
         return {name: archive.read(name).decode("utf-8") for name in archive.namelist()}
 
 
+def held(told: Mapping[str, Any]) -> set[str]:
+    return {one["name"] for one in told["holds"]}
+
+
 def test_nobody_and_no_machine_is_told_of(program: Program, run: Path) -> None:
     ended = program("doctor", "--bundle", run, "--json")
     told = ended.json
     assert told["bundle"] == "bug-report-20260301T101500-of_SUBJECT-1a2b3c.zip"
     found = members(Path(told["bundle"]))
-    assert told["holds"] == {name: len(text.encode("utf-8")) for name, text in found.items()}
+    assert told["holds"] == [{"name": name, "bytes": len(text.encode("utf-8"))} for name, text in found.items()]
     assert set(found) == {
         *("README.txt", "installation.json", "provenance.json", "config.toml", "events.jsonl", "bytes.jsonl"),
         *("timeline.json", "protocol.py"),
     }
-    assert told["left out"] == list(LEFT_OUT)
+    assert told["left_out_text"] == list(LEFT_OUT)
     assert all(words in found["README.txt"] for words in (*LEFT_OUT, *set(found) - {"README.txt"}))
     secret = (
         "Ada",
@@ -142,7 +148,9 @@ def test_what_a_bug_report_needs_is_there(program: Program, run: Path) -> None:
     assert found["config.toml"] == '[stage]\nport = "…/tty0"\n[force]\nport = "tcp://…:4001"\n'
     assert json.loads(found["provenance.json"])["versions"]["indentation-rig"] == "0.1.0"
     installed = json.loads(found["installation.json"])
-    assert set(installed) == {"python", "versions", "devices", "solver", "protocols", "problems"}
+    assert set(installed) == {
+        "python", "system", "machine", "cores", "versions", "devices", "solver", "protocols", "problems",
+    }  # fmt: skip
     assert "steps" in installed["protocols"]
 
 
@@ -163,7 +171,7 @@ def test_a_shipped_script_is_there_whole(run: Path, program: Program) -> None:
     (run / "protocol.py").write_bytes(content)
     told = program("doctor", "--bundle", run, "--json").json
     assert members(Path(told["bundle"]))["protocol_steps.py"].encode() == content
-    assert "protocol.py" not in told["holds"]
+    assert "protocol.py" not in held(told)
 
 
 @pytest.mark.parametrize("missing", ["events.jsonl", "provenance.json"])
@@ -171,12 +179,12 @@ def test_what_is_broken_is_bundled_as_far_as_it_goes(run: Path, program: Program
     (run / missing).unlink()
     (run / "protocol.py").write_text("def run(rig:\n  '''", encoding="utf-8")
     told = program("doctor", "--bundle", run, "--json").json
-    assert {missing, "protocol.py"}.isdisjoint(told["holds"])
+    assert {missing, "protocol.py"}.isdisjoint(held(told))
     (run / "provenance.json").write_text("[1]", encoding="utf-8")
     (run / "events.jsonl").write_bytes(b"\xff\xfe\n[]\n")
     (run / "protocol.py").unlink()
     told = program("doctor", "--bundle", run, "--json").json
-    assert {"provenance.json", "protocol.py"}.isdisjoint(told["holds"])
+    assert {"provenance.json", "protocol.py"}.isdisjoint(held(told))
     assert members(Path(told["bundle"]))["events.jsonl"] == '{"unreadable": 2}\n[]\n'
 
 

@@ -409,8 +409,13 @@ def test_doctor_tells_of_packages(
     with pytest.raises(SystemExit):
         main()
     told = json.loads(capsys.readouterr().out)
-    assert told["devices"] == {"stage": "grbl leadshine", "force": "mtsics laumas odd (odd 1.0)"}
-    assert told["problems"] == ["force.kind = 'odd': odd 1.0 cannot be used: ZeroDivisionError: division by zero"]
+    assert [(one["role"], one["kind"], one["package"]) for one in told["devices"]] == [
+        ("stage", "grbl", None), ("stage", "leadshine", None),
+        ("force", "mtsics", None), ("force", "laumas", None), ("force", "odd", "odd 1.0"),
+    ]  # fmt: skip
+    assert told["problems_text"] == [
+        "force.kind = 'odd': odd 1.0 cannot be used: ZeroDivisionError: division by zero"
+    ]
 
 
 # --- twins ---

@@ -111,7 +111,7 @@ def test_auto_says_what_it_chose_and_why(rig: Rig, tolerance: str, model: str) -
     assert answer["solver"]["model"] == model
     assert 0 < answer["choice"]["promised_error"] <= (0.6 if model == "halfspace" else 0.05)
     level = answer["choice"]["level"]
-    assert answer["choice"]["why"].startswith(
+    assert answer["choice"]["why_text"].startswith(
         f"{model}, level {level}: the largest measured error of force under sharp"
     )
     assert answer["choice"]["outputs"] == ["force", "contact"]
@@ -150,7 +150,7 @@ def test_a_refusal_is_json_too_where_json_was_asked_for(rig: Rig) -> None:
     ):
         ended = rig(*arguments, "--json")
         assert ended.code == 2
-        assert ended.json == {"error": ended.complaint, "code": code, "exit_code": 2}
+        assert ended.json == {"error_text": ended.complaint, "code": code, "exit_code": 2}
         assert rig(*arguments) == Ended(2, "", ended.err)
 
 

@@ -119,14 +119,14 @@ def _panel(settings: Config, known: KnownContact, tmp_path: Path) -> str:
     status = HandStatus(settings, clock, Sensing(settings, clock, bench.force))
     status.contact = BenchMemory(settings).read().contact
     bench.journal.close()
-    return str(status.as_json(stopped=False, since=None)["contact"]["words"])
+    return str(status.as_json(stopped=False, since=None)["contact"]["where_text"])
 
 
 PLACES: dict[str, Callable[[Config, KnownContact, Path], str]] = {
     "the outcome of run, dry-run, resume and stop, and the report": _ended,
     "rig show, of a journal": _shown,
-    "rig status, rig jog": lambda settings, known, tmp_path: printed_contact(settings)["words"],
-    "rig home": lambda settings, known, tmp_path: known.as_json()["words"],
+    "rig status, rig jog": lambda settings, known, tmp_path: printed_contact(settings)["where_text"],
+    "rig home": lambda settings, known, tmp_path: known.as_json()["where_text"],
     "rig doctor, and the page of run": lambda settings, known, tmp_path: str(
         left_on_record(tmp_path, settings) or DOES_NOT_TOUCH
     ),

@@ -81,7 +81,7 @@ def test_the_page_of_columns_ends_with_what_the_command_writes(program: Program)
     assert page.partition("## Every column")[1:] == ("## Every column", ended.out.removeprefix("## Every column"))
     told = program("show", "--columns", "--json").json["columns"]
     assert {"table": "hold_end", "name": "force_gwt", "unit": "gwt", "dtype": "float64",
-            "what": "mean force over the readings of the hold"} in told  # fmt: skip
+            "what_text": "mean force over the readings of the hold"} in told  # fmt: skip
     assert len(told) == len(list(columns()))
     for name in (*RUN_COLUMNS, *HOLD_COLUMNS):
         assert f"| `{name}` |" in ended.out.partition("rig runs --table")[2], name
@@ -91,7 +91,7 @@ def test_the_page_of_columns_ends_with_what_the_command_writes(program: Program)
 def test_a_run_or_the_columns_are_shown(program: Program, words: list[str]) -> None:
     ended = program("show", *words, "--json")
     assert (ended.code, ended.json["code"]) == (2, "exactly_one")
-    assert ended.complaint == ended.json["error"]
+    assert ended.complaint == ended.json["error_text"]
 
 
 # --- tables ---

@@ -65,35 +65,40 @@ def written(name: str, columns: dict[str, np.ndarray]) -> str:
 def test_the_worked_example(rig: Program) -> None:
     """Raju (1998, §6.7): [20 14] from [10 10]; exact along each coordinate it arrives, on a grid of 1 it sticks."""
     found = rig(*WORKED, "--decoder", "univariate", "--json").json
-    assert found["pressure"] == pytest.approx([20, 14], abs=1e-3)
-    assert found["true"] == [20, 14]
+    assert found["pressure_pseudo"] == pytest.approx([20, 14], abs=1e-3)
+    assert found["true_pseudo"] == [20, 14]
     assert found["errors"]["eq_6_8"] < 1e-8
-    assert (found["converged"], found["problems"], found["range"]) == (True, [], [0, 30])
+    assert (found["converged"], found["problems_text"], found["range_pseudo"]) == (True, [], [0, 30])
     assert found["moves"] > 500
-    assert (found["operator"], found["samples"], found["sd"], found["band_90"]) == ("convolution", 22, None, None)
+    assert (found["operator"], found["samples"], found["sd_pseudo"], found["band_90"]) == (
+        "convolution",
+        22,
+        None,
+        None,
+    )
     assert found["place_mm"] == pytest.approx([-0.085, 0.085])
     stuck = rig(*WORKED, "--decoder", "grid", "--json").json
-    assert stuck["pressure"] == [24, 10]  # where the source's first move goes
+    assert stuck["pressure_pseudo"] == [24, 10]  # where the source's first move goes
     assert stuck["converged"]
-    misfit, expected = map(float, re.findall(r" (\d\S*\d)\b", stuck["problems"][0]))
+    misfit, expected = map(float, re.findall(r" (\d\S*\d)\b", stuck["problems_text"][0]))
     assert misfit > 100 * expected
     assert expected == stuck["samples"]
     coarser = rig(*WORKED, "--decoder", "grid", "--grid-step", 3, "--json").json
-    assert coarser["pressure"] == [24, 9]
+    assert coarser["pressure_pseudo"] == [24, 9]
 
 
 @pytest.mark.parametrize("decoder", ["table", "global"])
 def test_the_cheap_others(rig: Program, decoder: str) -> None:
     options = (*TWO, "--decoder", decoder)
     found = rig(*options, "--range", "0,30", "--json").json
-    assert found["pressure"] == pytest.approx([20, 14], abs=4.0)
+    assert found["pressure_pseudo"] == pytest.approx([20, 14], abs=4.0)
     assert found["moves"] == 0
-    low, high = rig(*options, "--json").json["range"]
+    low, high = rig(*options, "--json").json["range_pseudo"]
     assert low == 0
     assert 28 < high < 120  # of the readings' size
     again, other = (rig(*options, "--range", "0,30", "--seed", seed, "--json").json for seed in (0, 3))
-    assert again["pressure"] == found["pressure"]
-    assert other["pressure"] != found["pressure"]
+    assert again["pressure_pseudo"] == found["pressure_pseudo"]
+    assert other["pressure_pseudo"] != found["pressure_pseudo"]
 
 
 def test_ours_with_a_band_from_noise_that_it_measures(rig: Program) -> None:
@@ -101,16 +106,16 @@ def test_ours_with_a_band_from_noise_that_it_measures(rig: Program) -> None:
     ended = rig(*options, "--seed", 5, "--json")
     found = ended.json
     assert rig(*options, "--seed", 5, "--json").json | {"ms": 0} == found | {"ms": 0}
-    assert rig(*options, "--seed", 6, "--json").json["pressure"] != found["pressure"]
-    low, high = found["band_90"]["low"], found["band_90"]["high"]
-    assert (np.array(low) < found["pressure"]).all()
-    assert_allclose((np.array(high) - found["pressure"]) / found["sd"], 1.645)
-    signal = rig("encode", *options[1:5], "--json").json["sed"]
+    assert rig(*options, "--seed", 6, "--json").json["pressure_pseudo"] != found["pressure_pseudo"]
+    low, high = found["band_90"]["low_pseudo"], found["band_90"]["high_pseudo"]
+    assert (np.array(low) < found["pressure_pseudo"]).all()
+    assert_allclose((np.array(high) - found["pressure_pseudo"]) / found["sd_pseudo"], 1.645)
+    signal = rig("encode", *options[1:5], "--json").json["sed_pseudo"]
     told = noise_sd(np.array(signal), 25)
-    assert found["noise"]["known"] == "measured from 22 receptors at rest"
+    assert found["noise"]["known_text"] == "measured from 22 receptors at rest"
     assert found["noise"]["sd"][0] == pytest.approx(told, rel=0.5)
     assert found["noise"]["sd"][0] != pytest.approx(told, rel=1e-6)
-    assert found["noise"]["left_of_sed"] == pytest.approx(told, rel=0.5)
+    assert found["noise"]["left_of_sed_pseudo"] == pytest.approx(told, rel=0.5)
     assert found["errors"]["relative_l2"] == pytest.approx(np.sqrt(found["errors"]["eq_6_8"]))
 
 
@@ -130,24 +135,24 @@ def test_without_noise_some_is_assumed_and_said(rig: Program) -> None:
 @pytest.mark.parametrize("at", ["receptor", "output"])
 def test_rates_are_read_back_through_the_receptor(rig: Program, at: str) -> None:
     options = ("decode", "--pressure", "20,14", "--half-length", 10, "--snr-db", 30, "--noise", at)
-    threshold = 0.2 * max(rig("encode", *options[1:5], "--json").json["sed"])
+    threshold = 0.2 * max(rig("encode", *options[1:5], "--json").json["sed_pseudo"])
     found = rig(*options, "--gain", 1000, "--threshold", threshold, "--json").json
     assert 0 in found["reading"]
     assert found["errors"]["relative_l2"] < 0.3
-    assert found["noise"]["known"] == "told"
-    assert found["problems"] == []
+    assert found["noise"]["known_text"] == "told"
+    assert found["problems_text"] == []
     wide = rig(*options, "--gain", "1000±100", "--threshold", threshold, "--json").json
-    assert wide["pressure"] == found["pressure"]
-    added = np.sqrt(np.square(wide["sd"]) - np.square(found["sd"]))
-    assert 0.3 < added.mean() / (0.05 * np.mean(found["pressure"])) < 3  # half of the gain's own 10 %, about
+    assert wide["pressure_pseudo"] == found["pressure_pseudo"]
+    added = np.sqrt(np.square(wide["sd_pseudo"]) - np.square(found["sd_pseudo"]))
+    assert 0.3 < added.mean() / (0.05 * np.mean(found["pressure_pseudo"])) < 3  # half of the gain's own 10 %, about
 
 
 def test_influence_reads_back_normal_pressures(rig: Program) -> None:
     options = ("decode", "--pressure", "20,14,5", "--operator", "influence", "--half-length", 10, "--json")
     found = rig(*options).json
-    assert (found["operator"], found["samples"], len(found["pressure"])) == ("influence", 21, 3)
+    assert (found["operator"], found["samples"], len(found["pressure_pseudo"])) == ("influence", 21, 3)
     assert found["errors"]["relative_l2"] < 0.25
-    assert len(rig(*options[:2], "20", *options[3:]).json["pressure"]) == 1
+    assert len(rig(*options[:2], "20", *options[3:]).json["pressure_pseudo"]) == 1
 
 
 # --- a press ---
@@ -157,18 +162,18 @@ def test_influence_reads_back_normal_pressures(rig: Program) -> None:
 def test_a_press_is_felt_as_finite_elements_have_it(rig: Program, operator: str) -> None:
     press = ("--shape", "cylinder:9", "--x-mm", 0.5, "--doi-mm", 0.4, "--half-length", 15, "--json")
     found = rig("decode", *press, "--operator", operator).json
-    assert (found["operator"], found["samples"], len(found["pressure"])) == (
+    assert (found["operator"], found["samples"], len(found["pressure_pseudo"])) == (
         operator,
         31,
         25,
     )  # 0.8 of the half length
     assert_allclose(found["receptor_mm"], 0.17 * np.arange(-15, 16), atol=1e-12)
     assert found["place_mm"][0] == pytest.approx(-12 * 0.17)
-    assert_allclose(found["reading"], rig("encode", *press, "--operator", "influence").json["sed"])
-    true = np.array(found["true"])
+    assert_allclose(found["reading"], rig("encode", *press, "--operator", "influence").json["sed_pseudo"])
+    true = np.array(found["true_pseudo"])
     assert 0.05 < found["place_mm"] @ true / true.sum() < 0.45  # between the pad's apex, −0.1, and the cylinder's
-    assert found["noise"]["left_of_sed"] < 0.1 * max(found["reading"])
-    assert np.corrcoef(true, found["pressure"])[0, 1] > 0.4
+    assert found["noise"]["left_of_sed_pseudo"] < 0.1 * max(found["reading"])
+    assert np.corrcoef(true, found["pressure_pseudo"])[0, 1] > 0.4
 
 
 def test_a_press_beside_the_pressures_that_are_sought_is_refused(rig: Program) -> None:
@@ -203,14 +208,14 @@ def test_readings_at_any_places_in_any_order(rig: Program, section: FeltSection,
         "place_mm": section.place_mm, "depth_mm": DEPTH_MM, "sed": felt + noise[0], "at_rest": noise[1]
     }  # fmt: skip
     found = rig("decode", "--readings", written("r.csv", columns), "--json").json
-    assert found["true"] is None
+    assert found["true_pseudo"] is None
     assert found["errors"] is None
     ends = np.linspace(-2.3, 2.1, 27)  # samples about 0.17 mm wide, from one outermost receptor to the other
     assert_allclose(found["place_mm"], 0.5 * (ends[1:] + ends[:-1]))
-    middle = np.array(found["place_mm"]) @ found["pressure"] / np.sum(found["pressure"])
+    middle = np.array(found["place_mm"]) @ found["pressure_pseudo"] / np.sum(found["pressure_pseudo"])
     assert middle == pytest.approx(0.2, abs=0.15)
-    assert np.sum(found["pressure"]) * np.diff(ends)[0] == pytest.approx(300 * 0.75 * np.pi / 2, rel=0.15)
-    assert found["noise"]["known"] == "measured from 12 receptors at rest"
+    assert np.sum(found["pressure_pseudo"]) * np.diff(ends)[0] == pytest.approx(300 * 0.75 * np.pi / 2, rel=0.15)
+    assert found["noise"]["known_text"] == "measured from 12 receptors at rest"
     assert found["noise"]["sd"][0] == pytest.approx(noise[1].std(ddof=1))
     assert (found["operator"], found["converged"]) == ("influence", True)
 
@@ -223,9 +228,9 @@ def test_readings_at_any_places_in_any_order(rig: Program, section: FeltSection,
     other = rig("decode", "--readings", written("x.csv", shuffled), "--json").json
     assert_allclose(other["receptor_mm"], found["receptor_mm"], atol=1e-5)
     assert_allclose(other["reading"], found["reading"], rtol=1e-9)
-    assert other["noise"]["known"] == "given in the file"
+    assert other["noise"]["known_text"] == "given in the file"
     assert_allclose(other["noise"]["sd"], sd)
-    assert_allclose(other["pressure"], found["pressure"], atol=0.2 * max(found["pressure"]))
+    assert_allclose(other["pressure_pseudo"], found["pressure_pseudo"], atol=0.2 * max(found["pressure_pseudo"]))
     assert "1 pseudo-unit = 18.63 Pa" in rig("decode", "--readings", "x.csv").out
 
 
@@ -237,10 +242,10 @@ def test_a_reading_that_is_known_badly_counts_little(rig: Program, section: Felt
     sure = rig("decode", "--readings", written("s.csv", columns | {"sed": wrong}), "--json").json
     doubted = columns | {"sed": wrong, "sd": np.where(np.arange(12) == 3, 1e4 * sd, sd)}
     unsure = rig("decode", "--readings", written("u.csv", doubted), "--json").json
-    assert sure["problems"]
-    assert not right["problems"]
-    assert not unsure["problems"]
-    off = [np.abs(np.subtract(found["pressure"], right["pressure"])).max() for found in (sure, unsure)]
+    assert sure["problems_text"]
+    assert not right["problems_text"]
+    assert not unsure["problems_text"]
+    off = [np.abs(np.subtract(found["pressure_pseudo"], right["pressure_pseudo"])).max() for found in (sure, unsure)]
     assert off[1] < 0.5 * off[0]
 
 
@@ -257,13 +262,13 @@ def test_rates_from_a_file(rig: Program, section: FeltSection, felt: np.ndarray,
     plain = columns | {"sed": felt, "sd": columns["sd"] / k}
     del plain["rate"]
     direct = rig("decode", "--readings", written("sed.csv", plain), "--json").json
-    assert_allclose(found["pressure"], direct["pressure"], atol=0.25 * max(direct["pressure"]))
+    assert_allclose(found["pressure_pseudo"], direct["pressure_pseudo"], atol=0.25 * max(direct["pressure_pseudo"]))
     assert min(found["reading"]) == 0
     wide = rig(
         "decode", "--readings", "rates.csv", "--gain", "30±4", "--threshold", f"{s0}±{0.1 * s0}", "--json"
     ).json
-    assert np.mean(wide["sd"]) > 1.02 * np.mean(
-        rig("decode", "--readings", "rates.csv", *through[:4], "--json").json["sd"]
+    assert np.mean(wide["sd_pseudo"]) > 1.02 * np.mean(
+        rig("decode", "--readings", "rates.csv", *through[:4], "--json").json["sd_pseudo"]
     )
 
 
@@ -275,11 +280,11 @@ def test_however_far_apart_receptors_lie(rig: Program, spacing: float, receptors
     sed = dome_felt_by(section)
     columns = {"place_mm": place, "depth_mm": np.full(receptors, 0.76), "sed": sed, "sd": np.full(receptors, 0.1)}
     found = rig("decode", "--readings", written("r.csv", columns), "--json").json
-    middle = np.array(found["place_mm"]) @ found["pressure"] / np.sum(found["pressure"])
+    middle = np.array(found["place_mm"]) @ found["pressure_pseudo"] / np.sum(found["pressure_pseudo"])
     assert middle == pytest.approx(0.2, abs=0.3)
-    assert len(found["pressure"]) == round(spacing * (receptors - 1) / 0.17)
+    assert len(found["pressure_pseudo"]) == round(spacing * (receptors - 1) / 0.17)
     other = rig("decode", "--readings", "r.csv", "--decoder", "table", "--json").json
-    assert len(other["pressure"]) == receptors
+    assert len(other["pressure_pseudo"]) == receptors
 
 
 def test_fewer_pressures_than_receptors_where_they_lie_near(
@@ -290,8 +295,10 @@ def test_fewer_pressures_than_receptors_where_they_lie_near(
         "decode", "--readings", written("r.csv", columns), "--spacing-mm", 0.5, "--decoder", "global", "--json"
     ).json
     assert_allclose(found["place_mm"], np.linspace(-2.3, 2.1, 10))
-    assert found["noise"] | {"left_of_sed": 0} == {"sd": None, "known": None, "left_of_sed": 0}
-    assert max(found["pressure"]) > 100
+    assert found["noise"] | {"left_of_sed_pseudo": 0} == {
+        "sd": None, "unit": "pseudo-unit", "known_text": None, "left_of_sed_pseudo": 0,
+    }  # fmt: skip
+    assert max(found["pressure_pseudo"]) > 100
 
 
 def test_the_page_shows_a_file_that_can_be_read(rig: Program) -> None:
@@ -301,7 +308,7 @@ def test_the_page_shows_a_file_that_can_be_read(rig: Program) -> None:
     found = rig("decode", "--readings", "r.csv", "--json").json
     assert_allclose(found["receptor_mm"], [-2.1, -1.45, -0.6, 0.0, 0.85, 1.9])
     assert found["reading"][3] * PA == pytest.approx(802.9)
-    assert abs(found["place_mm"][int(np.argmax(found["pressure"]))]) < 0.7
+    assert abs(found["place_mm"][int(np.argmax(found["pressure_pseudo"]))]) < 0.7
     assert f"{PA:.1f} each" in page
 
 
@@ -310,11 +317,11 @@ def test_the_page_shows_a_file_that_can_be_read(rig: Program) -> None:
 
 def test_a_search_that_is_cut_off_or_ends_at_its_range_says_so(rig: Program, monkeypatch: pytest.MonkeyPatch) -> None:
     narrow = rig(*TWO, "--start", "10,10", "--range", "0,15", "--decoder", "univariate", "--json").json
-    assert narrow["problems"][0] == "2 of 2 pressures are at the upper end of the range, 15"
+    assert narrow["problems_text"][0] == "2 of 2 pressures are at the upper end of the range, 15"
     monkeypatch.setattr(decoders_by_search, "MOST_SWEEPS", 3)
     cut = rig(*WORKED, "--decoder", "univariate", "--json").json
     assert (cut["converged"], cut["moves"]) == (False, 6)
-    assert cut["problems"][0] == CUT_OFF
+    assert cut["problems_text"][0] == CUT_OFF
     told = rig(*WORKED, "--decoder", "univariate").out
     assert "not converged, 6 moves" in told
     assert f"beware: {CUT_OFF}" in told
@@ -323,4 +330,6 @@ def test_a_search_that_is_cut_off_or_ends_at_its_range_says_so(rig: Program, mon
 @pytest.mark.parametrize("text", ["30±2", "30+-2", "30+/-2"])
 def test_a_standard_error_can_be_typed_on_any_keyboard(rig: Program, text: str) -> None:
     options = ("decode", "--pressure", "20,14", "--half-length", 8, "--threshold", 0, "--snr-db", 30, "--json")
-    assert np.mean(rig(*options, "--gain", text).json["sd"]) > np.mean(rig(*options, "--gain", 30).json["sd"])
+    assert np.mean(rig(*options, "--gain", text).json["sd_pseudo"]) > np.mean(
+        rig(*options, "--gain", 30).json["sd_pseudo"]
+    )

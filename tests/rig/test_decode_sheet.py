@@ -72,20 +72,20 @@ def test_a_sheet_gives_pressures_over_x_and_z_and_what_touches(rig: Program, sph
     assert Path("sheet.svg").read_text(encoding="utf-8").startswith("<?xml")
 
     found = rig("decode", "--readings", written(sphere), "--config", "coarse.toml", "--json").json
-    pressure = np.array(found["pressure"]).reshape(13, 13)
+    pressure = np.array(found["pressure_pseudo"]).reshape(13, 13)
     assert_allclose(np.array([row[1:] for row in table], dtype=float), pressure, atol=0.51)
     place = np.array(found["place_mm"])
     assert_allclose(place[[0, 1, 13]], [[-1.8, PLANE - 1.8], [-1.8, PLANE - 1.5], [-1.5, PLANE - 1.8]], atol=1e-6)
-    assert_allclose(place.T @ np.array(found["pressure"]) / pressure.sum(), [0.2, PLANE + 0.2], atol=0.15)
-    assert found["felt"]["class"] == "sphere"
+    assert_allclose(place.T @ np.array(found["pressure_pseudo"]) / pressure.sum(), [0.2, PLANE + 0.2], atol=0.15)
+    assert found["felt"]["shape_class"] == "sphere"
     assert found["felt"]["size_mm"] == pytest.approx(4.0, rel=0.3)
     assert float(printed_mm) == pytest.approx(found["felt"]["size_mm"], abs=0.051)
     assert len(found["felt"]["extent_mm"]) == 2
-    assert (found["converged"], found["problems"]) == (True, [])
+    assert (found["converged"], found["problems_text"]) == (True, [])
     assert len(found["receptor_mm"]) == 49
-    assert found["noise"]["known"] == "measured from 49 receptors at rest"
-    low, high = (np.array(found["band_90"][end]) for end in ("low", "high"))
-    assert ((low <= found["pressure"]) & (high >= found["pressure"])).all()
+    assert found["noise"]["known_text"] == "measured from 49 receptors at rest"
+    low, high = (np.array(found["band_90"][end]) for end in ("low_pseudo", "high_pseudo"))
+    assert ((low <= found["pressure_pseudo"]) & (high >= found["pressure_pseudo"])).all()
 
 
 def test_a_row_has_no_felt_solid(rig: Program) -> None:
@@ -110,13 +110,13 @@ def test_what_is_no_sheet_is_one_line(
 ) -> None:
     ended = rig("decode", "--readings", written(change(sphere)), "--config", "coarse.toml", "--json")
     assert (ended.code, ended.json["code"]) == (2, code)
-    assert ended.json["error"].startswith("--readings")
+    assert ended.json["error_text"].startswith("--readings")
 
 
 def test_of_sheets_there_is_one_decoder(rig: Program, sphere: Cells) -> None:
     ended = rig("decode", "--readings", written(sphere), "--decoder", "univariate", "--json")
     assert ended.code == 2
-    assert ended.json["error"] == "--readings with a column z_mm requires --decoder bayes"
+    assert ended.json["error_text"] == "--readings with a column z_mm requires --decoder bayes"
 
 
 def test_the_same_x_at_another_z_is_another_receptor(rig: Program, sphere: Cells) -> None:

@@ -19,4 +19,5 @@ def test_models_and_answers_are_counted_apart(
     with pytest.raises(SystemExit) as caught:
         main()
     assert not caught.value.code
-    assert json.loads(capsys.readouterr().out)["cache"] == f"{tmp_path}, 2 models, 1 answers, 3 MB"
+    found = json.loads(capsys.readouterr().out)["cache"]
+    assert found == {"folder": str(tmp_path), "models": 2, "answers": 1, "bytes": 3_000_000}

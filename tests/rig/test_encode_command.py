@@ -20,15 +20,15 @@ def test_two_samples_by_both_operators(rig: Program) -> None:
     folded = rig("encode", "--pressure", "20,14", *QUICK, "--json").json
     assert (folded["operator"], folded["energy"], folded["samples"]) == ("convolution", "finite", 18)
     assert folded["pressure"] == {"place_mm": pytest.approx([-0.085, 0.085]), "pseudo": [20, 14]}
-    assert len(folded["receptor_mm"]) == len(folded["sed"]) == 18
-    assert folded["sed"] == folded["rate"]
+    assert len(folded["receptor_mm"]) == len(folded["sed_pseudo"]) == 18
+    assert folded["sed_pseudo"] == folded["rate"]
     assert folded["against_finite_elements"] is None
 
     felt = rig("encode", "--pressure", "20,14", "--operator", "influence", *QUICK, "--json").json
     assert felt["pressure"]["pseudo"] == [20, 14, 0, 0]
-    at = np.interp(felt["receptor_mm"], folded["receptor_mm"], folded["sed"])
+    at = np.interp(felt["receptor_mm"], folded["receptor_mm"], folded["sed_pseudo"])
     # near the middle the response hardly depends on the place; receptors lie half a sample apart, read linearly
-    assert np.abs(at - felt["sed"]).max() < 0.1 * max(felt["sed"])
+    assert np.abs(at - felt["sed_pseudo"]).max() < 0.1 * max(felt["sed_pseudo"])
 
 
 def test_a_press_says_how_far_the_operator_is_from_finite_elements(rig: Program) -> None:

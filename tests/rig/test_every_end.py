@@ -184,15 +184,15 @@ def test_every_end_says_where_the_indentor_is_and_how_to_go_on(
     resume = f"rig resume {shlex.quote(str(folder))}"
     if as_json:
         said = json.loads(ended.out)["ending"]
-        assert said["reason"] in line
+        assert said["reason_text"] in line
         assert (said["indentor"]["left"], said["indentor"]["may_touch"]) == (end.left, end.may_touch)
         assert said["indentor"]["trusted"] is (end.left != "held")
         assert said["indentor"]["x_mm"] == pytest.approx(-0.5, abs=0.01)
         lifted = said["indentor"]["height_mm"] > 1.9
         assert lifted is (end.left != "held")
-        assert said["next"].startswith(end.next)
+        assert said["next_text"].startswith(end.next)
         assert said["resume"] == resume
-        words = said["words"]
+        words = said["where_text"]
     else:
         lines = dict(line.split(maxsplit=1) for line in ended.out.splitlines()[-3:])
         words = lines["where"]
@@ -340,9 +340,9 @@ def test_a_second_ctrl_c_while_it_homes_leaves_nothing_moving(
     assert it.struck
     assert ended.code == 130
     said = json.loads(ended.out)["ending"]
-    assert said["reason"] == "stopped at once by the operator"
+    assert said["reason_text"] == "stopped at once by the operator"
     assert (said["indentor"]["left"], said["indentor"]["trusted"]) == ("held", False)
-    assert said["next"].startswith(FREE)
+    assert said["next_text"].startswith(FREE)
     it.bench.clock.wait_s(0.01)  # the bytes that stop it are on their way
     at = it.pose()
     it.bench.clock.wait_s(10.0)

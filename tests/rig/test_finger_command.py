@@ -73,7 +73,7 @@ def test_the_synthetic_larger_finger_as_json(finger_command: Finger) -> None:
     code, out, err = finger_command("--config", EXAMPLES / "points.toml", "--json")
     assert (code, err, out.count("\n")) == (0, "", 1)
     found: dict[str, Any] = json.loads(out)
-    assert (found["skin"]["from"], found["skin"]["count"]) == ("points", 99)
+    assert (found["skin"]["source"], found["skin"]["count"]) == ("points", 99)
     assert found["skin"]["residual_rms_mm"] <= found["skin"]["residual_max_mm"] < 0.003
     assert found["apex"]["position_mm"] == pytest.approx([-0.169, 5.824, 8.415], abs=0.02)
     assert found["apex"]["lateral_radius_mm"] == pytest.approx(4.308, rel=0.005)
@@ -93,7 +93,7 @@ def test_the_synthetic_sections(finger_command: Finger) -> None:
     code, out, _ = finger_command("--config", EXAMPLES / "sections.toml", "--json")
     found = json.loads(out)
     assert code == 0
-    assert (found["skin"]["from"], found["skin"]["count"]) == ("sections", 16)
+    assert (found["skin"]["source"], found["skin"]["count"]) == ("sections", 16)
     assert found["apex"]["position_mm"] == pytest.approx([-0.169, 5.824, 8.415], abs=0.02)
 
 

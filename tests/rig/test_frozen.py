@@ -20,6 +20,7 @@ import pytest
 import typer
 from typer.models import ArgumentInfo, ParameterInfo
 
+from rig.cli.json_output import OUTPUTS, schema_of
 from rig.cli.output import ExitCode
 from rig.cli.program import COMMANDS
 from rig.data.schema import STREAMS
@@ -121,10 +122,43 @@ def _ways_to_end() -> Iterator[str]:
     yield from (f"{code.value} {code.name}" for code in ExitCode)
 
 
+def commands_with(option: str) -> Iterator[str]:
+    """Commands of which a parameter has this name, or those of a group."""
+    for name, command in COMMANDS.items():
+        module, _, function = command.where.partition(".")
+        found = getattr(import_module(f"rig.cli.{module}"), function)
+        inner = [one.callback for one in found.registered_commands] if isinstance(found, typer.Typer) else [found]
+        if any(option in inspect.signature(one).parameters for one in inner if one is not None):
+            yield name
+
+
+def _json_keys() -> Iterator[str]:
+    """Every key that a command prints with --json, with the keys above it; those of a failure once."""
+    for command in OUTPUTS:
+        schema = schema_of(command)
+        *outputs, failure = schema["anyOf"]
+        for key in dict.fromkeys(_of_schema({"anyOf": outputs}, schema["$defs"], ())):
+            yield f"{command}: {key}"
+    yield from (f"failure: {key}" for key in _of_schema(failure, schema["$defs"], ()))
+
+
+def _of_schema(schema: Any, named: Mapping[str, Any], place: tuple[str, ...]) -> Iterator[str]:
+    if "$ref" in schema:
+        schema = named[schema["$ref"].removeprefix("#/$defs/")]
+    for key, inner in schema.get("properties", {}).items():
+        yield ".".join((*place, key))
+        yield from _of_schema(inner, named, (*place, key))
+    for inner in schema.get("anyOf", ()):
+        yield from _of_schema(inner, named, place)
+    if "items" in schema:
+        yield from _of_schema(schema["items"], named, (*place[:-1], f"{place[-1]}[]"))
+
+
 LISTS: Mapping[str, Callable[[], Iterator[str]]] = {
     "commands.txt": _commands,
     "config_schema.json": _schema,
     "exit_codes.txt": _ways_to_end,
+    "json_keys.txt": _json_keys,
     "journal_streams.txt": _streams,
 }
 """The keys of the configuration with defaults and bounds: tests/data/config_keys.txt."""
@@ -183,8 +217,8 @@ def test_what_was_imported_once_is_imported_still() -> None:
 
 SCRIPT = "def run(rig):\n    rig.mount('bar:3.0')\n    rig.home()\n    rig.zero()\n    rig.move_to(x_mm=0.0)\n"
 COARSE = ("--config", "coarse.toml")
-# What commands are asked, each in a folder of its own. Those at the bench (status, home, zero, jog, stop,
-# calibrate) are held to whole answers in tests/rig/real_time; run answers as dry-run does, and meet in test_meeting.
+# What commands are asked, each in a folder of its own. tests/rig/real_time asks those at the bench, test_meeting asks
+# meet: whatever a test reads as JSON is held against the schema of its command (tests/program.py).
 ASKED = (
     ("dry-run mine.py", ""),
     ("dry-run nowhere.py", "that is refused"),
@@ -230,6 +264,18 @@ def _keys(value: Any, place: str = "") -> Iterator[str]:
             yield from _keys(inner, f"{place}[]")
 
 
+EXAMPLES = ROOT / "docs" / "json_examples"
+
+
+def _short(value: Any) -> Any:
+    """An answer for the documentation: the first items of a list, six digits of a number."""
+    if isinstance(value, Mapping):
+        return {key: _short(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_short(inner) for inner in value[:2]]
+    return float(f"{value:.6g}") if isinstance(value, float) else value
+
+
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, empty_figures: None) -> Path:
     """A script, a recording, two runs, a coarse finger and a study, in the folder where commands are asked."""
@@ -255,20 +301,21 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, empty_figures: None)
 
 
 @pytest.mark.parametrize(("line", "about"), ASKED)
-def test_an_answer_in_json_has_the_keys_that_it_had(
+def test_an_answer_in_json_is_as_its_schema_says(
     program: Program, folder: Path, monkeypatch: pytest.MonkeyPatch, line: str, about: str
 ) -> None:
     command = line.split()[0]
-    if command == "cache":
+    if command in ("cache", "doctor"):
         monkeypatch.setenv("RIG_CACHE_DIR", "kept")
     if command == "find":
         assert program(*FOUND.split()).code == 0
         line = line.replace("*", next(Path("found").iterdir()).name)
     words = [*line.split(), *(COARSE if command in ON_A_COARSE_FINGER else ())]
-    told = f"{command} ({about})" if about else command
     answer = program(*words, "--json").json
-    _part_as_frozen("json_keys.txt", f"{told}: ", [f"{told}: {key}" for key in dict.fromkeys(_keys(answer))])
-    if told == "dry-run":
+    if WRITES and not about:
+        text = json.dumps(_short(answer), indent=1, ensure_ascii=False)
+        (EXAMPLES / f"{command}.json").write_text(f"{text}\n", encoding="utf-8")
+    if (command, about) == ("dry-run", ""):
         _as_frozen("run_files.txt", sorted(path.name for path in Path(answer["run"]).iterdir()))
 
 

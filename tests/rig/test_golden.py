@@ -78,9 +78,9 @@ def _said(line: str, program: Program, patch: pytest.MonkeyPatch) -> list[str]:
     if not ended.out:
         return [f"{ended.code}", *said]
     told = json.loads(ended.out)
-    if "error" not in told:  # it has said more than that it failed
+    if "error_text" not in told:  # it has said more than that it failed
         return [f"{ended.code}", *said]
-    assert (told["error"], told["exit_code"]) == (ended.err.splitlines()[-1].removeprefix("rig: "), ended.code)
+    assert (told["error_text"], told["exit_code"]) == (ended.err.splitlines()[-1].removeprefix("rig: "), ended.code)
     return [f"{ended.code} {told['code']}", *said]
 
 

@@ -49,7 +49,7 @@ def test_ctrl_c_while_the_libraries_are_loaded(json_too: bool) -> None:
         out, err = process.communicate(timeout=DEADLINE_S)
     line = err.removeprefix("rig: ").removesuffix("\n")
     assert (process.returncode, err.count("\n"), bool(line)) == (130, 1, True)
-    told = {"error": line, "code": "interrupted", "exit_code": 130}
+    told = {"error_text": line, "code": "interrupted", "exit_code": 130}
     assert (json.loads(out) == told) if json_too else out == ""
 
 

@@ -210,7 +210,7 @@ def test_what_no_bench_can_be_is_told(
     assert there(problems)
     for command in (["check", "first_press"], ["run", "first_press"]):
         code, refused = ended(*command)
-        assert (code, refused["code"], refused["error"]) == (2, coded, problems[0])
+        assert (code, refused["code"], refused["error_text"]) == (2, coded, problems[0])
 
 
 def test_the_defaults_are_a_bench() -> None:

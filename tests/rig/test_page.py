@@ -183,7 +183,7 @@ def test_every_next_command_knows_of_a_kill(rig: Run, opened: list[Any], tmp_pat
     """Until the run is taken up and has come to its end, doctor, run and resume say where the indentor was."""
     run = _killed(rig, tmp_path)
     line = f"rig resume {run}"
-    doctor = json.loads(rig("doctor", "--config", "rig.toml", "--json").out)["last run"]
+    doctor = json.loads(rig("doctor", "--config", "rig.toml", "--json").out)["last_run_text"]
     again = rig(*RUN, typed="n\n")
     resumed = rig("resume", str(run), typed="\n")
     for words in (doctor, _page(again)["careful"], _page(resumed)["careful"]):
@@ -268,12 +268,12 @@ def test_what_ends_before_it_begins_says_that_nothing_was_moved(
         assert ended.out == ""
         return
     said = json.loads(ended.out)
-    assert (said["error"], said["exit_code"]) == (line.removeprefix("rig: "), code)
+    assert (said["error_text"], said["exit_code"]) == (line.removeprefix("rig: "), code)
     assert said["ending"] == {
-        "reason": said["error"],
+        "reason_text": said["error_text"],
         "indentor": {"left": "not moved", "x_mm": None, "height_mm": None, "trusted": False, "may_touch": None,
                      "contact": None, "force_gwt": None},
-        "words": words, "next": next_, "resume": None,
+        "where_text": words, "next_text": next_, "resume": None,
     }  # fmt: skip
 
 
@@ -293,5 +293,5 @@ def test_what_fails_after_it_began_does_not_say_that_nothing_was_moved(
     ended = rig(*RUN, "--yes", "--json")
     assert (ended.code, len(opened)) == (2, 1)
     told = json.loads(ended.out)
-    assert (told.pop("code"), told) == (code_of(ModelRangeError()), {"error": "no such force", "exit_code": 2})
+    assert (told.pop("code"), told) == (code_of(ModelRangeError()), {"error_text": "no such force", "exit_code": 2})
     assert "not moved" not in rig(*RUN, "--yes").err

@@ -153,7 +153,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     ended = program("runs", *words, "--json")
-    assert ended.json == {"error": ended.complaint, "code": code, "exit_code": 2}
+    assert ended.json == {"error_text": ended.complaint, "code": code, "exit_code": 2}
     assert list(tmp_path.iterdir()) == []
 
 
@@ -193,7 +193,7 @@ def test_what_is_no_run_has_one_line_and_the_others_theirs(program: Program, run
     assert unreadable["name"] == name
     of_one = program("show", runs / name, "--json")
     assert of_one.code == 2
-    assert of_one.complaint.endswith(unreadable["problem"])
+    assert of_one.complaint.endswith(unreadable["problem_text"])
     assert (of_one.error_code == "foreign_run") is ("Error: " in named)
 
 
@@ -547,13 +547,14 @@ def test_one_run_is_told(program: Program, runs: Path) -> None:
     assert {name: told[name] for name in expected} == expected
     assert told["limits"]["max_contact_s"] == 600.0
     assert told["limits"]["soft_trip_of_the_plan_n"] is None
-    assert told["versions"]["indentation-rig"] == "0.1.0"
+    assert {"package": "indentation-rig", "version": "0.1.0"} in told["versions"]
     assert told["devices"]["sensor"] == "MT-SICS balance 0123456789"
     assert sum(one["holds"] for one in told["presses"]) == len(run.stream("hold_end"))
     first = told["presses"][0]
     forces = [hold["force_gwt"] for hold in run.stream("hold_end") if hold["commanded"] == first["target_force_gwt"]]
     assert first["mean_force_gwt"] == pytest.approx(sum(forces) / len(forces))
-    assert told["files"]["events.jsonl"] == (OLD / "complete_with_a_schedule" / "events.jsonl").stat().st_size
+    size = (OLD / "complete_with_a_schedule" / "events.jsonl").stat().st_size
+    assert {"name": "events.jsonl", "bytes": size} in told["files"]
 
 
 def test_one_run_in_lines(program: Program, runs: Path) -> None:
@@ -593,7 +594,7 @@ def test_a_script_that_did_less_than_was_planned(program: Program, runs: Path) -
     stopped(runs / "stopped", "done", "")
     told = program("show", runs / "stopped", "--json").json
     assert (told["state"], told["done"]) == ("incomplete", 5)
-    assert told["ending"] == {"reason": ENDED_EARLY, "words": None}
+    assert told["ending"] == {"reason_text": ENDED_EARLY, "where_text": None}
     assert "subject     S07\n" in program("show", runs / "stopped").out
     at = {"left": "lifted", "x_mm": 0.5, "height_mm": 2.0, "trusted": True, "may_touch": False}
     with (runs / "stopped" / "events.jsonl").open("a", encoding="utf-8") as file:
@@ -601,8 +602,8 @@ def test_a_script_that_did_less_than_was_planned(program: Program, runs: Path) -
             json.dumps({"doc": "stop", "t_s": 91.0, "status": "aborted", "reason": "x", "indentor": at}) + "\n"
         )
     assert program("show", runs / "stopped", "--json").json["ending"] == {
-        "reason": "x",
-        "words": "lifted, at x = 0.50 mm, 2.00 mm above the nominal apex (trusted); "
+        "reason_text": "x",
+        "where_text": "lifted, at x = 0.50 mm, 2.00 mm above the nominal apex (trusted); "
         f"by position only, not confirmed by force; {MAY_TOUCH}",  # of before it was measured
     }
 
@@ -624,5 +625,5 @@ def test_a_run_without_its_copies_is_told_all_the_same(program: Program, runs: P
     (folder / "config.toml").write_text("[limits", encoding="utf-8")
     told = program("show", folder, "--json").json
     assert told["limits"] == {"soft_trip_of_the_plan_n": None}
-    assert told["versions"] == {"python": "unknown"}
+    assert told["versions"] == [{"package": "python", "version": "unknown"}]
     assert set(told["devices"]) == {"controller", "sensor"}

@@ -80,7 +80,7 @@ def test_a_copy_that_was_changed_is_refused(rig: Rig, made_once: MadeOnce) -> No
     (run / COPY).write_text(SHARP, encoding="utf-8")
     again = rig("resume", str(run))
     assert (again["exit_code"], again["code"]) == (2, "changed_since")
-    assert COPY in again["error"]
+    assert COPY in again["error_text"]
 
 
 def test_files_of_one_name_in_two_places_are_told_apart_and_read_linear(tmp_path: Path) -> None:

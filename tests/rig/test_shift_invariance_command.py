@@ -50,7 +50,7 @@ def test_as_json_it_has_every_number(rig: Program) -> None:
     assert sites[9]["printed"] == {"a": 12.805, "m": 3.959, "r2": 0.961}
     assert (sites[9]["x_mm"], sites[9]["z_mm"], sites[9]["on_pulp"]) == (0.098, 6.893, True)
     assert sites[23]["on_pulp"] is False
-    assert set(sites[0]["linear"]) == set(sites[0]["logarithmic"]) == {"a", "m", "r", "r2"}
+    assert set(sites[0]["linear"]) == set(sites[0]["logarithmic"]) == {"a_pseudo", "m", "r", "r2"}
     assert len(sites[0]["by_azimuth"]) == 8
     assert sites[0]["receptors"] > 40
     for where, chosen in (("pulp", sites[:18]), ("all", sites)):
@@ -58,7 +58,7 @@ def test_as_json_it_has_every_number(rig: Program) -> None:
             m = np.array([site[kind]["m"] for site in chosen])
             assert found[where][kind]["m"] == pytest.approx(m.mean())
             assert found[where][kind]["m_spread"] == pytest.approx(m.std(ddof=1) / m.mean())
-    scaled = found["common_factor"] * found["pulp"]["linear"]["a"]
+    scaled = found["common_factor"] * found["pulp"]["linear"]["a_pseudo"]
     assert scaled == pytest.approx(found["pulp"]["printed"]["a"])
 
 

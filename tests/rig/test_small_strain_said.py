@@ -138,7 +138,7 @@ def test_a_place_says_it(place: str, at: At) -> None:
 def test_a_half_space_was_not_compared() -> None:
     found = load("halfspace").indent("cylinder:9", doi_mm=0.3).small_strain
     assert found.note == "small strain: a halfspace pressed 0.30 mm deep was not compared with finite strain"
-    assert found.as_json() == {"note": found.note, "force": None, "sed": None}
+    assert found.as_json() == {"note_text": found.note, "force": None, "sed": None}
 
 
 @pytest.fixture

@@ -126,7 +126,7 @@ def test_a_press_of_the_boards_input_stops_the_stage_whatever_it_does_and_ends_t
     assert bench.pressed_s > 0
     assert ended.code == 130, ended.err
     said = json.loads(ended.out)
-    assert BY_THE_BUTTON in said["ending"]["reason"]
+    assert BY_THE_BUTTON in said["ending"]["reason_text"]
     run = read_run(Path(said["run"]))
     assert run.stop is not None
     assert (run.stop["status"], run.stop["reason"]) == ("aborted", BY_THE_BUTTON)

@@ -46,7 +46,7 @@ def test_where_nothing_can_go_out_the_first_words_say_so(name: str, options: tup
     assert "stopped:" not in ended.err
     if options:
         told = json.loads(ended.out)
-        assert (told["error"], told["exit_code"]) == (first, ended.code)
+        assert (told["error_text"], told["exit_code"]) == (first, ended.code)
         assert "stopped" not in told
     else:
         assert ended.out == ""

@@ -394,7 +394,7 @@ def test_as_json_it_is_how_it_is_now(program: Program, run: Callable[[str], Path
     course.keep(RunFolder(folder))
     with RunFolder(folder).owned():
         told = program("watch", folder, "--json").json
-    assert (told["state"], told["ending"], told["now"]) == ("running", None, SECOND)
+    assert (told["state"], told["ending"], told["now_text"]) == ("running", None, SECOND)
     assert told["left_s"] > 0
 
 

@@ -142,7 +142,7 @@ def test_candidates_are_measured_in_their_own_processes() -> None:
         *(("halfspace", quantity) for quantity in QUANTITIES),
         *(("section", quantity) for quantity in QUANTITIES if quantity != "force"),
     }
-    assert all(row["seconds"] > row["contact_s"] > 0 and 50 < row["memory_mb"] < 4000 for row in found)
+    assert all(row["total_s"] > row["contact_s"] > 0 and 50 < row["memory_mb"] < 4000 for row in found)
 
 
 def test_the_nail_is_held_at_the_same_place_on_every_nested_mesh(skin: FingertipSurface) -> None:

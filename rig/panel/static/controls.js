@@ -99,7 +99,7 @@ export class Controls {
     if (kind === null) return configured ? "no process owns the ports" : "no process owns the ports; for manual control start rig panel --config TOML";
     if (hand === null || hand === undefined) return "starting manual control …";
     const busy = hand.busy ? `busy: ${hand.busy}` : null;
-    const parts = [busy, hand.ended_by, hand.contact?.may_touch ? hand.contact.words : null, hand.stopped ? "stopped" : null, hand.next, hand.homed ? null : "not homed", hand.zeroed ? null : "not zeroed"];
+    const parts = [busy, hand.ended_by, hand.contact?.may_touch ? hand.contact.where_text : null, hand.stopped ? "stopped" : null, hand.next, hand.homed ? null : "not homed", hand.zeroed ? null : "not zeroed"];
     return parts.filter(Boolean).join("; ") || "by hand";
   }
 }

@@ -18,6 +18,7 @@ from rig.compare.stimuli import CONTROLS, stimuli
 from rig.compare.verdict import A_CONSTANT
 from rig.data import Run
 from sim.models.fingertip import Fingertip
+from tests.program import as_in_its_schema
 
 KEYS = {"shape", "measure", "receptor_mm", "shape_test", "r", "k", "eps0", "run"}
 
@@ -36,6 +37,8 @@ def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
         with pytest.raises(SystemExit) as caught:
             main()
         printed = capsys.readouterr()
+        if "--json" in arguments:
+            as_in_its_schema(str(arguments[0]), json.loads(printed.out))
         return int(caught.value.code or 0), printed.out, printed.err
 
     return run
@@ -65,7 +68,7 @@ def test_json_and_report(command: Command, bar_run: Run, csv: Path) -> None:
     assert truth["r"] > 0.9
     (said,) = answer["answers"]
     assert (said["positions"], said["positions_recorded"], said["noise"]["source"]) == (9, 9, "repeats")
-    assert {row["name"] for row in said["rows"] if row["control"]} == {*CONTROLS, A_CONSTANT}
+    assert {row["measure"] for row in said["rows"] if row["control"]} == {*CONTROLS, A_CONSTANT}
     assert any(row["eps0"] is not None and row["eps0"] < 0 for row in said["rows"])
     (chance,) = answer["chance"]
     assert (chance["positions"], chance["positions_recorded"], chance["looked_at"]) == (9, 9, 180)

@@ -75,7 +75,7 @@ def test_nine_fingers_are_interpolated_and_say_so(rig: Said, nine: Path, tmp_pat
     near = rows(nine.with_suffix(".csv"))
     assert [row["model"] for row in near] == [INTERPOLATED] * 9
     told = json.loads(rig(nine, "--json", "--out", tmp_path / "again.csv")[0])
-    assert (told["interpolated"], told["interpolation"]) == (9, HOW_MADE)
+    assert (told["interpolated"], told["interpolation_text"]) == (9, HOW_MADE)
     assert rows(tmp_path / "again.csv") == near
     out, err = rig(nine, "--exact", "--out", tmp_path / "exact.csv")
     assert "interpolated" not in out
@@ -86,7 +86,7 @@ def test_nine_fingers_are_interpolated_and_say_so(rig: Said, nine: Path, tmp_pat
         assert one["force_gwt"] != other["force_gwt"]
         assert float(one["force_gwt"]) == pytest.approx(float(other["force_gwt"]), rel=0.01)
     told = json.loads(rig(nine, "--exact", "--json")[0])
-    assert (told["interpolated"], told["interpolation"]) == (0, None)
+    assert (told["interpolated"], told["interpolation_text"]) == (0, None)
 
 
 def test_which_cases_and_what_is_built_for_them(nine: Path) -> None:

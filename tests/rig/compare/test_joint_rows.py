@@ -123,9 +123,11 @@ def test_rows_on_plausible_fingers_stand_beside_those_on_the_run_s_own(stimulus:
     comparison = compared(stimulus, recorded(5, TRUE_PLACE), RANGES)
     told = fingers_as_json(comparison)
     assert told == fingers_as_json(comparison)
-    assert (told["fingers"]["ranges"], told["fingers"]["built"]) == ({"tissue.epidermis_mm": [0.3, 0.5]}, 3)
+    assert (told["fingers"]["ranges"], told["fingers"]["built"]) == (
+        [{"name": "tissue.epidermis_mm", "low": 0.3, "high": 0.5, "unit": "mm"}], 3,
+    )  # fmt: skip
     row, given = (of(rows, "ep1") for rows in (told["fingers"]["joint"], as_json(comparison, "")["joint"]))
-    assert row["best_finger"]["tissue.epidermis_mm"] == pytest.approx(0.4 + 0.1 * TRUE_PLACE, abs=0.05)
+    assert row["best_finger"][0]["value"] == pytest.approx(0.4 + 0.1 * TRUE_PLACE, abs=0.05)
     assert row["k_interval"][0] < K < row["k_interval"][1]
     assert row["r2"] > row["on_this_finger"]["r2"]
     assert row["on_this_finger"] == {name: given[name] for name in ("k", "k_interval", "eps0", "eps0_interval", "r2")}
@@ -149,7 +151,7 @@ def test_the_report_has_the_ranges_and_how_fingers_were_made(stimulus: Stimulus,
         section.text.endswith(f" The responses were {HOW_MADE}; `--exact` builds a full model of each finger.")
         is between
     )
-    assert fingers_as_json(comparison)["fingers"]["interpolation"] == (HOW_MADE if between else None)
+    assert fingers_as_json(comparison)["fingers"]["interpolation_text"] == (HOW_MADE if between else None)
 
 
 def test_nothing_is_said_where_no_ranges_are_stated_or_nothing_was_recorded(stimulus: Stimulus) -> None:

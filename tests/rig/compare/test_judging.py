@@ -130,9 +130,9 @@ def test_table_sentence_and_json_are_of_one_set(steps: list[Stimulus]) -> None:
     """(c) The table said no of pairs that the sentence above it listed."""
     found = answer(steps[:1], of_truth(steps[:1], k=12.0))
     (told,) = answers_as_json([found])
-    in_rows = {(r["name"], r["receptor_mm"]) for r in told["rows"] if r["in_set"] and not r["control"]}
+    in_rows = {(r["measure"], r["receptor_mm"]) for r in told["rows"] if r["in_set"] and not r["control"]}
     assert in_rows == {(one.name, one.receptor_mm) for one in found.set}
-    assert told["set"] == [one.title for one in found.set]
+    assert told["set"] == [{"measure": one.name, "receptor_mm": one.receptor_mm} for one in found.set]
     assert len(found.set) > 1
     for name in {one.name for one in found.set}:
         assert f"{name} at " in sentence(found)

@@ -157,7 +157,7 @@ def test_the_command(
     assert "Plausible fingers" in page
     assert hashlib.sha256(ranges.read_bytes()).hexdigest() in page
     assert f"--fingers {ranges}" in page
-    assert answer["fingers"]["ranges"] == {"tissue.epidermis_mm": [0.3, 0.5]}
+    assert answer["fingers"]["ranges"] == [{"name": "tissue.epidermis_mm", "low": 0.3, "high": 0.5, "unit": "mm"}]
     assert answer["fingers"]["built"] == 3
     row = next(row for row in answer["fingers"]["joint"] if row["measure"] == "sed")
     assert {"k_interval", "eps0_interval", "best_finger", "on_this_finger"} <= set(row)
@@ -188,4 +188,4 @@ def test_the_shipped_fingers_that_the_source_allows_are_compared_with(
     assert caught.value.code == 0
     told = json.loads(capfd.readouterr().out)["fingers"]
     assert told["built"] == 9
-    assert set(told["ranges"]) == {"tissue.e_dermis", "tissue.e_fat"}
+    assert {one["name"] for one in told["ranges"]} == {"tissue.e_dermis", "tissue.e_fat"}

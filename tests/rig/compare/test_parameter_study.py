@@ -17,6 +17,7 @@ from rig.compare.parameter_study import Case, columns, read_study, solve
 from rig.compare.workers import spread
 from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
+from tests.program import as_in_its_schema
 from tests.raising import raises
 
 PRESSES = """\
@@ -122,6 +123,8 @@ def command(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) 
         with pytest.raises(SystemExit) as caught:
             main()
         printed = capfd.readouterr()
+        if "--json" in arguments:
+            as_in_its_schema(str(arguments[0]), json.loads(printed.out))
         return int(caught.value.code or 0), printed.out, printed.err
 
     return run

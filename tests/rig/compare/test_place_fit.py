@@ -185,17 +185,18 @@ def test_what_is_said_in_json() -> None:
     assert found == {
         "stimuli": ["step:1 at 8 gwt"], "recordings": ["mine.csv"], "positions": 47, "positions_recorded": 58,
         "x_range_mm": [-1.0, 0.5], "depth_range_mm": [0.5, 1.1], "offset_range_mm": [-0.3, 0.3],
-        "frame": "indentor x = recorded position + receptor x + offset, fitted between −0.30 and 0.30 mm",
+        "frame_text": "indentor x = recorded position + receptor x + offset, fitted between −0.30 and 0.30 mm",
     }  # fmt: skip
     assert first == {
-        "measure": "ep1", "x_mm": -0.98, "depth_mm": 0.74, "offset_mm": 0.1, "k": 2.0, "eps0": 0.5, "deviance": 40.0,
-        "lack_of_fit": 1.1, "p_fit": 0.3, "x_interval": [-1.1, -0.85], "depth_interval": [0.6, 1.1],
-        "offset_interval": [0.0, 0.2], "fits": True, "at_bounds": ["depth high"],
+        "measure": "ep1", "unit": "1", "x_mm": -0.98, "depth_mm": 0.74, "offset_mm": 0.1, "k": 2.0, "eps0": 0.5,
+        "deviance": 40.0, "lack_of_fit": 1.1, "p_fit": 0.3, "x_interval_mm": [-1.1, -0.85],
+        "depth_interval_mm": [0.6, 1.1],
+        "offset_interval_mm": [0.0, 0.2], "fits": True, "at_bounds": ["depth high"],
     }  # fmt: skip
     assert (second["eps0"], second["fits"], second["at_bounds"]) == (None, False, [])
     (without,) = places_as_json([told(ROW, offset=False)])
     assert without["offset_range_mm"] is None
-    assert without["rows"][0]["offset_interval"] is None
+    assert without["rows"][0]["offset_interval_mm"] is None
 
 
 def test_the_table_of_the_page() -> None:

@@ -169,7 +169,7 @@ def test_a_scheduler_that_dies_midway_leaves_one_line_and_no_file(study: Path, c
     out, err = program.communicate(timeout=2 * DEADLINE_S)
     told = json.loads(out)
     assert (program.returncode, told["code"]) == (2, "scheduler_gone")
-    assert told["error"].startswith(f"--scheduler {cluster.address}: ")
+    assert told["error_text"].startswith(f"--scheduler {cluster.address}: ")
     assert err.splitlines()[-1] == f"rig: {told['error']}"
     assert not list(study.glob("study.csv*"))
 
@@ -185,7 +185,7 @@ def test_a_worker_with_another_program_is_named(study: Path, cluster: Cluster, c
     told = json.loads(out)
     assert (program.returncode, told["code"]) == (2, "other_program")
     for named in (f"--scheduler {cluster.address}: ", "tcp://127.0.0.1:", has, cluster_module.program()):
-        assert named in told["error"]
+        assert named in told["error_text"]
     assert err == f"rig: {told['error']}\n"
     assert not list(study.glob("study.csv*"))
 

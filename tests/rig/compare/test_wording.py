@@ -10,6 +10,7 @@ import pytest
 
 from rig.compare.results import answers_as_json
 from rig.compare.verdict import (
+    A_CONSTANT,
     AfferentVerdict,
     FittedPositions,
     LeftOut,
@@ -38,6 +39,7 @@ def pair(name: str, p_fit: float, p_set: float, x: float | None, left_out: float
 BEST, TWIN = pair("ep1", 0.5, 1.0, -1.0), pair("ep1", 0.3, 0.4, -1.25, deviance=21.0)
 SED, BAD = pair("sed", 0.3, 0.4, 0.0, deviance=22.0), pair("e13", 0.0004, 0.8, 0.5, deviance=33.25)
 WORSE = pair("s11", 0.3, 0.012, 0.5, deviance=34.0)
+EP1 = {"measure": "ep1", "receptor_mm": -1.0}
 CONTROL, CONSTANT = pair("skin pressure", 0.01, 0.3, 0.5, 0.41), pair("a constant rate", 0.0, 0.0, None, -0.03)
 
 
@@ -179,24 +181,29 @@ def test_methods_can_be_pasted(kind: str) -> None:
 def test_json_has_the_answer_and_its_rows() -> None:
     separate = (Separate("step:1", 1.0, np.nan, 0.5),)
     found = answer(BEST, BAD, CONSTANT, together=Together((2.0, 90.0), 1.5, 0.25, separate),
-                   left_out=(LeftOut("step:1", (9.0,)),), power=Power(0.1, (Mimic("c", "m", 0.5),)),
+                   left_out=(LeftOut("step:1", (9.0,)),), power=Power(0.1, (Mimic(CONSTANT.title, BEST.title, 0.5),)),
                    noise=RecordingNoise("sd", "sd", 1.0, np.inf))  # fmt: skip
     (told,) = json.loads(json.dumps(answers_as_json([found]), allow_nan=False))
-    assert told["answer"] == sentence(found)
-    assert told["besides"] == sentences(found)
-    assert told["methods"] == methods(found)
-    assert (told["headline"], told["next"], told["next_is_worse_by"]) == ("ep1 at −1 mm", "e13 at 0.5 mm", 13.25)
+    assert told["answer_text"] == sentence(found)
+    assert told["besides_text"] == sentences(found)
+    assert told["methods_text"] == methods(found)
+    assert (told["headline"], told["next_is_worse_by"]) == (EP1, 13.25)
+    assert told["next"] == {"measure": "e13", "receptor_mm": 0.5}
     assert told["noise"] == {"kind": "sd", "source": "sd", "dispersion": 1.0, "freedom": None}
-    assert told["ceiling"] == {"share": 0.93, "from": "repeats"}
-    assert told["intervals"] == {"ep1": {"k": [10, 15], "eps0": [-0.3, None]}}
+    assert told["ceiling"] == {"share": 0.93, "source": "repeats"}
+    assert told["intervals"] == [{"measure": "ep1", "unit": "1", "k": [10, 15], "eps0": [-0.3, None]}]
     assert told["together"] == {
-        "ratio": 1.5, "p": 0.25, "separate": [{"stimulus": "step:1", "k": 1.0, "eps0": None, "left_out": 0.5}]
+        "ratio": 1.5, "p": 0.25, 
+        "separate": [{"stimulus": "step:1", "unit": "1", "k": 1.0, "eps0": None, "left_out": 0.5}],
     }  # fmt: skip
     assert told["power"] == {
-        "detectable_misfit": 0.1, "mimics": [{"control": "c", "pair": "m", "probability": 0.5}]
+        "detectable_misfit": 0.1, 
+        "mimics": [
+            {"control": {"measure": A_CONSTANT, "receptor_mm": None}, "pair": EP1, "probability": 0.5}
+        ],
     }  # fmt: skip
     assert told["left_out"] == [{"stimulus": "step:1", "position_mm": [9.0]}]
-    assert [(row["name"], row["control"], row["in_set"]) for row in told["rows"]] == [
+    assert [(row["measure"], row["control"], row["in_set"]) for row in told["rows"]] == [
         ("ep1", False, True), ("e13", False, False), ("a constant rate", True, False),
     ]  # fmt: skip
     assert (told["rows"][0]["fires_unloaded"], told["rows"][0]["fits"], told["rows"][0]["finger"]) == (

@@ -21,7 +21,7 @@ from rig.transport import open_port
 from sim.devices import BalanceMenu, Load, SerialLine, VirtualBalance, VirtualGrbl
 from sim.serve.ports import PtyPort
 from sim.serve.real_time_loop import WallScheduler
-from tests.program import Program
+from tests.program import Program, as_in_its_schema
 from tests.waiting import DEADLINE_S, gathered, until
 
 # Close to the switches, on a board that homes fast: a short way to go in real time. A reading is taken 0.1 s after a
@@ -53,7 +53,7 @@ class Serving:
 
     def ports(self) -> dict[str, str]:
         assert self.process.stdout is not None
-        return json.loads(self.process.stdout.readline())
+        return as_in_its_schema("serve", json.loads(self.process.stdout.readline()))
 
     def end(self, number: signal.Signals) -> tuple[int, str, str]:
         self.process.send_signal(number)

@@ -191,7 +191,7 @@ def test_a_stop_while_the_report_is_made_leaves_the_data_what_they_are(
     assert (after.complete, after.done, after.duration_s) == (True, before.done, before.duration_s)
     told = json.loads(out)
     assert (told["complete"], told["indentations"]) == (True, 1)
-    assert told["ending"]["reason"] == "stopped at once by the operator"
+    assert told["ending"]["reason_text"] == "stopped at once by the operator"
     assert told["ending"]["indentor"]["trusted"] is False
     resumed = rig("resume", run.folder, "--json")
     assert (resumed.code, resumed.json["complete"]) == (0, True)

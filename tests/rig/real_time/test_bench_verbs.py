@@ -34,7 +34,7 @@ def test_home_status_and_zero(rig: Rig, apart: Apart) -> None:
     wire.close()
     assert rig("doctor", "--config", config).code == 0
     after = rig("status", "--config", config, "--json").json
-    assert after["stage"] == {"kind": "grbl", "port": stage, **at}
+    assert after["stage"] == {"kind": "grbl", "ports": [stage], **at}
     assert after["force"]["force_n"] == pytest.approx(-2.5 * 9.80665e-3), "looking on leaves the tare"
     assert after["force"]["stable"]
     people = rig("status", "--config", config)
@@ -52,11 +52,11 @@ def test_status_of_ports_that_are_not_there_and_of_one_that_is_owned(
     finally:
         wire.close()
     assert ended.code == 1
-    assert ended.json["stage"] == {"kind": "grbl", "port": bench.ports["stage"], "owner": os.getpid()}
+    assert ended.json["stage"] == {"kind": "grbl", "ports": [bench.ports["stage"]], "owner": os.getpid()}
     force = ended.json["force"]
-    assert "/dev/ttyNOWHERE7" in force["problem"]
+    assert "/dev/ttyNOWHERE7" in force["problem_text"]
     assert force["code"] == "no_port"
-    assert ended.complaint == force["problem"]
+    assert ended.complaint == force["problem_text"]
 
 
 def test_a_stage_is_owned_by_whoever_has_the_port_of_one_of_its_drives(
@@ -72,11 +72,11 @@ def test_a_stage_is_owned_by_whoever_has_the_port_of_one_of_its_drives(
         owned = rig("status", "--config", config, "--json").json["stage"]
     finally:
         wire.close()
-    assert owned == {"kind": "leadshine", "port": port, "owner": os.getpid()}
+    assert owned == {"kind": "leadshine", "ports": [port], "owner": os.getpid()}
     free = rig("status", "--config", config, "--json").json["stage"]
     assert free["state"] == "Idle"
     stopped = rig("stop", "--config", config, "--json")
-    assert stopped.json == {"stopped": port, "owner": None, "sent": True, "state": "Idle"}
+    assert stopped.json == {"stopped": [port], "owner": None, "sent": True, "state": "Idle"}
 
 
 def test_stop_on_a_port_that_nobody_owns(
@@ -89,7 +89,7 @@ def test_stop_on_a_port_that_nobody_owns(
     stage.jog("x", -40.0, 5.0)
     stage.close()
     stopped = rig("stop", "--config", rig_toml(**bench.ports), "--json")
-    assert stopped.json == {"stopped": bench.ports["stage"], "owner": None, "sent": True, "state": "Alarm"}
+    assert stopped.json == {"stopped": [bench.ports["stage"]], "owner": None, "sent": True, "state": "Alarm"}
     look = GrblStage(open_port(bench.ports["stage"], 115200), WallClock())
     assert look.look().state == "Alarm"
     look.close()
@@ -107,8 +107,11 @@ def test_doctor_looks_at_the_devices_of_a_configuration(
     )
     found = rig("doctor", "--config", config, "--json").json
     assert found["stage"]["state"] == "Alarm"
-    assert "$130=70 (found 60)" in found["stage"]["problem"]
+    assert "$130=70 (found 60)" in found["stage"]["problem_text"]
     assert found["stage"]["code"]
     assert found["force"]["identity"] == "MT-SICS balance 0123456789"
-    assert found["calibrated"] == {"force_scale": "1.02, expired 2020-01-01"}
+    (scale,) = found["calibrated"]
+    assert (scale["name"], scale["value"], scale["expires"], scale["expired"]) == (
+        "force_scale", 1.02, "2020-01-01", True,
+    )  # fmt: skip
     assert "calibrated" not in rig("doctor", "--json").json

@@ -45,19 +45,19 @@ def test_down_to_the_finger_by_hand(rig: Rig, bench: Path) -> None:
     assert rig("zero", "--config", bench, "--json").code == 0
     refused = jog(rig, bench, -20)
     assert refused.code == 1
-    assert "limits.max_doi_mm = 1.5" in refused.json["error"]
+    assert "limits.max_doi_mm = 1.5" in refused.json["error_text"]
     assert refused.json["code"] == "too_deep"
     assert rig("jog", "--config", bench, "--axis", "x", "--by-mm", -2, "--speed-mm-s", 5).code == 0
     touched = down_to_the_finger(rig, bench)
     assert touched.code == 1
     found = touched.json
-    assert found["ended_by"] in touched.err
+    assert found["ended_by_text"] in touched.err
     assert 0.05 <= found["force_gwt"] < load_config(bench).limits.soft_trip_n / GWT_N
     assert -4.5 < found["z_mm"] < -3.5
     contact = rig("zero", "--config", bench, "--json")
     assert contact.code == 1
     assert contact.json["code"]
-    assert "--anyway" in contact.json["error"]
+    assert "--anyway" in contact.json["error_text"]
     assert jog(rig, bench, 2).code == 0
     assert rig("zero", "--config", bench).code == 0
 

@@ -98,4 +98,4 @@ def test_a_force_beyond_the_trip(rig: Rig, block: tuple[float, Callable[..., Pat
     ended = rig(*press, "--json", typed="\n\n")
     assert ended.code == 1
     assert ended.json["code"]
-    assert "soft trip" in ended.json["error"]
+    assert "soft trip" in ended.json["error_text"]

@@ -46,7 +46,7 @@ def test_what_jog_refuses(rig: Rig, tmp_path: Path, options: tuple[str, ...], co
 def test_jog_beyond_the_travel_says_so(rig: Rig, free_stage: FreeStage) -> None:
     ended = rig("jog", "--config", free_stage.config, "--axis", "x", "--by-mm", "5", "--without-force", "--json")
     assert ended.code == 1
-    assert ended.json["error"]
+    assert ended.json["error_text"]
     assert ended.json["code"]
     assert free_stage.x_mm() == 0.0
 

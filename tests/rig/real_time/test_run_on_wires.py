@@ -88,7 +88,7 @@ def test_nobody_mounts(rig: Rig, apart: Apart, finger: Fingertip, tmp_path: Path
     _, _, config = apart
     ended = rig("run", "first_press", "--yes", "--config", config, "--out", tmp_path / "runs", "--json")
     assert (ended.code, ended.json["code"]) == (130, "nobody_answered")
-    assert "bar:3.0" in ended.json["ending"]["reason"]
+    assert "bar:3.0" in ended.json["ending"]["reason_text"]
 
 
 def test_stop_from_another_process_ends_a_run_at_once(
@@ -116,7 +116,7 @@ def test_stop_from_another_process_ends_a_run_at_once(
         assert stopped.code == 0, stopped.err
         told = stopped.json
         assert told.pop("state") in ("Alarm", "Idle")  # between two motions a reset leaves a board idle
-        assert told == {"stopped": stage, "owner": run.pid, "sent": True}
+        assert told == {"stopped": [stage], "owner": run.pid, "sent": True}
         _, err = run.communicate(timeout=DEADLINE_S)
     finally:
         run.kill()

@@ -51,7 +51,7 @@ def held(
 def test_a_press_stops_the_stage_at_once(held: Callable[..., Any]) -> None:
     ended = held(lambda file: os.write(file, PRESSED))
     assert ended.code == 130, ended.err
-    assert BY_THE_BUTTON in ended.json["ending"]["reason"]
+    assert BY_THE_BUTTON in ended.json["ending"]["reason_text"]
     run = read_run(Path(ended.json["run"]))
     assert run.stop is not None
     assert (run.stop["status"], run.stop["reason"]) == ("aborted", BY_THE_BUTTON)

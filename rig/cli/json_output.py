@@ -1,0 +1,1488 @@
+"""What each command prints with `--json`: a schema for each, the reference page and the tests are made from it.
+
+Numbers are numbers. A quantity has its unit at the end of its key (`force_gwt`), or beside it in `unit`. Prose is in
+keys that end in `_text`. Identifiers come from closed lists, or have a format that says whose names they are.
+"""
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, NotRequired, Union
+
+from pydantic import ConfigDict, Field, TypeAdapter
+from typing_extensions import TypedDict
+
+from rig.compare.stimuli import CONTROLS
+from rig.compare.verdict import A_CONSTANT, Outcome
+from rig.data.tables import STATES
+from rig.engine.contact import ContactKind
+from rig.plan.config import UNITS
+from rig.records import Phase
+from rig.session.early_ending import Left
+from sim.benchmark import FAMILIES, LEVELS, QUANTITIES
+from sim.coding.operators import OperatorName
+from sim.coding.section import Energy
+from sim.coding.shape_class import SolidClass
+from sim.coding.task import DecoderName
+from sim.finger.mesh import LAYERS
+from sim.identification.prior import PARAMETERS, named
+from sim.measures.measures import MEASURES
+from sim.models.cache import KINDS
+from sim.models.catalogue import ModelName
+
+SUFFIXES: Mapping[str, str] = UNITS | {
+    "mm2": "mm²",
+    "n_per_mm": "N/mm",
+    "cycles_per_mm": "1/mm",
+    "pa_per_pseudo": "Pa per pseudo-unit",
+    "mpa": "MPa",
+    "pseudo": "pseudo-unit",
+    "mb": "MB",
+    "bytes": "bytes",
+}
+"""Units by the end of a key."""
+
+DIMENSIONLESS = "1"
+UNIT_FIELDS = (
+    "", DIMENSIONLESS, *dict.fromkeys(SUFFIXES.values()),
+    "pseudo-unit³", "1/pseudo-unit", "impulses/s",
+)  # fmt: skip
+"""Values of `unit`; empty where a value has none."""
+
+FORMATS = ("name", "shape", "path", "port", "uri", "date-time", "date", "command-line", "toml", "setting", "code")
+"""Formats of strings that are neither prose nor from a list."""
+
+
+class Output(TypedDict):
+    """An object of which every key is listed."""
+
+    __pydantic_config__ = ConfigDict(extra="forbid", use_attribute_docstrings=True)  # type: ignore[misc]
+
+
+Name = Annotated[str, Field(json_schema_extra={"format": "name"})]
+Shape = Annotated[str, Field(json_schema_extra={"format": "shape"})]
+File = Annotated[str, Field(json_schema_extra={"format": "path"})]
+Port = Annotated[str, Field(json_schema_extra={"format": "port"})]
+Uri = Annotated[str, Field(json_schema_extra={"format": "uri"})]
+Time = Annotated[str, Field(json_schema_extra={"format": "date-time"})]
+Day = Annotated[str, Field(json_schema_extra={"format": "date"})]
+CommandLine = Annotated[str, Field(json_schema_extra={"format": "command-line"})]
+Toml = Annotated[str, Field(json_schema_extra={"format": "toml"})]
+Code = Annotated[str, Field(pattern="^[a-z][a-z0-9_]*$", json_schema_extra={"format": "code"})]
+Unit = Annotated[str, Field(json_schema_extra={"enum": list(UNIT_FIELDS)})]
+Ratio = Annotated[float, Field(json_schema_extra={"unit": DIMENSIONLESS})]
+Measure = Annotated[str, Field(json_schema_extra={"enum": list(MEASURES)})]
+Candidate = Annotated[str, Field(json_schema_extra={"enum": [*MEASURES, *CONTROLS, A_CONSTANT]})]
+State = Annotated[str, Field(json_schema_extra={"enum": list(STATES)})]
+Parameter = Annotated[str, Field(json_schema_extra={"enum": [named(one.name) for one in PARAMETERS]})]
+Quantity = Annotated[str, Field(json_schema_extra={"enum": list(QUANTITIES)})]
+Level = Annotated[str, Field(json_schema_extra={"enum": list(LEVELS)})]
+Key = Annotated[str, Field(pattern="^[a-z][a-z0-9_]*$")]
+SettingText = Annotated[str, Field(json_schema_extra={"format": "setting"})]
+Value = float | bool | SettingText | None
+Setting = Value | list[Value] | dict[str, Value | list[Value]] | list[dict[str, Value | list[Value]]]
+Range = tuple[float, float]
+Ends = tuple[Ratio, Ratio]
+Limits = tuple[float | None, float | None]
+
+
+# --- what several commands print ---
+
+
+class IndentorAtEndJson(Output):
+    """Final position of the indentor."""
+
+    left: Left
+    x_mm: float | None
+    height_mm: float | None
+    trusted: bool
+    may_touch: bool | None
+    contact: ContactKind | None
+    force_gwt: float | None
+
+
+class EndingJson(Output):
+    """Why a run ended early. A run whose journal has an end has no more than `reason_text` and `where_text`."""
+
+    reason_text: str
+    where_text: str | None
+    indentor: NotRequired[IndentorAtEndJson]
+    next_text: NotRequired[str]
+    resume: NotRequired[CommandLine | None]
+    """Command that continues the run; null if it never began."""
+
+
+class FailureJson(Output):
+    """A command that failed."""
+
+    error_text: str
+    """The line on standard error. It may change; match `code`."""
+    code: Code
+    exit_code: Literal[1, 2, 130]
+    ending: NotRequired[EndingJson]
+
+
+class SmallStrainJson(Output):
+    """Deviation of a linear answer from finite strain: least and most; null where nothing was compared."""
+
+    note_text: str
+    force: Ends | None
+    sed: Ends | None
+
+
+class ContactJson(Output):
+    """State of contact between indentor and finger; null where nothing is on record."""
+
+    contact: ContactKind | None
+    may_touch: bool | None
+    force_gwt: float | None
+    where_text: str
+    to_do_text: str | None
+
+
+class DeviceLookJson(Output):
+    """A device: who owns its port, or its state, or the problem and its code."""
+
+    kind: Name
+    ports: list[Port]
+    owner: NotRequired[int | None]
+    """Process that owns the port; null if the system does not report it."""
+    owner_text: NotRequired[str]
+    does_text: NotRequired[str]
+    since_utc: NotRequired[Time]
+    stop: NotRequired[CommandLine]
+    identity: NotRequired[Name]
+    problem_text: NotRequired[str]
+    code: NotRequired[Code]
+
+
+class StageLookJson(DeviceLookJson):
+    """The stage; position in machine coordinates."""
+
+    state: NotRequired[Name]
+    x_mm: NotRequired[float]
+    y_mm: NotRequired[float]
+    z_mm: NotRequired[float]
+
+
+class ForceLookJson(DeviceLookJson):
+    """The force sensor."""
+
+    force_n: NotRequired[float]
+    stable: NotRequired[bool]
+
+
+class FileSizeJson(Output):
+    """A file."""
+
+    name: Name
+    bytes: int
+
+
+class PackageJson(Output):
+    """A package and its version."""
+
+    package: Name
+    version: Name
+
+
+# --- experiment ---
+
+
+class FinishedRunJson(Output):
+    """A run that was carried out or resumed."""
+
+    run: File
+    complete: bool
+    indentations: int
+    duration_s: float
+    wall_s: float
+    report: File | None
+    missing: NotRequired[int]
+    repeated: NotRequired[int]
+    restarted: NotRequired[int]
+    code: NotRequired[Code]
+    ending: NotRequired[EndingJson]
+
+
+class MarginsJson(Output):
+    """What remains up to the limits."""
+
+    force_gwt: float
+    doi_mm: float
+    mean_pressure_n_cm2: float
+    contact_s: float
+
+
+class PlannedStepJson(Output):
+    """A planned indentation; bands hold 90 % and are those of an identified finger."""
+
+    index: int
+    indentor: Shape
+    x_mm: float
+    target: Literal["doi_mm", "force_gwt"]
+    value: float
+    unit: Literal["mm", "gwt"]
+    increments: int
+    hold_s: float
+    doi_mm: float
+    force_gwt: float
+    force_band_gwt: NotRequired[Range]
+    doi_band_mm: NotRequired[Range]
+    highest_gwt: NotRequired[float]
+    contact_area_mm2: float
+    mean_pressure_n_cm2: float
+    peak_pressure_n_cm2: float
+    overshoot_gwt: float
+
+
+class CheckJson(Output):
+    """A protocol against the limits."""
+
+    protocol: Name
+    indentations: int
+    other_presses: int
+    duration_s: float
+    contact_s: float
+    peak_force_n: float
+    peak_force_gwt: float
+    small_strain: SmallStrainJson
+    peak_pressure_n_cm2: float
+    soft_trip_n: float
+    hard_trip_n: float
+    margins: MarginsJson
+    stop_distance_mm: float
+    overshoot_gwt: float
+    steps: list[PlannedStepJson]
+
+
+class IdentifiedParameterJson(Output):
+    """A parameter of the finger: mean, standard deviation and 90 % band; stiffness and moduli over the default's."""
+
+    name: Parameter
+    unit: Unit
+    mean: float
+    sd: float
+    low: float
+    high: float
+
+
+class PredictedForceJson(Output):
+    """Force of a press on the identified finger with its 90 % band, in gwt."""
+
+    shape: Shape
+    x_mm: float
+    doi_mm: float
+    force_gwt: float
+    low: float
+    high: float
+    unit: Literal["gwt"]
+
+
+class IdentificationJson(Output):
+    """An identified finger. `consistent`: the presses agree with a finger of the prior, and the bands hold."""
+
+    run: File
+    finger: File | None
+    presses: int
+    bench_s: float
+    consistent: bool
+    parameters: list[IdentifiedParameterJson]
+    predicted: list[PredictedForceJson]
+    problems_text: list[str]
+    code: NotRequired[Code]
+    ending: NotRequired[EndingJson]
+
+
+class WatchJson(Output):
+    """The state of a run now."""
+
+    run: File
+    state: State
+    done: int
+    planned: int
+    force_gwt: float | None
+    doi_mm: float | None
+    x_mm: float | None
+    height_mm: float | None
+    phase: Phase | None
+    now_text: str | None
+    next_text: str | None
+    left_s: float | None
+    ending: EndingJson | None
+
+
+class PanelJson(Output):
+    """Where the panel is."""
+
+    url: Uri
+    port: int
+    pid: int
+
+
+class FingerFrameJson(Output):
+    """Where the finger lies."""
+
+    pad_centre_x_mm: float
+    apex_z_mm: float
+    roll_deg: NotRequired[float]
+    tilt_deg: NotRequired[float]
+
+
+class FindJson(Output):
+    """Position of the finger, fitted to touches; `toml` is for the configuration."""
+
+    value: FingerFrameJson
+    sd: FingerFrameJson
+    correlation: list[list[Ratio]]
+    residual_mm: float
+    touches: int
+    toml: Toml
+
+
+# --- results ---
+
+
+class RunSummaryJson(Output):
+    """A run."""
+
+    name: Name
+    date_utc: Time
+    protocol: Name
+    title: Name
+    subject: Name
+    shapes: list[Shape]
+    state: State
+    virtual: bool
+    planned: int
+    done: int
+    duration_s: float
+
+
+class UnreadableJson(Output):
+    """A folder that cannot be read."""
+
+    name: Name
+    problem_text: str
+
+
+class RunsJson(Output):
+    """All runs of a folder."""
+
+    runs: list[RunSummaryJson]
+    unreadable: list[UnreadableJson]
+    table: NotRequired[File]
+    holds: NotRequired[int]
+
+
+class PressesJson(Output):
+    """Holds with one indentor to one target."""
+
+    indentor: Shape
+    target_doi_mm: float | None
+    target_force_gwt: float | None
+    holds: int
+    from_x_mm: float
+    to_x_mm: float
+    mean_force_gwt: float
+    mean_doi_mm: float
+    peak_gwt: float
+
+
+class RunDevicesJson(Output):
+    """Devices of a run, and the identities that they reported."""
+
+    stage: NotRequired[Name]
+    force: NotRequired[Name]
+    controller: NotRequired[Name]
+    sensor: NotRequired[Name]
+
+
+class RunModelJson(Output):
+    """The finger model of a run."""
+
+    nodes: NotRequired[int]
+    e_epidermis_mpa: NotRequired[float]
+    from_cache: NotRequired[bool]
+
+
+class ShowJson(Output):
+    """A run."""
+
+    run: File
+    title: Name
+    protocol: Name
+    source_text: str
+    parameters: dict[Key, Setting]
+    """Parameters of the protocol by their names."""
+    subject: Name | None
+    began_utc: Time
+    duration_s: float
+    virtual: bool
+    state: State
+    planned: int
+    done: int
+    ending: EndingJson | None
+    presses: list[PressesJson]
+    limits: dict[Key, Setting]
+    """Table [limits] of the configuration, and the soft trip of the plan."""
+    devices: RunDevicesJson
+    versions: list[PackageJson]
+    model: RunModelJson | None
+    files: list[FileSizeJson]
+
+
+class ColumnJson(Output):
+    """A column of a run's tables."""
+
+    table: Name
+    name: Name
+    unit: Unit
+    dtype: Literal["bool", "text (UTF-8)", "float64"]
+    what_text: str
+
+
+class ColumnsJson(Output):
+    """Columns of all tables."""
+
+    columns: list[ColumnJson]
+
+
+class ExportJson(Output):
+    """Files that were written."""
+
+    run: File
+    files: list[File]
+
+
+class StimulusJson(Output):
+    """A stimulus, and the number that was commanded."""
+
+    stimulus: Name
+    shape: Shape
+    condition: Name
+    target: Literal["doi_mm", "force_gwt"]
+    value: float
+    unit: Literal["mm", "gwt"]
+    run: File
+
+
+class ComparisonRowJson(Output):
+    """A measure at a receptor under a stimulus, R = k (ε − ε₀). unit: of ε; k is in impulses/s per unit."""
+
+    shape: Shape
+    condition: Name
+    measure: Measure
+    unit: Unit
+    receptor_mm: float
+    shape_test: bool | None
+    r: Ratio | None
+    positions: int | None
+    k: float | None
+    eps0: float | None
+    fires_unloaded: bool | None
+    run: File
+
+
+class MeasuresOfGroupJson(Output):
+    """Measures that pass the shape test under a group of stimuli."""
+
+    group: Name
+    measures: list[Measure]
+
+
+class CollinearInGroupJson(Output):
+    """Sets of measures that no recording of a group tells apart."""
+
+    group: Name
+    sets: list[list[Measure]]
+
+
+class JointFitJson(Output):
+    """A measure fitted to several shapes, by least squares, with 95 % limits of the likelihood."""
+
+    shapes: list[Shape]
+    condition: Name
+    measure: Measure
+    unit: Unit
+    receptor_mm: float
+    k: float | None
+    k_interval: Limits | None
+    eps0: float | None
+    eps0_interval: Limits | None
+    fires_unloaded: bool
+    r2: Ratio | None
+
+
+class FitValuesJson(Output):
+    """The same fit on the run's own finger."""
+
+    unit: Unit
+    k: float | None
+    k_interval: Limits | None
+    eps0: float | None
+    eps0_interval: Limits | None
+    r2: Ratio | None
+
+
+class NamedValueJson(Output):
+    """A parameter of a finger, by its place in the configuration."""
+
+    name: Name
+    value: float
+    unit: Unit
+
+
+class NamedRangeJson(Output):
+    """The range of a parameter of a finger."""
+
+    name: Name
+    low: float
+    high: float
+    unit: Unit
+
+
+class FitWithFingerJson(Output):
+    """A measure with its best plausible finger."""
+
+    shapes: list[Shape]
+    condition: Name
+    measure: Measure
+    unit: Unit
+    receptor_mm: float
+    r2: Ratio | None
+    best_finger: list[NamedValueJson]
+    k: float | None
+    k_interval: Limits | None
+    eps0: float | None
+    eps0_interval: Limits | None
+    on_this_finger: FitValuesJson
+
+
+class PlausibleFingersJson(Output):
+    """Fits over plausible fingers."""
+
+    ranges: list[NamedRangeJson]
+    built: int
+    interpolation_text: str | None
+    joint: list[FitWithFingerJson]
+
+
+class ChanceJson(Output):
+    """Correlation that chance alone exceeds in one of twenty cases."""
+
+    shapes: list[Shape]
+    condition: Name
+    positions: int
+    positions_recorded: int
+    looked_at: int
+    chance_r: Ratio
+
+
+class MissingPositionsJson(Output):
+    """Positions that one receptor does not cover."""
+
+    receptor_mm: float
+    positions_mm: list[float]
+
+
+class LeftOutOfRecordingJson(Output):
+    """What is left out of a recording."""
+
+    shape: Shape
+    condition: Name
+    recording: File
+    positions: int
+    left_out: list[MissingPositionsJson]
+    range_needed_mm: Range
+
+
+class ShapeTestChanceJson(Output):
+    """Share of random profiles that pass the shape test."""
+
+    shape: Shape
+    condition: Name
+    positions: int
+    smooth_over_mm: float | None
+    passes_by_chance: Ratio | None
+    draws: int
+
+
+class PairJson(Output):
+    """A measure or control at a receptor; a constant rate has none."""
+
+    measure: Candidate
+    receptor_mm: float | None
+
+
+class LeftOutOfAnswerJson(Output):
+    """Positions of a stimulus that are not used."""
+
+    stimulus: Name
+    position_mm: list[float]
+
+
+class RecordingNoiseJson(Output):
+    """Noise of a recording. dispersion: of counts and of rates with an sd relative, of rates alone (impulses/s)²."""
+
+    kind: Literal["counts", "sd", "rates"]
+    source: Literal["repeats", "sd", "neighbours"]
+    dispersion: Ratio
+    freedom: Ratio | None
+
+
+class CeilingJson(Output):
+    """Share of the variance that a model can explain."""
+
+    share: Ratio | None
+    source: Literal["repeats", "monotone"]
+
+
+class SeparateFitJson(Output):
+    """The maximum-likelihood pair fitted to one stimulus."""
+
+    stimulus: Name
+    unit: Unit
+    k: float | None
+    eps0: float | None
+    left_out: Ratio | None
+
+
+class TogetherJson(Output):
+    """F test of separate fits against one fit of all stimuli."""
+
+    ratio: Ratio | None
+    p: Ratio | None
+    separate: list[SeparateFitJson]
+
+
+class MimicJson(Output):
+    """Pair that imitates a control best, and the probability that it would be rejected."""
+
+    control: PairJson
+    pair: PairJson
+    probability: Ratio
+
+
+class PowerJson(Output):
+    """Power of the fit test."""
+
+    detectable_misfit: Ratio | None
+    mimics: list[MimicJson]
+
+
+class IntervalJson(Output):
+    """Limits of k and ε₀ over the receptors of the set."""
+
+    measure: Measure
+    unit: Unit
+    k: Limits
+    eps0: Limits
+
+
+class PairRowJson(Output):
+    """A measure or control at a receptor, with its fit."""
+
+    measure: Candidate
+    control: bool
+    unit: Unit
+    receptor_mm: float | None
+    k: float | None
+    eps0: float | None
+    saturation: Ratio | None
+    r: Ratio | None
+    r2: Ratio | None
+    deviance: Ratio | None
+    lack_of_fit: Ratio | None
+    p_fit: Ratio | None
+    p_set: Ratio | None
+    left_out: Ratio | None
+    k_interval: Limits
+    eps0_interval: Limits
+    fits: bool
+    in_set: bool
+    fires_unloaded: bool
+    finger: list[NamedValueJson] | None
+
+
+class AnswerJson(Output):
+    """The verdict on one afferent; rows are likeliest first."""
+
+    stimuli: list[Name]
+    recordings: list[File]
+    positions: int
+    positions_recorded: int
+    left_out: list[LeftOutOfAnswerJson]
+    noise: RecordingNoiseJson
+    outcome: Outcome
+    answer_text: str
+    besides_text: list[str]
+    set: list[PairJson]
+    controls_in_set: list[PairJson]
+    headline: PairJson | None
+    next: PairJson | None
+    next_is_worse_by: Ratio | None
+    ceiling: CeilingJson
+    together: TogetherJson | None
+    power: PowerJson
+    intervals: list[IntervalJson]
+    rows: list[PairRowJson]
+    fingers: int
+    methods_text: str
+
+
+class PlaceRowJson(Output):
+    """A measure at its maximum-likelihood place, with 95 % intervals."""
+
+    measure: Measure
+    unit: Unit
+    x_mm: float | None
+    depth_mm: float | None
+    offset_mm: float | None
+    k: float | None
+    eps0: float | None
+    deviance: Ratio | None
+    lack_of_fit: Ratio | None
+    p_fit: Ratio | None
+    x_interval_mm: Limits
+    depth_interval_mm: Limits
+    offset_interval_mm: Limits | None
+    fits: bool
+    at_bounds: list[Literal["x low", "x high", "depth low", "depth high", "offset low", "offset high"]]
+
+
+class PlaceJson(Output):
+    """Location of one afferent's receptor."""
+
+    stimuli: list[Name]
+    recordings: list[File]
+    positions: int
+    positions_recorded: int
+    x_range_mm: Range
+    depth_range_mm: Range
+    offset_range_mm: Range | None
+    frame_text: str
+    rows: list[PlaceRowJson]
+
+
+class CompareJson(Output):
+    """Runs against recordings; k and ε₀ in the signs in which profiles are shown."""
+
+    stimuli: list[StimulusJson]
+    rows: list[ComparisonRowJson]
+    candidates: list[Measure]
+    candidates_by_condition: list[MeasuresOfGroupJson]
+    collinear: list[CollinearInGroupJson]
+    joint: list[JointFitJson]
+    chance: list[ChanceJson]
+    small_strain: SmallStrainJson
+    report: File
+    left_out: list[LeftOutOfRecordingJson]
+    shape_test: list[ShapeTestChanceJson]
+    answers: list[AnswerJson]
+    places: list[PlaceJson]
+    fingers: NotRequired[PlausibleFingersJson]
+
+
+# --- simulation ---
+
+
+class LoadingPathJson(Output):
+    """Whether the result depends on the loading path."""
+
+    may_depend: bool
+    spread: Ratio | None
+    others_over_force: list[Ratio]
+
+
+class PressureProfileJson(Output):
+    """Contact pressure in the receptor plane."""
+
+    x_mm: list[float]
+    pseudo: list[float]
+
+
+class ReceptorsJson(Output):
+    """Measures at receptors, one item each; tension is positive. unit: of each measure."""
+
+    x_mm: list[float]
+    depth_mm: list[float]
+    z_mm: list[float]
+    unit: dict[Measure, Unit]
+    e11: list[float]
+    e22: list[float]
+    e33: list[float]
+    e12: list[float]
+    e23: list[float]
+    e13: list[float]
+    ep1: list[float]
+    ep2: list[float]
+    ep3: list[float]
+    s11: list[float]
+    s22: list[float]
+    s33: list[float]
+    sp1: list[float]
+    sp2: list[float]
+    sp3: list[float]
+    mean: list[float]
+    sed: list[float]
+    third: list[float]
+
+
+class SolverJson(Output):
+    """The model and how its contact was solved."""
+
+    model: Name
+    nodes: int
+    iterations: int
+    kkt_residual: Ratio
+    converged: bool
+    contact_s: float
+    build_s: float
+
+
+class ExpectedErrorsJson(Output):
+    """Largest measured relative error of each quantity that was asked for."""
+
+    force: NotRequired[Ratio]
+    width: NotRequired[Ratio]
+    sed: NotRequired[Ratio]
+    ep1: NotRequired[Ratio]
+
+
+class ExpectedCostJson(Output):
+    """Measured cost."""
+
+    from_nothing_s: float
+    press_s: float
+    memory_mb: float
+
+
+class ChoiceJson(Output):
+    """How the model was chosen; a model that was named has no more than the first three keys."""
+
+    level: Level | None
+    promised_error: Ratio | None
+    why_text: str
+    tolerance: NotRequired[Ratio]
+    outputs: NotRequired[list[Literal["force", "contact", "receptors"]]]
+    mesh: NotRequired[dict[Key, Setting]]
+    """Table [finger.mesh] of the configuration."""
+    patch_mm: NotRequired[Range]
+    expected_error: NotRequired[ExpectedErrorsJson]
+    expected_cost: NotRequired[ExpectedCostJson]
+
+
+class DeflectionJson(Output):
+    """Measured skin deflection beside the model's."""
+
+    points: int
+    beside_the_patch: int
+    mean_mm: float | None
+    rms_mm: float | None
+    x_mm: list[float]
+    z_mm: list[float]
+    measured_mm: list[float]
+    model_mm: list[float | None]
+
+
+class IndentJson(Output):
+    """An indentation. A section without --length-mm has its force per mm only; a point load has no depth."""
+
+    force_n: float | None
+    force_gwt: float | None
+    force_n_per_mm: NotRequired[float]
+    effective_length_mm: NotRequired[float | None]
+    doi_mm: float | None
+    peak_pressure_pseudo: float | None
+    small_strain: NotRequired[SmallStrainJson]
+    path: NotRequired[LoadingPathJson]
+    contact_regions_mm: list[Range]
+    pressure: PressureProfileJson
+    receptors: ReceptorsJson
+    solver: SolverJson
+    choice: ChoiceJson
+    deflection: NotRequired[DeflectionJson]
+    code: NotRequired[Code]
+
+
+class StudyJson(Output):
+    """A parameter study."""
+
+    table: File
+    cases: int
+    rows: int
+    problems: int
+    small_strain_text: str | None
+    interpolated: int
+    interpolation_text: str | None
+    wall_s: float
+
+
+class SkinJson(Output):
+    """The skin that was fitted."""
+
+    source: Literal["points", "published points", "sections"]
+    count: int
+    residual_rms_mm: float
+    residual_max_mm: float
+    worst_point_mm: NotRequired[list[float]]
+
+
+class ApexJson(Output):
+    """The highest point of the skin."""
+
+    position_mm: list[float]
+    lateral_radius_mm: float
+    axial_radius_mm: float | None
+
+
+class LayerJson(Output):
+    """A layer under the apex; E over that of the epidermis."""
+
+    name: Annotated[str, Field(json_schema_extra={"enum": list(LAYERS)})]
+    thickness_mm: float
+    elements: int
+    e_ratio: Ratio
+
+
+class MeshQualityJson(Output):
+    """Quality of the mesh and where it is worst."""
+
+    folded: int
+    poor: int
+    smallest_scaled_jacobian: Ratio
+    smallest_scaled_jacobian_at_mm: list[float]
+    largest_aspect_ratio: Ratio
+    largest_aspect_ratio_at_mm: list[float]
+
+
+class FingerJson(Output):
+    """The finger of a configuration."""
+
+    skin: SkinJson
+    apex: ApexJson
+    layers: list[LayerJson]
+    nodes: int
+    elements: int
+    patch_nodes: int
+    receptor_plane_mm: float
+    quality: MeshQualityJson
+
+
+class ServedPortsJson(Output):
+    """Ports of the virtual devices."""
+
+    stage: NotRequired[Port]
+    force: NotRequired[Port]
+
+
+class TrueParameterJson(Output):
+    """A parameter of a random finger, beside its 90 % band in a finger file."""
+
+    name: Parameter
+    unit: Unit
+    truth: float
+    low: NotRequired[float]
+    high: NotRequired[float]
+    inside: NotRequired[bool]
+
+
+class RandomFingerJson(Output):
+    """Parameters of a random finger."""
+
+    parameters: list[TrueParameterJson]
+
+
+# --- coding ---
+
+
+class SkinPressureJson(Output):
+    """Pressure at places along the skin."""
+
+    place_mm: list[float]
+    pseudo: list[float]
+
+
+class AgainstFiniteElementsJson(Output):
+    """Difference of the operator's SED from that of finite elements."""
+
+    relative_l2: Ratio
+    peak: Ratio
+    lateral_share: Ratio
+
+
+ReadingUnit = Literal["pseudo-unit", "impulses/s"]
+
+
+class EncodeJson(Output):
+    """Receptor readings. Without a receptor, `rate` is the noisy SED."""
+
+    operator: OperatorName
+    energy: Energy
+    pressure: SkinPressureJson
+    receptor_mm: list[float]
+    sed_pseudo: list[float]
+    rate: list[float]
+    rate_unit: ReadingUnit
+    samples: int
+    noise_sd: float
+    noise_sd_unit: ReadingUnit
+    noise_share_of_peak: Ratio
+    against_finite_elements: AgainstFiniteElementsJson | None
+    small_strain: SmallStrainJson | None
+
+
+class DecodingErrorsJson(Output):
+    """Errors against the true pressures."""
+
+    eq_6_8: Ratio
+    relative_l2: Ratio
+    rmse_over_peak: Ratio
+
+
+class ReadingNoiseJson(Output):
+    """Noise of the readings, and the SED that the pressures leave unexplained."""
+
+    sd: list[float] | None
+    unit: ReadingUnit
+    known_text: str | None
+    left_of_sed_pseudo: float
+
+
+class PressureBandJson(Output):
+    """90 % band of the pressures."""
+
+    low_pseudo: list[float]
+    high_pseudo: list[float]
+
+
+class FeltShapeJson(Output):
+    """What touches the skin. size_mm: diameter, half a wavelength of a step, or width of a bar."""
+
+    shape_class: SolidClass
+    size_mm: float
+    extent_mm: Range
+
+
+class DecodeJson(Output):
+    """Pressures from readings."""
+
+    decoder: DecoderName
+    operator: OperatorName
+    energy: Energy
+    place_mm: list[float]
+    pressure_pseudo: list[float]
+    pa_per_pseudo: float
+    sd_pseudo: list[float] | None
+    band_90: PressureBandJson | None
+    true_pseudo: list[float] | None
+    errors: DecodingErrorsJson | None
+    receptor_mm: list[float]
+    reading: list[float]
+    reading_unit: ReadingUnit
+    explained_sed_pseudo: list[float]
+    samples: int
+    noise: ReadingNoiseJson
+    range_pseudo: Range | None
+    moves: int
+    converged: bool
+    problems_text: list[str]
+    felt: FeltShapeJson | None
+    axial: Shape | None
+    search_ms: float
+
+
+class SpectraJson(Output):
+    """Amplitudes of h, g and f."""
+
+    cycles_per_mm: list[float]
+    unit: Literal["1/pseudo-unit"]
+    h: list[float]
+    g: list[float]
+    f: list[float]
+
+
+class OppositeJson(Output):
+    """How nearly g is −h."""
+
+    relative_l2: Ratio
+    largest: Ratio
+    correlation: Ratio
+
+
+class TailsJson(Output):
+    """Amplitude at the ends over the peak."""
+
+    h: Ratio
+    g: Ratio
+    f: Ratio
+
+
+class ShiftErrorsJson(Output):
+    """Relative L2 error of shifting the responses."""
+
+    place_mm: list[float]
+    e11: list[Ratio]
+    e22: list[Ratio]
+    e12: list[Ratio]
+    sed: list[Ratio]
+
+
+class ImpulseResponsesJson(Output):
+    """Strains under one pseudo-unit on one sample."""
+
+    place_mm: list[float]
+    unit: Literal["1/pseudo-unit"]
+    h: list[float]
+    g: list[float]
+    f: list[float]
+    spectra: SpectraJson
+    g_is_minus_h: OppositeJson
+    tails_over_peak: TailsJson
+    shift_errors_relative_l2: ShiftErrorsJson
+
+
+class ImpulseJson(Output):
+    """Impulse responses in the skin's axes and in Cartesian ones."""
+
+    energy: Energy
+    skin: ImpulseResponsesJson
+    cartesian: ImpulseResponsesJson
+
+
+class SampledSitesJson(Output):
+    """The loads, and where receptors lie."""
+
+    spacing_mm: float
+    half_width_mm: float
+    depth_mm: float
+    force_gwt: float
+
+
+class PowerLawJson(Output):
+    """SED = A / r^m, r in mm. `a_pseudo`: SED at 1 mm."""
+
+    a_pseudo: float
+    m: Ratio
+    r: Ratio
+    r2: Ratio
+
+
+class PrintedLawJson(Output):
+    """The law that the source prints; the unit of its A is not printed."""
+
+    a: Ratio
+    m: Ratio
+    r2: Ratio
+
+
+class SiteJson(Output):
+    """A site under a point load."""
+
+    number: int
+    x_mm: float
+    z_mm: float
+    on_pulp: bool
+    receptors: int
+    linear: PowerLawJson
+    logarithmic: PowerLawJson
+    by_azimuth: list[Ratio | None]
+    moved_response_relative_l2: Ratio
+    printed: PrintedLawJson
+
+
+class MeanLawJson(Output):
+    """Means over sites, and standard deviations over the means."""
+
+    a_pseudo: float
+    a_spread: Ratio
+    m: Ratio
+    m_spread: Ratio
+
+
+class MeanPrintedLawJson(Output):
+    """Means of the printed laws."""
+
+    a: Ratio
+    a_spread: Ratio
+    m: Ratio
+    m_spread: Ratio
+
+
+class MeanLawsJson(Output):
+    """Laws over the sites."""
+
+    linear: MeanLawJson
+    logarithmic: MeanLawJson
+    printed: MeanPrintedLawJson
+
+
+class ShiftInvarianceJson(Output):
+    """Decay of SED around point loads. common_factor: from `a_pseudo` to the printed A."""
+
+    sampled: SampledSitesJson
+    common_factor: Ratio
+    sites: list[SiteJson]
+    pulp: MeanLawsJson
+    all: MeanLawsJson
+
+
+# --- bench ---
+
+
+class HomedJson(ContactJson):
+    """Position after homing, in machine coordinates, and contact."""
+
+    state: Name
+    x_mm: float
+    y_mm: float
+    z_mm: float
+
+
+class ZeroedJson(Output):
+    """The force sensor after zeroing."""
+
+    identity: Name
+    force_n: float
+
+
+class StatusJson(Output):
+    """Both devices, and contact on record."""
+
+    stage: StageLookJson
+    force: ForceLookJson
+    contact: ContactJson
+
+
+class StoppedJson(Output):
+    """A stop that was sent. state: as the controller names it; null where it has not answered."""
+
+    stopped: list[Port]
+    owner: int | None
+    sent: bool
+    state: Name | None
+
+
+class NotStoppedJson(Output):
+    """A stop that was not sent, or not confirmed."""
+
+    error_text: str
+    code: Code
+    exit_code: Literal[1, 2]
+    owner: NotRequired[int | None]
+    sent: bool
+    state: NotRequired[Name | None]
+
+
+class JoggedJson(HomedJson):
+    """Position after a manual move."""
+
+    ended_by_text: str | None
+    """What stopped the stage."""
+    code: NotRequired[Code]
+
+
+class CalibrationJson(Output):
+    """A calibration; `toml` is for the configuration."""
+
+    name: Literal["x_steps_per_mm", "y_steps_per_mm", "z_steps_per_mm", "force_scale", "compliance_mm_per_n"]
+    value: float
+    sd: float | None
+    unit: Literal["steps/mm", "1", "mm/N"]
+    toml: Toml
+
+
+# --- system ---
+
+
+class BenchmarkRowJson(Output):
+    """Error and cost of a model. build_s: of the model and its first answer."""
+
+    model: ModelName
+    element: Literal["analytic", "bbar", "full", "incompatible", "quadratic"]
+    refinement: Name
+    nodes: int
+    scene: Name
+    family: Annotated[str, Field(json_schema_extra={"enum": list(FAMILIES)})]
+    quantity: Quantity
+    error: Ratio
+    total_s: float
+    contact_s: float
+    memory_mb: float
+
+
+class BenchmarkJson(Output):
+    """All models on this machine."""
+
+    rows: list[BenchmarkRowJson]
+    page: File
+    reference_s: float
+
+
+class CacheEntryJson(Output):
+    """A cached result."""
+
+    name: Name
+    kind: Annotated[str, Field(json_schema_extra={"enum": list(KINDS)})]
+    bytes: int
+    read_utc: Time
+
+
+class CacheJson(Output):
+    """Cached results."""
+
+    folder: File
+    entries: list[CacheEntryJson]
+    bytes: int
+    limit_gb: float
+    removed: int
+    removed_bytes: int
+
+
+class ConfigKeyJson(Output):
+    """A key of the configuration; value and default are null where it is not set."""
+
+    key: Name
+    value: Setting
+    default: Setting
+    unit: Unit
+    allowed_text: str
+    what_text: str
+
+
+class ConfigurationJson(Output):
+    """Keys of the configuration."""
+
+    keys: list[ConfigKeyJson]
+
+
+class SerialPortJson(Output):
+    """A serial port of this machine."""
+
+    port: Port
+    description_text: str
+
+
+class ConfiguredJson(Output):
+    """A configured device."""
+
+    kind: Name
+    ports: list[Port]
+
+
+class ConfiguredDevicesJson(Output):
+    """The configured devices."""
+
+    stage: ConfiguredJson
+    force: ConfiguredJson
+
+
+class DeviceKindJson(Output):
+    """A kind of device. package: where it comes from; null if built in."""
+
+    kind: Name
+    role: Literal["stage", "force"]
+    package: Name | None
+
+
+class CalibrationOnRecordJson(Output):
+    """A calibration of the configuration."""
+
+    name: Name
+    value: float
+    unit: Unit
+    expires: Day
+    expired: bool
+
+
+class CacheSizeJson(Output):
+    """Size of the cache."""
+
+    folder: File
+    models: int
+    answers: int
+    bytes: int
+
+
+class DoctorJson(Output):
+    """This installation; with --config also what answers on the ports."""
+
+    python: Name
+    system: Name
+    machine: Name
+    cores: int
+    versions: list[PackageJson]
+    ports: list[SerialPortJson]
+    configured: ConfiguredDevicesJson
+    devices: list[DeviceKindJson]
+    limits: dict[Key, Setting]
+    """Table [limits] of the configuration."""
+    solver: Literal["mkl_pardiso", "nested_dissection"]
+    cache: CacheSizeJson
+    protocols: list[Name]
+    problems_text: NotRequired[list[str]]
+    stage: NotRequired[StageLookJson]
+    force: NotRequired[ForceLookJson]
+    calibrated: NotRequired[list[CalibrationOnRecordJson]]
+    contact: NotRequired[ContactJson]
+    last_run_text: NotRequired[str]
+
+
+class BugReportJson(Output):
+    """A file for a bug report."""
+
+    bundle: File
+    holds: list[FileSizeJson]
+    left_out_text: list[str]
+
+
+OUTPUTS: Mapping[str, tuple[Any, ...]] = {
+    "dry-run": (FinishedRunJson,),
+    "run": (FinishedRunJson,),
+    "meet": (IdentificationJson,),
+    "check": (CheckJson,),
+    "resume": (FinishedRunJson,),
+    "compare": (CompareJson,),
+    "runs": (RunsJson,),
+    "show": (ShowJson, ColumnsJson),
+    "watch": (WatchJson,),
+    "panel": (PanelJson,),
+    "export": (ExportJson,),
+    "study": (StudyJson,),
+    "indent": (IndentJson,),
+    "impulse": (ImpulseJson,),
+    "shift-invariance": (ShiftInvarianceJson,),
+    "encode": (EncodeJson,),
+    "decode": (DecodeJson,),
+    "finger": (FingerJson,),
+    "find": (FindJson,),
+    "serve": (ServedPortsJson, RandomFingerJson),
+    "stranger": (RandomFingerJson,),
+    "home": (HomedJson,),
+    "zero": (ZeroedJson,),
+    "status": (StatusJson,),
+    "stop": (StoppedJson, NotStoppedJson),
+    "jog": (JoggedJson,),
+    "calibrate": (CalibrationJson,),
+    "bench": (BenchmarkJson,),
+    "cache": (CacheJson,),
+    "config": (ConfigurationJson,),
+    "doctor": (DoctorJson, BugReportJson),
+}
+"""What a command with --json prints if it ends in a result; any of them may print a Failure instead."""
+
+
+def schema_of(command: str) -> dict[str, Any]:
+    """Return the JSON schema (2020-12) of all that a command prints with `--json`."""
+    found = TypeAdapter(Union[(*OUTPUTS[command], FailureJson)]).json_schema()
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": f"rig {command} --json"} | _plain(
+        found
+    )
+
+
+def _plain(schema: Any) -> Any:
+    """The schema without titles that only repeat keys."""
+    if isinstance(schema, list):
+        return [_plain(one) for one in schema]
+    if not isinstance(schema, dict):
+        return schema
+    return {key: _plain(one) for key, one in schema.items() if key != "title" or not isinstance(one, str)}
