@@ -25,10 +25,7 @@ from rig.data import RunFolder, read_run
 from rig.data.folder import MEETING_PAGE, replace_text
 from rig.devices.registry import stage_ports
 from rig.errors import BadInputError
-from rig.identify.finger_from_presses import finger_file
-from rig.identify.frame import find
-from rig.identify.meeting_script import MeetingScript, as_script
-from rig.identify.procedure import (
+from rig.identify.adaptive_presses import (
     BEYOND_DEPTH,
     DEPTHS_MM,
     PLACES_MM,
@@ -38,6 +35,9 @@ from rig.identify.procedure import (
     PressReport,
     felt_surely,
 )
+from rig.identify.finger_from_presses import finger_file
+from rig.identify.frame import find
+from rig.identify.meeting_script import MeetingScript, as_script
 from rig.plan.config import Config, load_config
 from rig.plan.plan import Plan, make_plan
 from rig.protocol.api import Rig

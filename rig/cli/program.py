@@ -68,10 +68,10 @@ COMMANDS = {
         "panel.owning_command", "Own the ports for manual control from rig panel.", "Bench", hidden=True
     ),
     "calibrate": Command("calibrate.calibrate", "Calibrate steps/mm, force scale or compliance.", "Bench"),
-    "bench": Command("system.speed_command", "Benchmark the models on this machine.", "System"),
-    "cache": Command("system.cache_command", "List or delete cached results.", "System"),
-    "config": Command("system.config_command", "Print configuration keys with units and ranges.", "System"),
-    "doctor": Command("system.doctor_command", "Check ports, versions, limits, solver and cache.", "System"),
+    "bench": Command("installation.speed_command", "Benchmark the models on this machine.", "System"),
+    "cache": Command("installation.cache_command", "List or delete cached results.", "System"),
+    "config": Command("installation.config_command", "Print configuration keys with units and ranges.", "System"),
+    "doctor": Command("installation.doctor_command", "Check ports, versions, limits, solver and cache.", "System"),
 }
 
 

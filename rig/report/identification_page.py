@@ -9,7 +9,7 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from rig.data.folder import replace_text
-from rig.report.page import PageFigure, Section, alone, render
+from rig.report.page_parts import PageFigure, Section, alone, render
 from rig.report.style import BLUE, GREY, ORANGE, Plot
 from sim.identification.forward import Foreseen, Given
 from sim.identification.posterior import Learned

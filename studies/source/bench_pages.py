@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from rig.compare.comparison import compare
-from rig.compare.judge import answers
+from rig.compare.make_verdict import answers
 from rig.compare.recordings.reading import Reading, read_recordings
 from rig.compare.recordings.spikes import afferent_for, record, write_synthetic
 from rig.compare.stimuli import Stimulus, stimuli, stimulus_maps

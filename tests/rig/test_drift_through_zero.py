@@ -15,7 +15,7 @@ from rig.engine import Engine, EngineError, verbs
 from rig.engine.bench_memory import BenchMemory
 from rig.engine.sensing import ForceZero, NoReadingError, Sensing
 from rig.errors import LimitError
-from rig.manual.bench import zero as zero_by_hand
+from rig.manual.home_and_zero import zero as zero_by_hand
 from rig.settings import RigSettings
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock

@@ -249,8 +249,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, empty_figures: None)
     (tmp_path / "kept").mkdir()
     (tmp_path / "kept" / "one.model").write_bytes(b"kept")
     few = (Candidate("halfspace", "0.28 mm", coarse(0.28)),)
-    monkeypatch.setattr("rig.cli.system.QUICK", few)
-    monkeypatch.setattr("rig.cli.system.QUICK_SCENES", QUICK_SCENES[:1])
+    monkeypatch.setattr("rig.cli.installation.QUICK", few)
+    monkeypatch.setattr("rig.cli.installation.QUICK_SCENES", QUICK_SCENES[:1])
     return tmp_path
 
 

@@ -12,7 +12,7 @@ from rig.devices.base import ForceReading, ForceTimeout, StageError, StageReject
 from rig.engine.bench_memory import BenchMemory
 from rig.engine.sensing import ForceZero, Sensing
 from rig.errors import BadInputError, LimitError
-from rig.manual import bench as at_hand
+from rig.manual import home_and_zero as at_hand
 from rig.manual import status as hand_log
 from rig.manual.status import AT_A_TIME, COLUMNS, IN_STEPS, KEPT, ZERO_FIRST, Backlog, HandLog, OverheardSensor
 from rig.settings import RigSettings

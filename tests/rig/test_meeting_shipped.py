@@ -10,7 +10,7 @@ import pytest
 
 import sim.identification.forward as foreseen_module
 from rig.cli.identify_finger import USUAL_GOALS, scope_of
-from rig.identify.procedure import IdentificationOptions
+from rig.identify.adaptive_presses import IdentificationOptions
 from sim.config import FingertipConfig
 from sim.identification.force_table import Scope, ShapeTable, _content, as_json, shipped
 from sim.identification.forward import Foreseen

@@ -12,7 +12,7 @@ import pytest
 from rig.cli import program
 from rig.compare.pressure_formula import ContactSamples
 from rig.protocol.script import find_script
-from rig.report.page import Section
+from rig.report.page_parts import Section
 from sim.config import FingertipConfig
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip

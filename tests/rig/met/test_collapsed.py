@@ -13,8 +13,8 @@ import rig.cli.identify_finger as meet
 from rig.cli.identify_finger import said_at_the_end
 from rig.compare.plausible_fingers import read_plausible
 from rig.errors import BadInputError, RunAborted
+from rig.identify.adaptive_presses import IdentificationOptions, Meeting, felt_surely
 from rig.identify.finger_from_presses import finger_file
-from rig.identify.procedure import IdentificationOptions, Meeting, felt_surely
 from rig.plan.config import Config
 from rig.plan.finger_file import FingerFile
 from sim.identification.next_press import PressAt

@@ -9,7 +9,7 @@ from rig.control.stop import SentStop
 from rig.devices.registry import stage_ports
 from rig.panel import requests
 from rig.panel.app import application
-from rig.panel.state import SeenBench, Watcher
+from rig.panel.watcher import SeenBench, Watcher
 from rig.plan.config import Config
 from rig.settings import BenchSettings
 from sim.devices.clock import VirtualClock

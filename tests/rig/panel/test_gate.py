@@ -5,7 +5,7 @@ import asyncio
 import pytest
 from starlette.routing import Route
 
-from rig.panel.gate import FILE_POLICY, PAGE_POLICY
+from rig.panel.access import FILE_POLICY, PAGE_POLICY
 from tests.rig.panel.asgi_client import asked
 from tests.rig.panel.told_panel import HERE, OWN, PORT, TOKEN, Told
 

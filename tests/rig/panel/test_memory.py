@@ -22,8 +22,8 @@ from rig.manual.status import KEPT, Backlog
 from rig.panel.drawing import Drawer, Job, PressSummary
 from rig.panel.owners import Tabs
 from rig.panel.run_view import SeenRun, growing
-from rig.panel.state import HAND, SeenBench
 from rig.panel.stream import Onlooking, Outlet, ReadingSource
+from rig.panel.watcher import HAND, SeenBench
 from rig.plan.config import Config
 from sim.devices.clock import VirtualClock
 from tests.kept import Step, kept_bytes, needed_bytes

@@ -9,7 +9,7 @@ from urllib.parse import quote
 
 import pytest
 
-from rig.panel.gate import FILE_POLICY
+from rig.panel.access import FILE_POLICY
 from rig.panel.run_files import _pieces
 from tests.rig.panel.told_panel import OWN, Told
 

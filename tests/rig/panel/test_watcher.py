@@ -13,8 +13,8 @@ from rig.control.client import ControlError
 from rig.data.folder import RunFolder
 from rig.data.run_state import Course
 from rig.panel.run_view import SeenRun
-from rig.panel.state import ASK_S, BEAT_S, FIND_S, HAND, LOOK_S, STATUS_S, Watcher
 from rig.panel.stream import NOTHING, Onlooking
+from rig.panel.watcher import ASK_S, BEAT_S, FIND_S, HAND, LOOK_S, STATUS_S, Watcher
 from sim.devices.clock import VirtualClock
 from tests.rig.panel.test_outlet import events
 from tests.rig.panel.told_panel import Told, ToldOwner
@@ -178,7 +178,7 @@ def test_an_owner_is_told_of_together_with_what_it_says(make: Make) -> None:
 
 def test_runs_are_not_searched_for_all_the_time(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     panel, searched = make(), list[float]()
-    monkeypatch.setattr("rig.panel.state.growing", lambda out, unix_s: searched.append(unix_s))
+    monkeypatch.setattr("rig.panel.watcher.growing", lambda out, unix_s: searched.append(unix_s))
     for _ in range(4):
         look(panel.watcher)
     assert len(searched) == 1

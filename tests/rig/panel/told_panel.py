@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from rig.control.client import ControlError
 from rig.panel.owners import ByHandProcess
-from rig.panel.state import Watcher
+from rig.panel.watcher import Watcher
 from sim.devices.clock import VirtualClock
 from tests.rig.panel.asgi_client import Answer, asked
 
