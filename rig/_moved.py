@@ -59,8 +59,9 @@ compare.answers.prediction compare.model_confidence_set
 compare.answers.profile_limits compare.intervals
 compare.answers.wording compare.verdict_text
 compare.candidates compare.candidate_measures
-compare.cluster compare.dask_cluster
+compare.cluster study.dask_cluster
 compare.controls compare.stimuli
+compare.dask_cluster study.dask_cluster
 compare.errors compare.exceptions
 compare.fingers compare.plausible_fingers
 compare.fingers.finger_fit compare.plausible_fingers
@@ -68,11 +69,12 @@ compare.fingers.on_fingers compare.plausible_fingers
 compare.judge compare.make_verdict
 compare.left_out compare.comparison
 compare.model_set compare.model_confidence_set
-compare.parameter_study.cases compare.parameter_study
-compare.parameter_study.cluster compare.dask_cluster
-compare.parameter_study.errors compare.exceptions
-compare.parameter_study.interpolation compare.parameter_study
-compare.parameter_study.workers compare.workers
+compare.parameter_study study.parameter_study
+compare.parameter_study.cases study.parameter_study
+compare.parameter_study.cluster study.dask_cluster
+compare.parameter_study.errors study.exceptions
+compare.parameter_study.interpolation study.parameter_study
+compare.parameter_study.workers study.parallel
 compare.place -
 compare.place.place_fit compare.receptor_place
 compare.place.place_grid compare.place_grid
@@ -95,6 +97,7 @@ compare.statistics compare.fit
 compare.stimulus_maps compare.stimuli
 compare.table_5_2 compare.raju_table_5_2
 compare.tables compare.comparison_rows
+compare.workers study.parallel
 control.server control.owner_socket
 data.bench_time data.tables
 data.following data.run

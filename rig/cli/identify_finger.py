@@ -19,7 +19,6 @@ from rig.cli.run import ask_at_the_bench
 from rig.cli.script_execution import AtTheTerminal, RunOwner, failure, leave, loaded, new_run, owning
 from rig.cli.signals import at_a_safe_point, at_once
 from rig.clock import WallClock
-from rig.compare.workers import spread
 from rig.control.stop import StageInHand
 from rig.data import RunFolder, read_run
 from rig.data.folder import MEETING_PAGE, replace_text
@@ -44,6 +43,7 @@ from rig.protocol.api import Rig
 from rig.protocol.script import Script, load_script
 from rig.report.identification_page import IdentificationPage, write_meeting_page
 from rig.session.session import FinishedRun, NewRun, Session, dry_run, real_run
+from rig.study.parallel import spread
 from rig.units import GWT_N
 from sim.contact.shapes import parse_shape
 from sim.finger_process import Finger, FingerProcess

@@ -12,9 +12,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic import BaseModel, Field, ValidationError
 
-from rig.compare.exceptions import StudyError
 from rig.errors import BadInputError, first_problem
 from rig.plan.config import Config, load_config, told_of
+from rig.study.exceptions import StudyError
 from tests.raising import has_code, raises
 
 
