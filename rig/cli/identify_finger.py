@@ -47,8 +47,8 @@ from rig.study.parallel import spread
 from rig.units import GWT_N
 from sim.contact.shapes import parse_shape
 from sim.finger_process import Finger, FingerProcess
-from sim.identification.forward import Foreseen
 from sim.identification.next_press import PressAt
+from sim.identification.predicted_forces import Foreseen
 from sim.identification.prior import Prior, named, plain
 from sim.identification.uncertainty_bands import Width, ends
 from sim.models.fingertip import Fingertip

@@ -11,7 +11,7 @@ from rig.cli.identify_finger import USUAL_GOALS, scope_of
 from rig.identify.adaptive_presses import SHAPES, IdentificationOptions
 from sim.config import FingertipConfig
 from sim.identification.force_table import FILE, ShapeTable, as_json
-from sim.identification.forward import Foreseen, finger_of, made_of
+from sim.identification.predicted_forces import Foreseen, finger_of, made_of
 from sim.identification.prior import Prior
 
 

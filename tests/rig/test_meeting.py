@@ -40,8 +40,8 @@ from rig.report.identification_page import IdentificationPage, write_meeting_pag
 from rig.session.session import FinishedRun, NewRun, Nobody, Session, run_on
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
-from sim.identification.forward import Given, PressTrajectory
 from sim.identification.next_press import PressAt
+from sim.identification.predicted_forces import Given, PressTrajectory
 from sim.identification.prior import TAU_FAST_S, Prior
 from sim.identification.uncertainty_bands import standard_deviations
 from sim.models.fingertip import Fingertip

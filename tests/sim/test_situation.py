@@ -14,7 +14,7 @@ from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import NOWHERE, ReceptorPlaces, ReceptorSet
 from sim.models.catalogue import MODELS, load
-from sim.models.finger import build_finger
+from sim.models.finger_3d import build_finger
 from tests.raising import raises
 from tests.sim.coarse import coarse_mesh
 

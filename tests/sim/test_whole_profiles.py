@@ -11,7 +11,7 @@ from sim.coding import bayes
 from sim.coding.bayes import ModelError, Profile, decode_profile
 from sim.coding.decoding import DecodingError, decoding_errors
 from sim.coding.encoding import Receptor, noise_sd
-from sim.coding.mixture import Mixture
+from sim.coding.model_averaging import Mixture
 from sim.coding.operators import centred, felt_where, influence, weighted
 from sim.coding.pressure import Frictionless, borne_by, frictionless
 from sim.coding.readings import Readings
