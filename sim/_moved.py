@@ -64,14 +64,15 @@ devices.balance devices.mtsics
 devices.cell devices.line
 devices.drive_motion devices.leadshine
 devices.grbl.blocks devices.grbl.planner
+devices.grbl.commands devices.grbl.realtime_commands,devices.grbl.system_commands
 devices.grbl.homing devices.grbl.settings
 devices.grbl.lines devices.grbl.gcode
 devices.grbl.motion devices.grbl.planner
 devices.grbl.offsets devices.grbl.gcode
 devices.grbl.overrides devices.grbl.core
-devices.grbl.realtime devices.grbl.commands
+devices.grbl.realtime devices.grbl.realtime_commands
 devices.grbl.report devices.grbl.core
-devices.grbl.system devices.grbl.commands
+devices.grbl.system devices.grbl.system_commands
 devices.told devices.line
 fem.assembly fem.elements
 fem.dense fem.dissection

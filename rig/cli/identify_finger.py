@@ -12,9 +12,9 @@ import typer
 
 from rig.bench.virtual import refuse_twinless
 from rig.cli.confirm import confirmed_with, ready_for_a_real_run
-from rig.cli.monitor import counted, progress
 from rig.cli.options import FingerConfigOption, JsonOption, OutOption, SubjectOption, YesOption, checked_file
 from rig.cli.output import Beginning, ExitCode, complain, err, loading_the_finger, out, print_json, told_in_one_line
+from rig.cli.progress import counted, progress
 from rig.cli.run import ask_at_the_bench
 from rig.cli.script_execution import AtTheTerminal, RunOwner, failure, leave, loaded, new_run, owning
 from rig.cli.signals import at_a_safe_point, at_once

@@ -14,8 +14,8 @@ import typer
 
 from rig.bench.checks import checked_subject
 from rig.cli.confirm import Confirm, nothing_to_confirm
-from rig.cli.monitor import progress
 from rig.cli.output import THE_FINGER, ExitCode, busy, checking_the_script, complain, out, print_json, screen_aside
+from rig.cli.progress import progress
 from rig.cli.signals import PauseRequest, at_a_safe_point, interrupt_main, stoppable, unstoppable
 from rig.clock import WallClock
 from rig.control.client import Announcement

@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from rig.cli.monitor import IndentationProgress, RunScreen, _now
+from rig.cli.progress import IndentationProgress
+from rig.cli.watch import RunScreen, _now
 from rig.cli.runs import _described
 from rig.data.folder import RunFolder
 from rig.data.journal import Document

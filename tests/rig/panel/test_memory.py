@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from rig.cli.monitor import RunScreen
+from rig.cli.watch import RunScreen
 from rig.control.client import ControlError
 from rig.data import run_state
 from rig.data.folder import RunFolder

@@ -6,7 +6,10 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[3]
 LOOKS_ON = ("rig/panel", "rig/control", "rig/manual")
-LOOKS_ON_TOO = ("rig/cli/monitor.py", "rig/data/run_state.py", "rig/data/run.py")
+LOOKS_ON_TOO = (
+    *("rig/cli/force_trace.py", "rig/cli/progress.py", "rig/cli/watch.py"),
+    *("rig/data/run_state.py", "rig/data/run.py"),
+)
 CONTAINERS = {"list", "dict", "set", "deque", "Counter", "defaultdict", "OrderedDict", "Queue", "SimpleQueue",
               "ThreadPoolExecutor"}  # fmt: skip
 HAS_AN_END = {
@@ -29,7 +32,7 @@ HAS_AN_END = {
     "rig/control/stop.py _wires": "the stage's own, until it is let go",
     "rig/manual/status.py _rows": "KEPT",
     "rig/manual/orders.py _over": "a number for each tab that moved the stage",
-    "rig/cli/monitor.py _columns": "the width of the trace",
+    "rig/cli/force_trace.py _columns": "the width of the trace",
     "rig/data/run.py _last_hold": "of a run that is over",
     "rig/data/run.py done": "of a run that is over",
     "rig/data/run.py state": "of a run that is over",
