@@ -15,7 +15,7 @@ from pydantic import BaseModel, Field, ValidationError
 from rig.errors import BadInputError, first_problem
 from rig.plan.config import Config, load_config, told_of
 from rig.study.exceptions import StudyError
-from tests.raising import has_code, raises
+from tests.error_codes import has_code, raises
 
 
 @pytest.fixture

@@ -26,7 +26,7 @@ from rig.control.client import Announced, Announcement, ControlError, RefusedErr
 from rig.control.messages import Wire, connected
 from rig.control.owner_socket import ControlSocket
 from rig.errors import RigError
-from tests.raising import raises
+from tests.error_codes import raises
 from tests.waiting import DEADLINE_S, until
 
 OWNER = """

@@ -28,7 +28,7 @@ from sim.benchmark import QUICK_SCENES, Candidate, coarse
 from sim.models.fingertip import Fingertip
 from studies.reference_run import BENCHES, carried_out, fingerprint
 from tests.program import Program
-from tests.sim.coarse import as_toml, coarse_mesh
+from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
 ROOT = Path(__file__).parents[2]
 FROZEN = ROOT / "tests" / "frozen"

@@ -16,7 +16,7 @@ from sim.identification.force_table import Scope, ShapeTable, _content, as_json,
 from sim.identification.predicted_forces import Foreseen
 from sim.identification.prior import Prior
 from sim.models.fingertip import Fingertip
-from tests.sim.coarse import coarse_mesh
+from tests.sim.coarse_mesh import coarse_mesh
 
 WANTED = IdentificationOptions(USUAL_GOALS)
 

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from rig.cli.progress import IndentationProgress
-from rig.cli.watch import RunScreen, _now
 from rig.cli.runs import _described
+from rig.cli.watch import RunScreen, _now
 from rig.data.folder import RunFolder
 from rig.data.journal import Document
 from rig.data.run import Following, read_run

@@ -26,7 +26,7 @@ from sim.models.small_strain_error import DeviationRange, small_strain
 from studies.source import matrix_page
 from studies.source.printed.answers import FingerAnswers, deep
 from tests.program import Program
-from tests.sim.coarse import as_toml, coarse_mesh
+from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
 COARSE = as_toml(coarse_mesh(0.4, 0.4, patch_x_mm=2.0, patch_z_mm=2.0))
 SCRIPT = """\

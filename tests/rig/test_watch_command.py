@@ -13,15 +13,15 @@ import pytest
 from rich.console import Console
 from rich.live import Live
 
-import rig.cli.watch as watch_command
 import rig.cli.output as output
+import rig.cli.watch as watch_command
 from rig.cli.force_trace import BLOCKS, COLUMNS, EACH, ROWS, Screen
-from rig.cli.progress import IndentationProgress
-from rig.cli.watch import RunScreen
 from rig.cli.output import a_screen, screen_aside
+from rig.cli.progress import IndentationProgress
 from rig.cli.run import ask_at_the_bench
 from rig.cli.script_execution import AtTheTerminal
 from rig.cli.signals import PauseRequest
+from rig.cli.watch import RunScreen
 from rig.clock import WallClock
 from rig.data import run_state
 from rig.data.folder import RunFolder, UnwritableError

@@ -31,7 +31,7 @@ from sim.models.condensed import discretise
 from sim.models.factored_interior import Interior
 from sim.models.full_mesh import mesh_of
 from studies.verification.halfspace import boussinesq_strain
-from tests.raising import raises
+from tests.error_codes import raises
 
 Array = NDArray[np.float64]
 

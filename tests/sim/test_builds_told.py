@@ -16,7 +16,7 @@ from sim.models import condensed
 from sim.models.catalogue import BUILDERS, load
 from sim.models.fingertip import Fingertip
 from sim.models.full_mesh import strain_maps
-from tests.sim.coarse import coarse_mesh
+from tests.sim.coarse_mesh import coarse_mesh
 
 Build = Callable[[FingertipConfig], object]
 

@@ -22,7 +22,7 @@ from sim.models.many_indentations import WorkerLostError, indent_many
 from sim.models.result import IndentationOutcome, IndentationRequest, Indentations
 from sim.tables import NotInstalledError, to_pandas, to_xarray, write_csv
 from sim.workers import in_processes
-from tests.raising import raises
+from tests.error_codes import raises
 
 
 @pytest.fixture(scope="module")

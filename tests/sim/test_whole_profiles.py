@@ -18,7 +18,7 @@ from sim.coding.readings import Readings
 from sim.coding.section import SampledSection, Sampling, sampled_section
 from sim.config import FingertipConfig, MeshSpec
 from sim.errors import ModelRangeError
-from tests.raising import raises
+from tests.error_codes import raises
 
 Array = NDArray[np.float64]
 

@@ -25,7 +25,7 @@ from studies.meeting.strangers import COARSER, inside, outside
 from studies.meeting.tables import demands, kinds
 from studies.registry import as_markdown, read_table
 from tests.made_up_fingers import made_up
-from tests.sim.coarse import coarse_mesh
+from tests.sim.coarse_mesh import coarse_mesh
 
 GOALS = (PressAt("bar:3.0", 0.0, 0.4),)
 PAGE = Path(__file__).parents[2] / "docs" / "validation" / "identification.md"

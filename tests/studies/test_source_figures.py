@@ -38,7 +38,7 @@ from studies.source.printed.entry import (
     typeset,
 )
 from studies.source.printed.rules import Above, Below, Measured, Near, Rule, Same, Within
-from tests.sim.coarse import coarse_mesh
+from tests.sim.coarse_mesh import coarse_mesh
 
 ROOT = Path(__file__).parents[2]
 CLAIMS = [(entry.key, claim) for entry in ENTRIES for claim in entry.claims]

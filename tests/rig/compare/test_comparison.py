@@ -14,7 +14,7 @@ from rig.compare.recordings.recording import Recording, recording
 from rig.compare.recordings.spikes import Afferent, afferent_for, record, write_synthetic
 from rig.compare.stimuli import Stimulus
 from sim.measures.measures import MEASURES
-from tests.raising import raises
+from tests.error_codes import raises
 
 Array = NDArray[np.float64]
 Make = Callable[..., Stimulus]

@@ -13,7 +13,7 @@ from rig.cli import main, study
 from rig.study.parameter_study import interpolated, nodes_to_build, read_study, solve
 from sim.contact.indentor import ALONG, BOTH
 from sim.models.interpolation import HOW_MADE, INTERPOLATED, forget_kept
-from tests.sim.coarse import as_toml, coarse_mesh
+from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
 NINE = f"""\
 receptor_x_mm = [0.0]

@@ -18,7 +18,7 @@ from rig.compare.stimuli import CONTROLS, Stimulus
 from rig.compare.verdict import A_CONSTANT, AfferentVerdict, PairRow
 from rig.compare.verdict_text import sentence
 from sim.measures.measures import MEASURES
-from tests.raising import raises
+from tests.error_codes import raises
 
 Array = NDArray[np.float64]
 Make = Callable[..., Stimulus]

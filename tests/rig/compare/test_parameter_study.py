@@ -17,7 +17,7 @@ from rig.study.parallel import spread
 from rig.study.parameter_study import Case, columns, read_study, solve
 from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
-from tests.raising import raises
+from tests.error_codes import raises
 
 PRESSES = """\
 [[press]]

@@ -15,7 +15,7 @@ import pytest
 from rig.study import dask_cluster as cluster_module
 from rig.study.exceptions import WorkersError
 from rig.study.parallel import spread
-from tests.raising import raises
+from tests.error_codes import raises
 from tests.waiting import DEADLINE_S, until
 
 distributed: Any = pytest.importorskip(

@@ -26,8 +26,8 @@ from rig.data.schema import STREAMS
 from rig.panel.app import Panel
 from rig.panel.drawing import DrawingError, DrawingProcess, Job
 from rig.panel.owners import ByHandProcess, NotTakenError
+from tests.error_codes import raises
 from tests.program import Program
-from tests.raising import raises
 from tests.rig.real_time.panel_page import Serve, Stream, post, serve
 from tests.waiting import DEADLINE_S, until
 

@@ -19,10 +19,10 @@ from rig.plan.config import Config
 from rig.plan.finger_file import FingerFile
 from sim.identification.next_press import PressAt
 from sim.identification.posterior import least_effective
+from tests.error_codes import raises
 from tests.made_up_fingers import made_up
 from tests.program import Program
-from tests.raising import raises
-from tests.rig.met.met_file import met_file
+from tests.rig.identify.finger_file import met_file
 
 FORESEEN = made_up()
 
