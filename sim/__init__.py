@@ -33,10 +33,10 @@ if TYPE_CHECKING:
     from sim.measures.measures import MEASURES
     from sim.measures.receptors import ReceptorError
     from sim.models.catalogue import load
-    from sim.models.field import Fields
     from sim.models.fingertip import Fingertip
-    from sim.models.many import WorkerLostError, indent_many
+    from sim.models.many_indentations import WorkerLostError, indent_many
     from sim.models.result import IndentationResult, Indentations, PointLoadResult
+    from sim.models.strain_at_points import Fields
     from sim.tables import NotInstalledError, to_pandas, to_xarray, write_csv
 
     __version__: str
@@ -52,8 +52,8 @@ _HOMES = {
     "sim.models.catalogue": ("load",),
     "sim.errors": ("ForceOutOfReachError", "ModelRangeError"),
     "sim.models.fingertip": ("Fingertip",),
-    "sim.models.many": ("WorkerLostError", "indent_many"),
-    "sim.models.field": ("Fields",),
+    "sim.models.many_indentations": ("WorkerLostError", "indent_many"),
+    "sim.models.strain_at_points": ("Fields",),
     "sim.models.result": ("IndentationResult", "Indentations", "PointLoadResult"),
     "sim.tables": ("NotInstalledError", "to_pandas", "to_xarray", "write_csv"),
     "sim.cheapest_model": ("Aim", "Choice", "NoModelError", "choose"),

@@ -37,7 +37,7 @@ for package in ("rig", "sim"):
             importlib.import_module(found.name)
 print(sys.modules["rig"].__file__)
 """
-OF_EXTRAS = ("rig.compare.dask_cluster", "rig.panel.", "rig.__main__")
+OF_EXTRAS = ("rig.study.dask_cluster", "rig.panel.", "rig.__main__")
 """Not imported, by how their names begin: what only an extra brings along, and what is the program itself."""
 
 

@@ -133,7 +133,7 @@ LONG = (
     "rig/real_time/test_by_hand_process.py",
     "sim/test_speed_and_error.py",
     "sim/test_meeting_forces.py",
-    "rig/met/test_met_in_a_run.py",
+    "rig/identify/test_met_in_a_run.py",
     "rig/real_time/test_meet_a_stranger.py",
     "rig/test_stopping_needs_nothing.py",
     "rig/test_how_it_ends.py",

@@ -6,7 +6,7 @@ import numpy as np
 
 from sim.config import FingertipConfig
 from sim.identification.force_table import Scope, ShapeTable
-from sim.identification.forward import Foreseen, Given, PressTrajectory, tissue_axes
+from sim.identification.predicted_forces import Foreseen, Given, PressTrajectory, tissue_axes
 from sim.identification.prior import Prior
 
 SHAPES: Mapping[str, tuple[float, float, float]] = {  # gwt at 1 mm, exponent of depth, exponent of the fat's modulus

@@ -1,6 +1,7 @@
 """The example of a device from another package: installed as pip does it, found by its entry point, pressed with.
 
-The project's build system need not be there and nothing is fetched: its wheel is made by hand (tests/offered.py).
+The project's build system need not be there and nothing is fetched: tests/device_packages.py
+makes its wheel.
 """
 
 import json
@@ -15,7 +16,7 @@ import pytest
 
 from rig.devices.registry import BUILT_IN
 from sim.models.fingertip import Fingertip
-from tests.offered import EXAMPLE, wheel
+from tests.device_packages import EXAMPLE, wheel
 from tests.program import EMPTY_FIGURES
 
 ROOT = Path(__file__).parents[1]

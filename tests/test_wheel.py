@@ -1,6 +1,6 @@
 """What a user installs: a wheel with `rig` and `sim` that needs nothing of the repository.
 
-Made by hand from what `pyproject.toml` says belongs in it (tests/offered.py): the build system need not be there.
+tests/device_packages.py makes it from what `pyproject.toml` says belongs in it, without the build system.
 """
 
 import os
@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.offered import dist_info
+from tests.device_packages import dist_info
 
 ROOT = Path(__file__).parents[1]
 PIP = ("-m", "pip", "--disable-pip-version-check", "install", "--no-index", "--no-deps", "--quiet")

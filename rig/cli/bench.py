@@ -19,8 +19,8 @@ from rig.devices.make_drivers import open_force, open_stage
 from rig.engine.bench_memory import BenchMemory
 from rig.engine.contact import KnownContact
 from rig.engine.sensing import Sensing
-from rig.manual import bench as manual_bench
-from rig.manual.bench import at_hand, feel, unfelt
+from rig.manual import home_and_zero
+from rig.manual.home_and_zero import at_hand, feel, unfelt
 from rig.manual.jog import ByHand, Show
 from rig.plan.config import Config, load_config
 from rig.session.stop_button import key_interrupting
@@ -52,7 +52,7 @@ def _home(settings: Config) -> tuple[StageStatus, KnownContact]:
     with at_once(), key_interrupting(settings, interrupt_main), closing(_bench_at_hand(settings)) as bench:
         sensing = Sensing(settings, bench.clock, bench.force)
         sensing.zero = bench.memory.read().zero
-        known = manual_bench.home(settings, bench, sensing)
+        known = home_and_zero.home(settings, bench, sensing)
         return bench.stage.status(), known
 
 
@@ -61,7 +61,7 @@ def _bench_at_hand(settings: Config) -> RealBench:
     try:
         return open_bench(settings, WallClock(), io.StringIO(), ask=lambda request: "")
     except PortError as error:
-        raise manual_bench.unfelt(error) if error.device == "force" else error from None
+        raise home_and_zero.unfelt(error) if error.device == "force" else error from None
 
 
 def _home_unfelt(settings: Config) -> tuple[StageStatus, KnownContact]:
@@ -87,7 +87,7 @@ def zero(
         settings, clock = load_config(config), WallClock()
         with closing(open_force(settings, clock)) as force:
             sensing = Sensing(settings, clock, force)
-            name = manual_bench.zero(settings, sensing, anyway=anyway)
+            name = home_and_zero.zero(settings, sensing, anyway=anyway)
             tell({"identity": name, "force_n": sensing.raw().force_n}, as_json=as_json)
 
 

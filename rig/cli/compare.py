@@ -15,16 +15,16 @@ import typer
 from rig.cli.options import ExactOption, JsonOption, checked_file, numbers
 from rig.cli.output import THE_FINGER, busy, out, print_json, renamed, told_in_one_line
 from rig.compare.comparison import Comparison, compare, left_out_lines, left_out_rows
-from rig.compare.judge import answers
+from rig.compare.comparison_rows import answers_as_json, fingers_as_json
+from rig.compare.comparison_rows import as_json as comparison_as_json
 from rig.compare.likelihood import Form
+from rig.compare.make_verdict import answers
 from rig.compare.place_grid import PlaceRange, ReceptorLocation, place_lines, places_as_json
 from rig.compare.plausible_fingers import PlausibleFingers, on_plausible_fingers, read_plausible
 from rig.compare.receptor_place import Sought, places, sought_in
 from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.reading import Reading, read_recordings, sha256
 from rig.compare.recordings.recording import Recording
-from rig.compare.results import answers_as_json, fingers_as_json
-from rig.compare.results import as_json as comparison_as_json
 from rig.compare.shape_test import chance_rows
 from rig.compare.stimuli import Stimulus, stimuli, stimulus_maps
 from rig.compare.verdict import AfferentVerdict
@@ -34,7 +34,7 @@ from rig.data.folder import replace_text
 from rig.errors import BadInputError
 from rig.plan.config import load_config
 from rig.report.comparison_report import fingers_sections, place_section, write_comparison
-from rig.report.page import Section
+from rig.report.page_parts import Section
 from rig.report.recording_sections import deflection_section, read_deflections, simulated
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
 from sim.models.fingertip import Fingertip

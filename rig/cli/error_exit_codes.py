@@ -1,12 +1,13 @@
 """Message and exit code of each error of the packages; the only module that imports them all."""
 
 from rig.cli.output import ExitCode
-from rig.compare.exceptions import ComparisonError, RecordingError, StudyError, WorkersError
+from rig.compare.exceptions import ComparisonError, RecordingError
 from rig.data import FolderBusyError, NwbMissingError, RunError
 from rig.data.folder import UnwritableError
 from rig.devices.base import ForceError, StageError
 from rig.engine import EngineError
 from rig.errors import BadInputError, code_of
+from rig.study.exceptions import StudyError, WorkersError
 from rig.transport import TransportError
 from sim.contact.shapes import ShapeError
 from sim.errors import ModelRangeError

@@ -12,23 +12,19 @@ import typer
 
 from rig.bench.virtual import refuse_twinless
 from rig.cli.confirm import confirmed_with, ready_for_a_real_run
-from rig.cli.monitor import counted, progress
 from rig.cli.options import FingerConfigOption, JsonOption, OutOption, SubjectOption, YesOption, checked_file
 from rig.cli.output import Beginning, ExitCode, complain, err, loading_the_finger, out, print_json, told_in_one_line
+from rig.cli.progress import counted, progress
 from rig.cli.run import ask_at_the_bench
 from rig.cli.script_execution import AtTheTerminal, RunOwner, failure, leave, loaded, new_run, owning
 from rig.cli.signals import at_a_safe_point, at_once
 from rig.clock import WallClock
-from rig.compare.workers import spread
 from rig.control.stop import StageInHand
 from rig.data import RunFolder, read_run
 from rig.data.folder import MEETING_PAGE, replace_text
 from rig.devices.registry import stage_ports
 from rig.errors import BadInputError
-from rig.identify.finger_from_presses import finger_file
-from rig.identify.frame import find
-from rig.identify.meeting_script import MeetingScript, as_script
-from rig.identify.procedure import (
+from rig.identify.adaptive_presses import (
     BEYOND_DEPTH,
     DEPTHS_MM,
     PLACES_MM,
@@ -38,17 +34,21 @@ from rig.identify.procedure import (
     PressReport,
     felt_surely,
 )
+from rig.identify.finger_from_presses import finger_file
+from rig.identify.frame import find
+from rig.identify.meeting_script import MeetingScript, as_script
 from rig.plan.config import Config, load_config, unit
 from rig.plan.plan import Plan, make_plan
 from rig.protocol.api import Rig
 from rig.protocol.script import Script, load_script
 from rig.report.identification_page import IdentificationPage, write_meeting_page
 from rig.session.session import FinishedRun, NewRun, Session, dry_run, real_run
+from rig.study.parallel import spread
 from rig.units import GWT_N
 from sim.contact.shapes import parse_shape
 from sim.finger_process import Finger, FingerProcess
-from sim.identification.forward import Foreseen
 from sim.identification.next_press import PressAt
+from sim.identification.predicted_forces import Foreseen
 from sim.identification.prior import Prior, named, plain
 from sim.identification.uncertainty_bands import Width, ends
 from sim.models.fingertip import Fingertip

@@ -15,13 +15,13 @@ from rig.cli.output import complain, err, out, print_json, told_in_one_line
 from rig.cli.signals import asked_to_leave, at_once
 from rig.clock import WallClock
 from rig.control.client import Announcement
-from rig.control.server import ControlSocket
+from rig.control.owner_socket import ControlSocket
 from rig.control.stop import StageInHand
 from rig.devices.registry import stage_ports
 from rig.engine.bench_memory import BenchMemory
 from rig.errors import BadInputError
-from rig.manual.bench import unfelt
-from rig.manual.server import HandOwner
+from rig.manual.home_and_zero import unfelt
+from rig.manual.owner_process import HandOwner
 from rig.manual.status import HandLog
 from rig.plan.config import Config, load_config
 from rig.session.stop_button import StopButton

@@ -41,7 +41,7 @@ COMMANDS = {
     "compare": Command("compare.command", "Compare runs with recordings and write a report.", "Results"),
     "runs": Command("runs.runs_command", "List runs, or write a table of their holds.", "Results"),
     "show": Command("runs.show_command", "Describe a run: state, limits, forces and files.", "Results"),
-    "watch": Command("monitor.watch_command", "Monitor a running protocol.", "Experiment"),
+    "watch": Command("watch.watch_command", "Monitor a running protocol.", "Experiment"),
     "panel": Command("panel.panel_command", "Open the browser panel to monitor or move the rig.", "Experiment"),
     "export": Command("runs.export_command", "Export a run to HDF5 and CSV, or to NWB.", "Results"),
     "study": Command("study.command", "Simulate all combinations of a parameter study.", "Simulation"),
@@ -68,10 +68,10 @@ COMMANDS = {
         "panel.owning_command", "Own the ports for manual control from rig panel.", "Bench", hidden=True
     ),
     "calibrate": Command("calibrate.calibrate", "Calibrate steps/mm, force scale or compliance.", "Bench"),
-    "bench": Command("system.speed_command", "Benchmark the models on this machine.", "System"),
-    "cache": Command("system.cache_command", "List or delete cached results.", "System"),
-    "config": Command("system.config_command", "Print configuration keys with units and ranges.", "System"),
-    "doctor": Command("system.doctor_command", "Check ports, versions, limits, solver and cache.", "System"),
+    "bench": Command("installation.speed_command", "Benchmark the models on this machine.", "System"),
+    "cache": Command("installation.cache_command", "List or delete cached results.", "System"),
+    "config": Command("installation.config_command", "Print configuration keys with units and ranges.", "System"),
+    "doctor": Command("installation.doctor_command", "Check ports, versions, limits, solver and cache.", "System"),
 }
 
 

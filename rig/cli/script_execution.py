@@ -14,12 +14,12 @@ import typer
 
 from rig.bench.checks import checked_subject
 from rig.cli.confirm import Confirm, nothing_to_confirm
-from rig.cli.monitor import progress
 from rig.cli.output import THE_FINGER, ExitCode, busy, checking_the_script, complain, out, print_json, screen_aside
+from rig.cli.progress import progress
 from rig.cli.signals import PauseRequest, at_a_safe_point, interrupt_main, stoppable, unstoppable
 from rig.clock import WallClock
 from rig.control.client import Announcement
-from rig.control.server import ControlSocket
+from rig.control.owner_socket import ControlSocket
 from rig.control.stop import StageInHand, StopSwitch, answer_to_a_stop
 from rig.data import FolderBusyError, Run, RunFolder, export_run
 from rig.data.journal import Watch

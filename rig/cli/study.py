@@ -9,12 +9,12 @@ from typing import Annotated
 
 import typer
 
-from rig.cli.monitor import counted
 from rig.cli.options import ExactOption, JsonOption, checked_file
 from rig.cli.output import out, print_json, told_in_one_line
-from rig.compare.parameter_study import Case, Row, columns, interpolated, nodes_to_build, read_study, solve
-from rig.compare.workers import spread
+from rig.cli.progress import counted
 from rig.data.folder import replace_text
+from rig.study.parallel import spread
+from rig.study.parameter_study import Case, Row, columns, interpolated, nodes_to_build, read_study, solve
 from sim.models.interpolation import HOW_MADE, INTERPOLATED, make_node
 from sim.models.small_strain_error import small_strain
 

@@ -19,15 +19,3 @@ class RecordingError(RigError, ValueError):
     """A recording cannot be used; the message names file, row and column."""
 
     default_code = "recording"
-
-
-class StudyError(RigError, ValueError):
-    """The file of a study is not understood; the message names file and key."""
-
-    default_code = "study"
-
-
-class WorkersError(RigError):
-    """The work cannot be given out, or those who did it have gone."""
-
-    default_code = "workers"

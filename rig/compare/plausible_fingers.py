@@ -26,13 +26,13 @@ from pydantic import AfterValidator, Field
 
 from rig.compare.exceptions import FingersError
 from rig.compare.fit import Fit, fit_rates, predicted
-from rig.compare.parameter_study import interpolated, nodes_to_build
 from rig.compare.stimuli import Stimulus
-from rig.compare.workers import spread
 from rig.data import Run
 from rig.plan.config import told_of
 from rig.plan.finger_file import TISSUE, FingerFile, finger_file_of
 from rig.settings import Settings
+from rig.study.parallel import spread
+from rig.study.parameter_study import interpolated, nodes_to_build
 from sim.config import FingertipConfig
 from sim.contact.shapes import parse_shape
 from sim.errors import ModelRangeError

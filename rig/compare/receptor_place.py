@@ -16,8 +16,8 @@ from scipy.special import fdtri
 from rig.compare.candidate_measures import lack_of_fit
 from rig.compare.comparison import Overlay, compare
 from rig.compare.fit import Flags, compared
-from rig.compare.judge import afferents
 from rig.compare.likelihood import Form, Likeliest, Observed, likeliest, observed
+from rig.compare.make_verdict import afferents
 from rig.compare.place_grid import (
     PlaceRange,
     PlaceRow,

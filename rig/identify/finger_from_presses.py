@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.identify.procedure import Meeting
+from rig.identify.adaptive_presses import Meeting
 from rig.plan.config import Config
 from rig.plan.finger_file import Band, Draw, FingerFile, Met, Place, Posterior
 from sim.identification.prior import Prior, series_of, tissue_of

@@ -10,8 +10,8 @@ from rig.data.folder import SCRIPT
 from rig.data.run import Events, Following, add_event
 from rig.engine import Engine, LimitError
 from rig.engine.limits import Trips
+from rig.identify.adaptive_presses import Meeting, PressReport
 from rig.identify.press_record import given_press
-from rig.identify.procedure import Meeting, PressReport
 from rig.protocol.api import ProtocolParameters, Rig
 from rig.protocol.check import Spot, Walk
 from rig.protocol.script import Script

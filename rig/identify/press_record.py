@@ -10,7 +10,7 @@ import numpy as np
 from rig.data.run import Events
 from rig.settings import RigSettings
 from rig.units import GWT_N
-from sim.identification.forward import Given, PressTrajectory
+from sim.identification.predicted_forces import Given, PressTrajectory
 
 _ABOVE_MM = 0.1  # over the first touch nothing is felt
 _TOUCHES = 4  # of the readings just before contact was found

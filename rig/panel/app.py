@@ -21,14 +21,14 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 
 from rig.clock import WallClock
 from rig.control.client import announced
-from rig.control.server import quick_switches
+from rig.control.owner_socket import quick_switches
+from rig.panel.access import Gate
 from rig.panel.drawing import Drawer
-from rig.panel.gate import Gate
 from rig.panel.owners import ByHandProcess, Find
 from rig.panel.requests import Posts, RequestError
 from rig.panel.run_files import RunFiles
-from rig.panel.state import SeenBench, Watcher
 from rig.panel.stream import MOST_STREAMS, stream
+from rig.panel.watcher import SeenBench, Watcher
 from rig.plan.config import load_config
 
 STATIC = Path(__file__).parent / "static"

@@ -17,9 +17,9 @@ from rig.control.client import ControlError, RefusedError
 from rig.control.stop import BESIDE_S, SentStop, send_stop
 from rig.devices.registry import stage_ports
 from rig.errors import RigError
-from rig.panel.gate import TAB_HEADER
+from rig.panel.access import TAB_HEADER
 from rig.panel.owners import ByHandProcess, NobodyError, NotTakenError, Owner, Said, asked, say_stop, stop_all
-from rig.panel.state import Watcher
+from rig.panel.watcher import Watcher
 from rig.settings import BenchSettings
 
 MOST_BYTES = 4096

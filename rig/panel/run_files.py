@@ -15,7 +15,7 @@ from starlette.types import Send
 
 from rig.data.index import RunFilter, listed
 from rig.errors import code_of
-from rig.panel.gate import FILE_POLICY
+from rig.panel.access import FILE_POLICY
 from rig.panel.requests import RequestError
 
 _AS_TEXT = (".csv", ".jsonl", ".log", ".md", ".py", ".toml", ".txt", "SHA256SUMS")

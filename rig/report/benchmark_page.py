@@ -9,7 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
-from rig.report.page import PageFigure, render
+from rig.report.page_parts import PageFigure, render
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, Plot
 
 Row = Mapping[str, Any]

@@ -11,16 +11,16 @@ from typing import Any
 import numpy as np
 
 from rig.compare.comparison import COLLINEAR, Comparison, Overlay
+from rig.compare.comparison_rows import threshold_rows
 from rig.compare.place_grid import PlaceRow, ReceptorLocation, in_mm, within
 from rig.compare.recordings.reading import sha256
-from rig.compare.results import threshold_rows
 from rig.compare.shape_test import DRAWS, THRESHOLD, chance_rows
 from rig.compare.stimuli import Stimulus, StimulusMap
 from rig.compare.verdict import AfferentVerdict
 from rig.data import Run
 from rig.data.folder import replace_bytes, replace_text
 from rig.report import profile_figures
-from rig.report.page import PageFigure, Section, alone, as_png, figures_of, render
+from rig.report.page_parts import PageFigure, Section, alone, as_png, figures_of, render
 from rig.report.profile_figures import strain_maps
 from rig.report.recording_sections import SURVIVORS, frame, source_sections
 from rig.report.style import as_number, as_positions, label, unit

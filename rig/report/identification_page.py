@@ -9,10 +9,10 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from rig.data.folder import replace_text
-from rig.report.page import PageFigure, Section, alone, render
+from rig.report.page_parts import PageFigure, Section, alone, render
 from rig.report.style import BLUE, GREY, ORANGE, Plot
-from sim.identification.forward import Foreseen, Given
 from sim.identification.posterior import Learned
+from sim.identification.predicted_forces import Foreseen, Given
 from sim.identification.prior import named, plain
 from sim.identification.uncertainty_bands import COVERAGE
 

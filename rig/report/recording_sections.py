@@ -21,7 +21,7 @@ from rig.compare.fit import Fit, predicted
 from rig.compare.recordings.columns import no_rows, read_table
 from rig.data import Run
 from rig.plan.finger_model import from_copy, responses
-from rig.report.page import PageFigure, Section
+from rig.report.page_parts import PageFigure, Section
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, Plot, as_number, label, shade, signed, unit
 from sim.contact.indentor import ACROSS
 from sim.contact.shapes import parse_shape

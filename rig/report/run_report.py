@@ -17,7 +17,7 @@ from rig.plan.finger_model import Response, by_group, responses
 from rig.plan.finger_update import learned
 from rig.plan.plan import PredictionCheck, found
 from rig.report import run_figures, run_tables
-from rig.report.page import PageFigure, figures_of, render
+from rig.report.page_parts import PageFigure, figures_of, render
 from rig.report.run_figures import PICTURES_A_PAGE, contacts_from_below, is_relief
 from rig.report.run_tables import Condition, by_target, conditions, numbers_missing, write_numbers
 from rig.report.style import signed

@@ -9,7 +9,7 @@ import numpy as np
 from rig.compare.verdict import LEVEL, AfferentVerdict, PairRow
 from rig.compare.verdict_text import methods, percent, probability, sentence, sentences
 from rig.report import verdict_figures
-from rig.report.page import PageFigure, Section, figures_of
+from rig.report.page_parts import PageFigure, Section, figures_of
 from rig.report.style import as_limits, as_number
 from rig.report.verdict_figures import STIMULI_ACROSS, apart, drawn_pairs, most_telling, of_stimulus, ranking, rival
 

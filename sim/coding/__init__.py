@@ -8,7 +8,7 @@ reads what a user has measured. The parts by themselves:
 - `pressure`: what a press bears on the skin; pressures that lean as the skin does under them.
 - `encoding`: noise and receptors. `readings`: what receptors hand to a decoder.
 - `decoding`: what all decoders share. `decoders_by_search`: the source's decoder and cheap others. `bayes`: the
-  default; `contact_search`, `mixture` and `evidence` are its parts.
+  default; `contact_search`, `model_averaging` and `evidence` are its parts.
 - `sheet`: the whole finger's pressures, under a named axial shape or over x and z. `shape_class`: what touches.
 - `point_loaded_finger`, `power_law`, `point_spread`, `raju_table_6_1`: how SED spreads under equal point loads all
   over the pulp.

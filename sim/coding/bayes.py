@@ -20,7 +20,7 @@ from scipy.special import ndtr
 from sim.coding.contact_search import Model, PressureLikelihood, Sort, alone, climbed, linearised, runs, sort_of
 from sim.coding.decoding import checked_readings
 from sim.coding.encoding import Receptor
-from sim.coding.mixture import Mixture, Weighed, mixed, pooled, table_of, together
+from sim.coding.model_averaging import Mixture, Weighed, mixed, pooled, table_of, together
 from sim.coding.operators import ForwardOperator
 from sim.coding.readings import Readings
 

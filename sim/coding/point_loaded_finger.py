@@ -15,9 +15,9 @@ from sim.finger.surface import FingertipSurface, published_points
 from sim.measures.measures import Elastic, stress_from_strain
 from sim.models.adjoint import Progress
 from sim.models.condensed import point_force
+from sim.models.factored_interior import Interior, Recovery
 from sim.models.sources import HalfWidths, widened
 from sim.models.stiffening import refuse_stiffening
-from sim.models.strain_field import Interior, Recovery
 from sim.tables import read_columns
 from sim.units import PSEUDO_E_EPIDERMIS
 

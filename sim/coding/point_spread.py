@@ -21,8 +21,8 @@ from sim.coding.power_law import FIT_KINDS, PowerLaw, fitted
 from sim.contact.patch import X, Z
 from sim.errors import ModelRangeError
 from sim.measures.receptors import DEFAULT_DEPTH_MM
+from sim.models.factored_interior import Recovery
 from sim.models.result import IndentationResult
-from sim.models.strain_field import Recovery
 from sim.units import GWT_N
 
 Array = NDArray[np.float64]

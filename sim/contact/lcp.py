@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.contact.compiled.compiling import compiled
-from sim.contact.compiled.elastic import SkinCompliance, moved, worked
 from sim.contact.compiled.factors import factor_in_place, solve_in_place
+from sim.contact.compiled.skin_compliance import SkinCompliance, moved, worked
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

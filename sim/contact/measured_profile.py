@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import BSpline, PchipInterpolator, PPoly, make_interp_spline
 
-from sim.contact.compiled import curves
+from sim.contact.compiled import profile_curves
 from sim.contact.profiles import STEEPEST_SLOPE, arc_tangent
 from sim.errors import SimError
 
@@ -164,7 +164,7 @@ class MeasuredProfile:
             Height (mm), slope and curvature (1/mm), each of shape (k,).
         """
         beyond, side, clipped = self._beyond(s_mm)
-        return self._with_flanks(beyond, side, curves.joined(clipped, self._curve.x, self._curve.c))
+        return self._with_flanks(beyond, side, profile_curves.joined(clipped, self._curve.x, self._curve.c))
 
     @staticmethod
     def _with_flanks(beyond: Array, side: Array, profile: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
@@ -192,7 +192,7 @@ class MeasuredProfile:
             Height (mm), slope and curvature (1/mm), each of shape (k,).
         """
         beyond, side, clipped = self._beyond(s_mm)
-        profile = curves.joined(clipped, self._curve.x, self._curve.c)
+        profile = profile_curves.joined(clipped, self._curve.x, self._curve.c)
         height, slope, _ = arc_tangent(beyond, y_mm - profile[0], 0.0, side)
         inside = beyond <= 0
         return (

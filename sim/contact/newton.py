@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.contact.compiled.compiling import compiled
-from sim.contact.compiled.elastic import SkinCompliance, moved, worked
 from sim.contact.compiled.factors import (
     add_products,
     back_in_place,
@@ -17,6 +16,7 @@ from sim.contact.compiled.factors import (
     one_over_inverse,
     solve_in_place,
 )
+from sim.contact.compiled.skin_compliance import SkinCompliance, moved, worked
 from sim.contact.lcp import LcpSolution
 from sim.contact.planes import FrozenPlanes
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.contact.compiled import elastic, gaps
+from sim.contact.compiled import planes_and_residual, skin_compliance
 from sim.contact.lcp import LcpSolution, solve_lcp
 from sim.contact.patch import Patch
 from sim.contact.points import ContactPoints, ContactPose
@@ -57,7 +57,7 @@ class ContactRegion:
     def __init__(self, gathered: Gathered, points: ContactPoints) -> None:
         self.points, self.places = points, points.on(gathered.patch)
         numbers = gathered.numbers(self.places.around)
-        self.skin = elastic.SkinCompliance(gathered.store, len(gathered), numbers, self.places.share)
+        self.skin = skin_compliance.SkinCompliance(gathered.store, len(gathered), numbers, self.places.share)
 
     def moved_to(self, u: Array) -> tuple[Array, Array]:
         """Where the points are, (m − 1, k) along the axes of slope and (k,) heights, displaced by (m, k); mm."""
@@ -65,7 +65,7 @@ class ContactRegion:
 
     def moved_by(self, force: Array, at: Ints) -> Array:
         """(m, k) displacements in mm of the points under (m, r) forces at some of them."""
-        return elastic.moved(self.skin, at, force)
+        return skin_compliance.moved(self.skin, at, force)
 
 
 class FrozenPlanes:
@@ -76,7 +76,9 @@ class FrozenPlanes:
         at = u if pressed else np.concatenate([u[:-1], np.zeros_like(u[-1:])])
         planes = (pose.plane if pressed else pose.gap)(*region.moved_to(at))
         self.slope, self.curvature = planes.slope, planes.curvature
-        self.normal, self.gap_mm, self.curved = gaps.planes(planes.height_mm, self.slope, self.curvature, at)
+        self.normal, self.gap_mm, self.curved = planes_and_residual.planes(
+            planes.height_mm, self.slope, self.curvature, at
+        )
 
     def solve(self, held: Bools) -> LcpSolution | None:
         """Multipliers λ ≥ 0 with gap + Wλ ≥ 0 complementary to them."""

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.contact.compiled import curves
+from sim.contact.compiled import profile_curves
 
 Array = NDArray[np.float64]
 
@@ -127,7 +127,7 @@ class SinusoidalStep(IndentorProfile):
 
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
         """Height, slope and curvature: h = 0.25 (1 − cos πs/L) on the flank."""
-        return curves.flank(s_mm, 0.5 * STEP_HEIGHT_MM, np.pi / STEP_HALF_WAVELENGTH_MM[self.number])
+        return profile_curves.flank(s_mm, 0.5 * STEP_HEIGHT_MM, np.pi / STEP_HALF_WAVELENGTH_MM[self.number])
 
 
 Step = SinusoidalStep  # so named in pickles of 0.1
@@ -246,11 +246,11 @@ def _floored(profile: tuple[Array, Array, Array], floor: NDArray[np.bool_]) -> t
 
 def arc(t: Array, radius: float, side: Array, steepest: float = STEEPEST_SLOPE) -> tuple[Array, Array, Array]:
     """A circle's lower part at distance t from its lowest point, then a flank at its steepest; flat at t < 0."""
-    return curves.arc(t, radius, side, steepest)
+    return profile_curves.arc(t, radius, side, steepest)
 
 
 def arc_tangent(t: Array, y_mm: Array, radius: float, side: Array) -> tuple[Array, Array, Array]:
     """As `arc`, but past the end of the arc the tangent that is closest to the node at height y."""
     height, slope, curvature = arc(t, radius, side)
-    curves.lean(height, slope, t, y_mm, radius, side, STEEPEST_SLOPE)
+    profile_curves.lean(height, slope, t, y_mm, radius, side, STEEPEST_SLOPE)
     return height, slope, curvature

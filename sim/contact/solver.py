@@ -13,8 +13,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.contact.compiled.elastic import displaced, moved_by_turns
-from sim.contact.compiled.gaps import missed
+from sim.contact.compiled.planes_and_residual import missed
+from sim.contact.compiled.skin_compliance import displaced, moved_by_turns
 from sim.contact.newton import predicted
 from sim.contact.patch import Patch
 from sim.contact.planes import ContactRegion, FrozenPlanes, Gathered, forces_along

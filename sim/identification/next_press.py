@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.identification.forward import Foreseen, PressTrajectory, RampAndHold, nominal_way
 from sim.identification.posterior import PRESS_ERROR, READING_ERROR, SHAPE_ERROR, Learned
+from sim.identification.predicted_forces import Foreseen, PressTrajectory, RampAndHold, nominal_way
 from sim.identification.uncertainty_bands import Width, band
 
 Array = NDArray[np.float64]

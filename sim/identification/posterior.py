@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 from scipy.special import chdtrc
 
-from sim.identification.forward import Foreseen, Given
+from sim.identification.predicted_forces import Foreseen, Given
 from sim.identification.prior import TISSUE, Prior
 from sim.identification.uncertainty_bands import Width
 

@@ -12,13 +12,13 @@ from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorPlaces, ReceptorSet, receptors_at
 from sim.models.condensed import CondensedModel
-from sim.models.finger import build_finger
+from sim.models.factored_interior import Interior
+from sim.models.finger_3d import build_finger
 from sim.models.fingertip import Fingertip
 from sim.models.halfspace import build_halfspace
 from sim.models.section import build_section, prismatic
 from sim.models.sources import Anew, MeshKey, Recipe, widened
 from sim.models.stiffening import refuse_stiffening
-from sim.models.strain_field import Interior
 
 ModelName = Literal["halfspace", "section", "finger"]
 MODELS: tuple[ModelName, ...] = get_args(ModelName)

@@ -25,13 +25,13 @@ from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorPlaces, receptors_at
 from sim.models.cache import keep_tops
 from sim.models.condensed import CondensedModel
-from sim.models.field import Anywhere, SeenInside
 from sim.models.interpolation import Interpolated
 from sim.models.pictures import ModelOutline, finger_as_html
 from sim.models.pressing import PlacedIndentor, Pressing, RimError, refuse_beside_the_finger, refuse_meaningless
 from sim.models.result import IndentationResult, PointLoadResult
 from sim.models.sources import ByRecipe, HalfWidths, MeshKey, ModelSource, OnDisk, Recipe, half_widths, larger
 from sim.models.stiffening import Under, refuse_stiffening, thickness_mm
+from sim.models.strain_at_points import Anywhere, SeenInside
 from sim.units import GWT_N
 
 Array = NDArray[np.float64]

@@ -20,10 +20,10 @@ from sim.finger.surface import FingertipSurface
 from sim.measures.measures import measures_in_layers
 from sim.measures.receptors import sampled
 from sim.models.condensed import discretise, factorise, meshed_for, young_ratios
+from sim.models.factored_interior import displaced
 from sim.models.result import IndentationResult
 from sim.models.sources import widened
 from sim.models.stiffening import refuse_stiffening
-from sim.models.strain_field import displaced
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -24,10 +24,10 @@ from sim.finger.surface import FingertipSurface, SurfaceError
 from sim.measures.receptors import ReceptorError, ReceptorPlaces, ReceptorSet, receptors_at
 from sim.models.cache import Arrays, cached_arrays, content_key, path_of
 from sim.models.condensed import Columns, CondensedModel, from_arrays, to_arrays, young_ratios
-from sim.models.finger import build_finger
+from sim.models.factored_interior import Interior
+from sim.models.finger_3d import build_finger
 from sim.models.interpolation_weights import DERMIS, FAT, FULL_BUILDS, in_range, node_tissues, node_weights
 from sim.models.sources import MeshKey, OnDisk
-from sim.models.strain_field import Interior
 
 # --- packed ---
 #

@@ -17,9 +17,9 @@ from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorSet
 from sim.models.cache import Arrays, cached_arrays, content_key, path_of
 from sim.models.condensed import STORED, Columns, CondensedModel, from_arrays, meshed_for, to_arrays
-from sim.models.finger import build_finger
+from sim.models.factored_interior import Interior
+from sim.models.finger_3d import build_finger
 from sim.models.pressing import RimError
-from sim.models.strain_field import Interior
 
 # --- patches ---
 #

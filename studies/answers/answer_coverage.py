@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 from rig.compare.comparison import Joint, compare
 from rig.compare.intervals import limits
-from rig.compare.judge import Laid, answers, laid
 from rig.compare.likelihood import Form
+from rig.compare.make_verdict import Laid, answers, laid
 from rig.compare.model_confidence_set import set_probabilities
 from rig.compare.plausible_fingers import PlausibleFingers, read_plausible
 from rig.compare.recordings.recording import Recording, recording

@@ -19,7 +19,7 @@ from sim.coding.bayes import Profile, decode_profile
 from sim.coding.decoders_by_search import PressureRange, converged_search, global_search
 from sim.coding.decoding import decoding_errors
 from sim.coding.encoding import noise_sd
-from sim.coding.mixture import table_of
+from sim.coding.model_averaging import table_of
 from sim.coding.operators import centred
 from sim.coding.pressure import Frictionless, borne_by, frictionless
 from sim.coding.readings import Readings

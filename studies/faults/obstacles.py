@@ -46,7 +46,7 @@ port, announced = sys.argv[1:]
 wire = open_port(port, 9600)
 if announced == "announced":
     from rig.control.client import Announcement
-    from rig.control.server import ControlSocket
+    from rig.control.owner_socket import ControlSocket
     about = Announcement(pid=os.getpid(), kind="run", virtual=False, ports=(port,), began_unix_s=time.time())
     ControlSocket(about, {"stop": lambda request: {}}).__enter__()
 print("ready", flush=True)

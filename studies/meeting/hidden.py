@@ -15,8 +15,8 @@ from rig.transport.wire import Sink
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from sim.errors import ModelRangeError
-from sim.identification.forward import PressTrajectory, RampAndHold
 from sim.identification.next_press import PressAt
+from sim.identification.predicted_forces import PressTrajectory, RampAndHold
 from sim.plant import Carriage, Pose, RelaxingPlant, RelaxingPress
 from studies.meeting.strangers import Stranger
 

@@ -22,16 +22,16 @@ from typing import Any
 import numpy as np
 
 from rig.data import RunFolder
+from rig.identify.adaptive_presses import SHAPES, IdentificationOptions, Meeting, PressReport, felt_surely
 from rig.identify.meeting_script import MeetingScript
-from rig.identify.procedure import SHAPES, IdentificationOptions, Meeting, PressReport, felt_surely
 from rig.plan.config import Config
 from rig.plan.plan import Plan
 from rig.session.resume import commit
 from rig.session.session import NewRun, Nobody, Session, run_on
 from rig.units import GWT_N
 from sim.config import FingertipConfig, MeshSpec
-from sim.identification.forward import Foreseen, Given
 from sim.identification.next_press import PressAt
+from sim.identification.predicted_forces import Foreseen, Given
 from sim.identification.prior import Prior
 from sim.models.fingertip import Fingertip
 from sim.workers import in_processes, one_by_one

@@ -8,10 +8,10 @@ from importlib.resources import files
 from pathlib import Path
 
 from rig.cli.identify_finger import USUAL_GOALS, scope_of
-from rig.identify.procedure import SHAPES, IdentificationOptions
+from rig.identify.adaptive_presses import SHAPES, IdentificationOptions
 from sim.config import FingertipConfig
 from sim.identification.force_table import FILE, ShapeTable, as_json
-from sim.identification.forward import Foreseen, finger_of, made_of
+from sim.identification.predicted_forces import Foreseen, finger_of, made_of
 from sim.identification.prior import Prior
 
 

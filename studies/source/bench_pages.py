@@ -16,11 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from rig.compare.comparison import compare
-from rig.compare.judge import answers
+from rig.compare.make_verdict import answers
 from rig.compare.recordings.reading import Reading, read_recordings
 from rig.compare.recordings.spikes import afferent_for, record, write_synthetic
 from rig.compare.stimuli import Stimulus, stimuli, stimulus_maps
-from rig.compare.workers import spread
 from rig.data import Run, read_run
 from rig.plan.config import load_config
 from rig.plan.plan import make_plan
@@ -28,6 +27,7 @@ from rig.protocol.script import load_script
 from rig.report.comparison_report import write_comparison
 from rig.report.run_report import write_report
 from rig.session.session import NewRun, Session, dry_run
+from rig.study.parallel import spread
 from sim.models.fingertip import Fingertip
 
 LOW_GWT, HIGH_GWT = 2.33, 8.0

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure as Canvas
 
-from rig.report.page import PageFigure, Section
+from rig.report.page_parts import PageFigure, Section
 from rig.report.style import BLUE, GREY, ORANGE, PURPLE, Plot
 from studies.source.printed.entry import VERDICTS, CheckedClaim, MatrixRow
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.data.folder import replace_bytes, replace_text
-from rig.report.page import PageFigure, Section, as_png, render
+from rig.report.page_parts import PageFigure, Section, as_png, render
 from rig.report.pdf import as_pdf
 from studies.registry import as_markdown
 from studies.source.matrix import VERDICT_COLUMN, matrix, why

@@ -28,7 +28,7 @@ from rig.compare.pressure_formula import (
     residual,
     together,
 )
-from rig.report.page import PageFigure, Section
+from rig.report.page_parts import PageFigure, Section
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, Plot
 from sim.config import FingertipConfig, Tissue
 from sim.models.fingertip import Fingertip

@@ -17,7 +17,7 @@ from rig.compare.shape_test import (
     smooth_profiles,
 )
 from rig.compare.stimuli import Stimulus
-from rig.report.page import Section
+from rig.report.page_parts import Section
 from sim.models.fingertip import Fingertip
 from studies.source.printed.steps import POSITIONS_MM
 from studies.source.simulated_stimuli import bars, stimulus

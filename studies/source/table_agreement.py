@@ -8,7 +8,7 @@ from rig.compare.comparison import Comparison
 from rig.compare.raju_table_5_2 import SHAPES, AgreementLimits, agreement, agreement_limits, source_flags
 from rig.compare.shape_test import THRESHOLD, THRESHOLDS
 from rig.compare.stimuli import Stimulus
-from rig.report.page import Section
+from rig.report.page_parts import Section
 from sim.measures.measures import MEASURES
 
 

@@ -14,9 +14,9 @@ from matplotlib.patches import Patch
 from rig.compare.comparison import compare
 from rig.compare.raju_table_5_2 import agreement, agreement_limits, source_flags
 from rig.compare.shape_test import THRESHOLD
-from rig.compare.workers import spread
-from rig.report.page import PageFigure, Section
+from rig.report.page_parts import PageFigure, Section
 from rig.report.style import BLUE, Plot, label
+from rig.study.parallel import spread
 from sim.config import FingertipConfig, Tissue
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_DEPTH_MM

@@ -16,7 +16,7 @@ import numpy as np
 
 from sim.contact.indentor import ACROSS, ALONG, BOTH
 from sim.models.fingertip import Fingertip
-from sim.models.many import indent_many
+from sim.models.many_indentations import indent_many
 from sim.models.result import IndentationResult, Indentations
 from studies.accuracy.random_poses import ON_ITS_PATCH, PosedShape, solved
 

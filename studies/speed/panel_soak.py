@@ -25,7 +25,7 @@ from pathlib import Path
 
 from rig.clock import WallClock
 from rig.control.client import Announcement
-from rig.control.server import ControlSocket
+from rig.control.owner_socket import ControlSocket
 from rig.data.journal import Journal
 from rig.data.schema import STREAMS
 from rig.plan.config import Config

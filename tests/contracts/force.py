@@ -21,7 +21,7 @@ from rig.devices.registry import ForceKind, KnownBench, find
 from rig.transport import TransportError
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
-from tests.raising import has_code, raises
+from tests.error_codes import has_code, raises
 
 PORT, BEGUN_S = "wire", 1000.0
 SILENCE = b""

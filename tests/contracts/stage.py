@@ -28,7 +28,7 @@ from rig.devices.registry import KnownBench, StageKind, find
 from rig.errors import RigError
 from rig.transport import TransportError
 from sim.devices.clock import VirtualClock
-from tests.raising import raises
+from tests.error_codes import raises
 
 PORT, BEGUN_S = "wire", 1000.0
 SILENCE = b""

@@ -16,9 +16,9 @@ from rig.devices.registry import BUILT_IN
 from rig.engine.sensing import NoReadingError, read
 from sim.devices.clock import VirtualClock
 from tests.contracts.force import Connected, ForceBytes, ForceContract
+from tests.error_codes import raises
 from tests.parts.plain_driver import PlainForce
-from tests.raising import raises
-from tests.told import ToldSensor, raising
+from tests.stub_bench import StubSensor, raising
 
 TABLES = Path(__file__).parent / "bytes"
 DEVICES: list[ForceBytes] = [
@@ -88,7 +88,7 @@ def test_sentences_are_as_they_stand() -> None:
 
 @pytest.mark.parametrize(("kind", "code"), [(ForceError, "no_force"), (ForceTimeout, "no_reply")])
 def test_plain_text_is_told_as_it_is(kind: type[ForceError], code: str) -> None:
-    sensor = ToldSensor(VirtualClock())
+    sensor = StubSensor(VirtualClock())
     sensor.at_read = raising(kind("odd {text} of {0}, 100 %"))
     with pytest.raises(NoReadingError) as caught:
         read(sensor, sensor.clock, 0.0)

@@ -12,9 +12,9 @@ from rig.devices.base import MoveError, StageError, StageNotHomed, StageOverridd
 from rig.devices.registry import BUILT_IN
 from sim.devices.clock import VirtualClock
 from tests.contracts.stage import StageBytes, StageContract, StageEnd, sentences
+from tests.error_codes import has_code, raises
 from tests.parts.hobby_driver import HobbyStage
-from tests.raising import has_code, raises
-from tests.told import ToldStage, raising
+from tests.stub_bench import StubStage, raising
 
 TABLES = Path(__file__).parent / "bytes"
 SENTENCES = Path(__file__).parent / "stages.txt"
@@ -72,7 +72,7 @@ PLAIN = "odd {text} of {0}, 100 %"
 )  # fmt: skip
 def test_plain_text_is_told_as_it_is(kind: type[StageError] | type[MoveError], code: str) -> None:
     """A third-party driver knows no codes; what it raises comes out of a motion, and of a process, unchanged."""
-    stage = ToldStage(VirtualClock())
+    stage = StubStage(VirtualClock())
     arrive(stage.homing())
     stage.at_look = raising(kind(PLAIN))
     with pytest.raises(kind) as caught:

@@ -105,7 +105,7 @@ MEASURE = [
 ]
 
 MODEL = [
-    ("sim/models/catalogue.py", "from sim.models.finger import", "from sim.models.soft import build_soft\n"),
+    ("sim/models/catalogue.py", "from sim.models.finger_3d import", "from sim.models.soft import build_soft\n"),
     ("sim/models/catalogue.py", '"finger"]\n', '"soft", '),
     ("sim/models/catalogue.py", '    "finger": build_finger', '    "soft": build_soft,\n'),
 ]

@@ -13,7 +13,7 @@ from rig.bench.virtual import bench_around
 from rig.engine.bench_memory import BenchMemory
 from rig.engine.sensing import ForceZero
 from rig.errors import EngineError
-from rig.manual.server import HandOwner
+from rig.manual.owner_process import HandOwner
 from rig.plan.config import Config
 from rig.transport.stop_gate import StopGate
 from rig.units import GWT_N

@@ -11,12 +11,12 @@ from rig.records import ContactFit
 from rig.settings import RigSettings
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
-from tests.told import ToldStage
+from tests.stub_bench import StubStage
 
 HERTZ = 1.5
 
 
-class PlainStage(ToldStage):
+class PlainStage(StubStage):
     """At rest where it was told to be at its only look, homed whatever comes; it keeps how many moves it was told."""
 
     switches_mm, homing_s = (0.0, 0.0, 0.0), 0.0

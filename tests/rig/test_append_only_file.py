@@ -11,7 +11,7 @@ from rig.data.journal import LineFile, LostFileError
 from rig.errors import RigError
 from rig.transport import NotOwnedError, PortOwner
 from rig.transport.ownership import LockHeldError
-from tests.raising import raises
+from tests.error_codes import raises
 
 
 def _replaced(path: Path) -> None:

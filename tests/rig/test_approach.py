@@ -8,7 +8,7 @@ import pytest
 
 from rig.engine import PressId, TripError
 from rig.engine.indentation import Approach
-from tests.raising import has_code, raises
+from tests.error_codes import has_code, raises
 from tests.rig.plain_bench import PlainBench
 
 Felt = Callable[[PlainBench], float]

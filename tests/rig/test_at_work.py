@@ -11,7 +11,7 @@ import pytest
 
 from rig.control import client as at_work_module
 from rig.control.client import Announcement, at_work
-from rig.control.server import ControlSocket
+from rig.control.owner_socket import ControlSocket
 from rig.transport.ownership import PortOwnership
 from tests.program import Program
 

@@ -15,8 +15,8 @@ from rig.devices.leadshine_drive import LeadshineDrive
 from rig.settings import DriveSettings
 from rig.transport.modbus import ModbusMaster
 from sim.devices.clock import VirtualClock
-from tests.raising import raises
-from tests.told_board import Board, connected
+from tests.error_codes import raises
+from tests.scripted_board import Board, connected
 
 
 def _grbl(clock: VirtualClock, status: bytes, **options: Any) -> tuple[Board, GrblStage]:

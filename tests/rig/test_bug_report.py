@@ -15,8 +15,8 @@ import pytest
 from rig.data import RunError
 from rig.data.bug_report import GONE, LEFT_OUT, Scrubber, bug_report
 from rig.protocol.script import shipped_protocols
+from tests.error_codes import raises
 from tests.program import Program
-from tests.raising import raises
 
 OLD = Path(__file__).parents[1] / "data" / "runs_of_0_1"
 HOLDER = "Ada Byron"

@@ -22,7 +22,7 @@ from rig.plan.config import Config
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from sim.plant import Carriage
-from tests.raising import has_code, raises
+from tests.error_codes import has_code, raises
 from tests.rig.hand_bench import APEX_MM, KINDS, Spring
 
 TOUCH_GWT = Config().habits.touch_force_gwt

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from rig.cli import main
-from rig.cli.system import _ABOUT
+from rig.cli.installation import _ABOUT
 from sim.models.cache import KINDS, CacheError, entries, most_bytes
 
 Said = Callable[..., tuple[int, str, str]]

@@ -40,8 +40,8 @@ from rig.settings import BenchSettings, DrivesSettings, ForceSettings, Settings,
 from rig.transport import LoopbackTransport
 from sim.devices.clock import VirtualClock
 from sim.devices.line import ForceTold, Load, SerialLine, StageTold
-from tests.offered import EXAMPLE, forget, offer
-from tests.raising import has_code, raises
+from tests.device_packages import EXAMPLE, forget, offer
+from tests.error_codes import has_code, raises
 
 ROOT = Path(__file__).parents[2]
 WORDS = {"register_address": 0x157, "on_word": 0x80, "off_word": 0}
@@ -57,7 +57,7 @@ Offer = Callable[..., None]
 
 @pytest.fixture
 def offered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Offer]:
-    """Offers devices in the words of tests/offered.py; forgotten after the test."""
+    """Offers devices in the words of tests/device_packages.py; forgotten after the test."""
     folder = tmp_path / "site"
     folder.mkdir()
     monkeypatch.syspath_prepend(folder)

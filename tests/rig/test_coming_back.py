@@ -11,7 +11,7 @@ from rig.engine.indentation import touch_place
 from rig.engine.limits import UNREAD_S, Stopping, Touched, refuse_height
 from rig.settings import RigSettings
 from rig.units import GWT_N
-from tests.raising import raises
+from tests.error_codes import raises
 from tests.rig.plain_bench import PlainBench
 
 Make = Callable[..., Any]

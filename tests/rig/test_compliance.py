@@ -11,7 +11,7 @@ from rig.engine.engine import State
 from rig.engine.reference import measure_compliance
 from rig.settings import RigSettings
 from rig.units import GWT_N
-from tests.raising import raises
+from tests.error_codes import raises
 from tests.rig.plain_bench import PlainBench
 
 Make = Callable[..., Any]

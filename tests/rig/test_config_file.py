@@ -12,10 +12,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pydantic import BaseModel, Field, ValidationError
 
-from rig.compare.exceptions import StudyError
 from rig.errors import BadInputError, first_problem
 from rig.plan.config import Config, load_config, told_of
-from tests.raising import has_code, raises
+from rig.study.exceptions import StudyError
+from tests.error_codes import has_code, raises
 
 
 @pytest.fixture

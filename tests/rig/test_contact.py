@@ -27,7 +27,7 @@ from rig.session.resume import careful_of, left_on_record
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, TARGET, FaultyBench
-from tests.raising import raises
+from tests.error_codes import raises
 from tests.rig.test_last_left import run
 
 TOUCH_GWT = 0.05

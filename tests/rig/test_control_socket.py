@@ -21,18 +21,18 @@ import filelock
 import pytest
 
 import rig.control.client as announcements
-import rig.control.server as control_socket
+import rig.control.owner_socket as control_socket
 from rig.control.client import Announced, Announcement, ControlError, RefusedError, announced, runtime_folder
 from rig.control.messages import Wire, connected
-from rig.control.server import ControlSocket
+from rig.control.owner_socket import ControlSocket
 from rig.errors import RigError
-from tests.raising import raises
+from tests.error_codes import raises
 from tests.waiting import DEADLINE_S, until
 
 OWNER = """
 import os, sys, time
 from rig.control.client import Announcement
-from rig.control.server import ControlSocket
+from rig.control.owner_socket import ControlSocket
 
 about = Announcement(pid=os.getpid(), kind="run", virtual=True, ports=("a", "b"), began_unix_s=5.0)
 with ControlSocket(about, {"status": lambda _: {"state": "planning"}, "end": lambda _: os._exit(3)}):

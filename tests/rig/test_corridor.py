@@ -11,7 +11,7 @@ from rig.devices.base import StageStatus
 from rig.engine.corridor import Corridor
 from rig.engine.motion import StrayedError, refuse_strayed
 from sim.devices.clock import VirtualClock
-from tests.raising import has_code, raises
+from tests.error_codes import has_code, raises
 
 TOLERANCE_MM = 0.005
 places = st.tuples(*[st.floats(-60.0, 0.0)] * 3)

@@ -9,7 +9,7 @@ from rig.devices.base import StageError, StageHeld, StageStatus
 from rig.engine import dead_man as module
 from rig.engine.dead_man import Direction, dead_man_jog
 from sim.devices.clock import VirtualClock
-from tests.raising import raises
+from tests.error_codes import raises
 
 X_UP, X_DOWN = Direction("x", 1), Direction("x", -1)
 

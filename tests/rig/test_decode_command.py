@@ -15,7 +15,7 @@ from sim.coding.section import FeltSection, felt_section
 from sim.coding.task import CUT_OFF
 from sim.config import FingertipConfig
 from tests.program import Program, program_of
-from tests.sim.coarse import as_toml, coarse_mesh
+from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
 COARSE = coarse_mesh(0.3, 0.5)
 DEPTH_MM = np.tile([0.6, 0.76, 0.9], 4)

@@ -12,7 +12,7 @@ from sim.coding.decoding import CodingError, DecodingError
 from sim.coding.encoding import Noise, Receptor
 from sim.coding.task import DecoderName, SearchOptions, SectionPress
 from sim.contact.shapes import parse_shape
-from tests.raising import has_code, raises
+from tests.error_codes import has_code, raises
 
 
 @pytest.mark.parametrize(

@@ -16,9 +16,9 @@ from sim.coding.sheet import HALF_LENGTHS_MM, ROW_ERROR
 from sim.config import FingertipConfig
 from sim.contact.patch import X
 from sim.models.catalogue import load
+from tests.error_codes import raises
 from tests.program import Program, program_of
-from tests.raising import raises
-from tests.sim.coarse import as_toml, coarse_mesh
+from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
 MESH = coarse_mesh(0.2, 0.35, patch_x_mm=3.0, patch_z_mm=2.6)
 CONFIG = FingertipConfig(mesh=MESH)

@@ -14,7 +14,7 @@ from sim.config import FingertipConfig
 from sim.contact.patch import X, Z
 from sim.models.catalogue import load
 from tests.program import Program, program_of
-from tests.sim.coarse import as_toml, coarse_mesh
+from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
 MESH = coarse_mesh(0.3, 0.3, patch_x_mm=2.5, patch_z_mm=2.5, round_patch_mm=2.5)
 PLANE = FingertipConfig().receptor_plane_mm

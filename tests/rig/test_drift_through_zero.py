@@ -15,16 +15,16 @@ from rig.engine import Engine, EngineError, verbs
 from rig.engine.bench_memory import BenchMemory
 from rig.engine.sensing import ForceZero, NoReadingError, Sensing
 from rig.errors import LimitError
-from rig.manual.bench import zero as zero_by_hand
+from rig.manual.home_and_zero import zero as zero_by_hand
 from rig.settings import RigSettings
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from studies.faults.catalogue import GRBL, MODBUS
-from tests.raising import raises
+from tests.error_codes import raises
 from tests.rig.hand_bench import Spring
 from tests.rig.test_by_hand import AtHand
 from tests.rig.test_mechanical_faults import Slipping
-from tests.told import ToldSensor
+from tests.stub_bench import StubSensor
 
 DRIFT_GWT_S, TOUCH_GWT = 0.2, 0.05
 CROSSINGS_S = np.arange(0.1, 4.0, 0.4)
@@ -124,7 +124,7 @@ def test_a_touch_is_not_taken_for_zero(kind: str) -> None:
 def _resting(shows_gwt: Callable[[float], float]) -> Sensing:
     """A sensor that shows a force at so many seconds from now."""
     clock = VirtualClock(1.7e9, 100.0)
-    sensor = ToldSensor(clock)
+    sensor = StubSensor(clock)
 
     def show() -> None:
         sensor.shows_gwt = shows_gwt(clock.monotonic_s() - 100.0)

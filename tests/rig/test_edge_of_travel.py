@@ -20,7 +20,7 @@ from rig.protocol.script import Script, load_script
 from rig.records import Prediction
 from rig.session.rehearse import rehearsed
 from sim.models.fingertip import Fingertip
-from tests.raising import raises
+from tests.error_codes import raises
 
 READY = "rig.mount('cylinder:9'); rig.home(); rig.zero(); "
 PRESS = "rig.indent(doi_mm=0.2, hold_s=0); "

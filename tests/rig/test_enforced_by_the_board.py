@@ -9,9 +9,9 @@ from rig.settings import RigSettings, StageBounds
 from rig.transport import LoopbackTransport
 from sim.devices import SerialLine, VirtualGrbl
 from sim.devices.clock import VirtualClock
-from tests.raising import raises
+from tests.error_codes import raises
 from tests.rig.test_corrupted_grbl_lines import _instead
-from tests.told_board import Board, at, connected
+from tests.scripted_board import Board, at, connected
 
 BOUNDS = RigSettings().bounds
 HOME_STEPS = (-400, -400, -400)

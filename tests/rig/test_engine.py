@@ -13,7 +13,7 @@ from rig.engine import LimitError, NotReadyError, PressId, RunAborted, Target, T
 from rig.engine.engine import State
 from rig.settings import RigSettings
 from rig.units import GWT_N
-from tests.raising import raises
+from tests.error_codes import raises
 
 STOP = b"!\x18"
 Make = Callable[..., Any]

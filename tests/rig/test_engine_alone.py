@@ -12,27 +12,27 @@ from rig.devices.base import ForceTimeout
 from rig.engine import LimitError, PressId, TripError, verbs
 from rig.engine.engine import State
 from rig.units import GWT_N
-from tests.raising import raises
-from tests.told import Told, raising
+from tests.error_codes import raises
+from tests.stub_bench import StubBench, raising
 
 # --- a new engine ---
 
 
 def test_a_new_engine_is_nowhere_and_has_touched_nothing() -> None:
-    engine = Told().engine
+    engine = StubBench().engine
     assert (engine.state, engine.placed, engine.may_touch) == (State.UNHOMED, False, False)
     assert (engine.problem, engine.indentor, engine.contact.total_s) == (None, None, 0.0)
     assert [engine.next_index() for _ in range(3)] == [0, 1, 2]
 
 
 def test_an_engine_goes_on_counting_what_earlier_parts_of_the_run_have_touched() -> None:
-    bench = Told(contact_s=12.5)
+    bench = StubBench(contact_s=12.5)
     bench.ready()
     assert bench.of("sample")[-1]["contact_s"] == 12.5
 
 
 def test_a_plan_lowers_the_force_that_trips_a_press() -> None:
-    assert Told(soft_trip_n=0.5).engine.trip_gwt == pytest.approx(50.986, abs=1e-3)
+    assert StubBench(soft_trip_n=0.5).engine.trip_gwt == pytest.approx(50.986, abs=1e-3)
 
 
 # --- clearance and contact ---
@@ -40,14 +40,14 @@ def test_a_plan_lowers_the_force_that_trips_a_press() -> None:
 
 @pytest.mark.parametrize(("height_mm", "clear"), [(10.0, True), (1.985, True), (1.97, False), (1.95, False)])
 def test_below_clearance_is_in_contact(height_mm: float, clear: bool) -> None:
-    engine = Told().ready()
+    engine = StubBench().ready()
     engine.go_to_height(height_mm, 0.5)
     assert (engine.state, engine.may_touch) == ((State.READY, False) if clear else (State.IN_CONTACT, True))
 
 
 @pytest.mark.parametrize("height_mm", [10.0, 2.0, 1.985])
 def test_at_clearance_a_lift_does_nothing(height_mm: float) -> None:
-    bench = Told()
+    bench = StubBench()
     engine = bench.ready()
     engine.go_to_height(height_mm, 0.5)
     told = list(bench.stage.told)
@@ -57,14 +57,14 @@ def test_at_clearance_a_lift_does_nothing(height_mm: float) -> None:
 
 @pytest.mark.parametrize(("to_mm", "lifted_mm"), [(None, 2.0), (1.99, 1.99), (5.0, 5.0), (1.955, 1.95)])
 def test_a_lift_is_straight_up_at_the_speed_of_travel(to_mm: float | None, lifted_mm: float) -> None:
-    bench = Told()
+    bench = StubBench()
     bench.in_contact().lift(to_mm)
     assert bench.height_mm == pytest.approx(lifted_mm)
     assert bench.stage.told[-1][3] == (0.5 if lifted_mm == 1.95 else 5.0)
 
 
 def test_what_was_lifted_is_clear_and_no_press() -> None:
-    bench = Told()
+    bench = StubBench()
     engine = bench.in_contact()
     engine.trips.press_on(1.0)
     bench.force.shows_gwt = 1.0
@@ -85,7 +85,7 @@ def test_what_was_lifted_is_clear_and_no_press() -> None:
 
 
 def test_a_sample_says_where_and_how_much_to_a_millionth() -> None:
-    bench = Told()
+    bench = StubBench()
     engine = bench.in_contact(1.9512345678)
     bench.force.shows_gwt, bench.force.stable = 3.123456789, False
     force_gwt = engine.read_force_gwt(PressId(4), "press", contact_height_mm=1.9999999)
@@ -104,7 +104,7 @@ def test_a_sample_says_where_and_how_much_to_a_millionth() -> None:
 
 
 def test_a_sample_from_before_homing_says_that_nobody_knows_where() -> None:
-    bench = Told()
+    bench = StubBench()
     bench.engine.read_force_gwt(PressId(0), "clearance")
     assert (bench.of("sample")[0]["x_mm"], bench.of("sample")[0]["height_mm"]) == (None, None)
 
@@ -116,7 +116,7 @@ def test_the_finger_is_touched_from_the_first_reading_that_means_contact_below_c
     height_mm: float, force_gwt: float, touched: bool
 ) -> None:
     """Contact is 0.05 gwt; what a sensor shows at clearance is no touch."""
-    bench = Told()
+    bench = StubBench()
     engine = bench.ready()
     engine.go_to_height(height_mm, 0.5)
     bench.force.shows_gwt = force_gwt
@@ -126,7 +126,7 @@ def test_the_finger_is_touched_from_the_first_reading_that_means_contact_below_c
 
 
 def test_a_finger_touched_for_too_long_is_left_by_the_next_reading() -> None:
-    bench = Told({"limits": {"max_contact_s": 1.0}})
+    bench = StubBench({"limits": {"max_contact_s": 1.0}})
     engine = bench.in_contact()
     bench.force.shows_gwt = 1.0
     engine.read_force_gwt(PressId(0), "hold")
@@ -139,7 +139,7 @@ def test_a_finger_touched_for_too_long_is_left_by_the_next_reading() -> None:
 def test_depth_is_travel_less_what_the_rig_gives() -> None:
     """0.02 mm/N at 2 N: of 0.10 mm past contact 0.04 mm are the rig's."""
     compliance = {"value": 0.02, "date": "2026-01-01", "expires": "2027-01-01"}
-    engine = Told({"calibration": {"compliance_mm_per_n": compliance}}).in_contact()
+    engine = StubBench({"calibration": {"compliance_mm_per_n": compliance}}).in_contact()
     assert engine.doi_mm(2.05, 2.0 / GWT_N) == pytest.approx(0.06)
     assert engine.doi_mm(2.05, 0.0) == pytest.approx(0.10)
 
@@ -153,14 +153,14 @@ READINGS: dict[str, Callable[[Any], Any]] = {
 
 @pytest.mark.parametrize("read", READINGS)
 def test_every_reading_trips_on_a_sensor_that_fails_and_above_the_hard_trip(read: str) -> None:
-    bench = Told()
+    bench = StubBench()
     engine = bench.ready()
     engine.trips.soft_gwt = 1e9
     bench.force.shows_gwt = -511.0
     with raises(TripError, "hard_trip", force_gwt=pytest.approx(-511.0), limit_gwt=5.0 / GWT_N):
         READINGS[read](engine)
     assert bench.of("trip")[0]["force_gwt"] == pytest.approx(-511.0)
-    bench = Told()
+    bench = StubBench()
     engine = bench.ready()
     bench.force.at_read = raising(ForceTimeout("no answer"))
     with raises(TripError, "no_reading", error="no answer"):
@@ -169,7 +169,7 @@ def test_every_reading_trips_on_a_sensor_that_fails_and_above_the_hard_trip(read
 
 
 def test_readings_count_from_zero_and_raw_ones_do_not() -> None:
-    bench = Told()
+    bench = StubBench()
     bench.force.shows_gwt = 5.0
     engine = bench.ready()
     bench.force.shows_gwt = 7.0
@@ -191,7 +191,7 @@ def test_readings_count_from_zero_and_raw_ones_do_not() -> None:
 def test_what_is_felt_on_the_way_is_on_record_and_trips(
     soft_gwt: float, force_gwt: float, code: str, limit_gwt: float
 ) -> None:
-    bench = Told()
+    bench = StubBench()
     engine = bench.ready()
     engine.trips.soft_gwt = soft_gwt
     bench.stage.at_look = lambda: setattr(bench.force, "shows_gwt", force_gwt)
@@ -208,7 +208,7 @@ def test_what_is_felt_on_the_way_is_on_record_and_trips(
 
 
 def test_no_reading_on_the_way_trips_and_leaves_no_sample() -> None:
-    bench = Told()
+    bench = StubBench()
     engine = bench.ready()
     samples = len(bench.of("sample"))
     bench.force.at_read = raising(ForceTimeout("no answer"))
@@ -219,7 +219,7 @@ def test_no_reading_on_the_way_trips_and_leaves_no_sample() -> None:
 
 
 def test_on_the_way_up_from_a_trip_nothing_is_asked_of_the_sensor() -> None:
-    bench = Told()
+    bench = StubBench()
     engine = bench.in_contact()
     asked = len(bench.force.read_s)
     heights_mm: list[float] = []
@@ -248,7 +248,7 @@ def test_a_move_below_clearance_may_take_twice_its_time_before_the_heartbeat_is_
     to_mm: float, speed_mm_s: float, promised_s: float
 ) -> None:
     """From 1.95 mm; at each look it promises 3 s again."""
-    bench = Told()
+    bench = StubBench()
     engine = bench.in_contact()
     promised = bench.promises()
     engine.go_to_height(to_mm, speed_mm_s)
@@ -259,7 +259,7 @@ def test_a_move_below_clearance_may_take_twice_its_time_before_the_heartbeat_is_
 
 def test_the_wait_for_a_reading_is_part_of_the_promise() -> None:
     """Two periods of 0.05 s and 0.1 s late after a move, then one period."""
-    bench = Told({"force": {"latency_s": 0.1}, "habits": {"settle_readings": 2}, "limits": {"heartbeat_s": 4.0}})
+    bench = StubBench({"force": {"latency_s": 0.1}, "habits": {"settle_readings": 2}, "limits": {"heartbeat_s": 4.0}})
     engine = bench.in_contact()
     promised = bench.promises()
     for read in READINGS.values():
@@ -268,7 +268,7 @@ def test_the_wait_for_a_reading_is_part_of_the_promise() -> None:
 
 
 def test_at_clearance_nothing_is_promised() -> None:
-    bench = Told()
+    bench = StubBench()
     engine = bench.ready()
     promised = bench.promises()
     engine.reading()
@@ -278,7 +278,7 @@ def test_at_clearance_nothing_is_promised() -> None:
 
 def test_an_engine_that_comes_back_too_late_finds_its_promise_broken() -> None:
     """Nobody else looked: it stops the stage itself, stays where it is, and can still be read afterwards."""
-    bench = Told()
+    bench = StubBench()
     engine = bench.in_contact()
     bench.clock.wait_s(3.5)
     with raises(TripError, "heartbeat_lost") as lost:
@@ -292,7 +292,7 @@ def test_an_engine_that_comes_back_too_late_finds_its_promise_broken() -> None:
 
 
 def test_who_looks_first_stops_the_stage() -> None:
-    bench = Told()
+    bench = StubBench()
     engine = bench.in_contact()
     bench.clock.wait_s(3.5)
     engine.heartbeat.look()

@@ -10,8 +10,8 @@ from rig.engine import NotReadyError, PressId, RecordError, TripError, verbs
 from rig.engine.engine import State
 from rig.errors import RigError
 from rig.transport.wire import TransportError
-from tests.raising import raises
-from tests.told import Told, raising
+from tests.error_codes import raises
+from tests.stub_bench import StubBench, raising
 
 
 def _reason() -> TripError:
@@ -50,7 +50,7 @@ def _stop_read_make_safe(engine: Any) -> None:
     "end", [_retract, _trip, _trip_unlifted, _stop, _make_safe, _stop_read_make_safe], ids=lambda f: f.__name__
 )
 def test_after_an_end_there_is_nothing_to_watch(end: Callable[[Any], None]) -> None:
-    engine = Told().in_contact()
+    engine = StubBench().in_contact()
     end(engine)
     engine.clock.wait_s(3600.0)
     engine.heartbeat.look()
@@ -62,7 +62,7 @@ def test_after_an_end_there_is_nothing_to_watch(end: Callable[[Any], None]) -> N
 
 @pytest.mark.parametrize(("on_trip", "height_mm"), [("retract", 2.0), ("park", 10.0), ("stop", 1.95)])
 def test_a_trip_does_what_is_configured_and_is_kept(on_trip: str, height_mm: float) -> None:
-    bench = Told({"limits": {"on_trip": on_trip}})
+    bench = StubBench({"limits": {"on_trip": on_trip}})
     engine = bench.in_contact()
     bench.force.shows_gwt = 1.0
     engine.read_force_gwt(PressId(0), "press")
@@ -78,7 +78,7 @@ def test_a_trip_does_what_is_configured_and_is_kept(on_trip: str, height_mm: flo
 
 @pytest.mark.parametrize("error", [StageError("it does not move", code="stuck"), TransportError("stage is closed")])
 def test_a_lift_that_fails_is_told_with_the_trip(error: RigError) -> None:
-    bench = Told()
+    bench = StubBench()
     engine = bench.in_contact()
     bench.stage.at_look = raising(error)
     told = {"limit_mm": 3.0, "reason": str(_reason()), "lift": str(error), "lift_code": error.code}
@@ -92,7 +92,7 @@ def test_a_lift_that_fails_is_told_with_the_trip(error: RigError) -> None:
 
 
 def test_a_trip_that_cannot_be_written_is_a_trip() -> None:
-    bench = Told()
+    bench = StubBench()
     engine = bench.in_contact()
     bench.at_event = raising(RecordError("the disk is full"))
     with raises(TripError, "for_the_test") as tripped:
@@ -102,7 +102,7 @@ def test_a_trip_that_cannot_be_written_is_a_trip() -> None:
 
 @pytest.mark.parametrize(("on_alarm", "trips"), [("warn", False), ("trip", True)])
 def test_an_alarm_is_journalled_and_trips_where_configured(on_alarm: str, trips: bool) -> None:
-    bench = Told({"limits": {"on_alarm": on_alarm}})
+    bench = StubBench({"limits": {"on_alarm": on_alarm}})
     engine = bench.ready()
     if trips:
         with raises(TripError, "for_the_test"):
@@ -114,7 +114,7 @@ def test_an_alarm_is_journalled_and_trips_where_configured(on_alarm: str, trips:
 
 
 def test_a_stop_unhomes_and_leaves_a_trip_latched() -> None:
-    bench = Told()
+    bench = StubBench()
     engine = bench.ready()
     engine.stop()
     assert (engine.state, bench.stage.told[-1]) == (State.UNHOMED, "stop")
@@ -127,7 +127,7 @@ def test_a_stop_unhomes_and_leaves_a_trip_latched() -> None:
 
 @pytest.mark.parametrize("error", [StageError("no answer"), TransportError("stage is closed")])
 def test_a_stop_that_fails_has_nothing_to_add(error: Exception) -> None:
-    bench = Told()
+    bench = StubBench()
     engine = bench.ready()
     bench.stage.at_stop = raising(error)
     engine.stop()
@@ -139,7 +139,7 @@ def test_a_stop_that_fails_has_nothing_to_add(error: Exception) -> None:
 
 @pytest.mark.parametrize("error", [StageError("no answer"), TransportError("stage is closed")])
 def test_a_stage_that_fails_is_stopped_and_the_first_failure_is_kept(error: Exception) -> None:
-    bench = Told()
+    bench = StubBench()
     engine = bench.in_contact()
     with pytest.raises(type(error)) as failed:
         engine.guarded(raising(error))
@@ -153,13 +153,13 @@ def test_a_stage_that_fails_is_stopped_and_the_first_failure_is_kept(error: Exce
 
 
 def test_what_the_stage_answers_is_handed_on() -> None:
-    engine = Told().engine
+    engine = StubBench().engine
     assert engine.guarded(lambda: "answer") == "answer"
     assert engine.problem is None
 
 
 def test_after_a_failure_elsewhere_the_finger_is_left() -> None:
-    bench = Told()
+    bench = StubBench()
     engine = bench.in_contact()
     engine.make_safe()
     assert bench.height_mm == pytest.approx(2.0)
@@ -174,8 +174,8 @@ def test_after_a_failure_elsewhere_the_finger_is_left() -> None:
     ],
     ids=["failed", "untrusted"],
 )
-def test_where_the_finger_cannot_be_left_the_stage_is_stopped(spoil: Callable[[Told], None]) -> None:
-    bench = Told()
+def test_where_the_finger_cannot_be_left_the_stage_is_stopped(spoil: Callable[[StubBench], None]) -> None:
+    bench = StubBench()
     engine = bench.in_contact()
     spoil(bench)
     engine.make_safe()
@@ -185,7 +185,7 @@ def test_where_the_finger_cannot_be_left_the_stage_is_stopped(spoil: Callable[[T
 
 def test_a_silent_sensor_keeps_nothing_on_the_finger() -> None:
     """It is raised all the same; nothing says that it is lifted."""
-    bench = Told()
+    bench = StubBench()
     engine = bench.in_contact()
     bench.force.at_read = raising(ForceTimeout("no answer"))
     engine.make_safe()
@@ -194,7 +194,7 @@ def test_a_silent_sensor_keeps_nothing_on_the_finger() -> None:
 
 
 def test_at_clearance_there_is_nothing_to_make_safe() -> None:
-    bench = Told()
+    bench = StubBench()
     engine = bench.ready()
     told = list(bench.stage.told)
     engine.make_safe()
@@ -203,7 +203,7 @@ def test_at_clearance_there_is_nothing_to_make_safe() -> None:
 
 
 def test_what_cannot_be_recorded_does_not_go_on() -> None:
-    bench = Told()
+    bench = StubBench()
     engine = bench.in_contact()
     error = RecordError("the disk is full")
     bench.at_event = raising(error)

@@ -12,9 +12,9 @@ import pytest
 import typer
 
 from rig.cli import program as the_program
-from rig.compare.parameter_study import read_study
 from rig.compare.plausible_fingers import read_plausible
 from rig.plan.config import load_config
+from rig.study.parameter_study import read_study
 from sim.models.fingertip import Fingertip
 from tests.program import Program
 from tests.rig.test_followed_pages import NOT_RUN as NOT_FOLLOWED

@@ -18,7 +18,7 @@ from rig.control.stop import StageInHand
 from rig.devices.base import StageError
 from rig.devices.grbl import GrblStage
 from rig.engine import EngineError, Journal
-from rig.manual.server import HandOwner
+from rig.manual.owner_process import HandOwner
 from rig.plan.config import Config
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip

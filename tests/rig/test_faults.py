@@ -13,7 +13,7 @@ from studies.faults import phases
 from studies.faults.catalogue import CATALOGUE, Fault
 from studies.faults.faulty_bench import SOFT_TRIP_N
 from studies.faults.outcomes import bound_gwt, suffer
-from tests.raising import has_code
+from tests.error_codes import has_code
 
 DOCS = Path(__file__).parents[2] / "docs" / "validation" / "faults.md"
 

@@ -17,7 +17,7 @@ from rig.session.session import NewRun, Session, dry_run
 from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
 from sim.plant import Pose, PressedFinger, Truth, Turn
-from tests.raising import raises
+from tests.error_codes import raises
 
 TRUTH = {"pad_centre_x_mm": 0.4, "apex_z_mm": -0.15, "pad_y_mm": 0.5, "roll_deg": 4.0, "tilt_deg": -3.0}
 WAS = {"pad_centre_x_mm": -30.0, "apex_z_mm": -25.0, "pad_y_mm": -15.0, "roll_deg": 0.0, "tilt_deg": 0.0}

@@ -17,7 +17,7 @@ from rig.identify.frame import NAMES, Lie, find
 from rig.plan.config import Config
 from sim.models.fingertip import Fingertip
 from sim.plant import Pose, Turn
-from tests.raising import raises
+from tests.error_codes import raises
 
 RADIUS_MM = 2.4
 Above = Callable[[float, float, float, tuple[float, ...]], float]

@@ -29,7 +29,7 @@ from sim.benchmark import QUICK_SCENES, Candidate, coarse
 from sim.models.fingertip import Fingertip
 from studies.reference_run import BENCHES, carried_out, fingerprint
 from tests.program import Program
-from tests.sim.coarse import as_toml, coarse_mesh
+from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
 ROOT = Path(__file__).parents[2]
 FROZEN = ROOT / "tests" / "frozen"
@@ -295,8 +295,8 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, empty_figures: None)
     (tmp_path / "kept").mkdir()
     (tmp_path / "kept" / "one.model").write_bytes(b"kept")
     few = (Candidate("halfspace", "0.28 mm", coarse(0.28)),)
-    monkeypatch.setattr("rig.cli.system.QUICK", few)
-    monkeypatch.setattr("rig.cli.system.QUICK_SCENES", QUICK_SCENES[:1])
+    monkeypatch.setattr("rig.cli.installation.QUICK", few)
+    monkeypatch.setattr("rig.cli.installation.QUICK_SCENES", QUICK_SCENES[:1])
     return tmp_path
 
 

@@ -16,7 +16,7 @@ from rig.devices.grbl import GrblStage
 from rig.transport import LineReader, LoopbackTransport, SerialTransport, Transport
 from sim.devices import SerialLine, VirtualGrbl
 from sim.devices.clock import VirtualClock
-from tests.raising import raises
+from tests.error_codes import raises
 
 PORT = os.environ.get("RIG_GRBL_PORT")
 Wire = tuple[Transport, Clock]

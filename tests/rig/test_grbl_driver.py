@@ -10,8 +10,8 @@ from rig.devices.grbl import GrblStage
 from rig.devices.grbl_link import ASK_TIMES, StatusFields, expected_settings, is_banner, parse_status
 from rig.settings import RigSettings
 from sim.devices.clock import VirtualClock
-from tests.raising import raises
-from tests.told_board import Board, at, connected
+from tests.error_codes import raises
+from tests.scripted_board import Board, at, connected
 
 BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
 HELLO = (b"$I\n", b"[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n")

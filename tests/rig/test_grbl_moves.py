@@ -6,8 +6,8 @@ import pytest
 
 from rig.devices.base import StageAlarm, StageError, StageOverridden, StageReset, StageStatus
 from sim.devices.clock import VirtualClock
-from tests.raising import raises
-from tests.told_board import BANNER, At, Board, at, connected
+from tests.error_codes import raises
+from tests.scripted_board import BANNER, At, Board, at, connected
 
 
 @pytest.fixture

@@ -7,8 +7,8 @@ import pytest
 from rig.devices.base import StageAlarm, StageError, StageNotHomed, StageRejected, StageReset, StageTimeout
 from rig.devices.grbl import GrblStage
 from sim.devices.clock import VirtualClock
-from tests.raising import raises
-from tests.told_board import BANNER, Board, at, connected
+from tests.error_codes import raises
+from tests.scripted_board import BANNER, Board, at, connected
 
 
 @pytest.fixture

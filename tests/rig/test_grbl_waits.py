@@ -6,8 +6,8 @@ import pytest
 
 from rig.devices.base import StageRejected, StageStatus, StageTimeout
 from sim.devices.clock import VirtualClock
-from tests.raising import raises
-from tests.told_board import BANNER, SETTINGS, Board, at, connected
+from tests.error_codes import raises
+from tests.scripted_board import BANNER, SETTINGS, Board, at, connected
 
 
 @pytest.fixture

@@ -10,8 +10,8 @@ from rig.devices.grbl import GrblStage
 from rig.devices.grbl_link import expected_settings, travel_s
 from rig.settings import RigSettings
 from sim.devices.clock import VirtualClock
-from tests.raising import raises
-from tests.told_board import Board
+from tests.error_codes import raises
+from tests.scripted_board import Board
 
 ALARMS = {
     1: "hard limit", 2: "soft limit", 3: "reset while in motion", 4: "probe not in", 5: "probe found nothing",

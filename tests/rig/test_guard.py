@@ -12,7 +12,7 @@ from rig.errors import LimitError
 from rig.manual.guard import Guard
 from rig.settings import RigSettings
 from rig.units import GWT_N
-from tests.raising import has_code, raises
+from tests.error_codes import has_code, raises
 
 TOUCH_GWT, STEP_MM = 0.05, 0.05
 SOFT_GWT = 2.0 / GWT_N

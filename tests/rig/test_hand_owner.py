@@ -12,16 +12,16 @@ from rig.devices.base import ForceReading, ForceTimeout, StageError, StageReject
 from rig.engine.bench_memory import BenchMemory
 from rig.engine.sensing import ForceZero, Sensing
 from rig.errors import BadInputError, LimitError
-from rig.manual import bench as at_hand
+from rig.manual import home_and_zero as at_hand
 from rig.manual import status as hand_log
 from rig.manual.status import AT_A_TIME, COLUMNS, IN_STEPS, KEPT, ZERO_FIRST, Backlog, HandLog, OverheardSensor
 from rig.settings import RigSettings
 from rig.transport.wire import TransportError
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
-from tests.raising import raises
+from tests.error_codes import raises
 from tests.rig.hand_bench import APEX_MM, KINDS, HandBench, Person
-from tests.told import ToldSensor, raising
+from tests.stub_bench import StubSensor, raising
 
 ZERO = ForceZero(0.0, 0.0)
 
@@ -61,7 +61,7 @@ def test_an_answer_stays_below_what_the_wire_takes() -> None:
 
 
 def test_every_reading_is_overheard_and_every_lack_of_one() -> None:
-    sensor = ToldSensor(VirtualClock())
+    sensor = StubSensor(VirtualClock())
     heard: list[Any] = []
     overheard = OverheardSensor(sensor, heard.append, heard.append)  # type: ignore[arg-type]
     sensor.identify, sensor.close = lambda: "named", lambda: heard.append("closed")  # type: ignore[attr-defined]
@@ -74,7 +74,7 @@ def test_every_reading_is_overheard_and_every_lack_of_one() -> None:
             overheard.read()
         assert heard[-1] == str(error)
     assert (overheard.sample_period_s, overheard.resolution_gwt) == (0.05, 0.01)
-    assert (overheard.connect(), overheard.identify()) == ("told sensor", "named")
+    assert (overheard.connect(), overheard.identify()) == ("stub sensor", "named")
     overheard.close()
     assert heard[-1] == "closed"
 
@@ -416,7 +416,7 @@ def test_a_zero_that_fails_halfway_is_no_zero_on_record(make: Callable[..., Hand
 
 
 def test_a_sensor_that_cannot_zero_keeps_the_zero_it_had() -> None:
-    settings, sensor = RigSettings(), ToldSensor(VirtualClock(1.7e9))
+    settings, sensor = RigSettings(), StubSensor(VirtualClock(1.7e9))
     memory, sensing = BenchMemory(settings), Sensing(settings, sensor.clock, sensor)  # type: ignore[arg-type]
     memory.zeroed(ZERO)
     sensor.zero = raising(ForceTimeout("not stable"))  # type: ignore[method-assign]

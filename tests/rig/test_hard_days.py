@@ -18,7 +18,7 @@ from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
 from rig.transport import TransportError
 from rig.units import GWT_N
-from tests.raising import has_code, raises
+from tests.error_codes import has_code, raises
 
 Make = Callable[..., Any]
 FORCE = Target("force_gwt", 2.33)

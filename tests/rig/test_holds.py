@@ -10,7 +10,7 @@ from rig.errors import LimitError, NotReadyError
 from rig.manual.jog import FASTEST_MM_S, HeldWord
 from rig.manual.orders import AHEAD_S, HOLD_S, HoldRequest, Holds, Orders
 from sim.devices.clock import VirtualClock
-from tests.raising import raises
+from tests.error_codes import raises
 
 X_UP, X_DOWN = Direction("x", 1), Direction("x", -1)
 

@@ -30,7 +30,7 @@ from rig.engine.reference import compare_reference, measure_compliance
 from rig.records import Purpose
 from rig.settings import RigSettings
 from rig.units import GWT_N
-from tests.raising import raises
+from tests.error_codes import raises
 from tests.rig.plain_bench import PlainBench
 
 Make = Callable[..., Any]

@@ -11,7 +11,7 @@ from rig.engine.dead_man import SLICE_S, Direction, dead_man_jog
 from rig.transport import LoopbackTransport
 from sim.devices import SerialLine, VirtualGrbl
 from sim.devices.clock import VirtualClock
-from tests.raising import raises
+from tests.error_codes import raises
 
 OVERRIDES = {
     "twice the feed": (b"\x91" * 10, {"feed_percent": 200}),

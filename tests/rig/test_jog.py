@@ -13,7 +13,7 @@ from rig.errors import BadInputError
 from rig.transport import LoopbackTransport, TransportError
 from sim.devices import SerialLine, VirtualGrbl
 from sim.devices.clock import VirtualClock
-from tests.raising import raises
+from tests.error_codes import raises
 
 LEFT = Direction("x", -1)
 

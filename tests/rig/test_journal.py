@@ -13,7 +13,7 @@ from rig.data.journal import Journal, JournalError, read_journal
 from rig.data.schema import STREAMS
 from rig.engine import LimitError, NotReadyError, RunAborted, TripError
 from sim.devices.clock import VirtualClock
-from tests.raising import raises
+from tests.error_codes import raises
 
 SOME = {"note": {"text": ""}, "move": {"x_mm": "mm", "height_mm": "mm"}}
 

@@ -11,7 +11,7 @@ import pytest
 from rig.data.journal import Journal, JournalError, mend_journal, read_journal
 from rig.engine import RecordError
 from sim.devices.clock import VirtualClock
-from tests.raising import raises
+from tests.error_codes import raises
 
 SOME = {"note": {"text": ""}}
 START = b'{"doc": "start", "t_s": 0.0}\n'

@@ -13,7 +13,7 @@ from rig.devices.laumas import COMMAND, IDENTITY, STATUS, LaumasForce
 from rig.settings import LaumasSettings
 from rig.transport.modbus import ModbusMaster
 from sim.devices.clock import VirtualClock
-from tests.raising import raises
+from tests.error_codes import raises
 
 GWT_N = 9.80665e-3
 STABLE = 1 << 11

@@ -15,7 +15,7 @@ from rig.settings import DriveSettings
 from rig.transport.modbus import ModbusRefused
 from sim.devices.clock import VirtualClock
 from tests.drives_as_registers import CONTROL, HOME, HOMED, RUN_PR0, RUNNING, STATUS, TRIGGER, Bus, X, Z, homed_stage
-from tests.raising import raises
+from tests.error_codes import raises
 
 QUICK_STOP = 0x40
 

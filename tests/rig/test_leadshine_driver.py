@@ -13,7 +13,7 @@ from rig.devices.leadshine_drive import LeadshineDrive
 from rig.settings import DriveSettings, SyncSettings
 from rig.transport.modbus import ModbusMaster
 from sim.devices.clock import VirtualClock
-from tests.raising import raises
+from tests.error_codes import raises
 
 Pair = tuple[str, str]
 Make = Callable[..., LeadshineStage]

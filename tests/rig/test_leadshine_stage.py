@@ -12,7 +12,7 @@ from rig.devices.leadshine_drive import number, words
 from rig.settings import SyncSettings
 from sim.devices.clock import VirtualClock
 from tests.drives_as_registers import ALARM, DISABLED, HOMED, RUNNING, Bus, X, Z, homed_stage
-from tests.raising import raises
+from tests.error_codes import raises
 
 Make = Callable[..., tuple[Bus, LeadshineStage]]
 

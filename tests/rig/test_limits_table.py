@@ -18,7 +18,7 @@ from rig.settings import SLOWEST_MM_S, RigSettings
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from tests.config_keys import TABLE, Key
-from tests.rig.walked import StandIn, ready, walked
+from tests.rig.script_walk import StandIn, ready, walked
 
 Tables = dict[str, dict[str, Any]]
 Range = tuple[float, float]

@@ -10,7 +10,7 @@ import rig.data.journal as listed_journal
 from rig.data.journal import JournalError, listed_documents, read_journal
 from rig.data.run import read_run
 from rig.data.tables import LISTED, _holds, summarised, summary_of
-from tests.raising import raises
+from tests.error_codes import raises
 
 OLD = Path(__file__).parents[1] / "data" / "runs_of_0_1"
 START = {"doc": "start", "t_s": 0.0}

@@ -23,7 +23,7 @@ from sim.contact.patch import X, Z
 from sim.contact.shapes import parse_shape
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
-from tests.sim.coarse import as_toml, coarse_mesh
+from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
 COARSE = as_toml(coarse_mesh(0.3, 0.3, patch_x_mm=2.0, patch_z_mm=2.0, round_patch_mm=2.0))
 SHAPE = "heightmap:parts/letter.png,width_mm=2,height_mm=0.4,turn_deg=20"

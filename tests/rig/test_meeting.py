@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-import rig.identify.procedure as course
+import rig.identify.adaptive_presses as course
 from rig.bench.virtual import bench_around
 from rig.cli.identify_finger import (
     force_rows,
@@ -27,10 +27,10 @@ from rig.cli.identify_finger import (
 from rig.data import RunFolder, read_run
 from rig.data.folder import MEETING_PAGE
 from rig.errors import LimitError, TripError
+from rig.identify.adaptive_presses import IdentificationOptions, Meeting, felt_surely
 from rig.identify.finger_from_presses import finger_file
 from rig.identify.meeting_script import MeetingScript
 from rig.identify.press_record import given_press
-from rig.identify.procedure import IdentificationOptions, Meeting, felt_surely
 from rig.identify.random_finger import CELL_NOISE_GWT, truth_of, with_stranger
 from rig.plan.config import Config, VirtualSettings
 from rig.plan.finger_file import read_finger_file
@@ -40,8 +40,8 @@ from rig.report.identification_page import IdentificationPage, write_meeting_pag
 from rig.session.session import FinishedRun, NewRun, Nobody, Session, run_on
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
-from sim.identification.forward import Given, PressTrajectory
 from sim.identification.next_press import PressAt
+from sim.identification.predicted_forces import Given, PressTrajectory
 from sim.identification.prior import TAU_FAST_S, Prior
 from sim.identification.uncertainty_bands import standard_deviations
 from sim.models.fingertip import Fingertip

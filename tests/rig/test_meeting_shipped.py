@@ -8,15 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-import sim.identification.forward as foreseen_module
+import sim.identification.predicted_forces as foreseen_module
 from rig.cli.identify_finger import USUAL_GOALS, scope_of
-from rig.identify.procedure import IdentificationOptions
+from rig.identify.adaptive_presses import IdentificationOptions
 from sim.config import FingertipConfig
 from sim.identification.force_table import Scope, ShapeTable, _content, as_json, shipped
-from sim.identification.forward import Foreseen
+from sim.identification.predicted_forces import Foreseen
 from sim.identification.prior import Prior
 from sim.models.fingertip import Fingertip
-from tests.sim.coarse import coarse_mesh
+from tests.sim.coarse_mesh import coarse_mesh
 
 WANTED = IdentificationOptions(USUAL_GOALS)
 

@@ -25,7 +25,7 @@ from rig.units import GWT_N
 from sim.devices import Load, ModbusBus, SerialLine, VirtualDrive
 from sim.devices.clock import VirtualClock
 from sim.devices.leadshine import DrivePair
-from tests.raising import raises
+from tests.error_codes import raises
 
 Make = Callable[..., "Bench"]
 

@@ -9,7 +9,7 @@ from rig.transport import LoopbackTransport
 from rig.transport.modbus import ModbusError, ModbusMaster
 from sim.devices import Load, ModbusBus, SerialLine, VirtualDrive, VirtualLaumas
 from sim.devices.clock import VirtualClock
-from tests.raising import has_code
+from tests.error_codes import has_code
 
 FRAMINGS = pytest.mark.parametrize("framing", ["rtu", "tcp"])
 # Mostly what looks like the beginning of an answer: pure noise hardly ever gets past the first byte.

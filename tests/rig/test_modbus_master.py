@@ -7,7 +7,7 @@ import pytest
 
 from rig.transport.modbus import ModbusError, ModbusGarbled, ModbusMaster, ModbusRefused, ModbusTimeout, silence_s
 from sim.devices.clock import VirtualClock
-from tests.raising import raises
+from tests.error_codes import raises
 
 GOLDEN_WRITE = bytes.fromhex("07 10 62 00 00 08 10 00 01 00 00 27 10 00 00 27 10 27 10 00 00 00 10 8D 50")
 GOLDEN_ANSWER = bytes.fromhex("07 10 62 00 00 08 DE 11")

@@ -1,6 +1,6 @@
 """Where the indentor is while it moves, and what brings it to rest.
 
-The pad's centre is at machine x = -30, y = -15, its apex at z = -25; the told stage's switches are at -7, -3, -1.
+The pad's centre is at machine x = -30, y = -15, its apex at z = -25; the stub stage's switches are at -7, -3, -1.
 """
 
 import math
@@ -17,15 +17,15 @@ from rig.engine.sensing import NoReadingError
 from rig.errors import TripError, recast
 from rig.settings import RigSettings
 from sim.devices.clock import VirtualClock
-from tests.raising import has_code, raises
-from tests.told import ToldStage
+from tests.error_codes import has_code, raises
+from tests.stub_bench import StubStage
 
 
 class Watched:
     """A motion, its stage, and where the indentor was thought to be at each look."""
 
     def __init__(self) -> None:
-        self.stage = ToldStage(VirtualClock(1.7e9, 100.0))
+        self.stage = StubStage(VirtualClock(1.7e9, 100.0))
         self.motion = Motion(RigSettings(), self.stage, self.stage.clock, self._glance)
         self.seen: list[tuple[float, float, float]] = []
         self.feel: Callable[[], None] = lambda: None

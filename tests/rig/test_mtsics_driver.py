@@ -8,7 +8,7 @@ import pytest
 from rig.devices.base import ForceBusy, ForceError, ForceOverload, ForceTimeout, ForceUnderload
 from rig.devices.mtsics import MtSicsForce
 from sim.devices.clock import VirtualClock
-from tests.raising import raises
+from tests.error_codes import raises
 
 GWT_N = 9.80665e-3
 HELLO = (b"@\r\n", b'I4 A "0123456789"\r\n')

@@ -15,7 +15,7 @@ from rig.data import NwbMissingError, Run, export_nwb, read_run
 from rig.data.folder import RunFolder
 from rig.engine import Target, indent, verbs
 from rig.units import GWT_N
-from tests.raising import raises
+from tests.error_codes import raises
 
 pynwb: Any = pytest.importorskip("pynwb", reason="needs pynwb: pip install 'indentation-rig[nwb]'")
 

@@ -10,7 +10,7 @@ from rig.engine import Target, TripError, indent, verbs
 from rig.engine.engine import Engine, State
 from rig.engine.motion import FeltError, insist
 from rig.manual.jog import Moved
-from tests.raising import has_code
+from tests.error_codes import has_code
 from tests.rig.test_by_hand import AtHand
 from tests.rig.test_watched_moves import GRBL, Watched
 

@@ -24,7 +24,7 @@ from rig.transport.ownership import (
     identities,
     lock_owner,
 )
-from tests.raising import raises
+from tests.error_codes import raises
 
 pty = pytest.importorskip("pty", reason="needs pseudo-terminals")
 fcntl = pytest.importorskip("fcntl", reason="needs record locks")

@@ -22,7 +22,7 @@ from rig.session.rehearse import rehearsed
 from rig.session.resume import read_stopped
 from rig.session.session import FinishedRun, NewRun, Nobody, Session, dry_run
 from sim.models.fingertip import Fingertip
-from tests.raising import has_code, raises
+from tests.error_codes import has_code, raises
 from tests.waiting import until
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="needs alarms (POSIX)")

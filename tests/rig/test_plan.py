@@ -15,7 +15,7 @@ from rig.protocol.script import load_script
 from rig.records import PlannedIndentation, Target
 from sim.contact.shapes import ShapeError
 from sim.models.fingertip import Fingertip
-from tests.raising import raises
+from tests.error_codes import raises
 
 GWT_N = 9.80665e-3
 

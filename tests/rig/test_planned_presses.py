@@ -12,7 +12,7 @@ from rig.protocol.check import Spot, Walk
 from rig.protocol.steps import Precondition, Reference
 from rig.records import Hold, Indentation, PlannedIndentation, PressId, Target
 from rig.session.execute import Live
-from tests.rig.walked import StandIn, Walked, ready, walked
+from tests.rig.script_walk import StandIn, Walked, ready, walked
 
 Make = Callable[..., Any]
 

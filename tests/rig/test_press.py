@@ -10,7 +10,7 @@ import pytest
 from rig.engine import LimitError, Target, TripError, indent
 from rig.engine.press import Press
 from rig.settings import RigSettings
-from tests.raising import has_code, raises
+from tests.error_codes import has_code, raises
 from tests.rig.plain_bench import PlainBench, pressing, shows
 
 Make = Callable[..., Any]

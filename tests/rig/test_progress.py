@@ -10,13 +10,13 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-import rig.cli.monitor as shown
 import rig.cli.output as output
+import rig.cli.progress as shown
 import rig.cli.study as study_command
 import rig.session.session as sessions
 from rig.bench.virtual import VirtualBench, virtual_bench
 from rig.cli import main
-from rig.cli.monitor import IndentationProgress, counted, progress
+from rig.cli.progress import IndentationProgress, counted, progress
 from rig.cli.script_execution import time_left
 from rig.control.stop import StageInHand
 from rig.data.run_state import TimeLeft
@@ -27,7 +27,7 @@ from rig.session.rehearsal_summary import Page
 from rig.session.rehearse import Rehearsed
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
-from tests.sim.coarse import as_toml, coarse_mesh
+from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
 pytestmark = pytest.mark.usefixtures("empty_figures")
 

@@ -12,7 +12,7 @@ import pytest
 
 from rig.devices.base import ForceReading, StageOverridden
 from rig.engine.sensing import ForceZero
-from rig.manual.server import LAPSED
+from rig.manual.owner_process import LAPSED
 from rig.manual.status import IN_STEPS
 from rig.units import GWT_N
 from tests.rig.hand_bench import APEX_MM, KINDS, STOPS, HandBench, Person

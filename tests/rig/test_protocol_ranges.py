@@ -8,7 +8,7 @@ import pytest
 from rig.errors import BadInputError
 from rig.protocol import RangeParameters, about_the_centre
 from rig.protocol.script import load_script
-from tests.raising import raises
+from tests.error_codes import raises
 
 STEPPED = {
     "bars": {"width_mm=3.0": (34, 2.805), "width_mm=1.5": (25, 2.04)},

@@ -12,7 +12,7 @@ from rig.plan.plan import Plan, make_plan
 from rig.protocol.script import Script, load_script, script_with
 from sim.config import FingertipConfig, MeshSpec
 from sim.models.fingertip import Fingertip
-from tests.raising import has_code, raises
+from tests.error_codes import has_code, raises
 
 Fields = dict[str, Any]
 SCRIPT = """\

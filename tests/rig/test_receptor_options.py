@@ -11,7 +11,7 @@ from rig.errors import BadInputError
 from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
 from tests.program import Program
-from tests.sim.coarse import as_toml, coarse_mesh
+from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
 COARSE = coarse_mesh(0.5, 0.5, patch_x_mm=1.5, patch_z_mm=1.5)
 PRESS = ("--shape", "bar:1.5", "--x-mm", "0", "--doi-mm", "0.2")

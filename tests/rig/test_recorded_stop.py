@@ -20,7 +20,7 @@ from rig.session.early_ending import FinalPosition
 from rig.session.resume import ending_on_record, read_stopped
 from rig.session.session import NewRun, Session, dry_run, record_after, record_before
 from sim.models.fingertip import Fingertip
-from tests.raising import raises
+from tests.error_codes import raises
 
 SCRIPT = """\
 def run(rig):

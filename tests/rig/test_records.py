@@ -12,7 +12,7 @@ from rig.engine.reference import measure_compliance
 from rig.engine.verbs import unpaused
 from rig.errors import PressPaused
 from rig.records import as_fine
-from tests.told import Told
+from tests.stub_bench import StubBench
 
 Make = Callable[..., Any]
 FORCES = [(stream, key) for stream, keys in STREAMS.items() for key, unit in keys.items() if unit == "gwt"]
@@ -21,7 +21,7 @@ FORCES = [(stream, key) for stream, keys in STREAMS.items() for key, unit in key
 @pytest.mark.parametrize(("stream", "key"), FORCES)
 def test_no_force_is_finer_in_the_journal_than_any_other(stream: str, key: str) -> None:
     """Each force of each stream, whoever made it: hold_start, trip and threshold once went in as they were."""
-    told = Told()
+    told = StubBench()
     told.engine.record(stream, {key: 1 / 3, "x_mm": 1 / 3, "index": 3})
     assert told.events[-1] == (stream, {key: 0.333333, "x_mm": 1 / 3, "index": 3})
 

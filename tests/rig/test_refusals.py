@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from rig.protocol import Rig
-from tests.raising import has_code
-from tests.rig.walked import StandIn, ready, refused, walked
+from tests.error_codes import has_code
+from tests.rig.script_walk import StandIn, ready, refused, walked
 
 Asked = Callable[[Rig, Any], object]
 Fields = dict[str, Any]

@@ -24,8 +24,8 @@ from rig.session.resume import StoppedRun, read_stopped
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
+from tests.error_codes import raises
 from tests.program import EMPTY_FIGURES
-from tests.raising import raises
 from tests.waiting import DEADLINE_S, journal_says, until
 
 pytestmark = pytest.mark.usefixtures("empty_figures")

@@ -21,7 +21,7 @@ from rig.engine import Target, indent, verbs
 from rig.plan.config import Config
 from rig.report.run_report import write_report
 from sim.models.fingertip import Fingertip
-from tests.raising import raises
+from tests.error_codes import raises
 
 START = {
     "protocol": "mine",

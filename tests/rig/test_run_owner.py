@@ -19,7 +19,7 @@ from rig.cli.script_execution import RunOwner, owning
 from rig.cli.signals import STOP_SIGNAL, PauseRequest, at_a_safe_point, interrupt_main, stoppable
 from rig.clock import WallClock
 from rig.control.client import RefusedError, announced
-from rig.control.server import ControlSocket
+from rig.control.owner_socket import ControlSocket
 from rig.control.stop import EndedError, StageInHand, StopSwitch
 from rig.data import RunFolder
 from rig.plan.config import Config

@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 
-from rig.cli.monitor import IndentationProgress, RunScreen, _now
+from rig.cli.progress import IndentationProgress
 from rig.cli.runs import _described
+from rig.cli.watch import RunScreen, _now
 from rig.data.folder import RunFolder
 from rig.data.journal import Document
 from rig.data.run import Following, read_run

@@ -24,8 +24,8 @@ from rig.data.journal import JournalError, mend_journal, read_journal
 from rig.data.run import read_run
 from rig.data.tables import ENDED_EARLY, HOLD_COLUMNS, RUN_COLUMNS, Row, Summary, summarised
 from rig.engine.contact import MAY_TOUCH
+from tests.error_codes import raises
 from tests.program import Program
-from tests.raising import raises
 from tests.waiting import DEADLINE_S
 
 OLD = Path(__file__).parents[1] / "data" / "runs_of_0_1"

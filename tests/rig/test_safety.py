@@ -14,7 +14,7 @@ from rig.engine.limits import Stopping
 from rig.settings import RigSettings
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
-from tests.raising import raises
+from tests.error_codes import raises
 from tests.waiting import DEADLINE_S, until
 
 Make = Callable[..., Any]

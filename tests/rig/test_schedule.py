@@ -28,8 +28,8 @@ from rig.session.resume import read_stopped
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from rig.settings import RigSettings
 from sim.models.fingertip import Fingertip
-from tests.raising import raises
-from tests.rig.walked import walked
+from tests.error_codes import raises
+from tests.rig.script_walk import walked
 
 Make = Callable[..., Any]
 PLACES = (-0.5, 0.0, 0.5)

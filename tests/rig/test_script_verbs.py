@@ -25,8 +25,8 @@ from rig.protocol.steps import (
     Zero,
 )
 from rig.records import PressId
-from tests.raising import has_code
-from tests.rig.walked import Walked, ready, refused, walked
+from tests.error_codes import has_code
+from tests.rig.script_walk import Walked, ready, refused, walked
 
 Script = Callable[[Rig], object]
 

@@ -11,15 +11,15 @@ from rig.settings import RigSettings
 from rig.transport.wire import TransportError
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
-from tests.raising import raises
-from tests.told import ToldSensor, raising
+from tests.error_codes import raises
+from tests.stub_bench import StubSensor, raising
 
 COMPLIANCE = {"value": 0.02, "sd": 0.003, "date": "2026-01-01", "expires": "2027-01-01"}
 
 
-def _sensing(**tables: Any) -> tuple[ToldSensor, Sensing]:
+def _sensing(**tables: Any) -> tuple[StubSensor, Sensing]:
     clock = VirtualClock(1.7e9, 100.0)
-    sensor = ToldSensor(clock)
+    sensor = StubSensor(clock)
     return sensor, Sensing(RigSettings.model_validate(tables), clock, sensor)
 
 
@@ -110,7 +110,7 @@ def test_a_busy_sensor_is_asked_again_for_a_second_beyond_the_wait(busy_s: float
 
 def test_a_sensor_says_who_it_is() -> None:
     _, sensing = _sensing()
-    assert sensing.connect() == "told sensor"
+    assert sensing.connect() == "stub sensor"
 
 
 # --- zero and noise ---

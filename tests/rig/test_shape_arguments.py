@@ -9,11 +9,11 @@ import pytest
 
 from rig.bench.served import ServedBench
 from rig.cli import main
-from rig.compare.exceptions import StudyError
-from rig.compare.parameter_study import read_study
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
 from rig.records import Target
+from rig.study.exceptions import StudyError
+from rig.study.parameter_study import read_study
 from sim.contact.shapes import ShapeError, parse_shape, shape_name
 from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip

@@ -9,7 +9,7 @@ import sim.coding.raju_table_6_1 as kept
 from rig.cli import encode
 from sim.config import Contact, FingertipConfig, Tissue
 from tests.program import Program, program_of
-from tests.sim.coarse import as_toml, coarse_mesh
+from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
 QUICK = ("--config", "coarse.toml", "--spacing-mm", 0.5, "--half-width-mm", 2)
 

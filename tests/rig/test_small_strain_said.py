@@ -10,7 +10,6 @@ import pytest
 
 from rig.cli.study import _small_strain
 from rig.compare.comparison import compare
-from rig.compare.parameter_study import read_study
 from rig.compare.stimuli import stimuli
 from rig.data import read_run
 from rig.plan.config import load_config
@@ -18,6 +17,7 @@ from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
 from rig.session.rehearsal_summary import Page
 from rig.session.session import NewRun, Session
+from rig.study.parameter_study import read_study
 from sim.config import Tissue
 from sim.models import small_strain_error as module
 from sim.models.catalogue import load
@@ -26,7 +26,7 @@ from sim.models.small_strain_error import DeviationRange, small_strain
 from studies.source import matrix_page
 from studies.source.printed.answers import FingerAnswers, deep
 from tests.program import Program
-from tests.sim.coarse import as_toml, coarse_mesh
+from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
 COARSE = as_toml(coarse_mesh(0.4, 0.4, patch_x_mm=2.0, patch_z_mm=2.0))
 SCRIPT = """\

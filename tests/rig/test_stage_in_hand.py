@@ -20,7 +20,7 @@ from rig.plan.config import Config
 from rig.transport import LoopbackTransport, NotOwnedError, PortOwner, TransportError
 from sim.devices import SerialLine
 from sim.devices.clock import VirtualClock
-from tests.raising import raises
+from tests.error_codes import raises
 from tests.rig.hand_bench import STOPS
 from tests.waiting import DEADLINE_S, until
 

@@ -10,7 +10,7 @@ import pytest
 from rig.devices.base import StageError
 from rig.engine import EngineError, NotReadyError, Target, TripError, indent, verbs
 from rig.engine.engine import State
-from tests.raising import has_code, raises
+from tests.error_codes import has_code, raises
 
 Make = Callable[..., Any]
 FORCE = Target("force_gwt", 2.33)

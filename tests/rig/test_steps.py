@@ -27,7 +27,7 @@ from rig.session.rehearsal_summary import preflight
 from rig.session.resume import read_stopped
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
-from tests.raising import has_code, raises
+from tests.error_codes import has_code, raises
 
 BODY = """\
 from rig.protocol import ScheduledParameters

@@ -24,8 +24,8 @@ from rig.settings import StopSettings
 from sim.devices.clock import VirtualClock
 from sim.devices.line import StopPins
 from sim.models.fingertip import Fingertip
+from tests.error_codes import raises
 from tests.program import NEAR_HOME, Ended, Program
-from tests.raising import raises
 from tests.waiting import until
 
 pytestmark = pytest.mark.usefixtures("empty_figures")

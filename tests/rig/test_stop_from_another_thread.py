@@ -12,8 +12,8 @@ from rig.devices.base import StageError, StageNotHomed
 from rig.devices.leadshine import LeadshineStage
 from rig.transport.modbus import ModbusMaster
 from sim.devices.clock import VirtualClock
-from tests.raising import raises
-from tests.told_board import Board, at, connected
+from tests.error_codes import raises
+from tests.scripted_board import Board, at, connected
 from tests.waiting import DEADLINE_S
 
 STOP = b"!\x18"

@@ -8,7 +8,7 @@ import pytest
 from rig.transport import stop_gate
 from rig.transport.stop_gate import StopGate
 from rig.transport.wire import TransportError
-from tests.raising import raises
+from tests.error_codes import raises
 from tests.waiting import DEADLINE_S, until
 
 

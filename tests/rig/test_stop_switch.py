@@ -11,7 +11,7 @@ from rig.devices.base import StageError
 from rig.engine import LimitError
 from rig.session.script_run import stopped_at_once
 from rig.transport import TransportError
-from tests.raising import raises
+from tests.error_codes import raises
 from tests.waiting import DEADLINE_S, until
 
 

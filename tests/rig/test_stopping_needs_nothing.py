@@ -13,7 +13,7 @@ import pytest
 from rig.control.client import ControlError
 from rig.control.stop import BESIDE_S, NoStageError, SentStop, send_stop, stage_alone
 from rig.transport import PortOwner, open_port
-from tests.raising import raises
+from tests.error_codes import raises
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 obstacles = pytest.importorskip("studies.faults.obstacles", reason="needs limits of resources")

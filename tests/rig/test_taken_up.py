@@ -21,7 +21,7 @@ from rig.protocol.steps import Checkpoint, Home, Indent, MoveTo, Note, Owed, Res
 from rig.records import Hold, Indentation, PressId, Target
 from rig.session.resume import first_reference_gwt, read_stopped
 from sim.devices.clock import VirtualClock
-from tests.raising import raises
+from tests.error_codes import raises
 
 # --- what is answered, and what is done ---
 

@@ -31,7 +31,7 @@ from rig.transport import (
 )
 from sim.devices import SerialLine
 from sim.devices.clock import VirtualClock
-from tests.raising import raises
+from tests.error_codes import raises
 from tests.waiting import DEADLINE_S
 
 pty = pytest.importorskip("pty", reason="needs pseudo-terminals")

@@ -15,7 +15,7 @@ from rig.engine.limits import ContactTime, Trips, refuse_height, trip_height_mm
 from rig.settings import LimitSettings, RigSettings
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
-from tests.raising import has_code, raises
+from tests.error_codes import has_code, raises
 
 SETTINGS = RigSettings()
 

@@ -18,7 +18,7 @@ from rig.manual.jog import ByHand
 from rig.units import GWT_N
 from studies.faults.catalogue import GRBL, MODBUS
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, FaultyBench
-from tests.raising import raises
+from tests.error_codes import raises
 
 FORCES_GWT = (0.5, 8.0, 28.9)  # the soft trip is at 16
 Act = Callable[[FaultyBench], None]

@@ -14,7 +14,7 @@ from rig.engine.engine import State
 from rig.errors import PressPaused
 from rig.settings import RigSettings
 from rig.units import GWT_N
-from tests.raising import raises
+from tests.error_codes import raises
 
 Make = Callable[..., Any]
 

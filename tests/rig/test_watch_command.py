@@ -13,13 +13,15 @@ import pytest
 from rich.console import Console
 from rich.live import Live
 
-import rig.cli.monitor as watch_command
 import rig.cli.output as output
-from rig.cli.monitor import BLOCKS, COLUMNS, EACH, ROWS, IndentationProgress, RunScreen, Screen
+import rig.cli.watch as watch_command
+from rig.cli.force_trace import BLOCKS, COLUMNS, EACH, ROWS, Screen
 from rig.cli.output import a_screen, screen_aside
+from rig.cli.progress import IndentationProgress
 from rig.cli.run import ask_at_the_bench
 from rig.cli.script_execution import AtTheTerminal
 from rig.cli.signals import PauseRequest
+from rig.cli.watch import RunScreen
 from rig.clock import WallClock
 from rig.data import run_state
 from rig.data.folder import RunFolder, UnwritableError
@@ -506,7 +508,7 @@ def run(rig):
 def test_a_run_leaves_its_course_and_shows_it(
     program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    import rig.cli.monitor as progress
+    import rig.cli.progress as progress
 
     screen = io.StringIO()
     console = Console(file=screen, force_terminal=True, width=80, highlight=False, markup=False)

@@ -21,7 +21,7 @@ from rig.plan.config import Config
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from sim.plant import Carriage, Pose, TruePose
-from tests.raising import raises
+from tests.error_codes import raises
 
 GRBL: dict[str, Any] = {"force": {"baud": 115200}}
 LEADSHINE: dict[str, Any] = {"stage": {"kind": "leadshine"}, "force": {"kind": "laumas", "baud": 115200}}

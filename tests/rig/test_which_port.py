@@ -13,7 +13,7 @@ from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.transport import TransportError
 from sim.devices.clock import VirtualClock
-from tests.raising import raises
+from tests.error_codes import raises
 
 NO_TIME: Any = VirtualClock()
 

@@ -24,7 +24,7 @@ from rig.devices.mtsics import MtSicsForce
 from rig.transport import LoopbackTransport
 from sim.devices import Load, Mechanics, SerialLine, VirtualBalance, VirtualGrbl
 from sim.devices.clock import VirtualClock
-from tests.raising import raises
+from tests.error_codes import raises
 
 
 class Bench:

@@ -8,7 +8,7 @@ from sim.finger.surface import FingertipSurface
 from sim.models.catalogue import load
 from sim.models.condensed import FiniteElements, discretise
 from sim.models.fingertip import Fingertip
-from tests.sim.coarse import coarse_mesh
+from tests.sim.coarse_mesh import coarse_mesh
 
 
 @pytest.fixture(scope="session")

@@ -26,12 +26,12 @@ from sim.measures.receptors import (
     receptors_at,
     strain_operator,
 )
-from sim.models import adjoint, field, sources, strain_field
+from sim.models import adjoint, factored_interior, sources, strain_at_points
 from sim.models.condensed import discretise
+from sim.models.factored_interior import Interior
 from sim.models.full_mesh import mesh_of
-from sim.models.strain_field import Interior
 from studies.verification.halfspace import boussinesq_strain
-from tests.raising import raises
+from tests.error_codes import raises
 
 Array = NDArray[np.float64]
 
@@ -93,7 +93,7 @@ def test_columns_are_what_the_whole_mesh_says(
 ) -> None:
     for result, (points, strain) in zip(results, whole, strict=True):
         found = small.fields(result, points)
-        assert len(points) < field.FEW_POINTS
+        assert len(points) < strain_at_points.FEW_POINTS
         assert set(found.young_ratio.tolist()) == {1.0, 0.1}
         np.testing.assert_allclose(found.strain, strain, rtol=0, atol=ROUND_OFF * np.abs(strain).max())
 
@@ -104,8 +104,8 @@ def test_many_points_are_what_the_whole_mesh_says(
     whole: list[tuple[Array, Array]],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(field, "FEW_POINTS", 3)
-    monkeypatch.setattr(strain_field, "_POINTS_AT_ONCE", 7)
+    monkeypatch.setattr(strain_at_points, "FEW_POINTS", 3)
+    monkeypatch.setattr(factored_interior, "_POINTS_AT_ONCE", 7)
     for result, (points, strain) in zip(results, whole, strict=True):
         monkeypatch.setattr(Interior, "columns", None)
         found = small.fields(result, points)
@@ -176,7 +176,7 @@ def test_points_asked_for_again_cost_nothing(
     sets = [finger.points_below(x, 0.5) for x in np.linspace(-1, 1, 6)]
     first = [finger.fields(result, points).strain for points in sets]
     assert _files(folder) - at_first == {".columns": 6}
-    monkeypatch.setattr(strain_field, "factorise", None)
+    monkeypatch.setattr(factored_interior, "factorise", None)
     other = Fingertip.load(coarse_config)  # from the disk
     np.testing.assert_array_equal([other.fields(result, points).strain for points in sets], first)
     monkeypatch.setattr(sources, "cached_arrays", None)
@@ -189,17 +189,17 @@ def test_points_asked_for_again_cost_nothing(
 def test_one_factor_is_kept_for_many_points(coarse_config: FingertipConfig, monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[Any] = []
     closed: list[bool] = []
-    real = strain_field.factorise
+    real = factored_interior.factorise
 
     def factorise(*given: Any) -> Any:
         made.append(real(*given))
         monkeypatch.setattr(made[-1], "close", lambda: closed.append(True))
         return made[-1]
 
-    monkeypatch.setattr(strain_field, "factorise", factorise)
+    monkeypatch.setattr(factored_interior, "factorise", factorise)
     finger = load("finger", coarse_config, cached=False)
     result = finger.indent("bar:1.5", doi_mm=0.2)
-    for n in (field.FEW_POINTS + 1, 1, 60):
+    for n in (strain_at_points.FEW_POINTS + 1, 1, 60):
         assert finger.fields(result, finger.points_below(np.linspace(-1, 1, n), 0.5)).strain.shape == (n, 6)
     assert len(made) == 1
     del finger
@@ -208,7 +208,7 @@ def test_one_factor_is_kept_for_many_points(coarse_config: FingertipConfig, monk
 
 
 def test_columns_where_they_cost_less(coarse_config: FingertipConfig, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(field, "FEW_POINTS", 1)
+    monkeypatch.setattr(strain_at_points, "FEW_POINTS", 1)
     finger = load("finger", coarse_config, cached=False)
     result = finger.indent("bar:1.5", doi_mm=0.2)
     two = finger.points_below([0.0, 0.5], 0.5)
@@ -232,7 +232,7 @@ def test_progress_counts_points(
     assert said == [(20, 35), (35, 35)]
     assert [record.args for record in caplog.records if record.name == adjoint.__name__][-2:] == [(20, 35), (35, 35)]
     said.clear()
-    monkeypatch.setattr(strain_field, "_POINTS_AT_ONCE", 30)
+    monkeypatch.setattr(factored_interior, "_POINTS_AT_ONCE", 30)
     finger.fields(result, points, progress=lambda done, of: said.append((done, of)))
     assert said == [(30, 41), (41, 41)]
 

@@ -24,7 +24,7 @@ from sim.models.fingertip import Fingertip
 from sim.models.result import IndentationResult
 from sim.units import PSEUDO_E_EPIDERMIS
 from studies.coding.sheets_read_back import in_plane
-from tests.sim.coarse import coarse_mesh
+from tests.sim.coarse_mesh import coarse_mesh
 
 Array = NDArray[np.float64]
 

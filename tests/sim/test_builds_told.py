@@ -16,7 +16,7 @@ from sim.models import condensed
 from sim.models.catalogue import BUILDERS, load
 from sim.models.fingertip import Fingertip
 from sim.models.full_mesh import strain_maps
-from tests.sim.coarse import coarse_mesh
+from tests.sim.coarse_mesh import coarse_mesh
 
 Build = Callable[[FingertipConfig], object]
 
@@ -83,11 +83,11 @@ def test_what_takes_no_time_is_said_quietly(
 
 
 def test_each_step_of_a_finger_is_said_quietly(skin: FingertipSurface, caplog: pytest.LogCaptureFixture) -> None:
-    with caplog.at_level(logging.DEBUG, "sim.models.finger"):
+    with caplog.at_level(logging.DEBUG, "sim.models.finger_3d"):
         finger = load(
             "finger", FingertipConfig(mesh=coarse_mesh(0.5, 0.5, patch_x_mm=1.5, patch_z_mm=1.5)), cached=False
         )
-    steps = [record for record in caplog.records if record.name == "sim.models.finger"]
+    steps = [record for record in caplog.records if record.name == "sim.models.finger_3d"]
     assert {record.levelno for record in steps} == {logging.DEBUG}
     for name, record in zip(finger.model.timing_s, steps, strict=True):
         assert f"building a model: {name} done, " in record.getMessage()

@@ -16,7 +16,7 @@ import pytest
 from sim.config import FingertipConfig
 from sim.finger.surface import published_points
 from sim.models.cache import Arrays, CacheError, cache_dir, cached_arrays, content_key, model_code
-from tests.raising import raises
+from tests.error_codes import raises
 
 ROOT = Path(str(files("sim")))
 

@@ -27,8 +27,8 @@ from sim.contact.indentor import ACROSS, ALONG, BOTH
 from sim.errors import ModelRangeError
 from sim.measures.receptors import ReceptorPlaces
 from sim.models.catalogue import MODELS
-from tests.raising import raises
-from tests.sim.coarse import coarse_mesh
+from tests.error_codes import raises
+from tests.sim.coarse_mesh import coarse_mesh
 
 HALFSPACE, SECTION = Rung("halfspace", "default"), Rung("section", "default")
 COARSE, DEFAULT, FINE = (Rung("finger", level) for level in LEVELS)

@@ -6,7 +6,7 @@ import pytest
 
 from sim.devices.clock import VirtualClock
 from sim.errors import ArgumentError
-from tests.raising import raises
+from tests.error_codes import raises
 
 
 def test_time_jumps_to_the_event_that_makes_it_ready() -> None:

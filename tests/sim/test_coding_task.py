@@ -37,8 +37,8 @@ from sim.coding.task import (
     observe,
 )
 from sim.config import FingertipConfig
-from tests.raising import raises
-from tests.sim.coarse import coarse_mesh
+from tests.error_codes import raises
+from tests.sim.coarse_mesh import coarse_mesh
 
 M = 8
 SQUARES = ForwardOperator("influence", "finite", np.eye(M)[None], np.arange(M) * 1.0, np.arange(M) * 1.0)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim.contact.compiled import curves, elastic, factors, gaps, points_between_nodes
+from sim.contact.compiled import factors, planes_and_residual, points_between_nodes, profile_curves, skin_compliance
 from sim.contact.profiles import STEEPEST_SLOPE
 
 Array = NDArray[np.float64]
@@ -21,15 +21,15 @@ def both_ways(loops: Loops) -> list[Any]:
     return [pytest.param(loops, id="compiled"), pytest.param(loops.py_func, id="python")]  # type: ignore[attr-defined]
 
 
-def some_skin(m: int) -> elastic.SkinCompliance:
+def some_skin(m: int) -> skin_compliance.SkinCompliance:
     rng = np.random.default_rng(m)
     half = rng.normal(size=(m * ROOM, m * ROOM))
     carriers = np.array([[0, 3, 4, 1, 2, 0, 3], [0, 3, 4, 2, 3, 1, 4]])
     share = np.array([0, 0, 0, 0.25, 0.5, 0.75, 0.25])
-    return elastic.SkinCompliance((half @ half.T).reshape(m, ROOM, m, ROOM), NODES, carriers, share)
+    return skin_compliance.SkinCompliance((half @ half.T).reshape(m, ROOM, m, ROOM), NODES, carriers, share)
 
 
-def shares(skin: elastic.SkinCompliance) -> Array:
+def shares(skin: skin_compliance.SkinCompliance) -> Array:
     """(k, N) of the nodes in the points."""
     found = np.zeros((POINTS, ROOM))
     for p in range(POINTS):
@@ -38,14 +38,14 @@ def shares(skin: elastic.SkinCompliance) -> Array:
     return found
 
 
-def among_points(skin: elastic.SkinCompliance) -> Array:
+def among_points(skin: skin_compliance.SkinCompliance) -> Array:
     """(m, k, m, k) mm/N."""
     at = shares(skin)
     return np.einsum("ki,aibj,lj->akbl", at, skin.store, at)
 
 
 @pytest.mark.parametrize("m", [1, 2, 3])
-@pytest.mark.parametrize("worked", both_ways(elastic.worked))
+@pytest.mark.parametrize("worked", both_ways(skin_compliance.worked))
 def test_work_of_forces_along_motions(worked: Loops, m: int) -> None:
     skin, rng = some_skin(m), np.random.default_rng(0)
     rows, columns = np.array([4, 0, 6]), np.array([6, 1, 3, 5])
@@ -60,7 +60,7 @@ def test_work_of_forces_along_motions(worked: Loops, m: int) -> None:
 
 
 @pytest.mark.parametrize("m", [1, 2, 3])
-@pytest.mark.parametrize("moved", both_ways(elastic.moved))
+@pytest.mark.parametrize("moved", both_ways(skin_compliance.moved))
 def test_motion_by_forces(moved: Loops, m: int) -> None:
     skin, loaded = some_skin(m), np.array([5, 0, 2])
     force = np.random.default_rng(1).normal(size=(m, 3))
@@ -70,7 +70,7 @@ def test_motion_by_forces(moved: Loops, m: int) -> None:
 
 
 @pytest.mark.parametrize("m", [1, 2])
-@pytest.mark.parametrize("moved_by_turns", both_ways(elastic.moved_by_turns))
+@pytest.mark.parametrize("moved_by_turns", both_ways(skin_compliance.moved_by_turns))
 def test_motion_by_forces_that_turn(moved_by_turns: Loops, m: int) -> None:
     skin, rng = some_skin(m + 1), np.random.default_rng(4)
     turn, multipliers = rng.normal(size=(m, POINTS)), rng.random(POINTS)
@@ -80,7 +80,7 @@ def test_motion_by_forces_that_turn(moved_by_turns: Loops, m: int) -> None:
     np.testing.assert_allclose(moved_by_turns(skin, turn, multipliers), expected, rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize("displaced", both_ways(elastic.displaced))
+@pytest.mark.parametrize("displaced", both_ways(skin_compliance.displaced))
 def test_displacements_by_few_forces(displaced: Loops) -> None:
     compliance = some_skin(2).store.reshape(12, 12).copy()
     force = np.zeros((2, 6))
@@ -92,7 +92,7 @@ def test_displacements_by_few_forces(displaced: Loops) -> None:
 
 
 @pytest.mark.parametrize("m", [1, 2])
-@pytest.mark.parametrize("planes", both_ways(gaps.planes))
+@pytest.mark.parametrize("planes", both_ways(planes_and_residual.planes))
 def test_planes_through_displaced_points(planes: Loops, m: int) -> None:
     rng = np.random.default_rng(2)
     height, slope, at = rng.normal(size=4), rng.normal(size=(m, 4)), rng.normal(size=(m + 1, 4))
@@ -129,7 +129,7 @@ def missed_by(missed: Loops, **changed: object) -> tuple[float, float]:
         ({"mismatch": np.array([[np.nan, 0.0], [0.0, 0.0]])}, np.inf, 0.0),
     ],
 )  # fmt: skip
-@pytest.mark.parametrize("missed", both_ways(gaps.missed))
+@pytest.mark.parametrize("missed", both_ways(planes_and_residual.missed))
 def test_by_how_much_equilibrium_is_missed(
     missed: Loops, changed: dict[str, object], worst: float, depth: float
 ) -> None:
@@ -147,7 +147,7 @@ def derivatives(height: Callable[[Array], Array], s: Array) -> tuple[Array, Arra
     return (high - low) / (2 * step), (high - 2 * mid + low) / step**2
 
 
-@pytest.mark.parametrize("arc", both_ways(curves.arc))
+@pytest.mark.parametrize("arc", both_ways(profile_curves.arc))
 def test_an_arc_with_its_flank(arc: Loops) -> None:
     t = np.array([-0.3, -0.01, 0.01, 0.2, 0.4])
     height, slope, curvature = arc(t, 0.5, np.array([1.0, 1.0, 1.0, -1.0, 1.0]), 1000.0)
@@ -162,7 +162,7 @@ def test_an_arc_with_its_flank(arc: Loops) -> None:
     np.testing.assert_allclose(edge, [[0, 0, 100], [0, 0, 1000], [0, 0, 0]])
 
 
-@pytest.mark.parametrize("lean", both_ways(curves.lean))
+@pytest.mark.parametrize("lean", both_ways(profile_curves.lean))
 def test_a_flank_leans_to_what_is_closest(lean: Loops) -> None:
     # Below an arc's centre the tangent's foot lies where the centre sees the node; above it, it is the flank itself.
     t, y = np.array([0.1, 0.5, 0.5]), np.array([-0.05, -0.15, 0.3])
@@ -174,7 +174,7 @@ def test_a_flank_leans_to_what_is_closest(lean: Loops) -> None:
     np.testing.assert_allclose(slope, [7.0, -steep, STEEPEST_SLOPE], rtol=1e-13)
 
 
-@pytest.mark.parametrize("flank", both_ways(curves.flank))
+@pytest.mark.parametrize("flank", both_ways(profile_curves.flank))
 def test_a_flank_between_levels(flank: Loops) -> None:
     k, s = np.pi / 0.45, np.array([-0.2, 0.1, 0.3, 0.44, 0.6])
     height, slope, curvature = flank(s, 0.25, k)
@@ -188,7 +188,7 @@ def test_a_flank_between_levels(flank: Loops) -> None:
     np.testing.assert_allclose(level[2], [0.25 * k * k, -0.25 * k * k])  # its ends are its own
 
 
-@pytest.mark.parametrize("joined", both_ways(curves.joined))
+@pytest.mark.parametrize("joined", both_ways(profile_curves.joined))
 def test_polynomials_joined_at_knots(joined: Loops) -> None:
     knots, powers = np.array([0.0, 1.0, 3.0]), np.array([[2.0, -1.0], [0.5, 0.0], [1.0, 3.0], [-1.0, 4.0]])
     s = np.array([-0.5, 0.0, 0.7, 1.0, 2.5, 3.5])

@@ -11,7 +11,7 @@ from sim.fem.dissection import DissectionFactor, IndefiniteError, inverse_spd
 from sim.fem.elements import symmetric
 from sim.fem.mkl_condensation import PardisoFactor
 from sim.models.condensed import FiniteElements, factorise
-from tests.raising import raises
+from tests.error_codes import raises
 
 Factor = PardisoFactor | DissectionFactor
 

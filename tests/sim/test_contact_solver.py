@@ -15,7 +15,7 @@ from sim.contact.touch import first_touch
 from sim.finger.surface import FingertipSurface
 from sim.models.fingertip import Fingertip
 from sim.models.result import IndentationResult
-from tests.raising import raises
+from tests.error_codes import raises
 
 Array = NDArray[np.float64]
 

@@ -27,7 +27,7 @@ from sim.coding.operators import ForwardOperator, convolution, impulse_responses
 from sim.coding.readings import Readings, sd_at_rest
 from sim.coding.section import Sampling, sampled_section
 from sim.config import FingertipConfig
-from tests.raising import raises
+from tests.error_codes import raises
 
 Array = NDArray[np.float64]
 

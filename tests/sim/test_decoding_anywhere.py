@@ -19,8 +19,8 @@ from sim.coding.section import FeltSection, SampledSection, Sampling, felt_secti
 from sim.config import FingertipConfig
 from sim.errors import ModelRangeError
 from sim.measures.receptors import ReceptorError
-from tests.raising import raises
-from tests.sim.coarse import coarse_mesh
+from tests.error_codes import raises
+from tests.sim.coarse_mesh import coarse_mesh
 
 Array = NDArray[np.float64]
 Decode = Callable[[Receptor], Profile]

@@ -11,7 +11,7 @@ from sim.coding.pressure import borne_by
 from sim.coding.section import Energy, SampledSection, Sampling, sampled_section, sed_of
 from sim.config import FingertipConfig
 from sim.measures.measures import Elastic
-from tests.sim.coarse import coarse_mesh
+from tests.sim.coarse_mesh import coarse_mesh
 
 Array = NDArray[np.float64]
 MATERIAL = Elastic(1000.0, 0.48)

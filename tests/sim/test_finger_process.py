@@ -20,7 +20,7 @@ from sim.finger_process import FingerLostError, FingerProcess, asked
 from sim.models.cache import CacheError
 from sim.models.fingertip import Fingertip
 from sim.models.pressing import RimError
-from tests.raising import has_code, raises
+from tests.error_codes import has_code, raises
 from tests.waiting import DEADLINE_S, until
 
 

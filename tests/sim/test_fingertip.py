@@ -12,7 +12,7 @@ from sim.errors import ModelRangeError
 from sim.models.fingertip import DEEPEST_DOI_MM, Fingertip
 from sim.models.pressing import RimError
 from sim.units import GWT_N
-from tests.raising import raises
+from tests.error_codes import raises
 
 POSITIONS = [round(float(x), 4) for x in np.linspace(2.0, -3.7, 30)]
 

@@ -22,7 +22,7 @@ from sim.finger.mesh import build_mesh
 from sim.models.condensed import discretise, factorise
 from sim.models.fingertip import Fingertip
 from sim.models.pressing import RimError
-from tests.raising import raises
+from tests.error_codes import raises
 
 Array = NDArray[np.float64]
 

@@ -20,7 +20,7 @@ from sim.contact.profiles import STEEPEST_SLOPE
 from sim.contact.shapes import ShapeError, parse_shape
 from sim.errors import ArgumentError
 from sim.models.fingertip import Fingertip
-from tests.raising import raises
+from tests.error_codes import raises
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface
 from sim.measures.measures import Elastic, measures_from_strain
 from sim.units import PSEUDO_E_EPIDERMIS
-from tests.raising import raises
-from tests.sim.coarse import coarse_mesh
+from tests.error_codes import raises
+from tests.sim.coarse_mesh import coarse_mesh
 
 PLANE = FingertipConfig().receptor_plane_mm
 COARSE = FingertipConfig(mesh=coarse_mesh(0.3, 0.5))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sim.contact.profiles import BAR_EDGE_RADIUS_MM, STEEPEST_SLOPE, Bar, SinusoidalStep
 from sim.contact.shapes import EXPECTED, ShapeError, parse_shape
 from sim.models.fingertip import Fingertip
-from tests.raising import raises
+from tests.error_codes import raises
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from sim.contact.compiled.elastic import SkinCompliance
+from sim.contact.compiled.skin_compliance import SkinCompliance
 from sim.contact.lcp import LcpSolution, solve_lcp
 
 Array = NDArray[np.float64]

@@ -16,13 +16,13 @@ from sim.contact.indentor import Indentor
 from sim.contact.profiles import Bar, Cylinder
 from sim.errors import ArgumentError
 from sim.measures.measures import MEASURES
-from sim.models import many
+from sim.models import many_indentations
 from sim.models.fingertip import Fingertip
-from sim.models.many import WorkerLostError, indent_many
+from sim.models.many_indentations import WorkerLostError, indent_many
 from sim.models.result import IndentationOutcome, IndentationRequest, Indentations
 from sim.tables import NotInstalledError, to_pandas, to_xarray, write_csv
 from sim.workers import in_processes
-from tests.raising import raises
+from tests.error_codes import raises
 
 
 @pytest.fixture(scope="module")
@@ -92,7 +92,7 @@ def test_depths_at_a_place_share_the_way_down(coarse: Fingertip, work: dict[str,
 
 def test_rows_are_what_the_arguments_broadcast_to(coarse: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
     nothing = IndentationOutcome(None, "not asked")
-    monkeypatch.setattr(many, "_answer", lambda *_: nothing)
+    monkeypatch.setattr(many_indentations, "_answer", lambda *_: nothing)
     bar, own = Indentor.along(Bar(2.0)), Cylinder(4.0)
     grid = indent_many(coarse, "bar:1", np.array([[0.0], [1.0]]), doi_mm=[0.1, 0.2])
     assert _asked(grid) == [("bar:1", x, None, doi, None) for x in (0.0, 1.0) for doi in (0.1, 0.2)]
@@ -182,8 +182,8 @@ def test_a_task_is_a_few_places(
         assert {len(task) for task in tasks} == sizes
         return map(function, tasks)
 
-    monkeypatch.setattr(many, "in_processes", here)
-    monkeypatch.setattr(many, "_answer", lambda *_: IndentationOutcome(None, "not asked"))
+    monkeypatch.setattr(many_indentations, "in_processes", here)
+    monkeypatch.setattr(many_indentations, "_answer", lambda *_: IndentationOutcome(None, "not asked"))
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     found = indent_many(coarse, "bar:1", np.arange(places), doi_mm=0.1, cores=cores)
     assert found.table()["x_mm"].tolist() == list(range(places))
@@ -193,16 +193,16 @@ def test_a_task_is_a_few_places(
 def test_a_process_keeps_the_memory_that_it_frees(coarse: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
     """And the one that asks, which is not ours, is left as it is."""
     kept: list[bool] = []
-    monkeypatch.setattr(many, "keep_freed_memory", lambda: kept.append(True))
+    monkeypatch.setattr(many_indentations, "keep_freed_memory", lambda: kept.append(True))
     indent_many(coarse, "bar:1", doi_mm=0.1)
     assert kept == []
-    monkeypatch.setattr(many, "parent_process", lambda: "another")
+    monkeypatch.setattr(many_indentations, "parent_process", lambda: "another")
     indent_many(coarse, "bar:1", doi_mm=0.1)
     assert kept == [True]
 
 
 def test_a_lost_process_is_told_of(coarse: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(many, "in_processes", lambda *_: in_processes(os._exit, [3], 1))
+    monkeypatch.setattr(many_indentations, "in_processes", lambda *_: in_processes(os._exit, [3], 1))
     with raises(WorkerLostError, "worker_lost"):
         indent_many(coarse, "bar:1", [0, 1], doi_mm=0.1, cores=2)
 

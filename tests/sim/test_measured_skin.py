@@ -15,7 +15,7 @@ from sim.config import FingertipConfig, Geometry
 from sim.finger.surface import FingertipSurface, SurfaceError, published_points
 from sim.models.cache import content_key
 from sim.tables import TableError, read_columns
-from tests.raising import raises
+from tests.error_codes import raises
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "own_finger"
 PUBLISHED = published_points()[1]

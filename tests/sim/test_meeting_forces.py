@@ -7,12 +7,12 @@ import pytest
 
 from sim.config import FingertipConfig
 from sim.identification.force_table import ChebyshevAxis, Scope, ShapeTable
-from sim.identification.forward import PressTrajectory, RampAndHold, finger_of, nominal_way, tissue_axes
+from sim.identification.predicted_forces import PressTrajectory, RampAndHold, finger_of, nominal_way, tissue_axes
 from sim.identification.prior import PARAMETERS, TAU_FAST_S, Prior
 from sim.models.relaxation import Memory, Prony, PronyTerm
 from sim.models.stiffening import FORCE
 from tests.made_up_fingers import SHAPES, STRAIN, lying, made_up
-from tests.sim.coarse import coarse_mesh
+from tests.sim.coarse_mesh import coarse_mesh
 
 PRIOR = Prior()
 COARSE = FingertipConfig(mesh=coarse_mesh(0.4, 0.6))

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import sim.identification.posterior as learned_module
-from sim.identification.forward import Given, RampAndHold, nominal_way
 from sim.identification.next_press import Chooser, PressAt, SkinSearch, held_gwt, highest_gwt
 from sim.identification.posterior import Learned, Surprise, learn, no_finger, nothing_learned
+from sim.identification.predicted_forces import Given, RampAndHold, nominal_way
 from sim.identification.prior import Prior
 from sim.identification.uncertainty_bands import Width, band
 from tests.made_up_fingers import made_up, pressed

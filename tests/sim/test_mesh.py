@@ -9,7 +9,7 @@ from sim.config import FingertipConfig, MeshSpec, Tissue
 from sim.finger import mesh as mesh_module
 from sim.finger.mesh import BONE, DERMIS, EPIDERMIS, FAT, FingerMesh, MeshError, build_mesh
 from sim.finger.surface import FingertipSurface
-from tests.raising import raises
+from tests.error_codes import raises
 
 Array = NDArray[np.float64]
 

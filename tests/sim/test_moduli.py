@@ -43,8 +43,8 @@ from sim.models.interpolation_weights import (
     node_tissues,
     node_weights,
 )
-from tests.raising import raises
-from tests.sim.coarse import coarse_mesh
+from tests.error_codes import raises
+from tests.sim.coarse_mesh import coarse_mesh
 
 AXES = {"dermis": DERMIS, "fat": FAT}
 PLACES = ReceptorPlaces((-1.0, 0.0), (0.3, 0.76, 1.6))

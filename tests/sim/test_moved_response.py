@@ -10,7 +10,7 @@ from sim.config import FingertipConfig
 from sim.contact.patch import X, Z
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
-from tests.sim.coarse import coarse_mesh
+from tests.sim.coarse_mesh import coarse_mesh
 
 CONFIG = FingertipConfig(mesh=coarse_mesh(0.4, 0.4, round_patch_mm=2.0))
 PLANE = CONFIG.receptor_plane_mm

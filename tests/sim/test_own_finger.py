@@ -12,7 +12,7 @@ from sim.finger.mesh import MeshError, build_mesh, mesh_quality
 from sim.finger.surface import FingertipSurface, published_points
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
 from sim.models.fingertip import Fingertip
-from tests.raising import raises
+from tests.error_codes import raises
 
 COARSE = MeshSpec(
     spacing_mm=0.4,

@@ -12,7 +12,7 @@ from sim.contact.indentor import Indentor
 from sim.contact.measured_profile import MeasuredProfile, ProfileError, read_profile
 from sim.contact.shapes import parse_shape
 from sim.models.catalogue import load
-from tests.raising import raises
+from tests.error_codes import raises
 
 NAN, IS_NAN = math.nan, pytest.approx(math.nan, nan_ok=True)
 X, HEIGHT = [-2.0, -0.5, 0.0, 0.7, 2.0], [1.0, 0.3, 0.2, 0.3, 1.2]

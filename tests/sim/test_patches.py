@@ -15,7 +15,7 @@ from sim.models.fingertip import Fingertip
 from sim.models.full_mesh import mesh_of
 from sim.models.pressing import RimError
 from sim.models.sources import half_widths, larger, widened
-from tests.raising import raises
+from tests.error_codes import raises
 
 OWN = (2.5, 2.5)
 

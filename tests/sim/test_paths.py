@@ -16,7 +16,7 @@ from sim.contact.shapes import parse_shape
 from sim.contact.solver import ContactState
 from sim.contact.touch import FirstTouch, first_touch
 from sim.models.fingertip import Fingertip
-from sim.models.many import indent_many
+from sim.models.many_indentations import indent_many
 from sim.models.pressing import OTHER_STEPS_MM, PlacedIndentor, Pressing
 from sim.models.result import IndentationOutcome, IndentationRequest, IndentationResult, Indentations
 

@@ -10,7 +10,7 @@ from sim.contact.shapes import ShapeError
 from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
 from sim.plant import Carriage, Placement, Plant, Pose, PressedFinger, Screws, Truth
-from tests.raising import raises
+from tests.error_codes import raises
 
 PLACE = Placement(pad_centre_x_mm=-30.0, apex_z_mm=-25.0)
 

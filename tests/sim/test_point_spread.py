@@ -33,7 +33,7 @@ from sim.errors import ModelRangeError
 from sim.measures.measures import Elastic, measures_from_strain
 from sim.measures.receptors import depths_of
 from sim.models.condensed import point_force
-from tests.raising import raises
+from tests.error_codes import raises
 
 MIDDLE = Site(10, 0.098, 6.893, on_pulp=True)
 

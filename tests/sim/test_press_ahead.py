@@ -14,7 +14,7 @@ from sim.plant import Carriage, Placement, Pose, Screws, Truth
 from sim.serve.force_process import FingerNotLoadedError, PressAnswer, PressProcess
 from sim.serve.prefetch import STALE_S, PressAhead
 from sim.serve.real_time_loop import WallScheduler
-from tests.raising import raises
+from tests.error_codes import raises
 from tests.waiting import DEADLINE_S, until
 
 PERIOD_S = 0.05

@@ -9,7 +9,7 @@ from sim.contact.solver import ContactState
 from sim.contact.touch import first_touch
 from sim.models.fingertip import Fingertip
 from sim.models.pressing import PlacedIndentor, Pressing, RimError
-from tests.raising import raises
+from tests.error_codes import raises
 
 SHALLOW_MM, DEEP_MM = 0.2, 3.0
 

@@ -14,7 +14,7 @@ from sim.finger.vtk import write_vtk
 from sim.models.catalogue import load
 from sim.models.condensed import assembled, discretise, factorise
 from sim.models.full_mesh import MeshedFinger
-from tests.raising import raises
+from tests.error_codes import raises
 
 COARSE = {
     "spacing_mm": 0.6,

@@ -19,7 +19,7 @@ from sim.coding.readings_file import (
 )
 from sim.config import FingertipConfig
 from sim.tables import TableError
-from tests.raising import raises
+from tests.error_codes import raises
 
 FINGER = FingertipConfig()
 PA = pa_per_pseudo(FINGER)

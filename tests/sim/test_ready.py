@@ -10,7 +10,14 @@ import pytest
 from numba.core.event import Event, EventStatus, broadcast
 
 from sim.contact import lcp, newton, warmup
-from sim.contact.compiled import compiling, curves, elastic, factors, gaps, points_between_nodes
+from sim.contact.compiled import (
+    compiling,
+    factors,
+    planes_and_residual,
+    points_between_nodes,
+    profile_curves,
+    skin_compliance,
+)
 from sim.contact.measured_profile import MeasuredProfile
 from sim.models.fingertip import Fingertip
 
@@ -127,7 +134,7 @@ EVERY_KIND = [
 
 def test_whatever_is_pressed_was_compiled_before(coarse_finger: Fingertip) -> None:
     """Each loop is compiled for one kind of arguments: no press waits for a compiler."""
-    modules = (elastic, gaps, curves, points_between_nodes, factors, lcp, newton)
+    modules = (skin_compliance, planes_and_residual, profile_curves, points_between_nodes, factors, lcp, newton)
     loops = [loop for module in modules for loop in vars(module).values() if hasattr(loop, "signatures")]
     warmup.make_ready()
     before = [set(loop.signatures) for loop in loops]

@@ -23,7 +23,7 @@ from sim.measures.receptors import (
 )
 from sim.models.fingertip import Fingertip
 from studies.accuracy.strain_recovery import WAYS
-from tests.raising import raises
+from tests.error_codes import raises
 
 Array = NDArray[np.float64]
 PLANE_MM = 6.893

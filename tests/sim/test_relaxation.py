@@ -17,7 +17,7 @@ from sim.models.relaxation import Memory, Prony, PronyTerm
 from sim.models.viscoelastic import InTime
 from sim.plant import SampledForce
 from studies.verification import relaxing_contact
-from tests.raising import raises
+from tests.error_codes import raises
 
 TERMS = (PronyTerm(0.3, 0.5), PronyTerm(0.15, 4.0))
 SERIES = Prony(TERMS)

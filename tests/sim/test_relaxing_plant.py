@@ -16,7 +16,7 @@ from sim.plant import Carriage, Placement, Pose, PressedFinger, RelaxingPlant, R
 from sim.serve.force_process import Going, Leg, TrajectoryUpdate, WayAnswer, WayProcess
 from sim.serve.prefetch import STALE_S, WayAhead
 from sim.serve.real_time_loop import WallScheduler
-from tests.raising import raises
+from tests.error_codes import raises
 from tests.waiting import until
 
 TERMS = (PronyTerm(0.3, 0.5), PronyTerm(0.15, 4.0))

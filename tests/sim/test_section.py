@@ -12,7 +12,7 @@ from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.pressing import RimError
 from sim.models.section import prismatic
-from tests.raising import raises
+from tests.error_codes import raises
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ import pytest
 from sim.devices import SerialLine
 from sim.devices.clock import VirtualClock
 from sim.errors import ArgumentError
-from tests.raising import raises
+from tests.error_codes import raises
 
 
 def test_a_chunk_arrives_when_its_last_bit_has() -> None:

@@ -13,7 +13,7 @@ import pytest
 from sim.devices import SerialLine
 from sim.serve.ports import PortBusyError, PtyPort, TcpPort
 from sim.serve.real_time_loop import WallScheduler
-from tests.raising import raises
+from tests.error_codes import raises
 from tests.waiting import DEADLINE_S, gathered, until
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")

@@ -19,7 +19,7 @@ from sim.contact.profiles import (
     measured_radius_mm,
 )
 from sim.models.fingertip import Fingertip
-from tests.raising import has_code
+from tests.error_codes import has_code
 
 Array = NDArray[np.float64]
 

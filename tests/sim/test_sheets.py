@@ -22,8 +22,8 @@ from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.result import IndentationResult
 from studies.coding import sheets_read_back
-from tests.raising import raises
-from tests.sim.coarse import coarse_mesh
+from tests.error_codes import raises
+from tests.sim.coarse_mesh import coarse_mesh
 
 Array = NDArray[np.float64]
 

@@ -14,9 +14,9 @@ from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import NOWHERE, ReceptorPlaces, ReceptorSet
 from sim.models.catalogue import MODELS, load
-from sim.models.finger import build_finger
-from tests.raising import raises
-from tests.sim.coarse import coarse_mesh
+from sim.models.finger_3d import build_finger
+from tests.error_codes import raises
+from tests.sim.coarse_mesh import coarse_mesh
 
 SCENE = Situation("bar:3", ALONG, True, 0.2, 0.25, (1.0, 1.0))
 

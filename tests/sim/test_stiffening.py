@@ -45,8 +45,8 @@ from sim.models.stiffening import (
 )
 from sim.models.viscoelastic import InTime
 from sim.plant import Pose, RelaxingPress
-from tests.raising import raises
-from tests.sim.coarse import coarse_mesh
+from tests.error_codes import raises
+from tests.sim.coarse_mesh import coarse_mesh
 
 MESH = coarse_mesh(0.4, 0.4, patch_x_mm=2.5, patch_z_mm=2.5, round_patch_mm=2.5)
 HUMAN = Path(__file__).parents[2] / "examples" / "human_finger" / "finger.toml"

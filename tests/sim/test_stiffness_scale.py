@@ -23,8 +23,8 @@ from sim.models.full_mesh import MeshedFinger
 from sim.models.interpolation import FingerWithReceptors
 from sim.models.interpolation_weights import node_tissues
 from sim.models.sources import OnDisk
-from tests.raising import raises
-from tests.sim.coarse import coarse_mesh
+from tests.error_codes import raises
+from tests.sim.coarse_mesh import coarse_mesh
 
 MESH = coarse_mesh(0.5, 0.5, patch_x_mm=1.5, patch_z_mm=1.5)
 MIDDLE = Site(10, 0.098, 6.893, on_pulp=True)

@@ -8,7 +8,7 @@ import pytest
 
 from sim.errors import ArgumentError
 from sim.serve.real_time_loop import WallScheduler
-from tests.raising import raises
+from tests.error_codes import raises
 from tests.waiting import DEADLINE_S
 
 

@@ -11,14 +11,14 @@ from sim.coding import bayes
 from sim.coding.bayes import ModelError, Profile, decode_profile
 from sim.coding.decoding import DecodingError, decoding_errors
 from sim.coding.encoding import Receptor, noise_sd
-from sim.coding.mixture import Mixture
+from sim.coding.model_averaging import Mixture
 from sim.coding.operators import centred, felt_where, influence, weighted
 from sim.coding.pressure import Frictionless, borne_by, frictionless
 from sim.coding.readings import Readings
 from sim.coding.section import SampledSection, Sampling, sampled_section
 from sim.config import FingertipConfig, MeshSpec
 from sim.errors import ModelRangeError
-from tests.raising import raises
+from tests.error_codes import raises
 
 Array = NDArray[np.float64]
 

@@ -27,7 +27,7 @@ from sim.coding.contact_search import (
     table_of_contacts,
 )
 from sim.coding.evidence import explained
-from sim.coding.mixture import Mixture, cut_off, mixed, together
+from sim.coding.model_averaging import Mixture, cut_off, mixed, together
 
 Array = NDArray[np.float64]
 

@@ -24,7 +24,7 @@ from studies.source.printed.answers import (
     load,
 )
 from studies.source.printed.cylinders import DEEP_X_MM, apart
-from tests.sim.coarse import coarse_mesh
+from tests.sim.coarse_mesh import coarse_mesh
 
 MESH = coarse_mesh(0.4, 0.6).model_dump(exclude_defaults=True)
 SLIM = {**DEFAULT, "tissue.bone_fraction": 0.22}

@@ -27,7 +27,7 @@ from studies.source.allowed.implausible import (
     worst,
 )
 from studies.source.allowed.waves import Match, RemainingPlaces, WavePlan
-from tests.sim.coarse import coarse_mesh
+from tests.sim.coarse_mesh import coarse_mesh
 
 Array = NDArray[np.float64]
 

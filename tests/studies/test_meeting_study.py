@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from rig.data import RunFolder
+from rig.identify.adaptive_presses import IdentificationOptions, Meeting, felt_surely
 from rig.identify.meeting_script import MeetingScript
-from rig.identify.procedure import IdentificationOptions, Meeting, felt_surely
 from rig.plan.config import Config
 from rig.plan.plan import Plan
 from rig.session.session import NewRun, Nobody, Session, run_on
@@ -25,7 +25,7 @@ from studies.meeting.strangers import COARSER, inside, outside
 from studies.meeting.tables import demands, kinds
 from studies.registry import as_markdown, read_table
 from tests.made_up_fingers import made_up
-from tests.sim.coarse import coarse_mesh
+from tests.sim.coarse_mesh import coarse_mesh
 
 GOALS = (PressAt("bar:3.0", 0.0, 0.4),)
 PAGE = Path(__file__).parents[2] / "docs" / "validation" / "identification.md"

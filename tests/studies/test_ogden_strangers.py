@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rig.identify.procedure import SHAPES as PRESSED
+from rig.identify.adaptive_presses import SHAPES as PRESSED
 from sim.contact.shapes import parse_shape
 from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip

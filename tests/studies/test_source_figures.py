@@ -12,7 +12,7 @@ import pytest
 from rig.cli import program
 from rig.compare.pressure_formula import ContactSamples
 from rig.protocol.script import find_script
-from rig.report.page import Section
+from rig.report.page_parts import Section
 from sim.config import FingertipConfig
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
@@ -38,7 +38,7 @@ from studies.source.printed.entry import (
     typeset,
 )
 from studies.source.printed.rules import Above, Below, Measured, Near, Rule, Same, Within
-from tests.sim.coarse import coarse_mesh
+from tests.sim.coarse_mesh import coarse_mesh
 
 ROOT = Path(__file__).parents[2]
 CLAIMS = [(entry.key, claim) for entry in ENTRIES for claim in entry.claims]

@@ -13,7 +13,7 @@ from studies.finite_strain.solver.scene import Specimen
 from studies.stiffening import confirmed
 from studies.stiffening.fingers import finger
 from studies.stiffening.references import StiffeningPress, read
-from tests.raising import raises
+from tests.error_codes import raises
 
 KEPT = Path(confirmed.__file__).parent / "kept" / "calculix.jsonl"
 PAGE = Path(__file__).parents[2] / "docs" / "validation" / "stiffening.md"

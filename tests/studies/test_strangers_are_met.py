@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.identify.procedure import felt_surely
+from rig.identify.adaptive_presses import felt_surely
 from rig.plan.config import Config
-from sim.identification.forward import Foreseen
 from sim.identification.next_press import PressAt
+from sim.identification.predicted_forces import Foreseen
 from sim.identification.prior import Prior
 from sim.models.fingertip import Fingertip
 from studies.meeting.proof import met

@@ -9,12 +9,12 @@ from math import inf
 
 from sim.devices.clock import Scheduler
 from sim.devices.grbl import core
-from sim.devices.grbl.commands import INVALID_STATEMENT, NOT_IDLE, GrblSystem
 from sim.devices.grbl.core import Mechanics, Overrides, Wait
 from sim.devices.grbl.gcode import GcodeCommand, GcodeError, parse
 from sim.devices.grbl.planner import BLOCKS, Vec
 from sim.devices.grbl.settings import SOFT_LIMITS, STEP_DIRECTION, STEPS_PER_MM
 from sim.devices.grbl.settings import TRAVEL as TRAVEL_MM
+from sim.devices.grbl.system_commands import INVALID_STATEMENT, NOT_IDLE, GrblSystem
 from sim.devices.line import SerialLine, StageTold
 
 LOCKED, TRAVEL = 9, 15

@@ -16,7 +16,7 @@ from rig.devices.base import StageError
 from rig.engine import Engine, Journal, Target
 from rig.engine.dead_man import Direction
 from rig.engine.sensing import Sensing
-from rig.manual import bench as at_hand
+from rig.manual import home_and_zero as at_hand
 from rig.manual.jog import Moved
 from rig.plan.plan import Plan
 from rig.protocol.api import ProtocolParameters, Rig

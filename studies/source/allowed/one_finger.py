@@ -19,7 +19,7 @@ from sim.measures.receptors import (
     receptors_at,
 )
 from sim.models.condensed import Columns, CondensedModel
-from sim.models.finger import build_finger
+from sim.models.finger_3d import build_finger
 from sim.models.fingertip import Fingertip
 from sim.models.sources import MeshKey, Recipe, widened
 from studies.source.allowed.facts import FACTS, SCENES

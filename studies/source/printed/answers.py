@@ -12,7 +12,7 @@ from sim.config import FingertipConfig
 from sim.measures.measures import shown
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
 from sim.models.fingertip import Fingertip
-from sim.models.many import indent_many
+from sim.models.many_indentations import indent_many
 from sim.models.result import IndentationResult
 from sim.models.small_strain_error import SmallStrain, small_strain
 from studies.source.simulated_stimuli import stimulus_of

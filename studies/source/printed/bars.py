@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rig.report.page import PageFigure
+from rig.report.page_parts import PageFigure
 from sim.models.result import FILTER_SPACING_MM, IndentationResult
 from studies.source.printed.answers import FingerAnswers, PrintedPress, deep, once
 from studies.source.printed.drawing import maps, pressures

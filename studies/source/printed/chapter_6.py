@@ -7,7 +7,7 @@ from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
 from rig.report.coding_figures import DrawnImpulse, ErrorSurface, extents, impulse_figure, search_figure
-from rig.report.page import PageFigure
+from rig.report.page_parts import PageFigure
 from rig.report.style import BLUE, GREY, ORANGE, Plot
 from sim.coding.decoders_by_search import error_surface
 from sim.coding.decoding import Decoded, decoding_errors

@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
-from rig.report.page import PageFigure
+from rig.report.page_parts import PageFigure
 from rig.report.style import Plot
 from studies.source.printed.answers import ROW_DEPTH_MM, FingerAnswers, PrintedPress, deep, forced, once
 from studies.source.printed.drawing import COLOURS, maps, maxima, pressures, second

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
-from rig.report.page import PageFigure
+from rig.report.page_parts import PageFigure
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, Plot, label, signed, unit
 from sim.contact.patch import X, Z
 from sim.models.result import FILTER_SPACING_MM, IndentationResult, median_of_four

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from rig.report.page import PageFigure, Section
+from rig.report.page_parts import PageFigure, Section
 from studies.source.printed.answers import FingerAnswers, PrintedPress
 from studies.source.printed.rules import Measured, Near, Rule, Word
 

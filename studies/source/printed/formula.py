@@ -6,7 +6,7 @@ from matplotlib.figure import Figure as Canvas
 from scipy.stats import spearmanr
 
 from rig.compare.pressure_formula import ContactSamples
-from rig.report.page import PageFigure, Section
+from rig.report.page_parts import PageFigure, Section
 from rig.report.style import Plot
 from studies.source.pressure_fits import (
     CENTRED,

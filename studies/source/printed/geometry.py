@@ -3,7 +3,7 @@
 import numpy as np
 from matplotlib.figure import Figure as Canvas
 
-from rig.report.page import PageFigure
+from rig.report.page_parts import PageFigure
 from rig.report.recording_sections import Deflection, deflection_section
 from rig.report.style import BLUE, GREY, ORANGE, Plot
 from sim.finger.surface import published_points

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from rig.compare.shape_test import Verdict, shape_test
 from rig.compare.stimuli import Stimulus
 from rig.protocol.schedule import about_the_centre
-from rig.report.page import PageFigure
+from rig.report.page_parts import PageFigure
 from rig.report.style import BLUE, GREY, ORANGE, Plot, label, signed
 from sim.measures.measures import MEASURES
 from studies.source.printed.answers import FingerAnswers, deep, once

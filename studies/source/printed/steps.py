@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
-from rig.report.page import PageFigure
+from rig.report.page_parts import PageFigure
 from rig.report.style import BLUE, GREEN, ORANGE, PURPLE, Plot
 from sim.contact.profiles import STEP_HALF_WAVELENGTH_MM
 from sim.models.result import FILTER_SPACING_MM

@@ -6,7 +6,7 @@ from rig.compare.comparison import Comparison, compare
 from rig.compare.raju_table_5_2 import Agreement, Flags, agreement, agreement_limits, source_flags
 from rig.compare.shape_test import THRESHOLD
 from rig.compare.stimuli import Stimulus
-from rig.report.page import Section
+from rig.report.page_parts import Section
 from studies.source.printed.answers import HIGH_GWT, LOW_GWT, FingerAnswers, forced, once
 from studies.source.printed.profiles import BAR_POSITIONS, BARS, under_bar, under_step
 from studies.source.printed.steps import MOVED, POSITIONS_MM

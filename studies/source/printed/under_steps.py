@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.signal import find_peaks
 
-from rig.report.page import PageFigure
+from rig.report.page_parts import PageFigure
 from rig.report.style import signed
 from studies.source.printed.answers import HIGH_GWT, LOW_GWT, FingerAnswers, PrintedPress, deep, forced
 from studies.source.printed.drawing import beneath, maxima, second

@@ -23,7 +23,7 @@ from rig.compare.verdict import (
 )
 from rig.compare.verdict_text import methods, sentence, sentences
 from rig.report import verdict_figures
-from rig.report.page import Section
+from rig.report.page_parts import Section
 from rig.report.style import BLUE, ORANGE, PAGE_IN, Plot
 from rig.report.verdict_section import answer_sections
 

@@ -6,7 +6,7 @@ import pytest
 
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import ColumnMap, column_map
-from tests.raising import raises
+from tests.error_codes import raises
 
 
 def test_what_is_not_named_has_its_usual_name() -> None:

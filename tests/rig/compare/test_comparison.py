@@ -8,13 +8,13 @@ import pytest
 from numpy.typing import NDArray
 
 from rig.compare.comparison import Comparison, compare
+from rig.compare.comparison_rows import as_json, best_pairs, threshold_rows
 from rig.compare.exceptions import ComparisonError
 from rig.compare.recordings.recording import Recording, recording
 from rig.compare.recordings.spikes import Afferent, afferent_for, record, write_synthetic
-from rig.compare.results import as_json, best_pairs, threshold_rows
 from rig.compare.stimuli import Stimulus
 from sim.measures.measures import MEASURES
-from tests.raising import raises
+from tests.error_codes import raises
 
 Array = NDArray[np.float64]
 Make = Callable[..., Stimulus]

@@ -12,11 +12,11 @@ from matplotlib.text import Text
 from matplotlib.transforms import Bbox
 
 from rig.compare.comparison import Comparison, compare
-from rig.compare.judge import answers
+from rig.compare.make_verdict import answers
 from rig.compare.recordings.recording import recording
 from rig.compare.stimuli import Stimulus, StimulusMap
 from rig.report.comparison_report import shape_figures, shown_measures, simulation_sections
-from rig.report.page import PageFigure
+from rig.report.page_parts import PageFigure
 from rig.report.profile_figures import populations
 from rig.report.recording_sections import source_section
 from rig.report.style import PAGE_IN, position_scale, shade, shade_of

@@ -15,7 +15,7 @@ from rig.protocol.script import load_script
 from rig.report.recording_sections import Deflection, deflection_section, partner, read_deflections, simulated
 from rig.session.session import NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
-from tests.raising import raises
+from tests.error_codes import raises
 
 
 @pytest.fixture(scope="module")

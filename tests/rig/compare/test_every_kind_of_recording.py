@@ -17,7 +17,7 @@ from rig.compare.recordings.recording import Recording
 from rig.compare.stimuli import Stimulus
 from rig.data import Run
 from rig.data.folder import RunFolder
-from tests.raising import raises
+from tests.error_codes import raises
 
 SPIKES = {-0.5: (2, 4), 0.0: (10, 14), 0.25: (6, 6), 1.0: (0, 1)}
 """Counts of two presses at each place, in half a second."""

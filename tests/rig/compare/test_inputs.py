@@ -11,7 +11,7 @@ from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.reading import Reading, read_recordings
 from rig.data import Run
-from tests.raising import raises
+from tests.error_codes import raises
 
 
 @pytest.fixture

@@ -10,10 +10,10 @@ from typing import Any
 import pytest
 
 from rig.cli import main, study
-from rig.compare.parameter_study import interpolated, nodes_to_build, read_study, solve
+from rig.study.parameter_study import interpolated, nodes_to_build, read_study, solve
 from sim.contact.indentor import ALONG, BOTH
 from sim.models.interpolation import HOW_MADE, INTERPOLATED, forget_kept
-from tests.sim.coarse import as_toml, coarse_mesh
+from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
 NINE = f"""\
 receptor_x_mm = [0.0]
@@ -114,7 +114,7 @@ def test_a_case_that_is_interpolated_is_solved_so(nine: Path, monkeypatch: pytes
         asked.append(options["exact"])
         raise ValueError("enough")
 
-    monkeypatch.setattr("rig.compare.parameter_study.Fingertip.load", load)
+    monkeypatch.setattr("rig.study.parameter_study.Fingertip.load", load)
     for case in (*read_study(nine)[:1], *interpolated(read_study(nine))[1:2]):
         with pytest.raises(ValueError, match="enough"):
             solve(case)

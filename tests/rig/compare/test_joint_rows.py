@@ -9,10 +9,10 @@ import pytest
 from numpy.typing import NDArray
 
 from rig.compare.comparison import Comparison, compare
-from rig.compare.judge import answers, joint_limits
+from rig.compare.comparison_rows import as_json, fingers_as_json
+from rig.compare.make_verdict import answers, joint_limits
 from rig.compare.plausible_fingers import PlausibleFingers
 from rig.compare.recordings.recording import Recording, recording
-from rig.compare.results import as_json, fingers_as_json
 from rig.compare.stimuli import Stimulus
 from rig.report.comparison_report import fingers_sections
 from sim.measures.measures import MEASURES

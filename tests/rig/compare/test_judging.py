@@ -8,17 +8,17 @@ import pytest
 from numpy.typing import NDArray
 
 from rig.compare.comparison import compare
+from rig.compare.comparison_rows import answers_as_json
 from rig.compare.exceptions import ComparisonError
-from rig.compare.judge import answers, laid
 from rig.compare.likelihood import Form
+from rig.compare.make_verdict import answers, laid
 from rig.compare.plausible_fingers import PlausibleFingers
 from rig.compare.recordings.recording import Recording, recording
-from rig.compare.results import answers_as_json
 from rig.compare.stimuli import CONTROLS, Stimulus
 from rig.compare.verdict import A_CONSTANT, AfferentVerdict, PairRow
 from rig.compare.verdict_text import sentence
 from sim.measures.measures import MEASURES
-from tests.raising import raises
+from tests.error_codes import raises
 
 Array = NDArray[np.float64]
 Make = Callable[..., Stimulus]

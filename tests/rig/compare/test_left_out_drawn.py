@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rig.compare.comparison import Comparison, compare
-from rig.compare.judge import answers
+from rig.compare.make_verdict import answers
 from rig.compare.recordings.recording import recording
 from rig.compare.stimuli import Stimulus
 from rig.compare.verdict import AfferentVerdict, FittedPositions, LeftOut

@@ -26,7 +26,7 @@ from sim.contact.indentor import ALONG
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
 from sim.models.interpolation import make_node
-from tests.raising import raises
+from tests.error_codes import raises
 
 Array = NDArray[np.float64]
 

@@ -12,13 +12,13 @@ import pytest
 from threadpoolctl import threadpool_info
 
 from rig.cli import main
-from rig.compare.exceptions import StudyError, WorkersError
-from rig.compare.parameter_study import Case, columns, read_study, solve
-from rig.compare.workers import spread
+from rig.study.exceptions import StudyError, WorkersError
+from rig.study.parallel import spread
+from rig.study.parameter_study import Case, columns, read_study, solve
 from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
+from tests.error_codes import raises
 from tests.program import as_in_its_schema
-from tests.raising import raises
 
 PRESSES = """\
 [[press]]

@@ -8,7 +8,7 @@ import pytest
 from rig.compare.exceptions import ComparisonError
 from rig.compare.place_grid import PlaceRange, nodes, place_range, spline_weights
 from sim.config import FingertipConfig, Tissue
-from tests.raising import raises
+from tests.error_codes import raises
 
 
 def test_nodes_go_from_end_to_end_in_equal_steps_that_are_small_enough() -> None:

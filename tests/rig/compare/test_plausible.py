@@ -9,7 +9,7 @@ import pytest
 from rig.compare.exceptions import FingersError
 from rig.compare.plausible_fingers import PlausibleFingers, design_places, read_plausible
 from sim.config import FingertipConfig, Tissue
-from tests.raising import raises
+from tests.error_codes import raises
 
 FILE = """\
 receptor_depth_mm = [0.7, 0.9]

@@ -10,7 +10,7 @@ from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.reading import read_srp
 from rig.compare.recordings.recording import recording
-from tests.raising import raises
+from tests.error_codes import raises
 
 
 def written(folder: Path, text: str, encoding: str = "utf-8") -> Path:

@@ -9,7 +9,7 @@ from rig.compare.comparison import Comparison, compare
 from rig.compare.recordings.recording import Recording, recording
 from rig.compare.stimuli import Stimulus
 from rig.report.comparison_report import WHAT, measures_section, shape_sections
-from rig.report.page import PageFigure, Section, alone, render
+from rig.report.page_parts import PageFigure, Section, alone, render
 from rig.report.recording_sections import source_section, table_5_1
 from rig.report.style import Plot, label, some_of
 from sim.measures.measures import MEASURES, PLOTTED_AS_MAGNITUDE

@@ -21,7 +21,7 @@ from rig.compare.recordings.deflection import (
 )
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
-from tests.raising import raises
+from tests.error_codes import raises
 
 
 def written(folder: Path, text: str) -> Path:

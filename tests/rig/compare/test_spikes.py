@@ -11,7 +11,7 @@ from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.spikes import rates_in_run, read_spike_times
 from rig.data import Run
-from tests.raising import raises
+from tests.error_codes import raises
 
 
 def spikes_at(run: Run, index: int, hold: int, offsets_s: list[float]) -> list[float]:

@@ -13,7 +13,7 @@ from rig.plan.finger_model import responses
 from sim.measures.measures import MEASURES, shown
 from sim.models.fingertip import Fingertip
 from tests.program import Program
-from tests.sim.coarse import as_toml, coarse_mesh
+from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
 Make = Callable[..., Stimulus]
 

@@ -12,10 +12,10 @@ from typing import Any
 
 import pytest
 
-from rig.compare import dask_cluster as cluster_module
-from rig.compare.exceptions import WorkersError
-from rig.compare.workers import spread
-from tests.raising import raises
+from rig.study import dask_cluster as cluster_module
+from rig.study.exceptions import WorkersError
+from rig.study.parallel import spread
+from tests.error_codes import raises
 from tests.waiting import DEADLINE_S, until
 
 distributed: Any = pytest.importorskip(
@@ -40,7 +40,7 @@ SCHEDULER = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "
 WORKER = "from distributed.cli.dask_worker import main; main()"
 WORKER_HELD_AT_A_CASE = f"""\
 import os, pathlib, time
-from rig.compare import parameter_study as cases
+from rig.study import parameter_study as cases
 
 solve = cases.solve
 

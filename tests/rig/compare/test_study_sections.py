@@ -7,7 +7,7 @@ import pytest
 
 from rig.compare.comparison import compare
 from rig.compare.stimuli import Stimulus
-from rig.report.page import Section
+from rig.report.page_parts import Section
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_X_MM
 from studies.source import shape_test_errors

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.compare.results import answers_as_json
+from rig.compare.comparison_rows import answers_as_json
 from rig.compare.verdict import (
     A_CONSTANT,
     AfferentVerdict,

@@ -9,11 +9,11 @@ from rig.control.stop import SentStop
 from rig.devices.registry import stage_ports
 from rig.panel import requests
 from rig.panel.app import application
-from rig.panel.state import SeenBench, Watcher
+from rig.panel.watcher import SeenBench, Watcher
 from rig.plan.config import Config
 from rig.settings import BenchSettings
 from sim.devices.clock import VirtualClock
-from tests.rig.panel.told_panel import PORT, TOKEN, Told, ToldBench, ToldOwner
+from tests.rig.panel.stub_panel import PORT, TOKEN, StubHandProcess, StubOwner, StubPanel
 from tests.waiting import DEADLINE_S
 
 
@@ -32,21 +32,21 @@ def sent(monkeypatch: pytest.MonkeyPatch) -> list[BenchSettings]:
 
 
 @pytest.fixture
-def make(tmp_path: Path) -> Callable[..., Told]:
+def make(tmp_path: Path) -> Callable[..., StubPanel]:
     """Make a panel: make(*owners, configured=True)."""
 
-    def made(*owners: ToldOwner, configured: bool = True) -> Told:
-        there, clock, bench = list(owners), VirtualClock(1000.0), ToldBench()
+    def made(*owners: StubOwner, configured: bool = True) -> StubPanel:
+        there, clock, bench = list(owners), VirtualClock(1000.0), StubHandProcess()
         of_the_bench = SeenBench(tmp_path / "rig.toml", Config()) if configured else SeenBench()
         watcher = Watcher(tmp_path / "runs", of_the_bench, lambda: there, clock)
         watcher.owners = there
         app = application(watcher, bench, PORT, TOKEN)
-        return Told(there, watcher, bench, clock, app)
+        return StubPanel(there, watcher, bench, clock, app)
 
     return made
 
 
 @pytest.fixture
-def panel(make: Callable[..., Told]) -> Told:
+def panel(make: Callable[..., StubPanel]) -> StubPanel:
     """One beside a run that goes on."""
-    return make(ToldOwner())
+    return make(StubOwner())

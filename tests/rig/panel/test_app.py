@@ -10,10 +10,10 @@ import rig.panel.drawing as drawing_process
 from rig.panel.drawing import Drawer
 from rig.panel.stream import Outlet
 from sim.devices.clock import VirtualClock
-from tests.rig.panel.told_panel import Told
+from tests.rig.panel.stub_panel import StubPanel
 
 
-def test_a_stream_is_of_a_tab_as_long_as_it_lasts(panel: Told, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stream_is_of_a_tab_as_long_as_it_lasts(panel: StubPanel, monkeypatch: pytest.MonkeyPatch) -> None:
     tabs, said = panel.watcher.tabs, list[object]()
     monkeypatch.setattr(tabs, "opened", lambda tab: said.append(("opened", tab)))
     monkeypatch.setattr(tabs, "closed", lambda tab, now_s: said.append(("closed", tab, now_s)))
@@ -27,14 +27,14 @@ def test_a_stream_is_of_a_tab_as_long_as_it_lasts(panel: Told, monkeypatch: pyte
     assert said[2:] == [("opened", ""), ("closed", "", now_s)]
 
 
-def test_to_be_told_of_a_stream_opens_none(panel: Told, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_to_be_told_of_a_stream_opens_none(panel: StubPanel, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(panel.watcher.tabs, "opened", lambda tab: 1 / 0)
     answer = panel.get("/events?tab=a", "HEAD")
     assert (answer.status_code, answer.content) == (200, b"")
 
 
 @pytest.mark.parametrize("path", ["/runs.json/", "/events/", "/runs"])
-def test_no_path_leads_to_another(path: str, panel: Told) -> None:
+def test_no_path_leads_to_another(path: str, panel: StubPanel) -> None:
     assert panel.get(path).status_code == 404
 
 

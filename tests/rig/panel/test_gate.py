@@ -5,9 +5,9 @@ import asyncio
 import pytest
 from starlette.routing import Route
 
-from rig.panel.gate import FILE_POLICY, PAGE_POLICY
+from rig.panel.access import FILE_POLICY, PAGE_POLICY
 from tests.rig.panel.asgi_client import asked
-from tests.rig.panel.told_panel import HERE, OWN, PORT, TOKEN, Told
+from tests.rig.panel.stub_panel import HERE, OWN, PORT, TOKEN, StubPanel
 
 ALL = ["/by_hand", "/go_on", "/hold", "/home", "/leave", "/pause", "/release", "/stop", "/take", "/zero"]
 ELSEWHERE = "http://evil.example"
@@ -33,7 +33,7 @@ WRONG: dict[str, dict[str, str | bytes | None]] = {
 }  # fmt: skip
 
 
-def test_every_request_that_changes_something_is_walked(panel: Told) -> None:
+def test_every_request_that_changes_something_is_walked(panel: StubPanel) -> None:
     routes = [one for one in panel.app._app.routes if isinstance(one, Route)]  # type: ignore[attr-defined]
     assert sorted(one.path for one in routes if "POST" in (one.methods or ())) == ALL
     assert {method for one in routes for method in one.methods or ()} == {"GET", "HEAD", "POST"}
@@ -41,7 +41,7 @@ def test_every_request_that_changes_something_is_walked(panel: Told) -> None:
 
 @pytest.mark.parametrize("path", ALL)
 @pytest.mark.parametrize("wrong", WRONG)
-def test_what_is_not_the_page_s_own_is_refused_and_does_nothing(path: str, wrong: str, panel: Told) -> None:
+def test_what_is_not_the_page_s_own_is_refused_and_does_nothing(path: str, wrong: str, panel: StubPanel) -> None:
     told = WRONG[wrong]
     code = "foreign_host" if "host" in told else "foreign_origin" if "origin" in told else "wrong_token"
     assert panel.refused(path, **told) == (403, code)
@@ -50,14 +50,14 @@ def test_what_is_not_the_page_s_own_is_refused_and_does_nothing(path: str, wrong
 
 @pytest.mark.parametrize("path", ALL)
 @pytest.mark.parametrize("host", ["127.0.0.1", "localhost", "LOCALHOST"])
-def test_what_is_the_page_s_own_is_let_in(path: str, host: str, panel: Told) -> None:
+def test_what_is_the_page_s_own_is_let_in(path: str, host: str, panel: StubPanel) -> None:
     own = f"{host}:{PORT}"
     code, _ = panel.post(path, host=own, origin=f"http://{own.lower()}")
     assert code != 403
 
 
 @pytest.mark.parametrize("twice", ["host", "origin", "x-rig-token"])
-def test_what_is_said_twice_is_refused(twice: str, panel: Told) -> None:
+def test_what_is_said_twice_is_refused(twice: str, panel: StubPanel) -> None:
     """One of them may be read here, the other by whoever stands between."""
     headers = [*OWN.items(), ("x-rig-tab", "a"), (twice, OWN[twice])]
     assert asked(panel.app, "POST", "/take", headers, [b"{}"]).status_code == 403
@@ -66,7 +66,7 @@ def test_what_is_said_twice_is_refused(twice: str, panel: Told) -> None:
 
 @pytest.mark.parametrize("path", [*ALL, "/", "/events", "/runs.json", "/runs/a/", "/runs/a/b", "/static/a", "/none"])
 @pytest.mark.parametrize("method", ["PUT", "DELETE", "PATCH", "OPTIONS", "TRACE", "PROPFIND"])
-def test_there_are_no_other_methods(path: str, method: str, panel: Told) -> None:
+def test_there_are_no_other_methods(path: str, method: str, panel: StubPanel) -> None:
     """A preflight is answered with a refusal: no other page may even ask."""
     assert panel.get(path, method).status_code == 403
     answer = asked(panel.app, method, path, [*OWN.items(), ("x-rig-tab", "a")])
@@ -76,7 +76,7 @@ def test_there_are_no_other_methods(path: str, method: str, panel: Told) -> None
 
 
 @pytest.mark.parametrize("path", ALL)
-def test_what_changes_something_is_not_to_be_had_by_looking(path: str, panel: Told) -> None:
+def test_what_changes_something_is_not_to_be_had_by_looking(path: str, panel: StubPanel) -> None:
     for method in ("GET", "HEAD"):
         assert panel.get(path, method, x_rig_token=TOKEN).status_code == 405
     assert panel.owners[0].asked == []
@@ -96,7 +96,7 @@ def test_what_changes_something_is_not_to_be_had_by_looking(path: str, panel: To
     ],
     ids=str,
 )
-def test_looking_is_for_this_machine_s_own_pages(path: str, headers: dict[str, str], panel: Told) -> None:
+def test_looking_is_for_this_machine_s_own_pages(path: str, headers: dict[str, str], panel: StubPanel) -> None:
     answer = panel.get(path, **headers)
     code = "foreign_host" if "host" in headers else "foreign_page"
     assert (answer.status_code, answer.json()["code"]) == (403, code)
@@ -113,12 +113,12 @@ def test_looking_is_for_this_machine_s_own_pages(path: str, headers: dict[str, s
     ],
     ids=str,
 )
-def test_a_link_from_anywhere_leads_to_the_page(headers: dict[str, str], panel: Told) -> None:
+def test_a_link_from_anywhere_leads_to_the_page(headers: dict[str, str], panel: StubPanel) -> None:
     assert panel.get("/", **headers).status_code == 200
 
 
 @pytest.mark.parametrize("path", ["/", "/runs.json", "/runs/none/", "/none", "/static/none"])
-def test_every_answer_says_what_a_browser_may_do_with_it(path: str, panel: Told) -> None:
+def test_every_answer_says_what_a_browser_may_do_with_it(path: str, panel: StubPanel) -> None:
     for answer in (panel.get(path), panel.get(path, host="evil.example")):
         assert answer.headers["cache-control"] == "no-store"
         assert answer.headers["content-security-policy"] == PAGE_POLICY
@@ -141,7 +141,7 @@ def test_nothing_inline_and_nothing_from_elsewhere() -> None:
     assert "script" not in FILE_POLICY
 
 
-def test_what_is_no_request_is_not_answered(panel: Told) -> None:
+def test_what_is_no_request_is_not_answered(panel: StubPanel) -> None:
     said = list[object]()
 
     async def send(message: object) -> None:

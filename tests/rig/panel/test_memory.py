@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from rig.cli.monitor import RunScreen
+from rig.cli.watch import RunScreen
 from rig.control.client import ControlError
 from rig.data import run_state
 from rig.data.folder import RunFolder
@@ -22,14 +22,14 @@ from rig.manual.status import KEPT, Backlog
 from rig.panel.drawing import Drawer, Job, PressSummary
 from rig.panel.owners import Tabs
 from rig.panel.run_view import SeenRun, growing
-from rig.panel.state import HAND, SeenBench
 from rig.panel.stream import Onlooking, Outlet, ReadingSource
+from rig.panel.watcher import HAND, SeenBench
 from rig.plan.config import Config
 from sim.devices.clock import VirtualClock
-from tests.kept import Step, kept_bytes, needed_bytes
-from tests.rig.panel.told_panel import Told, ToldOwner
+from tests.memory_use import Step, kept_bytes, needed_bytes
+from tests.rig.panel.stub_panel import StubOwner, StubPanel
 
-Make = Callable[..., Told]
+Make = Callable[..., StubPanel]
 
 READINGS, PRESS_S, ROWS = 20, 12.0, 60
 MOST_KEPT = 50_000
@@ -38,7 +38,7 @@ MOST_NEEDED = 100_000
 """Bytes that a look needs where nothing is new: some files are opened, and a state is written."""
 
 
-class Forgetful(ToldOwner):
+class Forgetful(StubOwner):
     """Notes nothing of what it was asked."""
 
     def ask(self, do: str, *, within_s: float = 1.0, **more: Any) -> dict[str, Any]:

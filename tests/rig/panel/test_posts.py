@@ -11,12 +11,12 @@ from rig.control.client import ControlError, RefusedError
 from rig.control.stop import SentStop
 from rig.panel.owners import GONE_S, READY_S, STOP_S, NotTakenError
 from rig.panel.requests import MOST_BYTES, HeldButton, RequestError
-from tests.raising import raises
+from tests.error_codes import raises
 from tests.rig.panel.asgi_client import asked
-from tests.rig.panel.told_panel import OWN, Told, ToldOwner
+from tests.rig.panel.stub_panel import OWN, StubOwner, StubPanel
 from tests.waiting import DEADLINE_S, until
 
-Make = Callable[..., Told]
+Make = Callable[..., StubPanel]
 
 HOLD = {"axis": "x", "sign": 1, "speed_mm_s": 1.5, "press": 7, "unix_s": 1000.0}
 OF_THE_RUN, OF_THE_BENCH = ["pause", "go_on"], ["home", "zero", "leave", "hold", "release"]
@@ -24,8 +24,8 @@ BODIES: dict[str, Any] = {"hold": HOLD, "release": {"press": 7}}
 ALL = ["by_hand", "stop", "take", *OF_THE_RUN, *OF_THE_BENCH]
 
 
-def by_hand(**more: Any) -> ToldOwner:
-    return ToldOwner(kind="by hand", **more)
+def by_hand(**more: Any) -> StubOwner:
+    return StubOwner(kind="by hand", **more)
 
 
 # --- what is understood ---
@@ -45,7 +45,7 @@ def by_hand(**more: Any) -> ToldOwner:
 def test_what_is_no_object_is_refused_and_does_nothing(
     path: str, body: bytes, found: tuple[int, str], make: Make
 ) -> None:
-    panel = make(ToldOwner(), by_hand())
+    panel = make(StubOwner(), by_hand())
     assert panel.refused(f"/{path}", body) == found
     assert [one.asked for one in panel.owners] == [[], []]
     assert (panel.bench.taken, panel.watcher.tabs.holder) == (0, None)
@@ -53,11 +53,11 @@ def test_what_is_no_object_is_refused_and_does_nothing(
 
 @pytest.mark.parametrize("path", ALL)
 @pytest.mark.parametrize("kind", [None, "text/plain", "application/x-www-form-urlencoded", "application/jsonx"])
-def test_what_a_form_could_send_is_refused(path: str, kind: str | None, panel: Told) -> None:
+def test_what_a_form_could_send_is_refused(path: str, kind: str | None, panel: StubPanel) -> None:
     assert panel.refused(f"/{path}", content_type=kind) == (415, "content_type")
 
 
-def test_a_body_in_pieces_is_put_together_and_one_without_end_is_not_waited_for(panel: Told) -> None:
+def test_a_body_in_pieces_is_put_together_and_one_without_end_is_not_waited_for(panel: StubPanel) -> None:
     headers = [*OWN.items(), ("x-rig-tab", "a")]
     assert MOST_BYTES == 4096
     assert asked(panel.app, "POST", "/take", headers, [b"{", b" ", b"}"]).status_code == 200
@@ -70,7 +70,7 @@ def test_a_body_in_pieces_is_put_together_and_one_without_end_is_not_waited_for(
 
 @pytest.mark.parametrize("tab", ["", "a" * 65, "t\u00e4b", "a\tb"])
 @pytest.mark.parametrize("path", ALL)
-def test_a_tab_has_a_name(path: str, tab: str, panel: Told) -> None:
+def test_a_tab_has_a_name(path: str, tab: str, panel: StubPanel) -> None:
     assert panel.refused(f"/{path}", x_rig_tab=tab.encode("latin-1")) == (400, "no_tab")
     assert panel.refused(f"/{path}", x_rig_tab=None) == (400, "no_tab")
     assert panel.owners[0].asked == []
@@ -130,7 +130,7 @@ def test_numbers_beyond_all_numbers_are_refused(make: Make) -> None:
 
 
 @pytest.mark.parametrize("path", OF_THE_RUN)
-def test_a_run_is_asked_for_what_is_its_own(path: str, panel: Told) -> None:
+def test_a_run_is_asked_for_what_is_its_own(path: str, panel: StubPanel) -> None:
     assert panel.post(f"/{path}") == (200, {"ok": True, "problem": None})
     assert panel.owners[0].asked == [(path, {})]
 
@@ -156,7 +156,7 @@ def test_the_bench_is_asked_for_what_is_its_own(path: str, body: Any, more: Any,
 
 @pytest.mark.parametrize("path", [*OF_THE_RUN, *OF_THE_BENCH])
 def test_nobody_is_asked_for_what_is_another_s(path: str, make: Make) -> None:
-    other = by_hand() if path in OF_THE_RUN else ToldOwner()
+    other = by_hand() if path in OF_THE_RUN else StubOwner()
     code = "no_run" if path in OF_THE_RUN else "bench_not_taken"
     for owners in ([other], []):
         assert make(*owners).refused(f"/{path}", BODIES.get(path, {})) == (409, code)
@@ -165,7 +165,7 @@ def test_nobody_is_asked_for_what_is_another_s(path: str, make: Make) -> None:
 
 @pytest.mark.parametrize("path", [*OF_THE_RUN, *OF_THE_BENCH])
 def test_what_an_owner_says_is_passed_on(path: str, make: Make) -> None:
-    owner = ToldOwner() if path in OF_THE_RUN else by_hand()
+    owner = StubOwner() if path in OF_THE_RUN else by_hand()
     for error, status in (
         (RefusedError("not now", code="later"), 409),
         (ControlError("process 1 has ended", code="ended"), 503),
@@ -182,7 +182,7 @@ def test_how_long_each_is_waited_for(make: Make) -> None:
     """A stop's own answer is waited for shortly, and listened to for longer; a hold no longer than it counts."""
     assert (posts._ANSWER_S, posts._HOLD_S, posts._STOP_S, posts.HELD_S, STOP_S) == (1.0, 0.2, 0.25, 0.25, 3.0)
     assert (posts._THREADS, posts._MOST_HELD, READY_S, GONE_S) == (4, 3, 15.0, 5.0)
-    run, hand = ToldOwner(), by_hand()
+    run, hand = StubOwner(), by_hand()
     for path in ("pause", "stop"):
         make(run).post(f"/{path}")
     for path in ("hold", "release", "home", "zero"):
@@ -191,8 +191,8 @@ def test_how_long_each_is_waited_for(make: Make) -> None:
 
 
 def test_what_is_real_is_shown_before_what_is_virtual(make: Make) -> None:
-    real, rehearsal = ToldOwner(pid=1, began_unix_s=1.0), ToldOwner(pid=2, virtual=True, began_unix_s=2.0)
-    later = ToldOwner(pid=3, began_unix_s=3.0)
+    real, rehearsal = StubOwner(pid=1, began_unix_s=1.0), StubOwner(pid=2, virtual=True, began_unix_s=2.0)
+    later = StubOwner(pid=3, began_unix_s=3.0)
     make(real, rehearsal).post("/pause")
     assert (len(real.asked), len(rehearsal.asked)) == (1, 0)
     make(later, real, rehearsal).post("/pause")
@@ -204,7 +204,7 @@ def test_what_is_real_is_shown_before_what_is_virtual(make: Make) -> None:
 
 @pytest.mark.parametrize("path", ["by_hand", *OF_THE_RUN, *OF_THE_BENCH])
 def test_only_the_tab_with_the_controls_asks_for_what_moves(path: str, make: Make) -> None:
-    owner = ToldOwner() if path in OF_THE_RUN else by_hand()
+    owner = StubOwner() if path in OF_THE_RUN else by_hand()
     panel, body = make(owner), BODIES.get(path, {})
     assert panel.post("/take", tab="first")[0] == 200
     refused = (409, "another_tab")
@@ -215,7 +215,7 @@ def test_only_the_tab_with_the_controls_asks_for_what_moves(path: str, make: Mak
     assert panel.post(f"/{path}", body, tab="second")[0] == 200
 
 
-def test_the_first_that_asks_has_the_controls_until_it_leaves(panel: Told) -> None:
+def test_the_first_that_asks_has_the_controls_until_it_leaves(panel: StubPanel) -> None:
     assert panel.post("/pause", tab="first")[0] == 200
     assert panel.watcher.tabs.holder == "first"
     assert panel.post("/pause", tab="second")[0] == 409
@@ -228,7 +228,7 @@ def test_the_first_that_asks_has_the_controls_until_it_leaves(panel: Told) -> No
     assert panel.post("/pause", tab="second")[0] == 200
 
 
-def test_anybody_stops(panel: Told) -> None:
+def test_anybody_stops(panel: StubPanel) -> None:
     panel.post("/take", tab="first")
     assert panel.post("/stop", tab="second")[0] == 200
     assert panel.owners[0].asked == [("stop", {})]
@@ -239,8 +239,8 @@ def test_anybody_stops(panel: Told) -> None:
 
 
 def test_a_stop_goes_to_everything_that_is_real_and_to_what_is_shown(make: Make) -> None:
-    real, other = ToldOwner(pid=1, began_unix_s=1.0), by_hand(pid=2, began_unix_s=2.0)
-    rehearsal = ToldOwner(pid=3, virtual=True, began_unix_s=3.0)
+    real, other = StubOwner(pid=1, began_unix_s=1.0), by_hand(pid=2, began_unix_s=2.0)
+    rehearsal = StubOwner(pid=3, virtual=True, began_unix_s=3.0)
     answer = make(real, other, rehearsal).post("/stop")
     assert answer == (
         200, {"ok": True, "problem": None, "stopped": [1, 2], "words": "the stop reached process 1, 2"},
@@ -250,13 +250,13 @@ def test_a_stop_goes_to_everything_that_is_real_and_to_what_is_shown(make: Make)
 
 
 def test_a_stop_asks_who_is_there_now(make: Make) -> None:
-    panel, new = make(), ToldOwner()
+    panel, new = make(), StubOwner()
     panel.watcher.owners = ()
     panel.watcher.find = lambda: [new]
     assert panel.post("/stop")[0] == 200
     assert new.asked == [("stop", {})]
 
-    def gone() -> list[ToldOwner]:
+    def gone() -> list[StubOwner]:
         raise PermissionError(1, "not yours", "/run")
 
     panel.watcher.find, panel.watcher.owners = gone, [new]
@@ -266,7 +266,7 @@ def test_a_stop_asks_who_is_there_now(make: Make) -> None:
 
 def test_a_stop_is_said_by_the_thread_that_read_it(make: Make) -> None:
     """Another one may have to wait for a processor first."""
-    real, other, rehearsal = ToldOwner(), ToldOwner(pid=2), ToldOwner(pid=3, virtual=True)
+    real, other, rehearsal = StubOwner(), StubOwner(pid=2), StubOwner(pid=3, virtual=True)
     assert make(real, other, rehearsal).post("/stop")[0] == 200
     here = threading.current_thread().name
     assert (real.said, other.said, rehearsal.said) == ([here], [here], [])
@@ -274,17 +274,17 @@ def test_a_stop_is_said_by_the_thread_that_read_it(make: Make) -> None:
 
 
 def test_whoever_cannot_be_told_so_is_asked(make: Make) -> None:
-    full, well = ToldOwner(says=ControlError("process 1 does not answer within 0 s")), ToldOwner(pid=2)
+    full, well = StubOwner(says=ControlError("process 1 does not answer within 0 s")), StubOwner(pid=2)
     assert make(full, well).post("/stop")[1]["stopped"] == [1, 2]
     assert (full.asked, full.within_s, len(well.said)) == ([("stop", {})], [STOP_S], 1)
 
 
 def test_a_stop_that_did_not_arrive_is_told(make: Make) -> None:
     assert make(configured=False).refused("/stop") == (409, "nothing_to_stop")
-    ended, well = ToldOwner(answers={"stop": ControlError("process 1 has ended", code="ended")}), ToldOwner(pid=2)
+    ended, well = StubOwner(answers={"stop": ControlError("process 1 has ended", code="ended")}), StubOwner(pid=2)
     assert make(ended, well, configured=False).refused("/stop") == (503, "ended")
     assert well.asked == [("stop", {})]
-    refusing = [ToldOwner(pid, answers={"stop": RefusedError(words)}) for pid, words in ((3, "over"), (4, "done"))]
+    refusing = [StubOwner(pid, answers={"stop": RefusedError(words)}) for pid, words in ((3, "over"), (4, "done"))]
     assert make(*refusing).post("/stop") == (409, {"ok": False, "problem": "over; done", "code": "all_refuse"})
     assert make(*refusing, well).post("/stop")[1]["stopped"] == [2]
 
@@ -292,7 +292,7 @@ def test_a_stop_that_did_not_arrive_is_told(make: Make) -> None:
 def test_a_stop_that_a_stage_has_not_confirmed_is_told_as_one(make: Make) -> None:
     """Its owner did all it could; whoever stands there must not take it for well."""
     unconfirmed = {"ok": True, "stopped": True, "unconfirmed": "x axis still runs"}
-    owner, well = ToldOwner(pid=7, answers={"stop": lambda: unconfirmed}), ToldOwner(pid=8)
+    owner, well = StubOwner(pid=7, answers={"stop": lambda: unconfirmed}), StubOwner(pid=8)
     status, answer = make(owner, well, configured=False).post("/stop")
     assert (status, answer["code"]) == (503, "stop_not_confirmed")
     assert "7" in answer["problem"]
@@ -302,11 +302,11 @@ def test_a_stop_that_a_stage_has_not_confirmed_is_told_as_one(make: Make) -> Non
 
 @pytest.mark.parametrize(
     ("owners", "before"),
-    [([], ""), ([ToldOwner(answers={"stop": ControlError("process 1 has ended")})], "process 1 has ended. ")],
+    [([], ""), ([StubOwner(answers={"stop": ControlError("process 1 has ended")})], "process 1 has ended. ")],
     ids=["nobody", "gone"],
 )
 def test_where_no_owner_takes_it_the_panel_sends_the_stop_itself(
-    make: Make, sent: list[Any], monkeypatch: pytest.MonkeyPatch, owners: list[ToldOwner], before: str
+    make: Make, sent: list[Any], monkeypatch: pytest.MonkeyPatch, owners: list[StubOwner], before: str
 ) -> None:
     status, answer = make(*owners).post("/stop")
     words = SentStop(("/dev/ttyUSB0",), problems=["there is no such port"]).words
@@ -321,8 +321,8 @@ def test_where_no_owner_takes_it_the_panel_sends_the_stop_itself(
 
 
 def test_an_owner_that_takes_it_or_refuses_is_left_alone(make: Make, sent: list[Any]) -> None:
-    assert make(ToldOwner()).post("/stop")[0] == 200
-    assert make(ToldOwner(answers={"stop": RefusedError("it has just ended")})).post("/stop")[0] == 409
+    assert make(StubOwner()).post("/stop")[0] == 200
+    assert make(StubOwner(answers={"stop": RefusedError("it has just ended")})).post("/stop")[0] == 409
     assert sent == []
 
 
@@ -338,7 +338,7 @@ def test_the_bytes_go_out_at_once_beside_an_owner_that_hangs(
         return {"ok": True}
 
     status = {"ok": True} if lives else ControlError("process 1 does not answer within 0.01 s")
-    owner = ToldOwner(ports=("/dev/ttyUSB0",), answers={"stop": hangs, "status": status})
+    owner = StubOwner(ports=("/dev/ttyUSB0",), answers={"stop": hangs, "status": status})
     panel = make(owner)
     try:
         panel.post("/stop")
@@ -358,7 +358,7 @@ def test_a_stop_is_not_behind_anything(make: Make, monkeypatch: pytest.MonkeyPat
         assert free.wait(DEADLINE_S)
         return {"ok": True}
 
-    panel = make(ToldOwner(answers={"pause": hangs, "stop": hangs}))
+    panel = make(StubOwner(answers={"pause": hangs, "stop": hangs}))
     hung = [threading.Thread(target=panel.post, args=["/pause"]) for _ in range(12)]
     for one in hung:
         one.start()
@@ -382,7 +382,7 @@ def test_no_stop_waits_behind_others_that_are_not_answered(make: Make, monkeypat
         assert free.wait(DEADLINE_S)
         return {"ok": True}
 
-    panel = make(ToldOwner(answers={"stop": hangs}))
+    panel = make(StubOwner(answers={"stop": hangs}))
     for _ in range(5):
         assert panel.refused("/stop") == (503, "not_answered_yet")
     assert len(panel.owners[0].said) == 2
@@ -399,7 +399,7 @@ def test_what_is_asked_for_waits_behind_nothing(make: Make) -> None:
         assert free.wait(DEADLINE_S)
         return {"ok": True}
 
-    panel = make(ToldOwner(answers={"pause": hangs}))
+    panel = make(StubOwner(answers={"pause": hangs}))
     codes: list[int] = []
     asking = [threading.Thread(target=lambda: codes.append(panel.post("/pause")[0])) for _ in range(4)]
     for one in asking:
@@ -505,11 +505,11 @@ def test_the_bench_is_not_taken_from_a_run(make: Make) -> None:
     ports = make().watcher.bench.ports
     assert len(ports) == 2
     for port in ports:
-        panel = make(ToldOwner(pid=5, ports=(port, "other")))
+        panel = make(StubOwner(pid=5, ports=(port, "other")))
         assert panel.refused("/by_hand") == (409, "ports_taken")
         assert "5" in panel.post("/by_hand")[1]["problem"]
         assert panel.bench.taken == 0
-    for owner in (ToldOwner(ports=("others",)), ToldOwner(ports=(), virtual=True), by_hand(ports=ports)):
+    for owner in (StubOwner(ports=("others",)), StubOwner(ports=(), virtual=True), by_hand(ports=ports)):
         assert make(owner).post("/by_hand")[0] == 200
 
 
@@ -520,7 +520,7 @@ def test_without_a_configuration_there_is_no_bench(make: Make) -> None:
 
 
 def test_a_stop_that_fails_where_it_is_said_keeps_no_other_from_being_said(make: Make) -> None:
-    panel = make(ToldOwner())
+    panel = make(StubOwner())
     say_stop, panel.owners[0].say_stop = panel.owners[0].say_stop, _fails  # type: ignore[method-assign]
     for _ in range(posts._MOST_STOPS):
         with pytest.raises(ZeroDivisionError):

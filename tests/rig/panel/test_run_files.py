@@ -9,16 +9,16 @@ from urllib.parse import quote
 
 import pytest
 
-from rig.panel.gate import FILE_POLICY
+from rig.panel.access import FILE_POLICY
 from rig.panel.run_files import _pieces
-from tests.rig.panel.told_panel import OWN, Told
+from tests.rig.panel.stub_panel import OWN, StubPanel
 
 OLD = Path(__file__).parents[2] / "data" / "runs_of_0_1"
 SECRET = "nobody's business"
 
 
 @pytest.fixture
-def runs(panel: Told) -> Path:
+def runs(panel: StubPanel) -> Path:
     """Two runs, a folder that is none, and things that do not belong to any."""
     out = panel.watcher.out
     for name in ("complete", "stopped"):
@@ -31,7 +31,7 @@ def runs(panel: Told) -> Path:
     return out
 
 
-def test_the_runs_there_are_the_newest_first(runs: Path, panel: Told) -> None:
+def test_the_runs_there_are_the_newest_first(runs: Path, panel: StubPanel) -> None:
     told = panel.get("/runs.json").json()
     assert {one["name"] for one in told["runs"]} == {"20260101-complete", "20260101-stopped"}
     assert [one["date_utc"] for one in told["runs"]] == sorted(
@@ -57,14 +57,14 @@ def test_the_runs_there_are_the_newest_first(runs: Path, panel: Told) -> None:
         ("limit=0", set()),
     ],
 )
-def test_runs_that_are_asked_for(query: str, names: set[str] | None, runs: Path, panel: Told) -> None:
+def test_runs_that_are_asked_for(query: str, names: set[str] | None, runs: Path, panel: StubPanel) -> None:
     told = panel.get(f"/runs.json?{query}").json()
     if names is not None:
         assert {one["name"] for one in told["runs"]} == names
     assert told["of"] == (2 if query == "limit=0" else len(told["runs"]))
 
 
-def test_each_of_the_filters_is_its_own(runs: Path, panel: Told) -> None:
+def test_each_of_the_filters_is_its_own(runs: Path, panel: StubPanel) -> None:
     (one, *_) = panel.get("/runs.json?state=done").json()["runs"]
     for name, value in (("protocol", one["protocol"]), ("shape", one["shapes"][0])):
         assert one in panel.get(f"/runs.json?{name}={value}").json()["runs"]
@@ -72,20 +72,20 @@ def test_each_of_the_filters_is_its_own(runs: Path, panel: Told) -> None:
 
 
 @pytest.mark.parametrize("limit", ["-1", "a", "1.5", "\u0662", ""])
-def test_a_limit_is_a_number(limit: str, panel: Told) -> None:
+def test_a_limit_is_a_number(limit: str, panel: StubPanel) -> None:
     answer = panel.get(f"/runs.json?limit={quote(limit)}")
     assert answer.status_code == 400
     assert (answer.json()["ok"], answer.json()["code"]) == (False, "not_a_number")
 
 
-def test_without_a_folder_there_are_no_runs(panel: Told) -> None:
+def test_without_a_folder_there_are_no_runs(panel: StubPanel) -> None:
     told = panel.get("/runs.json").json()
     assert (told["runs"], told["unreadable"]) == ([], [])
     assert str(panel.watcher.out) in told["problem"]
     assert told["code"] == "file_not_found"
 
 
-def test_the_files_of_a_run(runs: Path, panel: Told) -> None:
+def test_the_files_of_a_run(runs: Path, panel: StubPanel) -> None:
     (runs / "20260101-complete" / ".lock").touch()
     (runs / "20260101-complete" / "folder").mkdir()
     files = panel.get("/runs/20260101-complete/").json()["files"]
@@ -107,7 +107,9 @@ def test_the_files_of_a_run(runs: Path, panel: Told) -> None:
         ("data.h5", None),
     ],
 )
-def test_a_file_is_shown_as_it_is_and_may_do_nothing(name: str, kind: str | None, runs: Path, panel: Told) -> None:
+def test_a_file_is_shown_as_it_is_and_may_do_nothing(
+    name: str, kind: str | None, runs: Path, panel: StubPanel
+) -> None:
     answer = panel.get(f"/runs/20260101-complete/{name}")
     assert answer.status_code == 200
     assert answer.content == (runs / "20260101-complete" / name).read_bytes()
@@ -157,7 +159,7 @@ PATHS = [
 
 
 @pytest.mark.parametrize("path", PATHS)
-def test_what_is_not_a_run_s_own_is_not_shown(path: str, runs: Path, panel: Told) -> None:
+def test_what_is_not_a_run_s_own_is_not_shown(path: str, runs: Path, panel: StubPanel) -> None:
     run = runs / "20260101-complete"
     (run / ".lock").write_text(SECRET, encoding="utf-8")
     (run / "folder").mkdir()
@@ -171,7 +173,7 @@ def test_what_is_not_a_run_s_own_is_not_shown(path: str, runs: Path, panel: Told
     assert answer.json()["ok"] is False
 
 
-def test_whoever_leaves_in_the_middle_leaves_no_file_open(runs: Path, panel: Told) -> None:
+def test_whoever_leaves_in_the_middle_leaves_no_file_open(runs: Path, panel: StubPanel) -> None:
     """A file that is not closed would be a warning, and so an error here."""
     (runs / "20260101-complete" / "large.txt").write_bytes(bytes(10_000_000))
     path = "/runs/20260101-complete/large.txt"

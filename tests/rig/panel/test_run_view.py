@@ -11,8 +11,8 @@ from rig.data.folder import RunFolder
 from rig.data.run_state import Course, Timeline
 from rig.panel.drawing import Job, PressSummary
 from rig.panel.run_view import AT_ONCE, COLUMNS, GROWS_S, SeenRun, growing, limits_told, written_s
-from rig.panel.state import HAND, SeenBench
 from rig.panel.stream import SHOWN_S
+from rig.panel.watcher import HAND, SeenBench
 from rig.plan.config import Config
 from rig.units import GWT_N
 

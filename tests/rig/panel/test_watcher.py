@@ -13,13 +13,13 @@ from rig.control.client import ControlError
 from rig.data.folder import RunFolder
 from rig.data.run_state import Course
 from rig.panel.run_view import SeenRun
-from rig.panel.state import ASK_S, BEAT_S, FIND_S, HAND, LOOK_S, STATUS_S, Watcher
 from rig.panel.stream import NOTHING, Onlooking
+from rig.panel.watcher import ASK_S, BEAT_S, FIND_S, HAND, LOOK_S, STATUS_S, Watcher
 from sim.devices.clock import VirtualClock
+from tests.rig.panel.stub_panel import StubOwner, StubPanel
 from tests.rig.panel.test_outlet import events
-from tests.rig.panel.told_panel import Told, ToldOwner
 
-Make = Callable[..., Told]
+Make = Callable[..., StubPanel]
 
 
 def journal(path: Path, *documents: dict[str, Any]) -> Path:
@@ -55,14 +55,14 @@ def told(watcher: Watcher, client: Onlooking) -> dict[str, Any]:
 def test_how_the_participants_button_is_is_told_where_there_is_one(make: Make, tmp_path: Path) -> None:
     run = journal(tmp_path / "run", START)
     status = {"ok": True, "state": "running", "stopped": False, "stop_button": "not pressed, tested"}
-    watcher = make(ToldOwner(run=str(run), answers={"status": status})).watcher
+    watcher = make(StubOwner(run=str(run), answers={"status": status})).watcher
     with watcher.outlet.joined() as client:
         assert told(watcher, client)["state"]["owner"]["stop_button"] == "not pressed, tested"
 
 
 def test_an_owner_s_run_is_followed_wherever_it_lies(make: Make, tmp_path: Path) -> None:
     run = journal(tmp_path / "elsewhere" / "run", START, sample(1.5))
-    owner = ToldOwner(run=str(run), answers={"status": {"ok": True, "state": "running", "stopped": False}})
+    owner = StubOwner(run=str(run), answers={"status": {"ok": True, "state": "running", "stopped": False}})
     watcher = make(owner).watcher
     with watcher.outlet.joined() as client:
         found = told(watcher, client)
@@ -83,7 +83,7 @@ def test_an_owner_s_run_is_followed_wherever_it_lies(make: Make, tmp_path: Path)
 
 def test_a_run_that_has_not_begun_is_no_run_and_one_that_ended_stays(make: Make, tmp_path: Path) -> None:
     run = journal(tmp_path / "run", START, sample(1.5))
-    owner = ToldOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}})
+    owner = StubOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}})
     panel = make(owner)
     watcher = panel.watcher
     look(watcher)
@@ -92,7 +92,7 @@ def test_a_run_that_has_not_begun_is_no_run_and_one_that_ended_stays(make: Make,
     with watcher.outlet.joined() as client:
         state = told(watcher, client)["state"]
         assert (state["owner"], state["run"]["state"], state["run"]["now"]) == (None, "done", None)
-        panel.owners.append(ToldOwner(pid=2, answers={"status": {"ok": True, "state": "planning"}}))
+        panel.owners.append(StubOwner(pid=2, answers={"status": {"ok": True, "state": "planning"}}))
         found = told(watcher, client)
         assert (found["state"]["run"], found["state"]["notice"]) == (
             None, "checking the script; nothing has moved yet",
@@ -126,7 +126,7 @@ def test_how_often_is_looked() -> None:
 def test_what_is_drawn_is_of_the_run_that_is_followed(make: Make, tmp_path: Path) -> None:
     mount = {"doc": "event", "stream": "mount", "data": {"indentor": "bar:3.0"}}
     run = journal(tmp_path / "run", START, mount)
-    owner = ToldOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}})
+    owner = StubOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}})
     watcher = make(owner).watcher
     assert watcher.job == watcher.bench.job
     look(watcher)
@@ -139,7 +139,7 @@ def test_what_is_drawn_is_of_the_run_that_is_followed(make: Make, tmp_path: Path
 def test_an_announced_run_goes_on_however_silent_it_is(make: Make, tmp_path: Path) -> None:
     run = journal(tmp_path / "run", START)
     os.utime(run / "events.jsonl", (10.0, 10.0))
-    panel = make(ToldOwner(run=str(run), answers={"status": {"ok": True, "state": "paused"}}))
+    panel = make(StubOwner(run=str(run), answers={"status": {"ok": True, "state": "paused"}}))
     with panel.watcher.outlet.joined() as client:
         state = told(panel.watcher, client)["state"]
         assert (state["run"]["state"], state["notice"]) == ("running", "paused, indentor lifted")
@@ -152,7 +152,7 @@ def test_of_a_run_that_ended_nothing_is_now(make: Make, tmp_path: Path) -> None:
     """Its owner may be at its report still."""
     run = journal(tmp_path / "run", START)
     Course(9.0, {("home", 1, 0): 5.0}, {("home", 1, 0): "home"}).keep(RunFolder(run))
-    watcher = make(ToldOwner(run=str(run), answers={"status": {"ok": True, "state": "reporting"}})).watcher
+    watcher = make(StubOwner(run=str(run), answers={"status": {"ok": True, "state": "reporting"}})).watcher
     with watcher.outlet.joined() as client:
         assert told(watcher, client)["state"]["run"]["now"] == "home"
         journal(run, {"doc": "stop", "status": "aborted", "reason": "by the operator"})
@@ -167,7 +167,7 @@ def test_of_a_run_that_ended_nothing_is_now(make: Make, tmp_path: Path) -> None:
 
 def test_an_owner_is_told_of_together_with_what_it_says(make: Make) -> None:
     """Not as one that cannot be reached, before it was asked."""
-    panel = make(ToldOwner())
+    panel = make(StubOwner())
     panel.watcher.owners = ()
     seen: list[object] = []
     panel.owners[0].answers["status"] = lambda: seen.append(panel.watcher.owner) or {"ok": True, "state": "running"}
@@ -178,7 +178,7 @@ def test_an_owner_is_told_of_together_with_what_it_says(make: Make) -> None:
 
 def test_runs_are_not_searched_for_all_the_time(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     panel, searched = make(), list[float]()
-    monkeypatch.setattr("rig.panel.state.growing", lambda out, unix_s: searched.append(unix_s))
+    monkeypatch.setattr("rig.panel.watcher.growing", lambda out, unix_s: searched.append(unix_s))
     for _ in range(4):
         look(panel.watcher)
     assert len(searched) == 1
@@ -193,7 +193,7 @@ def test_the_bench_by_hand(make: Make, tmp_path: Path) -> None:
         "ok": True, "state": "idle", "stopped": False, "force_gwt": 0.25, "read_unix_s": 999.0, "homed": True,
         "readings": {"columns": list(HAND.columns), "rows": [row], "next": 4},
     }  # fmt: skip
-    hand = ToldOwner(kind="by hand", answers={"status": status})
+    hand = StubOwner(kind="by hand", answers={"status": status})
     panel = make(hand)
     watcher = panel.watcher
     with watcher.outlet.joined() as client:
@@ -207,17 +207,17 @@ def test_the_bench_by_hand(make: Make, tmp_path: Path) -> None:
         assert state["limits"]["margin_gwt"] == state["limits"]["trip_gwt"] - 0.25
         look(watcher)
         assert hand.asked[-1] == ("status", {"since": 4})
-        panel.owners[:] = [ToldOwner(pid=9, kind="by hand", answers={"status": ControlError("gone")})]
+        panel.owners[:] = [StubOwner(pid=9, kind="by hand", answers={"status": ControlError("gone")})]
         found = told(watcher, client)
         assert panel.owners[0].asked == [("status", {"since": 0})]
         assert (found["readings"]["reset"], found["state"]["owner"]["reachable"]) == (True, False)
         assert (found["state"]["hand"], found["state"]["newest"]["force_gwt"]) == (None, None)
         run = journal(tmp_path / "run", START)
-        panel.owners[:] = [ToldOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}})]
+        panel.owners[:] = [StubOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}})]
         assert told(watcher, client)["readings"]["hand"] is False
         Course(9.0, {("home", 1, 0): 5.0}, {("home", 1, 0): "home"}).keep(RunFolder(run))
         assert len(told(watcher, client)["schedule"]["steps"]) == 1
-        panel.owners[:] = [ToldOwner(pid=9, kind="by hand", answers={"status": status})]
+        panel.owners[:] = [StubOwner(pid=9, kind="by hand", answers={"status": status})]
         found = told(watcher, client)
         assert (found["readings"]["hand"], found["schedule"]["steps"]) == (True, [])
         assert found["schedule"]["run"] is None
@@ -235,7 +235,7 @@ def test_a_state_is_told_when_it_changes_and_otherwise_now_and_then(make: Make) 
         watcher.tabs.take("a", panel.clock.monotonic_s())
         assert told(watcher, client)["state"]["controls"] == "a"
         assert "state" not in told(watcher, client)
-        panel.owners.append(ToldOwner(answers={"status": ControlError("hangs")}))
+        panel.owners.append(StubOwner(answers={"status": ControlError("hangs")}))
         assert told(watcher, client)["state"]["owner"]["reachable"] is False
         panel.owners[0].answers["status"] = {"ok": True, "state": "paused", "stopped": True}
         state = told(watcher, client)["state"]
@@ -254,14 +254,14 @@ def test_a_process_by_hand_that_ended_by_itself_is_told_of(make: Make) -> None:
         assert told(watcher, client)["state"]["notice"] == "/dev/ttyUSB0: gone"
 
 
-def _not_ours() -> list[ToldOwner]:
+def _not_ours() -> list[StubOwner]:
     raise PermissionError(1, "not yours", "/run/rig")
 
 
 def test_the_time_left_alone_is_no_change(make: Make, tmp_path: Path) -> None:
     run = journal(tmp_path / "run", START)
     Course(100.0, {("home", 1, 0): 50.0}, {("home", 1, 0): "home"}).keep(RunFolder(run))
-    owner = ToldOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}})
+    owner = StubOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}})
     watcher = make(owner).watcher
     with watcher.outlet.joined() as client:
         found = told(watcher, client)
@@ -277,7 +277,7 @@ def test_the_time_left_alone_is_no_change(make: Make, tmp_path: Path) -> None:
 
 def test_it_looks_on_until_it_is_cancelled(make: Make, tmp_path: Path) -> None:
     run = journal(tmp_path / "run", START, sample(1.0))
-    watcher = make(ToldOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}})).watcher
+    watcher = make(StubOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}})).watcher
 
     async def looks_on() -> None:
         with watcher.outlet.joined() as client:
@@ -299,7 +299,7 @@ def test_what_was_read_of_a_run_that_is_followed_no_more_is_told_to_nobody(
 ) -> None:
     """Somebody took the bench by hand while its journal was looked at."""
     run = journal(tmp_path / "run", START)
-    watcher = make(ToldOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}})).watcher
+    watcher = make(StubOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}})).watcher
 
     def left(seen: SeenRun, unix_s: float) -> list[list[float]]:
         watcher.run = None
@@ -314,7 +314,7 @@ def test_what_was_read_of_a_run_that_is_followed_no_more_is_told_to_nobody(
 def test_a_run_that_is_followed_no_more_leaves_no_schedule(make: Make, tmp_path: Path) -> None:
     run = journal(tmp_path / "run", START)
     Course(9.0, {("home", 1, 0): 5.0}, {("home", 1, 0): "home"}).keep(RunFolder(run))
-    panel = make(ToldOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}}))
+    panel = make(StubOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}}))
     with panel.watcher.outlet.joined() as client:
         assert len(told(panel.watcher, client)["schedule"]["steps"]) == 1
         panel.owners[0].run = None

@@ -6,30 +6,33 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[3]
 LOOKS_ON = ("rig/panel", "rig/control", "rig/manual")
-LOOKS_ON_TOO = ("rig/cli/monitor.py", "rig/data/run_state.py", "rig/data/run.py")
+LOOKS_ON_TOO = (
+    *("rig/cli/force_trace.py", "rig/cli/progress.py", "rig/cli/watch.py"),
+    *("rig/data/run_state.py", "rig/data/run.py"),
+)
 CONTAINERS = {"list", "dict", "set", "deque", "Counter", "defaultdict", "OrderedDict", "Queue", "SimpleQueue",
               "ThreadPoolExecutor"}  # fmt: skip
 HAS_AN_END = {
     "rig/panel/requests.py _pool": "what its threads do, and nothing waits",
     "rig/panel/requests.py _each": "one for each owner and each stop that is on its way",
-    "rig/panel/state.py _asking": "one question",
-    "rig/panel/state.py _reading": "one look",
-    "rig/panel/state.py _schedule": "the run's plan",
+    "rig/panel/watcher.py _asking": "one question",
+    "rig/panel/watcher.py _reading": "one look",
+    "rig/panel/watcher.py _schedule": "the run's plan",
     "rig/panel/drawing.py _thread": "one drawing",
     "rig/panel/drawing.py _finger_config": "four",
     "rig/panel/drawing.py _finger": "one",
     "rig/panel/stream.py clients": "MOST_STREAMS",
     "rig/panel/stream.py _latest": "one of each kind of event",
     "rig/panel/stream.py _rows": "MOST_ROWS, and a minute",
-    "rig/panel/state.py _status": "the last one",
+    "rig/panel/watcher.py _status": "the last one",
     "rig/panel/owners.py _looking": "the tabs that look on now",
-    "rig/control/server.py _waiting": "_SPARE",
+    "rig/control/owner_socket.py _waiting": "_SPARE",
     "rig/control/stop.py _told": "one for each owner, until the stop is over",
     "rig/control/stop.py problems": "of one stop, until it is over",
     "rig/control/stop.py _wires": "the stage's own, until it is let go",
     "rig/manual/status.py _rows": "KEPT",
     "rig/manual/orders.py _over": "a number for each tab that moved the stage",
-    "rig/cli/monitor.py _columns": "the width of the trace",
+    "rig/cli/force_trace.py _columns": "the width of the trace",
     "rig/data/run.py _last_hold": "of a run that is over",
     "rig/data/run.py done": "of a run that is over",
     "rig/data/run.py state": "of a run that is over",

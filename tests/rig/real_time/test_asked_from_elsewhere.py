@@ -20,8 +20,8 @@ from rig.session.script_run import AT_ONCE
 from rig.transport import first_owner
 from sim.models.fingertip import Fingertip
 from studies.faults.stops import decides
+from tests.error_codes import raises
 from tests.program import EMPTY_FIGURES, Program
-from tests.raising import raises
 from tests.waiting import DEADLINE_S, until
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")

@@ -15,10 +15,10 @@ from rig.clock import WallClock
 from rig.control.client import ControlError, RefusedError, announced
 from rig.devices.grbl import GrblStage
 from rig.engine.bench_memory import BenchMemory, state_folder
-from rig.manual.server import LAPSED
+from rig.manual.owner_process import LAPSED
 from rig.plan.config import Config, load_config
 from rig.transport import open_port
-from tests.raising import raises
+from tests.error_codes import raises
 from tests.rig.hand_bench import STOPS, is_move
 from tests.waiting import DEADLINE_S, repeated, until
 

@@ -12,7 +12,7 @@ from rig.plan.config import Config
 from rig.plan.finger_file import read_finger_file
 from tests.program import Program
 from tests.rig.real_time.conftest import NEAR, Serving, set_up
-from tests.sim.coarse import coarse_mesh
+from tests.sim.coarse_mesh import coarse_mesh
 
 SEED = 7  # it lies lower than is believed: NEAR has little room above it
 KNOWN = Config.model_validate(

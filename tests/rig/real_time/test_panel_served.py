@@ -20,14 +20,14 @@ import pytest
 import rig.panel.owners as by_hand_process
 from rig.clock import WallClock
 from rig.control.client import Announcement, announced
-from rig.control.server import ControlSocket
+from rig.control.owner_socket import ControlSocket
 from rig.data.journal import Journal
 from rig.data.schema import STREAMS
 from rig.panel.app import Panel
 from rig.panel.drawing import DrawingError, DrawingProcess, Job
 from rig.panel.owners import ByHandProcess, NotTakenError
+from tests.error_codes import raises
 from tests.program import Program
-from tests.raising import raises
 from tests.rig.real_time.panel_page import Serve, Stream, post, serve
 from tests.waiting import DEADLINE_S, until
 
@@ -265,7 +265,7 @@ def test_a_hung_owner_hangs_nothing_else(serve: Serve) -> None:
 OWNER = """\
 import os, sys, threading
 from rig.control.client import Announcement
-from rig.control.server import ControlSocket
+from rig.control.owner_socket import ControlSocket
 over = threading.Event()
 about = Announcement(pid=os.getpid(), kind="by hand", virtual=True, ports=(), began_unix_s=1.0)
 with ControlSocket(about, {"leave": lambda request: over.set() or {}}):

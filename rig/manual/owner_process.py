@@ -11,7 +11,7 @@ from rig.engine.bench import Bench
 from rig.engine.bench_memory import BenchMemory, LastKnown
 from rig.engine.sensing import NoReadingError, Sensing
 from rig.errors import BadInputError, LimitError
-from rig.manual import bench as at_hand
+from rig.manual import home_and_zero as at_hand
 from rig.manual.jog import ByHand
 from rig.manual.orders import HOLD_S, HoldRequest, Orders, Verb
 from rig.manual.status import HandStatus, OverheardSensor

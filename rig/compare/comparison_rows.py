@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rig.compare.comparison import Comparison, Joint, Pair
 from rig.compare.fit import Fit, chance_correlation, compared, fit_all
 from rig.compare.intervals import ConfidenceLimits
-from rig.compare.judge import joint_limits
+from rig.compare.make_verdict import joint_limits
 from rig.compare.plausible_fingers import PlausibleFingers, fit_all_with_finger
 from rig.compare.shape_test import THRESHOLDS
 from rig.compare.stimuli import CONTROLS, Stimulus

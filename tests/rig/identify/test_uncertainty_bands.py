@@ -10,7 +10,7 @@ from rig.plan.plan import Plan
 from rig.records import Pace, PlannedIndentation, PredictionBand, Target
 from sim.models.relaxation import Memory, Prony, PronyTerm
 from sim.units import GWT_N
-from tests.rig.met.met_file import SERIES, met_file
+from tests.rig.identify.finger_file import SERIES, met_file
 
 PACE = Pace(speed_mm_s=1.0, increment_mm=0.05, ramps=1, hold_s=1.0)
 

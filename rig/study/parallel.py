@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from threadpoolctl import threadpool_limits
 
-from rig.compare.exceptions import WorkersError
+from rig.study.exceptions import WorkersError
 from sim.workers import in_processes
 
 Item = TypeVar("Item")
@@ -31,7 +31,7 @@ def spread(
         yield from _over_processes(alone, items, processes)
         return
     try:
-        from rig.compare.dask_cluster import over_cluster
+        from rig.study.dask_cluster import over_cluster
     except ImportError:
         needed = (
             "--scheduler requires the package dask.distributed; install it with pip install "

@@ -4,7 +4,7 @@ import numpy as np
 
 from rig.plan.finger_file import Band, Draw, FingerFile, Met, Place, Posterior
 from sim.config import FingertipConfig, Tissue
-from tests.sim.coarse import coarse_mesh
+from tests.sim.coarse_mesh import coarse_mesh
 
 MESH = coarse_mesh(0.5, 0.7, patch_x_mm=2.3, patch_z_mm=2.3)
 SERIES = ((0.2, 0.07), (0.2, 1.4))

@@ -10,7 +10,7 @@ from rig.data import Run, read_run
 from rig.plan.finger_file import read_finger_file
 from rig.units import GWT_N
 from tests.program import Program
-from tests.rig.met.met_file import SERIES, met_file
+from tests.rig.identify.finger_file import SERIES, met_file
 
 SCRIPT = """\
 def run(rig):

@@ -22,8 +22,8 @@ from typing import Annotated, Any, ClassVar, Protocol, Self, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from rig.compare.exceptions import StudyError
 from rig.plan.config import told_of
+from rig.study.exceptions import StudyError
 from sim.config import FingertipConfig
 from sim.contact.indentor import ALONG
 from sim.contact.patch import X

@@ -15,10 +15,10 @@ from sim.measures.measures import MEASURES, Elastic, measures_in_layers, stress_
 from sim.measures.receptors import ReceptorSet, points_below
 from sim.models.adjoint import Progress
 from sim.models.condensed import Columns, CondensedModel
+from sim.models.factored_interior import Interior
 from sim.models.result import IndentationResult
 from sim.models.sources import HalfWidths, MeshKey, ModelSource
 from sim.models.stiffening import refuse_stiffening
-from sim.models.strain_field import Interior
 from sim.units import PSEUDO_E_EPIDERMIS
 
 # --- fields ---

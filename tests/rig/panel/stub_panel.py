@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 from rig.control.client import ControlError
 from rig.panel.owners import ByHandProcess
-from rig.panel.state import Watcher
+from rig.panel.watcher import Watcher
 from sim.devices.clock import VirtualClock
 from tests.rig.panel.asgi_client import Answer, asked
 
@@ -23,7 +23,7 @@ OWN = {
 
 
 @dataclass(eq=False)
-class ToldOwner:
+class StubOwner:
     """Announces what a test says, and answers what it says: an answer or an error for each request."""
 
     pid: int = 1
@@ -59,7 +59,7 @@ class ToldOwner:
         return listen
 
 
-class ToldBench(ByHandProcess):
+class StubHandProcess(ByHandProcess):
     """Takes the bench as a test says."""
 
     def __init__(self) -> None:
@@ -76,12 +76,12 @@ class ToldBench(ByHandProcess):
 
 
 @dataclass
-class Told:
+class StubPanel:
     """A panel with everything around it."""
 
-    owners: list[ToldOwner]
+    owners: list[StubOwner]
     watcher: Watcher
-    bench: ToldBench
+    bench: StubHandProcess
     clock: VirtualClock
     app: Any
 

@@ -12,9 +12,9 @@ from rig.records import BETWEEN_INCREMENTS_S
 from rig.settings import RigSettings
 from rig.units import GWT_N
 from sim.errors import ModelRangeError
-from sim.identification.forward import Foreseen, Given, RampAndHold
 from sim.identification.next_press import Chooser, PressAt, SkinSearch, highest_gwt
 from sim.identification.posterior import PRESS_ERROR, SHAPE_ERROR, Surprise, learn, no_finger, nothing_learned
+from sim.identification.predicted_forces import Foreseen, Given, RampAndHold
 from sim.identification.prior import named
 from sim.identification.uncertainty_bands import Width, band, standard_deviations
 

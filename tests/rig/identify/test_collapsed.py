@@ -13,16 +13,16 @@ import rig.cli.identify_finger as meet
 from rig.cli.identify_finger import said_at_the_end
 from rig.compare.plausible_fingers import read_plausible
 from rig.errors import BadInputError, RunAborted
+from rig.identify.adaptive_presses import IdentificationOptions, Meeting, felt_surely
 from rig.identify.finger_from_presses import finger_file
-from rig.identify.procedure import IdentificationOptions, Meeting, felt_surely
 from rig.plan.config import Config
 from rig.plan.finger_file import FingerFile
 from sim.identification.next_press import PressAt
 from sim.identification.posterior import least_effective
+from tests.error_codes import raises
 from tests.made_up_fingers import made_up
 from tests.program import Program
-from tests.raising import raises
-from tests.rig.met.met_file import met_file
+from tests.rig.identify.finger_file import met_file
 
 FORESEEN = made_up()
 

@@ -11,8 +11,8 @@ from pydantic import ValidationError
 from rig.errors import BadInputError, first_problem
 from rig.plan.config import Config, load_config, with_finger
 from rig.plan.finger_file import fingers_of, read_finger_file
-from tests.raising import has_code, raises
-from tests.rig.met.met_file import SERIES, met_file
+from tests.error_codes import has_code, raises
+from tests.rig.identify.finger_file import SERIES, met_file
 
 
 @pytest.fixture

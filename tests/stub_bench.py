@@ -1,4 +1,4 @@
-"""An engine over a stage and a force sensor that do as they are told: no bytes, no devices, no finger."""
+"""An engine over a stub stage and a stub force sensor: no bytes, no devices, no finger."""
 
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
@@ -20,7 +20,7 @@ def raising(error: Exception) -> Callable[..., None]:
     return fail
 
 
-class ToldStage:
+class StubStage:
     """Moves at the speed it is told, in a straight line; before each look it does what `at_look` says."""
 
     switches_mm, homing_s = (-7.0, -3.0, -1.0), 0.3
@@ -36,7 +36,7 @@ class ToldStage:
         self.floors_mm: list[float] = []
 
     def connect(self) -> str:
-        return "told stage"
+        return "stub stage"
 
     def homing(self) -> Iterator[StageStatus | None]:
         self.told.append("home")
@@ -47,7 +47,7 @@ class ToldStage:
         self, *, x_mm: float | None = None, y_mm: float | None = None, z_mm: float | None = None, speed_mm_s: float
     ) -> Iterator[StageStatus | None]:
         if not self.homed:
-            raise StageNotHomed("the told stage")
+            raise StageNotHomed("the stub stage")
         to_mm = [was if to is None else to for was, to in zip(self.at_mm, (x_mm, y_mm, z_mm), strict=True)]
         self.told.append((*to_mm, speed_mm_s))
         lasts_s = max(abs(to - was) for to, was in zip(to_mm, self.at_mm, strict=True)) / speed_mm_s
@@ -79,7 +79,7 @@ class ToldStage:
         self.at_mm = list(to_mm)
 
 
-class ToldSensor:
+class StubSensor:
     """Shows what it is told, gwt; `at_read` may raise, or change what it shows."""
 
     sample_period_s, resolution_gwt = 0.05, 0.01
@@ -90,7 +90,7 @@ class ToldSensor:
         self.at_read: Callable[[], object] = lambda: None
 
     def connect(self) -> str:
-        return "told sensor"
+        return "stub sensor"
 
     def read(self) -> ForceReading:
         self.read_s.append(self.clock.monotonic_s())
@@ -113,7 +113,7 @@ class Promises(Heartbeat):
         super().beat(within_s)
 
 
-class Told:
+class StubBench:
     """The engine, its bench, and what it has journalled; `at_event` may raise."""
 
     def __init__(
@@ -121,7 +121,7 @@ class Told:
     ) -> None:
         self.settings = RigSettings.model_validate(tables or {})
         self.clock = VirtualClock(1.7e9, 100.0)
-        self.stage, self.force = ToldStage(self.clock), ToldSensor(self.clock)
+        self.stage, self.force = StubStage(self.clock), StubSensor(self.clock)
         self.operator, self.pause = self, Pause()
         self.events: list[tuple[str, dict[str, Any]]] = []
         self.at_event: Callable[[str], object] = lambda stream: None

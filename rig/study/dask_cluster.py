@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 from distributed import Client, KilledWorker, wait
 from distributed.comm.core import CommClosedError
 
-from rig.compare.exceptions import WorkersError
+from rig.study.exceptions import WorkersError
 from sim.models.cache import content_key
 
 Item = TypeVar("Item")

@@ -1,0 +1,127 @@
+"""`rig watch`: live force, step now and next, and the time left of a run in another process."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.live import Live
+
+from rig.cli.force_trace import ForceTrace, Screen, named
+from rig.cli.options import JsonOption
+from rig.cli.output import ExitCode, err, out, print_json, told_in_one_line
+from rig.cli.runs import ending_of
+from rig.clock import WallClock
+from rig.data.folder import RunFolder
+from rig.data.journal import Document
+from rig.data.run import Following, RunError, followed, read_run
+from rig.data.run_state import Onlooker, as_clock
+from rig.data.tables import FOREIGN, RUNNING, alive, foreign, summary_of
+
+LOOK_S = 0.2
+
+
+class RunScreen(Onlooker):
+    """A run as `rig watch` shows it."""
+
+    def __init__(self, folder: RunFolder) -> None:
+        super().__init__(folder)
+        self.force = ForceTrace(self)
+
+    def event(self, stream: str, data: Mapping[str, Any]) -> None:
+        """The next event."""
+        super().event(stream, data)
+        self.force.event(stream, data)
+
+    def above(self) -> list[str]:
+        """The lines above the force."""
+        subject = f", subject {self.start['subject']}" if self.start.get("subject") else ""
+        virtual = ", virtual bench" if self.start.get("virtual") else ""
+        return [named("run", f"{self.folder.path.name}{subject}{virtual}")]
+
+    def below(self) -> list[str]:
+        """And below it."""
+        done = f"{len(self.finished)} of {'?' if self.planned is None else self.planned}"
+        left = "time left unknown" if self.left_s is None else f"{as_clock(self.left_s)} left on the run's clock"
+        return [named("now", self.now or "-"), named("next", self.next or "-"), named("done", f"{done}, {left}")]
+
+
+def watch_command(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the run.")],
+    as_json: JsonOption = False,
+) -> None:
+    """Live force, step now and next, and the time left, until the run ends; in a pipe one line an event.
+
+    With --json: how it is now, at once.
+    """
+    with told_in_one_line(as_json=as_json):
+        seen = RunScreen(RunFolder(run))
+        try:
+            if as_json:
+                seen.take(Following(seen.folder).new())
+                print_json(_now(seen))
+                return
+            (_on_a_screen if out.is_terminal else _line_by_line)(seen)
+            out.print("\n".join(_end(seen)))
+        except FOREIGN as error:
+            raise RunError(
+                "run folder {run}: {problem}", code="foreign_run", run=run, problem=foreign(error)
+            ) from None
+        except KeyboardInterrupt:
+            err.print("stopped monitoring; the run continues")
+            raise typer.Exit(ExitCode.ABORTED) from None
+
+
+def _on_a_screen(seen: RunScreen) -> None:
+    clock, screen = WallClock(), Screen(seen.force, seen.above, seen.below)
+    with Live(screen, console=out, auto_refresh=False) as live:
+        for documents in followed(seen.folder, lambda: clock.wait_s(LOOK_S)):
+            seen.take(documents)
+            live.refresh()
+
+
+def _line_by_line(seen: RunScreen) -> None:
+    clock = WallClock()
+    for documents in followed(seen.folder, lambda: clock.wait_s(LOOK_S)):
+        seen.take(documents)
+        out.print("\n".join(line for document in documents for line in _line(document)))
+
+
+def _line(document: Document) -> list[str]:
+    """One for each document but those that only describe others."""
+    if document["doc"] == "descriptor":
+        return []
+    of_an_event = document["doc"] == "event"
+    name, data = (document["stream"], document["data"]) if of_an_event else (document["doc"], document)
+    hidden = () if of_an_event else ("doc", "uid", "seq", "t_s", "unix_s", "parameters")
+    told = ", ".join(f"{key} {value}" for key, value in data.items() if value is not None and key not in hidden)
+    return [f"{document['t_s']:10.3f}  {name:<18}  {told}".rstrip()]
+
+
+def _end(seen: RunScreen) -> list[str]:
+    """How the run ended, or left off."""
+    found = read_run(seen.folder.path)
+    about = alive(summary_of(found), seen.folder.path.parent)
+    ending = ending_of(found, about.state) or {}
+    told = {name: ending.get(name) for name in ("reason_text", "where_text", "next_text", "resume")}
+    lines = [named("state", f"{about.state}, {about.done} of {about.planned} indentations")]
+    names = {"reason_text": "because", "where_text": "where", "next_text": "next"}
+    return lines + [named(names.get(name, name), words) for name, words in told.items() if words]
+
+
+def _now(seen: RunScreen) -> dict[str, Any]:
+    found = read_run(seen.folder.path)
+    about = alive(summary_of(found), seen.folder.path.parent)
+    newest = {name: seen.newest.get(name) for name in ("force_gwt", "doi_mm", "x_mm", "height_mm", "phase")}
+    goes_on = about.state == RUNNING
+    return {
+        "run": str(seen.folder.path),
+        "state": about.state,
+        "done": about.done,
+        "planned": about.planned,
+        **newest,
+        "now_text": seen.now if goes_on else None,
+        "next_text": seen.next if goes_on else None,
+        "left_s": seen.left_s if goes_on else None,
+        "ending": ending_of(found, about.state),
+    }
