@@ -24,7 +24,7 @@ _STOP, _ANSWER = b"#STOP#", b"#TOLD#"
 _DIGEST, _NONCE = 32, 16
 
 
-class _StopSaidError(Exception):
+class _StopReceivedError(Exception):
     """Raised when a stop arrives instead of the reply to a challenge; carries its nonce."""
 
 
@@ -48,7 +48,7 @@ class Wire:
         """Authenticate the client (owner's side); return the nonce of an immediate stop, or None. Raises BROKEN."""
         try:
             deliver_challenge(_Challenging(self, key), key)  # It sends and receives bytes.
-        except _StopSaidError as stop:
+        except _StopReceivedError as stop:
             return bytes(stop.args[0])
         answer_challenge(self, key)  # type: ignore[arg-type]
         return None
@@ -79,12 +79,12 @@ class Wire:
         """
         self.recv_bytes()  # The challenge, which the stop did not wait for.
         lives()
-        answer = _shown(key, _ANSWER + nonce, self.recv_bytes())
+        answer = _verified(key, _ANSWER + nonce, self.recv_bytes())
         if answer is None:
             raise AuthenticationError("the owner does not know the key")
         return _object(answer)
 
-    def told(self, key: bytes, nonce: bytes, answer: bytes) -> None:
+    def answer_stop(self, key: bytes, nonce: bytes, answer: bytes) -> None:
         """Send the reply to a stop (owner's side). Raises OSError."""
         self.send_bytes(_proven(key, _ANSWER + nonce, answer))
 
@@ -105,21 +105,21 @@ class _Challenging:
 
     def recv_bytes(self, most: int) -> bytes:
         message = self._wire.recv_bytes(most)
-        nonce = _shown(self._key, _STOP, message)
+        nonce = _verified(self._key, _STOP, message)
         if nonce is not None:
-            raise _StopSaidError(nonce)
+            raise _StopReceivedError(nonce)
         return message
 
 
-def _proven(key: bytes, kind: bytes, said: bytes) -> bytes:
+def _proven(key: bytes, kind: bytes, data: bytes) -> bytes:
     """Return the data behind a digest that requires the key."""
-    return hmac.digest(key, kind + said, "sha256") + said
+    return hmac.digest(key, kind + data, "sha256") + data
 
 
-def _shown(key: bytes, kind: bytes, message: bytes) -> bytes | None:
+def _verified(key: bytes, kind: bytes, message: bytes) -> bytes | None:
     """Return the data of a message of this kind with a valid digest, else None."""
-    said = message[_DIGEST:]
-    return said if hmac.compare_digest(_proven(key, kind, said), message) else None
+    data = message[_DIGEST:]
+    return data if hmac.compare_digest(_proven(key, kind, data), message) else None
 
 
 def _object(message: bytes) -> dict[str, Any]:

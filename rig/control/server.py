@@ -61,9 +61,9 @@ class ControlSocket:
             undo.enter_context(quick_switches())
             self._note = undo.enter_context(_own_note(self._announcement.pid))
             self._listener = undo.enter_context(_listening(self._note))
-            self._tell()
+            self._write_note()
             undo.callback(self._note.unlink, missing_ok=True)
-            undo.callback(self._no_more)
+            undo.callback(self._wake_waiting)
             for _ in range(_SPARE):
                 self._wait_for_one_more()
             self._undo = undo.pop_all()
@@ -77,14 +77,14 @@ class ControlSocket:
     def tell(self, **changes: Any) -> None:
         """Change the announcement. Raises OSError."""
         self._announcement = self._announcement.model_copy(update=changes)
-        self._tell()
+        self._write_note()
 
-    def _tell(self) -> None:
+    def _write_note(self) -> None:
         """Write the note in one step, readable for this user only."""
-        said = Announced(**dict(self._announcement), address=self._listener.address, key=self._key.hex())
+        announced = Announced(**dict(self._announcement), address=self._listener.address, key=self._key.hex())
         new = self._note.with_suffix(".new")
         with open(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w", encoding="utf-8") as file:
-            file.write(said.model_dump_json())
+            file.write(announced.model_dump_json())
         new.replace(self._note)
 
     def _wait_for_one_more(self) -> None:
@@ -120,7 +120,7 @@ class ControlSocket:
                 self._ending.wait(_AGAIN_S)
         return None
 
-    def _no_more(self) -> None:
+    def _wake_waiting(self) -> None:
         """Wake the waiting threads with connections of our own, and join them."""
         with self._counting:
             self._ending.set()
@@ -140,7 +140,7 @@ class ControlSocket:
                 if nonce is None:
                     wire.send_bytes(self._answer(wire.hear()))
                 else:
-                    wire.told(self._key, nonce, self._answer(STOP))
+                    wire.answer_stop(self._key, nonce, self._answer(STOP))
             except BROKEN:
                 return
 
@@ -162,14 +162,14 @@ def _refused(problem: str, code: str) -> bytes:
 @contextmanager
 def quick_switches() -> Iterator[None]:
     """Limit the delay of waiting threads to SWITCH_S, or a short garbage collection."""
-    before_s, looked_through = sys.getswitchinterval(), gc.get_threshold()
+    before_s, thresholds = sys.getswitchinterval(), gc.get_threshold()
     sys.setswitchinterval(min(SWITCH_S, before_s))
-    if looked_through[0] > SHORT_LOOKS[0]:
+    if thresholds[0] > SHORT_LOOKS[0]:
         gc.set_threshold(*SHORT_LOOKS)
     try:
         yield
     finally:
-        gc.set_threshold(*looked_through)
+        gc.set_threshold(*thresholds)
         sys.setswitchinterval(before_s)
 
 

@@ -38,8 +38,8 @@ class StageInHand:
         """clock: clock of the run."""
         self.clock, self.gate = clock, StopGate()
         self._settings = settings
-        self._kept = io.StringIO()
-        self._log: Sink = self._kept
+        self._buffer = io.StringIO()
+        self._log: Sink = self._buffer
         self._stage: Stage | None = None
         self._wires: list[Transport] = []
         self._lent = False
@@ -48,7 +48,7 @@ class StageInHand:
     @property
     def kept(self) -> str:
         """Byte log lines from outside of a run."""
-        return self._kept.getvalue()
+        return self._buffer.getvalue()
 
     def write(self, text: str, /) -> None:
         """Write a line to the present byte log."""
@@ -72,7 +72,7 @@ class StageInHand:
     def give_back(self) -> None:
         """Take the stage back; its ports stay open for a stop, unless it was stopped."""
         with self._changing:
-            self._lent, self._log = False, self._kept
+            self._lent, self._log = False, self._buffer
             if self._stage is not None and not self._stage.homed:
                 self.close()
 
@@ -169,9 +169,7 @@ class StopSwitch:
     """
 
     def __init__(self, stage: StageInHand | None, interrupt: Callable[[], None]) -> None:
-        """stage: None on a virtual bench, which the main thread stops itself. interrupt: ends the main thread's
-        work.
-        """
+        """stage: None on a virtual bench, which the main thread stops itself. interrupt: ends its work."""
         self._stage, self._interrupt_main = stage, interrupt
         self._one, self._guard = threading.Lock(), threading.Lock()
         self._taken, self._over = True, False
@@ -432,15 +430,15 @@ class _Stopping:
     ) -> None:
         self._settings, self._signal, self._find = settings, signal, find
         self._clock = WallClock()
-        self._told: list[_Told] = []
+        self._recipients: list[_Recipient] = []
         self.result = SentStop(stage_ports(settings.stage))
 
     def stopped(self) -> SentStop:
         """Try the surest and fastest ways first."""
-        self._tell()
+        self._notify()
         if self._by_itself():
             return self._with_answers()
-        if not self._told:
+        if not self._recipients:
             self._signal_owner()
         if self.result.owner is not None:  # Without an owner the port merely cannot be locked.
             self._wait(lambda: self._lives or self._free, BESIDE_S)
@@ -461,18 +459,18 @@ class _Stopping:
 
     # --- owner of the port ---
 
-    def _tell(self) -> None:
+    def _notify(self) -> None:
         """Send the stop to the owner of the port under any name, and to a process that may take it again."""
         ports = self.result.ports
         holders = [owner.pid for port in ports if (owner := port_owner(port)) is not None]
         with suppress(OSError):  # Then no process can be announced there.
             for one in self._find():
                 if not one.virtual and (one.pid in holders or set(one.ports) & set(ports)):
-                    self._tell_one(one)
+                    self._notify_one(one)
 
-    def _tell_one(self, one: Announced) -> None:
+    def _notify_one(self, one: Announced) -> None:
         try:
-            self._told.append(_Told(one))
+            self._recipients.append(_Recipient(one))
         except ControlError as error:  # The signal remains.
             self.result.problems.append(str(error))
         else:
@@ -488,16 +486,16 @@ class _Stopping:
 
     @property
     def _answered(self) -> bool:
-        return any(one.answer is not None for one in self._told)
+        return any(one.answer is not None for one in self._recipients)
 
     @property
     def _lives(self) -> bool:
-        return any(one.lives for one in self._told)
+        return any(one.lives for one in self._recipients)
 
     @property
     def _lets_go(self) -> bool:
         """Whether the owner closes the port: a stopped run does, manual control does not."""
-        return any(one.is_run and one.confirms for one in self._told)
+        return any(one.is_run and one.confirms for one in self._recipients)
 
     @property
     def _free(self) -> bool:
@@ -508,8 +506,8 @@ class _Stopping:
 
     def _with_answers(self) -> SentStop:
         result = self.result
-        result.confirmed_by = next((one.pid for one in self._told if one.confirms), None)
-        for one in self._told:
+        result.confirmed_by = next((one.pid for one in self._recipients if one.confirms), None)
+        for one in self._recipients:
             if one.answer is None:
                 result.problems.append(f"process {one.pid} was told to stop and does not answer")
             elif not one.confirms:
@@ -554,7 +552,7 @@ class _Stopping:
             self.result.state = state
 
 
-class _Told:
+class _Recipient:
     """Process that received the stop over its socket, and its reply, read by another thread."""
 
     def __init__(self, one: Announced) -> None:
@@ -562,8 +560,8 @@ class _Told:
         self.pid, self.is_run = one.pid, one.kind == "run"
         self.lives = False
         self.answer: dict[str, Any] | None = None
-        said = one.say_stop(self._heard)
-        threading.Thread(target=self._listen, args=(said,), name="answer", daemon=True).start()
+        wait_for_reply = one.say_stop(self._noted)
+        threading.Thread(target=self._listen, args=(wait_for_reply,), name="answer", daemon=True).start()
 
     @property
     def confirms(self) -> bool:
@@ -575,7 +573,7 @@ class _Told:
         """Problem that it reports instead."""
         return str((self.answer or {}).get("unconfirmed", ""))
 
-    def _heard(self) -> None:
+    def _noted(self) -> None:
         self.lives = True
 
     def _listen(self, answer: Callable[[float], dict[str, Any]]) -> None:
@@ -586,9 +584,7 @@ class _Told:
 
 
 class _Way:
-    """Transport of the stage for one stop, opened by its first byte, so that none waits for a port that does not
-    open.
-    """
+    """Transport of the stage for one stop, opened by its first byte; none waits for another that does not open."""
 
     def __init__(self, port: str, wires: "_Wires") -> None:
         self.name, self._wires = port, wires
@@ -635,5 +631,5 @@ class _Wires:
 
     def open(self, port: str) -> Transport:
         """Open a port. Raises TransportError."""
-        told = self._settings
-        return open_port(port, told.baud, character=told.character, dtr=told.dtr, owned=self._owned)
+        settings = self._settings
+        return open_port(port, settings.baud, character=settings.character, dtr=settings.dtr, owned=self._owned)

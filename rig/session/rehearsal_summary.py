@@ -151,12 +151,12 @@ class Page:
         presses = self._plan.presses
         counts = {"indentations": len(presses["data"]), "touches": len(self._plan.touches)}
         counts |= {"preconditioning presses": len(presses["precondition"]), "references": len(presses["reference"])}
-        told = ", ".join(f"{number} {what}" for what, number in counts.items() if number) or "nothing to press"
+        summary = ", ".join(f"{number} {what}" for what, number in counts.items() if number) or "nothing to press"
         before = self.session.before
         return (
-            told
+            summary
             if before is None
-            else f"{told}, the rest of {before.start['planned_indentations']} planned indentations"
+            else f"{summary}, the rest of {before.start['planned_indentations']} planned indentations"
         )
 
     @property

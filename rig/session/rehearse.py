@@ -140,7 +140,7 @@ def rehearsed(script: Script, config: Config, finger: Finger, plan: Plan, before
     EngineError
         If the script would not reach its end.
     """
-    believed = with_stand_ins(config.model_copy(update={"virtual": VirtualSettings()}))
+    settings = with_stand_ins(config.model_copy(update={"virtual": VirtualSettings()}))
     clock = VirtualClock()
     plants: list[SpringPlant] = []
 
@@ -148,11 +148,11 @@ def rehearsed(script: Script, config: Config, finger: Finger, plan: Plan, before
         plants.append(SpringPlant(carriage))
         return plants[0]
 
-    bench = bench_around(make_plant, believed, clock, io.StringIO())
+    bench = bench_around(make_plant, settings, clock, io.StringIO())
     timeline = Timeline(clock.monotonic_s)
-    engine = Engine(believed, bench, timeline, plan.soft_trip_n)
+    engine = Engine(settings, bench, timeline, plan.soft_trip_n)
     where = str if before is None else partial(kept_in, before.folder.path)
-    walk = Walk(believed, FingerModel(finger, plan.predictions, where, config.met))
+    walk = Walk(settings, FingerModel(finger, plan.predictions, where, config.met))
     handler: Handler = Rehearsing(engine, walk, plants[0])
     if before is not None:
         verbs.home(engine)

@@ -75,7 +75,7 @@ def _never_planned(run: Run) -> bool:
     return not run.start["planned_indentations"] and stopped_while == "planning"
 
 
-def _learned(folder: RunFolder) -> str:
+def _results(folder: RunFolder) -> str:
     """Return where the results of an identification are, in words."""
     page = folder.path / MEETING_PAGE
     return f"its result is in its finger file and in {page}" if page.exists() else "its presses remain in its journal"
@@ -96,7 +96,7 @@ def _read(folder: RunFolder) -> StoppedRun:
             "run folder {path}: an identification cannot be resumed; repeat `rig meet`. In this run, {left}",
             code="meeting",
             path=str(folder.path),
-            left=_learned(folder),
+            left=_results(folder),
         )
     copy = folder.path / "protocol.py"
     run = read_run(folder.path) if mend_journal(folder.events) else None
@@ -182,7 +182,7 @@ _PACKAGES = ("indentation-rig", "numpy", "scipy", "h5py", "pydantic", "matplotli
 def provenance(
     script: Script, config: Config, finger: Finger | None, now: datetime, *, virtual: bool, subject: str | None = None
 ) -> dict[str, Any]:
-    """Return the provenance of a run as JSON, for `rig resume` and later readers; finger: None before it is loaded."""
+    """Return the provenance of a run, for `rig resume` and later readers; finger: None before it is loaded."""
     prefix = "virtual " if virtual else ""
     return {
         "started_utc": now.isoformat(timespec="seconds"),

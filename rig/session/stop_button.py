@@ -197,7 +197,7 @@ def stop_inputs_heeded(settings: BenchSettings, engine: Engine, button: StopButt
     if stop.kind == "off" and not stop.inputs:
         yield
         return
-    engine.stop_problem = _Look(stop, engine, button)
+    engine.stop_problem = _StopInputCheck(stop, engine, button)
     try:
         yield
     # The controller stopped first and reported it: by an alarm, while homing.
@@ -210,7 +210,7 @@ def stop_inputs_heeded(settings: BenchSettings, engine: Engine, button: StopButt
         raise
 
 
-class _Look:
+class _StopInputCheck:
     """Check made with each reading: at rest the controller is polled, in motion its last status counts."""
 
     def __init__(self, stop: StopSettings, engine: Engine, button: StopButton | None) -> None:
@@ -219,7 +219,7 @@ class _Look:
         # A board reports both in one line.
         self._with_its_state = bool({"door", "hold"} & set(stop.inputs.values()))
 
-    def _asked(self, *, anew: bool) -> tuple[frozenset[str], bool]:
+    def _poll(self, *, anew: bool) -> tuple[frozenset[str], bool]:
         """Return the active inputs, and whether the controller is held."""
         stage = self._engine.bench.stage
         held = is_held(stage.status().state) if anew and self._with_its_state else False
@@ -235,7 +235,7 @@ class _Look:
             )
         if not self._stop.inputs:
             return None
-        active, held = self._engine.guarded(lambda: self._asked(anew=at_rest))
+        active, held = self._engine.guarded(lambda: self._poll(anew=at_rest))
         if self._stop.trip_input in active:
             return _by_the_relay(self._stop)
         if self._stop.kind == "board":
