@@ -162,7 +162,7 @@ def with_stand_ins(config: Config) -> Config:
     """Replace devices without a virtual twin by the default types, for a rehearsal."""
     stage = None if kind_of(config.stage).twin else DEFAULTS["stage"]
     force = None if kind_of(config.force).twin else DEFAULTS["force"]
-    sync = config.sync if stage is None else SyncSettings()  # whose outputs are others
+    sync = config.sync if stage is None else SyncSettings()  # Its outputs differ.
     return with_kinds(config, stage, force).model_copy(update={"sync": sync})
 
 
@@ -193,7 +193,7 @@ def _twin(entry: DeviceKind) -> Callable[..., Any]:
     module, _, function = entry.twin.partition(":")
     try:
         twin: Callable[..., Any] = getattr(import_module(module), function)
-    except (Exception, SystemExit) as error:  # importing a package may raise anything
+    except (Exception, SystemExit) as error:  # Importing a package may raise anything.
         raise BadInputError(
             "{what}: its virtual twin {twin} cannot be loaded: {exception}: {problem}",
             code="twin_not_loaded",
@@ -243,7 +243,7 @@ class VirtualBench:
     pause: Pause
     virtual: Literal[True] = True
     board: VirtualStage | None = None
-    shape_files: Path | None = None  # the folder of the run, which has its own copies of them
+    shape_files: Path | None = None  # folder of the run, with its copies of shape files
 
     @property
     def operator(self) -> Self:
@@ -311,7 +311,7 @@ def bench_around(
 
     gate: gate between the stage and its driver, which a stop closes.
     """
-    config = with_framing(config, "rtu")  # there is one wire, whatever ports the configuration names
+    config = with_framing(config, "rtu")  # There is one wire, whatever ports are configured.
     stage_line = SerialLine(clock, config.stage.baud)
     force_line = SerialLine(clock, config.force.baud)
     board = virtual_stage(clock, stage_line, config)

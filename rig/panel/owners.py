@@ -1,4 +1,4 @@
-"""Processes that own ports, the one behind the panel among them, and which tab has the controls."""
+"""Processes that own ports, including the panel's own one, and the tab that has control."""
 
 import asyncio
 import subprocess
@@ -16,11 +16,11 @@ from rig.control.client import ControlError, RefusedError
 from rig.errors import RigError
 
 STOP_S = 3.0
-"""Time (s) for which the panel polls an owner after a stop, until the drives report that they stand."""
+"""Time for an owner to confirm a stop (s), until the drives report rest."""
 
 
 class Owner(Protocol):
-    """A process that owns ports (rig/control/client.py: Announced)."""
+    """Process that owns ports (rig/control/client.py: Announced)."""
 
     @property
     def pid(self) -> int: ...
@@ -36,11 +36,11 @@ class Owner(Protocol):
     def began_unix_s(self) -> float: ...
 
     def ask(self, do: str, *, within_s: float = ..., **more: Any) -> dict[str, Any]:
-        """Its answer. Raises RefusedError, ControlError."""
+        """Return the reply. Raises RefusedError, ControlError."""
         ...
 
     def say_stop(self) -> Callable[[float], dict[str, Any]]:
-        """Send a stop without waiting; the returned function waits for the answer. Raises ControlError."""
+        """Send a stop without waiting; the returned function waits for the reply. Raises ControlError."""
         ...
 
 
@@ -53,7 +53,7 @@ def shown(owners: Sequence[Owner]) -> Owner | None:
 
 
 def owner_told(owner: Owner, status: dict[str, Any] | None) -> dict[str, Any]:
-    """`owner` of the state; status: its last answer, None where it gave none."""
+    """Return `owner` of the state; status: its last reply, or None."""
     return {
         "kind": owner.kind,
         "pid": owner.pid,
@@ -67,18 +67,18 @@ def owner_told(owner: Owner, status: dict[str, Any] | None) -> dict[str, Any]:
 
 
 def run_of(owner: Owner) -> Path | None:
-    """The folder of the owner's run, once it exists."""
+    """Return the folder of the owner's run, once it exists."""
     return None if owner.run is None else Path(owner.run)
 
 
 class NobodyError(RigError):
-    """No owner exists for the request."""
+    """Error of a request without an owner."""
 
     default_code = "nobody"
 
 
 def asked(owner: Owner | None, kind: str, do: str, within_s: float, **more: Any) -> dict[str, Any]:
-    """An owner's answer. Raises NobodyError where it is none of that kind, RefusedError, ControlError."""
+    """Return an owner's reply. Raises NobodyError if its kind is another, RefusedError, ControlError."""
     if owner is None or owner.kind != kind:
         if kind == "run":
             raise NobodyError("no protocol is running", code="no_run")
@@ -87,7 +87,7 @@ def asked(owner: Owner | None, kind: str, do: str, within_s: float, **more: Any)
 
 
 Said = Mapping[int, Callable[[float], dict[str, Any]]]
-"""Owners that were requested to stop, by process, with the functions that receive their answers."""
+"""Owners that received a stop, by process, with the functions that wait for their replies."""
 
 
 def say_stop(owners: Sequence[Owner]) -> Said:
@@ -100,9 +100,9 @@ def say_stop(owners: Sequence[Owner]) -> Said:
 
 
 def stop_all(owners: Sequence[Owner], said: Said, pool: ThreadPoolExecutor) -> dict[str, Any]:
-    """Stop the remaining owners in parallel, and return the answers of all.
+    """Stop the remaining owners in parallel, and return the result for all.
 
-    Raises NobodyError without an owner, ControlError if one does not answer, RefusedError if all refuse.
+    Raises NobodyError without an owner, ControlError if one does not respond, RefusedError if all refuse.
     """
     there = _to_be_stopped(owners)
     if not there:
@@ -142,7 +142,7 @@ _LOOK_S = 0.05
 
 
 class NotTakenError(RigError):
-    """The bench could not be taken. One line."""
+    """Error of manual control that did not start or end."""
 
     default_code = "not_taken"
 
@@ -153,7 +153,7 @@ def words(config: Path | None) -> list[str]:
 
 
 class ByHandProcess:
-    """At most one; it owns the ports, and ends with this process."""
+    """Process of manual control, at most one; it owns the ports, and ends with the panel."""
 
     def __init__(self, config: Path | None, find: Find) -> None:
         self._config, self._find = config, find
@@ -192,7 +192,7 @@ class ByHandProcess:
         raise NotTakenError("manual control did not end within {within_s:g} s", code="not_left", within_s=READY_S)
 
     def leave(self) -> None:
-        """Have it leave the bench, where it is there."""
+        """End manual control, if it runs."""
         if self._process is None or self._process.poll() is not None:
             return
         for owner in self._find():
@@ -218,13 +218,13 @@ class ByHandProcess:
         return said[-1].removeprefix("rig: ") if said else ""
 
     def _begun(self) -> "subprocess.Popen[bytes]":
-        self._said = tempfile.TemporaryFile()  # noqa: SIM115  # until it is forgotten
+        self._said = tempfile.TemporaryFile()  # open until forget()
         return subprocess.Popen(
             words(self._config),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=self._said,
-            start_new_session=True,  # Ctrl-C is the panel's
+            start_new_session=True,  # Ctrl-C ends the panel, not this process.
         )
 
     def _announced(self) -> bool:
@@ -234,11 +234,11 @@ class ByHandProcess:
 
 
 GONE_S = 5.0
-"""Time in s after which a tab that sends no requests counts as closed."""
+"""Time after which a tab that sends no requests counts as closed (s)."""
 
 
 class Tabs:
-    """The tabs that monitor the rig, and the tab that has control."""
+    """Tabs that monitor the rig, and the tab that has control."""
 
     def __init__(self) -> None:
         self.holder: str | None = None
@@ -251,7 +251,7 @@ class Tabs:
         self._looking[tab] += 1
 
     def closed(self, tab: str, now_s: float) -> None:
-        """It does so no more."""
+        """Remove a tab."""
         self._looking[tab] -= 1
         if self._looking[tab] <= 0:
             del self._looking[tab]
@@ -259,7 +259,7 @@ class Tabs:
             self._heard_s = now_s
 
     def take(self, tab: str, now_s: float) -> None:
-        """The controls are its own from here on."""
+        """Give a tab control."""
         if tab != self.holder:
             self._released = 0
         self.holder, self._heard_s = tab, now_s
@@ -273,12 +273,12 @@ class Tabs:
         return tab == self.holder
 
     def look(self, now_s: float) -> None:
-        """Whoever has left gives the controls back."""
+        """Release the control of a tab that was closed."""
         if self.holder is not None and self.holder not in self._looking and now_s - self._heard_s > GONE_S:
             self.holder = None
 
     def release(self, press: int) -> None:
-        """A button was let go; nothing more comes of what was pressed before."""
+        """Record the release of a button, which cancels all earlier presses."""
         self._released = max(self._released, press)
 
     def is_released(self, press: int) -> bool:

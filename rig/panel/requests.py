@@ -30,18 +30,18 @@ _STATUS = {"no_such_run": 404, "no_such_file": 404, "body_too_large": 413, "cont
 
 
 class RequestError(RigError):
-    """A request that is not understood, or for something that there is not. One line."""
+    """Error of an invalid request, or of one for a missing run or file."""
 
     default_code = "bad_request"
 
     @property
     def status(self) -> int:
-        """Of HTTP."""
+        """HTTP status."""
         return _STATUS.get(self.code, 400)
 
 
 async def body_of(request: Request) -> dict[str, Any]:
-    """The JSON object that was sent. Raises RequestError."""
+    """Return the JSON object of a request. Raises RequestError."""
     if request.headers.get("content-type", "").partition(";")[0].strip() != "application/json":
         raise RequestError("content-type: must be application/json", code="content_type")
     found = bytearray()
@@ -67,7 +67,7 @@ def _not_understood(code: str, key: str, expected: str) -> RequestError:
 
 
 class HeldButton(NamedTuple):
-    """A button that is down: which way, how fast, which press of it, and when the page said so."""
+    """Button that is held: axis, sign, speed, number of the press, and time by the page."""
 
     axis: Literal["x", "y", "z"]
     sign: Literal[-1, 1]
@@ -77,7 +77,7 @@ class HeldButton(NamedTuple):
 
     @classmethod
     def of(cls, body: Mapping[str, Any]) -> "HeldButton":
-        """Raises RequestError."""
+        """Validate a request. Raises RequestError."""
         axis, sign = body.get("axis"), body.get("sign")
         if axis not in _AXES:
             raise _not_understood("unknown_choice", "axis", "x, y or z")
@@ -90,7 +90,7 @@ class HeldButton(NamedTuple):
 
 
 def number(name: str, body: Mapping[str, Any]) -> float:
-    """A finite one. Raises RequestError."""
+    """Return a finite number. Raises RequestError."""
     found = body.get(name)
     if isinstance(found, bool) or not isinstance(found, int | float) or not abs(found) <= _LARGEST:
         raise _not_understood("not_a_number", name, "a number")
@@ -98,7 +98,7 @@ def number(name: str, body: Mapping[str, Any]) -> float:
 
 
 def whole(name: str, body: Mapping[str, Any]) -> int:
-    """A whole number from 0. Raises RequestError."""
+    """Return a whole number from 0. Raises RequestError."""
     found = body.get(name)
     if type(found) is not int or found < 0:
         raise _not_understood("not_whole", name, "a whole number")
@@ -106,7 +106,7 @@ def whole(name: str, body: Mapping[str, Any]) -> int:
 
 
 def flag(name: str, body: Mapping[str, Any]) -> bool:
-    """True or false, which it is where nothing is said. Raises RequestError."""
+    """Return a Boolean, false by default. Raises RequestError."""
     found = body.get(name, False)
     if type(found) is not bool:
         raise _not_understood("not_a_flag", name, "true or false")
@@ -118,21 +118,21 @@ Given = TypeVar("Given")
 
 
 class Few:
-    """So many at once, each in a thread; what comes while all are busy is refused, and waits nowhere."""
+    """Thread pool that rejects work when all threads are busy."""
 
     def __init__(self, threads: int, name: str, problem: str, code: str = "busy") -> None:
-        """problem, code: the answer while all threads are busy."""
+        """problem, code: reply while all threads are busy."""
         self._pool, self._problem, self._code = ThreadPoolExecutor(threads, name), problem, code
         self._idle = threading.Semaphore(threads)
 
     def begin(self, do: Callable[[], Answer]) -> "asyncio.Future[Answer]":
-        """Have it done. Raises ControlError."""
+        """Run a function in a thread. Raises ControlError."""
         return self.begin_behind(lambda: None, lambda _: do())
 
     def begin_behind(self, first: Callable[[], Given], do: Callable[[Given], Answer]) -> "asyncio.Future[Answer]":
-        """Have it done with what comes of `first`, which is done here and now: a thread may wait for its turn.
+        """Call `first` in this thread at once, and pass its result to `do` in another one, which may have to wait.
 
-        Raises ControlError, and then neither is done.
+        Raises ControlError, and then calls neither.
         """
         if not self._idle.acquire(blocking=False):
             raise ControlError(self._problem, code=self._code)
@@ -149,7 +149,7 @@ Body = Mapping[str, Any]
 PostAnswer = Mapping[str, Any]
 
 HELD_S = 0.25
-"""Age in s from which a press of a button no longer counts."""
+"""Age from which a press of a button no longer counts (s)."""
 _ANSWER_S, _HOLD_S, _STOP_S = 1.0, 0.2, 0.25
 _THREADS, _MOST_STOPS = 4, 16
 _MOST_HELD = 3
@@ -159,7 +159,7 @@ _NOT_YET_CODE = "not_answered_yet"
 
 
 class Posts:
-    """The requests that change something, of pages that were let in."""
+    """Handlers of the requests that change something."""
 
     def __init__(self, watcher: Watcher, bench: ByHandProcess) -> None:
         self._watcher, self._bench = watcher, bench
@@ -172,7 +172,7 @@ class Posts:
 
     @property
     def routes(self) -> list[Route]:
-        """Every one of them."""
+        """Routes of all requests."""
         with_controls: dict[str, Callable[[str, Body], Awaitable[PostAnswer]]] = {
             "pause": self._of_the_run("pause"),
             "go_on": self._of_the_run("go_on"),
@@ -187,10 +187,10 @@ class Posts:
         free = {"stop": self._stop, "take": self._take}
         return routes + [Route(f"/{name}", self._answered(do), methods=["POST"]) for name, do in free.items()]
 
-    # --- how they are answered ---
+    # --- replies ---
 
     def _guarded(self, do: Callable[[str, Body], Awaitable[PostAnswer]]) -> Callable[[Request], Awaitable[Response]]:
-        """Only for the tab that has the controls."""
+        """Allow a request only from the tab that has control."""
 
         async def guarded(tab: str, body: Body) -> PostAnswer:
             if not self._watcher.tabs.may(tab, self._watcher.clock.monotonic_s()):
@@ -213,7 +213,7 @@ class Posts:
 
         return answered
 
-    # --- what is done ---
+    # --- actions ---
 
     async def _take(self, tab: str, body: Body) -> PostAnswer:
         self._watcher.tabs.take(tab, self._watcher.clock.monotonic_s())
@@ -222,7 +222,7 @@ class Posts:
     async def _stop(self, tab: str, body: Body) -> PostAnswer:
         """Send the stop at once, in this thread, to every known owner.
 
-        Other threads find new owners and wait shortly for the answers.
+        Other threads find new owners and wait briefly for the replies.
         """
         asking = self._stopping.begin_behind(lambda: say_stop(self._watcher.owners), self._stop_all)
         done, _ = await asyncio.wait({asking}, timeout=_STOP_S)
@@ -234,7 +234,7 @@ class Posts:
         return answer
 
     def _stop_all(self, said: Said) -> PostAnswer | NobodyError | ControlError:
-        """Return the outcome of a stop; a failure is an answer too, since the page may have gone."""
+        """Return the result of a stop; a failure is also returned, since the page may have gone."""
         try:
             owners = self._watcher.find()
         except OSError:
@@ -293,7 +293,7 @@ class Posts:
                 )
 
     async def _hold(self, tab: str, body: Body) -> PostAnswer:
-        """Passed on at once and while it is fresh: nothing that waited somewhere moves anything."""
+        """Forward the signal at once and only while it is fresh, so that no delayed signal moves the stage."""
         button = HeldButton.of(body)
         if self._watcher.tabs.is_released(button.press):
             raise NobodyError("the button was released; press it again", code="let_go")
@@ -316,14 +316,14 @@ class Posts:
         return await self._asked(self._asking, "by hand", "release", _ANSWER_S, tab=tab, press=press)
 
     def _asked(self, few: Few, kind: str, do: str, within_s: float, **more: Any) -> Awaitable[PostAnswer]:
-        """Return the answer of the shown owner. Raises ControlError if too many requests are pending."""
+        """Return the reply of the shown owner. Raises ControlError if too many requests are pending."""
         return few.begin(partial(asked, self._watcher.owner, kind, do, within_s, **more))
 
 
 def _sent_where_nobody_lives(
     settings: BenchSettings, owners: Sequence[Owner], answered: threading.Event
 ) -> SentStop | None:
-    """Send the stop directly to the drives if no owner answers at once; None if one does."""
+    """Send the stop directly to the drives if no owner responds at once; None if one does."""
     if owners and answered.wait(BESIDE_S):
         return None
     of_the_bench = [one for one in owners if set(one.ports) & set(stage_ports(settings.stage))]

@@ -1,4 +1,4 @@
-"""The runs that there are, and the files of each: below one folder, and nothing else."""
+"""Runs below one folder, and their files."""
 
 import asyncio
 import mimetypes
@@ -31,7 +31,7 @@ class RunFiles:
         self._out = out
 
     async def catalogue(self, request: Request) -> Response:
-        """GET /runs.json: the newest first, by subject, shape, protocol, state; limit."""
+        """Handle GET /runs.json: the newest first, filtered by subject, shape, protocol and state; limit."""
         asked = request.query_params
         limit = asked.get("limit", str(_MOST_RUNS))
         if not (limit.isascii() and limit.isdecimal()):
@@ -52,12 +52,12 @@ class RunFiles:
         return {"runs": runs[:limit], "of": len(runs), "unreadable": broken, "problem": None}
 
     async def files(self, request: Request) -> Response:
-        """GET /runs/NAME/: what files it has."""
+        """Handle GET /runs/NAME/: the files of a run."""
         folder = await asyncio.to_thread(self._folder, request.path_params["name"])
         return JSONResponse({"files": await asyncio.to_thread(_files, folder)})
 
     async def file(self, request: Request) -> Response:
-        """GET /runs/NAME/FILE: as long as it is now, and allowed nothing where it is shown."""
+        """Handle GET /runs/NAME/FILE: the file at its present length, with a policy that allows nothing."""
         folder = await asyncio.to_thread(self._folder, request.path_params["name"])
         path = await asyncio.to_thread(_plain_file, folder, request.path_params["file"])
         size = path.stat().st_size
@@ -74,10 +74,10 @@ class RunFiles:
 
 
 class _Closing(StreamingResponse):
-    """Whoever leaves in the middle leaves no file open."""
+    """Response that closes its file when the client leaves."""
 
     async def stream_response(self, send: Send) -> None:
-        """Send it."""
+        """Send the body, and close it in any case."""
         assert isinstance(self.body_iterator, AsyncGenerator)
         async with aclosing(self.body_iterator):
             await super().stream_response(send)
@@ -89,7 +89,7 @@ def _named(name: str) -> bool:
 
 
 def _plain_file(folder: Path, name: str) -> Path:
-    """A file that lies in a folder itself; no link. Raises RequestError."""
+    """Return a regular file in a folder, not a link. Raises RequestError."""
     path = folder / name
     try:
         there = _named(name) and stat.S_ISREG(path.lstat().st_mode)
@@ -112,7 +112,7 @@ def _type_of(path: Path) -> str:
 
 
 async def _pieces(path: Path, size: int) -> AsyncGenerator[bytes, None]:
-    """So many bytes; a journal may grow meanwhile."""
+    """Yield a number of bytes; a journal may grow meanwhile."""
     with await asyncio.to_thread(path.open, "rb") as file:
         while size > 0 and (piece := await asyncio.to_thread(file.read, min(size, _CHUNK))):
             size -= len(piece)

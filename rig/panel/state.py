@@ -1,4 +1,4 @@
-"""Watch the owners of ports and the run in progress, and send pages what changes."""
+"""State of the rig for pages: the owners of ports, and the run in progress."""
 
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
@@ -29,14 +29,14 @@ class SeenBench:
         self.path, self._config = path, config
         self._status: Mapping[str, Any] = {}
         self.owner: int | None = None
-        self.since = 0  # its first reading that was not told yet
+        self.since = 0  # first reading that is not yet sent
 
     def begin(self, owner: int) -> None:
-        """A process has the bench from here on."""
+        """Follow another process of manual control."""
         self.owner, self.since, self._status = owner, 0, {}
 
     def since_of(self, owner: int) -> int:
-        """Return the time from which readings of a process are new."""
+        """Return the number from which readings of a process are new."""
         return self.since if owner == self.owner else 0
 
     @property
@@ -56,11 +56,11 @@ class SeenBench:
 
     @property
     def job(self) -> Job | None:
-        """The finger alone, since the mounted indentor is unknown."""
+        """Drawing of the finger alone, since the mounted indentor is unknown."""
         return None if self.path is None else Job(self.path)
 
     def heard(self, status: Mapping[str, Any] | None) -> list[Row]:
-        """Store the answer of the owner, None without one, and return its new readings."""
+        """Store the reply of the owner, None without one, and return its new readings."""
         if status is None:
             return []
         self._status = status
@@ -72,7 +72,7 @@ class SeenBench:
         return [[row[place] for place in places] for row in new["rows"]]
 
     def newest_told(self, unix_s: float) -> dict[str, Any]:
-        """`newest` of the state."""
+        """Return `newest` of the state."""
         status = self._status
         force_gwt, read_s = status.get("force_gwt"), status.get("read_unix_s")
         return {
@@ -87,7 +87,7 @@ class SeenBench:
         }
 
     def devices_told(self, unix_s: float) -> dict[str, Any]:
-        """`devices` of the state."""
+        """Return `devices` of the state."""
         status = self._status
         force = "no data" if status.get("force_gwt") is None else "zeroed" if status.get("zeroed") else "reads"
         return {
@@ -103,12 +103,12 @@ class SeenBench:
         }
 
     def limits_told(self) -> dict[str, Any] | None:
-        """`limits` of the state."""
+        """Return `limits` of the state."""
         return None if self._config is None else limits_told(self._config, None, self._status.get("force_gwt"))
 
 
 LOOK_S, ASK_S, FIND_S, BEAT_S = 0.05, 0.1, 1.0, 0.4
-"""Periods (s): polling of a journal, polling of an owner, search for runs, and repetition of an unchanged state."""
+"""Periods (s): journal poll, owner poll, search for runs, repetition of an unchanged state."""
 STATUS_S = 0.5
 """Longest wait for a request for the state (s)."""
 _NOTICES = {
@@ -133,7 +133,7 @@ class Watcher:
     owners: Sequence[Owner] = ()
     run: SeenRun | None = None
     problem: str = ""
-    last_words: Callable[[], str] = str  # of a process by hand that has ended
+    last_words: Callable[[], str] = str  # of an ended process of manual control
 
     def __post_init__(self) -> None:
         self._asking, self._reading = ThreadPoolExecutor(2, "asking"), ThreadPoolExecutor(1, "reading")
@@ -145,12 +145,12 @@ class Watcher:
 
     @property
     def owner(self) -> Owner | None:
-        """The one that is shown."""
+        """Owner that the pages show."""
         return shown(self.owners)
 
     @property
     def job(self) -> Job | None:
-        """Return what the page draws."""
+        """Job of the drawing."""
         if self.run is not None:
             return self.run.job
         return self.bench.job
@@ -161,10 +161,10 @@ class Watcher:
             for each_s, look in ((ASK_S, self.ask), (LOOK_S, self.read), (LOOK_S, self.beat)):
                 loops.create_task(_again(each_s, look))
 
-    # --- what is known ---
+    # --- polling ---
 
     async def ask(self) -> None:
-        """Who is there, and the state of the one that is shown."""
+        """Poll the owners, and the state of the shown one."""
         loop, status = asyncio.get_running_loop(), None
         try:
             owners, problem = await loop.run_in_executor(self._asking, self.find), ""
@@ -179,7 +179,7 @@ class Watcher:
             self.outlet.add(self.bench.heard(status))
 
     def _show_hand(self, owner: Owner) -> None:
-        """Readings are those of by hand from here on."""
+        """Show readings of manual control from now on."""
         if self.outlet.source != HAND or self.bench.owner != owner.pid:
             self.run, self._run_told = None, None
             self.bench.begin(owner.pid)
@@ -222,7 +222,7 @@ class Watcher:
         self.outlet.begin(NOTHING if run is None else run.source)
         self._tell_schedule([])
 
-    # --- what is told ---
+    # --- publishing ---
 
     def _tell_schedule(self, steps: list[dict[str, Any]]) -> None:
         if steps != self._schedule:
@@ -231,7 +231,7 @@ class Watcher:
             self.outlet.publish("schedule", {"unix_s": self.clock.unix_s(), "run": run, "steps": steps})
 
     async def beat(self) -> None:
-        """The state, where something in it has changed, and twice a second if not."""
+        """Publish the state when it changes, and twice a second."""
         now_s, unix_s = self.clock.monotonic_s(), self.clock.unix_s()
         self.tabs.look(now_s)
         state = self.state(unix_s)
@@ -241,7 +241,7 @@ class Watcher:
             self.outlet.publish("state", state)
 
     def state(self, unix_s: float) -> dict[str, Any]:
-        """All of it but readings and pictures; ages are those of now."""
+        """Return the state, except readings and drawings."""
         owner, status = self.owner, self._status
         by_hand = status is not None and owner is not None and owner.kind == "by hand"
         hand = {name: told for name, told in status.items() if name != "readings"} if status and by_hand else None
@@ -270,7 +270,7 @@ def _status_of(owner: Owner, since: int) -> dict[str, Any] | None:
 
 
 def _marks(state: dict[str, Any]) -> object:
-    """Return the values whose change is sent at once, without numbers that always change."""
+    """Return the values whose change is published at once, without numbers that always change."""
     run, hand = state["run"] or {}, state["hand"] or {}
     steady = [state[name] for name in ("controls", "owner", "notice", "problem")]
     of_the_run = {name: told for name, told in run.items() if name != "left_s"}

@@ -1,4 +1,4 @@
-"""Events for the pages that monitor the rig; each has its own queue, so that a slow page delays no other."""
+"""Events for pages; each page has its own queue, so that a slow one delays no other."""
 
 import asyncio
 import json
@@ -12,12 +12,12 @@ from starlette.types import Message, Receive, Send
 
 MOST_STREAMS = 4
 """Maximum number of streams: a browser has six connections to a host for all its tabs, and two remain for STOP and
-others."""
+others.
+"""
 MOST_ROWS = 20_000
-"""Number of readings that are stored for a page that does not fetch them: several hundred seconds at fifty per
-second."""
+"""Number of readings stored for a page that does not fetch them: several hundred seconds at fifty per second."""
 SHOWN_S = 60.0
-"""Run time (s) that a page gets of the past when it opens."""
+"""Past run time that a new page receives (s)."""
 
 Row = Sequence[Any]
 
@@ -35,7 +35,7 @@ NOTHING = ReadingSource(None, ())
 
 
 def as_event(kind: str, told: Mapping[str, Any]) -> str:
-    """One server-sent event."""
+    """Return a server-sent event."""
     return f"event: {kind}\ndata: {json.dumps(told, allow_nan=False, separators=(',', ':'))}\n\n"
 
 
@@ -56,7 +56,7 @@ class Onlooking:
         self.woken.set()
 
     def add(self, rows: Sequence[Row]) -> None:
-        """Readings; the oldest are dropped, and counted, where there is no room."""
+        """Add readings; drop and count the oldest beyond the limit."""
         self.rows.extend(rows)
         while len(self.rows) > MOST_ROWS:
             self.rows.popleft()
@@ -64,13 +64,13 @@ class Onlooking:
         self.woken.set()
 
     def begin(self, source: ReadingSource) -> None:
-        """Start with readings of another source; remaining old ones are dropped."""
+        """Start with readings of another source, and drop the old ones."""
         self.source, self.reset = source, True
         self.rows.clear()
         self.woken.set()
 
     def taken(self, unix_s: float) -> str:
-        """All that waits, as events."""
+        """Return all pending events."""
         self.woken.clear()
         found = "".join(self.latest.values())
         self.latest.clear()
@@ -90,7 +90,7 @@ class Onlooking:
 
 
 class Outlet:
-    """Sends new events to every page, and the current state to a new page."""
+    """Publisher that sends new events to every page, and the current state to a new page."""
 
     def __init__(self) -> None:
         self.clients: list[Onlooking] = []
@@ -99,24 +99,24 @@ class Outlet:
         self.source, self._rows = NOTHING, deque[Row](maxlen=MOST_ROWS)
 
     def publish(self, kind: str, told: Mapping[str, Any]) -> None:
-        """A state, a schedule, a prediction or a section."""
+        """Publish a state, a schedule, a prediction or a section."""
         self._latest[kind] = event = as_event(kind, told)
         for client in self.clients:
             client.put(kind, event)
 
     def forget(self, kind: str) -> None:
-        """There is none any more, for pages that come."""
+        """Stop sending this kind to new pages."""
         self._latest.pop(kind, None)
 
     def begin(self, source: ReadingSource) -> None:
-        """Readings of something else."""
+        """Start with readings of another source."""
         self.source = source
         self._rows.clear()
         for client in self.clients:
             client.begin(source)
 
     def add(self, rows: Sequence[Row]) -> None:
-        """New readings of the source."""
+        """Publish new readings of the source."""
         if not rows:
             return
         self._rows.extend(rows)
@@ -127,19 +127,19 @@ class Outlet:
             client.add(rows)
 
     def close(self) -> None:
-        """Send nothing more."""
+        """End all streams."""
         self.closed = True
         for client in self.clients:
             client.woken.set()
 
     @property
     def full(self) -> bool:
-        """Return whether the maximum number of pages is reached."""
+        """Whether the maximum number of pages is reached."""
         return len(self.clients) >= MOST_STREAMS
 
     @contextmanager
     def joined(self) -> Iterator[Onlooking]:
-        """One more page, until it leaves."""
+        """Add a page until it leaves."""
         client = Onlooking(self.source, deque(self._rows), dict(self._latest))
         client.woken.set()
         self.clients.append(client)
@@ -152,7 +152,7 @@ class Outlet:
 async def stream(
     outlet: Outlet, client: Onlooking, receive: Receive, send: Send, unix_s: Callable[[], float]
 ) -> None:
-    """Send a page what waits for it until it goes away or the outlet is closed."""
+    """Send a page its events until it leaves or the outlet is closed."""
     tasks = {asyncio.create_task(_gone(receive)), asyncio.create_task(_write(outlet, client, send, unix_s))}
     try:
         await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
