@@ -47,7 +47,7 @@ class Wire:
     def challenge(self, key: bytes) -> bytes | None:
         """Authenticate the client (owner's side); return the nonce of an immediate stop, or None. Raises BROKEN."""
         try:
-            deliver_challenge(_Challenging(self, key), key)  # It sends and receives bytes.
+            deliver_challenge(_Challenging(self, key), key)  # type: ignore[arg-type]  # has the two methods
         except _StopReceivedError as stop:
             return bytes(stop.args[0])
         answer_challenge(self, key)  # type: ignore[arg-type]

@@ -203,7 +203,7 @@ _DIGITS = 4
 def finger_outlines(
     config: FingertipConfig, surface: FingertipSurface, z_mm: float, apex_mm: float
 ) -> dict[str, Line | list[Line]]:
-    """Return skin, layer boundaries, bone and nail of the section at z; heights from the nominal apex at `apex_mm`."""
+    """Return skin, layers, bone and nail of the section at z; heights from the nominal apex at `apex_mm`."""
     phi = np.linspace(-math.pi, math.pi, _ANGLES)
     nodes, layer = nodes_on_rays(config, surface, phi, np.array([z_mm]))
     changes = np.flatnonzero(np.diff(layer)) + 1
@@ -248,7 +248,7 @@ NONE: dict[str, Any] = {"doi_mm": None, "force_gwt": None}
 
 
 def foreseen(finger: Fingertip, shape: Indentor, press: PressSummary) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the predicted curve up to the target, with skin and contact at the target; empty without a prediction."""
+    """Return the predicted curve, with skin and contact at the target; empty without a prediction."""
     try:
         x_mm, ways = shape.lateral_mm(press.x_mm), finger.keeping_ways()
         last = ways.indent(shape, x_mm, **{press.target: press.value})  # type: ignore[arg-type]

@@ -218,7 +218,7 @@ class ByHandProcess:
         return said[-1].removeprefix("rig: ") if said else ""
 
     def _begun(self) -> "subprocess.Popen[bytes]":
-        self._said = tempfile.TemporaryFile()  # open until forget()
+        self._said = tempfile.TemporaryFile()  # noqa: SIM115  # open until forget()
         return subprocess.Popen(
             words(self._config),
             stdin=subprocess.DEVNULL,

@@ -11,9 +11,7 @@ from typing import Any
 from starlette.types import Message, Receive, Send
 
 MOST_STREAMS = 4
-"""Maximum number of streams: a browser has six connections to a host for all its tabs, and two remain for STOP and
-others.
-"""
+"""Maximum number of streams: a browser has six connections to a host, and two remain for other requests."""
 MOST_ROWS = 20_000
 """Number of readings stored for a page that does not fetch them: several hundred seconds at fifty per second."""
 SHOWN_S = 60.0

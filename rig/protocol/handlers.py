@@ -66,9 +66,7 @@ class TakenUp:
         self._owed = {verb: owed for verb, owed in self._owed.items() if owed[0].owed is not Owed.LAST_IF_NEXT}
 
     def _is_new(self, step: Step[Any, Any]) -> bool:
-        """Return whether the journal lacks the step; it has the first ones of each verb, in the order of the
-        script.
-        """
+        """Return whether the journal lacks the step; it has the first ones of each verb, in order."""
         left = self._written.setdefault(step.verb, len(self._before.stream(step.verb)))
         self._written[step.verb] = left - 1
         return left <= 0
