@@ -98,8 +98,8 @@ class ServedBench:
         force_line = self._open("force", config.force.baud) if force else None
         board = virtual_stage(self.scheduler, stage_line, config) if stage_line else None
         if force_line:
-            felt = self._finger(config, board, complain) if board else Load(lambda t_s: 0.0)
-            sensor = virtual_force(self.scheduler, force_line, config, load_on_sensor(felt, config))
+            load = self._finger(config, board, complain) if board else Load(lambda t_s: 0.0)
+            sensor = virtual_force(self.scheduler, force_line, config, load_on_sensor(load, config))
             wire_hardware_trip(config, board, sensor)
         for port in self._refusing:  # Not earlier, because clients would wait for a reply.
             port.listen()

@@ -218,18 +218,18 @@ class AnyPlant(Protocol):
 @contextmanager
 def looked_after_by(clock: VirtualClock, heartbeat: Heartbeat) -> Iterator[None]:
     """Monitor a heartbeat from a timer of the virtual clock."""
-    looking = True
+    active = True
 
     def look() -> None:
         heartbeat.look()
-        if looking:
+        if active:
             clock.call_at(clock.monotonic_s() + LOOK_S, look)
 
     look()
     try:
         yield
     finally:
-        looking = False
+        active = False
 
 
 @dataclass(frozen=True)

@@ -59,8 +59,8 @@ async def _refused(request: Request, error: Exception) -> Response:
     if isinstance(error, RequestError):
         return JSONResponse({"ok": False, "problem": str(error), "code": error.code}, error.status)
     assert isinstance(error, HTTPException)
-    told = {"ok": False, "problem": error.detail, "code": HTTPStatus(error.status_code).name.lower()}
-    return JSONResponse(told, error.status_code, error.headers)
+    answer = {"ok": False, "problem": error.detail, "code": HTTPStatus(error.status_code).name.lower()}
+    return JSONResponse(answer, error.status_code, error.headers)
 
 
 class _Events:
@@ -142,11 +142,11 @@ class Panel:
         """Serve, and raise the first failure."""
         self._end_at_signals()
         serving = asyncio.create_task(self._server.serve(sockets=[self._socket]))
-        looking = [asyncio.create_task(one.look_on()) for one in (self._watcher, self._drawer)]
-        await asyncio.wait([serving, *looking], return_when=asyncio.FIRST_COMPLETED)
+        polling = [asyncio.create_task(one.look_on()) for one in (self._watcher, self._drawer)]
+        await asyncio.wait([serving, *polling], return_when=asyncio.FIRST_COMPLETED)
         self._server.should_exit = True
         await serving
-        for task in looking:
+        for task in polling:
             task.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await task

@@ -125,32 +125,32 @@ def _serve(far: "Connection[DrawingAnswer, Job]") -> None:
             far.send(drawn(far.recv()))
 
 
-_LOOK_S = 0.05
+_POLL_S = 0.05
 NO_CURVE: DrawingAnswer = {"doi_mm": None, "force_gwt": None}
 
 
 class Drawer:
     """Draws the latest requested section; superseded requests are dropped."""
 
-    def __init__(self, wanted: Callable[[], Job | None], outlet: Outlet, clock: Clock) -> None:
-        self._wanted, self._outlet, self._clock = wanted, outlet, clock
+    def __init__(self, request: Callable[[], Job | None], outlet: Outlet, clock: Clock) -> None:
+        self._request, self._outlet, self._clock = request, outlet, clock
         self.process = DrawingProcess()
         self._thread = ThreadPoolExecutor(1, "drawing")
         self._drawn: Job | None = None
-        self._told_of: Job | None = None
+        self._announced_for: Job | None = None
 
     async def look_on(self) -> None:
         """Draw until cancelled."""
         while True:
             await self.look()
-            await asyncio.sleep(_LOOK_S)
+            await asyncio.sleep(_POLL_S)
 
     async def look(self) -> None:
         """Draw the next part: finger and indentor first, since solving takes longer."""
-        job = self._wanted()
-        if job != self._told_of:
-            self._told_of = job
-            self._foresee(job, NO_CURVE)
+        job = self._request()
+        if job != self._announced_for:
+            self._announced_for = job
+            self._publish_prediction(job, NO_CURVE)
         if job is None or job == self._drawn:
             return
         still = replace(job, press=None)
@@ -161,19 +161,19 @@ class Drawer:
 
     async def _draw(self, job: Job) -> None:
         try:
-            told = await asyncio.get_running_loop().run_in_executor(self._thread, self.process.ask, job)
+            section = await asyncio.get_running_loop().run_in_executor(self._thread, self.process.ask, job)
         except DrawingError as error:
-            told = {"problem": str(error), "code": error.code}
+            section = {"problem": str(error), "code": error.code}
         self._drawn = job
-        prediction = told.pop("prediction", NO_CURVE)
-        self._outlet.publish("section", {**self._of(job), "skin": [], **told})
-        if job.press is not None and job == self._wanted():
-            self._foresee(job, prediction)
+        prediction = section.pop("prediction", NO_CURVE)
+        self._outlet.publish("section", {**self._about(job), "skin": [], **section})
+        if job.press is not None and job == self._request():
+            self._publish_prediction(job, prediction)
 
-    def _foresee(self, job: Job | None, curve: DrawingAnswer) -> None:
-        self._outlet.publish("prediction", {**self._of(job), **curve})
+    def _publish_prediction(self, job: Job | None, curve: DrawingAnswer) -> None:
+        self._outlet.publish("prediction", {**self._about(job), **curve})
 
-    def _of(self, job: Job | None) -> dict[str, Any]:
+    def _about(self, job: Job | None) -> dict[str, Any]:
         """Return the fields that identify a drawing."""
         press = None if job is None else job.press
         return {
@@ -257,8 +257,11 @@ def foreseen(finger: Fingertip, shape: Indentor, press: PressSummary) -> tuple[d
     except ModelRangeError as error:
         return {**NONE, "problem": str(error), "code": code_of(error)}, {}
     curve = [one for one in [*found, last] if one.state.converged]
-    told = {"doi_mm": [0.0, *(one.doi_mm for one in curve)], "force_gwt": [0.0, *(one.force_gwt for one in curve)]}
-    return told, _at_target(last, finger.apex_height_mm) if last.state.converged else {}
+    prediction = {
+        "doi_mm": [0.0, *(one.doi_mm for one in curve)],
+        "force_gwt": [0.0, *(one.force_gwt for one in curve)],
+    }
+    return prediction, _at_target(last, finger.apex_height_mm) if last.state.converged else {}
 
 
 def _at_target(found: IndentationResult, apex_mm: float) -> dict[str, Any]:
@@ -276,8 +279,8 @@ def drawn(job: Job) -> Drawing:
     """Return the section of a job, with `prediction` for a press; a failure is in `problem`."""
     try:
         config = _finger_config(job.config, _written_ns(job.config))
-        told = _still(config, job)
-        return told if job.press is None else _pressed(config, job, told)
+        section = _still(config, job)
+        return section if job.press is None else _pressed(config, job, section)
     except (BadInputError, ShapeError, OSError) as error:
         return {"problem": str(error), "code": code_of(error)}
     except Exception as error:  # A scene beyond the model must not end this process.
@@ -289,15 +292,15 @@ def _still(config: FingertipConfig, job: Job) -> Drawing:
     surface = FingertipSurface.fit(config.geometry)
     ridge = surface.ridge
     apex_mm = float(ridge(ridge.derivative().roots(extrapolate=False)).max())
-    told: Drawing = finger_outlines(config, surface, config.receptor_plane_mm + job.along_mm, apex_mm)
-    told["indentor"] = None if job.indentor is None else indentor_outline(_shape(job))
-    return {**told, "along_mm": job.along_mm}
+    section: Drawing = finger_outlines(config, surface, config.receptor_plane_mm + job.along_mm, apex_mm)
+    section["indentor"] = None if job.indentor is None else indentor_outline(_shape(job))
+    return {**section, "along_mm": job.along_mm}
 
 
-def _pressed(config: FingertipConfig, job: Job, told: Drawing) -> Drawing:
+def _pressed(config: FingertipConfig, job: Job, section: Drawing) -> Drawing:
     assert job.press is not None
     prediction, at_target = foreseen(_finger(config), _shape(job), job.press)
-    return {**told, **at_target, "prediction": prediction}
+    return {**section, **at_target, "prediction": prediction}
 
 
 def _shape(job: Job) -> Indentor:

@@ -50,12 +50,12 @@ async def body_of(request: Request) -> dict[str, Any]:
         if len(found) > MOST_BYTES:
             raise RequestError("body: at most {most} bytes are allowed", code="body_too_large", most=MOST_BYTES)
     try:
-        told = json.loads(found, parse_constant=_no_number)
+        document = json.loads(found, parse_constant=_no_number)
     except (ValueError, RecursionError):
         raise RequestError("body: must be a JSON object", code="no_json_object") from None
-    if not isinstance(told, dict):
+    if not isinstance(document, dict):
         raise RequestError("body: must be a JSON object", code="no_json_object")
-    return told
+    return document
 
 
 def _no_number(name: str) -> float:

@@ -32,21 +32,21 @@ class RunFiles:
 
     async def catalogue(self, request: Request) -> Response:
         """Handle GET /runs.json: the newest first, filtered by subject, shape, protocol and state; limit."""
-        asked = request.query_params
-        limit = asked.get("limit", str(_MOST_RUNS))
+        query = request.query_params
+        limit = query.get("limit", str(_MOST_RUNS))
         if not (limit.isascii() and limit.isdecimal()):
             raise RequestError("limit {value!r}: must be a number", code="not_a_number", key="limit", value=limit)
-        subject, shape, protocol, state = (asked.get(name) or None for name in _FILTERS)
-        wanted = RunFilter(subject, shape, protocol, state)
-        return JSONResponse(await asyncio.to_thread(self._told, wanted, int(limit)))
+        subject, shape, protocol, state = (query.get(name) or None for name in _FILTERS)
+        run_filter = RunFilter(subject, shape, protocol, state)
+        return JSONResponse(await asyncio.to_thread(self._catalogue, run_filter, int(limit)))
 
-    def _told(self, wanted: RunFilter, limit: int) -> dict[str, Any]:
+    def _catalogue(self, run_filter: RunFilter, limit: int) -> dict[str, Any]:
         try:
             entries = [one.summary for one in listed(self._out)]
         except OSError as error:
             problem = f"{self._out}: {error.strerror}"
             return {"runs": [], "unreadable": [], "problem": problem, "code": code_of(error)}
-        found = [one for one in entries if not one.problem and wanted.has(one)]
+        found = [one for one in entries if not one.problem and run_filter.has(one)]
         runs = [{name: value for name, value in asdict(one).items() if name != "problem"} for one in reversed(found)]
         broken = [{"name": one.name, "problem": one.problem} for one in entries if one.problem]
         return {"runs": runs[:limit], "of": len(runs), "unreadable": broken, "problem": None}
@@ -92,10 +92,10 @@ def _plain_file(folder: Path, name: str) -> Path:
     """Return a regular file in a folder, not a link. Raises RequestError."""
     path = folder / name
     try:
-        there = _named(name) and stat.S_ISREG(path.lstat().st_mode)
+        is_file = _named(name) and stat.S_ISREG(path.lstat().st_mode)
     except OSError:
-        there = False
-    if not there:
+        is_file = False
+    if not is_file:
         raise RequestError("there is no such file", code="no_such_file")
     return path
 

@@ -85,7 +85,7 @@ class SeenRun(Onlooker):
         self.job: Job | None = None
         self._journal = Following(self.folder)
         self._config: Config | None = None
-        self._asked_s = self._written_s = 0.0
+        self._checked_s = self._written_s = 0.0
 
     def look(self, unix_s: float) -> list[Row]:
         """Read new entries and return their readings. An unreadable journal sets `problem` and is not read again."""
@@ -96,10 +96,10 @@ class SeenRun(Onlooker):
     def _is_alive(self, unix_s: float) -> bool:
         """Return whether a process writes the journal; the lock of a silent journal is checked from time to time."""
         if unix_s - written_s(self.folder.path) < GROWS_S:
-            self._asked_s = unix_s
+            self._checked_s = unix_s
             return True
-        if self.alive and unix_s - self._asked_s >= GROWS_S:
-            self._asked_s = unix_s
+        if self.alive and unix_s - self._checked_s >= GROWS_S:
+            self._checked_s = unix_s
             return self.folder.busy
         return self.alive
 
@@ -224,8 +224,8 @@ def _press(begun: tuple[str, Mapping[str, Any]] | None) -> PressSummary | None:
     if begun is None:
         return None
     stream, data = begun
-    place, target = float(data["x_mm"]), str(data["target"])
-    return PressSummary(int(data["index"]), _purpose(stream, BEGUN), place, target, float(data["value"]))
+    x_mm, target = float(data["x_mm"]), str(data["target"])
+    return PressSummary(int(data["index"]), _purpose(stream, BEGUN), x_mm, target, float(data["value"]))
 
 
 def _purpose(stream: str, end: str) -> str:

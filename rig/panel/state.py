@@ -138,9 +138,9 @@ class Watcher:
     def __post_init__(self) -> None:
         self._asking, self._reading = ThreadPoolExecutor(2, "asking"), ThreadPoolExecutor(1, "reading")
         self._status: dict[str, Any] | None = None
-        self._run_told: dict[str, Any] | None = None
+        self._run_state: dict[str, Any] | None = None
         self._schedule: list[dict[str, Any]] = []
-        self._told: tuple[object, float] = (None, 0.0)
+        self._published: tuple[object, float] = (None, 0.0)
         self._found: tuple[Path | None, float] = (None, -FIND_S)
 
     @property
@@ -181,7 +181,7 @@ class Watcher:
     def _show_hand(self, owner: Owner) -> None:
         """Show readings of manual control from now on."""
         if self.outlet.source != HAND or self.bench.owner != owner.pid:
-            self.run, self._run_told = None, None
+            self.run, self._run_state = None, None
             self.bench.begin(owner.pid)
             self.outlet.begin(HAND)
             self._tell_schedule([])
@@ -200,7 +200,7 @@ class Watcher:
         rows = await loop.run_in_executor(self._reading, run.look, self.clock.unix_s())
         if run is self.run:
             self.outlet.add(rows)
-            self._run_told = run.told(going=not run.ended and (run.alive or owner is not None))
+            self._run_state = run.told(going=not run.ended and (run.alive or owner is not None))
             self._tell_schedule(run.schedule_told())
 
     async def _folder(self, owner: Owner | None) -> Path | None:
@@ -218,7 +218,7 @@ class Watcher:
     def _follow(self, run: SeenRun | None) -> None:
         if run is None and self.run is None:
             return
-        self.run, self._run_told = run, None
+        self.run, self._run_state = run, None
         self.outlet.begin(NOTHING if run is None else run.source)
         self._tell_schedule([])
 
@@ -236,8 +236,8 @@ class Watcher:
         self.tabs.look(now_s)
         state = self.state(unix_s)
         marks = _marks(state)
-        if marks != self._told[0] or now_s - self._told[1] >= BEAT_S:
-            self._told = marks, now_s
+        if marks != self._published[0] or now_s - self._published[1] >= BEAT_S:
+            self._published = marks, now_s
             self.outlet.publish("state", state)
 
     def state(self, unix_s: float) -> dict[str, Any]:
@@ -251,7 +251,7 @@ class Watcher:
             "controls": self.tabs.holder,
             "configured": self.bench.configured,
             "owner": None if owner is None else owner_told(owner, status),
-            "run": self._run_told,
+            "run": self._run_state,
             "hand": hand,
             "devices": seen.devices_told(unix_s),
             "newest": seen.newest_told(unix_s),

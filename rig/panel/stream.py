@@ -32,9 +32,9 @@ class ReadingSource:
 NOTHING = ReadingSource(None, ())
 
 
-def as_event(kind: str, told: Mapping[str, Any]) -> str:
+def as_event(kind: str, data: Mapping[str, Any]) -> str:
     """Return a server-sent event."""
-    return f"event: {kind}\ndata: {json.dumps(told, allow_nan=False, separators=(',', ':'))}\n\n"
+    return f"event: {kind}\ndata: {json.dumps(data, allow_nan=False, separators=(',', ':'))}\n\n"
 
 
 @dataclass(eq=False)
@@ -74,14 +74,14 @@ class Onlooking:
         self.latest.clear()
         if self.rows or self.reset:
             source = self.source
-            told: dict[str, Any] = {
+            data: dict[str, Any] = {
                 "unix_s": unix_s,
                 "run": source.run,
                 "hand": source.hand,
                 "columns": source.columns,
             }
-            told |= {"reset": self.reset, "dropped": self.dropped, "rows": list(self.rows)}
-            found += as_event("readings", told)
+            data |= {"reset": self.reset, "dropped": self.dropped, "rows": list(self.rows)}
+            found += as_event("readings", data)
             self.rows.clear()
             self.reset, self.dropped = False, 0
         return found
@@ -96,9 +96,9 @@ class Outlet:
         self._latest: dict[str, str] = {}
         self.source, self._rows = NOTHING, deque[Row](maxlen=MOST_ROWS)
 
-    def publish(self, kind: str, told: Mapping[str, Any]) -> None:
+    def publish(self, kind: str, data: Mapping[str, Any]) -> None:
         """Publish a state, a schedule, a prediction or a section."""
-        self._latest[kind] = event = as_event(kind, told)
+        self._latest[kind] = event = as_event(kind, data)
         for client in self.clients:
             client.put(kind, event)
 

@@ -190,8 +190,8 @@ def refuse_reach(verb: str, planned: PlannedIndentation, settings: RigSettings) 
         raise _means(verb, planned, "a force of {force_gwt:.3g} gwt", limits, "max_force_gwt", force_gwt=force_gwt)
     if force_gwt * GWT_N > limits.soft_trip_n:
         raise _means(verb, planned, "{force_n:.3g} N", limits, "soft_trip_n", force_n=force_gwt * GWT_N)
-    given_mm = settings.calibration.value("compliance_mm_per_n", 0.0) * force_gwt * GWT_N
-    lowest_mm = planned.expected_contact_mm - max(doi_mm + given_mm, limits.search_mm)
+    deflection_mm = settings.calibration.value("compliance_mm_per_n", 0.0) * force_gwt * GWT_N
+    lowest_mm = planned.expected_contact_mm - max(doi_mm + deflection_mm, limits.search_mm)
     refuse_travel("z", settings.frame.apex_z_mm + lowest_mm, settings)
 
 
@@ -214,7 +214,7 @@ def refuse_pressure(verb: str, planned: PlannedIndentation, limits: LimitSetting
         raise BadInputError(
             _MEANS + "no contact that the model could tell from none: expected a larger target",
             code="no_contact",
-            **_asked(verb, planned),
+            **_request(verb, planned),
         )
     if planned.mean_pressure_n_cm2 > limits.max_pressure_n_cm2:
         raise _means(
@@ -235,14 +235,14 @@ def _means(
     return BadInputError(
         _MEANS + what + ", beyond limits.{limit} = {high:g}",
         code="means_beyond_limit",
-        **_asked(verb, planned),
+        **_request(verb, planned),
         limit=limit,
         high=getattr(limits, limit),
         **found,
     )
 
 
-def _asked(verb: str, planned: PlannedIndentation) -> dict[str, Any]:
+def _request(verb: str, planned: PlannedIndentation) -> dict[str, Any]:
     return {"verb": verb, "key": planned.target.kind, "value": planned.target.value, "x_mm": planned.x_mm}
 
 

@@ -124,8 +124,8 @@ def said_of_script(
     told_as_they_are : tuple of types
         Classes whose sentence is enough; for others the class is named.
     """
-    told = error if isinstance(error, told_as_they_are) else failed_in_script(error)
-    return around(kind, "{place}: {problem}", told, place=where_in_script(path, error))
+    problem = error if isinstance(error, told_as_they_are) else failed_in_script(error)
+    return around(kind, "{place}: {problem}", problem, place=where_in_script(path, error))
 
 
 class _ScriptLoader(SourceFileLoader):

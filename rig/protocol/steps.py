@@ -82,8 +82,8 @@ class Step(ABC, Generic[E, A]):
     @property
     def marks(self) -> dict[str, Any]:
         """Block, repeat and condition, as far as a schedule has set them."""
-        given = {"block": self.block, "repeat": self.repeat, "condition": self.condition}
-        return {name: value for name, value in given.items() if value is not None}
+        marks = {"block": self.block, "repeat": self.repeat, "condition": self.condition}
+        return {name: value for name, value in marks.items() if value is not None}
 
     @abstractmethod
     def check(self, walk: Walk) -> Spot:
@@ -318,13 +318,15 @@ class Indent(Step[ExpectedPresses, Indentation]):
 
     @classmethod
     def answers(cls, before: Journalled) -> dict[int, Indentation]:
-        asked = {(e["index"], e["hold"]): Target(e["target"], e["commanded"]) for e in before.stream("hold_start")}
+        requested = {
+            (e["index"], e["hold"]): Target(e["target"], e["commanded"]) for e in before.stream("hold_start")
+        }
         return {
             index: Indentation(
                 index,
                 ends[0]["x_mm"],
                 tuple(
-                    Hold(asked[index, end["hold"]], end["doi_mm"], end["force_gwt"], end["force_sd_gwt"])
+                    Hold(requested[index, end["hold"]], end["doi_mm"], end["force_gwt"], end["force_sd_gwt"])
                     for end in ends
                 ),
             )
@@ -384,9 +386,9 @@ class Reference(Step[ExpectedPresses, None]):
         return walk.spot("reference", 1, self.marks)
 
     def _refuse_another(self, walk: Walk) -> None:
-        asked = (walk.indentor, self.x_mm, self.doi_mm, self.increments, self.hold_s)
-        first = walk.reference_asked = walk.reference_asked or asked
-        if asked != first:
+        requested = (walk.indentor, self.x_mm, self.doi_mm, self.increments, self.hold_s)
+        first = walk.reference_asked = walk.reference_asked or requested
+        if requested != first:
             raise BadInputError(
                 "{verb}: expected the same press each time, {indentor} at x = {x_mm:g} mm to {doi_mm:g} mm in "
                 "{increments}",

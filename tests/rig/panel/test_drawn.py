@@ -326,7 +326,7 @@ def test_a_curve_of_a_press_that_is_over_is_not_told() -> None:
     asking = Asking()
     for _ in range(2):
         asking.look(STILL)
-    asking.drawer._wanted = iter([MOVING, None, None]).__next__  # over while it is drawn
+    asking.drawer._request = iter([MOVING, None, None]).__next__  # over while it is drawn
     with asking.outlet.joined() as client:
         client.taken(0.0)
         asyncio.run(asking.drawer.look())
