@@ -26,7 +26,7 @@ PATIENCE_S = 2.0
 SWITCH_S = 5e-4
 """Longest delay of a waiting thread by a busy main thread (s), some ten times for one reply."""
 
-SHORT_LOOKS = (5_000, 3, 30)
+GC_THRESHOLDS = (5_000, 3, 30)
 """Thresholds of the garbage collector.
 
 No thread runs during a collection: up to 5 ms while a script is planned, instead of 56 ms with the 50 000 objects
@@ -164,8 +164,8 @@ def quick_switches() -> Iterator[None]:
     """Limit the delay of waiting threads to SWITCH_S, or a short garbage collection."""
     before_s, thresholds = sys.getswitchinterval(), gc.get_threshold()
     sys.setswitchinterval(min(SWITCH_S, before_s))
-    if thresholds[0] > SHORT_LOOKS[0]:
-        gc.set_threshold(*SHORT_LOOKS)
+    if thresholds[0] > GC_THRESHOLDS[0]:
+        gc.set_threshold(*GC_THRESHOLDS)
     try:
         yield
     finally:

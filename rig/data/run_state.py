@@ -276,7 +276,7 @@ class Placed(NamedTuple):
     press: tuple[str, Mapping[str, Any]] | None = None
 
 
-class Heard(NamedTuple):
+class DeviceStatus(NamedTuple):
     """Last status of a device, and its time."""
 
     word: str = "no data"
@@ -318,7 +318,7 @@ class RunState:
         self.contact: Any = None  # ContactKind, or None if unknown
         self._clear: Any = "raised"  # state after a move away
         self.homed = False
-        self.heard_stage, self.heard_force = Heard(), Heard()
+        self.stage_status, self.force_status = DeviceStatus(), DeviceStatus()
         self._t_s = 0.0  # of the present event, like the next one
         self._unix_s: float | None = None
 
@@ -375,13 +375,13 @@ class RunState:
         """Update stage and sensor."""
         if stream.endswith(READING):
             self.newest, self.newest_s = data, (self._t_s, self._unix_s)
-            self.heard_stage = Heard(str(data.get("phase", "moving")), self._unix_s)
-            self.heard_force = Heard("reads", self._unix_s)
+            self.stage_status = DeviceStatus(str(data.get("phase", "moving")), self._unix_s)
+            self.force_status = DeviceStatus("reads", self._unix_s)
         elif stream in _STAGE_IS:
             self.homed = self.homed or stream == "home"
-            self.heard_stage = Heard(_STAGE_IS[stream], self._unix_s)
+            self.stage_status = DeviceStatus(_STAGE_IS[stream], self._unix_s)
         elif stream == "zero":
-            self.heard_force = Heard("zeroed", self._unix_s)
+            self.force_status = DeviceStatus("zeroed", self._unix_s)
 
     @property
     def now(self) -> str:

@@ -247,7 +247,7 @@ DEPTHS = 8
 NONE: dict[str, Any] = {"doi_mm": None, "force_gwt": None}
 
 
-def foreseen(finger: Fingertip, shape: Indentor, press: PressSummary) -> tuple[dict[str, Any], dict[str, Any]]:
+def predicted(finger: Fingertip, shape: Indentor, press: PressSummary) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the predicted curve, with skin and contact at the target; empty without a prediction."""
     try:
         x_mm, ways = shape.lateral_mm(press.x_mm), finger.keeping_ways()
@@ -299,7 +299,7 @@ def _still(config: FingertipConfig, job: Job) -> Drawing:
 
 def _pressed(config: FingertipConfig, job: Job, section: Drawing) -> Drawing:
     assert job.press is not None
-    prediction, at_target = foreseen(_finger(config), _shape(job), job.press)
+    prediction, at_target = predicted(_finger(config), _shape(job), job.press)
     return {**section, **at_target, "prediction": prediction}
 
 

@@ -52,7 +52,7 @@ def shown(owners: Sequence[Owner]) -> Owner | None:
     return max(owners, key=lambda one: (not one.virtual, one.began_unix_s), default=None)
 
 
-def owner_told(owner: Owner, status: dict[str, Any] | None) -> dict[str, Any]:
+def owner_state(owner: Owner, status: dict[str, Any] | None) -> dict[str, Any]:
     """Return `owner` of the state; status: its last reply, or None."""
     return {
         "kind": owner.kind,
@@ -71,26 +71,26 @@ def run_of(owner: Owner) -> Path | None:
     return None if owner.run is None else Path(owner.run)
 
 
-class NobodyError(RigError):
+class NoOwnerError(RigError):
     """Error of a request without an owner."""
 
     default_code = "nobody"
 
 
 def asked(owner: Owner | None, kind: str, do: str, within_s: float, **more: Any) -> dict[str, Any]:
-    """Return an owner's reply. Raises NobodyError if its kind is another, RefusedError, ControlError."""
+    """Return an owner's reply. Raises NoOwnerError if its kind is another, RefusedError, ControlError."""
     if owner is None or owner.kind != kind:
         if kind == "run":
-            raise NobodyError("no protocol is running", code="no_run")
-        raise NobodyError("manual control is off; take control first", code="bench_not_taken")
+            raise NoOwnerError("no protocol is running", code="no_run")
+        raise NoOwnerError("manual control is off; take control first", code="bench_not_taken")
     return owner.ask(do, within_s=within_s, **more)
 
 
-Said = Mapping[int, Callable[[float], dict[str, Any]]]
+SentStops = Mapping[int, Callable[[float], dict[str, Any]]]
 """Owners that received a stop, by process, with the functions that wait for their replies."""
 
 
-def say_stop(owners: Sequence[Owner]) -> Said:
+def say_stop(owners: Sequence[Owner]) -> SentStops:
     """Send a stop to every real owner and to the shown one, without waiting; skip unreachable owners."""
     sent = {}
     for one in _to_be_stopped(owners):
@@ -99,14 +99,14 @@ def say_stop(owners: Sequence[Owner]) -> Said:
     return sent
 
 
-def stop_all(owners: Sequence[Owner], sent: Said, pool: ThreadPoolExecutor) -> dict[str, Any]:
+def stop_all(owners: Sequence[Owner], sent: SentStops, pool: ThreadPoolExecutor) -> dict[str, Any]:
     """Stop the remaining owners in parallel, and return the result for all.
 
-    Raises NobodyError without an owner, ControlError if one does not respond, RefusedError if all refuse.
+    Raises NoOwnerError without an owner, ControlError if one does not respond, RefusedError if all refuse.
     """
     targets = _to_be_stopped(owners)
     if not targets:
-        raise NobodyError("no process owns the ports, so there is nothing to stop", code="nothing_to_stop")
+        raise NoOwnerError("no process owns the ports, so there is nothing to stop", code="nothing_to_stop")
     stopping = partial(_stopped, sent)
     other_answers = pool.map(stopping, targets[1:])
     answers = [stopping(targets[0]), *other_answers]
@@ -123,7 +123,7 @@ def _to_be_stopped(owners: Sequence[Owner]) -> list[Owner]:
     return [one for one in owners if not one.virtual or one is shown(owners)]
 
 
-def _stopped(sent: Said, owner: Owner) -> dict[str, Any] | ControlError:
+def _stopped(sent: SentStops, owner: Owner) -> dict[str, Any] | ControlError:
     wait_for_reply = sent.get(owner.pid)
     try:
         answer = owner.ask("stop", within_s=STOP_S) if wait_for_reply is None else wait_for_reply(STOP_S)

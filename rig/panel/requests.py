@@ -18,7 +18,7 @@ from rig.control.stop import BESIDE_S, SentStop, send_stop
 from rig.devices.registry import stage_ports
 from rig.errors import RigError
 from rig.panel.gate import TAB_HEADER
-from rig.panel.owners import ByHandProcess, NobodyError, NotTakenError, Owner, Said, asked, say_stop, stop_all
+from rig.panel.owners import ByHandProcess, NoOwnerError, NotTakenError, Owner, SentStops, asked, say_stop, stop_all
 from rig.panel.state import Watcher
 from rig.settings import BenchSettings
 
@@ -114,10 +114,10 @@ def flag(name: str, body: Mapping[str, Any]) -> bool:
 
 
 Answer = TypeVar("Answer")
-Given = TypeVar("Given")
+First = TypeVar("Given")
 
 
-class Few:
+class BoundedPool:
     """Thread pool that rejects work when all threads are busy."""
 
     def __init__(self, threads: int, name: str, problem: str, code: str = "busy") -> None:
@@ -129,7 +129,7 @@ class Few:
         """Run a function in a thread. Raises ControlError."""
         return self.begin_behind(lambda: None, lambda _: do())
 
-    def begin_behind(self, first: Callable[[], Given], do: Callable[[Given], Answer]) -> "asyncio.Future[Answer]":
+    def begin_behind(self, first: Callable[[], First], do: Callable[[First], Answer]) -> "asyncio.Future[Answer]":
         """Call `first` in this thread at once, and pass its result to `do` in another one, which may have to wait.
 
         Raises ControlError, and then calls neither.
@@ -163,11 +163,11 @@ class Posts:
 
     def __init__(self, watcher: Watcher, bench: ByHandProcess) -> None:
         self._watcher, self._bench = watcher, bench
-        self._asking = Few(_THREADS, "post", "the previous request is still pending; wait for its answer")
-        self._holding = Few(
+        self._asking = BoundedPool(_THREADS, "post", "the previous request is still pending; wait for its answer")
+        self._holding = BoundedPool(
             _MOST_HELD, "hold", "the owner of the ports has not answered yet; wait, or use the emergency stop"
         )
-        self._stopping = Few(_MOST_STOPS, "stop", _NOT_YET, _NOT_YET_CODE)
+        self._stopping = BoundedPool(_MOST_STOPS, "stop", _NOT_YET, _NOT_YET_CODE)
         self._each = ThreadPoolExecutor(64, "stopped")
 
     @property
@@ -194,7 +194,7 @@ class Posts:
 
         async def guarded(tab: str, body: Body) -> PostAnswer:
             if not self._watcher.tabs.may(tab, self._watcher.clock.monotonic_s()):
-                raise NobodyError("another tab has control; take control first", code="another_tab")
+                raise NoOwnerError("another tab has control; take control first", code="another_tab")
             return await do(tab, body)
 
         return self._answered(guarded)
@@ -206,7 +206,7 @@ class Posts:
                 raise RequestError("{header}: must be the name of the tab", code="no_tab", header=TAB_HEADER)
             try:
                 return JSONResponse({"ok": True, "problem": None, **await do(tab, body)})
-            except (NobodyError, RefusedError) as error:
+            except (NoOwnerError, RefusedError) as error:
                 return _problem(409, error)
             except (ControlError, NotTakenError) as error:
                 return _problem(503, error)
@@ -233,7 +233,7 @@ class Posts:
             raise answer
         return answer
 
-    def _stop_all(self, said: Said) -> PostAnswer | NobodyError | ControlError:
+    def _stop_all(self, said: SentStops) -> PostAnswer | NoOwnerError | ControlError:
         """Return the result of a stop; a failure is also returned, since the page may have gone."""
         try:
             owners = self._watcher.find()
@@ -245,14 +245,14 @@ class Posts:
             return stop_all(owners, said, self._each)
         except RefusedError as error:
             return error
-        except (NobodyError, ControlError) as error:
+        except (NoOwnerError, ControlError) as error:
             answered.set()
             if settings is None or sent is None:
                 return error
             stop = sent.result() or send_stop(settings)
             if stop.done:
                 return {"stopped": list(stop.told), "words": stop.words}
-            words = stop.words if isinstance(error, NobodyError) else f"{error}. {stop.words}"
+            words = stop.words if isinstance(error, NoOwnerError) else f"{error}. {stop.words}"
             return ControlError("{words}", code="not_confirmed" if stop.sent else "not_sent", words=words)
         finally:
             answered.set()
@@ -284,11 +284,11 @@ class Posts:
 
     def _refuse_a_busy_bench(self) -> None:
         if not self._watcher.bench.configured:
-            raise NobodyError("no configuration; restart rig panel with --config", code="no_bench")
+            raise NoOwnerError("no configuration; restart rig panel with --config", code="no_bench")
         ports = set(self._watcher.bench.ports)
         for owner in self._watcher.owners:
             if owner.kind == "run" and ports & set(owner.ports):
-                raise NobodyError(
+                raise NoOwnerError(
                     "a run owns the ports (process {pid}); end it first", code="ports_taken", pid=owner.pid
                 )
 
@@ -296,9 +296,9 @@ class Posts:
         """Forward the signal at once and only while it is fresh, so that no delayed signal moves the stage."""
         button = HeldButton.of(body)
         if self._watcher.tabs.is_released(button.press):
-            raise NobodyError("the button was released; press it again", code="let_go")
+            raise NoOwnerError("the button was released; press it again", code="let_go")
         if abs(self._watcher.clock.unix_s() - button.unix_s) > HELD_S:
-            raise NobodyError(
+            raise NoOwnerError(
                 "the press is older than {most_s:g} s, or from another clock; press the button again",
                 code="too_old",
                 most_s=HELD_S,
@@ -306,7 +306,7 @@ class Posts:
         answer = self._asked(self._holding, "by hand", "hold", _HOLD_S, tab=tab, **button._asdict())
         try:
             return await answer
-        except (ControlError, NobodyError):
+        except (ControlError, NoOwnerError):
             self._watcher.tabs.release(button.press)
             raise
 
@@ -315,7 +315,7 @@ class Posts:
         self._watcher.tabs.release(press)
         return await self._asked(self._asking, "by hand", "release", _ANSWER_S, tab=tab, press=press)
 
-    def _asked(self, few: Few, kind: str, do: str, within_s: float, **more: Any) -> Awaitable[PostAnswer]:
+    def _asked(self, few: BoundedPool, kind: str, do: str, within_s: float, **more: Any) -> Awaitable[PostAnswer]:
         """Return the reply of the shown owner. Raises ControlError if too many requests are pending."""
         return few.begin(partial(asked, self._watcher.owner, kind, do, within_s, **more))
 

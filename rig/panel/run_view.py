@@ -48,7 +48,7 @@ def written_s(run: Path) -> float:
     return about.st_mtime if stat.S_ISREG(about.st_mode) else 0.0
 
 
-def limits_told(config: Config, soft_trip_n: float | None, force_gwt: float | None) -> dict[str, Any]:
+def limits_state(config: Config, soft_trip_n: float | None, force_gwt: float | None) -> dict[str, Any]:
     """Return trips, margins of the newest force (None without one), and the deepest press."""
     trips = Trips(config.limits, soft_trip_n)
     told: dict[str, Any] = {"max_doi_mm": config.limits.max_doi_mm, "max_force_gwt": config.limits.max_force_gwt}
@@ -155,7 +155,7 @@ class SeenRun(Onlooker):
         """Whether the journal has an end."""
         return self.stop is not None
 
-    def told(self, *, going: bool) -> dict[str, Any]:
+    def as_json(self, *, going: bool) -> dict[str, Any]:
         """Return `run` of the state. going: a process writes the journal."""
         start, stop = self.start, self.stop
         return {
@@ -182,7 +182,7 @@ class SeenRun(Onlooker):
             return str(self.stop["status"])
         return "running" if going else "killed"
 
-    def newest_told(self, unix_s: float) -> dict[str, Any]:
+    def newest_state(self, unix_s: float) -> dict[str, Any]:
         """Return `newest` of the state, with its present age."""
         found, (t_s, read_s) = self.newest, self.newest_s
         told = {name: found.get(name) for name in ("force_gwt", "doi_mm", "x_mm", "height_mm", "phase")}
@@ -190,21 +190,21 @@ class SeenRun(Onlooker):
         force_n = None if force_gwt is None else force_gwt * GWT_N
         return {**told, "t_s": t_s, "force_n": force_n, "age_s": age_s(read_s, unix_s)}
 
-    def devices_told(self, unix_s: float) -> dict[str, Any]:
+    def devices_state(self, unix_s: float) -> dict[str, Any]:
         """Return `devices` of the state, with the age of each word; None if there is no word."""
-        (stage, stage_s), (force, force_s) = self.heard_stage, self.heard_force
+        (stage, stage_s), (force, force_s) = self.stage_status, self.force_status
         return {
             "stage": {"word": stage, "homed": self.homed, "age_s": age_s(stage_s, unix_s)},
             "force": {"word": force, "age_s": age_s(force_s, unix_s)},
         }
 
-    def limits_told(self) -> dict[str, Any] | None:
+    def limits_state(self) -> dict[str, Any] | None:
         """Return `limits` of the state, from the run's own copy of its configuration."""
         if self._config is None:
             return None
-        return limits_told(self._config, self.start.get("soft_trip_n"), self.newest.get("force_gwt"))
+        return limits_state(self._config, self.start.get("soft_trip_n"), self.newest.get("force_gwt"))
 
-    def schedule_told(self) -> list[dict[str, Any]]:
+    def schedule_state(self) -> list[dict[str, Any]]:
         """Return the steps of the run."""
         return [_step(*step) for step in self.steps]
 

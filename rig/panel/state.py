@@ -11,8 +11,8 @@ from rig.clock import Clock
 from rig.control.client import ControlError
 from rig.devices.registry import stage_ports
 from rig.panel.drawing import Job
-from rig.panel.owners import Find, Owner, Tabs, owner_told, run_of, shown
-from rig.panel.run_view import SeenRun, age_s, growing, limits_told
+from rig.panel.owners import Find, Owner, Tabs, owner_state, run_of, shown
+from rig.panel.run_view import SeenRun, age_s, growing, limits_state
 from rig.panel.stream import NOTHING, Outlet, ReadingSource, Row
 from rig.plan.config import Config
 from rig.settings import BenchSettings
@@ -71,7 +71,7 @@ class SeenBench:
         places = [new["columns"].index(name) for name in COLUMNS]
         return [[row[place] for place in places] for row in new["rows"]]
 
-    def newest_told(self, unix_s: float) -> dict[str, Any]:
+    def newest_state(self, unix_s: float) -> dict[str, Any]:
         """Return `newest` of the state."""
         status = self._status
         force_gwt, read_s = status.get("force_gwt"), status.get("read_unix_s")
@@ -86,7 +86,7 @@ class SeenBench:
             "age_s": age_s(read_s, unix_s),
         }
 
-    def devices_told(self, unix_s: float) -> dict[str, Any]:
+    def devices_state(self, unix_s: float) -> dict[str, Any]:
         """Return `devices` of the state."""
         status = self._status
         force = "no data" if status.get("force_gwt") is None else "zeroed" if status.get("zeroed") else "reads"
@@ -102,9 +102,9 @@ class SeenBench:
             },
         }
 
-    def limits_told(self) -> dict[str, Any] | None:
+    def limits_state(self) -> dict[str, Any] | None:
         """Return `limits` of the state."""
-        return None if self._config is None else limits_told(self._config, None, self._status.get("force_gwt"))
+        return None if self._config is None else limits_state(self._config, None, self._status.get("force_gwt"))
 
 
 LOOK_S, ASK_S, FIND_S, BEAT_S = 0.05, 0.1, 1.0, 0.4
@@ -200,8 +200,8 @@ class Watcher:
         rows = await loop.run_in_executor(self._reading, run.look, self.clock.unix_s())
         if run is self.run:
             self.outlet.add(rows)
-            self._run_state = run.told(going=not run.ended and (run.alive or owner is not None))
-            self._tell_schedule(run.schedule_told())
+            self._run_state = run.as_json(going=not run.ended and (run.alive or owner is not None))
+            self._tell_schedule(run.schedule_state())
 
     async def _folder(self, owner: Owner | None) -> Path | None:
         """Return the folder of the followed run."""
@@ -250,12 +250,12 @@ class Watcher:
             "unix_s": unix_s,
             "controls": self.tabs.holder,
             "configured": self.bench.configured,
-            "owner": None if owner is None else owner_told(owner, status),
+            "owner": None if owner is None else owner_state(owner, status),
             "run": self._run_state,
             "hand": hand,
-            "devices": seen.devices_told(unix_s),
-            "newest": seen.newest_told(unix_s),
-            "limits": seen.limits_told(),
+            "devices": seen.devices_state(unix_s),
+            "newest": seen.newest_state(unix_s),
+            "limits": seen.limits_state(),
             "notice": (self.last_words() or None) if status is None else _NOTICES.get(str(status.get("state"))),
             "problem": self.problem or None,
         }

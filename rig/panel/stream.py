@@ -38,7 +38,7 @@ def as_event(kind: str, data: Mapping[str, Any]) -> str:
 
 
 @dataclass(eq=False)
-class Onlooking:
+class PageQueue:
     """Pending events of one page: the newest states and drawings, and all readings up to a limit."""
 
     source: ReadingSource
@@ -91,7 +91,7 @@ class Outlet:
     """Publisher that sends new events to every page, and the current state to a new page."""
 
     def __init__(self) -> None:
-        self.clients: list[Onlooking] = []
+        self.clients: list[PageQueue] = []
         self.closed = False
         self._latest: dict[str, str] = {}
         self.source, self._rows = NOTHING, deque[Row](maxlen=MOST_ROWS)
@@ -136,9 +136,9 @@ class Outlet:
         return len(self.clients) >= MOST_STREAMS
 
     @contextmanager
-    def joined(self) -> Iterator[Onlooking]:
+    def joined(self) -> Iterator[PageQueue]:
         """Add a page until it leaves."""
-        client = Onlooking(self.source, deque(self._rows), dict(self._latest))
+        client = PageQueue(self.source, deque(self._rows), dict(self._latest))
         client.woken.set()
         self.clients.append(client)
         try:
@@ -148,7 +148,7 @@ class Outlet:
 
 
 async def stream(
-    outlet: Outlet, client: Onlooking, receive: Receive, send: Send, unix_s: Callable[[], float]
+    outlet: Outlet, client: PageQueue, receive: Receive, send: Send, unix_s: Callable[[], float]
 ) -> None:
     """Send a page its events until it leaves or the outlet is closed."""
     tasks = {asyncio.create_task(_gone(receive)), asyncio.create_task(_write(outlet, client, send, unix_s))}
@@ -165,7 +165,7 @@ async def _gone(receive: Receive) -> None:
         pass
 
 
-async def _write(outlet: Outlet, client: Onlooking, send: Send, unix_s: Callable[[], float]) -> None:
+async def _write(outlet: Outlet, client: PageQueue, send: Send, unix_s: Callable[[], float]) -> None:
     headers = [(b"content-type", b"text/event-stream; charset=utf-8")]
     await send({"type": "http.response.start", "status": 200, "headers": headers})
     await send(_body("retry: 1000\n\n"))

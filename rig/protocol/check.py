@@ -60,7 +60,7 @@ class Walk:
         self.checkpoints: set[str] = set()
         self.pressed: Counter[Purpose] = Counter()
         self.held_s = 0.0
-        self.reference_asked: tuple[Any, ...] | None = None
+        self.reference_request: tuple[Any, ...] | None = None
 
     def need(self, condition: bool, verb: str, before: str) -> None:
         """Raise an error if a verb comes before one that it requires."""

@@ -108,8 +108,8 @@ def failed_in_script(error: BaseException) -> BadInputError:
     return BadInputError("{exception}: {problem}", code="exception_in_script", **fields)
 
 
-def said_of_script(
-    kind: type[Coded], path: Path, error: BaseException, told_as_they_are: tuple[type[BaseException], ...]
+def script_error(
+    kind: type[Coded], path: Path, error: BaseException, verbatim: tuple[type[BaseException], ...]
 ) -> Coded:
     """Return an error that names the line of the script.
 
@@ -121,10 +121,10 @@ def said_of_script(
         File of the script.
     error : BaseException
         What the script raised.
-    told_as_they_are : tuple of types
+    verbatim : tuple of types
         Classes whose sentence is enough; for others the class is named.
     """
-    problem = error if isinstance(error, told_as_they_are) else failed_in_script(error)
+    problem = error if isinstance(error, verbatim) else failed_in_script(error)
     return around(kind, "{place}: {problem}", problem, place=where_in_script(path, error))
 
 

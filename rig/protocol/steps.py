@@ -387,7 +387,7 @@ class Reference(Step[ExpectedPresses, None]):
 
     def _refuse_another(self, walk: Walk) -> None:
         requested = (walk.indentor, self.x_mm, self.doi_mm, self.increments, self.hold_s)
-        first = walk.reference_asked = walk.reference_asked or requested
+        first = walk.reference_request = walk.reference_request or requested
         if requested != first:
             raise BadInputError(
                 "{verb}: expected the same press each time, {indentor} at x = {x_mm:g} mm to {doi_mm:g} mm in "

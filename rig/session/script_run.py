@@ -8,7 +8,7 @@ from rig.engine import Engine, EngineError, ScriptError
 from rig.errors import BadInputError
 from rig.protocol.api import Rig
 from rig.protocol.handlers import SilentScriptError, impatient
-from rig.protocol.script import Script, said_of_script
+from rig.protocol.script import Script, script_error
 from rig.transport import TransportError
 from sim.finger_process import FingerLostError
 
@@ -52,6 +52,6 @@ def run_script(script: Script, engine: Engine, rig: Rig) -> None:
         raise
     except (Exception, SystemExit, SilentScriptError) as error:
         engine.make_safe()
-        raise said_of_script(ScriptError, script.path, error, (BadInputError, SilentScriptError)) from error
+        raise script_error(ScriptError, script.path, error, (BadInputError, SilentScriptError)) from error
     if engine.problem is not None:
         raise engine.problem

@@ -358,7 +358,7 @@ def test_a_journal_is_read_once(runs: Path) -> None:
 def test_where_nothing_changed_nothing_is_written(runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = listed(runs)
     with monkeypatch.context() as patched:
-        patched.setattr(run_index, "_keep", unread)
+        patched.setattr(run_index, "_store", unread)
         assert listed(runs) == first
     shutil.rmtree(runs / "complete")
     listed(runs)
