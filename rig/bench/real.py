@@ -19,7 +19,7 @@ from rig.transport.wire import Sink
 
 
 class PortError(TransportError):
-    """Error of a port that could not be opened; `device` says which."""
+    """Error of a port that could not be opened; `device` names it."""
 
     def __init__(self, device: Literal["stage", "force"], error: TransportError) -> None:
         fields = {**error.fields, "device": device, "problem": str(error)}

@@ -303,16 +303,16 @@ def _of_its_kind(stage: Any) -> Any:
 
 def _of_the_stage(text: str) -> str:
     """Return the lines of [stage] and of its tables."""
-    kept, inside = [], False
+    found, inside = [], False
     for line in text.splitlines():
         header = _HEADER.match(line)
         if header is not None:
             inside = header[1] == "stage"
         if inside:
-            kept.append(line)
-    if not kept:
+            found.append(line)
+    if not found:
         raise tomllib.TOMLDecodeError("no [stage]")
-    return "\n".join(kept)
+    return "\n".join(found)
 
 
 def _dropped(table: Any, where: list[str]) -> bool:
@@ -478,7 +478,7 @@ class _Stopping:
 
     def _signal_owner(self) -> None:
         owner = first_owner(self.result.ports)
-        if self._signal is None or owner is None or owner.pid is None or not owner.ours:
+        if self._signal is None or owner is None or owner.pid is None or not owner.same_account:
             return
         with suppress(OSError):  # The process has just ended.
             self._signal(owner.pid)

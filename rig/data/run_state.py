@@ -193,7 +193,7 @@ class Course:
         try:
             stored = json.loads((folder.path / _FILE).read_text(encoding="utf-8"))
             passes = [((str(p[0]), int(p[1]), int(p[2])), float(p[3]), str(p[4])) for p in stored["passes"]]
-            words = {name: said for name, _, said in passes if said}
+            words = {name: text for name, _, text in passes if text}
             marks = {name: dict(p[5]) for p, (name, _, _) in zip(stored["passes"], passes, strict=True) if p[5:]}
             return cls(float(stored["duration_s"]), {name: instant_s for name, instant_s, _ in passes}, words, marks)
         except (OSError, ValueError, TypeError, KeyError, IndexError):

@@ -31,7 +31,7 @@ class StagePace:
         self._begin()
 
     def _begin(self) -> None:
-        self._polls: list[tuple[float, float, float]] = []  # asked, heard, gone
+        self._polls: list[tuple[float, float, float]] = []  # times of request and reply (s), distance (mm)
         self._fastest_mm_s = 0.0
         self._late = False
         self.doubtful = self.stood = False
@@ -84,7 +84,7 @@ def dead_man_jog(
     *,
     slice_s: float = SLICE_S,
 ) -> StageStatus:
-    """Jog while held() keeps its first answer, by at most by_mm; return the status at rest.
+    """Jog while held() returns its first direction, by at most by_mm; return the status at rest.
 
     At most two slices of slice_s are queued ahead of the stage. If this process dies or the cable is cut, the stage
     therefore stops within 2 · speed_mm_s · slice_s. Every status is passed to `look`; an exception from it ends the

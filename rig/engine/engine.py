@@ -229,7 +229,7 @@ class Engine:
     def measure_contact(self) -> KnownContact:
         """Measure and store the state of contact at rest; neither trip nor move.
 
-        A remaining force is given time to vanish, because a sensor may be late or a load cell slow.
+        A remaining force may still vanish: a sensor may be late, or a load cell slow.
         """
         return self.know_contact(self.force_at_rest_gwt())
 

@@ -67,7 +67,7 @@ class Motion:
     """Motions of a stage over one finger: x, along and height above the pad's nominal apex (mm); nan if unknown."""
 
     def __init__(self, settings: RigSettings, stage: Stage, clock: Clock, glance: Callable[[], None]) -> None:
-        """glance: called with each status; if it raises a InterruptedMotionError, the stage comes to rest."""
+        """glance: called with each status; if it raises an InterruptedMotionError, the stage comes to rest."""
         self._settings, self._stage, self._clock, self._glance = settings, stage, clock, glance
         self.x_mm, self.along_mm, self.height_mm = math.nan, 0.0, math.nan
         self.begun = False  # whether any motion was ever commanded

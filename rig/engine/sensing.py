@@ -88,7 +88,7 @@ class Sensing:
         self.sensor, self.moved = sensor, True  # moved: since the last settled reading.
         self.zero: ForceZero | None = None  # zero that forces are counted from
         self._settings, self._clock = settings, clock
-        # State of the motion under way.
+        # State of the present motion.
         self._baseline_n: float | None = 0.0
         self.away, self._before_gwt = False, 0.0
         self._at_rest_n = 0.0  # last settled reading, before the zero

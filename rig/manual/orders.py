@@ -31,7 +31,7 @@ class HoldRequest(BaseModel):
     unix_s: float
 
     @classmethod
-    def asked(cls, request: Mapping[str, Any]) -> "HoldRequest":
+    def validated(cls, request: Mapping[str, Any]) -> "HoldRequest":
         """Validate a request. Raises LimitError."""
         try:
             return cls.model_validate(request)

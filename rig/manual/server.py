@@ -38,7 +38,7 @@ def hand_answers(orders: Orders, status: HandStatus, stage: Stage, gate: StopGat
         return {**found, "busy": orders.busy, "tab": orders.tab, "stopped": orders.stopped}
 
     def hold(request: Request) -> Mapping[str, Any]:
-        orders.hold(HoldRequest.asked(request))
+        orders.hold(HoldRequest.validated(request))
         return {}
 
     def release(request: Request) -> Mapping[str, Any]:

@@ -77,7 +77,7 @@ class NoOwnerError(RigError):
     default_code = "nobody"
 
 
-def asked(owner: Owner | None, kind: str, do: str, within_s: float, **more: Any) -> dict[str, Any]:
+def ask_owner(owner: Owner | None, kind: str, do: str, within_s: float, **more: Any) -> dict[str, Any]:
     """Return an owner's reply. Raises NoOwnerError if its kind is another, RefusedError, ControlError."""
     if owner is None or owner.kind != kind:
         if kind == "run":

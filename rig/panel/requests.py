@@ -18,7 +18,16 @@ from rig.control.stop import BESIDE_S, SentStop, send_stop
 from rig.devices.registry import stage_ports
 from rig.errors import RigError
 from rig.panel.gate import TAB_HEADER
-from rig.panel.owners import ByHandProcess, NoOwnerError, NotTakenError, Owner, SentStops, asked, say_stop, stop_all
+from rig.panel.owners import (
+    ByHandProcess,
+    NoOwnerError,
+    NotTakenError,
+    Owner,
+    SentStops,
+    ask_owner,
+    say_stop,
+    stop_all,
+)
 from rig.panel.state import Watcher
 from rig.settings import BenchSettings
 
@@ -233,7 +242,7 @@ class Posts:
             raise answer
         return answer
 
-    def _stop_all(self, said: SentStops) -> PostAnswer | NoOwnerError | ControlError:
+    def _stop_all(self, stops: SentStops) -> PostAnswer | NoOwnerError | ControlError:
         """Return the result of a stop; a failure is also returned, since the page may have gone."""
         try:
             owners = self._watcher.find()
@@ -242,7 +251,7 @@ class Posts:
         settings, answered = self._watcher.bench.settings, threading.Event()
         sent = None if settings is None else self._each.submit(_sent_where_nobody_lives, settings, owners, answered)
         try:
-            return stop_all(owners, said, self._each)
+            return stop_all(owners, stops, self._each)
         except RefusedError as error:
             return error
         except (NoOwnerError, ControlError) as error:
@@ -317,7 +326,7 @@ class Posts:
 
     def _asked(self, few: BoundedPool, kind: str, do: str, within_s: float, **more: Any) -> Awaitable[PostAnswer]:
         """Return the reply of the shown owner. Raises ControlError if too many requests are pending."""
-        return few.begin(partial(asked, self._watcher.owner, kind, do, within_s, **more))
+        return few.begin(partial(ask_owner, self._watcher.owner, kind, do, within_s, **more))
 
 
 def _sent_where_nobody_lives(

@@ -51,14 +51,14 @@ def written_s(run: Path) -> float:
 def limits_state(config: Config, soft_trip_n: float | None, force_gwt: float | None) -> dict[str, Any]:
     """Return trips, margins of the newest force (None without one), and the deepest press."""
     trips = Trips(config.limits, soft_trip_n)
-    told: dict[str, Any] = {"max_doi_mm": config.limits.max_doi_mm, "max_force_gwt": config.limits.max_force_gwt}
+    found: dict[str, Any] = {"max_doi_mm": config.limits.max_doi_mm, "max_force_gwt": config.limits.max_force_gwt}
     for name, margin, trip_gwt in (
         ("trip", "margin", trips.soft_gwt),
         ("hard_trip", "hard_margin", trips.hard_gwt),
     ):
         left_gwt = None if force_gwt is None else trip_gwt - abs(force_gwt)
-        told |= in_both(name, trip_gwt) | in_both(margin, left_gwt)
-    return told
+        found |= in_both(name, trip_gwt) | in_both(margin, left_gwt)
+    return found
 
 
 def in_both(name: str, force_gwt: float | None) -> dict[str, float | None]:
@@ -185,10 +185,10 @@ class SeenRun(Onlooker):
     def newest_state(self, unix_s: float) -> dict[str, Any]:
         """Return `newest` of the state, with its present age."""
         found, (t_s, read_s) = self.newest, self.newest_s
-        told = {name: found.get(name) for name in ("force_gwt", "doi_mm", "x_mm", "height_mm", "phase")}
+        values = {name: found.get(name) for name in ("force_gwt", "doi_mm", "x_mm", "height_mm", "phase")}
         force_gwt = found.get("force_gwt")
         force_n = None if force_gwt is None else force_gwt * GWT_N
-        return {**told, "t_s": t_s, "force_n": force_n, "age_s": age_s(read_s, unix_s)}
+        return {**values, "t_s": t_s, "force_n": force_n, "age_s": age_s(read_s, unix_s)}
 
     def devices_state(self, unix_s: float) -> dict[str, Any]:
         """Return `devices` of the state, with the age of each word; None if there is no word."""
@@ -216,8 +216,8 @@ def _latest(rows: list[Row]) -> list[Row]:
 
 
 def _row(reading: Document) -> Row:
-    told = {**reading["data"], **reading, "purpose": _purpose(reading["stream"], READING)}
-    return [told.get(name) for name in COLUMNS]
+    values = {**reading["data"], **reading, "purpose": _purpose(reading["stream"], READING)}
+    return [values.get(name) for name in COLUMNS]
 
 
 def _press(begun: tuple[str, Mapping[str, Any]] | None) -> PressSummary | None:

@@ -59,7 +59,7 @@ class SeenBench:
         """Drawing of the finger alone, since the mounted indentor is unknown."""
         return None if self.path is None else Job(self.path)
 
-    def heard(self, status: Mapping[str, Any] | None) -> list[Row]:
+    def update(self, status: Mapping[str, Any] | None) -> list[Row]:
         """Store the reply of the owner, None without one, and return its new readings."""
         if status is None:
             return []
@@ -176,7 +176,7 @@ class Watcher:
         self.owners, self.problem, self._status = owners, problem, status
         if owner is not None and owner.kind == "by hand":
             self._show_hand(owner)
-            self.outlet.add(self.bench.heard(status))
+            self.outlet.add(self.bench.update(status))
 
     def _show_hand(self, owner: Owner) -> None:
         """Show readings of manual control from now on."""
@@ -244,7 +244,7 @@ class Watcher:
         """Return the state, except readings and drawings."""
         owner, status = self.owner, self._status
         by_hand = status is not None and owner is not None and owner.kind == "by hand"
-        hand = {name: told for name, told in status.items() if name != "readings"} if status and by_hand else None
+        hand = {name: value for name, value in status.items() if name != "readings"} if status and by_hand else None
         seen: SeenRun | SeenBench = self.bench if self.run is None else self.run
         return {
             "unix_s": unix_s,
@@ -273,7 +273,7 @@ def _marks(state: dict[str, Any]) -> object:
     """Return the values whose change is published at once, without numbers that always change."""
     run, hand = state["run"] or {}, state["hand"] or {}
     steady = [state[name] for name in ("controls", "owner", "notice", "problem")]
-    of_the_run = {name: told for name, told in run.items() if name != "left_s"}
+    of_the_run = {name: value for name, value in run.items() if name != "left_s"}
     return steady, of_the_run, [hand.get(name) for name in ("state", "busy", "ended_by", "stopped", "next")]
 
 

@@ -98,18 +98,18 @@ class Patience:
     Parameters
     ----------
     then : Handler
-    told : callable
+    on_step : callable
         Called with the number of steps so far, before each step.
     """
 
-    def __init__(self, then: Handler, told: Callable[[int], None] = lambda steps: None) -> None:
-        self._then, self._told = then, told
+    def __init__(self, then: Handler, on_step: Callable[[int], None] = lambda steps: None) -> None:
+        self._then, self._on_step = then, on_step
         self._steps = 0
 
     def handle(self, step: Step[E, A], spot: Spot) -> A:
         """Return the answer of `then`. Raises BadInputError beyond MOST_STEPS."""
         self._steps += 1
-        self._told(self._steps)
+        self._on_step(self._steps)
         if self._steps > MOST_STEPS:
             raise BadInputError("{verb}: the script makes more than {high} steps, expected no more",
                                 code="too_many_steps", verb=step.verb, high=MOST_STEPS)  # fmt: skip

@@ -124,10 +124,10 @@ class Ending:
         return cls(reason, FinalPosition("not moved"), f"{_PUT_RIGHT if refused else ''}repeat the command", None)
 
     @property
-    def told(self) -> dict[str, str]:
+    def lines(self) -> dict[str, str]:
         """Lines to print, by label."""
-        lines = {"where": self.at.words, "next": self.next, "resume": self.resume}
-        return {about: words for about, words in lines.items() if words is not None}
+        found = {"where": self.at.words, "next": self.next, "resume": self.resume}
+        return {about: words for about, words in found.items() if words is not None}
 
     def as_json(self) -> dict[str, Any]:
         """Return the fields that commands print as JSON."""

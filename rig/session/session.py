@@ -274,7 +274,7 @@ def _carry_out(session: Session, journal: Journal, engine: Engine, rig: Rig, ben
     finally:
         bench.left_with(engine.sensing.zero)
         if engine.may_touch:
-            with suppress(RecordError):  # The record already says that the indentor may touch.
+            with suppress(RecordError):  # The record already assumes contact.
                 bench.touched(engine.known_contact)
     return None
 

@@ -137,7 +137,7 @@ class PortOwner:
     pid: int | None
 
     @property
-    def ours(self) -> bool:
+    def same_account(self) -> bool:
         """Whether the process belongs to this account and may be signaled."""
         if self.pid is None:
             return False
@@ -155,7 +155,7 @@ class PortOwner:
     def __str__(self) -> str:
         if self.pid is None:
             return "another program"
-        return f"process {self.pid}" + ("" if self.ours else " of another account")
+        return f"process {self.pid}" + ("" if self.same_account else " of another account")
 
 
 class LockHeldError(RigError):

@@ -326,14 +326,14 @@ def test_only_the_newest_folders_are_looked_at(tmp_path: Path) -> None:
 def test_the_bench_by_what_its_owner_answers(tmp_path: Path) -> None:
     bench = SeenBench(tmp_path / "rig.toml", Config())
     assert (bench.configured, bench.job, bench.since) == (True, Job(tmp_path / "rig.toml"), 0)
-    assert bench.heard(None) == []
+    assert bench.update(None) == []
     assert bench.devices_state(9.0)["stage"] == {"word": "no data", "homed": False, "age_s": None}
     new = {"columns": ["t_s", *HAND.columns[2:], "unix_s"], "next": 12, "rows": [[3.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0]]}
     status = {
         "state": "idle", "homed": True, "zeroed": False, "force_gwt": 1.5, "x_mm": 0.5, "height_mm": 3.0,
         "read_unix_s": 100.0, "seen_unix_s": 101.0, "busy": "jog", "readings": new,
     }  # fmt: skip
-    assert bench.heard(status) == [[6.0, 3.0, 1.0, 2.0, 3.0, 4.0, 5.0]]
+    assert bench.update(status) == [[6.0, 3.0, 1.0, 2.0, 3.0, 4.0, 5.0]]
     assert bench.since == 12
     assert bench.newest_state(101.5) == {
         "force_gwt": 1.5, "force_n": 1.5 * GWT_N, "doi_mm": None, "x_mm": 0.5, "height_mm": 3.0, "phase": "jog",
@@ -344,9 +344,9 @@ def test_the_bench_by_what_its_owner_answers(tmp_path: Path) -> None:
     assert told["stage"] == {"word": "idle", "homed": True, "age_s": 0.5}
     assert told["force"] == {"word": "reads", "age_s": 1.5}
     assert bench.limits_state() == limits_state(Config(), None, 1.5)
-    assert bench.heard({**status, "zeroed": True, "readings": None}) == []
+    assert bench.update({**status, "zeroed": True, "readings": None}) == []
     assert bench.devices_state(101.5)["force"]["word"] == "zeroed"
-    bench.heard({**status, "stage_problem": "the stage is silent", "force_problem": "no reading"})
+    bench.update({**status, "stage_problem": "the stage is silent", "force_problem": "no reading"})
     assert [one["word"] for one in bench.devices_state(101.5).values()] == ["the stage is silent", "no reading"]
     bench.begin(7)
     assert (bench.owner, bench.since, bench.newest_state(1.0)["force_gwt"]) == (7, 0, None)
