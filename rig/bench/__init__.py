@@ -1,1 +1,1 @@
-"""Assemble a bench: real devices, virtual ones on a virtual clock, or virtual ones behind ports."""
+"""Benches: real devices, virtual ones on a virtual clock, or virtual ones behind ports."""

@@ -102,7 +102,7 @@ _CODE = re.compile(r"[A-Z]{1,3}[0-9]{2,6}")
 
 
 def checked_subject(code: str | None) -> str | None:
-    """Return a valid subject code, whose form no name has. Raises BadInputError."""
+    """Return a valid subject code, which cannot be a name. Raises BadInputError."""
     if code is None or _CODE.fullmatch(code):
         return code
     raise BadInputError(

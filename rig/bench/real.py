@@ -1,4 +1,4 @@
-"""The bench of a real run: devices on the ports of the configuration, and the person beside them."""
+"""Bench of a real run: devices on the configured ports, and the operator."""
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, suppress
@@ -19,7 +19,7 @@ from rig.transport.wire import Sink
 
 
 class PortError(TransportError):
-    """A port of the bench could not be opened; `device` says which."""
+    """Error of a port that could not be opened; `device` names it."""
 
     def __init__(self, device: Literal["stage", "force"], error: TransportError) -> None:
         fields = {**error.fields, "device": device, "problem": str(error)}
@@ -90,9 +90,7 @@ def open_bench(
 ) -> RealBench:
     """Open both ports; the bytes go to `byte_log`, and `ask` prompts the operator.
 
-    in_hand: holder of a stage that is open already; it gets the stage back.
-
-    Raises PortError.
+    in_hand: owner of a stage that is already open, which gets it back. Raises PortError.
     """
     memory = BenchMemory(settings)
     with _named("stage"):

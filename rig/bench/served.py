@@ -1,4 +1,4 @@
-"""The virtual bench in real time, behind ports that any program can open."""
+"""Virtual bench in real time, behind ports that any program can open."""
 
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -44,9 +44,9 @@ class ServedBench:
         tcp: int | None = None,
         complain: Callable[[str], object] = print,
     ) -> None:
-        """stage, force: types of the devices, None for none. tcp: number of the first port; else pseudo-terminals.
+        """stage, force: types of the devices, None for none. tcp: number of the first port; None: pseudo-terminals.
 
-        Returns when all devices answer. Raises BadInputError.
+        Returns when all devices respond. Raises BadInputError.
         """
         config = with_framing(with_kinds(config, stage, force), "rtu" if tcp is None else "tcp")
         self.scheduler = WallScheduler()
@@ -98,10 +98,10 @@ class ServedBench:
         force_line = self._open("force", config.force.baud) if force else None
         board = virtual_stage(self.scheduler, stage_line, config) if stage_line else None
         if force_line:
-            felt = self._finger(config, board, complain) if board else Load(lambda t_s: 0.0)
-            sensor = virtual_force(self.scheduler, force_line, config, load_on_sensor(felt, config))
+            load = self._finger(config, board, complain) if board else Load(lambda t_s: 0.0)
+            sensor = virtual_force(self.scheduler, force_line, config, load_on_sensor(load, config))
             wire_hardware_trip(config, board, sensor)
-        for port in self._refusing:  # not earlier: clients would wait for an answer
+        for port in self._refusing:  # Not earlier, because clients would wait for a reply.
             port.listen()
 
     def _open(self, name: str, baud: int) -> SerialLine:

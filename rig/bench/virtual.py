@@ -40,7 +40,7 @@ from sim.models.relaxation import PronyTerm
 from sim.plant import Carriage, Placement, Plant, RelaxingPlant, Screws, TruePose, Truth, Turn
 
 
-def believed_steps_per_mm(config: Config, axis: str) -> float:
+def calibrated_steps_per_mm(config: Config, axis: str) -> float:
     """Return the calibrated or nominal steps per mm, negative if the motor runs against the axis."""
     return config.calibration.value(f"{axis}_steps_per_mm", NOMINAL_STEPS_PER_MM)
 
@@ -48,7 +48,7 @@ def believed_steps_per_mm(config: Config, axis: str) -> float:
 def _screw(config: Config, axis: str) -> float:
     """Return the steps per mm of the true screw."""
     true: float | None = getattr(config.virtual, f"{axis}_screw_steps_per_mm")
-    return true or abs(believed_steps_per_mm(config, axis))
+    return true or abs(calibrated_steps_per_mm(config, axis))
 
 
 def lost_steps(config: Config, axis: str) -> float:
@@ -101,25 +101,25 @@ def relaxation(config: Config) -> list[PronyTerm]:
     return [PronyTerm(share, tau_s) for share, tau_s in config.virtual.relaxation]
 
 
-def load_on_sensor(felt: Load, config: Config) -> Load:
+def load_on_sensor(load: Load, config: Config) -> Load:
     """Return the force as the sensor measures it, with the configured delay, noise and drift."""
     virtual = config.virtual
     latency_s = virtual.cell_latency_s
     force_n = load_cell(
-        felt.force_n,
+        load.force_n,
         sample_period_s=config.force.sample_period_s,
         noise_n=virtual.cell_noise_gwt * GWT_N,
         latency_s=latency_s,
         drift_n_per_s=virtual.cell_drift_gwt_per_min * GWT_N / 60,
         seed=virtual.noise_seed,
     )
-    return Load(force_n, lambda t_s: felt.fresh(t_s - latency_s))
+    return Load(force_n, lambda t_s: load.fresh(t_s - latency_s))
 
 
 def virtual_stage(scheduler: Scheduler, line: SerialLine, config: Config) -> VirtualStage:
     """Create the twin of the configured stage on a line. Raises BadInputError."""
-    x, y, z = (believed_steps_per_mm(config, axis) for axis in "xyz")
-    told = StageTold(
+    x, y, z = (calibrated_steps_per_mm(config, axis) for axis in "xyz")
+    description = StageTold(
         config.stage.travel_mm,
         (x, y, z),
         (lost_steps(config, "x"), 0.0, lost_steps(config, "z")),
@@ -128,20 +128,20 @@ def virtual_stage(scheduler: Scheduler, line: SerialLine, config: Config) -> Vir
         config.sync.model_dump(),
         config.stop.inputs_register,
     )
-    return _made(config.stage, lambda twin: twin(scheduler, line, told))
+    return _made(config.stage, lambda twin: twin(scheduler, line, description))
 
 
 def virtual_force(scheduler: Scheduler, line: SerialLine, config: Config, load: Load) -> object:
     """Create the twin of the configured force sensor on a line, under a load. Raises BadInputError."""
     force = config.force
-    told = ForceTold(
+    description = ForceTold(
         force.sample_period_s,
         config.virtual.cell_resolution_gwt,
         force.framing or "rtu",
         _own(force),
         config.stop.trip_gwt,
     )
-    return _made(force, lambda twin: twin(scheduler, line, told, load))
+    return _made(force, lambda twin: twin(scheduler, line, description, load))
 
 
 def wire_hardware_trip(config: Config, stage: object, sensor: object) -> None:
@@ -162,7 +162,7 @@ def with_stand_ins(config: Config) -> Config:
     """Replace devices without a virtual twin by the default types, for a rehearsal."""
     stage = None if kind_of(config.stage).twin else DEFAULTS["stage"]
     force = None if kind_of(config.force).twin else DEFAULTS["force"]
-    sync = config.sync if stage is None else SyncSettings()  # whose outputs are others
+    sync = config.sync if stage is None else SyncSettings()  # Its outputs differ.
     return with_kinds(config, stage, force).model_copy(update={"sync": sync})
 
 
@@ -193,7 +193,7 @@ def _twin(entry: DeviceKind) -> Callable[..., Any]:
     module, _, function = entry.twin.partition(":")
     try:
         twin: Callable[..., Any] = getattr(import_module(module), function)
-    except (Exception, SystemExit) as error:  # importing a package may raise anything
+    except (Exception, SystemExit) as error:  # Importing a package may raise anything.
         raise BadInputError(
             "{what}: its virtual twin {twin} cannot be loaded: {exception}: {problem}",
             code="twin_not_loaded",
@@ -218,18 +218,18 @@ class AnyPlant(Protocol):
 @contextmanager
 def looked_after_by(clock: VirtualClock, heartbeat: Heartbeat) -> Iterator[None]:
     """Monitor a heartbeat from a timer of the virtual clock."""
-    looking = True
+    active = True
 
     def look() -> None:
         heartbeat.look()
-        if looking:
+        if active:
             clock.call_at(clock.monotonic_s() + LOOK_S, look)
 
     look()
     try:
         yield
     finally:
-        looking = False
+        active = False
 
 
 @dataclass(frozen=True)
@@ -243,7 +243,7 @@ class VirtualBench:
     pause: Pause
     virtual: Literal[True] = True
     board: VirtualStage | None = None
-    shape_files: Path | None = None  # the folder of the run, which has its own copies of them
+    shape_files: Path | None = None  # folder of the run, with its copies of shape files
 
     @property
     def operator(self) -> Self:
@@ -311,7 +311,7 @@ def bench_around(
 
     gate: gate between the stage and its driver, which a stop closes.
     """
-    config = with_framing(config, "rtu")  # there is one wire, whatever ports the configuration names
+    config = with_framing(config, "rtu")  # There is one wire, whatever ports are configured.
     stage_line = SerialLine(clock, config.stage.baud)
     force_line = SerialLine(clock, config.force.baud)
     board = virtual_stage(clock, stage_line, config)

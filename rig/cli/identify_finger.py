@@ -168,7 +168,7 @@ def said_at_the_end(done: FinishedRun, meeting: Meeting, to: object) -> dict[str
     """Return the results of the identification, and what was not learned."""
     said: dict[str, Any] = {"run": str(done.folder.path), "presses": len(meeting.given)}
     if done.problem is not None and done.ending is not None:
-        told = {about: words for about, words in done.ending.told.items() if about != "resume"}
+        told = {about: words for about, words in done.ending.lines.items() if about != "resume"}
         said |= {"ended": done.ending.reason} | told
     if meeting.learned.collapsed:
         said["collapsed"] = (

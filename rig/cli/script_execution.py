@@ -315,7 +315,7 @@ def _reported(done: FinishedRun, finger: Finger, owner: RunOwner) -> FinishedRun
     ending = done.ending
     try:
         done.folder.write_checksums()
-        asked(finger, make_report, done.run, done.wall_s, None if ending is None else ending.told)
+        asked(finger, make_report, done.run, done.wall_s, None if ending is None else ending.lines)
         done.folder.write_checksums()
     except (OSError, FingerLostError) as error:
         return replace(done, problem=done.problem or error)
@@ -357,7 +357,7 @@ def _print(done: FinishedRun, wall_s: float, *, as_json: bool, resumed: bool) ->
         if counts:
             out.print(", ".join(f"{number} {what}" for what, number in counts.items()))
         out.print(f"run     {done.folder.path}\nreport  {report or 'none'}")
-        for about, words in {} if ending is None else ending.told.items():
+        for about, words in {} if ending is None else ending.lines.items():
             out.print(f"{about:<8}{words}")
 
 

@@ -1,1 +1,1 @@
-"""Ask and stop the process that owns the ports, over its private socket."""
+"""Requests and stops to the process that owns the ports, over its private socket."""

@@ -1,4 +1,4 @@
-"""Find the process that owns a port and ask it what it is doing."""
+"""Client of the process that owns a port: finds it and sends requests."""
 
 import errno
 import os
@@ -20,23 +20,23 @@ from rig.errors import RigError
 
 ASK_S = 1.0
 STOP = {"do": "stop"}
-"""The one request that is said at once."""
+"""Request that is sent without a handshake."""
 
 
 class ControlError(RigError):
-    """No answer: the process has ended, hangs, or is not the one that announced itself. One line."""
+    """Error of a missing reply: the process has ended, hangs, or is another one."""
 
     default_code = "no_answer"
 
 
 class RefusedError(ControlError):
-    """The process answered that it will not. One line."""
+    """Error of a request that the process refused."""
 
     default_code = "refused"
 
 
 class Announcement(BaseModel, frozen=True):
-    """What a process says of itself while it owns ports; run is the run's folder once there is one."""
+    """Announcement of a process that owns ports; `run` is the run's folder once it exists."""
 
     pid: int
     kind: Literal["run", "by hand"]
@@ -50,21 +50,21 @@ class Announcement(BaseModel, frozen=True):
 
 
 class Announced(Announcement, frozen=True):
-    """An announcement as others read it, with where to ask and the key."""
+    """Announcement read by other processes, with address and key."""
 
     address: str
     key: str
 
     def ask(self, do: str, *, within_s: float = ASK_S, **more: Any) -> dict[str, Any]:
-        """Its answer to one request. Raises RefusedError with what it says, ControlError where nobody answers."""
+        """Return the reply to one request. Raises RefusedError, or ControlError without a reply."""
         with self._failing(do, within_s):
             return self._answered(do, self._answer({"do": do, **more}, within_s))
 
     def say_stop(self, lives: Callable[[], object] = lambda: None) -> Callable[[float], dict[str, Any]]:
-        """A stop that is said when this returns, which waits for nothing. Raises ControlError where it is not.
+        """Send a stop without waiting for anything. Raises ControlError if it is not sent.
 
-        What is returned listens to the answer for so many seconds, as ask does, and calls `lives` when the owner is
-        heard at all: an owner that is not may hang.
+        The returned function waits for the reply, up to the given seconds, and calls `lives` at the first sign of
+        the owner; an owner without one may hang.
         """
         key = bytes.fromhex(self.key)
         with self._failing("stop", 0.0):
@@ -79,7 +79,7 @@ class Announced(Announcement, frozen=True):
 
     @contextmanager
     def _failing(self, do: str, within_s: float) -> Iterator[None]:
-        """What fails inside is told as a ControlError."""
+        """Turn failures into a ControlError."""
         try:
             yield
         except (TimeoutError, BlockingIOError):
@@ -121,9 +121,9 @@ class Announced(Announcement, frozen=True):
 
 
 def announced() -> list[Announced]:
-    """Every process that owns ports now, the oldest first; notes of those that have ended are removed.
+    """Return the processes that own ports now, the oldest first; remove the notes of ended ones.
 
-    Raises PermissionError where the folder is somebody else's.
+    Raises PermissionError if the folder belongs to another user.
     """
     found = []
     for note in runtime_folder().glob("*.json"):
@@ -131,27 +131,27 @@ def announced() -> list[Announced]:
             if not _removed_where_left(note):
                 found.append(Announced.model_validate_json(note.read_bytes()))
         except (OSError, ValidationError):
-            continue  # just removed, or none of ours
+            continue  # It was just removed, or is no note of this program.
     return sorted(found, key=lambda one: one.began_unix_s)
 
 
 def runtime_folder() -> Path:
-    """RIG_RUNTIME_DIR, or the user's runtime folder; private. Raises OSError."""
+    """Return RIG_RUNTIME_DIR, or the user's runtime folder; private. Raises OSError."""
     chosen = os.environ.get("RIG_RUNTIME_DIR")
     if chosen:
         return _private(Path(chosen))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # where nobody has logged in there is none, and another one will do
+        warnings.simplefilter("ignore")  # Without a login session there is none, and a fallback is used.
         return _private(user_runtime_path("rig", ensure_exists=True))
 
 
 def lock_of(note: Path) -> filelock.FileLock:
-    """Held by the process that wrote a note, until it ends however it ends."""
+    """Return the lock that the writer of a note holds as long as it lives."""
     return filelock.FileLock(note.with_suffix(".lock"), timeout=0.2, thread_local=False)
 
 
 def remove(note: Path) -> None:
-    """A note, its socket and its lock, which the caller holds."""
+    """Remove a note, its socket and its lock, which the caller holds."""
     for suffix in (".json", ".new", ".sock", ".lock"):
         note.with_suffix(suffix).unlink(missing_ok=True)
 
@@ -161,7 +161,7 @@ def _removed_where_left(note: Path) -> bool:
         with lock_of(note).acquire(timeout=0):
             remove(note)
             return True
-    except (filelock.Timeout, OSError):  # a disk that takes nothing says nothing of who lives: who asks will see
+    except (filelock.Timeout, OSError):  # A full disk does not show whether the process lives; a request will.
         return False
 
 
@@ -180,10 +180,10 @@ _ANSWER_S = 0.5
 
 
 def at_work(owner: int) -> dict[str, str]:
-    """What a process does, since when, and what stops it; nothing of one that has not announced itself."""
+    """Return what a process does, since when, and what stops it; nothing if it is not announced."""
     try:
         found = next((one for one in announced() if one.pid == owner), None)
-    except OSError:  # nobody can be announced there
+    except OSError:  # Then no process can be announced there.
         found = None
     if found is None:
         return {}

@@ -1,4 +1,4 @@
-"""The owner's side: one note, one socket, and a thread for each who asks."""
+"""Server of the process that owns ports: one note, one socket, and a thread for each client."""
 
 import gc
 import os
@@ -18,29 +18,32 @@ from rig.control.messages import BROKEN, Wire, connected, encoded
 from rig.errors import RigError
 
 Answers = Mapping[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]
-"""What is done for each request, and said of it; called from threads of their own, several at once."""
+"""Handlers by request, which return the reply; called from several threads at once."""
 
 PATIENCE_S = 2.0
-"""Whoever has connected and says nothing is let go after so long."""
+"""Time until a silent client is disconnected (s)."""
 
 SWITCH_S = 5e-4
-"""How long a busy main thread may keep whoever answers waiting, some ten times for one answer."""
+"""Longest delay of a waiting thread by a busy main thread (s), some ten times for one reply."""
 
-SHORT_LOOKS = (5_000, 3, 30)
-"""New objects that are looked through for garbage, and how often older ones are with them. No thread has its turn
-meanwhile: up to 5 ms while a script is planned, where it is 56 by the 50 000 objects of rig/cli/program.py."""
+GC_THRESHOLDS = (5_000, 3, 30)
+"""Thresholds of the garbage collector.
 
-_SPARE = 3  # threads that wait for whoever asks next
+No thread runs during a collection: up to 5 ms while a script is planned, instead of 56 ms with the 50 000 objects
+of rig/cli/program.py.
+"""
+
+_SPARE = 3  # threads that wait for the next client
 _BACKLOG = 16
 _AGAIN_S = 0.05
-_LONGEST_ADDRESS = 100  # bytes; a socket's path may have 103 on some systems
+_LONGEST_ADDRESS = 100  # bytes; the path of a socket may have 103 on some systems
 
 
 class ControlSocket:
-    """A process that owns ports announces itself and answers, whatever its main thread does.
+    """Socket on which a process that owns ports announces itself and replies, whatever its main thread does.
 
-    Each who asks is served by a thread of its own, which has waited for whoever comes next: a stop waits for nobody,
-    and no thread has to be begun for it. What an answer raises is its problem, in one line.
+    Each client is served by a thread that was already waiting, so that a stop waits for no other client and no
+    thread start. An exception of a handler is reported in one line.
     """
 
     def __init__(self, announcement: Announcement, answers: Answers) -> None:
@@ -50,14 +53,17 @@ class ControlSocket:
         self._counting, self._waiting = threading.Lock(), set[threading.Thread]()
 
     def __enter__(self) -> "ControlSocket":
-        """Raises OSError; filelock.Timeout where this process has announced itself already."""
+        """Announce the process and listen.
+
+        Raises OSError; filelock.Timeout if the process has already announced itself.
+        """
         with ExitStack() as undo:
             undo.enter_context(quick_switches())
             self._note = undo.enter_context(_own_note(self._announcement.pid))
             self._listener = undo.enter_context(_listening(self._note))
-            self._tell()
+            self._write_note()
             undo.callback(self._note.unlink, missing_ok=True)
-            undo.callback(self._no_more)
+            undo.callback(self._wake_waiting)
             for _ in range(_SPARE):
                 self._wait_for_one_more()
             self._undo = undo.pop_all()
@@ -69,23 +75,23 @@ class ControlSocket:
         self._undo.close()
 
     def tell(self, **changes: Any) -> None:
-        """Change what is announced. Raises OSError."""
+        """Change the announcement. Raises OSError."""
         self._announcement = self._announcement.model_copy(update=changes)
-        self._tell()
+        self._write_note()
 
-    def _tell(self) -> None:
-        """Whole or not at all, and for nobody else's eyes."""
-        said = Announced(**dict(self._announcement), address=self._listener.address, key=self._key.hex())
+    def _write_note(self) -> None:
+        """Write the note in one step, readable for this user only."""
+        announced = Announced(**dict(self._announcement), address=self._listener.address, key=self._key.hex())
         new = self._note.with_suffix(".new")
         with open(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w", encoding="utf-8") as file:
-            file.write(said.model_dump_json())
+            file.write(announced.model_dump_json())
         new.replace(self._note)
 
     def _wait_for_one_more(self) -> None:
         threading.Thread(target=self._serve_some, name="control", daemon=True).start()
 
     def _serve_some(self) -> None:
-        """One after the other; the last of those that wait begins another before it serves."""
+        """Serve one client after another; the last waiting thread starts another one before it serves."""
         this = threading.current_thread()
         while True:
             with self._counting:
@@ -106,27 +112,27 @@ class ControlSocket:
             self._serve(connection)
 
     def _accepted(self) -> "Connection[Any, Any] | None":
-        """The next who asks; None where nobody is served any more."""
+        """Return the next connection, or None at the end."""
         while not self._ending.is_set():
             try:
                 return self._listener.accept()
-            except OSError:  # too many are open: those that say nothing are let go soon
+            except OSError:  # Too many are open; silent ones are disconnected soon.
                 self._ending.wait(_AGAIN_S)
         return None
 
-    def _no_more(self) -> None:
-        """Connections of our own wake the threads that wait for one."""
+    def _wake_waiting(self) -> None:
+        """Wake the waiting threads with connections of our own, and join them."""
         with self._counting:
             self._ending.set()
             waiting = list(self._waiting)
-        with suppress(OSError):  # the socket's file was removed by somebody: the threads end with the process
+        with suppress(OSError):  # The socket's file is gone; the threads end with the process.
             for _ in waiting:
                 connected(self._listener.address, PATIENCE_S).close()
             for thread in waiting:
                 thread.join(PATIENCE_S)
 
     def _serve(self, connection: "Connection[Any, Any]") -> None:
-        """One request and its answer; whoever is none of ours, or gone, is let go."""
+        """Serve one request; drop a client that is foreign or gone."""
         with connection:
             try:
                 wire = Wire(connection, PATIENCE_S)
@@ -134,7 +140,7 @@ class ControlSocket:
                 if nonce is None:
                     wire.send_bytes(self._answer(wire.hear()))
                 else:
-                    wire.told(self._key, nonce, self._answer(STOP))
+                    wire.answer_stop(self._key, nonce, self._answer(STOP))
             except BROKEN:
                 return
 
@@ -155,21 +161,21 @@ def _refused(problem: str, code: str) -> bytes:
 
 @contextmanager
 def quick_switches() -> Iterator[None]:
-    """A thread that waits for another gets its turn within SWITCH_S, or after a short look for garbage."""
-    before_s, looked_through = sys.getswitchinterval(), gc.get_threshold()
+    """Limit the delay of waiting threads to SWITCH_S, or a short garbage collection."""
+    before_s, thresholds = sys.getswitchinterval(), gc.get_threshold()
     sys.setswitchinterval(min(SWITCH_S, before_s))
-    if looked_through[0] > SHORT_LOOKS[0]:
-        gc.set_threshold(*SHORT_LOOKS)
+    if thresholds[0] > GC_THRESHOLDS[0]:
+        gc.set_threshold(*GC_THRESHOLDS)
     try:
         yield
     finally:
-        gc.set_threshold(*looked_through)
+        gc.set_threshold(*thresholds)
         sys.setswitchinterval(before_s)
 
 
 @contextmanager
 def _own_note(pid: int) -> Iterator[Path]:
-    """The path of this process's note, which is its own from here on."""
+    """Yield the path of this process's note, locked."""
     note = runtime_folder() / f"{pid}.json"
     with lock_of(note):
         try:
@@ -180,7 +186,7 @@ def _own_note(pid: int) -> Iterator[Path]:
 
 @contextmanager
 def _listening(note: Path) -> Iterator[Listener]:
-    """A socket beside the note, or in a folder of its own where that path is too long for one."""
+    """Yield a socket beside the note, or in a temporary folder if that path is too long."""
     if os.name != "posix":
         with Listener() as listener:
             yield listener
@@ -197,5 +203,5 @@ def _listening(note: Path) -> Iterator[Listener]:
 
 
 def _closed(listener: Listener) -> None:
-    with suppress(OSError):  # it removes its file, which may be gone
+    with suppress(OSError):  # It removes its file, which may be gone.
         listener.close()

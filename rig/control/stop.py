@@ -1,4 +1,4 @@
-"""Stop the stage: from another thread, from another process, whatever the state of locks and disks."""
+"""Stop of the stage from another thread or process, whatever the state of locks and disks."""
 
 import io
 import re
@@ -28,18 +28,18 @@ _IN_HAND_AGAIN_S = 0.005
 
 
 class StageInHand:
-    """Opened once, before anybody can ask for a stop; lent to the run's bench; closed when nobody can ask any more.
+    """Stage that is opened once, before a stop can be requested, lent to the run's bench, and closed at the end.
 
-    A stage that was stopped is let go when the bench gives it back: somebody may have to lift it at once. Where a
-    port was let go, or has dropped, it is opened anew for whoever needs it.
+    A stopped stage is closed when the bench returns it, because an operator may have to lift it at once. A port
+    that was closed or lost is opened again when needed.
     """
 
     def __init__(self, settings: BenchSettings, clock: WallClock) -> None:
-        """clock: the run's."""
+        """clock: clock of the run."""
         self.clock, self.gate = clock, StopGate()
         self._settings = settings
-        self._kept = io.StringIO()
-        self._log: Sink = self._kept
+        self._buffer = io.StringIO()
+        self._log: Sink = self._buffer
         self._stage: Stage | None = None
         self._wires: list[Transport] = []
         self._lent = False
@@ -47,20 +47,20 @@ class StageInHand:
 
     @property
     def kept(self) -> str:
-        """The bytes that went while no run's byte log was there, as its lines."""
-        return self._kept.getvalue()
+        """Byte log lines from outside of a run."""
+        return self._buffer.getvalue()
 
     def write(self, text: str, /) -> None:
-        """A line of a byte log, for the one that is there."""
+        """Write a line to the present byte log."""
         self._log.write(text)
 
     def open(self) -> Self:
-        """Raises TransportError."""
+        """Open the ports. Raises TransportError."""
         self._opened()
         return self
 
     def lend(self, byte_log: Sink) -> Stage:
-        """To the run's bench, until it gives it back; meanwhile the bytes go to its log. Raises TransportError."""
+        """Lend the stage to the run's bench; until its return, bytes go to this log. Raises TransportError."""
         with self._changing:
             self._log = byte_log
             stage = self._stage
@@ -70,14 +70,14 @@ class StageInHand:
             return stage
 
     def give_back(self) -> None:
-        """Its wires stay open for a stop, unless it was stopped."""
+        """Take the stage back; its ports stay open for a stop, unless it was stopped."""
         with self._changing:
-            self._lent, self._log = False, self._kept
+            self._lent, self._log = False, self._buffer
             if self._stage is not None and not self._stage.homed:
                 self.close()
 
     def active_inputs(self) -> frozenset[str]:
-        """Ask a stage that has not been spoken to for its stop inputs; changes nothing. From the run's thread.
+        """Return the stop inputs of a stage that may not be connected; changes nothing. From the run's thread.
 
         Raises TransportError, StageError.
         """
@@ -86,7 +86,7 @@ class StageInHand:
         return stage.active_inputs()
 
     def stop(self) -> None:
-        """From any thread but the run's; behind it nothing else goes out. Raises TransportError, StageError."""
+        """Stop from any thread but the run's; no later command is sent. Raises TransportError, StageError."""
         with self.gate.stopping(), self._changing:
             if self._stage is not None:
                 with suppress(TransportError):
@@ -96,7 +96,7 @@ class StageInHand:
             self._stop_anew()
 
     def close(self) -> None:
-        """Give the ports back."""
+        """Close the ports."""
         with self._changing:
             stage, self._stage = self._stage, None
             self._wires.clear()
@@ -114,7 +114,7 @@ class StageInHand:
         return self.gate.guarded(wire)
 
     def _dropped(self) -> bool:
-        """Whether a wire has come to its end while nobody listened; what has come on it is not waited for."""
+        """Return whether a connection was closed meanwhile, without waiting."""
         try:
             for wire in self._wires:
                 while wire.read(0.0):
@@ -124,7 +124,7 @@ class StageInHand:
         return False
 
     def _stop_anew(self) -> None:
-        """Through ports that are opened for it, beside whoever has them meanwhile: a stop waits for no lock."""
+        """Stop through newly opened ports, beside their present owner: a stop waits for no lock."""
         deadline_s = self.clock.monotonic_s() + _OPEN_S
         while True:
             try:
@@ -132,7 +132,7 @@ class StageInHand:
                 break
             except TransportError as busy:
                 if isinstance(busy, NotOwnedError):
-                    with suppress(TransportError):  # a gateway that takes one client: it may be free soon
+                    with suppress(TransportError):  # A gateway with a single client may become free soon.
                         self._stop_beside()
                         return
                 if self.clock.monotonic_s() >= deadline_s:
@@ -141,13 +141,13 @@ class StageInHand:
         stage.stop()
 
     def _stop_beside(self) -> None:
-        """Without owning the ports, which are given back at once: nothing but a stop may go out like this."""
+        """Stop without owning the ports, and close them at once; only a stop may do this."""
         with closing(open_stage(self._settings, self.clock, self, self.gate.guarded, owned=False)) as stage:
             stage.stop()
 
 
 def answer_to_a_stop(stop: Callable[[], None]) -> dict[str, Any]:
-    """What whoever asked for it is told; also where the stage was not reached, or does not say that it stands."""
+    """Stop, and return the reply, even if the stage was not reached or does not report rest."""
     try:
         stop()
     except (StageError, TransportError) as error:
@@ -156,20 +156,20 @@ def answer_to_a_stop(stop: Callable[[], None]) -> dict[str, Any]:
 
 
 class EndedError(RigError):
-    """What was to be stopped has ended. One line."""
+    """Error of a stop that came after the end."""
 
     default_code = "ended"
 
 
 class StopSwitch:
-    """Stops the stage past whatever the main thread does, and then ends that.
+    """Stop of the stage that also ends the main thread's work.
 
-    Whoever asks may come before the main thread is there to be ended, and after it has ended by itself. It learns of
-    a stop when it begins, is interrupted meanwhile, and no stop is taken once it writes down how it ended.
+    A request may come before the main thread can be interrupted, and after its work has ended. The main thread
+    checks for a stop when it begins, is interrupted later, and no stop is accepted while it records its end.
     """
 
     def __init__(self, stage: StageInHand | None, interrupt: Callable[[], None]) -> None:
-        """stage: None for a virtual bench, which the main thread stops itself. interrupt: ends what that does."""
+        """stage: None on a virtual bench, which the main thread stops itself. interrupt: ends its work."""
         self._stage, self._interrupt_main = stage, interrupt
         self._one, self._guard = threading.Lock(), threading.Lock()
         self._taken, self._over = True, False
@@ -177,19 +177,18 @@ class StopSwitch:
 
     @property
     def kept(self) -> str:
-        """The bytes that are in no run's byte log, as its lines."""
+        """Byte log lines from outside of a run."""
         return "" if self._stage is None else self._stage.kept
 
     def stop(self) -> None:
-        """From any thread but the main one.
+        """Stop from any thread but the main one.
 
-        Raises TransportError, StageError where the stage could not be told, EndedError where nothing of it moves any
-        more.
+        Raises TransportError or StageError if the stage was not reached, EndedError if the work has ended.
         """
         with self._one:
             if self._over:
                 raise EndedError("it has just ended: nothing of it moves any more")
-            self.stopped = True  # first: whatever the main thread meets from now on is this
+            self.stopped = True  # Set first: it explains whatever fails in the main thread from now on.
             try:
                 if self._stage is not None:
                     self._stage.stop()
@@ -197,33 +196,33 @@ class StopSwitch:
                 self._interrupt()
 
     def noticed(self) -> bool:
-        """Whether there was a stop, which the main thread knows of from here on: it is not interrupted any more."""
+        """Return whether there was a stop, after which the main thread is no longer interrupted."""
         if self.stopped:
             with self._guard:
                 self._taken = True
         return self.stopped
 
     def begins(self) -> None:
-        """The main thread can be interrupted from here on. Raises KeyboardInterrupt where a stop has come before."""
+        """Allow interrupts of the main thread. Raises KeyboardInterrupt if there was a stop before."""
         with self._guard:
             self._taken = already = self.stopped
         if already:
             raise KeyboardInterrupt
 
     def ready(self) -> None:
-        """The main thread begins something else, which a stop may end."""
+        """Allow interrupts of the main thread's next work."""
         with self._guard:
             self._taken = False
 
     def over(self) -> None:
-        """The main thread is not interrupted any more. Returns when no stop is under way; none is taken after it."""
+        """Forbid interrupts of the main thread, wait for a present stop, and accept no later one."""
         with self._guard:
             self._taken = True
         with self._one:
             self._over = True
 
     def _interrupt(self) -> None:
-        with self._guard:  # also while it is sent: none is on its way when over() returns
+        with self._guard:  # Also while it is sent: none is pending when over() returns.
             if not self._taken:
                 self._taken = True
                 self._interrupt_main()
@@ -231,20 +230,20 @@ class StopSwitch:
 
 _HEADER = re.compile(r"\s*\[+\s*[\"']?([A-Za-z_]\w*)")
 _WHICH = ("kind", "port", "device_id")
-_TRIES = 100  # values that are passed over
+_TRIES = 100  # number of invalid values that may be skipped
 
 
 class NoStageError(RigError):
-    """The file does not say which stage. One line."""
+    """Error of a file that does not identify the stage."""
 
     default_code = "no_stage"
 
 
 def stage_alone(path: Path) -> tuple[BenchSettings, tuple[str, ...]]:
-    """Read [stage] of a configuration file, however wrong the rest of it is.
+    """Read [stage] of a configuration file, whatever errors the rest contains.
 
-    A value of [stage] that is wrong is left at its default, unless it says what the stage is or where; the table of
-    another kind is not read.
+    An invalid value in [stage] gets its default, unless it identifies the stage or its port; the table of another
+    kind is not read.
 
     Parameters
     ----------
@@ -254,12 +253,12 @@ def stage_alone(path: Path) -> tuple[BenchSettings, tuple[str, ...]]:
     Returns
     -------
     tuple of (BenchSettings, tuple of str)
-        Settings of which only the stage is read, and one line for each thing that was passed over.
+        Settings, of which only the stage is read, and one line for each skipped value.
 
     Raises
     ------
     NoStageError
-        If the file cannot be read, or kind, port or device id are wrong.
+        If the file cannot be read, or kind, port or device id are invalid.
     """
     tables, passed = _tables(path)
     stage = _of_its_kind(tables.get("stage", {}))
@@ -303,21 +302,21 @@ def _of_its_kind(stage: Any) -> Any:
 
 
 def _of_the_stage(text: str) -> str:
-    """The lines of [stage] and of the tables in it."""
-    kept, inside = [], False
+    """Return the lines of [stage] and of its tables."""
+    found, inside = [], False
     for line in text.splitlines():
         header = _HEADER.match(line)
         if header is not None:
             inside = header[1] == "stage"
         if inside:
-            kept.append(line)
-    if not kept:
+            found.append(line)
+    if not found:
         raise tomllib.TOMLDecodeError("no [stage]")
-    return "\n".join(kept)
+    return "\n".join(found)
 
 
 def _dropped(table: Any, where: list[str]) -> bool:
-    """Whether a value was there to be taken out: the innermost that is named, since a place may be inside a list."""
+    """Remove an invalid value, and return whether there was one; a location inside a list removes the list."""
     inner = table
     for n, key in enumerate(where):
         if not isinstance(inner, dict) or key not in inner:
@@ -330,13 +329,13 @@ def _dropped(table: Any, where: list[str]) -> bool:
 
 
 BESIDE_S = 0.025
-"""An owner that has not answered by then may hang: the bytes go out beside it."""
+"""Time after which a silent owner may hang, and the bytes are sent beside it (s)."""
 
 CONFIRMS_S = 1.5
-"""How long one that was heard may take to say that the stage stands: a drive is told again for a second."""
+"""Time for a responsive owner to confirm that the stage is at rest (s): a drive repeats its stop for a second."""
 
 LET_GO_S = 5.0
-"""How long an owner is waited for that stops, or that alone can reach the stage."""
+"""Longest wait for an owner that stops, or that alone can reach the stage (s)."""
 
 _AGAIN_S = 0.02
 _AGAIN_FOR_S = 1.0
@@ -344,24 +343,24 @@ _AGAIN_FOR_S = 1.0
 
 @dataclass
 class SentStop:
-    """What became of a stop.
+    """Result of a stop.
 
     Attributes
     ----------
     ports : tuple of str
         Ports of the stage.
     sent : bool
-        Whether bytes went out from this process.
+        Whether this process sent bytes.
     state : str or None
-        What the stage reported behind the bytes; None where it has not answered.
+        State of the stage after the bytes; None without a reply.
     owner : PortOwner or None
-        Who had the port when the stop came.
+        Owner of the port at the time of the stop.
     told : tuple of int
-        Processes that were told to stop, over their sockets or by a signal.
+        Processes that received the stop, over their sockets or by a signal.
     confirmed_by : int or None
-        Process that has answered that the stage was stopped.
+        Process that confirmed the stop.
     problems : list of str
-        What stood in the way, one line each.
+        Problems, one line each.
     """
 
     ports: tuple[str, ...]
@@ -374,7 +373,7 @@ class SentStop:
 
     @property
     def done(self) -> bool:
-        """Whether the stage itself, or the process that has it, says that it was stopped."""
+        """Whether the stage or its owner confirms the stop."""
         return self.state is not None or self.confirmed_by is not None
 
     @property
@@ -397,30 +396,31 @@ def send_stop(
     signal: Callable[[int], object] | None = None,
     find: Callable[[], Iterable[Announced]] = announced,
 ) -> SentStop:
-    """Stop a stage from outside of whatever owns it.
+    """Stop a stage from outside of its owner.
 
-    Its owner is told first, which waits for nothing. The bytes then go out from here as well: at once where nobody
-    has the port, behind an owner that stops and lets go of it, and beside one that does not answer within BESIDE_S.
+    The stop is first sent to the owner, without waiting. This process then sends the bytes as well: at once if the
+    port has no owner, after an owner that stops and releases it, and beside one that does not reply within
+    BESIDE_S.
 
     Parameters
     ----------
     settings : BenchSettings
-        Of the stage.
+        Settings of the stage.
     signal : callable, optional
-        Tells a process by a signal; called only with one that holds the lock of the port and is of this account.
+        Signals a process; called only for one of this account that holds the lock of the port.
     find : callable
-        Returns the processes that have announced themselves.
+        Returns the announced processes.
 
     Returns
     -------
     SentStop
-        What became of it. Nothing is raised that stood in the way.
+        Result; problems are not raised.
     """
     return _Stopping(settings, signal, find).stopped()
 
 
 class _Stopping:
-    """One stop."""
+    """State of one stop."""
 
     def __init__(
         self,
@@ -430,19 +430,19 @@ class _Stopping:
     ) -> None:
         self._settings, self._signal, self._find = settings, signal, find
         self._clock = WallClock()
-        self._told: list[_Told] = []
+        self._recipients: list[_Recipient] = []
         self.result = SentStop(stage_ports(settings.stage))
 
     def stopped(self) -> SentStop:
-        """In the order of what is surest and soonest."""
-        self._tell()
+        """Try the surest and fastest ways first."""
+        self._notify()
         if self._by_itself():
             return self._with_answers()
-        if not self._told:
+        if not self._recipients:
             self._signal_owner()
-        if self.result.owner is not None:  # where nobody has it, it only cannot be locked
+        if self.result.owner is not None:  # Without an owner the port merely cannot be locked.
             self._wait(lambda: self._lives or self._free, BESIDE_S)
-            if self._lives:  # what it does about it, it does now, and nobody else should read the answers
+            if self._lives:  # It acts now, and must be the only reader of the replies.
                 self._wait(lambda: self._answered or self._free, CONFIRMS_S)
             if self._lets_go:
                 self._wait(lambda: self._free, LET_GO_S)
@@ -457,45 +457,45 @@ class _Stopping:
             self._by_itself()
         return self._with_answers()
 
-    # --- whoever has the port ---
+    # --- owner of the port ---
 
-    def _tell(self) -> None:
-        """Whoever has the port under any name, and whoever has let go of it and may take it again."""
+    def _notify(self) -> None:
+        """Send the stop to the owner of the port under any name, and to a process that may take it again."""
         ports = self.result.ports
         holders = [owner.pid for port in ports if (owner := port_owner(port)) is not None]
-        with suppress(OSError):  # nobody can be announced there
+        with suppress(OSError):  # Then no process can be announced there.
             for one in self._find():
                 if not one.virtual and (one.pid in holders or set(one.ports) & set(ports)):
-                    self._tell_one(one)
+                    self._notify_one(one)
 
-    def _tell_one(self, one: Announced) -> None:
+    def _notify_one(self, one: Announced) -> None:
         try:
-            self._told.append(_Told(one))
-        except ControlError as error:  # the signal is left
+            self._recipients.append(_Recipient(one))
+        except ControlError as error:  # The signal remains.
             self.result.problems.append(str(error))
         else:
             self.result.told += (one.pid,)
 
     def _signal_owner(self) -> None:
         owner = first_owner(self.result.ports)
-        if self._signal is None or owner is None or owner.pid is None or not owner.ours:
+        if self._signal is None or owner is None or owner.pid is None or not owner.same_account:
             return
-        with suppress(OSError):  # it has just ended
+        with suppress(OSError):  # The process has just ended.
             self._signal(owner.pid)
             self.result.told += (owner.pid,)
 
     @property
     def _answered(self) -> bool:
-        return any(one.answer is not None for one in self._told)
+        return any(one.answer is not None for one in self._recipients)
 
     @property
     def _lives(self) -> bool:
-        return any(one.lives for one in self._told)
+        return any(one.lives for one in self._recipients)
 
     @property
     def _lets_go(self) -> bool:
-        """A run that was stopped gives its stage back, however it was told; what has it by hand keeps it."""
-        return any(one.is_run and one.confirms for one in self._told)
+        """Whether the owner closes the port: a stopped run does, manual control does not."""
+        return any(one.is_run and one.confirms for one in self._recipients)
 
     @property
     def _free(self) -> bool:
@@ -506,18 +506,18 @@ class _Stopping:
 
     def _with_answers(self) -> SentStop:
         result = self.result
-        result.confirmed_by = next((one.pid for one in self._told if one.confirms), None)
-        for one in self._told:
+        result.confirmed_by = next((one.pid for one in self._recipients if one.confirms), None)
+        for one in self._recipients:
             if one.answer is None:
                 result.problems.append(f"process {one.pid} was told to stop and does not answer")
             elif not one.confirms:
                 result.problems.append(f"process {one.pid} was told to stop: {one.problem}")
         return result
 
-    # --- the bytes ---
+    # --- bytes ---
 
     def _by_itself(self) -> bool:
-        """As the owner of the port; False where somebody else is that, or it cannot be locked."""
+        """Stop as owner of the port; return False if another process owns it, or it cannot be locked."""
         deadline_s = self._clock.monotonic_s() + _AGAIN_FOR_S
         while True:
             try:
@@ -527,19 +527,19 @@ class _Stopping:
                 if busy.owner is None:
                     self.result.problems.append(str(busy))
                 return False
-            # A gateway for one client may need a moment to see that the last one has gone.
+            # A gateway with a single client may need a moment to notice that the last one has gone.
             if self.result.state is not None or not self.result.told or self._clock.monotonic_s() >= deadline_s:
                 return True
             self._clock.wait_s(_AGAIN_S)
 
     def _carry_out(self, *, owned: bool) -> None:
-        """Raises NotOwnedError; everything else that fails is noted."""
+        """Send the stop. Raises NotOwnedError; other failures are noted."""
         wires = _Wires(self._settings.stage, self._clock, owned=owned)
         problems = wires.problems
         try:
             with closing(stage_driver(lambda port: _Way(port, wires), self._clock, self._settings)) as stage:
                 stage.stop()
-                self.result.sent = True  # whatever comes of the question
+                self.result.sent = True  # Whatever the reply is.
                 state = stage.look().state
         except NotOwnedError:
             raise
@@ -548,32 +548,32 @@ class _Stopping:
         finally:
             self.result.sent = self.result.sent or wires.sent
         self.result.problems += problems
-        if not problems:  # of two wires one alone says nothing of the whole stage
+        if not problems:  # One of two ports does not show the state of the whole stage.
             self.result.state = state
 
 
-class _Told:
-    """A process that was told over its socket, and what it answers, which is waited for elsewhere."""
+class _Recipient:
+    """Process that received the stop over its socket, and its reply, read by another thread."""
 
     def __init__(self, one: Announced) -> None:
-        """Raises ControlError."""
+        """Send the stop. Raises ControlError."""
         self.pid, self.is_run = one.pid, one.kind == "run"
         self.lives = False
         self.answer: dict[str, Any] | None = None
-        said = one.say_stop(self._heard)
-        threading.Thread(target=self._listen, args=(said,), name="answer", daemon=True).start()
+        wait_for_reply = one.say_stop(self._noted)
+        threading.Thread(target=self._listen, args=(wait_for_reply,), name="answer", daemon=True).start()
 
     @property
     def confirms(self) -> bool:
-        """Whether it says that the stage was stopped."""
+        """Whether it confirms the stop."""
         return self.answer is not None and not self.problem
 
     @property
     def problem(self) -> str:
-        """What it answered instead."""
+        """Problem that it reports instead."""
         return str((self.answer or {}).get("unconfirmed", ""))
 
-    def _heard(self) -> None:
+    def _noted(self) -> None:
         self.lives = True
 
     def _listen(self, answer: Callable[[float], dict[str, Any]]) -> None:
@@ -584,7 +584,7 @@ class _Told:
 
 
 class _Way:
-    """A wire of the stage for one stop, opened by its first byte: none waits for another that cannot be opened."""
+    """Transport of the stage for one stop, opened by its first byte; none waits for another that does not open."""
 
     def __init__(self, port: str, wires: "_Wires") -> None:
         self.name, self._wires = port, wires
@@ -592,7 +592,7 @@ class _Way:
         self._dead = False
 
     def write(self, data: bytes) -> None:
-        """Raises NotOwnedError; TransportError where there is no other wire."""
+        """Write; open the port first. Raises NotOwnedError; TransportError if it is the only port."""
         try:
             if self._wire is None and not self._dead:
                 self._wire = self._wires.open(self.name)
@@ -608,20 +608,20 @@ class _Way:
                 raise
 
     def read(self, timeout_s: float) -> bytes:
-        """What comes; nothing where it could not be opened. Raises TransportError."""
+        """Return received data; nothing if the port did not open. Raises TransportError."""
         if self._wire is not None and not self._dead:
             return self._wire.read(timeout_s)
         self._wires.clock.wait_s(timeout_s)
         return b""
 
     def close(self) -> None:
-        """Give it back."""
+        """Close the port."""
         if self._wire is not None:
             self._wire.close()
 
 
 class _Wires:
-    """Those of the stage, and what became of them."""
+    """Ports of the stage for one stop, and their problems."""
 
     def __init__(self, settings: StageSettings, clock: Clock, *, owned: bool) -> None:
         self._settings, self.clock, self._owned = settings, clock, owned
@@ -630,6 +630,6 @@ class _Wires:
         self.problems: list[str] = []
 
     def open(self, port: str) -> Transport:
-        """Raises TransportError."""
-        told = self._settings
-        return open_port(port, told.baud, character=told.character, dtr=told.dtr, owned=self._owned)
+        """Open a port. Raises TransportError."""
+        settings = self._settings
+        return open_port(port, settings.baud, character=settings.character, dtr=settings.dtr, owned=self._owned)

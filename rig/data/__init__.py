@@ -1,4 +1,4 @@
-"""Run folders: made before a run, read and exported after it."""
+"""Run folders: created before a run, read and exported after it."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""One file for a bug report, without the subject, the notes and the machine."""
+"""Bundle for a bug report, without the subject, the notes and the machine."""
 
 import io
 import json
@@ -19,10 +19,10 @@ from rig.data.run import RunError
 GONE = "(removed)"
 _SUBJECT = "SUBJECT"
 _FREE = {"subject", "title", "source", "text", "name", "condition", "after", "command"}
-"""Keys whose text a person wrote, at any depth of a document."""
+"""Keys with free text, at any depth of a document."""
 
 _PLAIN = re.compile(r"[-+]?[\d.]+|[a-z]+:[\d.,]+(?:,across|,turn_deg=[-\d.]+)?")
-"""Numbers and shapes: a value or a literal that says nothing of anybody."""
+"""Numbers and shapes: values and literals without personal data."""
 
 _INSIDE = r"[^\\/\n\"'<>|:]+"
 _POSIX = re.compile(rf"(?<![\w.…])/(?:{_INSIDE}/)+")
@@ -33,10 +33,10 @@ _STRINGS = {tokenize.STRING, getattr(tokenize, "FSTRING_MIDDLE", tokenize.STRING
 
 
 class Scrubber:
-    """What is to go from every text of one run: a subject's code, notes, folders by their names."""
+    """Removal of personal data from the texts of one run: code of the subject, notes, names of folders."""
 
     def __init__(self, subjects: Iterable[str], notes: Iterable[str], folders: Iterable[str]) -> None:
-        """folders: as they were given on a command line; those of this machine go too."""
+        """folders: as written on a command line; the home, working and temporary folders are removed as well."""
         here = (Path.home(), Path.cwd(), Path(tempfile.gettempdir()))
         known = {*folders, *map(str, here), *(str(path.resolve()) for path in here)}
         ends = tuple(filter(None, (os.sep, os.altsep)))
@@ -49,14 +49,14 @@ class Scrubber:
         self._literal = sorted((escaped | literal).items(), key=lambda one: -len(one[0]))
 
     def text(self, text: str) -> str:
-        """Any text."""
+        """Return a scrubbed text."""
         for what, put in self._literal:
             text = text.replace(what, put)
         text = _HOST.sub(r"\1…", text)
         return _AGAIN.sub("…/", _WINDOWS.sub("…/", _POSIX.sub("…/", text)))
 
     def value(self, value: Any, key: str = "") -> Any:
-        """Anything from JSON: free text goes, of parameters all that is neither a number nor a shape."""
+        """Return a scrubbed JSON value: without free text; of parameters, numbers and shapes remain."""
         if isinstance(value, dict):
             return {name: self.value(one, key if key == "parameters" else name) for name, one in value.items()}
         if isinstance(value, list):
@@ -68,7 +68,7 @@ class Scrubber:
         return self.text(value)
 
     def line(self, line: str) -> str:
-        """A line of JSON; one that is none only says how long it was."""
+        """Return a scrubbed line of JSON; of another line only its length."""
         try:
             found = json.loads(line)
         except ValueError:
@@ -76,7 +76,7 @@ class Scrubber:
         return json.dumps(self.value(found), ensure_ascii=False)
 
     def script(self, source: str) -> str | None:
-        """Python without comments and without words between quotes, line by line as it was; None if it is none."""
+        """Return Python source without comments and string literals, line by line; None if it is not Python."""
         try:
             tokens = list(tokenize.generate_tokens(io.StringIO(source).readline))
         except (tokenize.TokenError, SyntaxError):
@@ -92,7 +92,7 @@ class Scrubber:
 
 
 def _put(token: tokenize.TokenInfo) -> str | None:
-    """What stands instead of a token; None where it stays."""
+    """Return the replacement of a token, or None if it stays."""
     if token.type == tokenize.COMMENT:
         return "#"
     if token.type not in _STRINGS or _PLAIN.fullmatch(token.string.strip("\"'")):
@@ -117,10 +117,10 @@ Look through it before you send it.
 
 
 def bug_report(run: Path, to: Path, installation: Mapping[str, Any], shipped: Mapping[str, bytes]) -> dict[str, int]:
-    """Write the bundle of a run folder; returns its members with their sizes in bytes.
+    """Write the bundle of a run folder and return its members with their sizes in bytes.
 
-    shipped: scripts that come with the program, which need no scrubbing, by their names. A run that cannot be read
-    is bundled as far as it goes. Raises RunError where nothing is there, UnwritableError.
+    shipped: scripts that come with the program, by name, which need no scrubbing. An unreadable run is bundled as
+    far as possible. Raises RunError if there is no run, UnwritableError.
     """
     folder = RunFolder(run)
     if not any(path.is_file() for path in (folder.events, folder.provenance)):
@@ -143,7 +143,7 @@ def bug_report(run: Path, to: Path, installation: Mapping[str, Any], shipped: Ma
 
 
 def bundle_name(run: Path) -> str:
-    """Of the file that is written: the run's name, without a subject's code in it."""
+    """Return the name of the bundle: that of the run, without the subject's code."""
     folder = RunFolder(run)
     return f"bug-report-{_scrubber(folder).text(run.resolve().name)}.zip"
 
@@ -184,19 +184,19 @@ def _script(scrubber: Scrubber, text: str | None, shipped: Mapping[str, bytes]) 
 
 
 def _scrubber(folder: RunFolder) -> Scrubber:
-    """By what the folder says of its subject, its notes and its command."""
+    """Return the scrubber for the folder's subject, notes and command."""
     subjects, notes, folders = set[str](), set[str](), {str(folder.path.parent), str(folder.path.parent.resolve())}
     for text in (_text(folder.provenance) or "", *(_text(folder.events) or "").split("\n")):
         try:
-            told = json.loads(text)
+            document = json.loads(text)
         except ValueError:
             continue
-        if not isinstance(told, dict):
+        if not isinstance(document, dict):
             continue
-        subjects.add(str(told.get("subject") or ""))
-        if told.get("stream") == "note" and isinstance(told.get("data"), dict):
-            notes.add(str(told["data"].get("text", "")))
-        words = [str(word) for word in told.get("command") or []]
+        subjects.add(str(document.get("subject") or ""))
+        if document.get("stream") == "note" and isinstance(document.get("data"), dict):
+            notes.add(str(document["data"].get("text", "")))
+        words = [str(word) for word in document.get("command") or []]
         folders |= {str(Path(word).parent) for word in words}
         folders |= {after for word, after in pairwise(words) if word == "--out"}
     return Scrubber(subjects, notes, folders)
@@ -209,8 +209,8 @@ def _text(path: Path) -> str | None:
         return None
 
 
-def _json(told: Any) -> str:
-    return json.dumps(told, indent=2) + "\n"
+def _json(document: Any) -> str:
+    return json.dumps(document, indent=2) + "\n"
 
 
 def _write(to: Path, members: Mapping[str, str]) -> dict[str, int]:

@@ -1,4 +1,4 @@
-"""What every table, column and attribute of a run's files is: written into data.h5, and the page docs/columns.md."""
+"""Descriptions of every table, column and attribute of a run's files, for data.h5 and docs/columns.md."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -29,14 +29,14 @@ TABLES = {
     "paused": "the operator paused the run",
     "resumed": "the operator resumed the run",
 }
-"""By the name of the stream."""
+"""Descriptions by stream."""
 
 FAMILIES = {
     "precondition_": "of preconditioning presses, which are not data",
     "reference_": "of reference presses, which are not data",
     "find_": "of touch()",
 }
-"""By what their names begin with; a name that ends in `_superseded` is of indentations that were begun again."""
+"""Descriptions by prefix; tables that end in `_superseded` hold indentations that were repeated."""
 
 MEANINGS = {
     "t_s": "time of the event on the run's clock",
@@ -96,7 +96,7 @@ MEANINGS = {
     "reason": "reason, as text",
     "by": "who resumed the run",
 }
-"""By the name of the column, or by that of its table and its own where that says more."""
+"""Descriptions by column, or by table and column where they differ."""
 
 OF_A_HOLD = {
     "index": MEANINGS["index"],
@@ -124,7 +124,7 @@ MODEL_TABLES = {
         "e11 … third": "18 measures at the receptor, tension positive: strains unitless, stresses in pseudo-units",
     },
 }
-"""What the finger model says of each hold, in CSV files beside the report: their own columns after `OF_A_HOLD`."""
+"""Columns of the model's CSV files beside the report, after those of `OF_A_HOLD`."""
 
 TEXT = frozenset({
     *("indentor", "target", "condition", "phase", "at", "controller", "sensor", "contact"),
@@ -144,7 +144,7 @@ ATTRIBUTES = {
     "planned_indentations": "number of planned indentations",
     "complete": "whether all planned indentations were done and the run ended normally",
 }
-"""Of data.h5. Every table has a `description` there, every dataset a `unit` and a `description`."""
+"""Attributes of data.h5. Each table also has a `description`, each dataset a `unit` and a `description`."""
 
 _OF_A_RUN = {
     "run": ATTRIBUTES["run"],
@@ -158,7 +158,7 @@ _OF_A_RUN = {
 
 @dataclass(frozen=True)
 class Column:
-    """One column of a CSV, dataset of data.h5."""
+    """Column of a CSV file, and dataset of data.h5."""
 
     table: str
     name: str
@@ -168,31 +168,31 @@ class Column:
 
 
 def about_table(stream: str) -> str:
-    """What the rows of a table are."""
+    """Return the description of a table."""
     family, name = _plain(stream)
     words = TABLES.get(name, "")
     return f"{words} ({FAMILIES[family]})" if family else words
 
 
 def meaning(stream: str, column: str) -> str:
-    """What a column of a table is; empty where nobody has said."""
+    """Return the description of a column, or an empty text."""
     return MEANINGS.get(f"{_plain(stream)[1]}.{column}", MEANINGS.get(column, ""))
 
 
 def _plain(stream: str) -> tuple[str, str]:
-    """The family of a table, and its namesake outside of it."""
+    """Return the family of a table, and its name without it."""
     name = stream.removesuffix(SUPERSEDED)
     family = next((begin for begin in FAMILIES if name.startswith(begin)), "")
     return family, name.removeprefix(family)
 
 
 def dtype(column: str) -> str:
-    """In data.h5: numbers are NaN where a row has none, text is empty there."""
+    """Return the type in data.h5, where a missing number is NaN and a missing text empty."""
     return "text (UTF-8)" if column in TEXT else "bool" if column in FLAGS else "float64"
 
 
 def columns() -> Iterator[Column]:
-    """Every column of every table but those of families, which have those of their namesakes."""
+    """Yield every column of every table; families have the columns of the table of the same name."""
     for stream in TABLES:
         units = {"t_s": "s", **STREAMS[stream]}
         own = {name: unit for name, unit in units.items() if stream not in PRESS_STREAMS or name not in OF_THE_PRESS}
@@ -202,7 +202,7 @@ def columns() -> Iterator[Column]:
 
 
 def as_markdown() -> str:
-    """Return the reference of `rig show --columns`, which the documentation has as a page."""
+    """Return the output of `rig show --columns`, which is also a page of the documentation."""
     return "".join([_tables(), _attributes(), _many_runs(), _model()])
 
 

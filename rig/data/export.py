@@ -1,4 +1,4 @@
-"""Export the journal as HDF5 and CSV, or as NWB (extra `nwb`); each file is put in place by one rename."""
+"""Export of the journal as HDF5 and CSV, or as NWB (extra `nwb`); each file is replaced in one step."""
 
 import csv
 import io
@@ -19,9 +19,9 @@ from rig.units import GWT_N
 
 
 def export_run(run: Run, *, again: bool = True) -> None:
-    """Write data.h5 (units as attributes) and STREAM.csv beside the journal; not again: only those that are missing.
+    """Write data.h5 (units as attributes) and STREAM.csv beside the journal; not again: only missing files.
 
-    Events of indentations that were interrupted and begun again go into tables of their own, STREAM_superseded.
+    Events of indentations that were interrupted and repeated go into separate tables, STREAM_superseded.
     """
     found = tables(run)
     if again or not run.folder.data.exists():
@@ -33,7 +33,7 @@ def export_run(run: Run, *, again: bool = True) -> None:
 
 
 def _write_hdf5(run: Run, found: Mapping[str, Table]) -> None:
-    image = io.BytesIO()  # a full disk met by HDF5 itself leaves a file that nobody can close
+    image = io.BytesIO()  # On a full disk HDF5 itself leaves a file that cannot be closed.
     with h5py.File(image, "w") as file:
         file.attrs.update(_attributes(run))
         for stream, table in found.items():
@@ -47,7 +47,7 @@ def _write_hdf5(run: Run, found: Mapping[str, Table]) -> None:
 
 
 def _attributes(run: Run) -> dict[str, Any]:
-    """Of the whole file, as rig/data/dictionary.py tells them."""
+    """Return the attributes of the file, as described in rig/data/dictionary.py."""
     start = run.start
     return {
         "run": run.folder.path.resolve().name,
@@ -64,7 +64,7 @@ def _attributes(run: Run) -> dict[str, Any]:
 
 
 def _as_array(name: str, values: list[Any]) -> Any:
-    """Numbers as float64 (NaN where absent), flags as they are, text as UTF-8."""
+    """Return numbers as float64 (NaN if missing), flags as bool, text as UTF-8."""
     if name in FLAGS:
         return np.array([value is True for value in values])
     if name not in TEXT and all(value is None or isinstance(value, int | float) for value in values):
@@ -81,9 +81,8 @@ def _as_csv(columns: dict[str, list[Any]]) -> str:
 
 
 # A run as Neurodata Without Borders (NWB 2, HDF5), for sharing beside a recording. Needs the extra `nwb`.
-#
-# Times are seconds of the run's clock, t = 0 at its start. Positions are in the finger's frame, in metres as NWB
-# asks.
+# Times are seconds of the run's clock, t = 0 at its start. Positions are in the finger's frame, in meters as NWB
+# requires.
 
 _M_PER_MM = 1e-3
 _MARKS = {
@@ -95,13 +94,13 @@ _OUTSIDE: dict[str, Any] = {"block": 0, "repeat": 0, "condition": ""}
 
 
 class NwbMissingError(RigError):
-    """The libraries that write NWB are not installed."""
+    """Error of missing libraries for NWB."""
 
     default_code = "pynwb_missing"
 
 
 def export_nwb(run: Run) -> Path:
-    """Write run.nwb into the run's folder, by one rename; raises NwbMissingError without pynwb, UnwritableError."""
+    """Write run.nwb into the run's folder in one step. Raises NwbMissingError without pynwb, UnwritableError."""
     try:
         import pynwb
     except ImportError:
@@ -109,7 +108,7 @@ def export_nwb(run: Run) -> Path:
             "export --nwb requires pynwb; install it with pip install 'indentation-rig[nwb]'"
         ) from None
     path = run.folder.path / "run.nwb"
-    image = io.BytesIO()  # a full disk met by HDF5 itself ends the program
+    image = io.BytesIO()  # On a full disk HDF5 itself ends the program.
     with h5py.File(image, "w") as hdf5, pynwb.NWBHDF5IO(mode="w", file=hdf5) as file:
         file.write(_as_nwb(run, pynwb))
     replace_bytes(path, image.getvalue())
@@ -136,24 +135,27 @@ def _as_nwb(run: Run, pynwb: Any) -> Any:
 
 
 def _add_devices(run: Run, file: Any) -> None:
-    """Stage, force sensor and indentors: what they are, and what they say of themselves."""
+    """Add stage, force sensor and indentors with their identifications."""
     kinds = provenance_of(run).get("devices", {})
-    said = {"stage": _said(run, "home", "controller"), "force": _said(run, "zero", "sensor")}
+    identifications = {
+        "stage": _identification(run, "home", "controller"),
+        "force": _identification(run, "zero", "sensor"),
+    }
     for name, about in {"stage": "moves the indentor", "force": "measures the force on the finger"}.items():
         kind = kinds.get(name, "type unknown")
-        file.create_device(name=name, description=f"{about}: {kind}; identification: {said[name]}")
+        file.create_device(name=name, description=f"{about}: {kind}; identification: {identifications[name]}")
     shapes = dict.fromkeys(str(event["indentor"]) for event in run.stream("mount"))
-    for number, shape in enumerate(shapes, 1):  # a name has no colon and no slash there, as those of shapes have
+    for number, shape in enumerate(shapes, 1):  # NWB allows no colon or slash in a name, and shapes contain them.
         file.create_device(name=f"indentor {number}", description=f"rigid shape {shape}")
 
 
-def _said(run: Run, stream: str, key: str) -> str:
+def _identification(run: Run, stream: str, key: str) -> str:
     events = run.stream(stream)
     return str(events[-1][key]) if events else "nothing"
 
 
 def _add_samples(run: Run, file: Any, pynwb: Any) -> None:
-    """Force readings with the stage's position at each."""
+    """Add the force readings with the position at each."""
     samples = run.stream("sample")
     if not samples:
         return
@@ -184,7 +186,7 @@ def _add_samples(run: Run, file: Any, pynwb: Any) -> None:
 
 
 def _add_indentations(run: Run, file: Any) -> None:
-    """One trial for each finished indentation."""
+    """Add one trial for each finished indentation."""
     ends = {event["index"]: event["t_s"] for event in run.stream("indentation_end")}
     starts = [event for event in run.stream("indentation_start") if event["index"] in ends]
     if not starts:
@@ -231,7 +233,7 @@ def _add_holds(run: Run, file: Any, pynwb: Any) -> None:
 
 
 def _add_sync(run: Run, file: Any, pynwb: Any) -> None:
-    """Pulses for the recording amplifier."""
+    """Add the pulses for the recording amplifier."""
     pulses = run.stream("sync")
     if not pulses:
         return

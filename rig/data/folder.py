@@ -1,4 +1,4 @@
-"""The folder of one run: copies of everything that made it, hashed, beside what it recorded."""
+"""Folder of one run: hashed copies of its inputs, beside what it recorded."""
 
 import contextlib
 import errno
@@ -22,23 +22,23 @@ _SUMS, _LOCK = "SHA256SUMS", ".lock"
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _COPIES = ("protocol.py", "config.toml", "provenance.json")
 SHAPE_COPY = "shape_"
-"""Copies of the files that shapes name begin so."""
+"""Prefix of the copies of shape files."""
 
 
 class FolderBusyError(RigError):
-    """Another process writes to this run."""
+    """Error of a run that another process writes to."""
 
     default_code = "folder_busy"
 
 
 class UnwritableError(RigError, OSError):
-    """A file cannot be written, and is what it was before."""
+    """Error of a file that cannot be written; the old file is unchanged."""
 
     default_code = "unwritable"
 
     @classmethod
     def of(cls, path: Path, error: OSError) -> "UnwritableError":
-        """What kept a file from being written, as an error about that file."""
+        """Return the error for a failed write."""
         reason, free = error.strerror or str(error), free_space(path)
         made = cls("{path}: cannot be written: {reason}, {free}", path=str(path), reason=reason, free=free)
         made.errno, made.filename = error.errno, str(path)
@@ -46,42 +46,42 @@ class UnwritableError(RigError, OSError):
         return made
 
     def __str__(self) -> str:
-        return str(self.args[0])  # an OSError would put its number before it
+        return str(self.args[0])  # OSError would put its number first.
 
     def __reduce__(self) -> tuple[Any, ...]:
-        again, whose, state = super().__reduce__()  # without what an OSError keeps outside of its __dict__
+        again, whose, state = super().__reduce__()  # Without what OSError stores outside of __dict__.
         return again, whose, {**state, "errno": self.errno, "strerror": self.strerror, "filename": self.filename}
 
 
 @dataclass(frozen=True)
 class RunFolder:
-    """Names of the files in a run folder."""
+    """Paths of the files in a run folder."""
 
     path: Path
 
     @property
     def events(self) -> Path:
-        """The journal: the truth about the run."""
+        """Journal, the primary record of the run."""
         return self.path / "events.jsonl"
 
     @property
     def bytes_log(self) -> Path:
-        """Every chunk that went over the wire."""
+        """Log of all bytes sent and received."""
         return self.path / "bytes.jsonl"
 
     @property
     def data(self) -> Path:
-        """Everything recorded, as HDF5."""
+        """Exported data, as HDF5."""
         return self.path / "data.h5"
 
     @property
     def report(self) -> Path:
-        """The HTML report."""
+        """HTML report."""
         return self.path / "report.html"
 
     @property
     def config(self) -> Path:
-        """The whole configuration that the run went by."""
+        """Configuration of the run."""
         return self.path / "config.toml"
 
     @property
@@ -91,15 +91,15 @@ class RunFolder:
 
     @property
     def files(self) -> set[str]:
-        """Names of all the files that are there, but for the checksums."""
+        """Names of all files except the checksums."""
         return {p.name for p in self.path.iterdir() if p.is_file() and p.name not in (_SUMS, _LOCK)}
 
     def write_checksums(self) -> None:
-        """SHA256SUMS over every file of the folder, as `sha256sum -c` reads it."""
+        """Write SHA256SUMS for every file of the folder, as `sha256sum -c` reads it."""
         self._write_sums({name: _digest(self.path / name) for name in self.files})
 
     def add_checksums(self, made: set[str]) -> None:
-        """The same over files that were made just now or have no line yet, the other lines as they were."""
+        """Update SHA256SUMS for new files, and leave the other lines unchanged."""
         known = self._known_sums()
         new = made | (self.files - set(known))
         if new:
@@ -113,19 +113,19 @@ class RunFolder:
         return {name: digest for digest, name in (line.split("  ", 1) for line in lines)}
 
     def changed(self) -> list[str]:
-        """Which of the copies that a run was made from are not what they were when it began. Raises OSError."""
+        """Return the copied inputs that have changed since the run began. Raises OSError."""
         known = self._known_sums()
         copies = [*_COPIES, *(name for name in known if name.startswith(SHAPE_COPY))]
         return [name for name in copies if known.get(name) != _digest(self.path / name)]
 
     def copies(self) -> dict[str, bytes]:
-        """Return what the run was made from, by file name. Raises OSError."""
+        """Return the copied inputs by file name. Raises OSError."""
         names = [*_COPIES, *(name for name in self.files if name.startswith(SHAPE_COPY))]
         return {name: (self.path / name).read_bytes() for name in names}
 
     @property
     def busy(self) -> bool:
-        """Whether another process writes to this run; a lock is looked at where there is one, and made nowhere."""
+        """Whether another process writes to this run; no lock file is created to find out."""
         lock = self.path / _LOCK
         if not lock.is_file():
             return False
@@ -134,12 +134,12 @@ class RunFolder:
                 return False
         except filelock.Timeout:
             return True
-        except OSError:  # of a folder that nobody may write to
+        except OSError:  # The folder is read-only.
             return False
 
     @contextmanager
     def owned(self) -> Iterator[None]:
-        """Hold the folder against every other process that would write to it.
+        """Lock the folder against other writing processes.
 
         Raises FolderBusyError; UnwritableError on a full disk.
         """
@@ -169,10 +169,10 @@ def new_run_folder(
     provenance: Mapping[str, Any],
     shape_files: Mapping[str, bytes] | None = None,
 ) -> RunFolder:
-    """Make a folder of its own for a run, with copies of the protocol, the configuration and the versions.
+    """Create the folder of a run with copies of the protocol, the configuration and the versions.
 
-    shape_files: what the files that shapes name hold, by the names of their copies. The folder is there with all of
-    them, hashed, or not at all.
+    shape_files: contents of the files that shapes name, by the names of their copies. The folder appears with all
+    of them, hashed, or not at all.
     """
     name = f"{when:%Y%m%dT%H%M%S}-{name}-{secrets.token_hex(3)}"
     partial = parent / f".{name}.part"
@@ -192,16 +192,16 @@ def new_run_folder(
 
 
 def rescued_folder(lost: RunFolder, contents: Mapping[str, bytes], otherwise: Path) -> RunFolder:
-    """Write what is left of a run whose folder or files are lost into a new folder beside the old one.
+    """Write the rest of a run whose folder or files are lost into a new folder beside the old one.
 
     Parameters
     ----------
     lost : RunFolder
-        Where the run was.
+        Original folder.
     contents : mapping of str to bytes
         Files, by name.
     otherwise : Path
-        Where the new folder goes if the old one's parent cannot be written to.
+        Parent of the new folder if the old one's parent cannot be written to.
 
     Returns
     -------
@@ -211,7 +211,7 @@ def rescued_folder(lost: RunFolder, contents: Mapping[str, bytes], otherwise: Pa
     Raises
     ------
     OSError
-        If it can be written in neither place.
+        If neither parent can be written to.
     """
     name = f"{lost.path.name}-rescued-{secrets.token_hex(3)}"
     try:
@@ -230,17 +230,17 @@ def _written(path: Path, contents: Mapping[str, bytes]) -> RunFolder:
 
 
 def free_space(path: Path) -> str:
-    """How much room there is beside a file or in a folder."""
+    """Return the free disk space at a path, in words."""
     return f"{shutil.disk_usage(path if path.is_dir() else path.parent).free / 1e6:.0f} MB free"
 
 
 def replace_text(path: Path, text: str) -> None:
-    """Write a file so that it is either the old one or the whole new one, on disk."""
+    """Replace a file on disk in one step."""
     replace_bytes(path, text.encode("utf-8"))
 
 
 def replace_bytes(path: Path, content: bytes) -> None:
-    """Write a file so that it is either the old one or the whole new one, on disk. Raises UnwritableError."""
+    """Replace a file on disk in one step. Raises UnwritableError."""
     partial = path.with_name(path.name + ".part")
     try:
         with partial.open("wb") as stream:
@@ -259,7 +259,7 @@ def _digest(path: Path) -> str:
 
 
 SCRIPT = "meeting_script.py"
-"""What the provenance of a meeting names as its script."""
+"""Script name in the provenance of an identification."""
 
 MEETING_PAGE = "meeting.html"
-"""In the folder of the run, once it has ended with something learned."""
+"""Page of an identification in the run folder, if it learned something."""

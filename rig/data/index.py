@@ -1,7 +1,7 @@
-"""List and select the runs of a folder; an index spares reading every journal again.
+"""List and selection of the runs in a folder, with an index that avoids reading every journal again.
 
-The index is one SQLite file beside the runs. It is believed of a run whose journal is the very file that was read;
-all else is read anew and written into it. Lost, corrupt, of another version, locked or not writable, it costs time.
+The index is a SQLite file beside the runs. An entry is valid while the journal is unchanged; other runs are read
+again and indexed. An index that is lost, corrupt, of another version, locked or read-only only costs time.
 """
 
 import json
@@ -19,7 +19,7 @@ from rig.data.folder import RunFolder
 from rig.data.tables import HOLD_COLUMNS, Row, Summary, alive, summarised
 
 INDEX = ".runs.sqlite"
-_EDITION = 1  # another one where the same columns mean something else
+_EDITION = 1  # Increase it when the same columns change their meaning.
 _MARK = zlib.crc32(repr((_EDITION, [field.name for field in fields(Summary)], HOLD_COLUMNS)).encode()) & 0x7FFFFFFF
 _BUSY_S = 2.0
 _PASSING = (sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_CANTOPEN)
@@ -29,37 +29,38 @@ Read = Callable[[Path], tuple[Summary, list[Row]]]
 
 @dataclass(frozen=True)
 class IndexEntry:
-    """What is known of one run folder, and of which journal: `mark` changes when that changes."""
+    """Entry of one run folder; `mark` changes with its journal."""
 
     mark: str
     summary: Summary
-    holds: str  # JSON: rows in the order of HOLD_COLUMNS
+    holds: str  # JSON rows in the order of HOLD_COLUMNS
 
     @property
     def rows(self) -> list[Row]:
-        """The run's holds, in the order of RUN_COLUMNS and HOLD_COLUMNS."""
+        """Holds of the run, in the order of RUN_COLUMNS and HOLD_COLUMNS."""
         return [[*self.summary.of_the_run, *hold] for hold in json.loads(self.holds)]
 
 
 def listed(runs: Path, read: Read = summarised) -> list[IndexEntry]:
-    """Every run folder in a folder, the oldest first, what cannot be read last. Raises OSError."""
-    there = dict(_folders(runs))
-    known = _kept(runs / INDEX)
-    kept = known or {}
+    """Return every run folder in a folder, the oldest first, unreadable ones last. Raises OSError."""
+    folders = dict(_folders(runs))
+    known = _stored(runs / INDEX)
+    stored = known or {}
     found = {
-        name: kept[name] if name in kept and kept[name].mark == mark else _entry(runs / name, mark, read)
-        for name, mark in there.items()
+        name: stored[name] if name in stored and stored[name].mark == mark else _entry(runs / name, mark, read)
+        for name, mark in folders.items()
     }
-    fresh = {name: entry for name, entry in found.items() if entry is not kept.get(name)}
-    gone = set(kept) - set(found)
-    if (fresh or gone) and any(not entry.summary.problem for entry in found.values()):  # elsewhere it has no business
-        _keep(runs / INDEX, fresh, gone, anew=known is None)
+    fresh = {name: entry for name, entry in found.items() if entry is not stored.get(name)}
+    gone = set(stored) - set(found)
+    # A folder without a run gets no index.
+    if (fresh or gone) and any(not entry.summary.problem for entry in found.values()):
+        _store(runs / INDEX, fresh, gone, anew=known is None)
     living = [IndexEntry(entry.mark, alive(entry.summary, runs), entry.holds) for entry in found.values()]
     return sorted(living, key=lambda entry: (bool(entry.summary.problem), entry.summary.date_utc, entry.summary.name))
 
 
 def _folders(runs: Path) -> Iterator[tuple[str, str]]:
-    """Names of the folders, hidden ones aside that are no run being made, and the marks of their journals."""
+    """Yield the names of the folders and the marks of their journals; of hidden folders only unfinished ones."""
     with os.scandir(runs) as found:
         for one in found:
             if one.is_dir() and (not one.name.startswith(".") or one.name.endswith(".part")):
@@ -67,7 +68,7 @@ def _folders(runs: Path) -> Iterator[tuple[str, str]]:
 
 
 def _mark(journal: Path) -> str:
-    """What changes with a file's content, or its place; empty where there is no file."""
+    """Return a mark that changes with the content or the location of a file; empty without a file."""
     try:
         found = journal.stat()
     except OSError:
@@ -88,8 +89,8 @@ def _entry(path: Path, mark: str, read: Read) -> IndexEntry:
     return IndexEntry(mark, summary, json.dumps(rows))
 
 
-def _kept(path: Path) -> dict[str, IndexEntry] | None:
-    """What the index says; None where it cannot be read."""
+def _stored(path: Path) -> dict[str, IndexEntry] | None:
+    """Return the entries of the index, or None if it cannot be read."""
     if not path.is_file():
         return None
     try:
@@ -107,16 +108,16 @@ def _kept(path: Path) -> dict[str, IndexEntry] | None:
 
 
 def _sum(row: Sequence[object]) -> int:
-    """SQLite does not see that a byte has changed."""
+    """Return a checksum, because SQLite does not notice a changed byte."""
     return zlib.crc32(repr(tuple(row)).encode())
 
 
-def _summary(told: dict[str, object]) -> Summary:
-    return Summary(**{**told, "shapes": tuple(told["shapes"])})  # type: ignore[arg-type]
+def _summary(rows: dict[str, object]) -> Summary:
+    return Summary(**{**rows, "shapes": tuple(rows["shapes"])})  # type: ignore[arg-type]
 
 
-def _keep(path: Path, fresh: Mapping[str, IndexEntry], gone: set[str], *, anew: bool) -> None:
-    """Write into the index what is new; one that is no index is made anew, one that cannot be written is left."""
+def _store(path: Path, fresh: Mapping[str, IndexEntry], gone: set[str], *, anew: bool) -> None:
+    """Update the index; replace a corrupt one, and give up if it cannot be written."""
     for _ in range(2):
         try:
             _write(path, fresh, gone, anew=anew)
@@ -128,7 +129,7 @@ def _keep(path: Path, fresh: Mapping[str, IndexEntry], gone: set[str], *, anew: 
 
 
 def _write(path: Path, fresh: Mapping[str, IndexEntry], gone: set[str], *, anew: bool) -> None:
-    told = [(name, one.mark, json.dumps(asdict(one.summary)), one.holds) for name, one in fresh.items()]
+    rows = [(name, one.mark, json.dumps(asdict(one.summary)), one.holds) for name, one in fresh.items()]
     with _opened(path) as index:
         index.execute("BEGIN IMMEDIATE")
         if anew:
@@ -137,7 +138,7 @@ def _write(path: Path, fresh: Mapping[str, IndexEntry], gone: set[str], *, anew:
                 "CREATE TABLE runs (name TEXT PRIMARY KEY, mark TEXT, summary TEXT, holds TEXT, sum INTEGER)"
             )
             index.execute(f"PRAGMA user_version = {_MARK}")
-        index.executemany("INSERT OR REPLACE INTO runs VALUES (?, ?, ?, ?, ?)", [(*row, _sum(row)) for row in told])
+        index.executemany("INSERT OR REPLACE INTO runs VALUES (?, ?, ?, ?, ?)", [(*row, _sum(row)) for row in rows])
         index.executemany("DELETE FROM runs WHERE name = ?", [(name,) for name in gone])
         index.execute("COMMIT")
 
@@ -158,7 +159,7 @@ def _remove(path: Path) -> None:
 
 @dataclass(frozen=True)
 class RunFilter:
-    """Which runs are asked for; None is all of them."""
+    """Filter of runs; None matches all."""
 
     subject: str | None = None
     shape: str | None = None
@@ -168,9 +169,9 @@ class RunFilter:
     until: date | None = None
 
     def has(self, run: Summary) -> bool:
-        """Whether it is one of them; a shape is meant with and without what stands behind its colon."""
+        """Return whether a run matches; a shape also matches without the part after its colon."""
         named = ((self.subject, run.subject), (self.protocol, run.protocol), (self.state, run.state))
-        if any(wanted not in (None, found) for wanted, found in named):
+        if any(value not in (None, found) for value, found in named):
             return False
         if self.shape is not None and not any(self.shape in (one, one.partition(":")[0]) for one in run.shapes):
             return False

@@ -1,7 +1,7 @@
-"""What a run appends to: its journal, one JSON document a line, on disk before it counts; and its byte log.
+"""Files that a run appends to: the journal, one JSON document per line, and the byte log.
 
-Documents: start, descriptor (the keys and units of a stream), event, stop, and resume where a run that had stopped
-goes on. A missing stop means a crash; a torn last line is dropped by the reader and cut off before anything is added.
+Documents: start, descriptor (keys and units of a stream), event, stop, and resume where a stopped run continues. A
+missing stop means a crash; a torn last line is ignored by the reader and removed before anything is appended.
 """
 
 import contextlib
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 Document = dict[str, Any]
 Watch = Callable[[str, Mapping[str, Any]], None]
-"""Sees each event, its stream and its data, once it is on disk."""
+"""Callback for each event on disk: its stream and its data."""
 
 _NEEDED: dict[str, set[str]] = {
     "start": {"t_s"},
@@ -33,17 +33,17 @@ _NEEDED: dict[str, set[str]] = {
 _STATUS = {RunAborted: "aborted", KeyboardInterrupt: "aborted", TripError: "tripped", LimitError: "limited"}
 
 
-_AS_IT_IS = "surrogateescape"  # bytes that are no text stay what they are, and make no document
+_AS_IT_IS = "surrogateescape"  # Bytes that are no text stay unchanged, and form no document.
 
 
 class JournalError(RigError):
-    """A line that is not the last one cannot be read."""
+    """Error of a line, other than the last one, that cannot be read."""
 
     default_code = "no_document"
 
 
 class LostFileError(RigError, OSError):
-    """The file is open, but its path no longer leads to it."""
+    """Error of an open file that its path no longer leads to."""
 
     default_code = "lost"
 
@@ -52,7 +52,7 @@ class LostFileError(RigError, OSError):
         self.strerror, self.filename = str(self.args[0]), str(path)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # What an OSError keeps of its own is not in the dictionary.
+        # The dictionary lacks what OSError stores itself.
         return type(self), (Path(self.filename), self.strerror), self.__dict__
 
     def __str__(self) -> str:
@@ -60,13 +60,14 @@ class LostFileError(RigError, OSError):
 
 
 class LineFile:
-    """An open file of whole lines, to be appended to.
+    """Open file of whole lines, to be appended to.
 
-    Whoever deletes, moves, replaces or shortens a file leaves its descriptor writable: a write alone notices nothing.
+    The descriptor of a file that is deleted, moved, replaced or shortened stays writable, so a write alone notices
+    nothing.
     """
 
     def __init__(self, path: Path) -> None:
-        """Open or make it.
+        """Open or create the file.
 
         Raises
         ------
@@ -75,20 +76,20 @@ class LineFile:
         """
         self.path = path
         self.lost: LostFileError | None = None
-        self._at = path.absolute()  # a script may change the working folder
+        self._at = path.absolute()  # A script may change the working folder.
         self._file = path.open("ab+", buffering=0)
         self._size = self._file.seek(0, os.SEEK_END)
         self._content: bytes | None = None
 
     def append(self, line: bytes, *, sync: bool = False) -> None:
-        """Write a whole line, or none of it.
+        """Append a whole line, or none of it.
 
         Parameters
         ----------
         line : bytes
-            The line, with its line end.
+            Line with its line end.
         sync : bool
-            Wait until it is on the disk.
+            Whether to wait until it is on the disk.
 
         Raises
         ------
@@ -103,21 +104,21 @@ class LineFile:
             if sync:
                 os.fsync(self._file.fileno())
         except OSError:
-            with contextlib.suppress(OSError):  # a torn line is mended before the file is used again
+            with contextlib.suppress(OSError):  # A torn line is mended before the file is used again.
                 if os.fstat(self._file.fileno()).st_size > end:
                     self._file.truncate(end)
                     self._file.seek(end)
             raise
-        # At least so much is there: an interrupt, or a line of another thread, may have come between.
+        # The file may be longer: an interrupt, or a line of another thread, may have come between.
         self._size = end + len(line)
 
     def check(self) -> None:
-        """Make sure that what was written is what is found at the path.
+        """Check that the path still leads to what was written.
 
         Raises
         ------
         LostFileError
-            If the file was deleted, moved, replaced or shortened by somebody else.
+            If the file was deleted, moved, replaced or shortened.
         """
         if self.lost is None:
             self.lost = self._what_happened()
@@ -143,7 +144,7 @@ class LineFile:
         return None
 
     def content(self) -> bytes:
-        """Return everything in the file, wherever it is now. Raises OSError."""
+        """Return the whole content, wherever the file is now. Raises OSError."""
         if self._content is not None:
             return self._content
         if self._file.closed:
@@ -152,7 +153,7 @@ class LineFile:
         return self._file.readall()
 
     def close(self) -> None:
-        """Close it; what is in a lost file can still be read with content()."""
+        """Close the file; content() can still read a lost one."""
         if self.lost is not None and not self._file.closed:
             with contextlib.suppress(OSError):
                 self._content = self.content()
@@ -160,16 +161,16 @@ class LineFile:
 
 
 class ByteLog:
-    """A file of whole lines. One that cannot be written ends it and is its `problem`: it stands before no stop."""
+    """Log of whole lines. A failed write ends it and is its `problem`, so that it never delays a stop."""
 
     def __init__(self, path: Path) -> None:
-        """One that is there already is added to. Raises OSError."""
+        """Append to an existing file. Raises OSError."""
         self.path = path
         self.file = LineFile(path)
         self.problem: OSError | None = None
 
     def write(self, text: str, /) -> None:
-        if self.problem is not None and self.file.lost is None:  # a lost file can still be read back
+        if self.problem is not None and self.file.lost is None:  # A lost file can still be read back.
             return
         try:
             self.file.append(text.encode("ascii"))
@@ -177,7 +178,7 @@ class ByteLog:
             self.problem = error
 
     def check(self) -> None:
-        """Notice where the file is no longer the one at its path: that is its `problem`, too."""
+        """Record as `problem` if the path no longer leads to the file."""
         if self.problem is None:
             try:
                 self.file.check()
@@ -185,7 +186,7 @@ class ByteLog:
                 self.problem = error
 
     def checked_before(self, watch: Watch) -> Watch:
-        """Return the same watch, which raises RecordError where the bytes are not recorded any more."""
+        """Return the watch, with a RecordError if the bytes are no longer recorded."""
 
         def checked(stream: str, data: Mapping[str, Any]) -> None:
             self.check()
@@ -208,14 +209,14 @@ class ByteLog:
 
 
 class Recorder(Protocol):
-    """Where events go: the journal of a run, or the memory of a rehearsal."""
+    """Destination of events: the journal of a run, or the memory of a rehearsal."""
 
     def event(self, stream: str, data: Mapping[str, Any]) -> None:
-        """Keep it; it counts when this returns. Raises RecordError."""
+        """Record an event, before returning. Raises RecordError."""
 
 
 class Journal:
-    """Writes events.jsonl; every document is on the disk (of a virtual run: in the file) when a call returns."""
+    """Writer of events.jsonl; on return a document is on the disk (of a virtual run: in the file)."""
 
     def __init__(
         self,
@@ -227,11 +228,11 @@ class Journal:
         *,
         virtual: bool = False,
     ) -> None:
-        """`streams` gives each stream's keys and their units ("" for text); `watch` sees what is on disk.
+        """Open the journal, or mend and continue an existing one. Raises JournalError.
 
-        `witness` adds to an event what only the bench knows, keys that begin with `true_`.
-        A journal that is there already is mended and added to. What is `virtual` can be had again, and waits for no
-        disk: it outlives a killed process, not a cut of power. Raises JournalError.
+        `streams`: keys of each stream and their units ("" for text). `watch` is called for each event on disk.
+        `witness` adds keys to an event that only the bench knows (`true_…`). A `virtual` run can be repeated, so it
+        does not wait for the disk: it survives a killed process, but not a power failure.
         """
         self._watch, self._witness = watch, witness
         self._clock = clock
@@ -242,18 +243,18 @@ class Journal:
         self._seq = mend_journal(path)
         self.file = LineFile(path)
         self._stopped = False
-        self.at_end: Callable[[], Mapping[str, Any]] = dict  # what a stop before the end says besides
+        self.at_end: Callable[[], Mapping[str, Any]] = dict  # further fields of a stop before the end
 
     def start(self, about: Mapping[str, Any]) -> None:
-        """The first document: what is run, with what."""
+        """Write the first document: the script and its inputs."""
         self._write("start", about)
 
     def resume(self, about: Mapping[str, Any]) -> None:
-        """A run that had stopped goes on from here."""
+        """Write that a stopped run continues."""
         self._write("resume", about)
 
     def event(self, stream: str, data: Mapping[str, Any]) -> None:
-        """One event of a stream; the stream's descriptor precedes its first event."""
+        """Write an event; the descriptor of the stream precedes its first event."""
         keys, data = self._streams[stream], {**data, **self._witness(stream, data)}
         unknown = set(data) - set(keys)
         if unknown:
@@ -265,12 +266,12 @@ class Journal:
         self._watch(stream, data)
 
     def stop(self, status: str, reason: str = "") -> None:
-        """The last document; status is done, aborted, tripped, limited or failed."""
+        """Write the last document; status is done, aborted, tripped, limited or failed."""
         self._write("stop", {"status": status, "reason": reason, **({} if status == "done" else self.at_end())})
         self._stopped = True
 
     def close(self) -> None:
-        """Give the file back."""
+        """Close the file."""
         self.file.close()
 
     def _write(self, kind: str, body: Mapping[str, Any]) -> None:
@@ -286,7 +287,7 @@ class Journal:
         self._seq += 1
 
     def _append(self, line: bytes) -> None:
-        """The whole line on the disk, where it will be found, or none of it. Raises RecordError."""
+        """Append a whole line on disk at its path, or none of it. Raises RecordError."""
         try:
             self.file.append(line, sync=not self._virtual)
             self.file.check()
@@ -309,33 +310,33 @@ class Journal:
         try:
             if not self._stopped and error is not None:
                 status = next((name for known, name in _STATUS.items() if isinstance(error, known)), "failed")
-                with contextlib.suppress(RecordError):  # the first error says more
+                with contextlib.suppress(RecordError):  # The first error is reported.
                     self.stop(status, str(error) or type(error).__name__)
         finally:
             self.close()
 
 
 class NoJournal:
-    """Forgets what it is told: for what is no run."""
+    """Recorder that discards events, for commands outside of runs."""
 
     def event(self, stream: str, data: Mapping[str, Any]) -> None:
-        """Nothing is kept."""
+        """Do nothing."""
 
 
 def read_journal(path: Path, *, readings: bool = True) -> Iterator[Document]:
-    """The documents of a journal in order; a torn last line is dropped. Raises JournalError.
+    """Yield the documents of a journal in order, without a torn last line. Raises JournalError.
 
-    readings=False: of readings in a row the last only, since nine documents in ten are readings.
+    readings=False: only the last of successive readings, which make up nine documents in ten.
     """
-    lines = path.read_bytes().decode("utf-8", _AS_IT_IS).split("\n")  # text is searched in half the time
-    passed_over = [False] * len(lines) if readings else _before_another_reading(lines)
-    counting = {n: line for n, line in enumerate(lines, 1) if line and not passed_over[n - 1]}
+    lines = path.read_bytes().decode("utf-8", _AS_IT_IS).split("\n")  # Text is searched in half the time.
+    skipped = [False] * len(lines) if readings else _before_another_reading(lines)
+    counting = {n: line for n, line in enumerate(lines, 1) if line and not skipped[n - 1]}
     documents = None if readings else _documents_on(counting.values())
     yield from documents if documents is not None else _one_by_one(counting, len(lines), path)
 
 
 def _one_by_one(lines: Mapping[int, str], last: int, path: Path) -> Iterator[Document]:
-    """The documents of lines, by their numbers; the last may be torn. Raises JournalError."""
+    """Yield the documents of numbered lines, the last of which may be torn. Raises JournalError."""
     for number, line in lines.items():
         document = document_on(line.encode("utf-8", _AS_IT_IS))
         if document is not None:
@@ -345,10 +346,9 @@ def _one_by_one(lines: Mapping[int, str], last: int, path: Path) -> Iterator[Doc
 
 
 def mend_journal(path: Path) -> int:
-    """End a journal on a whole line, cutting off a torn one; returns how many documents it holds.
+    """End a journal with a whole line, without a torn one; return the number of documents.
 
-    A last document that lacks nothing but its line end gets it, since the reader takes it as written. Raises
-    JournalError.
+    A last document that lacks only its line end gets it, since the reader accepts it. Raises JournalError.
     """
     if not path.exists():
         return 0
@@ -364,7 +364,7 @@ def mend_journal(path: Path) -> int:
 
 
 def add_to_end(path: Path, more: Mapping[str, Any], unix_s: float) -> None:
-    """One document more: the last one, with these keys besides, at the same instant of the run. Raises OSError."""
+    """Append the last document again with further keys, at the same time of the run. Raises OSError."""
     documents = mend_journal(path)
     *_, last = read_journal(path)
     document = {**last, **more, "uid": uuid.uuid4().hex, "seq": documents, "unix_s": round(unix_s, 6)}
@@ -375,7 +375,7 @@ def add_to_end(path: Path, more: Mapping[str, Any], unix_s: float) -> None:
 
 
 def _before_another_reading(lines: Sequence[str]) -> list[bool]:
-    """Which lines look like whole readings, as the journal writes them, and stand before another one."""
+    """Return which lines look like whole readings, as the journal writes them, before another one."""
     reading = [
         'sample", "data": {' in line and line.startswith('{"doc": "event", ') and line.endswith("}}")
         for line in lines
@@ -384,18 +384,19 @@ def _before_another_reading(lines: Sequence[str]) -> list[bool]:
 
 
 def _documents_on(lines: Iterable[str]) -> list[Document] | None:
-    """A document from each line, read as one list in half the time; None where they are not all documents."""
+    """Return the documents of lines, parsed as one list in half the time; None if any line is not a document."""
     each = list(lines)
     text = ",".join(each)
     try:
-        found = json.loads(f"[{text}]") if text.isascii() else []  # as journals are written: no broken bytes
+        # Journals are written as ASCII, so other bytes are damage.
+        found = json.loads(f"[{text}]") if text.isascii() else []
     except ValueError:
         return None
     return found if len(found) == len(each) and all(map(is_document, found)) else None
 
 
 def document_on(line: bytes) -> Document | None:
-    """The document on a line, or None where there is none."""
+    """Return the document on a line, or None."""
     try:
         found = json.loads(line)
     except ValueError:  # neither JSON nor UTF-8
@@ -404,46 +405,45 @@ def document_on(line: bytes) -> Document | None:
 
 
 def is_document(found: object) -> bool:
-    """Whether something read is one, by the keys that each has."""
+    """Return whether an object is a document, by its required keys."""
     needed = _NEEDED.get(str(found.get("doc"))) if isinstance(found, dict) else None
     return needed is not None and isinstance(found, dict) and needed <= found.keys()
 
 
-# A journal for a list of many runs: every line is seen to be whole, and of the events few are taken apart.
-#
-# It is cut at once where one event follows another, as the journal writes them. Written otherwise, torn, or with
-# bytes that are no ASCII it is read as for anything else.
+# A journal in a list of many runs: every line is checked, but few events are parsed.
+# The text is split between events, as the journal writes them. Any other, torn or non-ASCII journal is read in
+# full.
 
 _BETWEEN = '}}\n{"doc": "event", '
 _READING = 'sample", "data": {'
-"""Nine lines in ten are readings: with this in it a line is one of them."""
+"""Nine lines in ten are readings and contain this."""
 _STREAM = '"stream": "'
-"""The first one in a line is its own: what is recorded comes after it."""
+"""The first occurrence in a line belongs to the document; recorded text comes after it."""
 _BLOCK = 1 << 15
-"""Bytes at a time: what is cut is thrown away while it is near."""
+"""Bytes per block, which are discarded while they are in the cache."""
 
 
 def listed_documents(path: Path, streams: Collection[str]) -> list[Document]:
-    """All but the events of other streams, of which some may be among them. Raises OSError, JournalError."""
-    found = _documents(_BETWEEN.join(_kept(path, tuple(f'{_STREAM}{stream}"' for stream in streams))))
+    """Return all documents except most events of other streams. Raises OSError, JournalError."""
+    found = _documents(_BETWEEN.join(_selected(path, tuple(f'{_STREAM}{stream}"' for stream in streams))))
     return list(read_journal(path, readings=False)) if found is None else found
 
 
-def _kept(path: Path, wanted: tuple[str, ...]) -> Iterator[str]:
-    """The begin and the end, events that are wanted, and whatever stands between events."""
+def _selected(path: Path, prefixes: tuple[str, ...]) -> Iterator[str]:
+    """Yield the first and the last part, events of these streams, and everything between events."""
     with path.open("rb", buffering=0) as file:
         left, first = "", True
         while block := file.read(_BLOCK):
             *lines, left = (left + block.decode("latin-1")).split(_BETWEEN)
             for line in lines:
-                if first or "\n" in line or (_READING not in line and line.startswith(wanted, line.find(_STREAM))):
+                if first or "\n" in line or (_READING not in line and line.startswith(prefixes, line.find(_STREAM))):
                     yield line
                 first = False
         yield left
 
 
 def _documents(text: str) -> list[Document] | None:
-    """Of lines; None where they are not as the journal writes them."""
+    """Return the documents of lines, or None if the journal did not write them."""
     if not (text.isascii() and text.endswith("\n")):
         return None
     try:

@@ -1,4 +1,4 @@
-"""Read a run from its journal, complete or while it grows."""
+"""Read a run from its journal, finished or growing."""
 
 import json
 import os
@@ -21,16 +21,16 @@ Events = dict[str, list[dict[str, Any]]]
 
 
 class RunError(RigError):
-    """The folder holds no readable run."""
+    """Error of a folder without a readable run."""
 
     default_code = "no_run"
 
 
 @dataclass(frozen=True)
 class Run:
-    """The documents of one run, sorted by stream. Every event has its time under "t_s".
+    """Documents of one run by stream. Every event has its time under "t_s".
 
-    `superseded` has the events of indentations that were interrupted and begun again; they are not in `events`.
+    `superseded` holds the events of indentations that were interrupted and repeated; `events` does not.
     """
 
     folder: RunFolder
@@ -41,15 +41,16 @@ class Run:
     superseded: Events
     duration_s: float
     end_s: float  # t_s of the last document
-    in_order: Sequence[tuple[str, dict[str, Any]]] = ()  # stream and event of all of both, as the journal has them
+    # stream and data of all events, in the order of the journal
+    in_order: Sequence[tuple[str, dict[str, Any]]] = ()
 
     def stream(self, name: str) -> list[dict[str, Any]]:
-        """The events of one stream in order."""
+        """Return the events of one stream in order."""
         return self.events.get(name, [])
 
     @cached_property
     def done(self) -> dict[int, list[dict[str, Any]]]:
-        """The holds of every indentation whose last hold has its end in the journal, by index."""
+        """Holds of every indentation whose last hold has ended, by index."""
         holds: dict[int, list[dict[str, Any]]] = {}
         for hold in self.stream("hold_end"):
             holds.setdefault(hold["index"], []).append(hold)
@@ -57,42 +58,42 @@ class Run:
 
     @property
     def missing(self) -> int:
-        """How many of the planned indentations are not done."""
+        """Number of planned indentations that are not done."""
         return max(int(self.start["planned_indentations"]) - len(self.done), 0)
 
     @property
     def repeated(self) -> int:
-        """How many indentations were done again though they were done."""
+        """Number of indentations that were repeated although they were done."""
         ends = [*self.superseded.get("hold_end", []), *self.stream("hold_end")]
         times = Counter(end["index"] for end in ends if end["hold"] == self._last_hold[end["index"]])
         return sum(n - 1 for n in times.values())
 
     @property
     def restarted(self) -> int:
-        """How many times an interrupted indentation was begun again."""
+        """Number of interrupted indentations that were repeated."""
         return len(self.superseded.get("indentation_start", []))
 
     @property
     def last_checkpoint(self) -> str | None:
-        """The name of the last checkpoint that was passed."""
+        """Name of the last checkpoint, or None."""
         passed = self.stream("checkpoint")
         return passed[-1]["name"] if passed else None
 
     @property
     def contact_s(self) -> float:
-        """How long the finger was touched, as far as that is on disk."""
+        """Contact time on record (s)."""
         found = [*self.events.values(), *self.superseded.values()]
         return max((event["contact_s"] for events in found for event in events if "contact_s" in event), default=0.0)
 
     @property
     def killed(self) -> bool:
-        """Whether the journal has no end: the program was killed, and could neither lift nor say so."""
+        """Whether the journal has no end: the program was killed, and could not lift."""
         return self.stop is None
 
     @cached_property
     def state(self) -> "RunState":
-        """What the run was doing when it ended."""
-        from rig.data.run_state import RunState  # a list of runs does without
+        """State of the run at its end."""
+        from rig.data.run_state import RunState  # A list of runs does without this module.
 
         state = RunState()
         state.start, state.stop = self.start, self.stop
@@ -102,7 +103,7 @@ class Run:
 
     @property
     def complete(self) -> bool:
-        """Whether the run ended by itself with every planned indentation done."""
+        """Whether the run ended normally with every planned indentation done."""
         return self.stop is not None and self.stop["status"] == "done" and self.missing == 0
 
     @cached_property
@@ -111,9 +112,9 @@ class Run:
 
 
 def read_run(path: Path, *, readings: bool = True, only: Collection[str] | None = None) -> Run:
-    """Read a run folder's journal; raises RunError.
+    """Read the journal of a run folder. Raises RunError.
 
-    readings=False: with few of the readings. only: of the events just those of some streams are wanted.
+    readings=False: with few of the readings. only: events of these streams.
     """
     folder = RunFolder(path)
     try:
@@ -156,7 +157,7 @@ def read_run(path: Path, *, readings: bool = True, only: Collection[str] | None 
 
 
 def provenance_of(run: Run) -> dict[str, Any]:
-    """Versions, command and devices that a run was made with; nothing where its folder does not say."""
+    """Return versions, command and devices of a run; empty if its folder lacks them."""
     try:
         found = json.loads(run.folder.provenance.read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -165,7 +166,7 @@ def provenance_of(run: Run) -> dict[str, Any]:
 
 
 def _by_stream(documents: Iterable[Document]) -> tuple[Events, Events, list[tuple[str, dict[str, Any]]]]:
-    """Return the events that count, those of indentations that were begun again, and all in the journal's order."""
+    """Return the valid events, those of repeated indentations, and all in the order of the journal."""
     in_order: list[tuple[str, dict[str, Any]]] = []
     events: Events = {}
     superseded: Events = {}
@@ -184,7 +185,7 @@ def _by_stream(documents: Iterable[Document]) -> tuple[Events, Events, list[tupl
 
 
 def add_event(events: Events, document: Document) -> None:
-    """Add an event with its time; other documents are passed over."""
+    """Add an event with its time; skip other documents."""
     if document["doc"] == "event":
         events.setdefault(document["stream"], []).append({"t_s": document["t_s"], **document["data"]})
 
@@ -200,30 +201,30 @@ def _set_aside(events: Events, superseded: Events, index: int) -> None:
 
 
 def _duration_s(documents: list[Document]) -> float:
-    """Seconds from each start or resume to the last document before the next: the time between is not the run's."""
+    """Return the duration (s), without the time between a stop and the next resume."""
     begins = [n for n, document in enumerate(documents) if document["doc"] in ("start", "resume")]
     ends = [*(n - 1 for n in begins[1:]), len(documents) - 1]
     return float(sum(documents[b]["t_s"] - documents[a]["t_s"] for a, b in zip(begins, ends, strict=True)))
 
 
 class Following:
-    """The documents of a run's journal, each once, as far as they are written."""
+    """Reader of a growing journal, which returns each document once."""
 
     def __init__(self, folder: RunFolder) -> None:
         self._path, self._at, self._line = folder.events, 0, 0
 
     def new(self, most: int = -1) -> list[Document]:
-        """What came since the last time; a line that is not whole yet is left for the next. Raises RunError.
+        """Return the new documents, up to the last whole line. Raises RunError.
 
-        most: bytes, more than the longest line; what is beyond them is left, too. Without it all that there is.
+        most: maximum number of bytes, more than the longest line. Default: all.
         """
         try:
-            # without a buffer (128 KiB from Python 3.14 on), and never room for more than there is: buffers made and
-            # cut to size twenty times a second leave holes in the heap
+            # Without a buffer (128 KiB from Python 3.14 on), and never larger than the new data: buffers that are
+            # allocated and shrunk twenty times a second fragment the heap.
             with self._path.open("rb", buffering=0) as file:
                 file.seek(self._at)
-                there = max(os.fstat(file.fileno()).st_size - self._at, 0)
-                whole, end, _ = file.read(there if most < 0 else min(there, most)).rpartition(b"\n")
+                new_bytes = max(os.fstat(file.fileno()).st_size - self._at, 0)
+                whole, end, _ = file.read(new_bytes if most < 0 else min(new_bytes, most)).rpartition(b"\n")
         except FileNotFoundError:
             return []
         except OSError as error:
@@ -247,18 +248,18 @@ class Following:
 
 
 def followed(folder: RunFolder, wait: Callable[[], None]) -> Iterator[list[Document]]:
-    """What is there, then what comes, until the journal has its end or nobody writes to it any more.
+    """Yield the documents so far, then new ones, until the journal ends or is no longer written.
 
-    wait is called whenever there is nothing new. Raises RunError.
+    wait is called when there is nothing new. Raises RunError.
     """
     journal, last = Following(folder), ""
     while True:
-        at_it = folder.busy  # asked first: what was written before its program let go is then read
+        busy = folder.busy  # Checked first, so that the last documents of an ended program are still read.
         new = journal.new()
         if new:
             last = new[-1]["doc"]
             yield new
-        if last == "stop" or not (new or at_it):
+        if last == "stop" or not (new or busy):
             return
         if not new:
             wait()

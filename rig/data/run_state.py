@@ -1,7 +1,7 @@
-"""What a run is doing now, what comes next and how long it will take, by its journal and its course.
+"""Present and next steps of a run and its remaining time, from its journal and its course.
 
-`RunState` is told the documents of a journal one by one. Whoever shows a run asks it: the run's own terminal,
-`rig watch` and the panel, and, of a run that was killed, `rig show` and `rig resume`.
+`RunState` receives the documents of a journal one by one. The run's own terminal, `rig watch` and the panel display
+it, and for a killed run `rig show` and `rig resume`.
 """
 
 import json
@@ -26,13 +26,13 @@ _MARKS = ("block", "repeat", "condition")
 
 
 class Milestones:
-    """Names the events of a run; a rehearsal has the same ones, and a press begun anew passes its own again."""
+    """Names of the events of a run, equal to those of its rehearsal; a repeated press passes its own again."""
 
     def __init__(self) -> None:
         self._passed: Counter[str] = Counter()
 
     def name(self, stream: str, data: Mapping[str, Any]) -> Milestone | None:
-        """None for what is none: readings, notes, pauses."""
+        """Return the milestone of an event; None for readings, notes and pauses."""
         if stream in _ONE_BY_ONE:
             self._passed[stream] += 1
             return stream, self._passed[stream], 0
@@ -40,7 +40,7 @@ class Milestones:
 
 
 class Timeline:
-    """A journal that keeps when each milestone was passed, and what was told of those that are steps."""
+    """Recorder of the time of each milestone, and of the data of steps."""
 
     def __init__(self, now: Callable[[], float]) -> None:
         self._now, self._milestones = now, Milestones()
@@ -48,7 +48,7 @@ class Timeline:
         self._steps: dict[Milestone, Mapping[str, Any]] = {}
 
     def event(self, stream: str, data: Mapping[str, Any]) -> None:
-        """Its instant is kept if it is a milestone."""
+        """Record the time of a milestone."""
         name = self._milestones.name(stream, data)
         if name is not None:
             self.instants_s[name] = self._now()
@@ -57,18 +57,18 @@ class Timeline:
 
     @property
     def words(self) -> dict[Milestone, str]:
-        """What is done on the way to each step's milestone, or from it on."""
+        """Step in words, by the milestone that ends it, or that begins a press."""
         return {name: step_in_words(name[0], data) for name, data in self._steps.items()}
 
     @property
     def marks(self) -> dict[Milestone, dict[str, Any]]:
-        """Block, repeat and condition of the presses that a schedule asked for."""
+        """Block, repeat and condition of scheduled presses."""
         found = {name: {key: data[key] for key in _MARKS if key in data} for name, data in self._steps.items()}
         return {name: marks for name, marks in found.items() if marks}
 
 
 def step_in_words(stream: str, data: Mapping[str, Any]) -> str:
-    """What is done until this event, or from it on where it begins a press."""
+    """Return the step that ends with this event, or the press that begins with it, in words."""
     match stream:
         case "mount":
             return f"mount {data['indentor']}"
@@ -87,7 +87,7 @@ def step_in_words(stream: str, data: Mapping[str, Any]) -> str:
 
 
 class TimeLeft:
-    """Seconds gone and left of a run as it passes its milestones; waiting for a person is neither."""
+    """Elapsed and remaining time of a run (s), without waits for a person."""
 
     def __init__(
         self,
@@ -98,22 +98,22 @@ class TimeLeft:
         pace: float,
         measured: bool = False,
     ) -> None:
-        """By the timeline of a rehearsal that took duration_s. pace: seconds of `now` for one of those.
+        """Use the timeline of a rehearsal of duration_s. pace: seconds of `now` per rehearsed second.
 
-        measured: only until a milestone is passed; then it is what the run has taken so far.
+        measured: use pace only up to the first milestone, then the measured pace.
         """
         self._instants_s, self._duration_s = instants_s, duration_s
         ends_s = [*instants_s.values(), duration_s]
-        self._next_s = ends_s[0]  # milestone, in the rehearsal
+        self._next_s = ends_s[0]  # next milestone, in the rehearsal
         self._next_after_s = dict(zip(instants_s, ends_s[1:], strict=True))
         self._now, self._pace, self._measured = now, pace, measured
         self._milestones = Milestones()
         self._last_s, self._counted_s = now(), 0.0  # at the last event
-        self._passed_s, self._passed_at_s = 0.0, 0.0  # the last milestone: in the rehearsal, and here
+        self._passed_s, self._passed_at_s = 0.0, 0.0  # last milestone, in the rehearsal and in the run
         self._paused = False
 
     def event(self, stream: str, data: Mapping[str, Any]) -> None:
-        """What the journal is told."""
+        """Count an event of the journal."""
         now_s = self._now()
         if stream not in WAITED_FOR:
             self._counted_s += now_s - self._last_s
@@ -125,7 +125,7 @@ class TimeLeft:
 
     @property
     def elapsed_s(self) -> float:
-        """Between two events no longer than the rehearsal took: what takes longer may be a person."""
+        """Elapsed time (s); between two events no longer than rehearsed, because the rest may be a person."""
         if self._paused:
             return self._counted_s
         ahead_s = max(self._to_next_s - (self._counted_s - self._passed_at_s), 0.0)
@@ -133,7 +133,7 @@ class TimeLeft:
 
     @property
     def left_s(self) -> float:
-        """By the timeline, from the last milestone on; the next one is waited for."""
+        """Remaining time (s) by the timeline, from the last milestone on; it stops at the next one."""
         gone_s = min(self.elapsed_s - self._passed_at_s, self._to_next_s)
         return (self._duration_s - self._passed_s) * self._seconds_each - gone_s
 
@@ -148,21 +148,21 @@ class TimeLeft:
 
 
 def as_clock(seconds: float) -> str:
-    """h:mm:ss, begun seconds counted."""
+    """Return h:mm:ss, rounded up."""
     whole = math.ceil(max(seconds, 0.0))
     return f"{whole // 3600}:{whole // 60 % 60:02d}:{whole % 60:02d}"
 
 
 _FILE = "timeline.json"
-_INSIDE = (BEGUN, "touch", "hold_start", "hold_end")  # events of a press that is not over
+_INSIDE = (BEGUN, "touch", "hold_start", "hold_end")  # events within a press
 
 
 Marks = Mapping[str, Any]
-"""Block, repeat and condition of a press that a schedule asked for."""
+"""Block, repeat and condition of a scheduled press."""
 
 
 class CourseStep(NamedTuple):
-    """A step of a run, and whether it has been passed."""
+    """Step of a run, and whether it has ended."""
 
     name: Milestone
     words: str
@@ -172,7 +172,7 @@ class CourseStep(NamedTuple):
 
 @dataclass(frozen=True)
 class Course:
-    """What a run will pass, in order: when, in seconds of its clock, and the steps among it in words."""
+    """Predicted milestones of a run, with their times (s) on its clock, and its steps in words."""
 
     duration_s: float
     instants_s: Mapping[Milestone, float]
@@ -180,7 +180,7 @@ class Course:
     marks: Mapping[Milestone, Marks] = field(default_factory=dict)  # of the steps that have any
 
     def keep(self, folder: RunFolder) -> None:
-        """Write it into a run's folder. Raises UnwritableError."""
+        """Write the course into a run's folder. Raises UnwritableError."""
         passes = [
             [*name, instant_s, self.words.get(name, ""), *([self.marks[name]] if name in self.marks else [])]
             for name, instant_s in self.instants_s.items()
@@ -189,19 +189,19 @@ class Course:
 
     @classmethod
     def kept(cls, folder: RunFolder) -> "Course | None":
-        """That of a run; None where its folder has none."""
+        """Return the course from a run's folder, or None."""
         try:
-            told = json.loads((folder.path / _FILE).read_text(encoding="utf-8"))
-            passes = [((str(p[0]), int(p[1]), int(p[2])), float(p[3]), str(p[4])) for p in told["passes"]]
-            words = {name: said for name, _, said in passes if said}
-            marks = {name: dict(p[5]) for p, (name, _, _) in zip(told["passes"], passes, strict=True) if p[5:]}
-            return cls(float(told["duration_s"]), {name: instant_s for name, instant_s, _ in passes}, words, marks)
+            stored = json.loads((folder.path / _FILE).read_text(encoding="utf-8"))
+            passes = [((str(p[0]), int(p[1]), int(p[2])), float(p[3]), str(p[4])) for p in stored["passes"]]
+            words = {name: text for name, _, text in passes if text}
+            marks = {name: dict(p[5]) for p, (name, _, _) in zip(stored["passes"], passes, strict=True) if p[5:]}
+            return cls(float(stored["duration_s"]), {name: instant_s for name, instant_s, _ in passes}, words, marks)
         except (OSError, ValueError, TypeError, KeyError, IndexError):
             return None
 
 
 def written_ns(folder: RunFolder) -> int:
-    """When a run's course was written; 0 where there is none."""
+    """Return the time at which a run's course was written (ns), or 0."""
     try:
         return (folder.path / _FILE).stat().st_mtime_ns
     except OSError:
@@ -209,34 +209,34 @@ def written_ns(folder: RunFolder) -> int:
 
 
 class Agenda:
-    """The step that a run is at and the one after it; told every event."""
+    """Present and next step of a run, from all of its events."""
 
     def __init__(self, course: Course) -> None:
         self._words, self._marks = course.words, course.marks
         self._order = list(course.instants_s)
-        self._place = {name: n for n, name in enumerate(self._order)}
+        self._index = {name: n for n, name in enumerate(self._order)}
         self._milestones = Milestones()
         self._passed = -1
 
     def event(self, stream: str, data: Mapping[str, Any]) -> None:
-        """What the journal is told."""
+        """Follow an event of the journal."""
         name = self._milestones.name(stream, data)
         if name is not None:
-            self._passed = self._place.get(name, self._passed)
+            self._passed = self._index.get(name, self._passed)
 
     @property
     def now(self) -> str:
-        """In words; empty when all is done."""
-        return self._said(self._now)
+        """Present step in words; empty at the end."""
+        return self._words_of(self._now)
 
     @property
     def next(self) -> str:
-        """In words; empty where nothing comes."""
-        return self._said(self._step_from(self._now + 1))
+        """Next step in words; empty at the end."""
+        return self._words_of(self._step_from(self._now + 1))
 
     @property
     def steps(self) -> list[CourseStep]:
-        """All of them, in order."""
+        """All steps, in order."""
         now = self._now
         return [
             CourseStep(name, self._words[name], self._marks.get(name, {}), _when(n, now))
@@ -246,38 +246,38 @@ class Agenda:
 
     @property
     def _now(self) -> int:
-        """The press that was begun and is not over, or the first step that is not passed."""
+        """Index of the present press, or of the first step that has not ended."""
         if self._passed >= 0:
             stream, number, _ = self._order[self._passed]
             begun = next((stream.removesuffix(end) + BEGUN for end in _INSIDE if stream.endswith(end)), "")
-            if (begun, number, 0) in self._place:
-                return self._place[begun, number, 0]
+            if (begun, number, 0) in self._index:
+                return self._index[begun, number, 0]
         return self._step_from(self._passed + 1)
 
-    def _step_from(self, place: int) -> int:
-        steps = (n for n in range(place, len(self._order)) if self._order[n] in self._words)
+    def _step_from(self, index: int) -> int:
+        steps = (n for n in range(index, len(self._order)) if self._order[n] in self._words)
         return next(steps, len(self._order))
 
-    def _said(self, place: int) -> str:
-        return self._words.get(self._order[place], "") if place < len(self._order) else ""
+    def _words_of(self, index: int) -> str:
+        return self._words.get(self._order[index], "") if index < len(self._order) else ""
 
 
-def _when(place: int, now: int) -> Literal["done", "now", "ahead"]:
-    if place == now:
+def _when(index: int, now: int) -> Literal["done", "now", "ahead"]:
+    if index == now:
         return "now"
-    return "done" if place < now else "ahead"
+    return "done" if index < now else "ahead"
 
 
 class Placed(NamedTuple):
-    """What is mounted, how far along the finger it is, and the press that was begun there last: stream and event."""
+    """Mounted indentor, position along the finger, and last press there: stream and event."""
 
     indentor: Any = None
     along_mm: Any = 0.0
     press: tuple[str, Mapping[str, Any]] | None = None
 
 
-class Heard(NamedTuple):
-    """The last that a device said of itself, and when."""
+class DeviceStatus(NamedTuple):
+    """Last status of a device, and its time."""
 
     word: str = "no data"
     unix_s: float | None = None
@@ -293,37 +293,37 @@ _STAGE_IS = {"home": "homed", "move": "at rest", "retract": "at rest", "trip": "
 
 
 class RunState:
-    """What a run is doing, by the documents of its journal so far, each told once and in order.
+    """State of a run from the documents of its journal, received once and in order.
 
-    Values stay as events say them: of what another program wrote only what is asked for must make sense.
-    time_left is told every event; without a course nobody knows what comes next.
+    Values stay as recorded: of a journal of another program only the requested ones must be valid. time_left
+    receives every event; without a course the next step is unknown.
     """
 
     def __init__(self, course: Course | None = None, time_left: TimeLeft | None = None) -> None:
         self.agenda = None if course is None else Agenda(course)
         self.time_left = time_left
         self.start: Mapping[str, Any] = {}
-        self.stop: Mapping[str, Any] | None = None  # its end; None while it goes on, and where it was killed
-        self.said = ""  # why it tripped, paused or warned last
-        self.finished: set[int] = set()  # numbers of the indentations that are over
-        self.indentation: Mapping[str, Any] = {}  # the one that was begun last
-        self.holds: list[Mapping[str, Any]] = []  # of that one, as far as they have ended
-        self.pressing = False  # a press is begun and not over, be it data or not
-        self.placed: Placed | None = None  # None before anything was mounted, moved or pressed
+        self.stop: Mapping[str, Any] | None = None  # its end; None while it runs, and after a kill
+        self.said = ""  # reason of the last trip, pause or alarm
+        self.finished: set[int] = set()  # indices of the finished indentations
+        self.indentation: Mapping[str, Any] = {}  # the last one that began
+        self.holds: list[Mapping[str, Any]] = []  # finished ones of that indentation
+        self.pressing = False  # during any press
+        self.placed: Placed | None = None  # None before any mount, move or press
         self.newest: Mapping[str, Any] = {}  # the last reading
         self.newest_s: tuple[float | None, float | None] = (None, None)  # on the run's clock, and since 1970
-        self.x_mm: float | None = None  # by the last event that says it, as are the next two
+        self.x_mm: float | None = None  # of the last event that has it, like the next two
         self.height_mm: float | None = None
         self.force_gwt: float | None = None
-        self.contact: Any = None  # what is known of it: a ContactKind; None before anything is
-        self._clear: Any = "raised"  # what a move away leaves
+        self.contact: Any = None  # ContactKind, or None if unknown
+        self._clear: Any = "raised"  # state after a move away
         self.homed = False
-        self.heard_stage, self.heard_force = Heard(), Heard()
-        self._t_s = 0.0  # of the event that is told, as is the next
+        self.stage_status, self.force_status = DeviceStatus(), DeviceStatus()
+        self._t_s = 0.0  # of the present event, like the next one
         self._unix_s: float | None = None
 
     def apply(self, document: Document) -> None:
-        """The next document."""
+        """Apply the next document."""
         kind = document["doc"]
         if kind == "event":
             self._t_s, self._unix_s = document["t_s"], document.get("unix_s")
@@ -333,16 +333,16 @@ class RunState:
         self.stop = document if kind == "stop" else None
 
     def event(self, stream: str, data: Mapping[str, Any]) -> None:
-        """The next event; all that a run's own process is told of its journal."""
-        self._count(stream, data)
-        self._place(stream, data)
-        self._hear(stream, data)
-        for told in (self.time_left, self.agenda):
-            if told is not None:
-                told.event(stream, data)
+        """Apply the next event; a run's own process calls only this."""
+        self._update_progress(stream, data)
+        self._update_place(stream, data)
+        self._update_devices(stream, data)
+        for listener in (self.time_left, self.agenda):
+            if listener is not None:
+                listener.event(stream, data)
 
-    def _count(self, stream: str, data: Mapping[str, Any]) -> None:
-        """How far it is, and what it says of that."""
+    def _update_progress(self, stream: str, data: Mapping[str, Any]) -> None:
+        """Update progress and problem."""
         if stream.endswith((BEGUN, ENDED)):
             self.pressing = stream.endswith(BEGUN)
         if stream == BEGUN:
@@ -354,8 +354,8 @@ class RunState:
         elif stream in ("alarm", "trip", "paused"):
             self.said = str(data.get("reason", ""))
 
-    def _place(self, stream: str, data: Mapping[str, Any]) -> None:
-        """Where the indentor is, whether it may touch, and what is pressed with it."""
+    def _update_place(self, stream: str, data: Mapping[str, Any]) -> None:
+        """Update position, contact and press."""
         self.x_mm = data.get("x_mm", self.x_mm)
         self.height_mm = data.get("height_mm", self.height_mm)
         self.force_gwt = data.get("force_gwt", self.force_gwt)
@@ -371,60 +371,60 @@ class RunState:
         elif stream.endswith(BEGUN):
             self.placed = Placed(data.get("indentor"), before.along_mm, (stream, data))
 
-    def _hear(self, stream: str, data: Mapping[str, Any]) -> None:
-        """What it says of stage and sensor."""
+    def _update_devices(self, stream: str, data: Mapping[str, Any]) -> None:
+        """Update stage and sensor."""
         if stream.endswith(READING):
             self.newest, self.newest_s = data, (self._t_s, self._unix_s)
-            self.heard_stage = Heard(str(data.get("phase", "moving")), self._unix_s)
-            self.heard_force = Heard("reads", self._unix_s)
+            self.stage_status = DeviceStatus(str(data.get("phase", "moving")), self._unix_s)
+            self.force_status = DeviceStatus("reads", self._unix_s)
         elif stream in _STAGE_IS:
             self.homed = self.homed or stream == "home"
-            self.heard_stage = Heard(_STAGE_IS[stream], self._unix_s)
+            self.stage_status = DeviceStatus(_STAGE_IS[stream], self._unix_s)
         elif stream == "zero":
-            self.heard_force = Heard("zeroed", self._unix_s)
+            self.force_status = DeviceStatus("zeroed", self._unix_s)
 
     @property
     def now(self) -> str:
-        """The step that it is at, in words; empty when all is done, or where it is not known."""
+        """Present step in words; empty at the end, or without a course."""
         return "" if self.agenda is None else self.agenda.now
 
     @property
     def next(self) -> str:
-        """The step after it."""
+        """Next step."""
         return "" if self.agenda is None else self.agenda.next
 
     @property
     def steps(self) -> list[CourseStep]:
-        """All of them, in order; none where its course is not known."""
+        """All steps, in order; empty without a course."""
         return [] if self.agenda is None else self.agenda.steps
 
     @property
     def left_s(self) -> float | None:
-        """Seconds until it ends; None where nobody knows."""
+        """Remaining time (s), or None."""
         return None if self.time_left is None else self.time_left.left_s
 
     @property
     def planned(self) -> int | None:
-        """How many indentations it was begun with."""
+        """Number of planned indentations."""
         return self.start.get("planned_indentations")
 
 
 LATE = 1000
-"""Events: a course that has not come by then comes no more."""
+"""Number of events after which a missing course is no longer expected."""
 
 
 class Onlooker(RunState):
-    """The same by a run's folder: its course comes when its process has written it, and its time is the run's own."""
+    """State of a run from its folder, with the course as soon as it is written, on the run's clock."""
 
     def __init__(self, folder: RunFolder) -> None:
         super().__init__()
         self.folder = folder
-        self._since: list[Document] = []  # the start or the last resuming; events after it until there is a course
+        self._since: list[Document] = []  # The last start or resume, and the later events until there is a course.
         self._course_ns = 0
-        self._words = ""  # of the press that is under way
+        self._words = ""  # of the present press
 
     def take(self, documents: Iterable[Document]) -> None:
-        """What came to the journal."""
+        """Apply new documents."""
         for document in documents:
             self.apply(document)
         if self._since and written_ns(self.folder) != self._course_ns:
@@ -434,24 +434,25 @@ class Onlooker(RunState):
             del self._since[1:]
 
     def apply(self, document: Document) -> None:
-        """The next document."""
+        """Apply the next document."""
         if document["doc"] in ("start", "resume"):
             self._since, self.agenda, self.time_left = [document], None, None
         elif document["doc"] == "event":
             if self.agenda is None and len(self._since) == 1:
-                self._course_ns = 0  # a course is kept before anything happens: the one that is there is of this part
+                # A course is written before any event, so an existing one belongs to this part.
+                self._course_ns = 0
             if not document["stream"].endswith(READING):
                 self._since.append(document)
         super().apply(document)
 
     def event(self, stream: str, data: Mapping[str, Any]) -> None:
-        """The next event."""
+        """Apply the next event."""
         if stream.endswith(BEGUN):
             self._words = step_in_words(stream, data)
         super().event(stream, data)
 
     def _go_by(self, course: Course | None) -> None:
-        """What has happened is passed at once; readings are none of it."""
+        """Use a course, and apply the past events except readings."""
         self.agenda, self.time_left = None, None
         if course is None:
             return
@@ -466,5 +467,5 @@ class Onlooker(RunState):
 
     @property
     def now(self) -> str:
-        """The step that it is at, in words; the press under way where its course is not known."""
+        """Present step in words; without a course, the present press."""
         return (self._words if self.pressing else "") if self.agenda is None else self.agenda.now

@@ -1,4 +1,4 @@
-"""The streams of a journal: their keys and units. Positions are in the finger's frame."""
+"""Streams of a journal: their keys and units. Positions are in the finger's frame."""
 
 PRESS_STREAMS = {
     "indentation_start": {
@@ -23,7 +23,7 @@ PRESS_STREAMS = {
     "sync": {"index": "", "at": "", "rise_s": "s", "uncertainty_s": "s", "width_s": "s"},
     "indentation_end": {"index": "", "duration_s": "s"},
 }  # fmt: skip
-"""What one press leaves behind. Keys starting with `true_` come from the virtual plant and are absent on hardware."""
+"""Streams of one press. Keys starting with `true_` come from the virtual plant and are absent on hardware."""
 
 STREAMS = {
     "mount": {"indentor": ""},
@@ -45,7 +45,7 @@ STREAMS = {
     "paused": {"reason": ""},
     "resumed": {"by": ""},
 }  # fmt: skip
-"""Every stream. Presses that are no data (`precondition_…`, `reference_…`) have streams of their own."""
+"""All streams. Presses that are not data (`precondition_…`, `reference_…`) have separate streams."""
 
 WAITED_FOR = ("mount", "resumed")
-"""A person is waited for until these events: that time is not the run's."""
+"""Events that end a wait for a person, which does not count as run time."""

@@ -1,4 +1,4 @@
-"""The journal as tables, a run's summary for lists, and what its time was spent on."""
+"""Tables of a journal, summaries of runs, and the time spent on each activity."""
 
 import os
 from collections.abc import Iterable, Mapping
@@ -14,7 +14,7 @@ from rig.data.schema import PRESS_STREAMS, WAITED_FOR
 OF_THE_PRESS = {
     "indentor": "", "target_doi_mm": "mm", "target_force_gwt": "gwt", "block": "", "repeat": "", "condition": "",
 }  # fmt: skip
-"""Columns that every table of a press ends with, and their units: what was pressed, how far, and why."""
+"""Last columns of every table of a press, and their units: indentor, target, and condition."""
 
 SUPERSEDED = "_superseded"
 _START = "indentation_start"
@@ -24,25 +24,25 @@ TableRow = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Table:
-    """Events of one stream: their columns with units, and a row for each, which may lack some of them."""
+    """Events of one stream: columns with units, and rows, which may lack some of them."""
 
     units: Mapping[str, str]
     rows: list[dict[str, Any]]
 
     @property
     def columns(self) -> dict[str, list[Any]]:
-        """By name, None where a row has nothing."""
+        """Values by column, None where a row lacks one."""
         return {name: [row.get(name) for row in self.rows] for name in self.units}
 
 
 def tables(run: Run) -> dict[str, Table]:
-    """One for each stream that has events, by its name; what was begun anew has tables of its own."""
+    """Return the tables of all streams with events, by name; repeated indentations have separate ones."""
     found = {name: table(run, name) for name, events in run.events.items() if events}
     return found | {name + SUPERSEDED: _table(run, name, events) for name, events in run.superseded.items()}
 
 
 def table(run: Run, stream: str) -> Table:
-    """Of one stream that has events."""
+    """Return the table of a stream with events."""
     return _table(run, stream, run.stream(stream))
 
 
@@ -62,11 +62,11 @@ def _starts(run: Run, stream: str) -> dict[int, TableRow]:
 
 
 def _press(start: TableRow | None, event: TableRow) -> dict[str, Any]:
-    """Of the press that an event belongs to; a hold's own target where it has one."""
+    """Return the columns of the press that an event belongs to, with the hold's own target."""
     if start is None:
         return {}
-    told = {name: start[name] for name in ("indentor", "block", "repeat", "condition") if name in start}
-    return {**told, f"target_{start['target']}": event.get("commanded", start["value"])}
+    columns = {name: start[name] for name in ("indentor", "block", "repeat", "condition") if name in start}
+    return {**columns, f"target_{start['target']}": event.get("commanded", start["value"])}
 
 
 _LEADS_TO = {
@@ -81,12 +81,12 @@ _LEADS_TO = {
     "hold": "hold",
     "retract": "lift",
 }
-_UNTIL_THEN = "paused"  # what leads to it belongs to what it came between
+_UNTIL_THEN = "paused"  # The time before a pause belongs to the interrupted activity.
 
 
 @dataclass(frozen=True)
 class Span:
-    """A stretch of the run's clock and what it went to."""
+    """Interval of the run's clock, and its activity."""
 
     begin_s: float
     end_s: float
@@ -94,7 +94,7 @@ class Span:
 
 
 def spans(run: Run) -> list[Span]:
-    """What led to each event, presses that are no data or were begun anew too; together they are the whole run."""
+    """Return the intervals before each event, for all presses; together they cover the run."""
     found, paused = list[Span](), list[tuple[float, float]]()
     last_s = run.start["t_s"]
     for t_s, kind in sorted(_stamps(run)):
@@ -110,7 +110,7 @@ def spans(run: Run) -> list[Span]:
 
 
 def booked_s(run: Run) -> dict[str, float]:
-    """Seconds of the run's clock that led to each kind of event."""
+    """Return the duration of each activity (s)."""
     totals = dict.fromkeys(_LEADS_TO.values(), 0.0)
     for span in spans(run):
         totals[span.what] += span.end_s - span.begin_s
@@ -130,10 +130,10 @@ def _stamps(run: Run) -> list[tuple[float, str]]:
 
 RUNNING, KILLED, SHORT = "running", "killed", "incomplete"
 STATES = ("done", SHORT, "aborted", "tripped", "limited", "failed", KILLED, RUNNING)
-"""How a run ended: its journal's words, and for what has none: not all done, without an end, not ended yet."""
+"""States of a run: those of its journal, and for others: incomplete, killed, running."""
 
 ENDED_EARLY = "the protocol ended before all planned indentations were done"
-"""Reason of a run that ended `incomplete`, which its journal does not give."""
+"""Reason of a run that ended `incomplete`, which its journal lacks."""
 
 RUN_COLUMNS = ("run", "date_utc", "protocol", "subject", "virtual", "state")
 HOLD_COLUMNS = (
@@ -141,24 +141,24 @@ HOLD_COLUMNS = (
     *("t_s", "hold_s", "doi_mm", "doi_sd_mm", "force_gwt", "force_sd_gwt", "peak_gwt", "readings"),
     "contact_height_mm",
 )
-"""Of the table of many runs, after those of the run: one row for each hold that ended; names end in their units."""
+"""Columns of the table of many runs, after RUN_COLUMNS: one row for each finished hold."""
 
 LISTED = ("indentation_start", "touch", "hold_end")
-"""Streams that a list and a table of many runs are made of."""
+"""Streams for lists and tables of many runs."""
 
 FOREIGN = (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError)
-"""What a journal leads to that another program wrote."""
+"""Errors from a journal of another program."""
 
 Row = list[Any]
 
 
 @dataclass(frozen=True)
 class Summary:
-    """One run folder, by its name. problem: why it cannot be read; then nothing else is known."""
+    """Summary of one run folder. problem: why it cannot be read; the other fields are then unknown."""
 
     name: str
     problem: str = ""
-    date_utc: str = ""  # of its first document, ISO 8601
+    date_utc: str = ""  # of the first document, ISO 8601
     protocol: str = ""
     title: str = ""
     subject: str = ""
@@ -171,12 +171,12 @@ class Summary:
 
     @property
     def of_the_run(self) -> Row:
-        """In the order of RUN_COLUMNS."""
+        """Values in the order of RUN_COLUMNS."""
         return [self.name, self.date_utc, self.protocol, self.subject, self.virtual, self.state]
 
 
 def summarised(path: Path) -> tuple[Summary, list[Row]]:
-    """A run folder and its holds in the order of HOLD_COLUMNS; whatever lies there, nothing is raised."""
+    """Return the summary of a run folder and its holds in the order of HOLD_COLUMNS; raise nothing."""
     try:
         run = read_run(path, only=LISTED)
         found = summary_of(run)
@@ -189,17 +189,17 @@ def summarised(path: Path) -> tuple[Summary, list[Row]]:
 
 
 def foreign(error: Exception) -> str:
-    """What is said of such a journal."""
+    """Return the problem of a journal of another program."""
     return f"this version cannot read the journal: {type(error).__name__}: {error}"
 
 
 def alive(found: Summary, runs: Path) -> Summary:
-    """The same; what has no end yet is running where another process writes to it."""
+    """Return the summary as running if another process writes to a run without an end."""
     return replace(found, state=RUNNING) if found.state == KILLED and RunFolder(runs / found.name).busy else found
 
 
 def summary_of(run: Run) -> Summary:
-    """Of a run that was read; raises what a foreign journal leads to."""
+    """Return the summary of a run. Raises what a journal of another program may lead to."""
     start = run.start
     return Summary(
         name=run.folder.path.name,
@@ -217,7 +217,7 @@ def summary_of(run: Run) -> Summary:
 
 
 def state_of(run: Run) -> str:
-    """How it ended, by its journal alone."""
+    """Return the final state, from the journal alone."""
     if run.stop is None:
         return KILLED
     return SHORT if run.stop["status"] == "done" and run.missing else str(run.stop["status"])

@@ -1,1 +1,1 @@
-"""What stands on the ports: stages, force sensors, and the bench that they make."""
+"""Devices of a bench: stages, force sensors and the stop button."""

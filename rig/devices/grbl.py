@@ -1,4 +1,4 @@
-"""A stage on a GRBL 1.1 or grblHAL board. Source: GRBL 1.1 interface wiki."""
+"""Stage with a GRBL 1.1 or grblHAL board. Source: GRBL 1.1 interface wiki."""
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -51,8 +51,8 @@ from rig.devices.grbl_link import (
     overrun,
     parse_setting,
     refuse_move,
+    settings_fields,
     states,
-    told,
     unsuited,
 )
 from rig.devices.registry import Opener, StageKind
@@ -64,14 +64,15 @@ HOME_S = 180.0
 HALT_S = 2.0
 # Longer than one step at the slowest speed, 1 mm/min.
 STANDS_S = 0.5
-# A second 0x85 at the very end of a jog leaves GRBL 1.1h suspended, Idle and deaf to lines until `~` or a reset.
+# A second 0x85 at the very end of a jog leaves GRBL 1.1h suspended: Idle, but it reads no line until `~` or a
+# reset.
 CANCEL_AGAIN_S = 0.5
 # A move may take this much longer than computed from length, speed and acceleration.
 LATE_FACTOR, LATE_S = 1.5, 5.0
 ASK_FOR_OFFSET = 35
 # Attempts to have a line confirmed, in case noise corrupted it.
 ATTEMPTS = 3
-# Twice: an alarm and the banner after it.
+# Two pairs of an alarm and the banner after it.
 NEWS = 4
 
 
@@ -84,7 +85,7 @@ class Jogged:
 
 
 class GrblStage(Stage):
-    """Stage with a GRBL board, one move at a time; `output` is what set_output() switches.
+    """Stage with a GRBL board, one move at a time; `output` is the output that set_output() switches.
 
     expected: settings, by number, that connect() requires of the board. bounds: limits that the board enforces
     through its own settings, which connect() writes if they differ.
@@ -113,7 +114,7 @@ class GrblStage(Stage):
 
     @property
     def homed(self) -> bool:
-        """Whether the position is to be trusted: homed, and no alarm, reset, timeout or stop since."""
+        """Whether the position is trusted: homed, and no alarm, reset, timeout or stop since."""
         return self._link.trusted
 
     def connect(self) -> str:
@@ -135,7 +136,7 @@ class GrblStage(Stage):
                 code="not_as_configured",
                 port=self._transport.name,
                 keys=keys_of(board, self._expected),
-                **told(wrong),
+                **settings_fields(wrong),
             )
         if self._bounds is not None:
             self._enforce({**board, **enforced_settings(board, self._bounds)})
@@ -160,10 +161,10 @@ class GrblStage(Stage):
             port=self._transport.name,
         )
 
-    def _enforce(self, wanted: Mapping[int, float]) -> None:
+    def _enforce(self, required: Mapping[int, float]) -> None:
         """Write the settings that differ and read all of them back."""
         for _ in range(ATTEMPTS):
-            wrong = {n: value for n, value in wanted.items() if differs(self._settings, n, value)}
+            wrong = {n: value for n, value in required.items() if differs(self._settings, n, value)}
             if not wrong:
                 return
             for n, value in wrong.items():
@@ -173,23 +174,23 @@ class GrblStage(Stage):
             "{port}: the board did not accept the settings {settings}",
             code="not_kept",
             port=self._transport.name,
-            **told(differences(self._settings, wanted)),
+            **settings_fields(differences(self._settings, required)),
         )
 
     def homing(self) -> Looks:
-        """Home with `$H`; most boards do not answer meanwhile, and the position is not trusted.
+        """Home with `$H`. Most boards do not respond meanwhile, and the position is not trusted.
 
-        It is trusted again only if the board reported homing and rests where homing ends. An `ok` alone may belong to
-        `$X`, which differs from `$H` by one bit.
+        It is trusted again only if the board reported homing and rests where homing ends. An `ok` alone may belong
+        to `$X`, which differs from `$H` by one bit.
         """
         self._jogged = None
         if not self._link.in_step:
             self._link.reset()
         self._link.refuse_interference(self.status().state)
         self._link.trusted, times = False, self._link.times_stopped
-        begun_s, printed, heard = self._clock.monotonic_s(), list[str](), 0
+        begun_s, printed, seen = self._clock.monotonic_s(), list[str](), 0
         for printed in self._link.talking("$H", HOME_S, LOOK_S):
-            new, heard = states(printed[heard:]), len(printed)
+            new, seen = states(printed[seen:]), len(printed)
             if self._clock.monotonic_s() - begun_s > REPLY_S and set(new) - {"Home"}:
                 self._link.in_step = False
                 raise StageTimeout(
@@ -203,10 +204,10 @@ class GrblStage(Stage):
         now = self.status()
         missed = misplaced(self._settings, at_home(self._settings), (now.x_mm, now.y_mm, now.z_mm))
         if "Home" not in states(printed) or missed:
-            self._say_not_homed(missed)
+            self._refuse_not_homed(missed)
         self._link.trusted = self._link.times_stopped == times
 
-    def _say_not_homed(self, missed: Misplaced | None) -> NoReturn:
+    def _refuse_not_homed(self, missed: Misplaced | None) -> NoReturn:
         where = {} if missed is None else {"missed": str(missed), **missed._asdict()}
         raise StageError(
             "{port}: the board answered ok to '$H' but did not home" + (": {missed}" if missed else ""),
@@ -229,11 +230,11 @@ class GrblStage(Stage):
 
     def _status(self) -> StageStatus:
         fields = self._link.ask_status()
-        asked = 0
+        requests = 0
         while fields.machine is None and (fields.work is None or self._link.offset is None):
-            # Work coordinates ($10) need the offset, which comes seldom; a garbled line has neither.
-            asked += 1
-            if asked > (ASK_TIMES if fields.work is None else ASK_FOR_OFFSET):
+            # Work coordinates ($10) need the offset, which is sent seldom; a garbled line has neither.
+            requests += 1
+            if requests > (ASK_TIMES if fields.work is None else ASK_FOR_OFFSET):
                 raise StageError(
                     "{port}: the status report contains no machine position; check setting $10 of the board",
                     code="no_position",
@@ -348,7 +349,7 @@ class GrblStage(Stage):
                     state=state,
                 )
             if not is_held(state):
-                self.hold()  # the byte before was lost
+                self.hold()  # The first byte may have been lost.
             self._listen(POLL_S)
         self._link.reset()
         state = self._status().state
@@ -362,11 +363,11 @@ class GrblStage(Stage):
         self._link.trusted = trusted and self._link.times_stopped == times
 
     def stop(self) -> None:
-        """Feed hold and reset in one write: no queue, no lock, no waiting. Then home() or unlock()."""
+        """Feed hold and reset in one write: no queue, no lock, no wait. Then home() or unlock()."""
         self._link.stop_now()
 
     def hold(self) -> None:
-        """Slow down to a stop and stay there; resume() goes on, the position stays trusted. Raises TransportError."""
+        """Slow down and hold; resume() continues, and the position stays trusted. Raises TransportError."""
         self._link.send_now(b"!")
 
     def resume(self, timeout_s: float = 5.0) -> None:
@@ -394,7 +395,7 @@ class GrblStage(Stage):
         return self.status()
 
     def steps_per_mm(self, axis: Axis) -> float:
-        """`$100` … `$102`, with the sign of `$3`; known once connected."""
+        """Return `$100` … `$102`, with the sign of `$3`; known once connected."""
         reversed_axes = int(self._settings.get(STEP_DIRECTION, 0.0))
         sign = -1.0 if reversed_axes >> "xyz".index(axis) & 1 else 1.0
         return sign * self._settings[STEPS_PER_MM + "xyz".index(axis)]
@@ -488,7 +489,7 @@ class GrblStage(Stage):
                 self._link.send_now(JOG_CANCEL)
 
     def set_output(self, on: bool) -> None:
-        """Coolant (M8, M9) or spindle (M3, M5); the board switches when all motion before is over."""
+        """Switch coolant (M8, M9) or spindle (M3, M5); the board does so when all earlier motion has ended."""
         if self._output == "off":
             raise StageError(
                 "{port}: no output of the board is configured; set sync.output to coolant or spindle",
@@ -535,7 +536,7 @@ class GrblStage(Stage):
         self._link.refuse_interference(now.state)
         missed = misplaced(self._settings, target, (now.x_mm, now.y_mm, now.z_mm))
         if missed:
-            now = self.status()  # a single report may be garbled
+            now = self.status()  # A single report may be garbled.
             missed = misplaced(self._settings, target, (now.x_mm, now.y_mm, now.z_mm))
         if missed:
             raise StageError(

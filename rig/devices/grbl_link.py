@@ -1,7 +1,6 @@
-"""The conversation with a GRBL board: lines, reports, settings and work zero. Source: GRBL 1.1 wiki.
+"""Protocol of a GRBL board: lines, reports, settings and work zero. Source: GRBL 1.1 interface wiki.
 
-Source: GRBL 1.1 interface wiki. Send-response on purpose, not character counting: nothing may be queued
-beyond one safe increment.
+Each line waits for its reply, instead of counting characters, so that nothing is queued beyond one safe increment.
 """
 
 import math
@@ -66,14 +65,14 @@ OVERRIDDEN = ("feed", "rapid", "spindle")
 
 @dataclass(frozen=True, slots=True)
 class StatusFields:
-    """One `<…>` line: machine or work position (mm), sometimes the offset between them and overrides (%)."""
+    """Fields of a `<…>` line: machine or work position (mm), at times their offset and the overrides (%)."""
 
     state: str
     machine: Xyz | None
     work: Xyz | None
     offset: Xyz | None
     overrides: Overrides | None = None
-    pins: str = ""  # letters of the inputs that are active
+    pins: str = ""  # letters of the active inputs
 
 
 def is_banner(line: str) -> bool:
@@ -113,7 +112,7 @@ def parse_setting(line: str) -> tuple[int, float] | None:
 
 
 def number_after(line: str, prefix: str) -> int | None:
-    """The n of `prefix:n`, None if the line is something else; a garbled number counts as 0."""
+    """Return the n of `prefix:n`, or None for another line; a garbled number counts as 0."""
     if not line.startswith(prefix):
         return None
     digits = line[len(prefix) :].strip()
@@ -148,7 +147,7 @@ def feed_word(speed_mm_s: float) -> str:
 
 
 def parse_modes(printed: Iterable[str]) -> tuple[frozenset[str], float | None]:
-    """Return the modal words of the answer to `$G` and its feed (mm/min); nothing and None where there is none."""
+    """Return the modal words of the reply to `$G` and its feed (mm/min), or nothing and None."""
     for line in printed:
         if line.startswith("[GC:") and line.endswith("]"):
             words = line[4:-1].split()
@@ -202,7 +201,7 @@ class GrblLink:
         self._reader = LineReader(transport, clock)
         self.in_step = False
         self.trusted = False
-        self.times_stopped = 0  # from whatever thread
+        self.times_stopped = 0  # counted from any thread
         self.offset: Xyz | None = None
         self.overrides = FULL
         self.pins = ""  # of the last status
@@ -210,7 +209,7 @@ class GrblLink:
     def hello(self) -> list[str]:
         """Ask a board in an unknown state for its identification. Raises StageError."""
         self.trusted = False
-        # A banner in the buffer only shows that the board is there.
+        # A banner in the buffer only shows that a board is connected.
         with suppress(StageReset):
             self.hear_pending()
         self.in_step = True
@@ -239,7 +238,7 @@ class GrblLink:
             )
 
     def recover(self) -> None:
-        """Reset the board if it may still owe an answer; the position is not trusted afterwards."""
+        """Reset the board if it may still owe a reply; the position is not trusted afterwards."""
         self.trusted = False
         if not self.in_step:
             self.reset()
@@ -275,13 +274,13 @@ class GrblLink:
         deadline_s = self._clock.monotonic_s() + timeout_s
         printed: list[str] = []
         while True:
-            heard = self._hear(min(deadline_s, self._clock.monotonic_s() + look_s))
-            if heard == "ok":
+            reply = self._hear(min(deadline_s, self._clock.monotonic_s() + look_s))
+            if reply == "ok":
                 return printed
-            if heard is not None:
-                self._refuse_error(heard, line)
-                self._refuse_hold(heard)
-                printed.append(heard)
+            if reply is not None:
+                self._refuse_error(reply, line)
+                self._refuse_hold(reply)
+                printed.append(reply)
             elif self._clock.monotonic_s() < deadline_s:
                 yield printed
             else:
@@ -295,7 +294,7 @@ class GrblLink:
                 )
 
     def require_in_step(self, line: str) -> None:
-        """Raise StageError if the board may still owe an answer to another line."""
+        """Raise StageError if the board may still owe a reply to another line."""
         if not self.in_step:
             raise StageError(
                 "{port}: the board may still owe an answer, so {line!r} was not sent; home the stage, which "
@@ -305,14 +304,14 @@ class GrblLink:
                 line=line,
             )
 
-    def _refuse_error(self, heard: str, line: str) -> None:
-        code = number_after(heard, "error:")
+    def _refuse_error(self, reply: str, line: str) -> None:
+        code = number_after(reply, "error:")
         if code is not None:
             raise StageRejected(code, line, ERRORS.get(code, "see the controller's manual"))
 
-    def _refuse_hold(self, heard: str) -> None:
+    def _refuse_hold(self, reply: str) -> None:
         """Raise if the board is held: the line waits in its buffer, and only a reset removes it."""
-        fields = parse_status(heard)
+        fields = parse_status(reply)
         if fields is not None and is_held(fields.state):
             self.pins = fields.pins
             self.in_step = self.trusted = False
@@ -324,14 +323,14 @@ class GrblLink:
             self.hear_pending()
             self._transport.write(b"?")
             deadline_s = self._clock.monotonic_s() + STATUS_S
-            while (heard := self._hear(deadline_s)) is not None:
-                fields = parse_status(heard)
+            while (reply := self._hear(deadline_s)) is not None:
+                fields = parse_status(reply)
                 if fields is not None:
                     self.offset = fields.offset or self.offset
                     self.overrides = fields.overrides or self.overrides
                     self.pins = fields.pins
                     return fields
-                if heard.startswith("<"):
+                if reply.startswith("<"):
                     break
         self.trusted = False
         raise StageTimeout(
@@ -386,7 +385,7 @@ class GrblLink:
 
     def _notice(self, line: str) -> None:
         if is_banner(line):
-            # The banner may have crossed with a line, which may or may not still be answered.
+            # The banner may have crossed a line, which may or may not still be answered.
             self.in_step, self.trusted, self.offset, self.overrides = False, False, None, FULL
             raise StageReset("{port}: the board restarted ({line}); home again", port=self.name, line=line)
         code = number_after(line, "ALARM:")
@@ -398,8 +397,8 @@ class GrblLink:
 STEP_DIRECTION, REPORTS, INCHES, SOFT_LIMITS, HOMING, LASER = 3, 10, 13, 20, 22, 32
 HOMING_DIRECTION, PULL_OFF = 23, 27
 STEPS_PER_MM, MOST_MM_MIN, ACCELERATION, TRAVEL = 100, 110, 120, 130
-VOLATILE_OFFSET = 384  # grblHAL stores G92, which would wear its memory out, unless this is 1
-_REPORTED = 1 << 5 | 1 << 6  # of $10 in grblHAL: the offset of work zero, and overrides
+VOLATILE_OFFSET = 384  # grblHAL stores G92 unless this is 1, which would wear out its memory.
+_REPORTED = 1 << 5 | 1 << 6  # $10 in grblHAL: offset of the work zero, and overrides
 
 # Boards print three decimals.
 _TOLERANCE = 5e-4
@@ -466,7 +465,7 @@ def differences(board: Mapping[int, float], expected: Mapping[int, float]) -> li
     ]
 
 
-def told(wrong: Iterable[Difference]) -> dict[str, Any]:
+def settings_fields(wrong: Iterable[Difference]) -> dict[str, Any]:
     """Return the fields of an error about settings."""
     all_wrong = list(wrong)
     return {
@@ -568,14 +567,13 @@ def differs(board: Mapping[int, float], number: int, value: float) -> bool:
     return abs(board.get(number, 0.0) - value) > _TOLERANCE
 
 
-# Work zero: where the target of a motion is placed and read back before anything can move (decision 0036).
-#
-# GRBL has no checksums. A target is sent as an offset (G92), which moves nothing, and the board prints where that
-# puts work zero (WCO in the next status). The stage moves only to a position that was read back, by a trigger that is
-# always the same.
+# Work zero: the target of a motion, set and read back before anything can move (decision 0036).
+# GRBL has no checksums. A target is sent as an offset (G92), which moves nothing, and the board prints the
+# resulting work zero (WCO in the next status). The stage moves only to a position that was read back, with a
+# constant trigger.
 
 SHORT_MM = 0.1
-"""An increment, which is over before it is fast: at 50 mm/s² the feed hardly matters."""
+"""Length of an increment (mm), too short for the feed to matter: at 50 mm/s² it ends before full speed."""
 
 MODES = "G90G21G94"
 _OFFSET_ROUND_OFF_MM = 1e-9
@@ -592,9 +590,9 @@ class Doubt(NamedTuple):
 
 
 def offset_line(coordinates: Xyz, speed_mm_s: float) -> str:
-    """Return the line that makes these the work coordinates of the present place, and sets modes and feed.
+    """Return the line that sets the work coordinates of the present position, modes and feed.
 
-    G92 comes first and each word after it is there twice if one bit of G92 turns it into another command that would
+    G92 comes first and each later word is there twice if one bit of G92 turns it into another command that would
     move: `G90`, `G93` and `F92` are then refused, and a lost G leaves no number for it to join.
     """
     x, y, z = map(number, coordinates)
@@ -610,34 +608,34 @@ def doubt_about_zero(
     *,
     confirm_modes: bool = False,
 ) -> Doubt | None:
-    """Place work zero and read it back; nothing moves. Before a long motion modes and feed are read back, too.
+    """Set the work zero and read it back; nothing moves. Before a long motion, read back modes and feed as well.
 
     Parameters
     ----------
     link : GrblLink
-        The conversation with the board.
+        Link to the board.
     board : mapping of int to float
-        Its settings, by number.
+        Settings of the board, by number.
     present : tuple of float
-        Where the stage stands, machine mm.
+        Present position, machine mm.
     coordinates : tuple of float
-        The work coordinates that this place gets, mm.
+        Work coordinates for the present position (mm).
     speed_mm_s : float
-        The speed of the motion to come, mm/s.
+        Speed of the next motion (mm/s).
     confirm_modes : bool
-        Whether modes and feed are read back before a short motion, too.
+        Whether to read back modes and feed before a short motion, too.
 
     Returns
     -------
     Doubt, optional
-        What the board did not confirm; None where all is as it should be.
+        Missing confirmation; None if the board confirmed everything.
 
     Raises
     ------
     StageError
-        If the board refuses the line, does not answer, is held, or is not idle.
+        If the board refuses the line, does not respond, is held, or is not idle.
     """
-    link.offset = None  # what was known of it is over: positions in work coordinates wait for the new one
+    link.offset = None  # The old offset is void: positions in work coordinates wait for the new one.
     link.command(offset_line(coordinates, speed_mm_s), look_s=LOOK_S)
     if confirm_modes or max(map(abs, coordinates)) > SHORT_MM + _OFFSET_ROUND_OFF_MM:
         printed = link.command("$G", look_s=LOOK_S)
@@ -654,17 +652,17 @@ def doubt_about_zero(
         )
     if fields.offset is None:
         return Doubt("the status report after G92 contains no WCO", "no_offset", {})
-    meant = tuple(mm - coordinate for mm, coordinate in zip(present, coordinates, strict=True))
+    intended = tuple(mm - coordinate for mm, coordinate in zip(present, coordinates, strict=True))
     wrong = [
         (axis, found, mm)
-        for i, (axis, found, mm) in enumerate(zip("XYZ", fields.offset, meant, strict=True))
+        for i, (axis, found, mm) in enumerate(zip("XYZ", fields.offset, intended, strict=True))
         if not near(board, i, found, mm)
     ]
     if not wrong:
         return None
-    said = ", ".join(f"work zero {axis} is at {found} mm instead of {mm:.4f} mm" for axis, found, mm in wrong)
+    text = ", ".join(f"work zero {axis} is at {found} mm instead of {mm:.4f} mm" for axis, found, mm in wrong)
     zeros = {axis: found for axis, found, _ in wrong}
-    return Doubt(said, "wrong_work_zero", {"found_mm": zeros, "meant_mm": {axis: mm for axis, _, mm in wrong}})
+    return Doubt(text, "wrong_work_zero", {"found_mm": zeros, "meant_mm": {axis: mm for axis, _, mm in wrong}})
 
 
 def _doubt_about_modes(printed: list[str], feed_mm_min: float) -> Doubt | None:
@@ -673,6 +671,6 @@ def _doubt_about_modes(printed: list[str], feed_mm_min: float) -> Doubt | None:
     if missing:
         return Doubt(f"$G does not show {', '.join(missing)}", "modes_missing", {"missing": missing})
     if feed is None or abs(feed - feed_mm_min) > _FEED_SHOWN_MM_MIN:
-        said = f"$G shows a feed of {feed} mm/min instead of {feed_mm_min:g} mm/min"
-        return Doubt(said, "wrong_feed", {"found_mm_min": feed, "meant_mm_min": feed_mm_min})
+        text = f"$G shows a feed of {feed} mm/min instead of {feed_mm_min:g} mm/min"
+        return Doubt(text, "wrong_feed", {"found_mm_min": feed, "meant_mm_min": feed_mm_min})
     return None

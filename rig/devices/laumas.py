@@ -1,7 +1,6 @@
 """Force sensor: Laumas TLB or TLU load-cell transmitter over Modbus.
 
-Source: Laumas TLU manual, list of registers; LCB manual, status register 1. Values from elsewhere are in
-LaumasSettings.
+Source: Laumas TLU manual, list of registers; LCB manual, status register 1. LaumasSettings names other sources.
 """
 
 from collections.abc import Iterator
@@ -169,7 +168,7 @@ class LaumasForce:
 
     @contextmanager
     def _errors(self, silent: str = "no_reply") -> Iterator[None]:
-        """silent: the code where nothing answers."""
+        """silent: error code for a missing reply."""
         try:
             yield
         except ModbusTimeout as error:

@@ -1,4 +1,4 @@
-"""A stage of two Leadshine drives, x lateral and z vertical, on one Modbus port or on two."""
+"""Stage with two Leadshine drives, x lateral and z vertical, on one Modbus port or on two."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -45,7 +45,7 @@ class LeadshineStage(Stage):
         self._y_mm = y_mm
         self._output, self._inputs_register = output, inputs_register
         self._trusted = False
-        self._times_stopped = 0  # from whatever thread
+        self._times_stopped = 0  # counted from any thread
 
     @property
     def homed(self) -> bool:
@@ -63,7 +63,7 @@ class LeadshineStage(Stage):
         keep_on = self._until_stopped()
         for drive in self._up_first():
             drive.refuse_fault()
-        self._disarm(again=True)  # in case a drive was switched off since
+        self._disarm(again=True)  # A drive may have been switched off since.
         for drive in self._up_first():
             try:
                 for _ in drive.homing(keep_on):
@@ -81,7 +81,7 @@ class LeadshineStage(Stage):
             drive.clear_alarm()
 
     def status(self) -> StageStatus:
-        """State and position of both drives. Raises StageError."""
+        """Return the state and position of both drives. Raises StageError."""
         return self._status({})
 
     def moving(
@@ -115,7 +115,7 @@ class LeadshineStage(Stage):
             raise
 
     def halt(self) -> None:
-        """Quick stop of each drive; its position feedback stays valid."""
+        """Quick-stop each drive; its position feedback stays valid."""
         self.end_jog()
 
     def look(self) -> StageStatus:
@@ -155,12 +155,12 @@ class LeadshineStage(Stage):
         Parameters
         ----------
         lowest_z_mm : float
-            Lowest allowed position of the vertical axis, in machine mm. Outside the travel: its end.
+            Lowest allowed position of the vertical axis, in machine mm, clipped to the travel.
 
         Raises
         ------
         StageError
-            If the drive does not stand or does not confirm the limit; the position is then not trusted.
+            If the drive moves or does not confirm the limit; the position is then not trusted.
         StageNotHomed
             Before any byte.
         MoveError
@@ -189,9 +189,9 @@ class LeadshineStage(Stage):
         self._drives[self._output.drive].write_word(address, on_word if on else off_word)
 
     def stop(self) -> None:
-        """Quick stop of both drives, past every wait; then confirm it.
+        """Quick-stop both drives, past every wait, and confirm it.
 
-        At once a broadcast goes out on a shared serial bus, else a frame to each drive. Then the stop is repeated
+        A broadcast is sent at once on a shared serial bus, else a frame to each drive. Then the stop is repeated
         until each drive reports rest, for up to 1 s. Raises StageError if one does not, TransportError.
         """
         self._times_stopped += 1
@@ -213,7 +213,7 @@ class LeadshineStage(Stage):
             bus.close()
 
     def _status(self, known: Mapping[str, Status]) -> StageStatus:
-        """known: status words that were read already, by axis."""
+        """known: status words that were already read, by axis."""
         words = [known[axis] if axis in known else drive.status() for axis, drive in self._drives.items()]
         if any(Status.HOMED not in word for word in words):
             self._trusted = False
@@ -226,10 +226,10 @@ class LeadshineStage(Stage):
             for drive in self._up_first():
                 drive.disarm()
 
-    def _stop_all_but(self, told: LeadshineDrive) -> None:
+    def _stop_all_but(self, active: LeadshineDrive) -> None:
         """Stop the other drives, which may have received this command and creep."""
         for drive in self._up_first():
-            if drive is not told:
+            if drive is not active:
                 _unconfirmed(drive)
 
     def _until_stopped(self) -> Callable[[], bool]:
@@ -319,12 +319,12 @@ def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
 
 
 def _ports(stage: StageSettings) -> tuple[str, ...]:
-    """Those of its drives."""
+    """Return the ports of the drives."""
     return tuple(dict.fromkeys(drive.port or stage.port for drive in (stage.drives.x, stage.drives.z)))
 
 
 def _buses(opener: Opener, clock: Clock, stage: StageSettings) -> dict[str, ModbusMaster]:
-    """By port; none is left open where one does not open."""
+    """Open the ports; close all of them if one does not open."""
     buses: dict[str, ModbusMaster] = {}
     try:
         for port in _ports(stage):

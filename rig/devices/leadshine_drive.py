@@ -1,13 +1,13 @@
-"""One axis on a Leadshine CS2RS or iEM-RS drive in PR mode. Source: CS2RS and iEM-RS user manuals.
+"""Axis with a Leadshine CS2RS or iEM-RS drive in PR mode. Source: CS2RS and iEM-RS user manuals.
 
-Nothing is ever saved to the drive's EEPROM, which wears out: what this driver writes is gone when the drive is off.
+Nothing is ever saved to the drive's EEPROM, which wears out: the written settings are lost at power-off.
 
-Modbus TCP has no checksum, so one wrong bit on the wire must not move anything where it should not go:
+Modbus TCP has no checksum, so a single bit error must not start a wrong motion:
 
 - A path is written without its trigger and read back; the trigger that follows is the same word for every move.
-- Whatever else a wrong bit of any frame can start is harmless beforehand (disarm): every other path is null, homing
-  and jogging creep. A path that has arrived leads to where the axis stands; any other is made null.
-- Where a target counts from what the drive answers, it is asked twice.
+- Every other motion that a bit error can start is made harmless beforehand (disarm): all other paths are null, and
+  homing and jogging creep. A path that has arrived ends where the axis is; any other one is set to null.
+- A target that counts from a position of the drive uses a position that was read twice.
 """
 
 import math
@@ -22,11 +22,11 @@ from rig.settings import DriveSettings
 from rig.transport.modbus import ModbusError, ModbusMaster, ModbusTimeout
 
 STATUS, ALARM, CONTROL, TRIGGER = 0x1003, 0x2203, 0x1801, 0x6002
-INPUTS = 0x0179  # second-hand: [stop] inputs_register can say another
+INPUTS = 0x0179  # Second-hand; [stop] inputs_register replaces it.
 INPUT_NAMES = tuple(f"di{n}" for n in range(1, 8))
 COMMANDED, FEEDBACK = 0x602C, 0x1014  # 32 bits each
-PR0 = 0x6200  # mode, position (32 bits), rpm, ramp up, ramp down, pause; then its trigger, which is never written
-PATHS = range(PR0, PR0 + 16 * 8, 8)  # the mode of each path, PR0 to PR15
+PR0 = 0x6200  # mode, position (32 bits), rpm, ramp up, ramp down, pause, and the trigger, which is never written
+PATHS = range(PR0, PR0 + 16 * 8, 8)  # mode register of each path, PR0 to PR15
 SOFT_LIMITS, POSITIVE_LIMIT, NEGATIVE_LIMIT = 0x6000, 0x6006, 0x6008
 HOMING_MODE, HOMING_SPEEDS = 0x600A, 0x600F  # high and low rpm, ramp up, ramp down
 NO_PATH, ABSOLUTE = 0x0000, 0x0001
@@ -55,12 +55,12 @@ class Status(IntFlag):
 
 
 def words(value: int) -> list[int]:
-    """A 32-bit number, two's complement, as two registers, high word first."""
+    """Return a 32-bit number, two's complement, as two registers, high word first."""
     return [value >> 16 & 0xFFFF, value & 0xFFFF]
 
 
 def number(pair: Sequence[int]) -> int:
-    """Two registers, high word first, as a 32-bit number in two's complement."""
+    """Return two registers, high word first, as a 32-bit number in two's complement."""
     value = pair[0] << 16 | pair[1]
     return value - (1 << 32) if value & 1 << 31 else value
 
@@ -72,9 +72,9 @@ def path(position: int, rpm: int, ramp_ms: int) -> list[int]:
 
 POLL_S, ALARM_S = 0.02, 0.25
 HOME_S = 180.0
-# Until a trigger shows in the status word.
+# Time until the status word shows a trigger.
 START_S = 0.05
-# A move may take this much longer than its length, speed and ramps say.
+# A move may take this much longer than computed from length, speed and ramps.
 LATE_FACTOR, LATE_S = 1.5, 5.0
 STOP_S = 1.0
 # Maximum distance of the feedback from the target on arrival.
@@ -96,9 +96,9 @@ def _always() -> bool:
 
 
 class LeadshineDrive:
-    """Moves of one axis in mm, + away from the finger for the vertical one.
+    """Moves of one axis in mm; the vertical one is positive away from the finger.
 
-    pulses_per_mm is the measured number, negative where the motor runs against the axis.
+    pulses_per_mm is the measured number, negative if the motor runs against the axis.
     """
 
     def __init__(
@@ -115,9 +115,9 @@ class LeadshineDrive:
         self._clock, self._settings = clock, settings
         self.travel_mm = travel_mm
         self.pulses_per_mm = pulses_per_mm
-        self._going_to: int | None = None  # by jogs, since anything else moved it
-        self._loose = False  # whether PR0 may lead to somewhere else than where the axis stands
-        self.harmless = False  # whether disarm() has been done, and every exchange since was in order
+        self._going_to: int | None = None  # target of jogs since another motion
+        self._loose = False  # whether PR0 may lead away from the present position
+        self.harmless = False  # whether disarm() was done and every exchange since succeeded
 
     # --- settings ---
 
@@ -207,8 +207,8 @@ class LeadshineDrive:
     def moving(self, to_mm: float, speed_mm_s: float, keep_on: Callable[[], bool], look_s: float) -> Iterator[Status]:
         """Move to a position at up to speed_mm_s; yield the status every look_s, until arrival.
 
-        keep_on says whether to continue waiting. Raises StageError; MoveError before any byte if the speed is too low
-        for the drive.
+        keep_on returns whether to continue waiting. Raises StageError; MoveError before any byte if the speed is
+        too low for the drive.
         """
         target, rpm = self._pulses(to_mm), self.rpm(speed_mm_s)
         self._going_to = None
@@ -294,17 +294,17 @@ class LeadshineDrive:
         )
 
     def write_word(self, register: int, value: int) -> None:
-        """Write any other register. Raises StageError."""
+        """Write another register. Raises StageError."""
         self._write(register, value)
 
-    # --- what it says ---
+    # --- status ---
 
     def status(self) -> Status:
-        """The status word. Raises StageError."""
+        """Return the status word. Raises StageError."""
         return Status(self._read(STATUS)[0])
 
     def inputs(self, register: int) -> int:
-        """The word of its digital inputs, DI1 in the lowest bit. Raises StageError."""
+        """Return the word of the digital inputs, DI1 in the lowest bit. Raises StageError."""
         return self._read(register)[0]
 
     def position_mm(self) -> float:
@@ -312,7 +312,7 @@ class LeadshineDrive:
         return number(self._read(FEEDBACK, 2)) / self.pulses_per_mm
 
     def refuse_fault(self) -> None:
-        """Refuse a fault. Raises StageAlarm for an alarm, StageError for a drive that is not enabled."""
+        """Raise StageAlarm for an alarm, StageError for a drive that is not enabled."""
         self._refuse(self.status())
 
     def clear_alarm(self) -> None:
@@ -334,7 +334,7 @@ class LeadshineDrive:
             )
         return rpm
 
-    # --- words ---
+    # --- motion commands ---
 
     def _start(self, target: int, rpm: int, keep_on: Callable[[], bool]) -> None:
         """Start an absolute move that the drive has confirmed."""
@@ -458,12 +458,12 @@ class LeadshineDrive:
             yield
         except ModbusTimeout as error:
             self.harmless = False
-            raise StageTimeout(_AXIS, code=error.code, **self._told(error)) from error
+            raise StageTimeout(_AXIS, code=error.code, **self._fields(error)) from error
         except ModbusError as error:
             self.harmless = False
-            raise StageError(_AXIS, code=error.code, **self._told(error)) from error
+            raise StageError(_AXIS, code=error.code, **self._fields(error)) from error
 
-    def _told(self, error: ModbusError) -> dict[str, Any]:
+    def _fields(self, error: ModbusError) -> dict[str, Any]:
         return {**error.fields, "axis": self.axis, "problem": str(error)}
 
     def _stopped(self) -> StageError:

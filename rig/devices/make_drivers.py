@@ -1,4 +1,4 @@
-"""The drivers of the configured devices, on any wires or on the ports of the configuration."""
+"""Drivers of the configured devices, on any transport or on the configured ports."""
 
 from collections.abc import Callable
 from functools import partial
@@ -12,12 +12,12 @@ from rig.transport.wire import Sink
 
 
 def stage_driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
-    """The driver for the configured kind of stage, on any wires and any clock. Raises what the opener raises."""
+    """Return the driver of the configured stage. Raises what the opener raises."""
     return find(StageKind, settings.stage.kind).driver(opener, clock, settings)
 
 
 def force_driver(opener: Opener, clock: Clock, settings: BenchSettings) -> ForceSensor:
-    """The driver for the configured kind of sensor, on any wire and any clock. Raises what the opener raises."""
+    """Return the driver of the configured force sensor. Raises what the opener raises."""
     return find(ForceKind, settings.force.kind).driver(opener, clock, settings)
 
 
@@ -29,9 +29,10 @@ def open_stage(
     *,
     owned: bool = True,
 ) -> Stage:
-    """The stage on its port, not yet spoken to; its driver has each wire as it is guarded.
+    """Return the stage on its ports, not yet connected; `guarded` wraps each transport.
 
-    Raises TransportError; NotOwnedError where somebody has the port, unless owned is False, as for a stop alone.
+    Raises TransportError; NotOwnedError if another process owns the port, unless owned is False, as for a mere
+    stop.
     """
 
     def opener(port: str) -> Transport:
@@ -41,7 +42,7 @@ def open_stage(
 
 
 def open_force(settings: BenchSettings, clock: Clock, byte_log: Sink | None = None) -> ForceSensor:
-    """The force sensor on its port, not yet spoken to. Raises TransportError."""
+    """Return the force sensor on its port, not yet connected. Raises TransportError."""
     opener = partial(_open, settings=settings.force, clock=clock, byte_log=byte_log)
     return force_driver(opener, clock, settings)
 

@@ -1,7 +1,7 @@
 """Force sensor: balance with MT-SICS level 0 and 1.
 
-Source: MT-SICS reference manual. Answers are split on white space, never on columns. That `@` answers with the
-serial number is not from the manual, so I4 is sent as well.
+Source: MT-SICS reference manual. Replies are split at white space, not at columns. The manual does not say that `@`
+returns the serial number, so I4 is sent as well.
 """
 
 import re
@@ -34,9 +34,9 @@ _SYNTAX = {
 
 
 class MtSicsForce:
-    """ForceSensor over an MT-SICS balance set to grams.
+    """ForceSensor with an MT-SICS balance set to grams.
 
-    sample_period_s and resolution_gwt are those of the instrument; scale is the true force over the one it shows.
+    sample_period_s and resolution_gwt are those of the instrument; scale is true force divided by its reading.
     """
 
     def __init__(
@@ -106,7 +106,7 @@ class MtSicsForce:
         self._send(command)
         line = self._reader.read_line(self._clock.monotonic_s() + timeout_s)
         if line is None:
-            # A late answer must not be taken for that to the next command.
+            # A late reply must not count as the reply to the next command.
             self._in_step = False
             raise ForceTimeout(
                 "{port}: the balance did not answer {command} within {timeout_s:g} s; check the power and the cable",

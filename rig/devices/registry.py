@@ -214,7 +214,7 @@ def package(point: EntryPoint) -> str:
 def _loaded(of: type[K], name: str, point: EntryPoint) -> K:
     try:
         found = point.load()
-    except (Exception, SystemExit) as error:  # importing a package may raise anything
+    except (Exception, SystemExit) as error:  # Importing a package may raise anything.
         what = " ".join(str(error).split())
         raise KindError(
             "{package} cannot be used: {error}: {what}",
@@ -295,16 +295,16 @@ def _refuse_table_of_another(settings: type[DeviceSettings], device: Mapping[str
 
 
 def _refused(settings: type[DeviceSettings], error: ValueError, value: object, *place: str) -> ValidationError:
-    """Return the ValidationError that pydantic would raise for this error at this place."""
+    """Return the ValidationError that pydantic would raise for this error at this location."""
     problem = InitErrorDetails(type="value_error", loc=place, input=value, ctx={"error": error})
     return ValidationError.from_exception_data(settings.__name__, [problem])
 
 
-def as_kind(settings: type[D], told: D, name: str) -> D:
+def as_kind(settings: type[D], device: D, name: str) -> D:
     """Return the settings for another kind, whose own table has its defaults. Raises ValidationError."""
-    if name == told.kind:
-        return told
-    return checked(settings, told.model_dump(include=set(settings.model_fields)) | {"kind": name})
+    if name == device.kind:
+        return device
+    return checked(settings, device.model_dump(include=set(settings.model_fields)) | {"kind": name})
 
 
 def of_kind(settings: type[D], name: object) -> type[D]:
@@ -372,7 +372,7 @@ class KnownBench(BenchSettings):
         return self
 
 
-def as_asked(model: type[M], tables: Mapping[str, Any]) -> type[M]:
+def with_kind_tables(model: type[M], tables: Mapping[str, Any]) -> type[M]:
     """Return the model of a whole configuration, with the own tables of the kinds that it names."""
     parts: dict[str, Any] = {}
     for room in DEFAULTS:

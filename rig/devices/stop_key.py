@@ -25,7 +25,7 @@ _READ = 64 * _EVENT.size
 
 
 class StopKeyError(TransportError):
-    """The stop button cannot be read; one line."""
+    """Error of a stop button that cannot be read."""
 
     default_code = "no_button"
 
@@ -33,23 +33,23 @@ class StopKeyError(TransportError):
 class StopKey:
     """Reserved input device with a reading thread; close() releases it.
 
-    A press calls the function given to arm(), in that thread. If the device disappears, `problem` says so.
+    A press calls the function passed to arm(), in that thread. If the device disappears, `problem` is set.
     """
 
     def __init__(self, path: Path, code: int | None = None) -> None:
-        """Open and grab it.
+        """Open and reserve the device.
 
         Parameters
         ----------
         path : Path
-            Of the device, e.g. below /dev/input/by-id.
+            Input device, e.g. below /dev/input/by-id.
         code : int, optional
             Linux code of the only key that counts. Default: any key.
 
         Raises
         ------
         StopKeyError
-            If it is not there, no input device, or used by another program.
+            If it is missing, is no input device, or is used by another program.
         """
         self.path, self.problem, self._why = path, "", ""
         self._code, self._held = code, set[int]()
@@ -104,7 +104,7 @@ class StopKey:
     def _changed(self, code: int, value: int) -> None:
         if value == _RELEASED:
             self._held.discard(code)
-        elif value == _PRESSED:  # others are repetitions
+        elif value == _PRESSED:  # Other values are repetitions.
             self._held.add(code)
             if self._on_press is not None:
                 self._on_press()
@@ -124,7 +124,7 @@ def _opened(path: Path) -> int:
     if pipe:
         return file
     try:
-        from fcntl import ioctl  # Linux only
+        from fcntl import ioctl  # available on Linux only
 
         ioctl(file, _GRAB, 1)
     except (OSError, ImportError) as error:
@@ -143,7 +143,7 @@ def _what(error: Exception) -> str:
 
 
 def _held_keys(file: int) -> list[int]:
-    """Codes of the keys that are down as it is opened; none of a pipe."""
+    """Return the codes of the keys that are down at opening; none for a pipe."""
     bits = bytearray(_KEY_BYTES)
     with suppress(OSError, ImportError):
         from fcntl import ioctl

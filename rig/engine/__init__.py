@@ -1,4 +1,4 @@
-"""The engine: it moves the stage one safe increment at a time, reads the force and journals what happens."""
+"""Engine: moves the stage one increment at a time, reads the force, and journals every event."""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,4 @@
-"""What an engine works on: clock, stage, force sensor and operator; and the heartbeat that watches it."""
+"""Devices and operator that an engine works with, and the heartbeat that monitors the engine."""
 
 import threading
 from collections.abc import Callable, Iterator, Mapping
@@ -16,9 +16,9 @@ LOOK_S = 0.02
 
 
 class Heartbeat:
-    """A promise to be heard of again; look() keeps it, from a thread or a timer that waits for nothing.
+    """Deadline that stops the stage if the engine stops responding.
 
-    Only what is promised is watched: a rig that touches nothing may wait for its operator all day.
+    The deadline is only set while the indentor may touch the finger; `look` checks it from another thread or timer.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -28,15 +28,15 @@ class Heartbeat:
         self.lost = False
 
     def beat(self, within_s: float) -> None:
-        """Here; and again within so many seconds."""
+        """Set the deadline to within_s seconds from now."""
         self._due_s = self._clock.monotonic_s() + within_s
 
     def rest(self) -> None:
-        """Nothing is touched: there is nothing to watch."""
+        """Clear the deadline: the indentor is clear of the finger."""
         self._due_s = None
 
     def look(self) -> None:
-        """Stop the stage, once, if the beat that was promised has not come."""
+        """Stop the stage, once, if the deadline has passed."""
         due_s = self._due_s
         if due_s is None or self.lost or self._clock.monotonic_s() <= due_s:
             return
@@ -46,7 +46,7 @@ class Heartbeat:
 
 @contextmanager
 def looked_after(heartbeat: Heartbeat) -> Iterator[None]:
-    """A thread of its own that looks, on the real clock, every LOOK_S."""
+    """Check the heartbeat from a thread every LOOK_S of real time."""
     over = threading.Event()
 
     def watch() -> None:
@@ -64,7 +64,7 @@ def looked_after(heartbeat: Heartbeat) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Pause:
-    """Ctrl-C and what follows it: asked at every safe point; go_on says whether the run goes on afterwards."""
+    """Pause of the operator: `asked` is polled at safe points, `go_on` returns whether the run then continues."""
 
     asked: Callable[[], bool] = lambda: False
     go_on: Callable[[], bool] = lambda: False
@@ -74,15 +74,15 @@ NO_PAUSE = Pause()
 
 
 class Operator(Protocol):
-    """Whoever stands at the bench."""
+    """Operator of the bench."""
 
     @property
     def pause(self) -> Pause:
-        """The wish to stop at the next safe point."""
+        """Pause, polled at safe points."""
         ...
 
     def mount(self, indentor: str) -> str:
-        """Put this indentor on the carriage; returns the name of the one that is on then."""
+        """Ask for this indentor to be mounted; return the name of the mounted one."""
         ...
 
 
@@ -103,32 +103,32 @@ class Bench(Protocol):
 
 
 class WatchedBench(Bench, Protocol):
-    """A bench that a whole script is carried out on."""
+    """Bench for a whole script."""
 
     @property
     def virtual(self) -> bool: ...
 
     def witness(self, stream: str, data: Mapping[str, Any]) -> Mapping[str, float]:
-        """What this bench alone knows of an event, for the journal: the truth of a virtual one, else nothing."""
+        """Return journal fields that only the bench knows: simulated truth, or none on a real bench."""
         ...
 
     def look_after(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
-        """Have the heartbeat looked at, whatever the engine waits for."""
+        """Monitor the heartbeat independently of the engine's thread."""
         ...
 
     @property
     def before(self) -> LastKnown:
-        """What the command before this one left; nothing of a virtual bench, which is always a new one."""
+        """State that the previous command left; empty on a virtual bench."""
         ...
 
     def touched(self, known: KnownContact) -> None:
-        """Record what is known about contact, for whoever uses the bench next. Raises RecordError."""
+        """Record the state of contact for the next command. Raises RecordError."""
         ...
 
     def left_with(self, zero: ForceZero | None) -> None:
-        """What forces were counted from, for whoever uses the bench next."""
+        """Record the zero of the force sensor for the next command."""
         ...
 
     def close(self) -> None:
-        """Give the ports back."""
+        """Close the ports."""
         ...

@@ -23,7 +23,7 @@ from rig.engine.sensing import ForceZero
 from rig.errors import RecordError
 from rig.settings import BenchSettings
 
-_SAME_PLACE_MM = 0.003  # a board prints 0.001 mm and stands on a step
+_SAME_PLACE_MM = 0.003  # A board prints 0.001 mm and rests on a step.
 
 
 class LastKnown(BaseModel):

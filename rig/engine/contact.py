@@ -35,7 +35,7 @@ class KnownContact:
     Parameters
     ----------
     kind : ContactKind
-        `lifted`: confirmed by position and force. `raised`: at clearance by position, and no force says so.
+        `lifted`: confirmed by position and force. `raised`: at clearance by position, without a force.
         `disagreement`: at clearance by position, and the force shows a touch. `touching`: the force shows a touch
         anywhere else. `unknown`: none of these.
     force_gwt : float or None

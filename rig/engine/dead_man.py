@@ -14,7 +14,7 @@ from rig.transport.wire import TransportError
 # A stage that covers less than this share of the distance, or accepts a line this much later, may have stopped.
 _SLOWER, _LATER, _LATER_S = 0.9, 2.0, 0.005
 _PRINTED_MM = 0.001
-_LOOKS = 3
+_POLLS = 3
 
 
 class StagePace:
@@ -31,26 +31,26 @@ class StagePace:
         self._begin()
 
     def _begin(self) -> None:
-        self._looks: list[tuple[float, float, float]] = []  # asked, heard, gone
+        self._polls: list[tuple[float, float, float]] = []  # times of request and reply (s), distance (mm)
         self._fastest_mm_s = 0.0
         self._late = False
         self.doubtful = self.stood = False
 
-    def told(self, took_s: float) -> None:
+    def accepted(self, took_s: float) -> None:
         """Record how long the board took to accept a line (s)."""
         self._late = took_s > _LATER * self._quickest_s + _LATER_S
         self._quickest_s = min(took_s, self._quickest_s)
 
-    def seen(self, asked_s: float, heard_s: float, gone_mm: float, *, at_rest: bool) -> None:
+    def seen(self, requested_s: float, received_s: float, gone_mm: float, *, at_rest: bool) -> None:
         """Record a status: times of request and reply (s), and the distance covered (mm)."""
         if at_rest:
             self._begin()
-        self._looks = [*self._looks[1 - _LOOKS :], (asked_s, heard_s, gone_mm)]
-        before_asked_s, before_heard_s, before_mm = self._looks[0]
-        since_mm, at_least_s = gone_mm - before_mm, asked_s - before_heard_s
+        self._polls = [*self._polls[1 - _POLLS :], (requested_s, received_s, gone_mm)]
+        before_requested_s, before_received_s, before_mm = self._polls[0]
+        since_mm, at_least_s = gone_mm - before_mm, requested_s - before_received_s
         slower = since_mm + self._rounding_mm < _SLOWER * self._fastest_mm_s * at_least_s
         if at_least_s > 0:
-            surely_mm_s = (since_mm - self._rounding_mm) / (heard_s - before_asked_s)
+            surely_mm_s = (since_mm - self._rounding_mm) / (received_s - before_requested_s)
             self._fastest_mm_s = max(self._fastest_mm_s, surely_mm_s)
         self.doubtful = self.doubtful or slower or self._late
         self.stood = slower and self._late
@@ -58,7 +58,7 @@ class StagePace:
 
 
 SLICE_S = 0.1
-_LOOK_S = 0.02
+_POLL_S = 0.02
 # A board that rests short of its target in this many statuses in a row was stopped at the controller.
 _ROUNDING_MM, _STANDS = 0.003, 5
 
@@ -84,7 +84,7 @@ def dead_man_jog(
     *,
     slice_s: float = SLICE_S,
 ) -> StageStatus:
-    """Jog while held() keeps its first answer, by at most by_mm; return the status at rest.
+    """Jog while held() returns its first direction, by at most by_mm; return the status at rest.
 
     At most two slices of slice_s are queued ahead of the stage. If this process dies or the cable is cut, the stage
     therefore stops within 2 · speed_mm_s · slice_s. Every status is passed to `look`; an exception from it ends the
@@ -143,17 +143,17 @@ def _jogging(
     """Yield every status during the jog; the stage is at rest at the end."""
     start: StageStatus | None = None
     step_mm = 1 / abs(stage.steps_per_mm(direction.axis))
-    slice_mm, told_mm, stood = max(round(speed_mm_s * slice_s / step_mm), 1) * step_mm, 0.0, 0
+    slice_mm, commanded_mm, stood = max(round(speed_mm_s * slice_s / step_mm), 1) * step_mm, 0.0, 0
     pace, begun_s = StagePace(step_mm), clock.monotonic_s()
     while held() == direction:
-        asked_s, now, heard_s = clock.monotonic_s(), stage.status(), clock.monotonic_s()
+        requested_s, now, received_s = clock.monotonic_s(), stage.status(), clock.monotonic_s()
         if is_held(now.state):
             raise StageHeld(now.state)
         start = start or now
-        refuse_strayed(_corridor(start, direction, told_mm, speed_mm_s, begun_s, step_mm), now, stage, clock)
+        refuse_strayed(_corridor(start, direction, commanded_mm, speed_mm_s, begun_s, step_mm), now, stage, clock)
         gone_mm = _gone_mm(now, start, direction.axis)
-        ahead_mm = told_mm - gone_mm
-        pace.seen(asked_s, heard_s, gone_mm, at_rest=now.state == "Idle")
+        ahead_mm = commanded_mm - gone_mm
+        pace.seen(requested_s, received_s, gone_mm, at_rest=now.state == "Idle")
         if pace.stood and by_mm is None:
             raise StageError(
                 "jog: the stage stopped although the key was held; release the hold at the controller, then "
@@ -169,26 +169,26 @@ def _jogging(
                 short_mm=ahead_mm,
             )
         # rounded like the commands, so that their sum is exact
-        left_mm = round(slice_mm if by_mm is None else min(slice_mm, by_mm - told_mm), 4)
+        left_mm = round(slice_mm if by_mm is None else min(slice_mm, by_mm - commanded_mm), 4)
         if left_mm <= 0 and now.state == "Idle" and not stood:
             return
         if left_mm > 0 and ahead_mm < slice_mm and not (stood or pace.doubtful):
-            told_s = clock.monotonic_s()
+            sent_s = clock.monotonic_s()
             stage.jog(direction.axis, direction.sign * left_mm, speed_mm_s)
-            pace.told(clock.monotonic_s() - told_s)
-            told_mm += left_mm
+            pace.accepted(clock.monotonic_s() - sent_s)
+            commanded_mm += left_mm
         yield now
-        clock.wait_s(_LOOK_S)
+        clock.wait_s(_POLL_S)
     stage.end_jog()
 
 
 def _corridor(
-    start: StageStatus, direction: Direction, told_mm: float, speed_mm_s: float, begun_s: float, step_mm: float
+    start: StageStatus, direction: Direction, commanded_mm: float, speed_mm_s: float, begun_s: float, step_mm: float
 ) -> Corridor:
     """Return the corridor of the distance commanded so far."""
     start_mm = (start.x_mm, start.y_mm, start.z_mm)
     target_mm = tuple(
-        mm + direction.sign * told_mm if axis == direction.axis else mm
+        mm + direction.sign * commanded_mm if axis == direction.axis else mm
         for axis, mm in zip("xyz", start_mm, strict=True)
     )
     return Corridor(start_mm, target_mm, speed_mm_s, begun_s, step_mm + PRINTED_MM)

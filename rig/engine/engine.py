@@ -1,4 +1,4 @@
-"""The engine: states, watched moves, readings that trip, lifts and stops. Every verb of a protocol ends here."""
+"""Engine: states, monitored moves, trips, lifts and stops. Every verb of a protocol ends here."""
 
 import contextlib
 import math
@@ -20,7 +20,7 @@ from rig.engine.limits import (
     refuse_height,
     trip_height_mm,
 )
-from rig.engine.motion import FeltError, Motion, StrayedError, TouchError, insist
+from rig.engine.motion import InterruptedMotionError, Motion, StrayedError, TouchError, insist
 from rig.engine.sensing import NoReadingError, Sensing
 from rig.errors import NotReadyError, RecordError, TripError, code_of, recast
 from rig.records import NO_PRESS, Phase, PressId, as_fine
@@ -30,11 +30,14 @@ from rig.units import GWT_N
 
 _T = TypeVar("_T")
 
-_LATE_FACTOR = 2.0  # a move may take so many times its length over its speed before the heartbeat is missed
+_LATE_FACTOR = 2.0  # A move may take this multiple of its nominal duration before the heartbeat is lost.
 
 
 class StopProblem(Protocol):
-    """Looks at stop inputs with each reading; returns what trips. It may stop the stage itself, and raise."""
+    """Check of the stop inputs, made with each reading; returns a trip or None.
+
+    It may stop the stage itself and raise.
+    """
 
     def __call__(self, *, at_rest: bool) -> TripError | None: ...
 
@@ -44,7 +47,7 @@ def _no_stop_inputs(*, at_rest: bool) -> TripError | None:
 
 
 class State(Enum):
-    """What the engine may do next."""
+    """State of the engine, which decides what is allowed next."""
 
     UNHOMED = "unhomed"
     READY = "ready"
@@ -53,11 +56,11 @@ class State(Enum):
 
 
 class Engine:
-    """One bench over one finger; positions are x, along and height above the pad's nominal apex, in mm.
+    """Engine of one bench and one finger; positions are x, along and height above the pad's nominal apex (mm).
 
-    Its parts: motion (where the indentor is), sensing (what is felt), trips (what must not be felt), contact (for how
-    long the finger was touched), heartbeat. What a script may ask of it is in rig/engine/verbs.py, what an
-    indentation is made of in rig/engine/pressing.
+    Parts: motion (position), sensing (force), trips (force limits), contact (contact time) and heartbeat. The verbs
+    of a script are in rig/engine/verbs.py, the parts of an indentation in rig/engine/indentation.py and
+    rig/engine/press.py.
     """
 
     def __init__(
@@ -68,13 +71,13 @@ class Engine:
         soft_trip_n: float | None = None,
         contact_s: float = 0.0,
     ) -> None:
-        """contact_s: how long the finger was touched in the parts of the run before this one."""
+        """contact_s: contact time of the earlier parts of the run (s)."""
         self.settings, self.bench, self.clock = settings, bench, bench.clock
         self.state = State.UNHOMED
-        self.problem: Exception | None = None  # the first trip or failure; a run does not end well after it
+        self.problem: Exception | None = None  # The first trip or failure: the run cannot end normally after it.
         self.indentor: str | None = None
-        self.placed = False  # over a position that was asked for
-        self.first_reference_gwt: Sequence[float] | None = None  # what reference presses are compared with
+        self.placed = False  # moved to a position since homing
+        self.first_reference_gwt: Sequence[float] | None = None  # of the first reference press
         self.trips = Trips(settings.limits, soft_trip_n)
         self.sensing = Sensing(settings, bench.clock, bench.force)
         self.motion = Motion(settings, bench.stage, bench.clock, self._glance)
@@ -83,54 +86,56 @@ class Engine:
         self.heartbeat = Heartbeat(bench.clock)
         self.heartbeat.stop = self._stop_stage
         self._journal = journal
-        self.may_touch = self._touch_ends_it = False  # below clearance since the last lift or homing; this motion
-        self.keep_contact: Callable[[KnownContact], None] = lambda known: None  # for whoever uses the bench next
-        self._known, self._measured = (
-            KnownContact(),
-            False,
-        )  # what was measured last, and whether nothing has moved since
-        self._unread: NoReadingError | None = None  # why there was no force then
-        self._last_gwt: float | None = None  # the last reading that was counted from a zero
-        self._strayed = False  # so the stage was stopped
+        # below clearance since the last lift or homing; of this motion
+        self.may_touch = self._touch_ends_it = False
+        self.keep_contact: Callable[[KnownContact], None] = lambda known: None  # for the next command
+        # last measured state, and whether the stage has been at rest since
+        self._known, self._measured = KnownContact(), False
+        self._unread: NoReadingError | None = None  # why the last force at rest is missing
+        self._last_gwt: float | None = None  # last reading counted from a zero
+        self._strayed = False  # The stage was stopped because it strayed.
         self._floor_mm = math.nan
         self._next_index = 0
         self.stop_problem: StopProblem = _no_stop_inputs
 
-    # where it is
+    # --- position ---
 
     @property
     def x_mm(self) -> float:
-        """Lateral position from the centre of the pad."""
+        """Lateral position from the center of the pad (mm)."""
         return self.motion.x_mm
 
     @property
     def along_mm(self) -> float:
-        """Position along the finger from the receptor plane."""
+        """Position along the finger from the receptor plane (mm)."""
         return self.motion.along_mm
 
     @property
     def height_mm(self) -> float:
-        """Of the indentor above the pad's nominal apex."""
+        """Height of the indentor above the pad's nominal apex (mm)."""
         return self.motion.height_mm
 
     def require_clear(self, verb: str) -> None:
-        """Raises NotReadyError unless at clearance, homed and not tripped."""
+        """Raise NotReadyError unless at clearance, homed and not tripped."""
         if self.state is not State.READY:
             raise self.not_allowed(verb)
 
     def not_allowed(self, verb: str) -> NotReadyError:
-        """What a verb that has no place in the present state is refused with."""
+        """Return the error for a verb that the present state does not allow."""
         return NotReadyError("{verb}: not allowed while {state}", verb=verb, state=self.state.value)
 
     def next_index(self) -> int:
-        """The number of the indentation that begins now; never given twice in a run."""
+        """Return a new index, unique in the run."""
         self._next_index += 1
         return self._next_index - 1
 
-    # moving
+    # --- motion ---
 
     def go_to_height(self, height_mm: float, speed_mm_s: float, *, touch_ends_it: bool = False) -> None:
-        """One vertical move; below clearance one increment down, or as far as touched knows: a touch ends that."""
+        """Move vertically.
+
+        Below clearance a move down is at most one increment, or ends just above an earlier contact.
+        """
         clearance_mm, from_mm = self.settings.habits.clearance_mm, self.height_mm
         free_mm = self.touched.free_mm(self.x_mm, self.along_mm, speed_mm_s)
         refuse_height(self.settings, from_mm, height_mm, speed_mm_s, free_mm)
@@ -144,9 +149,9 @@ class Engine:
         )
 
     def move(self, motion: Callable[[], None], *, away: bool = False, touch_ends_it: bool = False) -> None:
-        """Carry a motion out, feeling on the way: a force or a reading that must not be trips, at rest again.
+        """Run a motion with the force monitored; trip at rest if a force or a missing reading ended it.
 
-        away: it leaves the finger before anything else.
+        away: the motion begins by leaving the finger.
         """
         self._touch_ends_it, self._measured = touch_ends_it, False
         try:
@@ -156,38 +161,40 @@ class Engine:
         except NoReadingError as error:
             self.trip(recast(TripError, error))
         except TouchError:
-            pass  # the reading at rest says more
-        except FeltError as felt:
-            self._strayed = self._strayed or isinstance(felt, StrayedError)
+            pass  # The reading at rest is more accurate.
+        except InterruptedMotionError as interruption:
+            self._strayed = self._strayed or isinstance(interruption, StrayedError)
             if self.state is State.TRIPPED:
-                raise  # on the way up from the trip, which goes on
-            if felt.force_gwt is not None:
-                self._record_sample(NO_PRESS, "moving", felt.force_gwt)
-            self.trip(recast(TripError, felt), felt.force_gwt)
+                raise  # The lift after a trip continues.
+            if interruption.force_gwt is not None:
+                self._record_sample(NO_PRESS, "moving", interruption.force_gwt)
+            self.trip(recast(TripError, interruption), interruption.force_gwt)
 
     def _glance(self) -> None:
-        """One look at the force while something moves; on the way up from a trip there is nothing to wait for."""
+        """Check stop inputs and force once during a motion; do nothing during the lift after a trip."""
         if self.state is State.TRIPPED:
             return
         self.beat()
         if problem := self.stop_problem(at_rest=False):
-            raise recast(FeltError, problem)
+            raise recast(InterruptedMotionError, problem)
         try:
             force_gwt = self.sensing.glance_gwt()
         except NoReadingError as error:
             if self.sensing.away:
-                return  # nothing keeps the indentor on the finger; the reading at rest says that there is none
-            raise recast(FeltError, error) from error
+                return  # Nothing holds the indentor on the finger; the reading at rest will report a dead sensor.
+            raise recast(InterruptedMotionError, error) from error
         self._last_gwt = force_gwt if self.sensing.zeroed else None
         if force_gwt is None or self.sensing.unloads(force_gwt):
             return
         if passed := self.trips.passed_any(force_gwt):
-            raise FeltError(f"{passed.sentence} while {{phase}}", code=passed.code, **passed.fields, phase="moving")
+            raise InterruptedMotionError(
+                f"{passed.sentence} while {{phase}}", code=passed.code, **passed.fields, phase="moving"
+            )
         if self._touch_ends_it and abs(force_gwt) >= self.sensing.touch_gwt:
             raise TouchError("a touch", force_gwt)
 
     def limit_depth(self, height_mm: float) -> None:
-        """Have the stage itself refuse to go below a height, where it can; at rest only. Raises StageError."""
+        """Set the lowest height that the stage itself allows, if it can; at rest only. Raises StageError."""
         floor_mm = round(max(self.settings.frame.apex_z_mm + height_mm, -self.settings.stage.travel_mm[2]), 6)
         if floor_mm != self._floor_mm:
             self._floor_mm = math.nan
@@ -195,39 +202,39 @@ class Engine:
             self._floor_mm = floor_mm
 
     def forget_depth(self) -> None:
-        """Whatever the stage was told to refuse, it may have forgotten."""
+        """Forget the depth limit of the stage, which may have lost it."""
         self._floor_mm = math.nan
 
     def lift(self, to_mm: float | None = None) -> None:
-        """Straight up to a height, clearance by default, where the indentor is lower."""
+        """Lift straight up to a height (mm), clearance by default; do nothing if already there."""
         height_mm = self.settings.habits.clearance_mm if to_mm is None else to_mm
         if self.height_mm < height_mm - AT_MM:
             self.go_to_height(height_mm, self.settings.habits.travel_speed_mm_s)
 
-    # contact
+    # --- contact ---
 
     @property
     def trusted(self) -> bool:
-        """Whether the stage's position is to be trusted."""
+        """Whether the position of the stage is trusted."""
         return self.bench.stage.homed and self.state is not State.UNHOMED
 
     @property
     def known_contact(self) -> KnownContact:
-        """What is known about contact now, without asking anything."""
+        """State of contact from what was last measured, without asking a device."""
         if self._measured or not self.may_touch:
             return self._known
         touches = self._last_gwt is not None and abs(self._last_gwt) >= self.sensing.touch_gwt
         return self._contact("touching" if touches else "unknown", self._last_gwt)
 
     def measure_contact(self) -> KnownContact:
-        """Return what position and force say, at rest, and remember it; trips nothing and moves nothing.
+        """Measure and store the state of contact at rest; neither trip nor move.
 
-        A force that is still there is waited for: a late sensor and a slow cell take their time.
+        A remaining force may still vanish: a sensor may be late, or a load cell slow.
         """
         return self.know_contact(self.force_at_rest_gwt())
 
     def know_contact(self, force_gwt: float | None) -> KnownContact:
-        """Return what position and this force at rest say (None: there is none), and remember it."""
+        """Store and return the state of contact from the position and this force at rest; None: no force."""
         kind = judged(clear=self._is_clear, force_gwt=force_gwt, touch_gwt=self.sensing.touch_gwt)
         found = self._contact(kind, force_gwt)
         self._known, self._measured, self.may_touch = found, True, self.may_touch and found.may_touch
@@ -235,7 +242,7 @@ class Engine:
         return found
 
     def confirm_lifted(self) -> None:
-        """Make sure that nothing is touched: from here on it may go sideways. Trips where that cannot be said."""
+        """Confirm at rest that the indentor is clear of the finger; trip if this is not confirmed."""
         self.trips.press_on(math.inf)
         found = self.measure_contact()
         if found.kind == "disagreement" or (found.kind == "raised" and self.sensing.zeroed):
@@ -244,7 +251,7 @@ class Engine:
 
     @property
     def not_lifted(self) -> TripError:
-        """The last measurement of contact as the reason of a trip."""
+        """Trip for the last measurement of contact."""
         known, unread = self._known, self._unread if self._known.kind == "raised" else None
         where = {"x_mm": known.x_mm, "height_mm": known.height_mm, "force_gwt": known.force_gwt}
         about = {"contact": known.kind, "words": known.words, **where}
@@ -254,7 +261,7 @@ class Engine:
         return TripError("not lifted: {words}: {unread}", code="not_lifted", **about, **why)
 
     def be_clear(self) -> None:
-        """Nothing is touched any more."""
+        """Record that the indentor is clear of the finger, which ends the contact time and the heartbeat."""
         self.state, self.may_touch = State.READY, False
         self.trips.press_on(math.inf)
         self.heartbeat.rest()
@@ -270,14 +277,14 @@ class Engine:
         return KnownContact(kind, force_gwt, x_mm, height_mm, self.clock.unix_s())
 
     def _below_clearance(self) -> None:
-        """Before the first motion below clearance it is on record that the finger may be touched."""
+        """Record a possible contact before the first motion below clearance."""
         self.state = State.IN_CONTACT
         if not self.may_touch:
             self.may_touch = True
             self.keep_contact(self._contact("unknown", self._last_gwt))
 
     def force_at_rest_gwt(self) -> float | None:
-        """The force from zero when all motion is over; None where there is none."""
+        """Return the force from zero at rest (gwt), or None without a zero or a reading."""
         self._unread = None
         if not self.sensing.zeroed:
             return None
@@ -288,20 +295,20 @@ class Engine:
             return None
         return self._last_gwt
 
-    # feeling
+    # --- force ---
 
     @property
     def trip_gwt(self) -> float:
-        """The force that trips a press now."""
+        """Force that trips a press (gwt)."""
         return self.trips.lowest_gwt
 
     def read_force_gwt(self, press: PressId, phase: Phase, contact_height_mm: float | None = None) -> float:
-        """A reading taken after the last move ended, journalled. No reading, or one above the soft trip, trips.
+        """Read and journal a force taken after the last move ended (gwt); trip without one or beyond a limit.
 
-        Raises LimitError where the finger has been touched for longer than limits.max_contact_s.
+        Raises LimitError if the contact time exceeds limits.max_contact_s.
         """
         reading = self.reading()
-        # Far finer than any sensor: a reading of just the threshold must not hang on how it was multiplied.
+        # Rounding makes a reading at exactly the threshold independent of its unit conversion.
         force = round(reading.force_n / GWT_N, 6)
         self._last_gwt = force if self.sensing.zeroed else None
         doi = None if contact_height_mm is None else self.doi_mm(contact_height_mm, force)
@@ -329,14 +336,14 @@ class Engine:
         self.record(press.stream("sample"), about)
 
     def reading(self) -> ForceReading:
-        """A new reading, made when all motion was over. One that is none, or above the hard trip, trips."""
-        return self._told(self.sensing.settled)
+        """Return a new reading from zero, taken at rest; trip without one or beyond the hard trip."""
+        return self._read_at_rest(self.sensing.settled)
 
     def raw_reading(self) -> ForceReading:
-        """The same, not counted from any zero."""
-        return self._told(self.sensing.raw)
+        """Return the same reading, not counted from a zero."""
+        return self._read_at_rest(self.sensing.raw)
 
-    def _told(self, read: Callable[[], ForceReading]) -> ForceReading:
+    def _read_at_rest(self, read: Callable[[], ForceReading]) -> ForceReading:
         self.beat(self.sensing.wait_s)
         if problem := self.stop_problem(at_rest=True):
             self.trip(problem)
@@ -352,22 +359,22 @@ class Engine:
         return reading
 
     def doi_mm(self, contact_height_mm: float, force_gwt: float) -> float:
-        """Depth past contact: how far the stage has gone, less what the rig itself gives under the force."""
-        return contact_height_mm - self.height_mm - self.sensing.given_mm(force_gwt)
+        """Return the depth past contact (mm), corrected for the compliance of the rig."""
+        return contact_height_mm - self.height_mm - self.sensing.deflection_mm(force_gwt)
 
-    # what ends it
+    # --- alarms, trips and stops ---
 
     def alarm(self, reason: TripError) -> None:
-        """Something has left its band: journalled, and a trip where limits.on_alarm says so."""
+        """Journal an alarm; trip if limits.on_alarm is `trip`."""
         self.record("alarm", {"reason": str(reason)})
         if self.settings.limits.on_alarm == "trip":
             self.trip(reason)
 
     def trip(self, reason: TripError, force_gwt: float | None = None) -> NoReturn:
-        """Latch, do what limits.on_trip says, journal, raise the reason.
+        """Latch the trip, act by limits.on_trip, journal, and raise the reason.
 
-        The stage is at rest and its position trusted, so that it can be lifted. Where it was stopped, or a lift
-        fails, it is held where it is.
+        The stage is at rest and its position trusted, so it can lift. If it was stopped, or the lift fails, it
+        stays.
         """
         self.state, self.problem = State.TRIPPED, reason
         try:
@@ -376,18 +383,18 @@ class Engine:
             elif not self.heartbeat.lost:
                 to_mm = trip_height_mm(self.settings, self.height_mm)
                 insist(lambda: self._leave(to_mm))
-        except (FeltError, StageError, TransportError) as error:
+        except (InterruptedMotionError, StageError, TransportError) as error:
             reason = _not_left(reason, error)
-        with contextlib.suppress(RecordError):  # the trip says more
+        with contextlib.suppress(RecordError):  # The caller reports the trip.
             self.measure_contact()
         self.heartbeat.rest()
         self.state, self.problem = State.TRIPPED, reason
-        with contextlib.suppress(RecordError):  # the trip says more
+        with contextlib.suppress(RecordError):  # The caller reports the trip.
             self.record("trip", {"reason": str(reason), "force_gwt": force_gwt, "contact_s": self.contact.rounded_s})
         raise reason
 
     def _leave(self, to_mm: float) -> None:
-        """Up from a trip: to a height; where a stage that strayed was stopped, by as much, in jogs."""
+        """Lift to a height after a trip; by as much and in jogs, if the stage strayed and was stopped."""
         if self.bench.stage.homed or not self._strayed:
             self.lift(to_mm)
             return
@@ -401,7 +408,7 @@ class Engine:
         self.motion.stands_at(stage.status())
 
     def make_safe(self) -> None:
-        """After a failure elsewhere: lift where the stage is at rest and trusted, stop it where that fails."""
+        """Lift after a failure elsewhere, if the stage is at rest and trusted; stop if the lift fails."""
         if self.state is State.IN_CONTACT:
             try:
                 self.lift()
@@ -413,7 +420,7 @@ class Engine:
         self.heartbeat.rest()
 
     def stop(self) -> None:
-        """Quick stop past every queue; the position is not trusted afterwards, a trip stays latched."""
+        """Stop past every queue. The position is no longer trusted; a trip stays latched."""
         self.forget_depth()
         if self.state is not State.TRIPPED:
             self.state = State.UNHOMED
@@ -421,13 +428,13 @@ class Engine:
         self._stop_stage()
 
     def _stop_stage(self) -> None:
-        with contextlib.suppress(StageError, TransportError):  # whoever calls has the first error to report
+        with contextlib.suppress(StageError, TransportError):  # The caller reports the first error.
             self.bench.stage.stop()
 
-    # what it promises
+    # --- journal and heartbeat ---
 
     def record(self, stream: str, data: Mapping[str, Any]) -> None:
-        """Journal an event; it is on disk when this returns. Where that fails: lift, and raise RecordError."""
+        """Journal an event; it is on disk on return. If that fails, lift and raise RecordError."""
         try:
             self._journal.event(stream, as_fine(data))
         except RecordError as error:
@@ -436,7 +443,7 @@ class Engine:
             raise
 
     def beat(self, longer_s: float = 0.0) -> None:
-        """Tell the heartbeat that all is well, where there is something to watch; too late is lost."""
+        """Renew the heartbeat while the indentor may touch the finger; trip if it was lost."""
         self.heartbeat.look()
         if self.heartbeat.lost and self.state is not State.TRIPPED:
             words = "the engine's heartbeat was lost: the stage was stopped and stays where it is"
@@ -445,7 +452,7 @@ class Engine:
             self.heartbeat.beat(self.settings.limits.heartbeat_s + longer_s)
 
     def guarded(self, action: Callable[[], _T]) -> _T:
-        """Run a call to the stage; its failure stops the stage before it is passed on."""
+        """Call the stage; on failure stop it and raise the error again."""
         try:
             return action()
         except (StageError, TransportError) as error:
@@ -455,6 +462,6 @@ class Engine:
 
 
 def _not_left(reason: TripError, error: Exception) -> TripError:
-    """A trip whose lift failed."""
-    told = {**reason.fields, "reason": str(reason), "lift": str(error), "lift_code": code_of(error)}
-    return TripError("{reason}; and the lift failed: {lift}", code=reason.code, **told)
+    """Return a trip whose lift failed."""
+    fields = {**reason.fields, "reason": str(reason), "lift": str(error), "lift_code": code_of(error)}
+    return TripError("{reason}; and the lift failed: {lift}", code=reason.code, **fields)

@@ -33,9 +33,9 @@ class Approach:
         self.engine.limit_depth(self.lowest_mm - deepest_mm)
         if not self._come_back():
             self._descend(habits.increment_mm, "approach", self.lowest_mm)
-        felt_mm = self.engine.height_mm
+        touch_mm = self.engine.height_mm
         self._back_off()
-        lowest_mm = max(felt_mm - habits.increment_mm, self.lowest_mm)
+        lowest_mm = max(touch_mm - habits.increment_mm, self.lowest_mm)
         readings = self._descend(habits.touch_increment_mm, "touch", lowest_mm, habits.increment_mm)
         touch = fit_contact(readings, self.engine.sensing.touch_gwt, self.engine.sensing.least_gwt)
         self._record(touch)
@@ -52,9 +52,11 @@ class Approach:
         free_mm = engine.touched.free_mm(engine.x_mm, engine.along_mm, habits.approach_speed_mm_s)
         increments = math.floor((engine.height_mm - max(free_mm, self.lowest_mm)) / habits.increment_mm + 1e-9)
         safe_point(engine)
-        felt = increments > 0 and self._feels(engine.height_mm - increments * habits.increment_mm, "approach", [])
+        touched = increments > 0 and self._touches(
+            engine.height_mm - increments * habits.increment_mm, "approach", []
+        )
         engine.touched.forget_at(engine.x_mm, engine.along_mm)
-        return felt
+        return touched
 
     def _back_off(self) -> None:
         """Move up by increments until the force vanishes or clearance is reached, then by one more."""
@@ -80,10 +82,10 @@ class Approach:
                 lowest_mm, farther_mm = max(lowest_mm - farther_mm, self.lowest_mm), 0.0
             if below < lowest_mm - 1e-9:
                 self._miss(lowest_mm)
-            if self._feels(below, phase, readings):
+            if self._touches(below, phase, readings):
                 return readings
 
-    def _feels(self, height_mm: float, phase: Phase, readings: list[tuple[float, float]]) -> bool:
+    def _touches(self, height_mm: float, phase: Phase, readings: list[tuple[float, float]]) -> bool:
         """Move down, add the reading, and return whether it is a touch; trip if the sensor reads a pull."""
         engine = self.engine
         engine.go_to_height(height_mm, engine.settings.habits.approach_speed_mm_s)

@@ -188,7 +188,7 @@ def fit_contact(readings: Sequence[tuple[float, float]], threshold_gwt: float, r
 
 
 def _least_squares(height_mm: NDArray[np.float64], force_gwt: NDArray[np.float64]) -> float:
-    """Contact height, mm, within the descent; for each one tried the stiffness a that fits it best is known."""
+    """Return the contact height (mm) within the descent; the best stiffness follows from each candidate."""
 
     def misfits(contact_mm: NDArray[np.float64]) -> NDArray[np.float64]:
         shape = np.maximum(contact_mm[:, None] - height_mm, 0.0) ** CONTACT_EXPONENT
@@ -197,7 +197,7 @@ def _least_squares(height_mm: NDArray[np.float64], force_gwt: NDArray[np.float64
 
     lowest, highest = height_mm[-1], height_mm[0]
     tried, step = np.linspace(lowest, highest, _TRIED, retstep=True)
-    tried = tried[1:]  # at the last height itself nothing is below contact
+    tried = tried[1:]  # At the last height nothing is below contact.
     lowest += 0.5 * step
     for _ in range(_FINER):
         best = tried[int(np.argmin(misfits(tried)))]
@@ -205,9 +205,9 @@ def _least_squares(height_mm: NDArray[np.float64], force_gwt: NDArray[np.float64
     return float(tried[int(np.argmin(misfits(tried)))])
 
 
-# Time that a controller has prepared at full speed: 0.05 s GRBL 1.1h, 0.11 s grblHAL (docs/validation/devices.md).
+# Time that a controller has queued at full speed: 0.05 s GRBL 1.1h, 0.11 s grblHAL (docs/validation/devices.md).
 PREPARED_S = 0.11
-# The longest that the force goes unread while anything moves: 0.34 s behind `rig serve` (docs/validation/safety.md).
+# Longest time without a force reading during a motion: 0.34 s behind `rig serve` (docs/validation/safety.md).
 UNREAD_S = 0.35
 
 
@@ -235,7 +235,7 @@ class Stopping:
 
     @property
     def distance_mm(self) -> float:
-        """v · latency + v² / 2a, or the whole of an increment where that is less."""
+        """Stopping distance (mm): v · latency + v² / 2a, at most most_mm."""
         free_mm = self.speed_mm_s * self.latency_s + self.speed_mm_s**2 / (2 * self.deceleration_mm_s2)
         return min(free_mm, self.most_mm)
 
@@ -273,5 +273,5 @@ class Touched:
         contact_mm = self._contact_mm.get((x_mm, along_mm))
         if contact_mm is None:
             return habits.clearance_mm
-        goes_on_mm = Stopping.in_one_move(self._settings, speed_mm_s).distance_mm
-        return min(contact_mm + habits.retouch_margin_mm + goes_on_mm, habits.clearance_mm)
+        stopping_mm = Stopping.in_one_move(self._settings, speed_mm_s).distance_mm
+        return min(contact_mm + habits.retouch_margin_mm + stopping_mm, habits.clearance_mm)

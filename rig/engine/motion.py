@@ -1,4 +1,4 @@
-"""Where the indentor is, and motions that are watched: one is begun, and looked at until the indentor is there."""
+"""Position of the indentor, and monitored motions."""
 
 import math
 from collections.abc import Callable
@@ -14,8 +14,8 @@ from rig.settings import RigSettings
 _ATTEMPTS = 5
 
 
-class FeltError(RigError):
-    """What was felt or changed while something moved must end the motion; the stage is at rest again."""
+class InterruptedMotionError(RigError):
+    """A force or a change during a motion that must end it; the stage is at rest again."""
 
     default_code = "felt"
 
@@ -26,14 +26,14 @@ class FeltError(RigError):
         self.force_gwt = force_gwt
 
 
-class TouchError(FeltError):
-    """A touch where it only ends the motion."""
+class TouchError(InterruptedMotionError):
+    """A touch that only ends the motion."""
 
     default_code = "touched"
 
 
-class StrayedError(FeltError):
-    """The stage was not where its command had it go, by two reports in a row; it was stopped, and is not trusted."""
+class StrayedError(InterruptedMotionError):
+    """Two reports in a row outside the corridor; the stage was stopped and its position is not trusted."""
 
     default_code = "strayed"
 
@@ -43,9 +43,9 @@ class StrayedError(FeltError):
 
 
 def refuse_strayed(corridor: Corridor, at: StageStatus, stage: Stage, clock: Clock) -> None:
-    """Raise StrayedError where a report lies outside, and another one that is asked for at once does, too.
+    """Raise StrayedError if a report and a second one, requested at once, both lie outside the corridor.
 
-    A single garbled digit is cleared that way, and a true stop is late by one question and its answer at most.
+    The second request clears a single corrupted digit and delays a true stop by one exchange at most.
     """
     if corridor.strayed(at, clock.monotonic_s()) is None:
         return
@@ -56,29 +56,29 @@ def refuse_strayed(corridor: Corridor, at: StageStatus, stage: Stage, clock: Clo
 
 
 def insist(lift: Callable[[], None]) -> None:
-    """Go up from a trip. Somebody who changes the speed meanwhile does not keep it down: it goes on at full speed."""
+    """Lift after a trip, and try again at full speed if an operator changes the speed meanwhile."""
     for _ in range(_ATTEMPTS - 1):
-        with suppress(FeltError):
+        with suppress(InterruptedMotionError):
             return lift()
     return lift()
 
 
 class Motion:
-    """A stage over one finger: x, along and height above the pad's nominal apex, mm; nan where it is not known."""
+    """Motions of a stage over one finger: x, along and height above the pad's nominal apex (mm); nan if unknown."""
 
     def __init__(self, settings: RigSettings, stage: Stage, clock: Clock, glance: Callable[[], None]) -> None:
-        """glance: what is done at each look at the stage; a FeltError from it brings the stage to rest."""
+        """glance: called with each status; if it raises an InterruptedMotionError, the stage comes to rest."""
         self._settings, self._stage, self._clock, self._glance = settings, stage, clock, glance
         self.x_mm, self.along_mm, self.height_mm = math.nan, 0.0, math.nan
-        self.begun = False  # whether anything was ever told to move
+        self.begun = False  # whether any motion was ever commanded
 
     def home(self) -> None:
-        """Find the switches. Raises StageError, and what a glance raises."""
+        """Home the stage. Raises StageError, and what a glance raises."""
         self._watched(self._stage.homing(), lambda at: None, self._stage.stop, None)
         self.stands_at(self._stage.status())
 
     def aside(self, x_mm: float, along_mm: float, speed_mm_s: float) -> None:
-        """To another place at this height. Raises StageError, and what a glance raises."""
+        """Move sideways at the present height. Raises StageError, and what a glance raises."""
         frame = self._settings.frame
         x, y = frame.pad_centre_x_mm + x_mm, frame.pad_y_mm + along_mm
         looks = self._stage.moving(x_mm=x, y_mm=y, speed_mm_s=speed_mm_s)
@@ -86,7 +86,7 @@ class Motion:
         self.x_mm, self.along_mm = x_mm, along_mm
 
     def to_height(self, height_mm: float, speed_mm_s: float) -> None:
-        """Straight up or down. Raises StageError, and what a glance raises."""
+        """Move straight up or down. Raises StageError, and what a glance raises."""
         z = self._settings.frame.apex_z_mm + height_mm
         looks, (x, y, _) = self._stage.moving(z_mm=z, speed_mm_s=speed_mm_s), self._machine_mm
         self._watched(looks, self._be_at_height, self._stage.halt, self._corridor(x, y, z, speed_mm_s))
@@ -102,7 +102,7 @@ class Motion:
         )
 
     def _corridor(self, x_mm: float, y_mm: float, z_mm: float, speed_mm_s: float) -> Corridor | None:
-        """The corridor from here to there; none where it is not known where here is."""
+        """Return the corridor from the present position, or None if that is unknown."""
         start_mm = self._machine_mm
         if not all(map(math.isfinite, start_mm)):
             return None
@@ -127,12 +127,12 @@ class Motion:
                     seen(at)
                     if is_held(at.state):
                         raise StageHeld(at.state)
-                self._looked(at, seen, halt, corridor)
+                self._check(at, seen, halt, corridor)
         except StageOverridden as error:
             self._come_to_rest(seen, self._stage.halt)
-            raise recast(FeltError, error) from error
+            raise recast(InterruptedMotionError, error) from error
 
-    def _looked(
+    def _check(
         self,
         at: StageStatus | None,
         seen: Callable[[StageStatus], None],
@@ -145,12 +145,12 @@ class Motion:
             self._glance()
         except StrayedError as strayed:
             trusted = self._stage.homed
-            self._stage.stop()  # at once: a halt slows down first, farther the wrong way
+            self._stage.stop()  # At once: a halt would first slow down, farther the wrong way.
             self.stands_at(strayed.at)
-            if not trusted:  # the stage itself says so: it may stand anywhere
+            if not trusted:  # The stage has lost its position.
                 raise recast(StageError, strayed) from strayed
             raise
-        except FeltError:
+        except InterruptedMotionError:
             self._come_to_rest(seen, halt)
             raise
 
@@ -160,7 +160,7 @@ class Motion:
             seen(self._stage.status())
 
     def stands_at(self, at: StageStatus) -> None:
-        """It is there, for all that is known."""
+        """Take the position from a status."""
         self._be_over(at)
         self._be_at_height(at)
 

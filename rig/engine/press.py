@@ -39,7 +39,7 @@ def pulse(engine: Engine, press: PressId, at: str) -> None:
     sync, clock, stage = engine.settings.sync, engine.clock, engine.bench.stage
     if sync.output == "off" or press.purpose != "data":
         return
-    asked_s = clock.monotonic_s()
+    requested_s = clock.monotonic_s()
     engine.guarded(lambda: stage.set_output(True))
     rise_s = clock.monotonic_s()
     clock.wait_s(sync.width_s)
@@ -51,7 +51,7 @@ def pulse(engine: Engine, press: PressId, at: str) -> None:
             "index": press.index,
             "at": at,
             "rise_s": round(rise_s, 6),
-            "uncertainty_s": round(rise_s - asked_s, 6),
+            "uncertainty_s": round(rise_s - requested_s, 6),
             "width_s": round(width_s, 6),
         },
     )
@@ -59,13 +59,14 @@ def pulse(engine: Engine, press: PressId, at: str) -> None:
 
 _MAX_SEEK_MOVES = 400
 _FORCE_TOLERANCE_GWT, _FORCE_TOLERANCE = 0.05, 0.01
-_LOST_SHARE = 0.5  # of the touch threshold; less force one increment below the touch means that the finger is gone
-# Of a gap in force wider than this share of the target, a step closes only so much: no step lands beyond it.
+# Share of the touch threshold: less force one increment below the touch means that the finger is gone.
+_LOST_SHARE = 0.5
+# A step across a gap wider than this share of the target closes only part of it, so that no step overshoots.
 _WIDE_GAP, _CLOSED_AT_ONCE = 0.05, 0.75
 _MOST_AVERAGED = 25
-# Relaxed tissue answers a move more stiffly than its remaining force suggests, by about 1 / 0.6.
+# Relaxed tissue responds to a move more stiffly than its remaining force suggests, by about 1 / 0.6.
 _FOLLOWED = 0.6
-_HIGHEST_AIM = 1.02  # of the target, in a hold: with noise on top the force must stay below 1.05
+_HIGHEST_AIM = 1.02  # Share of the target in a hold; with noise the force must stay below 1.05.
 
 
 class Press:
@@ -77,9 +78,10 @@ class Press:
         self._smallest_mm = engine.settings.stage.resolution_mm
         self._touch = touch
         self._contact_mm, self._force_gwt = touch.contact_height_mm, touch.force_gwt
-        self._ramp_from = (touch.force_gwt, engine.clock.monotonic_s())  # at contact, or at the end of the last hold
+        # at contact, or at the end of the last hold
+        self._ramp_from = (touch.force_gwt, engine.clock.monotonic_s())
         self._stiffness_gwt_mm = 0.0  # of the last move
-        self._peak_gwt = 0.0  # highest reading since then
+        self._peak_gwt = 0.0  # highest reading since the last hold
         self._unanswered = Unanswered(engine.sensing.resolution_gwt)
 
     @property
@@ -116,7 +118,7 @@ class Press:
         tolerance = self._tolerance_gwt(target_gwt)
         smallest_before = 0.0
         for _ in range(_MAX_SEEK_MOVES):
-            self._look_closer(target_gwt, tolerance)
+            self._average_near(target_gwt, tolerance)
             error = abs(self._force_gwt - target_gwt)
             if error <= 0.5 * tolerance:
                 return
@@ -156,8 +158,8 @@ class Press:
         """Return the number of readings that determine a force to this accuracy (gwt)."""
         return min(max(math.ceil((self._engine.sensing.noise_gwt / to_gwt) ** 2), 1), _MOST_AVERAGED)
 
-    def _look_closer(self, target_gwt: float, tolerance_gwt: float) -> None:
-        """Average more readings near the target, if a single one is too noisy."""
+    def _average_near(self, target_gwt: float, tolerance_gwt: float) -> None:
+        """Average more readings near the target if a single one is too noisy."""
         more = self._averaged(tolerance_gwt / 4) - 1
         if more and abs(self._force_gwt - target_gwt) < 2 * tolerance_gwt:
             readings = [self._read("press") for _ in range(more)]
@@ -247,8 +249,8 @@ class Press:
             "ramp_s": round(start - self._ramp_from[1], 6),
         }
         begin = {"doi_mm": round(self._doi_mm, 6), "force_gwt": self._force_gwt}
-        asked = {"target": target.kind, "commanded": target.value}
-        engine.record(self.id.stream("hold_start"), {**about, **asked, **begin})
+        commanded = {"target": target.kind, "commanded": target.value}
+        engine.record(self.id.stream("hold_start"), {**about, **commanded, **begin})
         readings, times = self._held_readings(target, hold_s)
         lasted_s = clock.monotonic_s() - start
         pulse(engine, self.id, "hold_end")

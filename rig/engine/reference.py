@@ -19,14 +19,14 @@ def compare_reference(engine: Engine, found: Indentation, promised_gwt: tuple[fl
     Parameters
     ----------
     found : Indentation
-        The reference press. The first one of a run is what the later ones are compared with.
+        Reference press. Later ones are compared with the first one of the run.
     promised_gwt : (float, float), optional
-        Band of the force at the last hold (gwt), for a finger that was identified.
+        Predicted band of the force at the last hold (gwt), for an identified finger.
 
     Raises
     ------
     TripError
-        Where limits.on_alarm is `trip`, on a deviation beyond limits.reference_band or a force outside promised_gwt.
+        If limits.on_alarm is `trip`: a deviation beyond limits.reference_band, or a force outside promised_gwt.
         Otherwise both are alarms in the journal.
     """
     forces_gwt = [hold.force_gwt for hold in found.holds]
@@ -60,7 +60,7 @@ def compare_reference(engine: Engine, found: Indentation, promised_gwt: tuple[fl
         )
 
 
-_FROM_SHARE = 0.2  # of the largest force; below it the surfaces are not yet in full contact
+_FROM_SHARE = 0.2  # Share of the largest force: below it the surfaces are not yet in full contact.
 _FEWEST = 4
 
 

@@ -1,4 +1,4 @@
-"""What a rig feels: readings that can be relied on, counted from a zero, and what they show in the air."""
+"""Force readings that can be relied on, their zero and their noise."""
 
 import math
 import statistics
@@ -15,32 +15,32 @@ from rig.units import GWT_N
 _OUT_OF_RANGE = (ForceOverload, ForceUnderload, ForceBusy)
 _READINGS_AT_ZERO = 12
 BUSY_S = 1.0
-"""At rest an instrument that has no answer just now is waited for so long; in motion it is no reading."""
+"""How long a busy instrument may delay a reading at rest (s); in motion it counts as no reading."""
 
-_NOISE_WIDTH = 6.0  # standard deviations that a whole step is taken for
+_NOISE_WIDTH = 6.0  # Standard deviations of noise that count as one step.
 
 APART_S = 0.5
-"""Between the two readings that make a force at rest."""
+"""Time between the two readings of a force at rest (s)."""
 AT_REST_S = 3.0
-"""So long a touch, or readings that do not agree, are waited for: a late sensor, a slow cell."""
-_LOOK_S, _TINY_S = 0.1, 1e-6
+"""Longest wait for a touch to vanish or for readings to agree (s): the sensor may be late or slow."""
+_POLL_S, _TINY_S = 0.1, 1e-6
 
 
 class NoReadingError(RigError):
-    """There is no reading, or none to rely on; the message says why."""
+    """A missing or unreliable reading."""
 
     default_code = "no_reading"
 
     @property
     def out_of_range(self) -> bool:
-        """Whether the sensor works, and feels more or less than it can measure."""
+        """Whether the sensor works, but the force is out of its range."""
         return isinstance(self.__cause__, _OUT_OF_RANGE)
 
 
 def read(sensor: ForceSensor, clock: Clock, wait_s: float) -> ForceReading:
-    """A reading made after the wait. Raises NoReadingError where it is none, no number, or an old one."""
+    """Return a reading taken after the wait. Raises NoReadingError if it is missing, not a number, or stale."""
     clock.wait_s(wait_s)
-    asked_s = clock.monotonic_s()
+    requested_s = clock.monotonic_s()
     try:
         reading = sensor.read()
     except (ForceError, TransportError) as error:
@@ -49,35 +49,35 @@ def read(sensor: ForceSensor, clock: Clock, wait_s: float) -> ForceReading:
         raise NoReadingError(
             "the force reading is {force_n}, not a number", code="not_a_number", force_n=reading.force_n
         )
-    if reading.t_s < asked_s:
+    if reading.t_s < requested_s:
         raise NoReadingError(
             "the force reading is stale: the sensor took it {older_s:.3f} s before the request",
             code="stale_reading",
-            older_s=asked_s - reading.t_s,
+            older_s=requested_s - reading.t_s,
         )
     return reading
 
 
-def several_gwt(reading: Callable[[], ForceReading]) -> list[float]:
-    """As many readings as a zero is made of."""
+def zero_readings_gwt(reading: Callable[[], ForceReading]) -> list[float]:
+    """Return the readings for a zero (gwt)."""
     return [reading().force_n / GWT_N for _ in range(_READINGS_AT_ZERO)]
 
 
 @dataclass(frozen=True)
 class ForceZero:
-    """What a zeroed sensor still shows with nothing touched: an offset, and the sd of single readings."""
+    """Zero of a force sensor: offset without contact, and standard deviation of single readings."""
 
     offset_n: float
     noise_gwt: float
-    provisional: bool = False  # taken wherever the indentor was: what it shows then is a change, not a force
+    provisional: bool = False  # Taken at an unknown position: readings from it are changes, not forces.
 
     @classmethod
     def of(cls, readings_gwt: Sequence[float], *, provisional: bool = False) -> "ForceZero":
-        """Measured."""
+        """Return the zero from readings without contact (gwt)."""
         return cls(statistics.fmean(readings_gwt) * GWT_N, statistics.pstdev(readings_gwt), provisional)
 
     def taken_off(self, reading: ForceReading) -> ForceReading:
-        """The reading without the offset."""
+        """Return the reading without the offset."""
         return replace(reading, force_n=reading.force_n - self.offset_n)
 
 
@@ -85,16 +85,16 @@ class Sensing:
     """One force sensor: forces in gwt, depths in mm."""
 
     def __init__(self, settings: RigSettings, clock: Clock, sensor: ForceSensor) -> None:
-        self.sensor, self.moved = sensor, True  # moved: since the last settled reading
-        self.zero: ForceZero | None = None  # what forces are counted from
+        self.sensor, self.moved = sensor, True  # moved: since the last settled reading.
+        self.zero: ForceZero | None = None  # zero that forces are counted from
         self._settings, self._clock = settings, clock
-        # of the motion that is under way
-        self._felt_from_n: float | None = 0.0
+        # State of the present motion.
+        self._baseline_n: float | None = 0.0
         self.away, self._before_gwt = False, 0.0
-        self._at_rest_n = 0.0  # the last settled reading, as the sensor has it
+        self._at_rest_n = 0.0  # last settled reading, before the zero
 
     def connect(self) -> str:
-        """Make contact with the sensor; returns its identity. Raises ForceError."""
+        """Connect the sensor and return its identity. Raises ForceError."""
         return self.sensor.connect()
 
     @property
@@ -104,49 +104,49 @@ class Sensing:
 
     @property
     def absolute(self) -> bool:
-        """Whether forces are counted from a zero that was taken in the air."""
+        """Whether forces are counted from a zero taken in the air."""
         return self.zero is not None and not self.zero.provisional
 
     @property
     def resolution_gwt(self) -> float:
-        """One step of what the force sensor shows."""
+        """Smallest step of the sensor (gwt)."""
         return self.sensor.resolution_gwt
 
     @property
     def least_gwt(self) -> float:
-        """What is less than half of this cannot be told from nothing: one step of the sensor, or its noise."""
+        """Smallest significant force (gwt), twice the detection limit: one step of the sensor, or its noise."""
         return max(self.resolution_gwt, _NOISE_WIDTH * self.noise_gwt)
 
     @property
     def noise_gwt(self) -> float:
-        """Standard deviation of single readings, measured at each zero."""
+        """Standard deviation of single readings (gwt), measured at each zero."""
         return 0.0 if self.zero is None else self.zero.noise_gwt
 
     @property
     def touch_gwt(self) -> float:
-        """The reading that means contact: as configured, or well out of the noise."""
+        """Reading that means contact (gwt): as configured, or well above the noise."""
         return max(self._settings.habits.touch_force_gwt, self.least_gwt)
 
     @property
     def wait_s(self) -> float:
-        """Until a reading shows what is now: the settling after a move, else a new sample."""
+        """Time until a reading shows the present force (s): the settling time after a move, else one sample."""
         return self.settle_s if self.moved else self.sensor.sample_period_s
 
     @property
     def settle_s(self) -> float:
-        """From the end of a move to a reading that knows nothing of it."""
+        """Time from the end of a move to a reading that is unaffected by it (s)."""
         return self._settings.habits.settle_readings * self.sensor.sample_period_s + self._settings.force.latency_s
 
     def now(self) -> ForceReading:
-        """The newest reading from zero, whatever moves, waited for no longer than it takes. Raises NoReadingError."""
+        """Return the newest reading from zero without waiting for rest. Raises NoReadingError."""
         return self._from_zero(read(self.sensor, self._clock, 0.0))
 
     def settled(self) -> ForceReading:
-        """A new reading, made when all motion was over, from zero. Raises NoReadingError."""
+        """Return a new reading from zero, taken at rest. Raises NoReadingError."""
         return self._from_zero(self.raw())
 
     def raw(self) -> ForceReading:
-        """The same as the sensor has it; one that is busy is asked again, for BUSY_S. Raises NoReadingError."""
+        """Return the same reading without a zero; retry a busy sensor for BUSY_S. Raises NoReadingError."""
         until_s = self._clock.monotonic_s() + self.wait_s + BUSY_S
         while True:
             try:
@@ -159,25 +159,26 @@ class Sensing:
                 return reading
 
     def at_rest_gwt(self, meanwhile: Callable[[float], object] = lambda seconds: None) -> float:
-        """Return the force at rest, gwt from zero.
+        """Return the force from zero at rest (gwt).
 
-        Below the touch threshold two readings, `APART_S` apart, must agree: while the sensor drifts, the reading of a
-        touch passes through zero. A touch is waited for: a late sensor and a slow cell still show it in the air.
+        Below the touch threshold two readings, `APART_S` apart, must agree, because the reading of a touch passes
+        through zero while the sensor drifts. A touch must persist, because a late sensor or a slow cell still shows
+        it in the air.
 
         Parameters
         ----------
         meanwhile : callable
-            Called before each wait with its length, s.
+            Called before each wait with its length (s).
 
         Returns
         -------
         float
-            The force, gwt; at or above `touch_gwt` it was there for `AT_REST_S`.
+            The force (gwt); at or above `touch_gwt` it persisted for `AT_REST_S`.
 
         Raises
         ------
         NoReadingError
-            The sensor does not answer, or (`unsteady`) its readings do not agree within `AT_REST_S`.
+            The sensor does not respond, or (`unsteady`) its readings do not agree within `AT_REST_S`.
         """
         until_s, before_gwt = self._clock.monotonic_s() + AT_REST_S, None
         while True:
@@ -207,17 +208,18 @@ class Sensing:
     def _pause(self, seconds: float, meanwhile: Callable[[float], object]) -> None:
         until_s = self._clock.monotonic_s() + seconds
         while (left_s := until_s - self._clock.monotonic_s()) > _TINY_S:
-            meanwhile(min(left_s, _LOOK_S))
-            self._clock.wait_s(min(left_s, _LOOK_S))
+            meanwhile(min(left_s, _POLL_S))
+            self._clock.wait_s(min(left_s, _POLL_S))
 
     def begin_motion(self, *, away: bool) -> None:
-        """Something will move; without a zero its forces count from the reading before it. Raises NoReadingError.
+        """Prepare for a motion; without a zero, its forces count from the reading before it. Raises NoReadingError.
 
-        away: it leaves the finger first. A sensor that is out of its range before that says so, and is not felt with;
-        against a zero it need not answer at all, since nothing may keep the indentor on the finger.
+        away: the motion begins by leaving the finger. If the sensor is out of range before such a motion, its force
+        is not monitored; with a zero, the sensor need not respond at all, since nothing may hold the indentor on
+        the finger.
         """
         rested, self.moved, self.away = not self.moved, True, away
-        self._felt_from_n, self._before_gwt = 0.0, 0.0
+        self._baseline_n, self._before_gwt = 0.0, 0.0
         if self.zeroed and not away:
             return
         try:
@@ -226,18 +228,18 @@ class Sensing:
             if not (away and (self.zeroed or error.out_of_range)):
                 raise
             self._before_gwt = math.inf
-            self._felt_from_n = 0.0 if self.zeroed else None
+            self._baseline_n = 0.0 if self.zeroed else None
             return
         if self.zero is None:
-            self._felt_from_n = before
+            self._baseline_n = before
         else:
             self._before_gwt = (before - self.zero.offset_n) / GWT_N
 
     def unloads(self, force_gwt: float) -> bool:
-        """Whether the motion under way leaves the finger, and this force is no reason to end it.
+        """Return whether the motion leaves the finger and this force is no reason to end it.
 
-        A force that falls never is. One that grows is, towards the finger; a pull as well where a zero was taken in
-        the air, since without one a pull and an unloading look the same.
+        A falling force never is. A growing push is, and a growing pull if the zero was taken in the air: without
+        one, a pull and an unloading look the same.
         """
         if not self.away:
             return False
@@ -246,29 +248,29 @@ class Sensing:
         return not (pushes or pulls)
 
     def glance_gwt(self) -> float | None:
-        """The force while something moves, from zero or from what it was before. Raises NoReadingError.
+        """Return the force during a motion (gwt), from zero or from before the motion. Raises NoReadingError.
 
-        None where nothing can be felt.
+        None if the force is not monitored.
         """
-        if self._felt_from_n is None:
+        if self._baseline_n is None:
             return None
         reading = self._from_zero(read(self.sensor, self._clock, 0.0))
-        return (reading.force_n - self._felt_from_n) / GWT_N
+        return (reading.force_n - self._baseline_n) / GWT_N
 
     def take_zero(self, readings_gwt: Sequence[float], *, provisional: bool = False) -> ForceZero:
-        """From here on forces are counted from the mean of these readings; provisional: not surely in the air."""
+        """Count forces from the mean of these readings; provisional: contact is possible."""
         self.zero = ForceZero.of(readings_gwt, provisional=provisional)
         return self.zero
 
     def _from_zero(self, reading: ForceReading) -> ForceReading:
         return reading if self.zero is None else self.zero.taken_off(reading)
 
-    def given_mm(self, force_gwt: float) -> float:
-        """How far the rig itself gives under a force."""
+    def deflection_mm(self, force_gwt: float) -> float:
+        """Return the deflection of the rig under a force (mm)."""
         return self._settings.calibration.value("compliance_mm_per_n", 0.0) * force_gwt * GWT_N
 
     def doi_sd_mm(self, force_gwt: float) -> float:
-        """How well a depth past contact is known from travel and compliance: a step of the stage, and sd · force."""
+        """Return the standard deviation of a depth (mm) from the step of the stage and the compliance."""
         compliance = self._settings.calibration.compliance_mm_per_n
-        given_mm = 0.0 if compliance is None else compliance.sd * force_gwt * GWT_N
-        return math.hypot(self._settings.stage.resolution_mm / math.sqrt(12), given_mm)
+        deflection_mm = 0.0 if compliance is None else compliance.sd * force_gwt * GWT_N
+        return math.hypot(self._settings.stage.resolution_mm / math.sqrt(12), deflection_mm)

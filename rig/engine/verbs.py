@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 from rig.engine.bench_memory import LastKnown
 from rig.engine.engine import Engine, State
 from rig.engine.limits import AT_MM
-from rig.engine.sensing import several_gwt
+from rig.engine.sensing import zero_readings_gwt
 from rig.errors import LimitError, NotReadyError, PressPaused, RunAborted, TripError
 from rig.records import NO_PRESS
 from rig.units import GWT_N
@@ -44,18 +44,18 @@ def home(engine: Engine) -> None:
     if engine.state is State.TRIPPED:
         raise NotReadyError("home: not allowed after a trip; an operator must reset the rig first", code="tripped")
     engine.touched.forget()
-    engine.heartbeat.rest()  # homing lifts first, and takes its time
+    engine.heartbeat.rest()  # Homing lifts first, and lasts longer than the heartbeat allows.
     controller = engine.guarded(engine.bench.stage.connect)
     engine.sensing.connect()
-    engine.sensing.moved = True  # what was read before may be long ago
+    engine.sensing.moved = True  # The last reading may be old.
     engine.forget_depth()
     engine.move(engine.motion.home, away=True)
     engine.placed = False
     engine.limit_depth(-engine.settings.limits.search_mm - engine.settings.limits.max_doi_mm)
     touched, found = engine.may_touch, engine.measure_contact()
     if engine.sensing.absolute and (passed := engine.trips.passed_any(found.force_gwt or 0.0)):
-        told = {"reason": str(passed), "contact": found.kind, "not_lifted": str(engine.not_lifted)}
-        both = TripError("{reason}; {not_lifted}", code=passed.code, **passed.fields, **told)
+        fields = {"reason": str(passed), "contact": found.kind, "not_lifted": str(engine.not_lifted)}
+        both = TripError("{reason}; {not_lifted}", code=passed.code, **passed.fields, **fields)
         engine.trip(both, found.force_gwt)
     if (touched and found.kind == "disagreement") or (engine.sensing.absolute and found.kind == "raised"):
         left = engine.not_lifted
@@ -104,13 +104,13 @@ def zero(engine: Engine) -> None:
     """Zero the force sensor in the air, and journal its drift since the last zero."""
     engine.require_clear("zero")
     sensing = engine.sensing
-    drift_gwt = statistics.fmean(several_gwt(engine.reading)) if sensing.zeroed else None
+    drift_gwt = statistics.fmean(zero_readings_gwt(engine.reading)) if sensing.zeroed else None
     name = sensing.connect()
     engine.clock.wait_s(sensing.settle_s)
     sensing.sensor.zero()
-    found = sensing.take_zero(several_gwt(engine.raw_reading))
+    found = sensing.take_zero(zero_readings_gwt(engine.raw_reading))
     known = {"noise_gwt": found.noise_gwt, "offset_gwt": found.offset_n / GWT_N}
-    engine.know_contact(0.0)  # from here on
+    engine.know_contact(0.0)  # The reading just taken is the new zero.
     engine.record("zero", {"sensor": name, **known, "drift_gwt": drift_gwt})
     band_gwt = engine.settings.limits.zero_drift_gwt
     if drift_gwt is not None and abs(drift_gwt) > band_gwt:

@@ -1,1 +1,1 @@
-"""Move the stage by hand, guarded by force: from the terminal or through the panel."""
+"""Manual control of the stage, guarded by force: from the terminal or through the panel."""

@@ -1,12 +1,12 @@
-"""What is felt while a person moves the stage, and what must not be."""
+"""Force limits of manual control."""
 
 import math
 from collections.abc import Callable
 
 from rig.engine.limits import TRIP_MARGIN, Trips
-from rig.engine.motion import FeltError
+from rig.engine.motion import InterruptedMotionError
 from rig.engine.press import Unanswered
-from rig.engine.sensing import NoReadingError, Sensing, several_gwt
+from rig.engine.sensing import NoReadingError, Sensing, zero_readings_gwt
 from rig.errors import LimitError, TripError, recast
 from rig.settings import RigSettings
 from rig.units import GWT_N
@@ -15,43 +15,43 @@ _LOST_INCREMENTS = 2.0
 
 
 class Guard:
-    """The force (gwt) through the motions of one program; heights are the stage's own z, mm.
+    """Guard of the force (gwt) in the motions of one program; heights are machine z (mm).
 
-    A touch is told from the force before the motion that found it, so that an old zero that has drifted does not hide
-    it; trips count from the zero.
+    A touch is measured from the force before the motion, so that a drift of an old zero does not hide it; trips
+    count from the zero.
     """
 
     def __init__(self, settings: RigSettings, sensing: Sensing) -> None:
         self._sensing, self._trips = sensing, Trips(settings.limits, None)
         self._increment_mm = settings.habits.increment_mm
-        self.force_gwt: float | None = None  # at the last look; None: the sensor cannot say
+        self.force_gwt: float | None = None  # last force; None if the sensor has no reading
         self.forget()
-        # of each motion, from `begin` on
+        # State of each motion, from `begin` on.
         self._up: bool
         self._unanswered: Unanswered
         self._air_gwt: float  # before the motion that touched
         self._rest_gwt: float  # at the last rest
-        self._stiffness_gwt_mm: float  # as the step before it was answered
+        self._stiffness_gwt_mm: float  # of the last step
 
     def forget(self) -> None:
-        """The stage's heights are not what they were, or the zero is not: the next motion knows of no touch."""
+        """Forget the last touch, since the heights or the zero have changed."""
         self._touched_z_mm: float | None = None
 
     @property
     def above_trip(self) -> TripError | None:
-        """Which trip the last reading was above, if any."""
+        """Trip that the last reading exceeds, or None."""
         return None if self.force_gwt is None else self._trips.passed_any(self.force_gwt)
 
     @property
     def from_air_gwt(self) -> float | None:
-        """The last force, where it counts from a zero that was taken in the air; None where that is not known."""
+        """Last force from a zero taken in the air (gwt); None without such a zero."""
         return self.force_gwt if self._sensing.absolute else None
 
     def refuse_contact(self, meanwhile: Callable[[float], object]) -> None:
-        """Raise LimitError where the force at rest, counted from a zero in the air, is a touch or does not settle."""
+        """Raise LimitError if the force at rest, from a zero taken in the air, is a touch or does not settle."""
         if not self._sensing.absolute:
             return
-        problem = self.look_at_rest(meanwhile)
+        problem = self.read_at_rest(meanwhile)
         if problem is not None and problem.code == "unsteady":
             words = (
                 f"{problem.sentence}, so nothing was moved sideways after a touch: move up first, or use "
@@ -70,25 +70,25 @@ class Guard:
 
     @property
     def touch_gwt(self) -> float:
-        """The force that means contact."""
+        """Force that means contact (gwt)."""
         return self._sensing.touch_gwt
 
     @property
     def room_mm(self) -> float:
-        """How far down the force stays below nine tenths of the soft trip, at the stiffness of the last step."""
+        """Distance down (mm) to nine tenths of the soft trip, at the stiffness of the last step."""
         if self._stiffness_gwt_mm <= 0:
             return math.inf
         return max(TRIP_MARGIN * self._trips.lowest_gwt - self._rest_gwt, 0.0) / self._stiffness_gwt_mm
 
     def begin(self, *, up: bool, down: bool) -> None:
-        """A motion begins. Raises LimitError where the force is not known, or above a trip: then it may only go up.
+        """Begin a motion. Raises LimitError if there is no force, or, except upwards, if it exceeds a trip.
 
-        A sensor that does not answer at all moves nothing.
+        Upwards a sensor may be out of range, but it must respond.
         """
         self._up, self._unanswered = up, Unanswered(self._sensing.resolution_gwt)
         try:
             if not self._sensing.zeroed:
-                self._sensing.take_zero(several_gwt(self._sensing.raw), provisional=True)
+                self._sensing.take_zero(zero_readings_gwt(self._sensing.raw), provisional=True)
             self._rest_gwt = self._sensing.settled().force_n / GWT_N
             self._sensing.begin_motion(away=up)
         except NoReadingError as error:
@@ -105,10 +105,10 @@ class Guard:
         if not (down and self._touched_z_mm is not None):
             self._touched_z_mm, self._air_gwt, self._stiffness_gwt_mm = None, self._rest_gwt, 0.0
 
-    def look_at_rest(self, meanwhile: Callable[[float], object]) -> NoReadingError | None:
-        """Take the force at rest where it counts from a zero in the air; returns why there is none.
+    def read_at_rest(self, meanwhile: Callable[[float], object]) -> NoReadingError | None:
+        """Read the force at rest if it counts from a zero taken in the air; return the error if there is no force.
 
-        meanwhile is called before each wait with its length, s.
+        meanwhile is called before each wait with its length (s).
         """
         if not self._sensing.absolute:
             self.look()
@@ -121,20 +121,23 @@ class Guard:
         return None
 
     def look(self) -> None:
-        """Between motions; a sensor that has nothing to say is no harm."""
+        """Read the force between motions; a missing reading does no harm."""
         try:
             self.force_gwt = self._sensing.settled().force_n / GWT_N
         except NoReadingError:
             self.force_gwt = None
 
     def glance(self, z_mm: float) -> None:
-        """While it lasts. Raises FeltError; on the way up only for a force that has grown beyond a trip."""
+        """Check the force during a motion.
+
+        Raises InterruptedMotionError; upwards only for a force that grew past a trip.
+        """
         try:
             self.force_gwt = self._sensing.glance_gwt()
         except NoReadingError as error:
             self.force_gwt = None
             if not self._up:
-                raise recast(FeltError, error) from error
+                raise recast(InterruptedMotionError, error) from error
         if self.force_gwt is None or self._sensing.unloads(self.force_gwt):
             return
         self._refuse_trip(self.force_gwt)
@@ -142,39 +145,39 @@ class Guard:
             self._refuse_touch(z_mm, self.force_gwt)
 
     def rest(self, z_mm: float, step_mm: float) -> None:
-        """At rest after a step down. Raises FeltError."""
+        """Check the force at rest after a step down. Raises InterruptedMotionError."""
         before_gwt = self._rest_gwt
         try:
             force_gwt = self._sensing.settled().force_n / GWT_N
         except NoReadingError as error:
             self.force_gwt = None
-            raise recast(FeltError, error) from error
+            raise recast(InterruptedMotionError, error) from error
         self.force_gwt = self._rest_gwt = force_gwt
         self._refuse_trip(force_gwt)
         if force_gwt <= self._air_gwt - self._sensing.touch_gwt:
             words = "{force_gwt:.2f} gwt while going down: does the sensor read backwards?"
-            raise FeltError(words, force_gwt, code="reads_backwards")
+            raise InterruptedMotionError(words, force_gwt, code="reads_backwards")
         self._refuse_silence(before_gwt, force_gwt, z_mm, step_mm)
         if step_mm > 0 and force_gwt - before_gwt > 0.5 * self._sensing.resolution_gwt:
             self._stiffness_gwt_mm = (force_gwt - before_gwt) / step_mm
         self._refuse_touch(z_mm, force_gwt)
 
     def _refuse_silence(self, before_gwt: float, force_gwt: float, z_mm: float, step_mm: float) -> None:
-        """A sensor that has felt the finger, and does not feel it any more farther down."""
+        """Raise if the sensor responded to the finger before, and no longer does farther down."""
         if self._touched_z_mm is None:
             return
         if z_mm < self._touched_z_mm - _LOST_INCREMENTS * self._increment_mm and not self._touches(force_gwt):
-            raise FeltError(
+            raise InterruptedMotionError(
                 "{force_gwt:.2f} gwt, {below_mm:.2f} mm below a touch; check for a frozen reading",
                 force_gwt,
                 code="lost_finger",
                 below_mm=self._touched_z_mm - z_mm,
             )
-        # a touch that was felt in motion has told no stiffness yet: it is a touch's force in an increment, or more
+        # A touch found during a motion has no stiffness yet; it is at least the touch force per increment.
         stiffness_gwt_mm = self._stiffness_gwt_mm or self._sensing.touch_gwt / self._increment_mm
         if self._unanswered.too_long(before_gwt, force_gwt, stiffness_gwt_mm * step_mm):
             words = "the force stays at {force_gwt:.2f} gwt while the stage moves; check for a frozen reading"
-            raise FeltError(words, force_gwt, code="frozen")
+            raise InterruptedMotionError(words, force_gwt, code="frozen")
 
     def _touches(self, force_gwt: float) -> bool:
         return force_gwt - self._air_gwt >= self._sensing.touch_gwt
@@ -182,7 +185,7 @@ class Guard:
     def _refuse_touch(self, z_mm: float, force_gwt: float) -> None:
         if self._touched_z_mm is None and self._touches(force_gwt):
             self._touched_z_mm = z_mm
-            raise FeltError(
+            raise InterruptedMotionError(
                 "touched, {more_gwt:.2f} gwt more than before; a new motion goes on from here",
                 force_gwt,
                 code="touched",
@@ -192,4 +195,4 @@ class Guard:
     def _refuse_trip(self, force_gwt: float) -> None:
         passed = self._trips.passed_any(force_gwt)
         if passed:
-            raise recast(FeltError, passed)
+            raise recast(InterruptedMotionError, passed)

@@ -11,7 +11,7 @@ from rig.engine import Engine, LimitError, verbs
 from rig.engine.bench import Bench
 from rig.engine.bench_memory import BenchMemory, LastKnown
 from rig.engine.contact import KnownContact
-from rig.engine.sensing import NoReadingError, Sensing, several_gwt
+from rig.engine.sensing import NoReadingError, Sensing, zero_readings_gwt
 from rig.errors import BadInputError, around
 from rig.manual.guard import Guard
 from rig.manual.jog import ByHand, Show
@@ -21,13 +21,13 @@ from rig.transport.wire import TransportError
 
 
 def unfelt(error: Exception) -> BadInputError:
-    """Return the error for a motion without an answer from the sensor."""
+    """Return the error for a motion without a reading from the sensor."""
     sentence = "{problem}; nothing was moved. To move without force readings, use --without-force"
     return around(BadInputError, sentence, error, code="not_felt")
 
 
 def feel(sensing: Sensing) -> Sensing:
-    """Connect to a sensor. Raises BadInputError if it does not answer."""
+    """Connect to a sensor and return it. Raises BadInputError if it does not respond."""
     try:
         sensing.connect()
     except (ForceError, TransportError) as error:
@@ -87,17 +87,17 @@ def zero(settings: RigSettings, sensing: Sensing, *, anyway: bool) -> str:
         if not anyway:
             _refuse_touched(sensing, last)
     sensing.sensor.zero()
-    sensing.zero = None  # readings have a new zero now
+    sensing.zero = None  # Readings now have a new zero.
     memory.forget_zero()
     try:
-        memory.zeroed(sensing.take_zero(several_gwt(sensing.raw)))
+        memory.zeroed(sensing.take_zero(zero_readings_gwt(sensing.raw)))
     except NoReadingError as error:
         raise around(LimitError, "{problem}; zero the sensor again", error, code="no_reading") from error
     return name
 
 
 def _refuse_touched(sensing: Sensing, last: LastKnown) -> None:
-    """Raise LimitError for a force that may be a contact, or that does not come to rest."""
+    """Raise LimitError if the force may be a contact, or does not settle."""
     try:
         force_gwt = sensing.at_rest_gwt()
     except NoReadingError as error:

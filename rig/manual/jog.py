@@ -1,4 +1,4 @@
-"""Move by hand, one motion at a time: force is read on the way and limits how far it goes down."""
+"""Manual control, one motion at a time: the force is monitored and limits downward motions."""
 
 import math
 from collections.abc import Callable
@@ -10,7 +10,7 @@ from rig.devices.base import Axis, Stage, StageError, StageOverridden, StageStat
 from rig.engine.contact import ContactKind, KnownContact, judged
 from rig.engine.dead_man import DOWN, UP, Direction, dead_man_jog, jog_up_from_rest
 from rig.engine.limits import AT_MM
-from rig.engine.motion import FeltError, StrayedError, insist
+from rig.engine.motion import InterruptedMotionError, StrayedError, insist
 from rig.errors import LimitError, RigError, code_of, recast
 from rig.manual.guard import Guard
 from rig.settings import RigSettings
@@ -18,14 +18,14 @@ from rig.transport.wire import TransportError
 
 Held = Callable[[], Direction | None]
 Show = Callable[[StageStatus, float | None], None]
-"""What is told where the stage is and what is felt there (gwt; None: nothing is)."""
+"""Display of the position and the force (gwt; None: no reading)."""
 
 _TINY_MM = 1e-6
 
 
 @dataclass(frozen=True)
 class Moved:
-    """Where a motion came to rest, the last force (gwt), and what ended it before its time, if anything did."""
+    """Position at the end of a motion, last force (gwt), and the error that ended it early, if any."""
 
     at: StageStatus
     force_gwt: float | None
@@ -33,40 +33,39 @@ class Moved:
 
     @property
     def ended_by(self) -> str | None:
-        """What ended it, in words."""
+        """Reason of an early end, in words."""
         return None if self.problem is None else str(self.problem)
 
 
 class ByHand:
-    """Jogs over a finger that may be anywhere.
+    """Manual jogs over a finger at an unknown position.
 
-    Sideways and up a motion goes on until the force says otherwise; up from a touch it goes in slices that begin at
-    rest until it is lifted. Down it goes in steps, at rest between them for a
-    reading: of habits.descent_step_mm above clearance, of habits.increment_mm below it or where the height is not
-    known. It ends at the first touch; a new motion goes on from there, up to what the soft trip allows.
+    A lateral or upward motion continues until the force ends it; upward from a touch it is made in slices from rest
+    until lifted. A downward motion is made in steps with a reading at rest after each: habits.descent_step_mm above
+    clearance, habits.increment_mm below it or if the height is unknown. It ends at the first touch; a new motion
+    continues from there, up to the soft trip.
     """
 
     def __init__(
         self, settings: RigSettings, stage: Stage, clock: Clock, guard: Guard | None, show: Show, *, placed: bool
     ) -> None:
-        """guard: None moves without force. placed: where the stage is homed, so that heights are known."""
+        """guard: None moves without force. placed: whether the stage is homed, so that heights are known."""
         self._settings, self._stage, self._clock = settings, stage, clock
         self._guard, self._show, self.placed = guard, show, placed
-        self.keep_contact: Callable[[KnownContact], None] = lambda known: None  # for whoever uses the bench next
-        self.may_touch = False  # so it is on record
+        self.keep_contact: Callable[[KnownContact], None] = lambda known: None  # for the next command
+        self.may_touch = False  # as recorded
 
     def stands(self, *, placed: bool) -> None:
-        """The stage was homed, or its place was lost; whatever was touched before lies elsewhere now."""
+        """Record that the stage was homed or has lost its position; earlier touches are forgotten."""
         self.placed = placed
         if self._guard is not None:
             self._guard.forget()
 
     def go(self, held: Held, speed_mm_s: float, by_mm: float | None = None) -> Moved:
-        """Move while held() keeps its first answer, by_mm at most.
+        """Move while held() returns its first direction, by at most by_mm.
 
-        Raises LimitError before anything moves: a way that ends too deep in the known finger, a speed that the stage
-        does not have, or a sensor that does not answer (up it is not needed where it is merely beyond its range).
-        Raises StageError.
+        Raises LimitError before the motion if it ends too deep in the known finger, if the stage does not have this
+        speed, or if the sensor does not respond (upwards it may be out of range). Raises StageError.
         """
         direction, at = held(), self._stage.status()
         if direction is None:
@@ -93,13 +92,13 @@ class ByHand:
             else:
                 end = self._aside(held, speed_mm_s, by_mm)
         except StrayedError as strayed:
-            self.stands(placed=False)  # the stage was stopped
+            self.stands(placed=False)  # The stage was stopped.
             return Moved(strayed.at, self._force_gwt, strayed)
-        except FeltError as felt:
-            return self._ended(direction, at, felt)
+        except InterruptedMotionError as interruption:
+            return self._ended(direction, at, interruption)
         except StageOverridden as error:
             self._stage.halt()
-            return self._ended(direction, at, recast(FeltError, error))
+            return self._ended(direction, at, recast(InterruptedMotionError, error))
         except ValueError as error:
             raise LimitError(
                 "{error}; nothing was moved", code="refused_by_the_stage", error=str(error), error_code=code_of(error)
@@ -107,7 +106,7 @@ class ByHand:
         return Moved(end, self._force_gwt)
 
     def _below_clearance(self, at: StageStatus, by_mm: float | None) -> None:
-        """Before a motion that may end below clearance it is on record that the finger may be touched."""
+        """Record a possible contact before a motion that may end below clearance."""
         height_mm, far_mm = self._height_mm(at), math.inf if by_mm is None else by_mm
         stays_clear = height_mm is not None and height_mm - far_mm >= self._settings.habits.clearance_mm - AT_MM
         if not (stays_clear or self.may_touch):
@@ -115,18 +114,18 @@ class ByHand:
             self.keep_contact(self._contact("unknown", at, self._force_gwt))
 
     def _remember_contact(self) -> None:
-        """At rest, where the finger may have been touched: what position and force say now."""
+        """Record the state of contact at rest, if contact was possible."""
         if not self.may_touch:
             return
-        with suppress(StageError, TransportError):  # what ended the motion says more
+        with suppress(StageError, TransportError):  # The error that ended the motion is reported.
             known = self._judged(self._stage.status(), lambda seconds: None)
             self.may_touch = known.may_touch
             self.keep_contact(known)
 
     def _judged(self, at: StageStatus, meanwhile: Callable[[float], object]) -> KnownContact:
-        """Return what position and force say about contact, at rest."""
+        """Return the state of contact at rest."""
         if self._guard is not None and self._is_clear(at):
-            self._guard.look_at_rest(meanwhile)
+            self._guard.read_at_rest(meanwhile)
         elif self._guard is not None:
             self._guard.look()
         force_gwt = None if self._guard is None else self._guard.from_air_gwt
@@ -135,7 +134,7 @@ class ByHand:
         return self._contact(found, at, force_gwt)
 
     def _is_clear(self, at: StageStatus) -> bool:
-        """Return whether the height is known and at clearance or above."""
+        """Return whether the height is known and at clearance or higher."""
         height_mm = self._height_mm(at)
         return height_mm is not None and height_mm >= self._settings.habits.clearance_mm - AT_MM
 
@@ -144,11 +143,11 @@ class ByHand:
         return KnownContact(kind, force_gwt, x_mm, self._height_mm(at), self._clock.unix_s())
 
     def steps_per_mm(self, axis: Axis) -> float:
-        """What the controller takes for a millimetre. Raises StageError."""
+        """Return the controller's steps per mm. Raises StageError."""
         return self._stage.steps_per_mm(axis)
 
     def look(self) -> Moved:
-        """Where it stands and what is felt there; moves nothing. Raises StageError."""
+        """Return position and force without a motion. Raises StageError."""
         at = self._stage.status()
         if self._guard is not None:
             self._guard.look()
@@ -160,7 +159,7 @@ class ByHand:
         return None if self._guard is None else self._guard.force_gwt
 
     def _aside(self, held: Held, speed_mm_s: float, by_mm: float | None) -> StageStatus:
-        """One motion, sideways or up, looked at while it lasts; unguarded the controller may look after it."""
+        """Move sideways or up in one motion, monitored by the guard or left to the controller's dead man's switch."""
         return dead_man_jog(
             self._stage, self._clock, held, speed_mm_s, by_mm, None if self._guard is None else self._glance
         )
@@ -171,9 +170,9 @@ class ByHand:
         self._show(at, self._force_gwt)
 
     def _off_the_finger(self, held: Held, speed_mm_s: float, by_mm: float | None) -> StageStatus:
-        """Go up in slices that each begin at rest, until the indentor is lifted; then in one motion.
+        """Move up in slices from rest until lifted, then in one motion.
 
-        From rest a stage confirms each slice before it moves: none goes sideways while the finger may be touched.
+        A stage confirms each slice from rest before it moves, so that none goes sideways while contact is possible.
         """
         at, whole_mm = self._stage.status(), math.inf if by_mm is None else by_mm
         for at, left_mm in jog_up_from_rest(self._stage, self._clock, held, speed_mm_s, whole_mm, self._glance):
@@ -182,11 +181,11 @@ class ByHand:
         return at
 
     def _lifted(self, at: StageStatus, held: Held) -> bool:
-        """Return whether nothing is touched; keys that are typed meanwhile are read, so that a release counts."""
+        """Return whether the indentor is lifted; poll held() meanwhile, so that a release counts."""
         return not self._judged(at, lambda seconds: held()).may_touch
 
     def _down(self, held: Held, speed_mm_s: float, by_mm: float | None) -> StageStatus:
-        """Step by step, each from a reading at rest."""
+        """Move down in steps, each from a reading at rest."""
         speed_mm_s = min(speed_mm_s, self._settings.limits.max_press_speed_mm_s)
         at, left_mm = self._stage.status(), math.inf if by_mm is None else by_mm
         while held() == DOWN and left_mm > _TINY_MM:
@@ -200,7 +199,7 @@ class ByHand:
         return at
 
     def _step_mm(self, at: StageStatus, left_mm: float) -> float:
-        """The next step down. Raises FeltError where there is none."""
+        """Return the next step down (mm). Raises InterruptedMotionError if none is allowed."""
         habits, height_mm = self._settings.habits, self._height_mm(at)
         step_mm = min(habits.increment_mm, left_mm)
         if height_mm is not None:
@@ -208,14 +207,16 @@ class ByHand:
             if above_mm > _TINY_MM:
                 step_mm = min(habits.descent_step_mm, left_mm, above_mm)
             if height_mm - step_mm < self._lowest_mm - _TINY_MM:
-                raise recast(FeltError, self._too_deep(height_mm - step_mm))
+                raise recast(InterruptedMotionError, self._too_deep(height_mm - step_mm))
         room_mm = math.inf if self._guard is None else self._guard.room_mm
         if room_mm < self._settings.stage.resolution_mm:
-            raise FeltError("the next step down would pass the soft trip", code="next_step_past_soft_trip")
+            raise InterruptedMotionError(
+                "the next step down would pass the soft trip", code="next_step_past_soft_trip"
+            )
         return min(step_mm, room_mm)
 
     def _up_to(self, z_mm: float) -> StageStatus:
-        """Away from a trip: whoever changes the speed meanwhile does not keep it down."""
+        """Move up from a trip, even if an operator changes the speed meanwhile."""
         speed_mm_s = self._settings.habits.travel_speed_mm_s
         insist(lambda: self._lift(z_mm, speed_mm_s))
         return self._stage.status()
@@ -227,10 +228,10 @@ class ByHand:
                 pass
         except StageOverridden as error:
             self._stage.halt()
-            raise recast(FeltError, error) from error
+            raise recast(InterruptedMotionError, error) from error
 
     def _height_mm(self, at: StageStatus) -> float | None:
-        """Above the nominal apex, where that is known."""
+        """Return the height above the nominal apex (mm), or None if unknown."""
         return at.z_mm - self._settings.frame.apex_z_mm if self.placed else None
 
     @property
@@ -253,13 +254,14 @@ class ByHand:
             apex_z_mm=self._settings.frame.apex_z_mm,
         )
 
-    def _ended(self, direction: Direction, start: StageStatus, felt: FeltError) -> Moved:
-        """At rest; from a force above a trip it goes back the way it came, to clearance from there at most."""
-        at, above, words, fields = self._stage.status(), None, "{reason}", {**felt.fields, "reason": str(felt)}
+    def _ended(self, direction: Direction, start: StageStatus, interruption: InterruptedMotionError) -> Moved:
+        """End a motion; above a trip, first lift to where it began, or by clearance if that is less."""
+        at, above, words = self._stage.status(), None, "{reason}"
+        fields = {**interruption.fields, "reason": str(interruption)}
         if self._guard is not None and direction != UP:
-            self._guard.look()  # it went on a little after what ended it
+            self._guard.look()  # The stage moved on a little after the cause.
             above = self._guard.above_trip
-        if above is not None and str(above) not in str(felt):
+        if above is not None and str(above) not in str(interruption):
             words += "; then {then}"
             fields |= {"then": str(above), "then_code": above.code}
         back_mm = min(start.z_mm - at.z_mm, self._settings.habits.clearance_mm)
@@ -269,29 +271,29 @@ class ByHand:
             words += "; lifted by {lifted_mm:.2f} mm"
             fields["lifted_mm"] = back_mm
         self._show(at, self._force_gwt)
-        return Moved(at, self._force_gwt, FeltError(words, code=felt.code, **fields))
+        return Moved(at, self._force_gwt, InterruptedMotionError(words, code=interruption.code, **fields))
 
 
 FASTEST_MM_S = 10.0
-"""By hand, in any direction; down a finger's own limit counts besides."""
+"""Highest speed of manual control (mm/s), in any direction; the finger's own limit applies downwards as well."""
 
 
 class HeldWord:
-    """What was said last, for counts_s from when it was said."""
+    """Last direction held, valid for counts_s from its signal."""
 
     def __init__(self, clock: Clock, counts_s: float) -> None:
         self._clock, self._counts_s = clock, counts_s
-        self._said: tuple[Direction, float] | None = None  # and until when it counts
+        self._last: tuple[Direction, float] | None = None  # direction, and the time until which it is valid (s)
 
     def say(self, direction: Direction | None, ago_s: float = 0.0) -> None:
-        """It is held, None: it is not; so it was ago_s ago. What was said later counts on."""
+        """Record that a direction was held ago_s ago, or None; an older signal does not shorten a newer one."""
         until_s = self._clock.monotonic_s() + self._counts_s - ago_s
-        if direction is not None and self._said is not None and self._said[0] == direction:
-            until_s = max(until_s, self._said[1])
-        self._said = None if direction is None else (direction, until_s)
+        if direction is not None and self._last is not None and self._last[0] == direction:
+            until_s = max(until_s, self._last[1])
+        self._last = None if direction is None else (direction, until_s)
 
     def __call__(self) -> Direction | None:
-        if self._said is None:
+        if self._last is None:
             return None
-        direction, until_s = self._said
+        direction, until_s = self._last
         return direction if self._clock.monotonic_s() < until_s else None

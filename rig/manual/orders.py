@@ -17,7 +17,7 @@ HOLD_S = 0.25
 """A button signal is valid for this long after it was sent (s)."""
 
 AHEAD_S = 1.0
-"""The clock of the sender may be ahead by this much (s)."""
+"""Largest lead of the sender's clock (s)."""
 
 
 class HoldRequest(BaseModel):
@@ -31,7 +31,7 @@ class HoldRequest(BaseModel):
     unix_s: float
 
     @classmethod
-    def asked(cls, request: Mapping[str, Any]) -> "HoldRequest":
+    def validated(cls, request: Mapping[str, Any]) -> "HoldRequest":
         """Validate a request. Raises LimitError."""
         try:
             return cls.model_validate(request)
@@ -64,8 +64,8 @@ class Holds:
 
     def __init__(self, clock: Clock) -> None:
         self._clock, self._held = clock, HeldWord(clock, HOLD_S)
-        self.press: HoldRequest | None = None  # what moves the stage or is about to, until `end`
-        self._over: dict[str, int] = {}  # the last press of each tab that is over
+        self.press: HoldRequest | None = None  # moves the stage or is about to, until `end`
+        self._over: dict[str, int] = {}  # last press of each tab that has ended
 
     @property
     def live(self) -> bool:
@@ -131,10 +131,10 @@ class Orders:
 
     def __init__(self, clock: Clock) -> None:
         self._lock, self._holds = threading.RLock(), Holds(clock)
-        self._verb: Verb | None = None  # asked for
+        self._verb: Verb | None = None  # requested
         self._doing: HoldRequest | Verb | None = None
         self.stopped = self.leaving = False
-        self._stopped_since: bool  # what is done now was begun
+        self._stopped_since: bool  # since the present action began
 
     @property
     def busy(self) -> str | None:
@@ -153,7 +153,7 @@ class Orders:
         with self._lock:
             return self._doing or self._verb or self._holds.press
 
-    # called by any thread
+    # --- called by any thread ---
 
     def hold(self, hold: HoldRequest) -> None:
         """Handle a button signal. Raises LimitError, NotReadyError."""
@@ -188,7 +188,7 @@ class Orders:
         """Release all buttons and start nothing else; may be called from a signal handler."""
         self.leaving = True
 
-    # called by the moving thread
+    # --- called by the moving thread ---
 
     def next(self) -> HoldRequest | Verb | None:
         """Return the next action."""
@@ -197,7 +197,7 @@ class Orders:
             return self._doing
 
     def held(self, press: HoldRequest) -> Callable[[], Direction | None]:
-        """Return a function that gives the direction of a press while it is held."""
+        """Return a function that returns the direction of a press while it is held."""
 
         def held() -> Direction | None:
             with self._lock:

@@ -33,12 +33,12 @@ def hand_answers(orders: Orders, status: HandStatus, stage: Stage, gate: StopGat
         with gate.stopping():
             return answer_to_a_stop(stage.stop)
 
-    def told(request: Request) -> Mapping[str, Any]:
+    def report(request: Request) -> Mapping[str, Any]:
         found = status.as_json(stopped=orders.stopped, since=_since(request))
         return {**found, "busy": orders.busy, "tab": orders.tab, "stopped": orders.stopped}
 
     def hold(request: Request) -> Mapping[str, Any]:
-        orders.hold(HoldRequest.asked(request))
+        orders.hold(HoldRequest.validated(request))
         return {}
 
     def release(request: Request) -> Mapping[str, Any]:
@@ -57,7 +57,7 @@ def hand_answers(orders: Orders, status: HandStatus, stage: Stage, gate: StopGat
         orders.leave()
         return {}
 
-    return {"stop": stop, "status": told, "hold": hold, "release": release, "home": home, "zero": zero,
+    return {"stop": stop, "status": report, "hold": hold, "release": release, "home": home, "zero": zero,
             "leave": leave}  # fmt: skip
 
 
@@ -108,8 +108,8 @@ class HandOwner:
         self._sensing = Sensing(settings, bench.clock, sensor)
         self._orders, self._status = Orders(bench.clock), HandStatus(settings, bench.clock, self._sensing)
         self.answers = hand_answers(self._orders, self._status, bench.stage, gate)
-        self._read_s = self._look_s = bench.clock.monotonic_s()  # when each is due
-        self._lost = False  # whether the stage must be spoken to anew
+        self._read_s = self._poll_s = bench.clock.monotonic_s()  # when each is due
+        self._lost = False  # whether the stage must be connected again
         self._hand: ByHand
 
     def leave(self) -> None:
@@ -139,7 +139,7 @@ class HandOwner:
             while not (self._orders.leaving or gone()):
                 self._turn()
         except BaseException:
-            with suppress(StageError, TransportError):  # what is raised says more
+            with suppress(StageError, TransportError):  # The caller reports the first error.
                 self._stage.stop()
             raise
 
@@ -152,7 +152,7 @@ class HandOwner:
                 return
         to_do = self._orders.next()
         if to_do is None:
-            self._look()
+            self._poll()
         else:
             self._carry_out(to_do)
 
@@ -174,7 +174,7 @@ class HandOwner:
         try:
             self._hand.steps_per_mm(press.axis)
         except StageError as error:
-            return str(error)  # no such axis: nothing moved, and the position is still known
+            return str(error)  # Without this axis nothing moved, and the position is still known.
         moved = self._hand.go(self._orders.held(press), press.speed_mm_s)
         self._show(moved.at, moved.force_gwt)
         return moved.ended_by
@@ -196,20 +196,20 @@ class HandOwner:
             self._status.zeroed = BenchMemory(self._settings).read().zero is not None
         return None
 
-    # looking
+    # --- polling ---
 
-    def _look(self) -> None:
+    def _poll(self) -> None:
         """Read the force, and the stage if it is due."""
         now_s = self._clock.monotonic_s()
-        if now_s >= self._look_s:
-            self._look_s = now_s + LOOK_S
-            self._look_at_stage()
-        with suppress(NoReadingError):  # overheard
+        if now_s >= self._poll_s:
+            self._poll_s = now_s + LOOK_S
+            self._poll_stage()
+        with suppress(NoReadingError):  # The listener reports it.
             self._sensing.now()
         self._read_s = max(self._read_s + self._sensing.sensor.sample_period_s, self._clock.monotonic_s())
         self._clock.wait_s(self._read_s - self._clock.monotonic_s())
 
-    def _look_at_stage(self) -> None:
+    def _poll_stage(self) -> None:
         """Poll the stage. Raises TransportError if its port is gone."""
         try:
             at = self._stage.status()
@@ -229,8 +229,8 @@ class HandOwner:
 
     def _doubt(self, error: Exception) -> None:
         """Distrust the position after a failure, unless the driver still trusts it."""
-        kept = self._stage.homed or isinstance(error, StageOverridden | StageRejected)
-        if isinstance(error, StageError | TransportError) and not kept:
+        trusted = self._stage.homed or isinstance(error, StageOverridden | StageRejected)
+        if isinstance(error, StageError | TransportError) and not trusted:
             self._lose()
 
     def _lose(self) -> None:

@@ -30,7 +30,7 @@ KEPT = 3600
 """Number of stored readings, a little more than a minute at 50 per second."""
 
 AT_A_TIME = 400
-"""Maximum number of rows in an answer, within the message size of the socket."""
+"""Maximum number of rows in a reply, within the message size of the socket."""
 
 Row = tuple[float | None, ...]
 
@@ -39,9 +39,9 @@ class OverheardSensor:
     """Force sensor that passes every reading, or failure, to a listener."""
 
     def __init__(
-        self, sensor: ForceSensor, told: Callable[[ForceReading], None], failed: Callable[[str], None]
+        self, sensor: ForceSensor, on_reading: Callable[[ForceReading], None], on_failure: Callable[[str], None]
     ) -> None:
-        self._sensor, self._told, self._failed = sensor, told, failed
+        self._sensor, self._on_reading, self._on_failure = sensor, on_reading, on_failure
 
     def connect(self) -> str:
         """Connect. Raises ForceError, TransportError."""
@@ -56,7 +56,7 @@ class OverheardSensor:
         self._sensor.zero()
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
         self._sensor.close()
 
     @property
@@ -74,9 +74,9 @@ class OverheardSensor:
         try:
             reading = self._sensor.read()
         except (ForceError, TransportError) as error:
-            self._failed(str(error))
+            self._on_failure(str(error))
             raise
-        self._told(reading)
+        self._on_reading(reading)
         return reading
 
 
@@ -85,27 +85,27 @@ class Backlog:
 
     def __init__(self) -> None:
         self._rows: deque[Row] = deque(maxlen=KEPT)
-        self._told = 0
+        self._total = 0
 
     def add(self, row: Row) -> None:
         """Add a reading, as COLUMNS."""
         self._rows.append(row)
-        self._told += 1
+        self._total += 1
 
     def since(self, number: int) -> dict[str, Any]:
         """Return readings from this number on (0: all), at most AT_A_TIME, and the number of the next one.
 
         more: whether more are available. lost: number of requested readings that are no longer stored.
         """
-        first = self._told - len(self._rows)
-        start = min(max(number, first), self._told)
+        first = self._total - len(self._rows)
+        start = min(max(number, first), self._total)
         rows = list(islice(self._rows, start - first, start - first + AT_A_TIME))
         onward = start + len(rows)
         return {
             "columns": COLUMNS,
             "rows": rows,
             "next": onward,
-            "more": onward < self._told,
+            "more": onward < self._total,
             "lost": first - number if 0 < number < first else 0,
         }
 
@@ -130,9 +130,9 @@ class HandStatus:
         self._problems: dict[str, str | None] = {"stage": None, "force": None}
         self.placed = self.zeroed = False
         self.ended_by: str | None = None
-        self.contact: KnownContact | None = None  # as it is on record
+        self.contact: KnownContact | None = None  # as recorded
 
-    # written
+    # --- written by one thread ---
 
     def seen(self, at: StageStatus | None) -> None:
         """Record the stage's status; None if it does not report."""
@@ -154,14 +154,14 @@ class HandStatus:
         unix_s = self._clock.unix_s() - (self._clock.monotonic_s() - reading.t_s)
         with self._lock:
             self._force_gwt, self._read_unix_s, self._problems["force"] = force_gwt, unix_s, None
-            place = (*self._place, self._height_mm)
-            self._backlog.add((round(unix_s, 3), round(reading.t_s, 3), round(force_gwt, 6), *place))
+            location = (*self._place, self._height_mm)
+            self._backlog.add((round(unix_s, 3), round(reading.t_s, 3), round(force_gwt, 6), *location))
 
     def unread(self, problem: str) -> None:
         """Record a failure of the sensor."""
         self._problems["force"] = problem
 
-    # read
+    # --- read by others ---
 
     def as_json(self, *, stopped: bool, since: int | None) -> dict[str, Any]:
         """Return the status; with `since`, include the readings from that number on."""
@@ -200,7 +200,7 @@ class HandStatus:
         }
 
     def _next(self, *, stopped: bool) -> str | None:
-        """Return what the operator must or should do next."""
+        """Return the next action for the operator, or None."""
         if stopped:
             return HOME_FIRST
         if self._problems["force"] is not None:
@@ -219,7 +219,7 @@ class HandLog:
     """Log of lines from any thread; each file begins with the wall time (unix_s) at its first t_s."""
 
     def __init__(self, clock: Clock) -> None:
-        """Raises OSError."""
+        """Create the first file. Raises OSError."""
         self._clock, self._lock = clock, threading.Lock()
         self._folder = state_folder() / "by_hand"
         self._folder.mkdir(parents=True, exist_ok=True)
@@ -237,7 +237,7 @@ class HandLog:
             self._bytes += len(text)
             if self._bytes >= FILE_BYTES:
                 full = self._file
-                with suppress(OSError):  # the full one goes on rather than none
+                with suppress(OSError):  # If no new file can be created, the full one continues.
                     self._begin()
                     full.__exit__(None, None, None)
 

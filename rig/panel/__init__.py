@@ -1,1 +1,1 @@
-"""The panel: a server on loopback that shows a run or the bench to a page, and passes on what that page asks for."""
+"""Panel: a server on loopback that shows a run or the bench on a page, and forwards the page's requests."""

@@ -1,8 +1,7 @@
-"""Who is let in: only what names this server, and changes something only from its own page, with its token.
+"""Gate of the panel: accepts requests that name this server, and changes only from its own page with its token.
 
-Against names that are pointed at this machine (DNS rebinding) the Host is looked at; against other pages of the same
-browser the Origin, and what the browser says of where a request comes from; against other users of this machine, who
-can connect but cannot read this process, the token.
+The Host header is checked against DNS rebinding, the Origin and Sec-Fetch headers against other pages of the same
+browser, and the token against other users of this machine, who can connect but cannot read this process.
 """
 
 import secrets
@@ -19,7 +18,7 @@ PAGE_POLICY = (
 FILE_POLICY = (
     "sandbox; default-src 'none'; img-src data:; style-src 'unsafe-inline'; font-src data:; frame-ancestors 'none'"
 )
-"""Content security policy of a run's own files: a browser may only display them."""
+"""Content security policy of a run's files: a browser may only display them."""
 
 _HEADERS = {
     "cache-control": "no-store",
@@ -58,7 +57,7 @@ class Gate:
             await JSONResponse({"ok": False, "problem": words, "code": code}, 403)(scope, receive, sent)
 
     def _problem(self, method: str, headers: Headers) -> tuple[str, str] | None:
-        """Why it is not let in: a code, and a line."""
+        """Return the code and the sentence of a refusal, or None."""
         hosts, origins = headers.getlist("host"), headers.getlist("origin")
         if len(hosts) != 1 or hosts[0].lower() not in self._hosts:
             return "foreign_host", f"host: must be {' or '.join(self._hosts)}"

@@ -1,4 +1,4 @@
-"""The panel as an application on loopback: its routes, behind its gate."""
+"""Panel application on loopback: its routes, behind the gate."""
 
 import asyncio
 import contextlib
@@ -35,7 +35,7 @@ STATIC = Path(__file__).parent / "static"
 
 
 def application(watcher: Watcher, bench: ByHandProcess, port: int, token: str) -> ASGIApp:
-    """Everything that is served; the watcher is looked after elsewhere."""
+    """Return the application; the caller runs the watcher."""
     files = RunFiles(watcher.out)
     routes = [
         Route("/", _page, methods=["GET"]),
@@ -59,12 +59,12 @@ async def _refused(request: Request, error: Exception) -> Response:
     if isinstance(error, RequestError):
         return JSONResponse({"ok": False, "problem": str(error), "code": error.code}, error.status)
     assert isinstance(error, HTTPException)
-    told = {"ok": False, "problem": error.detail, "code": HTTPStatus(error.status_code).name.lower()}
-    return JSONResponse(told, error.status_code, error.headers)
+    answer = {"ok": False, "problem": error.detail, "code": HTTPStatus(error.status_code).name.lower()}
+    return JSONResponse(answer, error.status_code, error.headers)
 
 
 class _Events:
-    """GET /events?tab=NAME: all that happens, as server-sent events."""
+    """Handler of GET /events?tab=NAME: server-sent events."""
 
     def __init__(self, watcher: Watcher) -> None:
         self._watcher = watcher
@@ -94,7 +94,7 @@ _SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if
 
 @dataclass(frozen=True)
 class Offered:
-    """What is served: runs below a folder, a bench where there is a configuration; the port, 0 for any."""
+    """Folder of runs, optional configuration of a bench, and port (0: any free one)."""
 
     out: Path
     config: Path | None = None
@@ -102,10 +102,10 @@ class Offered:
 
 
 class Panel:
-    """One server; `url` is known before it begins, and holds the token where no log has it."""
+    """Panel server; `url` is known before it starts, and contains the token in a part that is never logged."""
 
     def __init__(self, offered: Offered, find: Find = announced) -> None:
-        """Raises BadInputError, OSError where the port is taken."""
+        """Bind the port. Raises BadInputError, OSError if the port is taken."""
         config = None if offered.config is None else load_config(offered.config)
         self._socket = _bound(offered.port)
         self.port = int(self._socket.getsockname()[1])
@@ -120,13 +120,13 @@ class Panel:
 
     @property
     def url(self) -> str:
-        """For the browser's line, or to be clicked at; what is behind the # no server is told."""
+        """Address for the browser; the part after # is not sent to a server."""
         return f"http://{HOST}:{self.port}/#token={self._token}"
 
     def serve(self) -> None:
         """Serve until Ctrl-C, another terminating signal, or `end`; manual control then ends."""
         try:
-            with quick_switches(), contextlib.suppress(KeyboardInterrupt):  # where signals do not come to the loop
+            with quick_switches(), contextlib.suppress(KeyboardInterrupt):  # Signals may not reach the loop.
                 asyncio.run(self._serve())
         finally:
             self._socket.close()
@@ -139,28 +139,26 @@ class Panel:
         self._server.should_exit = True
 
     async def _serve(self) -> None:
-        """Whatever fails ends the panel, and is raised."""
+        """Serve, and raise the first failure."""
         self._end_at_signals()
         serving = asyncio.create_task(self._server.serve(sockets=[self._socket]))
-        looking = [asyncio.create_task(one.look_on()) for one in (self._watcher, self._drawer)]
-        await asyncio.wait([serving, *looking], return_when=asyncio.FIRST_COMPLETED)
+        polling = [asyncio.create_task(one.look_on()) for one in (self._watcher, self._drawer)]
+        await asyncio.wait([serving, *polling], return_when=asyncio.FIRST_COMPLETED)
         self._server.should_exit = True
         await serving
-        for task in looking:
+        for task in polling:
             task.cancel()
             with contextlib.suppress(asyncio.CancelledError):
                 await task
 
     def _end_at_signals(self) -> None:
         for number in _SIGNALS:
-            with contextlib.suppress(
-                NotImplementedError, RuntimeError, ValueError
-            ):  # elsewhere than in a main thread
+            with contextlib.suppress(NotImplementedError, RuntimeError, ValueError):  # outside of the main thread
                 asyncio.get_running_loop().add_signal_handler(number, self.end)
 
 
 class _Server(uvicorn.Server):
-    """Signals are the panel's; streams, which have no end of their own, are closed before it waits for them."""
+    """Server that leaves signals to the panel, and closes the endless streams before it waits for them."""
 
     def __init__(self, config: uvicorn.Config, close: Callable[[], None]) -> None:
         super().__init__(config)
@@ -168,11 +166,11 @@ class _Server(uvicorn.Server):
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
-        """They are left alone."""
+        """Leave signals alone."""
         yield
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
-        """End."""
+        """Close the streams, and shut down."""
         self._close()
         await super().shutdown(sockets)
 
@@ -194,7 +192,7 @@ def _quiet(app: object) -> uvicorn.Config:
 
 
 def _bound(port: int) -> socket.socket:
-    """Raises OSError, which names the port."""
+    """Return a listening socket. Raises OSError, which names the port."""
     found = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     try:
         found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

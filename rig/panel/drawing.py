@@ -1,4 +1,4 @@
-"""Draw the section of the finger and the indentor for a page, in a separate process."""
+"""Drawing of the section of the finger and the indentor for a page, in a separate process."""
 
 import asyncio
 import contextlib
@@ -36,7 +36,7 @@ from sim.workers import give_way, leaving_ctrl_c_to_us
 
 @dataclass(frozen=True)
 class PressSummary:
-    """One press of a run: its number among those of its purpose, its place and its target."""
+    """Press of a run: index among those of its purpose, position and target."""
 
     index: int
     purpose: str
@@ -47,7 +47,7 @@ class PressSummary:
 
 @dataclass(frozen=True)
 class Job:
-    """All that a drawing needs; config and, in a run's folder, its own copies of the files that shapes name."""
+    """Inputs of a drawing: configuration, run folder with copies of the shape files, indentor and press."""
 
     config: Path
     folder: Path | None = None
@@ -62,17 +62,17 @@ _GIVES_WAY = 10
 """Nice value of the drawing process, so that it yields to motion and to the model behind it."""
 
 DrawingAnswer = dict[str, Any]
-"""Draws `section`, with `prediction` for a press, or returns a `problem`."""
+"""Reply with `section`, `prediction` for a press, or `problem`."""
 
 
 class DrawingError(RigError):
-    """There is no drawing. One line."""
+    """Error of a missing drawing."""
 
     default_code = "not_drawn"
 
 
 class DrawingProcess:
-    """One job at a time; begun with the first, and anew where it is lost."""
+    """Process that draws one job at a time; started with the first job, and again after a loss."""
 
     def __init__(self) -> None:
         self._process: multiprocessing.process.BaseProcess | None = None
@@ -80,7 +80,7 @@ class DrawingProcess:
         self._changing = threading.Lock()
 
     def ask(self, job: Job) -> DrawingAnswer:
-        """Wait for a drawing. Raises DrawingError; a section that cannot be drawn is a `problem` in the answer."""
+        """Return a drawing. Raises DrawingError; a section that cannot be drawn is a `problem` in the reply."""
         try:
             near = self._begun()
             near.send(job)
@@ -95,12 +95,12 @@ class DrawingProcess:
         )
 
     def close(self) -> None:
-        """End it."""
+        """End the process."""
         with self._changing:
             process, near = self._process, self._near
             self._process = self._near = None
         if process is not None and near is not None:
-            process.kill()  # first: whoever waits for its answer sees that it has ended
+            process.kill()  # First, so that a waiting thread notices the end.
             process.join()
             near.close()
 
@@ -125,32 +125,32 @@ def _serve(far: "Connection[DrawingAnswer, Job]") -> None:
             far.send(drawn(far.recv()))
 
 
-_LOOK_S = 0.05
+_POLL_S = 0.05
 NO_CURVE: DrawingAnswer = {"doi_mm": None, "force_gwt": None}
 
 
 class Drawer:
     """Draws the latest requested section; superseded requests are dropped."""
 
-    def __init__(self, wanted: Callable[[], Job | None], outlet: Outlet, clock: Clock) -> None:
-        self._wanted, self._outlet, self._clock = wanted, outlet, clock
+    def __init__(self, request: Callable[[], Job | None], outlet: Outlet, clock: Clock) -> None:
+        self._request, self._outlet, self._clock = request, outlet, clock
         self.process = DrawingProcess()
         self._thread = ThreadPoolExecutor(1, "drawing")
         self._drawn: Job | None = None
-        self._told_of: Job | None = None
+        self._announced_for: Job | None = None
 
     async def look_on(self) -> None:
         """Draw until cancelled."""
         while True:
             await self.look()
-            await asyncio.sleep(_LOOK_S)
+            await asyncio.sleep(_POLL_S)
 
     async def look(self) -> None:
-        """Draw the missing parts: finger and indentor first, since solving takes longer."""
-        job = self._wanted()
-        if job != self._told_of:
-            self._told_of = job
-            self._foresee(job, NO_CURVE)
+        """Draw the next part: finger and indentor first, since solving takes longer."""
+        job = self._request()
+        if job != self._announced_for:
+            self._announced_for = job
+            self._publish_prediction(job, NO_CURVE)
         if job is None or job == self._drawn:
             return
         still = replace(job, press=None)
@@ -161,20 +161,20 @@ class Drawer:
 
     async def _draw(self, job: Job) -> None:
         try:
-            told = await asyncio.get_running_loop().run_in_executor(self._thread, self.process.ask, job)
+            section = await asyncio.get_running_loop().run_in_executor(self._thread, self.process.ask, job)
         except DrawingError as error:
-            told = {"problem": str(error), "code": error.code}
+            section = {"problem": str(error), "code": error.code}
         self._drawn = job
-        prediction = told.pop("prediction", NO_CURVE)
-        self._outlet.publish("section", {**self._of(job), "skin": [], **told})
-        if job.press is not None and job == self._wanted():
-            self._foresee(job, prediction)
+        prediction = section.pop("prediction", NO_CURVE)
+        self._outlet.publish("section", {**self._about(job), "skin": [], **section})
+        if job.press is not None and job == self._request():
+            self._publish_prediction(job, prediction)
 
-    def _foresee(self, job: Job | None, curve: DrawingAnswer) -> None:
-        self._outlet.publish("prediction", {**self._of(job), **curve})
+    def _publish_prediction(self, job: Job | None, curve: DrawingAnswer) -> None:
+        self._outlet.publish("prediction", {**self._about(job), **curve})
 
-    def _of(self, job: Job | None) -> dict[str, Any]:
-        """Of what it is."""
+    def _about(self, job: Job | None) -> dict[str, Any]:
+        """Return the fields that identify a drawing."""
         press = None if job is None else job.press
         return {
             "unix_s": self._clock.unix_s(),
@@ -185,7 +185,7 @@ class Drawer:
         }
 
     def close(self) -> None:
-        """End the process that draws."""
+        """End the drawing process."""
         self.process.close()
         self._thread.shutdown(wait=False)
 
@@ -203,7 +203,7 @@ _DIGITS = 4
 def finger_outlines(
     config: FingertipConfig, surface: FingertipSurface, z_mm: float, apex_mm: float
 ) -> dict[str, Line | list[Line]]:
-    """Skin, layers below it, bone and nail of the section at z; heights from the nominal apex, at `apex_mm`."""
+    """Return skin, layers, bone and nail of the section at z; heights from the nominal apex at `apex_mm`."""
     phi = np.linspace(-math.pi, math.pi, _ANGLES)
     nodes, layer = nodes_on_rays(config, surface, phi, np.array([z_mm]))
     changes = np.flatnonzero(np.diff(layer)) + 1
@@ -223,7 +223,7 @@ def _nail(config: FingertipConfig, surface: FingertipSurface, z_mm: float, apex_
 
 
 def indentor_outline(indentor: Indentor) -> Line:
-    """The indentor cut through its reference point, across the finger; its lowest point is at height 0."""
+    """Return the outline of the indentor through its reference point, across the finger; its lowest point is at 0."""
     s = np.arange(-_REACH_MM, _REACH_MM + 0.5 * _STEP_MM, _STEP_MM)
     offset = {X: s, Z: np.zeros_like(s)}
     height = indentor.evaluate(np.stack([offset[axis] for axis in indentor.axes])).height_mm
@@ -247,8 +247,8 @@ DEPTHS = 8
 NONE: dict[str, Any] = {"doi_mm": None, "force_gwt": None}
 
 
-def foreseen(finger: Fingertip, shape: Indentor, press: PressSummary) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the predicted curve up to the target, with skin and contact at it; empty without a prediction."""
+def predicted(finger: Fingertip, shape: Indentor, press: PressSummary) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the predicted curve, with skin and contact at the target; empty without a prediction."""
     try:
         x_mm, ways = shape.lateral_mm(press.x_mm), finger.keeping_ways()
         last = ways.indent(shape, x_mm, **{press.target: press.value})  # type: ignore[arg-type]
@@ -257,8 +257,11 @@ def foreseen(finger: Fingertip, shape: Indentor, press: PressSummary) -> tuple[d
     except ModelRangeError as error:
         return {**NONE, "problem": str(error), "code": code_of(error)}, {}
     curve = [one for one in [*found, last] if one.state.converged]
-    told = {"doi_mm": [0.0, *(one.doi_mm for one in curve)], "force_gwt": [0.0, *(one.force_gwt for one in curve)]}
-    return told, _at_target(last, finger.apex_height_mm) if last.state.converged else {}
+    prediction = {
+        "doi_mm": [0.0, *(one.doi_mm for one in curve)],
+        "force_gwt": [0.0, *(one.force_gwt for one in curve)],
+    }
+    return prediction, _at_target(last, finger.apex_height_mm) if last.state.converged else {}
 
 
 def _at_target(found: IndentationResult, apex_mm: float) -> dict[str, Any]:
@@ -276,28 +279,28 @@ def drawn(job: Job) -> Drawing:
     """Return the section of a job, with `prediction` for a press; a failure is in `problem`."""
     try:
         config = _finger_config(job.config, _written_ns(job.config))
-        told = _still(config, job)
-        return told if job.press is None else _pressed(config, job, told)
+        section = _still(config, job)
+        return section if job.press is None else _pressed(config, job, section)
     except (BadInputError, ShapeError, OSError) as error:
         return {"problem": str(error), "code": code_of(error)}
-    except Exception as error:  # a scene beyond the model must not end this process
+    except Exception as error:  # A scene beyond the model must not end this process.
         return {"problem": f"{type(error).__name__}: {error}", "code": code_of(error)}
 
 
 def _still(config: FingertipConfig, job: Job) -> Drawing:
-    """Finger and indentor, with nothing solved."""
+    """Return finger and indentor without solving."""
     surface = FingertipSurface.fit(config.geometry)
     ridge = surface.ridge
     apex_mm = float(ridge(ridge.derivative().roots(extrapolate=False)).max())
-    told: Drawing = finger_outlines(config, surface, config.receptor_plane_mm + job.along_mm, apex_mm)
-    told["indentor"] = None if job.indentor is None else indentor_outline(_shape(job))
-    return {**told, "along_mm": job.along_mm}
+    section: Drawing = finger_outlines(config, surface, config.receptor_plane_mm + job.along_mm, apex_mm)
+    section["indentor"] = None if job.indentor is None else indentor_outline(_shape(job))
+    return {**section, "along_mm": job.along_mm}
 
 
-def _pressed(config: FingertipConfig, job: Job, told: Drawing) -> Drawing:
+def _pressed(config: FingertipConfig, job: Job, section: Drawing) -> Drawing:
     assert job.press is not None
-    prediction, at_target = foreseen(_finger(config), _shape(job), job.press)
-    return {**told, **at_target, "prediction": prediction}
+    prediction, at_target = predicted(_finger(config), _shape(job), job.press)
+    return {**section, **at_target, "prediction": prediction}
 
 
 def _shape(job: Job) -> Indentor:

@@ -1,4 +1,4 @@
-"""Processes that own ports, the one behind the panel among them, and which tab has the controls."""
+"""Processes that own ports, including the panel's own one, and the tab that has control."""
 
 import asyncio
 import subprocess
@@ -16,11 +16,11 @@ from rig.control.client import ControlError, RefusedError
 from rig.errors import RigError
 
 STOP_S = 3.0
-"""Time (s) for which the panel polls an owner after a stop, until the drives report that they stand."""
+"""Time for an owner to confirm a stop (s), until the drives report rest."""
 
 
 class Owner(Protocol):
-    """A process that owns ports (rig/control/client.py: Announced)."""
+    """Process that owns ports (rig/control/client.py: Announced)."""
 
     @property
     def pid(self) -> int: ...
@@ -36,11 +36,11 @@ class Owner(Protocol):
     def began_unix_s(self) -> float: ...
 
     def ask(self, do: str, *, within_s: float = ..., **more: Any) -> dict[str, Any]:
-        """Its answer. Raises RefusedError, ControlError."""
+        """Return the reply. Raises RefusedError, ControlError."""
         ...
 
     def say_stop(self) -> Callable[[float], dict[str, Any]]:
-        """Send a stop without waiting; the returned function waits for the answer. Raises ControlError."""
+        """Send a stop without waiting; the returned function waits for the reply. Raises ControlError."""
         ...
 
 
@@ -52,8 +52,8 @@ def shown(owners: Sequence[Owner]) -> Owner | None:
     return max(owners, key=lambda one: (not one.virtual, one.began_unix_s), default=None)
 
 
-def owner_told(owner: Owner, status: dict[str, Any] | None) -> dict[str, Any]:
-    """`owner` of the state; status: its last answer, None where it gave none."""
+def owner_state(owner: Owner, status: dict[str, Any] | None) -> dict[str, Any]:
+    """Return `owner` of the state; status: its last reply, or None."""
     return {
         "kind": owner.kind,
         "pid": owner.pid,
@@ -67,53 +67,53 @@ def owner_told(owner: Owner, status: dict[str, Any] | None) -> dict[str, Any]:
 
 
 def run_of(owner: Owner) -> Path | None:
-    """The folder of the owner's run, once it exists."""
+    """Return the folder of the owner's run, once it exists."""
     return None if owner.run is None else Path(owner.run)
 
 
-class NobodyError(RigError):
-    """No owner exists for the request."""
+class NoOwnerError(RigError):
+    """Error of a request without an owner."""
 
     default_code = "nobody"
 
 
-def asked(owner: Owner | None, kind: str, do: str, within_s: float, **more: Any) -> dict[str, Any]:
-    """An owner's answer. Raises NobodyError where it is none of that kind, RefusedError, ControlError."""
+def ask_owner(owner: Owner | None, kind: str, do: str, within_s: float, **more: Any) -> dict[str, Any]:
+    """Return an owner's reply. Raises NoOwnerError if its kind is another, RefusedError, ControlError."""
     if owner is None or owner.kind != kind:
         if kind == "run":
-            raise NobodyError("no protocol is running", code="no_run")
-        raise NobodyError("manual control is off; take control first", code="bench_not_taken")
+            raise NoOwnerError("no protocol is running", code="no_run")
+        raise NoOwnerError("manual control is off; take control first", code="bench_not_taken")
     return owner.ask(do, within_s=within_s, **more)
 
 
-Said = Mapping[int, Callable[[float], dict[str, Any]]]
-"""Owners that were requested to stop, by process, with the functions that receive their answers."""
+SentStops = Mapping[int, Callable[[float], dict[str, Any]]]
+"""Owners that received a stop, by process, with the functions that wait for their replies."""
 
 
-def say_stop(owners: Sequence[Owner]) -> Said:
+def say_stop(owners: Sequence[Owner]) -> SentStops:
     """Send a stop to every real owner and to the shown one, without waiting; skip unreachable owners."""
-    said = {}
+    sent = {}
     for one in _to_be_stopped(owners):
         with suppress(ControlError):
-            said[one.pid] = one.say_stop()
-    return said
+            sent[one.pid] = one.say_stop()
+    return sent
 
 
-def stop_all(owners: Sequence[Owner], said: Said, pool: ThreadPoolExecutor) -> dict[str, Any]:
-    """Stop the remaining owners in parallel, and return the answers of all.
+def stop_all(owners: Sequence[Owner], sent: SentStops, pool: ThreadPoolExecutor) -> dict[str, Any]:
+    """Stop the remaining owners in parallel, and return the result for all.
 
-    Raises NobodyError without an owner, ControlError if one does not answer, RefusedError if all refuse.
+    Raises NoOwnerError without an owner, ControlError if one does not respond, RefusedError if all refuse.
     """
-    there = _to_be_stopped(owners)
-    if not there:
-        raise NobodyError("no process owns the ports, so there is nothing to stop", code="nothing_to_stop")
-    stopping = partial(_stopped, said)
-    others = pool.map(stopping, there[1:])
-    answers = [stopping(there[0]), *others]
+    targets = _to_be_stopped(owners)
+    if not targets:
+        raise NoOwnerError("no process owns the ports, so there is nothing to stop", code="nothing_to_stop")
+    stopping = partial(_stopped, sent)
+    other_answers = pool.map(stopping, targets[1:])
+    answers = [stopping(targets[0]), *other_answers]
     for problem in answers:
         if isinstance(problem, ControlError) and not isinstance(problem, RefusedError):
             raise problem
-    stopped = [one.pid for one, answer in zip(there, answers, strict=True) if not isinstance(answer, ControlError)]
+    stopped = [one.pid for one, answer in zip(targets, answers, strict=True) if not isinstance(answer, ControlError)]
     if not stopped:
         raise RefusedError("{problems}", code="all_refuse", problems="; ".join(map(str, answers)))
     return {"stopped": stopped, "words": f"the stop reached process {', '.join(map(str, stopped))}"}
@@ -123,10 +123,10 @@ def _to_be_stopped(owners: Sequence[Owner]) -> list[Owner]:
     return [one for one in owners if not one.virtual or one is shown(owners)]
 
 
-def _stopped(said: Said, owner: Owner) -> dict[str, Any] | ControlError:
-    answered = said.get(owner.pid)
+def _stopped(sent: SentStops, owner: Owner) -> dict[str, Any] | ControlError:
+    wait_for_reply = sent.get(owner.pid)
     try:
-        answer = owner.ask("stop", within_s=STOP_S) if answered is None else answered(STOP_S)
+        answer = owner.ask("stop", within_s=STOP_S) if wait_for_reply is None else wait_for_reply(STOP_S)
     except ControlError as error:
         return error
     if "unconfirmed" in answer:
@@ -138,11 +138,11 @@ def _stopped(said: Said, owner: Owner) -> dict[str, Any] | ControlError:
 
 
 READY_S = 15.0
-_LOOK_S = 0.05
+_POLL_S = 0.05
 
 
 class NotTakenError(RigError):
-    """The bench could not be taken. One line."""
+    """Error of manual control that did not start or end."""
 
     default_code = "not_taken"
 
@@ -153,12 +153,12 @@ def words(config: Path | None) -> list[str]:
 
 
 class ByHandProcess:
-    """At most one; it owns the ports, and ends with this process."""
+    """Process of manual control, at most one; it owns the ports, and ends with the panel."""
 
     def __init__(self, config: Path | None, find: Find) -> None:
         self._config, self._find = config, find
         self._process: subprocess.Popen[bytes] | None = None
-        self._said: IO[bytes] | None = None
+        self._output: IO[bytes] | None = None
         self._taking = asyncio.Lock()
 
     async def take(self) -> None:
@@ -169,7 +169,7 @@ class ByHandProcess:
             await self.ended()
             self.forget()
             self._process = self._begun()
-            for _ in range(round(READY_S / _LOOK_S)):
+            for _ in range(round(READY_S / _POLL_S)):
                 if await asyncio.to_thread(self._announced):
                     return
                 if self._process.poll() is not None:
@@ -177,7 +177,7 @@ class ByHandProcess:
                         raise NotTakenError("{said}", code="refused", said=self.last_words)
                     code = self._process.returncode
                     raise NotTakenError("it ended with exit code {exit_code}", code="ended", exit_code=code)
-                await asyncio.sleep(_LOOK_S)
+                await asyncio.sleep(_POLL_S)
             self._process.terminate()
             raise NotTakenError(
                 "manual control did not start within {within_s:g} s", code="no_reply", within_s=READY_S
@@ -185,14 +185,14 @@ class ByHandProcess:
 
     async def ended(self) -> None:
         """Wait until the process has ended; it holds the ports longer than its announcement. Raises NotTakenError."""
-        for _ in range(round(READY_S / _LOOK_S)):
+        for _ in range(round(READY_S / _POLL_S)):
             if self._process is None or self._process.poll() is not None:
                 return
-            await asyncio.sleep(_LOOK_S)
+            await asyncio.sleep(_POLL_S)
         raise NotTakenError("manual control did not end within {within_s:g} s", code="not_left", within_s=READY_S)
 
     def leave(self) -> None:
-        """Have it leave the bench, where it is there."""
+        """End manual control, if it runs."""
         if self._process is None or self._process.poll() is not None:
             return
         for owner in self._find():
@@ -204,81 +204,81 @@ class ByHandProcess:
 
     def forget(self) -> None:
         """Forget the output of the last process."""
-        if self._said is not None:
-            self._said.close()
-            self._said = None
+        if self._output is not None:
+            self._output.close()
+            self._output = None
 
     @property
     def last_words(self) -> str:
         """Return the last line of a process that ended unexpectedly, else nothing."""
-        if self._said is None or self._process is None or self._process.poll() in (None, 0):
+        if self._output is None or self._process is None or self._process.poll() in (None, 0):
             return ""
-        self._said.seek(0)
-        said = self._said.read().decode("utf-8", "replace").strip().splitlines()
-        return said[-1].removeprefix("rig: ") if said else ""
+        self._output.seek(0)
+        lines = self._output.read().decode("utf-8", "replace").strip().splitlines()
+        return lines[-1].removeprefix("rig: ") if lines else ""
 
     def _begun(self) -> "subprocess.Popen[bytes]":
-        self._said = tempfile.TemporaryFile()  # noqa: SIM115  # until it is forgotten
+        self._output = tempfile.TemporaryFile()  # noqa: SIM115  # open until forget()
         return subprocess.Popen(
             words(self._config),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
-            stderr=self._said,
-            start_new_session=True,  # Ctrl-C is the panel's
+            stderr=self._output,
+            start_new_session=True,  # Ctrl-C ends the panel, not this process.
         )
 
     def _announced(self) -> bool:
         process = self._process
-        there = process is not None and process.poll() is None
-        return there and any(owner.pid == process.pid for owner in self._find() if process is not None)
+        alive = process is not None and process.poll() is None
+        return alive and any(owner.pid == process.pid for owner in self._find() if process is not None)
 
 
 GONE_S = 5.0
-"""Time in s after which a tab that sends no requests counts as closed."""
+"""Time after which a tab that sends no requests counts as closed (s)."""
 
 
 class Tabs:
-    """The tabs that monitor the rig, and the tab that has control."""
+    """Tabs that monitor the rig, and the tab that has control."""
 
     def __init__(self) -> None:
         self.holder: str | None = None
-        self._looking: Counter[str] = Counter()
-        self._heard_s = 0.0
+        self._open: Counter[str] = Counter()
+        self._active_s = 0.0
         self._released = 0
 
     def opened(self, tab: str) -> None:
         """Register a tab."""
-        self._looking[tab] += 1
+        self._open[tab] += 1
 
     def closed(self, tab: str, now_s: float) -> None:
-        """It does so no more."""
-        self._looking[tab] -= 1
-        if self._looking[tab] <= 0:
-            del self._looking[tab]
+        """Remove a tab."""
+        self._open[tab] -= 1
+        if self._open[tab] <= 0:
+            del self._open[tab]
         if tab == self.holder:
-            self._heard_s = now_s
+            self._active_s = now_s
 
     def take(self, tab: str, now_s: float) -> None:
-        """The controls are its own from here on."""
+        """Give a tab control."""
         if tab != self.holder:
             self._released = 0
-        self.holder, self._heard_s = tab, now_s
+        self.holder, self._active_s = tab, now_s
 
     def may(self, tab: str, now_s: float) -> bool:
         """Return whether a tab has control; the first tab that sends a request gets it."""
         if self.holder is None:
             self.take(tab, now_s)
         if tab == self.holder:
-            self._heard_s = now_s
+            self._active_s = now_s
         return tab == self.holder
 
     def look(self, now_s: float) -> None:
-        """Whoever has left gives the controls back."""
-        if self.holder is not None and self.holder not in self._looking and now_s - self._heard_s > GONE_S:
+        """Release the control of a tab that was closed."""
+        if self.holder is not None and self.holder not in self._open and now_s - self._active_s > GONE_S:
             self.holder = None
 
     def release(self, press: int) -> None:
-        """A button was let go; nothing more comes of what was pressed before."""
+        """Record the release of a button, which cancels all earlier presses."""
         self._released = max(self._released, press)
 
     def is_released(self, press: int) -> bool:

@@ -18,7 +18,16 @@ from rig.control.stop import BESIDE_S, SentStop, send_stop
 from rig.devices.registry import stage_ports
 from rig.errors import RigError
 from rig.panel.access import TAB_HEADER
-from rig.panel.owners import ByHandProcess, NobodyError, NotTakenError, Owner, Said, asked, say_stop, stop_all
+from rig.panel.owners import (
+    ByHandProcess,
+    NoOwnerError,
+    NotTakenError,
+    Owner,
+    SentStops,
+    ask_owner,
+    say_stop,
+    stop_all,
+)
 from rig.panel.watcher import Watcher
 from rig.settings import BenchSettings
 
@@ -30,18 +39,18 @@ _STATUS = {"no_such_run": 404, "no_such_file": 404, "body_too_large": 413, "cont
 
 
 class RequestError(RigError):
-    """A request that is not understood, or for something that there is not. One line."""
+    """Error of an invalid request, or of one for a missing run or file."""
 
     default_code = "bad_request"
 
     @property
     def status(self) -> int:
-        """Of HTTP."""
+        """HTTP status."""
         return _STATUS.get(self.code, 400)
 
 
 async def body_of(request: Request) -> dict[str, Any]:
-    """The JSON object that was sent. Raises RequestError."""
+    """Return the JSON object of a request. Raises RequestError."""
     if request.headers.get("content-type", "").partition(";")[0].strip() != "application/json":
         raise RequestError("content-type: must be application/json", code="content_type")
     found = bytearray()
@@ -50,12 +59,12 @@ async def body_of(request: Request) -> dict[str, Any]:
         if len(found) > MOST_BYTES:
             raise RequestError("body: at most {most} bytes are allowed", code="body_too_large", most=MOST_BYTES)
     try:
-        told = json.loads(found, parse_constant=_no_number)
+        document = json.loads(found, parse_constant=_no_number)
     except (ValueError, RecursionError):
         raise RequestError("body: must be a JSON object", code="no_json_object") from None
-    if not isinstance(told, dict):
+    if not isinstance(document, dict):
         raise RequestError("body: must be a JSON object", code="no_json_object")
-    return told
+    return document
 
 
 def _no_number(name: str) -> float:
@@ -67,7 +76,7 @@ def _not_understood(code: str, key: str, expected: str) -> RequestError:
 
 
 class HeldButton(NamedTuple):
-    """A button that is down: which way, how fast, which press of it, and when the page said so."""
+    """Button that is held: axis, sign, speed, number of the press, and time by the page."""
 
     axis: Literal["x", "y", "z"]
     sign: Literal[-1, 1]
@@ -77,7 +86,7 @@ class HeldButton(NamedTuple):
 
     @classmethod
     def of(cls, body: Mapping[str, Any]) -> "HeldButton":
-        """Raises RequestError."""
+        """Validate a request. Raises RequestError."""
         axis, sign = body.get("axis"), body.get("sign")
         if axis not in _AXES:
             raise _not_understood("unknown_choice", "axis", "x, y or z")
@@ -90,7 +99,7 @@ class HeldButton(NamedTuple):
 
 
 def number(name: str, body: Mapping[str, Any]) -> float:
-    """A finite one. Raises RequestError."""
+    """Return a finite number. Raises RequestError."""
     found = body.get(name)
     if isinstance(found, bool) or not isinstance(found, int | float) or not abs(found) <= _LARGEST:
         raise _not_understood("not_a_number", name, "a number")
@@ -98,7 +107,7 @@ def number(name: str, body: Mapping[str, Any]) -> float:
 
 
 def whole(name: str, body: Mapping[str, Any]) -> int:
-    """A whole number from 0. Raises RequestError."""
+    """Return a whole number from 0. Raises RequestError."""
     found = body.get(name)
     if type(found) is not int or found < 0:
         raise _not_understood("not_whole", name, "a whole number")
@@ -106,7 +115,7 @@ def whole(name: str, body: Mapping[str, Any]) -> int:
 
 
 def flag(name: str, body: Mapping[str, Any]) -> bool:
-    """True or false, which it is where nothing is said. Raises RequestError."""
+    """Return a Boolean, false by default. Raises RequestError."""
     found = body.get(name, False)
     if type(found) is not bool:
         raise _not_understood("not_a_flag", name, "true or false")
@@ -114,25 +123,25 @@ def flag(name: str, body: Mapping[str, Any]) -> bool:
 
 
 Answer = TypeVar("Answer")
-Given = TypeVar("Given")
+First = TypeVar("Given")
 
 
-class Few:
-    """So many at once, each in a thread; what comes while all are busy is refused, and waits nowhere."""
+class BoundedPool:
+    """Thread pool that rejects work when all threads are busy."""
 
     def __init__(self, threads: int, name: str, problem: str, code: str = "busy") -> None:
-        """problem, code: the answer while all threads are busy."""
+        """problem, code: reply while all threads are busy."""
         self._pool, self._problem, self._code = ThreadPoolExecutor(threads, name), problem, code
         self._idle = threading.Semaphore(threads)
 
     def begin(self, do: Callable[[], Answer]) -> "asyncio.Future[Answer]":
-        """Have it done. Raises ControlError."""
+        """Run a function in a thread. Raises ControlError."""
         return self.begin_behind(lambda: None, lambda _: do())
 
-    def begin_behind(self, first: Callable[[], Given], do: Callable[[Given], Answer]) -> "asyncio.Future[Answer]":
-        """Have it done with what comes of `first`, which is done here and now: a thread may wait for its turn.
+    def begin_behind(self, first: Callable[[], First], do: Callable[[First], Answer]) -> "asyncio.Future[Answer]":
+        """Call `first` in this thread at once, and pass its result to `do` in another one, which may have to wait.
 
-        Raises ControlError, and then neither is done.
+        Raises ControlError, and then calls neither.
         """
         if not self._idle.acquire(blocking=False):
             raise ControlError(self._problem, code=self._code)
@@ -149,7 +158,7 @@ Body = Mapping[str, Any]
 PostAnswer = Mapping[str, Any]
 
 HELD_S = 0.25
-"""Age in s from which a press of a button no longer counts."""
+"""Age from which a press of a button no longer counts (s)."""
 _ANSWER_S, _HOLD_S, _STOP_S = 1.0, 0.2, 0.25
 _THREADS, _MOST_STOPS = 4, 16
 _MOST_HELD = 3
@@ -159,20 +168,20 @@ _NOT_YET_CODE = "not_answered_yet"
 
 
 class Posts:
-    """The requests that change something, of pages that were let in."""
+    """Handlers of the requests that change something."""
 
     def __init__(self, watcher: Watcher, bench: ByHandProcess) -> None:
         self._watcher, self._bench = watcher, bench
-        self._asking = Few(_THREADS, "post", "the previous request is still pending; wait for its answer")
-        self._holding = Few(
+        self._asking = BoundedPool(_THREADS, "post", "the previous request is still pending; wait for its answer")
+        self._holding = BoundedPool(
             _MOST_HELD, "hold", "the owner of the ports has not answered yet; wait, or use the emergency stop"
         )
-        self._stopping = Few(_MOST_STOPS, "stop", _NOT_YET, _NOT_YET_CODE)
+        self._stopping = BoundedPool(_MOST_STOPS, "stop", _NOT_YET, _NOT_YET_CODE)
         self._each = ThreadPoolExecutor(64, "stopped")
 
     @property
     def routes(self) -> list[Route]:
-        """Every one of them."""
+        """Routes of all requests."""
         with_controls: dict[str, Callable[[str, Body], Awaitable[PostAnswer]]] = {
             "pause": self._of_the_run("pause"),
             "go_on": self._of_the_run("go_on"),
@@ -187,14 +196,14 @@ class Posts:
         free = {"stop": self._stop, "take": self._take}
         return routes + [Route(f"/{name}", self._answered(do), methods=["POST"]) for name, do in free.items()]
 
-    # --- how they are answered ---
+    # --- replies ---
 
     def _guarded(self, do: Callable[[str, Body], Awaitable[PostAnswer]]) -> Callable[[Request], Awaitable[Response]]:
-        """Only for the tab that has the controls."""
+        """Allow a request only from the tab that has control."""
 
         async def guarded(tab: str, body: Body) -> PostAnswer:
             if not self._watcher.tabs.may(tab, self._watcher.clock.monotonic_s()):
-                raise NobodyError("another tab has control; take control first", code="another_tab")
+                raise NoOwnerError("another tab has control; take control first", code="another_tab")
             return await do(tab, body)
 
         return self._answered(guarded)
@@ -206,14 +215,14 @@ class Posts:
                 raise RequestError("{header}: must be the name of the tab", code="no_tab", header=TAB_HEADER)
             try:
                 return JSONResponse({"ok": True, "problem": None, **await do(tab, body)})
-            except (NobodyError, RefusedError) as error:
+            except (NoOwnerError, RefusedError) as error:
                 return _problem(409, error)
             except (ControlError, NotTakenError) as error:
                 return _problem(503, error)
 
         return answered
 
-    # --- what is done ---
+    # --- actions ---
 
     async def _take(self, tab: str, body: Body) -> PostAnswer:
         self._watcher.tabs.take(tab, self._watcher.clock.monotonic_s())
@@ -222,7 +231,7 @@ class Posts:
     async def _stop(self, tab: str, body: Body) -> PostAnswer:
         """Send the stop at once, in this thread, to every known owner.
 
-        Other threads find new owners and wait shortly for the answers.
+        Other threads find new owners and wait briefly for the replies.
         """
         asking = self._stopping.begin_behind(lambda: say_stop(self._watcher.owners), self._stop_all)
         done, _ = await asyncio.wait({asking}, timeout=_STOP_S)
@@ -233,8 +242,8 @@ class Posts:
             raise answer
         return answer
 
-    def _stop_all(self, said: Said) -> PostAnswer | NobodyError | ControlError:
-        """Return the outcome of a stop; a failure is an answer too, since the page may have gone."""
+    def _stop_all(self, stops: SentStops) -> PostAnswer | NoOwnerError | ControlError:
+        """Return the result of a stop; a failure is also returned, since the page may have gone."""
         try:
             owners = self._watcher.find()
         except OSError:
@@ -242,17 +251,17 @@ class Posts:
         settings, answered = self._watcher.bench.settings, threading.Event()
         sent = None if settings is None else self._each.submit(_sent_where_nobody_lives, settings, owners, answered)
         try:
-            return stop_all(owners, said, self._each)
+            return stop_all(owners, stops, self._each)
         except RefusedError as error:
             return error
-        except (NobodyError, ControlError) as error:
+        except (NoOwnerError, ControlError) as error:
             answered.set()
             if settings is None or sent is None:
                 return error
             stop = sent.result() or send_stop(settings)
             if stop.done:
                 return {"stopped": list(stop.told), "words": stop.words}
-            words = stop.words if isinstance(error, NobodyError) else f"{error}. {stop.words}"
+            words = stop.words if isinstance(error, NoOwnerError) else f"{error}. {stop.words}"
             return ControlError("{words}", code="not_confirmed" if stop.sent else "not_sent", words=words)
         finally:
             answered.set()
@@ -284,21 +293,21 @@ class Posts:
 
     def _refuse_a_busy_bench(self) -> None:
         if not self._watcher.bench.configured:
-            raise NobodyError("no configuration; restart rig panel with --config", code="no_bench")
+            raise NoOwnerError("no configuration; restart rig panel with --config", code="no_bench")
         ports = set(self._watcher.bench.ports)
         for owner in self._watcher.owners:
             if owner.kind == "run" and ports & set(owner.ports):
-                raise NobodyError(
+                raise NoOwnerError(
                     "a run owns the ports (process {pid}); end it first", code="ports_taken", pid=owner.pid
                 )
 
     async def _hold(self, tab: str, body: Body) -> PostAnswer:
-        """Passed on at once and while it is fresh: nothing that waited somewhere moves anything."""
+        """Forward the signal at once and only while it is fresh, so that no delayed signal moves the stage."""
         button = HeldButton.of(body)
         if self._watcher.tabs.is_released(button.press):
-            raise NobodyError("the button was released; press it again", code="let_go")
+            raise NoOwnerError("the button was released; press it again", code="let_go")
         if abs(self._watcher.clock.unix_s() - button.unix_s) > HELD_S:
-            raise NobodyError(
+            raise NoOwnerError(
                 "the press is older than {most_s:g} s, or from another clock; press the button again",
                 code="too_old",
                 most_s=HELD_S,
@@ -306,7 +315,7 @@ class Posts:
         answer = self._asked(self._holding, "by hand", "hold", _HOLD_S, tab=tab, **button._asdict())
         try:
             return await answer
-        except (ControlError, NobodyError):
+        except (ControlError, NoOwnerError):
             self._watcher.tabs.release(button.press)
             raise
 
@@ -315,15 +324,15 @@ class Posts:
         self._watcher.tabs.release(press)
         return await self._asked(self._asking, "by hand", "release", _ANSWER_S, tab=tab, press=press)
 
-    def _asked(self, few: Few, kind: str, do: str, within_s: float, **more: Any) -> Awaitable[PostAnswer]:
-        """Return the answer of the shown owner. Raises ControlError if too many requests are pending."""
-        return few.begin(partial(asked, self._watcher.owner, kind, do, within_s, **more))
+    def _asked(self, few: BoundedPool, kind: str, do: str, within_s: float, **more: Any) -> Awaitable[PostAnswer]:
+        """Return the reply of the shown owner. Raises ControlError if too many requests are pending."""
+        return few.begin(partial(ask_owner, self._watcher.owner, kind, do, within_s, **more))
 
 
 def _sent_where_nobody_lives(
     settings: BenchSettings, owners: Sequence[Owner], answered: threading.Event
 ) -> SentStop | None:
-    """Send the stop directly to the drives if no owner answers at once; None if one does."""
+    """Send the stop directly to the drives if no owner responds at once; None if one does."""
     if owners and answered.wait(BESIDE_S):
         return None
     of_the_bench = [one for one in owners if set(one.ports) & set(stage_ports(settings.stage))]

@@ -1,4 +1,4 @@
-"""The runs that there are, and the files of each: below one folder, and nothing else."""
+"""Runs below one folder, and their files."""
 
 import asyncio
 import mimetypes
@@ -31,33 +31,33 @@ class RunFiles:
         self._out = out
 
     async def catalogue(self, request: Request) -> Response:
-        """GET /runs.json: the newest first, by subject, shape, protocol, state; limit."""
-        asked = request.query_params
-        limit = asked.get("limit", str(_MOST_RUNS))
+        """Handle GET /runs.json: the newest first, filtered by subject, shape, protocol and state; limit."""
+        query = request.query_params
+        limit = query.get("limit", str(_MOST_RUNS))
         if not (limit.isascii() and limit.isdecimal()):
             raise RequestError("limit {value!r}: must be a number", code="not_a_number", key="limit", value=limit)
-        subject, shape, protocol, state = (asked.get(name) or None for name in _FILTERS)
-        wanted = RunFilter(subject, shape, protocol, state)
-        return JSONResponse(await asyncio.to_thread(self._told, wanted, int(limit)))
+        subject, shape, protocol, state = (query.get(name) or None for name in _FILTERS)
+        run_filter = RunFilter(subject, shape, protocol, state)
+        return JSONResponse(await asyncio.to_thread(self._catalogue, run_filter, int(limit)))
 
-    def _told(self, wanted: RunFilter, limit: int) -> dict[str, Any]:
+    def _catalogue(self, run_filter: RunFilter, limit: int) -> dict[str, Any]:
         try:
             entries = [one.summary for one in listed(self._out)]
         except OSError as error:
             problem = f"{self._out}: {error.strerror}"
             return {"runs": [], "unreadable": [], "problem": problem, "code": code_of(error)}
-        found = [one for one in entries if not one.problem and wanted.has(one)]
+        found = [one for one in entries if not one.problem and run_filter.has(one)]
         runs = [{name: value for name, value in asdict(one).items() if name != "problem"} for one in reversed(found)]
         broken = [{"name": one.name, "problem": one.problem} for one in entries if one.problem]
         return {"runs": runs[:limit], "of": len(runs), "unreadable": broken, "problem": None}
 
     async def files(self, request: Request) -> Response:
-        """GET /runs/NAME/: what files it has."""
+        """Handle GET /runs/NAME/: the files of a run."""
         folder = await asyncio.to_thread(self._folder, request.path_params["name"])
         return JSONResponse({"files": await asyncio.to_thread(_files, folder)})
 
     async def file(self, request: Request) -> Response:
-        """GET /runs/NAME/FILE: as long as it is now, and allowed nothing where it is shown."""
+        """Handle GET /runs/NAME/FILE: the file at its present length, with a policy that allows nothing."""
         folder = await asyncio.to_thread(self._folder, request.path_params["name"])
         path = await asyncio.to_thread(_plain_file, folder, request.path_params["file"])
         size = path.stat().st_size
@@ -74,10 +74,10 @@ class RunFiles:
 
 
 class _Closing(StreamingResponse):
-    """Whoever leaves in the middle leaves no file open."""
+    """Response that closes its file when the client leaves."""
 
     async def stream_response(self, send: Send) -> None:
-        """Send it."""
+        """Send the body, and close it in any case."""
         assert isinstance(self.body_iterator, AsyncGenerator)
         async with aclosing(self.body_iterator):
             await super().stream_response(send)
@@ -89,13 +89,13 @@ def _named(name: str) -> bool:
 
 
 def _plain_file(folder: Path, name: str) -> Path:
-    """A file that lies in a folder itself; no link. Raises RequestError."""
+    """Return a regular file in a folder, not a link. Raises RequestError."""
     path = folder / name
     try:
-        there = _named(name) and stat.S_ISREG(path.lstat().st_mode)
+        is_file = _named(name) and stat.S_ISREG(path.lstat().st_mode)
     except OSError:
-        there = False
-    if not there:
+        is_file = False
+    if not is_file:
         raise RequestError("there is no such file", code="no_such_file")
     return path
 
@@ -112,7 +112,7 @@ def _type_of(path: Path) -> str:
 
 
 async def _pieces(path: Path, size: int) -> AsyncGenerator[bytes, None]:
-    """So many bytes; a journal may grow meanwhile."""
+    """Yield a number of bytes; a journal may grow meanwhile."""
     with await asyncio.to_thread(path.open, "rb") as file:
         while size > 0 and (piece := await asyncio.to_thread(file.read, min(size, _CHUNK))):
             size -= len(piece)

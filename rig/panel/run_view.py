@@ -19,17 +19,17 @@ from rig.units import GWT_N
 
 
 def age_s(then_s: float | None, now_s: float) -> float | None:
-    """Seconds, never less than none; None where nothing was heard."""
+    """Return the age (s), at least 0, or None."""
     return None if then_s is None else max(now_s - then_s, 0.0)
 
 
 GROWS_S = 5.0
 """Age of the last entry (s) up to which a journal counts as growing."""
-_NEWEST = 50  # folders, whose names begin with the time
+_NEWEST = 50  # Number of folders, whose names begin with the time.
 
 
 def growing(out: Path, unix_s: float) -> Path | None:
-    """A run's folder below `out`; None where nothing is written to."""
+    """Return the run folder below `out` that is being written to, or None."""
     try:
         names = sorted((path.name for path in out.iterdir() if not path.name.startswith(".")), reverse=True)
     except OSError:
@@ -40,7 +40,7 @@ def growing(out: Path, unix_s: float) -> Path | None:
 
 
 def written_s(run: Path) -> float:
-    """When a run's journal was last written to; 0 where it has none."""
+    """Return when a run's journal was last written to, or 0."""
     try:
         about = RunFolder(run).events.stat()
     except OSError:
@@ -48,21 +48,21 @@ def written_s(run: Path) -> float:
     return about.st_mtime if stat.S_ISREG(about.st_mode) else 0.0
 
 
-def limits_told(config: Config, soft_trip_n: float | None, force_gwt: float | None) -> dict[str, Any]:
-    """Trips, margins of the newest force (None without one) and the deepest press."""
+def limits_state(config: Config, soft_trip_n: float | None, force_gwt: float | None) -> dict[str, Any]:
+    """Return trips, margins of the newest force (None without one), and the deepest press."""
     trips = Trips(config.limits, soft_trip_n)
-    told: dict[str, Any] = {"max_doi_mm": config.limits.max_doi_mm, "max_force_gwt": config.limits.max_force_gwt}
+    found: dict[str, Any] = {"max_doi_mm": config.limits.max_doi_mm, "max_force_gwt": config.limits.max_force_gwt}
     for name, margin, trip_gwt in (
         ("trip", "margin", trips.soft_gwt),
         ("hard_trip", "hard_margin", trips.hard_gwt),
     ):
         left_gwt = None if force_gwt is None else trip_gwt - abs(force_gwt)
-        told |= in_both(name, trip_gwt) | in_both(margin, left_gwt)
-    return told
+        found |= in_both(name, trip_gwt) | in_both(margin, left_gwt)
+    return found
 
 
 def in_both(name: str, force_gwt: float | None) -> dict[str, float | None]:
-    """A force under its name in either unit."""
+    """Return a force under its name in both units."""
     return {f"{name}_gwt": force_gwt, f"{name}_n": None if force_gwt is None else force_gwt * GWT_N}
 
 
@@ -75,7 +75,7 @@ AT_ONCE = 1 << 20
 
 
 class SeenRun(Onlooker):
-    """A run as its journal describes it so far; `look` reads new entries."""
+    """Run as described by its journal so far; `look` reads new entries."""
 
     def __init__(self, path: Path) -> None:
         super().__init__(RunFolder(path))
@@ -85,21 +85,21 @@ class SeenRun(Onlooker):
         self.job: Job | None = None
         self._journal = Following(self.folder)
         self._config: Config | None = None
-        self._asked_s = self._written_s = 0.0
+        self._checked_s = self._written_s = 0.0
 
     def look(self, unix_s: float) -> list[Row]:
-        """Read what came; returns the readings among it. What cannot be read ends the looking, and is the problem."""
+        """Read new entries and return their readings. An unreadable journal sets `problem` and is not read again."""
         rows = [] if self.problem else self._new()
         self.alive = not self.ended and self._is_alive(unix_s)
         return rows
 
     def _is_alive(self, unix_s: float) -> bool:
-        """Return whether a process writes the journal; a silent journal is checked by its lock from time to time."""
+        """Return whether a process writes the journal; the lock of a silent journal is checked from time to time."""
         if unix_s - written_s(self.folder.path) < GROWS_S:
-            self._asked_s = unix_s
+            self._checked_s = unix_s
             return True
-        if self.alive and unix_s - self._asked_s >= GROWS_S:
-            self._asked_s = unix_s
+        if self.alive and unix_s - self._checked_s >= GROWS_S:
+            self._checked_s = unix_s
             return self.folder.busy
         return self.alive
 
@@ -109,7 +109,7 @@ class SeenRun(Onlooker):
             self._read_config()
             while documents := self._journal.new(AT_ONCE):
                 rows = _latest(rows) + self._taken(documents)
-            self.take(())  # its course may have been written since
+            self.take(())  # The course may have been written since.
         except (RunError, BadInputError) as error:
             self.problem = str(error)
         except FOREIGN as error:
@@ -123,7 +123,7 @@ class SeenRun(Onlooker):
         return [_row(one) for one in documents if one["doc"] == "event" and one["stream"].endswith(READING)]
 
     def apply(self, document: Document) -> None:
-        """The next document; a virtual run's days are its own: there it counts when it was written."""
+        """Apply the next document; a virtual run has its own calendar, so its events count when they were written."""
         at_s = self._written_s
         document["unix_s"] = at_s if self.virtual else min(document.get("unix_s", at_s), at_s)
         super().apply(document)
@@ -133,7 +133,7 @@ class SeenRun(Onlooker):
             self._config = load_config(self.folder.config)
 
     def _drawn(self) -> Job | None:
-        """Return what the page draws."""
+        """Return the job of the drawing."""
         placed = self.placed
         if placed is None:
             return None
@@ -142,20 +142,20 @@ class SeenRun(Onlooker):
 
     @property
     def name(self) -> str:
-        """Of its folder."""
+        """Name of the folder."""
         return self.folder.path.name
 
     @property
     def virtual(self) -> bool:
-        """Whether it is on the virtual bench."""
+        """Whether the run uses the virtual bench."""
         return bool(self.start.get("virtual"))
 
     @property
     def ended(self) -> bool:
-        """Whether its journal has an end."""
+        """Whether the journal has an end."""
         return self.stop is not None
 
-    def told(self, *, going: bool) -> dict[str, Any]:
+    def as_json(self, *, going: bool) -> dict[str, Any]:
         """Return `run` of the state. going: a process writes the journal."""
         start, stop = self.start, self.stop
         return {
@@ -182,50 +182,50 @@ class SeenRun(Onlooker):
             return str(self.stop["status"])
         return "running" if going else "killed"
 
-    def newest_told(self, unix_s: float) -> dict[str, Any]:
-        """`newest` of the state: its age is that of now."""
+    def newest_state(self, unix_s: float) -> dict[str, Any]:
+        """Return `newest` of the state, with its present age."""
         found, (t_s, read_s) = self.newest, self.newest_s
-        told = {name: found.get(name) for name in ("force_gwt", "doi_mm", "x_mm", "height_mm", "phase")}
+        values = {name: found.get(name) for name in ("force_gwt", "doi_mm", "x_mm", "height_mm", "phase")}
         force_gwt = found.get("force_gwt")
         force_n = None if force_gwt is None else force_gwt * GWT_N
-        return {**told, "t_s": t_s, "force_n": force_n, "age_s": age_s(read_s, unix_s)}
+        return {**values, "t_s": t_s, "force_n": force_n, "age_s": age_s(read_s, unix_s)}
 
-    def devices_told(self, unix_s: float) -> dict[str, Any]:
-        """`devices` of the state, with the age of each word now; None where nothing was heard."""
-        (stage, stage_s), (force, force_s) = self.heard_stage, self.heard_force
+    def devices_state(self, unix_s: float) -> dict[str, Any]:
+        """Return `devices` of the state, with the age of each word; None if there is no word."""
+        (stage, stage_s), (force, force_s) = self.stage_status, self.force_status
         return {
             "stage": {"word": stage, "homed": self.homed, "age_s": age_s(stage_s, unix_s)},
             "force": {"word": force, "age_s": age_s(force_s, unix_s)},
         }
 
-    def limits_told(self) -> dict[str, Any] | None:
+    def limits_state(self) -> dict[str, Any] | None:
         """Return `limits` of the state, from the run's own copy of its configuration."""
         if self._config is None:
             return None
-        return limits_told(self._config, self.start.get("soft_trip_n"), self.newest.get("force_gwt"))
+        return limits_state(self._config, self.start.get("soft_trip_n"), self.newest.get("force_gwt"))
 
-    def schedule_told(self) -> list[dict[str, Any]]:
-        """Its steps."""
+    def schedule_state(self) -> list[dict[str, Any]]:
+        """Return the steps of the run."""
         return [_step(*step) for step in self.steps]
 
 
 def _latest(rows: list[Row]) -> list[Row]:
-    """Return the latest values for the page."""
+    """Return the rows of the last SHOWN_S."""
     at = COLUMNS.index("t_s")
     return [row for row in rows if row[at] >= rows[-1][at] - SHOWN_S]
 
 
 def _row(reading: Document) -> Row:
-    told = {**reading["data"], **reading, "purpose": _purpose(reading["stream"], READING)}
-    return [told.get(name) for name in COLUMNS]
+    values = {**reading["data"], **reading, "purpose": _purpose(reading["stream"], READING)}
+    return [values.get(name) for name in COLUMNS]
 
 
 def _press(begun: tuple[str, Mapping[str, Any]] | None) -> PressSummary | None:
     if begun is None:
         return None
     stream, data = begun
-    place, target = float(data["x_mm"]), str(data["target"])
-    return PressSummary(int(data["index"]), _purpose(stream, BEGUN), place, target, float(data["value"]))
+    x_mm, target = float(data["x_mm"]), str(data["target"])
+    return PressSummary(int(data["index"]), _purpose(stream, BEGUN), x_mm, target, float(data["value"]))
 
 
 def _purpose(stream: str, end: str) -> str:

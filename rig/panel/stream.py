@@ -1,4 +1,4 @@
-"""Events for the pages that monitor the rig; each has its own queue, so that a slow page delays no other."""
+"""Events for pages; each page has its own queue, so that a slow one delays no other."""
 
 import asyncio
 import json
@@ -11,13 +11,11 @@ from typing import Any
 from starlette.types import Message, Receive, Send
 
 MOST_STREAMS = 4
-"""Maximum number of streams: a browser has six connections to a host for all its tabs, and two remain for STOP and
-others."""
+"""Maximum number of streams: a browser has six connections to a host, and two remain for other requests."""
 MOST_ROWS = 20_000
-"""Number of readings that are stored for a page that does not fetch them: several hundred seconds at fifty per
-second."""
+"""Number of readings stored for a page that does not fetch them: several hundred seconds at fifty per second."""
 SHOWN_S = 60.0
-"""Run time (s) that a page gets of the past when it opens."""
+"""Past run time that a new page receives (s)."""
 
 Row = Sequence[Any]
 
@@ -34,13 +32,13 @@ class ReadingSource:
 NOTHING = ReadingSource(None, ())
 
 
-def as_event(kind: str, told: Mapping[str, Any]) -> str:
-    """One server-sent event."""
-    return f"event: {kind}\ndata: {json.dumps(told, allow_nan=False, separators=(',', ':'))}\n\n"
+def as_event(kind: str, data: Mapping[str, Any]) -> str:
+    """Return a server-sent event."""
+    return f"event: {kind}\ndata: {json.dumps(data, allow_nan=False, separators=(',', ':'))}\n\n"
 
 
 @dataclass(eq=False)
-class Onlooking:
+class PageQueue:
     """Pending events of one page: the newest states and drawings, and all readings up to a limit."""
 
     source: ReadingSource
@@ -56,7 +54,7 @@ class Onlooking:
         self.woken.set()
 
     def add(self, rows: Sequence[Row]) -> None:
-        """Readings; the oldest are dropped, and counted, where there is no room."""
+        """Add readings; drop and count the oldest beyond the limit."""
         self.rows.extend(rows)
         while len(self.rows) > MOST_ROWS:
             self.rows.popleft()
@@ -64,59 +62,59 @@ class Onlooking:
         self.woken.set()
 
     def begin(self, source: ReadingSource) -> None:
-        """Start with readings of another source; remaining old ones are dropped."""
+        """Start with readings of another source, and drop the old ones."""
         self.source, self.reset = source, True
         self.rows.clear()
         self.woken.set()
 
     def taken(self, unix_s: float) -> str:
-        """All that waits, as events."""
+        """Return all pending events."""
         self.woken.clear()
         found = "".join(self.latest.values())
         self.latest.clear()
         if self.rows or self.reset:
             source = self.source
-            told: dict[str, Any] = {
+            data: dict[str, Any] = {
                 "unix_s": unix_s,
                 "run": source.run,
                 "hand": source.hand,
                 "columns": source.columns,
             }
-            told |= {"reset": self.reset, "dropped": self.dropped, "rows": list(self.rows)}
-            found += as_event("readings", told)
+            data |= {"reset": self.reset, "dropped": self.dropped, "rows": list(self.rows)}
+            found += as_event("readings", data)
             self.rows.clear()
             self.reset, self.dropped = False, 0
         return found
 
 
 class Outlet:
-    """Sends new events to every page, and the current state to a new page."""
+    """Publisher that sends new events to every page, and the current state to a new page."""
 
     def __init__(self) -> None:
-        self.clients: list[Onlooking] = []
+        self.clients: list[PageQueue] = []
         self.closed = False
         self._latest: dict[str, str] = {}
         self.source, self._rows = NOTHING, deque[Row](maxlen=MOST_ROWS)
 
-    def publish(self, kind: str, told: Mapping[str, Any]) -> None:
-        """A state, a schedule, a prediction or a section."""
-        self._latest[kind] = event = as_event(kind, told)
+    def publish(self, kind: str, data: Mapping[str, Any]) -> None:
+        """Publish a state, a schedule, a prediction or a section."""
+        self._latest[kind] = event = as_event(kind, data)
         for client in self.clients:
             client.put(kind, event)
 
     def forget(self, kind: str) -> None:
-        """There is none any more, for pages that come."""
+        """Stop sending this kind to new pages."""
         self._latest.pop(kind, None)
 
     def begin(self, source: ReadingSource) -> None:
-        """Readings of something else."""
+        """Start with readings of another source."""
         self.source = source
         self._rows.clear()
         for client in self.clients:
             client.begin(source)
 
     def add(self, rows: Sequence[Row]) -> None:
-        """New readings of the source."""
+        """Publish new readings of the source."""
         if not rows:
             return
         self._rows.extend(rows)
@@ -127,20 +125,20 @@ class Outlet:
             client.add(rows)
 
     def close(self) -> None:
-        """Send nothing more."""
+        """End all streams."""
         self.closed = True
         for client in self.clients:
             client.woken.set()
 
     @property
     def full(self) -> bool:
-        """Return whether the maximum number of pages is reached."""
+        """Whether the maximum number of pages is reached."""
         return len(self.clients) >= MOST_STREAMS
 
     @contextmanager
-    def joined(self) -> Iterator[Onlooking]:
-        """One more page, until it leaves."""
-        client = Onlooking(self.source, deque(self._rows), dict(self._latest))
+    def joined(self) -> Iterator[PageQueue]:
+        """Add a page until it leaves."""
+        client = PageQueue(self.source, deque(self._rows), dict(self._latest))
         client.woken.set()
         self.clients.append(client)
         try:
@@ -150,9 +148,9 @@ class Outlet:
 
 
 async def stream(
-    outlet: Outlet, client: Onlooking, receive: Receive, send: Send, unix_s: Callable[[], float]
+    outlet: Outlet, client: PageQueue, receive: Receive, send: Send, unix_s: Callable[[], float]
 ) -> None:
-    """Send a page what waits for it until it goes away or the outlet is closed."""
+    """Send a page its events until it leaves or the outlet is closed."""
     tasks = {asyncio.create_task(_gone(receive)), asyncio.create_task(_write(outlet, client, send, unix_s))}
     try:
         await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -167,7 +165,7 @@ async def _gone(receive: Receive) -> None:
         pass
 
 
-async def _write(outlet: Outlet, client: Onlooking, send: Send, unix_s: Callable[[], float]) -> None:
+async def _write(outlet: Outlet, client: PageQueue, send: Send, unix_s: Callable[[], float]) -> None:
     headers = [(b"content-type", b"text/event-stream; charset=utf-8")]
     await send({"type": "http.response.start", "status": 200, "headers": headers})
     await send(_body("retry: 1000\n\n"))

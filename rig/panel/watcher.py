@@ -1,4 +1,4 @@
-"""Watch the owners of ports and the run in progress, and send pages what changes."""
+"""State of the rig for pages: the owners of ports, and the run in progress."""
 
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
@@ -11,8 +11,8 @@ from rig.clock import Clock
 from rig.control.client import ControlError
 from rig.devices.registry import stage_ports
 from rig.panel.drawing import Job
-from rig.panel.owners import Find, Owner, Tabs, owner_told, run_of, shown
-from rig.panel.run_view import SeenRun, age_s, growing, limits_told
+from rig.panel.owners import Find, Owner, Tabs, owner_state, run_of, shown
+from rig.panel.run_view import SeenRun, age_s, growing, limits_state
 from rig.panel.stream import NOTHING, Outlet, ReadingSource, Row
 from rig.plan.config import Config
 from rig.settings import BenchSettings
@@ -29,14 +29,14 @@ class SeenBench:
         self.path, self._config = path, config
         self._status: Mapping[str, Any] = {}
         self.owner: int | None = None
-        self.since = 0  # its first reading that was not told yet
+        self.since = 0  # first reading that is not yet sent
 
     def begin(self, owner: int) -> None:
-        """A process has the bench from here on."""
+        """Follow another process of manual control."""
         self.owner, self.since, self._status = owner, 0, {}
 
     def since_of(self, owner: int) -> int:
-        """Return the time from which readings of a process are new."""
+        """Return the number from which readings of a process are new."""
         return self.since if owner == self.owner else 0
 
     @property
@@ -56,11 +56,11 @@ class SeenBench:
 
     @property
     def job(self) -> Job | None:
-        """The finger alone, since the mounted indentor is unknown."""
+        """Drawing of the finger alone, since the mounted indentor is unknown."""
         return None if self.path is None else Job(self.path)
 
-    def heard(self, status: Mapping[str, Any] | None) -> list[Row]:
-        """Store the answer of the owner, None without one, and return its new readings."""
+    def update(self, status: Mapping[str, Any] | None) -> list[Row]:
+        """Store the reply of the owner, None without one, and return its new readings."""
         if status is None:
             return []
         self._status = status
@@ -71,8 +71,8 @@ class SeenBench:
         places = [new["columns"].index(name) for name in COLUMNS]
         return [[row[place] for place in places] for row in new["rows"]]
 
-    def newest_told(self, unix_s: float) -> dict[str, Any]:
-        """`newest` of the state."""
+    def newest_state(self, unix_s: float) -> dict[str, Any]:
+        """Return `newest` of the state."""
         status = self._status
         force_gwt, read_s = status.get("force_gwt"), status.get("read_unix_s")
         return {
@@ -86,8 +86,8 @@ class SeenBench:
             "age_s": age_s(read_s, unix_s),
         }
 
-    def devices_told(self, unix_s: float) -> dict[str, Any]:
-        """`devices` of the state."""
+    def devices_state(self, unix_s: float) -> dict[str, Any]:
+        """Return `devices` of the state."""
         status = self._status
         force = "no data" if status.get("force_gwt") is None else "zeroed" if status.get("zeroed") else "reads"
         return {
@@ -102,13 +102,13 @@ class SeenBench:
             },
         }
 
-    def limits_told(self) -> dict[str, Any] | None:
-        """`limits` of the state."""
-        return None if self._config is None else limits_told(self._config, None, self._status.get("force_gwt"))
+    def limits_state(self) -> dict[str, Any] | None:
+        """Return `limits` of the state."""
+        return None if self._config is None else limits_state(self._config, None, self._status.get("force_gwt"))
 
 
 LOOK_S, ASK_S, FIND_S, BEAT_S = 0.05, 0.1, 1.0, 0.4
-"""Periods (s): polling of a journal, polling of an owner, search for runs, and repetition of an unchanged state."""
+"""Periods (s): journal poll, owner poll, search for runs, repetition of an unchanged state."""
 STATUS_S = 0.5
 """Longest wait for a request for the state (s)."""
 _NOTICES = {
@@ -133,24 +133,24 @@ class Watcher:
     owners: Sequence[Owner] = ()
     run: SeenRun | None = None
     problem: str = ""
-    last_words: Callable[[], str] = str  # of a process by hand that has ended
+    last_words: Callable[[], str] = str  # of an ended process of manual control
 
     def __post_init__(self) -> None:
         self._asking, self._reading = ThreadPoolExecutor(2, "asking"), ThreadPoolExecutor(1, "reading")
         self._status: dict[str, Any] | None = None
-        self._run_told: dict[str, Any] | None = None
+        self._run_state: dict[str, Any] | None = None
         self._schedule: list[dict[str, Any]] = []
-        self._told: tuple[object, float] = (None, 0.0)
+        self._published: tuple[object, float] = (None, 0.0)
         self._found: tuple[Path | None, float] = (None, -FIND_S)
 
     @property
     def owner(self) -> Owner | None:
-        """The one that is shown."""
+        """Owner that the pages show."""
         return shown(self.owners)
 
     @property
     def job(self) -> Job | None:
-        """Return what the page draws."""
+        """Job of the drawing."""
         if self.run is not None:
             return self.run.job
         return self.bench.job
@@ -161,10 +161,10 @@ class Watcher:
             for each_s, look in ((ASK_S, self.ask), (LOOK_S, self.read), (LOOK_S, self.beat)):
                 loops.create_task(_again(each_s, look))
 
-    # --- what is known ---
+    # --- polling ---
 
     async def ask(self) -> None:
-        """Who is there, and the state of the one that is shown."""
+        """Poll the owners, and the state of the shown one."""
         loop, status = asyncio.get_running_loop(), None
         try:
             owners, problem = await loop.run_in_executor(self._asking, self.find), ""
@@ -176,12 +176,12 @@ class Watcher:
         self.owners, self.problem, self._status = owners, problem, status
         if owner is not None and owner.kind == "by hand":
             self._show_hand(owner)
-            self.outlet.add(self.bench.heard(status))
+            self.outlet.add(self.bench.update(status))
 
     def _show_hand(self, owner: Owner) -> None:
-        """Readings are those of by hand from here on."""
+        """Show readings of manual control from now on."""
         if self.outlet.source != HAND or self.bench.owner != owner.pid:
-            self.run, self._run_told = None, None
+            self.run, self._run_state = None, None
             self.bench.begin(owner.pid)
             self.outlet.begin(HAND)
             self._tell_schedule([])
@@ -200,8 +200,8 @@ class Watcher:
         rows = await loop.run_in_executor(self._reading, run.look, self.clock.unix_s())
         if run is self.run:
             self.outlet.add(rows)
-            self._run_told = run.told(going=not run.ended and (run.alive or owner is not None))
-            self._tell_schedule(run.schedule_told())
+            self._run_state = run.as_json(going=not run.ended and (run.alive or owner is not None))
+            self._tell_schedule(run.schedule_state())
 
     async def _folder(self, owner: Owner | None) -> Path | None:
         """Return the folder of the followed run."""
@@ -218,11 +218,11 @@ class Watcher:
     def _follow(self, run: SeenRun | None) -> None:
         if run is None and self.run is None:
             return
-        self.run, self._run_told = run, None
+        self.run, self._run_state = run, None
         self.outlet.begin(NOTHING if run is None else run.source)
         self._tell_schedule([])
 
-    # --- what is told ---
+    # --- publishing ---
 
     def _tell_schedule(self, steps: list[dict[str, Any]]) -> None:
         if steps != self._schedule:
@@ -231,31 +231,31 @@ class Watcher:
             self.outlet.publish("schedule", {"unix_s": self.clock.unix_s(), "run": run, "steps": steps})
 
     async def beat(self) -> None:
-        """The state, where something in it has changed, and twice a second if not."""
+        """Publish the state when it changes, and twice a second."""
         now_s, unix_s = self.clock.monotonic_s(), self.clock.unix_s()
         self.tabs.look(now_s)
         state = self.state(unix_s)
         marks = _marks(state)
-        if marks != self._told[0] or now_s - self._told[1] >= BEAT_S:
-            self._told = marks, now_s
+        if marks != self._published[0] or now_s - self._published[1] >= BEAT_S:
+            self._published = marks, now_s
             self.outlet.publish("state", state)
 
     def state(self, unix_s: float) -> dict[str, Any]:
-        """All of it but readings and pictures; ages are those of now."""
+        """Return the state, except readings and drawings."""
         owner, status = self.owner, self._status
         by_hand = status is not None and owner is not None and owner.kind == "by hand"
-        hand = {name: told for name, told in status.items() if name != "readings"} if status and by_hand else None
+        hand = {name: value for name, value in status.items() if name != "readings"} if status and by_hand else None
         seen: SeenRun | SeenBench = self.bench if self.run is None else self.run
         return {
             "unix_s": unix_s,
             "controls": self.tabs.holder,
             "configured": self.bench.configured,
-            "owner": None if owner is None else owner_told(owner, status),
-            "run": self._run_told,
+            "owner": None if owner is None else owner_state(owner, status),
+            "run": self._run_state,
             "hand": hand,
-            "devices": seen.devices_told(unix_s),
-            "newest": seen.newest_told(unix_s),
-            "limits": seen.limits_told(),
+            "devices": seen.devices_state(unix_s),
+            "newest": seen.newest_state(unix_s),
+            "limits": seen.limits_state(),
             "notice": (self.last_words() or None) if status is None else _NOTICES.get(str(status.get("state"))),
             "problem": self.problem or None,
         }
@@ -270,10 +270,10 @@ def _status_of(owner: Owner, since: int) -> dict[str, Any] | None:
 
 
 def _marks(state: dict[str, Any]) -> object:
-    """Return the values whose change is sent at once, without numbers that always change."""
+    """Return the values whose change is published at once, without numbers that always change."""
     run, hand = state["run"] or {}, state["hand"] or {}
     steady = [state[name] for name in ("controls", "owner", "notice", "problem")]
-    of_the_run = {name: told for name, told in run.items() if name != "left_s"}
+    of_the_run = {name: value for name, value in run.items() if name != "left_s"}
     return steady, of_the_run, [hand.get(name) for name in ("state", "busy", "ended_by", "stopped", "next")]
 
 

@@ -13,7 +13,7 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 
-from rig.devices.registry import KnownBench, as_asked, names
+from rig.devices.registry import KnownBench, names, with_kind_tables
 from rig.errors import WRITTEN_BY_COMMANDS, RigError, RuleError, around, first_problem
 from rig.plan.finger_file import Met, checked_relaxation, read_finger_file, refuse_collapsed, tables_in
 from rig.settings import DeviceSettings, RigSettings, Settings
@@ -130,7 +130,7 @@ def load_config(path: Path | None) -> Config:
     try:
         found = Config.model_validate(tables, context={"folder": path.parent})
     except ValidationError as error:
-        raise first_problem(f"config {path}", error, as_asked(Config, tables)) from None
+        raise first_problem(f"config {path}", error, with_kind_tables(Config, tables)) from None
     if found.met is not None:
         refuse_collapsed(f"config {path}", found.met)
     return found

@@ -14,7 +14,7 @@ from rig.plan.finger_model import FingerModel, Predictions, copy_name, kept_in, 
 from rig.protocol.api import Handler, Rig
 from rig.protocol.check import Spot, Walk
 from rig.protocol.handlers import Patience, SilentScriptError, TakenUp, impatient
-from rig.protocol.script import Script, said_of_script
+from rig.protocol.script import Script, script_error
 from rig.protocol.steps import ExpectedPresses, ExpectedTouch, Step
 from rig.records import PlannedIndentation, Purpose
 from rig.units import GWT_N
@@ -107,7 +107,7 @@ def make_plan(
     except FingerLostError:
         raise
     except (Exception, SystemExit, SilentScriptError) as error:
-        raise said_of_script(BadInputError, script.path, error, _REFUSALS) from None
+        raise script_error(BadInputError, script.path, error, _REFUSALS) from None
     if not walk.pressed["data"]:
         raise BadInputError(
             "protocol {path}: run(rig) makes no indentation; call rig.indent() at least once",

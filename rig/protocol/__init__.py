@@ -1,4 +1,4 @@
-"""Protocol scripts: parameters, the check before anything moves, and the verbs."""
+"""Protocol scripts: parameters, verbs, and the check before a motion."""
 
 from pydantic import Field
 

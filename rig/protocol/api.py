@@ -1,4 +1,4 @@
-"""The names of a protocol script: typed parameters, and `Rig` with its verbs."""
+"""Names of a protocol script: typed parameters, and `Rig` with its verbs."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -46,7 +46,7 @@ class ProtocolParameters(BaseModel):
 
 
 class Handler(Protocol):
-    """Interface of what receives a checked step: it plans, executes, rehearses, or answers from a journal."""
+    """Receiver of checked steps, which plans, executes or rehearses them, or answers from a journal."""
 
     def handle(self, step: Step[E, A], spot: Spot) -> A:
         """Return the step's answer to the script."""

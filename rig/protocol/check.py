@@ -1,4 +1,4 @@
-"""The state of a script while it is checked, and every check of a step. All raise BadInputError."""
+"""State of a script while it is checked, and every check of a step. All raise BadInputError."""
 
 import math
 from collections import Counter
@@ -15,19 +15,19 @@ from rig.units import GWT_N
 
 
 class NoPredictionError(RigError):
-    """The model has no reliable prediction."""
+    """Error of a missing or unreliable prediction."""
 
     default_code = "no_prediction"
 
 
 class ForceTooDeepError(NoPredictionError):
-    """No allowed depth reaches the force."""
+    """Error of a force that no allowed depth reaches."""
 
     default_code = "force_out_of_reach"
 
 
 class Model(Protocol):
-    """What steps ask of the finger model."""
+    """Interface of the finger model for steps."""
 
     def refuse_shape(self, indentor: str) -> None:
         """Raise an error unless this is the name of an indentor."""
@@ -41,7 +41,7 @@ class Model(Protocol):
 
 @dataclass(frozen=True)
 class Spot:
-    """Where a step happens: indentor and place, and the numbers of the presses that it makes there."""
+    """Indentor and position of a step, and the numbers of its presses."""
 
     indentor: str
     x_mm: float
@@ -50,7 +50,7 @@ class Spot:
 
 
 class Walk:
-    """What a script has done so far, as far as the next step depends on it. Each pass over a script has its own."""
+    """State of a script that the next step depends on; each pass over a script has its own."""
 
     def __init__(self, settings: RigSettings, model: Model) -> None:
         self.settings, self.model = settings, model
@@ -60,21 +60,21 @@ class Walk:
         self.checkpoints: set[str] = set()
         self.pressed: Counter[Purpose] = Counter()
         self.held_s = 0.0
-        self.reference_asked: tuple[Any, ...] | None = None
+        self.reference_request: tuple[Any, ...] | None = None
 
     def need(self, condition: bool, verb: str, before: str) -> None:
-        """Raise an error where a verb comes before another that it needs."""
+        """Raise an error if a verb comes before one that it requires."""
         if not condition:
             raise BadInputError("{verb}: {before} must come first", code="comes_too_early", verb=verb, before=before)
 
     def need_ready(self, verb: str) -> None:
-        """Raise an error unless an indentor is mounted, the sensor zeroed and a place reached."""
+        """Raise an error unless an indentor is mounted, the sensor zeroed and a position reached."""
         self.need(self.indentor is not None, verb, "mount()")
         self.need(self.zeroed, verb, "zero()")
         self.need(math.isfinite(self.x_mm), verb, "move_to()")
 
     def hold(self, verb: str, held_s: float) -> None:
-        """Add to the time that the finger is held; raise an error where the sum is too long."""
+        """Add to the total hold time (s); raise an error if it is too long."""
         self.held_s += held_s
         longest_s = self.settings.limits.max_contact_s
         if self.held_s > longest_s:
@@ -87,7 +87,7 @@ class Walk:
             )
 
     def spot(self, purpose: Purpose = "data", presses: int = 0, marks: Mapping[str, Any] | None = None) -> Spot:
-        """Return the present place, and the next numbers of that many presses."""
+        """Return the present position, and the next numbers of that many presses."""
         first = self.pressed[purpose]
         self.pressed[purpose] += presses
         ids = tuple(PressId(first + n, purpose, marks or {}) for n in range(presses))
@@ -100,7 +100,7 @@ _MEANS = "{verb}: {key} = {value:g} at x = {x_mm:g} mm means "
 
 
 def checked_target(verb: str, doi_mm: float | None, force_gwt: float | None) -> Target:
-    """Return the depth or the force that was passed; one of them must be."""
+    """Return the depth or the force; exactly one of them must be passed."""
     if (doi_mm is None) == (force_gwt is None):
         raise BadInputError("{verb}: expected either doi_mm or force_gwt", code="not_one_target", verb=verb)
     kind: Literal["doi_mm", "force_gwt"] = "force_gwt" if doi_mm is None else "doi_mm"
@@ -114,27 +114,27 @@ def checked_target(verb: str, doi_mm: float | None, force_gwt: float | None) -> 
 
 
 def refuse_no_number(verb: str, name: str, value: object) -> None:
-    """Refuse what is neither an integer nor a float."""
+    """Raise an error unless a value is an integer or a float."""
     if isinstance(value, bool) or not isinstance(value, Real):
         raise BadInputError("{verb}: {key} = {value!r}: expected a number", code="no_number", verb=verb, key=name,
                             value=value)  # fmt: skip
 
 
 def refuse_no_text(verb: str, value: object) -> None:
-    """Refuse what is not text."""
+    """Raise an error unless a value is text."""
     if not isinstance(value, str):
         raise BadInputError("{verb}: expected text, got {value!r}", code="no_text", verb=verb, value=value)
 
 
 def refuse_count(verb: str, name: str, value: object) -> None:
-    """Refuse what is not a whole number from 1 to 100."""
+    """Raise an error unless a value is a whole number from 1 to 100."""
     if isinstance(value, bool) or not isinstance(value, Integral) or not 1 <= int(value) <= _MAX_COUNT:
         raise BadInputError("{verb}: {key} = {value!r}: expected a whole number, 1 … {high}", code="no_count",
                             verb=verb, key=name, value=value, high=_MAX_COUNT)  # fmt: skip
 
 
 def refuse_seconds(verb: str, name: str, value: float) -> None:
-    """Refuse a duration that is negative or longer than an hour."""
+    """Raise an error for a duration that is negative or longer than an hour."""
     refuse_no_number(verb, name, value)
     if not 0 <= value <= _LONGEST_S:
         raise BadInputError("{verb}: {key} = {value!r}: expected 0 … {high:g} s", code="outside_range", verb=verb,
@@ -142,7 +142,7 @@ def refuse_seconds(verb: str, name: str, value: float) -> None:
 
 
 def refuse_speeds(verb: str, speed_mm_s: float | None, settings: RigSettings) -> None:
-    """Refuse a speed, passed or of the habits, that a board cannot move at or that is too fast for a finger."""
+    """Raise an error for a speed, passed or configured, that is too slow for a board or too fast for a finger."""
     habits = settings.habits
     if speed_mm_s is not None:
         refuse_no_number(verb, "speed_mm_s", speed_mm_s)
@@ -167,7 +167,7 @@ def _refuse_speed(verb: str, name: str, speed_mm_s: float, limits: LimitSettings
 
 
 def refuse_target(verb: str, target: Target, limits: LimitSettings) -> None:
-    """Refuse a depth or force that is itself beyond its limit."""
+    """Raise an error for a depth or force beyond its limit."""
     limit = {"doi_mm": "max_doi_mm", "force_gwt": "max_force_gwt"}[target.kind]
     if target.value > getattr(limits, limit):
         raise BadInputError(
@@ -182,7 +182,7 @@ def refuse_target(verb: str, target: Target, limits: LimitSettings) -> None:
 
 
 def refuse_reach(verb: str, planned: PlannedIndentation, settings: RigSettings) -> None:
-    """Refuse a press whose prediction is too deep, too hard, or below the stage's travel."""
+    """Raise an error for a press whose prediction is too deep, too forceful, or below the stage's travel."""
     limits, doi_mm, force_gwt = settings.limits, planned.deepest_mm, planned.highest_gwt
     if doi_mm > limits.max_doi_mm:
         raise _means(verb, planned, "a DOI of {doi_mm:.3g} mm", limits, "max_doi_mm", doi_mm=doi_mm)
@@ -190,31 +190,31 @@ def refuse_reach(verb: str, planned: PlannedIndentation, settings: RigSettings) 
         raise _means(verb, planned, "a force of {force_gwt:.3g} gwt", limits, "max_force_gwt", force_gwt=force_gwt)
     if force_gwt * GWT_N > limits.soft_trip_n:
         raise _means(verb, planned, "{force_n:.3g} N", limits, "soft_trip_n", force_n=force_gwt * GWT_N)
-    given_mm = settings.calibration.value("compliance_mm_per_n", 0.0) * force_gwt * GWT_N
-    lowest_mm = planned.expected_contact_mm - max(doi_mm + given_mm, limits.search_mm)
+    deflection_mm = settings.calibration.value("compliance_mm_per_n", 0.0) * force_gwt * GWT_N
+    lowest_mm = planned.expected_contact_mm - max(doi_mm + deflection_mm, limits.search_mm)
     refuse_travel("z", settings.frame.apex_z_mm + lowest_mm, settings)
 
 
 def refuse_approach(verb: str, contact_mm: float, settings: RigSettings) -> None:
-    """Refuse a touch that would search below the stage's travel, or too fast."""
+    """Raise an error for a touch that would search below the stage's travel, or too fast."""
     _refuse_speed(verb, "habits.approach_speed_mm_s", settings.habits.approach_speed_mm_s, settings.limits)
     refuse_travel("z", settings.frame.apex_z_mm + contact_mm - settings.limits.search_mm, settings)
 
 
 def refuse_place(x_mm: float, along_mm: float, settings: RigSettings) -> None:
-    """Refuse a place at clearance that the stage cannot reach."""
+    """Raise an error for a position at clearance that the stage cannot reach."""
     refuse_travel("x", settings.frame.pad_centre_x_mm + x_mm, settings)
     refuse_travel("y", settings.frame.pad_y_mm + along_mm, settings)
     refuse_travel("z", settings.frame.apex_z_mm + settings.habits.clearance_mm, settings)
 
 
 def refuse_pressure(verb: str, planned: PlannedIndentation, limits: LimitSettings) -> None:
-    """Refuse too much force for the predicted area of contact."""
+    """Raise an error for too much force on the predicted contact area."""
     if planned.contact_area_mm2 <= 0:
         raise BadInputError(
             _MEANS + "no contact that the model could tell from none: expected a larger target",
             code="no_contact",
-            **_asked(verb, planned),
+            **_request(verb, planned),
         )
     if planned.mean_pressure_n_cm2 > limits.max_pressure_n_cm2:
         raise _means(
@@ -231,23 +231,23 @@ def refuse_pressure(verb: str, planned: PlannedIndentation, limits: LimitSetting
 def _means(
     verb: str, planned: PlannedIndentation, what: str, limits: LimitSettings, limit: str, **found: float
 ) -> BadInputError:
-    """Return the error of a target whose prediction is beyond a limit."""
+    """Return the error of a target whose prediction exceeds a limit."""
     return BadInputError(
         _MEANS + what + ", beyond limits.{limit} = {high:g}",
         code="means_beyond_limit",
-        **_asked(verb, planned),
+        **_request(verb, planned),
         limit=limit,
         high=getattr(limits, limit),
         **found,
     )
 
 
-def _asked(verb: str, planned: PlannedIndentation) -> dict[str, Any]:
+def _request(verb: str, planned: PlannedIndentation) -> dict[str, Any]:
     return {"verb": verb, "key": planned.target.kind, "value": planned.target.value, "x_mm": planned.x_mm}
 
 
 def refuse_outside(verb: str, key: str, value: float, limits: tuple[float, float]) -> None:
-    """Refuse a value outside the two limits of that name."""
+    """Raise an error for a value outside the two limits of that name."""
     low, high = limits
     if not low <= value <= high:
         raise BadInputError("{verb}: {key} = {value:g} is outside limits.{key} = {low:g} … {high:g}",
@@ -255,7 +255,7 @@ def refuse_outside(verb: str, key: str, value: float, limits: tuple[float, float
 
 
 def refuse_along(along_mm: float, settings: RigSettings) -> None:
-    """Refuse a place along the finger that the stage cannot reach or the limits forbid."""
+    """Raise an error for a position along the finger beyond the stage or the limits."""
     refuse_no_number("move_to", "along_mm", along_mm)
     refuse_outside("move_to", "along_mm", along_mm, settings.limits.along_mm)
     if along_mm and not moves_along(settings.stage):
@@ -270,7 +270,7 @@ def refuse_along(along_mm: float, settings: RigSettings) -> None:
 
 
 def refuse_travel(axis: Literal["x", "y", "z"], machine_mm: float, settings: RigSettings) -> None:
-    """Refuse a machine position that the stage cannot reach."""
+    """Raise an error for a machine position that the stage cannot reach."""
     travel_mm = settings.stage.travel_mm["xyz".index(axis)]
     if not -travel_mm <= machine_mm <= 0:
         raise BadInputError(

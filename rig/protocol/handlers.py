@@ -1,4 +1,4 @@
-"""Handlers around another one: replay what a resumed run has done; end a script that makes no steps."""
+"""Handlers around another one: replay of a resumed run, and the end of a script that makes no steps."""
 
 import signal
 import threading
@@ -18,10 +18,10 @@ A = TypeVar("A")
 
 
 class TakenUp:
-    """Resumes a run: passes on to `then` the missing steps, and what they need of the steps before them.
+    """Handler of a resumed run: passes on the missing steps, and the earlier steps that they need.
 
-    A press that is done answers from the journal. What a step before the next missing press still owes
-    (`Step.owed`) is passed on only when that press comes, at the spot where the script made the step.
+    The journal answers for a finished press. What a step before the next missing press still requires (`Step.owed`)
+    is passed on only when that press comes, at the spot where the script made the step.
     """
 
     def __init__(self, before: Journalled, then: Handler) -> None:
@@ -66,7 +66,7 @@ class TakenUp:
         self._owed = {verb: owed for verb, owed in self._owed.items() if owed[0].owed is not Owed.LAST_IF_NEXT}
 
     def _is_new(self, step: Step[Any, Any]) -> bool:
-        """Whether the journal lacks the step: it has the first ones of each verb, in the order of the script."""
+        """Return whether the journal lacks the step; it has the first ones of each verb, in order."""
         left = self._written.setdefault(step.verb, len(self._before.stream(step.verb)))
         self._written[step.verb] = left - 1
         return left <= 0
@@ -77,7 +77,7 @@ LONGEST_SILENCE_S = 30.0
 
 
 class SilentScriptError(BaseException):
-    """The script has made no step for too long. A script's own `except Exception` does not catch it."""
+    """Error of a script that made no step for too long; `except Exception` in a script does not catch it."""
 
     code = "silent"
 
@@ -90,26 +90,26 @@ class SilentScriptError(BaseException):
 
 
 class Patience:
-    """Limits how many steps a script makes, and with `impatient` how long it may take between two of them.
+    """Handler that limits the number of steps, and with `impatient` the time between two of them.
 
-    Only the script's own time counts, not that of a step: model, stage, rest or operator. It is measured by an alarm,
-    on the main thread of a system that has alarms; elsewhere Ctrl-C ends a script that makes no steps.
+    Only the script's own time counts, not that of a step: model, stage, rest or operator. It is measured by an
+    alarm, on the main thread of a system that has alarms; elsewhere Ctrl-C ends a script that makes no steps.
 
     Parameters
     ----------
     then : Handler
-    told : callable
+    on_step : callable
         Called with the number of steps so far, before each step.
     """
 
-    def __init__(self, then: Handler, told: Callable[[int], None] = lambda steps: None) -> None:
-        self._then, self._told = then, told
+    def __init__(self, then: Handler, on_step: Callable[[int], None] = lambda steps: None) -> None:
+        self._then, self._on_step = then, on_step
         self._steps = 0
 
     def handle(self, step: Step[E, A], spot: Spot) -> A:
         """Return the answer of `then`. Raises BadInputError beyond MOST_STEPS."""
         self._steps += 1
-        self._told(self._steps)
+        self._on_step(self._steps)
         if self._steps > MOST_STEPS:
             raise BadInputError("{verb}: the script makes more than {high} steps, expected no more",
                                 code="too_many_steps", verb=step.verb, high=MOST_STEPS)  # fmt: skip
@@ -131,7 +131,7 @@ def impatient() -> Iterator[None]:
         raise SilentScriptError(LONGEST_SILENCE_S)
 
     before, began_s = signal.signal(signal.SIGALRM, too_long), time.monotonic()
-    left_s, _ = signal.getitimer(signal.ITIMER_REAL)  # an alarm that the caller has set
+    left_s, _ = signal.getitimer(signal.ITIMER_REAL)  # an alarm set by the caller
     _alarm_in(LONGEST_SILENCE_S)
     try:
         yield

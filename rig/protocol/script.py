@@ -22,7 +22,7 @@ from rig.protocol.api import ProtocolParameters, Rig
 
 @dataclass(frozen=True)
 class Script:
-    """A loaded protocol: metadata, parameters and its function `run`."""
+    """Loaded protocol: metadata, parameters and its function `run`."""
 
     path: Path
     name: str
@@ -91,7 +91,7 @@ def where_in_script(path: Path, error: BaseException) -> str:
 
 
 def failed_in_script(error: BaseException) -> BadInputError:
-    """Return an error that describes what a script raised; for a misspelled or miscalled verb, the right form too."""
+    """Return an error for what a script raised; for a misspelled or wrongly called verb, with the right form."""
     fields = {"exception": type(error).__name__, "problem": str(error)}
     if isinstance(error, AttributeError) and isinstance(error.obj, Rig):
         verbs = [name for name in vars(Rig) if not name.startswith("_")]
@@ -108,10 +108,10 @@ def failed_in_script(error: BaseException) -> BadInputError:
     return BadInputError("{exception}: {problem}", code="exception_in_script", **fields)
 
 
-def said_of_script(
-    kind: type[Coded], path: Path, error: BaseException, told_as_they_are: tuple[type[BaseException], ...]
+def script_error(
+    kind: type[Coded], path: Path, error: BaseException, verbatim: tuple[type[BaseException], ...]
 ) -> Coded:
-    """Return an error of a script that names the line it comes from.
+    """Return an error that names the line of the script.
 
     Parameters
     ----------
@@ -121,11 +121,11 @@ def said_of_script(
         File of the script.
     error : BaseException
         What the script raised.
-    told_as_they_are : tuple of types
-        Classes whose sentence is enough; the others are described together with their class.
+    verbatim : tuple of types
+        Classes whose sentence is enough; for others the class is named.
     """
-    told = error if isinstance(error, told_as_they_are) else failed_in_script(error)
-    return around(kind, "{place}: {problem}", told, place=where_in_script(path, error))
+    problem = error if isinstance(error, verbatim) else failed_in_script(error)
+    return around(kind, "{place}: {problem}", problem, place=where_in_script(path, error))
 
 
 class _ScriptLoader(SourceFileLoader):
@@ -139,7 +139,7 @@ def _import(path: Path) -> ModuleType:
         raise BadInputError("protocol {path}: not a Python file", code="no_python_file", path=str(path))
     loader = _ScriptLoader(spec.name, str(path))
     module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module  # pydantic resolves postponed annotations there
+    sys.modules[spec.name] = module  # pydantic resolves postponed annotations there.
     try:
         loader.exec_module(module)
     except SyntaxError as error:

@@ -1,7 +1,7 @@
-"""Steps: each verb of a script as frozen data that checks itself and asks the model what to expect.
+"""Steps: each verb of a script as frozen data that checks itself and requests its prediction.
 
-A verb is a step class here, the method of `rig.protocol.api.Rig` that makes one, and the function in
-`rig.session.execute` that has the engine carry it out.
+A verb is a step class here, the method of `rig.protocol.api.Rig` that creates one, and the function in
+`rig.session.execute` that carries it out.
 """
 
 import math
@@ -38,7 +38,7 @@ A = TypeVar("A")
 
 
 class Owed(Enum):
-    """What a resumed run still does of a step that comes before the first missing press."""
+    """Part of a step before the first missing press that a resumed run repeats."""
 
     NOTHING = "nothing: it is done anyway, or of no consequence"
     LAST = "the last of its kind, before the next press"
@@ -48,11 +48,11 @@ class Owed(Enum):
 
 
 class Journalled(Protocol):
-    """A stopped run, read from its journal."""
+    """Stopped run, read from its journal."""
 
     @property
     def done(self) -> Mapping[int, list[dict[str, Any]]]:
-        """The holds of each finished indentation, by its index."""
+        """Holds of each finished indentation, by index."""
 
     def stream(self, name: str) -> list[dict[str, Any]]:
         """Return the events of a stream."""
@@ -60,16 +60,16 @@ class Journalled(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Step(ABC, Generic[E, A]):
-    """One verb with the arguments that the script passed; a schedule fills in block, repeat and condition.
+    """Verb with the arguments from the script; a schedule fills in block, repeat and condition.
 
-    E is the type of what it expects of the model (None for most steps), A that of its answer to the script.
+    E is the type of its prediction (None for most steps), A that of its answer to the script.
 
     Attributes
     ----------
     verb : str
-        The method of `Rig` that makes the step.
+        Method of `Rig` that creates the step.
     owed : Owed
-        What a resumed run does of it.
+        What a resumed run repeats of it.
     """
 
     verb: ClassVar[str]
@@ -82,8 +82,8 @@ class Step(ABC, Generic[E, A]):
     @property
     def marks(self) -> dict[str, Any]:
         """Block, repeat and condition, as far as a schedule has set them."""
-        given = {"block": self.block, "repeat": self.repeat, "condition": self.condition}
-        return {name: value for name, value in given.items() if value is not None}
+        marks = {"block": self.block, "repeat": self.repeat, "condition": self.condition}
+        return {name: value for name, value in marks.items() if value is not None}
 
     @abstractmethod
     def check(self, walk: Walk) -> Spot:
@@ -94,12 +94,12 @@ class Step(ABC, Generic[E, A]):
         Parameters
         ----------
         walk : Walk
-            The state of the script before the step.
+            State of the script before the step.
 
         Returns
         -------
         Spot
-            Where the step happens, and the numbers of its presses.
+            Position of the step, and the numbers of its presses.
 
         Raises
         ------
@@ -107,7 +107,7 @@ class Step(ABC, Generic[E, A]):
         """
 
     def expect(self, spot: Spot, walk: Walk) -> E:
-        """Return what the model predicts for the step, after checking that against the limits.
+        """Return the prediction for the step, after a check against the limits.
 
         Parameters
         ----------
@@ -126,12 +126,12 @@ class Step(ABC, Generic[E, A]):
         return None  # type: ignore[return-value]
 
     def foreseen(self, expected: E) -> A:
-        """Return the predicted answer, which a script receives while it is planned."""
+        """Return the predicted answer, which a script receives during planning."""
         return None  # type: ignore[return-value]
 
     @classmethod
     def answers(cls, before: Journalled) -> dict[int, A]:
-        """Return the answers that a stopped run has in its journal, by the index of the press."""
+        """Return the answers in the journal of a stopped run, by the index of the press."""
         return {}
 
 
@@ -188,7 +188,7 @@ class MoveTo(Step[None, None]):
 
 @dataclass(frozen=True)
 class ExpectedPresses:
-    """One or more equal presses at one place: their numbers, and what the model predicts for each."""
+    """Equal presses at one position: their numbers, and the prediction for each."""
 
     ids: tuple[PressId, ...]
     planned: PlannedIndentation
@@ -218,7 +218,7 @@ def expect_press(
     hold_s: float,
     speed_mm_s: float | None = None,
 ) -> ExpectedPresses:
-    """Return what the model predicts for a press, checked against the limits.
+    """Return the prediction for a press, checked against the limits.
 
     Parameters
     ----------
@@ -241,7 +241,7 @@ def expect_press(
     Raises
     ------
     BadInputError
-        The model has no prediction, or predicts something beyond a limit.
+        If the model has no prediction, or one beyond a limit.
     """
     habits = walk.settings.habits
     pace = Pace(speed_mm_s or habits.press_speed_mm_s, habits.increment_mm, increments, hold_s)
@@ -280,7 +280,7 @@ class Indent(Step[ExpectedPresses, Indentation]):
 
     @property
     def target(self) -> Target:
-        """The depth or the force that the script passed. Raises BadInputError."""
+        """Depth or force from the script. Raises BadInputError."""
         return checked_target(self.verb, self.doi_mm, self.force_gwt)
 
     def check(self, walk: Walk) -> Spot:
@@ -318,13 +318,15 @@ class Indent(Step[ExpectedPresses, Indentation]):
 
     @classmethod
     def answers(cls, before: Journalled) -> dict[int, Indentation]:
-        asked = {(e["index"], e["hold"]): Target(e["target"], e["commanded"]) for e in before.stream("hold_start")}
+        requested = {
+            (e["index"], e["hold"]): Target(e["target"], e["commanded"]) for e in before.stream("hold_start")
+        }
         return {
             index: Indentation(
                 index,
                 ends[0]["x_mm"],
                 tuple(
-                    Hold(asked[index, end["hold"]], end["doi_mm"], end["force_gwt"], end["force_sd_gwt"])
+                    Hold(requested[index, end["hold"]], end["doi_mm"], end["force_gwt"], end["force_sd_gwt"])
                     for end in ends
                 ),
             )
@@ -334,7 +336,7 @@ class Indent(Step[ExpectedPresses, Indentation]):
 
 @dataclass(frozen=True, kw_only=True)
 class Precondition(Step[ExpectedPresses, None]):
-    """Press several times at the present place, to settle the skin."""
+    """Press several times at the present position, to settle the skin."""
 
     verb: ClassVar[str] = "precondition"
     owed: ClassVar[Owed] = Owed.LAST
@@ -346,7 +348,7 @@ class Precondition(Step[ExpectedPresses, None]):
 
     @property
     def target(self) -> Target:
-        """The depth or the force that the script passed. Raises BadInputError."""
+        """Depth or force from the script. Raises BadInputError."""
         return checked_target(self.verb, self.doi_mm, self.force_gwt)
 
     def check(self, walk: Walk) -> Spot:
@@ -361,7 +363,7 @@ class Precondition(Step[ExpectedPresses, None]):
 
 @dataclass(frozen=True, kw_only=True)
 class Reference(Step[ExpectedPresses, None]):
-    """Press at a fixed place; an alarm is raised where the force differs from that of the first such press."""
+    """Press at a fixed position; an alarm is raised if the force differs from that of the first such press."""
 
     verb: ClassVar[str] = "reference"
     owed: ClassVar[Owed] = Owed.LAST
@@ -373,7 +375,7 @@ class Reference(Step[ExpectedPresses, None]):
 
     @property
     def target(self) -> Target:
-        """The depth. Raises BadInputError."""
+        """Depth. Raises BadInputError."""
         return checked_target(self.verb, self.doi_mm, None)
 
     def check(self, walk: Walk) -> Spot:
@@ -384,9 +386,9 @@ class Reference(Step[ExpectedPresses, None]):
         return walk.spot("reference", 1, self.marks)
 
     def _refuse_another(self, walk: Walk) -> None:
-        asked = (walk.indentor, self.x_mm, self.doi_mm, self.increments, self.hold_s)
-        first = walk.reference_asked = walk.reference_asked or asked
-        if asked != first:
+        requested = (walk.indentor, self.x_mm, self.doi_mm, self.increments, self.hold_s)
+        first = walk.reference_request = walk.reference_request or requested
+        if requested != first:
             raise BadInputError(
                 "{verb}: expected the same press each time, {indentor} at x = {x_mm:g} mm to {doi_mm:g} mm in "
                 "{increments}",
@@ -431,7 +433,7 @@ class Retract(Step[None, None]):
 
 @dataclass(frozen=True)
 class ExpectedTouch:
-    """The number of a touch, and where the model predicts contact: height above the nominal apex, mm."""
+    """Number of a touch, and predicted contact height above the nominal apex (mm)."""
 
     press: PressId
     contact_mm: float
@@ -439,7 +441,7 @@ class ExpectedTouch:
 
 @dataclass(frozen=True, kw_only=True)
 class Touch(Step[ExpectedTouch, float]):
-    """Find contact at the present place and lift; the answer is the height of contact (mm)."""
+    """Find contact at the present position and lift; the answer is the height of contact (mm)."""
 
     verb: ClassVar[str] = "touch"
     owed: ClassVar[Owed] = Owed.ANSWER
@@ -463,7 +465,7 @@ class Touch(Step[ExpectedTouch, float]):
 
 @dataclass(frozen=True, kw_only=True)
 class Checkpoint(Step[None, None]):
-    """Journal that the script has reached a named place."""
+    """Journal that the script has reached a named point."""
 
     verb: ClassVar[str] = "checkpoint"
     owed: ClassVar[Owed] = Owed.ONCE

@@ -1,1 +1,1 @@
-"""A script carried out: rehearsed, on the virtual bench, on real ports, or taken up again."""
+"""Sessions: a script rehearsed, dry-run, run on real ports, or resumed."""

@@ -1,6 +1,6 @@
-"""How a run ended before its end: where that leaves the indentor, and what to do next.
+"""Early end of a run: reason, final position of the indentor, and next action.
 
-Terminal, report and JSON all say it in these words.
+Terminal, report and JSON use the same sentences.
 """
 
 import math
@@ -37,11 +37,10 @@ _SEE_TO_THE_DEVICE = "check the device that failed"
 
 @dataclass(frozen=True)
 class FinalPosition:
-    """Of the indentor when a run ends: mm from the pad's centre and above its nominal apex, None where not known.
+    """Final position of the indentor: mm from the pad's center and above its nominal apex, None if unknown.
 
-    left: lifted (at clearance or higher, confirmed by force), raised (there by position alone), held where it was, or
-    not moved by this program. contact says what is known of that, None where nothing was found out; a journal of
-    before contact was measured has none either.
+    left: lifted (at clearance or higher, confirmed by force), raised (there by position alone), held in place, or
+    not moved by this program. contact is None in journals from before contact was measured.
     """
 
     left: Left
@@ -54,7 +53,7 @@ class FinalPosition:
 
     @classmethod
     def of(cls, engine: Engine) -> "FinalPosition":
-        """Where an engine leaves it that goes no farther."""
+        """Return the final position of an engine."""
         if not engine.motion.begun:
             return cls("not moved")
         known = engine.known_contact
@@ -62,20 +61,20 @@ class FinalPosition:
         trusted = engine.trusted
         left: Left = "held" if not (above and trusted) else "raised" if known.may_touch else "lifted"
         return cls(
-            left, _known(engine.x_mm), _known(engine.height_mm), left != "held",  # what is held was stopped
+            left, _known(engine.x_mm), _known(engine.height_mm), left != "held",  # A held stage was stopped.
             known.may_touch, known.kind, known.force_gwt,
         )  # fmt: skip
 
     @classmethod
     def last_known(cls, run: Run) -> "FinalPosition":
-        """Where a run without an end was last known to be: its program was killed, and could not lift."""
+        """Return the last known position of a run without an end, whose killed program could not lift."""
         state = run.state
         at = cls("held", state.x_mm, state.height_mm, False, None, state.contact, state.force_gwt)
         return replace(at, may_touch=None if at.contact is None else at.contact != "lifted")
 
     @property
     def words(self) -> str:
-        """One line on where it is and whether it touches."""
+        """One line on position and contact."""
         if self.left == "not moved":
             return "not moved; it is where it was before"
         doubt = "trusted" if self.trusted else "last known and not trusted"
@@ -86,63 +85,63 @@ class FinalPosition:
 
     @property
     def to_do(self) -> str | None:
-        """What whoever stands there should do about the indentor first."""
+        """What the operator should do first about the indentor, or None."""
         return None if self.left == "not moved" or self.may_touch is False else self._found.to_do
 
     @property
     def _found(self) -> KnownContact:
         kind = self.contact
-        if kind is None:  # of before contact was measured
+        if kind is None:  # from before contact was measured
             kind = "raised" if self.left == "lifted" else "unknown"
         return KnownContact(kind, self.force_gwt, self.x_mm, self.height_mm)
 
 
 @dataclass(frozen=True)
 class Ending:
-    """Why a run ended before its end, where the indentor is, what to do next, and how the run goes on."""
+    """Early end of a run: reason, final position, next action, and how to resume."""
 
     reason: str
     at: FinalPosition
-    next: str  # for whoever stands there
-    resume: str | None  # what to type; nothing of a run that has not begun
+    next: str  # for the operator
+    resume: str | None  # command that resumes the run; None for a run that did not begin
 
     @classmethod
     def of(cls, problem: Exception | None, at: FinalPosition, folder: Path) -> "Ending":
-        """Of a run in a folder; no problem: its script ended with less than was planned."""
+        """Return the ending of a run in a folder; without a problem, its script ended with less than was planned."""
         if problem is None:
             return cls(ENDED_EARLY, at, _next(ScriptError(), at), resume_line(folder))
         return cls(_reason(problem, folder), at, _next(problem, at), resume_line(folder))
 
     @classmethod
     def killed(cls, run: Run) -> "Ending":
-        """Of a run whose journal has no end."""
+        """Return the ending of a run whose journal has no end."""
         at = FinalPosition.last_known(run)
         return cls(NO_END, at, _next(RunAborted(), at), resume_line(run.folder.path))
 
     @classmethod
     def before_it_began(cls, reason: str, *, refused: bool) -> "Ending":
-        """Of a run that was refused, or left, before anything could move."""
+        """Return the ending of a run that was refused or left before anything could move."""
         return cls(reason, FinalPosition("not moved"), f"{_PUT_RIGHT if refused else ''}repeat the command", None)
 
     @property
-    def told(self) -> dict[str, str]:
-        """Lines for people: what about, and the words."""
-        lines = {"where": self.at.words, "next": self.next, "resume": self.resume}
-        return {about: words for about, words in lines.items() if words is not None}
+    def lines(self) -> dict[str, str]:
+        """Lines to print, by label."""
+        found = {"where": self.at.words, "next": self.next, "resume": self.resume}
+        return {about: words for about, words in found.items() if words is not None}
 
     def as_json(self) -> dict[str, Any]:
-        """Numbers, and the same words."""
-        return {"reason_text": self.reason, "indentor": asdict(self.at), "where_text": self.at.words,
-                "next_text": self.next, "resume": self.resume}  # fmt: skip
+        """Return the fields that commands print as JSON."""
+        return {"reason": self.reason, "indentor": asdict(self.at), "words": self.at.words, "next": self.next,
+                "resume": self.resume}  # fmt: skip
 
 
 def resume_line(folder: Path) -> str:
-    """What to type, from any folder, to go on with a run."""
+    """Return the command that resumes a run from any folder."""
     return f"rig resume {shlex.quote(str(folder.resolve()))}"
 
 
 def _reason(problem: Exception, folder: Path) -> str:
-    """In one line; of a full disk with the room that there is, and the remedy."""
+    """Return the reason in one line; for a full disk, with the free space and the remedy."""
     reason = " ".join(str(problem).split())
     if isinstance(problem, LostRecordError):
         return f"{reason}; the recorded data are in {folder.resolve()}; resume with {resume_line(folder)}"
@@ -154,7 +153,7 @@ def _reason(problem: Exception, folder: Path) -> str:
 
 
 def _next(problem: Exception, at: FinalPosition) -> str:
-    """What whoever stands there is to do; resuming homes, which lifts first."""
+    """Return the next action for the operator; resuming homes, which lifts first."""
     known = (words for kind, words in _SEE_TO if isinstance(problem, kind))
     see_to = next(known, _SEE_TO_THE_DEVICE)
     return see_to if at.to_do is None else f"{at.to_do}; then {see_to}"

@@ -1,4 +1,4 @@
-"""How the engine carries out each step of a script, on hardware or on the virtual bench."""
+"""Executors of the steps of a script, on hardware or on the virtual bench."""
 
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -31,10 +31,10 @@ A = TypeVar("A")
 S = TypeVar("S")
 
 Executor = Callable[[Engine, Any, Any], Any]
-"""Has an engine carry out a step, given what the model expects of it; returns the step's answer to the script."""
+"""Function (engine, step, expected) that carries out a step and returns its answer to the script."""
 
 EXECUTE: dict[type[Step[Any, Any]], Executor] = {}
-"""The executor of every step class."""
+"""Executors by step class."""
 
 
 def executes(kind: type[Step[E, A]]) -> Callable[[Callable[[Engine, S, E], A]], Callable[[Engine, S, E], A]]:
@@ -59,7 +59,7 @@ def executes(kind: type[Step[E, A]]) -> Callable[[Callable[[Engine, S, E], A]], 
 
 
 def execute(engine: Engine, step: Step[E, A], expected: E) -> A:
-    """Have the engine carry out a step.
+    """Carry out a step with the engine.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def execute(engine: Engine, step: Step[E, A], expected: E) -> A:
     Raises
     ------
     BadInputError
-        The step's class has no executor.
+        If the step's class has no executor.
     """
     executor = EXECUTE.get(type(step))
     if executor is None:
@@ -91,17 +91,17 @@ def execute(engine: Engine, step: Step[E, A], expected: E) -> A:
 
 
 class Live:
-    """Handler that has the engine carry out each step.
+    """Handler that carries out each step with the engine.
 
-    A script may decide as it runs, so a step need not be the one that was planned. The walk has checked it again, and
-    the model is asked about whatever the plan did not contain.
+    A script may decide as it runs, so a step may differ from the plan. The walk has checked it again, and the model
+    predicts what the plan did not contain.
     """
 
     def __init__(self, engine: Engine, walk: Walk) -> None:
         self._engine, self._walk = engine, walk
 
     def handle(self, step: Step[E, A], spot: Spot) -> A:
-        """Return what the engine found."""
+        """Carry out the step and return its result."""
         return execute(self._engine, step, step.expect(spot, self._walk))
 
 
@@ -119,19 +119,19 @@ def mount(engine: Engine, step: Mount, expected: None) -> None:
 
 @executes(MoveTo)
 def move_to(engine: Engine, step: MoveTo, expected: None) -> None:
-    """Move to the place at clearance."""
+    """Move to the position at clearance."""
     verbs.move_to(engine, float(step.x_mm), float(step.along_mm))
 
 
 @executes(Indent)
 def indent(engine: Engine, step: Indent, expected: ExpectedPresses) -> Indentation:
-    """Press where the indentor is."""
+    """Press at the present position."""
     return _press(engine, expected.ids[0], expected.planned, step.speed_mm_s)
 
 
 @executes(Precondition)
 def precondition(engine: Engine, step: Precondition, expected: ExpectedPresses) -> None:
-    """Press repeatedly, each time at the planned place."""
+    """Press repeatedly at the planned position."""
     for press_id in expected.ids:
         verbs.be_over(engine, expected.planned.x_mm)
         _press(engine, press_id, expected.planned)
@@ -163,7 +163,7 @@ def _press(
 
 @executes(Touch)
 def touch(engine: Engine, step: Touch, expected: ExpectedTouch) -> float:
-    """Find contact where the indentor is, and lift."""
+    """Find contact at the present position, and lift."""
     return indentation.touch_place(engine, expected.press.index, expected.contact_mm)
 
 

@@ -1,4 +1,4 @@
-"""A run whose journal or byte log was deleted, moved, replaced or shortened while it was carried out."""
+"""Runs whose journal or byte log was deleted, moved, replaced or shortened during the run."""
 
 from collections.abc import Mapping
 from contextlib import suppress
@@ -17,25 +17,25 @@ from rig.session.early_ending import FinalPosition
 
 @dataclass(frozen=True)
 class LostRun:
-    """What is left of it: the problem, and the files of its folder, read back through their descriptors."""
+    """Rest of a run with lost files: the problem, and the files read back through their descriptors."""
 
     problem: LostRecordError
     contents: Mapping[str, bytes]
 
     @classmethod
     def of(cls, folder: RunFolder, copies: Mapping[str, bytes], journal: Journal, byte_log: ByteLog) -> Self | None:
-        """Return None if journal and byte log are where they should be.
+        """Return None if journal and byte log are in place.
 
         Parameters
         ----------
         folder : RunFolder
-            Where the run was.
+            Folder of the run.
         copies : mapping of str to bytes
-            What the run was made from, by file name.
+            Inputs of the run, by file name.
         journal : Journal
-            It may be closed.
+            May be closed.
         byte_log : ByteLog
-            It is open.
+            Must be open.
         """
         byte_log.check()
         files = {folder.events.name: journal.file, folder.bytes_log.name: byte_log.file}
@@ -49,12 +49,12 @@ class LostRun:
         )
 
     def rescued(self, folder: RunFolder, at: FinalPosition) -> Run:
-        """Write it into a new folder beside the old one, or into the user's state folder.
+        """Write the files into a new folder beside the old one, or into the user's state folder.
 
         Raises
         ------
         LostRecordError
-            If nothing can be written, or what is left is not a whole journal.
+            If nothing can be written, or the rest is not a whole journal.
         """
         where = Path()
         try:

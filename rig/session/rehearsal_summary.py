@@ -1,4 +1,4 @@
-"""What `rig check` and `rig run` show before anything moves: steps, forces, margins, stopping."""
+"""Summary that `rig check` and `rig run` print before a motion: steps, forces, margins, stopping."""
 
 import time
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from sim.models.small_strain_error import small_strain
 
 @dataclass(frozen=True)
 class Preflight:
-    """A plan held against the limits; nothing has moved for it."""
+    """Plan, compared with the limits before a motion."""
 
     plan: Plan
     config: Config
@@ -28,17 +28,17 @@ class Preflight:
 
     @property
     def trip_gwt(self) -> float:
-        """The force that would trip, the contact's area aside."""
+        """Lowest trip (gwt), except for the pressure limit."""
         limits = self.config.limits
         return min(limits.soft_trip_n, limits.hard_trip_n, self.plan.soft_trip_n) / GWT_N
 
     @property
     def stopping(self) -> Stopping:
-        """How the stage stops from the fastest press that the limits allow."""
+        """Stopping from the fastest press that the limits allow."""
         return Stopping.of(self.config, self.config.limits.max_press_speed_mm_s)
 
     def as_json(self) -> dict[str, Any]:
-        """What `rig check --json` prints."""
+        """Return the fields that `rig check --json` prints."""
         steps = [self._step(index, planned) for index, planned in enumerate(self.plan.indentations)]
         deepest_mm = max(planned.deepest_mm for planned in self.plan.all_presses)
         limits, peak_gwt = self.config.limits, self.plan.peak_force_gwt
@@ -87,7 +87,7 @@ class Preflight:
 
 
 def _band(planned: PlannedIndentation) -> dict[str, Any]:
-    """Of a finger that was met."""
+    """Return the predicted band of an identified finger, if any."""
     if planned.band is None:
         return {}
     force, depth = planned.band.force_gwt, planned.band.doi_mm
@@ -95,7 +95,7 @@ def _band(planned: PlannedIndentation) -> dict[str, Any]:
 
 
 def preflight(script: Script, config: Config, finger: Fingertip, plan: Plan) -> Preflight:
-    """Rehearse a plan for its duration and hold it against the limits. Raises EngineError."""
+    """Rehearse a plan and compare it with the limits. Raises EngineError."""
     return Preflight(plan, config, rehearsed(script, config, finger, plan))
 
 
@@ -104,7 +104,7 @@ Lines = dict[str, str]
 
 @dataclass(frozen=True)
 class Page:
-    """A session that is to begin, and its rehearsal or why it has none; `took_s` is what rehearsing cost."""
+    """Summary of a session: its rehearsal or the error instead, and the duration of rehearsing (s)."""
 
     session: Session
     rehearsal: Rehearsed | EngineError
@@ -123,7 +123,7 @@ class Page:
 
     @property
     def lines(self) -> Lines:
-        """What each line is about, and its words."""
+        """Lines to print, by label."""
         session, config = self.session, self.session.config
         stage, force = config.stage, config.force
         return {
@@ -152,12 +152,12 @@ class Page:
         presses = self._plan.presses
         counts = {"indentations": len(presses["data"]), "touches": len(self._plan.touches)}
         counts |= {"preconditioning presses": len(presses["precondition"]), "references": len(presses["reference"])}
-        told = ", ".join(f"{number} {what}" for what, number in counts.items() if number) or "nothing to press"
+        summary = ", ".join(f"{number} {what}" for what, number in counts.items() if number) or "nothing to press"
         before = self.session.before
         return (
-            told
+            summary
             if before is None
-            else f"{told}, the rest of {before.start['planned_indentations']} planned indentations"
+            else f"{summary}, the rest of {before.start['planned_indentations']} planned indentations"
         )
 
     @property
@@ -188,7 +188,7 @@ class Page:
 
     @property
     def _first(self) -> str:
-        """What moves first, whatever the script: homing, and on the way down to the first place."""
+        """First motions of every script: homing, and the way to the first position."""
         config = self.session.config
         mounted = next(iter(dict.fromkeys(planned.indentor for planned in self._plan.all_presses)), None)
         by_hand = "" if mounted is None else f"you mount {mounted}; "

@@ -1,7 +1,7 @@
-"""Rehearse a protocol on springs, to predict how long it takes before anything moves.
+"""Rehearsal of a protocol on springs, which predicts its duration before a motion.
 
 The engine, the drivers, the bytes and the clock are those of a dry-run. Only the finger is replaced, by one spring
-for each press, fitted to two solutions of the finger model: a spring costs almost no time.
+for each press, fitted to two solutions of the finger model, which costs almost no time.
 """
 
 import io
@@ -38,7 +38,7 @@ A = TypeVar("A")
 
 @dataclass(frozen=True)
 class Spring:
-    """force = at_target · (DOI / target)^exponent."""
+    """Spring of one press: force_n · (DOI / doi_mm)^exponent."""
 
     contact_mm: float
     doi_mm: float
@@ -62,7 +62,7 @@ class Spring:
 
 
 class SpringPlant:
-    """A carriage over at most one spring, which stands for the finger."""
+    """Carriage over at most one spring in place of the finger."""
 
     def __init__(self, carriage: Carriage) -> None:
         self._carriage = carriage
@@ -82,18 +82,18 @@ class SpringPlant:
         return 0.0 if self.spring is None else self.spring.force_at(self._carriage.pose_at(t_s).above_apex_mm)
 
 
-# About a finger under a sphere: a touch ends before the stiffness matters.
+# Roughly a finger under a sphere: a touch ends before the stiffness matters.
 _UNDER_A_TOUCH = {"doi_mm": 1.0, "force_n": 0.1, "exponent": 1.5}
 
 
 class Rehearsing:
-    """Handler that puts the right spring under the indentor, and has the engine carry out the step."""
+    """Handler that sets the spring under the indentor and carries out each step."""
 
     def __init__(self, engine: Engine, walk: Walk, plant: SpringPlant) -> None:
         self._engine, self._walk, self._plant = engine, walk, plant
 
     def handle(self, step: Step[E, A], spot: Spot) -> A:
-        """Return what the engine finds on springs."""
+        """Carry out the step on springs and return its result."""
         expected = step.expect(spot, self._walk)
         if isinstance(expected, ExpectedPresses):
             self._plant.spring = Spring.fitted(expected.planned, self._walk.model)
@@ -104,7 +104,7 @@ class Rehearsing:
 
 @dataclass(frozen=True)
 class Rehearsed:
-    """How long a script takes on springs, how long it would touch the finger, and when it passes each milestone."""
+    """Predicted duration, contact time and time of each milestone (s)."""
 
     duration_s: float
     contact_s: float
@@ -119,7 +119,7 @@ class Rehearsed:
 
 
 def rehearsed(script: Script, config: Config, finger: Finger, plan: Plan, before: Run | None = None) -> Rehearsed:
-    """Carry out a script on springs.
+    """Rehearse a script on springs.
 
     Parameters
     ----------
@@ -127,9 +127,9 @@ def rehearsed(script: Script, config: Config, finger: Finger, plan: Plan, before
     config : Config
     finger : Finger
     plan : Plan
-        The plan of the script; its predictions are used again.
+        Plan of the script, whose predictions are reused.
     before : Run, optional
-        A stopped run. Only what it lacks is rehearsed.
+        A stopped run, of which only the remaining steps are rehearsed.
 
     Returns
     -------
@@ -138,9 +138,9 @@ def rehearsed(script: Script, config: Config, finger: Finger, plan: Plan, before
     Raises
     ------
     EngineError
-        The script would not reach its end.
+        If the script would not reach its end.
     """
-    believed = with_stand_ins(config.model_copy(update={"virtual": VirtualSettings()}))
+    settings = with_stand_ins(config.model_copy(update={"virtual": VirtualSettings()}))
     clock = VirtualClock()
     plants: list[SpringPlant] = []
 
@@ -148,11 +148,11 @@ def rehearsed(script: Script, config: Config, finger: Finger, plan: Plan, before
         plants.append(SpringPlant(carriage))
         return plants[0]
 
-    bench = bench_around(make_plant, believed, clock, io.StringIO())
+    bench = bench_around(make_plant, settings, clock, io.StringIO())
     timeline = Timeline(clock.monotonic_s)
-    engine = Engine(believed, bench, timeline, plan.soft_trip_n)
+    engine = Engine(settings, bench, timeline, plan.soft_trip_n)
     where = str if before is None else partial(kept_in, before.folder.path)
-    walk = Walk(believed, FingerModel(finger, plan.predictions, where, config.met))
+    walk = Walk(settings, FingerModel(finger, plan.predictions, where, config.met))
     handler: Handler = Rehearsing(engine, walk, plants[0])
     if before is not None:
         verbs.home(engine)

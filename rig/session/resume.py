@@ -1,4 +1,4 @@
-"""Read a run that stopped, to resume it, and record what makes a run: versions, command, devices."""
+"""Stopped runs, read to resume them, and the provenance of a run: versions, command, devices."""
 
 import json
 import platform
@@ -26,9 +26,9 @@ from sim.finger_process import Finger, asked
 
 @dataclass(frozen=True)
 class StoppedRun:
-    """A run as its folder tells it: the run's own script, parameters and configuration, and what was journalled.
+    """Stopped run from its folder: its own script, parameters, configuration and journal.
 
-    `run` is None where the program ended before anything was journalled.
+    `run` is None if the program ended before it journalled anything.
     """
 
     folder: RunFolder
@@ -40,17 +40,17 @@ class StoppedRun:
 
     @property
     def begins_at_s(self) -> float:
-        """Where the clock of its next part begins at the earliest."""
+        """Earliest start of the clock of the next part (s)."""
         return 0.0 if self.run is None else self.run.end_s
 
     @property
     def complete(self) -> bool:
-        """Whether there is nothing left to do."""
+        """Whether nothing remains to be done."""
         return self.run is not None and self.run.complete
 
 
 def read_stopped(path: Path) -> StoppedRun:
-    """What a run folder holds, its journal mended. Raises BadInputError, FolderBusyError, UnwritableError."""
+    """Read a run folder and mend its journal. Raises BadInputError, FolderBusyError, UnwritableError."""
     folder = RunFolder(path)
     try:
         with folder.owned():
@@ -70,13 +70,13 @@ def read_stopped(path: Path) -> StoppedRun:
 
 
 def _never_planned(run: Run) -> bool:
-    """Whether a stop came before its plan was there: what is missing of it nobody knows."""
+    """Return whether the run was stopped during planning, so that its remaining steps are unknown."""
     stopped_while = None if run.stop is None else run.stop.get("stopped_while")
     return not run.start["planned_indentations"] and stopped_while == "planning"
 
 
-def _learned(folder: RunFolder) -> str:
-    """What is left of a meeting."""
+def _results(folder: RunFolder) -> str:
+    """Return where the results of an identification are, in words."""
     page = folder.path / MEETING_PAGE
     return f"its result is in its finger file and in {page}" if page.exists() else "its presses remain in its journal"
 
@@ -96,7 +96,7 @@ def _read(folder: RunFolder) -> StoppedRun:
             "run folder {path}: an identification cannot be resumed; repeat `rig meet`. In this run, {left}",
             code="meeting",
             path=str(folder.path),
-            left=_learned(folder),
+            left=_results(folder),
         )
     copy = folder.path / "protocol.py"
     run = read_run(folder.path) if mend_journal(folder.events) else None
@@ -117,15 +117,15 @@ def _read(folder: RunFolder) -> StoppedRun:
 
 
 def left_on_record(runs: Path, config: Config) -> str | None:
-    """What to be careful of: the bench's own record of contact, and how the last run ended; None: of nothing.
+    """Return a warning from the recorded contact of the bench and the end of the last run, or None.
 
-    Where no command has written a record yet, what the journals in runs/ say.
+    Without a record of the bench, only the journals in runs/ count.
     """
     return careful_of(last_left(runs, config), config)
 
 
 def careful_of(left: Ending | None, config: Config) -> str | None:
-    """The same, of a run that ended like this."""
+    """Return the same warning for a run with this ending."""
     known = BenchMemory(config).read().contact
     ended = None if left is None else f"{left.reason}; the indentor was {left.at.words}; {left.next} ({left.resume})"
     if known is None:
@@ -136,9 +136,9 @@ def careful_of(left: Ending | None, config: Config) -> str | None:
 
 
 def last_left(runs: Path, config: Config) -> Ending | None:
-    """How the last real run on this stage left the indentor, where it may still be on the finger.
+    """Return the ending of the last real run on this stage, if the indentor may still touch the finger.
 
-    `runs` is the folder of run folders. A run that another process is at is none of ours.
+    `runs` is the folder of run folders. A run that another process carries out does not count.
     """
     folders = sorted(runs.iterdir(), reverse=True) if runs.is_dir() else []
     ports = set(stage_ports(config.stage))
@@ -157,7 +157,7 @@ def last_left(runs: Path, config: Config) -> Ending | None:
 
 
 def ending_on_record(run: Run) -> Ending | None:
-    """What a run's journal says of an end that left the indentor where it may touch; None where it did not."""
+    """Return the ending of a run if it left the indentor where it may touch, else None."""
     if run.killed:
         return Ending.killed(run)
     assert run.stop is not None
@@ -168,7 +168,7 @@ def ending_on_record(run: Run) -> Ending | None:
 
 
 def first_reference_gwt(run: Run) -> list[float] | None:
-    """The forces of the first reference that was compared."""
+    """Return the forces of the first reference press that was compared (gwt)."""
     compared = {event["index"] for event in run.stream("reference")}
     forces = {(e["index"], e["hold"]): e["force_gwt"] for e in run.stream("reference_hold_end")}
     first = min(compared, default=None)
@@ -182,7 +182,7 @@ _PACKAGES = ("indentation-rig", "numpy", "scipy", "h5py", "pydantic", "matplotli
 def provenance(
     script: Script, config: Config, finger: Finger | None, now: datetime, *, virtual: bool, subject: str | None = None
 ) -> dict[str, Any]:
-    """All that `rig resume` and a reader in ten years need to know, as JSON; no finger: it was not loaded yet."""
+    """Return the provenance of a run, for `rig resume` and later readers; finger: None before it is loaded."""
     prefix = "virtual " if virtual else ""
     return {
         "started_utc": now.isoformat(timespec="seconds"),
@@ -201,7 +201,7 @@ def provenance(
 
 
 def commit(file: Path) -> str | None:
-    """The commit that a file of this program is at, marked where its tree has changes; None outside a work tree."""
+    """Return the commit of a file of this program, with a mark for local changes; None outside a work tree."""
     described = _git(file.parent, "ls-files", "--error-unmatch", file.name)
     head = _git(file.parent, "rev-parse", "HEAD") if described else ""
     if not head:
@@ -210,7 +210,7 @@ def commit(file: Path) -> str | None:
 
 
 def _git(folder: Path, *words: str) -> str:
-    """What git says, nothing where it fails or is not there."""
+    """Return the output of git, or nothing if it fails or is missing."""
     try:
         done = subprocess.run(["git", *words], cwd=folder, capture_output=True, text=True, timeout=_PATIENCE_S)
     except (OSError, subprocess.TimeoutExpired):

@@ -1,4 +1,4 @@
-"""Run a script on a rig, and what may end it."""
+"""Run of a script on a rig, and the errors that may end it."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -8,22 +8,22 @@ from rig.engine import Engine, EngineError, ScriptError
 from rig.errors import BadInputError
 from rig.protocol.api import Rig
 from rig.protocol.handlers import SilentScriptError, impatient
-from rig.protocol.script import Script, said_of_script
+from rig.protocol.script import Script, script_error
 from rig.transport import TransportError
 from sim.finger_process import FingerLostError
 
 AT_ONCE = "stopped at once by the operator"
 ENDINGS = (EngineError, StageError, ForceError, TransportError, FingerLostError)
-"""What ends a run before its end: the engine has lifted or stopped before it raises these."""
+"""Errors that end a run early; the engine has lifted or stopped before it raises them."""
 
 
 @contextmanager
 def stopped_at_once(
     engine: Engine, stopped: Callable[[], bool] = lambda: False, why: Callable[[], str] = lambda: ""
 ) -> Iterator[None]:
-    """A second Ctrl-C, or `rig stop`, stops the stage past every queue, whatever is being done.
+    """Stop the stage past every queue on a second Ctrl-C or `rig stop`.
 
-    stopped: whether another thread has done so already; then whatever fails here has failed for that. why: in words.
+    stopped: whether another thread has already stopped it, which then explains any failure. why: reason in words.
     """
     try:
         yield
@@ -38,9 +38,9 @@ def stopped_at_once(
 
 
 def run_script(script: Script, engine: Engine, rig: Rig) -> None:
-    """Run it; a failure elsewhere than in the engine lifts the indentor, and no swallowed trip ends well.
+    """Run a script. An error outside the engine lifts the indentor, and a trip that the script swallowed is raised.
 
-    A script that makes no step for too long has failed; what a step takes is none of its silence.
+    A script that makes no step for too long fails; the duration of a step does not count.
     """
     try:
         with impatient():
@@ -52,6 +52,6 @@ def run_script(script: Script, engine: Engine, rig: Rig) -> None:
         raise
     except (Exception, SystemExit, SilentScriptError) as error:
         engine.make_safe()
-        raise said_of_script(ScriptError, script.path, error, (BadInputError, SilentScriptError)) from error
+        raise script_error(ScriptError, script.path, error, (BadInputError, SilentScriptError)) from error
     if engine.problem is not None:
         raise engine.problem

@@ -1,4 +1,4 @@
-"""Carry a script out, on the virtual bench or on real ports, to a finished run folder."""
+"""Sessions: carry out a script on the virtual bench or on real ports, up to a finished run folder."""
 
 import shutil
 import time
@@ -40,58 +40,58 @@ from sim.finger_process import Finger, FingerProcess
 
 
 class Attendant(Protocol):
-    """Whoever looks on: sees every event, may ask for a pause or stop, and says whether to go on after a pause."""
+    """Observer of a run, which sees every event, may request a pause or a stop, and decides whether to continue."""
 
     def stopped(self) -> bool:
-        """Whether somebody has stopped the stage from another thread; asked where something has failed."""
+        """Return whether another thread has stopped the stage; called after a failure."""
 
     def begins(self, folder: RunFolder) -> None:
-        """Ports are open and the journal in this folder has begun: from now on something may move."""
+        """Note that ports are open and the journal in this folder has begun: motions may follow."""
 
     def watch(self, stream: str, data: Mapping[str, Any]) -> None:
-        """An event is on disk."""
+        """Note an event that is on disk."""
 
     def interrupted(self) -> bool:
-        """Whether a pause is asked for at the next safe point."""
+        """Return whether a pause is requested for the next safe point."""
 
     def go_on(self) -> bool:
-        """Whether the run goes on after the pause."""
+        """Return whether to continue after the pause."""
 
 
 class Nobody:
-    """Looks on and asks for nothing."""
+    """Observer that requests nothing."""
 
     def stopped(self) -> bool:
-        """No."""
+        """Return False."""
         return False
 
     def begins(self, folder: RunFolder) -> None:
-        """Nothing comes of it."""
+        """Do nothing."""
 
     def watch(self, stream: str, data: Mapping[str, Any]) -> None:
-        """Nothing comes of it."""
+        """Do nothing."""
 
     def interrupted(self) -> bool:
-        """No."""
+        """Return False."""
         return False
 
     def go_on(self) -> bool:
-        """No."""
+        """Return False."""
         return False
 
 
 @dataclass(frozen=True)
 class FinishedRun:
-    """A finished run, as its journal tells it."""
+    """Finished run, read from its journal."""
 
     run: Run
     wall_s: float
-    problem: Exception | None  # what ended it before its end, or kept its files from being written
-    at: FinalPosition  # where that left the indentor
+    problem: Exception | None  # error that ended the run early, or kept its files from being written
+    at: FinalPosition  # final position of the indentor
 
     @property
     def folder(self) -> RunFolder:
-        """Where it lies."""
+        """Folder of the run."""
         return self.run.folder
 
     @property
@@ -101,17 +101,17 @@ class FinishedRun:
 
     @property
     def indentations(self) -> int:
-        """How many were finished."""
+        """Number of finished indentations."""
         return len(self.run.done)
 
     @property
     def duration_s(self) -> float:
-        """Seconds of the run's clock."""
+        """Duration on the clock of the run (s)."""
         return self.run.duration_s
 
     @property
     def ending(self) -> Ending | None:
-        """What is to be said of any end but the right one."""
+        """Ending, unless the run ended normally."""
         if self.complete and self.problem is None:
             return None
         return Ending.of(self.problem, self.at, self.folder.path)
@@ -119,20 +119,20 @@ class FinishedRun:
 
 @dataclass(frozen=True)
 class NewRun:
-    """A run that gets a folder of its own in `out`; `subject` is the code of whoever lies under the rig."""
+    """New run with its own folder in `out`; `subject` is the code of the participant."""
 
     out: Path
     subject: str | None = None
 
     @property
     def begins_at_s(self) -> float:
-        """The first instant of its clock."""
+        """Start of its clock (s)."""
         return 0.0
 
 
 @dataclass(frozen=True)
 class Session:
-    """One checked script, what it was checked against, and the run that comes of it: a new one, or one taken up."""
+    """Checked script, its configuration, finger and plan, and the run: new or resumed."""
 
     script: Script
     config: Config
@@ -140,32 +140,32 @@ class Session:
     plan: Plan
     into: NewRun | StoppedRun
     attendant: Attendant = field(default_factory=Nobody)
-    handler: Callable[[Engine, Walk], Handler] = Live  # what carries its steps out
+    handler: Callable[[Engine, Walk], Handler] = Live  # carries out the steps
     button: StopButton | None = None  # of a real run
 
     @property
     def before(self) -> Run | None:
-        """What the run that is taken up has journalled."""
+        """Journal of the run that is resumed, or None."""
         return self.into.run if isinstance(self.into, StoppedRun) else None
 
     @property
     def pause(self) -> Pause:
-        """Ctrl-C and what follows it."""
+        """Pause by Ctrl-C."""
         return Pause(self.attendant.interrupted, self.attendant.go_on)
 
     @property
     def stopped_by(self) -> str:
-        """Who stopped it at once, where somebody did."""
+        """Reason of an immediate stop."""
         return BY_THE_BUTTON if self.button is not None and self.button.stopped else AT_ONCE
 
     @property
     def begins_at_s(self) -> float:
-        """The first instant of the run's clock."""
+        """Start of the run's clock (s)."""
         return self.into.begins_at_s
 
 
 def dry_run(session: Session, speed: float | None = None) -> FinishedRun:
-    """Carry it out on the virtual bench; `speed` limits virtual seconds per real second."""
+    """Carry out a session on the virtual bench; `speed` limits virtual seconds per real second."""
 
     finger = session.finger
     assert not isinstance(finger, FingerProcess), "it is pressed here, by the virtual bench"
@@ -179,7 +179,7 @@ def dry_run(session: Session, speed: float | None = None) -> FinishedRun:
 
 
 def real_run(session: Session, ask: Callable[[str], str], stage: StageInHand) -> FinishedRun:
-    """Carry it out on the ports of the configuration; that of the stage is open already.
+    """Carry out a session on the configured ports, with the stage already open.
 
     Raises BadInputError for a calibration out of date.
     """
@@ -198,9 +198,9 @@ def run_on(
     virtual: bool,
     speed: float | None = None,
 ) -> FinishedRun:
-    """Carry it out on a bench that is opened for it.
+    """Carry out a session on a bench that is opened for it.
 
-    A run that ends before its end has the reason in its journal and in `problem`, and is exported all the same.
+    A run that ends early has the reason in its journal and in `problem`, and is exported all the same.
     """
     began = time.perf_counter()
     now = datetime.now(UTC)
@@ -227,7 +227,7 @@ def run_on(
 
 
 def _folder(session: Session, now: datetime, *, virtual: bool) -> RunFolder:
-    """A new one, or that of the run that is taken up."""
+    """Return a new run folder, or that of the resumed run."""
     script, config, into = session.script, session.config, session.into
     if isinstance(into, StoppedRun):
         return into.folder
@@ -238,7 +238,7 @@ def _folder(session: Session, now: datetime, *, virtual: bool) -> RunFolder:
 def _on_a_bench(
     session: Session, folder: RunFolder, open_bench: Callable[[Sink], WatchedBench], speed: float | None
 ) -> tuple[Exception | None, FinalPosition, LostRun | None]:
-    """Carry the script out; returns what ended it before its end, where that left the indentor, and what is lost."""
+    """Carry out the script; return the error that ended it early, the final position, and lost files."""
     contact_s = 0.0 if session.before is None else session.before.contact_s
     copies = folder.copies()
     with ByteLog(folder.bytes_log) as byte_log:
@@ -269,18 +269,18 @@ def _carry_out(session: Session, journal: Journal, engine: Engine, rig: Rig, ben
             journal.stop("done")
     except ENDINGS as error:
         return error
-    except KeyboardInterrupt:  # the stage has been stopped; what is on disk is still worth a report
+    except KeyboardInterrupt:  # The stage was stopped; the journal is still worth a report.
         return RunAborted("{stopped_by}", code="stopped_at_once", stopped_by=session.stopped_by)
     finally:
         bench.left_with(engine.sensing.zero)
         if engine.may_touch:
-            with suppress(RecordError):  # it says already that the finger may be touched
+            with suppress(RecordError):  # The record already assumes contact.
                 bench.touched(engine.known_contact)
     return None
 
 
 def _begin(session: Session, journal: Journal, *, virtual: bool) -> None:
-    """The first document of the run, or of its next part. Raises UnwritableError; nothing has moved."""
+    """Write the first document of the run, or of its next part. Raises UnwritableError before a motion."""
     before = session.before
     try:
         if before is None:
@@ -297,10 +297,10 @@ def _begin(session: Session, journal: Journal, *, virtual: bool) -> None:
 
 @contextmanager
 def _nothing_left(session: Session, folder: RunFolder) -> Iterator[None]:
-    """A new run that has journalled nothing leaves no folder behind."""
+    """Remove the folder of a new run that has journalled nothing."""
     try:
         yield
-    except LostRecordError:  # there was a run, and what is left of it stays
+    except LostRecordError:  # What remains of a run must stay.
         raise
     except BaseException:
         begun = folder.events.exists() and folder.events.stat().st_size > 0
@@ -310,7 +310,7 @@ def _nothing_left(session: Session, folder: RunFolder) -> Iterator[None]:
 
 
 def _rig(session: Session, folder: RunFolder, engine: Engine) -> Rig:
-    """The script's rig on an engine; in a run that is taken up, one that does what is missing."""
+    """Return the script's rig on an engine; in a resumed run, one that does the remaining steps."""
     config, where = session.config, partial(kept_in, folder.path)
     walk = Walk(config, FingerModel(session.finger, session.plan.predictions, where, config.met))
     handler = session.handler(engine, walk)
@@ -341,7 +341,7 @@ def _button(session: Session) -> dict[str, Any]:
 
 
 def _paced(session: Session, clock: Clock, speed: float | None) -> Watch:
-    """The session's watch, waiting where the virtual clock has run ahead of `speed` times real time."""
+    """Return the session's watch, slowed down to `speed` virtual seconds per real second."""
     if speed is None:
         return session.attendant.watch
     wall = WallClock()
@@ -355,9 +355,10 @@ def _paced(session: Session, clock: Clock, speed: float | None) -> Watch:
 
 
 def record_before(script: Script, config: Config, into: NewRun | StoppedRun, *, virtual: bool) -> RunFolder:
-    """A run that was stopped while it was planned: aborted, and nothing moved.
+    """Record a run that was stopped during planning: aborted, without a motion.
 
-    In a folder of its own, or as one part more of the run that was to be taken up. Raises OSError, FolderBusyError.
+    The record is in a folder of its own, or the next part of the run to be resumed. Raises OSError,
+    FolderBusyError.
     """
     if isinstance(into, NewRun):
         now = datetime.now(UTC)
@@ -391,10 +392,9 @@ def record_before(script: Script, config: Config, into: NewRun | StoppedRun, *, 
 
 
 def record_after(folder: RunFolder, state: str, wire: str) -> None:
-    """The bytes of a stop, and the stop itself where the run's last document does not say it.
+    """Append the bytes of a stop, and the stop itself if the journal lacks it.
 
-    A run that had ended stays what it was: its end is said again, with the state that it was stopped in.
-    Raises OSError, FolderBusyError.
+    The end of a finished run is repeated, with the state in which it was stopped. Raises OSError, FolderBusyError.
     """
     with folder.owned():
         with ByteLog(folder.bytes_log) as log:

@@ -1,4 +1,4 @@
-"""The participant's stop button and the hardware trip of `[stop]`: read before a run, and looked at while it runs."""
+"""Stop button of the participant and hardware trip of `[stop]`: checked before a run and polled during it."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -14,28 +14,28 @@ from rig.settings import BenchSettings, StopSettings
 from rig.transport import TransportError
 
 BY_THE_BUTTON = "stopped at once by the participant's stop button"
-_SET_POINT_WITHIN = 0.02  # of what is configured: a transmitter rounds to its divisions
+_SET_POINT_WITHIN = 0.02  # Relative tolerance: a transmitter rounds to its divisions.
 
 
 class StopButton:
-    """The button of a real run, from before its page to its end; close() it, or use it in a `with`."""
+    """Stop button of a real run; close() it, or use it in a `with`."""
 
     def __init__(self, settings: StopSettings, stage: StageInHand, stop: Callable[[], object]) -> None:
-        """Open a key.
+        """Open the key, if one is configured.
 
         Parameters
         ----------
         settings : StopSettings
-            Of the configuration.
+            Table [stop] of the configuration.
         stage : StageInHand
-            The run's, whose inputs are read.
+            Stage of the run, whose inputs are read.
         stop : callable
             Stops the stage past every queue, from any thread but the main one.
 
         Raises
         ------
         BadInputError
-            If the key is not there.
+            If the key is missing.
         """
         self._settings, self._stage, self._stop = settings, stage, stop
         self.tested = self.stopped = False
@@ -48,28 +48,28 @@ class StopButton:
         return self._settings.kind != "off"
 
     def pressed(self) -> bool:
-        """Return whether it is held down now. Raises StageError, TransportError."""
+        """Return whether the button is held down. Raises StageError, TransportError."""
         if self.key is not None:
             return self.key.pressed
         return self._settings.input in self._stage.active_inputs()
 
     def arm(self) -> None:
-        """From now on a press of a key stops the stage and ends the run; an input of the board always does."""
+        """Make a press of the key stop the stage and end the run; an input of the board always does."""
         if self.key is not None:
             self.key.arm(self._pressed)
 
     def _pressed(self) -> None:
         self.stopped = True
-        with suppress(Exception):  # a run that has just ended; or a stage that is gone, of which the run hears itself
+        with suppress(Exception):  # The run may have just ended; if the stage is gone, the run notices by itself.
             self._stop()
 
     def seen(self, *, pressed: bool) -> None:
-        """What the controller said of its input just now."""
+        """Record the state of the controller's input."""
         self._last = "PRESSED" if pressed else "not pressed"
 
     @property
     def state(self) -> str:
-        """Its state in words, as it is now."""
+        """State of the button in words, polled now."""
         try:
             self.seen(pressed=self.pressed())
         except (StageError, TransportError) as error:
@@ -78,7 +78,7 @@ class StopButton:
 
     @property
     def last_state(self) -> str:
-        """The same for another thread, without asking the controller: an input is as it was last seen."""
+        """Last state in words, without polling the controller; safe from another thread."""
         if self.stopped:
             return "PRESSED; it has stopped the stage"
         if self.key is not None:
@@ -89,7 +89,7 @@ class StopButton:
 
     @property
     def words(self) -> str:
-        """Where it is and its state, and of the hardware trip, for the page."""
+        """Button, its state and the hardware trip, for the summary."""
         settings = self._settings
         found = {
             "off": "no stop button is configured",
@@ -103,11 +103,11 @@ class StopButton:
         return f"{button}; hardware trip{at} on the controller's input {settings.trip_input}"
 
     def as_json(self) -> dict[str, Any]:
-        """What the journal's first document says of it."""
+        """Return the fields for the journal's first document."""
         return {"kind": self._settings.kind, "tested": self.tested}
 
     def close(self) -> None:
-        """Give a key back."""
+        """Release the key."""
         if self.key is not None:
             self.key.close()
 
@@ -119,7 +119,7 @@ class StopButton:
 
 
 def _key(settings: StopSettings) -> StopKey | None:
-    """Opened, where the button is one. Raises BadInputError."""
+    """Open the key, if the button is one. Raises BadInputError."""
     if settings.kind != "key" or settings.device is None:
         return None
     try:
@@ -130,7 +130,7 @@ def _key(settings: StopSettings) -> StopKey | None:
 
 @contextmanager
 def key_interrupting(settings: BenchSettings, interrupt: Callable[[], object]) -> Iterator[None]:
-    """While a command at the bench moves the stage, a press of the key interrupts it. Raises BadInputError."""
+    """Make a press of the key interrupt a command that moves the stage. Raises BadInputError."""
     key = _key(settings.stop)
     if key is None:
         yield
@@ -143,14 +143,14 @@ def key_interrupting(settings: BenchSettings, interrupt: Callable[[], object]) -
 
 
 def refuse_stop_inputs(settings: BenchSettings, bench: WatchedBench) -> None:
-    """Refuse a run whose stop input is active, or whose transmitter trips at another force than configured.
+    """Refuse a run if a stop input is active, or if the transmitter trips at another force than configured.
 
     Raises
     ------
     BadInputError
-        One line on the key of `[stop]`, before anything moves.
+        Before a motion; it names the key of `[stop]`.
     StageError, ForceError, TransportError
-        If a device does not answer.
+        If a device does not respond.
     """
     stop = settings.stop
     if stop.inputs:
@@ -184,12 +184,12 @@ def refuse_stop_inputs(settings: BenchSettings, bench: WatchedBench) -> None:
 
 @contextmanager
 def stop_inputs_heeded(settings: BenchSettings, engine: Engine, button: StopButton | None) -> Iterator[None]:
-    """While a run is carried out its stop inputs are looked at with each reading of the force.
+    """Check the stop inputs with each force reading during a run.
 
     Raises
     ------
     RunAborted
-        If the participant's button on the controller was pressed: the stage was stopped at once.
+        If the participant pressed the button on the controller: the stage was stopped at once.
     TripError
         If the hardware trip stopped the stage.
     """
@@ -197,10 +197,11 @@ def stop_inputs_heeded(settings: BenchSettings, engine: Engine, button: StopButt
     if stop.kind == "off" and not stop.inputs:
         yield
         return
-    engine.stop_problem = _Look(stop, engine, button)
+    engine.stop_problem = _StopInputCheck(stop, engine, button)
     try:
         yield
-    except (StageHeld, StageAlarm) as error:  # the controller stopped first, and said so: an alarm, in homing
+    # The controller stopped first and reported it: by an alarm, while homing.
+    except (StageHeld, StageAlarm) as error:
         held, active = isinstance(error, StageHeld), _active_now(engine.bench.stage)
         if stop.trip_input in active:
             raise _by_the_relay(stop) from error
@@ -209,22 +210,23 @@ def stop_inputs_heeded(settings: BenchSettings, engine: Engine, button: StopButt
         raise
 
 
-class _Look:
-    """Called with each reading: at rest the controller is asked, in motion what it said last counts."""
+class _StopInputCheck:
+    """Check made with each reading: at rest the controller is polled, in motion its last status counts."""
 
     def __init__(self, stop: StopSettings, engine: Engine, button: StopButton | None) -> None:
         self._stop, self._engine, self._button = stop, engine, button
         self._key = None if button is None else button.key
-        self._with_its_state = bool({"door", "hold"} & set(stop.inputs.values()))  # a board reports both in one line
+        # A board reports both in one line.
+        self._with_its_state = bool({"door", "hold"} & set(stop.inputs.values()))
 
-    def _asked(self, *, anew: bool) -> tuple[frozenset[str], bool]:
-        """The inputs that are active, and whether somebody holds the controller."""
+    def _poll(self, *, anew: bool) -> tuple[frozenset[str], bool]:
+        """Return the active inputs, and whether the controller is held."""
         stage = self._engine.bench.stage
         held = is_held(stage.status().state) if anew and self._with_its_state else False
         return stage.active_inputs(), held
 
     def __call__(self, *, at_rest: bool) -> TripError | None:
-        """Return what trips, if anything does. Raises RunAborted where the button was pressed; the stage stands."""
+        """Return a trip or None. Raises RunAborted if the button was pressed; the stage is then at rest."""
         if self._key is not None and self._key.problem:
             return TripError(
                 "the stop button no longer answers: {problem}; connect it again",
@@ -233,7 +235,7 @@ class _Look:
             )
         if not self._stop.inputs:
             return None
-        active, held = self._engine.guarded(lambda: self._asked(anew=at_rest))
+        active, held = self._engine.guarded(lambda: self._poll(anew=at_rest))
         if self._stop.trip_input in active:
             return _by_the_relay(self._stop)
         if self._stop.kind == "board":
@@ -247,7 +249,7 @@ class _Look:
 
 
 def _active_now(stage: Stage) -> frozenset[str]:
-    """As the controller last said, or says now that it has been stopped."""
+    """Return the inputs active in the last status, or now that the controller was stopped."""
     active: frozenset[str] = frozenset()
     with suppress(StageError, TransportError):
         active = stage.active_inputs()

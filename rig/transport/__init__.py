@@ -1,6 +1,6 @@
-"""Bytes in and out: serial port, TCP or in-process loopback, with a log of the wire.
+"""Transports of bytes: serial port, TCP or in-process loopback, with a byte log.
 
-Modbus frames over them are in `rig/transport/modbus.py`, for those who speak it.
+Modbus frames are in `rig/transport/modbus.py`, which only Modbus drivers import.
 """
 
 from rig.transport.ownership import NotOwnedError, PortOwner, first_owner, port_owner

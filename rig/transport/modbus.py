@@ -1,7 +1,7 @@
-"""A Modbus master over any transport: frames and PDUs are pymodbus', waiting is our clock's.
+"""Modbus master over any transport: pymodbus encodes the frames, and this module waits on the rig's clock.
 
-One code serves the virtual and the wall clock; pymodbus' own clients sleep on the wall clock.
-Sources: Modbus application protocol V1.1b3; Modbus over serial line V1.02, §2.5.1.1 (silence of 3.5 characters).
+This makes one code serve the virtual and the wall clock; the clients of pymodbus sleep on the wall clock. Sources:
+Modbus application protocol V1.1b3; Modbus over serial line V1.02, §2.5.1.1 (silence of 3.5 characters).
 """
 
 import math
@@ -29,11 +29,11 @@ from rig.transport.wire import Transport
 REPLY_S = 0.2
 READ_TRIES = 3
 BROADCAST = 0
-# On a serial line answers have no number: for so long after a question without an answer, that answer may still come
-# and be taken for one to a question of the same kind. Those are then listened to for as long as a second one takes.
+# Replies on a serial line have no number. For LATE_S after an unanswered request, its reply may still arrive and be
+# taken for the reply to a later request of the same kind, so such requests wait for a second reply.
 LATE_S, LISTEN_S, LISTEN_BYTES = 3.0, 0.02, 40
-# Where a byte gets lost on TCP, a device takes the next frame's first byte for the last one of a register. No
-# trigger, control word or path has a low byte of 80 hex or more there, so all numbers begin with one.
+# If TCP loses a byte, a device takes the first byte of the next frame for the last byte of a register. No trigger,
+# control word or path has a low byte of 80 hex or more there, so all transaction numbers begin with one.
 FIRST_TRANSACTION, TRANSACTIONS = 0x8000, 0x8000
 # A character has 11 bits on a serial line; above 19200 baud the silence is fixed.
 SILENT_BITS, FIXED_SILENCE_S, FAST_BAUD = 38.5, 1.75e-3, 19200
@@ -51,55 +51,55 @@ _ABOUT = "{port}: device {device}, {function} (function {function_number}) of {c
 
 
 class ModbusError(RigError):
-    """An exchange failed; the message names port, device, function and register."""
+    """Error of an exchange; it names port, device, function and register."""
 
     default_code = "modbus_failed"
 
 
 class ModbusTimeout(ModbusError):  # noqa: N818
-    """No whole answer within the time allowed."""
+    """Error of a missing or incomplete reply."""
 
     default_code = "timeout"
 
 
 class ModbusGarbled(ModbusError):  # noqa: N818
-    """Bytes came that are no answer to the question: bad CRC, another device, too short."""
+    """Error of a reply that does not belong to the request: bad CRC, another device, too short."""
 
     default_code = "garbled"
 
 
 class ModbusRefused(ModbusError):  # noqa: N818
-    """The device answered with an exception; number is Modbus'."""
+    """Error of a request that the device refused with a Modbus exception number."""
 
     default_code = "refused"
 
     def __init__(self, message: str, number: int, **fields: Any) -> None:
-        """Take a format string over the fields and `number`, or plain text where there are no fields."""
+        """message: format string over the fields and `number`, or plain text if there are no fields."""
         super().__init__(message if fields else "{message}", **(fields or {"message": message}), number=number)
         self.number = number
 
 
 @dataclass(frozen=True)
 class _Unanswered:
-    """A question without an answer so far: its kind, and since when; by default there is none."""
+    """Kind and time (s) of the last request without a reply; none by default."""
 
     kind: tuple[int, ...] = ()
     since_s: float = -math.inf
 
 
 def _kind(request: ModbusPDU) -> tuple[int, ...]:
-    """What an answer shows of its question."""
+    """Return the part of a request that its reply repeats."""
     return (request.dev_id, request.function_code, request.count)
 
 
 class ModbusMaster:
-    """The master of one bus (RTU) or of one connection (TCP); devices are told apart by their id, 1 … 247.
+    """Master of one bus (RTU) or one connection (TCP); devices have ids 1 … 247.
 
-    baud gives RTU its silence between frames. reply_s bounds the wait for an answer. A read that times out or comes
-    garbled is tried again, read_tries times in all; a write never is, since it may have been obeyed.
+    baud determines the silence between RTU frames. reply_s bounds the wait for a reply. A read that times out or is
+    garbled is repeated, up to read_tries in all; a write is not, since the device may have carried it out.
 
-    Many RS-485 adapters hear themselves. The first read tells: what comes back is then taken off every answer, so
-    that a write's own echo, which looks just like function 06's answer, is none.
+    Many RS-485 adapters echo. The first read detects this, and the echo is then removed from every reply, so that
+    the echo of a write, which equals the reply to function 06, does not count as one.
     """
 
     def __init__(
@@ -124,9 +124,8 @@ class ModbusMaster:
         self._transaction = 0
         self._unanswered = _Unanswered()
         self._one = threading.Lock()
-        self.echoes: bool | None = (
-            None if self._rtu else False
-        )  # whether what is sent comes back; None: not known yet
+        # whether the adapter echoes; None until the first read
+        self.echoes: bool | None = None if self._rtu else False
 
     @classmethod
     def on_port(
@@ -137,7 +136,7 @@ class ModbusMaster:
         return cls(transport, clock, framing=framing or by_port, baud=baud)
 
     def read(self, device_id: int, address: int, count: int = 1) -> list[int]:
-        """Function 03: `count` registers of 16 bits from `address` on. Raises ModbusError, TransportError."""
+        """Read `count` registers of 16 bits from `address` on (function 03). Raises ModbusError, TransportError."""
         for left in reversed(range(self._read_tries)):
             request = ReadHoldingRegistersRequest(dev_id=device_id, address=address, count=count)
             try:
@@ -150,20 +149,20 @@ class ModbusMaster:
         raise ValueError(f"read_tries must be positive, got {self._read_tries}")
 
     def write_one(self, device_id: int, address: int, value: int) -> None:
-        """Function 06: one register. Raises ModbusError, TransportError."""
+        """Write one register (function 06). Raises ModbusError, TransportError."""
         request = WriteSingleRegisterRequest(dev_id=device_id, address=address, registers=[value])
         self._exchange(request, lambda answer: (answer.address, list(answer.registers)) == (address, [value]))
 
     def write(self, device_id: int, address: int, values: Sequence[int]) -> None:
-        """Function 16: registers from `address` on, in one frame. Raises ModbusError, TransportError."""
+        """Write registers from `address` on in one frame (function 16). Raises ModbusError, TransportError."""
         request = WriteMultipleRegistersRequest(dev_id=device_id, address=address, registers=list(values))
         self._exchange(request, lambda answer: (answer.address, answer.count) == (address, len(values)))
 
     def send_now(self, device_ids: Sequence[int], address: int, value: int) -> None:
-        """Write one register of several devices in one write, without waiting for answers.
+        """Write one register of several devices in one write, without waiting for replies.
 
-        On a serial bus frames need silence between them, so several devices get one broadcast.
-        Raises TransportError.
+        On a serial bus frames need silence between them, so several devices get one broadcast. Raises
+        TransportError.
         """
         if self._rtu and len(device_ids) > 1:
             device_ids = [BROADCAST]
@@ -191,7 +190,7 @@ class ModbusMaster:
     def _exchanged(self, request: ModbusPDU, fits: Callable[[ModbusPDU], bool]) -> ModbusPDU:
         self._clock.wait_s(self._free_s - self._clock.monotonic_s())
         while self._transport.read(0.0):
-            self._unanswered = _Unanswered()  # it arrived unsolicited
+            self._unanswered = _Unanswered()  # The data arrived unsolicited.
         frame = self._frame(request)
         self._send(frame)
         answer = self._answer(request, frame)
@@ -216,23 +215,23 @@ class ModbusMaster:
         self._free_s = self._clock.monotonic_s() + len(frame) * self._byte_s + self._silence_s
 
     def _answer(self, request: ModbusPDU, sent: bytes) -> ModbusPDU:
-        """Return the answer to this request; skip older answers on a TCP connection."""
+        """Return the reply to this request; skip older ones on a TCP connection."""
         deadline_s = self._clock.monotonic_s() + self._reply_s
-        heard, echo_due = b"", self.echoes is True or (self.echoes is None and request.function_code == _READ)
+        received, echo_due = b"", self.echoes is True or (self.echoes is None and request.function_code == _READ)
         while (left_s := deadline_s - self._clock.monotonic_s()) > 0:
             chunk = self._transport.read(left_s)
             if not chunk:
                 continue
             self._free_s = self._clock.monotonic_s() + self._silence_s
-            heard += chunk
+            received += chunk
             if echo_due:
-                if len(heard) < len(sent) and sent.startswith(heard):
+                if len(received) < len(sent) and sent.startswith(received):
                     continue
-                heard, echo_due = self._without_echo(request, heard, sent), False
-            heard, answer = self._first_fitting(request, heard)
+                received, echo_due = self._without_echo(request, received, sent), False
+            received, answer = self._first_fitting(request, received)
             if answer is None:
                 continue
-            self._refuse_two_answers(request, heard)
+            self._refuse_two_answers(request, received)
             if answer.dev_id != request.dev_id:
                 raise ModbusGarbled(
                     f"{_ABOUT}: device {{answering}} answered instead",
@@ -242,52 +241,52 @@ class ModbusMaster:
                 )
             return answer
         self._unanswered = _Unanswered(_kind(request), self._clock.monotonic_s())
-        code, came = "no_reply", "no answer"
-        if heard:
-            code, came = "incomplete", "only {heard}"
+        code, result = "no_reply", "no answer"
+        if received:
+            code, result = "incomplete", "only {heard}"
         elif self.echoes:
-            code, came = "only_echo", "only its own echo"
+            code, result = "only_echo", "only its own echo"
         raise ModbusTimeout(
-            f"{_ABOUT}: {came} within {{timeout_s:g}} s",
+            f"{_ABOUT}: {result} within {{timeout_s:g}} s",
             code=code,
-            heard=heard.hex(" "),
+            heard=received.hex(" "),
             timeout_s=self._reply_s,
             **self._about(request),
         )
 
-    def _without_echo(self, request: ModbusPDU, heard: bytes, sent: bytes) -> bytes:
+    def _without_echo(self, request: ModbusPDU, received: bytes, sent: bytes) -> bytes:
         """Return the data after the echo of the request; the first read shows whether the adapter echoes."""
-        found = heard.startswith(sent)
+        found = received.startswith(sent)
         if self.echoes and not found:
             raise ModbusGarbled(
                 f"{_ABOUT}: the echo of the adapter is missing in {{heard}}",
                 code="no_echo",
-                heard=heard.hex(" "),
+                heard=received.hex(" "),
                 **self._about(request),
             )
         self.echoes = found
-        return heard[len(sent) :] if found else heard
+        return received[len(sent) :] if found else received
 
-    def _first_fitting(self, request: ModbusPDU, heard: bytes) -> tuple[bytes, ModbusPDU | None]:
-        """Return the rest of `heard` and the first complete answer; on TCP, the first with the request's number."""
-        while heard:
-            left, answer = self._decoded(request, heard)
+    def _first_fitting(self, request: ModbusPDU, received: bytes) -> tuple[bytes, ModbusPDU | None]:
+        """Return the rest of the data and the first complete reply; on TCP, the first with the request's number."""
+        while received:
+            left, answer = self._decoded(request, received)
             if answer is not None and (self._rtu or answer.transaction_id == request.transaction_id):
                 return left, answer
-            if left == heard:
+            if left == received:
                 break
-            heard = left
-        return heard, None
+            received = left
+        return received, None
 
-    def _refuse_two_answers(self, request: ModbusPDU, heard: bytes) -> None:
-        """After an unanswered request, reject two answers, since either may be the late one."""
+    def _refuse_two_answers(self, request: ModbusPDU, received: bytes) -> None:
+        """After an unanswered request, reject two replies, since either may be the late one."""
         late, now_s = self._unanswered, self._clock.monotonic_s()
         if not self._rtu or late.kind != _kind(request) or now_s >= late.since_s + LATE_S:
             return
         until_s = now_s + LISTEN_S + LISTEN_BYTES * self._byte_s
         while (left_s := until_s - self._clock.monotonic_s()) > 0:
-            heard += self._transport.read(left_s)
-        if heard:
+            received += self._transport.read(left_s)
+        if received:
             self._unanswered = _Unanswered()
             raise ModbusGarbled(
                 f"{_ABOUT}: a late answer to an earlier request also arrived",
@@ -295,28 +294,28 @@ class ModbusMaster:
                 **self._about(request),
             )
 
-    def _decoded(self, request: ModbusPDU, heard: bytes) -> tuple[bytes, ModbusPDU | None]:
-        """Return the rest of `heard`, and its answer if it is complete."""
+    def _decoded(self, request: ModbusPDU, received: bytes) -> tuple[bytes, ModbusPDU | None]:
+        """Return the rest of the data, and its reply if it is complete."""
         try:
-            used, answer = self._framer.handleFrame(heard, 0, 0)
+            used, answer = self._framer.handleFrame(received, 0, 0)
         except ModbusException:
             raise ModbusGarbled(
                 f"{_ABOUT}: received {{heard}}, which is not a Modbus answer; check the baud rate and the framing",
                 code="no_modbus",
-                heard=heard.hex(" "),
+                heard=received.hex(" "),
                 **self._about(request),
             ) from None
         if used and answer is None:
             raise ModbusGarbled(
                 f"{_ABOUT}: wrong checksum (CRC) in {{heard}}; check the cable and the baud rate",
                 code="bad_crc",
-                heard=heard.hex(" "),
+                heard=received.hex(" "),
                 **self._about(request),
             )
-        return heard[used:], answer
+        return received[used:], answer
 
     def _drain(self) -> None:
-        """Discard an answer that arrives late or in pieces."""
+        """Discard a reply that arrives late or in pieces."""
         deadline_s = self._clock.monotonic_s() + self._reply_s
         quiet_s = max(self._silence_s, 10 * self._byte_s)
         while self._transport.read(quiet_s) and self._clock.monotonic_s() < deadline_s:

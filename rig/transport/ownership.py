@@ -25,7 +25,7 @@ SCHEME = "tcp://"
 Address = tuple[int, tuple[Any, ...]]
 """Family and socket address."""
 
-_OVER_TCP = ("socket://", "rfc2217://")  # pyserial's own ways to a TCP port
+_OVER_TCP = ("socket://", "rfc2217://")  # URL schemes of pyserial for a TCP port
 
 
 def tcp_addresses(port: str) -> tuple[Address, ...]:
@@ -59,9 +59,9 @@ def tcp_addresses(port: str) -> tuple[Address, ...]:
 
 
 def identities(port: str) -> tuple[str, ...]:
-    """Return what a port is, in as many parts as it has.
+    """Return the identities of a port.
 
-    Two names of which one part is the same may reach the same device. All addresses of this machine are one, since a
+    Two names with a common identity may reach the same device. All addresses of this machine count as one, since a
     listener may be bound to all of them.
 
     Parameters
@@ -108,7 +108,7 @@ def _of_device(path: str) -> str:
     if sys.platform == "win32":
         return re.sub(r"^\\\\\.\\", "", path).upper()
     real = os.path.realpath(path)
-    if sys.platform == "darwin":  # a line has two devices there, for calling in and out
+    if sys.platform == "darwin":  # A line has two devices there, for calling in and out.
         real = real.replace("/dev/cu.", "/dev/tty.")
     try:
         found = os.stat(real)
@@ -119,14 +119,13 @@ def _of_device(path: str) -> str:
     return f"file-{found.st_dev}-{found.st_ino}"
 
 
-# A lock that every account of this machine sees, and that the system takes back when its process ends.
-#
-# POSIX: a record lock on an empty file in a fixed folder that everybody may write to. The system itself names the
-# process that holds one (F_GETLK): no note is written that could be forged, left behind, or written through a link.
-# Windows has a lock file, and nobody's number; what it lacks stands in the class of that name.
+# Locks that every account of this machine sees, and that the system releases when their process ends.
+# POSIX: a record lock on an empty file in a fixed, world-writable folder. The system itself reports the process
+# that holds one (F_GETLK), so there is no note that could be forged, left behind, or written through a link.
+# Windows uses a lock file, and does not report the process.
 
 FOLDERS = ("/run/lock", "/tmp")
-"""Folders for locks; the first one that everybody may write to, independent of account and environment."""
+"""Folders for locks; the first world-writable one is used, independent of account and environment."""
 
 _TRIES = 20
 
@@ -138,7 +137,7 @@ class PortOwner:
     pid: int | None
 
     @property
-    def ours(self) -> bool:
+    def same_account(self) -> bool:
         """Whether the process belongs to this account and may be signaled."""
         if self.pid is None:
             return False
@@ -146,7 +145,7 @@ class PortOwner:
             with suppress(OSError):
                 return os.stat(f"/proc/{self.pid}").st_uid == os.geteuid()
             return False
-        if os.geteuid() == 0:  # root may signal every process, so this shows nothing
+        if os.geteuid() == 0:  # Root may signal every process, so this shows nothing.
             return False
         with suppress(OSError):
             os.kill(self.pid, 0)
@@ -156,11 +155,11 @@ class PortOwner:
     def __str__(self) -> str:
         if self.pid is None:
             return "another program"
-        return f"process {self.pid}" + ("" if self.ours else " of another account")
+        return f"process {self.pid}" + ("" if self.same_account else " of another account")
 
 
 class LockHeldError(RigError):
-    """The lock is held by another process."""
+    """Error of a lock that another process holds."""
 
     default_code = "lock_held"
 
@@ -173,7 +172,7 @@ if sys.platform == "win32":
     import filelock
 
     class MachineLock:
-        """This process's hold on a name, by a file that the system keeps open for one process alone."""
+        """Lock on a name, by a file that the system keeps open for one process."""
 
         def __init__(self, name: str) -> None:
             self._lock = filelock.FileLock(Path("C:/ProgramData") / _file_name(name), timeout=0, thread_local=False)
@@ -183,11 +182,11 @@ if sys.platform == "win32":
                 raise LockHeldError(PortOwner(None)) from None
 
         def release(self) -> None:
-            """Let others have it."""
+            """Release the lock."""
             self._lock.release()
 
     def lock_owner(name: str) -> PortOwner | None:
-        """Return who holds a name; its number is not known."""
+        """Return the owner of a lock, without its process id, or None."""
         try:
             MachineLock(name).release()
         except LockHeldError as held:
@@ -197,10 +196,10 @@ if sys.platform == "win32":
 else:
     import fcntl
 
-    # struct flock: on Linux the type is first, on BSD and macOS it comes after the numbers.
+    # struct flock: the type comes first on Linux, and after the numbers on BSD and macOS.
     _LINUX = sys.platform.startswith("linux")
     _FLOCK = "hhqqi" if _LINUX else "qqihh"
-    _ASKED = (fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0) if _LINUX else (0, 0, 0, fcntl.F_WRLCK, os.SEEK_SET)
+    _QUERY = (fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0) if _LINUX else (0, 0, 0, fcntl.F_WRLCK, os.SEEK_SET)
     _TYPE, _PID = (0, 4) if _LINUX else (3, 2)
     _OPEN = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC | os.O_NOCTTY
 
@@ -213,19 +212,19 @@ else:
     os.register_at_fork(after_in_child=lambda: _held.clear())
 
     class MachineLock:
-        """This process's hold on a name.
+        """Lock on a name, held by this process.
 
         Parameters
         ----------
         name : str
-            What is locked; every process that names it the same means the same.
+            Name of the lock, the same in every process.
 
         Raises
         ------
         LockHeldError
             If another process, or another lock of this one, holds it.
         OSError
-            If it cannot be locked: the file in its place is no lock of this program, or closed to this account.
+            If it cannot be locked: the file is no lock of this program, or closed to this account.
         """
 
         def __init__(self, name: str) -> None:
@@ -236,11 +235,11 @@ else:
                 _held.add(self._inode)
 
         def release(self) -> None:
-            """Let others have it."""
+            """Release the lock."""
             with _guard:
                 if self._inode not in _held or os.getpid() != self._pid:
                     return
-                with suppress(OSError):  # of another account: it stays, and anybody may lock it
+                with suppress(OSError):  # A file of another account stays, and anybody may lock it.
                     if _inode(os.lstat(self._path)) == self._inode:
                         self._path.unlink()
                 os.close(self._fd)
@@ -263,15 +262,15 @@ else:
                     _close(fd)
                     if owner is not None:
                         raise LockHeldError(owner) from None
-                    continue  # it has just been let go
+                    continue  # The lock was just released.
                 with suppress(FileNotFoundError):
                     if _inode(os.lstat(self._path)) == _inode(os.fstat(fd)):
                         return fd
-                _close(fd)  # whoever held it removed the file meanwhile
+                _close(fd)  # The previous owner removed the file meanwhile.
             raise OSError(errno.EAGAIN, "the lock file keeps changing", str(self._path))
 
     def lock_owner(name: str) -> PortOwner | None:
-        """Return who holds a name now, None if nobody does. Nothing is locked, written or waited for."""
+        """Return the owner of a lock, or None, without locking, writing or waiting."""
         with _guard:
             try:
                 path = _folder() / _file_name(name)
@@ -295,8 +294,8 @@ else:
         return Path(FOLDERS[-1])
 
     def _opened(path: Path) -> int:
-        """Open the lock file, to which nothing is ever written."""
-        # Without O_CREAT: Linux refuses that for a file of another account (fs.protected_regular).
+        """Open the lock file, which always stays empty."""
+        # Without O_CREAT, which Linux refuses for a file of another account (fs.protected_regular).
         fd = os.open(path, os.O_RDWR | _OPEN)
         if not stat.S_ISREG(os.fstat(fd).st_mode):
             os.close(fd)
@@ -317,11 +316,11 @@ else:
 
     def _blocker(fd: int) -> PortOwner | None:
         """Return the process that has locked a file. A file with several links is not trusted."""
-        found = struct.unpack(_FLOCK, fcntl.fcntl(fd, fcntl.F_GETLK, struct.pack(_FLOCK, *_ASKED)))
+        found = struct.unpack(_FLOCK, fcntl.fcntl(fd, fcntl.F_GETLK, struct.pack(_FLOCK, *_QUERY)))
         if found[_TYPE] == fcntl.F_UNLCK:
             return None
-        believed = found[_PID] > 0 and os.fstat(fd).st_nlink == 1
-        return PortOwner(found[_PID] if believed else None)
+        trusted = found[_PID] > 0 and os.fstat(fd).st_nlink == 1
+        return PortOwner(found[_PID] if trusted else None)
 
     def _close(fd: int) -> None:
         if _inode(os.fstat(fd)) not in _held:
@@ -336,7 +335,7 @@ def _file_name(name: str) -> str:
 
 
 class NotOwnedError(TransportError):
-    """The port is not available; `owner` is the process that owns it, None if it cannot be locked."""
+    """Error of a port that is not available; `owner` is the owning process, None if the port cannot be locked."""
 
     default_code = "in_use"
 
@@ -384,7 +383,7 @@ class PortOwnership:
             ) from problem
 
     def release(self) -> None:
-        """Let others have the port."""
+        """Release the port."""
         while self._locks:
             self._locks.pop().release()
 

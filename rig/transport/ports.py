@@ -38,7 +38,7 @@ class SerialTransport:
         self.name = name or port
         self._port = port
         self._serial = _made(port, baud, character, dtr=dtr, exclusive=owned)
-        device = str(self._serial.port)  # of a URL that leads to one, such as spy:// or hwgrep://
+        device = str(self._serial.port)  # The device behind a URL such as spy:// or hwgrep://.
         self._ownership = PortOwnership(device) if owned else None
         try:
             _open(port, self._serial)
@@ -67,7 +67,7 @@ class SerialTransport:
             first = self._serial.read(1)
             return bytes(first + self._serial.read(self._serial.in_waiting)) if first else b""
         except (serial.SerialException, OSError, TypeError) as problem:
-            # pyserial fails with a TypeError when another thread closes the port under a read.
+            # pyserial raises TypeError when another thread closes the port during a read.
             raise TransportError(
                 "cannot read from port {port}: {problem}", code="not_read", port=self._port, problem=str(problem)
             ) from problem
@@ -138,9 +138,8 @@ _CHUNK = 4096
 class TcpTransport:
     """Transport over one TCP connection to `tcp://HOST:PORT`, owned by one process of this machine at a time.
 
-    owned: False for a stop, which is sent even if another process owns the port.
-
-    Raises TransportError if nothing answers; NotOwnedError if the port is owned.
+    owned: False for a stop, which is sent even if another process owns the port. Raises TransportError if there is
+    no connection; NotOwnedError if the port is owned.
     """
 
     def __init__(self, port: str, *, name: str | None = None, owned: bool = True) -> None:
@@ -160,7 +159,10 @@ class TcpTransport:
             self._socket.sendall(data)
         except OSError as problem:
             raise TransportError(
-                "cannot write to port {port}: {problem}", code="not_written", port=self._port, problem=_said(problem)
+                "cannot write to port {port}: {problem}",
+                code="not_written",
+                port=self._port,
+                problem=_reason(problem),
             ) from problem
 
     def read(self, timeout_s: float) -> bytes:
@@ -169,7 +171,7 @@ class TcpTransport:
             data = self._socket.recv(_CHUNK) if readable else None
         except (OSError, ValueError) as problem:
             raise TransportError(
-                "cannot read from port {port}: {problem}", code="not_read", port=self._port, problem=_said(problem)
+                "cannot read from port {port}: {problem}", code="not_read", port=self._port, problem=_reason(problem)
             ) from problem
         if data == b"":
             raise TransportError(
@@ -192,19 +194,19 @@ def _connect(port: str, addresses: tuple[Address, ...]) -> socket.socket:
             "it prints its ports",
             code="no_listener",
             port=port,
-            problem=_said(problem),
+            problem=_reason(problem),
         ) from problem
     except OSError as problem:
         raise TransportError(
-            "cannot open port {port}: {problem}", code="not_opened", port=port, problem=_said(problem)
+            "cannot open port {port}: {problem}", code="not_opened", port=port, problem=_reason(problem)
         ) from problem
-    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # a stop must not wait for more bytes
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # A stop must not wait for more bytes.
     connection.settimeout(WRITE_S)
     return connection
 
 
 def _connected(addresses: tuple[Address, ...]) -> socket.socket:
-    """Connect to the first address that answers. Raises the OSError of the last one."""
+    """Connect to the first address that accepts. Raises the OSError of the last one."""
     *others, last = addresses
     for family, address in others:
         with suppress(OSError):
@@ -219,7 +221,7 @@ def _connected(addresses: tuple[Address, ...]) -> socket.socket:
     return connection
 
 
-def _said(problem: Exception) -> str:
+def _reason(problem: Exception) -> str:
     number = getattr(problem, "errno", None)
     return os.strerror(number).lower() if number and number > 0 else str(problem)
 

@@ -51,7 +51,7 @@ class StopGate:
         if threading.get_ident() in self._stopping:
             wire.write(data)
             return
-        with self._lock:  # checked and written at once: nothing slips through behind a stop
+        with self._lock:  # Check and write under one lock, so that nothing follows a stop.
             self.refuse(wire)
             wire.write(data)
 
@@ -74,7 +74,7 @@ class _Guarded:
     def read(self, timeout_s: float) -> bytes:
         self._gate.refuse(self._wire)
         data = self._wire.read(timeout_s)
-        self._gate.refuse(self._wire)  # the answer belongs to the stopping thread
+        self._gate.refuse(self._wire)  # The reply belongs to the stopping thread.
         return data
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""Transports of bytes for drivers: lines, where bytes are logged, and a loopback to virtual devices."""
+"""Transports of bytes for drivers: line reader, byte log, and loopback to virtual devices."""
 
 import json
 from collections import deque
@@ -9,13 +9,13 @@ from rig.errors import RigError
 
 
 class TransportError(RigError):
-    """The transport failed: port missing, busy, unplugged or closed."""
+    """Error of a transport: port missing, busy, unplugged or closed."""
 
     default_code = "wire_failed"
 
 
 class Transport(Protocol):
-    """A two-way stream of bytes."""
+    """Two-way stream of bytes."""
 
     @property
     def name(self) -> str:
@@ -37,7 +37,7 @@ LONGEST_LINE = 4096
 
 
 class LineReader:
-    """Assembles lines that end in LF or CR LF; empty ones are skipped, non-ASCII bytes become U+FFFD."""
+    """Reader of lines that end in LF or CR LF; it skips empty ones and turns non-ASCII bytes into U+FFFD."""
 
     def __init__(self, transport: Transport, clock: Clock) -> None:
         self._transport = transport
@@ -57,7 +57,7 @@ class LineReader:
         return self._lines.popleft()
 
     def next_pending(self) -> str | None:
-        """Return a line that is already there, without waiting."""
+        """Return a line that has already arrived, or None, without waiting."""
         if not self._lines:
             data = self._transport.read(0.0)
             if data:
@@ -95,7 +95,7 @@ class Sink(Protocol):
 
 
 class LoggedTransport:
-    """A transport that writes one JSON line for each chunk: t_s (monotonic), port, dir (tx or rx), hex."""
+    """Transport that logs each chunk as one JSON line: t_s (monotonic), port, dir (tx or rx), hex."""
 
     def __init__(self, inner: Transport, clock: Clock, sink: Sink) -> None:
         self.name = inner.name
@@ -107,7 +107,7 @@ class LoggedTransport:
         self._rx = f', "port": {port}, "dir": "rx", "hex": "'
 
     def write(self, data: bytes) -> None:
-        # The bytes go first: a full disk must not delay a stop.
+        # The bytes are sent first: a full disk must not delay a stop.
         t_s = self._clock.monotonic_s()
         self._inner.write(data)
         self._log(t_s, self._tx, data)
@@ -126,7 +126,7 @@ class LoggedTransport:
 
 
 class HostLine(Protocol):
-    """The host's end of a virtual serial line."""
+    """Host end of a virtual serial line."""
 
     def host_write(self, data: bytes) -> None: ...
 

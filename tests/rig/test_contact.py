@@ -101,7 +101,7 @@ def _on_record(settings: Config, known: KnownContact) -> None:
 
 
 def _ended(settings: Config, known: KnownContact, tmp_path: Path) -> str:
-    told = Ending.of(RunAborted("x"), _whereabouts(known), tmp_path).told
+    told = Ending.of(RunAborted("x"), _whereabouts(known), tmp_path).lines
     return f"{told['where']}; {told['next']}"
 
 

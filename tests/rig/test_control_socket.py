@@ -387,7 +387,7 @@ def test_the_answer_to_a_stop_is_believed_of_who_knows_the_key_and_answers_this_
         owner, said = _wire(_said() if to_another else asking.sent[0])
         nonce = owner.challenge(KEY)
         assert nonce is not None
-        owner.told(key, nonce, b'{"ok": true}')
+        owner.answer_stop(key, nonce, b'{"ok": true}')
         return said.sent[-1]
 
     asking.recv_bytes = told  # type: ignore[method-assign]

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from rig.devices.base import ForceOverload, ForceReading
-from rig.engine.motion import FeltError
+from rig.engine.motion import InterruptedMotionError
 from rig.engine.sensing import NoReadingError, Sensing
 from rig.errors import LimitError
 from rig.manual.guard import Guard
@@ -72,7 +72,7 @@ class Feeling:
     def _ended(self, act: Any) -> str:
         try:
             act()
-        except FeltError as felt:
+        except InterruptedMotionError as felt:
             self.felt = felt
             return felt.code
         return ""

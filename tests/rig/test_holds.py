@@ -27,7 +27,7 @@ def holds(clock: VirtualClock) -> Holds:
 
 def a_hold(clock: VirtualClock, ago_s: float = 0.0, **other: Any) -> HoldRequest:
     usual = {"axis": "x", "sign": 1, "speed_mm_s": 2.0, "tab": "one", "press": 7}
-    return HoldRequest.asked({"do": "hold", **usual, "unix_s": clock.unix_s() - ago_s, **other})
+    return HoldRequest.validated({"do": "hold", **usual, "unix_s": clock.unix_s() - ago_s, **other})
 
 
 # --- what is held ---

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from rig.devices.base import StageHeld, StageNotHomed, StageStatus
-from rig.engine.motion import FeltError, Motion, StrayedError
+from rig.engine.motion import InterruptedMotionError, Motion, StrayedError
 from rig.engine.sensing import NoReadingError
 from rig.errors import TripError, recast
 from rig.settings import RigSettings
@@ -49,7 +49,7 @@ def _felt(*, after: int = 0) -> Callable[[], None]:
 
     def feel() -> None:
         if not left:
-            raise FeltError("felt", 3.0, code="for_the_test")
+            raise InterruptedMotionError("felt", 3.0, code="for_the_test")
         left.pop()
 
     return feel
@@ -71,7 +71,7 @@ def test_what_was_told_to_move_has_begun_to(watched: Watched, move: str, fails: 
     watched.stage.homed = True
     if fails:
         watched.feel = _felt()
-    with pytest.raises(FeltError) if fails else nullcontext():
+    with pytest.raises(InterruptedMotionError) if fails else nullcontext():
         {"home": Motion.home, **MOVES}[move](motion)
     assert motion.begun is True
 
@@ -127,7 +127,7 @@ MOVES: dict[str, Callable[[Motion], None]] = {
 def test_what_is_felt_halts_the_stage_where_it_then_is(watched: Watched, move: str, silent: bool) -> None:
     watched.motion.home()
     watched.stage.silent, watched.feel = silent, _felt(after=1)
-    with raises(FeltError, "for_the_test", force_gwt=3.0) as felt:
+    with raises(InterruptedMotionError, "for_the_test", force_gwt=3.0) as felt:
         MOVES[move](watched.motion)
     assert felt.value.force_gwt == 3.0
     assert watched.stage.told[-1] == "halt"
@@ -138,7 +138,7 @@ def test_what_is_felt_halts_the_stage_where_it_then_is(watched: Watched, move: s
 
 def test_what_is_felt_in_homing_stops_the_stage_and_its_position_is_not_taken(watched: Watched) -> None:
     watched.feel = _felt()
-    with pytest.raises(FeltError):
+    with pytest.raises(InterruptedMotionError):
         watched.motion.home()
     assert watched.stage.told == ["home", "stop"]
     assert math.isnan(watched.motion.height_mm)
@@ -148,7 +148,7 @@ def test_a_halt_that_lost_the_position_is_not_asked_for_it(watched: Watched, mon
     watched.motion.home()
     watched.stage.silent, watched.feel = True, _felt(after=2)
     monkeypatch.setattr(watched.stage, "halt", watched.stage.stop)
-    with pytest.raises(FeltError):
+    with pytest.raises(InterruptedMotionError):
         watched.motion.to_height(2.0, 50.0)
     assert watched.motion.height_mm == 24.0  # the last that was trusted
 
@@ -170,14 +170,14 @@ def test_any_other_state_is_none_of_its_business(watched: Watched, state: str) -
 
 
 def test_what_is_felt_says_what_and_how_much() -> None:
-    felt: list[Any] = [FeltError("no reading"), FeltError("too much", 7.0)]
+    felt: list[Any] = [InterruptedMotionError("no reading"), InterruptedMotionError("too much", 7.0)]
     assert [(str(e), e.force_gwt, e.fields) for e in felt] == [
         ("no reading", None, {}), ("too much", 7.0, {"force_gwt": 7.0}),
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", [TripError, FeltError])
-def test_an_error_of_another_kind_says_the_same(kind: type[TripError | FeltError]) -> None:
+@pytest.mark.parametrize("kind", [TripError, InterruptedMotionError])
+def test_an_error_of_another_kind_says_the_same(kind: type[TripError | InterruptedMotionError]) -> None:
     found = recast(kind, NoReadingError("{older_s:g} s {{old}}", code="stale_reading", older_s=0.5))
     assert str(found) == "0.5 s {old}"
     has_code(found, "stale_reading", older_s=0.5)
@@ -188,5 +188,5 @@ def test_what_is_felt_survives_a_pickle() -> None:
     at = StageStatus("Run", 1.0, 2.0, 3.0)
     strayed = pickle.loads(pickle.dumps(StrayedError("at {z_mm:g} mm", at, code="off_its_way", z_mm=3.0)))
     assert (str(strayed), strayed.at, strayed.force_gwt) == ("at 3 mm", at, None)
-    felt = pickle.loads(pickle.dumps(FeltError("{force_gwt:g} gwt", 7.0)))
+    felt = pickle.loads(pickle.dumps(InterruptedMotionError("{force_gwt:g} gwt", 7.0)))
     assert (str(felt), felt.force_gwt) == ("7 gwt", 7.0)

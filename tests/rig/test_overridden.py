@@ -8,7 +8,7 @@ import pytest
 from rig.devices.base import StageOverridden
 from rig.engine import Target, TripError, indent, verbs
 from rig.engine.engine import Engine, State
-from rig.engine.motion import FeltError, insist
+from rig.engine.motion import InterruptedMotionError, insist
 from rig.manual.jog import Moved
 from tests.error_codes import has_code
 from tests.rig.test_by_hand import AtHand
@@ -146,7 +146,7 @@ def test_what_is_insisted_on_is_done_once_where_it_succeeds() -> None:
     def third() -> None:
         done.append(2)
         if len(done) < 4:
-            raise FeltError("not yet")
+            raise InterruptedMotionError("not yet")
 
     insist(third)
     assert done == [1, 2, 2, 2]

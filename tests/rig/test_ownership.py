@@ -305,7 +305,7 @@ def test_somebody_elses_file_in_the_place_of_a_lock_tells_of_no_owner(
     with elsewhere(locks):
         owner = port_owner(f"tcp://127.0.0.1:{gateway}")
         assert owner == (PortOwner(None) if link is os.link else None)
-        assert owner is None or not owner.ours
+        assert owner is None or not owner.same_account
     assert own.read_text() == "precious"
 
 
@@ -399,11 +399,11 @@ def test_an_owner_of_another_account_is_named_as_one(gateway: int) -> None:
         assert said == "owned"
         owner = port_owner(port)
         assert owner == PortOwner(pid)
-        assert not owner.ours
+        assert not owner.same_account
         with elsewhere(owning(port), ANOTHER) as (_, told):
             assert told == f"in_use {pid}"
         for account, ours in ((ANOTHER, False), (SOMEBODY, True)):
-            with elsewhere(lambda: _owner(port).ours, account) as (_, told):
+            with elsewhere(lambda: _owner(port).same_account, account) as (_, told):
                 assert told == str(ours)
 
 

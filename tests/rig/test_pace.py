@@ -28,7 +28,7 @@ def _verdict(pace: StagePace) -> tuple[bool, bool]:
 @pytest.mark.parametrize("mm_s", [0.1, 1.0, 5.0])
 def test_a_stage_at_one_pace_is_not_doubted(mm_s: float) -> None:
     walked = Walked()
-    walked.pace.told(0.003)
+    walked.pace.accepted(0.003)
     assert _verdict(walked.looks(20, mm_s)) == (False, False)
 
 
@@ -54,17 +54,17 @@ def test_a_line_that_is_taken_in_late_is_a_doubt(took_s: float, doubted: bool) -
     """Later than twice the quickest and 5 ms."""
     walked = Walked()
     for first_s in (0.004, 0.003, 0.0035):
-        walked.pace.told(first_s)
+        walked.pace.accepted(first_s)
     walked.looks(6, 5.0)
-    walked.pace.told(took_s)
+    walked.pace.accepted(took_s)
     assert _verdict(walked.looks(1, 5.0)) == (doubted, False)
 
 
 def test_both_at_once_is_a_stage_that_stood() -> None:
     walked = Walked()
-    walked.pace.told(0.003)
+    walked.pace.accepted(0.003)
     walked.looks(6, 5.0)
-    walked.pace.told(0.1)
+    walked.pace.accepted(0.1)
     assert _verdict(walked.looks(1, 0.0)) == (True, True)
     assert walked.looks(1, 0.0).stood is False, "said once"
 

@@ -128,7 +128,7 @@ def test_at_every_document_all_say_the_same(name: str, program: Program, tmp_pat
         alone, last_s = document["t_s"] > last_s, document["t_s"]
         if number % EACH == 0:
             _the_same_of_what_was_killed(shown, placed=alone and document["stream"].endswith("sample"))
-    assert (shown.panel.problem, shown.panel.told(going=False)["state"]) == ("", ENDS.get(name, "done"))
+    assert (shown.panel.problem, shown.panel.as_json(going=False)["state"]) == ("", ENDS.get(name, "done"))
     _the_same_of_what_has_ended(shown)
     at_once = RunScreen(shown.folder)
     at_once.take(Following(shown.folder).new())
@@ -140,11 +140,11 @@ def test_at_every_document_all_say_the_same(name: str, program: Program, tmp_pat
 
 def _the_same_of_what_goes_on(shown: Shown) -> None:
     """The run's own terminal, `rig watch`, the panel."""
-    watch, terminal, told = shown.watch, shown.terminal, shown.panel.told(going=True)
+    watch, terminal, told = shown.watch, shown.terminal, shown.panel.as_json(going=True)
     assert (told["now_text"], told["next_text"], told["left_s"]) == (watch.now, watch.next, watch.left_s)
     assert (told["done"], told["planned"]) == (len(watch.finished), watch.start["planned_indentations"])
     assert shown.before | terminal.finished == watch.finished
-    newest = shown.panel.newest_told(0.0)
+    newest = shown.panel.newest_state(0.0)
     assert [newest[key] for key in SAID_OF_A_READING] == [watch.newest.get(key) for key in SAID_OF_A_READING]
     if watch.agenda is not None:
         assert (terminal.now, terminal.next, terminal.left_s) == (watch.now, watch.next, watch.left_s)
@@ -158,7 +158,7 @@ def _the_same_of_what_goes_on(shown: Shown) -> None:
 
 def _the_same_of_what_was_killed(shown: Shown, *, placed: bool) -> None:
     """`rig watch`, the panel, `rig show`, `rig resume`; placed: also of where it is."""
-    watch, panel, show = shown.watch, shown.panel.told(going=False), _described(shown.folder.path)
+    watch, panel, show = shown.watch, shown.panel.as_json(going=False), _described(shown.folder.path)
     assert (panel["state"], show["state"]) == ("killed", "killed")
     assert show["planned"] == panel["planned"]
     assert show["done"] - panel["done"] in (0, 1)  # held to its end, and not yet over
@@ -170,13 +170,13 @@ def _the_same_of_what_was_killed(shown: Shown, *, placed: bool) -> None:
         at = ending.at
         assert (at.x_mm, at.height_mm, at.force_gwt) == (watch.x_mm, watch.height_mm, watch.force_gwt)
         assert at.contact == watch.contact
-        newest = shown.panel.newest_told(0.0)
+        newest = shown.panel.newest_state(0.0)
         assert (newest["x_mm"], newest["height_mm"], newest["force_gwt"]) == (at.x_mm, at.height_mm, at.force_gwt)
 
 
 def _the_same_of_what_has_ended(shown: Shown) -> None:
     """All but the run's own terminal, which is told no end."""
-    panel, show, watched = shown.panel.told(going=False), _described(shown.folder.path), _now(shown.watch)
+    panel, show, watched = shown.panel.as_json(going=False), _described(shown.folder.path), _now(shown.watch)
     assert [watched[key] for key in ("state", "done", "planned", "ending")] == [
         show[key] for key in ("state", "done", "planned", "ending")
     ]
@@ -195,7 +195,7 @@ def test_a_journal_may_be_cut_within_any_line(name: str, tmp_path: Path) -> None
                 file.write(piece)
             shown.watch.take(shown.journal.new())
             shown.panel.look(0.0)
-            told = shown.panel.told(going=True)
+            told = shown.panel.as_json(going=True)
             assert (told["now_text"], told["done"]) == (shown.watch.now, len(shown.watch.finished))
             if number and number % (EACH * EACH) == 0:
                 found = read_run(shown.folder.path)

@@ -358,7 +358,7 @@ def test_a_journal_is_read_once(runs: Path) -> None:
 def test_where_nothing_changed_nothing_is_written(runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = listed(runs)
     with monkeypatch.context() as patched:
-        patched.setattr(run_index, "_keep", unread)
+        patched.setattr(run_index, "_store", unread)
         assert listed(runs) == first
     shutil.rmtree(runs / "complete")
     listed(runs)
@@ -490,7 +490,7 @@ def test_what_passes_is_waited_for_and_what_is_broken_is_removed_once(
 
     monkeypatch.setattr(run_index, "_write", write)
     monkeypatch.setattr(run_index, "_remove", lambda path: done.append("remove"))
-    run_index._keep(tmp_path / INDEX, {}, set(), anew=True)
+    run_index._store(tmp_path / INDEX, {}, set(), anew=True)
     assert (done.count("write"), done.count("remove")) == (writes, removes)
 
 

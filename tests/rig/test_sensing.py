@@ -216,5 +216,5 @@ def test_what_the_rig_gives_and_how_well_a_depth_is_known(
 ) -> None:
     """At 2 N: 0.02 mm/N give 0.04 mm, known to 0.006 mm; a step of the stage is 0.0025 mm."""
     _, sensing = _sensing(calibration=calibration)
-    assert sensing.given_mm(2.0 / GWT_N) == pytest.approx(given_mm)
+    assert sensing.deflection_mm(2.0 / GWT_N) == pytest.approx(given_mm)
     assert sensing.doi_sd_mm(2.0 / GWT_N) == pytest.approx(sd_mm)

@@ -1,4 +1,4 @@
-/** Who this tab is: its token, from the address or kept for the tab, and its id; what it asks of the server. */
+/** This tab: its token, from the address or stored for the tab, its id, and its requests to the server. */
 
 const TOKEN = "rig token";
 const TAB = "rig tab";
@@ -7,7 +7,7 @@ let token = sessionStorage.getItem(TOKEN);
 takeToken();
 window.addEventListener("hashchange", takeToken);
 
-/** The token leaves the address at once, so that it is in no bookmark and no picture of the screen. */
+/** Remove the token from the address at once, so that no bookmark or screenshot contains it. */
 function takeToken() {
   const found = /^#token=(.+)$/.exec(location.hash);
   if (!found) return;
@@ -19,7 +19,7 @@ function takeToken() {
 
 export const hasToken = () => token !== null;
 
-/** This tab's id; a tab that was copied from another has one of its own, which the lock tells. */
+/** The id of this tab; a duplicated tab gets its own one, because the original holds the lock. */
 export const tab = await (async () => {
   const kept = sessionStorage.getItem(TAB);
   if (kept !== null && (await alone(kept))) return kept;
@@ -40,7 +40,7 @@ export function headers() {
   return { "Content-Type": "application/json", "X-Rig-Token": token ?? "", "X-Rig-Tab": tab };
 }
 
-/** What the server answers to a POST: {status, ok, problem, …}; status 0 where nothing came. */
+/** The reply to a POST: {status, ok, problem, …}; status 0 without a reply. */
 export async function post(path, body = {}, options = {}) {
   try {
     return await answered(await fetch(path, request(body, options)));

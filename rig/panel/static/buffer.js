@@ -1,4 +1,4 @@
-/** The readings that are drawn: the last minute, and the indentation that is under way; never more than so many. */
+/** Readings for the plots: the last minute and the present indentation, up to a limit. */
 
 import { known } from "/static/units.js";
 
@@ -8,17 +8,17 @@ const MOST_CURVES = 50;
 
 export class Buffer {
   constructor() {
-    this.curves = new Map(); // of presses, the newest last
+    this.curves = new Map(); // by press, the newest last
     this.forget();
   }
 
   forget() {
-    this.time = [[], [], [], [], []]; // s on the run's clock, gwt, mm, predicted gwt, of which press
+    this.time = [[], [], [], [], []]; // s on the run's clock, gwt, mm, predicted gwt, press
     this.press = null;
     this.pressed = [[], []]; // mm, gwt
   }
 
-  /** Columns are found by name. */
+  /** Find columns by name. */
   take({ run, columns, rows }) {
     this.run = run ?? null;
     const place = Object.fromEntries(columns.map((name, n) => [name, n]));
@@ -50,7 +50,7 @@ export class Buffer {
     this.pressed = this.pressed.map((column) => column.slice(-MOST_ROWS));
   }
 
-  /** What the model said of a press; the readings that came before it are told what it says of them. */
+  /** Store the prediction for a press, and apply it to the readings that came before. */
   prediction({ run, index, purpose, doi_mm, force_gwt }) {
     if (!doi_mm?.length || !force_gwt?.length) return;
     const press = `${purpose ?? "data"} ${index}`;
@@ -59,19 +59,19 @@ export class Buffer {
     this.time[3] = this.time[3].map((before, n) => (this.time[4][n] === press ? this.said(press, this.time[2][n]) : before));
   }
 
-  /** By the curve of its own press; null where the model said nothing. */
+  /** The force predicted for the reading's press; null without a prediction. */
   said(press, doi_mm) {
     const curve = this.curves.get(`${this.run} ${press}`);
     return curve && known(doi_mm) ? interpolated(doi_mm, ...curve) : null;
   }
 
-  /** The curve of the press that is drawn: [mm, gwt]. */
+  /** The curve of the plotted press: [mm, gwt]. */
   get predicted() {
     return this.curves.get(`${this.run} ${this.press}`) ?? [[], []];
   }
 }
 
-/** Between the two nearest points of a rising row; null outside. */
+/** Interpolate between the two nearest points of a rising row; null outside. */
 export function interpolated(x, xs, ys) {
   const n = xs.findIndex((one) => one >= x);
   if (n < 0 || (n === 0 && xs[0] > x)) return null;

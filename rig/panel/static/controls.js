@@ -1,4 +1,4 @@
-/** What may be done now: pause and go on, take the stage by hand, jog, home, zero, leave. */
+/** Controls that are allowed now: pause, continue, manual control, jog, home, zero, leave. */
 
 import { post } from "/static/access.js";
 import { Held } from "/static/held.js";
@@ -7,7 +7,7 @@ import { at, mark, show, write } from "/static/page.js";
 const HINT = "hold a button or its key to move; release it to stop";
 
 export class Controls {
-  /** said(words): what the server answered; mine(): whether this tab has the controls and the server is there. */
+  /** said(words): shows the server's reply; mine(): whether this tab has control and the server responds. */
   constructor(said, mine) {
     this.said = said;
     this.mine = mine;
@@ -31,7 +31,7 @@ export class Controls {
     if (button.dataset.post === "zero") show("zero_anyway", !answer.ok && answer.status === 409);
   }
 
-  /** Mouse, touch and pen; and Space or Enter on the button itself. */
+  /** Mouse, touch and pen, and Space or Enter on the button. */
   jogged(button) {
     const begin = (event, by) => {
       event.preventDefault();
@@ -83,7 +83,7 @@ export class Controls {
     write("jog_words", this.words || HINT);
   }
 
-  /** What would be refused anyway. */
+  /** Whether the server would refuse a request. */
   refused(what) {
     const { owner, hand, configured } = this.told ?? {};
     if (what === "by_hand") return !configured;

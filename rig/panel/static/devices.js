@@ -1,4 +1,4 @@
-/** What the devices last said of themselves. */
+/** The last status of the devices. */
 
 import { Instant, OLD_S } from "/static/feed.js";
 import { at, mark, write } from "/static/page.js";
@@ -21,7 +21,7 @@ export class Devices {
     this.ports = owner === null ? "free" : `${Array.isArray(ports) ? ports.join(", ") : ports}${owner.virtual ? " (virtual bench)" : ""}`;
   }
 
-  /** Of what was heard last; null where nothing was. */
+  /** The age of the last status; null without one. */
   get age_s() {
     const ages = Object.values(this.seen).flatMap((one) => one?.read?.age_s ?? []);
     return ages.length ? Math.min(...ages) : null;

@@ -1,16 +1,16 @@
-/** What the server sends, and how old it is; connected again whenever it is lost, and only while the tab is seen. */
+/** Events from the server and their age; reconnects after each loss, and only while the tab is visible. */
 
 import { tab } from "/static/access.js";
 
 const EVENTS = ["state", "readings", "schedule", "prediction", "section"];
 const AGAIN_MS = 500;
 const LOST_S = 5;
-const SILENT_S = 1.5; // the server says how it is twice a second
+const SILENT_S = 1.5; // the server sends its state twice a second
 export const OLD_S = 1;
 
-/** When something was true, by the server's clock, which is this machine's; and by what has passed here since.
+/** The time of an event by the server's clock, which is this machine's, and by the time passed here since.
  *
- * The larger of both ages counts: neither a clock that was set back nor events that lay in a queue make data young.
+ * The larger age counts, so that neither a clock set back nor delayed events make data look younger.
  */
 export class Instant {
   constructor(unix_s) {
@@ -34,12 +34,12 @@ export class Feed {
     this.follow();
   }
 
-  /** Whether what is shown may be what is. */
+  /** Whether there was no event for too long. */
   get silent() {
     return this.heard === null || this.heard.age_s > SILENT_S;
   }
 
-  /** A connection that says nothing for so long is taken for lost. */
+  /** Treat a silent connection as lost. */
   look() {
     const waited_s = (performance.now() - this.begun_ms) / 1000;
     if (this.source !== null && this.silent && waited_s > LOST_S) this.follow();

@@ -1,15 +1,15 @@
-/** A dead man's jog: the server is told ten times a second that a button or key is held, and at once when it is not.
+/** Jog with a dead man's switch: sends ten times a second that a button or key is held, and its release at once.
  *
- * Whatever casts doubt on the hand (another tab or window, a second key, a page that hung) lets go.
+ * Any doubt (another tab or window, a second key, a page that hung) releases it.
  */
 
 import { post } from "/static/access.js";
 
 const EACH_MS = 100;
-const HUNG_MS = 250; // what one hold counts for
+const HUNG_MS = 250; // validity of one hold signal
 
 export class Held {
-  /** told(words) says what became of a press; null while it is held. */
+  /** told(words) shows the result of a press; null while it is held. */
   constructor(told) {
     this.told = told;
     this.now = null;
@@ -19,7 +19,7 @@ export class Held {
     document.addEventListener("visibilitychange", () => document.hidden && this.release("released: the tab was hidden"));
   }
 
-  /** What: {axis, sign, speed_mm_s}; by: the button or key that holds it. */
+  /** What: {axis, sign, speed_mm_s}; by: the button or key. */
   press(what, by) {
     if (this.now !== null) return this.release("released: two buttons at once");
     this.last_press = Math.max(Date.now(), this.last_press + 1);
@@ -46,7 +46,7 @@ export class Held {
     if (this.now === held && !answer.ok) this.release(`stopped: ${answer.problem}`);
   }
 
-  /** Nothing is held any more; with no words it was let go as it should be. */
+  /** End the hold; without words it was released normally. */
   release(words = "") {
     const held = this.now;
     if (held === null) return;
@@ -57,7 +57,7 @@ export class Held {
     this.told(words);
   }
 
-  /** Let go what this one holds. */
+  /** Release what this button or key holds. */
   letGo(by) {
     if (this.now?.by === by) this.release();
   }

@@ -1,4 +1,4 @@
-/** The page: what the server sends goes to every part of it, and ten times a second each part looks how old that is. */
+/** The page: passes events to all of its parts, which update their ages ten times a second. */
 
 import { hasToken, post, tab } from "/static/access.js";
 import { Controls } from "/static/controls.js";
@@ -35,7 +35,7 @@ function take(name, data) {
   for (const part of parts) part[name]?.(data);
 }
 
-/** The first tab with a token has the controls without being asked. */
+/** The first tab with a token gets control. */
 async function heard(data) {
   state = data;
   if (data.controls !== null || !hasToken() || taking) return;

@@ -1,10 +1,10 @@
-/** The newest reading in large letters, how far it is from the trip, and how old it is. */
+/** The newest reading in large letters, its margin to the trip, and its age. */
 
 import { Instant, OLD_S } from "/static/feed.js";
 import { at, mark, write } from "/static/page.js";
 import { N_PER_GWT, ago, fixed, inBoth, inMmAndUm, known, timeOfDay } from "/static/units.js";
 
-const SHORT = 5; // characters that the large letters have room for
+const SHORT = 5; // characters that fit in large letters
 const NEAR = [0.6, 0.9]; // shares of the trip
 
 export class Numbers {
@@ -34,7 +34,7 @@ export class Numbers {
     this.newest = { ...this.newest, ...reading };
   }
 
-  /** How old the newest reading is; null where there is none. */
+  /** The age of the newest reading; null without one. */
   get age_s() {
     return this.read === null ? null : this.read.age_s;
   }

@@ -1,4 +1,4 @@
-/** The page's elements, changed only where they differ: what does not change is not drawn again. */
+/** Elements of the page, changed only if they differ, so that nothing else is drawn again. */
 
 export const at = (id) => document.getElementById(id);
 

@@ -1,4 +1,4 @@
-/** What is done, what is now, what comes, and how long it takes. */
+/** Steps of the run: done, present and next, and the remaining time. */
 
 import { at, mark, show, write } from "/static/page.js";
 import { asClock, known } from "/static/units.js";
@@ -28,7 +28,7 @@ export class Schedule {
     this.followed = false;
   }
 
-  /** The step that is now stays in view, in its own frame only. */
+  /** Scroll the present step into view, within its own frame. */
   follow() {
     const frame = at("steps_frame");
     const now = frame.querySelector("[aria-current]");

@@ -1,4 +1,4 @@
-/** The finger's cross-section, drawn to scale, with the indentor where the last reading has it. */
+/** The finger's cross-section to scale, with the indentor at the last reading. */
 
 import { interpolated } from "/static/buffer.js";
 import { at, show, write } from "/static/page.js";
@@ -7,7 +7,7 @@ import { fixed, known } from "/static/units.js";
 const SVG = "http://www.w3.org/2000/svg";
 const ABOVE_MM = 4;
 const BELOW_MM = 7;
-const TURN = "scale(1 -1)"; // heights go up
+const TURN = "scale(1 -1)"; // heights increase upwards
 
 export class Section {
   constructor() {
@@ -79,7 +79,7 @@ function between(points, from, to) {
   return [end(from), ...upper.filter(([x]) => x > from && x < to), end(to)].filter(([, z]) => z !== null);
 }
 
-/** A profile is its lower side: with a lid far above. */
+/** Close a profile, which is the lower side, far above. */
 function lidded(points) {
   const lid_mm = Math.max(...points.map(([, z]) => z)) + 2 * (ABOVE_MM + BELOW_MM);
   return [...points, [points.at(-1)[0], lid_mm], [points[0][0], lid_mm]];

@@ -1,6 +1,6 @@
-/** STOP, by button and by key: the request leaves before anything else is done, and is repeated until it is answered.
+/** STOP, by button and by key: sends the request before anything else, and repeats it until there is a reply.
  *
- * A worker repeats it, so that a page that hangs goes on trying. This module needs nothing of the rest of the page.
+ * A worker repeats it even if the page hangs. This module needs nothing from the rest of the page.
  */
 
 import { hasToken, headers, post, tab } from "/static/access.js";
@@ -10,7 +10,7 @@ const LOUD_MS = 300;
 const FINAL = [200, 403, 409];
 const NOT_CONFIRMED = "STOP NOT CONFIRMED: USE THE EMERGENCY STOP";
 
-const WORKER_FIRST_MS = 50; // it knows when its answer came, however late this page hears of it
+const WORKER_FIRST_MS = 50; // it knows when its reply came, even if this page is late
 
 const worker = new Worker("/static/stop_worker.js");
 worker.onmessage = ({ data }) => said(data);
@@ -27,7 +27,7 @@ function stop(event) {
   loud = setTimeout(() => said({ status: 0, problem: "no answer yet" }), LOUD_MS);
 }
 
-/** What came back, from here or from the worker; the first final answer counts. */
+/** Handle a reply to this page or to the worker; the first final one counts. */
 function said({ status, ok, problem, words, at_ms }) {
   if (pressed_ms === null) return;
   const after_ms = (at_ms ?? performance.timeOrigin + performance.now()) - pressed_ms;

@@ -1,7 +1,7 @@
-/** Repeats STOP until it is answered or given up, whatever the page does meanwhile. */
+/** Repeats STOP until there is a reply or it gives up, even if the page hangs. */
 
 const AGAIN_MS = 300;
-const PATIENCE_MS = 900; // three are under way at most: a browser has six connections to one host
+const PATIENCE_MS = 900; // at most three are pending: a browser has six connections to one host
 const FINAL = [200, 403, 409];
 
 let trying = null;

@@ -1,4 +1,4 @@
-/** Light or dark as the system says, or as was chosen; and the colours as the charts need them. */
+/** Light or dark theme, by the system or by choice, and its colors for the charts. */
 
 import { at } from "/static/page.js";
 

@@ -1,11 +1,11 @@
-/** Force and depth against time, and force against depth, each with what the model predicted under it. */
+/** Force and depth against time, and force against depth, each with its prediction. */
 
 import uPlot from "/static/vendor/uplot/uPlot.esm.js";
 import { Buffer, WINDOW_S } from "/static/buffer.js";
 import { at, write } from "/static/page.js";
 import { fixed, known, N_PER_GWT } from "/static/units.js";
 
-const SHIFT_S = 10; // the axis moves on by so much at once: labels that crawl are hard to read
+const SHIFT_S = 10; // The axis moves in steps of this length, because moving labels are hard to read.
 const DRAWN_MS = 100;
 const ROOM = 1.15;
 const FONT = "13px system-ui, sans-serif";
@@ -66,7 +66,7 @@ export class Traces {
     write("press_words", press === null ? "" : `(${press.replace("data ", "index ")}${curve_mm.length ? "" : ", no prediction"})`);
   }
 
-  /** From where to where in time: whole shifts, so that it stands still in between. */
+  /** The time range in whole steps, so that it rests in between. */
   window() {
     const newest_s = this.buffer.time[0].at(-1) ?? 0;
     const end_s = (Math.floor(newest_s / SHIFT_S) + 1) * SHIFT_S;
@@ -107,7 +107,7 @@ export class Traces {
     return { size: 28, stroke: () => this.colours.of("--ink"), grid: line, ticks: line, ...text };
   }
 
-  /** The left one, and with values, which are told in another unit, the right one. */
+  /** The left axis, and with values in another unit the right one. */
   axis(unit, values) {
     const left = { ...this.across(unit), size: 54 };
     return values ? { ...left, side: 1, scale: "y", grid: { show: false }, values: (_, ticks) => ticks.map(values) } : left;
@@ -121,7 +121,7 @@ export class Traces {
     return { stroke: () => this.colours.of("--measured"), width: 2, points: { show: false }, spanGaps: false };
   }
 
-  /** Readings go down and up again: a line that a series, which is sorted by depth, cannot be. */
+  /** Draw readings that go down and up again, which a series sorted by depth cannot show. */
   drawPressed(plot) {
     const [doi_mm, force_gwt] = this.buffer.pressed;
     if (!doi_mm.length) return;
@@ -134,7 +134,7 @@ export class Traces {
     plot.ctx.restore();
   }
 
-  /** Where it would be seen. */
+  /** Draw the trip line if the axis reaches it. */
   drawTrip(plot, id) {
     const highest = id === "force_time" ? this.tops.force : id === "force_depth" ? this.tops.press : 0;
     if (!known(this.trip_gwt) || this.trip_gwt > highest) return;
@@ -158,7 +158,7 @@ export class Traces {
   }
 }
 
-/** A round number above all of them; it stays until it is too small, or four times too large. */
+/** A round number above all values, which changes when it is too small, or four times too large. */
 export function top(before, ...columns) {
   let highest = 0;
   for (const column of columns) for (const value of column) if (known(value) && value > highest) highest = value;

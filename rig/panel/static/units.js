@@ -1,8 +1,8 @@
-/** Numbers as the page writes them: units, signs, clocks. */
+/** Numbers in the page's format: units, signs, clocks. */
 
 export const N_PER_GWT = 0.00980665;
 
-/** Fixed decimals, a true minus, no negative zero; a dash where nothing is known. */
+/** Fixed decimals, a true minus, no negative zero; a dash if unknown. */
 export function fixed(value, decimals) {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   const text = value.toFixed(decimals);
@@ -30,13 +30,13 @@ export function asClock(seconds) {
   return `${Math.floor(whole / 3600)}:${two(Math.floor(whole / 60) % 60)}:${two(whole % 60)}`;
 }
 
-/** The time of day of an instant, to the second. */
+/** The time of day, to the second. */
 export function timeOfDay(unix_s) {
   const at = new Date(unix_s * 1000);
   return [at.getHours(), at.getMinutes(), at.getSeconds()].map((n) => String(n).padStart(2, "0")).join(":");
 }
 
-/** How long ago, in words that do not change more often than each second. */
+/** The age in words that change at most once a second. */
 export function ago(age_s) {
   return age_s < 100 ? `${Math.floor(age_s)} s ago` : `${asClock(age_s)} ago`;
 }

@@ -1,6 +1,6 @@
-/** What greys old data even while this page hangs: an animation that the browser's compositor runs by itself.
+/** Gray out old data even if this page hangs: an animation that the browser's compositor runs by itself.
  *
- * It ends a second after the data were true; fresh data set it back.
+ * It ends one second after the time of the data; fresh data restart it.
  */
 
 import { OLD_S } from "/static/feed.js";
@@ -15,7 +15,7 @@ export class Veil {
     this.rising.finish();
   }
 
-  /** The data under it are so old; null: there are none. */
+  /** Show the age of the data below; null: there are none. */
   data(age_s) {
     mark(this.veil, "empty", age_s === null);
     if (age_s === null || age_s > OLD_S) {

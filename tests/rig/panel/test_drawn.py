@@ -21,8 +21,8 @@ from rig.panel.drawing import (
     PressSummary,
     drawn,
     finger_outlines,
-    foreseen,
     indentor_outline,
+    predicted,
 )
 from rig.panel.stream import Outlet
 from rig.plan.finger_model import copy_name
@@ -158,7 +158,7 @@ def test_flanks_are_cut_and_straight_lines_have_two_ends() -> None:
 @pytest.mark.parametrize(("target", "value"), [("doi_mm", 0.6), ("force_gwt", 2.33)])
 def test_the_curve_ends_at_the_target_and_is_the_model_s(target: str, value: float, finger: Fingertip) -> None:
     press = PressSummary(0, "data", 0.5, target, value)
-    curve, at_target = foreseen(finger, parse_shape("bar:3.0"), press)
+    curve, at_target = predicted(finger, parse_shape("bar:3.0"), press)
     assert len(curve["doi_mm"]) == len(curve["force_gwt"]) == DEPTHS + 1
     assert (curve["doi_mm"][0], curve["force_gwt"][0]) == (0.0, 0.0)
     assert curve[target][-1] == pytest.approx(value, rel=1e-6)
@@ -173,7 +173,7 @@ def test_the_curve_ends_at_the_target_and_is_the_model_s(target: str, value: flo
 
 
 def test_beyond_the_model_there_is_no_curve_and_a_reason(finger: Fingertip) -> None:
-    curve, at_target = foreseen(finger, parse_shape("bar:3.0"), PressSummary(0, "data", 0.0, "doi_mm", 3.0))
+    curve, at_target = predicted(finger, parse_shape("bar:3.0"), PressSummary(0, "data", 0.0, "doi_mm", 3.0))
     assert (curve["doi_mm"], curve["force_gwt"], at_target) == (None, None, {})
     assert curve["code"] == "doi_outside"
     assert curve["problem"]
@@ -181,7 +181,7 @@ def test_beyond_the_model_there_is_no_curve_and_a_reason(finger: Fingertip) -> N
 
 def test_what_a_plate_does_is_the_same_everywhere(finger: Fingertip) -> None:
     here, there = (
-        foreseen(finger, parse_shape("flat"), PressSummary(0, "data", x, "doi_mm", 0.3))[0] for x in (0.0, 1.0)
+        predicted(finger, parse_shape("flat"), PressSummary(0, "data", x, "doi_mm", 0.3))[0] for x in (0.0, 1.0)
     )
     assert here == there
 
@@ -197,7 +197,7 @@ def test_a_drawing_of_a_press(config: Path, finger: Fingertip, monkeypatch: pyte
     }  # fmt: skip
     plane_mm, apex_mm = finger.config.receptor_plane_mm, finger.apex_height_mm
     assert found["skin"] == finger_outlines(finger.config, finger.surface, plane_mm, apex_mm)["skin"]
-    assert found["prediction"] == foreseen(finger, parse_shape("bar:3.0"), PRESS)[0]
+    assert found["prediction"] == predicted(finger, parse_shape("bar:3.0"), PRESS)[0]
     json.dumps(found, allow_nan=False)
 
 
@@ -326,7 +326,7 @@ def test_a_curve_of_a_press_that_is_over_is_not_told() -> None:
     asking = Asking()
     for _ in range(2):
         asking.look(STILL)
-    asking.drawer._wanted = iter([MOVING, None, None]).__next__  # over while it is drawn
+    asking.drawer._request = iter([MOVING, None, None]).__next__  # over while it is drawn
     with asking.outlet.joined() as client:
         client.taken(0.0)
         asyncio.run(asking.drawer.look())

@@ -22,7 +22,7 @@ from rig.manual.status import KEPT, Backlog
 from rig.panel.drawing import Drawer, Job, PressSummary
 from rig.panel.owners import Tabs
 from rig.panel.run_view import SeenRun, growing
-from rig.panel.stream import Onlooking, Outlet, ReadingSource
+from rig.panel.stream import Outlet, PageQueue, ReadingSource
 from rig.panel.watcher import HAND, SeenBench
 from rig.plan.config import Config
 from sim.devices.clock import VirtualClock
@@ -90,7 +90,7 @@ def a_run_that_is_read(tmp_path: Path, make: Make, there: ExitStack) -> Step:
     def step() -> None:
         run.press()
         assert len(seen.look(PRESS_S * run.n)) == READINGS
-        assert len(seen.schedule_told()) == 1
+        assert len(seen.schedule_state()) == 1
 
     return step
 
@@ -176,7 +176,7 @@ def pages_that_come_and_go(tmp_path: Path, make: Make, there: ExitStack) -> Step
         tab = f"tab {next(n)}"
         tabs.opened(tab)
         with outlet.joined() as client:
-            assert isinstance(client, Onlooking)
+            assert isinstance(client, PageQueue)
             tabs.take(tab, 0.0)
             tabs.release(next(n))
         tabs.closed(tab, 0.0)
@@ -290,6 +290,6 @@ def test_a_look_at_which_nothing_is_new_needs_next_to_nothing(what: str, tmp_pat
         "no run": lambda: asyncio.run(look()),
         "runs": lambda: growing(tmp_path / "runs", 0.0),
         "a journal": lambda: journal.new(1 << 20),
-        "a bench": lambda: (bench.heard({"state": "Idle"}), bench.devices_told(0.0), bench.newest_told(0.0)),
+        "a bench": lambda: (bench.update({"state": "Idle"}), bench.devices_state(0.0), bench.newest_state(0.0)),
     }
     assert needed_bytes(looks[what]) < MOST_NEEDED

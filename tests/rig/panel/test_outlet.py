@@ -12,8 +12,8 @@ from rig.panel.stream import (
     MOST_STREAMS,
     NOTHING,
     SHOWN_S,
-    Onlooking,
     Outlet,
+    PageQueue,
     ReadingSource,
     as_event,
     stream,
@@ -32,7 +32,7 @@ def events(text: str) -> list[tuple[str, dict[str, Any]]]:
     return found
 
 
-def rows_of(client: Onlooking, unix_s: float = 5.0) -> dict[str, Any]:
+def rows_of(client: PageQueue, unix_s: float = 5.0) -> dict[str, Any]:
     ((kind, told),) = events(client.taken(unix_s))
     assert kind == "readings"
     return told

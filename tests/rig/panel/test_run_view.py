@@ -10,7 +10,7 @@ import pytest
 from rig.data.folder import RunFolder
 from rig.data.run_state import Course, Timeline
 from rig.panel.drawing import Job, PressSummary
-from rig.panel.run_view import AT_ONCE, COLUMNS, GROWS_S, SeenRun, growing, limits_told, written_s
+from rig.panel.run_view import AT_ONCE, COLUMNS, GROWS_S, SeenRun, growing, limits_state, written_s
 from rig.panel.stream import SHOWN_S
 from rig.panel.watcher import HAND, SeenBench
 from rig.plan.config import Config
@@ -57,7 +57,7 @@ def told(run: Written) -> SeenRun:
 def test_readings_as_they_come(run: Written) -> None:
     seen = told(run)
     assert (seen.name, seen.source.run, seen.source.columns) == (run.path.name, run.path.name, COLUMNS)
-    assert seen.newest_told(2000.0) == {
+    assert seen.newest_state(2000.0) == {
         "force_gwt": None, "force_n": None, "doi_mm": None, "x_mm": None, "height_mm": None, "phase": None,
         "t_s": None, "age_s": None,
     }  # fmt: skip
@@ -68,11 +68,11 @@ def test_readings_as_they_come(run: Written) -> None:
         [1003.0, 3.0, 2.0, None, 0.5, -0.1, "press", 0, "precondition"],
     ]
     assert seen.look(NOW_S) == []
-    assert seen.newest_told(1003.5) == {
+    assert seen.newest_state(1003.5) == {
         "force_gwt": 2.0, "force_n": 2.0 * GWT_N, "doi_mm": None, "x_mm": 0.5, "height_mm": -0.1, "phase": "press",
         "t_s": 3.0, "age_s": 0.5,
     }  # fmt: skip
-    assert seen.newest_told(1000.0)["age_s"] == 0.0
+    assert seen.newest_state(1000.0)["age_s"] == 0.0
 
 
 def test_a_virtual_run_is_as_old_as_its_journal(tmp_path: Path) -> None:
@@ -94,28 +94,28 @@ def test_a_clock_that_is_ahead_makes_nothing_younger_than_its_journal(run: Writt
 
 def test_what_a_page_is_told_of_it(run: Written) -> None:
     seen = told(run)
-    assert seen.told(going=True) == {
+    assert seen.as_json(going=True) == {
         "folder": str(run.path), "name": run.path.name, "protocol": "steps", "title": "Steps", "subject": "S07",
         "virtual": False, "state": "running", "now": "", "next": "", "left_s": None, "done": 0, "planned": 2,
         "said": None, "ending": None, "stopped_while": None, "problem": None,
     }  # fmt: skip
     run.event("indentation_start", **PRESS)
     seen.look(NOW_S)
-    assert seen.told(going=True)["now"] == "press bar:3.0 at +0.50 mm to 0.8 mm"
+    assert seen.as_json(going=True)["now"] == "press bar:3.0 at +0.50 mm to 0.8 mm"
     run.event("indentation_end", index=0, duration_s=1.0)
     run.event("alarm", reason="the zero has drifted")
     seen.look(NOW_S)
-    about = seen.told(going=False)
+    about = seen.as_json(going=False)
     assert (about["state"], about["done"], about["now"], about["said"]) == ("killed", 1, None, "the zero has drifted")
     assert seen.ended is False
     run.doc("stop", status="tripped", reason="force 9 gwt", stopped_while="reporting")
     seen.look(NOW_S)
-    about = seen.told(going=True)
+    about = seen.as_json(going=True)
     assert (about["state"], about["ending"], seen.ended) == ("tripped", "force 9 gwt", True)
     assert about["stopped_while"] == "reporting"
     run.doc("resume", missing=1)
     seen.look(NOW_S)
-    assert (seen.told(going=True)["state"], seen.ended) == ("running", False)
+    assert (seen.as_json(going=True)["state"], seen.ended) == ("running", False)
 
 
 def test_its_schedule(run: Written) -> None:
@@ -131,7 +131,7 @@ def test_its_schedule(run: Written) -> None:
     run.event("move", x_mm=0.5, along_mm=0.0)
     seen.look(NOW_S)
     nothing = {"block": None, "repeat": None, "condition": None}
-    assert seen.schedule_told() == [
+    assert seen.schedule_state() == [
         {"index": None, "purpose": None, "words": "move", **nothing, "done": True, "now": False},
         {"index": 0, "purpose": "data", "words": "press", "block": 1, "repeat": 2, "condition": "c", "done": False,
          "now": True},
@@ -142,12 +142,12 @@ def test_its_schedule(run: Written) -> None:
 def test_devices_by_what_was_heard_of_them(run: Written) -> None:
     seen = told(run)
     unknown = {"word": "no data", "age_s": None}
-    assert seen.devices_told(2000.0) == {"stage": {**unknown, "homed": False}, "force": unknown}
+    assert seen.devices_state(2000.0) == {"stage": {**unknown, "homed": False}, "force": unknown}
 
     def after(stream: str, **data: Any) -> tuple[Any, ...]:
         run.event(stream, **data)
         seen.look(NOW_S)
-        found = seen.devices_told(1000.0 + run.t_s + 2.0)
+        found = seen.devices_state(1000.0 + run.t_s + 2.0)
         stage, force = found["stage"], found["force"]
         return stage["word"], stage["homed"], stage["age_s"], force["word"], force["age_s"]
 
@@ -157,7 +157,7 @@ def test_devices_by_what_was_heard_of_them(run: Written) -> None:
     assert after("find_sample", **SAMPLE) == ("press", True, 2.0, "reads", 2.0)
     assert after("retract", height_mm=2.0) == ("at rest", True, 2.0, "reads", 3.0)
     assert after("trip", reason="force") == ("tripped", True, 2.0, "reads", 4.0)
-    assert seen.told(going=True)["said"] == "force"
+    assert seen.as_json(going=True)["said"] == "force"
 
 
 def test_what_there_is_to_draw(run: Written) -> None:
@@ -179,11 +179,11 @@ def test_what_there_is_to_draw(run: Written) -> None:
 
 def test_limits_and_margins_in_either_unit(run: Written) -> None:
     seen = told(run)
-    assert seen.limits_told() is not None
+    assert seen.limits_state() is not None
     run.event("sample", **{**SAMPLE, "force_gwt": -1.5})
     seen.look(NOW_S)
-    assert seen.limits_told() == limits_told(Config(), 0.05, -1.5)
-    found = limits_told(Config(), 0.05, -1.5)
+    assert seen.limits_state() == limits_state(Config(), 0.05, -1.5)
+    found = limits_state(Config(), 0.05, -1.5)
     assert found["trip_n"] == pytest.approx(0.05)
     assert found["trip_gwt"] == pytest.approx(0.05 / GWT_N)
     assert found["margin_gwt"] == pytest.approx(0.05 / GWT_N - 1.5)
@@ -191,7 +191,7 @@ def test_limits_and_margins_in_either_unit(run: Written) -> None:
     assert (found["hard_trip_n"], found["hard_margin_n"]) == pytest.approx((5.0, 5.0 - 1.5 * GWT_N))
     assert found["hard_margin_gwt"] == pytest.approx(5.0 / GWT_N - 1.5)
     assert (found["max_doi_mm"], found["max_force_gwt"]) == (1.5, 100.0)
-    none = limits_told(Config(), None, None)
+    none = limits_state(Config(), None, None)
     assert none["trip_n"] == pytest.approx(2.0)
     assert [none[f"{name}_{unit}"] for name in ("margin", "hard_margin") for unit in ("gwt", "n")] == [None] * 4
 
@@ -200,10 +200,10 @@ def test_without_its_configuration_there_are_no_limits_until_it_comes(tmp_path: 
     run = Written(tmp_path / "run")
     run.doc("start", **START)
     seen = told(run)
-    assert (seen.limits_told(), seen.problem) == (None, "")
+    assert (seen.limits_state(), seen.problem) == (None, "")
     (run.path / "config.toml").write_text("[limits]\nmax_doi_mm = 1.0\n", encoding="utf-8")
     seen.look(NOW_S)
-    limits = seen.limits_told()
+    limits = seen.limits_state()
     assert limits is not None
     assert limits["max_doi_mm"] == 1.0
 
@@ -221,7 +221,7 @@ def test_what_cannot_be_read_is_told_and_not_looked_at_again(spoil: Any, problem
     spoil(run)
     seen = told(run)
     assert problem in seen.problem
-    assert seen.told(going=True)["problem"] == seen.problem
+    assert seen.as_json(going=True)["problem"] == seen.problem
     run.event("sample", **SAMPLE)
     assert seen.look(NOW_S) == []
 
@@ -239,7 +239,7 @@ def test_who_comes_late_reads_in_pieces_and_is_told_of_the_last_minute(
     assert seconds[-1] == 201.0
     assert 201.0 - SHOWN_S - 10.0 <= seconds[0] <= 201.0 - SHOWN_S
     assert seconds == [seconds[0] + k for k in range(len(seconds))]
-    assert seen.newest_told(NOW_S)["t_s"] == 201.0
+    assert seen.newest_state(NOW_S)["t_s"] == 201.0
     run.event("sample", **SAMPLE)
     assert [row[1] for row in seen.look(NOW_S)] == [203.0]
 
@@ -326,32 +326,32 @@ def test_only_the_newest_folders_are_looked_at(tmp_path: Path) -> None:
 def test_the_bench_by_what_its_owner_answers(tmp_path: Path) -> None:
     bench = SeenBench(tmp_path / "rig.toml", Config())
     assert (bench.configured, bench.job, bench.since) == (True, Job(tmp_path / "rig.toml"), 0)
-    assert bench.heard(None) == []
-    assert bench.devices_told(9.0)["stage"] == {"word": "no data", "homed": False, "age_s": None}
+    assert bench.update(None) == []
+    assert bench.devices_state(9.0)["stage"] == {"word": "no data", "homed": False, "age_s": None}
     new = {"columns": ["t_s", *HAND.columns[2:], "unix_s"], "next": 12, "rows": [[3.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0]]}
     status = {
         "state": "idle", "homed": True, "zeroed": False, "force_gwt": 1.5, "x_mm": 0.5, "height_mm": 3.0,
         "read_unix_s": 100.0, "seen_unix_s": 101.0, "busy": "jog", "readings": new,
     }  # fmt: skip
-    assert bench.heard(status) == [[6.0, 3.0, 1.0, 2.0, 3.0, 4.0, 5.0]]
+    assert bench.update(status) == [[6.0, 3.0, 1.0, 2.0, 3.0, 4.0, 5.0]]
     assert bench.since == 12
-    assert bench.newest_told(101.5) == {
+    assert bench.newest_state(101.5) == {
         "force_gwt": 1.5, "force_n": 1.5 * GWT_N, "doi_mm": None, "x_mm": 0.5, "height_mm": 3.0, "phase": "jog",
         "t_s": 100.0, "age_s": 1.5,
     }  # fmt: skip
-    assert bench.newest_told(99.0)["age_s"] == 0.0
-    told = bench.devices_told(101.5)
+    assert bench.newest_state(99.0)["age_s"] == 0.0
+    told = bench.devices_state(101.5)
     assert told["stage"] == {"word": "idle", "homed": True, "age_s": 0.5}
     assert told["force"] == {"word": "reads", "age_s": 1.5}
-    assert bench.limits_told() == limits_told(Config(), None, 1.5)
-    assert bench.heard({**status, "zeroed": True, "readings": None}) == []
-    assert bench.devices_told(101.5)["force"]["word"] == "zeroed"
-    bench.heard({**status, "stage_problem": "the stage is silent", "force_problem": "no reading"})
-    assert [one["word"] for one in bench.devices_told(101.5).values()] == ["the stage is silent", "no reading"]
+    assert bench.limits_state() == limits_state(Config(), None, 1.5)
+    assert bench.update({**status, "zeroed": True, "readings": None}) == []
+    assert bench.devices_state(101.5)["force"]["word"] == "zeroed"
+    bench.update({**status, "stage_problem": "the stage is silent", "force_problem": "no reading"})
+    assert [one["word"] for one in bench.devices_state(101.5).values()] == ["the stage is silent", "no reading"]
     bench.begin(7)
-    assert (bench.owner, bench.since, bench.newest_told(1.0)["force_gwt"]) == (7, 0, None)
+    assert (bench.owner, bench.since, bench.newest_state(1.0)["force_gwt"]) == (7, 0, None)
 
 
 def test_no_bench_without_a_configuration() -> None:
     bench = SeenBench()
-    assert (bench.configured, bench.job, bench.limits_told(), bench.ports) == (False, None, None, ())
+    assert (bench.configured, bench.job, bench.limits_state(), bench.ports) == (False, None, None, ())

@@ -13,7 +13,7 @@ from rig.control.client import ControlError
 from rig.data.folder import RunFolder
 from rig.data.run_state import Course
 from rig.panel.run_view import SeenRun
-from rig.panel.stream import NOTHING, Onlooking
+from rig.panel.stream import NOTHING, PageQueue
 from rig.panel.watcher import ASK_S, BEAT_S, FIND_S, HAND, LOOK_S, STATUS_S, Watcher
 from sim.devices.clock import VirtualClock
 from tests.rig.panel.stub_panel import StubOwner, StubPanel
@@ -47,7 +47,7 @@ def look(watcher: Watcher) -> None:
     asyncio.run(once())
 
 
-def told(watcher: Watcher, client: Onlooking) -> dict[str, Any]:
+def told(watcher: Watcher, client: PageQueue) -> dict[str, Any]:
     look(watcher)
     return dict(events(client.taken(0.0)))
 
@@ -133,7 +133,7 @@ def test_what_is_drawn_is_of_the_run_that_is_followed(make: Make, tmp_path: Path
     assert watcher.run is not None
     assert watcher.job is watcher.run.job is not None
     assert (owner.asked, owner.within_s) == ([("status", {})], [STATUS_S])
-    assert watcher.bench.devices_told(0.0)["stage"]["word"] == "no data"
+    assert watcher.bench.devices_state(0.0)["stage"]["word"] == "no data"
 
 
 def test_an_announced_run_goes_on_however_silent_it_is(make: Make, tmp_path: Path) -> None:
