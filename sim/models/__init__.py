@@ -1,9 +1,8 @@
-"""Fingertips to be indented: finger, section and half-space behind one interface.
+"""Fingertip models: finger, section and half-space behind one interface.
 
-`catalogue` is the door: `load(name)` gives a `Fingertip` (`fingertip`), which places an indentor, presses it
-(`pressing`) and returns one of the `results`, which know no model. Behind it is a `CondensedModel` (`condensed`)
-made by a builder: `whole_finger` and `plane_section` from a mesh (`discretised`), `halfspace` from formulas. A new
-model is a module with a builder, and a name and a line in `catalogue`. `cache` keeps made models on disk, `patches`
-makes larger ones where a scene needs them. Beside these: `uncondensed`, strain everywhere in a section and the finger
-for CalculiX; `processes`, models in processes of their own, and many presses by one call.
+`catalogue.load(name)` returns a `Fingertip` (`fingertip`), which places an indentor, presses it (`pressing`) and
+returns a result (`result`), which knows no model. Behind it is a `CondensedModel` (`condensed`) from a builder:
+`finger` and `section` build it from a mesh, `halfspace` from formulas. A new model is a module with a builder, and a
+name and a line in `catalogue`. `cache` stores models on disk; `sources` builds larger patches when contact needs
+them. `full_mesh` has strain maps and CalculiX decks, `many` presses by many processes.
 """
