@@ -78,14 +78,14 @@ class Situation:
         skin = _skin(config.geometry)
         centre = np.array([0.0, config.receptor_plane_mm])
         at = {X: x_mm, Z: centre[1] if z_mm is None else z_mm}
-        place = tuple(float(at[axis]) for axis in indentor.axes)
-        touch = first_touch(indentor, place, skin)
+        reference_mm = tuple(float(at[axis]) for axis in indentor.axes)
+        touch = first_touch(indentor, reference_mm, skin)
         middle = [{X: 0.0, Z: centre[1]}[axis] for axis in indentor.axes]
         zero_mm = touch.height_mm
         if reference == "apex":
             zero_mm = float(np.nanmax(skin.ridge(skin.ridge.x)))
         depth = None if doi_mm is None else doi_mm - (zero_mm - touch.height_mm)
-        reach = None if depth is None else _reach(indentor, place, touch, depth, skin, centre)
+        reach = None if depth is None else _reach(indentor, reference_mm, touch, depth, skin, centre)
         away = float(np.hypot.reduce(np.array(touch.at_mm) - middle))
         return cls(indentor.name, indentor.axes, indentor.sharp, away, depth, reach)
 
@@ -175,14 +175,14 @@ def cell_of(situation: Situation) -> Cell | None:
 
 def cells_of(situation: Situation) -> list[Cell]:
     """Return the cells of a scene, at every depth if its own is not known; none where nothing was measured."""
-    place = next((band for band in PLACES_MM if situation.place_mm <= band), None)
-    if place is None:
+    band_mm = next((band for band in PLACES_MM if situation.place_mm <= band), None)
+    if band_mm is None:
         return []
     if situation.depth_mm is None:
-        return [Cell(situation.family, depth, place) for depth in DEPTHS_MM]
+        return [Cell(situation.family, depth, band_mm) for depth in DEPTHS_MM]
     if not situation.depth_mm > 0:
         return []
-    return [Cell(situation.family, depth, place) for depth in DEPTHS_MM if situation.depth_mm <= depth][:1]
+    return [Cell(situation.family, depth, band_mm) for depth in DEPTHS_MM if situation.depth_mm <= depth][:1]
 
 
 @dataclass(frozen=True)
@@ -249,7 +249,7 @@ class NoModelError(ModelRangeError):
 
 @dataclass(frozen=True)
 class Aim:
-    """What a model must compute, and how accurately.
+    """Quantities that a model must compute, and their tolerance.
 
     Parameters
     ----------
@@ -299,7 +299,7 @@ class Aim:
 
 @dataclass(frozen=True)
 class Choice:
-    """A model with its mesh, patch and outputs, its expected errors and its cost.
+    """Model with its mesh, patch and outputs, its expected errors and its cost.
 
     Attributes
     ----------

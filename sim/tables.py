@@ -49,7 +49,7 @@ def read_numbered(path: Path, columns: Sequence[str]) -> tuple[tuple[int, Row], 
             columns=",".join(columns),
         )
     (first, header), *rows = lines
-    place = _column_numbers(path, first, [cell.strip() for cell in header], columns)
+    order = _column_numbers(path, first, [cell.strip() for cell in header], columns)
     if not rows:
         raise TableError(
             "{path}: no rows below line {line}; numbers are required", code="no_rows", path=str(path), line=first
@@ -66,7 +66,7 @@ def read_numbered(path: Path, columns: Sequence[str]) -> tuple[tuple[int, Row], 
                 header_line=first,
             )
     return tuple(
-        (n, tuple(_number(path, n, name, row[k]) for name, k in zip(columns, place, strict=True))) for n, row in rows
+        (n, tuple(_number(path, n, name, row[k]) for name, k in zip(columns, order, strict=True))) for n, row in rows
     )
 
 

@@ -327,9 +327,11 @@ class _Within:
         covariance = np.diag(1 / second) + loosened**2 * wrong
         return linearised(slope, slope @ pressure - first / second, covariance, self.typical)
 
-    def begun(self, seen: PressureLikelihood, model: Model) -> "_Round":
+    def begun(self, likelihood: PressureLikelihood, model: Model) -> "_Round":
         """Return models of one sort, linearized about the mean of one of them."""
-        return self.next_of(_Round(sort_of(model), mixed(seen, {model: 0.0}), [model], moved=np.inf, at_top=False))
+        return self.next_of(
+            _Round(sort_of(model), mixed(likelihood, {model: 0.0}), [model], moved=np.inf, at_top=False)
+        )
 
     def next_of(self, last: "_Round") -> "_Round":
         """Return the next round, linearized about the last round's mean."""
@@ -393,9 +395,9 @@ def _by_search(
 ) -> tuple[Mixture, bool]:
     """Search each sort that a first search and round leave possible; return whether all converged."""
     within = _Within(operator, readings, error, float(begun @ begun / begun.sum()))
-    seen = within.seen_from(begun, _LOOSENED)
-    first = climbed(seen, [*runs(begun), *alone(len(begun))], _STARTS)
-    rounds = [within.begun(seen, model) for model in first.best_of_sorts(_POSSIBLE).values()]
+    likelihood = within.seen_from(begun, _LOOSENED)
+    first = climbed(likelihood, [*runs(begun), *alone(len(begun))], _STARTS)
+    rounds = [within.begun(likelihood, model) for model in first.best_of_sorts(_POSSIBLE).values()]
     best = max(one.mixture.log_weight.max() for one in rounds)
     found = [within.settled(one) for one in rounds if one.mixture.log_weight.max() > best - _STILL_POSSIBLE]
     return together([one.mixture for one in found]), all(one.settled for one in found)

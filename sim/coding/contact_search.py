@@ -204,9 +204,9 @@ def linearised(slope: Array, value: Array, covariance: Array, typical: float) ->
     """Return the likelihood of (m, n) slopes and (m,) values of slope · pressure, with noise covariance (m, m)."""
     lower = cholesky(covariance, lower=True)
     white = solve_triangular(lower, np.column_stack([typical * slope, value]), lower=True)
-    seen, target = white[:, :-1], white[:, -1]
+    slopes, target = white[:, :-1], white[:, -1]
     nothing = -0.5 * target @ target - np.log(np.diag(lower)).sum()
-    return PressureLikelihood(seen.T @ seen, seen.T @ target, typical, float(nothing))
+    return PressureLikelihood(slopes.T @ slopes, slopes.T @ target, typical, float(nothing))
 
 
 MOST_CONTACTS = 3
@@ -252,19 +252,19 @@ def sort_of(model: Model) -> Sort:
     return Sort(len(model), any(contact.kind in _SHARP for contact in model))
 
 
-def climbed(seen: PressureLikelihood, starts: list[Model], begin: int = 1, sort: Sort | None = None) -> Climb:
+def climbed(likelihood: PressureLikelihood, starts: list[Model], begin: int = 1, sort: Sort | None = None) -> Climb:
     """Climb from the best `begin` starts to their maxima, within one sort if requested."""
     known: dict[Model, float] = {}
-    _evaluate(seen, known, [model for model in starts if sort is None or sort_of(model) == sort])
+    _evaluate(likelihood, known, [model for model in starts if sort is None or sort_of(model) == sort])
     begun = sorted(known, key=known.__getitem__, reverse=True)[:begin]
-    tops = [_climb(seen, known, start, sort) for start in begun]
-    return Climb(known, all(tops))
+    at_maximum = [_climb(likelihood, known, start, sort) for start in begun]
+    return Climb(known, all(at_maximum))
 
 
-def _climb(seen: PressureLikelihood, known: dict[Model, float], model: Model, sort: Sort | None) -> bool:
+def _climb(likelihood: PressureLikelihood, known: dict[Model, float], model: Model, sort: Sort | None) -> bool:
     for _ in range(_MOST_STEPS):
-        around = list(neighbours(model, len(seen.towards), sort))
-        _evaluate(seen, known, around)
+        around = list(neighbours(model, len(likelihood.towards), sort))
+        _evaluate(likelihood, known, around)
         best = max(around, key=known.__getitem__)
         if known[best] <= known[model]:
             return True
@@ -272,10 +272,10 @@ def _climb(seen: PressureLikelihood, known: dict[Model, float], model: Model, so
     return False
 
 
-def _evaluate(seen: PressureLikelihood, known: dict[Model, float], models: list[Model]) -> None:
+def _evaluate(likelihood: PressureLikelihood, known: dict[Model, float], models: list[Model]) -> None:
     new = [model for model in dict.fromkeys(models) if model not in known]
     if new:
-        known.update(zip(new, seen.log_evidence(new).tolist(), strict=True))
+        known.update(zip(new, likelihood.log_evidence(new).tolist(), strict=True))
 
 
 def runs(pressure: Array) -> list[Model]:

@@ -57,16 +57,16 @@ class Mixture:
         return np.where(spread, ndtr(z), 1.0)
 
 
-def mixed(seen: PressureLikelihood, known: dict[Model, float]) -> Mixture:
+def mixed(likelihood: PressureLikelihood, known: dict[Model, float]) -> Mixture:
     """Return the mixture of the most probable models, weighted by evidence and probability of positive pressures."""
     best = max(known.values())
     models = sorted((m for m in known if known[m] > best - FROM_BEST), key=known.__getitem__, reverse=True)
     models = models[:MOST_MODELS]
-    found = seen.posterior(models)
+    found = likelihood.posterior(models)
     mean, covariance, above = cut_off(found.mean, found.covariance)
-    mean, variance = PressurePosterior(found.at, mean, covariance).over(len(seen.towards))
+    mean, variance = PressurePosterior(found.at, mean, covariance).over(len(likelihood.towards))
     sd = np.sqrt(np.maximum(variance, 0.0))
-    return Mixture(np.array([known[m] for m in models]) + above, seen.typical * mean, seen.typical * sd)
+    return Mixture(np.array([known[m] for m in models]) + above, likelihood.typical * mean, likelihood.typical * sd)
 
 
 def together(mixtures: list[Mixture]) -> Mixture:

@@ -60,15 +60,15 @@ class Borne:
 def borne_by(section: SampledSection, pressed: IndentationResult) -> Borne:
     """Return the contact pressures of a press on the section. Raises ModelRangeError beside the pulp."""
     patch = pressed.model.patch  # away from the middle, the patch may be wider than the section's own
-    place, (low, high) = section.line.places(patch.x), section.line.reach_mm
-    selected = pressed.state.force.any(axis=0) | (place >= low) & (place <= high)
-    order = np.flatnonzero(selected)[np.argsort(place[selected])]
-    place, width, force = place[order], patch.area_mm2[order], pressed.state.force[:, order]
+    location, (low, high) = section.line.places(patch.x), section.line.reach_mm
+    selected = pressed.state.force.any(axis=0) | (location >= low) & (location <= high)
+    order = np.flatnonzero(selected)[np.argsort(location[selected])]
+    location, width, force = location[order], patch.area_mm2[order], pressed.state.force[:, order]
     pressure = PSEUDO_E_EPIDERMIS * force / width
-    normal = section.line.normals(section.line.angles(place)).T
+    normal = section.line.normals(section.line.angles(location)).T
     inward = -(normal * pressure).sum(axis=0)
     along = normal[Y] * pressure[X] - normal[X] * pressure[Y]
-    return Borne(place, width, inward, along)
+    return Borne(location, width, inward, along)
 
 
 _ROUNDS = 4  # leaning pressures move the skin: the fourth round changes SED by less than 0.1 %
@@ -146,33 +146,33 @@ def frictionless(section: FeltSection, ends_mm: Array, energy: Energy) -> Fricti
 
 def _skin(section: FeltSection, ends_mm: Array) -> SectionSkin:
     patch = section.model.patch
-    place = section.line.places(patch.x)
-    order = np.argsort(place)
-    place, width = place[order], patch.area_mm2[order]
-    if not (place[0] <= ends_mm[0] and ends_mm[-1] <= place[-1]):
+    location = section.line.places(patch.x)
+    order = np.argsort(location)
+    location, width = location[order], patch.area_mm2[order]
+    if not (location[0] <= ends_mm[0] and ends_mm[-1] <= location[-1]):
         raise ModelRangeError(
             "samples from {from_mm:.2f} to {to_mm:.2f} mm: must lie within {low_mm:.2f} to {high_mm:.2f} mm",
             code="samples_beside_patch",
             from_mm=float(ends_mm[0]),
             to_mm=float(ends_mm[-1]),
-            low_mm=float(place[0]),
-            high_mm=float(place[-1]),
+            low_mm=float(location[0]),
+            high_mm=float(location[-1]),
         )
-    low, high = place - width / 2, place + width / 2
+    low, high = location - width / 2, location + width / 2
     shared = np.minimum(high[:, None], ends_mm[1:]) - np.maximum(low[:, None], ends_mm[:-1])
     area = np.maximum(0.0, shared)  # (k, n) of each node's skin in each sample
-    normal = section.line.normals(section.line.angles(place)).T[:, :, None]
+    normal = section.line.normals(section.line.angles(location)).T[:, :, None]
     along = np.stack([normal[Y], -normal[X]])
     force = np.concatenate([-normal * area, along * area], axis=-1)  # (2, k, 2 n)
     compliance = patch.compliance.reshape(2, len(patch), 2, len(patch))[:, order][:, :, :, order]
     moved = np.einsum("akbl,bln->akn", compliance, force) / PSEUDO_E_EPIDERMIS
     position = patch.position_mm[order].T
-    at_rest = np.stack([np.interp(ends_mm, place, position[axis]) for axis in (X, Y)])
-    between = _interpolation(ends_mm, place)
+    at_rest = np.stack([np.interp(ends_mm, location, position[axis]) for axis in (X, Y)])
+    between = _interpolation(ends_mm, location)
     middle = section.line.angles(0.5 * (ends_mm[1:] + ends_mm[:-1]))
     return SectionSkin(at_rest, between @ moved, section.line.normals(middle))
 
 
-def _interpolation(at: Array, place: Array) -> Array:
+def _interpolation(at: Array, knots: Array) -> Array:
     """Return (len(at), len(place)) weights of linear interpolation."""
-    return np.stack([np.interp(at, place, row) for row in np.eye(len(place))], axis=1)
+    return np.stack([np.interp(at, knots, row) for row in np.eye(len(knots))], axis=1)

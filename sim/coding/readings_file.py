@@ -152,17 +152,17 @@ class _Rows:
                 code="wrong_count", path=self.path, readings=len(self.numbered), fewest=fewest, most=MOST,
             )  # fmt: skip
         placed = self._placed_in_space(finger) if self.sheet else self._placed_on_skin(finger)
-        places = np.array([placed(n, row) for n, row in self.numbered])
-        self._refuse_twice(places)
+        locations = np.array([placed(n, row) for n, row in self.numbered])
+        self._refuse_twice(locations)
         self._refuse_noise()
         self._refuse_low()
-        order = np.lexsort(places.T[::-1])
+        order = np.lexsort(locations.T[::-1])
         reading, *noise = np.array([row[2 : 3 + len(self.noise)] for _, row in self.numbered])[order].T
         unit = pa_per_pseudo(finger) if self.kind == "sed_pa" else 1.0
         known = {name: values / unit for name, values in zip(self.noise, noise, strict=True)}
-        place, depth, *along = places[order].T
+        location, depth, *along = locations[order].T
         z_mm = along[0] if along else None
-        return GivenReadings(self.kind, place, depth, reading / unit, known.get("sd"), known.get("at_rest"), z_mm)
+        return GivenReadings(self.kind, location, depth, reading / unit, known.get("sd"), known.get("at_rest"), z_mm)
 
     def _refused(self, code: str, n: int, column: str, value: float, expected: str) -> TableError:
         return TableError(
@@ -186,11 +186,11 @@ class _Rows:
         def of(n: int, row: tuple[float, ...]) -> tuple[float, ...]:
             where, depth = row[0], self._depth(n, row)
             try:
-                place = line.above(where, depth) if self.place == "x_mm" else where
-                receptor_points(finger, line, place, depth)
+                location = line.above(where, depth) if self.place == "x_mm" else where
+                receptor_points(finger, line, location, depth)
             except (ModelRangeError, ReceptorError) as error:
                 raise self._misplaced(n, self.place, error) from None
-            return place, depth
+            return location, depth
 
         return of
 
@@ -215,13 +215,13 @@ class _Rows:
             )
         return row[1]
 
-    def _refuse_twice(self, places: Array) -> None:
-        for k, place in enumerate(places):
-            same = np.flatnonzero(np.abs(places[:k] - place).max(axis=1) < _SAME_MM)
+    def _refuse_twice(self, locations: Array) -> None:
+        for k, location in enumerate(locations):
+            same = np.flatnonzero(np.abs(locations[:k] - location).max(axis=1) < _SAME_MM)
             if len(same):
                 first = self.numbered[same[0]][0]
                 expected = f"given once per receptor location; line {first} has the same location"
-                raise self._refused("same_place", self.numbered[k][0], self.place, place[0], expected)
+                raise self._refused("same_place", self.numbered[k][0], self.place, location[0], expected)
 
     def _refuse_noise(self) -> None:
         if self.noise == ["sd"]:

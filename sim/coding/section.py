@@ -64,8 +64,8 @@ class SkinLine:
 
     def angles(self, place_mm: ArrayLike) -> Array:
         """Return (n,) angles of the section in rad at locations in mm. Raises ModelRangeError beside the pulp."""
-        place, (low, high) = np.atleast_1d(place_mm), self.reach_mm
-        beside = place[~((place >= low) & (place <= high))]
+        location, (low, high) = np.atleast_1d(place_mm), self.reach_mm
+        beside = location[~((location >= low) & (location <= high))]
         if len(beside):
             raise ModelRangeError(
                 "place {place_mm:g} mm: must be {low_mm:.2f} to {high_mm:.2f} mm on the skin of the pulp",
@@ -74,7 +74,7 @@ class SkinLine:
                 low_mm=low,
                 high_mm=high,
             )
-        return np.asarray(self._angle(place))
+        return np.asarray(self._angle(location))
 
     def places(self, x_mm: ArrayLike) -> Array:
         """Return (n,) locations in mm of skin at x."""
@@ -179,8 +179,8 @@ def skin_of(config: FingertipConfig, axes: Axes = "skin") -> SkinLine:
 
 def receptor_points(config: FingertipConfig, line: SkinLine, place_mm: ArrayLike, depth_mm: ArrayLike) -> Array:
     """Return (n, 3) points at depths below locations of the skin. Raises ModelRangeError or ReceptorError."""
-    place, depth = np.broadcast_arrays(np.atleast_1d(place_mm).astype(float), depth_mm)
-    angle = line.angles(place)
+    location, depth = np.broadcast_arrays(np.atleast_1d(place_mm).astype(float), depth_mm)
+    angle = line.angles(location)
     x_mm = line.below(angle, depth[:, None])[:, X]
     return points_below(config, line.surface, x_mm, depth, line.plane_mm)
 

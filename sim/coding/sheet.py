@@ -146,9 +146,9 @@ class Grid(NamedTuple):
         return np.asarray(nnls(self.shares(at_mm[:, X], at_mm[:, Z]) * root[:, None], root * pressure)[0])
 
 
-def hats(at: Array, place: Array) -> Array:
+def hats(at: Array, knots: Array) -> Array:
     """Return (len(at), n) linear interpolation weights of n equally spaced points; zero beyond them."""
-    return np.maximum(0.0, 1 - np.abs(np.subtract.outer(at, place)) / (place[1] - place[0]))
+    return np.maximum(0.0, 1 - np.abs(np.subtract.outer(at, knots)) / (knots[1] - knots[0]))
 
 
 @dataclass(frozen=True)
@@ -290,10 +290,10 @@ class FeltRow:
             skin = SectionSkin(at_rest, np.concatenate([one @ share for one in mobility], axis=-1), normal)
             yield Frictionless("influence", energy, parts, middle, self.place_mm, lateral, skin)
 
-    def _directions(self, place: Array) -> tuple[Array, Array]:
+    def _directions(self, location: Array) -> tuple[Array, Array]:
         """Return (3, k) directions of normal and of lateral pressures on nodes at these locations."""
-        x, y = self.line.normals(self.line.angles(place)).T
-        return np.stack([-x, -y, np.zeros(len(place))]), np.stack([y, -x, np.zeros(len(place))])
+        x, y = self.line.normals(self.line.angles(location)).T
+        return np.stack([-x, -y, np.zeros(len(location))]), np.stack([y, -x, np.zeros(len(location))])
 
     def _seen(self, ends_mm: Array) -> Array:
         """Return (k, n + 1) interpolation weights of the receptor plane's skin nodes at the samples' ends."""

@@ -60,7 +60,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SectionPress:
-    """An indentor pressed into the plane-strain section.
+    """Indentor pressed into the plane-strain section.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ class EncodeTask:
     sampling : Sampling
         Spacing and depth of samples and receptors (mm).
     finger : FingertipConfig
-        What the finger is made from.
+        Parameters of the finger.
     """
 
     source: Sequence[float] | Array | SectionPress
@@ -123,12 +123,12 @@ class SkinLoad:
     pressure : (n,) array
         Pseudo-units. Under `influence` the normal pressures are followed by the lateral ones.
     true : tuple of two (k,) arrays, optional
-        Of a press: places of receptors (mm) and their SED by finite elements (pseudo-units).
+        For a press: locations of receptors (mm) and their SED by finite elements (pseudo-units).
     missed : dict, optional
-        Of a press: errors of the operator against `true`, `relative_l2` and `peak`, and `lateral_share`, the lateral
+        For a press: errors of the operator against `true`, `relative_l2` and `peak`, and `lateral_share`, the lateral
         part of the force.
     small_strain : SmallStrain, optional
-        Of a press: how far small strain is off at its depth.
+        For a press: deviation of small strain from finite strain at its depth.
     """
 
     operator: ForwardOperator
@@ -139,7 +139,7 @@ class SkinLoad:
 
 
 class EncodeResult(NamedTuple):
-    """The load on the skin, and the responses of the receptors to it."""
+    """Load on the skin, and the receptors' responses."""
 
     load: SkinLoad
     encoded: Encoded
@@ -155,7 +155,7 @@ def encode_task(task: EncodeTask) -> EncodeResult:
     Returns
     -------
     EncodeResult
-        `load.operator.receptor_mm` has the (m,) places of the receptors, `encoded.sed` and `encoded.rate` their (m,)
+        `load.operator.receptor_mm` has the (m,) receptor locations, `encoded.sed` and `encoded.rate` their (m,)
         responses.
 
     Raises
@@ -178,28 +178,28 @@ def load_of_pressures(section: SampledSection, name: OperatorName, energy: Energ
     if name == "convolution":
         return SkinLoad(convolution(impulse_responses(section), len(pressure), energy), pressure)
     spacing = section.sampling.spacing_mm
-    place = centred(len(pressure), spacing)
-    operator = influence(section, place, np.full(len(place), spacing), energy)
-    return SkinLoad(operator, np.concatenate([pressure, np.zeros(len(place))]))
+    location = centred(len(pressure), spacing)
+    operator = influence(section, location, np.full(len(location), spacing), energy)
+    return SkinLoad(operator, np.concatenate([pressure, np.zeros(len(location))]))
 
 
 def load_of_press(section: SampledSection, name: OperatorName, energy: Energy, press: SectionPress) -> SkinLoad:
     """Return the pressures of a press: normal ones at samples for convolution, all at the nodes for influence."""
     found = section.finger.indent(press.shape, press.x_mm, doi_mm=press.doi_mm)
-    borne = borne_by(section, found)
+    contact = borne_by(section, found)
     angle = section.line.angles(section.sampling.place_mm)
     true = sed_of(section.line.in_axes(found.receptor_strain, angle), section.material, energy)
     if name == "influence":
-        operator, pressure = influence(section, borne.place_mm, borne.width_mm, energy), borne.stacked
+        operator, pressure = influence(section, contact.place_mm, contact.width_mm, energy), contact.stacked
     else:
-        half = int(min(-borne.place_mm[0], borne.place_mm[-1]) / section.sampling.spacing_mm)
+        half = int(min(-contact.place_mm[0], contact.place_mm[-1]) / section.sampling.spacing_mm)
         operator = convolution(impulse_responses(section), 2 * half + 1, energy)
-        pressure = borne.at(operator.place_mm)
+        pressure = contact.at(operator.place_mm)
     encoded = np.interp(section.sampling.place_mm, operator.receptor_mm, operator.sed(pressure))
     missed = {
         "relative_l2": float(np.linalg.norm(encoded - true) / np.linalg.norm(true)),
         "peak": float(encoded.max() / true.max() - 1),
-        "lateral_share": borne.lateral_share,
+        "lateral_share": contact.lateral_share,
     }
     return SkinLoad(operator, pressure, (section.sampling.place_mm, true), missed, found.small_strain)
 
@@ -220,7 +220,7 @@ _SOUGHT = 0.8  # of the receptors' half-length: beyond it too few receptors resp
 
 
 class SearchOptions(NamedTuple):
-    """How the decoders search.
+    """Search settings of the decoders.
 
     Attributes
     ----------
@@ -229,11 +229,11 @@ class SearchOptions(NamedTuple):
         that explains the readings best.
     bounds : tuple of two floats, optional
         Lowest and highest pressure, for decoders except `bayes`. Default: from 0 to twice what the highest reading
-        needs of the one pressure that it feels most.
+        needs from the one pressure with the largest effect on it.
     grid_step : float, optional
         Spacing of the values of `grid`. Default: a 30th of the bounds.
     seed : int
-        Seed of what is drawn at random.
+        Seed of the random generator.
     """
 
     start: tuple[float, ...] | None = None
@@ -254,7 +254,7 @@ class DecodeTask:
         Only `bayes` gives standard deviations and bands, and only it decodes sheets and axial shapes. The old name
         "ours" works for one release.
     operator : {"convolution", "influence"}, optional
-        What encodes pressures and reads them back. Default: convolution for pressures, influence for a press.
+        Operator that encodes and decodes. Default: convolution for pressures, influence for a press.
         Readings always go by influence.
     energy : {"incompressible", "finite"}
         The definition of strain energy density (SED).
@@ -270,9 +270,9 @@ class DecodeTask:
         For a row of readings in the whole finger: half-lengths (mm) of pressure ellipses along it, of which the
         readings choose one. Empty: the row is read back by the plane-strain section.
     search : SearchOptions
-        How the decoder searches.
+        Search settings of the decoder.
     finger : FingertipConfig
-        What the finger is made from.
+        Parameters of the finger.
     """
 
     source: Sequence[float] | Array | SectionPress | GivenReadings
@@ -295,14 +295,14 @@ class DecodeTask:
 
 @dataclass(frozen=True)
 class ReadingNoise:
-    """What is known of the noise of m readings.
+    """Noise of m readings.
 
     Attributes
     ----------
     sd : (m,) array
         Standard deviations, in the readings' unit.
     known : str
-        How they are known: told, measured at rest, assumed.
+        Their source: given, measured at rest, or assumed.
     at : {"receptor", "output"}
         Where the noise enters.
     """
@@ -314,7 +314,7 @@ class ReadingNoise:
 
 @dataclass(frozen=True)
 class Observation:
-    """Readings of m receptors, and the operator of n pressures that is to explain them.
+    """Readings of m receptors, and the operator of n pressures that explains them.
 
     Attributes
     ----------
@@ -323,11 +323,11 @@ class Observation:
         Rates where there is a receptor, else SED (pseudo-units).
     receptor : FittedReceptor, optional
     noise : ReadingNoise, optional
-        None where nothing is known of it.
+        None if unknown.
     true : (n,) array, optional
         The pressures that were encoded.
     error : ModelError, optional
-        How wrong the operator is. None: by as much as meshes differ.
+        Error of the operator. Default: the difference between meshes.
     axial : str, optional
         Name of the shape along the finger under which a row is decoded.
     """
@@ -369,24 +369,24 @@ class Observation:
 
 @dataclass(frozen=True)
 class DecodeResult:
-    """Pressures, how they were found, and what speaks against them.
+    """Decoded pressures, how they were found, and problems.
 
     Attributes
     ----------
     observation : Observation
-        What was decoded; `observation.operator.place_mm` has the (n,) places of the pressures, of a sheet (n, 2).
+        The readings; `observation.operator.place_mm` has the (n,) locations of the pressures, (n, 2) for a sheet.
     pressure : (n,) array
         Pseudo-units.
     converged : bool
-        False where the search was cut off.
+        False if the search reached its limit.
     ms : float
-        Time of the decoder alone.
+        Time of the decoder alone (ms).
     profile : Profile, optional
-        Of `bayes`: standard deviations and bands.
+        For `bayes`: standard deviations and bands.
     path : (moves + 1, n) array
-        The way of `univariate` and `grid`; empty for the others.
+        Trajectory of `univariate` and `grid`; empty for other decoders.
     bounds : PressureRange, optional
-        Between which pressures were searched for; None for `bayes`.
+        Range of the search; None for `bayes`.
     problems : tuple of str
     """
 

@@ -119,8 +119,8 @@ class HeightMap(Indentor):
                 expected=(z.size, x.size),
             )
         _refuse_size(name, *height.shape)
-        for axis, places in (("x", x), ("z", z)):
-            _refuse_uneven(name, axis, places)
+        for axis, positions in (("x", x), ("z", z)):
+            _refuse_uneven(name, axis, positions)
         missing = np.argwhere(~np.isfinite(height))
         if len(missing):
             k, i = missing[0]
@@ -184,8 +184,8 @@ class HeightMap(Indentor):
     @cached_property
     def sharpest_radius_mm(self) -> float:
         """Smallest radius of curvature of the convex parts within the rim, as measured on the spline (mm)."""
-        places = self._in_cells()
-        surface = self._within(places)
+        points = self._in_cells()
+        surface = self._within(points)
         slope, hessian = np.moveaxis(surface.slope, -1, 0), np.moveaxis(surface.curvature, -1, 0)
         metric = np.eye(2) + slope[:, :, None] * slope[:, None]
         shape = np.linalg.solve(metric, hessian) / np.sqrt(1 + (slope**2).sum(axis=1))[:, None, None]
@@ -287,9 +287,9 @@ class HeightMap(Indentor):
     def _within(self, at: Array) -> Surface:
         """Return height above the lowest point, slope and curvature of the spline at (2, k) positions on the map."""
         steps, corners, basis = self._steps, [], []
-        for places, step, where in zip((self.x_mm, self.z_mm), steps, at, strict=True):
-            t = (where - places[0]) / step
-            cell = np.clip(t.astype(np.int64), 0, len(places) - 2)
+        for positions, step, where in zip((self.x_mm, self.z_mm), steps, at, strict=True):
+            t = (where - positions[0]) / step
+            cell = np.clip(t.astype(np.int64), 0, len(positions) - 2)
             corners.append(cell)
             basis.append(_hermite(t - cell))
         (i, k), (of_x, of_z) = corners, basis
@@ -305,7 +305,7 @@ class HeightMap(Indentor):
     @property
     def _steps(self) -> tuple[float, float]:
         """Spacing along x and z (mm)."""
-        x, z = (float((places[-1] - places[0]) / (len(places) - 1)) for places in (self.x_mm, self.z_mm))
+        x, z = (float((positions[-1] - positions[0]) / (len(positions) - 1)) for positions in (self.x_mm, self.z_mm))
         return x, z
 
     @cached_property
@@ -320,15 +320,15 @@ class HeightMap(Indentor):
     def _lowest_mm(self) -> float:
         """Lowest height of the spline, by repeated refinement around the lowest sample."""
         self.__dict__["_lowest_mm"] = 0.0  # until it is known, heights count from the input's level
-        places, steps = self._in_cells(), np.array(self._steps)[:, None]
+        points, steps = self._in_cells(), np.array(self._steps)[:, None]
         around = np.stack([side.ravel() for side in np.meshgrid(*[np.linspace(-1, 1, 2 * _PARTS + 1)] * 2)])
         while True:
-            heights = self._within(places).height_mm
+            heights = self._within(points).height_mm
             if steps[0] < _LEAST_STEP_MM:
                 return float(heights.min())
             steps = steps / _PARTS
-            centre = places[:, [int(np.argmin(heights))]]
-            places = self._clipped(np.concatenate([centre, centre + steps * around], axis=1))[0]
+            centre = points[:, [int(np.argmin(heights))]]
+            points = self._clipped(np.concatenate([centre, centre + steps * around], axis=1))[0]
 
     def _in_cells(self) -> Array:
         """Return (2, k) positions, several in each cell; of a large map only its points."""
@@ -375,9 +375,9 @@ def _hermite(u: Array) -> Array:
     return np.stack([np.stack(row) for row in (value, first, second)])
 
 
-def _slopes(places: Array, values: Array) -> Array:
+def _slopes(knots: Array, values: Array) -> Array:
     """Return derivatives of the cubic splines along the first axis, at the knots."""
-    return np.asarray(CubicSpline(places, values, axis=0)(places, 1))
+    return np.asarray(CubicSpline(knots, values, axis=0)(knots, 1))
 
 
 def _angle(slope: Array, other: Array) -> Array:
@@ -407,9 +407,9 @@ def _refuse_size(name: str, rows: int, columns: int) -> None:
         )
 
 
-def _refuse_uneven(name: str, axis: str, places: Array) -> None:
-    steps = np.diff(places)
-    if not np.isfinite(places).all() or not (steps > 0).all():
+def _refuse_uneven(name: str, axis: str, positions: Array) -> None:
+    steps = np.diff(positions)
+    if not np.isfinite(positions).all() or not (steps > 0).all():
         raise HeightMapError("{name}: {axis} must rise", code="axis_not_rising", name=name, axis=axis)
     worst = int(np.argmax(np.abs(steps - steps.mean())))
     if abs(steps[worst] - steps.mean()) > _UNEVEN * steps.mean():
@@ -419,7 +419,7 @@ def _refuse_uneven(name: str, axis: str, places: Array) -> None:
             code="uneven_spacing",
             name=name,
             axis=axis,
-            from_mm=float(places[worst]),
-            to_mm=float(places[worst + 1]),
+            from_mm=float(positions[worst]),
+            to_mm=float(positions[worst + 1]),
             step_mm=float(steps.mean()),
         )

@@ -183,14 +183,14 @@ class Survey:
 
     def _points(self, mask: Bools) -> Ints:
         """Return the numbers of points between nodes selected by a mask (s, _INNER)."""
-        row, place = np.nonzero(mask)
-        return np.asarray(_INNER * self.segments[row] + place)
+        row, index = np.nonzero(mask)
+        return np.asarray(_INNER * self.segments[row] + index)
 
 
-def displaced_gap(pose: ContactPose, places: SkinPoints, u: Array) -> Surface:
+def displaced_gap(pose: ContactPose, points: SkinPoints, u: Array) -> Surface:
     """Return gap, slope and curvature at points of a skin whose nodes are displaced by u, (m, n) mm."""
-    moved = places.interpolate(u)
-    return pose.gap(places.tangential_mm + moved[:-1], places.y + moved[-1])
+    moved = points.interpolate(u)
+    return pose.gap(points.tangential_mm + moved[:-1], points.y + moved[-1])
 
 
 def norm(slope: Array) -> Array:

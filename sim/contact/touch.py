@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 _GRID_MM = 0.004
 _ROUND_GRID_MM = 0.1
-_BEST_PLACES, _FINER, _FINEST_GRID_MM = 60, 4, 1e-5
+_BEST_POINTS, _FINER, _FINEST_GRID_MM = 60, 4, 1e-5
 
 
 class SkinSurface(Protocol):
@@ -94,13 +94,13 @@ def _anywhere(indentor: Indentor, at_mm: tuple[float, ...], skin: SkinSurface) -
     centre = np.array(at_mm)[:, None]
     ends = np.array([skin.ridge.x[[0, -1]], skin.crest.x[[0, -1]]])
     sides = [np.arange(low, high, _ROUND_GRID_MM) for low, high in ends]
-    places, spacing = np.stack([side.ravel() for side in np.meshgrid(*sides, indexing="ij")]), _ROUND_GRID_MM
+    points, spacing = np.stack([side.ravel() for side in np.meshgrid(*sides, indexing="ij")]), _ROUND_GRID_MM
     while True:
-        gaps = indentor.evaluate(places - centre).height_mm - skin.height(*places)
-        best = places[:, np.argsort(gaps, kind="stable")[:_BEST_PLACES]]
+        gaps = indentor.evaluate(points - centre).height_mm - skin.height(*points)
+        best = points[:, np.argsort(gaps, kind="stable")[:_BEST_POINTS]]
         if spacing < _FINEST_GRID_MM:
             return FirstTouch(-float(gaps.min()), (float(best[0, 0]), float(best[1, 0])))
         spacing /= _FINER
         around = np.stack(np.meshgrid(*[np.arange(-_FINER, _FINER + 1) * spacing] * 2)).reshape(2, 1, -1)
-        places = np.unique((best[:, :, None] + around).reshape(2, -1), axis=1)
-        places = np.clip(places, ends[:, :1], ends[:, 1:])
+        points = np.unique((best[:, :, None] + around).reshape(2, -1), axis=1)
+        points = np.clip(points, ends[:, :1], ends[:, 1:])

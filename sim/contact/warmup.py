@@ -46,7 +46,9 @@ def make_ready() -> None:
 
 def _few_nodes() -> Patch:
     """Return a level patch of three by five nodes whose compliance decays with distance."""
-    z, x = (place.ravel() for place in np.meshgrid(np.arange(-1.0, 2.0), np.arange(-2.0, 3.0), indexing="ij"))
+    z, x = (
+        coordinate.ravel() for coordinate in np.meshgrid(np.arange(-1.0, 2.0), np.arange(-2.0, 3.0), indexing="ij")
+    )
     position = _SPACING_MM * np.stack([x, np.zeros_like(x), z], axis=1)
     near = np.exp(-np.linalg.norm(position[:, None] - position[None], axis=2) / _SPACING_MM)
     return Patch(position, np.ones(len(x)), (3, 5), compliance=np.kron(np.eye(2), near))

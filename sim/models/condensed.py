@@ -165,9 +165,9 @@ class CondensedModel:
         return np.einsum("rzpi,zp,i->r", self.columns.per_skin_force, force, -self.surface.normal(phi, z_mm))
 
 
-def point_force(skin_z_mm: Array, skin_phi: Array, place: ArrayLike) -> Array:
+def point_force(skin_z_mm: Array, skin_phi: Array, at: ArrayLike) -> Array:
     """Return (…, n_z, n_phi) nodal weights of forces at (…, 2) z and φ, by bilinear shape functions."""
-    z_mm, phi = np.moveaxis(np.asarray(place, dtype=float), -1, 0)
+    z_mm, phi = np.moveaxis(np.asarray(at, dtype=float), -1, 0)
     return _shares(skin_z_mm, z_mm)[..., :, None] * _shares(skin_phi, phi)[..., None, :]
 
 

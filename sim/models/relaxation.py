@@ -135,7 +135,7 @@ class Memory:
         return Memory(self._prony, -remaining.sum(axis=0) / lasting, remaining)
 
     def after(self, ahead: RelaxationStep, borne: ArrayLike) -> "Memory":
-        """Return the history at the end of a step in which p changes linearly to `borne`."""
+        """Return the history at the end of a step in which p changes linearly to a new value."""
         change = np.asarray(borne, dtype=float) - self.borne
         column: Any = (slice(None), *[None] * self.borne.ndim)
         kept = ahead._decays[column] * self._kept + ahead._weights[column] * change

@@ -222,10 +222,10 @@ class PressAhead(ForcePrefetcher):
 
     def _take_answer(self) -> None:
         answer = self._press.answer()
-        asked, self._asked = self._asked, None
+        request, self._asked = self._asked, None
         self._learn(answer)
-        if asked is not None:  # the sample may be past by now
-            self._note(asked[0])
+        if request is not None:  # the sample may be past by now
+            self._note(request[0])
 
     def _learn(self, answer: PressAnswer) -> None:
         self._forces[answer.pose] = answer.force_n
@@ -323,13 +323,13 @@ class WayAhead(ForcePrefetcher):
 
     def _take_answer(self) -> None:
         answer = self._way_process.answer()
-        asked, self._asked = self._asked, None
-        self._learn(asked or [], answer)
-        for index, _ in asked or []:  # the samples may be past by now
+        request, self._asked = self._asked, None
+        self._learn(request or [], answer)
+        for index, _ in request or []:  # the samples may be past by now
             self._note(index * self._period_s)
 
-    def _learn(self, asked: list[tuple[int, Pose]], answer: WayAnswer) -> None:
-        self._forces.update({i: (pose, force) for (i, pose), force in zip(asked, answer.forces_n, strict=True)})
+    def _learn(self, samples: list[tuple[int, Pose]], answer: WayAnswer) -> None:
+        self._forces.update({i: (pose, force) for (i, pose), force in zip(samples, answer.forces_n, strict=True)})
         for old in [index for index in self._forces if index < self._index() - _KEPT]:
             del self._forces[old]
         self._solved(answer.solve_s, answer.problem)

@@ -165,18 +165,18 @@ def rate(mm_min: float, inches: bool) -> str:
 def parser_state(modal: Modal, inches: bool) -> str:
     """Return the answer to `$G`; the tool is that of the line before, so nearly always 0."""
     units, distance, mode = 21 if modal.metric else 20, 90 if modal.absolute else 91, 93 if modal.inverse_time else 94
-    places = f"G{modal.motion} G{54 + modal.system} G{modal.plane} G{units} G{distance} G{mode}"
+    modes = f"G{modal.motion} G{54 + modal.system} G{modal.plane} G{units} G{distance} G{mode}"
     outputs = f"M{modal.spindle} M{modal.coolant}"
-    return f"[GC:{places} {outputs} T0 F{rate(modal.feed, inches)} S{modal.speed:.0f}]"
+    return f"[GC:{modes} {outputs} T0 F{rate(modal.feed, inches)} S{modal.speed:.0f}]"
 
 
 def parameters(offsets: Offsets, inches: bool) -> list[str]:
     """Return the answer to `$#`, without a probe result."""
     stored = [*offsets.systems, offsets.g28, offsets.g30, offsets.g92]
     names = ("G54", "G55", "G56", "G57", "G58", "G59", "G28", "G30", "G92")
-    places = [f"[{name}:{coordinates(mm, inches)}]" for name, mm in zip(names, stored, strict=True)]
+    lines = [f"[{name}:{coordinates(mm, inches)}]" for name, mm in zip(names, stored, strict=True)]
     length = coordinates((offsets.length_mm, 0.0, 0.0), inches).split(",")[0]
-    return [*places, f"[TLO:{length}]", f"[PRB:{coordinates((0.0, 0.0, 0.0), inches)}:0]"]
+    return [*lines, f"[TLO:{length}]", f"[PRB:{coordinates((0.0, 0.0, 0.0), inches)}:0]"]
 
 
 OVERFLOW = 11
