@@ -336,7 +336,7 @@ class Under:
     indentor: Indentor
     place: tuple[float, ...]
     touch: FirstTouch
-    _seen: dict[bytes, Squeezed] = field(default_factory=dict)
+    _cached: dict[bytes, Squeezed] = field(default_factory=dict)
 
     def at(self, past_touch_mm: float, receptor_mm: Array) -> Stiffened:
         """Return the correction at a depth past first touch, with receptors at (n, 3) points."""
