@@ -1,20 +1,21 @@
-"""A simulator: a finite-element fingertip, and virtual devices that answer the bytes of real ones.
+"""Simulator of a finite-element fingertip, and virtual devices with the protocols of real ones.
 
     from sim import Fingertip
     result = Fingertip.load().indent("bar:3.0", doi_mm=1.0)
 
-What a user needs is named here and imported when first used; `docs/library.md` shows it at work.
-From the bottom up, each using only those above it in this list:
+Public names are listed here and imported on first use; `docs/library.md` shows examples.
 
-- `errors`, `units`, `tables`, `workers`; `config`: what a fingertip is made from, measured skin.
-- `fem`: elements and condensation. `contact`: rigid shapes on a condensed skin. `devices`: virtual instruments and
+From the bottom up, each package using only those above it in this list:
+
+- `errors`, `units`, `tables`, `workers`; `config`: parameters of a fingertip, measured skin.
+- `fem`: elements and condensation. `contact`: rigid shapes on condensed skin. `devices`: virtual instruments and
   their clock; `devices/grbl` is the board.
-- `finger`: the skin's geometry and its mesh.
-- `measures`: receptors under the skin, strain at them, the 18 measures.
-- `models`: a finger, a section of it, a half-space, all indented the same way; `models/catalogue.py` is the door.
-- `identification`: which fingers a few presses leave possible. `coding`: pressure on the skin to receptors, and back.
-- `plant`: what stands under the virtual devices. `serve`: the same in real time, behind ports.
-- `benchmark` and `cheapest_model`: what each model costs, how wrong it is, and which one a scene needs.
+- `finger`: geometry and mesh of the skin and tissue.
+- `measures`: receptors under the skin, their strain, the 18 measures.
+- `models`: finger, section and half-space with one interface; start at `models/catalogue.py`.
+- `identification`: finger parameters from a few presses. `coding`: pressure on the skin to receptors, and back.
+- `plant`: finger and stage under the virtual devices. `serve`: the same in real time, behind ports.
+- `benchmark` and `cheapest_model`: cost and error of each model, and the cheapest one for a task.
 """
 
 from importlib import import_module
@@ -98,7 +99,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Import what is asked for."""
+    """Import a name on first use."""
     if name == "__version__":
         return import_module("importlib.metadata").version("indentation-rig")
     if name not in _HOME:

@@ -1,4 +1,4 @@
-"""Modules under their old names: they answer for one release, with a warning; pickled results for good."""
+"""Old module names, which work for one release with a warning, and for good in pickled results."""
 
 import sys
 import warnings
@@ -172,11 +172,11 @@ speed_and_error.rows benchmark
 speed_and_error.scenes benchmark
 speed_and_error.situation cheapest_model
 """
-"""An old module and the modules that have its names now, below the package; - for a package that is no more."""
+"""Old modules and the modules that have their names now; - for a removed package."""
 
 
 class _Moved(ModuleType):
-    """A module of an old name, which looks its names up where they are now."""
+    """Module of an old name, which looks its names up in the new modules."""
 
     def __init__(self, name: str, new: tuple[str, ...]) -> None:
         super().__init__(name)
@@ -193,7 +193,7 @@ class _Moved(ModuleType):
 
 
 def answer() -> None:
-    """Have the old names answer; nothing is imported before one of them is asked for something."""
+    """Register the old names; new modules are imported on first use."""
     package = __name__.rpartition(".")[0]
     shells = dict[str, _Moved]()
     for row in _NEW.splitlines():

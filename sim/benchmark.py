@@ -1,4 +1,4 @@
-"""What a candidate answers in each scene, and what that costs."""
+"""Results and costs of candidate models in benchmark scenes."""
 
 import json
 import re
@@ -33,8 +33,6 @@ from sim.models.result import IndentationResult
 from sim.workers import in_processes
 
 # --- candidates ---
-#
-# What may solve a scene: a model, its element and how fine it is.
 
 SCENE_PATCH = {"patch_x_mm": 2.4, "patch_z_mm": 2.3}
 """Half-widths of the patch (mm), enough for every scene."""
@@ -46,7 +44,7 @@ LEVELS = ("coarse", "default", "fine")
 """Mesh levels from cheap to expensive."""
 
 SHARES = (0.65, 1.0)
-"""Shares of the default patch's half-widths that a patch may have; few of them, so that scenes share models."""
+"""Fractions of the default patch's half-widths; few of them, so that scenes share models."""
 
 _EVEN = {
     "coarse": {"axial_spacing_mm": 0.27},
@@ -58,7 +56,7 @@ _EVEN = {
 
 @dataclass(frozen=True)
 class Candidate:
-    """One way to solve the scenes."""
+    """Model with its element and mesh size."""
 
     model: ModelName
     refinement: str
@@ -66,7 +64,7 @@ class Candidate:
 
     @property
     def element(self) -> str:
-        """Of the mesh; for a half-space "analytic"."""
+        """Element of the mesh; "analytic" for a half-space."""
         return "analytic" if self.model == "halfspace" else self.mesh.element
 
     @property
@@ -76,18 +74,19 @@ class Candidate:
 
 
 def of_level(model: ModelName, level: str, axes: tuple[int, ...], share: float) -> Candidate:
-    """A level's mesh for shapes that slope along some axes, on a share of the default patch."""
+    """Return a level's mesh for shapes that slope along some axes, on a fraction of the default patch."""
     usual = MeshSpec()
     sizes = {name: share * getattr(usual, name) for name in ("patch_x_mm", "patch_z_mm", "round_patch_mm")}
-    given = {"level": level, **({} if axes == ALONG else _EVEN[level]), **sizes}
-    return Candidate(model, level, MeshSpec.model_validate(given))
+    values = {"level": level, **({} if axes == ALONG else _EVEN[level]), **sizes}
+    return Candidate(model, level, MeshSpec.model_validate(values))
 
 
 def nested(n: int, **other: float | str | bool) -> MeshSpec:
-    """A mesh of the family that is refined evenly everywhere, with n elements through the epidermis.
+    """Return a mesh of the uniformly refined family, with n elements through the epidermis.
 
     Lateral spacing and depths are those elements' size, axial spacing about twice that: _ROWS[n] rows of nodes from
-    the receptor plane to the nail's edge, so that the skin is held at the same places on every mesh.
+    the
+    receptor plane to the nail's edge, so that the skin is fixed at the same points on every mesh.
     """
     spacing = 0.4 / n
     evenly = {
@@ -104,9 +103,9 @@ def nested(n: int, **other: float | str | bool) -> MeshSpec:
 
 
 def coarse(spacing_mm: float, element: str = "bbar") -> MeshSpec:
-    """A mesh for seconds: lateral spacing, twice that along the finger, and the default depths."""
-    given = {"spacing_mm": spacing_mm, "axial_spacing_mm": 2 * spacing_mm, "element": element}
-    return MeshSpec.model_validate({**SCENE_PATCH, **given})
+    """Return a mesh that takes seconds: lateral spacing, twice that along the finger, and the default depths."""
+    values = {"spacing_mm": spacing_mm, "axial_spacing_mm": 2 * spacing_mm, "element": element}
+    return MeshSpec.model_validate({**SCENE_PATCH, **values})
 
 
 QUADRATIC = MeshSpec.model_validate(
@@ -126,8 +125,6 @@ QUADRATIC = MeshSpec.model_validate(
 
 
 # --- scenes ---
-#
-# The scenes in which errors are measured.
 
 OFFSET_RANGE_MM = 0.17
 """Positions spread over one element of the default mesh, so that no result depends on where a node lies."""
@@ -135,7 +132,7 @@ OFFSET_RANGE_MM = 0.17
 
 @dataclass(frozen=True)
 class BenchmarkScene:
-    """One indentation to a depth; its family says what its errors stand for."""
+    """One indentation to a depth, in a family of shapes with similar errors."""
 
     family: str  # "smooth", "bar" or "step"
     shape: str
@@ -144,7 +141,7 @@ class BenchmarkScene:
 
     @property
     def name(self) -> str:
-        """As it is written in tables."""
+        """Name in tables."""
         return f"{self.shape} at {self.x_mm:g}, DOI {self.doi_mm:g}"
 
 
@@ -166,60 +163,60 @@ SCENES = (
 FAMILIES = ("smooth", "bar", "step")
 
 QUICK_SCENES = tuple(scene for scene in SCENES if scene.x_mm in (0.0, -1.63))
-"""The first position of each schedule."""
+"""First position of each schedule."""
 
 
 Array = NDArray[np.float64]
 
 QUANTITIES = ("force", "width", "sed", "ep1")
-_FEW = 5  # repetitions of the limit, of which the fastest counts
+_FEW = 5  # repetitions of the Cholesky timing, of which the fastest counts
 
 
 @dataclass(frozen=True)
 class SceneResult:
-    """What one scene came to."""
+    """Result of one scene."""
 
-    force_mm2: float  # over E(epidermis), of which no error depends; of a section in mm
+    force_mm2: float  # force / E(epidermis), on which no error depends; for a section in mm
     width_mm: float
     sed: tuple[float, ...]
     ep1: tuple[float, ...]
     residual: float
     passes: int
     seconds: float
-    limit_s: float  # one dense Cholesky factorisation of the order of the points in contact
+    limit_s: float  # one dense Cholesky factorization of the order of the points in contact
 
     def value(self, quantity: str) -> Array:
-        """(k,) the quantity: one number, or one for each receptor."""
+        """Return (k,) the quantity: one number, or one for each receptor."""
         values = {"force": (self.force_mm2,), "width": (self.width_mm,), "sed": self.sed, "ep1": self.ep1}
         return np.array(values[quantity])
 
 
 @dataclass(frozen=True)
 class Measured:
-    """A candidate with its answers and costs."""
+    """Candidate with its results and costs."""
 
     candidate: Candidate
     nodes: int
     patch_nodes: int
-    build_s: float  # from nothing, without the cache
+    build_s: float  # without the cache
     timing_s: dict[str, float]
-    memory_mb: float  # peak of a process that does nothing else
-    factor_s: float | None  # one sparse factorisation of the same matrix, without its Schur complement
+    memory_mb: float  # peak of a dedicated process
+    factor_s: float | None  # one sparse factorization of the same matrix, without its Schur complement
     answers: dict[BenchmarkScene, SceneResult]
 
     @property
     def contact_s(self) -> float:
-        """Median time of one indentation."""
+        """Median time of one indentation (s)."""
         return float(np.median([answer.seconds for answer in self.answers.values()]))
 
     @property
     def limit_s(self) -> float:
-        """Median limit of an indentation."""
+        """Median lower limit of an indentation's time (s)."""
         return float(np.median([answer.limit_s for answer in self.answers.values()]))
 
 
 def measure(candidates: Iterable[Candidate], scenes: Sequence[BenchmarkScene]) -> Iterator[Measured]:
-    """Each candidate in a process of its own, one after the other."""
+    """Measure candidates one after the other, each in a separate process."""
     measured = partial(_measured, scenes=tuple(scenes))
     for candidate in candidates:
         yield from in_processes(measured, [candidate], 1)
@@ -251,7 +248,7 @@ def answered(result: IndentationResult) -> SceneResult:
 
 
 def peak_memory_mb() -> float:
-    """Of this process; on Linux the kernel's own record, since getrusage begins with the parent's peak."""
+    """Return this process's peak memory; on Linux from the kernel, since getrusage starts with the parent's peak."""
     status = Path("/proc/self/status")
     if status.exists():
         lines = dict(line.split(":", 1) for line in status.read_text().splitlines())
@@ -260,7 +257,7 @@ def peak_memory_mb() -> float:
 
 
 def sparse_factor_s(candidate: Candidate) -> float | None:
-    """Seconds of one PARDISO factorisation of the finger's matrix with one unknown kept; None without MKL."""
+    """Return the time of one PARDISO factorization of the finger's matrix with one unknown kept; None without MKL."""
     if not mkl_condensation.available():
         return None
     config = candidate.config
@@ -271,7 +268,7 @@ def sparse_factor_s(candidate: Candidate) -> float | None:
 
 
 def dense_cholesky_s(order: int) -> float:
-    """Seconds of one dense Cholesky factorisation by LAPACK on one thread."""
+    """Return the time of one dense Cholesky factorization by LAPACK on one thread."""
     rows = np.random.default_rng(0).standard_normal((order, order + 8))
     spd = rows @ rows.T
     times = []
@@ -285,9 +282,7 @@ def dense_cholesky_s(order: int) -> float:
 
 # --- reference ---
 #
-# The reference that errors are measured against: a fine mesh and its error bars.
-#
-# `studies/accuracy/reference_levels.py` makes it.
+# `studies/accuracy/reference_levels.py` makes the reference: results of a fine mesh with error bars.
 
 Bars = Mapping[str, Mapping[str, float]]
 
@@ -296,19 +291,19 @@ FILE = "reference_answers.json"
 
 @dataclass(frozen=True)
 class ReferenceValues:
-    """(k,) values for each scene and quantity, and relative error bars for each family and quantity."""
+    """Values (k,) for each scene and quantity, and relative error bars for each family and quantity."""
 
     values: Mapping[BenchmarkScene, Mapping[str, Array]]
     bars: Bars
     provenance: Mapping[str, Any]
 
     def error(self, scene: BenchmarkScene, quantity: str, answer: SceneResult) -> float:
-        """Largest deviation, over the largest value of the quantity: over all receptors, where it is theirs."""
+        """Return the largest deviation / the largest value of the quantity, over all receptors."""
         value = self.values[scene][quantity]
         return float(np.abs(answer.value(quantity) - value).max() / np.abs(value).max())
 
     def largest_errors(self, answers: Mapping[BenchmarkScene, SceneResult]) -> dict[str, dict[str, float]]:
-        """By family and quantity, over the family's scenes."""
+        """Return the largest errors by family and quantity."""
         return {
             family: {
                 quantity: max(
@@ -323,9 +318,9 @@ class ReferenceValues:
 def from_levels(
     coarse: Mapping[BenchmarkScene, SceneResult], fine: Mapping[BenchmarkScene, SceneResult], about: Mapping[str, Any]
 ) -> ReferenceValues:
-    """The finer of two levels; its bars are the largest changes from the coarser one.
+    """Return the finer of two levels, with the largest changes from the coarser one as error bars.
 
-    Nothing is extrapolated: under sharp shapes the changes from level to level do not fall by any one order.
+    There is no extrapolation: under sharp shapes the changes from level to level have no single order.
     """
     values = {scene: {quantity: answer.value(quantity) for quantity in QUANTITIES} for scene, answer in fine.items()}
     bars = ReferenceValues(values, {}, about).largest_errors(coarse)
@@ -333,7 +328,7 @@ def from_levels(
 
 
 def stored() -> ReferenceValues:
-    """The reference that is shipped."""
+    """Return the bundled reference."""
     return _read((files("sim") / "data" / FILE).read_text(encoding="utf-8"))
 
 
@@ -348,7 +343,7 @@ def _read(text: str) -> ReferenceValues:
 
 
 def as_json(reference: ReferenceValues) -> str:
-    """What `stored` reads."""
+    """Return the JSON text that `stored` reads."""
     rows = [
         {"scene": asdict(scene), **{quantity: value.tolist() for quantity, value in values.items()}}
         for scene, values in reference.values.items()
@@ -358,8 +353,6 @@ def as_json(reference: ReferenceValues) -> str:
 
 
 # --- rows ---
-#
-# Measured candidates as the rows that `rig bench --json` prints, and the sets of candidates that it measures.
 
 PER_LENGTH = frozenset({"section"})
 """Models whose force is per unit length and has no error against a finger's force."""
@@ -394,7 +387,7 @@ WHOLE = (
 
 
 def rows(measured: Iterable[Measured], reference: ReferenceValues) -> Iterator[dict[str, Any]]:
-    """One for each scene and quantity; `total_s` from nothing to the answer, `error` relative."""
+    """Yield the rows of `rig bench --json`, one for each scene and quantity; errors are relative."""
     for found in measured:
         for scene, answer in found.answers.items():
             for quantity in QUANTITIES:
@@ -417,8 +410,6 @@ def rows(measured: Iterable[Measured], reference: ReferenceValues) -> Iterator[d
 
 # --- calculix ---
 #
-# One contact job by CalculiX on a mesh of ours, and the same contact here.
-#
 # Debian: apt-get install calculix-ccx. The deck and its settings are `sim/models/full_mesh.py`'s.
 
 CONFIG = FingertipConfig(
@@ -437,7 +428,7 @@ _LONGEST_S = 3600
 
 @dataclass(frozen=True)
 class CalculixComparison:
-    """Forces in N and CPU seconds of both."""
+    """Forces (N) and CPU times (s) of CalculiX and this solver."""
 
     scene: str
     nodes: int
@@ -450,7 +441,7 @@ class CalculixComparison:
 
 
 def available() -> bool:
-    """Whether CalculiX can be called."""
+    """Return whether CalculiX is installed."""
     return shutil.which("ccx") is not None
 
 
@@ -486,17 +477,16 @@ def _job(deck: Path) -> tuple[float, float]:
 
 # --- reference computation ---
 #
-# A fixed piece of dense linear algebra: times of different machines and days are told in units of it.
-#
-# It is what condensing and pressing a finger consist of, and depends on nothing of this project: a Cholesky
-# factorisation and the triangular solves with it, by LAPACK on one thread, about 0.3 s on two cores at 2.6 GHz.
+# Times of different machines and days are relative to a fixed computation that resembles condensing and pressing a
+# finger and is independent of this project: a Cholesky factorization and triangular solves by LAPACK on one thread,
+# about 0.3 s on two cores at 2.6 GHz.
 
 ORDER, RIGHT_SIDES, SEED = 2048, 768, 16
 _ROUNDS = 3
 
 
 def reference_s() -> float:
-    """Processor seconds of the reference computation on this machine, the least of a few rounds."""
+    """Return the processor time of the reference computation on this machine (s), the shortest of a few rounds."""
     rng = np.random.default_rng(SEED)
     rows = rng.standard_normal((ORDER, ORDER))
     matrix = np.asfortranarray(rows @ rows.T + ORDER * np.eye(ORDER))

@@ -1,7 +1,6 @@
-"""The cheapest model, level of mesh, patch and outputs that hold a tolerance, by errors and costs as measured.
+"""Choice of the cheapest model, mesh level, patch and outputs within a tolerance, from measured errors and costs.
 
-It hangs on the scene and the tolerance alone, not on what happens to be in the cache: the same call gives the same
-answer tomorrow.
+The choice depends on the scene and the tolerance alone, not on the state of the cache, so that it is reproducible.
 """
 
 import json
@@ -30,14 +29,14 @@ from sim.models.pressing import refuse_beside_the_finger, refuse_meaningless
 
 # --- situation ---
 #
-# What of a scene says how wrong a model will be in it, and how much of the skin it needs; nothing is solved.
+# A situation determines a model's error and the size of its patch, without solving.
 
 Array = NDArray[np.float64]
 
 _AXES = {ALONG: "along", ACROSS: "across", BOTH: "both"}
 _GRID_MM = 0.1
-_TOUCHED = 0.9  # contact goes so far of how far the indentor would lie below the undeformed skin
-_MARGIN_MM = (0.3, 0.5)  # a row of nodes and a half, across and along
+_TOUCHED = 0.9  # contact width / width over which the indentor lies below the undeformed skin
+_MARGIN_MM = (0.3, 0.5)  # one and a half rows of nodes, across and along
 
 
 def family_of(indentor: Indentor) -> str:
@@ -54,14 +53,14 @@ FAMILIES = tuple(_family(axes, sharp=sharp) for axes in _AXES for sharp in (Fals
 
 @dataclass(frozen=True)
 class Situation:
-    """A shape over a position, and its depth."""
+    """Shape over a position, and its depth."""
 
     shape: str
     axes: tuple[int, ...]
     sharp: bool
-    place_mm: float  # of first touch, from the pad's centre
-    depth_mm: float | None  # past first touch; None: a force, and nobody knows yet
-    reach_mm: tuple[float, float] | None  # half-widths of the skin that may be touched; None with the depth
+    place_mm: float  # distance of first touch from the pad's center
+    depth_mm: float | None  # past first touch; None for a force
+    reach_mm: tuple[float, float] | None  # half-widths of the skin that may be touched; None without a depth
 
     @classmethod
     def of(
@@ -79,20 +78,20 @@ class Situation:
         skin = _skin(config.geometry)
         centre = np.array([0.0, config.receptor_plane_mm])
         at = {X: x_mm, Z: centre[1] if z_mm is None else z_mm}
-        place = tuple(float(at[axis]) for axis in indentor.axes)
-        touch = first_touch(indentor, place, skin)
+        reference_mm = tuple(float(at[axis]) for axis in indentor.axes)
+        touch = first_touch(indentor, reference_mm, skin)
         middle = [{X: 0.0, Z: centre[1]}[axis] for axis in indentor.axes]
         zero_mm = touch.height_mm
         if reference == "apex":
             zero_mm = float(np.nanmax(skin.ridge(skin.ridge.x)))
         depth = None if doi_mm is None else doi_mm - (zero_mm - touch.height_mm)
-        reach = None if depth is None else _reach(indentor, place, touch, depth, skin, centre)
+        reach = None if depth is None else _reach(indentor, reference_mm, touch, depth, skin, centre)
         away = float(np.hypot.reduce(np.array(touch.at_mm) - middle))
         return cls(indentor.name, indentor.axes, indentor.sharp, away, depth, reach)
 
     @property
     def family(self) -> str:
-        """Family of shapes that it is measured with."""
+        """Family of shapes that represents it."""
         return _family(self.axes, sharp=self.sharp)
 
     @property
@@ -115,17 +114,17 @@ def _skin(geometry: Geometry) -> FingertipSurface:
 
 def _reach(
     indentor: Indentor,
-    place: tuple[float, ...],
+    reference_mm: tuple[float, ...],
     touch: FirstTouch,
     depth_mm: float,
     skin: FingertipSurface,
     centre: Array,
 ) -> tuple[float, float]:
-    """How far from the pad's centre, along x and z, the indentor may touch."""
+    """Return how far from the pad's center, along x and z, the indentor may touch (mm)."""
     (x0, x1), (z0, z1) = skin.ridge.x[[0, -1]], skin.crest.x[[0, -1]]
     x, z = np.meshgrid(np.arange(x0, x1, _GRID_MM), np.arange(z0, z1, _GRID_MM))
     where = np.stack([x.ravel(), z.ravel()])
-    offset = np.stack([{X: where[0], Z: where[1]}[axis] for axis in indentor.axes]) - np.array(place)[:, None]
+    offset = np.stack([{X: where[0], Z: where[1]}[axis] for axis in indentor.axes]) - np.array(reference_mm)[:, None]
     below = indentor.evaluate(offset).height_mm + touch.height_mm - depth_mm < skin.height(*where)
     if not below.any():
         return 0.0, 0.0
@@ -133,11 +132,9 @@ def _reach(
     return float(far[0]), float(far[1])
 
 
-# --- expected ---
+# --- expected errors ---
 #
-# How wrong and how dear each model is, as measured: a table by family of shapes, depth and place.
-#
-# `python -m studies.choice.table` makes it.
+# `python -m studies.choice.table` measures errors and costs by family of shapes, depth and position.
 
 FILE = "expected_errors.json"
 
@@ -147,7 +144,7 @@ PLACES_MM = (0.5, 1.8)
 
 
 class Cell(NamedTuple):
-    """Scenes that are expected to be equally hard: a family, up to a depth, up to a distance from the center."""
+    """Scenes with similar errors: a family, up to a depth, up to a distance from the center."""
 
     family: str
     depth_mm: float
@@ -155,7 +152,7 @@ class Cell(NamedTuple):
 
 
 class Rung(NamedTuple):
-    """A model and the level of its mesh."""
+    """Model with the level of its mesh."""
 
     model: ModelName
     level: str
@@ -178,14 +175,14 @@ def cell_of(situation: Situation) -> Cell | None:
 
 def cells_of(situation: Situation) -> list[Cell]:
     """Return the cells of a scene, at every depth if its own is not known; none where nothing was measured."""
-    place = next((band for band in PLACES_MM if situation.place_mm <= band), None)
-    if place is None:
+    band_mm = next((band for band in PLACES_MM if situation.place_mm <= band), None)
+    if band_mm is None:
         return []
     if situation.depth_mm is None:
-        return [Cell(situation.family, depth, place) for depth in DEPTHS_MM]
+        return [Cell(situation.family, depth, band_mm) for depth in DEPTHS_MM]
     if not situation.depth_mm > 0:
         return []
-    return [Cell(situation.family, depth, place) for depth in DEPTHS_MM if situation.depth_mm <= depth][:1]
+    return [Cell(situation.family, depth, band_mm) for depth in DEPTHS_MM if situation.depth_mm <= depth][:1]
 
 
 @dataclass(frozen=True)
@@ -252,7 +249,7 @@ class NoModelError(ModelRangeError):
 
 @dataclass(frozen=True)
 class Aim:
-    """What a model must compute, and how accurately.
+    """Quantities that a model must compute, and their tolerance.
 
     Parameters
     ----------
@@ -302,7 +299,7 @@ class Aim:
 
 @dataclass(frozen=True)
 class Choice:
-    """A model with its mesh, patch and outputs, its expected errors and its cost.
+    """Model with its mesh, patch and outputs, its expected errors and its cost.
 
     Attributes
     ----------
@@ -407,9 +404,9 @@ class Choice:
             raise ModelRangeError(
                 "the choice sets the mesh itself; remove [finger.mesh] from the configuration", code="own_mesh"
             )
-        wanted = (places or ReceptorPlaces()) if self.aim.receptors else NOWHERE
+        locations = (places or ReceptorPlaces()) if self.aim.receptors else NOWHERE
         config = config.model_copy(update={"mesh": self.mesh})
-        return load(self.model, config, slopes=self.axes, **wanted.as_options())
+        return load(self.model, config, slopes=self.axes, **locations.as_options())
 
     def as_json(self) -> dict[str, Any]:
         """Return what `rig indent --json` prints under `choice`.
@@ -527,9 +524,9 @@ def cheapest(situation: Situation, aim: Aim, expected: Expected) -> Choice:
 
 
 def _of_use(rung: Rung, errors: Mapping[str, float], situation: Situation, aim: Aim) -> bool:
-    """Whether all that is asked for was measured. A section, whose force is per length, is of use by depth."""
-    of_use = rung.model != "section" or (aim.per_length and situation.depth_mm is not None)
-    return of_use and set(aim.quantities) <= set(errors)
+    """Return whether all requested quantities were measured. A section, whose force is per length, needs a depth."""
+    applies = rung.model != "section" or (aim.per_length and situation.depth_mm is not None)
+    return applies and set(aim.quantities) <= set(errors)
 
 
 def _seconds(cost: Cost, aim: Aim) -> float:
@@ -560,5 +557,5 @@ def _short(value: float) -> str:
 
 
 def _two_digits(value: float) -> float:
-    """Rounded; below a million it is written without an exponent."""
+    """Round to two digits; below a million this prints without an exponent."""
     return float(f"{value:.2g}")

@@ -1,6 +1,6 @@
-"""The fingertip model's parameters: every number that the source leaves free, with its default and unit.
+"""Parameters of the fingertip model: every number that the source leaves free, with its default and unit.
 
-Values marked [free] are not given by Raju (1998); `docs/model.md` says where each default comes from.
+Values marked [free] are not in Raju (1998); `docs/model.md` explains each default.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,8 +14,6 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validat
 from sim.tables import Row, read_columns
 
 # --- measured skin ---
-#
-# What a user measured of a finger's skin: points of the pulp or a table of sections, and whether it will do.
 
 Array = NDArray[np.float64]
 
@@ -33,12 +31,12 @@ _LEAST_SIDE = 0.05  # of the finger's length, to either side of x = 0
 
 
 def rows_from(value: object, columns: Sequence[str], folder: Path) -> object:
-    """The rows of the CSV file that a path names, relative to the folder; what is no path is left as it is."""
+    """Read the rows of a CSV file if the value is a path, relative to a folder; return other values unchanged."""
     return read_columns(folder / value, columns) if isinstance(value, str) else value
 
 
 def check_points(points: Sequence[Row], length_mm: float) -> None:
-    """Raise ValueError, saying what is missing, when (x, y, z) rows in mm cannot hold the pulp of a finger."""
+    """Raise ValueError when (x, y, z) rows in mm do not describe the pulp of a finger."""
     if not FEWEST_POINTS <= len(points) <= MOST_POINTS:
         raise ValueError(f"{len(points)} points; must be {FEWEST_POINTS} to {MOST_POINTS}")
     xyz = np.array(points)
@@ -77,7 +75,7 @@ def check_points(points: Sequence[Row], length_mm: float) -> None:
 
 
 def check_sections(sections: Sequence[Row], length_mm: float) -> None:
-    """Raise ValueError when (z, half-width, height, lean) rows in mm are no finger from 0 to its length."""
+    """Raise ValueError when (z, half-width, height, lean) rows in mm do not describe a finger."""
     if len(sections) < FEWEST_SECTIONS:
         raise ValueError(f"{len(sections)} sections; at least {FEWEST_SECTIONS} are required")
     z, half_width, height, _ = np.array(sections).T
@@ -98,19 +96,19 @@ def check_sections(sections: Sequence[Row], length_mm: float) -> None:
 
 # --- stiffness ---
 #
-# The stiffness scale: the one number that turns pseudo-units into MPa.
+# One number converts pseudo-units to MPa.
 
 E_EPIDERMIS_MPA = 0.186266
-"""Young's modulus of the epidermis.
+"""Young's modulus of the epidermis (MPa).
 
-Raju (1998) knows ratios of E only. His step 1 at x = −1.63 mm, pressed 0.73 mm deep, stands for a force of 8 gwt; on
-the default mesh that makes E(epidermis) this number. `studies/source/stiffness_scale.py` prints it anew;
-another geometry or mesh keeps it.
+Raju (1998) states only ratios of E. His step 1 at x = −1.63 mm, pressed 0.73 mm deep, corresponds to 8 gwt; on the
+default mesh E(epidermis) follows from that. `studies/source/stiffness_scale.py` computes it; other geometries and
+meshes use the same value.
 """
 
 
 class _Many(int):
-    """A number of rows, in a repr."""
+    """Number of rows in a repr."""
 
     def __repr__(self) -> str:
         return f"<{int(self)} rows>"
@@ -120,7 +118,7 @@ class _Settings(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     def __repr_args__(self) -> Iterator[tuple[str | None, object]]:
-        """What differs from the defaults; many rows by their number."""
+        """Yield fields that differ from their defaults; many rows as their number."""
         for name, field in type(self).model_fields.items():
             value = getattr(self, name)
             if value != field.default:
@@ -322,8 +320,8 @@ class MeshSpec(_Settings):
 
     @model_validator(mode="before")
     @classmethod
-    def _levelled(cls, given: Any) -> Any:
-        return {**MESH_LEVELS.get(str(given.get("level")), {}), **given} if isinstance(given, dict) else given
+    def _levelled(cls, values: Any) -> Any:
+        return {**MESH_LEVELS.get(str(values.get("level")), {}), **values} if isinstance(values, dict) else values
 
     @property
     def axial_mm(self) -> float:

@@ -1,4 +1,4 @@
-"""The base of every error of the simulation: one sentence, a code that does not change with it, and its fields."""
+"""Base class of all simulation errors: a sentence, a stable code, and fields."""
 
 import math
 from typing import Any, ClassVar
@@ -30,7 +30,7 @@ class SimError(Exception):
 
 
 class ArgumentError(SimError, ValueError):
-    """An argument that only a caller in Python can get wrong."""
+    """Error of an argument that only Python callers can get wrong."""
 
     default_code = "bad_argument"
 
@@ -41,9 +41,7 @@ def _raised_again(kind: type[SimError], args: tuple[Any, ...]) -> SimError:
     return error
 
 
-# --- errors ---
-#
-# What a model refuses.
+# --- model errors ---
 
 
 class ModelRangeError(SimError, ValueError):
@@ -59,7 +57,7 @@ class ForceOutOfReachError(ModelRangeError):
 
 
 def refuse_unless_one(doi_mm: float | None, force_gwt: float | None) -> None:
-    """Refuse both a depth and a force, and neither. Raises ModelRangeError."""
+    """Raise ModelRangeError for both a depth and a force, and for neither."""
     if (doi_mm is None) == (force_gwt is None):
         raise ModelRangeError(
             "give exactly one of a depth (doi_mm) and a force (force_gwt)",

@@ -1,4 +1,4 @@
-"""A finger in a process of its own, for one that must never solve: what it is asked is a function of the finger."""
+"""Finger in a separate process, for a parent that must never solve; requests are functions of the finger."""
 
 import contextlib
 import logging
@@ -17,7 +17,7 @@ from sim.errors import SimError
 from sim.workers import TO_THE_GROUP, give_way, keep_freed_memory, leaving_signals_to_us
 
 if TYPE_CHECKING:
-    from sim.models.fingertip import Fingertip  # whoever begins the process has no use for what solves
+    from sim.models.fingertip import Fingertip  # the parent does not need the solver
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -30,16 +30,17 @@ _GIVES_WAY = 5
 
 
 class FingerLostError(SimError, RuntimeError):
-    """The process of the finger ended before it answered; one line."""
+    """Error of a finger process that ended before it answered."""
 
     default_code = "finger_lost"
 
 
 class FingerProcess:
-    """Answers functions of the finger, importable ones, in the order in which they are asked; close() it, or `with`.
+    """Process that evaluates importable functions of the finger, in order; close() it, or use `with`.
 
-    It begins to load the finger at once. No signal of a terminal reaches it, and it ends with the process that began
-    it, however that ends. One that was lost, or whose answer was not waited for, is begun anew when it is asked next.
+    It loads the finger at once. Terminal signals do not reach it, and it ends with its parent, however that ends.
+    After a
+    loss, or an answer that was not awaited, the next request starts it anew.
     """
 
     def __init__(self, config: FingertipConfig) -> None:
@@ -49,31 +50,31 @@ class FingerProcess:
 
     @property
     def pid(self) -> int | None:
-        """Of the process, if there is one now."""
+        """Process id, None without a process."""
         return None if self._process is None else self._process.pid
 
     def ask(self, function: "Callable[Concatenate[Fingertip, P], T]", *arguments: P.args, **options: P.kwargs) -> T:
-        """What function(finger, …) gives, or raises, there; Ctrl-C ends the waiting. Raises FingerLostError."""
+        """Return or raise the result of function(finger, …); Ctrl-C ends the wait. Raises FingerLostError."""
         if self._process is None:
             self._begin()
         try:
             self._near.send((function, arguments, options))
-            while (said := self._near.recv())[0] == "told":
-                _MODELS.log(*said[1:])
+            while (reply := self._near.recv())[0] == "told":
+                _MODELS.log(*reply[1:])
         except (EOFError, OSError):
             raise FingerLostError(
                 "the process of the finger model ended ({how}); start again", how=self._how_it_ended()
             ) from None
         except BaseException:
-            self.close()  # its answer would be taken for that of the next question
+            self.close()  # the next request would receive this answer
             raise
-        kind, found = said
+        kind, found = reply
         if kind == "raised":
             raise found
         return found
 
     def close(self) -> None:
-        """End the process, whatever it does."""
+        """End the process, whatever it is doing."""
         process, self._process = self._process, None
         if process is not None:
             self._near.close()
@@ -110,14 +111,14 @@ class FingerProcess:
 def asked(
     finger: Finger, function: "Callable[Concatenate[Fingertip, P], T]", *arguments: P.args, **options: P.kwargs
 ) -> T:
-    """What function(finger, …) gives, worked out where the finger is."""
+    """Return function(finger, …), evaluated in the finger's process."""
     if isinstance(finger, FingerProcess):
         return finger.ask(function, *arguments, **options)
     return function(finger, *arguments, **options)
 
 
-class _Tells(logging.Handler):
-    """What a model says while it is built goes to whoever asks."""
+class _LogForwarder(logging.Handler):
+    """Log handler that forwards a model's messages to the parent."""
 
     def __init__(self, far: "Connection[Any, Any]") -> None:
         super().__init__()
@@ -129,10 +130,10 @@ class _Tells(logging.Handler):
 
 def _serve(far: "Connection[Any, Any]", config: FingertipConfig) -> None:
     give_way(_GIVES_WAY)
-    _forget_the_terminal()
+    _ignore_terminal()
     threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
     keep_freed_memory()
-    _MODELS.addHandler(_Tells(far))
+    _MODELS.addHandler(_LogForwarder(far))
     _MODELS.setLevel(logging.DEBUG)
     load = _Loaded(config)
     with contextlib.suppress(EOFError, OSError):
@@ -141,8 +142,8 @@ def _serve(far: "Connection[Any, Any]", config: FingertipConfig) -> None:
             _send(far, *_answer(load, function, arguments, options))
 
 
-def _forget_the_terminal() -> None:
-    """What came from it while this process was begun is forgotten."""
+def _ignore_terminal() -> None:
+    """Ignore terminal signals, including those that arrived during the start."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "pthread_sigmask"):  # all but Windows
         for name in TO_THE_GROUP:
@@ -151,7 +152,7 @@ def _forget_the_terminal() -> None:
 
 
 class _Loaded:
-    """The finger, once; a failure to load it is the answer to every question."""
+    """Finger, loaded once; a failure to load is the answer to every request."""
 
     def __init__(self, config: FingertipConfig) -> None:
         from sim.models.fingertip import Fingertip
@@ -178,7 +179,7 @@ def _answer(load: _Loaded, function: Callable[..., Any], arguments: Any, options
 
 
 def _send(far: "Connection[Any, Any]", kind: str, found: Any) -> None:
-    """What cannot cross is told by its words."""
+    """Send an answer, or an error in its place if it cannot be pickled."""
     try:
         far.send((kind, found))
     except (OSError, EOFError):

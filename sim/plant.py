@@ -1,4 +1,4 @@
-"""What virtual screws and a virtual finger do: where the indentor really is, and the force that answers."""
+"""Virtual screws and finger: the indentor's true position, and the resulting force."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -20,16 +20,16 @@ from sim.models.pressing import FARTHEST_X_MM
 from sim.models.relaxation import Memory, Prony, PronyTerm, RelaxationStep
 
 _WARM_MOVE_MM = 0.1
-_FARTHEST_ONWARD = 2.0  # times the way between the last two states
+_FARTHEST_ONWARD = 2.0  # largest extrapolation / distance between the last two states
 _DEPTH_TOLERANCE_MM = 1e-6
-_PLACES_KEPT = 64
+_POSITIONS_CACHED = 64
 
 StepsAt = Callable[[float], tuple[int, int, int]]
 
 
 @dataclass(frozen=True)
 class Screws:
-    """What the screws really are: steps for each millimetre of travel, x lateral, z vertical, y along the finger."""
+    """True steps per millimeter of travel: x lateral, z vertical, y along the finger."""
 
     x_steps_per_mm: float = 400.0
     z_steps_per_mm: float = 400.0
@@ -38,16 +38,16 @@ class Screws:
 
 @dataclass(frozen=True)
 class Placement:
-    """Where the finger really lies, in mm of true carriage travel from the home switches."""
+    """True position of the finger, in mm of true carriage travel from the home switches."""
 
     pad_centre_x_mm: float = -30.0
-    apex_z_mm: float = -25.0  # carriage height at which an indentor's lowest point is level with the apex
-    pad_y_mm: float | None = None  # over the receptor plane; none: the stage has no axis along the finger
+    apex_z_mm: float = -25.0  # carriage height with the indentor's lowest point at the apex
+    pad_y_mm: float | None = None  # over the receptor plane; None without an axis along the finger
 
 
 @dataclass(frozen=True)
 class Pose:
-    """Where the indentor really is: x from the pad's centre, its lowest point above the apex, mm.
+    """True pose of the indentor: x from the pad's center, and height of its lowest point above the apex (mm).
 
     along_mm is from the receptor plane towards the tip.
     """
@@ -57,19 +57,19 @@ class Pose:
     along_mm: float = 0.0
 
     def over(self, other: "Pose") -> bool:
-        """Whether both are over the same place of the finger."""
+        """Return whether both poses are over the same point of the finger."""
         return (self.x_mm, self.along_mm) == (other.x_mm, other.along_mm)
 
 
 @dataclass(frozen=True)
 class Turn:
-    """How a finger lies: rolled about its own axis, then tilted about x, degrees, both about the apex."""
+    """Orientation of a finger: rolled about its own axis, then tilted about x (degrees), both about the apex."""
 
     roll_deg: float = 0.0
     tilt_deg: float = 0.0
 
     def seen_from_finger(self, pose: Pose, radius_mm: float) -> Pose:
-        """The pose of a sphere in the finger's own frame."""
+        """Return the pose of a sphere in the finger's own frame."""
         if not (self.roll_deg or self.tilt_deg):
             return pose
         turn = Rotation.from_euler("zx", (self.roll_deg, self.tilt_deg), degrees=True)
@@ -82,9 +82,9 @@ STRAIGHT = Turn()
 
 @dataclass(frozen=True)
 class Truth:
-    """How finger and rig differ from what the model knows."""
+    """Differences between the true finger and rig and the model."""
 
-    stiffness: float = 1.0  # multiplies every force
+    stiffness: float = 1.0  # factor of every force
     compliance_mm_per_n: float = 0.0  # of the rig
     turn: Turn = STRAIGHT
 
@@ -94,23 +94,23 @@ AS_MODELLED = Truth()
 
 @dataclass(frozen=True)
 class TruePose:
-    """What no instrument of the rig can see; mm in the finger's frame."""
+    """True pose, which no instrument of the rig measures, in mm in the finger's frame."""
 
     x_mm: float
-    height_mm: float  # of the indentor's lowest point, in the finger's y, if the rig were rigid
+    height_mm: float  # of the indentor's lowest point along the finger's y, for a rigid rig
     doi_mm: float  # negative above the skin, −∞ beside the finger
 
 
 @dataclass(frozen=True)
 class Carriage:
-    """From the steps a stage has really made to the pose of the indentor."""
+    """Conversion from a stage's true steps to the pose of the indentor."""
 
     steps_at: StepsAt
     screws: Screws = Screws()
     placement: Placement = Placement()
 
     def pose_at(self, t_s: float) -> Pose:
-        """The indentor's true pose at an instant."""
+        """Return the indentor's true pose at a time."""
         x, y, z = self.steps_at(t_s)
         pad_y_mm = self.placement.pad_y_mm
         return Pose(
@@ -122,9 +122,9 @@ class Carriage:
 
 @dataclass(frozen=True)
 class _Pressed:
-    """The finger at a pose: depth past first contact, mm, force, N, and what the contact was solved to.
+    """Contact at a pose: depth past first contact (mm), force (N), and the solver's state.
 
-    How much more the tissue bears there than its linear twin, whose contact it is.
+    `stiffer` is the force of the tissue over that of linear tissue, whose contact it is.
     """
 
     pose: Pose
@@ -135,13 +135,13 @@ class _Pressed:
 
 
 class PressedFinger:
-    """A finger under an indentor: the force at one pose after another."""
+    """Finger under an indentor, with the force at successive poses."""
 
     def __init__(self, finger: Fingertip, indentor: str, truth: Truth = AS_MODELLED) -> None:
-        """Raises ShapeError, and ModelRangeError for anything but a sphere on a finger that is turned."""
+        """Place the indentor. Raises ShapeError, and ModelRangeError unless it is a sphere on a turned finger."""
         self._finger, self._truth = finger, truth
         self._indentor: Indentor = parse_shape(indentor)
-        self._radius_mm = 0.0  # a straight finger is seen from nowhere else
+        self._radius_mm = 0.0  # a straight finger needs no rotation
         if isinstance(self._indentor, Revolved) and isinstance(self._indentor.profile, Cylinder):
             self._radius_mm = self._indentor.profile.sharpest_radius_mm
         elif truth.turn != STRAIGHT:
@@ -151,34 +151,34 @@ class PressedFinger:
                 indentor=indentor,
             )
         self._stiffness = truth.stiffness
-        # It is asked at thousands of heights over few places, and each time the finger would hash the shape anew.
-        self._touch_mm = lru_cache(_PLACES_KEPT)(partial(finger.touch_height_mm, self._indentor))
-        self._known: _Pressed | None = None  # of the skin as it lies
+        # There are thousands of heights over few positions, and the finger would hash the shape each time.
+        self._touch_mm = lru_cache(_POSITIONS_CACHED)(partial(finger.touch_height_mm, self._indentor))
+        self._known: _Pressed | None = None  # with the current skin
         self._last: _Pressed | None = None
-        self._before: _Pressed | None = None  # the one before the last
+        self._before: _Pressed | None = None  # the state before the last
         self.contact_solves = 0
 
     def doi_mm(self, pose: Pose) -> float:
-        """Depth past first contact; negative above the skin, −∞ beside the finger. Raises ModelRangeError."""
+        """Return the depth past first contact, negative above the skin, −∞ beside it. Raises ModelRangeError."""
         pose = self._truth.turn.seen_from_finger(pose, self._radius_mm)
-        way_mm = self._way_mm(pose)
+        way_mm = self._travel_mm(pose)
         return self._pressed(pose, way_mm).doi_mm if way_mm > 0 and self._truth.compliance_mm_per_n else way_mm
 
     def force_n(self, pose: Pose) -> float:
-        """Downward force on the finger, N. Raises ModelRangeError."""
+        """Return the downward force on the finger in N. Raises ModelRangeError."""
         pose = self._truth.turn.seen_from_finger(pose, self._radius_mm)
         if pose.above_apex_mm > 0:
             return 0.0
-        way_mm = self._way_mm(pose)
+        way_mm = self._travel_mm(pose)
         return self._pressed(pose, way_mm).force_n if way_mm > 0 else 0.0
 
     @property
-    def _lying(self) -> Fingertip:
-        """The finger with its skin as it lies now."""
+    def _current_finger(self) -> Fingertip:
+        """Finger with its current skin."""
         return self._finger
 
-    def _way_mm(self, pose: Pose) -> float:
-        """How far the stage has gone past first contact: the depth, if the rig were rigid."""
+    def _travel_mm(self, pose: Pose) -> float:
+        """Return the stage's travel past first contact: the depth, for a rigid rig."""
         z_mm = self._z_mm(pose)
         if abs(pose.x_mm) > FARTHEST_X_MM or not 0 <= (z_mm or 0.0) <= self._finger.config.geometry.length_mm:
             return -math.inf
@@ -186,18 +186,18 @@ class PressedFinger:
         return touch_mm - (pose.above_apex_mm + self._finger.apex_height_mm)
 
     def _z_mm(self, pose: Pose) -> float | None:
-        """Along the finger, where that makes a difference to the shape."""
+        """Return the position along the finger, where it makes a difference to the shape."""
         return None if Z not in self._indentor.placed_by else self._finger.config.receptor_plane_mm + pose.along_mm
 
     def _pressed(self, pose: Pose, way_mm: float) -> _Pressed:
         if self._known is None or self._known.pose != pose:
             rigid = self._at_depth(pose, way_mm, self._last)
-            self._known = self._given_way(rigid) if self._truth.compliance_mm_per_n else rigid
+            self._known = self._with_compliance(rigid) if self._truth.compliance_mm_per_n else rigid
             self._before, self._last = self._last, self._known
         return self._known
 
-    def _given_way(self, rigid: _Pressed) -> _Pressed:
-        """The depth at which finger and rig, in series, share the way; sideways the rig is rigid."""
+    def _with_compliance(self, rigid: _Pressed) -> _Pressed:
+        """Return the depth at which finger and rig, in series, share the travel; laterally the rig is rigid."""
         nearest = rigid
 
         def left_over_mm(doi_mm: float) -> float:
@@ -211,11 +211,11 @@ class PressedFinger:
         return self._at_depth(rigid.pose, doi_mm, nearest)
 
     def _at_depth(self, pose: Pose, doi_mm: float, last: _Pressed | None) -> _Pressed:
-        """Continue from the last state when it is near: the branch reached by pressing in."""
+        """Solve at a depth, from the last state if it is near: the branch reached by pressing in."""
         self.contact_solves += 1
         near = last is not None and last.pose.over(pose) and abs(last.doi_mm - doi_mm) <= _WARM_MOVE_MM
         start = self._onward(last, doi_mm) if last is not None and near else None
-        result = self._lying.indent(
+        result = self._current_finger.indent(
             self._indentor,
             self._indentor.lateral_mm(pose.x_mm),
             z_mm=self._z_mm(pose),
@@ -236,7 +236,7 @@ class PressedFinger:
         return _Pressed(pose, doi_mm, self._stiffness * result.force_n, result.state, result.strained.force)
 
     def _onward(self, last: _Pressed, doi_mm: float) -> ContactState:
-        """A start: the last state, under smooth shapes moved on by what changed before it.
+        """Return a start: the last state, extrapolated under smooth shapes.
 
         Sharp shapes have several equilibria, and a start beyond the last state may lead to another one.
         """
@@ -253,7 +253,7 @@ class PressedFinger:
 
 
 class Plant:
-    """A fingertip under a stage. Nothing is computed until somebody asks for a force."""
+    """Fingertip under a stage; forces are computed on request only."""
 
     def __init__(self, finger: Fingertip, carriage: Carriage, truth: Truth = AS_MODELLED) -> None:
         self._finger, self._carriage, self._truth = finger, carriage, truth
@@ -261,43 +261,43 @@ class Plant:
 
     @property
     def contact_solves(self) -> int:
-        """How often the contact was solved for the indentor that is on."""
+        """Number of contact solves for the mounted indentor."""
         return 0 if self._press is None else self._press.contact_solves
 
     def mount(self, indentor: str) -> None:
-        """Put an indentor on the carriage; raises ShapeError."""
+        """Mount an indentor on the carriage. Raises ShapeError."""
         self._press = PressedFinger(self._finger, indentor, self._truth)
 
     def pose_at(self, t_s: float) -> TruePose:
-        """The indentor's true pose at an instant. Raises ModelRangeError."""
+        """Return the indentor's true pose at a time. Raises ModelRangeError."""
         pose = self._carriage.pose_at(t_s)
         doi = float("-inf") if self._press is None else self._press.doi_mm(pose)
         return TruePose(pose.x_mm, pose.above_apex_mm + self._finger.apex_height_mm, doi)
 
     def force_n(self, t_s: float) -> float:
-        """Downward force on the finger at an instant, N. Raises ModelRangeError."""
+        """Return the downward force on the finger at a time in N. Raises ModelRangeError."""
         return 0.0 if self._press is None else self._press.force_n(self._carriage.pose_at(t_s))
 
 
 # --- sampled ---
 #
-# What hangs on its past is sampled on a fixed grid of instants, whether anybody asks or not.
+# A force that depends on history is sampled on a fixed time grid, with or without requests.
 
 _KEPT = 256
 
 
 class SampledForce:
-    """force_n(t) of what moves on from sample to sample."""
+    """Force signal force_n(t) of a system that advances from sample to sample."""
 
     def __init__(self, scheduler: Scheduler, moved: Callable[[float, float], float], period_s: float) -> None:
-        """moved(t_s, step_s) is called once for each instant, in their order, and gives the force then, N."""
+        """Take moved(t_s, step_s), called once per sample in order, which returns the force in N."""
         self._scheduler, self._moved, self._period_s = scheduler, moved, period_s
         self._index = self._index_at(scheduler.monotonic_s())
         self._forces = {self._index: 0.0}
         self._tick()
 
     def force_n(self, t_s: float) -> float:
-        """Force at the last sample instant by t_s, N; 0 before the first."""
+        """Return the force at the last sample by t_s in N; 0 before the first."""
         index = self._index_at(t_s)
         while self._index < index:
             self._index += 1
@@ -315,23 +315,23 @@ class SampledForce:
 
 # --- relaxing plant ---
 #
-# A finger whose tissue relaxes, under a stage: what it has borne decides where the indentor meets it next.
+# The load history of relaxing tissue determines where the indentor next touches the skin.
 
 
 class RelaxingPress(PressedFinger):
-    """A finger under an indentor, from one instant to the next."""
+    """Finger with relaxing tissue under an indentor, from one time to the next."""
 
     def __init__(
         self, finger: Fingertip, indentor: str, terms: Sequence[PronyTerm], truth: Truth = AS_MODELLED
     ) -> None:
-        """Tissue that was never touched. Raises ValueError for no Prony series, and what PressedFinger raises."""
+        """Start with tissue that was never loaded. Raises ArgumentError for an invalid Prony series."""
         super().__init__(finger, indentor, truth)
         self._patch = finger.model_for(self._indentor.axes).patch
         self._memory = Memory.none(Prony(terms), (len(self._patch.axes), len(self._patch)))
         self._held: Fingertip | None = finger
 
     def moved_to(self, pose: Pose, step_s: float) -> float:
-        """The force so much later, N, the indentor having gone to a pose meanwhile. Raises ModelRangeError."""
+        """Advance by a time step to a pose; return the force in N. Raises ModelRangeError."""
         ahead = self._memory.ahead(step_s)
         self._lie(ahead)
         force_n = self.force_n(pose)
@@ -343,7 +343,7 @@ class RelaxingPress(PressedFinger):
         return force_n
 
     def _lie(self, ahead: RelaxationStep) -> None:
-        """Nothing is known yet of the skin as it lies now; a contact that goes on begins with it where it was."""
+        """Displace the skin by the load history; a continuing contact starts where the skin was."""
         self._carried, self._held = ahead.carried, None
         self._stiffness = self._truth.stiffness * ahead.stiffness
         if self._known is not None:
@@ -352,15 +352,15 @@ class RelaxingPress(PressedFinger):
         self._known = self._before = None
 
     @property
-    def _lying(self) -> Fingertip:
-        """Held by what it has borne; made when it is touched."""
+    def _current_finger(self) -> Fingertip:
+        """Finger with skin displaced by the load history, made on first touch."""
         if self._held is None:
             self._held = self._finger.held_by(self._indentor.axes, self._carried)
         return self._held
 
 
 class RelaxingPlant(Plant):
-    """A fingertip under a stage; an indentor that is mounted finds it recovered."""
+    """Fingertip with relaxing tissue under a stage; mounting an indentor starts with recovered tissue."""
 
     def __init__(
         self,
@@ -371,18 +371,18 @@ class RelaxingPlant(Plant):
         scheduler: Scheduler,
         period_s: float,
     ) -> None:
-        """Its force is known at the sample instants of a load cell."""
+        """Sample the force at the load cell's sample times."""
         super().__init__(finger, carriage, truth)
         self._terms = terms
         self._relaxing: RelaxingPress | None = None
         self._sampled = SampledForce(scheduler, self._moved, period_s)
 
     def mount(self, indentor: str) -> None:
-        """Put an indentor on the carriage; raises ShapeError."""
+        """Mount an indentor on the carriage. Raises ShapeError."""
         self._press = self._relaxing = RelaxingPress(self._finger, indentor, self._terms, self._truth)
 
     def force_n(self, t_s: float) -> float:
-        """Downward force on the finger at the last sample instant, N. Raises ModelRangeError."""
+        """Return the downward force on the finger at the last sample in N. Raises ModelRangeError."""
         return self._sampled.force_n(t_s)
 
     def _moved(self, t_s: float, step_s: float) -> float:

@@ -1,4 +1,4 @@
-"""Columns of numbers and words: as a CSV file, or for pandas and xarray where these are installed."""
+"""Tables of numbers and text: as CSV files, or for pandas and xarray."""
 
 import csv
 import math
@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from sim.errors import SimError
 
 # --- csv table ---
-#
-# Numbers from a user's CSV file, by the names of its columns.
 
 Row = tuple[float, ...]
 
@@ -51,7 +49,7 @@ def read_numbered(path: Path, columns: Sequence[str]) -> tuple[tuple[int, Row], 
             columns=",".join(columns),
         )
     (first, header), *rows = lines
-    place = _places(path, first, [cell.strip() for cell in header], columns)
+    order = _column_numbers(path, first, [cell.strip() for cell in header], columns)
     if not rows:
         raise TableError(
             "{path}: no rows below line {line}; numbers are required", code="no_rows", path=str(path), line=first
@@ -68,12 +66,12 @@ def read_numbered(path: Path, columns: Sequence[str]) -> tuple[tuple[int, Row], 
                 header_line=first,
             )
     return tuple(
-        (n, tuple(_number(path, n, name, row[k]) for name, k in zip(columns, place, strict=True))) for n, row in rows
+        (n, tuple(_number(path, n, name, row[k]) for name, k in zip(columns, order, strict=True))) for n, row in rows
     )
 
 
 def _lines(path: Path) -> list[tuple[int, list[str]]]:
-    """The lines that count, with their numbers."""
+    """Return the lines that are not empty or comments, with their numbers."""
     try:
         with path.open(newline="", encoding="utf-8-sig") as stream:
             reader = csv.reader(stream)
@@ -88,7 +86,7 @@ def _lines(path: Path) -> list[tuple[int, list[str]]]:
         ) from None
 
 
-def _places(path: Path, line: int, names: list[str], columns: Sequence[str]) -> list[int]:
+def _column_numbers(path: Path, line: int, names: list[str], columns: Sequence[str]) -> list[int]:
     for name in columns:
         if names.count(name) != 1:
             raise TableError(

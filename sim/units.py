@@ -1,4 +1,4 @@
-"""Units at the edges of the model; inside it everything is mm, N and MPa."""
+"""Conversion constants; inside the model everything is in mm, N and MPa."""
 
 GWT_N = 9.80665e-3
 """Newtons per gram-weight (standard gravity)."""

@@ -1,4 +1,4 @@
-"""Work in processes of their own, which leave Ctrl-C to the one that began them and end with it."""
+"""Work in separate processes that leave Ctrl-C to their parent and end with it."""
 
 import ctypes
 import multiprocessing
@@ -20,25 +20,25 @@ Answer = TypeVar("Answer")
 
 
 class Work(Protocol):
-    """How many pieces of work are done: here, in processes, with or without a word on how far it is."""
+    """Strategy for many work items: here or in processes, with or without progress messages."""
 
     def __call__(self, what: str, function: Callable[[Item], Answer], items: Sequence[Item], /) -> Iterable[Answer]:
-        """The answers in the order of the items; what: these, in words. The function is importable."""
+        """Return the results in the order of the items; `what` describes them. The function is importable."""
         ...
 
 
 def one_by_one(what: str, function: Callable[[Item], Answer], items: Sequence[Item], /) -> Iterable[Answer]:
-    """In this process, in silence."""
+    """Work in this process, without messages."""
     return map(function, items)
 
 
 def in_processes(
     function: Callable[[Item], Answer], items: Sequence[Item], processes: int | None = None
 ) -> Iterator[Answer]:
-    """The answers in the order of the items; by default as many processes as cores. The function must be importable.
+    """Yield results in the order of the items, by default with one process per core. The function must be importable.
 
-    An error, Ctrl-C or a caller that asks for no more ends the processes at once. Raises BrokenProcessPool when one
-    of them was killed.
+    An error, Ctrl-C or a caller that stops iterating ends the processes at once. Raises BrokenProcessPool when one of
+    them was killed.
     """
     before = set(multiprocessing.active_children())
     spawning = multiprocessing.get_context("spawn")  # a forked MKL may hang
@@ -53,26 +53,26 @@ def in_processes(
                 process.terminate()
                 if process.pid is not None and hasattr(signal, "SIGCONT"):
                     with suppress(ProcessLookupError):
-                        os.kill(process.pid, signal.SIGCONT)  # Ctrl-Z has suspended it: it would never end
+                        os.kill(process.pid, signal.SIGCONT)  # a process suspended by Ctrl-Z would never end
             raise
 
 
 @contextmanager
 def leaving_ctrl_c_to_us() -> Iterator[None]:
-    """Processes that are begun inside never see Ctrl-C, which a terminal sends to all; here it comes at the end."""
-    with _kept_from_others("SIGINT"):
+    """Block Ctrl-C, which a terminal sends to all, in processes started inside; here it arrives at the end."""
+    with _blocked("SIGINT"):
         yield
 
 
 @contextmanager
 def leaving_signals_to_us() -> Iterator[None]:
-    """The same of everything that a terminal, or whoever ends a run, sends to all processes of a command."""
-    with _kept_from_others("SIGTERM", *TO_THE_GROUP):
+    """Block all signals that go to a command's processes in those started inside."""
+    with _blocked("SIGTERM", *TO_THE_GROUP):
         yield
 
 
 @contextmanager
-def _kept_from_others(*names: str) -> Iterator[None]:
+def _blocked(*names: str) -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
@@ -89,7 +89,7 @@ _AGAIN_S, _TRIES = 0.05, 10
 
 
 def give_way(to: int) -> None:
-    """Leave the terminal's session, and run after others that have something to do: to 0 never, to 19 nearly always.
+    """Leave the terminal's session, and set the priority: 0 normal, 19 lowest.
 
     Where Linux shares processors between sessions, niceness counts within a session alone, and a session has its own.
     Source: sched(7), The autogroup feature.
@@ -101,7 +101,7 @@ def give_way(to: int) -> None:
     for _ in range(_TRIES):
         try:
             _SESSION.write_text(str(to), encoding="ascii")
-        except BlockingIOError:  # one of a machine's sessions in a tenth of a second
+        except BlockingIOError:  # the kernel limits changes to one per tenth of a second
             time.sleep(_AGAIN_S)
         except OSError:
             return
@@ -114,10 +114,11 @@ _LARGEST_KEPT, _MOST_KEPT = 1 << 25, 1 << 28  # bytes
 
 
 def keep_freed_memory() -> None:
-    """Have this process keep the memory it frees, where the C library is glibc; for one that lives to be quick.
+    """Keep freed memory in this process, with glibc; for processes that must be fast.
 
-    A contact frees and asks for megabytes; pages that come back from the system are cleared first, which makes a
-    deep contact a quarter slower. Source: mallopt(3).
+    A contact allocates and frees megabytes; the system clears returned pages, which makes a deep contact a quarter
+    slower.
+    Source: mallopt(3).
     """
     if sys.platform == "linux":
         mallopt = getattr(ctypes.CDLL(None), "mallopt", lambda *_: 0)

@@ -131,8 +131,8 @@ class Ending:
 
     def as_json(self) -> dict[str, Any]:
         """Return the fields that commands print as JSON."""
-        return {"reason": self.reason, "indentor": asdict(self.at), "words": self.at.words, "next": self.next,
-                "resume": self.resume}  # fmt: skip
+        return {"reason_text": self.reason, "indentor": asdict(self.at), "where_text": self.at.words,
+                "next_text": self.next, "resume": self.resume}  # fmt: skip
 
 
 def resume_line(folder: Path) -> str:

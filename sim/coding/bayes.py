@@ -1,11 +1,11 @@
-"""Pressures on the skin from noisy receptors: not negative, within a few contacts, with a band.
+"""Bayesian decoder: nonnegative pressures within a few contacts, with a band, from noisy receptors.
 
-It begins with a smooth fit, and a table of imagined pressures is weighed by how well they explain the readings.
-Where noise is loud that is the answer. Else SED is made linear about the smooth fit, and the likeliest contacts of
-each sort that may be (how many, with sharp ends or without) are climbed to. Then, for each sort, SED is made linear
-about its own answer, round by round, until that stays; pressures are averaged over them all, and over the table by
-how much of the readings it could take in (`profiles`). Where too few pressures are asked for to tell contacts apart,
-the smooth fit is the answer.
+A smooth fit comes first, and a table of random pressures is weighted by the likelihood of the readings. With loud
+noise that is the answer. Otherwise SED is linearized about the smooth fit, and a search climbs to the
+maximum-likelihood contacts of each sort (number of contacts, with sharp ends or without). Then, for each sort, SED is
+linearized about its own answer until that converges; pressures are averaged over all sorts, and over the table in
+proportion to the information that it uses (`mixture`). With too few pressures to distinguish contacts, the smooth fit
+is the answer.
 """
 
 from collections.abc import Callable
@@ -26,25 +26,23 @@ from sim.coding.readings import Readings
 
 # --- smooth fit ---
 #
-# The likeliest smooth pressures that are not negative, as smooth as the evidence has it.
-#
-# The cost is the readings' negative log likelihood plus ½ λ Pᵀ L P, with L of squared differences between neighbours.
-# For each λ it is minimised by projected Gauss–Newton steps; λ is where Laplace's evidence is highest, no farther
-# below the λ of the discrepancy principle than `EVIDENCE_DECADES`, since evidence alone may fall to 0. SED does not
-# tell a pressure from its negative: it is searched for from several starts.
+# The cost is the readings' negative log likelihood plus ½ λ Pᵀ L P, with L of squared differences between neighbors.
+# For each λ projected Gauss–Newton steps minimize it; λ is where Laplace's evidence is highest, no farther below the
+# λ of the discrepancy principle than `EVIDENCE_DECADES`, since evidence alone may choose λ = 0. SED is the same for a
+# pressure and its negative, hence several starts.
 
 Array = NDArray[np.float64]
 
 EVIDENCE_DECADES = 3.0
 """Decades by which λ may fall below the λ of the discrepancy principle."""
 
-_DECADES = np.arange(2.0, -8.1, -0.5)  # of λ, over the data's own curvature; from smooth to rough
+_DECADES = np.arange(2.0, -8.1, -0.5)  # of λ / the data's curvature; from smooth to rough
 _WHOLE_DECADES = np.arange(0.0, -3.1, -1.0)
 _ENOUGH = 1.5
 _LEVEL = 0.1  # weight of the squares of the pressures in L, chosen on two samples (docs/validation/coding.md)
 _MOST_STEPS = 60
 _FIT_SETTLED = 1e-9
-_NEAR = 1e-3  # the same of where to begin
+_NEAR = 1e-3  # the same for the start
 _HALVINGS = 30
 _STARTS = 3
 
@@ -58,7 +56,7 @@ class _Fit:
 
 @dataclass(frozen=True)
 class SmoothFit:
-    """The likeliest pressures of one λ, and the (n, n) penalty it stands for."""
+    """Maximum-a-posteriori pressures for one λ, and its (n, n) penalty."""
 
     pressure: Array
     smoothing: float  # λ
@@ -67,18 +65,18 @@ class SmoothFit:
 
 
 def smooth_fit(operator: ForwardOperator, readings: Readings, seed: int) -> SmoothFit:
-    """By the λ of the highest evidence."""
+    """Return the fit whose λ has the highest evidence."""
     prior = _prior(operator.parts.shape[2])
     fits = _over_smoothing(operator, readings, prior, seed)
     smoothing = _chosen(operator, readings, prior, fits)
-    best = fits[smoothing]
-    return SmoothFit(best.pressure, smoothing, smoothing * prior, best.converged)
+    chosen = fits[smoothing]
+    return SmoothFit(chosen.pressure, smoothing, smoothing * prior, chosen.converged)
 
 
 def smooth_start(operator: ForwardOperator, readings: Readings) -> SmoothFit:
-    """By the λ of the discrepancy principle, in whole decades: where to begin, quickly.
+    """Return a quick start: the fit by the discrepancy principle, with λ in whole decades.
 
-    An even pressure where all fell to 0.
+    It is an even pressure where all pressures fell to 0.
     """
     prior = _prior(operator.parts.shape[2])
     even, as_root, *_ = _starts(operator, readings, 0)
@@ -93,7 +91,7 @@ def smooth_start(operator: ForwardOperator, readings: Readings) -> SmoothFit:
 
 
 def spread(operator: ForwardOperator, readings: Readings, fit: SmoothFit, wrong: Array) -> Array:
-    """(n,) standard deviations: Laplace's covariance, and what a wrong model adds through the readings' gain.
+    """Return (n,) standard deviations: Laplace's covariance, plus the model error through the readings' gain.
 
     `wrong` is the (m, m) covariance of the model's SED.
     """
@@ -111,23 +109,23 @@ def _prior(n: int) -> Array:
 
 
 def _over_smoothing(operator: ForwardOperator, readings: Readings, prior: Array, seed: int) -> dict[float, _Fit]:
-    """Fits by λ, from smooth to rough: the first from several starts, others from where the last one ended.
+    """Return fits by λ, from smooth to rough; each starts from the one before, the first from several starts.
 
-    Under a large λ all may have fallen to 0, where SED has no slope: each is begun from an even pressure too.
+    A large λ may reduce all pressures to 0, where SED has no slope, so each also starts from an even pressure.
     """
     starts = _starts(operator, readings, seed)
     even = starts[0]
     curvature = np.trace(_curvature(operator, readings, starts[0])) / np.trace(prior)
     fits: dict[float, _Fit] = {}
     for smoothing in (curvature * 10**_DECADES).tolist():
-        tried = [_fitted(operator, readings, smoothing * prior, start) for start in starts]
-        fits[smoothing] = min(tried, key=lambda fit: fit.cost)
+        fitted = [_fitted(operator, readings, smoothing * prior, start) for start in starts]
+        fits[smoothing] = min(fitted, key=lambda fit: fit.cost)
         starts = [fits[smoothing].pressure, even]
     return fits
 
 
 def _starts(operator: ForwardOperator, readings: Readings, seed: int) -> list[Array]:
-    """An even pressure of the readings' size, one as their root, and random ones."""
+    """Return an even pressure of the readings' size, one shaped as their root, and random ones."""
     shown = np.sqrt(np.maximum(readings.sed, readings.sd))
     n = operator.parts.shape[2]
     as_root = np.interp(np.linspace(0, 1, n), np.linspace(0, 1, len(shown)), shown)
@@ -143,7 +141,7 @@ def _size(operator: ForwardOperator, readings: Readings, shape: Array) -> float:
 def _fitted(
     operator: ForwardOperator, readings: Readings, penalty: Array, start: Array, settled_at: float = _FIT_SETTLED
 ) -> _Fit:
-    """Projected Gauss–Newton (Bertsekas 1982): pressures at 0 that would fall stay, the others step together."""
+    """Minimize by projected Gauss–Newton (Bertsekas 1982): pressures at 0 that would fall stay."""
     pressure, cost = start, _cost(operator, readings, penalty, start)
     for _ in range(_MOST_STEPS):
         slope = operator.slope(pressure)
@@ -164,7 +162,7 @@ def _fitted(
 def _searched(
     operator: ForwardOperator, readings: Readings, penalty: Array, pressure: Array, step: Array, cost: float
 ) -> tuple[Array, float]:
-    """The first of ever shorter steps that lowers the cost; the place itself where none does."""
+    """Return the first of successively halved steps that lowers the cost, or the start if none does."""
     for halving in range(_HALVINGS):
         moved = np.maximum(0.0, pressure + 0.5**halving * step)
         lower = _cost(operator, readings, penalty, moved)
@@ -184,13 +182,13 @@ def _curvature(operator: ForwardOperator, readings: Readings, pressure: Array) -
 
 
 def chi2(operator: ForwardOperator, readings: Readings, pressure: Array) -> float:
-    """Σ ((SED − reading) / sd)² over receptors that are not silent."""
+    """Return Σ ((SED − reading) / sd)² over receptors that are not silent."""
     left = (operator.sed(pressure) - readings.sed) / readings.sd
     return float((left[~readings.silent] ** 2).sum())
 
 
 def _chosen(operator: ForwardOperator, readings: Readings, prior: Array, fits: dict[float, _Fit]) -> float:
-    """λ of the highest evidence, from that of the discrepancy principle down to `EVIDENCE_DECADES` below it."""
+    """Return the λ of highest evidence, from the discrepancy principle's down to `EVIDENCE_DECADES` below it."""
     expected = float((~readings.silent).sum())
     misfits = {smoothing: chi2(operator, readings, fit.pressure) for smoothing, fit in fits.items()}
     enough = max(expected, 1.05 * min(misfits.values()))
@@ -201,7 +199,7 @@ def _chosen(operator: ForwardOperator, readings: Readings, prior: Array, fits: d
 
 
 def _evidence(operator: ForwardOperator, readings: Readings, penalty: Array, fit: _Fit) -> float:
-    """Laplace's log evidence of a penalty, but for what is the same for all; of the pressures above 0."""
+    """Return Laplace's log evidence of a penalty over the positive pressures, up to a constant."""
     free = np.flatnonzero(fit.pressure > 0)
     if not len(free):
         return -fit.cost
@@ -226,49 +224,50 @@ _LOOSENED = 3.0
 """Model error in the first pass, relative to the final one; far from the solution linear SED is inaccurate too."""
 
 
-_POSSIBLE = 8.0  # log evidence below the best at the first look
-_STILL_POSSIBLE = 4.0  # the same of the first round, which later ones move by less than 1
+_POSSIBLE = 8.0  # log evidence below the best in the first search
+_STILL_POSSIBLE = 4.0  # the same in the first round, which later ones change by less than 1
 _MOST_ROUNDS = 8
-_AS_GOOD = 0.5  # power at which the table is as good as a search beside it; below, its share falls with it
-_SETTLED = 0.02  # of the pressures, in relative L2
-_KEPT = 20  # models of a round that the next begins with
-_DEAF = 1e-6  # least weight of a reading, over that of one that is not silent
+_AS_GOOD = 0.5  # likelihood power at which the table replaces the search; below it, the table's share is proportional
+_SETTLED = 0.02  # relative L2 change of the pressures
+_KEPT = 20  # models that start the next round
+_DEAF = 1e-6  # least weight of a silent reading / that of another
 
 
 @dataclass(frozen=True)
 class ModelError:
-    """How wrong SED of the model is: a share of it, alike over a length of skin; measured between meshes."""
+    """Error of the model's SED as a fraction, correlated over a length of skin; measured between meshes."""
 
     share: float = 0.04
     length_mm: float = 1.0
 
     def covariance(self, operator: ForwardOperator, sed: Array) -> Array:
-        """(m, m) of SEDs."""
+        """Return the (m, m) covariance of SEDs."""
         apart = np.subtract.outer(operator.receptor_mm, operator.receptor_mm) / self.length_mm
         return np.asarray(self.share**2 * np.outer(sed, sed) * np.exp(-0.5 * apart**2))
 
 
 CONTACTS_ERROR = ModelError(0.02, 0.5)
-"""Of pressures within contacts, beside that of leans: round ones miss less, corners more, alike over less skin
-(docs/validation/coding.md)."""
+"""Model error of pressures within contacts, in addition to that of leans; smaller at round contacts, larger and over
+shorter lengths at corners (docs/validation/coding.md)."""
 
 
 @dataclass(frozen=True)
 class Profile:
-    """Decoded pressures with a standard deviation each; `converged` is false where a search was cut off."""
+    """Decoded pressures with standard deviations; `converged` is false where a search reached its limit."""
 
     pressure: Array  # (n,) pseudo-units, none below 0
-    sd: Array  # (n,) of noise, of what the prior leaves open, and of the model's error
+    sd: Array  # (n,) from noise, prior and model error
     smoothing: float  # λ of the smooth fit
     misfit: float  # Σ ((SED − reading) / sd)² over receptors that are not silent
     converged: bool
-    mixture: Mixture | None = None  # where pressures lie within contacts
+    mixture: Mixture | None = None  # for pressures within contacts
 
     def band(self, z: float = 1.645) -> tuple[Array, Array]:
-        """(n,) lower and upper bounds, of 90 % by default; not below 0, and never without the pressure itself.
+        """Return (n,) lower and upper bounds, of 90 % by default; not below 0, and including the pressure itself.
 
-        Of a mixture they are quantiles. Its mean may lie outside them, where a few models have a contact and the rest
-        has none: the band reaches to it.
+        The bounds of a mixture are quantiles. Its mean may lie outside them, where a few models have a contact and
+        the rest
+        have none; the band then extends to it.
         """
         if self.mixture is None:
             low, high = -z * self.sd, z * self.sd
@@ -288,10 +287,13 @@ def decode_profile(
     prior: Prior | None = None,
     table: bool = True,
 ) -> Profile:
-    """Pressures and how sure they are. Raises DecodingError for readings that cannot be meant.
+    """Return pressures and their uncertainty. Raises DecodingError for invalid readings.
 
-    Within `contacts` the mean over all that may be, of `smooth` ones the likeliest; by default within contacts,
-    unless there are few pressures. Without the table, which is made once for an operator, it is by the search alone.
+    With the prior `contacts` the result is the mean over all possible contacts, with `smooth` the most probable
+    pressures;
+    by default contacts, unless there are few pressures. Without the table, which is made once per operator, the
+    search
+    alone decides.
     """
     if (prior or ("contacts" if operator.parts.shape[2] >= FEWEST_FOR_CONTACTS else "smooth")) == "contacts":
         checked_readings(operator, readings.sed, FEWEST_READINGS)
@@ -308,15 +310,15 @@ def _smooth(operator: ForwardOperator, readings: Readings, error: ModelError, se
 
 @dataclass(frozen=True)
 class _Within:
-    """Pressures within contacts, to be found from readings."""
+    """Problem of pressures within contacts, given readings."""
 
     operator: ForwardOperator
     readings: Readings
     error: ModelError
-    typical: float  # of pressures in contact
+    typical: float  # typical pressure in contact
 
     def seen_from(self, pressure: Array, loosened: float = 1.0) -> PressureLikelihood:
-        """Readings as linear in the pressures, about these; a silent receptor's by Newton's step."""
+        """Return the likelihood linearized about pressures; a silent receptor's by Newton's step."""
         there = self.operator.leaning(pressure)
         sed, slope = there.sed(pressure), there.slope(pressure)
         _, first, second = self.readings.cost(sed)
@@ -325,12 +327,14 @@ class _Within:
         covariance = np.diag(1 / second) + loosened**2 * wrong
         return linearised(slope, slope @ pressure - first / second, covariance, self.typical)
 
-    def begun(self, seen: PressureLikelihood, model: Model) -> "_Round":
-        """Models of one sort, seen from the mean of one of them."""
-        return self.next_of(_Round(sort_of(model), mixed(seen, {model: 0.0}), [model], moved=np.inf, at_top=False))
+    def begun(self, likelihood: PressureLikelihood, model: Model) -> "_Round":
+        """Return models of one sort, linearized about the mean of one of them."""
+        return self.next_of(
+            _Round(sort_of(model), mixed(likelihood, {model: 0.0}), [model], moved=np.inf, at_top=False)
+        )
 
     def next_of(self, last: "_Round") -> "_Round":
-        """Seen from the last round's mean."""
+        """Return the next round, linearized about the last round's mean."""
         pressure, _ = last.mixture.moments()
         near = self.seen_from(pressure)
         climb = climbed(near, last.models, sort=last.sort)
@@ -339,7 +343,7 @@ class _Within:
         return _Round(last.sort, mixture, climb.best(_KEPT), moved, climb.at_top)
 
     def settled(self, begun: "_Round") -> "_Round":
-        """Round by round, until the pressures stay."""
+        """Iterate rounds until the pressures converge."""
         last = begun
         for _ in range(_MOST_ROUNDS - 1):
             if last.settled:
@@ -349,7 +353,7 @@ class _Within:
 
 
 class _Round(NamedTuple):
-    """Models of one sort, seen from where the round before left them."""
+    """Models of one sort, linearized about the previous round's mean."""
 
     sort: Sort
     mixture: Mixture
@@ -363,22 +367,22 @@ class _Round(NamedTuple):
 
 
 def _within_contacts(operator: ForwardOperator, readings: Readings, error: ModelError, *, table: bool) -> Profile:
-    """By the table where it takes in most of what readings tell; else averaged over it and all sorts of answers."""
+    """Decode by the table where it uses most of the information; else average it with the search over all sorts."""
     start = smooth_start(operator.leaning(np.zeros(operator.parts.shape[2])), readings)
-    weighed = _by_table(operator, readings, error, start.pressure) if table else None
-    share = 0.0 if weighed is None else weighed.power / _AS_GOOD
-    if weighed is not None and share >= 1:
-        mixture, converged = weighed.mixture, True
+    by_table = _by_table(operator, readings, error, start.pressure) if table else None
+    share = 0.0 if by_table is None else by_table.power / _AS_GOOD
+    if by_table is not None and share >= 1:
+        mixture, converged = by_table.mixture, True
     else:
         mixture, converged = _by_search(operator, readings, error, start.pressure)
-        if weighed is not None:
-            mixture = pooled(weighed.mixture, mixture, share)
+        if by_table is not None:
+            mixture = pooled(by_table.mixture, mixture, share)
     pressure, sd = mixture.moments()
     return Profile(pressure, sd, start.smoothing, chi2(operator, readings, pressure), converged, mixture)
 
 
 def _by_table(operator: ForwardOperator, readings: Readings, error: ModelError, begun: Array) -> Weighed:
-    """A silent receptor by Newton's step, as a reading that noise makes uncertain."""
+    """Weight the table; a silent receptor counts, by Newton's step, as a reading with uncertain noise."""
     sed = operator.sed(begun)
     _, first, second = readings.cost(sed)
     second = np.maximum(second, _DEAF / readings.sd**2)
@@ -389,11 +393,11 @@ def _by_table(operator: ForwardOperator, readings: Readings, error: ModelError, 
 def _by_search(
     operator: ForwardOperator, readings: Readings, error: ModelError, begun: Array
 ) -> tuple[Mixture, bool]:
-    """Each sort of answer that a first look and a first round leave possible; and whether all settled."""
+    """Search each sort that a first search and round leave possible; return whether all converged."""
     within = _Within(operator, readings, error, float(begun @ begun / begun.sum()))
-    seen = within.seen_from(begun, _LOOSENED)
-    look = climbed(seen, [*runs(begun), *alone(len(begun))], _STARTS)
-    rounds = [within.begun(seen, model) for model in look.best_of_sorts(_POSSIBLE).values()]
+    likelihood = within.seen_from(begun, _LOOSENED)
+    first = climbed(likelihood, [*runs(begun), *alone(len(begun))], _STARTS)
+    rounds = [within.begun(likelihood, model) for model in first.best_of_sorts(_POSSIBLE).values()]
     best = max(one.mixture.log_weight.max() for one in rounds)
     found = [within.settled(one) for one in rounds if one.mixture.log_weight.max() > best - _STILL_POSSIBLE]
     return together([one.mixture for one in found]), all(one.settled for one in found)
@@ -401,12 +405,12 @@ def _by_search(
 
 # --- fitted receptor ---
 #
-# Decoding through a receptor whose gain and threshold were fitted: their standard errors, carried into the band.
+# Standard errors of a fitted receptor's gain and threshold widen the band.
 
 
 @dataclass(frozen=True)
 class FittedReceptor:
-    """R = k (S − S₀) with standard errors of k and S₀, taken as independent; below k, so that k stays positive."""
+    """R = k (S − S₀) with independent standard errors of k and S₀; smaller than k, so that k stays positive."""
 
     receptor: Receptor
     gain_se: float = 0.0
@@ -414,10 +418,11 @@ class FittedReceptor:
 
 
 def decode_through(fitted: FittedReceptor, decode: Callable[[Receptor], Profile]) -> Profile:
-    """What `decode` makes of rates, with a band that is wider by what the receptor's standard errors do.
+    """Decode rates, with a band widened by the receptor's standard errors.
 
-    It is asked again with gain and threshold one standard error up and down; half of what the pressures move by is
-    added in squares. Converged where all of these are.
+    `decode` runs again with gain and threshold one standard error up and down; half the change of the pressures is
+    added
+    in quadrature. Converged if all runs are.
     """
     found = decode(fitted.receptor)
     variance, converged = found.sd**2, found.converged

@@ -1,4 +1,4 @@
-"""Which contacts explain readings best: a climb from the runs of a first guess, by ends, kinds, splits and joins."""
+"""Search for the contacts that explain readings best, by moving ends and changing kinds, splits and joins."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -14,29 +14,27 @@ from sim.coding.evidence import explained
 
 # --- contact ---
 #
-# One contact: which samples it covers, and what is known of the pressure there beforehand.
-#
-# Inside, pressure has a level and varies slowly about it. At a blunt end it does little else, at a sharp one, a
-# corner's, it may stand out by far; the outermost samples are covered in part. Sizes are over a typical pressure.
+# The prior of a contact: inside, pressure has a level and varies slowly about it. At a sharp end, a corner's, it may
+# rise far above it; the outermost samples are covered in part. Sizes are relative to a typical pressure.
 
 Array = NDArray[np.float64]
 
 LEVELS = (0.3, 0.7, 1.6)
 ENDS = (0.2, 2.0)
 SHARP, ALIKE = 0.5, 0.4
-"""Levels; sds of blunt and of sharp ends; the probabilities of a sharp one, and that the last end is told to be as
-the first. Chosen on other scenes and seeds than those reported (docs/validation/coding.md), as all below."""
+"""Probability of a sharp end. All numbers here were chosen on other scenes and seeds than those reported
+(docs/validation/coding.md)."""
 
-_LEVEL_SD = 0.5  # over the level
+_LEVEL_SD = 0.5  # relative to the level
 _SLOW = 0.2  # sd of the slow variation over the level, and its length (Matérn 5/2)
 _LENGTH_SAMPLES = 4.0
-_COVERED = 0.5  # of an outermost sample, and its sd
+_COVERED = 0.5  # covered part of an outermost sample, and its sd
 _COVERED_SD = 0.3
-_FREE = 0.02  # sd of each sample by itself: covariances keep an inverse
+_FREE = 0.02  # independent sd of each sample, so that covariances stay invertible
 
 
 class ContactPrior(NamedTuple):
-    """Prior mean over the typical pressure; over that mean the sds of two samples at the first end, at the last."""
+    """Prior mean of a contact / typical pressure, and sds of the two samples at each end / that mean."""
 
     level: float
     first_end: float
@@ -44,7 +42,7 @@ class ContactPrior(NamedTuple):
 
     @property
     def sharp(self) -> bool:
-        """At some end."""
+        """Whether an end is sharp."""
         return max(ENDS) in self[1:]
 
 
@@ -61,7 +59,7 @@ _LOG_PRIOR = [_log_prior(kind) for kind in KINDS]
 
 
 class ContactInterval(NamedTuple):
-    """Samples first … stop − 1, and a place in KINDS."""
+    """Samples first … stop − 1 of a contact, and the index of its prior in KINDS."""
 
     first: int
     stop: int
@@ -69,7 +67,7 @@ class ContactInterval(NamedTuple):
 
     @property
     def samples(self) -> slice:
-        """Those it covers."""
+        """Slice of its samples."""
         return slice(self.first, self.stop)
 
     @property
@@ -79,23 +77,23 @@ class ContactInterval(NamedTuple):
 
     @property
     def mean(self) -> Array:
-        """(k,) pressures of its k samples beforehand, over the typical pressure."""
-        return _beforehand(self.stop - self.first, self.kind)[0]
+        """(k,) prior mean pressures of its k samples / typical pressure."""
+        return _prior_of(self.stop - self.first, self.kind)[0]
 
     @property
     def root(self) -> Array:
-        """(k, k) lower triangular; times its transpose the covariance of those pressures."""
-        return _beforehand(self.stop - self.first, self.kind)[1]
+        """(k, k) lower Cholesky factor of their prior covariance."""
+        return _prior_of(self.stop - self.first, self.kind)[1]
 
     @property
     def covariance(self) -> Array:
-        """(k, k) of those pressures."""
+        """(k, k) prior covariance of these pressures."""
         return np.asarray(self.root @ self.root.T)
 
 
 @cache
-def _beforehand(samples: int, kind: int) -> tuple[Array, Array]:
-    """Mean and root of a contact of so many samples."""
+def _prior_of(samples: int, kind: int) -> tuple[Array, Array]:
+    """Return prior mean and root of a contact with a number of samples."""
     level, first_end, last_end = KINDS[kind]
     number = np.arange(samples)
     outermost = (number == 0) | (number == samples - 1)
@@ -109,43 +107,43 @@ def _beforehand(samples: int, kind: int) -> tuple[Array, Array]:
 
 @cache
 def table_of_contacts(most: int) -> tuple[Array, Array, Array]:
-    """Means (kinds, most, most) and roots (kinds, most, most, most) of contacts of 1 … most samples of every kind.
+    """Return prior means (kinds, most, most), roots (kinds, most, most, most) and log probabilities (kinds,).
 
-    And the (kinds,) log probabilities.
+    They cover contacts of 1 … most samples of every kind.
     """
     mean, root = np.zeros((len(KINDS), most, most)), np.zeros((len(KINDS), most, most, most))
     for kind, k in product(range(len(KINDS)), range(most)):
-        mean[kind, k, : k + 1], root[kind, k, : k + 1, : k + 1] = _beforehand(k + 1, kind)
+        mean[kind, k, : k + 1], root[kind, k, : k + 1, : k + 1] = _prior_of(k + 1, kind)
     return mean, root, np.array(_LOG_PRIOR)
 
 
-# --- seen ---
+# --- likelihood ---
 #
-# Readings as seen from pressures nearby: linear, so that all of a few contacts is normal, prior and posterior.
+# Readings linearized about nearby pressures give normal priors and posteriors.
 
 Model = tuple[ContactInterval, ...]
-"""Contacts side by side, ascending, with at least one free sample between them."""
+"""Adjacent contacts, ascending, with at least one free sample between them."""
 
 
 class _Together(NamedTuple):
-    """Models on the k samples that the largest presses: p = mean + root · u beforehand, u of variance 1."""
+    """Models on the k samples of the largest: p = mean + root · u a priori, with u of variance 1."""
 
-    at: NDArray[np.intp]  # (b, k) samples; one beyond the last where a model has none left
+    at: NDArray[np.intp]  # (b, k) samples; padded by the number of samples
     mean: Array  # (b, k)
     root: Array  # (b, k, k)
-    precision: Array  # (b, k, k) by which readings see them
+    precision: Array  # (b, k, k) precision of the readings
     towards: Array  # (b, k) gradient of the readings' log likelihood, from the mean
 
 
 class PressurePosterior(NamedTuple):
-    """Of b models, each on its own samples; the rest of the k that the largest presses are nothing, for sure."""
+    """Posteriors of b models, each on its own samples, padded to the k of the largest."""
 
-    at: NDArray[np.intp]  # (b, k) samples; n, beyond the last, for nothing
+    at: NDArray[np.intp]  # (b, k) samples; n for padding
     mean: Array  # (b, k)
     covariance: Array  # (b, k, k)
 
     def over(self, samples: int) -> tuple[Array, Array]:
-        """(b, samples) means and variances, 0 outside a model's contacts."""
+        """Return (b, samples) means and variances, 0 outside a model's contacts."""
         found = np.zeros((2, len(self.at), samples + 1))
         row = np.arange(len(self.at))[:, None]
         found[0, row, self.at] = self.mean
@@ -155,15 +153,15 @@ class PressurePosterior(NamedTuple):
 
 @dataclass(frozen=True)
 class PressureLikelihood:
-    """Log likelihood −½ pᵀ `precision` p + `towards` · p + `nothing` of (n,) pressures p over typical."""
+    """Log likelihood −½ pᵀ `precision` p + `towards` · p + `nothing` of (n,) pressures p / typical pressure."""
 
     precision: Array  # (n, n)
     towards: Array  # (n,)
     typical: float
-    nothing: float  # of no pressure
+    nothing: float  # log likelihood without pressure
 
     def log_evidence(self, models: Sequence[Model]) -> Array:
-        """(b,) log probabilities of the readings and the model, but for what is the same of all readings."""
+        """Return (b,) joint log probabilities of readings and model, up to a constant."""
         count = np.array([len(model) for model in models])
         at = np.zeros((len(models), count.max(), 3), np.int64)
         for row, model in enumerate(models):
@@ -176,7 +174,7 @@ class PressureLikelihood:
         return np.asarray(self.nothing + (log_prior[at[:, :, 2]] * there).sum(axis=1) + beyond)
 
     def posterior(self, models: Sequence[Model]) -> PressurePosterior:
-        """Of the pressures over typical."""
+        """Return the posterior of the pressures / typical pressure."""
         one = self._together(models)
         inside = np.eye(one.mean.shape[1]) + one.root.swapaxes(1, 2) @ one.precision @ one.root
         spread = one.root @ np.linalg.solve(inside, one.root.swapaxes(1, 2))
@@ -203,44 +201,44 @@ def _pressed(model: Model) -> int:
 
 
 def linearised(slope: Array, value: Array, covariance: Array, typical: float) -> PressureLikelihood:
-    """From (m, n) slopes, (m,) values that slope · pressure should have, and the (m, m) covariance of their noise."""
+    """Return the likelihood of (m, n) slopes and (m,) values of slope · pressure, with noise covariance (m, m)."""
     lower = cholesky(covariance, lower=True)
     white = solve_triangular(lower, np.column_stack([typical * slope, value]), lower=True)
-    seen, said = white[:, :-1], white[:, -1]
-    nothing = -0.5 * said @ said - np.log(np.diag(lower)).sum()
-    return PressureLikelihood(seen.T @ seen, seen.T @ said, typical, float(nothing))
+    slopes, target = white[:, :-1], white[:, -1]
+    nothing = -0.5 * target @ target - np.log(np.diag(lower)).sum()
+    return PressureLikelihood(slopes.T @ slopes, slopes.T @ target, typical, float(nothing))
 
 
 MOST_CONTACTS = 3
 
-_ANY = KINDS.index(ContactPrior(0.7, ENDS[0], ENDS[0]))  # the kind that a contact begins as
+_ANY = KINDS.index(ContactPrior(0.7, ENDS[0], ENDS[0]))  # initial kind of a contact
 _SHARP = tuple(k for k, kind in enumerate(KINDS) if kind.sharp)
 _BLUNT = tuple(k for k in range(len(KINDS)) if k not in _SHARP)
-_SHARES = (0.02, 0.05, 0.1, 0.2, 0.4)  # of the highest pressure: what lies above is a contact
+_SHARES = (0.02, 0.05, 0.1, 0.2, 0.4)  # thresholds for contacts, relative to the highest pressure
 _NEW_WIDTHS = (2, 6)  # samples
-_FARTHEST = 2  # samples that an end moves at once
+_FARTHEST = 2  # largest step of an end, in samples
 _MOST_STEPS = 20
 
 
 class Sort(NamedTuple):
-    """Kinds of answers that no small step joins."""
+    """Class of models that small steps do not leave."""
 
     contacts: int
-    sharp: bool  # at some end
+    sharp: bool  # whether an end is sharp
 
 
 class Climb(NamedTuple):
-    """Log evidence of every model met on the way up, and whether each top was reached."""
+    """Log evidence of every evaluated model, and whether each maximum was reached."""
 
     known: dict[Model, float]
     at_top: bool
 
     def best(self, count: int) -> list[Model]:
-        """The likeliest, first the best."""
+        """Return the most probable models, best first."""
         return sorted(self.known, key=self.known.__getitem__, reverse=True)[:count]
 
     def best_of_sorts(self, within: float) -> dict[Sort, Model]:
-        """The likeliest of each sort, none so far below the best."""
+        """Return the most probable model of each sort, within a log evidence of the best."""
         highest = max(self.known.values())
         likely = [model for model, log in self.known.items() if log > highest - within]
         found: dict[Sort, Model] = {}
@@ -250,23 +248,23 @@ class Climb(NamedTuple):
 
 
 def sort_of(model: Model) -> Sort:
-    """Its number of contacts, and whether some end is sharp."""
+    """Return a model's number of contacts and whether an end is sharp."""
     return Sort(len(model), any(contact.kind in _SHARP for contact in model))
 
 
-def climbed(seen: PressureLikelihood, starts: list[Model], begin: int = 1, sort: Sort | None = None) -> Climb:
-    """From so many of the best starts to their tops, through models of one sort where that is told."""
+def climbed(likelihood: PressureLikelihood, starts: list[Model], begin: int = 1, sort: Sort | None = None) -> Climb:
+    """Climb from the best `begin` starts to their maxima, within one sort if requested."""
     known: dict[Model, float] = {}
-    _meet(seen, known, [model for model in starts if sort is None or sort_of(model) == sort])
+    _evaluate(likelihood, known, [model for model in starts if sort is None or sort_of(model) == sort])
     begun = sorted(known, key=known.__getitem__, reverse=True)[:begin]
-    tops = [_to_the_top(seen, known, start, sort) for start in begun]
-    return Climb(known, all(tops))
+    at_maximum = [_climb(likelihood, known, start, sort) for start in begun]
+    return Climb(known, all(at_maximum))
 
 
-def _to_the_top(seen: PressureLikelihood, known: dict[Model, float], model: Model, sort: Sort | None) -> bool:
+def _climb(likelihood: PressureLikelihood, known: dict[Model, float], model: Model, sort: Sort | None) -> bool:
     for _ in range(_MOST_STEPS):
-        around = list(neighbours(model, len(seen.towards), sort))
-        _meet(seen, known, around)
+        around = list(neighbours(model, len(likelihood.towards), sort))
+        _evaluate(likelihood, known, around)
         best = max(around, key=known.__getitem__)
         if known[best] <= known[model]:
             return True
@@ -274,14 +272,14 @@ def _to_the_top(seen: PressureLikelihood, known: dict[Model, float], model: Mode
     return False
 
 
-def _meet(seen: PressureLikelihood, known: dict[Model, float], models: list[Model]) -> None:
+def _evaluate(likelihood: PressureLikelihood, known: dict[Model, float], models: list[Model]) -> None:
     new = [model for model in dict.fromkeys(models) if model not in known]
     if new:
-        known.update(zip(new, seen.log_evidence(new).tolist(), strict=True))
+        known.update(zip(new, likelihood.log_evidence(new).tolist(), strict=True))
 
 
 def runs(pressure: Array) -> list[Model]:
-    """Models of what lies above some shares of the highest pressure, and of all samples."""
+    """Return models of the samples above several thresholds, and of all samples."""
     found: list[Model] = [(ContactInterval(0, len(pressure), _ANY),)]
     for share in _SHARES:
         above = np.concatenate([[False], pressure > share * pressure.max(), [False]])
@@ -293,13 +291,13 @@ def runs(pressure: Array) -> list[Model]:
 
 
 def alone(samples: int) -> list[Model]:
-    """Models of one contact, its ends at every other sample."""
+    """Return models of one contact with ends at every other sample."""
     ends = range(0, samples + 1, 2)
     return [(ContactInterval(first, stop, _ANY),) for first in ends for stop in ends if first < stop]
 
 
 def neighbours(model: Model, samples: int, sort: Sort | None = None) -> Iterator[Model]:
-    """Models that differ in one contact: its ends, or its kind; unless of one sort, also in how many there are."""
+    """Return models that differ in one contact: ends or kind, and unless `sort` is fixed, the number of contacts."""
     for k, contact in enumerate(model):
         before, after = model[:k], model[k + 1 :]
         low, high = _room(before, after, samples)
@@ -316,14 +314,14 @@ def neighbours(model: Model, samples: int, sort: Sort | None = None) -> Iterator
 
 
 def _kinds_beside(others: Model, sort: Sort | None) -> Sequence[int]:
-    """That a contact may be of."""
+    """Return the kinds that a contact may have beside others."""
     if sort is None or (sort.sharp and sort_of(others).sharp):
         return range(len(KINDS))
     return _SHARP if sort.sharp else _BLUNT
 
 
 def _with_fewer(before: Model, contact: ContactInterval, after: Model) -> Iterator[Model]:
-    """Without it, and joined with the next."""
+    """Return models without the contact, and with it joined to the next."""
     if before or after:
         yield before + after
     if after:
@@ -346,12 +344,12 @@ def _shifted(contact: ContactInterval, low: int, high: int) -> Iterator[ContactI
 
 
 def _room(before: Model, after: Model, samples: int) -> tuple[int, int]:
-    """First and stop between others, a sample being free on each side."""
+    """Return the limits of a contact between others, with one free sample on each side."""
     return before[-1].stop + 1 if before else 0, after[0].first - 1 if after else samples
 
 
 def _split(contact: ContactInterval) -> Iterator[tuple[ContactInterval, ContactInterval]]:
-    """In two, with gaps of any width between, in steps of two samples."""
+    """Return two contacts with gaps of any width between, in steps of two samples."""
     first, stop, kind = contact
     for gap in range(first + 1, stop - 1, 2):
         for after in range(gap + 1, stop, 2):

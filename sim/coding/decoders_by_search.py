@@ -14,33 +14,32 @@ Array = NDArray[np.float64]
 
 # --- univariate ---
 #
-# The source's decoder: one pressure after another is set to what fits the readings best (Raju 1998, §6.7).
-#
-# Along one coordinate SED is a quadratic and the squared error a quartic: its lowest point is found exactly
-# (`converged_search`), or among the values of a grid, as the source does (`grid_search`).
+# The source's decoder sets one pressure after another to its best fit (Raju 1998, §6.7). Along one coordinate SED is
+# a quadratic and the squared error a quartic, whose minimum is exact (`converged_search`), or chosen from a grid as
+# in the source (`grid_search`).
 
 STAGNANT = 1e-9
-"""Share of the range: a sweep over all pressures that moves none by more has converged."""
+"""Convergence threshold, relative to the range: the largest change of a pressure in a sweep."""
 
 MOST_SWEEPS = 20_000
-"""Maximum number of sweeps over two pressures; for more pressures as many moves."""
+"""Maximum number of sweeps over two pressures; for more pressures the same number of moves."""
 
 
 class PressureRange(NamedTuple):
-    """Values that a pressure may take."""
+    """Allowed range of a pressure."""
 
     low: float
     high: float
 
 
 def converged_search(operator: ForwardOperator, reading: Array, start: Array, within: PressureRange) -> Decoded:
-    """Exact minima along each coordinate in turn, to stagnation."""
+    """Search exact minima along each coordinate in turn, to stagnation."""
 
-    def lowest(quartic: Array, now: float) -> float:
+    def lowest(quartic: Array, current: float) -> float:
         turns = np.roots(np.polyder(quartic))
         steps = turns.real[np.abs(turns.imag) <= 1e-6 * (1 + np.abs(turns.real))]
-        values = np.array([now, *np.clip(now + steps, *within), *within])
-        return float(values[np.argmin(np.polyval(quartic, values - now))])
+        values = np.array([current, *np.clip(current + steps, *within), *within])
+        return float(values[np.argmin(np.polyval(quartic, values - current))])
 
     return _search(operator, reading, start, lowest, STAGNANT * (within.high - within.low))
 
@@ -48,17 +47,17 @@ def converged_search(operator: ForwardOperator, reading: Array, start: Array, wi
 def grid_search(
     operator: ForwardOperator, reading: Array, start: Array, within: PressureRange, step: float
 ) -> Decoded:
-    """The best of equally spaced values along each coordinate in turn, until none moves: it may stick in a valley."""
+    """Search the best of equally spaced values along each coordinate in turn; it may get stuck in a valley."""
     values = np.linspace(within.low, within.high, round((within.high - within.low) / step) + 1)
 
-    def lowest(quartic: Array, now: float) -> float:
-        return float(values[np.argmin(np.polyval(quartic, values - now))])
+    def lowest(quartic: Array, current: float) -> float:
+        return float(values[np.argmin(np.polyval(quartic, values - current))])
 
     return _search(operator, reading, start, lowest, 0.0)
 
 
 def quartic_along(operator: ForwardOperator, reading: Array, pressure: Array, k: int) -> Array:
-    """(5,) coefficients, highest power first, of the squared error as pressure k moves by t."""
+    """Return (5,) coefficients, highest power first, of the squared error as pressure k changes by t."""
     column, linear = operator.parts[:, :, k], operator.parts @ pressure
     left = (linear**2).sum(axis=0) - reading
     slope, bend = 2 * (linear * column).sum(axis=0), (column**2).sum(axis=0)
@@ -66,7 +65,7 @@ def quartic_along(operator: ForwardOperator, reading: Array, pressure: Array, k:
 
 
 def error_surface(operator: ForwardOperator, reading: Array, first: Array, second: Array) -> Array:
-    """(k, l) squared errors of two pressures at (k,) values of the first and (l,) of the second."""
+    """Return (k, l) squared errors of two pressures at (k,) values of the first and (l,) of the second."""
     both = np.stack(np.meshgrid(first, second, indexing="ij"), axis=-1)
     sed = (np.einsum("cmn,kln->cklm", operator.parts, both) ** 2).sum(axis=0)
     return np.asarray(((sed - reading) ** 2).sum(axis=-1))
@@ -90,7 +89,7 @@ def _search(
 
 # --- other searches ---
 #
-# Two more decoders that the source names: a table of simulated responses, and a global optimiser.
+# The source names two more decoders: a table of simulated responses, and a global optimizer.
 
 _ROUNDS = 100
 
@@ -98,16 +97,16 @@ _ROUNDS = 100
 def table_search(
     operator: ForwardOperator, reading: Array, within: PressureRange, entries: int, seed: int = 0
 ) -> Decoded:
-    """The nearest in SED of so many random pressures; the same from the same seed."""
+    """Return the random pressures with the nearest SED; reproducible by seed."""
     checked_readings(operator, reading)
-    drawn = np.random.default_rng(seed).uniform(*within, (entries, operator.parts.shape[2]))
-    responses = np.einsum("cmn,kn->ckm", operator.parts, drawn)
-    nearest = drawn[np.argmin((((responses**2).sum(axis=0) - reading) ** 2).sum(axis=1))]
+    samples = np.random.default_rng(seed).uniform(*within, (entries, operator.parts.shape[2]))
+    responses = np.einsum("cmn,kn->ckm", operator.parts, samples)
+    nearest = samples[np.argmin((((responses**2).sum(axis=0) - reading) ** 2).sum(axis=1))]
     return Decoded(nearest, misfit(operator, nearest, reading), converged=True)
 
 
 def global_search(operator: ForwardOperator, reading: Array, within: PressureRange, seed: int = 0) -> Decoded:
-    """Scipy's dual annealing, each local search with the adjoint gradient; the same from the same seed."""
+    """Search by scipy's dual annealing with adjoint gradients; reproducible by seed."""
     checked_readings(operator, reading)
     scale = float(reading @ reading) or 1.0
 

@@ -1,4 +1,4 @@
-"""What all decoders share: their errors, what they return, the metrics of it, and checks of readings."""
+"""Errors, results, metrics and checks that all decoders share."""
 
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -13,33 +13,34 @@ Array = NDArray[np.float64]
 
 
 class CodingError(SimError, ValueError):
-    """What cannot be encoded or decoded.
+    """Error of input that cannot be encoded or decoded.
 
-    An argument that the sentence names is a field whose value is its own name: a program that has other names for its
-    arguments puts these in.
+    An argument that the sentence names is a field whose value is its own name, so that a program with other names for
+    its
+    arguments can replace it.
     """
 
     default_code = "not_coded"
 
 
 class DecodingError(CodingError):
-    """Readings that cannot be decoded; the message says what was expected."""
+    """Error of readings that cannot be decoded."""
 
     default_code = "bad_readings"
 
 
 @dataclass(frozen=True)
 class Decoded:
-    """Pressures that explain readings; `converged` is false where the search was cut off."""
+    """Pressures that explain readings; `converged` is false where the search reached its limit."""
 
     pressure: Array  # (n,) pseudo-units
     misfit: float  # Σ (SED of the pressures − reading)²
     converged: bool
-    path: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (moves + 1, n) where it is kept
+    path: Array = field(default_factory=lambda: np.zeros((0, 0)))  # (moves + 1, n) if recorded
 
 
 class DecodingErrors(NamedTuple):
-    """Three metrics of one difference; which one a number is, is said beside it."""
+    """Three metrics of one difference; name the metric beside each number."""
 
     eq_6_8: float  # Σ (x − x̂)² / Σ x², squared: Raju (1998), Eq. 6.8
     relative_l2: float
@@ -47,21 +48,21 @@ class DecodingErrors(NamedTuple):
 
 
 def decoding_errors(true: Array, found: Array) -> DecodingErrors:
-    """Of (n,) true pressures, not all zero, and those that were found."""
+    """Return the errors of (n,) decoded pressures from true ones, not all zero."""
     missed = ((true - found) ** 2).sum()
     squared = float(missed / (true**2).sum())
     return DecodingErrors(squared, float(np.sqrt(squared)), float(np.sqrt(missed / len(true)) / np.abs(true).max()))
 
 
 def misfit(operator: ForwardOperator, pressure: Array, reading: Array) -> float:
-    """Σ (SED of the pressures − reading)²."""
+    """Return Σ (SED of the pressures − reading)²."""
     return float(((operator.sed(pressure) - reading) ** 2).sum())
 
 
 def checked_readings(operator: ForwardOperator, reading: Array, fewest: int | None = None) -> Array:
-    """(m,) readings, one for each receptor. Raises DecodingError for too few, too many, or no numbers.
+    """Return (m,) readings, one for each receptor. Raises DecodingError for too few, too many, or NaN.
 
-    Too few is fewer than pressures, unless told.
+    `fewest` defaults to the number of pressures.
     """
     receptors, unknowns = operator.parts.shape[1:]
     if reading.shape != (receptors,):

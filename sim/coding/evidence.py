@@ -1,4 +1,4 @@
-"""The evidence of many models of contacts, by loops that are compiled (docs/decisions/0019-compiled-loops.md)."""
+"""Evidence of many contact models, by compiled loops (docs/decisions/0019-compiled-loops.md)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +11,15 @@ Whole = NDArray[np.int64]
 
 @compiled
 def explained(models: Whole, count: Whole, mean: Array, root: Array, precision: Array, towards: Array) -> Array:
-    """(b,) log evidence of models over that of no pressure.
+    """Return (b,) log evidence of models relative to no pressure.
 
-    `models` (b, c, 3) are first and stop of up to c contacts and their kinds, `count` (b,) says how many there are;
-    `mean` (kinds, n, n) and `root` (kinds, n, n, n) are what is known beforehand of contacts of 1 … n samples.
-    Pressures are mean + root · u, u of variance 1 beforehand. With the readings' gradient by u as one more row of u's
-    precision, the Cholesky factor of that ends in the gradient whitened. Innermost loops go along rows; what is 0,
-    a root between contacts, is left out.
+    `models` (b, c, 3) are first, stop and kind of up to c contacts, `count` (b,) their number; `mean` (kinds, n, n)
+    and
+    `root` (kinds, n, n, n) are the priors of contacts of 1 … n samples. Pressures are mean + root · u, with u of
+    prior
+    variance 1. With the readings' gradient by u as one more row of u's precision, the Cholesky factor ends in the
+    whitened
+    gradient. Innermost loops run along rows and skip zeros of the root between contacts.
     """
     n = len(towards)
     found = np.zeros(len(models))

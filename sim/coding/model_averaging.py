@@ -1,4 +1,4 @@
-"""Pressures averaged over models, none below 0: what would lie there is cut off, and the others give way."""
+"""Nonnegative pressures averaged over models, by truncated normal distributions, and a table of random pressures."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -18,14 +18,14 @@ FROM_BEST = 5.0
 """Log evidence below the best model at which models are dropped."""
 
 _MOST_CUTS = 8
-_SURELY_ABOVE = 2.5  # sd: what is cut off so far out moves nothing
+_SURELY_ABOVE = 2.5  # sd: truncation farther out changes nothing
 _HALVINGS = 40
-_NOTHING = 1e-300  # a weight whose log is still a number
+_NOTHING = 1e-300  # smallest weight with a finite log
 
 
 @dataclass(frozen=True)
 class Mixture:
-    """(k,) models; (k, n) means and sds of each model's pressures, sd 0 where it has no contact."""
+    """Models (k,) with means and sds (k, n) of their pressures, sd 0 where a model has no contact."""
 
     log_weight: Array
     mean: Array
@@ -33,17 +33,17 @@ class Mixture:
 
     @property
     def weight(self) -> Array:
-        """(k,) that sum to 1."""
+        """(k,) weights that sum to 1."""
         weight = np.exp(self.log_weight - self.log_weight.max())
         return np.asarray(weight / weight.sum())
 
     def moments(self) -> tuple[Array, Array]:
-        """(n,) mean and standard deviation of each pressure."""
+        """Return (n,) mean and standard deviation of each pressure."""
         middle = np.maximum(0.0, self.weight @ self.mean)
         return middle, np.sqrt(self.weight @ (self.sd**2 + (self.mean - middle) ** 2))
 
     def quantile(self, share: float) -> Array:
-        """(n,) the lowest pressure below which so much of the probability lies; not below 0."""
+        """Return (n,) quantiles of the pressures, not below 0."""
         low, high = np.zeros(self.mean.shape[1]), np.maximum(0.0, (self.mean + 8 * self.sd).max(axis=0))
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
@@ -57,35 +57,36 @@ class Mixture:
         return np.where(spread, ndtr(z), 1.0)
 
 
-def mixed(seen: PressureLikelihood, known: dict[Model, float]) -> Mixture:
-    """Of the likeliest models, each weighed by its evidence and by how probably its pressures all lie above 0."""
+def mixed(likelihood: PressureLikelihood, known: dict[Model, float]) -> Mixture:
+    """Return the mixture of the most probable models, weighted by evidence and probability of positive pressures."""
     best = max(known.values())
     models = sorted((m for m in known if known[m] > best - FROM_BEST), key=known.__getitem__, reverse=True)
     models = models[:MOST_MODELS]
-    found = seen.posterior(models)
+    found = likelihood.posterior(models)
     mean, covariance, above = cut_off(found.mean, found.covariance)
-    mean, variance = PressurePosterior(found.at, mean, covariance).over(len(seen.towards))
+    mean, variance = PressurePosterior(found.at, mean, covariance).over(len(likelihood.towards))
     sd = np.sqrt(np.maximum(variance, 0.0))
-    return Mixture(np.array([known[m] for m in models]) + above, seen.typical * mean, seen.typical * sd)
+    return Mixture(np.array([known[m] for m in models]) + above, likelihood.typical * mean, likelihood.typical * sd)
 
 
 def together(mixtures: list[Mixture]) -> Mixture:
-    """All of their models."""
+    """Return a mixture of all models of several."""
     return Mixture(*(np.concatenate([getattr(m, name) for m in mixtures]) for name in ("log_weight", "mean", "sd")))
 
 
 def pooled(first: Mixture, second: Mixture, share: float) -> Mixture:
-    """Both, the first having so much of the probability, less than 1; its models come first."""
+    """Return both mixtures, the first with a share < 1 of the probability; its models come first."""
     weight = np.concatenate([share * first.weight, (1 - share) * second.weight])
     both = (np.concatenate([getattr(m, name) for m in (first, second)]) for name in ("mean", "sd"))
     return Mixture(np.log(np.maximum(weight, _NOTHING)), *both)
 
 
 def cut_off(mean: Array, covariance: Array) -> tuple[Array, Array, Array]:
-    """Moments of (k, n) normal pressures that are not negative, and the (k,) log probabilities that they are not.
+    """Return moments of (k, n) normal pressures truncated at 0, and (k,) log probabilities of being positive.
 
-    By assumed-density filtering: time after time the pressure that is least surely above 0 is cut off there, and all
-    move with it as they go together.
+    Assumed-density filtering: repeatedly, the pressure that is least surely positive is truncated, and all others
+    change
+    by their correlation with it.
     """
     models = np.arange(len(mean))
     todo, above = np.diagonal(covariance, axis1=1, axis2=2) > 0, np.zeros(len(mean))
@@ -108,30 +109,28 @@ def cut_off(mean: Array, covariance: Array) -> tuple[Array, Array, Array]:
     return mean, covariance, above
 
 
-# --- imagined ---
+# --- prior samples ---
 #
-# Pressures as contacts may bear, drawn at random: what is known of them before any reading, of any size.
-#
-# One contact, or two or three; ends anywhere, level and slow variation inside. At a sharp end, a corner's, pressure
-# rises as one over the root of the distance to it, by an amplitude that is unknown to a factor; ends of one contact
-# are more often alike than not.
+# Random pressures of one to three contacts with ends anywhere, a level and slow variation inside. At a sharp end, a
+# corner's, pressure rises as one over the root of the distance, with an amplitude unknown to a factor; the ends of
+# one contact are usually of the same kind.
 
 HOW_MANY = (0.2, 0.5, 0.3)
-"""Probabilities of one, two and three contacts. Chosen on other scenes and seeds than those reported
-(docs/validation/coding.md), as all below."""
+"""Probabilities of one, two and three contacts. These and all values below were chosen on other scenes and seeds than
+those reported (docs/validation/coding.md)."""
 
 SHARP, ALIKE = 0.6, 0.6
-"""Probabilities that an end is sharp, and that the last end is told to be as the first."""
+"""Probabilities of a sharp end, and that both ends are of the same kind."""
 
-_LEVEL_SD = 0.6  # of a contact's log level, beside others
-_SLOW, _LENGTH_SAMPLES = 0.2, 4.0  # of the variation inside, over the level: sd and length (Matérn 5/2)
-_PEAK, _PEAK_SD = 1.3, 0.8  # log amplitude of a sharp end over the level
+_LEVEL_SD = 0.6  # sd of log levels between contacts
+_SLOW, _LENGTH_SAMPLES = 0.2, 4.0  # variation inside relative to the level: sd and length (Matérn 5/2)
+_PEAK, _PEAK_SD = 1.3, 0.8  # log amplitude of a sharp end / level
 _FADES_SAMPLES = 1.0
 _NARROWEST = 0.7  # samples
 
 
 def imagined(count: int, samples: int, seed: int = 0) -> Array:
-    """(count, samples) none below 0; about 1 inside contacts."""
+    """Return (count, samples) random pressures, not negative; about 1 inside contacts."""
     rng = np.random.default_rng(seed)
     found = np.zeros((count, samples))
     several = rng.choice(len(HOW_MANY), count, p=HOW_MANY) + 1
@@ -145,7 +144,7 @@ def imagined(count: int, samples: int, seed: int = 0) -> Array:
 
 
 def _contact(first: Array, last: Array, samples: int, rng: np.random.Generator) -> Array:
-    """(count, samples) of contacts between (count,) places, in samples."""
+    """Return (count, samples) pressures of contacts between (count,) positions, in samples."""
     number = np.arange(samples)
     covered = np.clip(np.minimum(number + 1, last[:, None]) - np.maximum(number, first[:, None]), 0.0, 1.0)
     apart = np.abs(np.subtract.outer(number, number)) * (np.sqrt(5) / _LENGTH_SAMPLES)
@@ -161,41 +160,40 @@ def _contact(first: Array, last: Array, samples: int, rng: np.random.Generator) 
 
 
 def _peak(from_end: Array) -> Array:
-    """Mean of 1 / √distance over a sample that begins so far from the end, fading; in samples."""
+    """Return the mean of 1 / √distance over a sample at a distance from the end, with a decay; in samples."""
     begins, ends = np.maximum(0.0, from_end), np.maximum(0.0, from_end + 1)
     return np.asarray(2 * (np.sqrt(ends) - np.sqrt(begins)) * np.exp(-begins / _FADES_SAMPLES))
 
 
 # --- table ---
 #
-# A table of imagined pressures with their SED: each weighed by how well it explains readings, whatever its size.
-#
-# Where noise is loud, hundreds of tens of thousands of entries explain the readings: nothing is made linear, nothing
-# is searched for. Where it is quiet too few do. The likelihood is then taken to a power below 1, as if noise were
-# louder, until enough do; that power says how much of what the readings tell the table takes in.
+# A table of random pressures with their SED is weighted by the likelihood of the readings at any size. With loud
+# noise, hundreds of tens of thousands of entries explain the readings, without linearization or search. With less
+# noise too few do. The likelihood is then raised to a power below 1, as if noise were louder, until enough do; that
+# power is the fraction of the readings' information that the table uses.
 
 Singles = NDArray[np.float32]
 
 ENTRIES = 40_000
 ENOUGH = 100.0
-"""Effective number of entries."""
+"""Effective number of entries required."""
 
-_DRAWS = 400  # that stand for the weighed entries
-_SIZE_SD = 0.8  # of the log of an entry's pressures, about those whose SED is as large as the readings'
-_STEPS = np.arange(-3.0, 3.01, 0.25)  # of that, in sd
-_WEAKER = 0.8  # each power over the one before
-_UNLIKELY = 8.0  # log likelihood below the best: left out
+_DRAWS = 400  # draws that represent the weighted entries
+_SIZE_SD = 0.8  # sd of the log size of an entry, about that of the readings' SED
+_STEPS = np.arange(-3.0, 3.01, 0.25)  # of that size, in sd
+_WEAKER = 0.8  # ratio of successive powers
+_UNLIKELY = 8.0  # log likelihood below the best at which entries are dropped
 
 
 class Weighed(NamedTuple):
-    """What explains readings, and the power that its likelihood was taken to."""
+    """Weighted table entries, and the power of the likelihood."""
 
     mixture: Mixture
     power: float
 
 
 class _Likelihood(NamedTuple):
-    """Logs, of an entry's SED times u: along · u − ½ square · u²."""
+    """Log likelihoods of an entry's SED times u: along · u − ½ square · u²."""
 
     along: Array  # (k,)
     square: Array  # (k,)
@@ -203,14 +201,14 @@ class _Likelihood(NamedTuple):
 
 @dataclass(frozen=True)
 class ProfileTable:
-    """(k, n) pressures, not negative, and their (k, m) SED, whose squares sum to 1; forces upright."""
+    """Pressures (k, n), not negative, and their normalized SED (k, m); forces normal to the undeformed skin."""
 
     pressure: Singles
     sed: Singles
-    squared: Singles  # SED
+    squared: Singles  # squared SED
 
     def weighed(self, value: Array, variance: Array, size: float) -> Weighed:
-        """By (m,) readings of SED, their variances, and about how large SED is: the root of its sum of squares."""
+        """Weight the entries by (m,) SED readings, their variances, and the norm of SED."""
         along = size * (self.sed @ (value / variance).astype(np.float32)).astype(np.float64)
         square = size**2 * (self.squared @ (1 / variance).astype(np.float32)).astype(np.float64)
         at, share, power = _until_enough(_Likelihood(along, square))
@@ -222,7 +220,7 @@ class ProfileTable:
 
 
 def _until_enough(likelihood: _Likelihood) -> tuple[NDArray[np.intp], Array, float]:
-    """Entries that are not unlikely, the share of each at each step of size, and the highest power that will do."""
+    """Return probable entries, their weights at each size, and the highest sufficient power."""
     along, square = likelihood
     best = np.where(along > 0, 0.5 * along**2 / square, 0.0)
     best -= best.max()
@@ -238,7 +236,7 @@ def _until_enough(likelihood: _Likelihood) -> tuple[NDArray[np.intp], Array, flo
 
 
 def _spread_over(share: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows and columns of draws, as many of each as its share has it."""
+    """Return rows and columns of draws in proportion to their shares."""
     rising = np.cumsum(share)
     picked = np.searchsorted(rising, (np.arange(_DRAWS) + 0.5) / _DRAWS * rising[-1])
     row, column = np.unravel_index(picked, share.shape)
@@ -246,7 +244,7 @@ def _spread_over(share: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 
 class _Same:
-    """An operator by identity."""
+    """Operator compared by identity."""
 
     def __init__(self, operator: ForwardOperator) -> None:
         self.operator = operator
@@ -259,7 +257,7 @@ class _Same:
 
 
 def table_of(operator: ForwardOperator) -> ProfileTable:
-    """Made once for an operator, in some tenths of a second; the last few are kept."""
+    """Return an operator's table, made in some tenths of a second; the last few are cached."""
     return _made(_Same(operator))
 
 
@@ -278,5 +276,5 @@ def _made(same: _Same) -> ProfileTable:
 
 @lru_cache(maxsize=2)
 def _drawn(entries: int, samples: int) -> Singles:
-    """The same for every operator of so many pressures."""
+    """Return the random pressures that all operators of this size share."""
     return imagined(entries, samples).astype(np.float32)

@@ -1,4 +1,4 @@
-"""The whole finger under unit forces on its skin, on a mesh that is even over the pulp."""
+"""Whole finger under unit forces on its skin, with a uniform mesh over the pulp."""
 
 from collections.abc import Sequence
 from functools import cached_property
@@ -26,26 +26,26 @@ Array = NDArray[np.float64]
 Direction = Literal["normal", "vertical"]
 """Direction of a force: along the skin's inward normal, or along −y."""
 
-_WIDEST_Z_MM = 4.5  # to each side of the receptor plane: as far as a mesh is made even
+_WIDEST_Z_MM = 4.5  # to each side of the receptor plane: largest uniform mesh
 _FROM_ENDS_MM = 0.5
 _BESIDE_MM = 1e-6
-_SIDE_RAD = 0.3  # of a section's widest places, where the nail is near
+_SIDE_RAD = 0.3  # beyond a section's widest points, near the nail
 
 
 class PointLoad(NamedTuple):
-    """A unit force on a place of the skin."""
+    """Unit force at a point of the skin."""
 
     x_mm: float
     z_mm: float
     direction: Direction = "normal"
-    at_node: bool = False  # on the nearest node; else shared between the four around the place
+    at_node: bool = False  # on the nearest node, else shared between the four nodes around the point
 
 
 class LoadedFinger:
-    """A finger's mesh, its factor made when it is first needed (seconds), and places on and below its skin."""
+    """Finger's mesh with a factor computed on first use (seconds), and points on and below its skin."""
 
     def __init__(self, config: FingertipConfig, even: HalfWidths | None = None) -> None:
-        """Its mesh is even over half widths about the receptor plane; by default as long as can be.
+        """Make the mesh uniform over half-widths about the receptor plane; by default as long as possible.
 
         Raises ModelRangeError for tissue that stiffens.
         """
@@ -57,12 +57,12 @@ class LoadedFinger:
 
     @cached_property
     def recovered_z_mm(self) -> tuple[float, float]:
-        """Between which strain is recovered: not in the last elements at both ends."""
+        """Range of z where strain is recovered: not in the last elements at both ends (mm)."""
         z_mm = self.interior.mesh.z_mm
         return float(z_mm[1]), float(z_mm[-2])
 
     def skin(self, x_mm: Array, z_mm: Array) -> Array:
-        """(…, 3) places on the pulp's skin at x and z; nan beside it. mm."""
+        """Return (…, 3) points on the pulp's skin at x and z in mm; nan beside it."""
         phi = self.surface.angle_at(x_mm, z_mm)
         there, y = self.surface.section(phi, z_mm)
         inside = (np.abs(there - x_mm) < _BESIDE_MM) & (phi > _SIDE_RAD) & (phi < np.pi - _SIDE_RAD)
@@ -70,12 +70,12 @@ class LoadedFinger:
         return np.where(inside[..., None], np.stack([there, y, z_mm], axis=-1), np.nan)
 
     def normals(self, skin_mm: Array) -> Array:
-        """(…, 3) outward unit normals at places on the skin."""
+        """Return (…, 3) outward unit normals at points on the skin."""
         x, _, z = np.moveaxis(skin_mm, -1, 0)
         return self.surface.normal(self.surface.angle_at(x, z), z)
 
     def frames(self, skin_mm: Array) -> Array:
-        """(…, 3, 3) unit vectors at places on the skin: across the finger, outward, along it."""
+        """Return (…, 3, 3) unit vectors at points on the skin: across the finger, outward, along it."""
         x, _, z = np.moveaxis(skin_mm, -1, 0)
         across = -self.surface.tangents(self.surface.angle_at(x, z), z)[0]  # φ falls with x
         across /= np.linalg.norm(across, axis=-1, keepdims=True)
@@ -83,7 +83,7 @@ class LoadedFinger:
         return np.stack([across, outward, np.cross(across, outward)], axis=-2)
 
     def foot_mm(self, load: PointLoad) -> Array:
-        """(3,) where a load is. Raises ModelRangeError beside the pulp."""
+        """Return the (3,) point of a load. Raises ModelRangeError beside the pulp."""
         foot = self.skin(np.array(load.x_mm), np.array(load.z_mm))
         if np.isnan(foot).any():
             raise ModelRangeError(
@@ -99,14 +99,14 @@ class LoadedFinger:
         return np.asarray(skin[np.argmin(((skin - foot) ** 2).sum(axis=1))])
 
     def recovery(self, at_mm: Array, progress: Progress | None = None) -> Recovery:
-        """How strain at (n, 3) receptors comes of nodes that move; kept of the last ones. Raises ReceptorError."""
+        """Return the map from nodal displacements to strain at (n, 3) receptors. Raises ReceptorError."""
         name = at_mm.tobytes()
         if name not in self._recovered:
             self._recovered = {name: self.interior.recovery(at_mm, progress)}
         return self._recovered[name]
 
     def moved(self, loads: Sequence[PointLoad]) -> Array:
-        """(k, n_nodes, 3) mm·MPa/N by which nodes move under each, for E(epidermis) = 1 MPa."""
+        """Return (k, n_nodes, 3) displacements in mm·MPa/N under each load, for E(epidermis) = 1 MPa."""
         return self.interior.moved(np.stack([self._under(load) for load in loads]))
 
     def _under(self, load: PointLoad) -> Array:
@@ -115,7 +115,7 @@ class LoadedFinger:
         return self.on_nodes(foot[None], towards[None])
 
     def on_nodes(self, skin_mm: Array, force: Array) -> Array:
-        """(n_nodes, 3) of (k, 3) forces on places of the skin, each shared between the four nodes around it."""
+        """Distribute (k, 3) forces at points of the skin to (n_nodes, 3) forces on the four nodes around each."""
         mesh = self.interior.mesh
         phi = self.surface.angle_at(skin_mm[:, X], skin_mm[:, Z])
         shares = point_force(mesh.z_mm, mesh.phi, np.stack([skin_mm[:, Z], phi], axis=1))
@@ -132,27 +132,27 @@ def _all_along(config: FingertipConfig) -> HalfWidths:
 
 
 def energy_density(strain: Array, young_ratio: Array, poisson: float) -> Array:
-    """(…, n) SED in pseudo-units of (…, n, 6) strains where E / E(epidermis) is (n,)."""
+    """Return (…, n) SED in pseudo-units of (…, n, 6) strains where E / E(epidermis) is (n,)."""
     stress = stress_from_strain(strain, Elastic(PSEUDO_E_EPIDERMIS, poisson))
     return np.asarray(0.5 * young_ratio * (stress * strain).sum(axis=-1))
 
 
 # --- sites ---
 #
-# The 24 places at which the source loads its finger, and what it fitted there (Raju 1998, Fig. 6-3, Table 6.1).
+# The source loads its finger at 24 sites (Raju 1998, Fig. 6-3, Table 6.1).
 
 
 class Site(NamedTuple):
-    """A place on the pulp's skin."""
+    """Site on the pulp's skin."""
 
     number: int
     x_mm: float
     z_mm: float
-    on_pulp: bool  # and not on the distal tip
+    on_pulp: bool  # on the pulp rather than the distal tip
 
 
 class PublishedPowerLaw(NamedTuple):
-    """Table 6.1: SED = A / r^m; the load's size is not printed."""
+    """Row of Table 6.1: SED = A / r^m; the load's size is not printed."""
 
     number: int
     a: float
@@ -161,19 +161,19 @@ class PublishedPowerLaw(NamedTuple):
 
 
 def published_sites() -> tuple[Site, ...]:
-    """Figure 6-3's, in its order."""
+    """Return the sites of Figure 6-3, in its order."""
     numbers, xyz, regions = published_points()
     rows = zip(numbers.tolist(), xyz.tolist(), regions, strict=True)
     return tuple(Site(number, x, z, region == "top") for number, (x, _, z), region in rows)
 
 
 def published_table() -> tuple[PublishedPowerLaw, ...]:
-    """Table 6.1, in its order."""
+    """Return the rows of Table 6.1, in its order."""
     with as_file(files("sim") / "data" / "table_6_1.csv") as path:
         rows = read_columns(path, ("site", "a", "m", "r2"))
     return tuple(PublishedPowerLaw(int(number), a, m, r2) for number, a, m, r2 in rows)
 
 
 def spread_over_mean(values: Array) -> float:
-    """Standard deviation (n − 1, as the source's) over the mean."""
+    """Return the standard deviation (n − 1, as in the source) / mean."""
     return float(values.std(ddof=1) / values.mean())

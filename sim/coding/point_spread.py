@@ -1,4 +1,4 @@
-"""SED about each of many equal point loads, the power law that it falls off by, and how round it is."""
+"""Spread of SED under equal point loads: power-law decay and isotropy."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -37,18 +37,18 @@ none."""
 SECTORS = 8
 """Sectors of the azimuth about a load; the first is centered on +x, the third on +z."""
 
-_FEWEST = 12  # samples that a law is fitted to
+_FEWEST = 12  # fewest samples for a fit
 
 
 class Sheet(NamedTuple):
-    """Receptors under equally spaced places of the pulp's skin; mm."""
+    """Receptors under equally spaced points of the pulp's skin (mm)."""
 
     skin_mm: Array  # (n, 3)
     at_mm: Array  # (n, 3)
 
 
 def receptor_sheet(finger: LoadedFinger, spacing_mm: float = SPACING_MM, depth_mm: float = DEFAULT_DEPTH_MM) -> Sheet:
-    """All over the pulp, perpendicularly so far below it; places are counted from x = 0 and the receptor plane."""
+    """Return receptors at a perpendicular depth all over the pulp, on a grid about x = 0 and the receptor plane."""
     plane, length = finger.config.receptor_plane_mm, finger.config.geometry.length_mm
     reach = int(length / spacing_mm)
     steps = spacing_mm * np.arange(-reach, reach + 1)
@@ -63,24 +63,25 @@ def receptor_sheet(finger: LoadedFinger, spacing_mm: float = SPACING_MM, depth_m
 
 @dataclass(frozen=True)
 class PointSpread:
-    """SED at the receptors in the neighbourhood of a load."""
+    """SED at the receptors around a load."""
 
     site: Site
     load_mm: Array  # (3,)
-    sheet: Sheet  # (n,) receptors of it
+    sheet: Sheet  # with (n,) receptors
     sed: Array  # (n,) pseudo-units
-    young_ratio: Array  # (n,) E / E(epidermis) there
+    young_ratio: Array  # (n,) E / E(epidermis) at the receptors
 
     @property
     def distance_mm(self) -> Array:
-        """(n,) from the load to the receptors, in space."""
+        """(n,) distances in space from the load to the receptors (mm)."""
         return np.asarray(np.linalg.norm(self.sheet.at_mm - self.load_mm, axis=1))
 
     def by_azimuth(self, law: PowerLaw) -> Array:
-        """(SECTORS,) mean SED over the law's, by the direction on the skin; nan where there is no receptor.
+        """Return (SECTORS,) mean SED / the law's, by direction on the skin; nan without receptors.
 
-        Of the disc that fits into the neighbourhood, so that all sectors are as far away; receptors nearer than half
-        their depth have no direction to speak of, and are left out.
+        Receptors lie in the disc that fits into the area, so that all sectors reach equally far. Those nearer than
+        half their
+        depth have no clear direction and are left out.
         """
         x, _, z = (self.sheet.skin_mm - self.load_mm).T
         away = np.hypot(x, z)
@@ -101,7 +102,7 @@ def spreads(
     *,
     at_node: bool = False,
 ) -> list[PointSpread]:
-    """Equal forces at sites, one at a time. Raises ModelRangeError beside the pulp, and where too few are near."""
+    """Return the spreads under equal forces at sites. Raises ModelRangeError off the pulp or with few receptors."""
     loads = [PointLoad(site.x_mm, site.z_mm, direction, at_node) for site in sites]
     feet = [finger.foot_mm(load) for load in loads]
     near = [_near(sheet, foot, half_width_mm, site) for foot, site in zip(feet, sites, strict=True)]
@@ -132,7 +133,7 @@ def _near(sheet: Sheet, foot: Array, half_width_mm: float, site: Site) -> NDArra
 
 
 class Judged(NamedTuple):
-    """A site's spread and what was fitted to it."""
+    """Spread at a site with its fits."""
 
     spread: PointSpread
     linear: PowerLaw
@@ -140,19 +141,19 @@ class Judged(NamedTuple):
 
     @property
     def asymmetry(self) -> float:
-        """Highest less lowest sector, of the SED over its law."""
+        """Highest minus lowest sector of SED / its law."""
         sectors = self.spread.by_azimuth(self.linear)
         return float(np.nanmax(sectors) - np.nanmin(sectors))
 
 
 def judged(spread: PointSpread) -> Judged:
-    """Both fits."""
+    """Return a spread with both fits."""
     linear, logarithmic = (fitted(spread.distance_mm, spread.sed, kind) for kind in FIT_KINDS)
     return Judged(spread, linear, logarithmic)
 
 
 class Mean(NamedTuple):
-    """Of A and m over sites: means, and standard deviations over them."""
+    """Means and standard deviations of A and m over sites."""
 
     a: float
     a_spread: float
@@ -161,18 +162,16 @@ class Mean(NamedTuple):
 
 
 def mean_over(laws: Sequence[PowerLaw] | Sequence[PublishedPowerLaw]) -> Mean:
-    """Over all that are given."""
+    """Return the means over laws."""
     a, m = np.array([law.a for law in laws]), np.array([law.m for law in laws])
     return Mean(float(a.mean()), spread_over_mean(a), float(m.mean()), spread_over_mean(m))
 
 
 # --- moved response ---
 #
-# One place's response moved to where another force is: convolution on the whole finger, and what it misses.
-#
-# Places are compared along the skin: by the length of the chord between two of them, in the direction of its
-# projection onto the plane that touches the skin under the force. Strains are those across the finger, outward and
-# along it, each at its own receptor.
+# Convolution on the whole finger uses one response for all forces. Offsets along the skin have the length of the
+# chord and the direction of its projection onto the tangent plane under the force. Strains are across the finger,
+# outward and along it, at each receptor.
 
 _PAIRS = np.array([[0, 0], [1, 1], [2, 2], [0, 1], [1, 2], [0, 2]])  # e11 e22 e33 e12 e23 e13
 _IN_PLANE_MM = 1e-6
@@ -180,7 +179,7 @@ _ENGINEERING = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
 
 
 def in_frames(strain: Array, frames: Array) -> Array:
-    """(…, n, 6) engineering strains in (n, 3, 3) frames, from Cartesian ones."""
+    """Return (…, n, 6) engineering strains in (n, 3, 3) frames, from Cartesian ones."""
     tensor = np.empty((*strain.shape[:-1], 3, 3))
     for (i, j), one in zip(_PAIRS.tolist(), np.moveaxis(strain / _ENGINEERING, -1, 0), strict=True):
         tensor[..., i, j] = tensor[..., j, i] = one
@@ -189,7 +188,7 @@ def in_frames(strain: Array, frames: Array) -> Array:
 
 
 class MissedOfPress(NamedTuple):
-    """Of SED: relative L2, the peak; the share of lateral forces, and relative L2 without these in the truth."""
+    """Errors of SED: relative L2 and peak; share of lateral forces, and relative L2 without these in the truth."""
 
     relative_l2: float
     peak: float
@@ -199,16 +198,16 @@ class MissedOfPress(NamedTuple):
 
 @dataclass(frozen=True)
 class MovedResponse:
-    """Strain in the skin's axes about a unit normal force in the middle of the pad, to be moved elsewhere."""
+    """Strain in the skin's axes around a unit normal force in the middle of the pad, for use elsewhere."""
 
     finger: LoadedFinger
     sheet: Sheet
     recovery: Recovery
-    strain_at: CloughTocher2DInterpolator  # of (…, 2) offsets across and along, mm; 0 beyond what was seen
+    strain_at: CloughTocher2DInterpolator  # of (…, 2) offsets across and along in mm; 0 beyond the data
 
     @classmethod
     def of(cls, finger: LoadedFinger, sheet: Sheet) -> "MovedResponse":
-        """By one solve. Raises ModelRangeError."""
+        """Compute the response by one solve. Raises ModelRangeError."""
         middle = PointLoad(0.0, finger.config.receptor_plane_mm)
         recovery = finger.recovery(sheet.at_mm)
         strain = recovery.strain(finger.moved([middle]))[0]
@@ -216,32 +215,32 @@ class MovedResponse:
         turned = in_frames(strain, finger.frames(sheet.skin_mm))
         return cls(finger, sheet, recovery, CloughTocher2DInterpolator(offset, turned, fill_value=0.0))
 
-    def convolved(self, place_mm: Array, force_n: Array, skin_mm: Array) -> Array:
-        """(n, 6) strains in the skin's axes below (n, 3) places of skin: k inward forces, each with this response."""
-        by_force = self.strain_at(_offsets(self.finger, place_mm, skin_mm))
+    def convolved(self, at_mm: Array, force_n: Array, skin_mm: Array) -> Array:
+        """Return (n, 6) strains in the skin's axes below (n, 3) points, under k inward forces with this response."""
+        by_force = self.strain_at(_offsets(self.finger, at_mm, skin_mm))
         return np.einsum("k,knc->nc", force_n, by_force)
 
     def missed(self, spread: PointSpread, force_gwt: float) -> float:
-        """Relative L2 of the SED about a site: this response moved there against finite elements of that load."""
+        """Return the relative L2 error of SED about a site: this response against finite elements of that load."""
         force = np.array([force_gwt * GWT_N / self.finger.config.tissue.e_epidermis_mpa])
         strain = self.convolved(spread.load_mm[None], force, spread.sheet.skin_mm)
         sed = energy_density(strain, spread.young_ratio, self.finger.config.tissue.poisson)
         return _relative_l2(sed, spread.sed)
 
     def missed_of_press(self, pressed: IndentationResult) -> MissedOfPress:
-        """What convolution makes of a press at the receptors of the receptor plane."""
+        """Return the errors of convolution for a press, at the receptors of the receptor plane."""
         patch = pressed.model.patch
         force = np.zeros((len(patch), 3))
         force[:, list(patch.axes)] = pressed.state.force.T
         touched = np.abs(force).max(axis=1) > 0
-        place, force = patch.position_mm[touched], force[touched]
-        outward = self.finger.normals(place)
+        points, force = patch.position_mm[touched], force[touched]
+        outward = self.finger.normals(points)
         inward = -(force * outward).sum(axis=1)
         lateral = np.linalg.norm(force + inward[:, None] * outward, axis=1)
         row = np.abs(self.sheet.skin_mm[:, Z] - self.finger.config.receptor_plane_mm) < _IN_PLANE_MM
-        loads = [self.finger.on_nodes(place, one) for one in (force, -inward[:, None] * outward)]
+        loads = [self.finger.on_nodes(points, forces) for forces in (force, -inward[:, None] * outward)]
         true = self.recovery.strain(self.finger.interior.moved(np.stack(loads)))[:, row]
-        found = self.convolved(place, inward, self.sheet.skin_mm[row])
+        found = self.convolved(points, inward, self.sheet.skin_mm[row])
         poisson, young = self.finger.config.tissue.poisson, self.recovery.young_ratio[row]
         sed, all_of_it, normal_alone = (energy_density(strain, young, poisson) for strain in (found, *true))
         return MissedOfPress(
@@ -257,7 +256,7 @@ def _relative_l2(found: Array, true: Array) -> float:
 
 
 def _offsets(finger: LoadedFinger, from_mm: Array, to_mm: Array) -> Array:
-    """(k, n, 2) from k places of the skin to n others, across and along."""
+    """Return (k, n, 2) offsets from k points of the skin to n others, across and along."""
     chord = to_mm[None] - from_mm[:, None]
     across, _, along = np.moveaxis(finger.frames(from_mm), -2, 0)
     flat = np.stack([np.einsum("knc,kc->kn", chord, axis) for axis in (across, along)], axis=-1)

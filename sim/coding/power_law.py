@@ -1,4 +1,4 @@
-"""SED = A / r^m by least squares, of the SED itself or of its logarithm."""
+"""Power law SED = A / r^m, by least squares of SED or of its logarithm."""
 
 from typing import Literal, NamedTuple, get_args
 
@@ -15,20 +15,20 @@ logarithms."""
 
 
 class PowerLaw(NamedTuple):
-    """A / r^m, how well it correlates with what it was fitted to, and the share of the variance that it explains."""
+    """Power law A / r^m, its correlation with the data, and the share of variance that it explains."""
 
-    a: float  # at r = 1 mm, in the unit of what was fitted
+    a: float  # at r = 1 mm, in the unit of the data
     m: float
     r: float
     r2: float
 
     def at(self, distance_mm: Array) -> Array:
-        """(n,) its values."""
+        """Return (n,) values of the law."""
         return np.asarray(self.a / distance_mm**self.m)
 
 
 def fitted(distance_mm: Array, values: Array, kind: FitKind) -> PowerLaw:
-    """The law closest to (n,) positive values at (n,) distances."""
+    """Fit the law to (n,) positive values at (n,) distances."""
     logs = np.log(distance_mm), np.log(values)
     slope, intercept = np.polyfit(*logs, 1)
     if kind == "logarithmic":

@@ -1,9 +1,10 @@
-"""Pressures without friction: each stands normal to the skin as it lies under all of them.
+"""Pressures without friction, each normal to the deformed skin.
 
-Without friction an indentor pushes along its own normal, and where it touches the skin lies on it. So how forces lean
-follows from the pressures themselves: they move the skin (the section's compliance), its slope says how each leans,
-and what leans has a part along the undeformed skin. Under a press it gives what the press gives to 1 % of SED, under
-corners sharper than a sample to 1 to 6 %; normal pressures alone miss 3 to 14 % (docs/validation/coding.md).
+Without friction an indentor pushes along its own normal, and in contact the skin follows its surface. So the
+pressures
+themselves determine the direction of the forces: they move the skin (the section's compliance), its slope is their
+lean, and a leaning force has a part along the undeformed skin. SED agrees with that of presses to 1 %, under corners
+sharper than a sample to 1 to 6 %; normal pressures alone differ by 3 to 14 % (docs/validation/coding.md).
 """
 
 from collections.abc import Callable
@@ -19,38 +20,36 @@ from sim.errors import ModelRangeError
 from sim.models.result import IndentationResult
 from sim.units import PSEUDO_E_EPIDERMIS
 
-# --- borne ---
-#
-# What a press bears on the skin of the section, as pressures at its nodes or at equally spaced samples.
+# --- contact pressure ---
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Borne:
-    """Pressures at the section's skin nodes; pseudo-units, in axes normal to the undeformed skin and along it."""
+    """Pressures at the section's skin nodes in pseudo-units, normal to the undeformed skin and along it."""
 
     place_mm: Array  # (k,) ascending
-    width_mm: Array  # (k,) of skin that belongs to each node
+    width_mm: Array  # (k,) tributary width of each node
     normal: Array  # (k,) inward
     lateral: Array  # (k,) rising with x
 
     @property
     def lateral_share(self) -> float:
-        """Size of all lateral forces over that of all normal ones."""
+        """Sum of lateral force magnitudes / that of normal ones."""
         return float((np.abs(self.lateral) * self.width_mm).sum() / (np.abs(self.normal) * self.width_mm).sum())
 
     @property
     def stacked(self) -> Array:
-        """(2 k,) normal, then lateral: what the influence operator takes."""
+        """(2 k,) normal, then lateral pressures: input of the influence operator."""
         return np.concatenate([self.normal, self.lateral])
 
     def at(self, place_mm: Array) -> Array:
-        """(n,) normal pressures at places, linear between the nodes."""
+        """Return (n,) normal pressures, interpolated linearly between the nodes."""
         return np.interp(place_mm, self.place_mm, self.normal)
 
     def means(self, place_mm: Array) -> Array:
-        """(n,) normal pressures on samples about (n,) equally spaced places: the force on each, over its width."""
+        """Return (n,) mean normal pressures on samples about (n,) equally spaced locations."""
         half = (place_mm[1] - place_mm[0]) / 2
         between = np.append(place_mm - half, place_mm[-1] + half)
         ends = np.append(self.place_mm - self.width_mm / 2, self.place_mm[-1] + self.width_mm[-1] / 2)
@@ -59,39 +58,39 @@ class Borne:
 
 
 def borne_by(section: SampledSection, pressed: IndentationResult) -> Borne:
-    """What the indentor presses on the section's skin. Raises ModelRangeError where that is beside the pulp."""
-    patch = pressed.model.patch  # off the middle it may be a wider one than the section begins with
-    place, (low, high) = section.line.places(patch.x), section.line.reach_mm
-    meant = pressed.state.force.any(axis=0) | (place >= low) & (place <= high)
-    order = np.flatnonzero(meant)[np.argsort(place[meant])]
-    place, width, force = place[order], patch.area_mm2[order], pressed.state.force[:, order]
+    """Return the contact pressures of a press on the section. Raises ModelRangeError beside the pulp."""
+    patch = pressed.model.patch  # away from the middle, the patch may be wider than the section's own
+    location, (low, high) = section.line.places(patch.x), section.line.reach_mm
+    selected = pressed.state.force.any(axis=0) | (location >= low) & (location <= high)
+    order = np.flatnonzero(selected)[np.argsort(location[selected])]
+    location, width, force = location[order], patch.area_mm2[order], pressed.state.force[:, order]
     pressure = PSEUDO_E_EPIDERMIS * force / width
-    normal = section.line.normals(section.line.angles(place)).T
+    normal = section.line.normals(section.line.angles(location)).T
     inward = -(normal * pressure).sum(axis=0)
     along = normal[Y] * pressure[X] - normal[X] * pressure[Y]
-    return Borne(place, width, inward, along)
+    return Borne(location, width, inward, along)
 
 
-_ROUNDS = 4  # pressures that lean move the skin: the fourth round changes SED by less than 0.1 %
-_LEAN_SD = 0.15  # as far off as leans are at corners sharper than a sample; alike over a length of skin
+_ROUNDS = 4  # leaning pressures move the skin: the fourth round changes SED by less than 0.1 %
+_LEAN_SD = 0.15  # error of leans at corners sharper than a sample, correlated over a length of skin
 _LEAN_LENGTH_MM = 0.2
 _STEEPEST = 1.0  # a lean by more than 45° is no contact
 
 
 @dataclass(frozen=True)
 class SectionSkin:
-    """The skin at the ends of n samples, and how their pressures move it; mm and pseudo-units."""
+    """Skin at the ends of n samples, and its displacement by their pressures, in mm and pseudo-units."""
 
     at_rest_mm: Array  # (2, n + 1) x and y
-    moved_mm: Array  # (2, n + 1, 2 n) per pressure: normal ones, then lateral ones
-    normal: Array  # (n, 2) outward, of the undeformed skin in the middle of each sample
+    moved_mm: Array  # (2, n + 1, 2 n) per unit of normal, then of lateral pressure
+    normal: Array  # (n, 2) outward normals of the undeformed skin in the middle of each sample
 
     def pressed(self, pressure: Array, lateral: Array) -> Array:
-        """(2, n + 1) where the samples' ends lie under (n,) normal and lateral pressures."""
+        """Return (2, n + 1) the samples' ends under (n,) normal and lateral pressures (mm)."""
         return np.asarray(self.at_rest_mm + self.moved_mm @ np.concatenate([pressure, lateral]))
 
     def lean(self, pressure: Array) -> Array:
-        """(n,) lateral over normal pressure of each sample."""
+        """Return (n,) lateral / normal pressure of each sample."""
         lean = np.zeros_like(pressure)
         for _ in range(_ROUNDS):
             along = np.diff(self.pressed(pressure, lean * pressure), axis=1)
@@ -103,42 +102,42 @@ class SectionSkin:
 
 @dataclass(frozen=True)
 class Frictionless(ForwardOperator):
-    """SED under normal pressures with all that they bear along the skin; no longer quite quadratic in them."""
+    """SED under normal pressures and the lateral ones that they imply; no longer exactly quadratic."""
 
-    lateral: Array  # (c, m, n) beside `parts`, of pressures along the skin
+    lateral: Array  # (c, m, n) like `parts`, of pressures along the skin
     skin: SectionSkin
 
     def per_receptor(self, change: Callable[[Array], Array]) -> ForwardOperator:
-        """With what stands for the receptors, the second axis of (c, m, n), changed."""
+        """Return the operator with its receptors, the second axis of (c, m, n), changed."""
         return replace(self, parts=change(self.parts), lateral=change(self.lateral))
 
     def leaning(self, pressure: Array) -> ForwardOperator:
-        """Quadratic: leans held as they are under these pressures."""
+        """Return the quadratic operator with leans fixed as under these pressures."""
         parts = self.parts + self.lateral * self.skin.lean(pressure)
         return ForwardOperator(self.name, self.energy, parts, self.place_mm, self.receptor_mm)
 
     def unsure(self, pressure: Array) -> Array:
-        """(m, m) covariance of SED from what is not known of the leans."""
+        """Return the (m, m) covariance of SED from uncertain leans."""
         linear = self.leaning(pressure).parts @ pressure
         by_lean = 2 * np.einsum("cm,cmn->mn", linear, self.lateral) * pressure
         apart = np.subtract.outer(self.place_mm, self.place_mm) / _LEAN_LENGTH_MM
         return np.asarray(_LEAN_SD**2 * by_lean @ np.exp(-0.5 * apart**2) @ by_lean.T)
 
     def sed(self, pressure: Array) -> Array:
-        """(m,) SED under (n,) pressures."""
+        """Return (m,) SED under (n,) pressures."""
         return self.leaning(pressure).sed(pressure)
 
     def slope(self, pressure: Array) -> Array:
-        """(m, n) derivatives of the SED, leans held."""
+        """Return (m, n) derivatives of the SED at fixed leans."""
         return self.leaning(pressure).slope(pressure)
 
     def pulled_back(self, pressure: Array, weight: Array) -> Array:
-        """(n,) gradient of Σ weight · SED, leans held."""
+        """Return the (n,) gradient of Σ weight · SED at fixed leans."""
         return self.leaning(pressure).pulled_back(pressure, weight)
 
 
 def frictionless(section: FeltSection, ends_mm: Array, energy: Energy) -> Frictionless:
-    """Of samples of skin between (n + 1,) ascending places. Raises ModelRangeError beside the section's patch."""
+    """Return the operator of skin samples between (n + 1,) ascending ends. Raises ModelRangeError off the patch."""
     middle, width = 0.5 * (ends_mm[1:] + ends_mm[:-1]), np.diff(ends_mm)
     both = influence(section, middle, width, energy)
     normal, lateral = np.split(both.parts, 2, axis=2)
@@ -147,33 +146,33 @@ def frictionless(section: FeltSection, ends_mm: Array, energy: Energy) -> Fricti
 
 def _skin(section: FeltSection, ends_mm: Array) -> SectionSkin:
     patch = section.model.patch
-    place = section.line.places(patch.x)
-    order = np.argsort(place)
-    place, width = place[order], patch.area_mm2[order]
-    if not (place[0] <= ends_mm[0] and ends_mm[-1] <= place[-1]):
+    location = section.line.places(patch.x)
+    order = np.argsort(location)
+    location, width = location[order], patch.area_mm2[order]
+    if not (location[0] <= ends_mm[0] and ends_mm[-1] <= location[-1]):
         raise ModelRangeError(
             "samples from {from_mm:.2f} to {to_mm:.2f} mm: must lie within {low_mm:.2f} to {high_mm:.2f} mm",
             code="samples_beside_patch",
             from_mm=float(ends_mm[0]),
             to_mm=float(ends_mm[-1]),
-            low_mm=float(place[0]),
-            high_mm=float(place[-1]),
+            low_mm=float(location[0]),
+            high_mm=float(location[-1]),
         )
-    low, high = place - width / 2, place + width / 2
+    low, high = location - width / 2, location + width / 2
     shared = np.minimum(high[:, None], ends_mm[1:]) - np.maximum(low[:, None], ends_mm[:-1])
     area = np.maximum(0.0, shared)  # (k, n) of each node's skin in each sample
-    normal = section.line.normals(section.line.angles(place)).T[:, :, None]
+    normal = section.line.normals(section.line.angles(location)).T[:, :, None]
     along = np.stack([normal[Y], -normal[X]])
     force = np.concatenate([-normal * area, along * area], axis=-1)  # (2, k, 2 n)
     compliance = patch.compliance.reshape(2, len(patch), 2, len(patch))[:, order][:, :, :, order]
     moved = np.einsum("akbl,bln->akn", compliance, force) / PSEUDO_E_EPIDERMIS
     position = patch.position_mm[order].T
-    at_rest = np.stack([np.interp(ends_mm, place, position[axis]) for axis in (X, Y)])
-    between = _interpolation(ends_mm, place)
+    at_rest = np.stack([np.interp(ends_mm, location, position[axis]) for axis in (X, Y)])
+    between = _interpolation(ends_mm, location)
     middle = section.line.angles(0.5 * (ends_mm[1:] + ends_mm[:-1]))
     return SectionSkin(at_rest, between @ moved, section.line.normals(middle))
 
 
-def _interpolation(at: Array, place: Array) -> Array:
-    """(len(at), len(place)) linear between places."""
-    return np.stack([np.interp(at, place, row) for row in np.eye(len(place))], axis=1)
+def _interpolation(at: Array, knots: Array) -> Array:
+    """Return (len(at), len(place)) weights of linear interpolation."""
+    return np.stack([np.interp(at, knots, row) for row in np.eye(len(knots))], axis=1)

@@ -1,4 +1,4 @@
-"""All 24 sites of the finger, beside the printed Table 6.1."""
+"""Power laws at all 24 sites of the finger, compared with the printed Table 6.1."""
 
 from typing import Literal, NamedTuple, cast
 
@@ -41,59 +41,59 @@ DRAWN = 9
 
 
 class AllSites(NamedTuple):
-    """Each site's spread, what shift invariance misses there, and the printed table."""
+    """Spread at each site, error of shift invariance there, and the printed table."""
 
     sites: list[Judged]
-    missed: list[float]  # relative L2 of SED, the response of the pad's middle moved to the site
+    missed: list[float]  # relative L2 error of SED by the response of the pad's middle
     printed: tuple[PublishedPowerLaw, ...]
 
     @property
     def common_factor(self) -> float:
-        """What makes the mean A over the pulp the printed one: the source's loads are not printed."""
+        """Ratio of the printed mean A over the pulp to the fitted one: the source's loads are not printed."""
         return mean_over(self.published("pulp")).a / mean_over(self.laws("pulp")).a
 
     def laws(self, where: Where, kind: FitKind = "linear") -> list[PowerLaw]:
-        """Of the sites on the pulp, or of all."""
+        """Return the laws of the sites on the pulp, or of all."""
         return [getattr(site, kind) for site in self.sites if where == "all" or site.spread.site.on_pulp]
 
     def published(self, where: Where) -> list[PublishedPowerLaw]:
-        """The same sites of the printed table."""
+        """Return the printed rows of the same sites."""
         rows = zip(self.sites, self.printed, strict=True)
         return [row for site, row in rows if where == "all" or site.spread.site.on_pulp]
 
 
 def all_sites(response: MovedResponse, force_gwt: float = 1.0, half_width_mm: float = HALF_WIDTH_MM) -> AllSites:
-    """Equal forces at the source's sites, seen at a response's receptors. Raises ModelRangeError."""
+    """Return the spreads at the source's sites under equal forces. Raises ModelRangeError."""
     found = spreads(response.finger, response.sheet, published_sites(), force_gwt, half_width_mm)
     missed = [response.missed(spread, force_gwt) for spread in found]
     return AllSites([judged(spread) for spread in found], missed, published_table())
 
 
 class Deformed(NamedTuple):
-    """Nodes of the mesh in the plane of a load, (n_phi, n_r, 2) mm, x and y, and how far they move."""
+    """Mesh nodes (n_phi, n_r, 2) in the plane of a load, x and y in mm, and their displacements."""
 
     at_mm: Array
     moved_mm: Array
 
 
 def deformed_by(finger: LoadedFinger, site: Judged, force_gwt: float) -> Deformed:
-    """The plane of nodes nearest to a site, under its load."""
-    mesh, place = finger.interior.mesh, site.spread.site
-    per_n = finger.moved([PointLoad(place.x_mm, place.z_mm)]).reshape(*mesh.grid, 3)
-    k = int(np.argmin(np.abs(mesh.z_mm - place.z_mm)))
+    """Return the plane of nodes nearest to a site, under its load."""
+    mesh, location = finger.interior.mesh, site.spread.site
+    per_n = finger.moved([PointLoad(location.x_mm, location.z_mm)]).reshape(*mesh.grid, 3)
+    k = int(np.argmin(np.abs(mesh.z_mm - location.z_mm)))
     moved = force_gwt * GWT_N / finger.config.tissue.e_epidermis_mpa * per_n[k][..., [X, Y]]
     return Deformed(mesh.nodes.reshape(*mesh.grid, 3)[k][..., [X, Y]], moved)
 
 
-# --- kept sites ---
+# --- cached sites ---
 #
-# All 24 sites of a finger from the cache, or solved for and kept: the mesh and its factor are then not needed.
+# Results are cached because they need the mesh and its factor.
 
 _PER_RECEPTOR = ("skin_mm", "at_mm", "sed", "young_ratio")
 
 
 class Sampled(NamedTuple):
-    """What the source leaves open, and the size of the loads."""
+    """Parameters that the source leaves open, and the size of the loads."""
 
     spacing_mm: float = SPACING_MM
     half_width_mm: float = HALF_WIDTH_MM
@@ -102,16 +102,16 @@ class Sampled(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """The sites, and the mesh under the load of the one that is drawn."""
+    """Sites, and the mesh under the load of the plotted one."""
 
     sites: AllSites
     deformed: Deformed
 
 
 def kept_sites(config: FingertipConfig, sampled: Sampled, progress: Progress | None = None) -> Kept:
-    """Read, or solved for in some twenty seconds; `progress(done, of)` then counts receptors.
+    """Read the sites from the cache, or solve in some twenty seconds; `progress(done, of)` then counts receptors.
 
-    The same to the last bit either way. Raises ModelRangeError and ReceptorError.
+    Both are equal to the last bit. Raises ModelRangeError and ReceptorError.
     """
     described = config.model_dump(mode="json", exclude={"contact"})
     key = content_key(["sites", simulator_code(), described, *sampled])
@@ -140,7 +140,7 @@ def _arrays(kept: Kept) -> Arrays:
 
 
 def _read(arrays: dict[str, Array]) -> Kept:
-    """The fits are made again: that is quick."""
+    """Restore the sites; fits are quick to repeat."""
     cuts = np.cumsum(arrays["receptors"])[:-1].astype(np.int64)
     each = zip(*(np.split(arrays[name], cuts) for name in _PER_RECEPTOR), strict=True)
     spreads = [

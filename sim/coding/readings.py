@@ -1,4 +1,4 @@
-"""What a decoder is given: one reading a receptor, its noise, and which of them are only known to lie below."""
+"""Input of a decoder: one reading for each receptor, its noise, and which readings are only upper bounds."""
 
 from dataclasses import dataclass
 
@@ -24,15 +24,15 @@ FEWEST_AT_REST = 3
 
 @dataclass(frozen=True)
 class Readings:
-    """Noisy SED in pseudo-units; a silent receptor says only that noisy SED was at most its threshold."""
+    """Noisy SED in pseudo-units; for a silent receptor, noisy SED was at most its threshold."""
 
-    sed: Array  # (m,) of a silent one the threshold
+    sed: Array  # (m,) the threshold for silent receptors
     sd: float
     silent: Flags  # (m,)
 
     @classmethod
     def of_sed(cls, sed: Array, sd: float) -> "Readings":
-        """Noisy SED itself. Raises DecodingError for what lies too far below 0 to be noise."""
+        """Make readings of noisy SED. Raises DecodingError for values too far below 0 to be noise."""
         low = np.flatnonzero(sed < -LOWEST_SD * _positive(sd))
         if len(low):
             raise DecodingError(
@@ -47,25 +47,25 @@ class Readings:
 
     @classmethod
     def of_rates(cls, rate: Array, receptor: Receptor, sd: float) -> "Readings":
-        """Rates of receptors whose noise, of this sd in SED, entered before them. Raises DecodingError below zero."""
+        """Make readings of rates with noise before the receptors, sd in SED. Raises DecodingError below zero."""
         if (rate < 0).any():
             raise DecodingError("rate {rate:g}: must not be negative", code="negative_rate", rate=float(rate.min()))
         return cls(rate / receptor.gain + receptor.threshold, _positive(sd), rate == 0)
 
     @classmethod
     def of_noisy_rates(cls, rate: Array, receptor: Receptor, sd: float) -> "Readings":
-        """Rates to which noise of this sd, in their own unit, was added. Raises DecodingError for rates below zero.
+        """Make readings of rates with noise on the rates, sd in their unit. Raises DecodingError below zero.
 
-        Those up to `QUIET_SD` are taken together, as censored there: below the threshold all SED gives the same.
+        Rates up to `QUIET_SD` sd are censored together: below the threshold every SED gives the same.
         """
         quiet = QUIET_SD * _positive(sd)
-        heard, silent = cls.of_rates(rate, receptor, sd / receptor.gain), rate <= quiet
-        return cls(np.where(silent, quiet / receptor.gain + receptor.threshold, heard.sed), heard.sd, silent)
+        rates, silent = cls.of_rates(rate, receptor, sd / receptor.gain), rate <= quiet
+        return cls(np.where(silent, quiet / receptor.gain + receptor.threshold, rates.sed), rates.sd, silent)
 
     def cost(self, sed: Array) -> tuple[Array, Array, Array]:
-        """(m,) negative log likelihoods of true SEDs, their first and second derivatives.
+        """Return (m,) negative log likelihoods of true SEDs, with first and second derivatives.
 
-        Gaussian; of silent ones the censored −log Φ(−z) with z the SED over the threshold, in sd.
+        Gaussian; for silent receptors the censored −log Φ(−z) with z = (SED − threshold) / sd.
         """
         z = (sed - self.sed) / self.sd
         log_below = log_ndtr(-z)
@@ -77,7 +77,7 @@ class Readings:
 
 
 def sd_at_rest(unloaded: Array) -> float:
-    """Noise sd from readings of unloaded receptors. Raises DecodingError for too few, or without noise."""
+    """Estimate the noise sd from readings of unloaded receptors. Raises DecodingError for too few, or no noise."""
     if len(unloaded) < FEWEST_AT_REST or not np.isfinite(unloaded).all():
         raise DecodingError(
             "{readings} readings at rest: at least {fewest} finite numbers are required",

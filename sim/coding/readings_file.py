@@ -28,21 +28,21 @@ DEPTHS_MM = (0.1, 3.0)
 _SAME_MM = 1e-6
 
 Placed = Callable[[int, tuple[float, ...]], tuple[float, ...]]
-"""Returns the location of the receptor of a row, given its line number and its cells."""
+"""Function that returns a receptor's location, given the line number and the cells of its row."""
 
 
 @dataclass(frozen=True)
 class GivenReadings:
-    """Readings of m receptors, ordered by place.
+    """Readings of m receptors, ordered by location.
 
     Attributes
     ----------
     kind : {"sed", "sed_pa", "rate"}
-        The column that the readings come from.
+        Column that the readings come from.
     place_mm : (m,) array
-        Places of the skin above the receptors, along the skin from x = 0; of a sheet, x of the receptors.
+        Locations on the skin above the receptors, along the skin from x = 0; for a sheet, x of the receptors (mm).
     depth_mm : (m,) array
-        Depths of the receptors, perpendicular below the skin.
+        Depths of the receptors, perpendicular below the skin (mm).
     reading : (m,) array
         Rates, or SED in pseudo-units, whichever unit the file has.
     sd : (m,) array, optional
@@ -50,7 +50,7 @@ class GivenReadings:
     at_rest : (m,) array, optional
         Readings of the unloaded receptors, in the unit of `reading`.
     z_mm : (m,) array, optional
-        Of a sheet: positions of the receptors along the finger.
+        For a sheet: positions of the receptors along the finger (mm).
     """
 
     kind: str
@@ -63,7 +63,7 @@ class GivenReadings:
 
 
 def pa_per_pseudo(finger: FingertipConfig) -> float:
-    """Return the Pa of a finger's pseudo-unit."""
+    """Return the Pa in one pseudo-unit of a finger."""
     return 1e6 * finger.tissue.e_epidermis_mpa / PSEUDO_E_EPIDERMIS
 
 
@@ -122,7 +122,7 @@ def _one_of(where: str, names: Sequence[str], columns: Sequence[str]) -> str:
 
 @dataclass(frozen=True)
 class _Rows:
-    """The table as it was read: place, depth, reading and, where there are such, the columns of noise and of z."""
+    """Table rows: location, depth, reading and, if present, the columns of noise and of z."""
 
     path: Path
     columns: tuple[str, ...]
@@ -131,17 +131,17 @@ class _Rows:
 
     @property
     def place(self) -> str:
-        """The name of the first column."""
+        """Name of the location column."""
         return self.columns[0]
 
     @property
     def kind(self) -> str:
-        """What the readings are."""
+        """Name of the reading column."""
         return self.columns[2]
 
     @property
     def sheet(self) -> bool:
-        """Whether receptors lie along the finger too."""
+        """Whether receptors are spread along the finger too."""
         return self.columns[-1] == "z_mm"
 
     def checked(self, finger: FingertipConfig) -> GivenReadings:
@@ -152,17 +152,17 @@ class _Rows:
                 code="wrong_count", path=self.path, readings=len(self.numbered), fewest=fewest, most=MOST,
             )  # fmt: skip
         placed = self._placed_in_space(finger) if self.sheet else self._placed_on_skin(finger)
-        places = np.array([placed(n, row) for n, row in self.numbered])
-        self._refuse_twice(places)
+        locations = np.array([placed(n, row) for n, row in self.numbered])
+        self._refuse_twice(locations)
         self._refuse_noise()
         self._refuse_low()
-        order = np.lexsort(places.T[::-1])
+        order = np.lexsort(locations.T[::-1])
         reading, *noise = np.array([row[2 : 3 + len(self.noise)] for _, row in self.numbered])[order].T
         unit = pa_per_pseudo(finger) if self.kind == "sed_pa" else 1.0
         known = {name: values / unit for name, values in zip(self.noise, noise, strict=True)}
-        place, depth, *along = places[order].T
+        location, depth, *along = locations[order].T
         z_mm = along[0] if along else None
-        return GivenReadings(self.kind, place, depth, reading / unit, known.get("sd"), known.get("at_rest"), z_mm)
+        return GivenReadings(self.kind, location, depth, reading / unit, known.get("sd"), known.get("at_rest"), z_mm)
 
     def _refused(self, code: str, n: int, column: str, value: float, expected: str) -> TableError:
         return TableError(
@@ -180,22 +180,22 @@ class _Rows:
         return ((n, row[k]) for n, row in self.numbered)
 
     def _placed_on_skin(self, finger: FingertipConfig) -> Placed:
-        """The place on the skin above a receptor, and its depth."""
+        """Return the function that gives a receptor's location on the skin and its depth."""
         line = skin_of(finger)
 
         def of(n: int, row: tuple[float, ...]) -> tuple[float, ...]:
             where, depth = row[0], self._depth(n, row)
             try:
-                place = line.above(where, depth) if self.place == "x_mm" else where
-                receptor_points(finger, line, place, depth)
+                location = line.above(where, depth) if self.place == "x_mm" else where
+                receptor_points(finger, line, location, depth)
             except (ModelRangeError, ReceptorError) as error:
                 raise self._misplaced(n, self.place, error) from None
-            return place, depth
+            return location, depth
 
         return of
 
     def _placed_in_space(self, finger: FingertipConfig) -> Placed:
-        """x, depth and z of a receptor of the whole finger."""
+        """Return the function that gives x, depth and z of a receptor in the whole finger."""
         surface = FingertipSurface.fit(finger.geometry)
 
         def of(n: int, row: tuple[float, ...]) -> tuple[float, ...]:
@@ -215,13 +215,13 @@ class _Rows:
             )
         return row[1]
 
-    def _refuse_twice(self, places: Array) -> None:
-        for k, place in enumerate(places):
-            same = np.flatnonzero(np.abs(places[:k] - place).max(axis=1) < _SAME_MM)
+    def _refuse_twice(self, locations: Array) -> None:
+        for k, location in enumerate(locations):
+            same = np.flatnonzero(np.abs(locations[:k] - location).max(axis=1) < _SAME_MM)
             if len(same):
                 first = self.numbered[same[0]][0]
                 expected = f"given once per receptor location; line {first} has the same location"
-                raise self._refused("same_place", self.numbered[k][0], self.place, place[0], expected)
+                raise self._refused("same_place", self.numbered[k][0], self.place, location[0], expected)
 
     def _refuse_noise(self) -> None:
         if self.noise == ["sd"]:
@@ -235,7 +235,7 @@ class _Rows:
             )  # fmt: skip
 
     def _refuse_low(self) -> None:
-        """Energies and rates below 0 by more than noise, and readings that say nothing."""
+        """Raise TableError for energies and rates below 0 by more than noise, and if no reading is above 0."""
         noise = [value for _, value in self._column(3)] if self.noise else [0.0] * len(self.numbered)
         if self.noise == ["at_rest"]:
             noise = [float(np.std(noise, ddof=1))] * len(noise)

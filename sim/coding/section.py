@@ -1,4 +1,4 @@
-"""The finger's plane-strain section with receptors below its skin: anywhere, or under equally spaced places."""
+"""The finger's plane-strain section with receptors below its skin: anywhere, or equally spaced."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -23,7 +23,7 @@ from sim.units import PSEUDO_E_EPIDERMIS
 
 # --- skin line ---
 #
-# The section's skin as a line: places on it, counted along the skin or across the finger, 0 where x is 0.
+# Locations on the skin are measured along it or across the finger, from x = 0.
 
 Array = NDArray[np.float64]
 
@@ -32,13 +32,13 @@ AXES: tuple[Axes, ...] = get_args(Axes)
 """skin: positions along the skin, strains tangent and normal to it; cartesian, as in the source: by x, along x and
 y."""
 
-_SIDE_RAD = 0.3  # of the section's widest places, where the nail is near
+_SIDE_RAD = 0.3  # beyond the section's widest points, near the nail
 _TABLE = np.linspace(np.pi - _SIDE_RAD, _SIDE_RAD, 2001)
 
 
 @dataclass(frozen=True)
 class SkinLine:
-    """The pulp's skin in a plane across the finger."""
+    """Pulp's skin in a plane across the finger."""
 
     surface: FingertipSurface
     plane_mm: float
@@ -46,7 +46,7 @@ class SkinLine:
 
     @cached_property
     def _angle(self) -> CubicSpline:
-        """Angle of the section (rad) at a place (mm)."""
+        """Angle of the section (rad) as a function of the location (mm)."""
         return CubicSpline(self._places_at(_TABLE), _TABLE, extrapolate=False)
 
     def _places_at(self, angle: Array) -> Array:
@@ -59,13 +59,13 @@ class SkinLine:
 
     @property
     def reach_mm(self) -> tuple[float, float]:
-        """The first and the last place."""
+        """First and last location (mm)."""
         return float(self._angle.x[0]), float(self._angle.x[-1])
 
     def angles(self, place_mm: ArrayLike) -> Array:
-        """(n,) angles of the section, rad, at places in mm. Raises ModelRangeError beside the pulp."""
-        place, (low, high) = np.atleast_1d(place_mm), self.reach_mm
-        beside = place[~((place >= low) & (place <= high))]
+        """Return (n,) angles of the section in rad at locations in mm. Raises ModelRangeError beside the pulp."""
+        location, (low, high) = np.atleast_1d(place_mm), self.reach_mm
+        beside = location[~((location >= low) & (location <= high))]
         if len(beside):
             raise ModelRangeError(
                 "place {place_mm:g} mm: must be {low_mm:.2f} to {high_mm:.2f} mm on the skin of the pulp",
@@ -74,10 +74,10 @@ class SkinLine:
                 low_mm=low,
                 high_mm=high,
             )
-        return np.asarray(self._angle(place))
+        return np.asarray(self._angle(location))
 
     def places(self, x_mm: ArrayLike) -> Array:
-        """(n,) places in mm of skin at x."""
+        """Return (n,) locations in mm of skin at x."""
         x = np.atleast_1d(x_mm)
         if self.axes == "cartesian":
             return x.astype(float)
@@ -85,16 +85,16 @@ class SkinLine:
         return np.asarray(CubicSpline(-_TABLE, self._angle.x)(-angle))
 
     def normals(self, angle: Array) -> Array:
-        """(n, 2) outward unit normals, x and y."""
+        """Return (n, 2) outward unit normals, x and y."""
         along_x, along_y, _ = np.moveaxis(self.surface.tangents(angle, self.plane_mm)[0], -1, 0)
         return np.stack([along_y, -along_x], axis=-1) / np.hypot(along_x, along_y)[..., None]
 
     def below(self, angle: Array, depth_mm: float | Array) -> Array:
-        """(n, 2) the points so far below the skin, along its normal; mm."""
+        """Return (n, 2) points at a depth below the skin, along its normal (mm)."""
         return np.stack(self.surface.section(angle, self.plane_mm), axis=-1) - depth_mm * self.normals(angle)
 
     def above(self, x_mm: float, depth_mm: float) -> float:
-        """The place of the skin above a point so deep below it; mm. Raises ModelRangeError beside the pulp."""
+        """Return the location on the skin above a point at a depth (mm). Raises ModelRangeError beside the pulp."""
         reach = np.linspace(*self.reach_mm, len(_TABLE))
         x = self.below(self.angles(reach), depth_mm)[:, X]
         if not x[0] <= x_mm <= x[-1]:
@@ -108,7 +108,7 @@ class SkinLine:
         return float(np.interp(x_mm, x, reach))
 
     def in_axes(self, strain: Array, angle: Array) -> Array:
-        """(3, n, …) strains e11 e22 e12 in these axes, from (n, 6, …) Cartesian ones under skin at these angles."""
+        """Return (3, n, …) strains e11 e22 e12 in these axes, from (n, 6, …) Cartesian ones at skin angles."""
         e11, e22, e12 = (strain[:, k] for k in (0, 1, 3))
         if self.axes == "cartesian":
             return np.stack([e11, e22, e12])
@@ -127,12 +127,12 @@ SPACING_MM = 0.17
 """Sample spacing in mm (Raju 1998, §6.5)."""
 
 HALF_LENGTH = 24
-"""Samples on each side of the middle; the source gives no number."""
+"""Number of samples on each side of the middle; the source gives no number."""
 
 
 @dataclass(frozen=True)
 class Sampling:
-    """Where receptors lie: under 2 half_length + 1 places of the skin, all at one depth; mm."""
+    """Receptors at one depth under 2 half_length + 1 equally spaced locations of the skin (mm)."""
 
     spacing_mm: float = SPACING_MM
     half_length: int = HALF_LENGTH
@@ -141,25 +141,26 @@ class Sampling:
 
     @property
     def place_mm(self) -> Array:
-        """(2 half_length + 1,) on the skin, ascending, 0 in the middle."""
+        """(2 half_length + 1,) locations on the skin, ascending, 0 in the middle (mm)."""
         return np.asarray(self.spacing_mm * np.arange(-self.half_length, self.half_length + 1))
 
 
 @dataclass(frozen=True)
 class FeltSection:
-    """The strain at receptors under any force on the section's skin. Forces are per mm of its length."""
+    """Strain at receptors under any force on the section's skin, per mm of its length."""
 
     line: SkinLine
-    model: CondensedModel  # its skin's nodes, and how forces on the patch move them
-    place_mm: Array  # (n,) of the skin above each receptor
-    material: Elastic  # about the receptors; E in pseudo-units
+    model: CondensedModel  # nodes of the skin, and their compliance
+    place_mm: Array  # (n,) locations on the skin above the receptors
+    material: Elastic  # at the receptors; E in pseudo-units
     strain_per_node: Array  # (3, n, n_phi, 2) e11 e22 e12 in the line's axes, per pseudo-unit · mm along x and y
 
     def under_loads(self, place_mm: ArrayLike) -> Array:
-        """(3, n, k, 2) strains under 1 pseudo-unit of pressure on 1 mm of skin, as a force on each of k places.
+        """Return (3, n, k, 2) strains under 1 pseudo-unit of pressure on 1 mm of skin at each of k locations.
 
-        The force goes along the skin's inward normal, or along its tangent that rises with x; it is shared between
-        the two skin nodes beside the place. Raises ModelRangeError beside the pulp.
+        The force acts along the skin's inward normal, or along its tangent that rises with x; the two skin nodes
+        beside the
+        location share it. Raises ModelRangeError beside the pulp.
         """
         angle, grid = self.line.angles(place_mm), self.model.skin_phi
         after = np.searchsorted(grid, angle)
@@ -171,21 +172,21 @@ class FeltSection:
 
 
 def skin_of(config: FingertipConfig, axes: Axes = "skin") -> SkinLine:
-    """The skin of the section in the receptor plane."""
+    """Return the skin of the section in the receptor plane."""
     plane = config.receptor_plane_mm
     return SkinLine(prismatic(FingertipSurface.fit(config.geometry), plane), plane, axes)
 
 
 def receptor_points(config: FingertipConfig, line: SkinLine, place_mm: ArrayLike, depth_mm: ArrayLike) -> Array:
-    """(n, 3) the points at depths below places of the skin. Raises ModelRangeError or ReceptorError beside tissue."""
-    place, depth = np.broadcast_arrays(np.atleast_1d(place_mm).astype(float), depth_mm)
-    angle = line.angles(place)
+    """Return (n, 3) points at depths below locations of the skin. Raises ModelRangeError or ReceptorError."""
+    location, depth = np.broadcast_arrays(np.atleast_1d(place_mm).astype(float), depth_mm)
+    angle = line.angles(location)
     x_mm = line.below(angle, depth[:, None])[:, X]
     return points_below(config, line.surface, x_mm, depth, line.plane_mm)
 
 
 def felt_section(config: FingertipConfig, place_mm: Array, depth_mm: Array) -> FeltSection:
-    """Build it (about a second). Raises ModelRangeError or ReceptorError where there is no place for a receptor."""
+    """Build a section with receptors (about a second). Raises ModelRangeError or ReceptorError beside the tissue."""
     line = skin_of(config)
     receptors = ReceptorSet(receptor_points(config, line, place_mm, depth_mm), depth_mm)
     model = build_section(config, line.surface, receptors)
@@ -196,14 +197,14 @@ def felt_section(config: FingertipConfig, place_mm: Array, depth_mm: Array) -> F
 
 @dataclass(frozen=True)
 class SampledSection(FeltSection):
-    """The section, which can be pressed, with receptors under equally spaced places."""
+    """Section that indentors can press, with equally spaced receptors."""
 
     finger: Fingertip
     sampling: Sampling
 
 
 def sampled_section(config: FingertipConfig, sampling: Sampling) -> SampledSection:
-    """Build it (about a second). Raises ModelRangeError or ReceptorError where there is no place for a receptor."""
+    """Build a sampled section (about a second). Raises ModelRangeError or ReceptorError beside the tissue."""
     line = skin_of(config, sampling.axes)
     angle = line.angles(sampling.place_mm)
     x_mm = line.below(angle, sampling.depth_mm)[:, 0].tolist()
@@ -215,7 +216,7 @@ def sampled_section(config: FingertipConfig, sampling: Sampling) -> SampledSecti
 
 
 def _material_about(config: FingertipConfig, columns: Columns, deep: str) -> Elastic:
-    """Of the one layer that all receptors lie in. Raises ModelRangeError where it is not one."""
+    """Return the material of the single layer around all receptors. Raises ModelRangeError if there are several."""
     ratio = columns.young_ratio
     if (ratio != ratio[0]).any():
         raise ModelRangeError(
@@ -227,14 +228,14 @@ def _material_about(config: FingertipConfig, columns: Columns, deep: str) -> Ela
 
 
 def _strain_per_node(line: SkinLine, columns: Columns, angle: Array) -> Array:
-    """(3, n, n_phi, 2) strains in the line's axes under skin at (n,) angles, per pseudo-unit · mm on a skin node."""
+    """Return (3, n, n_phi, 2) strains in the line's axes at (n,) skin angles, per pseudo-unit · mm on a node."""
     strain = columns.per_skin_force[:, 0, :, :2]
     return line.in_axes(strain.reshape(len(angle), 6, *strain.shape[1:]) / PSEUDO_E_EPIDERMIS, angle)
 
 
 # --- energy ---
 #
-# Strain energy density as a sum of squares of what is linear in the strains: all six, or those of plane strain.
+# Strain energy density is a sum of squares of linear functions of six strains, or of three in plane strain.
 
 Energy = Literal["incompressible", "finite"]
 ENERGIES: tuple[Energy, ...] = get_args(Energy)
@@ -246,9 +247,9 @@ _WEIGHT = {3: [1.0, 1.0, 0.5], 6: [1.0, 1.0, 1.0, 0.5, 0.5, 0.5]}
 
 
 def squared_parts(strain: Array, material: Elastic, energy: Energy) -> Array:
-    """(3 … 7, …) whose squares sum to the SED, in the unit of E, of engineering strains e11 e22 e12, or all six.
+    """Return (3 … 7, …) functions whose squares sum to the SED, in the unit of E, of 3 or 6 engineering strains.
 
-    The six are e11 e22 e33 e12 e23 e13.
+    The three are e11 e22 e12, the six e11 e22 e33 e12 e23 e13.
     """
     shear, n = material.young / (2 * (1 + material.poisson)), len(strain)
     parts = np.sqrt(shear) * strain * np.sqrt(_WEIGHT[n]).reshape(n, *[1] * (strain.ndim - 1))
@@ -259,5 +260,5 @@ def squared_parts(strain: Array, material: Elastic, energy: Energy) -> Array:
 
 
 def sed_of(strain: Array, material: Elastic, energy: Energy) -> Array:
-    """(…) SED of (3 or 6, …) strains."""
+    """Return (…) SED of (3 or 6, …) strains."""
     return (squared_parts(strain, material, energy) ** 2).sum(axis=0)

@@ -1,8 +1,9 @@
-"""What an indentor is like where it touches: class and size from the skin that lies on it.
+"""Class and size of an indentor, from the shape of the skin in contact.
 
-Decoded pressures move the skin by the section's compliance, and in contact the skin has the indentor's outline. Flat,
-round and stepped outlines are fitted to it; the fewest numbers that explain it to the skin's own error have it. A row
-of receptors has one plane: a sphere is read as the cylinder that it is there.
+Decoded pressures move the skin by the section's compliance, and in contact the skin follows the indentor's outline.
+Flat, round and stepped outlines are fitted to it; the class is the one that explains it, within the skin's error,
+with
+the fewest parameters. A row of receptors has one plane, so that a sphere is classified as a cylinder.
 """
 
 from typing import Literal, NamedTuple, get_args
@@ -20,20 +21,21 @@ ShapeClass = Literal["bar", "cylinder", "step"]
 CLASSES: tuple[ShapeClass, ...] = get_args(ShapeClass)
 
 SKIN_SD_MM = 0.007
-"""Of the skin under decoded pressures; chosen on other scenes than those reported (docs/validation/coding.md)."""
+"""Standard deviation of skin under decoded pressures (mm); chosen on other scenes than those reported
+(docs/validation/coding.md)."""
 
 STEP_MM = 0.5
 """Height of the source's steps (mm)."""
 
-_PRESSED = 0.15  # of the median pressure: in contact
-_NUMBERS: dict[ShapeClass, int] = {"bar": 1, "cylinder": 3, "step": 3}  # that each outline is fitted with
+_PRESSED = 0.15  # threshold of contact, relative to the median pressure
+_NUMBERS: dict[ShapeClass, int] = {"bar": 1, "cylinder": 3, "step": 3}  # of fitted parameters
 _HALF_WAVES_MM = np.geomspace(0.3, 4.5, 28)
-_PLACES_MM = 0.04  # between tried references of a step
+_PLACES_MM = 0.04  # between candidate references of a step
 _WIDEST_MM = 20.0  # cylinder
 
 
 class FeltShape(NamedTuple):
-    """A class with its size, and how badly each class explains the skin: less is better."""
+    """Class with its size, and the cost of each class: less is better."""
 
     name: ShapeClass
     size_mm: float  # width of a bar, diameter of a cylinder, half a wavelength of a step
@@ -46,13 +48,13 @@ class _Outline(NamedTuple):
 
 
 def felt_shape(skin: SectionSkin, pressure: Array) -> FeltShape:
-    """From (n,) pressures, some above 0."""
+    """Classify the shape from (n,) pressures, some above 0."""
     along, up = _on_the_indentor(skin, pressure)
     first, last = edges_mm(skin, pressure)
     flat = _Outline(float(((up - up.mean()) ** 2).sum()), last - first)
     outlines: dict[ShapeClass, _Outline] = {"bar": flat, "cylinder": _circle(along, up), "step": _step(along, up)}
-    each = np.log(max(2, len(up)))
-    cost = {name: fit.squares / SKIN_SD_MM**2 + each * _NUMBERS[name] for name, fit in outlines.items()}
+    per_number = np.log(max(2, len(up)))
+    cost = {name: fit.squares / SKIN_SD_MM**2 + per_number * _NUMBERS[name] for name, fit in outlines.items()}
     name = min(cost, key=cost.__getitem__)
     return FeltShape(name, outlines[name].size_mm, cost)
 
@@ -62,22 +64,22 @@ def _contact(pressure: Array) -> NDArray[np.bool_]:
 
 
 def _middles(skin: SectionSkin, pressure: Array) -> Array:
-    """(2, n) of the pressed samples; mm."""
+    """Return (2, n) midpoints of the pressed samples (mm)."""
     ends = skin.pressed(pressure, skin.lean(pressure) * pressure)
     return np.asarray(0.5 * (ends[:, 1:] + ends[:, :-1]))
 
 
 def _on_the_indentor(skin: SectionSkin, pressure: Array) -> Array:
-    """(2, k) places of skin well inside contacts: at their ends it bends away from the indentor."""
+    """Return (2, k) skin points well inside contacts: at their ends the skin bends away from the indentor."""
     pressed = np.concatenate([[False], _contact(pressure), [False]])
     runs = np.flatnonzero(np.diff(pressed.astype(int))).reshape(-1, 2).tolist()
     cut = [2 if stop - first >= 8 else int(stop - first >= 3) for first, stop in runs]
-    kept = [np.arange(first + k, stop - k) for (first, stop), k in zip(runs, cut, strict=True)]
-    return _middles(skin, pressure)[:, np.concatenate(kept)]
+    inside = [np.arange(first + k, stop - k) for (first, stop), k in zip(runs, cut, strict=True)]
+    return _middles(skin, pressure)[:, np.concatenate(inside)]
 
 
 def _circle(along: Array, up: Array) -> _Outline:
-    """Convex, by algebraic least squares."""
+    """Fit a convex circle by algebraic least squares."""
     if len(up) < 3:
         return _Outline(np.inf, np.nan)
     terms = np.stack([along, up, np.ones_like(up)], axis=1)
@@ -89,7 +91,7 @@ def _circle(along: Array, up: Array) -> _Outline:
 
 
 def _step(along: Array, up: Array) -> _Outline:
-    """The best of half-wavelengths and references, at its best height."""
+    """Fit the best half-wavelength and reference of a step, at its best height."""
     reference = np.arange(along.min() - 1.0, along.max() + 0.5, _PLACES_MM)
     s = (along - reference[:, None])[None] / _HALF_WAVES_MM[:, None, None]
     left = up - 0.5 * STEP_MM * (1 - np.cos(np.pi * np.clip(s, 0.0, 1.0)))
@@ -99,9 +101,9 @@ def _step(along: Array, up: Array) -> _Outline:
 
 
 def edges_mm(skin: SectionSkin, pressure: Array) -> tuple[float, float]:
-    """x of the first and the last edge of what bears on the skin, where they are sharp.
+    """Return x of the first and the last edge of contact, where they are sharp.
 
-    Half a sample beyond the peak of pressure there: a corner's force is borne just inside it.
+    An edge lies half a sample beyond its pressure peak: the force of a corner acts just inside it.
     """
     pressed = np.flatnonzero(_contact(pressure))
     first, stop = pressed[0], pressed[-1] + 1
@@ -116,13 +118,9 @@ def _centre(along: Array, over: Array) -> float:
     return float(along @ over / over.sum())
 
 
-# --- felt solid ---
+# --- solids ---
 #
-# What an indentor is like where it touches a sheet: class, size and extent, from the skin that lies on it.
-#
-# As `profiles/felt_shape`, over x and z: pressures move the skin by the finger's compliance, and in contact it has
-# the indentor's outline. Flat, round across, stepped across and round both ways are fitted to it; the class is the
-# one that explains it to the skin's own error with fewest numbers.
+# The same over x and z, with flat outlines, round or stepped across, and round both ways.
 
 Flags = NDArray[np.bool_]
 
@@ -130,24 +128,25 @@ SolidClass = Literal["bar", "cylinder", "step", "sphere"]
 SOLIDS: tuple[SolidClass, ...] = get_args(SolidClass)
 
 SOLID_SD_MM = 0.02
-"""Of the skin under decoded pressures; chosen on other scenes than those reported (docs/validation/coding.md)."""
+"""Standard deviation of skin under decoded pressures (mm); chosen on other scenes than those reported
+(docs/validation/coding.md)."""
 
-_SOLID_PRESSED = 0.25  # of the highest pressure: surely in contact
-_NEIGHBOURS = 2  # of four, that a place in contact has
-_SOLID_NUMBERS: dict[SolidClass, int] = {"bar": 1, "cylinder": 3, "step": 3, "sphere": 4}  # that each is fitted with
+_SOLID_PRESSED = 0.25  # threshold of certain contact, relative to the highest pressure
+_NEIGHBOURS = 2  # of four: pressed neighbors of a point in contact
+_SOLID_NUMBERS: dict[SolidClass, int] = {"bar": 1, "cylinder": 3, "step": 3, "sphere": 4}  # of fitted parameters
 
 
 class FeltSolid(NamedTuple):
-    """A class with its size, and how badly each class explains the skin: less is better."""
+    """Class with its size, and the cost of each class: less is better."""
 
     name: SolidClass
     size_mm: float  # diameter of a cylinder or a sphere, half a wavelength of a step, width of a bar
-    extent_mm: tuple[float, float]  # of the contact along x and along z
+    extent_mm: tuple[float, float]  # of contact along x and along z
     cost: dict[SolidClass, float]
 
 
 def felt_solid(skin: SkinOver, pressure: Array) -> FeltSolid:
-    """From (n,) pressures at the grid's places, some above 0."""
+    """Classify the solid from (n,) pressures at the grid's points, some above 0."""
     inside = contact(skin, pressure)
     at = skin.pressed(pressure, skin.lean(pressure))[:, inside]
     extent = extent_mm(skin, pressure)
@@ -158,14 +157,14 @@ def felt_solid(skin: SkinOver, pressure: Array) -> FeltSolid:
         "step": _step(x, y),
         "sphere": _round(y, x, z),
     }
-    each = np.log(max(2, len(y)))
-    cost = {name: outlines[name].squares / SOLID_SD_MM**2 + each * _SOLID_NUMBERS[name] for name in SOLIDS}
+    per_number = np.log(max(2, len(y)))
+    cost = {name: outlines[name].squares / SOLID_SD_MM**2 + per_number * _SOLID_NUMBERS[name] for name in SOLIDS}
     best = min(SOLIDS, key=cost.__getitem__)
     return FeltSolid(best, outlines[best].size_mm, extent, cost)
 
 
 def contact(skin: SkinOver, pressure: Array) -> Flags:
-    """(n,) places surely in contact: pressed, and two of their neighbours as well."""
+    """Return (n,) points certainly in contact: pressed, with at least two pressed neighbors."""
     pressed = (pressure > _SOLID_PRESSED * pressure.max()).reshape(skin.grid.shape)
     beside = np.pad(pressed, 1).astype(int)
     neighbours = beside[:-2, 1:-1] + beside[2:, 1:-1] + beside[1:-1, :-2] + beside[1:-1, 2:]
@@ -174,7 +173,7 @@ def contact(skin: SkinOver, pressure: Array) -> Flags:
 
 
 def extent_mm(skin: SkinOver, pressure: Array) -> tuple[float, float]:
-    """Of the contact along x and along z: as wide as an even pressure of the same spread would be."""
+    """Return the extent of contact along x and z: that of a uniform pressure of the same spread."""
     inside = contact(skin, pressure)
     weight = pressure[inside] / pressure[inside].sum()
     x, z = (float(np.sqrt(12 * weight @ (v - weight @ v) ** 2)) for v in skin.grid.place_mm[inside].T)
@@ -182,14 +181,14 @@ def extent_mm(skin: SkinOver, pressure: Array) -> tuple[float, float]:
 
 
 def _round(up: Array, *flat: Array) -> _Outline:
-    """Convex, by algebraic least squares: a circle of one flat direction, a sphere of two."""
+    """Fit a convex surface by algebraic least squares: a circle for one flat direction, a sphere for two."""
     if len(up) < 3 + len(flat):
         return _Outline(np.inf, np.nan)
     level = sum(v * v for v in flat) + up * up
     terms = np.stack([*flat, up, np.ones_like(up)], axis=1)
     *across, b, c = np.linalg.lstsq(terms, -level, rcond=None)[0]
     radius = np.sqrt(max(0.0, (sum(a * a for a in across) + b * b) / 4 - c))
-    if b > 0 or 2 * radius > _WIDEST_MM:  # the centre is below: hollow
+    if b > 0 or 2 * radius > _WIDEST_MM:  # the center is below the surface: concave
         return _Outline(np.inf, 2 * radius)
     apart = np.sqrt(sum((v + a / 2) ** 2 for v, a in zip(flat, across, strict=True)) + (up + b / 2) ** 2)
     return _Outline(float(((apart - radius) ** 2).sum()), float(2 * radius))

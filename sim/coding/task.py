@@ -1,4 +1,4 @@
-"""Encode pressures and presses, and decode what receptors read: a task in, a result out.
+"""Encoding of pressures and presses, and decoding of receptor readings, from a task to a result.
 
     found = decode_task(DecodeTask((20.0, 14.0)))
     found.pressure, found.errors
@@ -60,7 +60,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SectionPress:
-    """An indentor pressed into the plane-strain section.
+    """Indentor pressed into the plane-strain section.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ class EncodeTask:
     sampling : Sampling
         Spacing and depth of samples and receptors (mm).
     finger : FingertipConfig
-        What the finger is made from.
+        Parameters of the finger.
     """
 
     source: Sequence[float] | Array | SectionPress
@@ -123,12 +123,12 @@ class SkinLoad:
     pressure : (n,) array
         Pseudo-units. Under `influence` the normal pressures are followed by the lateral ones.
     true : tuple of two (k,) arrays, optional
-        Of a press: places of receptors (mm) and their SED by finite elements (pseudo-units).
+        For a press: locations of receptors (mm) and their SED by finite elements (pseudo-units).
     missed : dict, optional
-        Of a press: errors of the operator against `true`, `relative_l2` and `peak`, and `lateral_share`, the lateral
+        For a press: errors of the operator against `true`, `relative_l2` and `peak`, and `lateral_share`, the lateral
         part of the force.
     small_strain : SmallStrain, optional
-        Of a press: how far small strain is off at its depth.
+        For a press: deviation of small strain from finite strain at its depth.
     """
 
     operator: ForwardOperator
@@ -139,7 +139,7 @@ class SkinLoad:
 
 
 class EncodeResult(NamedTuple):
-    """The load on the skin, and the responses of the receptors to it."""
+    """Load on the skin, and the receptors' responses."""
 
     load: SkinLoad
     encoded: Encoded
@@ -155,7 +155,7 @@ def encode_task(task: EncodeTask) -> EncodeResult:
     Returns
     -------
     EncodeResult
-        `load.operator.receptor_mm` has the (m,) places of the receptors, `encoded.sed` and `encoded.rate` their (m,)
+        `load.operator.receptor_mm` has the (m,) receptor locations, `encoded.sed` and `encoded.rate` their (m,)
         responses.
 
     Raises
@@ -178,28 +178,28 @@ def load_of_pressures(section: SampledSection, name: OperatorName, energy: Energ
     if name == "convolution":
         return SkinLoad(convolution(impulse_responses(section), len(pressure), energy), pressure)
     spacing = section.sampling.spacing_mm
-    place = centred(len(pressure), spacing)
-    operator = influence(section, place, np.full(len(place), spacing), energy)
-    return SkinLoad(operator, np.concatenate([pressure, np.zeros(len(place))]))
+    location = centred(len(pressure), spacing)
+    operator = influence(section, location, np.full(len(location), spacing), energy)
+    return SkinLoad(operator, np.concatenate([pressure, np.zeros(len(location))]))
 
 
 def load_of_press(section: SampledSection, name: OperatorName, energy: Energy, press: SectionPress) -> SkinLoad:
     """Return the pressures of a press: normal ones at samples for convolution, all at the nodes for influence."""
     found = section.finger.indent(press.shape, press.x_mm, doi_mm=press.doi_mm)
-    borne = borne_by(section, found)
+    contact = borne_by(section, found)
     angle = section.line.angles(section.sampling.place_mm)
     true = sed_of(section.line.in_axes(found.receptor_strain, angle), section.material, energy)
     if name == "influence":
-        operator, pressure = influence(section, borne.place_mm, borne.width_mm, energy), borne.stacked
+        operator, pressure = influence(section, contact.place_mm, contact.width_mm, energy), contact.stacked
     else:
-        half = int(min(-borne.place_mm[0], borne.place_mm[-1]) / section.sampling.spacing_mm)
+        half = int(min(-contact.place_mm[0], contact.place_mm[-1]) / section.sampling.spacing_mm)
         operator = convolution(impulse_responses(section), 2 * half + 1, energy)
-        pressure = borne.at(operator.place_mm)
+        pressure = contact.at(operator.place_mm)
     encoded = np.interp(section.sampling.place_mm, operator.receptor_mm, operator.sed(pressure))
     missed = {
         "relative_l2": float(np.linalg.norm(encoded - true) / np.linalg.norm(true)),
         "peak": float(encoded.max() / true.max() - 1),
-        "lateral_share": borne.lateral_share,
+        "lateral_share": contact.lateral_share,
     }
     return SkinLoad(operator, pressure, (section.sampling.place_mm, true), missed, found.small_strain)
 
@@ -215,12 +215,12 @@ CUT_OFF = "the search was cut off before it converged"
 NO_NOISE = 1e-3
 """Share of the highest reading that serves as the sd without noise, since a likelihood requires one."""
 
-_HELD = 0.95  # of a press's force under the pressures that are sought
-_SOUGHT = 0.8  # of the receptors' half length: beyond, too few of them feel a pressure
+_HELD = 0.95  # least share of a press's force within the estimated pressures
+_SOUGHT = 0.8  # of the receptors' half-length: beyond it too few receptors respond
 
 
 class SearchOptions(NamedTuple):
-    """How the decoders search.
+    """Search settings of the decoders.
 
     Attributes
     ----------
@@ -229,11 +229,11 @@ class SearchOptions(NamedTuple):
         that explains the readings best.
     bounds : tuple of two floats, optional
         Lowest and highest pressure, for decoders except `bayes`. Default: from 0 to twice what the highest reading
-        needs of the one pressure that it feels most.
+        needs from the one pressure with the largest effect on it.
     grid_step : float, optional
         Spacing of the values of `grid`. Default: a 30th of the bounds.
     seed : int
-        Seed of what is drawn at random.
+        Seed of the random generator.
     """
 
     start: tuple[float, ...] | None = None
@@ -254,7 +254,7 @@ class DecodeTask:
         Only `bayes` gives standard deviations and bands, and only it decodes sheets and axial shapes. The old name
         "ours" works for one release.
     operator : {"convolution", "influence"}, optional
-        What encodes pressures and reads them back. Default: convolution for pressures, influence for a press.
+        Operator that encodes and decodes. Default: convolution for pressures, influence for a press.
         Readings always go by influence.
     energy : {"incompressible", "finite"}
         The definition of strain energy density (SED).
@@ -270,9 +270,9 @@ class DecodeTask:
         For a row of readings in the whole finger: half-lengths (mm) of pressure ellipses along it, of which the
         readings choose one. Empty: the row is read back by the plane-strain section.
     search : SearchOptions
-        How the decoder searches.
+        Search settings of the decoder.
     finger : FingertipConfig
-        What the finger is made from.
+        Parameters of the finger.
     """
 
     source: Sequence[float] | Array | SectionPress | GivenReadings
@@ -295,14 +295,14 @@ class DecodeTask:
 
 @dataclass(frozen=True)
 class ReadingNoise:
-    """What is known of the noise of m readings.
+    """Noise of m readings.
 
     Attributes
     ----------
     sd : (m,) array
         Standard deviations, in the readings' unit.
     known : str
-        How they are known: told, measured at rest, assumed.
+        Their source: given, measured at rest, or assumed.
     at : {"receptor", "output"}
         Where the noise enters.
     """
@@ -314,7 +314,7 @@ class ReadingNoise:
 
 @dataclass(frozen=True)
 class Observation:
-    """Readings of m receptors, and the operator of n pressures that is to explain them.
+    """Readings of m receptors, and the operator of n pressures that explains them.
 
     Attributes
     ----------
@@ -323,11 +323,11 @@ class Observation:
         Rates where there is a receptor, else SED (pseudo-units).
     receptor : FittedReceptor, optional
     noise : ReadingNoise, optional
-        None where nothing is known of it.
+        None if unknown.
     true : (n,) array, optional
         The pressures that were encoded.
     error : ModelError, optional
-        How wrong the operator is. None: by as much as meshes differ.
+        Error of the operator. Default: the difference between meshes.
     axial : str, optional
         Name of the shape along the finger under which a row is decoded.
     """
@@ -342,7 +342,7 @@ class Observation:
 
     @property
     def sed(self) -> Array:
-        """(m,) SED that the readings stand for; of a silent receptor its threshold."""
+        """(m,) SED of the readings; for a silent receptor its threshold."""
         receptor = None if self.receptor is None else self.receptor.receptor
         return self.reading if receptor is None else self.reading / receptor.gain + receptor.threshold
 
@@ -354,7 +354,7 @@ class Observation:
         return self.reading > (QUIET_SD * self.noise.sd if self.noise and self.noise.at == "output" else 0)
 
     def unexplained(self, pressure: Array, share: float = 0.0) -> tuple[str, ...]:
-        """A complaint where SED under (n,) pressures is farther from the readings than noise and a share of it."""
+        """Return a message if SED under (n,) pressures deviates from readings by more than noise and model error."""
         if self.noise is None:
             return ()
         noise, sed = self.noise.sd / (1.0 if self.receptor is None else self.receptor.receptor.gain), self.sed
@@ -369,24 +369,24 @@ class Observation:
 
 @dataclass(frozen=True)
 class DecodeResult:
-    """Pressures, how they were found, and what speaks against them.
+    """Decoded pressures, how they were found, and problems.
 
     Attributes
     ----------
     observation : Observation
-        What was decoded; `observation.operator.place_mm` has the (n,) places of the pressures, of a sheet (n, 2).
+        The readings; `observation.operator.place_mm` has the (n,) locations of the pressures, (n, 2) for a sheet.
     pressure : (n,) array
         Pseudo-units.
     converged : bool
-        False where the search was cut off.
+        False if the search reached its limit.
     ms : float
-        Time of the decoder alone.
+        Time of the decoder alone (ms).
     profile : Profile, optional
-        Of `bayes`: standard deviations and bands.
+        For `bayes`: standard deviations and bands.
     path : (moves + 1, n) array
-        The way of `univariate` and `grid`; empty for the others.
+        Trajectory of `univariate` and `grid`; empty for other decoders.
     bounds : PressureRange, optional
-        Between which pressures were searched for; None for `bayes`.
+        Range of the search; None for `bayes`.
     problems : tuple of str
     """
 
@@ -401,13 +401,13 @@ class DecodeResult:
 
     @property
     def left_of_sed(self) -> float:
-        """Root mean square of SED (pseudo-units) that the pressures do not explain, of receptors not silent."""
+        """Root mean square of SED (pseudo-units) that the pressures do not explain, without silent receptors."""
         seen = self.observation
         return float(np.sqrt(np.mean((seen.operator.sed(self.pressure) - seen.sed)[seen.heard] ** 2)))
 
     @property
     def errors(self) -> DecodingErrors | None:
-        """Against the true pressures, where these are known."""
+        """Errors against the true pressures, if these are known."""
         true = self.observation.true
         return None if true is None else decoding_errors(true, self.pressure)
 
@@ -434,7 +434,7 @@ def decode_task(task: DecodeTask) -> DecodeResult:
 
 
 def observe(task: DecodeTask) -> Observation:
-    """Encode, or take the readings, and make the operator that explains them. Raises as `decode_task`."""
+    """Encode a load or take the readings, and make the operator that explains them. Raises as `decode_task`."""
     if isinstance(task.source, GivenReadings):
         if task.axial_mm:
             return best_explained(_of_row(task, task.source))
@@ -445,12 +445,14 @@ def observe(task: DecodeTask) -> Observation:
 
 
 def decode_observation(observation: Observation, decoder: DecoderName, search: SearchOptions) -> DecodeResult:
-    """Find the pressures. Raises CodingError for a start or bounds that cannot be meant, and for such readings."""
+    """Find the pressures. Raises CodingError for an invalid start, bounds or readings."""
     if not observation.heard.any():
         raise CodingError("no reading exceeds its noise; at least one receptor must respond", code="all_noise")
     if decoder == "bayes":
         return _bayes(observation, search.seed)
-    upright = observation.operator.leaning(np.zeros(len(observation.operator.place_mm)))  # they know no other forces
+    upright = observation.operator.leaning(
+        np.zeros(len(observation.operator.place_mm))
+    )  # these decoders know normal forces only
     observation = replace(observation, operator=upright)
     within = _bounds(observation, search)
     start = _start(observation, search, within)
@@ -475,8 +477,11 @@ def decode_observation(observation: Observation, decoder: DecoderName, search: S
 
 
 def best_explained(observations: Sequence[Observation]) -> Observation:
-    """Of the same readings under several axial shapes: the one whose pressures explain them best, at a quick look."""
-    return min(observations, key=lambda one: _profile(one, _noise_of_readings(one), 0, table=False).misfit)
+    """Return the observation, of several axial shapes, whose pressures explain the readings best in a quick fit."""
+    return min(
+        observations,
+        key=lambda observation: _profile(observation, _noise_of_readings(observation), 0, table=False).misfit,
+    )
 
 
 def _noise_of_readings(observation: Observation) -> ReadingNoise:
@@ -499,7 +504,7 @@ def _bayes(observation: Observation, seed: int) -> DecodeResult:
 
 
 def _profile(observation: Observation, noise: ReadingNoise, seed: int, *, table: bool = True) -> Profile:
-    """Readings whose noise differs are weighted until it does not."""
+    """Decode readings, weighted to equal noise."""
     sd = float(np.median(noise.sd))
     weight = sd / noise.sd
     operator, reading = weighted(observation.operator, weight), weight * observation.reading
@@ -533,25 +538,25 @@ def _start(observation: Observation, search: SearchOptions, within: PressureRang
         even = observation.operator.sed(np.ones(n))
         size = np.sqrt(max(0.0, float(even @ observation.sed)) / float(even @ even))
         return np.full(n, float(np.clip(size, *within)))
-    given = np.array(search.start)
-    if len(given) not in (1, n):
+    start = np.array(search.start)
+    if len(start) not in (1, n):
         raise CodingError(
             "{start}: {numbers} numbers; must be 1 or {expected}",
-            code="wrong_count", start="start", numbers=len(given), expected=n,
+            code="wrong_count", start="start", numbers=len(start), expected=n,
         )  # fmt: skip
-    if not ((given >= within.low) & (given <= within.high)).all():
+    if not ((start >= within.low) & (start <= within.high)).all():
         raise CodingError(
             "{start}: must lie within {bounds}, {low:g} to {high:g}",
             code="outside_range", start="start", bounds="bounds", low=within.low, high=within.high,
         )  # fmt: skip
-    return np.full(n, given[0]) if len(given) == 1 else given
+    return np.full(n, start[0]) if len(start) == 1 else start
 
 
-# --- what is decoded ---
+# --- observations ---
 
 
 def _of_pressures(task: DecodeTask, pressure: Array) -> Observation:
-    """Encoded and read back by the same operator."""
+    """Encode pressures and explain them by the same operator."""
     by = task.operator or "convolution"
     load = load_of_pressures(sampled_section(task.finger, task.sampling), by, task.energy, pressure)
     operator = load.operator if by == "convolution" else normal_alone(load.operator)
@@ -559,15 +564,15 @@ def _of_pressures(task: DecodeTask, pressure: Array) -> Observation:
 
 
 def _of_press(task: DecodeTask, press: SectionPress) -> Observation:
-    """Felt as finite elements have it; read back as pressures without friction, or folded ones, about the middle."""
+    """Encode a press by finite elements; explain it by frictionless pressures, or by convolution."""
     section = sampled_section(task.finger, task.sampling)
-    borne = borne_by(section, section.finger.indent(press.shape, press.x_mm, doi_mm=press.doi_mm))
-    felt = influence(section, borne.place_mm, borne.width_mm, task.energy)
+    contact = borne_by(section, section.finger.indent(press.shape, press.x_mm, doi_mm=press.doi_mm))
+    encoder = influence(section, contact.place_mm, contact.width_mm, task.energy)
     half = int(_SOUGHT * section.sampling.half_length)
     operator = _sought(section, task.operator or "influence", task.energy, half)
-    true = borne.means(operator.place_mm)
-    held = float(true.sum() * section.sampling.spacing_mm / (borne.normal * borne.width_mm).sum())
-    if held < _HELD:
+    true = contact.means(operator.place_mm)
+    share = float(true.sum() * section.sampling.spacing_mm / (contact.normal * contact.width_mm).sum())
+    if share < _HELD:
         raise CodingError(
             "{shape} at x = {x_mm:g} mm: {held:.0%} of the force lies between {low_mm:.2f} and {high_mm:.2f} "
             "mm, where pressures are estimated; at least {least:.0%} is required; move the indentor towards "
@@ -575,16 +580,16 @@ def _of_press(task: DecodeTask, press: SectionPress) -> Observation:
             code="beside_the_search",
             shape="shape",
             x_mm=press.x_mm,
-            held=held,
+            held=share,
             low_mm=float(operator.place_mm[0]),
             high_mm=float(operator.place_mm[-1]),
             least=_HELD,
         )
-    return _encoded(task, felt, borne.stacked, operator, true)
+    return _encoded(task, encoder, contact.stacked, operator, true)
 
 
 def _sought(section: SampledSection, by: OperatorName, energy: Energy, half: int) -> ForwardOperator:
-    """SED at the section's own receptors under 2 half + 1 pressures."""
+    """Return SED at the section's own receptors under 2 half + 1 pressures."""
     n, spacing = 2 * half + 1, section.sampling.spacing_mm
     if by == "influence":
         return frictionless(section, centred(n + 1, spacing), energy)
@@ -593,11 +598,11 @@ def _sought(section: SampledSection, by: OperatorName, energy: Energy, half: int
 
 
 def _encoded(
-    task: DecodeTask, felt: ForwardOperator, load: Array, operator: ForwardOperator, true: Array
+    task: DecodeTask, encoder: ForwardOperator, load: Array, operator: ForwardOperator, true: Array
 ) -> Observation:
-    """Readings by one operator, to be explained by another."""
+    """Encode by one operator for decoding by another."""
     receptor = None if task.receptor is None else task.receptor.receptor
-    encoded = encode(felt, load, receptor, task.noise)
+    encoded = encode(encoder, load, receptor, task.noise)
     if not encoded.rate.max() > 0:
         raise CodingError(
             "no receptor responds; raise the pressure, or lower {threshold} below its SED",
@@ -607,7 +612,7 @@ def _encoded(
 
 
 def noise_of(encoded: Encoded, receptor: Receptor | None, noise: Noise | None) -> ReadingNoise:
-    """Measured, as it would be, from the same receptors at rest; where those are silent, told."""
+    """Return the noise as measured from the same receptors at rest, or as known for silent ones."""
     m = encoded.samples
     if noise is None or not encoded.noise_sd:
         return ReadingNoise(np.full(m, NO_NOISE * float(encoded.rate.max())), "none; a small sd is assumed")
@@ -618,20 +623,23 @@ def noise_of(encoded: Encoded, receptor: Receptor | None, noise: Noise | None) -
     return ReadingNoise(np.full(m, unit * encoded.noise_sd), "told", noise.at)
 
 
-def _of_readings(task: DecodeTask, given: GivenReadings) -> Observation:
-    """Pressures between the outermost receptors, so far apart; where they are not sought within contacts no more than
-    there are readings, with straight lines between them.
+def _of_readings(task: DecodeTask, readings: GivenReadings) -> Observation:
+    """Return readings with pressures between the outermost receptors at the sampling's spacing.
+
+    Unless the decoder finds contacts, there are no more pressures than readings, linear in between.
     """
-    _refuse_kind(task, given)
-    if given.z_mm is not None:
+    _refuse_kind(task, readings)
+    if readings.z_mm is not None:
         if task.decoder != "bayes":
             raise CodingError(
                 "{readings} with a column z_mm requires {decoder} bayes",
                 code="sheet_not_decoded", readings="readings", decoder="decoder",
             )  # fmt: skip
-        return Observation(_over_sheet(task, given, given.z_mm), given.reading, task.receptor, _noise(task, given))
-    section = felt_section(task.finger, given.place_mm, given.depth_mm)
-    low, high = _on_patch(given, section.line.places(section.model.patch.x))
+        return Observation(
+            _over_sheet(task, readings, readings.z_mm), readings.reading, task.receptor, _noise(task, readings)
+        )
+    section = felt_section(task.finger, readings.place_mm, readings.depth_mm)
+    low, high = _on_patch(readings, section.line.places(section.model.patch.x))
     n = round((high - low) / task.sampling.spacing_mm)
     if n < 1:
         raise CodingError(
@@ -641,21 +649,21 @@ def _of_readings(task: DecodeTask, given: GivenReadings) -> Observation:
     if task.decoder == "bayes" and n >= FEWEST_FOR_CONTACTS:
         operator: ForwardOperator = frictionless(section, np.linspace(low, high, n + 1), task.energy)
     else:
-        few = np.linspace(low, high, min(n + 1, len(given.place_mm)))
+        few = np.linspace(low, high, min(n + 1, len(readings.place_mm)))
         operator = normal_influence(section, few, SPACING_MM, task.energy)
-    return Observation(operator, given.reading, task.receptor, _noise(task, given))
+    return Observation(operator, readings.reading, task.receptor, _noise(task, readings))
 
 
-def _of_row(task: DecodeTask, given: GivenReadings) -> list[Observation]:
-    """Pressures in the receptor plane of the whole finger, one observation for each ellipse along it."""
-    _refuse_kind(task, given)
-    if given.z_mm is not None:
+def _of_row(task: DecodeTask, readings: GivenReadings) -> list[Observation]:
+    """Return one observation for each axial ellipse, with pressures in the receptor plane of the whole finger."""
+    _refuse_kind(task, readings)
+    if readings.z_mm is not None:
         raise CodingError(
             "{axial} applies to a row of receptors; remove it, or the column z_mm",
             code="axial_of_sheet", axial="axial",
         )  # fmt: skip
-    row = felt_row(task.finger, given.place_mm, given.depth_mm)
-    low, high = _on_patch(given, row.line.places(row.felt.nodes_mm[:, X]))
+    row = felt_row(task.finger, readings.place_mm, readings.depth_mm)
+    low, high = _on_patch(readings, row.line.places(row.felt.nodes_mm[:, X]))
     n = round((high - low) / task.sampling.spacing_mm)
     if n < FEWEST_FOR_CONTACTS:
         least_mm = FEWEST_FOR_CONTACTS * task.sampling.spacing_mm
@@ -666,40 +674,40 @@ def _of_row(task: DecodeTask, given: GivenReadings) -> list[Observation]:
     centre_mm = row.line.surface.apex.position_mm[Z]
     shapes = [AxialShape(half, centre_mm) for half in task.axial_mm]
     operators = row.under_each(shapes, np.linspace(low, high, n + 1), task.energy)
-    noise = _noise(task, given)
+    noise = _noise(task, readings)
     return [
-        Observation(operator, given.reading, task.receptor, noise, error=ROW_ERROR, axial=shape.name)
+        Observation(operator, readings.reading, task.receptor, noise, error=ROW_ERROR, axial=shape.name)
         for shape, operator in zip(shapes, operators, strict=True)
     ]
 
 
-def _refuse_kind(task: DecodeTask, given: GivenReadings) -> None:
-    if given.kind == "rate" and task.receptor is None:
+def _refuse_kind(task: DecodeTask, readings: GivenReadings) -> None:
+    if readings.kind == "rate" and task.receptor is None:
         raise CodingError(
             "{readings} with a column {column} requires {gain} and {threshold}; add them",
-            code="receptor_mismatch", readings="readings", column=given.kind, gain="gain", threshold="threshold",
+            code="receptor_mismatch", readings="readings", column=readings.kind, gain="gain", threshold="threshold",
         )  # fmt: skip
-    if given.kind != "rate" and task.receptor is not None:
+    if readings.kind != "rate" and task.receptor is not None:
         raise CodingError(
             "{readings} with a column {column} contains SED, which takes no {threshold}; remove it",
-            code="receptor_mismatch", readings="readings", column=given.kind, threshold="threshold",
+            code="receptor_mismatch", readings="readings", column=readings.kind, threshold="threshold",
         )  # fmt: skip
 
 
-def _on_patch(given: GivenReadings, place_mm: Array) -> tuple[float, float]:
-    """From the first to the last receptor, as far as places of the patch go."""
-    low, high = np.clip(given.place_mm[[0, -1]], place_mm.min(), place_mm.max()).tolist()
+def _on_patch(readings: GivenReadings, place_mm: Array) -> tuple[float, float]:
+    """Return the range from the first to the last receptor, limited to the patch."""
+    low, high = np.clip(readings.place_mm[[0, -1]], place_mm.min(), place_mm.max()).tolist()
     return low, high
 
 
-def _over_sheet(task: DecodeTask, given: GivenReadings, z_mm: Array) -> ForwardOperator:
-    """Pressures over x and z between the outermost receptors, as far as the finger's patch goes."""
+def _over_sheet(task: DecodeTask, readings: GivenReadings, z_mm: Array) -> ForwardOperator:
+    """Return the operator of pressures over x and z between the outermost receptors, limited to the patch."""
     apart = max(task.sampling.spacing_mm, SHEET_SPACING_MM)
-    along_x = _places("x_mm", given.place_mm, 0.0, apart)
+    along_x = _places("x_mm", readings.place_mm, 0.0, apart)
     along_z = _places("z_mm", z_mm, task.finger.receptor_plane_mm, apart)
     surface = FingertipSurface.fit(task.finger.geometry)
-    points = points_below(task.finger, surface, given.place_mm, given.depth_mm, z_mm)
-    return sheet_operator(felt_skin(task.finger, points, given.depth_mm), Grid(along_x, along_z), task.energy)
+    points = points_below(task.finger, surface, readings.place_mm, readings.depth_mm, z_mm)
+    return sheet_operator(felt_skin(task.finger, points, readings.depth_mm), Grid(along_x, along_z), task.energy)
 
 
 def _places(name: str, receptors_mm: Array, middle_mm: float, apart_mm: float) -> Array:
@@ -720,11 +728,11 @@ def _places(name: str, receptors_mm: Array, middle_mm: float, apart_mm: float) -
     return np.asarray(0.5 * (low + high) + centred(n, apart_mm))
 
 
-def _noise(task: DecodeTask, given: GivenReadings) -> ReadingNoise | None:
-    if given.sd is not None:
-        return ReadingNoise(given.sd, "given in the file", task.noise_at)
-    if given.at_rest is not None:
-        m = len(given.reading)
-        sd = np.full(m, sd_at_rest(given.at_rest))
+def _noise(task: DecodeTask, readings: GivenReadings) -> ReadingNoise | None:
+    if readings.sd is not None:
+        return ReadingNoise(readings.sd, "given in the file", task.noise_at)
+    if readings.at_rest is not None:
+        m = len(readings.reading)
+        sd = np.full(m, sd_at_rest(readings.at_rest))
         return ReadingNoise(sd, f"measured from {m} receptors at rest", task.noise_at)
     return None

@@ -13,13 +13,13 @@ _EXPONENT = 1.5  # a point contact of a sphere; only the start and the scale of 
 
 
 class ForceNotReachedError(SimError, ValueError):
-    """The force lies beyond the deepest indentation allowed."""
+    """Error of a force beyond the deepest indentation allowed."""
 
     default_code = "force_not_reached"
 
 
 class TooDeepError(SimError, ValueError):
-    """There is no answer at this depth; there may be one at a smaller depth."""
+    """Error of a depth without a solution; a smaller depth may have one."""
 
     default_code = "too_deep"
 
@@ -31,11 +31,17 @@ def solve_for_force(
     solve: Callable[[float, ContactState | None], ContactState],
     factor: Callable[[float], float] = lambda doi_mm: 1.0,
 ) -> tuple[float, ContactState]:
-    """DOI in mm and state at which `solve(doi, start)` carries the force, by a bracketed secant on F^(2/3).
+    """Return the DOI in mm and the state at which a force is reached, by a bracketed secant on F^(2/3).
 
-    What it carries at a depth is `factor` times the state's. Where the force jumps across its target the distance
-    left counts as residual. Raises ForceNotReachedError, or the TooDeepError of a solve when the force is not reached
-    before it.
+    The force at a depth is `factor` times the state's. Where it jumps across the target, the remaining difference
+    counts as residual.
+
+    Raises
+    ------
+    ForceNotReachedError
+        If the deepest indentation does not reach the force.
+    TooDeepError
+        If the solver fails before the force is reached.
     """
     goal = force ** (1 / _EXPONENT)
     low, f_low = 0.0, 0.0

@@ -19,13 +19,13 @@ STEEPEST_OF_A_MAP = 20.0
 """Largest slope of a map, 87 degrees; a steeper wall cannot be distinguished from an overhang."""
 
 _UNEVEN = 1e-3  # of the spacing
-_UNDERSHOOT = 0.05  # of the relief, by which the spline may lie below the lowest height
-_PARTS = 4  # of a cell, in which lowest places and curvature are looked for
+_UNDERSHOOT = 0.05  # of the relief: how far the spline may lie below the lowest height
+_PARTS = 4  # of a cell, at which the lowest point and the curvature are searched
 _LEAST_STEP_MM = 1e-6
 
 
 class HeightMapError(SimError, ValueError):
-    """Error of heights that make no indentor."""
+    """Error of heights that cannot form an indentor."""
 
     default_code = "bad_height_map"
 
@@ -107,7 +107,7 @@ class HeightMap(Indentor):
             If there are too few or too many points, the spacing is uneven, a height is not a number, or the surface
             has a wall.
         """
-        x, z, height = (np.array(given, dtype=np.float64) for given in (x_mm, z_mm, height_mm))
+        x, z, height = (np.array(values, dtype=np.float64) for values in (x_mm, z_mm, height_mm))
         if height.shape != (z.size, x.size) or x.ndim != 1 or z.ndim != 1:
             raise HeightMapError(
                 "{name}: heights of shape {shape} over {n_x} x and {n_z} z: must have the shape {expected}",
@@ -119,8 +119,8 @@ class HeightMap(Indentor):
                 expected=(z.size, x.size),
             )
         _refuse_size(name, *height.shape)
-        for axis, places in (("x", x), ("z", z)):
-            _refuse_uneven(name, axis, places)
+        for axis, positions in (("x", x), ("z", z)):
+            _refuse_uneven(name, axis, positions)
         missing = np.argwhere(~np.isfinite(height))
         if len(missing):
             k, i = missing[0]
@@ -155,7 +155,7 @@ class HeightMap(Indentor):
         return self.name, self.turn_deg, digest.hexdigest()
 
     def __getstate__(self) -> dict[str, object]:
-        """What it is made from: the spline is made again where it is needed."""
+        """Return the defining fields; the spline is rebuilt when needed."""
         fields = ("name", "x_mm", "z_mm", "height_mm", "turn_deg")
         return {field: self.__dict__[field] for field in fields}
 
@@ -184,8 +184,8 @@ class HeightMap(Indentor):
     @cached_property
     def sharpest_radius_mm(self) -> float:
         """Smallest radius of curvature of the convex parts within the rim, as measured on the spline (mm)."""
-        places = self._in_cells()
-        surface = self._within(places)
+        points = self._in_cells()
+        surface = self._within(points)
         slope, hessian = np.moveaxis(surface.slope, -1, 0), np.moveaxis(surface.curvature, -1, 0)
         metric = np.eye(2) + slope[:, :, None] * slope[:, None]
         shape = np.linalg.solve(metric, hessian) / np.sqrt(1 + (slope**2).sum(axis=1))[:, None, None]
@@ -208,8 +208,10 @@ class HeightMap(Indentor):
         ndarray of shape (k,)
             Angles (rad).
         """
-        ways = reach_mm * np.eye(2)[:, :, None]
-        found = [_angle(self.evaluate(offset_mm - way).slope, self.evaluate(offset_mm + way).slope) for way in ways]
+        shifts = reach_mm * np.eye(2)[:, :, None]
+        found = [
+            _angle(self.evaluate(offset_mm - shift).slope, self.evaluate(offset_mm + shift).slope) for shift in shifts
+        ]
         return np.maximum(*found)
 
     def evaluate(self, offset_mm: Array) -> Surface:
@@ -228,11 +230,11 @@ class HeightMap(Indentor):
         at = self._turn @ offset_mm
         clipped, beyond, outside = self._clipped(at)
         surface = self._within(clipped)
-        way = np.hypot(*beyond)
+        distance = np.hypot(*beyond)
         inside = ~outside
-        wall = STEEPEST_SLOPE * beyond / np.where(way > 0, way, 1.0)
+        wall = STEEPEST_SLOPE * beyond / np.where(distance > 0, distance, 1.0)
         return self._seen(
-            surface.height_mm + STEEPEST_SLOPE * way,
+            surface.height_mm + STEEPEST_SLOPE * distance,
             surface.slope * inside + wall,
             surface.curvature * (inside[:, None] & inside[None]),
         )
@@ -255,38 +257,39 @@ class HeightMap(Indentor):
         at = self._turn @ offset_mm
         clipped, beyond, outside = self._clipped(at)
         surface = self._within(clipped)
-        way = np.hypot(*beyond)
-        height, steepness, _ = arc_tangent(way, y_mm - surface.height_mm, 0.0, np.ones_like(way))
+        distance = np.hypot(*beyond)
+        height, steepness, _ = arc_tangent(distance, y_mm - surface.height_mm, 0.0, np.ones_like(distance))
         inside = ~outside
         return self._seen(
-            surface.height_mm + np.where(way > 0, height, 0.0),
-            surface.slope * inside + np.where(way > 0, steepness, 0.0) * beyond / np.where(way > 0, way, 1.0),
+            surface.height_mm + np.where(distance > 0, height, 0.0),
+            surface.slope * inside
+            + np.where(distance > 0, steepness, 0.0) * beyond / np.where(distance > 0, distance, 1.0),
             surface.curvature * (inside[:, None] & inside[None]),
         )
 
     @property
     def _turn(self) -> Array:
-        """(2, 2) from the finger's x and z to the map's."""
+        """Rotation matrix (2, 2) from the finger's x and z to the map's."""
         c, s = np.cos(np.radians(self.turn_deg)), np.sin(np.radians(self.turn_deg))
         return np.array([[c, s], [-s, c]])
 
     def _seen(self, height: Array, slope: Array, curvature: Array) -> Surface:
-        """From the map's x and z to the finger's."""
+        """Rotate slope and curvature from the map's x and z to the finger's."""
         back = self._turn.T
         return Surface(height, back @ slope, np.einsum("ia,abk,jb->ijk", back, curvature, back))
 
     def _clipped(self, at: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-        """(2, k) the nearest places of the map, how far beyond them, and along which axes that is outside."""
+        """Return (2, k) the nearest positions on the map, the distances beyond, and the axes that lie outside."""
         ends = np.array([[self.x_mm[0], self.x_mm[-1]], [self.z_mm[0], self.z_mm[-1]]])
         clipped = np.clip(at, ends[:, :1], ends[:, 1:])
         return clipped, at - clipped, at != clipped
 
     def _within(self, at: Array) -> Surface:
-        """Height above the lowest point, slope and curvature of the spline at (2, k) places of the map."""
+        """Return height above the lowest point, slope and curvature of the spline at (2, k) positions on the map."""
         steps, corners, basis = self._steps, [], []
-        for places, step, where in zip((self.x_mm, self.z_mm), steps, at, strict=True):
-            t = (where - places[0]) / step
-            cell = np.clip(t.astype(np.int64), 0, len(places) - 2)
+        for positions, step, where in zip((self.x_mm, self.z_mm), steps, at, strict=True):
+            t = (where - positions[0]) / step
+            cell = np.clip(t.astype(np.int64), 0, len(positions) - 2)
             corners.append(cell)
             basis.append(_hermite(t - cell))
         (i, k), (of_x, of_z) = corners, basis
@@ -301,13 +304,13 @@ class HeightMap(Indentor):
 
     @property
     def _steps(self) -> tuple[float, float]:
-        """The spacing along x and z."""
-        x, z = (float((places[-1] - places[0]) / (len(places) - 1)) for places in (self.x_mm, self.z_mm))
+        """Spacing along x and z (mm)."""
+        x, z = (float((positions[-1] - positions[0]) / (len(positions) - 1)) for positions in (self.x_mm, self.z_mm))
         return x, z
 
     @cached_property
     def _hermite(self) -> Array:
-        """(n_z, n_x, 2, 2) height and slopes of the spline at the points, a cell long: by order along z, along x."""
+        """(n_z, n_x, 2, 2) heights and derivatives of the spline per cell, by order along z, then along x."""
         step_x, step_z = self._steps
         across = step_x * _slopes(self.x_mm, self.height_mm.T).T
         both = step_z * np.stack([_slopes(self.z_mm, self.height_mm), _slopes(self.z_mm, across)], axis=-1)
@@ -315,26 +318,26 @@ class HeightMap(Indentor):
 
     @cached_property
     def _lowest_mm(self) -> float:
-        """Of the spline: looked for ever closer around the lowest of several places in each cell."""
-        self.__dict__["_lowest_mm"] = 0.0  # until it is known: heights from the level that they were given from
-        places, steps = self._in_cells(), np.array(self._steps)[:, None]
+        """Lowest height of the spline, by repeated refinement around the lowest sample."""
+        self.__dict__["_lowest_mm"] = 0.0  # until it is known, heights count from the input's level
+        points, steps = self._in_cells(), np.array(self._steps)[:, None]
         around = np.stack([side.ravel() for side in np.meshgrid(*[np.linspace(-1, 1, 2 * _PARTS + 1)] * 2)])
         while True:
-            heights = self._within(places).height_mm
+            heights = self._within(points).height_mm
             if steps[0] < _LEAST_STEP_MM:
                 return float(heights.min())
             steps = steps / _PARTS
-            centre = places[:, [int(np.argmin(heights))]]
-            places = self._clipped(np.concatenate([centre, centre + steps * around], axis=1))[0]
+            centre = points[:, [int(np.argmin(heights))]]
+            points = self._clipped(np.concatenate([centre, centre + steps * around], axis=1))[0]
 
     def _in_cells(self) -> Array:
-        """(2, k) places all over the map, several in each cell; of a large map its points."""
+        """Return (2, k) positions, several in each cell; of a large map only its points."""
         parts = _PARTS if self.height_mm.size * _PARTS**2 <= MOST_POINTS else 1
         x, z = (np.linspace(p[0], p[-1], parts * (len(p) - 1) + 1) for p in (self.x_mm, self.z_mm))
         return np.stack([side.ravel() for side in np.meshgrid(x, z)])
 
     def _refuse_walls(self) -> None:
-        """Raise HeightMapError where the spline is too steep or swings below what it goes through."""
+        """Raise HeightMapError where the spline is too steep or undershoots its points."""
         surface = self._within(self._in_cells())
         steepest = float(np.hypot(*surface.slope).max())
         relief = float(np.ptp(self.height_mm))
@@ -361,7 +364,10 @@ class HeightMap(Indentor):
 
 
 def _hermite(u: Array) -> Array:
-    """(3, 4, k) value, first and second derivative of the cubics for value and slope at 0, value and slope at 1."""
+    """Return (3, 4, k) value, first and second derivative of the Hermite cubics on 0 ≤ u ≤ 1.
+
+    The four cubics belong to value and slope at 0, then at 1.
+    """
     u2, u3 = u * u, u * u * u
     value = [2 * u3 - 3 * u2 + 1, u3 - 2 * u2 + u, 3 * u2 - 2 * u3, u3 - u2]
     first = [6 * u2 - 6 * u, 3 * u2 - 4 * u + 1, 6 * u - 6 * u2, 3 * u2 - 2 * u]
@@ -369,13 +375,13 @@ def _hermite(u: Array) -> Array:
     return np.stack([np.stack(row) for row in (value, first, second)])
 
 
-def _slopes(places: Array, values: Array) -> Array:
-    """Derivatives of the cubic splines along the first axis, at its places."""
-    return np.asarray(CubicSpline(places, values, axis=0)(places, 1))
+def _slopes(knots: Array, values: Array) -> Array:
+    """Return derivatives of the cubic splines along the first axis, at the knots."""
+    return np.asarray(CubicSpline(knots, values, axis=0)(knots, 1))
 
 
 def _angle(slope: Array, other: Array) -> Array:
-    """(k,) rad between the normals of two slopes (2, k)."""
+    """Return (k,) angles in rad between the normals of two slopes (2, k)."""
     one, two = (np.concatenate([s, -np.ones_like(s[:1])]) / np.sqrt(1 + (s**2).sum(axis=0)) for s in (slope, other))
     return np.asarray(2 * np.arcsin(np.clip(0.5 * np.linalg.norm(one - two, axis=0), 0.0, 1.0)))
 
@@ -401,9 +407,9 @@ def _refuse_size(name: str, rows: int, columns: int) -> None:
         )
 
 
-def _refuse_uneven(name: str, axis: str, places: Array) -> None:
-    steps = np.diff(places)
-    if not np.isfinite(places).all() or not (steps > 0).all():
+def _refuse_uneven(name: str, axis: str, positions: Array) -> None:
+    steps = np.diff(positions)
+    if not np.isfinite(positions).all() or not (steps > 0).all():
         raise HeightMapError("{name}: {axis} must rise", code="axis_not_rising", name=name, axis=axis)
     worst = int(np.argmax(np.abs(steps - steps.mean())))
     if abs(steps[worst] - steps.mean()) > _UNEVEN * steps.mean():
@@ -413,7 +419,7 @@ def _refuse_uneven(name: str, axis: str, places: Array) -> None:
             code="uneven_spacing",
             name=name,
             axis=axis,
-            from_mm=float(places[worst]),
-            to_mm=float(places[worst + 1]),
+            from_mm=float(positions[worst]),
+            to_mm=float(positions[worst + 1]),
             step_mm=float(steps.mean()),
         )

@@ -1,4 +1,4 @@
-"""An indentor as a surface: a profile carried along a line or turned about the vertical, or any height over x, z."""
+"""Indentor surfaces: a profile swept along a line or turned about the vertical, or any height over x and z."""
 
 import warnings
 from abc import ABC, abstractmethod
@@ -32,7 +32,7 @@ _ALONG_ITSELF = np.ones((1, 1))
 
 
 class ShapeWarning(SimError, UserWarning):  # noqa: N818
-    """Warning of a property that a shape reports and that measurements on it contradict."""
+    """Warning that a shape states a property that measurements on it contradict."""
 
     default_code = "not_so"
 
@@ -202,23 +202,27 @@ class Indentor(ABC):
 
 
 class _OfProfile(Indentor):
-    """What has a profile, and turns where that does."""
+    """Indentor swept from a profile."""
 
     profile: IndentorProfile
 
     @cached_property
     def sharp(self) -> bool:
-        """Whether the profile turns within less than about a node's spacing: as measured, whatever it says."""
-        said, measured = self.profile.sharpest_radius_mm, measured_radius_mm(cast(Hashable, self.profile))
-        if said == measured or max(said, measured) < EDGE_RADIUS_MM or abs(measured / said - 1) <= RADIUS_TOLERANCE:
-            return said < SHARP_RADIUS_MM
+        """Whether the measured profile turns within less than about the spacing of nodes."""
+        stated, measured = self.profile.sharpest_radius_mm, measured_radius_mm(cast(Hashable, self.profile))
+        if (
+            stated == measured
+            or max(stated, measured) < EDGE_RADIUS_MM
+            or abs(measured / stated - 1) <= RADIUS_TOLERANCE
+        ):
+            return stated < SHARP_RADIUS_MM
         warnings.warn(
             ShapeWarning(
                 "{name}: sharpest_radius_mm is {said_mm:g} mm, but the profile turns within "
                 "{measured_mm:.3g} mm; using the measured value",
                 code="other_radius",
                 name=self.name,
-                said_mm=said,
+                said_mm=stated,
                 measured_mm=measured,
             ),
             stacklevel=2,
@@ -226,24 +230,24 @@ class _OfProfile(Indentor):
         return measured < SHARP_RADIUS_MM
 
     def turning(self, offset_mm: Array, reach_mm: float) -> Array:
-        """(k,) rad by which the profile's normal turns within a reach on either side of (m, k) offsets."""
+        """Return (k,) angles in rad by which the profile's normal turns within a reach of (m, k) offsets."""
         s, _ = self._arm(offset_mm)
         before, after = (np.arctan(self.profile.evaluate(at)[1]) for at in (s - reach_mm, s + reach_mm))
         return np.asarray(np.abs(after - before))
 
     def evaluate(self, offset_mm: Array) -> Surface:
-        """The surface at (m, k) offsets from the reference point, above the lowest point."""
+        """Return the surface at (m, k) offsets from the reference point, above the lowest point."""
         s, direction = self._arm(offset_mm)
         return self._swept(s, direction, *self.profile.evaluate(s))
 
     def tangent(self, offset_mm: Array, y_mm: Array) -> Surface:
-        """As `evaluate`, but past an edge the tangent plane closest to a node at the height y."""
+        """Return the surface; past an edge, the tangent plane closest to a node at the height y."""
         s, direction = self._arm(offset_mm)
         return self._swept(s, direction, *self.profile.tangent(s, y_mm))
 
     @abstractmethod
     def _arm(self, offset_mm: Array) -> tuple[Array, Array]:
-        """Coordinate of the profile and the unit vector along which it grows."""
+        """Return the profile's coordinate and the unit vector along which it grows."""
 
     @abstractmethod
     def _swept(self, s: Array, direction: Array, height: Array, slope: Array, curvature: Array) -> Surface: ...
@@ -251,20 +255,20 @@ class _OfProfile(Indentor):
 
 @dataclass(frozen=True, repr=False)
 class Prismatic(_OfProfile):
-    """A profile carried along a line: along the finger, across it, or at an angle."""
+    """Profile swept along a line: along the finger, across it, or at an angle."""
 
     name: str
     profile: IndentorProfile
     axes: tuple[int, ...] = ALONG
-    direction: tuple[float, ...] = (1.0,)  # in which the profile's coordinate grows, along the axes
+    direction: tuple[float, ...] = (1.0,)  # unit vector along which the profile's coordinate grows
 
     @cached_property
     def placed_by(self) -> tuple[int, ...]:
-        """None for a plane: it is the same everywhere."""
+        """Axes along which the position makes a difference: none for a plane."""
         return () if np.isinf(self.profile.sharpest_radius_mm) and not self.sharp else self.axes
 
     def turned(self, turn_deg: float) -> "Prismatic":
-        """A shape along the finger, turned. Raises ValueError for any other, and for a plane."""
+        """Turn a shape that lies along the finger. Raises ArgumentError for any other, and for a plane."""
         if not self.placed_by:
             raise ArgumentError("it is the same everywhere and cannot be turned", code="same_everywhere")
         if self.axes != ALONG or self.direction != (1.0,):
@@ -293,7 +297,7 @@ class Prismatic(_OfProfile):
 
 @dataclass(frozen=True, repr=False)
 class Revolved(_OfProfile):
-    """A profile turned about the vertical."""
+    """Profile turned about the vertical."""
 
     name: str
     profile: IndentorProfile
@@ -302,11 +306,11 @@ class Revolved(_OfProfile):
 
     @property
     def between_nodes(self) -> bool:
-        """Round shapes are enforced at nodes only."""
+        """Whether contact is enforced between nodes too: never for round shapes."""
         return False
 
     def turned(self, turn_deg: float) -> Indentor:
-        """Raises ValueError."""
+        """Raise ArgumentError: a round shape cannot be turned."""
         raise ArgumentError("it is round and cannot be turned", code="round")
 
     def _arm(self, offset_mm: Array) -> tuple[Array, Array]:
@@ -322,5 +326,5 @@ class Revolved(_OfProfile):
 
 
 def turn_suffix(turn_deg: float) -> str:
-    """What a turn adds to a shape's name."""
+    """Return the suffix that a turn adds to a shape's name."""
     return {0.0: "", 90.0: ",across"}.get(turn_deg, f",turn_deg={turn_deg:g}")

@@ -1,4 +1,4 @@
-"""Linear complementarity with a symmetric positive definite matrix: which points of the skin bear, and how much."""
+"""Linear complementarity problem with a symmetric positive definite matrix: which points bear load, and how much."""
 
 from typing import NamedTuple
 
@@ -20,7 +20,7 @@ _TOLERANCE = 1e-15
 
 
 class LcpSolution(NamedTuple):
-    """Multipliers (n,), the motion (m, n) that they cause, their active set and its Cholesky factor (lower)."""
+    """Multipliers (n,), the displacements (m, n) they cause, the active set and its Cholesky factor (lower)."""
 
     multipliers: Array
     u: Array
@@ -29,22 +29,22 @@ class LcpSolution(NamedTuple):
 
 
 class _Problem(NamedTuple):
-    """q, the points with their normals, and W among such as were held before, one after another."""
+    """q, the points with their normals, and the part of W computed so far."""
 
     q: Array
     skin: SkinCompliance
     normal: Array  # (m, n)
     w: Array  # (n, n), filled as far as needed
-    place: Ints  # (n,) of a point in W, or −1
+    place: Ints  # (n,) row of a point in W, or −1
 
 
 def solve_lcp(q: Array, skin: SkinCompliance, normal: Array, start: Bools) -> LcpSolution | None:
-    """λ ≥ 0 with q + Wλ ≥ 0 and λ·(q + Wλ) = 0, or None when W is not positive definite.
+    """Solve λ ≥ 0, q + Wλ ≥ 0, λ·(q + Wλ) = 0; return None when W is not positive definite.
 
-    W (n, n) is the motion of points along their normals (m, n) by unit forces along them. Block principal pivoting:
-    all infeasible indices are exchanged at once (Júdice & Pires 1994). Where their number has not fallen for 8
-    exchanges, one index enters at a time and λ stays feasible (Lawson & Hanson 1974), which is finite. W's diagonal
-    counts as raised by 1e-11, so that points that cannot be told apart share a load.
+    W (n, n) holds the motion of points along their normals (m, n) by unit forces along them. Block principal pivoting
+    exchanges all infeasible indices at once (Júdice & Pires 1994). Where their number has not fallen for 8 exchanges,
+    one index enters at a time and λ stays feasible (Lawson & Hanson 1974), which is finite. W's diagonal counts as
+    raised by 1e-11, so that coincident points share a load.
     """
     found, solution = _solved(q, skin, np.ascontiguousarray(normal), start)
     return solution if found else None
@@ -60,7 +60,7 @@ def _solved(q: Array, skin: SkinCompliance, normal: Array, start: Bools) -> tupl
 
 @compiled
 def _by_blocks(problem: _Problem, start: Bools, tiny: float) -> tuple[bool, bool, LcpSolution]:
-    """Whether it came to an end, whether W was definite so far, and what was found."""
+    """Return whether block pivoting ended, whether W was definite so far, and the solution."""
     held = start.copy()
     best, patience = len(held) + 1, _PATIENCE
     while True:
@@ -100,7 +100,10 @@ def _one_by_one(problem: _Problem, start: Bools, tiny: float) -> tuple[bool, Lcp
 
 @compiled
 def _feasible(problem: _Problem, active: Ints, before: Array) -> tuple[bool, Array, Ints, Array]:
-    """As `_held`, or with fewer indices: those that would pull are let go on the way from `before`. Which, third."""
+    """Solve as `_held` does, dropping indices whose force would turn negative on the path from `before`.
+
+    Returns whether W is definite, the multipliers, the remaining indices and their factor.
+    """
     while True:
         definite, multipliers, factor = _held(problem, active)
         new, old = multipliers[active], before[active]
@@ -116,7 +119,7 @@ def _feasible(problem: _Problem, active: Ints, before: Array) -> tuple[bool, Arr
 
 @compiled
 def _held(problem: _Problem, active: Ints) -> tuple[bool, Array, Array]:
-    """Whether W is definite there, the multipliers with some indices held, and their factor."""
+    """Return whether W is definite on the active set, the multipliers, and the Cholesky factor."""
     _know(problem, active)
     n, w, place = len(active), problem.w, problem.place
     held, multipliers = np.empty((n, n)), np.zeros(len(place))
@@ -139,7 +142,7 @@ def _held(problem: _Problem, active: Ints) -> tuple[bool, Array, Array]:
 
 @compiled
 def _know(problem: _Problem, active: Ints) -> None:
-    """Fill W's lower triangle where points are held for the first time."""
+    """Fill W's lower triangle for points that are active for the first time."""
     place, normal = problem.place, problem.normal
     before = 0
     for point in range(len(place)):
@@ -165,7 +168,7 @@ def _know(problem: _Problem, active: Ints) -> None:
 
 @compiled
 def _slack(problem: _Problem, multipliers: Array, active: Ints) -> tuple[Array, Array]:
-    """q + Wλ, zero where held, and the motion (m, n)."""
+    """Return q + Wλ, zero on the active set, and the displacements (m, n)."""
     normal, slack = problem.normal, problem.q.copy()
     force = np.empty((len(normal), len(active)))
     for i in range(len(active)):

@@ -1,7 +1,7 @@
 """Height maps from files: a picture, a table of numbers, or points.
 
-A table or picture is as one looks at the indentor's face with the finger's tip up: columns along x, the first row
-nearest the tip. Its middle is the reference point.
+A table or picture shows the indentor's face with the finger's tip up: columns along x, the first row nearest the
+tip. Its middle is the reference point.
 """
 
 import warnings
@@ -28,33 +28,33 @@ _OPTIONS = {"width_mm": (0.1, 30.0), "height_mm": (0.01, 5.0), "spacing_mm": (0.
 
 
 def read_height_map(file: str, options: Sequence[str]) -> HeightMap:
-    """A map from FILE.png, FILE.npy or FILE.csv and its options, "key=value". Raises HeightMapError."""
+    """Read a map from FILE.png, FILE.npy or FILE.csv with options "key=value". Raises HeightMapError."""
     where = f"heightmap {file}"
-    given = _given(where, options)
+    settings = _parse_options(where, options)
     readers: dict[str, Callable[[str, str, Mapping[str, str]], tuple[Array, Array, Array]]]
     readers = {".png": _picture, ".npy": _array, ".csv": _table}
     suffix = Path(file).suffix.lower()
     if suffix not in readers:
         raise HeightMapError("{name}: must be a file named .png, .npy or .csv", code="unknown_suffix", name=where)
-    x, z, height = readers[suffix](where, file, given)
+    x, z, height = readers[suffix](where, file, settings)
     if min(height.shape) > 1:
-        from scipy.ndimage import gaussian_filter  # few scenes have a map
+        from scipy.ndimage import gaussian_filter  # slow to import, and few scenes have a map
 
         spacing = x[1] - x[0], z[1] - z[0]
-        edge_mm = _edge_mm(where, given, LEAST_EDGE_SPACINGS * max(spacing), picture=suffix == ".png")
+        edge_mm = _edge_mm(where, settings, LEAST_EDGE_SPACINGS * max(spacing), picture=suffix == ".png")
         height = gaussian_filter(height, (edge_mm / spacing[1], edge_mm / spacing[0]), mode="nearest")
-    name = ",".join([f"heightmap:{file}", *(f"{key}={_plain(value)}" for key, value in given.items())])
+    name = ",".join([f"heightmap:{file}", *(f"{key}={_plain(value)}" for key, value in settings.items())])
     try:
         return HeightMap.from_arrays(x, z, height, name=name)
     except HeightMapError as error:
         raise HeightMapError(error.sentence, code=error.code, **error.fields | {"name": where}) from None
 
 
-def _edge_mm(where: str, given: Mapping[str, str], least_mm: float, *, picture: bool) -> float:
-    """The deviation of the Gaussian that rounds edges; 0: they stay."""
-    if "edge_mm" not in given:
+def _edge_mm(where: str, settings: Mapping[str, str], least_mm: float, *, picture: bool) -> float:
+    """Return the standard deviation of the Gaussian that rounds edges (mm); 0 keeps them."""
+    if "edge_mm" not in settings:
         return max(PICTURE_EDGE_MM, least_mm) if picture else 0.0
-    edge_mm = _number(where, given, "edge_mm")
+    edge_mm = _number(where, settings, "edge_mm")
     if 0 < edge_mm < (1 - 1e-9) * least_mm:
         raise HeightMapError(
             "{name}: edge_mm={edge_mm:g}: must be 0, or at least {least_mm:.3g} mm for this spacing",
@@ -66,11 +66,11 @@ def _edge_mm(where: str, given: Mapping[str, str], least_mm: float, *, picture: 
     return edge_mm
 
 
-def _given(where: str, options: Sequence[str]) -> dict[str, str]:
-    given: dict[str, str] = {}
+def _parse_options(where: str, options: Sequence[str]) -> dict[str, str]:
+    settings: dict[str, str] = {}
     for option in options:
         key, _, value = option.partition("=")
-        if key in given or key not in (*_OPTIONS, "raised"):
+        if key in settings or key not in (*_OPTIONS, "raised"):
             raise HeightMapError(
                 "{name}: the option {option} is unknown or repeated; use {options} or raised, each once",
                 code="unknown_option",
@@ -78,8 +78,8 @@ def _given(where: str, options: Sequence[str]) -> dict[str, str]:
                 option=option,
                 options=", ".join(_OPTIONS),
             )
-        given[key] = value
-    return given
+        settings[key] = value
+    return settings
 
 
 def _plain(value: str) -> str:
@@ -89,10 +89,10 @@ def _plain(value: str) -> str:
         return value
 
 
-def _number(where: str, given: Mapping[str, str], key: str) -> float:
+def _number(where: str, settings: Mapping[str, str], key: str) -> float:
     low, high = _OPTIONS[key]
     try:
-        value = float(given[key])
+        value = float(settings[key])
     except ValueError:
         value = float("nan")
     if not low <= value <= high:
@@ -101,19 +101,21 @@ def _number(where: str, given: Mapping[str, str], key: str) -> float:
             code="option_out_of_range",
             name=where,
             key=key,
-            value=given[key],
+            value=settings[key],
             low_mm=low,
             high_mm=high,
         )
     return value
 
 
-def _need(where: str, given: Mapping[str, str], needed: Sequence[str], allowed: Sequence[str] = ()) -> list[float]:
-    """The numbers of options that must be there; others than the allowed ones are refused."""
+def _required(
+    where: str, settings: Mapping[str, str], needed: Sequence[str], allowed: Sequence[str] = ()
+) -> list[float]:
+    """Return the values of the required options; raise HeightMapError for options that do not apply."""
     for key in needed:
-        if key not in given:
+        if key not in settings:
             raise HeightMapError("{name} requires {key}=…; add it", code="option_missing", name=where, key=key)
-    for key in given:
+    for key in settings:
         if key not in (*needed, *allowed, "edge_mm"):
             takes = ", ".join([*needed, *allowed, "edge_mm"])
             raise HeightMapError(
@@ -123,13 +125,13 @@ def _need(where: str, given: Mapping[str, str], needed: Sequence[str], allowed: 
                 key=key,
                 options=takes,
             )
-    return [_number(where, given, key) for key in needed]
+    return [_number(where, settings, key) for key in needed]
 
 
-def _picture(where: str, file: str, given: Mapping[str, str]) -> tuple[Array, Array, Array]:
-    """Dark is raised, or what is said: by so much, over so wide a picture."""
-    width_mm, height_mm = _need(where, given, ("width_mm", "height_mm"), ("raised",))
-    raised = given.get("raised", RAISED[0])
+def _picture(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array, Array, Array]:
+    """Read a picture; dark is raised by `height_mm` unless `raised=light`."""
+    width_mm, height_mm = _required(where, settings, ("width_mm", "height_mm"), ("raised",))
+    raised = settings.get("raised", RAISED[0])
     if raised not in RAISED:
         raise HeightMapError(
             "{name}: raised={raised}: must be {choices}",
@@ -140,14 +142,14 @@ def _picture(where: str, file: str, given: Mapping[str, str]) -> tuple[Array, Ar
         )
     light = _grey(where, file)
     away = light if raised == "dark" else 1 - light
-    return _placed(height_mm * away, width_mm / light.shape[1])
+    return _centered(height_mm * away, width_mm / light.shape[1])
 
 
 def _grey(where: str, file: str) -> Array:
-    """(rows, columns) 0 (black) to 1 (white); what is transparent is white."""
+    """Return (rows, columns) 0 (black) to 1 (white); transparent pixels are white."""
     try:
         with warnings.catch_warnings(), Image.open(file) as image:
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the size is looked at below
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the size is checked below
             if image.width * image.height > MOST_POINTS:
                 raise HeightMapError(
                     "{name}: {columns} × {rows} pixels; at most {most} in all are allowed",
@@ -175,8 +177,8 @@ def _no_picture(where: str, problem: str) -> HeightMapError:
     return HeightMapError("{name}: {problem}; must be a PNG file", code="no_picture", name=where, problem=problem)
 
 
-def _array(where: str, file: str, given: Mapping[str, str]) -> tuple[Array, Array, Array]:
-    (spacing_mm,) = _need(where, given, ("spacing_mm",))
+def _array(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array, Array, Array]:
+    (spacing_mm,) = _required(where, settings, ("spacing_mm",))
     try:
         height = np.load(file, mmap_mode="r", allow_pickle=False)
     except (OSError, ValueError, EOFError) as error:
@@ -196,11 +198,11 @@ def _array(where: str, file: str, given: Mapping[str, str]) -> tuple[Array, Arra
             points=height.size,
             most=MOST_POINTS,
         )
-    return _placed(np.array(height, dtype=np.float64), spacing_mm)
+    return _centered(np.array(height, dtype=np.float64), spacing_mm)
 
 
-def _table(where: str, file: str, given: Mapping[str, str]) -> tuple[Array, Array, Array]:
-    """Points under a header, or rows of heights at a spacing."""
+def _table(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array, Array, Array]:
+    """Read points under a header, or rows of heights at a spacing."""
     try:
         lines = [line.strip() for line in Path(file).read_text(encoding="utf-8-sig").splitlines()]
     except (OSError, UnicodeDecodeError) as error:
@@ -209,7 +211,7 @@ def _table(where: str, file: str, given: Mapping[str, str]) -> tuple[Array, Arra
             "{name}: {problem}; must be a CSV file", code="no_text", name=where, problem=what
         ) from None
     points = bool(lines) and lines[0].replace(" ", "") == COLUMNS
-    if not points and "spacing_mm" not in given:
+    if not points and "spacing_mm" not in settings:
         raise HeightMapError(
             "{name}: must have the columns {columns}, or rows of heights and spacing_mm=…",
             code="no_columns",
@@ -236,10 +238,10 @@ def _table(where: str, file: str, given: Mapping[str, str]) -> tuple[Array, Arra
                 expected=expected,
             )
     if points:
-        _need(where, given, ())
+        _required(where, settings, ())
         return _gridded(where, np.array(rows).reshape(-1, 3))
-    (spacing_mm,) = _need(where, given, ("spacing_mm",))
-    return _placed(np.array(rows).reshape(len(rows), len(rows[0]) if rows else 0), spacing_mm)
+    (spacing_mm,) = _required(where, settings, ("spacing_mm",))
+    return _centered(np.array(rows).reshape(len(rows), len(rows[0]) if rows else 0), spacing_mm)
 
 
 def _numbers(where: str, line: int, text: str) -> list[float]:
@@ -259,7 +261,7 @@ def _numbers(where: str, line: int, text: str) -> list[float]:
 
 
 def _gridded(where: str, points: Array) -> tuple[Array, Array, Array]:
-    """Points in any order, one at every place of a grid."""
+    """Sort points into a grid, one for every location."""
     if not np.isfinite(points[:, :2]).all():
         raise HeightMapError("{name}: every x_mm and z_mm must be a number", code="no_place", name=where)
     (x, i), (z, k) = (np.unique(points[:, axis], return_inverse=True) for axis in (0, 1))
@@ -287,7 +289,7 @@ def _gridded(where: str, points: Array) -> tuple[Array, Array, Array]:
     return x, z, height
 
 
-def _placed(rows: Array, spacing_mm: float) -> tuple[Array, Array, Array]:
-    """Rows of heights, the first nearest the tip, about their middle."""
+def _centered(rows: Array, spacing_mm: float) -> tuple[Array, Array, Array]:
+    """Center rows of heights, the first nearest the tip."""
     x, z = (spacing_mm * (np.arange(n) - 0.5 * (n - 1)) for n in (rows.shape[1], rows.shape[0]))
     return x, z, rows[::-1]

@@ -1,4 +1,4 @@
-"""A user's own profile, prismatic along z, from a CSV file."""
+"""User-defined profile, prismatic along z, from a CSV file or arrays."""
 
 import csv
 from dataclasses import dataclass, fields
@@ -21,7 +21,7 @@ _FILLET_MM = 0.02
 
 
 class ProfileError(SimError, ValueError):
-    """Error of a file or arrays that hold no usable profile."""
+    """Error of a file or arrays without a usable profile."""
 
     default_code = "bad_profile"
 
@@ -111,7 +111,7 @@ class MeasuredProfile:
 
     @classmethod
     def _checked(cls, path: str, points: Array, linear: bool) -> "MeasuredProfile":
-        """Of (n, 2) points, the lowest of which becomes zero."""
+        """Make a profile of (n, 2) points, the lowest at height zero. Raises ProfileError."""
         if len(points) < 2:
             raise ProfileError(
                 "profile {name}: {points} points; at least two are required",
@@ -131,7 +131,7 @@ class MeasuredProfile:
         return cls(path, tuple(points[:, 0].tolist()), tuple(heights.tolist()), linear)
 
     def __getstate__(self) -> dict[str, object]:
-        return {field.name: getattr(self, field.name) for field in fields(self)}  # without the curves
+        return {field.name: getattr(self, field.name) for field in fields(self)}  # without the cached curve
 
     def __repr__(self) -> str:
         return f"<MeasuredProfile {self.name}, {len(self.x_mm)} points from {self.x_mm[0]:g} to {self.x_mm[-1]:g} mm>"
@@ -202,13 +202,13 @@ class MeasuredProfile:
         )
 
     def _beyond(self, s_mm: Array) -> tuple[Array, Array, Array]:
-        """Distance beyond the nearer end (negative inside), its side, and s clipped to the profile."""
+        """Return the distance beyond the nearer end (negative inside), its side, and s clipped to the profile."""
         first, last = self.x_mm[0], self.x_mm[-1]
         return np.maximum(s_mm - last, first - s_mm), np.sign(s_mm - 0.5 * (first + last)), np.clip(s_mm, first, last)
 
 
 def _filleted(x_mm: tuple[float, ...], height_mm: tuple[float, ...]) -> PPoly:
-    """Straight lines whose slope changes linearly about each point."""
+    """Return straight lines whose slope changes linearly about each point."""
     x, height = np.array(x_mm), np.array(height_mm)
     slope, half = np.diff(height) / np.diff(x), np.minimum(_FILLET_MM, 0.4 * np.diff(x))
     reach = np.minimum(half[:-1], half[1:])

@@ -1,4 +1,4 @@
-"""Newton's step from the planes of one pass to those of the next: forces turn as points slide along curved parts."""
+"""Newton's step from the planes of one pass to the next: forces turn as points slide along curved parts."""
 
 import math
 from typing import NamedTuple
@@ -25,19 +25,19 @@ Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 _LONGEST_MM = 0.1
-_FULL_TURN = 1.0  # rad that a normal may turn in one step
+_FULL_TURN = 1.0  # largest turn of a normal in one step (rad)
 _COARSE_FLOOR, _FINE_FLOOR = 0.05, 1e-5
 
 
 class Onward(NamedTuple):
-    """(m, k) displacements after a share of Newton's step, and whether what was stepped from is unstable."""
+    """Displacements (m, k) after a fraction of Newton's step, and whether the state before it is unstable."""
 
     u: Array
     unstable: bool
 
 
 def predicted(planes: FrozenPlanes, solution: LcpSolution, un: Array, residual: float, share: float) -> Onward | None:
-    """Displacements after a share of Newton's step; None where no active point is on a curved part.
+    """Return displacements after a fraction of Newton's step; None where no active point is on a curved part.
 
     A point that slides by δ has its force turned by λ ∇²h δ. With y the scaled slides, the step solves
     (1 − N S) y = r: N is their compliance while active points stay on their planes, S = 1 where the indentor is
@@ -87,14 +87,14 @@ def _slides(curvature: Array, multipliers: Array, curved: Ints) -> _Slides:
 def _step(
     skin: SkinCompliance, normal: Array, solution: LcpSolution, slides: _Slides, moved_mm: Array, floor: float
 ) -> tuple[Array, bool]:
-    """(m − 1, c) where points slide in all by Newton's whole step; whether what was stepped from is unstable."""
+    """Return (m − 1, c) slides by the full Newton step, and whether the state before it is unstable."""
     active, m, q = solution.active, len(normal) - 1, len(slides.points)
     c = moved_mm.shape[1]
     pressing = np.empty((m + 1, len(active)))
     for i in range(len(active)):
         for a in range(m + 1):
             pressing[a, i] = normal[a, active[i]]
-    # (q, active): what slides make active points approach the indentor by, then L⁻¹ of it, W = L Lᵀ
+    # (q, active): approach of active points to the indentor by unit slides, then L⁻¹ of it, W = L Lᵀ
     held_back = worked(skin, slides.points, slides.force, active, pressing, len(active))
     forth_in_place(solution.factor, held_back)
     matrix, right = -worked(skin, slides.points, slides.force, slides.points, slides.force, 1), np.zeros(q)
@@ -125,7 +125,7 @@ def _step(
 
 @compiled
 def _shortened(curvature: Array, slope: Array, step: Array, curved: Ints) -> Array:
-    """Factors ≤ 1 that keep each step within 0.1 mm and within what turns the point's normal by a radian."""
+    """Return factors ≤ 1 that keep each step within 0.1 mm and each normal's turn within one radian."""
     factor = np.ones(step.shape)
     m = len(slope)
     for p in range(len(curved)):
@@ -142,7 +142,7 @@ def _shortened(curvature: Array, slope: Array, step: Array, curved: Ints) -> Arr
 
 @compiled
 def _turned(matrix: Array, right: Array, concave: Bools, floor: float) -> tuple[Array, bool]:
-    """(q,) turning forces S y of (1 − N S) y = r, given the lower triangle of 1 − N; whether that is indefinite.
+    """Return (q,) turning forces S y of (1 − N S) y = r, and whether 1 − N (lower triangle) is indefinite.
 
     The concave ones are eliminated first: they stiffen, and leave (1 − N') y = r' with N' ≥ 0 over the convex ones.
     """
@@ -173,7 +173,7 @@ def _turned(matrix: Array, right: Array, concave: Bools, floor: float) -> tuple[
 
 @compiled
 def _part(matrix: Array, rows: Ints, columns: Ints) -> Array:
-    """(r, c) of a symmetric matrix given by its lower triangle."""
+    """Return (r, c) entries of a symmetric matrix stored as its lower triangle."""
     found = np.empty((len(rows), len(columns)))
     for r in range(len(rows)):
         for c in range(len(columns)):
@@ -183,9 +183,11 @@ def _part(matrix: Array, rows: Ints, columns: Ints) -> Array:
 
 @compiled
 def _solve_positive(matrix: Array, right: Array, floor: float) -> tuple[Array, bool]:
-    """z = M⁻¹ r of the step y + (1 − M) z, given M's lower triangle; r is y, scaled: along an eigenvector z is y / e.
+    """Return z = M⁻¹ r of the step y + (1 − M) z, and whether M (lower triangle) has a negative eigenvalue.
 
-    Eigenvalues e count as max(|e|, floor), by the coarse floor if one is negative: then the second answer is yes.
+    r is y, scaled: along an eigenvector z is y / e. Eigenvalues e count as max(|e|, floor), by the coarse floor if
+    one
+    is negative.
     """
     factor, found = matrix.copy(), right.copy()
     if factor_in_place(factor) and _smallest_exceeds(floor, matrix, factor):
@@ -208,7 +210,7 @@ def _solve_positive(matrix: Array, right: Array, floor: float) -> tuple[Array, b
 
 @compiled
 def _smallest_exceeds(floor: float, matrix: Array, factor: Array) -> bool:
-    """Whether every eigenvalue does: by an estimate of the inverse's norm, else by a factorisation."""
+    """Return whether every eigenvalue exceeds the floor, by a norm estimate or else a factorization."""
     if not len(matrix) or one_over_inverse(factor) > floor:
         return True
     lowered = matrix.copy()

@@ -1,4 +1,4 @@
-"""The condensed skin: nodes that an indentor may touch, the points between them, and their compliance."""
+"""Condensed skin: nodes that an indentor may touch, the points between them, and their compliance."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -16,24 +16,24 @@ _ROWS_AT_ONCE = 64
 
 @dataclass(frozen=True)
 class PatchNodes:
-    """Skin nodes on a (rows along z, columns along φ) grid, which indentors that slope along some axes may touch."""
+    """Skin nodes on a (rows along z, columns along φ) grid that an indentor may touch."""
 
     position_mm: Array  # (n, 3) undeformed
     area_mm2: Array  # (n,) tributary, undeformed
     shape: tuple[int, int]
-    axes: tuple[int, ...] = (X, Y)  # those along which an indentor's surface may slope, then the vertical
+    axes: tuple[int, ...] = (X, Y)  # axes along which indentors may slope, then the vertical
 
     def __len__(self) -> int:
         return len(self.position_mm)
 
     @property
     def x(self) -> Array:
-        """(n,) undeformed lateral positions in mm."""
+        """(n,) undeformed lateral positions (mm)."""
         return self.position_mm[:, X]
 
     @property
     def y(self) -> Array:
-        """(n,) undeformed heights in mm."""
+        """(n,) undeformed heights (mm)."""
         return self.position_mm[:, Y]
 
     @cached_property
@@ -43,7 +43,7 @@ class PatchNodes:
 
     @cached_property
     def rim(self) -> NDArray[np.bool_]:
-        """(n,) nodes of the outermost rows and columns; a section has one row and no outermost one."""
+        """(n,) mask of the outermost rows and columns; a section has no outermost row."""
         rim = np.ones(self.shape, dtype=bool)
         rim[:, 1:-1] = False
         if self.shape[0] > 1:
@@ -52,7 +52,7 @@ class PatchNodes:
 
     @cached_property
     def segments(self) -> Ints:
-        """(n_segments, 2) neighbouring nodes joined along each axis of slope."""
+        """(n_segments, 2) neighboring nodes joined along each axis of slope."""
         number = np.arange(len(self)).reshape(self.shape)
         ends = {X: (number[:, :-1], number[:, 1:]), Z: (number[:-1], number[1:])}
         joined = [np.stack([e.ravel() for e in ends[axis]], axis=1) for axis in self.axes[:-1]]
@@ -61,22 +61,22 @@ class PatchNodes:
 
 @dataclass(frozen=True)
 class Patch(PatchNodes):
-    """The nodes with their compliance along the axes.
+    """Skin nodes with their compliance along the axes.
 
     Forces and pressures are per unit of E(epidermis) = 1 MPa: N and MPa for a finger that stiff.
     """
 
-    compliance: Array = field(kw_only=True)  # (m n, m n) mm/N, all displacements along the first axis, then the next
+    compliance: Array = field(kw_only=True)  # (m n, m n) mm/N, displacements ordered by axis
 
     @property
     def nodes(self) -> PatchNodes:
-        """The nodes alone."""
+        """The nodes without their compliance."""
         return PatchNodes(self.position_mm, self.area_mm2, self.shape, self.axes)
 
     def displaced(self, force: Array) -> Array:
-        """(…, m, n) displacements in mm of all nodes under (…, m, n) forces in N.
+        """Return (…, m, n) displacements in mm of all nodes under (…, m, n) forces in N.
 
-        The rows of loaded nodes are taken a few at a time, so that what is gathered stays in the processor's cache.
+        The loop takes a few loaded rows at a time, so that they stay in the processor's cache.
         """
         forces = force.reshape(-1, len(self.compliance))
         moved = np.zeros(forces.shape)

@@ -1,4 +1,4 @@
-"""The convex problem of one pass: contact planes frozen at one displacement."""
+"""Convex problem of one pass: contact planes frozen at one displacement."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ _ROOM = 64  # nodes by which the store grows at least
 
 
 class Gathered:
-    """How nodes of a patch move one another, put side by side as they first take part, for one pose after another."""
+    """Compliance between the nodes of a patch that took part so far, grown from pose to pose."""
 
     def __init__(self, patch: Patch) -> None:
         self.patch = patch
@@ -28,7 +28,7 @@ class Gathered:
         return len(self._nodes)
 
     def numbers(self, nodes: Ints) -> Ints:
-        """Where nodes are in the store, put there if they are new; an array of any shape."""
+        """Return the rows of nodes in the store, adding new ones; an array of any shape."""
         numbers = self._number[nodes]
         if numbers.size and numbers.min() < 0:
             self._add(np.unique(nodes[numbers < 0]))
@@ -52,7 +52,7 @@ class Gathered:
 
 
 class ContactRegion:
-    """The part of a patch that takes part: points that may be touched, and how they move one another."""
+    """Points of a patch that may be touched, and their compliance."""
 
     def __init__(self, gathered: Gathered, points: ContactPoints) -> None:
         self.points, self.places = points, points.on(gathered.patch)
@@ -60,16 +60,16 @@ class ContactRegion:
         self.skin = skin_compliance.SkinCompliance(gathered.store, len(gathered), numbers, self.places.share)
 
     def moved_to(self, u: Array) -> tuple[Array, Array]:
-        """Where the points are, (m − 1, k) along the axes of slope and (k,) heights, displaced by (m, k); mm."""
+        """Return positions (m − 1, k) along the axes of slope and heights (k,), displaced by (m, k); all in mm."""
         return self.places.tangential_mm + u[:-1], self.places.y + u[-1]
 
     def moved_by(self, force: Array, at: Ints) -> Array:
-        """(m, k) displacements in mm of the points under (m, r) forces at some of them."""
+        """Return (m, k) displacements in mm of the points under (m, r) forces at some of them."""
         return skin_compliance.moved(self.skin, at, force)
 
 
 class FrozenPlanes:
-    """The convex problem whose contact planes are tangent to the indentor at one displacement of the points."""
+    """Convex problem whose contact planes are tangent to the indentor at one displacement of the points."""
 
     def __init__(self, pose: ContactPose, region: ContactRegion, u: Array, pressed: bool) -> None:
         self.region, self.u = region, u
@@ -81,15 +81,15 @@ class FrozenPlanes:
         )
 
     def solve(self, held: Bools) -> LcpSolution | None:
-        """Multipliers λ ≥ 0 with gap + Wλ ≥ 0 complementary to them."""
+        """Solve for multipliers λ ≥ 0 with gap + Wλ ≥ 0 complementary to them."""
         entered = (self.gap_mm < 0) & (np.arange(len(held)) < len(self.region.points.nodes))
         return solve_lcp(self.gap_mm, self.region.skin, self.normal, held if held.any() else entered)
 
     def energy(self, solution: LcpSolution, u: Array) -> float:
-        """Elastic energy of the displacements u that the multipliers cause."""
+        """Return the elastic energy of the displacements u that the multipliers cause."""
         return 0.5 * float((self.normal * solution.multipliers * u).sum())
 
 
 def forces_along(slope: Array, multipliers: Array) -> Array:
-    """(m, k) forces on the skin along (∇h, −1), the vertical last."""
+    """Return (m, k) forces on the skin along (∇h, −1), the vertical last."""
     return np.concatenate([slope * multipliers, -multipliers[None]])

@@ -1,4 +1,4 @@
-"""Where contact is enforced: at nodes, and at points of the segments between them."""
+"""Points where contact is enforced: nodes, and points of the segments between them."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,32 +18,32 @@ PARTS = 4
 """Number of parts into which the points between nodes divide a segment."""
 
 _INNER = PARTS - 1
-_BENT_MM = 1e-7  # an indentor that leaves a segment's chord by less is straight there
+_BENT_MM = 1e-7  # an indentor that deviates from a segment's chord by less counts as straight
 _ROUND_OFF = 1e-11
-_REACH_MM = 0.3  # below the indentor's lowest point, where a step down does not reach
+_REACH_MM = 0.3  # below the indentor's lowest point; a step down does not reach farther
 
 
 @dataclass(frozen=True)
 class ContactPose:
-    """Where an indentor is: its reference point, the height of its lowest point and the length that scales errors."""
+    """Pose of an indentor: reference point, height of its lowest point, and the length that scales errors."""
 
     indentor: Indentor
-    at_mm: tuple[float, ...]  # along the indentor's axes
+    at_mm: tuple[float, ...]  # reference point along the indentor's axes
     height_mm: float
     scale_mm: float  # D = max(DOI, 1 µm)
 
     def gap(self, tangential_mm: Array, y_mm: Array) -> Surface:
-        """Vertical gap (mm), slope and curvature of the indentor over points at (m, k) and y."""
-        height, slope, curvature = self.indentor.evaluate(tangential_mm - self._place)
+        """Return vertical gap (mm), slope and curvature of the indentor over points at (m, k) and y."""
+        height, slope, curvature = self.indentor.evaluate(tangential_mm - self._origin)
         return Surface(self.height_mm + height - y_mm, slope, curvature)
 
     def plane(self, tangential_mm: Array, y_mm: Array) -> Surface:
-        """As `gap`, to the tangent plane of the indentor closest to each point."""
-        height, slope, curvature = self.indentor.tangent(tangential_mm - self._place, y_mm - self.height_mm)
+        """Return the same for the indentor's tangent plane closest to each point."""
+        height, slope, curvature = self.indentor.tangent(tangential_mm - self._origin, y_mm - self.height_mm)
         return Surface(self.height_mm + height - y_mm, slope, curvature)
 
     @cached_property
-    def _place(self) -> Array:
+    def _origin(self) -> Array:
         return np.array(self.at_mm)[:, None]
 
 
@@ -56,7 +56,7 @@ class SkinNodes(Protocol):
 
     @property
     def y(self) -> Array:
-        """(n,) undeformed heights in mm."""
+        """(n,) undeformed heights (mm)."""
 
     @property
     def segments(self) -> Ints:
@@ -65,45 +65,45 @@ class SkinNodes(Protocol):
 
 @dataclass(frozen=True)
 class ContactPoints:
-    """Nodes, then points between nodes by number: _INNER · segment + place along it."""
+    """Nodes, then points between nodes numbered _INNER · segment + index along it."""
 
     nodes: Ints  # (k − e,) ascending
     between: Ints  # (e,) ascending
 
     @classmethod
     def none(cls) -> "ContactPoints":
-        """No point at all."""
+        """Return an empty set."""
         return cls(np.zeros(0, np.int64), np.zeros(0, np.int64))
 
     def __len__(self) -> int:
         return len(self.nodes) + len(self.between)
 
     def chosen(self, mask: Bools) -> "ContactPoints":
-        """Some of the points."""
+        """Return the points that a mask selects."""
         return ContactPoints(self.nodes[mask[: len(self.nodes)]], self.between[mask[len(self.nodes) :]])
 
     def among(self, other: "ContactPoints") -> Bools:
-        """(k,) whether each point is one of the other's."""
+        """Return (k,) whether each point belongs to the other set."""
         pairs = ((self.nodes, other.nodes), (self.between, other.between))
         return np.concatenate([points_between_nodes.which_of(mine, others) for mine, others in pairs])
 
     def joined(self, other: "ContactPoints") -> "ContactPoints":
-        """These and the other's points."""
+        """Return the union with the other set."""
         pairs = ((self.nodes, other.nodes), (self.between, other.between))
         return ContactPoints(*[points_between_nodes.merged(mine, others) for mine, others in pairs])
 
     def on(self, skin: SkinNodes) -> "SkinPoints":
-        """The same points, ready to take values from the nodes of a skin."""
+        """Return the points bound to a skin, so that they interpolate its nodal values."""
         return SkinPoints(skin, *points_between_nodes.carried(self.nodes, self.between, skin.segments, PARTS))
 
 
 @dataclass(frozen=True)
 class SkinPoints:
-    """Points of a skin: some of its nodes, then places between two of them."""
+    """Points of a skin: some of its nodes, then points between two of them."""
 
     skin: SkinNodes
-    around: Ints  # (2, k) the nodes around each point; a node stands by itself
-    share: Array  # (k,) of the second
+    around: Ints  # (2, k) nodes around each point; at a node, both are that node
+    share: Array  # (k,) weight of the second node
 
     @cached_property
     def tangential_mm(self) -> Array:
@@ -112,39 +112,39 @@ class SkinPoints:
 
     @cached_property
     def y(self) -> Array:
-        """(k,) undeformed heights in mm."""
+        """(k,) undeformed heights (mm)."""
         return self.interpolate(self.skin.y[None])[0]
 
     @property
     def carriers(self) -> tuple[Ints, Array]:
-        """(2, k) nodes around each point and their shares in it."""
+        """(2, k) nodes around each point and their weights."""
         return self.around, np.stack([1 - self.share, self.share])
 
     def interpolate(self, nodal: Array) -> Array:
-        """(r, k) values at the points from (r, n) values at the nodes, (k,) from (n,)."""
+        """Interpolate (r, n) nodal values to (r, k) values at the points, or (n,) to (k,)."""
         rows = np.ascontiguousarray(nodal).reshape(-1, nodal.shape[-1])
         return points_between_nodes.interpolated(rows, self.around, self.share).reshape(*nodal.shape[:-1], -1)
 
     def to_nodes(self, force: Array) -> Array:
-        """(m, n) forces on the nodes that (m, k) forces at the points amount to."""
+        """Distribute (m, k) forces at the points to (m, n) equivalent forces on the nodes."""
         return points_between_nodes.shared_out(force, self.around, self.share, len(self.skin.y))
 
 
 @dataclass(frozen=True)
 class Survey:
-    """The whole skin, displaced, against an indentor in a pose: once looked at, it holds for other heights too."""
+    """Gaps between the whole displaced skin and an indentor in a pose; valid for other heights too."""
 
     pose: ContactPose
     skin: SkinNodes
     u: Array  # (m, n) mm
     surface: Surface  # over the nodes
-    segments: Ints  # (s,) those that may be touched between their nodes
-    gap_mm: Array  # (s, _INNER) at the points between
+    segments: Ints  # (s,) segments that may be touched between their nodes
+    gap_mm: Array  # (s, _INNER) at the points between nodes
     below_chord: Bools  # (s, _INNER) whether the indentor is below the segment's chord there
 
     @classmethod
     def of(cls, pose: ContactPose, skin: SkinNodes, u: Array, *, between: bool) -> "Survey":
-        """What there is to see; segments are looked at up to 0.3 mm below the indentor's lowest point."""
+        """Survey the skin; segments are included down to 0.3 mm below the indentor's lowest point."""
         tangential, y = skin.tangential_mm + u[:-1], skin.y + u[-1]
         surface = pose.gap(tangential, y)
         if not between:
@@ -160,7 +160,7 @@ class Survey:
         return cls(pose, skin, u, surface, segments, gap, below)
 
     def near(self, pose: ContactPose, gap_mm: float) -> ContactPoints:
-        """Nodes closer than a gap to the indentor at another height, and points between nodes where it bends."""
+        """Return nodes within a gap of the indentor at another height, and points between nodes where it bends."""
         lower_mm = self.pose.height_mm - pose.height_mm
         if len(self.segments) and lower_mm + gap_mm > _REACH_MM:
             return Survey.of(pose, self.skin, self.u, between=True).near(pose, gap_mm)
@@ -171,7 +171,7 @@ class Survey:
 
     @cached_property
     def penetrated(self) -> tuple[ContactPoints, Array]:
-        """Points that lie within the indentor by more than round-off, and (k,) by how much, along its normal; mm."""
+        """Points deeper within the indentor than round-off, and (k,) their depths along its normal (mm)."""
         tiny, height = _ROUND_OFF * self.pose.scale_mm, self.surface.height_mm
         deep = np.flatnonzero(height < -tiny)
         depth = -height[deep] / norm(self.surface.slope[:, deep])
@@ -182,24 +182,24 @@ class Survey:
         return ContactPoints(deep, inside.between), np.concatenate([depth, -there.height_mm / norm(there.slope)])
 
     def _points(self, mask: Bools) -> Ints:
-        """Numbers of points between nodes, by (s, _INNER)."""
-        row, place = np.nonzero(mask)
-        return np.asarray(_INNER * self.segments[row] + place)
+        """Return the numbers of points between nodes selected by a mask (s, _INNER)."""
+        row, index = np.nonzero(mask)
+        return np.asarray(_INNER * self.segments[row] + index)
 
 
-def displaced_gap(pose: ContactPose, places: SkinPoints, u: Array) -> Surface:
-    """Gap, slope and curvature at places of a skin whose nodes are displaced by u, (m, n) mm."""
-    moved = places.interpolate(u)
-    return pose.gap(places.tangential_mm + moved[:-1], places.y + moved[-1])
+def displaced_gap(pose: ContactPose, points: SkinPoints, u: Array) -> Surface:
+    """Return gap, slope and curvature at points of a skin whose nodes are displaced by u, (m, n) mm."""
+    moved = points.interpolate(u)
+    return pose.gap(points.tangential_mm + moved[:-1], points.y + moved[-1])
 
 
 def norm(slope: Array) -> Array:
-    """Length of (∇h, −1)."""
+    """Return the length of (∇h, −1)."""
     return np.sqrt(1 + (slope**2).sum(axis=0))
 
 
 def _turns(pose: ContactPose, s: Array) -> Bools:
-    """(n_segments,) whether the indentor turns within less than 0.5 mm over segments (m, n_segments, 2)."""
+    """Return (n_segments,) whether the indentor turns within less than 0.5 mm over segments (m, n_segments, 2)."""
     share = np.arange(PARTS + 1) / PARTS
     at = (s[..., :1] + np.diff(s) * share).reshape(len(s), -1)
     slope = pose.indentor.evaluate(at - np.array(pose.at_mm)[:, None]).slope

@@ -34,24 +34,25 @@ _STRAIGHT_RAD = 1e-9  # round-off turns a flank by less
 
 
 class IndentorProfile(Protocol):
-    """A rigid profile."""
+    """Profile of a rigid indentor."""
 
     @property
     def name(self) -> str:
-        """The shape as it is written on the command line."""
+        """Name of the shape on the command line."""
 
     @property
     def sharpest_radius_mm(self) -> float:
-        """Smallest radius of curvature of its convex parts; 0 for an edge."""
+        """Smallest radius of curvature of the convex parts (mm); 0 for an edge."""
 
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
-        """Height h (mm), dh/ds and d²h/ds² (1/mm) at s."""
+        """Return height h (mm), dh/ds and d²h/ds² (1/mm) at s."""
 
     def tangent(self, s_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
-        """As `evaluate`, but past an edge the tangent at the profile's point closest to a node at (s, y).
+        """Return the same; past an edge, the tangent at the profile's point closest to a node at (s, y).
 
-        y is measured from the lowest point. Such planes keep a node that slid past the edge out of the
-        indentor without dragging one that is below the edge towards the flank. A shape without sides has none.
+        y is measured from the lowest point. Such planes keep a node that slid past the edge out of the indentor
+        without
+        dragging one that is below the edge towards the flank. A shape without sides has none.
         """
         return self.evaluate(s_mm)
 
@@ -65,21 +66,21 @@ class Bar:
 
     @property
     def name(self) -> str:
-        """The shape as it is written on the command line."""
+        """Name of the shape on the command line."""
         return f"bar:{self.width_mm:g}"
 
     @property
     def sharpest_radius_mm(self) -> float:
-        """Smallest radius of curvature of its convex parts."""
+        """Smallest radius of curvature of the convex parts (mm)."""
         return self.edge_radius_mm
 
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
-        """Height, slope and curvature."""
+        """Return height, slope and curvature."""
         r = self.edge_radius_mm
         return arc(np.abs(s_mm) - (0.5 * self.width_mm - r), r, np.sign(s_mm))
 
     def tangent(self, s_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
-        """As `evaluate`; past an edge, the tangent of the quarter circle closest to the node."""
+        """Return the same; past an edge, the tangent of the quarter circle closest to the node."""
         r = self.edge_radius_mm
         return arc_tangent(np.abs(s_mm) - (0.5 * self.width_mm - r), y_mm, r, np.sign(s_mm))
 
@@ -92,20 +93,20 @@ class Cylinder:
 
     @property
     def name(self) -> str:
-        """The shape as it is written on the command line."""
+        """Name of the shape on the command line."""
         return f"cylinder:{self.diameter_mm:g}"
 
     @property
     def sharpest_radius_mm(self) -> float:
-        """Smallest radius of curvature of its convex parts."""
+        """Smallest radius of curvature of the convex parts (mm)."""
         return 0.5 * self.diameter_mm
 
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
-        """Height, slope and curvature of the lower half."""
+        """Return height, slope and curvature of the lower half."""
         return arc(np.abs(s_mm), 0.5 * self.diameter_mm, np.sign(s_mm))
 
     def tangent(self, s_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
-        """As `evaluate`; beyond the radius, the tangent closest to the node."""
+        """Return the same; beyond the radius, the tangent closest to the node."""
         return arc_tangent(np.abs(s_mm), y_mm, 0.5 * self.diameter_mm, np.sign(s_mm))
 
 
@@ -117,16 +118,16 @@ class SinusoidalStep(IndentorProfile):
 
     @property
     def name(self) -> str:
-        """The shape as it is written on the command line."""
+        """Name of the shape on the command line."""
         return f"step:{self.number}"
 
     @property
     def sharpest_radius_mm(self) -> float:
-        """Smallest radius of curvature of its convex parts."""
+        """Smallest radius of curvature of the convex parts (mm)."""
         return (STEP_HALF_WAVELENGTH_MM[self.number] / np.pi) ** 2 / (0.5 * STEP_HEIGHT_MM)
 
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
-        """Height, slope and curvature: h = 0.25 (1 − cos πs/L) on the flank."""
+        """Return height, slope and curvature: h = 0.25 (1 − cos πs/L) on the flank."""
         return profile_curves.flank(s_mm, 0.5 * STEP_HEIGHT_MM, np.pi / STEP_HALF_WAVELENGTH_MM[self.number])
 
 
@@ -142,23 +143,23 @@ class Wedge(IndentorProfile):
 
     @property
     def name(self) -> str:
-        """The shape as it is written on the command line."""
+        """Name of the shape on the command line."""
         return f"wedge:{self.half_angle_deg:g}"
 
     @property
     def sharpest_radius_mm(self) -> float:
-        """Smallest radius of curvature of its convex parts."""
+        """Smallest radius of curvature of the convex parts (mm)."""
         return self.tip_radius_mm
 
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
-        """Height, slope and curvature: a circle up to the flank's slope, then the flank."""
+        """Return height, slope and curvature: a circle up to the flank's slope, then the flank."""
         steepest = 1.0 / np.tan(np.radians(self.half_angle_deg))
         return arc(np.abs(s_mm), self.tip_radius_mm, np.sign(s_mm), steepest)
 
 
 @dataclass(frozen=True)
 class Grating:
-    """Ridges without end, 0.5 mm high, their edges rounded as a bar's; the reference is the centre of a ridge."""
+    """Endless ridges, 0.5 mm high, with edges rounded as a bar's; the reference is the center of a ridge."""
 
     ridge_mm: float
     pitch_mm: float
@@ -166,22 +167,22 @@ class Grating:
 
     @property
     def name(self) -> str:
-        """The shape as it is written on the command line."""
+        """Name of the shape on the command line."""
         return f"grating:{self.ridge_mm:g},{self.pitch_mm:g}"
 
     @property
     def sharpest_radius_mm(self) -> float:
-        """Smallest radius of curvature of its convex parts."""
+        """Smallest radius of curvature of the convex parts (mm)."""
         return self.edge_radius_mm
 
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
-        """Height, slope and curvature; the groove's floor where the flank would rise above it."""
+        """Return height, slope and curvature; the groove's floor where the flank would rise above it."""
         t, side = self._into_edge(s_mm)
         profile = arc(t, self.edge_radius_mm, side)
         return _floored(profile, profile[0] > GROOVE_DEPTH_MM)
 
     def tangent(self, s_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
-        """As `evaluate`; in a groove, the closer of the nearest edge's tangent and the floor."""
+        """Return the same; in a groove, the closer of the nearest edge's tangent and the floor."""
         t, side = self._into_edge(s_mm)
         tangent = arc_tangent(t, y_mm, self.edge_radius_mm, side)
         to_edge = (tangent[0] - y_mm) / np.hypot(1.0, tangent[1])
@@ -194,63 +195,63 @@ class Grating:
 
 @dataclass(frozen=True)
 class Plane(IndentorProfile):
-    """A plate wider than the finger."""
+    """Plate wider than the finger."""
 
     @property
     def name(self) -> str:
-        """The shape as it is written on the command line."""
+        """Name of the shape on the command line."""
         return "flat"
 
     @property
     def sharpest_radius_mm(self) -> float:
-        """Smallest radius of curvature of its convex parts: it has none."""
+        """Smallest radius of curvature (mm): infinite."""
         return np.inf
 
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
-        """Height, slope and curvature: none."""
+        """Return height, slope and curvature: zero."""
         return np.zeros_like(s_mm), np.zeros_like(s_mm), np.zeros_like(s_mm)
 
 
 @lru_cache(maxsize=_MEASURED_KEPT)
 def measured_radius_mm(profile: IndentorProfile) -> float:
-    """Smallest radius of curvature of a profile's convex parts, from heights and slopes 5 µm apart; mm.
+    """Return the smallest radius of curvature of a profile's convex parts in mm; 0 for an edge, inf for a plane.
 
-    The way between neighbours is their chord; at the hundred places that turn most, by more than 0.005 rad, 0.05 µm
-    apart. What turns by half a radian within that is an edge: 0. A plane: infinite.
+    Heights and slopes are sampled every 5 µm and joined by chords; in the hundred intervals that turn most, by more
+    than 0.005 rad, every 0.05 µm. A turn of half a radian within that is an edge.
     """
     s = np.arange(-_MEASURED_TO_MM, _MEASURED_TO_MM, _MEASURED_STEP_MM)
-    turn, way = _turns(profile, s)
+    turn, chord = _turns(profile, s)
     closely = np.argsort(turn, kind="stable")[-_MOST_CLOSELY:]
     coarse = turn < _BENT_RAD
     coarse |= ~np.isin(np.arange(len(turn)), closely)
     fine = s[:-1][~coarse, None] + np.linspace(0.0, _MEASURED_STEP_MM, 101)
-    turn_within, way_within = _turns(profile, fine)
+    turn_within, chord_within = _turns(profile, fine)
     if (turn_within > _EDGE_RAD).any():
         return 0.0
-    found = np.concatenate([turn[coarse], turn_within.ravel()]), np.concatenate([way[coarse], way_within.ravel()])
+    found = np.concatenate([turn[coarse], turn_within.ravel()]), np.concatenate([chord[coarse], chord_within.ravel()])
     convex = found[0] > _STRAIGHT_RAD
     return float((found[1][convex] / found[0][convex]).min(initial=np.inf))
 
 
 def _turns(profile: IndentorProfile, s_mm: Array) -> tuple[Array, Array]:
-    """Angle (rad, positive where convex) and way (mm) between neighbours along the last axis."""
+    """Return the turn (rad, positive where convex) and the chord (mm) between neighbors along the last axis."""
     height, slope, _ = (value.reshape(s_mm.shape) for value in profile.evaluate(s_mm.ravel()))
     return np.diff(np.arctan(slope)), np.hypot(np.diff(s_mm), np.diff(height))
 
 
 def _floored(profile: tuple[Array, Array, Array], floor: NDArray[np.bool_]) -> tuple[Array, Array, Array]:
-    """`profile`, replaced by the groove's floor where told."""
+    """Return the profile, replaced by the groove's floor where the mask says so."""
     height, slope, curvature = profile
     return np.where(floor, GROOVE_DEPTH_MM, height), np.where(floor, 0.0, slope), np.where(floor, 0.0, curvature)
 
 
 def arc(t: Array, radius: float, side: Array, steepest: float = STEEPEST_SLOPE) -> tuple[Array, Array, Array]:
-    """A circle's lower part at distance t from its lowest point, then a flank at its steepest; flat at t < 0."""
+    """Return a circle's lower part at distance t from its lowest point, then a flank; flat at t < 0."""
     return profile_curves.arc(t, radius, side, steepest)
 
 
 def arc_tangent(t: Array, y_mm: Array, radius: float, side: Array) -> tuple[Array, Array, Array]:
-    """As `arc`, but past the end of the arc the tangent that is closest to the node at height y."""
+    """Return `arc`, but past its end the tangent that is closest to the node at height y."""
     height, slope, curvature = arc(t, radius, side)
     profile_curves.lean(height, slope, t, y_mm, radius, side, STEEPEST_SLOPE)
     return height, slope, curvature

@@ -1,4 +1,4 @@
-"""Indentors by the names they have on the command line."""
+"""Indentors by their names on the command line."""
 
 import re
 from collections.abc import Callable

@@ -1,11 +1,10 @@
 """Unilateral frictionless contact of a rigid indentor with a condensed elastic patch.
 
-Majorise–minimise with a modified-Newton predictor. Each pass freezes the indentor's tangent planes at the
+Majorize–minimize with a modified-Newton predictor. Each pass freezes the indentor's tangent planes at the
 displaced points and solves the resulting convex problem exactly; for a convex shape these planes lie inside
 the feasible set, so an undamped pass never raises the energy. The predictor removes the slow modes, in which
-nodes slide along a curved flank; when the merit function rises it is taken back, and a smaller share of it is tried.
-
-Contact is enforced at the nodes and, where asked, at points between them: under a corner sharper than the mesh.
+nodes slide along a curved flank; when the merit function rises, the solver reverts it and tries a smaller fraction.
+Contact is enforced at the nodes and, on request, at points between them: under a corner sharper than the mesh.
 """
 
 from dataclasses import dataclass, field, replace
@@ -35,7 +34,7 @@ _MERIT_ROUND_OFF = 1e-14
 
 @dataclass(frozen=True)
 class ContactState:
-    """Forces and displacements of the patch in contact; `converged` means residual ≤ 1e-8."""
+    """Forces and displacements of the patch in contact."""
 
     points: ContactPoints
     multiplier: Array  # (k,) λ ≥ 0 at the points, force along (∇h, −1)
@@ -44,21 +43,23 @@ class ContactState:
     gap: Array  # (n,) mm, vertical
     residual: float
     passes: int
-    snapped: bool = False  # whether an equilibrium on the way was unstable: where the skin went may hang on the steps
+    snapped: bool = (
+        False  # whether an intermediate equilibrium was unstable, so that the result may depend on the steps
+    )
 
     @property
     def converged(self) -> bool:
-        """Whether the residual, over all places where contact is enforced, is at most 1e-8."""
+        """Whether the residual, over all points where contact is enforced, is at most 1e-8."""
         return bool(self.residual <= REQUIRED_RESIDUAL)
 
     @property
     def held(self) -> ContactPoints:
-        """The points that carry force."""
+        """Points that carry force."""
         return self.points.chosen(self.multiplier > 0)
 
     @property
     def active(self) -> Bools:
-        """(n,) nodes that carry force."""
+        """(n,) mask of nodes that carry force."""
         return self.force[-1] != 0
 
     @property
@@ -69,7 +70,7 @@ class ContactState:
 
 @dataclass(frozen=True)
 class PassedState(ContactState):
-    """A state on the way to a deeper one; its residual is that over the points that took part, and of penetration."""
+    """Intermediate state towards a deeper one; its residual covers only the points of the region, and penetration."""
 
     survey: Survey = field(kw_only=True)
 
@@ -84,10 +85,11 @@ def solve_contact(
     gathered: Gathered | None = None,
     on_the_way: bool = False,
 ) -> ContactState:
-    """Equilibrium of the patch under a rigid indentor held in a pose, from rest or from a nearby state.
+    """Solve for equilibrium of the patch under a rigid indentor in a pose, from rest or from a nearby state.
 
-    Contact is enforced at the nodes, and with `between_nodes` also at points between them. Passes end at the target.
-    What was gathered of the patch serves other poses too. A state that is only on the way is not assessed as a whole.
+    Contact is enforced at the nodes, and with `between_nodes` also at points between them. Passes end at the target
+    residual. `gathered` can be reused for other poses. With `on_the_way` the residual of the whole patch is not
+    computed.
     """
     gathered = Gathered(patch) if gathered is None else gathered
     state = _at_rest(patch) if start is None else start
@@ -114,7 +116,7 @@ def _at_rest(patch: Patch) -> ContactState:
 
 
 class _Iteration:
-    """The passes over one region."""
+    """Passes over one region."""
 
     def __init__(
         self, pose: ContactPose, region: ContactRegion, start: ContactState, most_passes: int, target: float
@@ -122,7 +124,7 @@ class _Iteration:
         self.pose, self.region, self.most_passes, self.target = pose, region, most_passes, target
         self.u = region.places.interpolate(start.displacement)  # of the points
         self.held = region.points.among(start.held)
-        # From rest no plane closest to a point is taken: first press down, lest a side wall claims it from below.
+        # From rest, press down before choosing closest planes: a side wall could claim a point from below.
         self.pressed = bool(self.held.any())
         self.multiplier = np.zeros(len(region.points))
         self.slope = np.zeros((len(self.u) - 1, len(region.points)))
@@ -130,7 +132,7 @@ class _Iteration:
         self.snapped = False
 
     def run(self) -> None:
-        """Passes until the residual meets the target, keeping the best state seen."""
+        """Iterate until the residual reaches the target, storing the best state."""
         share, penalty, merit = 1.0, 0.0, np.inf
         fallback = None
         while self.passes < self.most_passes and len(self.held):
@@ -165,14 +167,14 @@ class _Iteration:
                 self.snapped |= onward.unstable
 
     def _residual(self, u: Array, multipliers: Array, slope: Array) -> tuple[float, float]:
-        """The residual over the region's points that forces along slopes moved, and the sum of their depths (mm)."""
+        """Return the residual over the region's points and the sum of their depths (mm)."""
         here = self.pose.gap(*self.region.moved_to(u))
         mismatch = moved_by_turns(self.region.skin, here.slope - slope, multipliers)
         return missed(mismatch, here.height_mm, here.slope, multipliers, self.pose.scale_mm)
 
 
 def _passed(patch: Patch, between_nodes: bool, iteration: "_Iteration", passes: int) -> tuple[ContactState, Survey]:
-    """Where the forces found in a region leave the whole patch, its residual not looked at outside the region."""
+    """Return the whole patch under the forces found in a region, without its residual outside the region."""
     region, pose = iteration.region, iteration.pose
     force = region.places.to_nodes(forces_along(iteration.slope, iteration.multiplier))
     u = displaced(patch.compliance, force)
@@ -183,7 +185,7 @@ def _passed(patch: Patch, between_nodes: bool, iteration: "_Iteration", passes: 
 
 
 def _assessed(patch: Patch, between_nodes: bool, iteration: "_Iteration", passes: int) -> tuple[ContactState, Survey]:
-    """The whole patch under the forces found in a region, and its residual."""
+    """Return the whole patch under the forces found in a region, and its residual."""
     region, pose, multiplier = iteration.region, iteration.pose, iteration.multiplier
     places = region.places
     pushing = forces_along(iteration.slope, multiplier)

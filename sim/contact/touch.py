@@ -1,4 +1,4 @@
-"""Where an indentor first touches the undeformed, continuous skin: the zero of DOI."""
+"""First contact of an indentor with the undeformed, continuous skin: the zero of DOI."""
 
 from typing import NamedTuple, Protocol
 
@@ -13,33 +13,33 @@ Array = NDArray[np.float64]
 
 _GRID_MM = 0.004
 _ROUND_GRID_MM = 0.1
-_BEST_PLACES, _FINER, _FINEST_GRID_MM = 60, 4, 1e-5
+_BEST_POINTS, _FINER, _FINEST_GRID_MM = 60, 4, 1e-5
 
 
 class SkinSurface(Protocol):
-    """The undeformed skin, continuous."""
+    """Undeformed, continuous skin."""
 
     @property
     def ridge(self) -> CubicSpline:
-        """Highest y over all z as a function of x; mm."""
+        """Apex line along x: highest y over all z as a function of x (mm)."""
 
     @property
     def crest(self) -> CubicSpline:
-        """Highest y over all x as a function of z; mm."""
+        """Apex line along z: highest y over all x as a function of z (mm)."""
 
     def height(self, x_mm: ArrayLike, z_mm: ArrayLike) -> Array:
-        """y at (x, z), −inf where there is no skin; mm."""
+        """Return y at (x, z) in mm, −inf where there is no skin."""
 
 
 class FirstTouch(NamedTuple):
-    """Height of the indentor's lowest point at first touch and the point touched, along its axes; mm."""
+    """Height of the indentor's lowest point at first touch and the touched point along its axes (mm)."""
 
     height_mm: float
     at_mm: tuple[float, ...]
 
 
 def first_touch(indentor: Indentor, at_mm: tuple[float, ...], skin: SkinSurface) -> FirstTouch:
-    """Lower an indentor with its reference point at a place until it touches the skin."""
+    """Lower an indentor above a reference point until it touches the skin."""
     if indentor.axes == ALONG:
         return _prismatic(indentor, at_mm[0], skin.ridge)
     if indentor.axes == ACROSS:
@@ -90,17 +90,17 @@ def _lower(gap: float, at: tuple[float, ...], other_gap: float, other_at: tuple[
 
 
 def _anywhere(indentor: Indentor, at_mm: tuple[float, ...], skin: SkinSurface) -> FirstTouch:
-    """As `_round`, for a surface with features finer than that grid: the best places are looked at ever closer."""
+    """Find the first touch of a surface with features finer than `_round`'s grid, by repeated refinement."""
     centre = np.array(at_mm)[:, None]
     ends = np.array([skin.ridge.x[[0, -1]], skin.crest.x[[0, -1]]])
     sides = [np.arange(low, high, _ROUND_GRID_MM) for low, high in ends]
-    places, spacing = np.stack([side.ravel() for side in np.meshgrid(*sides, indexing="ij")]), _ROUND_GRID_MM
+    points, spacing = np.stack([side.ravel() for side in np.meshgrid(*sides, indexing="ij")]), _ROUND_GRID_MM
     while True:
-        gaps = indentor.evaluate(places - centre).height_mm - skin.height(*places)
-        best = places[:, np.argsort(gaps, kind="stable")[:_BEST_PLACES]]
+        gaps = indentor.evaluate(points - centre).height_mm - skin.height(*points)
+        best = points[:, np.argsort(gaps, kind="stable")[:_BEST_POINTS]]
         if spacing < _FINEST_GRID_MM:
             return FirstTouch(-float(gaps.min()), (float(best[0, 0]), float(best[1, 0])))
         spacing /= _FINER
         around = np.stack(np.meshgrid(*[np.arange(-_FINER, _FINER + 1) * spacing] * 2)).reshape(2, 1, -1)
-        places = np.unique((best[:, :, None] + around).reshape(2, -1), axis=1)
-        places = np.clip(places, ends[:, :1], ends[:, 1:])
+        points = np.unique((best[:, :, None] + around).reshape(2, -1), axis=1)
+        points = np.clip(points, ends[:, :1], ends[:, 1:])

@@ -1,4 +1,4 @@
-"""Loops of a contact made ready when a finger is loaded: read in some tenths of a second, or compiled and said so."""
+"""Contact loops loaded with a finger: from disk in tenths of a second, or compiled with a message."""
 
 import logging
 from functools import cache
@@ -19,24 +19,24 @@ _SPACING_MM, _DEEP_MM = 0.2, 0.05
 
 
 class _Compiling(numba_events.Listener):
-    """Says once that something is compiled."""
+    """Listener that logs the first compilation."""
 
     def __init__(self) -> None:
-        self.told = False
+        self.reported = False
 
     def on_start(self, event: numba_events.Event) -> None:
-        """Called before a function is."""
-        if not self.told:
+        """Log before the first function is compiled."""
+        if not self.reported:
             _log.info("compiling the contact loops for this machine, once, about 20 s …")
-        self.told = True
+        self.reported = True
 
     def on_end(self, event: numba_events.Event) -> None:
-        """Called after it."""
+        """Do nothing after it."""
 
 
 @cache
 def make_ready() -> None:
-    """Have what a press needs in memory: a patch of a few nodes is pressed. Does nothing a second time."""
+    """Load or compile all contact loops by pressing a patch of a few nodes. Does nothing a second time."""
     with numba_events.install_listener("numba:compile", _Compiling()):
         for profile in (SinusoidalStep("1"), MeasuredProfile("two points", (-1.0, 1.0), (0.0, 0.0))):
             profile.evaluate(np.zeros(1))
@@ -45,8 +45,10 @@ def make_ready() -> None:
 
 
 def _few_nodes() -> Patch:
-    """A level patch of three by five nodes, each of which moves the others the less the farther they are."""
-    z, x = (place.ravel() for place in np.meshgrid(np.arange(-1.0, 2.0), np.arange(-2.0, 3.0), indexing="ij"))
+    """Return a level patch of three by five nodes whose compliance decays with distance."""
+    z, x = (
+        coordinate.ravel() for coordinate in np.meshgrid(np.arange(-1.0, 2.0), np.arange(-2.0, 3.0), indexing="ij")
+    )
     position = _SPACING_MM * np.stack([x, np.zeros_like(x), z], axis=1)
     near = np.exp(-np.linalg.norm(position[:, None] - position[None], axis=2) / _SPACING_MM)
     return Patch(position, np.ones(len(x)), (3, 5), compliance=np.kron(np.eye(2), near))

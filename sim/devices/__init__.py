@@ -1,8 +1,8 @@
-"""Virtual devices: they answer the same bytes as the real ones.
+"""Virtual devices that answer with the same bytes as the real ones.
 
-Each takes the scheduler, its serial line (or a place on a ModbusBus) and one record of what is set on the real
-instrument; a force sensor also takes the Load that stands on it. A GRBL board is a folder of its own. Names are
-imported when first used: a bench of a board and a balance waits for nothing that speaks Modbus.
+Each takes the scheduler, its serial line (or an id on a ModbusBus) and a record of the real instrument's own
+settings;
+a force sensor also takes its Load. Names are imported on first use, so that a bench without Modbus never loads it.
 """
 
 from importlib import import_module
@@ -49,7 +49,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Import what is asked for."""
+    """Import a name on first use."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

@@ -1,4 +1,4 @@
-"""What devices know of time, and virtual time: nothing happens between events, so nothing is waited for."""
+"""Scheduling for virtual devices, and virtual time that jumps from event to event."""
 
 import heapq
 import math
@@ -7,22 +7,22 @@ from typing import Protocol
 
 from sim.errors import ArgumentError
 
-_ON_GRID = 1e-6  # of a period: an instant that is a sample's but for round-off
+_ON_GRID = 1e-6  # of a period: round-off allowed at a sample time
 
 
 def sample_at(t_s: float, period_s: float) -> int:
-    """The number of the last instant of a fixed grid by t_s."""
+    """Return the number of the last sample of a fixed grid at t_s."""
     return math.floor(t_s / period_s + _ON_GRID)
 
 
 class Handle(Protocol):
-    """A promise of a later call that can be taken back."""
+    """Scheduled call that can be canceled."""
 
     def cancel(self) -> None: ...
 
 
 class Scheduler(Protocol):
-    """All that a virtual device knows of time, so that it runs on any clock."""
+    """Time and scheduling as a virtual device needs them, on any clock."""
 
     def monotonic_s(self) -> float: ...
 
@@ -40,14 +40,14 @@ class _Event:
 
 
 class EventQueue:
-    """Calls to come, in the order of their times; ties in the order they were made."""
+    """Queue of future calls, ordered by time; ties in order of creation."""
 
     def __init__(self) -> None:
         self._count = 0
         self._heap: list[tuple[float, int, _Event]] = []
 
     def push(self, t_s: float, action: Callable[[], None]) -> Handle:
-        """Raises ValueError unless t_s is finite."""
+        """Schedule a call. Raises ArgumentError unless t_s is finite."""
         if not math.isfinite(t_s):
             raise ArgumentError("an event requires a finite time, got {t_s}", code="endless_time", t_s=t_s)
         event = _Event(action)
@@ -56,13 +56,13 @@ class EventQueue:
         return event
 
     def next_s(self) -> float:
-        """When the next call is due; inf if there is none."""
+        """Return the time of the next call; inf if there is none."""
         while self._heap and self._heap[0][2].action is None:
             heapq.heappop(self._heap)
         return self._heap[0][0] if self._heap else math.inf
 
     def pop(self) -> Callable[[], None]:
-        """The next call, which next_s() has just found."""
+        """Return the next call; call next_s() first."""
         _, _, event = heapq.heappop(self._heap)
         action, event.action = event.action, None
         assert action is not None
@@ -70,9 +70,9 @@ class EventQueue:
 
 
 class VirtualClock:
-    """A clock that jumps from event to event: no threads, the same order every time.
+    """Clock that jumps from event to event, without threads and in a fixed order.
 
-    It begins at start_s, when the wall time it claims is start_unix_s.
+    It begins at start_s, which is start_unix_s in wall time.
     """
 
     def __init__(self, start_unix_s: float = 0.0, start_s: float = 0.0) -> None:
@@ -87,17 +87,17 @@ class VirtualClock:
         return self._start_unix_s + self._now_s
 
     def call_at(self, t_s: float, action: Callable[[], None]) -> Handle:
-        """Call action when the clock gets to t_s; a time already past means now. Ties run in this order."""
+        """Call an action at t_s; a time in the past means now. Ties keep their order."""
         return self._queue.push(max(t_s, self._now_s), action)
 
     def wait_s(self, seconds: float) -> None:
-        """Run everything that happens in this many seconds."""
+        """Run all events of the next seconds."""
         self.wait_until(_never, self._now_s + max(seconds, 0.0))
 
     def wait_until(self, ready: Callable[[], bool], deadline_s: float) -> bool:
-        """Run event by event until ready() or deadline_s, and stop at exactly that instant.
+        """Run event by event until ready() or deadline_s, and stop at exactly that time.
 
-        Raises RuntimeError where nothing could ever end the wait.
+        Raises RuntimeError where no event could end the wait.
         """
         if math.isnan(deadline_s):
             raise ArgumentError("the deadline of a wait must be a number", code="no_deadline", deadline_s=deadline_s)

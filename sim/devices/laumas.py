@@ -1,7 +1,7 @@
-"""A virtual Laumas TLB / TLU load-cell transmitter: its registers, samples, filter and status word.
+"""Virtual Laumas TLB / TLU load-cell transmitter: registers, samples, filter and status word.
 
 Source: Laumas TLU manual, list of registers (identity in 0–4); LCB manual, status register 1 and weights as unsigned
-numbers. The command numbers and the coding of register 13 are second-hand and so left to parameters.
+numbers. The command numbers and the coding of register 13 come from secondary sources and so are parameters.
 """
 
 import math
@@ -13,21 +13,21 @@ from sim.devices.clock import Scheduler
 from sim.devices.line import ForceTold, Load, Samples, SerialLine
 from sim.devices.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, ModbusBus, RegisterFault, words
 
-COMMAND = 5  # the only register that is written
+COMMAND = 5  # the only writable register
 CELL, ADC, OVER_MAX, OVER_SCALE, GROSS_OUT, NET_OUT = (1 << bit for bit in range(6))
 GROSS_MINUS, NET_MINUS, PEAK_MINUS, NET_SHOWN, STABLE, ZERO = (1 << bit for bit in range(7, 13))
 MOST_REGISTERS = 32
-USUAL_IDS = (1, 2)  # clients may believe in them: it is alone on its port, and answers to them too
+USUAL_IDS = (1, 2)  # alone on its port, it also answers to the ids that clients assume
 _WIDEST = 999_999
 _STABLE_SAMPLES = 3
 
 
 @dataclass(frozen=True)
 class TransmitterMenu:
-    """What is set on a transmitter itself.
+    """Settings made on the transmitter itself.
 
-    A weight is the mean of the last filter_samples samples, rounded to division_g and told in counts of count_g,
-    which units_word stands for. max_g is the maximum weight, full_scale_g the cell's, set_point_g the relay's.
+    A weight is the mean of the last filter_samples samples, rounded to division_g and reported in counts of count_g,
+    which units_word encodes. max_g is the maximum weight, full_scale_g the cell's, set_point_g the relay's.
     """
 
     sample_period_s: float = 0.0125
@@ -42,7 +42,7 @@ class TransmitterMenu:
 
 @dataclass(frozen=True)
 class TransmitterFirmware:
-    """What differs between transmitters: identity in registers 0–4, where a minus is told, numbers of commands.
+    """Differences between transmitters: identity in registers 0–4, location of signs, command numbers.
 
     signs: in the status word, or in the registers too.
     """
@@ -55,9 +55,9 @@ class TransmitterFirmware:
 
 
 class VirtualLaumas:
-    """A transmitter under a load. A weight is stable when its samples, at least three, lie within a division.
+    """Transmitter with a load. A weight is stable when at least three fresh samples lie within a division.
 
-    They must be fresh, too. `broken` holds the status bits that a cut wire or a dead converter would set.
+    `broken` holds the status bits of a cut wire or a dead converter.
     """
 
     functions = frozenset({0x03, 0x10})
@@ -82,22 +82,22 @@ class VirtualLaumas:
         self.broken = 0
 
     def wire(self, switch: Callable[[bool], None]) -> None:
-        """Have the relay switch something, from now on, at each sample; no host is asked."""
+        """Connect the relay: from now on it switches at samples, without the host."""
         closed = False
 
-        def look() -> None:
+        def check() -> None:
             nonlocal closed
             grams, _ = self._filtered()
             over = self._menu.set_point_g is not None and grams - self._zero_g >= self._menu.set_point_g
             if over != closed:
                 closed = over
                 switch(closed)
-            self._scheduler.call_at(self._scheduler.monotonic_s() + self._menu.sample_period_s, look)
+            self._scheduler.call_at(self._scheduler.monotonic_s() + self._menu.sample_period_s, check)
 
-        look()
+        check()
 
     def read(self, address: int, count: int) -> list[int]:
-        """Registers of the last sample instant, at most 32. Raises RegisterFault."""
+        """Return registers of the last sample, at most 32. Raises RegisterFault."""
         if count > MOST_REGISTERS:
             raise RegisterFault(ILLEGAL_VALUE)
         shown = self._shown()
@@ -106,7 +106,7 @@ class VirtualLaumas:
         return shown[address : address + count]
 
     def write(self, address: int, values: Sequence[int]) -> None:
-        """Obey a command. Raises RegisterFault."""
+        """Execute a command. Raises RegisterFault."""
         if address != COMMAND or len(values) != 1:
             raise RegisterFault(ILLEGAL_ADDRESS)
         if values[0] not in self._commands:
@@ -134,7 +134,7 @@ class VirtualLaumas:
         ]
 
     def _set_point(self) -> list[int]:
-        """The sensitivity, which nobody reads, and the set-point of the relay, in counts."""
+        """Return the sensitivity, which no client reads, and the relay's set-point in counts."""
         set_point_g = self._menu.set_point_g
         return [] if set_point_g is None else [0, 0, *words(round(set_point_g / self._menu.count_g))]
 
@@ -161,7 +161,7 @@ class VirtualLaumas:
     # --- samples ---
 
     def _filtered(self) -> tuple[float, bool]:
-        """Mean of the last samples in g, and whether they lie within a division; not a number from a dead cell."""
+        """Return the mean of the last samples in g, NaN with a dead cell, and whether they lie within a division."""
         newest, averaged = self._samples.newest(), self._menu.filter_samples
         recent = [self._samples.grams(newest - k) for k in range(averaged)]
         stable = self._samples.steady(newest, max(averaged, _STABLE_SAMPLES), self._menu.division_g)
@@ -179,16 +179,16 @@ class VirtualLaumas:
         self._tare_g, self._net_shown = 0.0, False
 
 
-def laumas_twin(scheduler: Scheduler, line: SerialLine, told: ForceTold, load: Load) -> VirtualLaumas:
-    """A transmitter alone on its line."""
-    own = told.own
+def laumas_twin(scheduler: Scheduler, line: SerialLine, spec: ForceTold, load: Load) -> VirtualLaumas:
+    """Return a transmitter alone on its line."""
+    own = spec.own
     menu = TransmitterMenu(
-        sample_period_s=told.sample_period_s,
+        sample_period_s=spec.sample_period_s,
         filter_samples=own["filter_samples"],
         count_g=own["count_g"],
-        division_g=told.resolution_g,
+        division_g=spec.resolution_g,
         units_word=own["units_word"],
-        set_point_g=told.set_point_g,
+        set_point_g=spec.set_point_g,
     )
     firmware = TransmitterFirmware(
         signs=own["signs"],
@@ -197,5 +197,5 @@ def laumas_twin(scheduler: Scheduler, line: SerialLine, told: ForceTold, load: L
         gross_command=own["gross_command"],
     )
     transmitter = VirtualLaumas(scheduler, load, menu, firmware)
-    ModbusBus(scheduler, line, dict.fromkeys((*USUAL_IDS, own["device_id"]), transmitter), framing=told.framing)
+    ModbusBus(scheduler, line, dict.fromkeys((*USUAL_IDS, own["device_id"]), transmitter), framing=spec.framing)
     return transmitter

@@ -1,10 +1,10 @@
-"""A virtual Leadshine CS2RS / iEM-RS drive in PR mode: its registers, motion, homing, alarms and jog.
+"""Virtual Leadshine CS2RS / iEM-RS drive in PR mode: registers, motion, homing, alarms and jog.
 
-Source: CS2RS and iEM-RS user manuals. Second-hand and so left to parameters: the unit of the ramp words, which
-register holds pulses per turn and which the jog speed. Second-hand, too: the types of a path (0 none, 3 homing), that
-a path is taken over when it is triggered, and that trigger words 10 to 1F run PR0 to PR15. Simplified: the home
-switch is at the positive end whatever the homing mode says; a path begun while another runs brakes to rest first; a
-path cannot jump to another.
+Source: CS2RS and iEM-RS user manuals. From secondary sources and so parameters: the unit of the ramp words, and the
+registers of pulses per turn and jog speed. Also from secondary sources: the types of a path (0 none, 3 homing), that
+a path is read when it is triggered, and that trigger words 10 to 1F run PR0 to PR15. Simplified: the home switch is
+at the positive end in every homing mode; a path triggered while another runs brakes to rest first; a path cannot jump
+to another.
 """
 
 from collections import deque
@@ -20,53 +20,53 @@ from sim.devices.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, ModbusBus, Regist
 
 # --- drive motion ---
 #
-# Motion of one drive's axis: ramps of its own up and down, in pulses, on the track that boards use too.
+# Positions are pulses; the track is the same as that of boards.
 
 _NEGLIGIBLE_PULSES = 1e-6
 
 
 class DriveAxis:
-    """A carriage on one axis: position in pulses from the home switch, speeds in pulses/s, ramps in pulses/s²."""
+    """Carriage on one axis: position in pulses from the home switch, speeds in pulses/s, ramps in pulses/s²."""
 
     def __init__(self, position: int, play: float = 0.0) -> None:
         self._track = Track((position, 0, 0), (play, 0.0, 0.0))
 
     @property
     def end_s(self) -> float:
-        """When the carriage comes to rest, as planned now."""
+        """Planned time at which the carriage comes to rest."""
         return self._track.end_s
 
     def position_at(self, t_s: float) -> int:
-        """Whole pulses at an instant, past, present or planned."""
+        """Return whole pulses at a time, past, present or planned."""
         return self._track.counts_at(t_s)[0]
 
     def nut_at(self, t_s: float) -> int:
-        """Whole pulses at an instant of what hangs on the screw, behind the motor by the play where it went up."""
+        """Return the nut's whole pulses at a time: behind the motor by the play where it went up last."""
         return self._track.nut_at(t_s)[0]
 
     def velocity_at(self, t_s: float) -> float:
-        """Signed pulses/s."""
+        """Return the signed velocity in pulses/s."""
         piece = self._track.piece_at(t_s)
         return self._track.speed_at(t_s) * (piece.slope[0] if piece else 1.0)
 
     def moving(self, t_s: float) -> bool:
-        """Whether the carriage is on its way."""
+        """Return whether the carriage is moving."""
         return t_s < self._track.end_s
 
     def go(self, targets: list[tuple[float, float]], up: float, down: float, now_s: float) -> None:
-        """Run to each (position, speed) in turn, at rest in each; brake first if the first is behind or too near."""
+        """Run to each (position, speed) in turn, resting in each; brake first if the first is behind or too near."""
         velocity = self.velocity_at(now_s)
         path = _Path(self._track.position_at(now_s)[0], now_s)
         if (targets[0][0] - path.position) * velocity < 0.5 * abs(velocity) ** 3 / down:
             path, velocity = self._braked(down, now_s), 0.0
         for position, speed in targets:
-            way = position - path.position
-            path.run(way, ramps_to_rest(abs(way), abs(velocity), speed, up, down))
+            distance = position - path.position
+            path.run(distance, ramps_to_rest(abs(distance), abs(velocity), speed, up, down))
             velocity = 0.0
         self._follow(path, now_s)
 
     def keep_going(self, velocity: float, up: float, down: float, for_s: float, room: float, now_s: float) -> None:
-        """Run at this velocity for for_s more, then slow down; never farther than `room` pulses from here."""
+        """Run at a velocity for for_s more, then brake, within `room` pulses from here."""
         present = self.velocity_at(now_s)
         if present * velocity < 0:
             self.brake(down, now_s)
@@ -82,7 +82,7 @@ class DriveAxis:
         self._follow(path, now_s)
 
     def brake(self, down: float, now_s: float) -> None:
-        """Slow down to rest."""
+        """Brake to rest."""
         self._follow(self._braked(down, now_s), now_s)
 
     def _braked(self, down: float, now_s: float) -> "_Path":
@@ -96,7 +96,7 @@ class DriveAxis:
 
 
 class _Path:
-    """Pieces one after another, from a position at an instant."""
+    """Consecutive pieces from a position at a time."""
 
     def __init__(self, position: float, t_s: float) -> None:
         self.position, self._t_s = position, t_s
@@ -112,7 +112,7 @@ class _Path:
 
 
 def ramps_to_rest(length: float, speed: float, cruise: float, up: float, down: float) -> list[Ramp]:
-    """Ramps over `length` pulses from `speed` to rest, no faster than cruise; too short a way is braked harder."""
+    """Return ramps over `length` pulses from `speed` to rest, up to cruise; a short distance is braked harder."""
     if length < _NEGLIGIBLE_PULSES:
         return []
     top = sqrt((length + 0.5 * speed * speed / up) / (0.5 / up + 0.5 / down))
@@ -145,10 +145,11 @@ _OUTPUTS_KEPT = 1000
 
 @dataclass(frozen=True)
 class DriveParameters:
-    """What is set in a drive itself, and what differs between drives.
+    """Settings of the drive itself, and differences between drives.
 
-    inverted: the motor runs against the axis. ramp_rpm: the ramp words are ms for that many rpm. output_register
-    switches a digital output, and is nothing more. inputs_register shows the digital inputs.
+    inverted: the motor runs against the axis. ramp_rpm: the ramp words are ms for this speed. output_register
+    switches a
+    plain digital output. inputs_register shows the digital inputs.
     """
 
     pulses_per_rev: int = 400
@@ -163,8 +164,9 @@ class DriveParameters:
 class VirtualDrive:
     """Registers of one drive; its carriage is `carriage_at(t)` pulses from the home switch, + towards it.
 
-    start: where the carriage stands when switched on. play: the screw's lost motion, pulses. The drive knows neither.
-    stored: what the EEPROM holds where it is not the maker's, by register, such as paths of the owner's.
+    start: position of the carriage at power-on. play: the screw's lost motion, pulses. The drive knows neither.
+    stored:
+    EEPROM contents that differ from the maker's, by register, such as user paths.
     """
 
     functions = frozenset({0x03, 0x06, 0x10})
@@ -189,22 +191,22 @@ class VirtualDrive:
         if self._parameters.output_register is not None:
             self._stored[self._parameters.output_register] = 0
         self._stored |= stored or {}
-        self.outputs: deque[tuple[float, int]] = deque(maxlen=_OUTPUTS_KEPT)  # every switching: s, word
-        self._inputs = 0  # bits of what is pressed, DI1 lowest; each is set up as a quick stop
-        self._stopped_s = -1.0  # end of the last quick stop: one that is under way is not begun again
+        self.outputs: deque[tuple[float, int]] = deque(maxlen=_OUTPUTS_KEPT)  # all switching events: s, word
+        self._inputs = 0  # pressed inputs as bits, DI1 lowest; each is configured as a quick stop
+        self._stopped_s = -1.0  # end of the last quick stop, so that a running one is not restarted
         self.eeprom_saves = 0
         self.power_cycle()
 
     def carriage_at(self, t_s: float) -> int:
-        """Where the motor really is: past, present or planned."""
+        """Return the motor's true position: past, present or planned."""
         return self._axis.position_at(t_s)
 
     def nut_at(self, t_s: float) -> int:
-        """Where what hangs on its screw is: behind by the play where the motor went up last."""
+        """Return the nut's position: behind by the play where the motor went up last."""
         return self._axis.nut_at(t_s)
 
     def power_cycle(self) -> None:
-        """Switch off and on: the carriage stops dead where it is, which is zero; what was not saved is gone."""
+        """Switch off and on: the carriage stops at once, its position becomes zero, unsaved registers are lost."""
         now_s = self._scheduler.monotonic_s()
         self._held = dict(self._stored)
         self._axis.brake(float("inf"), now_s)
@@ -214,22 +216,22 @@ class VirtualDrive:
         self._done = True
 
     def press(self, number: int) -> None:
-        """Somebody presses what is wired to DI1 … DI7: a quick stop, and nothing moves as long as it is pressed."""
+        """Press the button wired to DI1 … DI7: a quick stop that prevents motion until release."""
         self._settle()
         self._inputs |= 1 << number - 1
         self._stop()
 
     def release(self, number: int) -> None:
-        """They let it go."""
+        """Release the button."""
         self._inputs &= ~(1 << number - 1)
 
     def fault(self, code: int) -> None:
-        """Raise an alarm: the motor stops, and nothing moves it until the alarm is cleared."""
+        """Raise an alarm: the motor stops, and cannot move until the alarm is cleared."""
         self._alarm = code
         self._stop()
 
     def read(self, address: int, count: int) -> list[int]:
-        """Registers as they are now. Raises RegisterFault."""
+        """Return current registers. Raises RegisterFault."""
         self._settle()
         shown = self._held | self._shown()
         try:
@@ -238,7 +240,7 @@ class VirtualDrive:
             raise RegisterFault(ILLEGAL_ADDRESS) from None
 
     def write(self, address: int, values: Sequence[int]) -> None:
-        """Write, and obey what was written to a trigger or control word. Raises RegisterFault."""
+        """Write registers and execute trigger and control words. Raises RegisterFault."""
         self._settle()
         if any(n not in self._held for n in range(address, address + len(values))):
             raise RegisterFault(ILLEGAL_ADDRESS)
@@ -251,7 +253,7 @@ class VirtualDrive:
                 word, self._held[register] = self._held[register], 0
                 obey(word)
 
-    # --- what it shows ---
+    # --- reading ---
 
     def _shown(self) -> dict[int, int]:
         now_s = self._scheduler.monotonic_s()
@@ -271,7 +273,7 @@ class VirtualDrive:
     def _count(self, t_s: float) -> int:
         return self._sign * (self.carriage_at(t_s) - self._zero)
 
-    # --- what it does ---
+    # --- commands ---
 
     def _control(self, word: int) -> None:
         if word == CLEAR_ALARM:
@@ -321,7 +323,7 @@ class VirtualDrive:
         self._axis.keep_going(self._sign * rpm * self._per_rpm, *ramps, for_s, max(room, 0), now_s)
 
     def _home(self) -> None:
-        """Fast to the switch, half a turn back, and slowly to it again."""
+        """Run fast to the switch, half a turn back, and slowly to it again."""
         fast, slow = (self._held[n] * self._per_rpm for n in (HOMING_HIGH, HOMING_LOW))
         if not (fast and slow):
             return
@@ -331,7 +333,7 @@ class VirtualDrive:
         self._axis.go(legs, *self._ramps(HOMING_RAMP_UP), self._scheduler.monotonic_s())
 
     def _settle(self) -> None:
-        """Notice that homing is over."""
+        """Update the state after homing."""
         if self._homing and not self._axis.moving(self._scheduler.monotonic_s()):
             self._zero, self._homed, self._homing = 0, True, False
 
@@ -350,14 +352,14 @@ class VirtualDrive:
         return self._held[self._parameters.pulses_per_rev_register] / 60
 
     def _ramps(self, register: int) -> tuple[float, float]:
-        """Ramps up and down in pulses/s², from two words in ms for ramp_rpm."""
+        """Return ramps up and down in pulses/s², from two words in ms for ramp_rpm."""
         up, down = (
             1000 * self._parameters.ramp_rpm * self._per_rpm / max(self._held[register + n], 1) for n in (0, 1)
         )
         return up, down
 
     def _limits(self) -> tuple[int, int]:
-        """Soft limits in counts, (lowest, highest)."""
+        """Return the soft limits in counts, (lowest, highest)."""
         if not (self._held[SOFT_LIMITS] & 2 and self._homed):
             return -_NO_LIMIT, _NO_LIMIT
         low, high = (signed(self._held[n], self._held[n + 1]) for n in (NEGATIVE_LIMIT, POSITIVE_LIMIT))
@@ -371,45 +373,45 @@ class DrivePair:
         self.x, self.z = x, z
 
     def press(self, name: str) -> None:
-        """An input of the vertical drive, di1 … di7."""
+        """Press an input of the vertical drive, di1 … di7."""
         self.z.press(int(name.removeprefix("di")))
 
     def release(self, name: str) -> None:
-        """The same, let go."""
+        """Release an input of the vertical drive."""
         self.z.release(int(name.removeprefix("di")))
 
     def carriage_steps_at(self, t_s: float) -> tuple[int, int, int]:
-        """Where the motors really are, pulses from the home switches (x, y, z)."""
+        """Return the motors' true position in pulses from the home switches (x, y, z)."""
         return self.x.carriage_at(t_s), 0, self.z.carriage_at(t_s)
 
     def nut_steps_at(self, t_s: float) -> tuple[int, int, int]:
-        """Where what hangs on the screws is, pulses from the home switches (x, y, z)."""
+        """Return the nuts' position in pulses from the home switches (x, y, z)."""
         return self.x.nut_at(t_s), 0, self.z.nut_at(t_s)
 
 
-def leadshine_twin(scheduler: Scheduler, line: SerialLine, told: StageTold) -> DrivePair:
-    """Both drives on one line, whichever ports the real ones have. Raises TwinError."""
-    x, z = told.own["x"], told.own["z"]
+def leadshine_twin(scheduler: Scheduler, line: SerialLine, spec: StageTold) -> DrivePair:
+    """Return both drives on one line, whichever ports the real ones use. Raises TwinError."""
+    x, z = spec.own["x"], spec.own["z"]
     if x["device_id"] == z["device_id"]:
         raise TwinError(
             "drives: the virtual drives share one port; give each another device id",
             code="same_device_id",
             device_id=x["device_id"],
         )
-    pair = DrivePair(_drive(scheduler, told, "x", x), _drive(scheduler, told, "z", z))
-    ModbusBus(scheduler, line, {x["device_id"]: pair.x, z["device_id"]: pair.z}, framing=told.framing)
+    pair = DrivePair(_drive(scheduler, spec, "x", x), _drive(scheduler, spec, "z", z))
+    ModbusBus(scheduler, line, {x["device_id"]: pair.x, z["device_id"]: pair.z}, framing=spec.framing)
     return pair
 
 
-def _drive(scheduler: Scheduler, told: StageTold, axis: str, drive: Mapping[str, Any]) -> VirtualDrive:
+def _drive(scheduler: Scheduler, spec: StageTold, axis: str, drive: Mapping[str, Any]) -> VirtualDrive:
     number = "xyz".index(axis)
     parameters = DriveParameters(
         pulses_per_rev=drive["pulses_per_rev"],
-        inverted=told.steps_per_mm[number] < 0,
+        inverted=spec.steps_per_mm[number] < 0,
         ramp_rpm=drive["ramp_rpm"],
         pulses_per_rev_register=drive["pulses_per_rev_register"],
         jog_rpm_register=drive["jog_rpm_register"],
-        inputs_register=told.inputs_register,
-        output_register=told.sync["register_address"] if axis == told.sync["drive"] else None,
+        inputs_register=spec.inputs_register,
+        output_register=spec.sync["register_address"] if axis == spec.sync["drive"] else None,
     )
-    return VirtualDrive(scheduler, parameters, play=told.play_steps[number])
+    return VirtualDrive(scheduler, parameters, play=spec.play_steps[number])

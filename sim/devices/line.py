@@ -1,4 +1,4 @@
-"""The virtual serial cable between a host and a device."""
+"""Virtual serial cable between a host and a device, load cell, and description of virtual twins."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -14,11 +14,11 @@ BITS_PER_BYTE = 10
 
 
 def _nothing() -> None:
-    """Most devices do not notice who is at the other end."""
+    """Ignore a new host, as most devices do."""
 
 
 class _OneWay:
-    """One direction: chunks follow each other, none arrives before its last bit."""
+    """One direction: chunks arrive in sequence, none before its last bit."""
 
     def __init__(self, scheduler: Scheduler, baud: float) -> None:
         self._scheduler = scheduler
@@ -26,7 +26,7 @@ class _OneWay:
         self._busy_until_s = 0.0
 
     def full_until_s(self, buffered: int) -> float:
-        """When no more than so many bytes are still to be sent."""
+        """Return when at most `buffered` bytes are still to be sent."""
         return self._busy_until_s - buffered * self._byte_s
 
     def send(self, data: bytes, deliver: Callable[[bytes], None]) -> None:
@@ -36,7 +36,7 @@ class _OneWay:
 
 
 class SerialLine:
-    """A full-duplex 8N1 line: each chunk arrives, whole, when its last byte has been clocked over."""
+    """Full-duplex 8N1 line: each chunk arrives, whole, after its last byte."""
 
     def __init__(self, scheduler: Scheduler, baud: float) -> None:
         if not baud > 0:
@@ -47,14 +47,14 @@ class SerialLine:
         self._on_bytes: Callable[[bytes], None] = _nobody
         self.renewed: Callable[[], None] = _nothing
         self._on_host_bytes: Callable[[bytes], object] = self._arrived.extend
-        self.echoes = False  # as an RS-485 adapter that hears itself: what the host writes comes back, as it goes out
+        self.echoes = False  # as an RS-485 adapter that receives what the host writes
 
     def host_write(self, data: bytes) -> None:
         if data:
             self._to_device.send(data, self._hand_over)
 
     def host_read(self) -> bytes:
-        """Return and forget what has arrived at the host."""
+        """Return and clear the bytes that have arrived at the host."""
         data = bytes(self._arrived)
         self._arrived.clear()
         return data
@@ -63,11 +63,11 @@ class SerialLine:
         return bool(self._arrived)
 
     def forward(self, on_host_bytes: Callable[[bytes], object]) -> None:
-        """From now on on_host_bytes gets what arrives at the host, at the instant it arrives."""
+        """Forward bytes to a callback as they arrive at the host."""
         self._on_host_bytes = on_host_bytes
 
     def connect(self, on_bytes: Callable[[bytes], None], on_renewed: Callable[[], None] = _nothing) -> None:
-        """Attach the device: on_bytes gets each chunk at the instant it arrives; on_renewed is told of a new host."""
+        """Attach the device: on_bytes gets each chunk on arrival; on_renewed is called for a new host."""
         self._on_bytes, self.renewed = on_bytes, on_renewed
 
     def device_write(self, data: bytes) -> None:
@@ -75,7 +75,7 @@ class SerialLine:
             self._to_host.send(data, self._hand_to_host)
 
     def device_blocked_until_s(self, buffered: int) -> float:
-        """When a device with a transmit buffer of so many bytes has all that it wrote in it, or sent."""
+        """Return when all written bytes are sent, or fit into a transmit buffer of a size."""
         return self._to_host.full_until_s(buffered)
 
     def _hand_to_host(self, data: bytes) -> None:
@@ -88,12 +88,12 @@ class SerialLine:
 
 
 def _nobody(_data: bytes) -> None:
-    """Bytes sent to a line without a device are lost, as on a cable that ends nowhere."""
+    """Drop bytes to a line without a device."""
 
 
 # --- cell ---
 #
-# What stands on a load cell: a force, what the cell makes of it, and the samples that an instrument takes.
+# A load is a force; an instrument takes samples of the cell's signal.
 
 _SAMPLES_KEPT = 256
 
@@ -104,29 +104,29 @@ def _always(_t_s: float) -> bool:
 
 @dataclass(frozen=True)
 class Load:
-    """What stands on a force sensor: N at an instant in s, and whether that is known or the last one before."""
+    """Load on a force sensor: N at a time in s, and whether that force is fresh or the last one."""
 
     force_n: Callable[[float], float]
     fresh: Callable[[float], bool] = _always
 
 
 class Samples:
-    """A load in grams on a fixed grid of instants; only those are taken that somebody asks about."""
+    """Load in grams on a fixed time grid, sampled on request only."""
 
     def __init__(self, scheduler: Scheduler, load: Load, period_s: float) -> None:
         self._scheduler, self._load, self._period_s = scheduler, load, period_s
         self._grams: dict[int, float] = {}
 
     def newest(self) -> int:
-        """The number of the last sample by now."""
+        """Return the number of the latest sample."""
         return sample_at(self._scheduler.monotonic_s(), self._period_s)
 
     def next_s(self) -> float:
-        """The instant of the sample after the newest."""
+        """Return the time of the next sample."""
         return (self.newest() + 1) * self._period_s
 
     def grams(self, number: int) -> float:
-        """One sample; not a number from a dead cell."""
+        """Return one sample; NaN with a dead cell."""
         grams = self._grams.get(number)
         if grams is None:
             if len(self._grams) >= _SAMPLES_KEPT:
@@ -135,7 +135,7 @@ class Samples:
         return grams
 
     def steady(self, number: int, count: int, band_g: float) -> bool:
-        """Whether `count` samples up to this one are fresh and lie within a band."""
+        """Return whether the `count` samples up to a number are fresh and lie within a band."""
         numbers = range(number - count + 1, number + 1)
         if not all(self._load.fresh(self._instant_s(k)) for k in numbers):
             return False
@@ -155,10 +155,10 @@ def load_cell(
     drift_n_per_s: float = 0.0,
     seed: int = 0,
 ) -> Callable[[float], float]:
-    """The force as the cell gives it, N at a time in s: late by latency_s, drifting, with Gaussian noise.
+    """Return the cell's signal: N at a time in s, delayed by latency_s, with drift and Gaussian noise.
 
-    Noise depends on the seed and the sample instant alone, so that it is the same however often, and in whatever
-    order, samples are asked for. noise_n is its standard deviation.
+    Noise depends on the seed and the sample time alone, and so not on the number or order of reads. noise_n is its
+    standard deviation.
     """
 
     def read_n(t_s: float) -> float:
@@ -172,37 +172,37 @@ def _standard_normal(seed: int, index: int) -> float:
     return float(np.random.default_rng((seed, max(index, 0))).standard_normal())
 
 
-# --- told ---
+# --- twins ---
 #
-# What a bench tells the virtual twin of a device, and what a twin is: a function that puts a device on a line.
-#
-# `twin(scheduler, line, told)` for a stage, and `twin(scheduler, line, told, load)` for a force sensor.
+# A twin is a function that puts a virtual device on a line: `twin(scheduler, line, spec)` for a stage, and
+# `twin(scheduler, line, spec, load)` for a force sensor.
 
 PerAxis = tuple[float, float, float]
 Framing = Literal["rtu", "tcp"]
 
 
 class TwinError(SimError, ValueError):
-    """A twin cannot be as it is told; begins with the key that says so."""
+    """Error of a twin that cannot be built; begins with the configuration key."""
 
     default_code = "bad_twin"
 
 
 class VirtualStage(Protocol):
-    """What a bench needs to know of a stage: where what hangs on its screws is, in steps."""
+    """Stage as a bench uses it: positions of the nuts, in steps."""
 
     def nut_steps_at(self, t_s: float) -> tuple[int, int, int]:
-        """Steps from machine zero (x, y, z) at an instant."""
+        """Return steps from machine zero (x, y, z) at a time."""
         ...
 
 
 @dataclass(frozen=True)
 class StageTold:
-    """Of a stage, each along x, y and z.
+    """Specification of a virtual stage, with values along x, y and z.
 
-    steps_per_mm: as the rig believes, negative where the motor runs against the axis. play_steps: what the true
-    screws lose. own: the table of its kind; sync: what the configuration says of the amplifier's pulse.
-    inputs_register: of a drive's digital inputs.
+    steps_per_mm: as configured, negative where the motor runs against the axis. play_steps: lost motion of the true
+    screws. own: the configuration table of its kind; sync: that of the amplifier's pulse. inputs_register: of a
+    drive's
+    digital inputs.
     """
 
     travel_mm: PerAxis
@@ -216,9 +216,10 @@ class StageTold:
 
 @dataclass(frozen=True)
 class ForceTold:
-    """Of a force sensor; resolution_g is what it truly shows, own the table of its kind.
+    """Specification of a virtual force sensor.
 
-    set_point_g: where its relay switches; None: it has none.
+    resolution_g: the true resolution. own: the configuration table of its kind. set_point_g: set-point of its relay,
+    None without a relay.
     """
 
     sample_period_s: float
@@ -230,23 +231,23 @@ class ForceTold:
 
 @runtime_checkable
 class StopPins(Protocol):
-    """A virtual stage with inputs that stop it, whatever its host does."""
+    """Virtual stage with inputs that stop it without its host."""
 
     def press(self, name: str) -> None:
-        """Somebody presses what is wired to it."""
+        """Press a button wired to an input."""
         ...
 
     def release(self, name: str) -> None:
-        """They let it go."""
+        """Release the button."""
         ...
 
 
 @runtime_checkable
 class Relay(Protocol):
-    """A virtual sensor with a relay that switches at its set-point."""
+    """Virtual sensor with a relay that switches at its set-point."""
 
     def wire(self, switch: Callable[[bool], None]) -> None:
-        """Have it switched, from now on, at every sample."""
+        """Connect the relay, which from now on switches at samples."""
         ...
 
 

@@ -1,7 +1,7 @@
 """Modbus slaves behind a virtual line: RTU and TCP frames, register files and exceptions.
 
-Sources: Modbus application protocol V1.1b3; Modbus over serial line V1.02. Frames are cut and sealed by pymodbus.
-Behind a TCP gateway the line's baud is that of the gateway's serial side, and unit 0 is a broadcast there.
+Sources: Modbus application protocol V1.1b3; Modbus over serial line V1.02. pymodbus splits and seals frames. Behind a
+TCP gateway the line's baud is that of the gateway's serial side, and unit 0 is a broadcast there.
 """
 
 from collections.abc import Mapping, Sequence
@@ -28,13 +28,13 @@ BROADCAST = 0
 ALONE = (0, 255)
 """Unit ids on TCP that address the device behind the port, if it is a single device (guide V1.0b, 4.4.2)."""
 
-# Half an RTU frame that is not continued is forgotten; a host process may be held up for longer than 3.5 characters.
+# An incomplete RTU frame is dropped after this time, because a host process may pause for longer than 3.5 characters.
 FORGET_S = 0.05
-_HEADER, _SHORTEST, _LONGEST = 6, 2, 254  # of a TCP frame: bytes before the length counts, and what it may be
+_HEADER, _SHORTEST, _LONGEST = 6, 2, 254  # of a TCP frame: header bytes, smallest and largest length
 
 
 class RegisterFault(SimError):  # noqa: N818
-    """A register cannot be read or written; number is that of the Modbus exception."""
+    """Error of a register that cannot be read or written, with the number of the Modbus exception."""
 
     default_code = "register_fault"
 
@@ -44,23 +44,23 @@ class RegisterFault(SimError):  # noqa: N818
 
 
 class Registers(Protocol):
-    """A device's holding registers, 16 bits each."""
+    """Holding registers of a device, 16 bits each."""
 
     functions: frozenset[int]
 
     def read(self, address: int, count: int) -> list[int]:
-        """`count` registers from `address` on. Raises RegisterFault."""
+        """Return `count` registers from `address` on. Raises RegisterFault."""
         ...
 
     def write(self, address: int, values: Sequence[int]) -> None:
-        """Write from `address` on. Raises RegisterFault."""
+        """Write registers from `address` on. Raises RegisterFault."""
         ...
 
 
 class ModbusBus:
-    """Devices by id on one line; each answers turnaround_s after the last byte of a question to it.
+    """Devices by id on one line; each answers turnaround_s after the last byte of a request.
 
-    Devices whose id is in `mute` hear nothing, as if unplugged.
+    Devices whose id is in `mute` do not respond, as if unplugged.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class ModbusBus:
         self._rtu = framing == "rtu"
         decoder = DecodePDU(is_server=True)
         self._framer = FramerRTU(decoder) if self._rtu else FramerSocket(decoder)
-        self._heard = b""
+        self._received = b""
         self._last_s = 0.0
         self.mute: set[int] = set()
         line.connect(self._on_bytes, self._renew)
@@ -85,37 +85,37 @@ class ModbusBus:
     def _on_bytes(self, data: bytes) -> None:
         now_s = self._scheduler.monotonic_s()
         if self._rtu and now_s - self._last_s > FORGET_S:
-            self._heard = b""
+            self._received = b""
         self._last_s = now_s
-        self._heard += data
-        while (frame := self._heard if self._rtu else self._whole_tcp()) and self._take(frame):
+        self._received += data
+        while (frame := self._received if self._rtu else self._whole_tcp()) and self._take(frame):
             pass
-        if self._rtu and self._heard:
+        if self._rtu and self._received:
             self._scheduler.call_at(now_s + FORGET_S, self._refuse_unknown)
 
     def _whole_tcp(self) -> bytes:
-        """The first whole frame heard, or nothing; a slow one is waited for as long as the connection lasts."""
-        if len(self._heard) < _HEADER:
+        """Return the first complete frame, or nothing; an incomplete one may take as long as the connection lasts."""
+        if len(self._received) < _HEADER:
             return b""
-        length = int.from_bytes(self._heard[4:_HEADER], "big")
+        length = int.from_bytes(self._received[4:_HEADER], "big")
         if not _SHORTEST <= length <= _LONGEST:
-            self._heard = b""
-        return self._heard[: _HEADER + length] if len(self._heard) >= _HEADER + length else b""
+            self._received = b""
+        return self._received[: _HEADER + length] if len(self._received) >= _HEADER + length else b""
 
     def _take(self, frame: bytes) -> bool:
-        """Serve what has come whole; False where there is nothing more to serve."""
+        """Serve a complete frame; return False where nothing is left to serve."""
         try:
             used, request = self._framer.handleFrame(frame, 0, 0)
         except ModbusException:
             self._refuse_nonsense(frame)
             return not self._rtu
-        self._heard = self._heard[used:]
+        self._received = self._received[used:]
         if request is not None:
             self._serve(request)
         return used > 0
 
     def _refuse_nonsense(self, frame: bytes) -> None:
-        """A whole frame that is no request: a function that nobody has, or a content such as a count of zero."""
+        """Answer a complete frame that is no valid request: an unknown function, or a count of zero."""
         start = 0 if self._rtu else _HEADER
         device_id, function = frame[start], frame[start + 1]
         device = self._device(device_id)
@@ -123,18 +123,18 @@ class ModbusBus:
             code = ILLEGAL_VALUE if function in device.functions else ILLEGAL_FUNCTION
             transaction = 0 if self._rtu else int.from_bytes(frame[:2], "big")
             self._answer(ExceptionResponse(function, code, device_id, transaction))
-        self._heard = b"" if self._rtu else self._heard[len(frame) :]
+        self._received = b"" if self._rtu else self._received[len(frame) :]
 
     def _refuse_unknown(self) -> None:
-        """An RTU frame whose length pymodbus cannot know is over with the silence after it, if its CRC is right."""
+        """Answer an RTU frame whose length pymodbus cannot know, after silence, if its CRC is right."""
         quiet = self._scheduler.monotonic_s() - self._last_s >= FORGET_S * 0.999
-        body, crc = self._heard[:-2], self._heard[-2:]
+        body, crc = self._received[:-2], self._received[-2:]
         if quiet and len(body) >= _SHORTEST and FramerRTU.compute_CRC(body).to_bytes(2, "big") == crc:
-            self._refuse_nonsense(self._heard)
+            self._refuse_nonsense(self._received)
 
     def _renew(self) -> None:
-        """Another client: what the one before left unfinished is nobody's."""
-        self._heard = b""
+        """Drop the incomplete frame of the previous client."""
+        self._received = b""
 
     def _serve(self, request: ModbusPDU) -> None:
         if request.dev_id == BROADCAST and (self._rtu or len(self._devices) > 1):
@@ -159,7 +159,7 @@ class ModbusBus:
 
 
 def _obey(device: Registers, request: ModbusPDU) -> ModbusPDU:
-    """Carry out a request; the answer, or an exception response."""
+    """Execute a request; return the answer or an exception response."""
     code = request.function_code
     try:
         if code not in device.functions:
@@ -179,11 +179,11 @@ def _obey(device: Registers, request: ModbusPDU) -> ModbusPDU:
 
 
 def words(value: int) -> list[int]:
-    """A 32-bit number, two's complement, as two registers, high word first."""
+    """Return a 32-bit number, two's complement, as two registers, high word first."""
     return [value >> 16 & 0xFFFF, value & 0xFFFF]
 
 
 def signed(high: int, low: int) -> int:
-    """Two registers, high word first, as a 32-bit number in two's complement."""
+    """Return two registers, high word first, as a 32-bit number in two's complement."""
     value = high << 16 | low
     return value - (1 << 32) if high & 0x8000 else value

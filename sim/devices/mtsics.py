@@ -1,6 +1,6 @@
-"""A virtual balance that speaks MT-SICS level 0 and 1. Source: MT-SICS reference manual.
+"""Virtual balance that speaks MT-SICS level 0 and 1. Source: MT-SICS reference manual.
 
-Not from a manual: the serial number as the answer to `@`, the stability band and times, the underload limit.
+Assumed, not from a manual: the serial number as the answer to `@`, the stability band and times, the underload limit.
 """
 
 import math
@@ -17,7 +17,7 @@ LEVEL_0 = ("@", "I0", "I1", "I2", "I3", "I4", "S", "SI", "SIR", "Z", "ZI")
 
 @dataclass
 class _Pending:
-    """A command that waits for a stable load, which `done` then gets in g."""
+    """Command that waits for a stable load, which `done` then gets in g."""
 
     key: str
     done: Callable[[float], None]
@@ -26,7 +26,7 @@ class _Pending:
 
 @dataclass(frozen=True)
 class BalanceMenu:
-    """What is set on a balance itself.
+    """Settings made on the balance itself.
 
     range_g and resolution_g are of the display; a load is stable when the last stable_samples samples lie within
     stable_band_g; S, Z and T give up after patience_s; below underload_g the answer is underload.
@@ -43,7 +43,7 @@ class BalanceMenu:
 
 
 class VirtualBalance:
-    """A balance under a load, at the end of a serial line. A load that is not fresh is never stable."""
+    """Balance with a load, at the end of a serial line. A load that is not fresh is never stable."""
 
     def __init__(self, scheduler: Scheduler, line: SerialLine, load: Load, menu: BalanceMenu | None = None) -> None:
         self._scheduler, self._wire, self._menu = scheduler, line, menu or BalanceMenu()
@@ -62,7 +62,7 @@ class VirtualBalance:
         return self._samples.steady(number, self._menu.stable_samples, self._menu.stable_band_g)
 
     def _load(self, number: int) -> float | str:
-        """Net grams, or the sign of an overload or underload; a broken cell is neither."""
+        """Return net grams, or the sign of an overload or underload; "I" for a broken cell."""
         grams = self._samples.grams(number)
         if math.isnan(grams):
             return "I"
@@ -164,7 +164,7 @@ class VirtualBalance:
         self._send("TAC A")
 
     def _list_commands(self) -> None:
-        """One line each with the level it belongs to; all but the last say that more will come (B)."""
+        """List commands, one line each with its level; all but the last announce more (B)."""
         names = sorted(self._commands())
         for name in names:
             level = 0 if name in LEVEL_0 else 1
@@ -182,9 +182,9 @@ class VirtualBalance:
     def _when_stable(self, key: str, done: Callable[[float], None]) -> None:
         pending = _Pending(key, done, self._scheduler.monotonic_s() + self._menu.patience_s)
         self._pending = pending
-        self._look(pending)
+        self._check_stable(pending)
 
-    def _look(self, pending: _Pending) -> None:
+    def _check_stable(self, pending: _Pending) -> None:
         number = self._samples.newest()
         load = self._load(number)
         late = self._scheduler.monotonic_s() >= pending.until_s
@@ -195,7 +195,7 @@ class VirtualBalance:
             self._pending = None
             pending.done(load)
         else:
-            self._at_next_sample(lambda: self._look(pending))
+            self._at_next_sample(lambda: self._check_stable(pending))
 
     def _at_next_sample(self, action: Callable[[], None]) -> None:
         self._timer = self._scheduler.call_at(self._samples.next_s(), action)
@@ -206,7 +206,7 @@ class VirtualBalance:
             self._timer = None
 
 
-def balance_twin(scheduler: Scheduler, line: SerialLine, told: ForceTold, load: Load) -> VirtualBalance:
-    """A balance under a load."""
-    menu = BalanceMenu(resolution_g=told.resolution_g, sample_period_s=told.sample_period_s)
+def balance_twin(scheduler: Scheduler, line: SerialLine, spec: ForceTold, load: Load) -> VirtualBalance:
+    """Return a balance with a load."""
+    menu = BalanceMenu(resolution_g=spec.resolution_g, sample_period_s=spec.sample_period_s)
     return VirtualBalance(scheduler, line, load, menu)

@@ -1,8 +1,8 @@
 """Portable static condensation: nested dissection and dense fronts, on LAPACK alone.
 
-A set of unknowns is cut in two by those of one half that touch the other, and so is each half until little is left.
-From the leaves up each set is eliminated as one dense front (multifrontal Cholesky). Takes some 1.5 times as long as
-PARDISO and is the same to round-off.
+A separator, the unknowns of one half that touch the other, splits a set in two, recursively. From the leaves up
+each set is eliminated as one dense front (multifrontal Cholesky). It takes some 1.5 times as long as PARDISO and
+agrees with it to round-off.
 
 Sources: A. George, SIAM J. Numer. Anal. 10 (1973) 345–363; J. W. H. Liu, SIAM Rev. 34 (1992) 82–109.
 """
@@ -31,7 +31,7 @@ _TILE = 512
 
 
 class IndefiniteError(SimError, ValueError):
-    """A matrix is not positive definite: its leading minor of this order is not positive."""
+    """Error of a matrix that is not positive definite, with the order of the failing leading minor."""
 
     default_code = "not_positive_definite"
 
@@ -40,7 +40,7 @@ class IndefiniteError(SimError, ValueError):
 
 
 def inverse_spd(matrix: Array) -> Array:
-    """(n, n) inverse of a symmetric positive definite matrix; raises ValueError when it is not definite."""
+    """Return the (n, n) inverse of a symmetric positive definite matrix. Raises IndefiniteError."""
     factor, info = lapack.dpotrf(matrix.T, lower=1, clean=0)
     if info:
         raise IndefiniteError(info)
@@ -63,12 +63,12 @@ Bools = NDArray[np.bool_]
 Places = NDArray[Any]
 
 _LEAF_PLACES = 200
-_STRIP_ROWS = 32  # of a child's triangle, added at once
+_STRIP_ROWS = 32  # rows of a child's triangle added at once
 
 
 @dataclass(frozen=True)
 class _Front:
-    """Unknowns eliminated together, numbered as they are eliminated, and the later ones that they touch."""
+    """Unknowns eliminated together, in elimination order, and the later ones that they touch."""
 
     own: slice
     after: Ints
@@ -77,8 +77,8 @@ class _Front:
 
 
 @dataclass(frozen=True)
-class _Owed:
-    """What an elimination leaves to the later unknowns that it touched."""
+class _Update:
+    """Update matrix that an elimination passes to the later unknowns that it touched."""
 
     after: Ints
     matrix: Array  # (n_after, n_after), upper triangle
@@ -88,7 +88,7 @@ class DissectionFactor:
     """Factor of a symmetric positive definite matrix, condensed onto some of its unknowns."""
 
     def __init__(self, upper: sp.csr_array, kept: Ints, places: Places) -> None:
-        """Upper triangle (n, n), ascending numbers of the kept unknowns, (n, d) places, by which it is cut."""
+        """Factor an upper triangle (n, n), given ascending kept unknowns and positions (n, d) to cut by."""
         self.kept = kept
         free = np.ones(upper.shape[0], bool)
         free[kept] = False
@@ -102,7 +102,7 @@ class DissectionFactor:
         bounds = np.searchsorted(part_of[self._order], np.arange(len(parts) + 2))
         self._matrix = sp.csr_array(symmetric(upper)[self._order][:, self._order])
         self._fronts: list[_Front] = []
-        waiting: list[_Owed] = []
+        waiting: list[_Update] = []
         for (start, stop), (_, children) in zip(pairwise(bounds[:-1]), parts, strict=True):
             mine = [waiting.pop() for _ in range(children)]
             waiting.append(self._eliminate(slice(start, stop), mine))
@@ -114,7 +114,7 @@ class DissectionFactor:
         return inverse_spd(self._schur)
 
     def solve(self, loads: Array) -> Array:
-        """(k, n) displacements under (k, n) loads."""
+        """Return (k, n) displacements under (k, n) loads."""
         x = np.asarray(loads, dtype=float).T[self._order]
         for front in self._fronts:
             x[front.own] = blas.dtrsm(1.0, front.triangle, x[front.own], lower=1)
@@ -129,7 +129,7 @@ class DissectionFactor:
         return out.T
 
     def close(self) -> None:
-        """Nothing to free."""
+        """Do nothing: there is no memory to free."""
 
     def __enter__(self) -> "DissectionFactor":
         return self
@@ -137,7 +137,7 @@ class DissectionFactor:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _eliminate(self, own: slice, children: list[_Owed]) -> _Owed:
+    def _eliminate(self, own: slice, children: list[_Update]) -> _Update:
         after, rows, rest = self._assembled(own, children)
         n = len(rows)
         triangle, info = lapack.dpotrf(rows[:, :n].T, lower=1)
@@ -147,10 +147,10 @@ class DissectionFactor:
         self._fronts.append(_Front(own, after, triangle, below))
         if len(after):
             rest = blas.dsyrk(-1.0, below, beta=1.0, c=rest.T, lower=1, overwrite_c=1).T
-        return _Owed(after, rest)
+        return _Update(after, rest)
 
-    def _assembled(self, own: slice, children: list[_Owed]) -> tuple[Ints, Array, Array]:
-        """Later unknowns touched, the front's own rows and, from the children alone, the square of the later ones."""
+    def _assembled(self, own: slice, children: list[_Update]) -> tuple[Ints, Array, Array]:
+        """Return the later unknowns touched, the front's own rows, and the children's square of the later ones."""
         entries = self._matrix[own].tocoo()
         later = entries.col >= own.start
         row, number = entries.row[later], entries.col[later]
@@ -166,19 +166,19 @@ class DissectionFactor:
         return after, rows, rest
 
 
-def _add(rows: Array, rest: Array, owed: Array, at: Ints) -> None:
-    """Add an upper triangle at these places of a front whose first rows and whose rest are kept apart."""
+def _add(rows: Array, rest: Array, update: Array, at: Ints) -> None:
+    """Add an upper triangle at positions of a front whose first rows and rest are stored separately."""
     n = len(rows)
     own = int(np.searchsorted(at, n))
     for a, b in pairwise([*range(0, own, _STRIP_ROWS), *range(own, len(at), _STRIP_ROWS), len(at)]):
         if a < own:
-            rows[at[a:b, None], at[a:]] += owed[a:b, a:]
+            rows[at[a:b, None], at[a:]] += update[a:b, a:]
         else:
-            rest[at[a:b, None] - n, at[a:] - n] += owed[a:b, a:]
+            rest[at[a:b, None] - n, at[a:] - n] += update[a:b, a:]
 
 
 def _touching(upper: sp.csr_array, site: Ints, n_sites: int) -> sp.csr_array:
-    """(n_sites, n_sites) which places have unknowns that touch."""
+    """Return the (n_sites, n_sites) graph of sites with coupled unknowns."""
     entries = upper.tocoo()
     there = (np.ones(entries.nnz, bool), (site[entries.row], site[entries.col]))
     graph = sp.csr_array(there, shape=(n_sites, n_sites))
@@ -186,7 +186,7 @@ def _touching(upper: sp.csr_array, site: Ints, n_sites: int) -> sp.csr_array:
 
 
 def _cut(graph: sp.csr_array, places: Places, chosen: Ints) -> list[tuple[Ints, int]]:
-    """Sets in the order of their elimination, each with how many of the sets before it that wait it takes up."""
+    """Return sets in elimination order, each with the number of waiting earlier sets that it absorbs."""
     found = _halves(graph, places, chosen) if len(chosen) > _LEAF_PLACES else iter(())
     best = min(found, key=lambda cut: cut[0], default=None)
     if best is None:
@@ -197,7 +197,7 @@ def _cut(graph: sp.csr_array, places: Places, chosen: Ints) -> list[tuple[Ints, 
 
 
 def _halves(graph: sp.csr_array, places: Places, chosen: Ints) -> Iterator[tuple[float, Bools, Bools]]:
-    """Along each axis: what a cut costs, its lower half, and what of that touches the upper one."""
+    """Yield, for each axis, a cut's cost, its lower half, and the separator: the part that touches the upper half."""
     rows = graph[chosen]
     for here in places[chosen].T:
         low = here < np.median(here) if here.min() < np.median(here) else here == here.min()
@@ -205,7 +205,7 @@ def _halves(graph: sp.csr_array, places: Places, chosen: Ints) -> Iterator[tuple
         upper_half[chosen[~low]] = True
         between = low & (rows @ upper_half)
         if low.any() and not between.any():
-            between[np.argmax(low)] = True  # the halves do not touch: any place parts them
+            between[np.argmax(low)] = True  # the halves do not touch, so any site separates them
         larger, smaller = sorted([int((low & ~between).sum()), int((~low).sum())], reverse=True)
         if smaller:
             yield float(between.sum()) * (0.5 + larger / len(chosen)), low, between

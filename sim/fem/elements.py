@@ -3,8 +3,9 @@
 "full": eight nodes, 2×2×2 points. "bbar": the same with the element's mean dilatation (Hughes 1980; the selectively
 reduced kind ABAQUS uses for first-order bricks). "incompatible": with the bubbles of Wilson et al. (1973), made to
 pass the patch test by Taylor, Beresford & Wilson (1976) and condensed. "quadratic": 27 nodes, 3×3×3 points. In the
-last two the dilatation is projected onto linear functions of place, as if by a discontinuous linear pressure (Hughes
-2000, §4.4): with bubbles and the mean alone, quadratic conformal maps cost no energy, three zero modes on a brick.
+last two the dilatation is projected onto linear functions of position, as if by a discontinuous linear pressure
+(Hughes 2000, §4.4): with bubbles and the mean alone, quadratic conformal maps cost no energy, three zero modes on a
+brick.
 """
 
 from typing import Literal
@@ -15,9 +16,8 @@ from numpy.typing import NDArray
 
 # --- shape functions ---
 #
-# Shape functions of hexahedra: trilinear in eight nodes, triquadratic in 27 (Lagrange's, products of three).
-#
-# Nodes are in VTK's order: corners, then middles of edges, of faces, the centre.
+# Hexahedra are trilinear with eight nodes or triquadratic Lagrange with 27. Nodes are in VTK order: corners, then
+# centers of edges, of faces, of the element.
 
 Array = NDArray[np.float64]
 
@@ -37,14 +37,14 @@ HEX27 = np.concatenate([HEX8, HEX8[_EDGES].mean(axis=1), _FACES])
 
 
 def gauss_points(n: int) -> tuple[Array, Array]:
-    """(n³, 3) local points and (n³,) weights of the product rule."""
+    """Return (n³, 3) local points and (n³,) weights of the product rule."""
     s, w = np.polynomial.legendre.leggauss(n)
     points = np.stack(np.meshgrid(s, s, s, indexing="ij"), -1).reshape(-1, 3)
     return points, np.einsum("i,j,k->ijk", w, w, w).ravel()
 
 
 def shape_functions(n_nodes: int, points: Array) -> tuple[Array, Array]:
-    """(…, k) values and (…, k, 3) local gradients of the functions of 8 or 27 nodes at (…, 3) local points."""
+    """Return (…, k) values and (…, k, 3) local gradients of 8 or 27 nodes' functions at (…, 3) local points."""
     at = HEX8 if n_nodes == len(HEX8) else HEX27
     s = points[..., None, :]
     if n_nodes == len(HEX8):
@@ -58,7 +58,7 @@ def shape_functions(n_nodes: int, points: Array) -> tuple[Array, Array]:
 
 
 def gradients(corners: Array, points: Array) -> tuple[Array, Array, Array]:
-    """Of (n, k, 3) elements: (n, g, k, 3) gradients in 1/mm, (n, g) det J and (n, g, 3, 3) inverse of J transposed.
+    """Return gradients (n, g, k, 3) in 1/mm, det J (n, g) and J⁻ᵀ (n, g, 3, 3) of (n, k, 3) elements.
 
     The local points are (g, 3), or (n, g, 3) where each element has its own.
     """
@@ -69,7 +69,10 @@ def gradients(corners: Array, points: Array) -> tuple[Array, Array, Array]:
 
 
 def local_coordinates(corners: Array, point: Array) -> Array:
-    """(3,) local coordinates of a point in one (k, 3) element, by Newton's iteration; outside of it they go on."""
+    """Return the (3,) local coordinates of a point in one (k, 3) element, by Newton's iteration.
+
+    They extend beyond the element.
+    """
     local = np.zeros(3)
     for _ in range(_NEWTON_STEPS):
         value, gradient = shape_functions(len(corners), local)
@@ -81,7 +84,7 @@ def local_coordinates(corners: Array, point: Array) -> Array:
 
 
 def _inverse3(m: Array) -> tuple[Array, Array]:
-    """(…, 3, 3) inverse transposed by cofactors, and the determinant."""
+    """Return the (…, 3, 3) inverse transposed by cofactors, and the determinant."""
     cofactor = np.stack(
         [
             np.cross(m[..., 1, :], m[..., 2, :]),
@@ -104,12 +107,12 @@ _CHUNK_FLOATS = 400_000  # gradients that stay in the second-level cache
 
 
 def lame(young: Array, poisson: float) -> tuple[Array, Array]:
-    """Shear modulus μ and bulk modulus κ, in the unit of E."""
+    """Return shear modulus μ and bulk modulus κ, in the unit of E."""
     return young / (2 * (1 + poisson)), young / (3 * (1 - 2 * poisson))
 
 
 def stiffness(nodes: Array, elements: Ints, young: Array, poisson: float, element: Element) -> Array:
-    """(n, 3k, 3k) stiffness in E·mm of (n, k) elements, degrees of freedom node by node."""
+    """Return (n, 3k, 3k) stiffness in E·mm of (n, k) elements, degrees of freedom node by node."""
     points, weights = gauss_points(2 if NODES[element] == 8 else 3)
     n, k = elements.shape
     out = np.empty((n, 3 * k, 3 * k))
@@ -135,15 +138,16 @@ def stiffness(nodes: Array, elements: Ints, young: Array, poisson: float, elemen
 
 
 def dilatation_moments(p: Array, gradient: Array, weight: Array) -> tuple[Array, Array]:
-    """∫ p div u, (n, m, 3k), and ∫ p pᵀ, (n, m, m), with (n, g, m) functions p at the integration points."""
+    """Return ∫ p div u (n, m, 3k) and ∫ p pᵀ (n, m, m) of functions p (n, g, m) at the integration points."""
     weighted = (p * weight[..., None]).swapaxes(1, 2)
     return weighted @ gradient.reshape(*weight.shape, -1), weighted @ p
 
 
 def pressures(corners: Array, points: Array, *, linear: bool) -> Array:
-    """(n, g, m) functions that the dilatation is projected onto: 1, and if linear also place over the element's size.
+    """Return (n, g, m) functions onto which the dilatation is projected: 1, and if linear also scaled positions.
 
-    Linear in place, not in the local coordinates: those lose an order on distorted elements (Boffi & Gastaldi 2002).
+    They are linear in position, not in local coordinates, which lose an order on distorted elements (Boffi & Gastaldi
+    2002).
     """
     one = np.ones((len(corners), points.shape[-2], 1))
     if not linear:
@@ -154,13 +158,13 @@ def pressures(corners: Array, points: Array, *, linear: bool) -> Array:
 
 
 def _outer(gradient: Array, weight: Array) -> Array:
-    """(n, 3k, 3k) ∫ ∂i Na ∂j Nb, rows (a, i), columns (b, j)."""
+    """Return (n, 3k, 3k) ∫ ∂i Na ∂j Nb, rows (a, i), columns (b, j)."""
     g = gradient.reshape(*weight.shape, -1)
     return np.asarray((g * weight[..., None]).swapaxes(1, 2) @ g)
 
 
 def _deviatoric(outer: Array) -> Array:
-    """(n, 3k, 3k) ∫ 2 dev ε : dev ε."""
+    """Return (n, 3k, 3k) ∫ 2 dev ε : dev ε."""
     k = outer.shape[1] // 3
     blocks = outer.reshape(-1, k, 3, k, 3)
     out = blocks.swapaxes(2, 4) - (2 / 3) * blocks
@@ -171,7 +175,7 @@ def _deviatoric(outer: Array) -> Array:
 
 
 def _bubbles(corners: Array, points: Array, det: Array, inverse_t: Array) -> Array:
-    """(n, g, 3, 3) gradients of 1 − ξ², 1 − η², 1 − ζ² by the Jacobian at the centre, scaled by det J₀ / det J.
+    """Return (n, g, 3, 3) gradients of 1 − ξ², 1 − η², 1 − ζ² by the central Jacobian, scaled by det J₀ / det J.
 
     Their integrals vanish, so that a constant stress does no work on them: the patch test is passed.
     """
@@ -180,22 +184,21 @@ def _bubbles(corners: Array, points: Array, det: Array, inverse_t: Array) -> Arr
 
 
 def _condensed(matrix: Array, kept: int) -> Array:
-    """(n, kept, kept) Schur complement after the unknowns beyond the first `kept` are eliminated."""
+    """Return the (n, kept, kept) Schur complement on the first `kept` unknowns."""
     coupling = matrix[:, kept:, :kept]
     relaxed = coupling.swapaxes(1, 2) @ np.linalg.solve(matrix[:, kept:, kept:], coupling)
     return np.asarray(matrix[:, :kept, :kept] - relaxed)
 
 
 # --- strain ---
-#
-# Strain inside hexahedra.
 
 
 def strain_matrix(corners: Array, local: Array) -> Array:
-    """(n, 6, 3k) engineering strain e11 e22 e33 e12 e23 e13 of (n, k, 3) elements, each at its (n, 3) local point.
+    """Return (n, 6, 3k) engineering strains e11 e22 e33 e12 e23 e13 of (n, k, 3) elements at (n, 3) local points.
 
-    The dilatation is the mean of eight nodes and projected as in the stiffness of 27. The bubbles of "incompatible"
-    elements are left out; at the centre of a brick they strain nothing.
+    The dilatation is the mean with eight nodes, and projected as in the stiffness with 27. The bubbles of
+    "incompatible"
+    elements are left out; at the center of a brick they contribute no strain.
     """
     n, k, _ = corners.shape
     points, weights = gauss_points(2 if k == len(HEX8) else 3)
@@ -216,11 +219,11 @@ def strain_matrix(corners: Array, local: Array) -> Array:
 
 # --- assembly ---
 #
-# Sparse assembly of element matrices, 3×3 block by 3×3 block.
+# Assembly works on 3×3 blocks.
 
 
 def assemble_upper(stiffness: Array, elements: Ints, n_nodes: int) -> sp.csr_array:
-    """Upper triangle of the (3 n_nodes, 3 n_nodes) stiffness from (n, 3k, 3k) matrices of (n, k) elements."""
+    """Assemble the upper triangle of the (3 n_nodes, 3 n_nodes) stiffness from (n, 3k, 3k) element matrices."""
     k = elements.shape[1]
     a, b = np.triu_indices(k)
     rows, cols = elements[:, a], elements[:, b]
@@ -243,5 +246,5 @@ def assemble_upper(stiffness: Array, elements: Ints, n_nodes: int) -> sp.csr_arr
 
 
 def symmetric(upper: sp.csr_array) -> sp.csr_array:
-    """The whole matrix of an upper triangle."""
+    """Return the full matrix of an upper triangle."""
     return sp.csr_array(upper + sp.triu(upper, k=1).T)

@@ -23,14 +23,14 @@ _SYMMETRIC_POSITIVE_DEFINITE = 2
 
 @cache
 def _routine() -> Callable[..., None]:
-    """MKL's `pardiso`; pypardiso searches the disc for it, which takes a quarter of a second each time."""
+    """Load MKL's `pardiso` once; pypardiso searches the disk for it, which takes a quarter of a second."""
     import pypardiso
 
     return pypardiso.PyPardisoSolver()._mkl_pardiso
 
 
 def available() -> bool:
-    """Whether MKL can be loaded here."""
+    """Return whether MKL can be loaded."""
     try:
         _routine()
     except (ImportError, OSError):
@@ -39,7 +39,7 @@ def available() -> bool:
 
 
 class PardisoError(SimError, RuntimeError):
-    """PARDISO refused the matrix; the number is its error code."""
+    """Error of PARDISO, with its error number."""
 
     default_code = "pardiso_failed"
 
@@ -48,7 +48,7 @@ class PardisoFactor:
     """Factor of a symmetric positive definite matrix, condensed onto some of its unknowns."""
 
     def __init__(self, upper: sp.csr_array, kept: Ints) -> None:
-        """Upper triangle (n, n) in CSR and the ascending numbers of the unknowns to keep."""
+        """Factor an upper triangle (n, n) in CSR, given the ascending numbers of the unknowns to keep."""
         self._routine = _routine()
         self._n = upper.shape[0]
         self.kept = kept
@@ -65,7 +65,7 @@ class PardisoFactor:
             1,
             2,
         )  # own settings, METIS, zero-based, Schur with the factor kept
-        self._iparm[23] = 1  # two-level parallel factorisation
+        self._iparm[23] = 1  # two-level parallel factorization
         self._schur = np.zeros((len(kept), len(kept)))
         self._call(_ANALYSE_FACTORISE, np.zeros(self._n), self._schur)
 
@@ -75,7 +75,7 @@ class PardisoFactor:
         return inverse_spd(self._schur)
 
     def solve(self, loads: Array) -> Array:
-        """(k, n) displacements under (k, n) loads."""
+        """Return (k, n) displacements under (k, n) loads."""
         reduced = self._reduce(loads)
         reduced[:, self.kept] = reduced[:, self.kept] @ self.compliance
         out = np.zeros_like(reduced)
@@ -83,7 +83,7 @@ class PardisoFactor:
         return out
 
     def _reduce(self, loads: Array) -> Array:
-        """Forward elimination: the kept columns become the loads on the Schur complement."""
+        """Eliminate forward: the kept columns become the loads on the Schur complement."""
         loads = np.ascontiguousarray(loads, dtype=float)
         out = np.zeros_like(loads)
         self._call(_FORWARD, loads, out)

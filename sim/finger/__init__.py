@@ -1,6 +1,5 @@
 """Geometry and mesh of the fingertip.
 
-`surface` is the skin, made of sections (`section`) that `fit` fits to points. A mesh (`mesh`) is nodes along and
-around the finger (`grading`) times layers below the skin (`layers`); `skin` gives each node its area, `quality` says
-how well shaped the elements are, `vtk` writes them for ParaView.
+`surface` is the skin, fitted to measured points section by section. `mesh` puts nodes along and around the finger and
+layers below the skin, with areas of the skin nodes and the quality of elements. `vtk` writes meshes for ParaView.
 """

@@ -12,8 +12,6 @@ from sim.fem.elements import HEX8, HEX27, NODES
 from sim.finger.surface import FingertipSurface
 
 # --- skin ---
-#
-# Areas of the skin that belong to its nodes.
 
 Array = NDArray[np.float64]
 
@@ -22,9 +20,10 @@ _SIMPSON = np.array([1.0, 4.0, 1.0]) / 3
 
 
 def tributary_areas(skin: Array, order: int) -> Array:
-    """(n_z, n_phi) areas in mm² of (n_z, n_phi, 3) nodes closed along φ: what a unit pressure puts on each.
+    """Return (n_z, n_phi) areas in mm² of (n_z, n_phi, 3) nodes closed along φ: their share of a unit pressure.
 
-    Of order 1 a quarter of each adjacent bilinear quadrilateral; of order 2 by Simpson's rule on faces of nine nodes.
+    Order 1 adds a quarter of each adjacent bilinear quadrilateral; order 2 uses Simpson's rule on faces of nine
+    nodes.
     """
     return _of_quadrilaterals(skin) if order == 1 else _of_nine_nodes(skin)
 
@@ -54,17 +53,17 @@ def _of_nine_nodes(skin: Array) -> Array:
 
 # --- grading ---
 #
-# Where a mesh's nodes lie along the finger and around it: close under the patch, farther apart away from it.
+# Nodes are close under the patch and farther apart away from it.
 
 
 class MeshError(SimError, ValueError):
-    """The geometry and the mesh settings do not make a valid mesh."""
+    """Error of geometry and mesh settings that do not make a valid mesh."""
 
     default_code = "bad_mesh"
 
 
 def axial_places(config: FingertipConfig) -> tuple[Array, NDArray[np.bool_]]:
-    """Places along z (mm), and which of them are the patch's; its middle is the receptor plane."""
+    """Return positions along z (mm) and a mask of the patch's; the patch's middle is the receptor plane."""
     mesh, middle, length = config.mesh, config.receptor_plane_mm, config.geometry.length_mm
     spacing = mesh.axial_mm
     n = int(np.ceil(mesh.patch_z_mm / spacing - 1e-9))
@@ -86,9 +85,9 @@ def axial_places(config: FingertipConfig) -> tuple[Array, NDArray[np.bool_]]:
 
 
 def angles_around(config: FingertipConfig, surface: FingertipSurface) -> tuple[Array, NDArray[np.bool_]]:
-    """Angles (rad) and which of them are the patch's.
+    """Return angles (rad) and a mask of the patch's.
 
-    Spaced by arc length on the skin in the receptor plane, one of them at the pulp's apex.
+    Nodes are spaced by arc length on the skin in the receptor plane, one of them at the pulp's apex.
     """
     mesh = config.mesh
     table = np.linspace(-np.pi / 2, 3 * np.pi / 2, 20001)
@@ -124,19 +123,19 @@ def angles_around(config: FingertipConfig, surface: FingertipSurface) -> tuple[A
 
 
 def order_of(mesh: MeshSpec) -> int:
-    """Intervals between nodes along an element: 1, or 2 where it is quadratic."""
+    """Return the number of intervals between nodes along an element: 1, or 2 where it is quadratic."""
     return 1 if NODES[mesh.element] == len(HEX8) else 2
 
 
 def with_middles(ends: Array, order: int) -> Array:
-    """Places of nodes from the places of the elements' ends: the same, or with the middles between them."""
+    """Return node positions from the positions of element ends, with the midpoints added for order 2."""
     return np.interp(np.arange(order * (len(ends) - 1) + 1) / order, np.arange(len(ends)), ends)
 
 
 def _through(mesh: MeshSpec, edge_mm: float, distance_mm: float) -> Array:
-    """Distances from the patch's edge, across the finger, of nodes that grow towards the nail's middle.
+    """Return distances from the patch's edge, across the finger, of nodes that grow towards the nail's middle.
 
-    With `nail_on_nodes` one lies at the nail's edge: where the skin is held else depends on the mesh.
+    With `nail_on_nodes` one lies at the nail's edge; otherwise the edge of the fixed skin depends on the mesh.
     """
     if not (mesh.nail_on_nodes and 0 < edge_mm < distance_mm):
         return _graded(mesh, mesh.spacing_mm, distance_mm)
@@ -145,7 +144,7 @@ def _through(mesh: MeshSpec, edge_mm: float, distance_mm: float) -> Array:
 
 
 def _graded(mesh: MeshSpec, spacing_mm: float, distance_mm: float) -> Array:
-    """Distances from the patch's edge of nodes that grow from the fine spacing to the far one."""
+    """Return distances from the patch's edge of nodes that grow from the fine spacing to the far one."""
     steps, x = [spacing_mm], spacing_mm
     while x < distance_mm:
         near = x < mesh.near_width_mm
@@ -159,7 +158,7 @@ def _graded(mesh: MeshSpec, spacing_mm: float, distance_mm: float) -> Array:
 
 # --- layers ---
 #
-# The layers under the skin: how deep each goes, and the nodes on rays through them towards the bone's axis.
+# Nodes lie on rays from the skin towards the bone's axis.
 
 Ints = NDArray[np.int64]
 
@@ -171,7 +170,7 @@ _DEEPEST_DERMIS = 0.7
 
 
 def nodes_on_rays(config: FingertipConfig, surface: FingertipSurface, phi: Array, z_mm: Array) -> tuple[Array, Ints]:
-    """(n_z, n_phi, n_r, 3) nodes on rays from the bone's axis, and the layer of each radial element."""
+    """Return (n_z, n_phi, n_r, 3) nodes on rays from the bone's axis, and the layer of each radial element."""
     tissue = config.tissue
     p, z = np.meshgrid(phi, z_mm)
     x, y = surface.section(p, z)
@@ -182,7 +181,7 @@ def nodes_on_rays(config: FingertipConfig, surface: FingertipSurface, phi: Array
     thickness = radius * (1 - tissue.bone_fraction)
     stretch = np.minimum(1 / cosine, _DEEPEST_DERMIS * thickness / (tissue.epidermis_mm + tissue.dermis_mm))
 
-    # depths of the interfaces along each ray; the fractions between them are the same everywhere
+    # The fractions between the interfaces are the same on every ray.
     apex_depth = float(thickness[np.argmin(np.abs(z_mm - config.receptor_plane_mm))].max())
     ends, layers = _radial_fractions(config.mesh, tissue, apex_depth)
     order = order_of(config.mesh)
@@ -206,7 +205,7 @@ def nodes_on_rays(config: FingertipConfig, surface: FingertipSurface, phi: Array
 
 
 def _radial_fractions(mesh: MeshSpec, tissue: Tissue, depth_mm: float) -> tuple[Array, Ints]:
-    """Node positions through the layers (0–1 epidermis, 1–2 dermis, 2–3 fat) and each element's layer."""
+    """Return node positions through the layers (0–1 epidermis, 1–2 dermis, 2–3 fat) and the elements' layers."""
     epidermis = np.linspace(0, 1, mesh.epidermis_elements + 1)
     n_dermis = max(1, round(tissue.dermis_mm / mesh.dermis_spacing_mm))
     dermis = 1 + np.linspace(0, 1, n_dermis + 1)[1:]
@@ -233,13 +232,11 @@ def _radial_fractions(mesh: MeshSpec, tissue: Tissue, depth_mm: float) -> tuple[
 
 
 # --- quality ---
-#
-# How well shaped the elements of a mesh are.
 
 POOR_SCALED_JACOBIAN = 0.1
 """Scaled Jacobian below which an element is nearly flat at a corner."""
 
-# each corner of a hexahedron in VTK order, and its three neighbours, right-handed
+# Each corner of a hexahedron in VTK order, and its three neighbors, right-handed.
 _CORNERS = np.array(
     [
         [0, 1, 3, 4],
@@ -256,7 +253,7 @@ _CORNERS = np.array(
 
 @dataclass(frozen=True)
 class MeshQuality:
-    """Two numbers an element, and where the elements are."""
+    """Shape measures of a mesh's elements."""
 
     scaled_jacobian: Array  # (n,) smallest of the corners: 1 a box, 0 flat, negative folded
     aspect_ratio: Array  # (n,) longest edge over shortest edge
@@ -264,13 +261,13 @@ class MeshQuality:
 
 
 def corner_edges(nodes: Array, hexes: Ints) -> Array:
-    """(n, 8, 3, 3) edge vectors in mm from each corner of (n, 8 or 27) hexahedra; rows are edges, right-handed."""
+    """Return (n, 8, 3, 3) edge vectors in mm from each corner of (n, 8 or 27) hexahedra, right-handed by rows."""
     p = nodes[hexes[:, :8]]
     return np.asarray(p[:, _CORNERS[:, 1:]] - p[:, _CORNERS[:, :1]])
 
 
 def mesh_quality(nodes: Array, hexes: Ints) -> MeshQuality:
-    """Quality of (n, 8) hexahedra in VTK order; of (n, 27) that of their corners.
+    """Return the quality of (n, 8) hexahedra in VTK order; of (n, 27) hexahedra, that of their corners.
 
     Source: Knupp, Ernst, Thompson, Stimpson, Pébay, The Verdict library reference manual, Sandia 2007: hexahedron,
     "scaled Jacobian" (here at the corners only) and "edge ratio".
@@ -307,7 +304,7 @@ class FingerMesh:
 
     @property
     def order(self) -> int:
-        """Intervals between nodes along an element: 1, or 2 where it is quadratic."""
+        """Number of intervals between nodes along an element: 1, or 2 where it is quadratic."""
         return 1 if self.hexes.shape[1] == len(HEX8) else 2
 
     @cached_property
@@ -318,17 +315,17 @@ class FingerMesh:
 
     @cached_property
     def centre_mm(self) -> Array:
-        """(n_elements, 3) means of the elements' corners."""
+        """(n_elements, 3) means of the elements' corners (mm)."""
         return np.asarray(self.nodes[self.hexes[:, : len(HEX8)]].mean(axis=1))
 
     def column_at(self, phi: float, z_mm: float) -> Array:
-        """(n_r, 3) positions in mm of the nodes from the skin inwards on the ray nearest to φ (rad) and z."""
+        """Return (n_r, 3) node positions in mm from the skin inwards on the ray nearest to φ (rad) and z."""
         k, j = np.argmin(np.abs(self.z_mm - z_mm)), np.argmin(np.abs(_wrap(self.phi - phi)))
         return np.asarray(self.nodes.reshape(*self.grid, 3)[k, j])
 
 
 def build_mesh(config: FingertipConfig, surface: FingertipSurface) -> FingerMesh:
-    """Mesh with element faces on the layer interfaces; raises MeshError when an element is folded."""
+    """Build a mesh with element faces on the layer interfaces. Raises MeshError when an element is folded."""
     z_mm, z_fine = axial_places(config)
     phi, phi_fine = angles_around(config, surface)
     n_patch = int(z_fine.sum() * phi_fine.sum())
@@ -368,10 +365,11 @@ def build_mesh(config: FingertipConfig, surface: FingertipSurface) -> FingerMesh
 
 
 def section_mesh(config: FingertipConfig, surface: FingertipSurface) -> FingerMesh:
-    """A slab of three equal slices, 1 mm thick in all, around the receptor plane of a prismatic skin.
+    """Build a slab of three equal slices, 1 mm thick in all, around the receptor plane of a prismatic skin.
 
-    Nothing but nail and bone is fixed; the patch is one row of nodes. Three slices let strains be recovered in the
-    middle one as in the finger.
+    Only nail and bone are fixed; the patch is one row of nodes. Three slices allow strain recovery in the middle one
+    as
+    in the finger.
     """
     plane = config.receptor_plane_mm
     phi, fine = angles_around(config, surface)
@@ -399,17 +397,17 @@ def section_mesh(config: FingertipConfig, surface: FingertipSurface) -> FingerMe
 
 
 def _on_every_ray(layers: Ints, number: Ints, order: int) -> Ints:
-    """(n_elements,) from the layers along a ray."""
+    """Repeat the layers along one ray for all (n_elements,) elements."""
     return np.broadcast_to(layers, ((len(number) - 1) // order, number.shape[1] // order, len(layers))).ravel()
 
 
 def _under_nail(tissue: Tissue, phi: Array) -> NDArray[np.bool_]:
-    """(n_phi,) angles at which the nail holds the skin."""
+    """Return (n_phi,) whether the nail fixes the skin at an angle."""
     return np.asarray(np.abs(_wrap(phi + np.pi / 2)) <= np.radians(tissue.nail_arc_deg / 2) + 1e-6)
 
 
 def _connect(number: Ints, order: int) -> Ints:
-    """VTK-ordered hexahedra of the grid, closed along φ, with positive volume; of order 2 with 27 nodes."""
+    """Return VTK-ordered hexahedra of the grid, closed along φ, with positive volume; with 27 nodes for order 2."""
     local = HEX8 if order == 1 else HEX27
     inwards, around, along = (order * (1 + local * [-1, 1, 1]) / 2).astype(int).T
     n_z, n_phi, n_r = number.shape
@@ -419,7 +417,7 @@ def _connect(number: Ints, order: int) -> Ints:
 
 
 def _refuse_folded(nodes: Array, hexes: Ints) -> None:
-    """Raise MeshError naming the worst element when the Jacobian at one of its corners is not positive."""
+    """Raise MeshError with the worst element when the Jacobian at one of its corners is not positive."""
     jacobian = np.linalg.det(corner_edges(nodes, hexes))
     worst = np.unravel_index(np.argmin(jacobian), jacobian.shape)
     if jacobian[worst] <= 0:

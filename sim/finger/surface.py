@@ -1,4 +1,4 @@
-"""The skin: a smooth parametric surface through the published points, a user's own points, or a user's sections.
+"""The skin: a smooth parametric surface through published points, a user's own points, or a user's sections.
 
 Source of the published points: Raju (1998), Figure 6-3, copied into `sim/data/fingertip_surface_points.csv`.
 """
@@ -17,36 +17,35 @@ from sim.errors import SimError
 
 # --- section ---
 #
-# One section of the skin: a second-order Fourier curve in the angle φ.
-#
+# A section is a second-order Fourier curve in the angle φ:
 # x = a cos φ + s ((1 + sin φ)/2)², y = b (½(1 + r) sin φ + ½(1 − r) sin² φ) with half-width a, height b and lean s in
-# mm, and r the depth of the nail side over the height.
+# mm, and r the depth of the nail side divided by the height.
 
 Array = NDArray[np.float64]
 
 
 def shape(phi: ArrayLike, ratio: float) -> tuple[Array, Array, Array]:
-    """What half-width, height and lean are multiplied by at angle φ."""
+    """Return the factors of half-width, height and lean at angle φ."""
     s = np.sin(phi)
     return np.cos(phi), 0.5 * (1 + ratio) * s + 0.5 * (1 - ratio) * s * s, (0.5 * (1 + s)) ** 2
 
 
 def position(phi: ArrayLike, parameters: Array, ratio: float) -> tuple[Array, Array]:
-    """x and y in mm of sections with (3, …) half-widths, heights and leans in mm (broadcast)."""
+    """Return x and y in mm of sections with (3, …) half-widths, heights and leans in mm (broadcast)."""
     a, b, lean = parameters
     across, up, sideways = shape(phi, ratio)
     return a * across + lean * sideways, b * up
 
 
 def first_derivative(phi: ArrayLike, parameters: Array, ratio: float) -> tuple[Array, Array]:
-    """dx/dφ and dy/dφ in mm/rad."""
+    """Return dx/dφ and dy/dφ in mm/rad."""
     a, b, lean = parameters
     s, c = np.sin(phi), np.cos(phi)
     return -a * s + 0.5 * lean * (1 + s) * c, b * c * (0.5 * (1 + ratio) + (1 - ratio) * s)
 
 
 def second_derivative(phi: ArrayLike, parameters: Array, ratio: float) -> tuple[Array, Array]:
-    """d²x/dφ² and d²y/dφ² in mm/rad²."""
+    """Return d²x/dφ² and d²y/dφ² in mm/rad²."""
     a, b, lean = parameters
     s, c = np.sin(phi), np.cos(phi)
     return (
@@ -56,13 +55,13 @@ def second_derivative(phi: ArrayLike, parameters: Array, ratio: float) -> tuple[
 
 
 def normal(phi: ArrayLike, parameters: Array, ratio: float) -> Array:
-    """(…, 2) outward unit normal within the plane of the section."""
+    """Return the (…, 2) outward unit normal within the plane of the section."""
     d_x, d_y = first_derivative(phi, parameters, ratio)
     return np.stack([d_y, -d_x], -1) / np.hypot(d_x, d_y)[..., None]
 
 
 def nearest_angle(x: Array, y: Array, parameters: Array, ratio: float) -> Array:
-    """(n,) angles of the points closest to (n,) x and y in mm, each on its own section."""
+    """Return (n,) angles of the points closest to (n,) x and y in mm, each on its own section."""
     a, b, lean = parameters
     phi = np.arctan2(y / b, (x - lean) / a)
     for _ in range(50):
@@ -70,7 +69,9 @@ def nearest_angle(x: Array, y: Array, parameters: Array, ratio: float) -> Array:
         d_x, d_y = first_derivative(phi, parameters, ratio)
         dd_x, dd_y = second_derivative(phi, parameters, ratio)
         speed2 = d_x**2 + d_y**2
-        bend = np.maximum(speed2 + (at_x - x) * dd_x + (at_y - y) * dd_y, 0.5 * speed2)  # convex, however far off
+        bend = np.maximum(
+            speed2 + (at_x - x) * dd_x + (at_y - y) * dd_y, 0.5 * speed2
+        )  # stays positive far from the curve
         step = ((at_x - x) * d_x + (at_y - y) * d_y) / bend
         phi = phi - step
         if np.abs(step).max() < 1e-13:
@@ -79,27 +80,25 @@ def nearest_angle(x: Array, y: Array, parameters: Array, ratio: float) -> Array:
 
 
 # --- fit ---
-#
-# Half-width, height and lean as splines of z, fitted to points of the skin.
 
 _KNOTS = np.array([3.0, 5.0, 7.0, 9.0, 11.0]) / 12.75  # of the finger's length
-_ANCHOR_WEIGHT = 0.02 / 0.5  # 0.5 mm off an anchor costs as much as 0.02 mm off a point
+_ANCHOR_WEIGHT = 0.02 / 0.5  # a deviation of 0.5 mm at an anchor costs as much as 0.02 mm at a point
 
 
 def fit_curves(geometry: Geometry, points: Array) -> BSpline:
-    """(half-width, height, lean) in mm as a cubic spline of z, closest to (n, 3) points in mm.
+    """Return (half-width, height, lean) in mm as a cubic spline of z, closest to (n, 3) points in mm.
 
     Least squares of the distances within the sections, with weak anchors at both ends and a bending penalty.
     """
     basis = _basis(geometry.length_mm)
-    at_points, (prior, wanted) = basis(points[:, 2]), _prior(geometry, basis)
+    at_points, (prior, target) = basis(points[:, 2]), _prior(geometry, basis)
 
     def distances(v: Array) -> tuple[Array, Array]:
         parameters = v.reshape(3, -1) @ at_points.T
         return _distances(points[:, :2], parameters, geometry.nail_depth_ratio)
 
     def residual(v: Array) -> Array:
-        return np.concatenate([distances(v)[0], prior @ v - wanted])
+        return np.concatenate([distances(v)[0], prior @ v - target])
 
     def jacobian(v: Array) -> Array:
         by_parameter = distances(v)[1]
@@ -117,7 +116,7 @@ def _basis(length_mm: float) -> BSpline:
 
 
 def _prior(geometry: Geometry, basis: BSpline) -> tuple[Array, Array]:
-    """Matrix and right-hand side of the anchors and the bending penalty, on the coefficients of all three curves."""
+    """Return matrix and right-hand side of the anchors and the bending penalty, for all curves' coefficients."""
     z_mm = np.linspace(0.0, geometry.length_mm, 60)
     bend = np.sqrt(z_mm[1]) * geometry.stiffness_of_fit * basis.derivative(2)(z_mm)
     ends = np.array(
@@ -128,14 +127,14 @@ def _prior(geometry: Geometry, basis: BSpline) -> tuple[Array, Array]:
         ]
     )
     rows = np.concatenate([_ANCHOR_WEIGHT * basis(z_mm[[0, -1]]), bend])
-    wanted = np.concatenate([_ANCHOR_WEIGHT * ends, np.zeros((3, len(bend)))], axis=1)
-    return np.kron(np.eye(3), rows), wanted.ravel()
+    target = np.concatenate([_ANCHOR_WEIGHT * ends, np.zeros((3, len(bend)))], axis=1)
+    return np.kron(np.eye(3), rows), target.ravel()
 
 
 def _distances(xy: Array, parameters: Array, ratio: float) -> tuple[Array, Array]:
-    """(n,) signed distances of the sections from (n, 2) points, and their (n, 3) derivatives by the parameters.
+    """Return (n,) signed distances of sections from (n, 2) points, and (n, 3) derivatives by the parameters.
 
-    At the closest point the distance does not change with the angle: only the section's own move along its normal
+    At the closest point the distance does not change with the angle: only the section's own motion along its normal
     counts.
     """
     phi = nearest_angle(xy[:, 0], xy[:, 1], parameters, ratio)
@@ -146,19 +145,19 @@ def _distances(xy: Array, parameters: Array, ratio: float) -> tuple[Array, Array
     return (off * outward).sum(axis=-1), np.stack([n_x * across, n_y * up, n_x * sideways], -1)
 
 
-_TOUCHABLE = np.array([2.0, 11.0]) / 12.75  # of the finger's length: beyond, it ends or is steep
+_TOUCHABLE = np.array([2.0, 11.0]) / 12.75  # of the finger's length: beyond, the skin ends or is steep
 _BESIDE_MM = 1e-6
 _RIDGE_STEP_MM = 0.02
 
 
 class SurfaceError(SimError, ValueError):
-    """What was measured does not make the skin of a finger."""
+    """Error of measurements that do not make the skin of a finger."""
 
     default_code = "bad_surface"
 
 
 def published_points() -> tuple[NDArray[np.int64], Array, list[str]]:
-    """Sites, (24, 3) coordinates in mm and regions of Raju (1998), Figure 6-3."""
+    """Return sites, (24, 3) coordinates in mm and regions of Raju (1998), Figure 6-3."""
     lines = (files("sim") / "data" / "fingertip_surface_points.csv").read_text().splitlines()
     rows = [line.split(",") for line in lines if line and line[0].isdigit()]
     xyz = np.array([[float(v) for v in row[1:4]] for row in rows])
@@ -167,7 +166,7 @@ def published_points() -> tuple[NDArray[np.int64], Array, list[str]]:
 
 @dataclass(frozen=True)
 class Apex:
-    """The skin's topmost point, and its radii of curvature across and along the finger; mm."""
+    """Topmost point of the skin and its radii of curvature across and along the finger (mm)."""
 
     position_mm: tuple[float, float, float]
     lateral_radius_mm: float
@@ -180,7 +179,7 @@ class FingertipSurface:
     """Sections at constant z, each a second-order Fourier curve in the angle φ, smooth (C²) along z.
 
     φ = π/2 is the pulp's apex at (lean, height), φ = −π/2 the nail at (0, −nail_depth_ratio · height); half-width,
-    height and lean are cubic splines of z. `sim/finger/surface.py` has the curve.
+    height and lean are cubic splines of z.
     """
 
     geometry: Geometry
@@ -188,7 +187,7 @@ class FingertipSurface:
 
     @classmethod
     def fit(cls, geometry: Geometry) -> "FingertipSurface":
-        """The skin through a geometry's sections, or closest to its points, the published ones by default.
+        """Fit the skin through a geometry's sections, or to its points, the published ones by default.
 
         Raises SurfaceError when it does not enclose the bone's axis everywhere.
         """
@@ -202,7 +201,7 @@ class FingertipSurface:
 
     @cached_property
     def points_mm(self) -> Array:
-        """(n, 3) points that the skin was fitted to; none for a table of sections."""
+        """(n, 3) points of the fit (mm); empty for a table of sections."""
         return np.zeros((0, 3)) if self.geometry.sections else _points(self.geometry)
 
     @cached_property
@@ -210,15 +209,15 @@ class FingertipSurface:
         return self.curves.derivative()
 
     def parameters(self, z_mm: ArrayLike) -> Array:
-        """(3, …) half-width, height and lean in mm at axial positions z."""
+        """Return (3, …) half-width, height and lean in mm at axial positions z."""
         return np.moveaxis(self.curves(np.asarray(z_mm, dtype=float)), -1, 0)
 
     def section(self, phi: ArrayLike, z_mm: ArrayLike) -> tuple[Array, Array]:
-        """x and y in mm at angle φ (rad) of the section at z (broadcast)."""
+        """Return x and y in mm at angle φ (rad) of the section at z (broadcast)."""
         return position(phi, self.parameters(z_mm), self.geometry.nail_depth_ratio)
 
     def tangents(self, phi: ArrayLike, z_mm: ArrayLike) -> tuple[Array, Array]:
-        """(…, 3) derivatives of the position with respect to φ (mm/rad) and z (mm/mm)."""
+        """Return (…, 3) derivatives of the position with respect to φ (mm/rad) and z (mm/mm)."""
         angle, z = np.broadcast_arrays(np.asarray(phi, float), np.asarray(z_mm, float))
         slopes, ratio = np.moveaxis(self._slopes(z), -1, 0), self.geometry.nail_depth_ratio
         d_phi = first_derivative(angle, self.parameters(z), ratio)
@@ -226,13 +225,13 @@ class FingertipSurface:
         return np.stack([*d_phi, np.zeros(z.shape)], -1), np.stack([*d_z, np.ones(z.shape)], -1)
 
     def normal(self, phi: ArrayLike, z_mm: ArrayLike) -> Array:
-        """(…, 3) outward unit normal."""
+        """Return the (…, 3) outward unit normal."""
         d_phi, d_z = self.tangents(phi, z_mm)
         n = np.cross(d_phi, d_z)
         return n / np.linalg.norm(n, axis=-1, keepdims=True)
 
     def angle_at(self, x_mm: ArrayLike, z_mm: ArrayLike) -> Array:
-        """φ (rad) in the pulp half of the section at z whose lateral position is x; x within the half-width."""
+        """Return φ (rad) in the pulp half of the section at z whose lateral position is x, within the half-width."""
         x, z = np.broadcast_arrays(np.asarray(x_mm, float), np.asarray(z_mm, float))
         a, _, lean = self.parameters(z)
         phi = np.arccos(np.clip((x - lean) / a, -0.98, 0.98))
@@ -246,19 +245,19 @@ class FingertipSurface:
         return phi
 
     def height(self, x_mm: ArrayLike, z_mm: ArrayLike) -> Array:
-        """y in mm of the pulp at (x, z); −inf beside the section at z, where there is no skin."""
+        """Return y in mm of the pulp at (x, z); −inf beside the section at z, where there is no skin."""
         there, y = self.section(self.angle_at(x_mm, z_mm), z_mm)
         return np.where(np.abs(there - np.asarray(x_mm)) < _BESIDE_MM, y, -np.inf)
 
     @cached_property
     def ridge(self) -> CubicSpline:
-        """Highest y in mm over all z as a function of x: what a shape prismatic along z can touch first."""
+        """Apex line along x: highest y over all z, where a shape prismatic along z touches first (mm)."""
         x_mm, _, y = self._pulp
         return CubicSpline(x_mm, _largest(y), extrapolate=False)
 
     @cached_property
     def crest(self) -> CubicSpline:
-        """Highest y in mm over all x as a function of z: what a shape prismatic along x can touch first."""
+        """Apex line along z: highest y over all x, where a shape prismatic along x touches first (mm)."""
         _, z_mm, y = self._pulp
         return CubicSpline(z_mm, _largest(y.T), extrapolate=False)
 
@@ -272,12 +271,12 @@ class FingertipSurface:
         x_mm = np.arange(-half, half, _RIDGE_STEP_MM)
         inside = np.abs(x_mm[:, None]) < 0.95 * a[None]
         y = np.where(inside, self.height(np.where(inside, x_mm[:, None], 0.0), z_mm[None]), -np.inf)
-        there = np.isfinite(y).any(axis=1)  # a finger that lies off the middle does not reach as far on one side
+        there = np.isfinite(y).any(axis=1)  # an off-center finger extends less far on one side
         return x_mm[there], z_mm, y[there]
 
     @cached_property
     def apex(self) -> Apex:
-        """The topmost point of the part that can be touched; radii from the parametrisation at φ = π/2."""
+        """Topmost point of the touchable part; radii from the parametrization at φ = π/2."""
         low, high = _TOUCHABLE * self.geometry.length_mm
         table = np.linspace(low, high, 2001)
         height = CubicSpline(table, self.parameters(table)[1])
@@ -291,7 +290,7 @@ class FingertipSurface:
         return Apex((float(lean), float(b), float(z)), float(a**2 / fall), radius, inside=bool(low < z < high))
 
     def residuals_mm(self, points: Array | None = None) -> Array:
-        """(n,) distances in mm, within its section, of each point from the skin; of those it was fitted to."""
+        """Return (n,) in-section distances in mm of points from the skin; default: the points of the fit."""
         x, y, z = (self.points_mm if points is None else points).T
         parameters, ratio = self.parameters(z), self.geometry.nail_depth_ratio
         at_x, at_y = position(nearest_angle(x, y, parameters, ratio), parameters, ratio)
@@ -303,7 +302,7 @@ def _points(geometry: Geometry) -> Array:
 
 
 def _largest(y: Array) -> Array:
-    """(n,) maxima of (n, m) equally spaced samples, refined by a parabola where both neighbours are finite."""
+    """Return (n,) maxima of (n, m) equally spaced samples, refined by a parabola where both neighbors are finite."""
     rows, k = np.arange(len(y)), np.argmax(y, axis=1)
     mid, left, right = y[rows, k], y[rows, np.maximum(k - 1, 0)], y[rows, np.minimum(k + 1, y.shape[1] - 1)]
     inner = (k > 0) & (k < y.shape[1] - 1) & np.isfinite(left) & np.isfinite(right) & (left + right < 2 * mid)
@@ -312,7 +311,7 @@ def _largest(y: Array) -> Array:
 
 
 def _refuse_unusable(surface: FingertipSurface) -> None:
-    """Raise SurfaceError where a section does not go once around the bone's axis, seen from it, at any angle."""
+    """Raise SurfaceError where a section does not wind once around the bone's axis."""
     z_mm = np.linspace(0.0, surface.geometry.length_mm, 301)
     phi = np.linspace(-np.pi, np.pi, 181)
     x, y = surface.section(phi[None], z_mm[:, None])

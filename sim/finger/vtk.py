@@ -1,4 +1,4 @@
-"""A finger mesh as a legacy VTK file, for ParaView and its like."""
+"""Finger meshes as legacy VTK files, for example for ParaView."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ _CELL_TYPES = {8: 12, 27: 29}  # hexahedron, triquadratic hexahedron
 
 
 def write_vtk(path: Path, mesh: FingerMesh, quality: MeshQuality) -> None:
-    """Nodes in mm, hexahedra, and for each its layer (0 epidermis … 3 bone), scaled Jacobian and aspect ratio.
+    """Write nodes in mm and hexahedra with layer (0 epidermis … 3 bone), scaled Jacobian and aspect ratio.
 
     Format: Kitware, VTK file formats, legacy, version 3.0, ASCII.
     """

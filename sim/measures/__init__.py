@@ -1,1 +1,1 @@
-"""Receptors under the skin and the strain at them (`receptors`), and the 18 measures of it (`measures`)."""
+"""Receptors under the skin, their strains (`receptors`), and the 18 measures of strain (`measures`)."""

@@ -10,37 +10,38 @@ from sim.units import PSEUDO_E_EPIDERMIS
 Array = NDArray[np.float64]
 
 STRAINS = ("e11", "e22", "e33", "e12", "e23", "e13", "ep1", "ep2", "ep3")
-"""Six components; shear strains are engineering strains (e12 = s12/G)."""
+"""Strain components and principal strains; shear strains are engineering strains (e12 = s12/G)."""
 
 STRESSES = ("s11", "s22", "s33", "sp1", "sp2", "sp3", "mean", "sed", "third")
-"""In the unit of E; `third` in its cube."""
+"""Stress measures in the unit of E; `third` in its cube."""
 
 MEASURES = (*STRAINS, *STRESSES)
-"""In the order of what `measures_from_strain` returns."""
+"""All 18 measures, in the order of `measures_from_strain`."""
 
 PLOTTED_AS_MAGNITUDE = frozenset({"e22", "ep1", "s11", "s22", "s33", "sp1", "sp2", "sp3", "mean", "third"})
 """Measures that are negative under every indentor here; profiles show their magnitude. e13 keeps its sign."""
 
 
 def shown(measure: str, values: Array) -> Array:
-    """A measure in the sign in which profiles are shown.
+    """Return a measure with the sign in which profiles show it.
 
     Measures that are compressive under every indentor (`PLOTTED_AS_MAGNITUDE`) change sign, so that more compression
-    is more; a value of the other sign stays visible as a negative one. All others, e13 among them, keep their sign.
+    is
+    a larger value. All others, e13 among them, keep their sign.
     """
     return -values if measure in PLOTTED_AS_MAGNITUDE else values
 
 
 @dataclass(frozen=True)
 class Elastic:
-    """Isotropic material; E in the unit that the stresses shall have."""
+    """Isotropic material; E in the unit of the stresses."""
 
     young: float
     poisson: float
 
 
 def stress_from_strain(strain: Array, material: Elastic) -> Array:
-    """(…, 6) stresses s11 s22 s33 s12 s23 s13 from (…, 6) engineering strains (Hooke)."""
+    """Return (…, 6) stresses s11 s22 s33 s12 s23 s13 from (…, 6) engineering strains (Hooke)."""
     mu = material.young / (2 * (1 + material.poisson))
     lam = 2 * mu * material.poisson / (1 - 2 * material.poisson)
     stress = mu * strain
@@ -49,7 +50,7 @@ def stress_from_strain(strain: Array, material: Elastic) -> Array:
 
 
 def measures_from_strain(strain: Array, material: Elastic) -> dict[str, Array]:
-    """The 18 measures at points with (…, 6) engineering strains; tension positive, stresses in the unit of E.
+    """Return the 18 measures at points with (…, 6) engineering strains; tension positive, stresses in the unit of E.
 
     ep1 ≤ ep2 ≤ ep3 and sp1 ≤ sp2 ≤ sp3, so that 1 is the most compressive; sed = ½ σ:ε; third = det σ.
     """
@@ -63,7 +64,7 @@ def measures_from_strain(strain: Array, material: Elastic) -> dict[str, Array]:
 
 
 def measures_in_layers(strain: Array, young_ratio: Array, poisson: float) -> dict[str, Array]:
-    """The 18 measures (n,) from (n, 6) strains and (n,) E / E(epidermis); stresses in pseudo-units."""
+    """Return the 18 measures (n,) from (n, 6) strains and (n,) E / E(epidermis); stresses in pseudo-units."""
     values = {name: np.empty(len(strain)) for name in MEASURES}
     for ratio in np.unique(young_ratio):
         here = young_ratio == ratio
@@ -74,6 +75,6 @@ def measures_in_layers(strain: Array, young_ratio: Array, poisson: float) -> dic
 
 
 def _tensor(v: Array, shear: float) -> Array:
-    """(…, 3, 3) symmetric tensors from (…, 6) components 11 22 33 12 23 13."""
+    """Return (…, 3, 3) symmetric tensors from (…, 6) components 11 22 33 12 23 13."""
     scaled = v * np.array([1, 1, 1, shear, shear, shear])
     return scaled[..., [0, 3, 5, 3, 1, 4, 5, 4, 2]].reshape(*v.shape[:-1], 3, 3)

@@ -19,16 +19,15 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 DEFAULT_X_MM = (-2.0, -1.5, -1.25, -1.0, -0.5, 0.0, 0.5, 1.0, 1.5, 2.0)
-"""x of the ten receptors in mm (Raju 1998, ch. 5)."""
+"""Lateral positions of the ten receptors (mm; Raju 1998, ch. 5)."""
 
 DEFAULT_DEPTH_MM = 0.76
-"""Perpendicular distance below the skin in mm (Raju 1998, ch. 5; the source does not state that it is
-perpendicular)."""
+"""Perpendicular distance below the skin (mm; Raju 1998, ch. 5, which does not state that it is perpendicular)."""
 
 _PLACED_MM = 1e-9
-_TURNS = (0.0, 0.1, -0.1, 0.3, -0.3)  # rad; where the skin curves about the place the first may miss
+_TURNS = (0.0, 0.1, -0.1, 0.3, -0.3)  # rad; around strongly curved skin the first may fail
 _ON_FACE = 1e-9
-_MOST_STEPS = 10  # from the nearest element to the one that holds the point
+_MOST_STEPS = 10  # from the nearest element to the one that contains the point
 
 
 class ReceptorError(SimError, ValueError):
@@ -39,27 +38,27 @@ class ReceptorError(SimError, ValueError):
 
 @dataclass(frozen=True)
 class ReceptorSet:
-    """Undeformed places inside the finger at which strain is known."""
+    """Undeformed locations inside the finger at which strain is recovered."""
 
     position_mm: Array  # (n, 3)
-    depths_mm: Array  # (n,) perpendicular distances to the skin; nan where nobody asked
+    depths_mm: Array  # (n,) perpendicular distances to the skin; nan where not computed
 
     @property
     def depth_mm(self) -> float:
-        """The depth that all have; nan where they differ, or there are none."""
+        """Common depth (mm); nan where depths differ or there are no receptors."""
         first = float(self.depths_mm[0]) if len(self.depths_mm) else np.nan
         return first if (self.depths_mm == first).all() else np.nan
 
 
 def place_receptors(surface: FingertipSurface, x_mm: ArrayLike, depth_mm: ArrayLike, z_mm: ArrayLike) -> ReceptorSet:
-    """The points at x and z whose perpendicular distance to the skin is the depth, broadcast; mm."""
+    """Return the points at x and z whose perpendicular distance to the skin is the depth, broadcast (mm)."""
     x, depth, z = (values.ravel() for values in np.broadcast_arrays(*np.atleast_1d(x_mm, depth_mm, z_mm)))
-    points = [point_below(surface, *place) for place in np.stack([x, depth, z], axis=1).astype(float)]
+    points = [point_below(surface, *location) for location in np.stack([x, depth, z], axis=1).astype(float)]
     return ReceptorSet(np.array(points).reshape(-1, 3), depth.astype(float))
 
 
 def point_below(surface: FingertipSurface, x_mm: float, depth_mm: float, z_mm: float) -> Array:
-    """(3,) the point at x and z so far below the pulp's skin; mm. Raises ReceptorError."""
+    """Return the (3,) point at x and z at a depth below the pulp's skin (mm). Raises ReceptorError."""
 
     def below(v: Array) -> Array:
         phi, z = v
@@ -78,16 +77,16 @@ def point_below(surface: FingertipSurface, x_mm: float, depth_mm: float, z_mm: f
 
 
 def _solved(missed: Callable[[Array], Array], start: Array) -> Array | None:
-    """Where nothing is missed, to `_PLACED_MM`; the first unknown, an angle, is tried beside its start too."""
+    """Return a root to within `_PLACED_MM`, or None; other starts of the first unknown, an angle, are tried too."""
     for turn in _TURNS:
         found = root(missed, start + np.eye(len(start))[0] * turn, tol=1e-13)
-        if np.abs(found.fun).max() < _PLACED_MM:  # at round-off the solver may call its own answer a failure
+        if np.abs(found.fun).max() < _PLACED_MM:  # at round-off the solver may report a failure
             return np.asarray(found.x)
     return None
 
 
 def depths_of(surface: FingertipSurface, points_mm: Array) -> Array:
-    """(n,) perpendicular distances in mm of (n, 3) points from the skin, negative above it. Raises ReceptorError."""
+    """Return (n,) perpendicular depths in mm of (n, 3) points below the skin. Raises ReceptorError."""
     return np.array([_depth_of(surface, point) for point in points_mm])
 
 
@@ -114,26 +113,26 @@ def _at(point: Array) -> dict[str, float]:
 
 
 def strain_operator(mesh: FingerMesh, points_mm: Array) -> tuple[sp.csr_array, Ints]:
-    """(6n, 3 n_nodes) map from nodal displacements (mm) to strains at (n, 3) points, and each point's layer.
+    """Return the (6n, 3 n_nodes) map from nodal displacements (mm) to strains at (n, 3) points, and their layers.
 
     The strain is a mean of least-squares quadratics around the cells about the point (`blended`).
     """
-    places = [located(mesh, point) for point in points_mm]
-    samples = [blended(mesh, place, point) for place, point in zip(places, points_mm, strict=True)]
-    return operator_of(mesh, samples), mesh.layer[[place.element for place in places]]
+    locations = [located(mesh, point) for point in points_mm]
+    samples = [blended(mesh, location, point) for location, point in zip(locations, points_mm, strict=True)]
+    return operator_of(mesh, samples), mesh.layer[[location.element for location in locations]]
 
 
 @dataclass(frozen=True)
 class MeshLocation:
-    """Where a point is in the mesh; axes are the grid's: axial, circumferential, radial."""
+    """Location of a point in the mesh; axes are the grid's: axial, circumferential, radial."""
 
     element: int
-    cell: tuple[int, int, int]  # the interval between nodes, in the grid, that holds the point
-    local: Array  # (3,) in that cell, −1 … 1
+    cell: tuple[int, int, int]  # interval between grid nodes that contains the point
+    local: Array  # (3,) local coordinates in that cell, −1 … 1
 
 
 class StrainSamples(NamedTuple):
-    """Strain as a weighted sum of strains within elements."""
+    """Weighted sum of strains within elements."""
 
     elements: Ints  # (m,)
     local: Array  # (m, 3) local coordinates in the element
@@ -141,7 +140,7 @@ class StrainSamples(NamedTuple):
 
 
 def located(mesh: FingerMesh, point: Array) -> MeshLocation:
-    """The cell that holds a point; raises ReceptorError at an end of the finger and beyond."""
+    """Return the cell that contains a point. Raises ReceptorError at an end of the finger and beyond."""
     grid, order = mesh.element_grid, mesh.order
     at = np.array(np.unravel_index(np.argmin(((mesh.centre_mm - point) ** 2).sum(axis=1)), grid.shape))
     for _ in range(_MOST_STEPS):
@@ -169,31 +168,31 @@ def located(mesh: FingerMesh, point: Array) -> MeshLocation:
     )
 
 
-def blended(mesh: FingerMesh, place: MeshLocation, point: Array) -> StrainSamples:
-    """Quadratics around the point's cell and its neighbours, each counting the more the nearer its cell.
+def blended(mesh: FingerMesh, location: MeshLocation, point: Array) -> StrainSamples:
+    """Return a mean of quadratics around the point's cell and its neighbors, weighted by proximity.
 
-    Weights are products of 1 − |ξ|/2 for a cell and |ξ|/2 for its neighbour on the point's side: on a face between
-    two cells both count alike, so that the strain is continuous within a layer.
+    Weights are products of 1 − |ξ|/2 for a cell and |ξ|/2 for its neighbor on the point's side: on a face between two
+    cells both have the same weight, so that the strain is continuous within a layer.
     """
-    share = np.abs(place.local) / 2
-    steps = np.where(place.local < 0, -1, 1)
+    share = np.abs(location.local) / 2
+    steps = np.where(location.local < 0, -1, 1)
     corners = np.array(list(np.ndindex(2, 2, 2)))
-    beside = [_neighbour(mesh, place.cell, steps * corner) for corner in corners]
+    beside = [_neighbour(mesh, location.cell, steps * corner) for corner in corners]
     fits = _quadratic_fits(mesh, beside, point)
     weights = np.where(corners, share, 1 - share).prod(axis=1)
     return fits._replace(weights=(weights[:, None] * fits.weights.reshape(len(beside), -1)).ravel())
 
 
 def quadratic_fit(mesh: FingerMesh, cell: tuple[int, int, int], point: Array) -> StrainSamples:
-    """A least-squares quadratic through the samples of 3 × 3 × 3 cells of one layer, evaluated at a point.
+    """Return a least-squares quadratic through the samples of 3 × 3 × 3 cells of one layer, evaluated at a point.
 
-    In the radius only as many rows as the layer has.
+    Thin layers have fewer rows along the radius.
     """
     return _quadratic_fits(mesh, [cell], point)
 
 
 def _quadratic_fits(mesh: FingerMesh, cells: Sequence[tuple[int, int, int]], point: Array) -> StrainSamples:
-    """Those around several cells of one layer, one after the other."""
+    """Return the fits around several cells of one layer, one after the other."""
     elements, local = sampled(mesh, np.concatenate([patch_around(mesh, cell) for cell in cells]))
     corners = mesh.nodes[mesh.hexes[elements]]
     position = np.einsum("mk,mki->mi", shape_functions(corners.shape[1], local)[0], corners)
@@ -201,7 +200,7 @@ def _quadratic_fits(mesh: FingerMesh, cells: Sequence[tuple[int, int, int]], poi
 
 
 def patch_around(mesh: FingerMesh, cell: tuple[int, int, int]) -> Ints:
-    """(m, 3) the 3 × 3 × 3 cells around one, shifted to stay within its layer and the grid."""
+    """Return (m, 3) the 3 × 3 × 3 cells around one, shifted to stay within its layer and the grid."""
     k, j, i = cell
     n_z, n_phi = mesh.grid[0] - 1, mesh.grid[1]
     same = _rows_of_layer(mesh, i)
@@ -212,9 +211,9 @@ def patch_around(mesh: FingerMesh, cell: tuple[int, int, int]) -> Ints:
 
 
 def sampled(mesh: FingerMesh, cells: Ints) -> tuple[Ints, Array]:
-    """Elements of (m, 3) cells and the local coordinates of their most accurate strains (Barlow 1976).
+    """Return elements of (m, 3) cells and the local coordinates of their most accurate strains (Barlow 1976).
 
-    Those are the centre of an eight-node element and the 2×2×2 Gauss points of a quadratic one, one in each cell.
+    Those are the center of an eight-node element and the 2×2×2 Gauss points of a quadratic one, one in each cell.
     """
     elements = mesh.element_grid[tuple((cells // mesh.order).T)]
     side = 2 * (cells % mesh.order) - 1
@@ -222,7 +221,7 @@ def sampled(mesh: FingerMesh, cells: Ints) -> tuple[Ints, Array]:
 
 
 def operator_of(mesh: FingerMesh, samples: Sequence[StrainSamples]) -> sp.csr_array:
-    """(6n, 3 n_nodes) map from nodal displacements (mm) to the strains that n sets of samples stand for.
+    """Return the (6n, 3 n_nodes) map from nodal displacements (mm) to the strains of n sets of samples.
 
     Points near one another share samples: each is evaluated once.
     """
@@ -242,7 +241,7 @@ def operator_of(mesh: FingerMesh, samples: Sequence[StrainSamples]) -> sp.csr_ar
 
 
 def _neighbour(mesh: FingerMesh, cell: tuple[int, int, int], step: Ints) -> tuple[int, int, int]:
-    """The cell beside another; itself where the grid or its layer ends."""
+    """Return the cell beside another; the same cell where the grid or its layer ends."""
     k, j, i = cell
     same = _rows_of_layer(mesh, i)
     return (
@@ -253,22 +252,20 @@ def _neighbour(mesh: FingerMesh, cell: tuple[int, int, int], step: Ints) -> tupl
 
 
 def _rows_of_layer(mesh: FingerMesh, row: int) -> Ints:
-    """The radial rows of cells that lie in the same layer as one."""
+    """Return the radial rows of cells in the same layer as a row."""
     layer = np.repeat(mesh.layer[mesh.element_grid[0, 0]], mesh.order)
     return np.flatnonzero(layer == layer[row])
 
 
 def _fit_weights(offset: Array) -> Array:
-    """(…, n) weights that evaluate at the origin the least-squares quadratics through values at (…, n, 3) offsets."""
+    """Return (…, n) weights that evaluate a least-squares quadratic of values at (…, n, 3) offsets at the origin."""
     s = offset / np.abs(offset).max(axis=(-2, -1), keepdims=True)
     x, y, z = np.moveaxis(s, -1, 0)
     basis = np.stack([np.ones_like(x), x, y, z, x * x, y * y, z * z, x * y, y * z, x * z], axis=-1)
     return np.asarray(np.linalg.pinv(basis, rcond=1e-6)[..., 0, :])
 
 
-# --- reach ---
-#
-# Which places there are inside a finger, by its skin and bone alone: receptors at x, depth and z, or a refusal.
+# --- locations ---
 
 MOST_RECEPTORS = 1000
 """Maximum number of receptors; their columns take 0.4 GB and a minute. For more points use `fields`."""
@@ -276,30 +273,30 @@ MOST_RECEPTORS = 1000
 _AROUND = np.linspace(-np.pi, np.pi, 1441)
 _PLACED = 1e-6
 _BISECTIONS = 24
-_ROUND = 100  # bounds are said to hundredths of a millimetre, inwards
+_ROUND = 100  # bounds are rounded inwards to hundredths of a millimeter
 
 
 class ReceptorPlaces(NamedTuple):
-    """Every combination of x, depth below the skin and z along the finger; mm."""
+    """Every combination of x, depth below the skin and z along the finger (mm)."""
 
     x_mm: tuple[float, ...] = DEFAULT_X_MM
     depth_mm: tuple[float, ...] = (DEFAULT_DEPTH_MM,)
-    z_mm: tuple[float, ...] | None = None  # the receptor plane
+    z_mm: tuple[float, ...] | None = None  # None: the receptor plane
 
     @classmethod
     def of(
         cls, x_mm: Sequence[float], depth_mm: float | Sequence[float], z_mm: float | Sequence[float] | None
     ) -> "ReceptorPlaces":
-        """Numbers and sequences alike."""
+        """Accept numbers and sequences."""
         return cls(_several(x_mm), _several(depth_mm), None if z_mm is None else _several(z_mm))
 
     def as_options(self) -> dict[str, Any]:
-        """By the names under which a finger is loaded with them."""
+        """Return the keyword arguments for loading a finger with these receptors."""
         return {f"receptor_{name}": values for name, values in self._asdict().items()}
 
 
 NOWHERE = ReceptorPlaces((), (), ())
-"""Places of a finger that is used for force alone."""
+"""No receptors, for fingers that compute forces only."""
 
 
 def _several(values: float | Sequence[float]) -> tuple[float, ...]:
@@ -307,17 +304,17 @@ def _several(values: float | Sequence[float]) -> tuple[float, ...]:
 
 
 def receptors_at(config: FingertipConfig, surface: FingertipSurface, places: ReceptorPlaces) -> ReceptorSet:
-    """The receptors at these places, x going fastest and z slowest; at NOWHERE none.
+    """Return the receptors at these locations, x varying fastest and z slowest; none at NOWHERE.
 
-    Raises ReceptorError, as `points_below`.
+    Raises ReceptorError, as `points_below` does.
     """
     if places == NOWHERE:
         return ReceptorSet(np.zeros((0, 3)), np.zeros(0))
     z = (config.receptor_plane_mm,) if places.z_mm is None else places.z_mm
-    asked = len(z) * len(places.depth_mm) * len(places.x_mm)
-    if not 0 < asked <= MOST_RECEPTORS:
+    count = len(z) * len(places.depth_mm) * len(places.x_mm)
+    if not 0 < count <= MOST_RECEPTORS:
         raise ReceptorError(
-            "{receptors} receptors; must be 1 to {most}", code="how_many", receptors=asked, most=MOST_RECEPTORS
+            "{receptors} receptors; must be 1 to {most}", code="how_many", receptors=count, most=MOST_RECEPTORS
         )
     z_mm, depth_mm, x_mm = np.meshgrid(z, places.depth_mm, places.x_mm, indexing="ij")
     points = points_below(config, surface, x_mm, depth_mm, z_mm)
@@ -327,17 +324,17 @@ def receptors_at(config: FingertipConfig, surface: FingertipSurface, places: Rec
 def points_below(
     config: FingertipConfig, surface: FingertipSurface, x_mm: ArrayLike, depth_mm: ArrayLike, z_mm: ArrayLike
 ) -> Array:
-    """(…, 3) points at x and z whose perpendicular distance to the pulp's skin is the depth, broadcast; mm.
+    """Return (…, 3) points in mm at x and z whose perpendicular distance to the pulp's skin is the depth, broadcast.
 
-    Raises ReceptorError, naming what there is, for the first above the skin, in the bone or at the finger's ends.
+    Raises ReceptorError, with the allowed range, for the first above the skin, in the bone or at the finger's ends.
     """
     x, depth, z = np.broadcast_arrays(*(np.asarray(values, dtype=float) for values in (x_mm, depth_mm, z_mm)))
     _refuse_ends(config, z.ravel())
     points = []
-    for place in zip(x.ravel().tolist(), depth.ravel().tolist(), z.ravel().tolist(), strict=True):
-        point = _tissue_at(config, surface, *place)
+    for location in zip(x.ravel().tolist(), depth.ravel().tolist(), z.ravel().tolist(), strict=True):
+        point = _tissue_at(config, surface, *location)
         if point is None:
-            raise _none_there(config, surface, *place)
+            raise _out_of_tissue(config, surface, *location)
         points.append(point)
     return np.array(points).reshape(*x.shape, 3)
 
@@ -345,7 +342,7 @@ def points_below(
 def _tissue_at(
     config: FingertipConfig, surface: FingertipSurface, x_mm: float, depth_mm: float, z_mm: float
 ) -> Array | None:
-    """(3,) the point at x and z so far below the pulp's skin, or None where there is no tissue."""
+    """Return the (3,) point at x and z at a depth below the pulp's skin, or None where there is no tissue."""
     if not (np.isfinite([x_mm, depth_mm]).all() and depth_mm > 0):
         return None
     try:
@@ -353,17 +350,17 @@ def _tissue_at(
     except ReceptorError:
         return None
     skin = np.stack(surface.section(_AROUND, z_mm))
-    nearest = np.hypot(*(skin - point[:2, None])).min() > (1 - _PLACED) * depth_mm  # no other skin is nearer
-    return point if nearest and _of_the_way_out(skin, point) > _bone(config) else None
+    nearest = np.hypot(*(skin - point[:2, None])).min() > (1 - _PLACED) * depth_mm  # the skin elsewhere is not nearer
+    return point if nearest and _radial_fraction(skin, point) > _bone(config) else None
 
 
 def _bone(config: FingertipConfig) -> float:
-    """Where the mesh ends, from the bone's axis to the skin."""
+    """Return the mesh's inner end as a fraction of the distance from the bone's axis to the skin."""
     return config.tissue.bone_fraction * (0.5 if config.tissue.bone == "elastic" else 1.0)
 
 
-def _of_the_way_out(skin: Array, point: Array) -> float:
-    """A point's distance from the bone's axis over that of a (2, n) section of the skin in the same direction."""
+def _radial_fraction(skin: Array, point: Array) -> float:
+    """Return a point's distance from the bone's axis over that of a (2, n) section of the skin in its direction."""
     x, y = skin
     direction = np.unwrap(np.arctan2(y, x))
     turn = (np.arctan2(point[1], point[0]) - direction[0]) % (2 * np.pi)
@@ -382,7 +379,7 @@ def _refuse_ends(config: FingertipConfig, z_mm: Array) -> None:
         )
 
 
-def _none_there(
+def _out_of_tissue(
     config: FingertipConfig, surface: FingertipSurface, x_mm: float, depth_mm: float, z_mm: float
 ) -> ReceptorError:
     what = "no receptor at x = {x_mm:g} mm, {depth_mm:g} mm below the skin; choose "

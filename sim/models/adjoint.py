@@ -1,4 +1,4 @@
-"""Columns by adjoint solves: six at each place, whatever the number of forces on the skin."""
+"""Strain columns by adjoint solves: six for each receptor location, whatever the number of forces on the skin."""
 
 import logging
 from collections.abc import Callable
@@ -20,9 +20,9 @@ _PLACES_AT_ONCE = 20  # 120 right-hand sides: their displacements take 0.1 GB on
 def adjoint_columns(
     problem: FiniteElements, factor: Factor, operator: sp.csr_array, progress: Progress | None = None
 ) -> Array:
-    """(6 n, n_z, n_phi, 3) strains that an operator recovers at n places, 1/N of a force on each skin node.
+    """Return (6 n, n_z, n_phi, 3) strains at n locations, in 1/N of a force on each skin node.
 
-    K⁻¹ is applied to its rows, those of some places at once; `progress(done, of)` is called as places are done.
+    K⁻¹ is applied to the rows of the strain operator, some locations at once; `progress(done, of)` counts locations.
     """
     n_z, n_phi, n_r = problem.mesh.grid
     rows_of_free = operator.tocsc()[:, problem.free].tocsr()

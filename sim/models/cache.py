@@ -1,4 +1,4 @@
-"""Condensed models on disk, named by a hash of everything that made them."""
+"""Condensed models on disk, named by a hash of their configuration and code."""
 
 import contextlib
 import hashlib
@@ -38,40 +38,40 @@ _CODE = (
 
 
 class CacheError(SimError, ValueError):
-    """Models cannot be stored where they should be."""
+    """Error of a cache that cannot be written or has a wrong size."""
 
     default_code = "bad_cache"
 
 
 class CacheEntry(NamedTuple):
-    """A file of the cache."""
+    """File of the cache."""
 
     path: Path
     kind: Kind
     size: int  # bytes
-    read_ns: int  # when it was last read, or else made; since 1970
+    read_ns: int  # last time it was read or made, ns since 1970
 
 
 def most_bytes() -> float:
-    """How much is kept. Raises CacheError."""
-    given = os.environ.get("RIG_CACHE_GB")
-    if given is None:
+    """Return the largest size of the cache in bytes. Raises CacheError."""
+    setting = os.environ.get("RIG_CACHE_GB")
+    if setting is None:
         return MOST_BYTES
     try:
-        most = 1e9 * float(given)
+        most = 1e9 * float(setting)
     except ValueError:
         most = math.nan
     if not 0 <= most < math.inf:
         raise CacheError(
             "RIG_CACHE_GB = {value!r}: must be the largest size of the cache in GB, 0 or more",
             code="bad_size",
-            value=given,
+            value=setting,
         )
     return most
 
 
 def entries() -> list[CacheEntry]:
-    """What is kept, what was read last first."""
+    """List the files of the cache, most recently read first."""
     found = []
     for kind in KINDS:
         for path in cache_dir().glob(f"*.{kind}"):
@@ -82,17 +82,17 @@ def entries() -> list[CacheEntry]:
 
 
 def prune(most: float) -> list[CacheEntry]:
-    """Remove what was not read for longest until the rest takes so many bytes or less; what was removed."""
-    kept = entries()
-    up_to_here = np.cumsum([entry.size for entry in kept])
-    return [entry for entry, size in zip(kept, up_to_here, strict=True) if size > most and _removed(entry.path)]
+    """Delete the least recently read files until the rest fits into `most` bytes; return the deleted entries."""
+    listed = entries()
+    up_to_here = np.cumsum([entry.size for entry in listed])
+    return [entry for entry, size in zip(listed, up_to_here, strict=True) if size > most and _removed(entry.path)]
 
 
 def _removed(path: Path) -> bool:
-    """Whether it could be; the lock of its making goes with it."""
+    """Delete a file and its lock; return whether that succeeded."""
     try:
         path.unlink()
-    except OSError:  # another process may be at it too
+    except OSError:  # another process may be deleting it too
         return False
     with contextlib.suppress(OSError):
         path.with_suffix(".lock").unlink()
@@ -100,12 +100,15 @@ def _removed(path: Path) -> bool:
 
 
 def path_of(key: str, kind: Kind) -> Path:
-    """Where it is stored, if it is."""
+    """Return the path of a file in the cache, whether or not it exists."""
     return cache_dir() / f"{key}.{kind}"
 
 
 def content_key(parameters: object) -> str:
-    """Hash of JSON-serialisable parameters, of the published points and of the code that makes a model."""
+    """Hash JSON-serializable parameters, the published points and the code that makes a model.
+
+    The code is hashed as text, so that a changed comment or docstring builds models anew.
+    """
     digest = hashlib.sha256(json.dumps(parameters, sort_keys=True).encode())
     root = Path(str(files("sim")))
     for source in (root / "data" / "fingertip_surface_points.csv", *model_code(root)):
@@ -115,7 +118,7 @@ def content_key(parameters: object) -> str:
 
 
 def simulator_code() -> str:
-    """Hash of all that makes an answer besides the model."""
+    """Hash the text of all modules of `sim`."""
     code = hashlib.sha256()
     for source in sorted(Path(str(files("sim"))).rglob("*.py")):
         code.update(source.read_bytes())
@@ -123,16 +126,17 @@ def simulator_code() -> str:
 
 
 def model_code(root: Path) -> list[Path]:
-    """The modules below `sim` that make a finger's model."""
-    places = [root / code for code in _CODE]
-    return [source for place in places for source in (sorted(place.rglob("*.py")) if place.is_dir() else [place])]
+    """Return the modules below `sim` that determine a finger's model."""
+    paths = [root / code for code in _CODE]
+    return [source for path in paths for source in (sorted(path.rglob("*.py")) if path.is_dir() else [path])]
 
 
 def cached_arrays(key: str, make: Callable[[], Arrays], kind: Kind = "model") -> tuple[Arrays, bool]:
-    """The arrays stored under the key, and whether they were on disk; made and stored when absent or damaged.
+    """Return the arrays stored under a key, and whether they were on disk; make and store them if not.
 
-    The kind is the file's suffix. A file is believed only if it is whole: it begins with the SHA-256 of the key
-    and of all that follows. One process at a time makes it.
+    `kind` is the file's suffix. A file counts only if it is whole: it begins with the SHA-256 of the key and of all
+    that
+    follows. One process at a time makes it.
     """
     folder, path = cache_dir(), path_of(key, kind)
     found = _read(path, key)
@@ -154,7 +158,7 @@ def cached_arrays(key: str, make: Callable[[], Arrays], kind: Kind = "model") ->
 
 @contextlib.contextmanager
 def _alone(folder: Path, key: str) -> Iterator[None]:
-    """Nobody else makes what the key names meanwhile. Raises CacheError."""
+    """Lock a key against other processes. Raises CacheError."""
     lock = FileLock(folder / f"{key}.lock")
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -173,7 +177,7 @@ def _alone(folder: Path, key: str) -> Iterator[None]:
 
 
 def _read(path: Path, key: str) -> Arrays | None:
-    """The stored arrays, or None when there are none or they are not to be trusted."""
+    """Return the stored arrays, or None if they are missing or damaged."""
     try:
         stored = memoryview(path.read_bytes())
     except OSError:
@@ -201,7 +205,7 @@ def _seal(key: str, content: memoryview) -> bytes:
 
 @contextlib.contextmanager
 def _replacing(path: Path) -> Iterator[Path]:
-    """A path to write to that replaces `path` only when the writing ended well."""
+    """Yield a temporary path that replaces `path` after a write without errors."""
     partial = path.with_suffix(f".{os.getpid()}.part")
     try:
         yield partial
@@ -210,21 +214,21 @@ def _replacing(path: Path) -> Iterator[Path]:
         partial.unlink(missing_ok=True)
 
 
-# --- tops ---
+# --- apex lines ---
 #
-# Ridge and crest of the skin, which indentors touch first: kept with the models, since to find them takes 0.1 s.
+# Apex lines are cached with the models because computing them takes 0.1 s.
 
-_TOPS = ("ridge", "crest")
+_APEX_LINES = ("ridge", "crest")
 
 
 def keep_tops(surface: FingertipSurface) -> None:
-    """Give a surface its ridge and crest as they are in the cache, or put them there; the same to the last bit."""
+    """Read a surface's apex lines from the cache, or compute and cache them; both are equal to the last bit."""
 
     def find() -> Arrays:
-        splines = {name: getattr(surface, name) for name in _TOPS}
+        splines = {name: getattr(surface, name) for name in _APEX_LINES}
         return {f"{name}_{part}": getattr(spline, part) for name, spline in splines.items() for part in "cx"}
 
     found, _ = cached_arrays(content_key(["tops", surface.geometry.model_dump(mode="json")]), find, "skin")
-    for name in _TOPS:
+    for name in _APEX_LINES:
         c, x = (np.asarray(found[f"{name}_{part}"]) for part in "cx")
-        vars(surface)[name] = CubicSpline.construct_fast(c, x, extrapolate=False)  # where cached_property looks
+        vars(surface)[name] = CubicSpline.construct_fast(c, x, extrapolate=False)  # as cached_property stores them

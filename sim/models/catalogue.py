@@ -1,4 +1,4 @@
-"""The door to the simulator: models of growing cost by name, all indented the same way.
+"""Models of growing cost by name, with one interface.
 
 A new model is a module with a Builder, and a name and a line here.
 """
@@ -87,21 +87,21 @@ def load(
     'halfspace'
     """
     config = FingertipConfig() if config is None else config
-    places = ReceptorPlaces.of(receptor_x_mm, receptor_depth_mm, receptor_z_mm)
+    locations = ReceptorPlaces.of(receptor_x_mm, receptor_depth_mm, receptor_z_mm)
     if name == "finger" and cached:
-        return Fingertip.load(config, slopes=slopes, **places.as_options())
+        return Fingertip.load(config, slopes=slopes, **locations.as_options())
     if name != "finger":
         refuse_stiffening(config.tissue, f"the {name}")
     surface = FingertipSurface.fit(config.geometry)
     if name == "section":
-        if places.z_mm:
+        if locations.z_mm:
             raise ModelRangeError(
                 "a section contains the receptor plane only; receptors at other z require --model finger",
                 code="receptors_beside_section",
-                z_mm=places.z_mm,
+                z_mm=locations.z_mm,
             )
         surface = prismatic(surface, config.receptor_plane_mm)
-    receptors = receptors_at(config, surface, places)
+    receptors = receptors_at(config, surface, locations)
 
     def build(key: MeshKey, receptors: ReceptorSet) -> CondensedModel:
         slopes, patch = key
@@ -111,7 +111,7 @@ def load(
         slopes, patch = key
         return Interior(widened(config, patch), surface, slopes)
 
-    recipe = Recipe.of(load, name, config, slopes=slopes, cached=cached, **places.as_options())
+    recipe = Recipe.of(load, name, config, slopes=slopes, cached=cached, **locations.as_options())
     model = Fingertip(config, surface, Anew(build, receptors, whole if name == "finger" else None), recipe)
     model.model_for(slopes)
     return model

@@ -1,4 +1,4 @@
-"""What every model is once it is made: a skin to touch, its compliance, and receptors under it."""
+"""Condensed models: a skin to touch, its compliance, and receptors under it."""
 
 import logging
 from dataclasses import dataclass, field
@@ -19,9 +19,7 @@ from sim.finger.mesh import FingerMesh
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorSet
 
-# --- discretised ---
-#
-# From a configuration to the stiffness matrix of its mesh, and that condensed onto the skin that may be touched.
+# --- discretization ---
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -35,7 +33,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class FiniteElements:
-    """The uncondensed problem: mesh, upper triangle of the free stiffness, and its unknowns."""
+    """Uncondensed problem: mesh, upper triangle of the free stiffness, and its unknowns."""
 
     mesh: FingerMesh
     upper: sp.csr_array  # (n_free, n_free) N/mm per MPa of E(epidermis)
@@ -44,19 +42,21 @@ class FiniteElements:
 
     @property
     def places(self) -> Ints:
-        """(n_free, 3) where each unknown is on the grid of nodes."""
+        """(n_free, 3) indices of each unknown's node on the mesh grid."""
         return np.column_stack(np.unravel_index(self.free // 3, self.mesh.grid))
 
 
 def young_ratios(tissue: Tissue) -> Array:
-    """E / E(epidermis) of epidermis, dermis, fat and bone."""
+    """Return E / E(epidermis) of epidermis, dermis, fat and bone."""
     return np.array([1.0, tissue.e_dermis, tissue.e_fat, tissue.e_bone])
 
 
 def meshed_for(config: FingertipConfig, slopes: tuple[int, ...]) -> FingertipConfig:
-    """The mesh for indentors that slope along some axes: longer elements are for shapes prismatic along the finger.
+    """Return the configuration with the mesh for indentors that slope along some axes.
 
-    Under round shapes and the line the spacing is even, unless given; round shapes have a patch of their own.
+    Shapes prismatic along the finger allow longer elements. Under round shapes and the line the spacing is even
+    unless
+    it is configured; round shapes have a patch of their own.
     """
     if slopes == (X,):
         return config
@@ -64,13 +64,13 @@ def meshed_for(config: FingertipConfig, slopes: tuple[int, ...]) -> FingertipCon
     other: dict[str, float] = {}
     if mesh.axial_spacing_mm is None:
         other["axial_spacing_mm"] = mesh.spacing_mm
-    if len(slopes) > 1 and mesh.round_patch_mm:  # 0: widened for a scene, `sim/models/sources.py`
+    if len(slopes) > 1 and mesh.round_patch_mm:  # 0 after `sim/models/sources.py` has widened the patch
         other |= {"patch_x_mm": mesh.round_patch_mm, "patch_z_mm": mesh.round_patch_mm}
     return config.model_copy(update={"mesh": mesh.model_copy(update=other)})
 
 
 def assembled(config: FingertipConfig, mesh: FingerMesh) -> sp.csr_array:
-    """(3 n_nodes, 3 n_nodes) upper triangle of the stiffness for E(epidermis) = 1 MPa."""
+    """Assemble the (3 n_nodes, 3 n_nodes) upper triangle of the stiffness for E(epidermis) = 1 MPa."""
     young = young_ratios(config.tissue)[mesh.layer]
     matrices = stiffness(mesh.nodes, mesh.hexes, young, config.tissue.poisson, config.mesh.element)
     return assemble_upper(matrices, mesh.hexes, len(mesh.nodes))
@@ -90,7 +90,7 @@ def factorise(problem: FiniteElements, solver: str = "auto") -> Factor:
 
 
 def condense(upper: sp.csr_array, kept: Ints, places: Ints, solver: str = "auto") -> Factor:
-    """The same for any symmetric matrix whose unknowns have places (n, d); it says so where that takes long."""
+    """Condense any symmetric matrix whose unknowns have positions (n, d), logging where that takes long."""
     unknowns = upper.shape[0]
     level = logging.INFO if unknowns >= LONG else logging.DEBUG
     _log.log(level, "building a model: factorizing a stiffness of %d unknowns …", unknowns)
@@ -100,8 +100,6 @@ def condense(upper: sp.csr_array, kept: Ints, places: Ints, solver: str = "auto"
 
 
 # --- columns ---
-#
-# Columns: strain at places inside a model under unit forces on its skin, apart from the skin's own compliance.
 
 STORED = ("young_ratio", "per_skin_force")
 """Fields of columns that are stored on disk."""
@@ -109,26 +107,26 @@ STORED = ("young_ratio", "per_skin_force")
 
 @dataclass(frozen=True)
 class Columns:
-    """Strain at receptors, linear in the forces on the skin. E(epidermis) = 1 MPa."""
+    """Strain at receptors per unit force on the skin nodes. E(epidermis) = 1 MPa."""
 
     receptors: ReceptorSet
-    young_ratio: Array  # (n,) E / E(epidermis) there
+    young_ratio: Array  # (n,) E / E(epidermis) at the receptors
     per_skin_force: Array  # (6 n, n_z, n_phi, 3) 1/N, forces on all skin nodes
 
     def per_force(self, nodes: Ints, axes: tuple[int, ...]) -> Array:
-        """(6 n, m k) 1/N, forces on k of the skin's nodes along m axes, all along the first, then the next."""
+        """Return (6 n, m k) strains per N on k skin nodes along m axes, ordered by axis."""
         n, n_z, n_phi, _ = self.per_skin_force.shape
         on_nodes = self.per_skin_force.reshape(n, n_z * n_phi, 3)[:, nodes][:, :, list(axes)]
         return np.ascontiguousarray(on_nodes.swapaxes(1, 2)).reshape(n, len(axes) * len(nodes))
 
     def as_arrays(self) -> dict[str, NDArray[np.generic]]:
-        """What is stored on disk: the receptors are known to whoever asks."""
+        """Return the arrays that are stored on disk; the caller knows the receptors."""
         return {name: np.ascontiguousarray(getattr(self, name)) for name in STORED}
 
 
 @dataclass(frozen=True)
 class CondensedModel:
-    """The patch, and receptors whose strain is linear in the forces on the skin. E(epidermis) = 1 MPa."""
+    """Patch, and receptors whose strain is linear in the forces on the skin. E(epidermis) = 1 MPa."""
 
     surface: FingertipSurface
     patch: Patch
@@ -139,43 +137,42 @@ class CondensedModel:
     skin_phi: Array  # (n_phi,) rad
     patch_in_skin: Ints  # (n_patch,) numbers of the patch's nodes on that grid
     outside_mm: Array  # (n_outside, 3) skin nodes beside the patch
-    outside_neighbour: Ints  # (n_outside,) the rim node each is nearest to
+    outside_neighbour: Ints  # (n_outside,) nearest rim node of each
     kind: str = "finger"
     timing_s: dict[str, float] = field(default_factory=dict, compare=False)
 
     @property
     def receptors(self) -> ReceptorSet:
-        """Where strain is known."""
+        """Receptor locations."""
         return self.columns.receptors
 
     @cached_property
     def strain_per_force(self) -> Array:
-        """(6 n_receptors, m n_patch) 1/N, forces on the patch along its axes."""
+        """(6 n_receptors, m n_patch) strains per N on the patch along its axes."""
         return self.columns.per_force(self.patch_in_skin, self.patch.axes)
 
     def strain(self, force: Array) -> Array:
-        """(n_receptors, 6) strains under (m, n_patch) forces on the patch."""
+        """Return (n_receptors, 6) strains under (m, n_patch) forces on the patch."""
         return (self.strain_per_force @ force.ravel()).reshape(-1, 6)
 
     def point_load(self, x_mm: float, z_mm: float) -> Array:
-        """(6 n_receptors,) strain per N of an inward force along the skin's normal at (x, z).
+        """Return (6 n_receptors,) strain per N of an inward force along the skin's normal at (x, z).
 
-        The force is shared between the four skin nodes around the place, by their bilinear shape functions; between
-        two on a section.
+        Bilinear shape functions share the force between the four skin nodes around the point; two on a section.
         """
         phi = float(self.surface.angle_at(x_mm, z_mm))
         force = point_force(self.skin_z_mm, self.skin_phi, (z_mm, phi))
         return np.einsum("rzpi,zp,i->r", self.columns.per_skin_force, force, -self.surface.normal(phi, z_mm))
 
 
-def point_force(skin_z_mm: Array, skin_phi: Array, place: ArrayLike) -> Array:
-    """(…, n_z, n_phi) shares of forces at (…, 2) z and φ, by the bilinear shape functions of a skin's nodes."""
-    z_mm, phi = np.moveaxis(np.asarray(place, dtype=float), -1, 0)
+def point_force(skin_z_mm: Array, skin_phi: Array, at: ArrayLike) -> Array:
+    """Return (…, n_z, n_phi) nodal weights of forces at (…, 2) z and φ, by bilinear shape functions."""
+    z_mm, phi = np.moveaxis(np.asarray(at, dtype=float), -1, 0)
     return _shares(skin_z_mm, z_mm)[..., :, None] * _shares(skin_phi, phi)[..., None, :]
 
 
 def _shares(grid: Array, value: Array) -> Array:
-    """(…, n) of the two nodes of an ascending grid beside each value; all of it where there is one node."""
+    """Return (…, n) linear weights of an ascending grid's nodes for each value; all ones for a single node."""
     if len(grid) == 1:
         return np.ones((*value.shape, 1))
     k = np.clip(np.searchsorted(grid, value) - 1, 0, len(grid) - 2)
@@ -185,7 +182,7 @@ def _shares(grid: Array, value: Array) -> Array:
 
 
 def skin_beside(mesh: FingerMesh, patch: Patch, sections: slice = slice(None)) -> tuple[Array, Ints]:
-    """Skin nodes of the pulp's half outside the patch, in some of the sections, and the nearest rim node of each."""
+    """Return skin nodes of the pulp's half outside the patch, in some sections, and the nearest rim node of each."""
     skin = np.arange(len(mesh.nodes)).reshape(mesh.grid)[sections, :, 0].ravel()
     position = mesh.nodes[np.setdiff1d(skin, mesh.patch_nodes)]
     position = position[position[:, 1] > 0]
@@ -198,7 +195,7 @@ _PLAIN = ("skin_z_mm", "skin_phi", "patch_in_skin", "outside_mm", "outside_neigh
 
 
 def to_arrays(model: CondensedModel) -> dict[str, NDArray[np.generic]]:
-    """What is stored on disk but for the columns; the surface is made again in milliseconds."""
+    """Return the arrays that are stored on disk, except for columns and surface, which takes milliseconds to fit."""
     patch = model.patch
     return {
         **{name: getattr(model, name) for name in _PLAIN},
@@ -212,7 +209,7 @@ def to_arrays(model: CondensedModel) -> dict[str, NDArray[np.generic]]:
 
 
 def from_arrays(arrays: dict[str, Any], surface: FingertipSurface, columns: Columns) -> CondensedModel:
-    """The model that `to_arrays` stored, with columns."""
+    """Restore the model from the arrays of `to_arrays`, with columns."""
     shape = (int(arrays["shape"][0]), int(arrays["shape"][1]))
     axes = tuple(int(axis) for axis in arrays["axes"])
     patch = Patch(arrays["position_mm"], arrays["area_mm2"], shape, axes, compliance=arrays["compliance"])

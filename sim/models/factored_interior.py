@@ -1,4 +1,4 @@
-"""The inside of a finger: its whole stiffness, factorised, which gives strain at any point of it."""
+"""Strain at any point inside a finger, from the factored stiffness of its whole mesh."""
 
 import weakref
 from collections.abc import Sequence
@@ -21,13 +21,13 @@ from sim.models.result import IndentationResult
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-_POINTS_AT_ONCE = 200  # each takes a quarter of a megabyte while its strains are recovered
+_POINTS_AT_ONCE = 200  # strain recovery takes a quarter of a megabyte per point
 
 
 class Interior:
-    """One mesh of a finger and the factor of its stiffness, 0.6 GB and some seconds on the default mesh.
+    """Mesh of a finger and the factor of its stiffness, 0.6 GB and some seconds on the default mesh.
 
-    The factor is made when it is first needed, after the points were looked at, and freed with the object.
+    The factor is computed on first use, after the points were checked, and freed with the object.
     """
 
     def __init__(
@@ -39,25 +39,25 @@ class Interior:
 
     @cached_property
     def problem(self) -> FiniteElements:
-        """The stiffness; one unknown is kept, for nothing is to be condensed."""
+        """Stiffness of the mesh, with a single kept unknown since nothing needs condensing."""
         problem = discretise(self._config, self.mesh)
         return replace(problem, kept=problem.kept[:1])
 
     @cached_property
     def factor(self) -> Factor:
-        """What solves under any loads."""
+        """Factor that solves under any loads."""
         factor = factorise(self.problem, self._solver)
         weakref.finalize(self, factor.close)
         return factor
 
     def columns(self, receptors: ReceptorSet, progress: Progress | None = None) -> Columns:
-        """Columns of places by six adjoint solves each. Raises ReceptorError."""
+        """Return columns of points by six adjoint solves each. Raises ReceptorError."""
         operator, layers = strain_operator(self.mesh, receptors.position_mm)
         strain = adjoint_columns(self.problem, self.factor, operator, progress)
         return Columns(receptors, young_ratios(self._config.tissue)[layers], strain)
 
     def recovery(self, points_mm: Array, progress: Progress | None = None) -> "Recovery":
-        """How strain at (n, 3) points comes of nodes that move. Raises ReceptorError."""
+        """Return the map from nodal displacements to strain at (n, 3) points. Raises ReceptorError."""
         operators, layers = [], np.zeros(len(points_mm), np.int64)
         for start in range(0, len(points_mm), _POINTS_AT_ONCE):
             some = slice(start, start + _POINTS_AT_ONCE)
@@ -68,13 +68,13 @@ class Interior:
         return Recovery(tuple(operators), young_ratios(self._config.tissue)[layers])
 
     def moved(self, load: Array) -> Array:
-        """(k, n_nodes, 3) mm of every node under k loads on the nodes, N."""
+        """Return (k, n_nodes, 3) displacements in mm under k loads on the nodes in N."""
         return moved_by(self.problem, self.factor, load)
 
     def strain(
         self, results: Sequence[IndentationResult], points_mm: Array, progress: Progress | None = None
     ) -> tuple[Array, Array]:
-        """(n_results, n, 6) strains at (n, 3) points by one solve a press, and (n,) E / E(epidermis) there.
+        """Return (n_results, n, 6) strains at (n, 3) points by one solve per press, and (n,) E / E(epidermis).
 
         Raises ReceptorError.
         """
@@ -83,19 +83,19 @@ class Interior:
 
 
 class Recovery(NamedTuple):
-    """Strain at n points of one mesh, linear in how its nodes move."""
+    """Strain at n points of one mesh, linear in the displacements of its nodes."""
 
-    operators: tuple[sp.csr_array, ...]  # of some points each
-    young_ratio: Array  # (n,) E / E(epidermis) there
+    operators: tuple[sp.csr_array, ...]  # each for some of the points
+    young_ratio: Array  # (n,) E / E(epidermis) at the points
 
     def strain(self, moved: Array) -> Array:
-        """(k, n, 6) engineering strains of (k, n_nodes, 3) mm."""
+        """Return (k, n, 6) engineering strains under (k, n_nodes, 3) displacements in mm."""
         flat = moved.reshape(len(moved), -1).T
         return np.concatenate([(operator @ flat).T for operator in self.operators], axis=1).reshape(len(moved), -1, 6)
 
 
 def displaced(problem: FiniteElements, factor: Factor, results: Sequence[IndentationResult]) -> Array:
-    """(n_results, n_nodes, 3) mm of every node of their mesh under the contact forces of indentations."""
+    """Return (n_results, n_nodes, 3) displacements in mm under the contact forces of indentations on this mesh."""
     mesh = problem.mesh
     loads = np.zeros((len(results), *mesh.nodes.shape))
     skin = np.arange(len(mesh.nodes)).reshape(mesh.grid)[:, :, 0].ravel()
@@ -106,7 +106,7 @@ def displaced(problem: FiniteElements, factor: Factor, results: Sequence[Indenta
 
 
 def moved_by(problem: FiniteElements, factor: Factor, load: Array) -> Array:
-    """(k, n_nodes, 3) mm of every node of a mesh under (k, n_nodes, 3) N on them."""
+    """Return (k, n_nodes, 3) displacements in mm under (k, n_nodes, 3) nodal forces in N."""
     moved = np.zeros((len(load), problem.mesh.nodes.size))
     moved[:, problem.free] = factor.solve(load.reshape(len(load), -1)[:, problem.free])
     return moved.reshape(load.shape)

@@ -1,4 +1,4 @@
-"""The finger in three dimensions: layered, held by nail and bone, condensed onto the patch under the indentor."""
+"""The finger in three dimensions: layered, fixed at nail and bone, condensed onto the patch under the indentor."""
 
 import logging
 import time
@@ -26,7 +26,7 @@ def build_finger(
     slopes: tuple[int, ...] = (X,),
     solver: str = "auto",
 ) -> CondensedModel:
-    """Mesh, assemble, condense for indentors that slope along some axes; `timing_s` says how long each took."""
+    """Mesh, assemble and condense for indentors that slope along some axes; `timing_s` has the time of each step."""
     clock = _Stopwatch()
     mesh = build_mesh(meshed_for(config, slopes), surface)
     clock.lap("mesh")
@@ -68,7 +68,7 @@ def build_finger(
 
 
 def by_axis(axes: tuple[int, ...], n: int) -> Ints:
-    """Kept unknowns, node by node with ascending components, in the order axis by axis."""
+    """Return the indices that reorder unknowns from node by node to axis by axis."""
     rank = np.argsort(np.argsort(axes))
     return (len(axes) * np.arange(n) + rank[:, None]).ravel()
 

@@ -1,4 +1,4 @@
-"""A fingertip that can be indented, whatever model answers for it."""
+"""Fingertip that indentors can press, whatever its model."""
 
 import math
 import time
@@ -90,7 +90,7 @@ class Fingertip(ByRecipe, SeenInside):
         self._anywhere = Anywhere(source, config.tissue.poisson)
         self._models: dict[MeshKey, CondensedModel] = {}
         self._outlines: dict[MeshKey, ModelOutline] = {}
-        self._ways: dict[Hashable, dict[float, ContactState]] | None = None
+        self._paths: dict[Hashable, dict[float, ContactState]] | None = None
         self._held_mm: Array | None = None
         self._threads = ThreadpoolController()
         self._first_touch = lru_cache(maxsize=_TOUCHES_KEPT)(partial(first_touch, skin=surface))
@@ -148,9 +148,9 @@ class Fingertip(ByRecipe, SeenInside):
         config = FingertipConfig() if config is None else config
         surface = FingertipSurface.fit(config.geometry)
         keep_tops(surface)
-        places = ReceptorPlaces.of(receptor_x_mm, receptor_depth_mm, receptor_z_mm)
-        receptors = receptors_at(config, surface, places)
-        recipe = Recipe.of(cls.load, config, slopes=slopes, solver=solver, exact=exact, **places.as_options())
+        locations = ReceptorPlaces.of(receptor_x_mm, receptor_depth_mm, receptor_z_mm)
+        receptors = receptors_at(config, surface, locations)
+        recipe = Recipe.of(cls.load, config, slopes=slopes, solver=solver, exact=exact, **locations.as_options())
         full = OnDisk(config, surface, receptors, solver)
         finger = cls(config, surface, full if exact else Interpolated(full), recipe)
         finger.model_for(slopes)
@@ -240,8 +240,8 @@ class Fingertip(ByRecipe, SeenInside):
             If the position has no meaning for this shape.
         """
         shape = _indentor(indentor)
-        place = self._place(shape, x_mm, z_mm)
-        return self.apex_height_mm if reference == "apex" else self._first_touch(shape, place).height_mm
+        at_mm = self._place(shape, x_mm, z_mm)
+        return self.apex_height_mm if reference == "apex" else self._first_touch(shape, at_mm).height_mm
 
     def indent(
         self,
@@ -315,8 +315,8 @@ class Fingertip(ByRecipe, SeenInside):
         shape = _indentor(indentor)
         refuse_unless_one(doi_mm, force_gwt)
         refuse_beside_the_finger(self.config, x_mm, z_mm)
-        place = self._place(shape, x_mm, z_mm)
-        touch = self._first_touch(shape, place)
+        at_mm = self._place(shape, x_mm, z_mm)
+        touch = self._first_touch(shape, at_mm)
         height = self.apex_height_mm if reference == "apex" else touch.height_mm
         if doi_mm is not None and not 0 < doi_mm <= self.deepest_doi_mm:
             raise ModelRangeError(
@@ -330,7 +330,7 @@ class Fingertip(ByRecipe, SeenInside):
         patch = None
         while True:
             model = self.model_for(shape.axes, patch)
-            pressing = self._pressing(PlacedIndentor(shape, place, height, touch, model), target)
+            pressing = self._pressing(PlacedIndentor(shape, at_mm, height, touch, model), target)
             began = time.thread_time()
             try:
                 pressing.placed.refuse_touch_outside()
@@ -338,9 +338,9 @@ class Fingertip(ByRecipe, SeenInside):
                     doi, state = self._solve(pressing, doi_mm, force_gwt, start)
                     others = pressing.by_other_paths(doi) if other_paths and state.snapped else []
                 break
-            except RimError as met:
-                now = patch or half_widths(self.config, shape.axes)
-                patch = larger(self.config, self.surface, shape.axes, now, met)
+            except RimError as error:
+                current = patch or half_widths(self.config, shape.axes)
+                patch = larger(self.config, self.surface, shape.axes, current, error)
         strained, outline = pressing.strained(doi), self._outlines[shape.axes, patch]
         if self._held_mm is not None:
             outline = replace(outline, patch=pressing.lying(doi).placed.model.patch.nodes)
@@ -356,7 +356,7 @@ class Fingertip(ByRecipe, SeenInside):
             e_epidermis_mpa=self.e_epidermis_mpa,
             contact_s=time.thread_time() - began,
             _strain=partial(model.strain, state.force),
-            other_forces_n=tuple(one.normal_force * strained.force * self.e_epidermis_mpa for one in others),
+            other_forces_n=tuple(other.normal_force * strained.force * self.e_epidermis_mpa for other in others),
             strained=strained,
         )
 
@@ -415,7 +415,7 @@ class Fingertip(ByRecipe, SeenInside):
             The copy. Its answers are the same.
         """
         copied = copy(self)
-        copied._ways = {}
+        copied._paths = {}
         return copied
 
     def held_by(self, slopes: tuple[int, ...], force: Array) -> "Fingertip":
@@ -437,19 +437,19 @@ class Fingertip(ByRecipe, SeenInside):
         """
         copied = copy(self)
         no_larger = {"contact": self.config.contact.model_copy(update={"patch_gb": 0.0})}
-        copied.config, copied._ways = self.config.model_copy(update=no_larger), None
+        copied.config, copied._paths = self.config.model_copy(update=no_larger), None
         copied._held_mm = self.model_for(slopes).patch.displaced(force)
         return copied
 
     def _pressing(self, placed: PlacedIndentor, target: float) -> Pressing:
         between_nodes = self.config.contact.between_nodes and placed.indentor.between_nodes
-        way = (placed.indentor, placed.place, placed.zero_mm, id(placed.model), target)
-        ways = {} if self._ways is None else self._ways.setdefault(way, {})
+        path = (placed.indentor, placed.place, placed.zero_mm, id(placed.model), target)
+        states = {} if self._paths is None else self._paths.setdefault(path, {})
         under = self._under(placed.indentor, placed.place, placed.touch)
-        return Pressing(placed, between_nodes, target, ways, under, self._held_mm)
+        return Pressing(placed, between_nodes, target, states, under, self._held_mm)
 
     def _place(self, shape: Indentor, x_mm: float, z_mm: float | None) -> tuple[float, ...]:
-        """Where the reference point is, along the indentor's axes; refuses a place that means nothing to it."""
+        """Return the reference point along the indentor's axes. Raises ModelRangeError."""
         refuse_meaningless(shape, x_mm, z_mm)
         z = self.config.receptor_plane_mm if z_mm is None else z_mm
         return tuple({X: x_mm, Z: z}[axis] for axis in shape.axes)
@@ -457,7 +457,7 @@ class Fingertip(ByRecipe, SeenInside):
     def _solve(
         self, pressing: Pressing, doi_mm: float | None, force_gwt: float | None, start: ContactState | None
     ) -> tuple[float, ContactState]:
-        """DOI and state; a start on another patch is none."""
+        """Return DOI and state; a start on another patch is ignored."""
         if force_gwt is not None:
             return pressing.solve_force(positive(force_gwt), self.e_epidermis_mpa, self.deepest_doi_mm)
         assert doi_mm is not None
@@ -466,7 +466,7 @@ class Fingertip(ByRecipe, SeenInside):
 
 
 def _outline(model: CondensedModel, poisson: float, patch: HalfWidths | None) -> ModelOutline:
-    """What a model's answers keep of it."""
+    """Return the part of a model that results store."""
     return ModelOutline(
         patch=model.patch.nodes,
         patch_in_skin=model.patch_in_skin,

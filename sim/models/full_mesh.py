@@ -1,4 +1,4 @@
-"""Scenes as CalculiX input decks, for a second opinion by another program.
+"""CalculiX input decks, for comparison with another program, and strain maps of the receptor plane.
 
 CalculiX's C3D8 is fully integrated: compare with `mesh.element = "full"`. Format: CalculiX CrunchiX user's manual.
 """
@@ -32,16 +32,17 @@ _PER_LINE = 12
 _INDENTOR_HALF_MM = 3.4
 _INDENTOR_TOP_MM = 1.0
 _STEEP = 20.0
-_NO_HIGHER_POWER = 1e20  # 1/MPa: CalculiX takes powers of J − 1 over such numbers, and 0 for a default of its own
+_NO_HIGHER_POWER = 1e20  # 1/MPa: CalculiX divides powers of J − 1 by it, and replaces 0 by a default of its own
 CONTACT_STIFFNESS_MPA_PER_MM = 2000.0
 
 
 @dataclass(frozen=True)
 class MeshedFinger:
-    """A finger mesh and the stiffness of its layers, E(epidermis) in MPa. Raises MeshError for quadratic elements.
+    """Finger mesh and the stiffness of its layers, E(epidermis) in MPa. Raises MeshError for quadratic elements.
 
-    At finite strain layers are Yeoh's, neo-Hookean where tissue does not stiffen, with the same small-strain moduli.
-    At small strain it may not: ModelRangeError. In plane strain nothing moves along z.
+    At finite strain the layers follow Yeoh's law, neo-Hookean where tissue does not stiffen, with the same small-
+    strain
+    moduli. At small strain, tissue that stiffens raises ModelRangeError. In plane strain nothing moves along z.
     """
 
     config: FingertipConfig
@@ -61,7 +62,7 @@ class MeshedFinger:
 
 
 def write_load_deck(path: Path, finger: MeshedFinger, nodes: Ints, force_n: Array) -> None:
-    """The finger under (n, 3) N on n nodes; prints every node's displacement and the sum of the reactions."""
+    """Write the finger under (n, 3) N on n nodes; it prints all displacements and the sum of the reactions."""
     with path.open("w", encoding="ascii") as file:
         _write_finger(file, finger)
         file.write(_step(finger, "*STEP") + "*STATIC,SOLVER=SPOOLES\n*CLOAD\n")
@@ -71,7 +72,7 @@ def write_load_deck(path: Path, finger: MeshedFinger, nodes: Ints, force_n: Arra
 
 
 def write_held_deck(path: Path, finger: MeshedFinger, nodes: Ints, displacement_mm: Array) -> None:
-    """The finger with n of its nodes held where (n, 3) mm move them; prints displacements, then their reactions."""
+    """Write the finger with n nodes displaced by (n, 3) mm; it prints displacements, then their reactions."""
     with path.open("w", encoding="ascii") as file:
         _write_finger(file, finger)
         _write_set(file, "*NSET,NSET=NHELD", nodes)
@@ -84,7 +85,7 @@ def write_held_deck(path: Path, finger: MeshedFinger, nodes: Ints, displacement_
 def write_contact_deck(
     path: Path, finger: MeshedFinger, profile: IndentorProfile, x_mm: float, touch_mm: float, doi_mm: float
 ) -> None:
-    """A rigid indentor pressed from first touch to a depth, node to surface; prints the sum of its reactions."""
+    """Write a rigid indentor pressed from first touch to a depth, node to surface; it prints its total reaction."""
     mesh = finger.mesh
     corners, bricks, faces = _indentor(profile, x_mm, touch_mm, mesh.nodes[:, 2].min(), mesh.nodes[:, 2].max())
     n_nodes, n_elements = len(mesh.nodes), len(mesh.hexes)
@@ -128,7 +129,7 @@ def _write_finger(file: TextIO, finger: MeshedFinger) -> None:
 
 
 def _law(finger: MeshedFinger, young_mpa: float) -> str:
-    """Hooke's, or CalculiX's U = C10 (Ī₁ − 3) + C20 (Ī₁ − 3)² + (J − 1)² / D1."""
+    """Return Hooke's law, or CalculiX's U = C10 (Ī₁ − 3) + C20 (Ī₁ − 3)² + (J − 1)² / D1."""
     poisson, stiffening = finger.config.tissue.poisson, finger.config.tissue.stiffening
     if not finger.finite_strain:
         return f"*ELASTIC\n{young_mpa:.12g},{poisson:.12g}\n"
@@ -146,7 +147,7 @@ def _step(finger: MeshedFinger, card: str) -> str:
 def _indentor(
     profile: IndentorProfile, x_mm: float, lowest_mm: float, z0: float, z1: float
 ) -> tuple[Array, Ints, list[tuple[int, str]]]:
-    """Nodes, bricks and contact faces of the profile extruded along z, where it is not steeper than its flanks."""
+    """Return nodes, bricks and contact faces of the profile extruded along z, without its steep flanks."""
     s = np.unique(np.concatenate([np.linspace(-_INDENTOR_HALF_MM, _INDENTOR_HALF_MM, 137), *_bends(profile)]))
     height, slope, _ = profile.evaluate(s)
     s, height = s[np.abs(slope) < _STEEP], height[np.abs(slope) < _STEEP]
@@ -162,7 +163,7 @@ def _indentor(
 
 
 def _bends(profile: IndentorProfile) -> Iterable[Array]:
-    """Extra stations where the profile curves, so that facets follow it within a micrometre or so."""
+    """Return extra stations where the profile curves, so that facets follow it within a micrometer or so."""
     s = np.linspace(-_INDENTOR_HALF_MM, _INDENTOR_HALF_MM, 40001)
     _, slope, curvature = profile.evaluate(s)
     bent = (np.abs(curvature) > 0) & (np.abs(slope) < _STEEP)
@@ -190,15 +191,14 @@ def _parts(numbers: Sequence[int]) -> Iterator[Sequence[int]]:
 
 
 # --- strain map ---
-#
-# Strain everywhere in the receptor plane, not at receptors only: one direct solve under given contact forces.
 
 
 @dataclass(frozen=True)
 class StrainMap:
-    """The elements' section with the receptor plane, from the skin inwards and once around.
+    """Strain measures in the receptor plane's elements, from the skin inwards and once around.
 
-    `corner_mm` and `moved_mm` (n_phi + 1, n_r, 2) x and y of the corners, undeformed and deformed; `measures` the 18,
+    `corner_mm` and `moved_mm` (n_phi + 1, n_r, 2) are x and y of the corners, undeformed and deformed; `measures` the
+    18,
     each (n_phi, n_r − 1), tension positive, stresses in pseudo-units.
     """
 
@@ -207,16 +207,17 @@ class StrainMap:
     measures: dict[str, Array]
 
     def carried(self, points_mm: Array) -> Array:
-        """(n, 2) where points of the undeformed section go."""
+        """Return the (n, 2) deformed positions of points of the undeformed section (mm)."""
         corner, by = self.corner_mm[:-1].reshape(-1, 2), (self.moved_mm - self.corner_mm)[:-1].reshape(-1, 2)
         return np.asarray(points_mm + griddata(corner, by, points_mm))
 
 
 def strain_maps(config: FingertipConfig, results: Sequence[IndentationResult]) -> list[StrainMap]:
-    """One map for each indentation of this finger, by one factorisation (seconds) a mesh and one solve each.
+    """Return one map for each indentation, by one factorization (seconds) per mesh and one solve each.
 
-    The strain is that within each cell where it is most accurate, averaged over the cells on both sides of the plane,
-    and not smoothed.
+    The strain is taken where each cell's is most accurate, averaged over the cells on both sides of the plane, and
+    not
+    smoothed.
     """
     found: dict[int, StrainMap] = {}
     kinds = [(result.model.patch.axes, result.model.widened_mm) for result in results]
@@ -229,7 +230,7 @@ def strain_maps(config: FingertipConfig, results: Sequence[IndentationResult]) -
 
 
 def mesh_of(config: FingertipConfig, result: IndentationResult) -> FingerMesh:
-    """The mesh that an indentation was solved on: by the axes along which the indentor slopes, and its patch."""
+    """Rebuild the mesh of an indentation, from the axes along which the indentor slopes and its patch."""
     meshed = meshed_for(widened(config, result.model.widened_mm), result.model.patch.axes[:-1])
     return build_mesh(meshed, FingertipSurface.fit(config.geometry))
 
@@ -256,7 +257,9 @@ def _closed(corner: Array) -> Array:
 
 
 def displacements(config: FingertipConfig, mesh: FingerMesh, results: Sequence[IndentationResult]) -> Array:
-    """(n_results, n_nodes, 3) mm of every node of their mesh under the contact forces of indentations."""
+    """Return (n_results, n_nodes, 3) displacements in mm of every node under the contact forces of indentations."""
     problem = discretise(config, mesh)
-    with factorise(replace(problem, kept=problem.kept[:1])) as factor:  # nothing is to be condensed
+    with factorise(
+        replace(problem, kept=problem.kept[:1])
+    ) as factor:  # a single unknown, since nothing needs condensing
         return displaced(problem, factor, results)

@@ -2,7 +2,7 @@
 
 Source: Johnson, *Contact Mechanics* (1985), Eq. 3.19 (normal point force), Eq. 3.75 (tangential point force) and, for
 the surface under a uniformly loaded rectangle, their integrals (Love 1929; Johnson Eq. 3.25). The gap is that of the
-real, curved skin; only the compliance is flat, homogeneous and endless.
+real, curved skin; only the compliance is flat, homogeneous and infinite.
 """
 
 import numpy as np
@@ -20,8 +20,8 @@ Array = NDArray[np.float64]
 EFFECTIVE_MODULUS = 0.21
 """E / E(epidermis) of the half-space.
 
-With it a cylinder 9 mm in diameter at x = 0, pressed 0.4 mm deep, carries the finger's force. A
-layered finger has no such number: other shapes and depths would give others.
+With it a cylinder 9 mm in diameter at x = 0, pressed 0.4 mm deep, carries the finger's force. Other shapes and depths
+would give other values.
 """
 
 _FAR = 10.0
@@ -35,7 +35,7 @@ def build_halfspace(
     slopes: tuple[int, ...],
     modulus: float = EFFECTIVE_MODULUS,
 ) -> CondensedModel:
-    """The patch of a finger on a half-space of E = modulus · E(epidermis)."""
+    """Build the patch of a finger on a half-space of E = modulus · E(epidermis)."""
     mesh = build_mesh(meshed_for(config, slopes), surface)
     poisson, axes = config.tissue.poisson, (*slopes, Y)
     position = mesh.nodes[mesh.patch_nodes]
@@ -69,7 +69,7 @@ def build_halfspace(
 
 
 def _half_sides(mesh: FingerMesh) -> Array:
-    """(n_patch, 2) half sides along x and z of the rectangle that belongs to each node; mm."""
+    """Return (n_patch, 2) half sides in mm along x and z of the rectangle around each node."""
     position = mesh.nodes[mesh.patch_nodes].reshape(*mesh.patch_shape, 3)
     across = np.abs(np.gradient(position[..., X], axis=1))
     along = np.gradient(position[..., Z], axis=0)
@@ -77,9 +77,9 @@ def _half_sides(mesh: FingerMesh) -> Array:
 
 
 def surface_compliance(at_mm: Array, half_mm: Array, axes: tuple[int, ...], shear: float, poisson: float) -> Array:
-    """(m n, m n) displacements in mm along some axes at n places (x, z) under unit forces.
+    """Return (m n, m n) displacements in mm along some axes at n points (x, z) under unit forces.
 
-    Each force is spread evenly over its place's rectangle; places farther than _FAR half sides feel it as a point.
+    Each force is spread evenly over its point's rectangle; beyond _FAR half sides it acts as a point force.
     """
     n, m = len(at_mm), len(axes)
     offset = at_mm[:, None] - at_mm[None]
@@ -87,7 +87,7 @@ def surface_compliance(at_mm: Array, half_mm: Array, axes: tuple[int, ...], shea
     near = offset[to, by]
     corners = near + half_mm[by] * np.array([[1, 1], [1, -1], [-1, 1], [-1, -1]])[:, None]
     signs = np.array([1, -1, -1, 1]) / 4
-    offset[to, by] = 1.0  # any place but the force's own
+    offset[to, by] = 1.0  # any offset but zero; replaced below
     whole = np.empty((m, n, m, n))
     for row, moved in enumerate(axes):
         for column, pushed in enumerate(axes):
@@ -100,7 +100,7 @@ def surface_compliance(at_mm: Array, half_mm: Array, axes: tuple[int, ...], shea
 
 
 def _at_point(moved: int, pushed: int, x: Array, z: Array, poisson: float) -> Array:
-    """2πG times the surface displacement along one axis at an offset from a unit force along another."""
+    """Return 2πG times the surface displacement along one axis at an offset from a unit force along another."""
     r2 = x * x + z * z
     if moved == pushed:
         along = {X: x * x, Y: 0.0 * x, Z: z * z}[moved]
@@ -112,7 +112,7 @@ def _at_point(moved: int, pushed: int, x: Array, z: Array, poisson: float) -> Ar
 
 
 def _integral(moved: int, pushed: int, x: Array, z: Array, poisson: float) -> Array:
-    """Integral of `_at_point` over x and z."""
+    """Return the integral of `_at_point` over x and z."""
     if moved == pushed:
         along_x, along_z = z * np.arcsinh(x / np.abs(z)), x * np.arcsinh(z / np.abs(x))  # of x²/r³ and z²/r³
         extra = {X: along_x, Y: 0.0 * x, Z: along_z}[moved]
@@ -125,7 +125,7 @@ def _integral(moved: int, pushed: int, x: Array, z: Array, poisson: float) -> Ar
 
 
 def interior_strain(point_mm: Array, depth_mm: ArrayLike, skin_mm: Array, shear: float, poisson: float) -> Array:
-    """(n, 6, k, 3) strains e11 e22 e33 e12 e23 e13 at n points of one or n depths under unit forces at k nodes."""
+    """Return (n, 6, k, 3) strains e11 e22 e33 e12 e23 e13 at n points under unit forces at k nodes."""
     offset = point_mm[:, None] - skin_mm[None]
     offset[..., Y] = -np.reshape(depth_mm, (-1, 1))
     slopes = [
@@ -138,7 +138,7 @@ def interior_strain(point_mm: Array, depth_mm: ArrayLike, skin_mm: Array, shear:
 
 
 def _displacement(offset: NDArray[np.complex128], poisson: float) -> NDArray[np.complex128]:
-    """(…, moved, pushed) 4πG times the displacement at an offset (y < 0 is inside) from a unit force."""
+    """Return (…, moved, pushed) 4πG times the displacement at an offset (y < 0 is inside) from a unit force."""
     x, y, z = np.moveaxis(offset, -1, 0)
     depth, rho = -y, np.sqrt((offset**2).sum(axis=-1))
     sum_, rest = rho + depth, 1 - 2 * poisson

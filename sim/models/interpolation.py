@@ -1,6 +1,7 @@
-"""Fingers that are alike but for the moduli of dermis and fat, interpolated between full builds (`weights`).
+"""Interpolation between full builds of fingers that differ only in the moduli of dermis and fat.
 
-Builds are kept in single precision and summed with weights; families for which that pays are found here, too.
+Builds are stored in single precision and summed with weights (`interpolation_weights`). Families of fingers for which
+that saves time are found here, too.
 """
 
 import logging
@@ -31,10 +32,8 @@ from sim.models.sources import MeshKey, OnDisk
 
 # --- packed ---
 #
-# Arrays of several builds in single precision, and their weighted sums: one pass through the memory.
-#
-# Rounding takes 6e-8 of an entry, far below what interpolation leaves. Of a symmetric matrix the lower triangle is
-# kept, in blocks of rows; the mirrored sum is symmetric to the last bit.
+# Builds are stored in single precision: rounding by 6e-8 of an entry is far below the interpolation error. Of a
+# symmetric matrix the lower triangle is stored, in blocks of rows; the mirrored sum is symmetric to the last bit.
 
 Array = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -43,14 +42,14 @@ _ROWS = 256
 
 
 def packed(symmetric: Array) -> Singles:
-    """(k,) the lower triangle of an (n, n) matrix, each block of rows as far as its last diagonal entry."""
+    """Return (k,) entries of an (n, n) matrix's lower triangle, each block of rows up to its last diagonal entry."""
     return np.concatenate(
         [symmetric[rows, : rows.stop].ravel() for rows in _blocks(len(symmetric))], dtype=np.float32
     )
 
 
 def unpacked(entries: Singles, n: int) -> Array:
-    """(n, n) the matrix of which the entries were packed."""
+    """Return the (n, n) matrix of packed entries."""
     matrix = np.empty((n, n))
     start = 0
     for rows in _blocks(n):
@@ -61,7 +60,7 @@ def unpacked(entries: Singles, n: int) -> Array:
 
 
 def summed(weights: Array, stacked: Singles) -> Singles:
-    """(…) the sum of (m, …) arrays with (m,) weights."""
+    """Return the sum of (m, …) arrays with (m,) weights."""
     flat = weights.astype(np.float32) @ stacked.reshape(len(weights), -1)
     return np.asarray(flat, dtype=np.float32).reshape(stacked.shape[1:])
 
@@ -71,43 +70,41 @@ def _blocks(n: int) -> Iterator[slice]:
 
 
 # --- node builds ---
-#
-# The full builds between which fingers of other moduli are interpolated: made once, each a file of its own.
 
 INTERPOLATED = "interpolated finger"
-"""Kind of model that results report."""
+"""Kind of model in results of interpolated fingers."""
 
 _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Node:
-    """A finger that is built in full. Compliance and columns have files of their own: a stop loses one build."""
+    """Finger that is built in full. Compliance and columns have separate files: an abort loses one build."""
 
     source: OnDisk
     slopes: tuple[int, ...]
 
     @cached_property
     def key(self) -> str:
-        """Of its compliance."""
+        """Cache key of the compliance."""
         return content_key(["node", self.source.made_of((self.slopes, None))])
 
     @property
     def kept(self) -> bool:
-        """Whether nothing of it has to be made."""
+        """Whether both files exist."""
         return all(path.exists() for path in self.files)
 
     @property
     def files(self) -> tuple[Path, Path]:
-        """Where both are kept."""
+        """Paths of compliance and columns."""
         return path_of(self.key, "node"), self.source.columns_path((self.slopes, None))
 
     def compliance(self) -> tuple[Arrays, bool]:
-        """Packed, with what no modulus changes; read or built, and whether it was read."""
+        """Read or build the packed compliance and all that no modulus changes; return whether it was read."""
         return cached_arrays(self.key, self._build, "node")
 
     def columns(self) -> Columns:
-        """Those of the finger's receptors; read or solved for."""
+        """Read the columns of the finger's receptors, or solve for them."""
         return self.source.columns((self.slopes, None), self.source.receptors)
 
     def _build(self) -> Arrays:
@@ -118,7 +115,7 @@ class Node:
 
 
 def nodes_of(source: OnDisk, slopes: tuple[int, ...]) -> list[Node]:
-    """Those of a source's finger and of all that differ from it in the moduli of dermis and fat."""
+    """Return the nodes of all fingers that differ from a source's only in the moduli of dermis and fat."""
     config = source.config
     tissues = node_tissues(config.tissue)
     return [Node(replace(source, config=config.model_copy(update={"tissue": t})), slopes) for t in tissues]
@@ -130,12 +127,12 @@ class NodeBuilds:
 
     compliance: Singles  # (16, k) packed
     columns: Singles  # (16, 6 n_receptors, n_z, n_phi, 3)
-    layer: NDArray[np.int64]  # (n_receptors,) in which each receptor lies
+    layer: NDArray[np.int64]  # (n_receptors,) layer of each receptor
     shared: Arrays
 
     @classmethod
     def of(cls, nodes: Sequence[Node]) -> tuple["NodeBuilds", bool]:
-        """Read or built, and whether all were read."""
+        """Read or build all nodes; return whether all were read."""
         compliance, columns, shared, read = [], [], Arrays(), True
         for n, node in enumerate(nodes, 1):
             if not node.kept:
@@ -150,7 +147,7 @@ class NodeBuilds:
         return cls(np.stack(compliance), per_force, layer, shared), read
 
     def model(self, source: OnDisk) -> CondensedModel:
-        """The source's finger."""
+        """Return the interpolated model of a source's finger."""
         weights = node_weights(source.config.tissue)
         unknowns = len(self.shared["axes"]) * len(self.shared["position_mm"])
         compliance = unpacked(summed(weights, self.compliance), unknowns)
@@ -161,8 +158,6 @@ class NodeBuilds:
 
 
 # --- interpolated ---
-#
-# Another finger in a moment: where only the moduli of dermis and fat differ, full builds are interpolated.
 #
 # Source of the errors: 50 held-out fingers (`docs/validation/performance.md`).
 
@@ -180,7 +175,7 @@ _kept: OrderedDict[str, NodeBuilds] = OrderedDict()
 
 @dataclass(frozen=True)
 class Interpolated:
-    """Models by interpolation on the mesh's own patch; larger patches and other points are the finger's own."""
+    """Source of models by interpolation on the mesh's own patch; larger patches and points use full builds."""
 
     exact: OnDisk
 
@@ -200,7 +195,7 @@ class Interpolated:
             )
 
     def model(self, key: MeshKey) -> tuple[CondensedModel, bool]:
-        """In a moment, once the nodes were built."""
+        """Interpolate a model; milliseconds once the nodes are built."""
         slopes, patch = key
         if patch is not None:
             return self.exact.model(key)
@@ -208,16 +203,16 @@ class Interpolated:
         return builds.model(self.exact), read
 
     def interior(self, key: MeshKey) -> Interior | None:
-        """The finger's own."""
+        """Return the interior of the full build."""
         return self.exact.interior(key)
 
     def columns(self, key: MeshKey, receptors: ReceptorSet, solve: Callable[[], Columns] | None = None) -> Columns:
-        """The finger's own."""
+        """Return columns of the full build."""
         return self.exact.columns(key, receptors, solve)
 
 
 def node_builds(source: OnDisk, slopes: tuple[int, ...]) -> tuple[NodeBuilds, bool]:
-    """From the memory, the disk or built, and whether nothing was built."""
+    """Return the builds of a source's nodes, from memory, from disk or built, and whether nothing was built."""
     nodes = nodes_of(source, slopes)
     name = content_key([nodes[0].source.made_of((slopes, None)), source.receptors.position_mm.tolist()])
     if name in _kept:
@@ -230,18 +225,18 @@ def node_builds(source: OnDisk, slopes: tuple[int, ...]) -> tuple[NodeBuilds, bo
 
 
 def forget_kept() -> None:
-    """Free what is in memory; what is on disk stays."""
+    """Free the builds in memory; those on disk stay."""
     _kept.clear()
 
 
-def nodes_for(config: FingertipConfig, places: ReceptorPlaces, slopes: tuple[int, ...] = ALONG) -> list[Node]:
-    """The full builds that a finger and all that differ from it in the moduli alone are interpolated between."""
+def nodes_for(config: FingertipConfig, locations: ReceptorPlaces, slopes: tuple[int, ...] = ALONG) -> list[Node]:
+    """Return the full builds between which a finger and its family are interpolated."""
     surface = FingertipSurface.fit(config.geometry)
-    return nodes_of(OnDisk(config, surface, receptors_at(config, surface, places), "auto"), slopes)
+    return nodes_of(OnDisk(config, surface, receptors_at(config, surface, locations), "auto"), slopes)
 
 
 def make_node(node: Node) -> None:
-    """Have it on disk: work that may be given to another process. What cannot be built says so when it is pressed."""
+    """Put a node on disk; suits worker processes. A finger that cannot be built reports its error when pressed."""
     with suppress(MeshError, ReceptorError):
         node.compliance()
         node.columns()
@@ -249,34 +244,34 @@ def make_node(node: Node) -> None:
 
 # --- families ---
 #
-# Which of many fingers are interpolated: those that differ from others in the moduli of dermis and fat alone.
+# A family is all fingers that differ only in the moduli of dermis and fat.
 
 PAYS_FROM = 9
-"""Number of fingers of a family from which interpolation pays: 16 builds instead of 9, and none for later
+"""Number of fingers of a family from which interpolation saves time: 16 builds instead of 9, and none for later
 fingers."""
 
 
 class FingerWithReceptors(NamedTuple):
-    """A finger with its receptors."""
+    """Finger with its receptor locations."""
 
     config: FingertipConfig
     places: ReceptorPlaces
 
     @classmethod
     def of(cls, config_json: str, receptor_x_mm: Sequence[float], receptor_depth_mm: float) -> "FingerWithReceptors":
-        """As a piece of work names it."""
+        """Parse the fields of a work item."""
         config = FingertipConfig.model_validate_json(config_json)
         return cls(config, ReceptorPlaces.of(receptor_x_mm, receptor_depth_mm, None))
 
     @property
     def family(self) -> "FingerWithReceptors":
-        """The same for all that differ in the moduli alone."""
+        """Representative of the fingers that differ only in the moduli."""
         first = node_tissues(self.config.tissue)[0]
         return self._replace(config=self.config.model_copy(update={"tissue": first}))
 
 
 def worth_interpolating(fingers: Sequence[FingerWithReceptors]) -> list[bool]:
-    """Whether each is to be interpolated: where full builds are kept for its family, or it has enough members."""
+    """Return whether to interpolate each finger: if its family is on disk or has enough members."""
     members: dict[FingerWithReceptors, set[tuple[float, float]]] = defaultdict(set)
     for one in fingers:
         if in_range(one.config.tissue):
@@ -290,14 +285,14 @@ def _pays(family: FingerWithReceptors, members: int) -> bool:
 
 
 def missing_nodes(fingers: Iterable[FingerWithReceptors], slopes: Iterable[tuple[int, ...]]) -> list[Node]:
-    """The full builds that are not on disk, for indentors that slope along some axes."""
+    """Return the full builds that are not on disk, for indentors that slope along some axes."""
     families = dict.fromkeys(one.family for one in fingers)
     every = (node for one in families for axes in slopes for node in _nodes(one, axes))
     return [node for node in every if not node.kept]
 
 
 def _nodes(family: FingerWithReceptors, slopes: tuple[int, ...]) -> list[Node]:
-    """None where there is no such finger: whoever presses it is told why."""
+    """Return a family's nodes; none where the finger cannot be built, which pressing it reports."""
     try:
         return nodes_for(family.config, family.places, slopes)
     except (SurfaceError, ReceptorError):

@@ -1,9 +1,10 @@
-"""How full builds at a few moduli count for a finger of other moduli.
+"""Weights of full builds at a few moduli for a finger of other moduli.
 
-What forces do to a skin, fᵀCf, is a sum of 1 / (λ + E) with weights and λ ≥ 0, in each layer's E by itself, since the
-stiffness is affine in it and semi-definite (Stieltjes). Weights that are exact for λ = 0, ∞ and two between come near
-for all others; how near is `StiffnessAxis.error`, whatever the finger. Only ratios to E(epidermis) count:
-C(sE) = C(E) / s.
+The work of forces, fᵀCf, is a positive combination of 1 / (λ + E) with λ ≥ 0 in each layer's E, since the stiffness
+is affine in it and semi-definite (Stieltjes). Weights that are exact for λ = 0, ∞ and two values between are close
+for
+all others; `StiffnessAxis.error` bounds the error for any finger. Only ratios to E(epidermis) count: C(sE) = C(E) /
+s.
 """
 
 from dataclasses import dataclass
@@ -16,22 +17,25 @@ from sim.config import Tissue
 
 Array = NDArray[np.float64]
 
-_LOG_POLES = (-1.0, 1.0)  # from the middle of the range; those of least error for a 16-fold one, to within a tenth
+_LOG_POLES = (
+    -1.0,
+    1.0,
+)  # relative to the middle of the range; they minimize the error for a 16-fold range to within 0.1
 _NODES = 2 + len(_LOG_POLES)
-_OF_NO_BUILD = {"stiffness": 1.0, "stiffening": 0.0}  # E(epidermis) is 1 MPa in all of them
+_OF_NO_BUILD = {"stiffness": 1.0, "stiffening": 0.0}  # E(epidermis) is 1 MPa in all builds
 _TRIED_VALUES, _TRIED_POLES = 201, np.append(0.0, np.geomspace(1e-4, 1e4, 161))
 
 
 @dataclass(frozen=True)
 class StiffnessAxis:
-    """E / E(epidermis) of a layer over a range, with Chebyshev's nodes in its logarithm."""
+    """Range of E / E(epidermis) of a layer, with Chebyshev nodes in its logarithm."""
 
     low: float
     high: float
 
     @property
     def middle(self) -> float:
-        """Of the logarithm."""
+        """Geometric mean of the range."""
         return float(np.sqrt(self.low * self.high))
 
     @cached_property
@@ -41,12 +45,12 @@ class StiffnessAxis:
         return np.asarray(self.middle * (self.high / self.low) ** (-np.cos(angle) / 2))
 
     def weights(self, value: ArrayLike) -> Array:
-        """(…, 4) of the nodes for a value of the range."""
+        """Return (…, 4) weights of the nodes for values in the range."""
         return np.asarray(self._functions(value) @ self._inverse)
 
     @cached_property
     def error(self) -> float:
-        """The largest, relative, of any 1 / (λ + E)."""
+        """Largest relative error of any 1 / (λ + E)."""
         values = np.geomspace(self.low, self.high, _TRIED_VALUES)[:, None]
         poles = _TRIED_POLES * self.middle
         found = self.weights(values[:, 0]) @ (1 / (poles + self.nodes[:, None]))
@@ -54,7 +58,7 @@ class StiffnessAxis:
 
     @cached_property
     def growth(self) -> float:
-        """How much an error at the nodes can grow between them, relative to a compliance there."""
+        """Largest growth of a nodal error between the nodes, relative to a compliance there."""
         values = np.geomspace(self.low, self.high, _TRIED_VALUES)
         softer = np.maximum(1, values[:, None] / self.nodes)  # C(E') ≤ C(E) E / E' for E' < E, and ≤ C(E) otherwise
         return float((np.abs(self.weights(values)) * softer).sum(axis=1).max())
@@ -64,26 +68,26 @@ class StiffnessAxis:
         return np.asarray(np.linalg.inv(self._functions(self.nodes)), dtype=float)
 
     def _functions(self, value: ArrayLike) -> Array:
-        """(…, 4) 1, 1 / E and two between."""
+        """Return (…, 4) values of 1, 1 / E and two poles between."""
         e = np.asarray(value, dtype=float)
         poles = self.middle * np.exp(_LOG_POLES)
         return np.stack([np.ones_like(e), 1 / e, *(1 / (e + pole) for pole in poles)], axis=-1)
 
 
 DERMIS, FAT = StiffnessAxis(0.04, 0.64), StiffnessAxis(0.02, 0.32)
-"""E / E(epidermis) of a finger that can be interpolated; the default has 0.1 for dermis and fat."""
+"""E / E(epidermis) of fingers that can be interpolated; the default has 0.1 for dermis and fat."""
 
 FULL_BUILDS = _NODES**2
-"""Fingers that are built for interpolation."""
+"""Number of fingers that are built for interpolation."""
 
 
 def in_range(tissue: Tissue) -> bool:
-    """Whether a finger of such layers is interpolated."""
+    """Return whether a finger of such layers can be interpolated."""
     return DERMIS.low <= tissue.e_dermis <= DERMIS.high and FAT.low <= tissue.e_fat <= FAT.high
 
 
 def node_tissues(tissue: Tissue) -> list[Tissue]:
-    """(16) the layers of the fingers that are built, the fat's modulus fastest; alike in all else."""
+    """Return the layers of the 16 built fingers, the fat's modulus varying fastest."""
     linear = tissue.model_copy(update=_OF_NO_BUILD)
     return [
         linear.model_copy(update={"e_dermis": e_dermis, "e_fat": e_fat})
@@ -93,13 +97,13 @@ def node_tissues(tissue: Tissue) -> list[Tissue]:
 
 
 def node_weights(tissue: Tissue) -> Array:
-    """(16,) how much each of them counts; they sum to 1."""
+    """Return (16,) weights of the built fingers; they sum to 1."""
     return np.outer(DERMIS.weights(tissue.e_dermis), FAT.weights(tissue.e_fat)).ravel()
 
 
 def largest_error() -> float:
-    """Bound of |fᵀ(C′ − C)f| / fᵀCf for the interpolated compliance C′ and any forces f, of any finger.
+    """Return a bound of |fᵀ(C′ − C)f| / fᵀCf for the interpolated compliance C′, any forces f and any finger.
 
-    Below 1 it says that C′ is positive definite: I_d I_f C − C = I_d(I_f C − C) + (I_d C − C).
+    Below 1 it implies that C′ is positive definite: I_d I_f C − C = I_d(I_f C − C) + (I_d C − C).
     """
     return min(DERMIS.error + DERMIS.growth * FAT.error, FAT.error + FAT.growth * DERMIS.error)

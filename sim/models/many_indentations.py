@@ -1,4 +1,4 @@
-"""Many indentations of one finger, over processes if wanted; each from rest, the same as if it were the only one."""
+"""Many indentations of one finger, in several processes if requested; each starts from rest."""
 
 import os
 from collections import defaultdict
@@ -29,7 +29,7 @@ _MOST_PLACES_A_TASK = 16
 
 
 class How(TypedDict):
-    """What holds for every press of a call."""
+    """Options that hold for every press of a call."""
 
     reference: Reference
     other_paths: bool
@@ -108,46 +108,46 @@ def indent_many(
         raise ArgumentError("give a depth (doi_mm) or a force (force_gwt)", code="no_target")
     if cores is not None and cores < 1:
         raise ArgumentError("cores = {cores}: must be 1 or more, or None for all", code="no_cores", cores=cores)
-    asked = _rows(shapes, x_mm, z_mm, doi_mm, force_gwt)
+    requests = _rows(shapes, x_mm, z_mm, doi_mm, force_gwt)
     answers: dict[int, IndentationOutcome] = {}
     outlines: dict[Hashable, ModelOutline] = {}
     how: How = {"reference": reference, "other_paths": other_paths}
-    for found in _found(finger, how, _by_place(asked), cores or os.cpu_count() or 1):
+    for found in _outcomes(finger, how, _by_position(requests), cores or os.cpu_count() or 1):
         answers |= {row: _with_shared(answer, outlines) for row, answer in found}
         if progress:
-            progress(len(answers), len(asked))
-    return Indentations(tuple(asked), tuple(answers[row] for row in range(len(asked))))
+            progress(len(answers), len(requests))
+    return Indentations(tuple(requests), tuple(answers[row] for row in range(len(requests))))
 
 
-def _rows(shapes: Shape | Sequence[Shape], x_mm: ArrayLike, *given: ArrayLike | None) -> list[IndentationRequest]:
-    """One for each element of what the arguments broadcast to."""
-    numbers = [np.asarray(np.nan if values is None else values, dtype=float) for values in (x_mm, *given)]
+def _rows(shapes: Shape | Sequence[Shape], x_mm: ArrayLike, *targets: ArrayLike | None) -> list[IndentationRequest]:
+    """Return one request for each element of the broadcast arguments."""
+    numbers = [np.asarray(np.nan if values is None else values, dtype=float) for values in (x_mm, *targets)]
     every = [array.ravel().tolist() for array in np.broadcast_arrays(np.array(shapes, dtype=object), *numbers)]
-    return [IndentationRequest(shape, x, *map(_given, rest)) for shape, x, *rest in zip(*every, strict=True)]
+    return [IndentationRequest(shape, x, *map(_none_if_nan, rest)) for shape, x, *rest in zip(*every, strict=True)]
 
 
-def _given(value: float) -> float | None:
+def _none_if_nan(value: float) -> float | None:
     return None if np.isnan(value) else value
 
 
-def _by_place(asked: Sequence[IndentationRequest]) -> list[list[Numbered]]:
-    """What is pressed at the same place stays together: depths there share the way down."""
+def _by_position(requests: Sequence[IndentationRequest]) -> list[list[Numbered]]:
+    """Group presses at the same position: their depths share one path."""
     groups: dict[Hashable, list[Numbered]] = defaultdict(list)
-    for row, one in enumerate(asked):
-        groups[one.shape, one.x_mm, one.z_mm].append((row, one))
+    for row, request in enumerate(requests):
+        groups[request.shape, request.x_mm, request.z_mm].append((row, request))
     return list(groups.values())
 
 
-def _found(
-    finger: Fingertip, how: How, places: list[list[Numbered]], cores: int
+def _outcomes(
+    finger: Fingertip, how: How, groups: list[list[Numbered]], cores: int
 ) -> Iterator[list[tuple[int, IndentationOutcome]]]:
-    """Answers with their rows, a few places at a time."""
-    press = partial(_pressed, finger, how)
-    if cores == 1 or len(places) < 2:
-        yield from (press([place]) for place in places)
+    """Yield outcomes with their rows, a few positions at a time."""
+    press = partial(_press_groups, finger, how)
+    if cores == 1 or len(groups) < 2:
+        yield from (press([group]) for group in groups)
         return
-    size = min(_MOST_PLACES_A_TASK, 1 + len(places) // (_TASKS_A_CORE * cores))
-    tasks = [places[k : k + size] for k in range(0, len(places), size)]
+    size = min(_MOST_PLACES_A_TASK, 1 + len(groups) // (_TASKS_A_CORE * cores))
+    tasks = [groups[k : k + size] for k in range(0, len(groups), size)]
     try:
         yield from in_processes(press, tasks, min(cores, len(tasks)))
     except BrokenProcessPool:
@@ -157,21 +157,21 @@ def _found(
         ) from None
 
 
-def _pressed(finger: Fingertip, how: How, places: list[list[Numbered]]) -> list[tuple[int, IndentationOutcome]]:
+def _press_groups(finger: Fingertip, how: How, groups: list[list[Numbered]]) -> list[tuple[int, IndentationOutcome]]:
     if parent_process() is not None:
         keep_freed_memory()
     found = []
-    for place in places:
+    for group in groups:
         here = finger.keeping_ways()
-        found += [(row, _answer(here, how, one)) for row, one in place]
+        found += [(row, _press(here, how, request)) for row, request in group]
     return found
 
 
-def _answer(finger: Fingertip, how: How, asked: IndentationRequest) -> IndentationOutcome:
-    shape, x_mm, z_mm, doi_mm, force_gwt = asked
+def _press(finger: Fingertip, how: How, request: IndentationRequest) -> IndentationOutcome:
+    shape, x_mm, z_mm, doi_mm, force_gwt = request
     try:
         result = finger.indent(shape, x_mm, z_mm=z_mm, doi_mm=doi_mm, force_gwt=force_gwt, **how)
-    except ValueError as error:  # what models and shapes refuse
+    except ValueError as error:  # errors of models and shapes
         return IndentationOutcome(
             None, str(error), error.code if isinstance(error, SimError) else ArgumentError.default_code
         )
@@ -181,7 +181,7 @@ def _answer(finger: Fingertip, how: How, asked: IndentationRequest) -> Indentati
 
 
 def _with_shared(answer: IndentationOutcome, outlines: dict[Hashable, Any]) -> IndentationOutcome:
-    """What came from another process, with the outline that the others of its model have."""
+    """Replace the outline of an outcome from another process by the one that its model's outcomes share."""
     result: IndentationResult | None = answer.result
     if result is None:
         return answer

@@ -1,6 +1,6 @@
-"""An indentor at a place over a model's patch, and how it is pressed to a depth.
+"""Indentor placed over a model's patch, and its loading path to a depth.
 
-At once, or in steps from first touch where a corner may bear.
+Smooth shapes go to the depth at once, others in steps from first touch where a corner may bear.
 """
 
 from dataclasses import dataclass, field, replace
@@ -33,7 +33,7 @@ _PRESS_IN_MM, _PRESS_IN_CORNER_MM, _PRESS_IN_FINE_MM = 0.2, 0.05, 0.0125
 OTHER_STEPS_MM = (0.0125, 0.00625)
 """Increments of the other loading paths (mm)."""
 
-_ON_THE_WAY = 1e-4  # residual that is enough where the next step starts
+_LOOSE_RESIDUAL = 1e-4  # sufficient residual at the start of the next step
 _CORNER_REACH_MM, _EDGE_STEP_MM = 0.1, 0.005
 _LEAST_SCALE_MM = 1e-3
 _FORCE_GUESS_MM = 0.3
@@ -41,7 +41,7 @@ _AXIS_NAMES = {X: "x", Z: "z"}
 
 
 class RimError(ModelRangeError, TooDeepError):
-    """The indentor would touch skin that the patch does not hold, at (x, z), and perhaps at others; mm."""
+    """Error of an indentor that would touch skin outside the patch, at (x, z) and perhaps elsewhere (mm)."""
 
     default_code = "at_rim"
 
@@ -50,11 +50,11 @@ class RimError(ModelRangeError, TooDeepError):
     ) -> None:
         super().__init__(message, code=code, **fields)
         self.at_mm = at_mm
-        self.others_mm = others_mm  # (n, 2) places beside the patch that the indentor, were it soft, would lie below
+        self.others_mm = others_mm  # (n, 2) undeformed skin beside the patch that the indentor would penetrate
 
 
 def refuse_beside_the_finger(config: FingertipConfig, x_mm: float, z_mm: float | None) -> None:
-    """Refuse a place that is not over a finger."""
+    """Raise ModelRangeError for a position that is not over the finger."""
     length_mm = config.geometry.length_mm
     if not abs(x_mm) <= FARTHEST_X_MM:
         raise ModelRangeError(
@@ -68,23 +68,23 @@ def refuse_beside_the_finger(config: FingertipConfig, x_mm: float, z_mm: float |
 
 
 def refuse_meaningless(indentor: Indentor, x_mm: float, z_mm: float | None) -> None:
-    """Refuse a place that makes no difference to an indentor; x = 0 is what it has when none is given."""
-    for axis, given in ((X, x_mm or None), (Z, z_mm)):
-        if given is not None and axis not in indentor.placed_by:
+    """Raise ModelRangeError for a position that makes no difference to an indentor; x = 0 is the default."""
+    for axis, position_mm in ((X, x_mm or None), (Z, z_mm)):
+        if position_mm is not None and axis not in indentor.placed_by:
             by = " and ".join(_AXIS_NAMES[axis] for axis in indentor.placed_by) or "its depth alone"
             raise ModelRangeError(
                 "{indentor}: {axis}_mm = {place_mm:g} does not apply; the shape is positioned by {placed_by}",
                 code="meaningless_place",
                 indentor=indentor.name,
                 axis=_AXIS_NAMES[axis],
-                place_mm=given,
+                place_mm=position_mm,
                 placed_by=by,
             )
 
 
 @dataclass(frozen=True)
 class PlacedIndentor:
-    """An indentor with its reference point at a place, along its axes; mm."""
+    """Indentor with its reference point at a position along its axes (mm)."""
 
     indentor: Indentor
     place: tuple[float, ...]
@@ -93,44 +93,44 @@ class PlacedIndentor:
     model: CondensedModel
 
     def pose(self, doi_mm: float) -> ContactPose:
-        """Where the indentor is at a depth."""
+        """Return the pose at a depth."""
         return ContactPose(self.indentor, self.place, self.zero_mm - doi_mm, max(doi_mm, _LEAST_SCALE_MM))
 
     @property
     def first_mm(self) -> float:
-        """DOI at first touch: 0, unless counted from the apex."""
+        """DOI at first touch (mm): 0, unless counted from the apex."""
         return self.zero_mm - self.touch.height_mm
 
     def bears_on_corner(self, state: ContactState) -> bool:
-        """Whether a place that bears lies where the profile turns within less than a node's spacing."""
+        """Return whether contact lies where the profile turns within less than a node's spacing."""
         return self._corner_near(self._bearing_mm(state))
 
     @cached_property
     def touches_corner(self) -> bool:
-        """The same of the place that is touched first."""
+        """Whether the first touch lies at such a corner."""
         return self._corner_near((np.array(self.touch.at_mm) - np.array(self.place))[:, None])
 
     def bears_on_edge(self, state: ContactState) -> bool:
-        """Whether a convex edge lies within 0.1 mm of a place that bears, along an axis."""
+        """Return whether a convex edge lies within 0.1 mm of the contact, along an axis."""
         bearing, steps = self._bearing_mm(state), np.arange(-_CORNER_REACH_MM, _CORNER_REACH_MM, _EDGE_STEP_MM)
         return any(
-            self._edge_between(bearing[..., None] + np.multiply.outer(way, steps)[:, None], axis)
-            for axis, way in enumerate(np.eye(len(bearing)))
+            self._edge_between(bearing[..., None] + np.multiply.outer(direction, steps)[:, None], axis)
+            for axis, direction in enumerate(np.eye(len(bearing)))
         )
 
     def _edge_between(self, offset_mm: Array, axis: int) -> bool:
-        """Whether the surface turns about an edge between (m, k, j) neighbours along an axis.
+        """Return whether the surface turns about an edge between (m, k, j) neighbors along an axis.
 
-        What turns by an angle is an arc of a radius r, or sharper, if the tangents at its ends meet r tan(angle / 2)
-        from the nearer end.
+        A surface that turns by an angle is an arc of radius r, or sharper, if the tangents at its ends intersect
+        r tan(angle / 2) from the nearer end.
         """
         surface = self.indentor.evaluate(offset_mm.reshape(len(offset_mm), -1))
         height, slope = (values.reshape(offset_mm.shape[1:]) for values in (surface.height_mm, surface.slope[axis]))
         turn = np.diff(np.arctan(slope))
         bent = turn > _EDGE_STEP_MM / EDGE_RADIUS_MM
         before, after, up = slope[:, :-1][bent], slope[:, 1:][bent], np.diff(height)[bent]
-        meet = (after * _EDGE_STEP_MM - up) / (after - before)
-        nearer = np.minimum(meet * np.hypot(1, before), (_EDGE_STEP_MM - meet) * np.hypot(1, after))
+        crossing = (after * _EDGE_STEP_MM - up) / (after - before)
+        nearer = np.minimum(crossing * np.hypot(1, before), (_EDGE_STEP_MM - crossing) * np.hypot(1, after))
         return bool((nearer < EDGE_RADIUS_MM * np.tan(0.5 * turn[bent])).any())
 
     def _corner_near(self, offset_mm: Array) -> bool:
@@ -138,22 +138,22 @@ class PlacedIndentor:
         return bool((turning > 2 * _CORNER_REACH_MM / SHARP_RADIUS_MM).any())
 
     def _bearing_mm(self, state: ContactState) -> Array:
-        """(m, k) places that bear, from the indentor's reference point."""
+        """Return (m, k) contact points, relative to the indentor's reference point."""
         patch = self.model.patch
         at = state.held.on(patch).interpolate(patch.tangential_mm + state.displacement[:-1])
         return at - np.array(self.place)[:, None]
 
     def refuse_touch_outside(self) -> None:
-        """Refuse a scene in which the indentor first touches skin beside the patch."""
+        """Raise RimError if the indentor first touches skin beside the patch."""
         for axis, at, nodes in zip(self.indentor.axes, self.touch.at_mm, self.model.patch.tangential_mm, strict=True):
             if not nodes.min() < at < nodes.max():
                 place = {X: 0.0, Z: self._plane_mm} | dict(zip(self.indentor.axes, self.touch.at_mm, strict=True))
                 what = "touches the skin at {axis} = {touch_mm:.2f} mm, outside the patch"
-                told = {"code": "touch_beside_patch", "axis": _AXIS_NAMES[axis], "touch_mm": float(at)}
-                raise self._beyond(what, (place[X], place[Z]), np.zeros((0, 2)), **told)
+                fields = {"code": "touch_beside_patch", "axis": _AXIS_NAMES[axis], "touch_mm": float(at)}
+                raise self._beyond(what, (place[X], place[Z]), np.zeros((0, 2)), **fields)
 
     def refuse_rim(self, pose: ContactPose, state: ContactState) -> None:
-        """Refuse an answer when the indentor touches skin that the patch does not hold."""
+        """Raise RimError if the indentor touches skin outside the patch."""
         patch, beside = self.model.patch, self.model.outside_mm
         at_rim = np.flatnonzero(state.active & patch.rim)
         y = beside[:, Y] + state.displacement[-1][self.model.outside_neighbour]
@@ -166,16 +166,16 @@ class PlacedIndentor:
 
     @property
     def _plane_mm(self) -> float:
-        """z of the receptor plane."""
+        """z of the receptor plane (mm)."""
         patch = self.model.patch
         return float(patch.position_mm[self.model.receptor_row * patch.shape[1], Z])
 
-    def _beyond(self, what: str, at_mm: tuple[float, float], others_mm: Array, **told: Any) -> RimError:
+    def _beyond(self, what: str, at_mm: tuple[float, float], others_mm: Array, **fields: Any) -> RimError:
         at = {axis: float(at) for axis, at in zip(self.indentor.axes, self.place, strict=True)}
         named = {_AXIS_NAMES[axis]: at[axis] for axis in self.indentor.placed_by}
         where = ", ".join(f"{name} = {{at_{name}_mm:g}}" for name in named)
         where = f" at {where} mm" if where else ""
-        told |= {f"at_{name}_mm": place for name, place in named.items()}
+        fields |= {f"at_{name}_mm": place for name, place in named.items()}
         size = "mesh.round_patch_mm" if len(at) > 1 else "mesh.patch_x_mm / patch_z_mm"
         return RimError(
             f"{{indentor}}{where}: {what}; use a smaller depth, a position nearer to the pad center, or a "
@@ -184,34 +184,36 @@ class PlacedIndentor:
             others_mm,
             indentor=self.indentor.name,
             size=size,
-            **told,
+            **fields,
         )
 
 
 @dataclass(frozen=True)
 class Pressing:
-    """Answers at one depth after another, each solved to a target residual."""
+    """Presses at one position to several depths, each solved to a target residual."""
 
     placed: PlacedIndentor
-    between_nodes: bool  # contact is enforced between nodes, too
+    between_nodes: bool  # whether contact is enforced between nodes, too
     target: float
-    _pressed: dict[float, ContactState] = field(default_factory=dict)  # by depth past first touch, loosely solved
+    _pressed: dict[float, ContactState] = field(default_factory=dict)  # intermediate states by depth past first touch
     under: Under | None = None
-    held_mm: Array | None = None  # (m, n) how far the tissue's past displaces the skin where it is linear
-    _lying: dict[float, "Pressing"] = field(default_factory=dict)  # by what linear tissue is held more
+    held_mm: Array | None = None  # (m, n) displacement by the load history, in linear tissue
+    _lying: dict[float, "Pressing"] = field(default_factory=dict)  # by stiffening factor
 
     @cached_property
     def _gathered(self) -> Gathered:
         return Gathered(self.placed.model.patch)
 
     def solve_from_rest(self, doi_mm: float, _: ContactState | None) -> ContactState:
-        """The answer at a depth, whatever was solved before."""
+        """Solve at a depth from rest."""
         return self.solve(doi_mm, None)
 
     def solve(self, doi_mm: float, start: ContactState | None) -> ContactState:
-        """At once from a start or for a smooth shape, else pressed in from first touch, finely if that misses.
+        """Solve at a depth: at once from a start or for a smooth shape, else in steps from first touch.
 
-        What bears at an edge finer than the points are apart counts as snapped: it may lie on either side.
+        Finer steps follow if the target is missed. Contact at an edge finer than the points' spacing counts as
+        snapped: it
+        may lie on either side.
         """
         lying = self.lying(doi_mm)
         state = lying._solved(doi_mm, start)
@@ -220,7 +222,7 @@ class Pressing:
         return replace(state, snapped=lying.placed.bears_on_edge(state))
 
     def lying(self, doi_mm: float) -> "Pressing":
-        """With the skin where it is held under a depth: forces displace tissue less that has stiffened."""
+        """Return the press on skin displaced by the load history; stiffened tissue moves less under it."""
         if self.held_mm is None:
             return self
         stiffer, model = self.strained(doi_mm).force, self.placed.model
@@ -241,13 +243,13 @@ class Pressing:
         return replace(better, passes=state.passes + finer.passes)
 
     def strained(self, doi_mm: float) -> Stiffened:
-        """How the tissue answers at a depth beside its linear twin."""
+        """Return the correction for tissue that stiffens, at a depth."""
         if self.under is None:
             return LINEAR_TISSUE
         return self.under.at(doi_mm - self.placed.first_mm, self.placed.model.receptors.position_mm)
 
     def solve_force(self, force_gwt: float, unit_n: float, deepest_mm: float) -> tuple[float, ContactState]:
-        """DOI and state at a force, a state's forces being in units. Raises ForceOutOfReachError."""
+        """Return DOI and state at a force, where states are in units of `unit_n` (N). Raises ForceOutOfReachError."""
         solve = self.solve_from_rest if self.placed.indentor.sharp else self.solve
         force, factor = force_gwt * GWT_N / unit_n, lambda doi_mm: self.strained(doi_mm).force
         try:
@@ -258,12 +260,12 @@ class Pressing:
             ) from None
 
     def by_other_paths(self, doi_mm: float) -> list[ContactState]:
-        """The answers at a depth at the end of paths in finer steps from first touch."""
+        """Return the states at a depth after paths in finer steps from first touch."""
         lying = self.lying(doi_mm)
         return [lying._in_equal_steps(doi_mm, step_mm, None) for step_mm in OTHER_STEPS_MM]
 
     def _pressed_in(self, doi_mm: float) -> ContactState:
-        """From first touch in long steps, and from where a corner bears in short ones: its side is chosen there."""
+        """Press from first touch in long steps, and in short ones where a corner bears, which choose its side."""
         before_mm, state = self.placed.first_mm, None
         for depth in self._depths(_PRESS_IN_MM, before_mm, doi_mm):
             if depth not in self._pressed:
@@ -289,14 +291,14 @@ class Pressing:
         return self._in_equal_steps(doi_mm, _PRESS_IN_FINE_MM, self.target)
 
     def _in_equal_steps(self, doi_mm: float, step_mm: float, on_the_way: float | None) -> ContactState:
-        """From first touch, each depth on the way solved to a target, or loosely."""
+        """Press from first touch, each intermediate depth solved to a target, or loosely."""
         state = None
         for depth in self._depths(step_mm, self.placed.first_mm, doi_mm):
             state = self._step(depth, state, on_the_way)
         return self._step(doi_mm, state, self.target)
 
     def _step(self, doi_mm: float, start: ContactState | None, target: float | None) -> ContactState:
-        """Solved at a depth, the passes counted from rest; without a target it is only on the way."""
+        """Solve at a depth, counting passes from rest; without a target the state is intermediate."""
         state = self._at(doi_mm, start, target)
         if start is None:
             return state
@@ -304,7 +306,7 @@ class Pressing:
 
     @staticmethod
     def _depths(step_mm: float, after_mm: float, before_mm: float) -> list[float]:
-        """Depths in equal steps between two others, both left out."""
+        """Return depths in equal steps strictly between two others."""
         return np.arange(after_mm + step_mm, before_mm - 1e-9, step_mm).tolist()
 
     def _at(self, doi_mm: float, start: ContactState | None, target: float | None) -> ContactState:
@@ -314,10 +316,10 @@ class Pressing:
             pose,
             start,
             between_nodes=self.between_nodes,
-            target=_ON_THE_WAY if target is None else target,
+            target=_LOOSE_RESIDUAL if target is None else target,
             gathered=self._gathered,
             on_the_way=target is None,
         )
-        if state.converged:  # an unfinished state may touch anything on its way
+        if state.converged:  # a state that has not converged may touch anything
             self.placed.refuse_rim(pose, state)
         return state

@@ -1,4 +1,4 @@
-"""One simulated indentation and everything that is read from it."""
+"""Results of simulated indentations and point loads."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
@@ -38,7 +38,7 @@ def median_of_four(x_mm: Array, pressure: Array) -> Array:
 
 
 def _opens_beyond(x_mm: Array, gap_mm: Array, last_mm: float) -> float:
-    """Where contact ends beyond the last node that bears, from two free nodes: there gap ∝ distance^1.5."""
+    """Return where contact ends beyond the last loaded node, from two free nodes with gap ∝ distance^1.5."""
     free = int(np.searchsorted(x_mm, last_mm, side="right"))
     if free + 1 >= len(x_mm):
         return last_mm
@@ -101,7 +101,7 @@ class IndentationResult:
     model: ModelOutline
     e_epidermis_mpa: float
     contact_s: float
-    _strain: Callable[[], Array]  # made when first asked for
+    _strain: Callable[[], Array]  # computed on first access
     other_forces_n: tuple[float, ...] = ()
     strained: Stiffened = LINEAR_TISSUE
 
@@ -283,37 +283,35 @@ class IndentationResult:
 
     @property
     def _pose(self) -> ContactPose:
-        """Where the indentor is; gaps are measured to it."""
+        """Pose of the indentor, to which gaps are measured."""
         at_mm = tuple({X: self.x_mm, Z: self.z_mm}[axis] for axis in self.indentor.axes)
         return ContactPose(self.indentor, at_mm, self.touch_height_mm - self.doi_mm, self.doi_mm)
 
     def __getstate__(self) -> dict[str, Any]:
-        kept = {field.name: getattr(self, field.name) for field in fields(self)}
-        return kept | {"state": _packed(self.state), "_strain": partial(np.array, self.receptor_strain)}
+        state = {field.name: getattr(self, field.name) for field in fields(self)}
+        return state | {"state": _packed(self.state), "_strain": partial(np.array, self.receptor_strain)}
 
-    def __setstate__(self, kept: dict[str, Any]) -> None:
-        self.__dict__.update(kept)
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
         patch, u = self.model.patch, self.state.displacement
         gap = self._pose.gap(patch.tangential_mm + u[:-1], patch.y + u[-1]).height_mm
         self.__dict__["state"] = replace(self.state, force=_unpacked(self.state.force, len(patch)), gap=gap)
 
 
 def _packed(state: ContactState) -> ContactState:
-    """A state with the forces of the nodes that bear only, their numbers above them, and without the gap."""
+    """Return the state with the forces of loaded nodes only, preceded by their numbers, and without the gap."""
     bearing = np.flatnonzero(state.force.any(axis=0))
     return replace(state, force=np.concatenate([bearing[None], state.force[:, bearing]]), gap=np.zeros(0))
 
 
 def _unpacked(force: Array, nodes: int) -> Array:
-    """(m, n) forces of all nodes."""
+    """Return (m, n) forces of all nodes."""
     everywhere = np.zeros((len(force) - 1, nodes))
     everywhere[:, force[0].astype(np.int64)] = force[1:]
     return everywhere
 
 
 # --- point load ---
-#
-# A simulated point load and everything that is read from it.
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -401,8 +399,6 @@ class PointLoadResult:
 
 
 # --- indentations ---
-#
-# Many indentations in the order in which they were asked for, and tables of them.
 
 Table = dict[str, NDArray[Any]]
 
@@ -422,7 +418,7 @@ class IndentationRequest(NamedTuple):
     force_gwt: float | None
 
 
-Asked = IndentationRequest  # so named in pickles of 0.1
+Asked = IndentationRequest  # the name in pickles of 0.1
 
 
 class IndentationOutcome(NamedTuple):
@@ -495,11 +491,13 @@ class Indentations:
         """
         plane = next((result.model.plane_mm for result in self if result is not None), np.nan)
         return {
-            "shape": np.array([_name(asked.shape) for asked in self.asked], dtype=str),
-            "x_mm": np.array([asked.x_mm for asked in self.asked], dtype=float),
-            "z_mm": np.array([plane if asked.z_mm is None else asked.z_mm for asked in self.asked], dtype=float),
-            "asked_doi_mm": np.array([asked.doi_mm for asked in self.asked], dtype=float),  # None becomes nan
-            "asked_force_gwt": np.array([asked.force_gwt for asked in self.asked], dtype=float),
+            "shape": np.array([_name(request.shape) for request in self.asked], dtype=str),
+            "x_mm": np.array([request.x_mm for request in self.asked], dtype=float),
+            "z_mm": np.array(
+                [plane if request.z_mm is None else request.z_mm for request in self.asked], dtype=float
+            ),
+            "asked_doi_mm": np.array([request.doi_mm for request in self.asked], dtype=float),  # None becomes nan
+            "asked_force_gwt": np.array([request.force_gwt for request in self.asked], dtype=float),
             **{name: self._numbers(name) for name in _NUMBERS},
             "regions": np.array([0 if result is None else len(result.contact_regions_mm) for result in self]),
             "residual": np.array([np.nan if result is None else result.state.residual for result in self]),

@@ -1,7 +1,7 @@
 """The finger's section in the receptor plane, in plane strain.
 
-A slab 1 mm thick, all of whose faces move alike and not along z. Forces are per millimetre of a finger that has this
-section everywhere and is pressed along its whole length.
+The mesh is a slab 1 mm thick, all of whose faces move alike and not along z. Forces are per millimeter of a finger
+that has this section everywhere and is pressed along its whole length.
 """
 
 from dataclasses import replace
@@ -28,7 +28,7 @@ AXES = (X, Y)
 
 
 def prismatic(surface: FingertipSurface, plane_mm: float) -> FingertipSurface:
-    """The skin of a finger that has one section everywhere."""
+    """Return the skin of a finger with the same section everywhere."""
     knots = np.array([0.0, 0.0, surface.geometry.length_mm, surface.geometry.length_mm])
     return replace(surface, curves=BSpline(knots, np.tile(surface.parameters(plane_mm), (2, 1)), 1))
 
@@ -52,10 +52,10 @@ def build_section(
     upper = sp.csr_array(sp.triu(spread.T @ symmetric(assembled(config, mesh)) @ spread, format="csr"))
     pressed = unknown[mesh.patch_nodes][:, AXES].T.ravel()
     kept = np.sort(pressed)
-    place = np.searchsorted(kept, pressed)
+    order = np.searchsorted(kept, pressed)
     operator, layers = strain_operator(mesh, receptors.position_mm)
     with condense(upper, kept, np.zeros((upper.shape[0], 1), np.int64)) as factor:
-        compliance = factor.compliance[place].take(place, axis=1)
+        compliance = factor.compliance[order].take(order, axis=1)
         loads = (operator @ spread).toarray()
         strain = (factor.solve(loads) if len(loads) else loads) @ spread.T
     patch = Patch(mesh.nodes[mesh.patch_nodes], mesh.patch_area_mm2, mesh.patch_shape, AXES, compliance=compliance)
@@ -81,7 +81,7 @@ def build_section(
 
 
 def _unknowns(mesh: FingerMesh) -> Ints:
-    """(n_nodes, 3) unknown of each displacement, the same on all faces; −1 where it is held, and along z."""
+    """Return (n_nodes, 3) unknown of each displacement, equal on all faces; −1 where fixed, and along z."""
     free = ~mesh.fixed.reshape(mesh.grid)[0].ravel()
     face = np.full((len(free), 3), -1)
     face[free, :2] = np.arange(2 * free.sum()).reshape(-1, 2)

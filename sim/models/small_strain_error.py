@@ -1,6 +1,6 @@
-"""How far an answer at small strain may be trusted: what finite strain makes of the same presses, as measured.
+"""Measured deviation of small-strain results from finite strain.
 
-`python -m studies.finite_strain.tables` makes the table; `docs/small_strain.md` says how.
+`python -m studies.finite_strain.tables` makes the table; `docs/small_strain.md` explains it.
 """
 
 import json
@@ -14,18 +14,18 @@ from typing import Any, NamedTuple
 from sim.models.stiffening import FORCE_ERROR, SED_ERROR
 
 FILE = "small_strain.json"
-_LEAST_SAID = 0.01
+_LEAST_REPORTED = 0.01
 
 
 class DeviationRange(NamedTuple):
-    """Linear over finite strain, less one: the least and the most of all shapes compared."""
+    """Smallest and largest of linear / finite strain − 1 over all compared shapes."""
 
     low: float
     high: float
 
     def __str__(self) -> str:
         low, high = round(100 * self.low), round(100 * self.high)
-        if max(abs(self.low), abs(self.high)) < _LEAST_SAID:
+        if max(abs(self.low), abs(self.high)) < _LEAST_REPORTED:
             return "within 1 %"
         if low == high:
             return f"{abs(low)} % {_side(low)}"
@@ -37,9 +37,9 @@ class DeviationRange(NamedTuple):
 
 @dataclass(frozen=True)
 class SmallStrain:
-    """What small strain is off at a depth, by the specimen's kind; None where nothing was compared.
+    """Deviation of a small-strain result at a depth, by kind of model; None where nothing was compared.
 
-    Of tissue that stiffens it is what the correction for finite strain is off.
+    For tissue that stiffens it is the deviation of the correction for finite strain.
     """
 
     kind: str
@@ -50,7 +50,7 @@ class SmallStrain:
 
     @property
     def note(self) -> str:
-        """In one line."""
+        """Summary in one line."""
         if self.stiffening > 0:
             force, sed = (f"{100 * error:g} %" for error in (FORCE_ERROR, SED_ERROR))
             return f"finite strain, stiffening {self.stiffening:g}: force within {force}, highest SED within {sed}"
@@ -61,12 +61,12 @@ class SmallStrain:
         return f"small strain: at {self.doi_mm:.2f} mm the linear force is {self.force}, SED {self.sed}"
 
     def as_json(self) -> dict[str, Any]:
-        """For programs."""
+        """Return the entry of JSON output."""
         return {"note_text": self.note, "force": self.force, "sed": self.sed}
 
 
 def small_strain(kind: str, doi_mm: float, stiffening: float = 0.0) -> SmallStrain:
-    """Of a model's kind ("finger", "section", "halfspace") at the depth, or the deepest depth, of an answer in mm."""
+    """Return the deviation for a kind of model ("finger", "section", "halfspace") at a depth in mm."""
     if stiffening > 0:
         force, sed = (DeviationRange(-error, error) for error in (FORCE_ERROR, SED_ERROR))
         return SmallStrain(kind, doi_mm, force, sed, stiffening)
@@ -84,10 +84,10 @@ Point = tuple[float, DeviationRange, DeviationRange]
 
 @cache
 def _curves() -> Mapping[str, tuple[Point, ...]]:
-    kept = json.loads((files("sim.data") / FILE).read_text("utf-8"))
+    stored = json.loads((files("sim.data") / FILE).read_text("utf-8"))
     return {
         kind: tuple((row["doi_mm"], DeviationRange(*row["force"]), DeviationRange(*row["sed"])) for row in rows)
-        for kind, rows in kept["curves"].items()
+        for kind, rows in stored["curves"].items()
     }
 
 

@@ -1,4 +1,4 @@
-"""Where a finger's models and columns come from: the disk, or made anew each time."""
+"""Sources of a finger's models and columns: the disk, or a new build each time."""
 
 from collections.abc import Callable, Hashable
 from copy import copy
@@ -22,30 +22,28 @@ from sim.models.finger_3d import build_finger
 from sim.models.pressing import RimError
 
 # --- patches ---
-#
-# A larger patch for a scene that leaves the mesh's own: how large, and whether it fits into the memory.
 
 Array = NDArray[np.float64]
 HalfWidths = tuple[float, float]
 """Half-widths along x and z, in the receptor plane (mm)."""
 
-_GROWTH = 1.25  # a patch is so many times as wide as the mesh's own, or a power of that: scenes share them
-_TOUCHED = 0.85  # how far contact goes of how far the indentor would lie below the undeformed skin
+_GROWTH = 1.25  # widths are the mesh's own times a power of this, so that presses share patches
+_TOUCHED = 0.85  # contact width relative to the width over which the indentor lies below the undeformed skin
 _MARGIN_MM = 1.5  # beyond a first touch
-_FROM_ENDS_MM = 0.5  # of the finger, as the mesh wants it
-_OF_HALF_WIDTH = 0.93  # of the section; its sides are no function of x
-_COPIES = 10  # of the compliance while it is made, the factor that it comes from counted in; measured
+_FROM_ENDS_MM = 0.5  # distance from the finger's ends that the mesh requires
+_OF_HALF_WIDTH = 0.93  # of the section: y is no function of x at its sides
+_COPIES = 10  # of the compliance in memory during a build, including its factor; measured
 _BYTES = 8
 
 
 def half_widths(config: FingertipConfig, slopes: tuple[int, ...]) -> HalfWidths:
-    """Of the patch that the mesh has by itself, for indentors that slope along some axes."""
+    """Return the half-widths of the mesh's own patch, for indentors that slope along some axes."""
     mesh = meshed_for(config, slopes).mesh
     return mesh.patch_x_mm, mesh.patch_z_mm
 
 
 def widened(config: FingertipConfig, patch: HalfWidths | None) -> FingertipConfig:
-    """The same finger with another patch."""
+    """Return the same finger with another patch."""
     if patch is None:
         return config
     sizes = {"patch_x_mm": patch[0], "patch_z_mm": patch[1], "round_patch_mm": 0.0}
@@ -53,52 +51,52 @@ def widened(config: FingertipConfig, patch: HalfWidths | None) -> FingertipConfi
 
 
 def larger(
-    config: FingertipConfig, surface: FingertipSurface, slopes: tuple[int, ...], patch: HalfWidths, met: RimError
+    config: FingertipConfig, surface: FingertipSurface, slopes: tuple[int, ...], patch: HalfWidths, error: RimError
 ) -> HalfWidths:
-    """The next larger patch where an indentor met the rim of one.
+    """Return the next larger patch after contact reached the rim of one.
 
-    Raises `met` where there is none, and ModelRangeError where it would take too much memory.
+    Raises the RimError where there is none, and ModelRangeError where it would take too much memory.
     """
     if not config.contact.patch_gb:
-        raise met
+        raise error
     centre = np.array([0.0, config.receptor_plane_mm])
-    reach, others = np.abs(met.at_mm - centre), np.abs(met.others_mm - centre)
+    reach, others = np.abs(error.at_mm - centre), np.abs(error.others_mm - centre)
     spacing = np.array([config.mesh.spacing_mm, meshed_for(config, slopes).mesh.axial_mm])
-    now, own, most = np.array(patch), np.array(half_widths(config, slopes)), _most(config, surface, spacing[1])
-    at_rim = reach > now - 1.5 * spacing
-    least = np.where(at_rim | ~at_rim.any(), _GROWTH * now, now)
+    current, own, most = np.array(patch), np.array(half_widths(config, slopes)), _most(config, surface, spacing[1])
+    at_rim = reach > current - 1.5 * spacing
+    least = np.where(at_rim | ~at_rim.any(), _GROWTH * current, current)
     touched = _TOUCHED * others.max(axis=0) if len(others) else np.where(at_rim, reach + _MARGIN_MM, 0.0)
     steps = np.ceil(np.log(np.maximum(least, touched) / own) / np.log(_GROWTH) - 1e-6)
-    then = np.minimum(own * _GROWTH**steps, np.maximum(most, now))
-    if (then <= now).all() or (not len(others) and (reach >= then).any()):
-        raise met
-    found = float(then[0]), float(then[1])
-    _refuse_memory(config, surface, slopes, found, met)
+    next_mm = np.minimum(own * _GROWTH**steps, np.maximum(most, current))
+    if (next_mm <= current).all() or (not len(others) and (reach >= next_mm).any()):
+        raise error
+    found = float(next_mm[0]), float(next_mm[1])
+    _refuse_memory(config, surface, slopes, found, error)
     return found
 
 
 def _most(config: FingertipConfig, surface: FingertipSurface, axial_mm: float) -> Array:
-    """(2,) the largest half-widths that the finger has room for."""
+    """Return (2,) the largest half-widths that fit on the finger (mm)."""
     x, _ = surface.section(np.linspace(0.0, np.pi, 181), config.receptor_plane_mm)
     along = min(config.receptor_plane_mm, config.geometry.length_mm - config.receptor_plane_mm) - _FROM_ENDS_MM
     return np.array([_OF_HALF_WIDTH * min(x.max(), -x.min()), axial_mm * np.floor(along / axial_mm)])
 
 
 def _refuse_memory(
-    config: FingertipConfig, surface: FingertipSurface, slopes: tuple[int, ...], patch: HalfWidths, met: RimError
+    config: FingertipConfig, surface: FingertipSurface, slopes: tuple[int, ...], patch: HalfWidths, error: RimError
 ) -> None:
     meshed = meshed_for(widened(config, patch), slopes)
     try:
         nodes = int(axial_places(meshed)[1].sum()) * int(angles_around(meshed, surface)[1].sum())
     except MeshError:
-        raise met from None
+        raise error from None
     needed_gb = _COPIES * _BYTES * (nodes * (len(slopes) + 1)) ** 2 / 1e9
     if needed_gb > config.contact.patch_gb:
         raise ModelRangeError(
             "{problem}; a patch of ± {patch_x_mm:.2f} × ± {patch_z_mm:.2f} mm would take {needed_gb:.2g} GB, "
             "more than contact.patch_gb = {patch_gb:g} GB",
             code="patch_too_large",
-            problem=str(met),
+            problem=str(error),
             patch_x_mm=patch[0],
             patch_z_mm=patch[1],
             needed_gb=needed_gb,
@@ -107,28 +105,28 @@ def _refuse_memory(
 
 
 MeshKey = tuple[tuple[int, ...], HalfWidths | None]
-"""The axes along which indentors slope, and the half-widths (mm) of a patch that is not the mesh's own."""
+"""Axes along which indentors slope, and the half-widths (mm) of a patch larger than the mesh's own."""
 
 
 class ModelSource(Protocol):
-    """Gives a finger's models, and columns of strain under them."""
+    """Source of a finger's models, and of columns of strain under them."""
 
     def model(self, key: MeshKey) -> tuple[CondensedModel, bool]:
-        """A model with the columns of the finger's own receptors, and whether all of it was on disk."""
+        """Return a model with the columns of the finger's own receptors, and whether all of it was on disk."""
         ...
 
     def interior(self, key: MeshKey) -> Interior | None:
-        """The whole mesh of a model; None where strain anywhere is to be had without."""
+        """Return the whole mesh of a model; None where strain anywhere does not need it."""
         ...
 
     def columns(self, key: MeshKey, receptors: ReceptorSet, solve: Callable[[], Columns] | None = None) -> Columns:
-        """Columns of any places; `solve` makes them where they are not known. Raises ReceptorError."""
+        """Return columns of any points, computed by `solve` if they are not stored. Raises ReceptorError."""
         ...
 
 
 @dataclass(frozen=True)
 class OnDisk:
-    """A finger's models and columns in files of their own: other receptors are a small one beside the same model."""
+    """Source with models and columns in separate files, so that other receptors reuse the same model."""
 
     config: FingertipConfig
     surface: FingertipSurface
@@ -136,7 +134,7 @@ class OnDisk:
     solver: str
 
     def model(self, key: MeshKey) -> tuple[CondensedModel, bool]:
-        """Read, or built: then one factorisation makes model and columns."""
+        """Read a model, or build it: one factorization gives model and columns."""
         slopes, patch = key
         timing_s: dict[str, float] = {}
 
@@ -147,16 +145,16 @@ class OnDisk:
             return {name: np.ascontiguousarray(array) for name, array in to_arrays(built).items()}
 
         arrays, read = cached_arrays(content_key(self.made_of(key)), make)  # the same to the last bit, made or read
-        columns, as_well = self._columns(key, self.receptors, None)
-        return replace(from_arrays(arrays, self.surface, columns), timing_s=timing_s), read and as_well
+        columns, columns_read = self._columns(key, self.receptors, None)
+        return replace(from_arrays(arrays, self.surface, columns), timing_s=timing_s), read and columns_read
 
     def interior(self, key: MeshKey) -> Interior:
-        """The mesh and, when it is needed, its factor."""
+        """Return the mesh, which is factored on first use."""
         slopes, patch = key
         return Interior(widened(self.config, patch), self.surface, slopes, self.solver)
 
     def columns(self, key: MeshKey, receptors: ReceptorSet, solve: Callable[[], Columns] | None = None) -> Columns:
-        """Read, or solved for."""
+        """Read columns, or solve for them."""
         return self._columns(key, receptors, solve)[0]
 
     def _columns(
@@ -167,14 +165,14 @@ class OnDisk:
         return Columns(receptors, *(np.asarray(arrays[name], dtype=float) for name in STORED)), read
 
     def columns_path(self, key: MeshKey) -> Path:
-        """Where those of the finger's own receptors are kept."""
+        """Return the path of the columns of the finger's own receptors."""
         return path_of(self._columns_key(key, self.receptors), "columns")
 
     def _columns_key(self, key: MeshKey, receptors: ReceptorSet) -> str:
         return content_key([*self.made_of(key), receptors.position_mm.tolist()])
 
     def made_of(self, key: MeshKey) -> list[object]:
-        """What says how a model comes out, but for the code."""
+        """Return all inputs that determine a model, except the code."""
         slopes, patch = key
         described = self.config.model_dump(
             mode="json", exclude={"contact": True, "tissue": {"stiffness", "stiffening"}}
@@ -184,34 +182,34 @@ class OnDisk:
 
 @dataclass(frozen=True)
 class Anew:
-    """Made each time; `build` gives a model with the columns of some receptors, or `whole` the mesh of a finger."""
+    """Source that builds each time: `build` a model with columns of receptors, `whole` the mesh of a finger."""
 
     build: Callable[[MeshKey, ReceptorSet], CondensedModel]
     receptors: ReceptorSet
     whole: Callable[[MeshKey], Interior] | None = None
 
     def model(self, key: MeshKey) -> tuple[CondensedModel, bool]:
-        """Built."""
+        """Build a model."""
         return self.build(key, self.receptors), False
 
     def interior(self, key: MeshKey) -> Interior | None:
-        """Of a finger."""
+        """Return the mesh of a finger, None for other models."""
         return None if self.whole is None else self.whole(key)
 
     def columns(self, key: MeshKey, receptors: ReceptorSet, solve: Callable[[], Columns] | None = None) -> Columns:
-        """By an adjoint solve where there is a whole mesh, else with a model that is built for them."""
+        """Compute columns by an adjoint solve where there is a whole mesh, else build a model for them."""
         return self.build(key, receptors).columns if solve is None else solve()
 
 
 # --- recipe ---
 #
-# How a finger crosses processes: by what it was made from, never by its matrices.
+# A pickled finger holds the call that made it instead of its matrices.
 
 _KEPT = 2
 
 
 class Recipe(NamedTuple):
-    """A call that makes the finger: an importable function, its arguments, and those that go by name."""
+    """Call that makes a finger: an importable function, its positional and its keyword arguments."""
 
     make: Callable[..., Any]
     arguments: tuple[Hashable, ...]
@@ -219,18 +217,18 @@ class Recipe(NamedTuple):
 
     @classmethod
     def of(cls, make: Callable[..., Any], *arguments: Hashable, **options: Hashable) -> "Recipe":
-        """The recipe that calls it so."""
+        """Return the recipe of a call."""
         return cls(make, arguments, tuple(options.items()))
 
 
 @lru_cache(maxsize=_KEPT)
 def made(recipe: Recipe) -> Any:
-    """What a recipe makes, kept: a process to which a finger is sent with each task reads its models once."""
+    """Return the result of a recipe, cached, so that a process reads a finger's models once for all its tasks."""
     return recipe.make(*recipe.arguments, **dict(recipe.options))
 
 
 class ByRecipe:
-    """Copies share everything that is costly, and a pickle holds the recipe and the stiffness scale only."""
+    """Base class whose copies share all that is costly, and whose pickles hold recipe and stiffness scale only."""
 
     recipe: Recipe
     e_epidermis_mpa: float

@@ -1,8 +1,10 @@
-"""How much more tissue bears at finite strain than its linear twin: low-order functions, fitted to references.
+"""Force and energy at finite strain relative to linear tissue: low-order functions, fitted to references.
 
-Every layer is Yeoh's, w = ½ μ (i + a i²) with i = Ī₁ − 3 (Yeoh 1993), a its stiffening. A factor's logarithm is what
-finite strain alone makes of it, and a multiple of ln(1 + a × a strain). `python -m studies.stiffening.fitted` prints
-the numbers; how near: `docs/validation/stiffening.md`; what was tried: `docs/decisions/0030-tissue-that-stiffens.md`.
+Every layer follows Yeoh's law, w = ½ μ (i + a i²) with i = Ī₁ − 3 (Yeoh 1993) and stiffening a. A factor's logarithm
+is
+the effect of finite strain alone plus a multiple of ln(1 + a × a strain). `python -m studies.stiffening.fitted`
+prints the numbers; errors: `docs/validation/stiffening.md`; alternatives:
+`docs/decisions/0030-tissue-that-stiffens.md`.
 """
 
 from dataclasses import dataclass, field
@@ -25,24 +27,25 @@ Array = NDArray[np.float64]
 
 
 class DimensionlessPress(NamedTuple):
-    """A press as numbers without unit; each may be an array."""
+    """Press as dimensionless numbers; each may be an array."""
 
-    depth: float | Array  # past first touch, over the tissue's thickness
-    width: float | Array  # mean area of overlap with the undeformed skin, over the thickness squared
-    length: float | Array  # radius of the overlap along its longer way, over the thickness
-    confined: float | Array  # by what the overlap's volume grows less than by the square of depth, as powers: edges
+    depth: float | Array  # depth past first touch / thickness of the tissue
+    width: float | Array  # mean area of overlap with the undeformed skin / thickness²
+    length: float | Array  # radius of the overlap along its longer axis / thickness
+    confined: float | Array  # 2 − the power with which the overlap's volume grows with depth; positive at edges
     bend: float | Array  # depth past first touch times the skin's mean curvature
-    roof: float | Array  # stiffness of the epidermis, stretched, over that of what lies below it, squeezed
+    roof: float | Array  # stiffness of the stretched epidermis / that of the compressed tissue below it
 
 
 Press = DimensionlessPress  # so named in pickles of 0.1
 
 
 class ForceFactor(NamedTuple):
-    """Numbers of the force's factor.
+    """Coefficients of the force factor.
 
     A stiff skin is an arch that flattens, at first by its curvature alone; the stiffer it is, and the shorter the
-    press, the more it loses. Tissue is squeezed against the bone. The law's strain grows where edges confine it.
+    press, the more force it loses. Tissue is squeezed against the bone. The law's strain grows where edges confine
+    it.
     """
 
     arch: float
@@ -58,35 +61,36 @@ class ForceFactor(NamedTuple):
     strain_confined: float
 
     def geometric(self, press: DimensionlessPress) -> Array:
-        """Logarithm of the factor of tissue that does not stiffen."""
+        """Return the logarithm of the factor for tissue that does not stiffen."""
         lost = self.arch * press.roof**self.arch_roof * press.length**self.arch_length
         squeeze = self.squeeze * press.depth**self.squeeze_depth * press.width**self.squeeze_width
         return np.asarray(squeeze - lost * np.tanh(self.arch_slope * press.bend / lost))
 
     def strained(self, press: DimensionlessPress) -> Array:
-        """By what times the stiffening, and 1, the law multiplies."""
+        """Return the strain by which the stiffening is multiplied in the law."""
         confined = np.exp(self.strain_confined * press.confined)
         return np.asarray(self.strain * press.depth**self.strain_depth * confined)
 
     def log(self, geometric: Array, strained: Array, stiffening: float | Array) -> Array:
-        """Logarithm of the factor, of its two parts."""
+        """Return the logarithm of the factor from its two parts."""
         return np.asarray(geometric + self.law * np.log1p(stiffening * strained))
 
 
 class Felt(NamedTuple):
-    """What receptors feel of a press, as numbers without unit; each (n,)."""
+    """Press at the receptors as dimensionless numbers, each (n,)."""
 
-    squeeze: Array  # how far the indentor comes into the tissue there, over its thickness
-    soft: Array  # stiffness of all below the epidermis, over that of the receptor's layer
-    linear: Array  # energy of the linear twin, over half the shear modulus: Ī₁ − 3 where strain is small
+    squeeze: Array  # penetration of the indentor into the tissue above and below / its thickness
+    soft: Array  # stiffness of all below the epidermis / that of the receptor's layer
+    linear: Array  # energy in linear tissue / half the shear modulus: Ī₁ − 3 where strain is small
 
 
 class Energy(NamedTuple):
-    """Numbers of the energy at a receptor.
+    """Coefficients of the energy at a receptor.
 
-    What linear tissue has there gathers where the press is deepest and leaves what lies beside it. What squeezed
-    tissue has at finite strain beyond small strain comes on top: linear tissue knows nothing of that. The law's
-    strain is the squeezed tissue's, and grows where edges confine it as the force's does.
+    Energy of linear tissue gathers where the press is deepest and decreases beside it. The energy of squeezed tissue
+    at
+    finite strain beyond small strain, which linear tissue lacks, is added. The law's strain is that of the squeezed
+    tissue, and grows where edges confine it, as in the force.
     """
 
     gather: float
@@ -96,21 +100,21 @@ class Energy(NamedTuple):
     squeeze_roof: float
     strain: float
 
-    def geometric(self, press: DimensionlessPress, felt: Felt) -> Array:
-        """(n,) energy over half the shear modulus of tissue that does not stiffen."""
-        share = felt.squeeze / press.depth
+    def geometric(self, press: DimensionlessPress, receptors: Felt) -> Array:
+        """Return (n,) energy over half the shear modulus for tissue that does not stiffen."""
+        share = receptors.squeeze / press.depth
         moved = np.exp(press.depth * (self.gather * share - self.leave))
-        layers = felt.soft**self.squeeze_soft * press.roof**self.squeeze_roof
-        return np.asarray(felt.linear * moved + self.squeeze * layers * share * _beyond_small(felt.squeeze))
+        layers = receptors.soft**self.squeeze_soft * press.roof**self.squeeze_roof
+        return np.asarray(receptors.linear * moved + self.squeeze * layers * share * _beyond_small(receptors.squeeze))
 
-    def strained(self, press: DimensionlessPress, felt: Felt) -> Array:
-        """(n,) by what times the stiffening, and 1, the law multiplies."""
-        invariant = 4 * felt.squeeze**2 + _beyond_small(felt.squeeze)
+    def strained(self, press: DimensionlessPress, receptors: Felt) -> Array:
+        """Return (n,) strain by which the stiffening is multiplied in the law."""
+        invariant = 4 * receptors.squeeze**2 + _beyond_small(receptors.squeeze)
         return np.asarray(self.strain * invariant * np.exp(FORCE.strain_confined * press.confined))
 
 
 def _beyond_small(squeeze: Array) -> Array:
-    """(n,) by what Ī₁ − 3 of tissue squeezed between plates, (λ − 1/λ)², is more than 4 (1 − λ)²."""
+    """Return (n,) the excess of Ī₁ − 3 of tissue squeezed between plates, (λ − 1/λ)², over 4 (1 − λ)²."""
     stretch = 1 - squeeze
     return np.asarray((stretch - 1 / stretch) ** 2 - 4 * squeeze**2)
 
@@ -125,80 +129,80 @@ _NONE = 1e-12
 
 
 def log_force(numbers: ForceFactor, stiffening: float | Array, press: DimensionlessPress) -> Array:
-    """Logarithm of force over that of the linear twin."""
+    """Return the logarithm of force / force of linear tissue."""
     return numbers.log(numbers.geometric(press), numbers.strained(press), stiffening)
 
 
-def log_energy(numbers: Energy, stiffening: float | Array, press: DimensionlessPress, felt: Felt) -> Array:
-    """(n,) logarithm of energy over the linear twin's."""
-    law = 0.5 * np.log1p(stiffening * numbers.strained(press, felt))
-    return np.asarray(np.log(_over_linear(numbers, press, felt)) + law)
+def log_energy(numbers: Energy, stiffening: float | Array, press: DimensionlessPress, receptors: Felt) -> Array:
+    """Return (n,) the logarithm of energy / energy of linear tissue."""
+    law = 0.5 * np.log1p(stiffening * numbers.strained(press, receptors))
+    return np.asarray(np.log(_over_linear(numbers, press, receptors)) + law)
 
 
-def _over_linear(numbers: Energy, press: DimensionlessPress, felt: Felt) -> Array:
-    return np.asarray(numbers.geometric(press, felt) / np.maximum(felt.linear, _NONE))
+def _over_linear(numbers: Energy, press: DimensionlessPress, receptors: Felt) -> Array:
+    return np.asarray(numbers.geometric(press, receptors) / np.maximum(receptors.linear, _NONE))
 
 
 def force_factor(stiffening: float, press: DimensionlessPress) -> float:
-    """Force over that of the linear twin at the same depth."""
+    """Return force / force of linear tissue at the same depth."""
     return float(np.exp(log_force(FORCE, stiffening, press)))
 
 
-def strain_and_stress(stiffening: float, press: DimensionlessPress, felt: Felt) -> tuple[Array, Array]:
-    """(n,) each over the linear twin's; energy has both: the law is all stress, of the rest each has the root."""
-    strain = np.sqrt(_over_linear(ENERGY, press, felt))
-    return strain, strain * np.sqrt(1 + stiffening * ENERGY.strained(press, felt))
+def strain_and_stress(stiffening: float, press: DimensionlessPress, receptors: Felt) -> tuple[Array, Array]:
+    """Return (n,) strain and stress relative to linear tissue: the law acts on stress alone, the rest on both."""
+    strain = np.sqrt(_over_linear(ENERGY, press, receptors))
+    return strain, strain * np.sqrt(1 + stiffening * ENERGY.strained(press, receptors))
 
 
 # --- overlap ---
 #
-# Where an indentor would lie below a skin that did not give: how wide a press is, whatever the tissue.
+# The volume in which the indentor overlaps the undeformed skin measures the width of a press, whatever the tissue.
 
 _AROUND, _ALONG = 81, 121
 _BESIDE_MM = 1e-6
-_SEEN_MM = 0.1  # a shallower overlap covers too few places to have a form; it is that of a paraboloid anyway
-_NONE_MM3 = 1e-9  # so that what is finer than places are apart is a paraboloid
-_ABOUT = np.linspace(-1, 1, 43)[1::2]  # middles of parts, over a place's depth below the skin
-_MOST_STRAIN = 0.9  # deeper than any finger is pressed
-_SIDE_RAD = 0.05  # of a section's widest places; the pulp is what lies above them
+_LEAST_DEPTH_MM = 0.1  # a shallower overlap covers too few points to have a form, and is a paraboloid anyway
+_NONE_MM3 = 1e-9  # so that an overlap finer than the points' spacing counts as a paraboloid
+_ABOUT = np.linspace(-1, 1, 43)[1::2]  # midpoints of intervals / depth below the skin
+_MOST_STRAIN = 0.9  # more than in any allowed press
+_SIDE_RAD = 0.05  # beyond a section's widest points; the pulp lies above them
 
 
 @dataclass(frozen=True)
 class Overlap:
-    """Places of the skin: gaps (n,) at first touch in mm, vertical; across and along (2, n) mm; areas (n,) in mm²."""
+    """Skin points: vertical gaps (n,) at first touch, positions across and along (2, n), in mm; areas (n,) in mm²."""
 
     gap_mm: Array
     at_mm: Array
     area_mm2: Array
 
     def volume_mm3(self, past_touch_mm: float) -> float:
-        """Between indentor and undeformed skin, so far past first touch."""
+        """Return the volume between indentor and undeformed skin at a depth past first touch."""
         return float(self._moments(past_touch_mm)[0])
 
     def long_radius_mm(self, past_touch_mm: float) -> float:
-        """Of the paraboloid that reaches as far along the longer way: ⟨r²⟩ = R d / 3 over its volume."""
-        deep_mm = max(past_touch_mm, _SEEN_MM)
+        """Return the radius of the paraboloid of the same extent along the longer axis: ⟨r²⟩ = R d / 3."""
+        deep_mm = max(past_touch_mm, _LEAST_DEPTH_MM)
         volume, *others = self._moments(deep_mm)
         x, z, xx, xz, zz = (other / (volume + _NONE_MM3) for other in others)
         across, both, along = xx - x * x, xz - x * z, zz - z * z
         longest_mm2 = 0.5 * (across + along) + np.hypot(0.5 * (across - along), both)
-        return float(3 * (longest_mm2 + self.area_mm2.mean() / 12) / deep_mm)  # a place has an extent of its own
+        return float(3 * (longest_mm2 + self.area_mm2.mean() / 12) / deep_mm)  # adds the extent of one cell
 
     def power(self, past_touch_mm: float) -> float:
-        """By which the volume grows with depth: a paraboloid's 2, less where an edge ends the overlap."""
-        deep_mm = max(past_touch_mm, _SEEN_MM)
+        """Return the power with which the volume grows with depth: 2 for a paraboloid, less where an edge ends it."""
+        deep_mm = max(past_touch_mm, _LEAST_DEPTH_MM)
         whole, half = self.volume_mm3(deep_mm), self.volume_mm3(0.5 * deep_mm)
         return float(np.log2((whole + _NONE_MM3) / (half + _NONE_MM3 / 4)))
 
     def _moments(self, past_touch_mm: float) -> Array:
-        """(6,) of the volume: itself, and weighted with x, z, x², xz, z²."""
+        """Return (6,) the volume, and its moments x, z, x², xz, z²."""
         gap, flat, above = self._by_gap
         k = int(np.searchsorted(gap, past_touch_mm))
         return np.asarray(past_touch_mm * flat[k] - above[k])
 
     @cached_property
     def _by_gap(self) -> tuple[Array, Array, Array]:
-        """(m,) gaps in order, and sums of areas' and areas times gaps' (m + 1, 6) moments over all that are less."""
+        """(m,) ascending gaps, and cumulative moments (m + 1, 6) of areas and of areas × gaps."""
         order = np.argsort(self.gap_mm)[: np.isfinite(self.gap_mm).sum()]
         gap, (x, z) = self.gap_mm[order], self.at_mm[:, order]
         moments = np.stack([np.ones_like(x), x, z, x * x, x * z, z * z], axis=1) * self.area_mm2[order, None]
@@ -208,23 +212,27 @@ class Overlap:
 
 
 def overlap(
-    indentor: Indentor, place: tuple[float, ...], touch: FirstTouch, surface: FingertipSurface, length_mm: float
+    indentor: Indentor,
+    reference_mm: tuple[float, ...],
+    touch: FirstTouch,
+    surface: FingertipSurface,
+    length_mm: float,
 ) -> Overlap:
-    """Of an indentor at a place along its axes, over a pulp of some length."""
+    """Return the overlap of an indentor at a position along its axes, over a pulp of some length."""
     phi = np.linspace(_SIDE_RAD, np.pi - _SIDE_RAD, _AROUND)
     z = np.linspace(0.0, length_mm, _ALONG)
     x, y = surface.section(phi, z[:, None])
     at = {X: x, Z: np.broadcast_to(z[:, None], x.shape)}
     area = np.abs(np.gradient(x, axis=1)) * (z[1] - z[0])
     at_mm = np.stack([at[X].ravel(), at[Z].ravel()])
-    return Overlap(_gap_mm(indentor, place, touch, at, y).ravel(), at_mm, area.ravel())
+    return Overlap(_gap_mm(indentor, reference_mm, touch, at, y).ravel(), at_mm, area.ravel())
 
 
 @dataclass(frozen=True)
 class Squeezed:
-    """Places in the tissue, mm: (n, m) gaps from the skin above to the indentor about it, (n,) from skin to bone.
+    """Points in the tissue: gaps (n, m) from surrounding skin to the indentor, skin-to-bone thickness (n,), in mm.
 
-    weight: (m,) of what is about a place, with sum 1.
+    weight: (m,) weights of the surrounding skin points, with sum 1.
     """
 
     gap_mm: Array
@@ -232,22 +240,22 @@ class Squeezed:
     thickness_mm: Array
 
     def strain(self, past_touch_mm: float) -> Array:
-        """(n,) how far the indentor comes into the tissue there, over its thickness."""
+        """Return (n,) the indentor's penetration into the tissue at each point / its thickness."""
         strain = np.maximum(past_touch_mm - self.gap_mm, 0.0) @ self.weight / self.thickness_mm
         return np.asarray(np.minimum(strain, _MOST_STRAIN))
 
 
 def squeezed(
     indentor: Indentor,
-    place: tuple[float, ...],
+    reference_mm: tuple[float, ...],
     touch: FirstTouch,
     at_mm: Array,
     surface: FingertipSurface,
     bone_fraction: float,
 ) -> Squeezed:
-    """At (n, 3) places of the tissue, straight up and down; beside the bone it ends level with its axis.
+    """Return the vertical compression at (n, 3) points of the tissue, which ends level with the axis beside the bone.
 
-    A place feels what comes down beside it as far away as it lies below the skin, the less the farther.
+    A point averages the skin within its own depth on either side, with weights that fall with distance.
     """
     about = np.stack(np.meshgrid(*[_ABOUT] * len(indentor.axes))).reshape(len(indentor.axes), -1)
     weight = np.prod(1 - np.abs(about), axis=0)
@@ -257,36 +265,35 @@ def squeezed(
     x, deep, z = at_mm.T
     _, y = surface.section(surface.angle_at(x, z), z)
     beside_mm = dict(zip(indentor.axes, (y - deep)[:, None] * about[:, None], strict=True))
-    felt = {axis: mm[:, None] + beside_mm.get(axis, 0.0) for axis, mm in ((X, x), (Z, z))}
-    gap = _gap_mm(indentor, place, touch, felt, y[:, None])
+    sampled = {axis: mm[:, None] + beside_mm.get(axis, 0.0) for axis, mm in ((X, x), (Z, z))}
+    gap = _gap_mm(indentor, reference_mm, touch, sampled, y[:, None])
     bone_x, bone_y = surface.section(surface.angle_at(x / bone_fraction, z), z)
     beside = np.abs(bone_x - x / bone_fraction) > _BESIDE_MM
     return Squeezed(gap, weight, y - np.where(beside, 0.0, bone_fraction * bone_y))
 
 
 def _gap_mm(
-    indentor: Indentor, place: tuple[float, ...], touch: FirstTouch, at_mm: dict[int, Array], y_mm: Array
+    indentor: Indentor, reference_mm: tuple[float, ...], touch: FirstTouch, at_mm: dict[int, Array], y_mm: Array
 ) -> Array:
-    """From the skin at some places, of any form, up to the indentor at first touch."""
-    offset = np.stack([at_mm[axis] - mm for axis, mm in zip(indentor.axes, place, strict=True)])
+    """Return the gaps from skin points, of any shape, up to the indentor at first touch (mm)."""
+    offset = np.stack([at_mm[axis] - mm for axis, mm in zip(indentor.axes, reference_mm, strict=True)])
     height_mm = indentor.evaluate(offset.reshape(len(offset), -1)).height_mm.reshape(offset.shape[1:])
     return np.asarray(touch.height_mm + height_mm - y_mm)
 
 
 # --- stiffened ---
 #
-# A press of tissue that stiffens, as its linear twin is corrected: force by a factor, receptors by local ones.
-#
-# The factors hang on shape, place, depth and layers alone, so that force at a depth costs what a linear one does.
+# The factors depend on shape, position, depth and layers alone, so that force at a depth costs what a linear one
+# does.
 
 _ENERGY, _CUBED = "sed", "third"
 
 
 class Stiffened(NamedTuple):
-    """Of a press: the tissue's law, the press as numbers without unit, and how receptors (n,) are squeezed.
+    """Corrections of a linear press for tissue that stiffens: force by a factor, receptors by local ones.
 
-    below: Young's modulus of all below the epidermis, over the epidermis'. force: over the linear twin's at the same
-    depth; exactly 1 where tissue is linear.
+    squeeze: compression at the receptors (n,). below: Young's modulus of all below the epidermis over the epidermis'.
+    force: over linear tissue's at the same depth; exactly 1 where tissue is linear.
     """
 
     stiffening: float
@@ -296,20 +303,20 @@ class Stiffened(NamedTuple):
     force: float
 
     def measures(self, linear: dict[str, Array], young_ratio: Array, poisson: float) -> dict[str, Array]:
-        """The 18 measures (n,) from a linear twin's: strains, stresses and energy have a factor each at a receptor.
+        """Return the 18 measures (n,) from those of linear tissue, by factors of strain and stress.
 
         young_ratio: (n,) E / E(epidermis) at the receptors.
         """
         if self.stiffening == 0:
             return linear
-        felt = self.felt(linear[_ENERGY], young_ratio, poisson)
-        strain, stress = strain_and_stress(self.stiffening, self.press, felt)
+        receptors = self.felt(linear[_ENERGY], young_ratio, poisson)
+        strain, stress = strain_and_stress(self.stiffening, self.press, receptors)
         factor = dict.fromkeys(STRAINS, strain) | dict.fromkeys(STRESSES, stress)
         factor |= {_ENERGY: strain * stress, _CUBED: stress**3}
         return {name: linear[name] * factor[name] for name in linear}
 
     def felt(self, sed: Array, young_ratio: Array, poisson: float) -> Felt:
-        """By receptors, of the linear twin's SED in pseudo-units."""
+        """Return the press at the receptors from the SED of linear tissue in pseudo-units."""
         half_shear_modulus = PSEUDO_E_EPIDERMIS * young_ratio / (4 * (1 + poisson))
         return Felt(self.squeeze, self.below / young_ratio, sed / half_shear_modulus)
 
@@ -317,22 +324,22 @@ class Stiffened(NamedTuple):
 LINEAR_TISSUE = Stiffened(0.0, DimensionlessPress(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), np.zeros(0), 1.0, 1.0)
 
 ROOFS = (0.35, 4.5)
-"""Range of the prior of layers; values beyond it count as its end. The compared fingers had 0.55 to 2.3."""
+"""Range in the prior of layers; values beyond it count as its end. The compared fingers had 0.55 to 2.3."""
 
 
 @dataclass(frozen=True)
 class Under:
-    """An indentor at a place along its axes, over tissue."""
+    """Indentor over tissue, with its reference point at a position along its axes."""
 
     config: FingertipConfig
     surface: FingertipSurface
     indentor: Indentor
     place: tuple[float, ...]
     touch: FirstTouch
-    _seen: dict[bytes, Squeezed] = field(default_factory=dict)
+    _cached: dict[bytes, Squeezed] = field(default_factory=dict)
 
     def at(self, past_touch_mm: float, receptor_mm: Array) -> Stiffened:
-        """So far past first touch, seen by receptors at (n, 3) places."""
+        """Return the correction at a depth past first touch, with receptors at (n, 3) points."""
         stiffening = self.config.tissue.stiffening
         if stiffening == 0 or past_touch_mm <= 0:
             return LINEAR_TISSUE
@@ -351,7 +358,7 @@ class Under:
 
     @cached_property
     def _curvature_per_mm(self) -> float:
-        """Mean of the skin's at the apex."""
+        """Mean curvature of the skin at the apex (1/mm)."""
         apex = self.surface.apex
         return 0.5 * (1 / apex.lateral_radius_mm + 1 / apex.axial_radius_mm)
 
@@ -361,38 +368,36 @@ class Under:
 
     def _squeezed(self, receptor_mm: Array) -> Squeezed:
         name = receptor_mm.tobytes()
-        if name not in self._seen:
-            self._seen[name] = squeezed(
+        if name not in self._cached:
+            self._cached[name] = squeezed(
                 self.indentor, self.place, self.touch, receptor_mm, self.surface, self.config.tissue.bone_fraction
             )
-        return self._seen[name]
+        return self._cached[name]
 
 
 def thickness_mm(config: FingertipConfig, surface: FingertipSurface) -> float:
-    """Of the tissue between skin and bone in the receptor plane, where the pulp is highest there."""
+    """Return the thickness of tissue between skin and bone at the pulp's apex in the receptor plane (mm)."""
     _, height_mm, _ = surface.parameters(config.receptor_plane_mm)
     return float(height_mm) * (1 - config.tissue.bone_fraction)
 
 
 def young_below(tissue: Tissue, thick_mm: float) -> float:
-    """Young's modulus of all below the epidermis, in series, over the epidermis'."""
+    """Return Young's modulus of all below the epidermis, in series, over the epidermis'."""
     below_mm = thick_mm - tissue.epidermis_mm
     dermis_mm = min(tissue.dermis_mm, below_mm)
     return below_mm / (dermis_mm / tissue.e_dermis + (below_mm - dermis_mm) / tissue.e_fat)
 
 
 def roof(tissue: Tissue, thick_mm: float) -> float:
-    """Modulus times thickness of the epidermis, over that of all below it, times that of the tissue."""
+    """Return modulus × thickness of the epidermis over (modulus of all below it × thickness of the tissue)."""
     return tissue.epidermis_mm / (thick_mm * young_below(tissue, thick_mm))
 
 
-# --- linear alone ---
-#
-# What is only known of linear tissue.
+# --- linear tissue only ---
 
 
 def refuse_stiffening(tissue: Tissue, what: str) -> None:
-    """Raises ModelRangeError where tissue stiffens."""
+    """Raise ModelRangeError where tissue stiffens."""
     if tissue.stiffening > 0:
         raise ModelRangeError(
             "finger.tissue.stiffening = {stiffening:g}: must be 0, since {what} is linear",

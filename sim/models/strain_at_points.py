@@ -1,4 +1,4 @@
-"""Strain at any points under presses: by columns for few points, by one solve a press for many."""
+"""Strain at any points under presses: by columns for few points, by one solve per press for many."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -22,8 +22,6 @@ from sim.models.stiffening import refuse_stiffening
 from sim.units import PSEUDO_E_EPIDERMIS
 
 # --- fields ---
-#
-# Strain, stress and the 18 measures at any points inside a pressed finger.
 
 Array = NDArray[np.float64]
 
@@ -83,8 +81,8 @@ class Fields:
         dict of str to ndarray
             Columns `x_mm`, `y_mm`, `z_mm` (mm) and the 18 measures, each of shape (n_points,).
         """
-        places = dict(zip(("x_mm", "y_mm", "z_mm"), self.points_mm.reshape(-1, 3).T, strict=True))
-        return places | {name: self.measures[name].ravel() for name in MEASURES}
+        points = dict(zip(("x_mm", "y_mm", "z_mm"), self.points_mm.reshape(-1, 3).T, strict=True))
+        return points | {name: self.measures[name].ravel() for name in MEASURES}
 
     def __repr__(self) -> str:
         return f"<Fields at {self.young_ratio.size} points, SED to {self.measures['sed'].max(initial=0.0):.3g}>"
@@ -117,12 +115,14 @@ class Anywhere:
         flat = points.reshape(-1, 3)
         strain, young = self._strain(mesh_key(results[0]), results, flat, progress)
         shape = points.shape[:-1]
-        return [Fields(points, one.reshape(*shape, 6), young.reshape(shape), self._poisson) for one in strain]
+        return [
+            Fields(points, per_press.reshape(*shape, 6), young.reshape(shape), self._poisson) for per_press in strain
+        ]
 
     def _strain(
         self, key: MeshKey, results: Sequence[IndentationResult], points: Array, progress: Progress | None
     ) -> tuple[Array, Array]:
-        """(n_results, n, 6) strains and (n,) E / E(epidermis)."""
+        """Return (n_results, n, 6) strains and (n,) E / E(epidermis)."""
         interior = self._interior(key)
         if interior is not None and len(points) > FEW_POINTS and len(results) < 6 * len(points):
             return interior.strain(results, points, progress)

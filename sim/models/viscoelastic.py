@@ -1,9 +1,9 @@
-"""An indentor on tissue that relaxes: one press after another, each on the skin that the last one left.
+"""Indentor on tissue that relaxes: presses in sequence, each on the skin that the last one left.
 
-With one series for all layers the contact of every instant is an elastic one on displaced skin: nodal forces f follow
-the forces p that would displace the skin so at once by f = α (p − c), where α and c hang on the past and on the step
-of time alone (`prony`). The skin is held by c, contact adds f / α, and the indentor feels f. Tissue that stiffens
-bears k times what its linear twin does at a depth: p is k times the twin's forces, and the skin is held by c / k.
+With one Prony series for all layers, contact at any time is elastic contact on displaced skin: nodal forces are
+f = α (p − c), with the elastic forces p of the displacement, and α and c from history and time step alone
+(`relaxation`). c displaces the skin beforehand, contact adds f / α, and the indentor measures f. Tissue that stiffens
+bears k times the force of linear tissue at a depth: p is k times the linear forces, and c / k displaces the skin.
 """
 
 from dataclasses import dataclass, replace
@@ -24,32 +24,34 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Instant:
-    """Where the indentor is, what it feels, and what the tissue remembers from then on."""
+    """State of indentor and tissue at one time."""
 
     t_s: float
-    doi_mm: float  # from the skin at rest
+    doi_mm: float  # relative to the skin at rest
     force_n: float
-    contact: IndentationResult | None  # as on elastic skin that lay so: forces in it are f / α; None in the air
+    contact: (
+        IndentationResult | None
+    )  # elastic contact on the displaced skin, with forces f / α; None without contact
     memory: Memory
 
     @property
     def force_gwt(self) -> float:
-        """Force in gram-weight."""
+        """Force (gwt)."""
         return self.force_n / GWT_N
 
     @property
     def converged(self) -> bool:
-        """Whether the contact was solved to 1e-8; none is."""
+        """Whether the contact, if there is one, was solved to 1e-8."""
         return self.contact is None or self.contact.state.converged
 
 
 class InTime:
-    """An indentor over one place of a finger; a step of time is exact where the skin moves evenly.""" ""
+    """Indentor over one position of a finger; a time step is exact where the skin moves linearly in time."""
 
     def __init__(
         self, finger: Fingertip, indentor: Indentor | str, prony: Prony, x_mm: float = 0.0, z_mm: float | None = None
     ) -> None:
-        """Tissue that was never touched, at 0 s."""
+        """Start at 0 s with tissue that was never loaded."""
         self._finger, self._x_mm, self._z_mm = finger, x_mm, z_mm
         self._indentor = parse_shape(indentor) if isinstance(indentor, str) else indentor
         self._model = finger.model_for(self._indentor.axes)
@@ -57,24 +59,24 @@ class InTime:
         self.now = Instant(0.0, 0.0, 0.0, None, Memory.none(prony, (len(patch.axes), len(patch))))
 
     def to_depth(self, step_s: float, doi_mm: float) -> Instant:
-        """So much later, at a depth past first touch of the skin at rest, ≤ 0: let go. Raises ModelRangeError."""
+        """Advance by a time step to a depth past first touch; ≤ 0 releases the skin. Raises ModelRangeError."""
         if doi_mm <= 0:
             return self._arrived(Instant(self.now.t_s + step_s, doi_mm, 0.0, None, self.now.memory.released(step_s)))
         ahead = self.now.memory.ahead(step_s)
         return self._touching(step_s, ahead, self._pressed(ahead, doi_mm=doi_mm))
 
     def to_force(self, step_s: float, force_gwt: float) -> Instant:
-        """So much later, at whatever depth carries a force > 0. Raises ModelRangeError."""
+        """Advance by a time step to the depth that carries a force > 0. Raises ModelRangeError."""
         ahead = self.now.memory.ahead(step_s)
         return self._touching(step_s, ahead, self._pressed(ahead, force_gwt=force_gwt / ahead.stiffness))
 
     def strain(self) -> Array:
-        """(n_receptors, 6) engineering strains of now; stress is not that of this strain alone."""
+        """Return (n_receptors, 6) current engineering strains; stress also depends on their history."""
         return self._model.strain(self.now.memory.borne / self._stiffer)
 
     @property
     def _stiffer(self) -> float:
-        """What the tissue bears now over its linear twin."""
+        """Force of the tissue over that of linear tissue, now."""
         return 1.0 if self.now.contact is None else self.now.contact.strained.force
 
     def _pressed(
@@ -86,7 +88,7 @@ class InTime:
         )
 
     def _start(self, ahead: RelaxationStep) -> ContactState | None:
-        """The last contact, with the skin where it was."""
+        """Return the last contact, with the skin where it was."""
         if self.now.contact is None:
             return None
         stayed = self._model.patch.displaced((self.now.memory.borne - ahead.carried) / self._stiffer)

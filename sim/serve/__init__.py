@@ -1,6 +1,6 @@
 """Virtual devices in real time: ports that any program can open, and a finger that answers without blocking them.
 
-`ports` on a `wall_clock`; `press_ahead` has coming forces solved in a process of its own (`press_process`).
+`ports` run on a `real_time_loop`; `prefetch` has upcoming forces solved in a separate process (`force_process`).
 """
 
 from sim.serve.ports import PortBusyError, PtyPort, TcpPort

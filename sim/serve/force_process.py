@@ -1,4 +1,4 @@
-"""The finger in a process of its own: contact takes tens of milliseconds, in which no byte must wait."""
+"""Finger in a separate process: contact takes tens of milliseconds, in which no byte may wait."""
 
 import contextlib
 import math
@@ -32,7 +32,7 @@ Answering = Callable[[Asked], Answer]
 
 @dataclass(frozen=True)
 class PressAnswer:
-    """The force at a pose, N (NaN with a problem), and the time it took, s."""
+    """Force at a pose (N, NaN with a problem) and the time it took (s)."""
 
     pose: Pose
     force_n: float
@@ -41,7 +41,7 @@ class PressAnswer:
 
 
 class FingerNotLoadedError(SimError):
-    """The process of the finger has no finger; the message is one line."""
+    """Error of a finger that did not load in its process, with a one-line message."""
 
     default_code = "not_loaded"
 
@@ -55,14 +55,15 @@ def _too_late() -> FingerNotLoadedError:
 
 
 class ForceProcess(Generic[Asked, Answer]):
-    """Answers what it is asked, one at a time, in the order it is sent.
+    """Process that answers requests one at a time, in order.
 
-    It stands for something that needs no processor: it gives way to nobody, and where Linux shares processors between
-    sessions it has a session of its own, so that what else was begun in a terminal does not keep it waiting.
+    It simulates an instrument that needs no processor time, so its priority is not lowered. Where Linux shares
+    processors
+    between sessions, it has its own session, so that other programs of the terminal do not delay it.
     """
 
     def __init__(self, begin: Callable[[], Answering[Asked, Answer]]) -> None:
-        """`begin`, importable, loads the finger there, and then this returns. Raises FingerNotLoadedError."""
+        """Start the process, load the finger by the importable `begin`, and wait. Raises FingerNotLoadedError."""
         context = multiprocessing.get_context("spawn")
         self._near, far = context.Pipe()
         self._process = context.Process(target=_serve, args=(far, begin), daemon=True)
@@ -82,11 +83,11 @@ class ForceProcess(Generic[Asked, Answer]):
     def fileno(self) -> int:
         return self._near.fileno()
 
-    def ask(self, asked: Asked) -> None:
-        self._near.send(asked)
+    def ask(self, request: Asked) -> None:
+        self._near.send(request)
 
     def answer(self) -> Answer:
-        """Waits for it. Raises EOFError if the process has gone."""
+        """Wait for an answer. Raises EOFError if the process has ended."""
         found: Answer = self._near.recv()
         return found
 
@@ -97,15 +98,15 @@ class ForceProcess(Generic[Asked, Answer]):
 
 
 class PressProcess(ForceProcess[Pose, PressAnswer]):
-    """The elastic force at one pose after another."""
+    """Process that returns the elastic force at poses."""
 
     def __init__(self, config: FingertipConfig, indentor: str, truth: Truth = AS_MODELLED) -> None:
-        """Returns when the finger is loaded. Raises FingerNotLoadedError where it cannot be."""
+        """Load the finger and wait. Raises FingerNotLoadedError."""
         super().__init__(partial(_pressing, config, indentor, truth))
 
 
 def told(error: Exception) -> str:
-    """In words where they were made for people, else with what kind of error it is."""
+    """Return the message of a user error, else the error's type and message."""
     return str(error) if isinstance(error, (ModelRangeError, ShapeError)) else f"{type(error).__name__}: {error}"
 
 
@@ -113,7 +114,7 @@ def _serve(
     far: "Connection[FingerNotLoadedError | Answer | None, Asked]", begin: Callable[[], Answering[Asked, Answer]]
 ) -> None:
     give_way(0)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # where it was not held back: this process ends with its pipe
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # where the parent did not block it: this process ends with its pipe
     keep_freed_memory()
     try:
         answer = begin()
@@ -121,15 +122,15 @@ def _serve(
         problem = error.code if isinstance(error, SimError) else type(error).__name__
         far.send(FingerNotLoadedError("virtual finger: {problem}", problem=told(error), problem_code=problem))
         return
-    threadpool_limits(1)  # beside other work two threads of a small sum wait for each other's turn at a processor
+    threadpool_limits(1)  # on a busy machine, the threads of a small sum wait for each other
     far.send(None)
-    with contextlib.suppress(EOFError, OSError):  # the pipe is closed, perhaps while an answer is being made
+    with contextlib.suppress(EOFError, OSError):  # the pipe may close during a computation
         while True:
             far.send(answer(far.recv()))
 
 
 def warmed(press: PressedFinger) -> None:
-    """Have what the first contact loads in memory, by one that nobody sees; where there is none, nothing."""
+    """Load what the first contact needs by an unused press; ignore a pose outside the model."""
     with contextlib.suppress(ModelRangeError):
         press.force_n(Pose(0.0, press.doi_mm(Pose(0.0, 0.0)) - _WARM_MM))
 
@@ -144,18 +145,18 @@ def _answer(press: PressedFinger, pose: Pose) -> PressAnswer:
     began = time.perf_counter()
     try:
         force, problem = press.force_n(pose), ""
-    except Exception as error:  # a scene beyond the model must not end this process
+    except Exception as error:  # a press outside the model must not end this process
         force, problem = math.nan, told(error)
     return PressAnswer(pose, force, time.perf_counter() - began, problem)
 
 
-# --- way process ---
+# --- trajectory process ---
 #
-# A finger that relaxes, in a process of its own: forces along a way, one step of time after another.
+# Forces of a finger that relaxes depend on the trajectory, so its time steps are solved in order.
 
 
 class Leg(NamedTuple):
-    """A step of time, s, and where the indentor is at its end."""
+    """Time step (s) and the indentor's pose at its end."""
 
     step_s: float
     pose: Pose
@@ -163,7 +164,7 @@ class Leg(NamedTuple):
 
 @dataclass(frozen=True)
 class TrajectoryUpdate:
-    """Legs since the last way: those that have been gone, and those that are planned after them."""
+    """Legs since the last update: those completed, and those planned after them."""
 
     gone: tuple[Leg, ...]
     planned: tuple[Leg, ...] = ()
@@ -171,7 +172,7 @@ class TrajectoryUpdate:
 
 @dataclass(frozen=True)
 class WayAnswer:
-    """The force at the end of each leg, gone and planned, N (NaN with a problem), and the time they took, s."""
+    """Force at the end of each leg, completed and planned (N, NaN with a problem), and the solve time (s)."""
 
     forces_n: tuple[float, ...]
     solve_s: float
@@ -179,51 +180,51 @@ class WayAnswer:
 
 
 class WayProcess(ForceProcess[TrajectoryUpdate, WayAnswer]):
-    """Forces along one way after another."""
+    """Process that returns forces along trajectories."""
 
     def __init__(
         self, config: FingertipConfig, indentor: str, terms: Sequence[PronyTerm], truth: Truth = AS_MODELLED
     ) -> None:
-        """Returns when the finger is loaded. Raises FingerNotLoadedError where it cannot be."""
+        """Load the finger and wait. Raises FingerNotLoadedError."""
         super().__init__(partial(_going, config, indentor, tuple(terms), truth))
 
 
 class Going:
-    """What was foreseen is taken where it came so; the tissue remembers what was gone, not what was planned."""
+    """Trajectory solver that reuses predicted legs that came true; only completed legs enter the load history."""
 
     def __init__(self, press: RelaxingPress) -> None:
         self._press = press
-        self._foreseen: list[tuple[Leg, float, RelaxingPress]] = []
+        self._predicted: list[tuple[Leg, float, RelaxingPress]] = []
 
-    def __call__(self, way: TrajectoryUpdate) -> WayAnswer:
-        """Its forces; what has no answer is not remembered."""
+    def __call__(self, update: TrajectoryUpdate) -> WayAnswer:
+        """Return the forces of an update; legs without a solution do not enter the history."""
         began, self._problem = time.perf_counter(), ""
-        gone = [self._next(leg) for leg in way.gone]
-        here, foreseen = self._press, self._foreseen
-        self._foreseen = []
-        for leg in way.planned:
-            if foreseen and foreseen[0][0] == leg:
-                self._foreseen.append(foreseen.pop(0))
+        gone = [self._next(leg) for leg in update.gone]
+        here, predicted = self._press, self._predicted
+        self._predicted = []
+        for leg in update.planned:
+            if predicted and predicted[0][0] == leg:
+                self._predicted.append(predicted.pop(0))
             else:
-                foreseen = []
-                last = self._foreseen[-1][2] if self._foreseen else here
-                self._foreseen.append((leg, *self._moved(last, leg)))
-        forces = (*gone, *(force for _, force, _ in self._foreseen))
+                predicted = []
+                last = self._predicted[-1][2] if self._predicted else here
+                self._predicted.append((leg, *self._moved(last, leg)))
+        forces = (*gone, *(force for _, force, _ in self._predicted))
         return WayAnswer(forces, time.perf_counter() - began, self._problem)
 
     def _next(self, leg: Leg) -> float:
-        if self._foreseen and self._foreseen[0][0] == leg:
-            _, force, self._press = self._foreseen.pop(0)
+        if self._predicted and self._predicted[0][0] == leg:
+            _, force, self._press = self._predicted.pop(0)
             return force
-        self._foreseen = []
+        self._predicted = []
         force, self._press = self._moved(self._press, leg)
         return force
 
     def _moved(self, press: RelaxingPress, leg: Leg) -> tuple[float, RelaxingPress]:
-        onward = copy(press)
+        moved = copy(press)
         try:
-            return onward.moved_to(leg.pose, leg.step_s), onward
-        except Exception as error:  # a scene beyond the model must not end this process
+            return moved.moved_to(leg.pose, leg.step_s), moved
+        except Exception as error:  # a press outside the model must not end this process
             self._problem = told(error)
             return math.nan, press
 

@@ -1,7 +1,7 @@
-"""The host's end of a virtual line as a port of this machine: a pseudo-terminal or a TCP port.
+"""Host end of a virtual line as a local port: a pseudo-terminal or a TCP port.
 
-Nobody listening, a client that does not read, one that vanishes: the bytes are lost, as on a real cable, and the
-devices go on.
+Without a client, with one that does not read, or with one that vanishes, bytes are lost as on a real cable, and the
+devices continue.
 """
 
 import contextlib
@@ -15,18 +15,18 @@ from sim.serve.real_time_loop import WallScheduler
 
 HOST = "127.0.0.1"
 _CHUNK = 4096
-# A client whose machine vanished without a word is given up after about ten seconds.
+# A client whose machine vanished is dropped after about ten seconds.
 _KEEPALIVE = (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3))
 
 
 class PortBusyError(SimError):
-    """The port cannot be had; the message is one line."""
+    """Error of a port that is not available, with a one-line message."""
 
     default_code = "port_busy"
 
 
 class PtyPort:
-    """A line behind a pseudo-terminal; clients come and go as they like."""
+    """Line behind a pseudo-terminal; clients may connect and disconnect."""
 
     def __init__(self, scheduler: WallScheduler, line: SerialLine) -> None:
         import pty  # POSIX only
@@ -59,19 +59,16 @@ class PtyPort:
 
 
 class TcpPort:
-    """A line behind a TCP port of this machine, one client at a time; a second one is turned away."""
+    """Line behind a local TCP port, for one client at a time; a second one is rejected."""
 
     def __init__(self, scheduler: WallScheduler, line: SerialLine, port: int) -> None:
-        """Port 0 takes any that is free. It is taken from now on, and refuses clients until it is told to listen.
-
-        Raises PortBusyError.
-        """
+        """Bind a port, any free one for 0; it rejects clients until `listen`. Raises PortBusyError."""
         self._scheduler, self._line = scheduler, line
         self._client: socket.socket | None = None
         self._listens = False
         self._server = socket.socket()
         self._server.setblocking(False)
-        if os.name == "posix":  # what lingers of a port that was closed is no reason to refuse it
+        if os.name == "posix":  # a recently closed port may be reused at once
             self._server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         with self._or_busy(port):
             self._server.bind((HOST, port))
@@ -79,7 +76,7 @@ class TcpPort:
         line.forward(self._to_client)
 
     def listen(self) -> None:
-        """Clients are let in. Raises PortBusyError."""
+        """Accept clients. Raises PortBusyError."""
         with self._or_busy(self._server.getsockname()[1]):
             self._server.listen()
         self._scheduler.watch(self._server, self._accept)
@@ -104,7 +101,7 @@ class TcpPort:
     def _accept(self) -> None:
         with contextlib.suppress(OSError):
             client, _ = self._server.accept()
-            self._from_client()  # the one before may have gone in the same instant
+            self._from_client()  # the previous client may have disconnected just now
             if self._client is not None:
                 client.close()
                 return
@@ -142,7 +139,7 @@ class TcpPort:
         except OSError:
             self._drop()
             return
-        if sent < len(data):  # the client does not read: half a message would be worse than none
+        if sent < len(data):  # the client does not read, and half a message would be worse than none
             self._drop()
 
     def _drop(self) -> None:

@@ -1,8 +1,8 @@
-"""Forces in real time, from a finger in another process: what is known by when it is asked for, and what is not.
+"""Forces in real time from a finger in another process, solved before they are needed.
 
-For a force that is not known yet the last one before it stands in. It is not called fresh, and it is counted; after
-STALE_S it is no answer at all, and one line says so. Nothing queues: the process has one question at a time, and what
-it is asked next is chosen when it has answered, of where the indentor is by then and will be.
+Where a force is not solved in time, the last one replaces it, marked as not fresh, and is counted; after STALE_S
+there is no answer, and one message reports it. Nothing queues: the process has one request at a time, and the next
+is chosen from the indentor's planned motion when it has answered.
 """
 
 import contextlib
@@ -24,12 +24,12 @@ from sim.serve.real_time_loop import WallScheduler
 STALE_S = 0.5
 _SHORTEST_S = 0.01  # between two solves
 _ON_GRID = 1e-6  # of a period: round-off
-_FARTHEST_S = STALE_S / 2  # ahead: beyond that plans change before they come
+_FARTHEST_S = STALE_S / 2  # horizon: plans farther ahead change too often
 
 
 @dataclass
 class PressStatistics:
-    """How the forces came: readings asked for, those that were late, and the time of each solve (s)."""
+    """Counts of readings, late and missing ones, and solve times (s)."""
 
     asked: int = 0
     late: int = 0
@@ -40,47 +40,47 @@ class PressStatistics:
 
 
 class ItsProcess(Protocol):
-    """The finger's."""
+    """Process of the finger."""
 
     def fileno(self) -> int:
-        """Readable when there is an answer, or it has gone."""
+        """Return a descriptor that is readable when there is an answer, or the process has ended."""
         ...
 
     def close(self) -> None:
-        """End it."""
+        """End the process."""
         ...
 
 
 class ForcePrefetcher(ABC):
-    """force_n(t) for the virtual devices, without ever waiting."""
+    """Force signal force_n(t) for virtual devices that never blocks."""
 
     def __init__(
         self, scheduler: WallScheduler, process: ItsProcess, period_s: float, complain: Callable[[str], object]
     ) -> None:
-        """period_s: of the samples; complain gets one line each time the finger begins to have no answer."""
+        """Take the sample period and a callback for one line each time the finger stops answering."""
         self._scheduler, self._process, self._complain = scheduler, process, complain
         self._period_s = max(period_s, _SHORTEST_S)
-        self._troubled = self._too_late = False
+        self._had_problem = self._too_late = False
         self._last_n, self._last_s = math.nan, -math.inf
-        self._noted = self._index() - 1
-        self._asked_s, self._took = math.inf, 1
+        self._stored_until = self._index() - 1
+        self._requested_s, self._took = math.inf, 1
         self.statistics = PressStatistics()
-        self.ended = False  # there is no finger any more; the scheduler has been stopped
+        self.ended = False  # the process has ended and the scheduler was stopped
 
     @abstractmethod
     def _known_at(self, t_s: float) -> float | None:
-        """The force of an instant, None where it is not known (yet)."""
+        """Return the force at a time, None where it is not solved (yet)."""
 
     @abstractmethod
     def _ask_next(self) -> None:
-        """Have the next forces solved, if nothing is asked just now."""
+        """Request the next forces, unless a request is running."""
 
     @abstractmethod
     def _take_answer(self) -> None:
-        """What was asked for. Raises EOFError, OSError if the process has gone."""
+        """Read the answer. Raises EOFError or OSError if the process has ended."""
 
     def force_n(self, t_s: float) -> float:
-        """Force at an instant, N; the last one known where that is not solved yet, NaN where it is too old."""
+        """Return the force at a time in N; the last one if unsolved, NaN if that is too old."""
         self.statistics.asked += 1
         known = self._known_at(t_s)
         if known is not None:
@@ -97,7 +97,7 @@ class ForcePrefetcher(ABC):
         return math.nan
 
     def fresh(self, t_s: float) -> bool:
-        """Whether the force of this instant is known, and not just the last one before it."""
+        """Return whether the force at this time is solved, and not just the last one."""
         return self._known_at(t_s) is not None
 
     def close(self) -> None:
@@ -106,21 +106,21 @@ class ForcePrefetcher(ABC):
         self._process.close()
 
     def _begin(self) -> None:
-        """The first answer is there; from now on nobody waits."""
+        """Start prefetching after the first answer."""
         self._scheduler.watch(self._process, self._on_answer)
         self._tick()
 
     def _tick(self) -> None:
-        """A loop that was kept from running may have missed some instants."""
+        """Store sample forces, including those that a delayed loop missed, and request the next."""
         now = self._index()
-        for index in range(max(self._noted + 1, now - math.ceil(STALE_S / self._period_s)), now + 1):
+        for index in range(max(self._stored_until + 1, now - math.ceil(STALE_S / self._period_s)), now + 1):
             self._note(index * self._period_s)
-        self._noted = now
+        self._stored_until = now
         self._ask_next()
         self._scheduler.call_at((self._index() + 1) * self._period_s, self._tick)
 
     def _note(self, t_s: float) -> None:
-        """Keep the force of a sample instant that is past, if it is known and newer than the one kept."""
+        """Store the force of a past sample if it is solved and newer than the stored one."""
         if not self._last_s < t_s <= self._scheduler.monotonic_s():
             return
         known = self._known_at(t_s)
@@ -128,15 +128,15 @@ class ForcePrefetcher(ABC):
             self._last_n, self._last_s, self._too_late = known, t_s, False
 
     def _samples_ahead(self) -> int:
-        """How many samples from now the answer to what is asked now will be there, as the last one was."""
-        self._asked_s = self._scheduler.monotonic_s()
+        """Return how many samples from now the answer is expected, as the last one took."""
+        self._requested_s = self._scheduler.monotonic_s()
         return self._took
 
     def _index(self) -> int:
         return sample_at(self._scheduler.monotonic_s(), self._period_s)
 
     def _on_answer(self) -> None:
-        took_s = min(self._scheduler.monotonic_s() - self._asked_s, _FARTHEST_S)
+        took_s = min(self._scheduler.monotonic_s() - self._requested_s, _FARTHEST_S)
         self._took = max(math.ceil(took_s / self._period_s - _ON_GRID), 1)
         try:
             self._take_answer()
@@ -151,26 +151,24 @@ class ForcePrefetcher(ABC):
     def _solved(self, solve_s: float, problem: str) -> None:
         self.statistics.solved += 1
         self.statistics.slowest_s = max(self.statistics.slowest_s, solve_s)
-        if problem and not self._troubled:
+        if problem and not self._had_problem:
             self._complain(problem)
-        self._troubled = bool(problem)
+        self._had_problem = bool(problem)
 
 
 # --- press ahead ---
 #
-# An elastic finger in real time: the poses of the coming sample instants are solved before anybody asks for them.
-#
-# A stage under way has its path planned, so where the indentor will be at the next sample instants is known before it
-# is there. A cell that is sampled faster than contact is solved gets forces in between, linear in the height. A plan
-# that changes (a stop, a hold) makes an answer late for a sample or two.
+# The motion plan of a moving stage gives the indentor's poses at the next samples, so that their elastic forces can
+# be solved ahead. Between solved samples, forces are linear in the height. A changed plan (a stop, a hold) delays a
+# sample or two.
 
-_BETWEEN_MM = 0.02  # farther apart, two forces say too little of those between them
+_BETWEEN_MM = 0.02  # largest distance for interpolation between two forces
 _AHEAD = 4  # periods
 _KEPT = 512
 
 
 class PressAhead(ForcePrefetcher):
-    """Forces by pose."""
+    """Prefetched forces of an elastic finger, by pose."""
 
     def __init__(
         self,
@@ -180,7 +178,7 @@ class PressAhead(ForcePrefetcher):
         period_s: float,
         complain: Callable[[str], object],
     ) -> None:
-        """period_s: of the samples; complain gets one line each time the finger begins to have no answer."""
+        """Take the sample period and a callback for one line each time the finger stops answering."""
         super().__init__(scheduler, press, period_s, complain)
         self._carriage, self._press = carriage, press
         self._forces: OrderedDict[Pose, float] = OrderedDict()
@@ -195,18 +193,18 @@ class PressAhead(ForcePrefetcher):
             return self._forces[pose]
         index = math.floor(t_s / self._period_s)
         before, after = (self._carriage.pose_at((index + k) * self._period_s) for k in (0, 1))
-        way_mm = after.above_apex_mm - before.above_apex_mm
-        if not (before.over(pose) and pose.over(after) and 0 < abs(way_mm) <= _BETWEEN_MM):
+        rise_mm = after.above_apex_mm - before.above_apex_mm
+        if not (before.over(pose) and pose.over(after) and 0 < abs(rise_mm) <= _BETWEEN_MM):
             return None
-        share = (pose.above_apex_mm - before.above_apex_mm) / way_mm
+        share = (pose.above_apex_mm - before.above_apex_mm) / rise_mm
         if before not in self._forces or after not in self._forces or not 0 <= share <= 1:
             return None
         return (1 - share) * self._forces[before] + share * self._forces[after]
 
     def _ask_next(self) -> None:
-        """The next unsolved pose from the last sample instant on; who is behind begins with the farthest.
+        """Request the next unsolved pose from the last sample on; when late, begin with the farthest.
 
-        That is where the indentor will be when the answer comes, and often where it will rest.
+        That is the pose when the answer comes, and often the final one.
         """
         if self._asked is not None or self.ended:
             return
@@ -224,10 +222,10 @@ class PressAhead(ForcePrefetcher):
 
     def _take_answer(self) -> None:
         answer = self._press.answer()
-        asked, self._asked = self._asked, None
+        request, self._asked = self._asked, None
         self._learn(answer)
-        if asked is not None:  # it may have taken so long that its instant is past
-            self._note(asked[0])
+        if request is not None:  # the sample may be past by now
+            self._note(request[0])
 
     def _learn(self, answer: PressAnswer) -> None:
         self._forces[answer.pose] = answer.force_n
@@ -236,23 +234,22 @@ class PressAhead(ForcePrefetcher):
         self._solved(answer.solve_s, answer.problem)
 
 
-# --- way ahead ---
+# --- trajectory prefetch ---
 #
-# A finger that relaxes, in real time: its force hangs on the way there, so that instants are solved in their order.
-#
-# Sample instants that are past have been gone as they were; the next ones are solved by the stage's plan, and again
-# where it changes. Who is behind takes few steps, so as not to fall behind farther: to now by the last turn of the
-# way, since a step at rest is exact however long it is, and from now to where the answer will come.
+# The force of a finger that relaxes depends on its trajectory, so samples are solved in order. Past samples follow
+# the actual motion; the next ones follow the stage's plan, and are solved again where it changes. When late, the
+# steps are few: to now by the last turn of the trajectory, since a step at rest is exact whatever its length, and
+# from now to the time of the answer.
 
-_WAYS_AHEAD = 2  # samples
-_TURNS = 1  # on the way to now
-_LOOKED_AT = 64  # instants for turns of the way
+_SAMPLES_AHEAD = 2  # samples
+_TURNS = 1  # turns up to now
+_SEARCHED = 64  # samples searched for turns of the trajectory
 _STRAIGHT_MM = 0.006  # two steps of a usual screw
-_LONGEST_MM = 0.1  # a press goes on from a state no farther away
+_LONGEST_MM = 0.1  # a press starts from a state no farther away
 
 
 class WayAhead(ForcePrefetcher):
-    """Forces by sample instant."""
+    """Prefetched forces of a finger that relaxes, by sample."""
 
     def __init__(
         self,
@@ -262,7 +259,7 @@ class WayAhead(ForcePrefetcher):
         period_s: float,
         complain: Callable[[str], object],
     ) -> None:
-        """period_s: of the samples; complain gets one line each time the finger begins to have no answer."""
+        """Take the sample period and a callback for one line each time the finger stops answering."""
         super().__init__(scheduler, process, period_s, complain)
         self._carriage, self._way_process = carriage, process
         self._asked: list[tuple[int, Pose]] | None = None
@@ -275,7 +272,7 @@ class WayAhead(ForcePrefetcher):
         self._begin()
 
     def _known_at(self, t_s: float) -> float | None:
-        """At a sample instant, or between two of them, linear in time."""
+        """Return the force at a sample, or interpolated linearly in time between two."""
         index = sample_at(t_s, self._period_s)
         share = max(t_s / self._period_s - index, 0.0)
         here = self._force_of(index)
@@ -296,7 +293,7 @@ class WayAhead(ForcePrefetcher):
         if self._asked is not None or self.ended or now <= self._gone:
             return
         gone, apart = self._gone_to(now), self._samples_ahead()
-        planned = [now + 1, now + _WAYS_AHEAD] if apart == 1 else [now + apart]
+        planned = [now + 1, now + _SAMPLES_AHEAD] if apart == 1 else [now + apart]
         starts = [self._gone, *gone, *planned]
         legs = [Leg((after - before) * self._period_s, self._pose_of(after)) for before, after in pairwise(starts)]
         self._asked = [(index, leg.pose) for index, leg in zip(starts[1:], legs, strict=True)]
@@ -305,17 +302,19 @@ class WayAhead(ForcePrefetcher):
             self._way_process.ask(TrajectoryUpdate(tuple(legs[: len(gone)]), tuple(legs[len(gone) :])))
 
     def _gone_to(self, now: int) -> list[int]:
-        """Instants on the way to now: by those that were planned and came so, which are solved, then by its turns."""
-        came = takewhile(lambda one: one[0] <= now and one[1] == self._pose_of(one[0]), self._planned)
-        solved = [index for index, _ in came]
+        """Return the samples up to now: planned ones that came true, which are solved, then turns."""
+        confirmed = takewhile(
+            lambda sample: sample[0] <= now and sample[1] == self._pose_of(sample[0]), self._planned
+        )
+        solved = [index for index, _ in confirmed]
         start = solved[-1] if solved else self._gone
         return [*solved, *self._turns(start, now)] if start < now else solved
 
     def _turns(self, start: int, now: int) -> list[int]:
-        each = max(math.ceil((now - start) / _LOOKED_AT), 1)
-        looked_at = [start, *range(now, start, -each)[::-1]]
+        each = max(math.ceil((now - start) / _SEARCHED), 1)
+        searched = [start, *range(now, start, -each)[::-1]]
         turns, last = list[int](), self._pose_of(start)
-        for before, at, after in zip(looked_at, looked_at[1:], looked_at[2:], strict=False):
+        for before, at, after in zip(searched, searched[1:], searched[2:], strict=False):
             here, there = self._pose_of(at), self._pose_of(after)
             if not _straight(self._pose_of(before), here, there) or _apart_mm(last, there) > _LONGEST_MM:
                 turns.append(at)
@@ -324,20 +323,20 @@ class WayAhead(ForcePrefetcher):
 
     def _take_answer(self) -> None:
         answer = self._way_process.answer()
-        asked, self._asked = self._asked, None
-        self._learn(asked or [], answer)
-        for index, _ in asked or []:  # it may have taken so long that they are past
+        request, self._asked = self._asked, None
+        self._learn(request or [], answer)
+        for index, _ in request or []:  # the samples may be past by now
             self._note(index * self._period_s)
 
-    def _learn(self, asked: list[tuple[int, Pose]], answer: WayAnswer) -> None:
-        self._forces.update({i: (pose, force) for (i, pose), force in zip(asked, answer.forces_n, strict=True)})
+    def _learn(self, samples: list[tuple[int, Pose]], answer: WayAnswer) -> None:
+        self._forces.update({i: (pose, force) for (i, pose), force in zip(samples, answer.forces_n, strict=True)})
         for old in [index for index in self._forces if index < self._index() - _KEPT]:
             del self._forces[old]
         self._solved(answer.solve_s, answer.problem)
 
 
 def _straight(before: Pose, here: Pose, after: Pose) -> bool:
-    """Whether the indentor went on as it came."""
+    """Return whether the indentor moved on in a straight line at the same speed."""
     first, second, third = (np.array(astuple(pose)) for pose in (before, here, after))
     return float(np.abs(first - 2 * second + third).max()) <= _STRAIGHT_MM
 

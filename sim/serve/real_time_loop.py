@@ -1,4 +1,4 @@
-"""Real time for the virtual devices: one thread, one loop over timers and open files."""
+"""Real-time event loop of the virtual devices: one thread over timers and open files."""
 
 import math
 import selectors
@@ -11,15 +11,15 @@ from sim.devices.clock import EventQueue, Handle
 
 
 class HasFileno(Protocol):
-    """A file, a socket, a pipe."""
+    """File, socket or pipe."""
 
     def fileno(self) -> int: ...
 
 
 class WallScheduler:
-    """A Scheduler on the wall clock; seconds since its creation.
+    """Scheduler on the wall clock, in seconds since its creation.
 
-    Nothing may block in the loop: a call that takes long makes every device late.
+    Nothing may block in the loop: a long call delays every device.
     """
 
     def __init__(self) -> None:
@@ -36,24 +36,24 @@ class WallScheduler:
         return time.monotonic() - self._origin_s
 
     def call_at(self, t_s: float, action: Callable[[], None]) -> Handle:
-        """Call action as soon after t_s as the loop can."""
+        """Call an action as soon after t_s as the loop can."""
         return self._queue.push(t_s, action)
 
     def watch(self, file: HasFileno, on_readable: Callable[[], None]) -> None:
-        """Call on_readable whenever file has something to read."""
+        """Call on_readable whenever a file has data."""
         self._selector.register(file, selectors.EVENT_READ, on_readable)
 
     def unwatch(self, file: HasFileno) -> None:
-        """No more calls for file; before it is closed."""
+        """Stop watching a file; call this before closing it."""
         self._selector.unregister(file)
 
     def run(self) -> None:
-        """Until stop()."""
+        """Run until stop()."""
         while not self._stopped:
             self.run_once()
 
     def run_once(self, until_s: float = math.inf) -> None:
-        """What is due, then whatever comes first: something to read, the next timer, or until_s."""
+        """Run due calls, then wait for data, the next timer, or until_s."""
         self._run_due()
         left_s = max(min(self._queue.next_s(), until_s) - self.monotonic_s(), 0.0)
         for key, _ in self._selector.select(None if left_s == math.inf else left_s):
@@ -65,7 +65,7 @@ class WallScheduler:
         self._waker.send(b".")
 
     def close(self) -> None:
-        """Give back what the loop itself holds open."""
+        """Close the loop's own files."""
         self._selector.close()
         self._waker.close()
         self._woken.close()

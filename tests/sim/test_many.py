@@ -92,7 +92,7 @@ def test_depths_at_a_place_share_the_way_down(coarse: Fingertip, work: dict[str,
 
 def test_rows_are_what_the_arguments_broadcast_to(coarse: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
     nothing = IndentationOutcome(None, "not asked")
-    monkeypatch.setattr(many_indentations, "_answer", lambda *_: nothing)
+    monkeypatch.setattr(many_indentations, "_press", lambda *_: nothing)
     bar, own = Indentor.along(Bar(2.0)), Cylinder(4.0)
     grid = indent_many(coarse, "bar:1", np.array([[0.0], [1.0]]), doi_mm=[0.1, 0.2])
     assert _asked(grid) == [("bar:1", x, None, doi, None) for x in (0.0, 1.0) for doi in (0.1, 0.2)]
@@ -183,7 +183,7 @@ def test_a_task_is_a_few_places(
         return map(function, tasks)
 
     monkeypatch.setattr(many_indentations, "in_processes", here)
-    monkeypatch.setattr(many_indentations, "_answer", lambda *_: IndentationOutcome(None, "not asked"))
+    monkeypatch.setattr(many_indentations, "_press", lambda *_: IndentationOutcome(None, "not asked"))
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     found = indent_many(coarse, "bar:1", np.arange(places), doi_mm=0.1, cores=cores)
     assert found.table()["x_mm"].tolist() == list(range(places))

@@ -1,1 +1,1 @@
-"""Loops over the points of a contact, compiled for the machine at hand."""
+"""Compiled loops over the points of a contact."""

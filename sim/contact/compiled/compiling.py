@@ -1,7 +1,7 @@
-"""How loops over the points of a contact are compiled: for the machine at hand, when first called, and then kept.
+"""Just-in-time compilation of loops for this machine, cached on disk.
 
-Kept beside these modules as Python keeps its own byte code, or in the cache's folder where that cannot be written;
-what cannot be kept at all is compiled in each process. A change of any of the modules begins a folder anew.
+The cache is a folder beside these modules, like Python's byte code, or in the model cache where that folder is
+read-only. Where neither can be written, each process compiles. A change of any of the modules begins a new folder.
 """
 
 import hashlib
@@ -18,13 +18,11 @@ from numba import config as numba_config
 from numba import njit
 from platformdirs import user_cache_path
 
-# --- kept ---
-#
-# Where this project keeps what took long to make.
+# --- cache ---
 
 
 def cache_dir() -> Path:
-    """Folder of all that is kept: RIG_CACHE_DIR, or the user's cache folder."""
+    """Return the cache folder: RIG_CACHE_DIR, or the user's cache folder."""
     chosen = os.environ.get("RIG_CACHE_DIR")
     return Path(chosen) if chosen else user_cache_path("indentation-rig")
 
@@ -38,11 +36,11 @@ _UNUSED_S = 86_400
 
 
 def compiled(loops: Loops) -> Loops:
-    """The same loops as machine code."""
+    """Return the loops as machine code."""
     before, _config.CACHE_DIR = _config.CACHE_DIR, str(_folder())
     try:
         made = njit(cache=True, error_model="numpy")(loops)
-    except (RuntimeError, OSError):  # numba has no place to keep it
+    except (RuntimeError, OSError):  # numba cannot write its cache
         made = njit(error_model="numpy")(loops)
     finally:
         _config.CACHE_DIR = before
@@ -51,7 +49,7 @@ def compiled(loops: Loops) -> Loops:
 
 @cache
 def _folder() -> Path:
-    """Where machine code of the modules as they are now is kept; what nobody used for a day is removed."""
+    """Return the folder for machine code of these modules; remove folders that nobody used for a day."""
     here = _HERE / "__pycache__"
     parent = here if os.access(here if here.exists() else _HERE, os.W_OK) else cache_dir()
     folder = parent / f"loops-{_digest()}"
@@ -64,7 +62,7 @@ def _folder() -> Path:
 
 
 def _digest() -> str:
-    """Of all modules with loops: numba looks at changes of the one alone in which it finds a function."""
+    """Hash all modules with loops; numba itself checks only the module that defines a function."""
     found = hashlib.sha256()
     for module in (*sorted(_HERE.glob("*.py")), *(_HERE.parent / name for name in _ALSO)):
         found.update(module.read_bytes())

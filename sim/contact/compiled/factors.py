@@ -1,7 +1,7 @@
-"""Cholesky factors and what is solved by them, by LAPACK and BLAS as scipy has them, called from compiled loops.
+"""Cholesky factors and triangular solves by scipy's LAPACK and BLAS, called from compiled loops.
 
-Matrices are symmetric, by rows, and only their lower triangles are looked at. By columns, as LAPACK reads the same
-memory, these are the upper ones: hence "U" throughout.
+Matrices are symmetric and stored by rows; only their lower triangles are read. LAPACK reads the same memory by
+columns, where these are upper triangles: hence "U" throughout.
 """
 
 from typing import Any
@@ -23,7 +23,7 @@ _TEXT, _INT, _REAL = (_pointer(kind) for kind in (types.uint8, types.int32, type
 
 
 def _routine(library: str, name: str, *arguments: Any) -> Any:
-    """A routine by a name that compiled code finds again when it is read from the disk."""
+    """Declare a routine under a name that compiled code finds again when it is read from disk."""
     symbol = f"indentation_rig_{name}"
     llvm.add_symbol(symbol, get_cython_function_address(f"scipy.linalg.cython_{library}", name))
     return types.ExternalFunction(symbol, types.void(*arguments))
@@ -39,7 +39,7 @@ _dsyrk = _routine("blas", "dsyrk", _TEXT, _TEXT, _INT, _INT, _REAL, _REAL, _INT,
 
 @compiled
 def factor_in_place(matrix: Array) -> bool:
-    """Put L of L Lᵀ in a matrix's lower triangle; whether it is positive definite."""
+    """Overwrite the lower triangle with L of L Lᵀ; return whether the matrix is positive definite."""
     n, info = np.array([len(matrix)], np.int32), np.zeros(1, np.int32)
     if n[0]:
         _dpotrf(_U.ctypes, n.ctypes, matrix.ctypes, n.ctypes, info.ctypes)
@@ -48,7 +48,7 @@ def factor_in_place(matrix: Array) -> bool:
 
 @compiled
 def solve_in_place(factor: Array, right: Array) -> None:
-    """Put x of L Lᵀ x = b in b's place (n,)."""
+    """Overwrite b (n,) with x of L Lᵀ x = b."""
     n, one, info = np.array([len(factor)], np.int32), np.ones(1, np.int32), np.zeros(1, np.int32)
     if n[0]:
         _dpotrs(_U.ctypes, n.ctypes, one.ctypes, factor.ctypes, n.ctypes, right.ctypes, n.ctypes, info.ctypes)
@@ -56,7 +56,7 @@ def solve_in_place(factor: Array, right: Array) -> None:
 
 @compiled
 def forth_in_place(factor: Array, rows: Array) -> None:
-    """Put L⁻¹ b in the place of each row b of (q, n)."""
+    """Overwrite each row b of (q, n) with L⁻¹ b."""
     n, q = np.array([len(factor)], np.int32), np.array([len(rows)], np.int32)
     if n[0] and q[0]:
         _dtrsm(_L.ctypes, _U.ctypes, _T.ctypes, _N.ctypes, n.ctypes, q.ctypes, _ONE.ctypes, factor.ctypes, n.ctypes,
@@ -65,7 +65,7 @@ def forth_in_place(factor: Array, rows: Array) -> None:
 
 @compiled
 def back_in_place(factor: Array, right: Array) -> None:
-    """Put L⁻ᵀ b in the place of b (n,)."""
+    """Overwrite b (n,) with L⁻ᵀ b."""
     n, one = np.array([len(factor)], np.int32), np.ones(1, np.int32)
     if n[0]:
         _dtrsm(_L.ctypes, _U.ctypes, _N.ctypes, _N.ctypes, n.ctypes, one.ctypes, _ONE.ctypes, factor.ctypes, n.ctypes,
@@ -83,7 +83,7 @@ def add_products(matrix: Array, rows: Array) -> None:
 
 @compiled
 def one_over_inverse(factor: Array) -> float:
-    """1 / the 1-norm of (L Lᵀ)⁻¹, as LAPACK estimates it: no more than the smallest eigenvalue, by the true norm."""
+    """Return LAPACK's estimate of 1 / ‖(L Lᵀ)⁻¹‖₁; with the exact norm, at most the smallest eigenvalue."""
     n, info, found = np.array([len(factor)], np.int32), np.zeros(1, np.int32), np.zeros(1)
     work, counts = np.empty(3 * len(factor)), np.empty(len(factor), np.int32)
     _dpocon(_U.ctypes, n.ctypes, factor.ctypes, n.ctypes, _ONE.ctypes, found.ctypes, work.ctypes, counts.ctypes,
@@ -93,7 +93,7 @@ def one_over_inverse(factor: Array) -> float:
 
 @compiled
 def eigen_in_place(matrix: Array) -> Array:
-    """(n,) eigenvalues, ascending; the matrix's rows become their vectors."""
+    """Return (n,) ascending eigenvalues; overwrite the matrix's rows with the eigenvectors."""
     n, info, values = np.array([len(matrix)], np.int32), np.zeros(1, np.int32), np.empty(len(matrix))
     room = np.array([1 + 6 * n[0] + 2 * n[0] * n[0]], np.int32)
     counts = np.array([3 + 5 * n[0]], np.int32)

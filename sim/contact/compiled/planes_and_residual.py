@@ -1,4 +1,4 @@
-"""Planes under an indentor, and by how much forces miss equilibrium, point by point."""
+"""Planes under an indentor, and the equilibrium residual, point by point."""
 
 import math
 
@@ -13,7 +13,7 @@ Bools = NDArray[np.bool_]
 
 @compiled
 def planes(height: Array, slope: Array, curvature: Array, at: Array) -> tuple[Array, Array, Bools]:
-    """Of planes (∇h, −1) over points displaced by (m, k): normals (m, k), gaps undisplaced (k,), which are curved."""
+    """Return normals (m, k), undisplaced gaps (k,) and a mask of curved parts of the planes under (m, k) points."""
     m, k = at.shape
     normal, gap, curved = np.empty((m, k)), np.empty(k), np.zeros(k, dtype=np.bool_)
     for p in range(k):
@@ -30,9 +30,9 @@ def planes(height: Array, slope: Array, curvature: Array, at: Array) -> tuple[Ar
 
 @compiled
 def missed(mismatch: Array, height: Array, slope: Array, multipliers: Array, scale_mm: float) -> tuple[float, float]:
-    """Largest of mismatch of u (m, n), penetration, complementarity and tension, as ratios; the sum of depths in mm.
+    """Return the largest ratio of mismatch of u (m, n), penetration, complementarity and tension, and Σ depths in mm.
 
-    Heights, slopes (m − 1, k) and multipliers are those of the points. What is no number counts as infinite.
+    Heights, slopes (m − 1, k) and multipliers belong to the points. NaN counts as infinite.
     """
     along, peak, worst, depth = np.empty(len(height)), 0.0, 0.0, 0.0
     for p in range(len(height)):

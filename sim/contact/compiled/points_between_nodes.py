@@ -1,4 +1,4 @@
-"""Points between nodes: where segments are, which may be touched there, what lies close."""
+"""Points between nodes: positions on segments, candidates for contact, and their nodes."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ Bools = NDArray[np.bool_]
 
 @compiled
 def spread(tangential: Array, y: Array, segments: Ints, lowest_mm: float, parts: int) -> tuple[Ints, Array, Array]:
-    """(s,) segments (n, 2) with an end above a height; their inner points, (m, s · inner), and heights."""
+    """Return (s,) segments with an end above a height, and positions (m, s · inner) and heights of inner points."""
     m, inner = len(tangential), parts - 1
     high, s = np.empty(len(segments), np.int64), 0
     for i in range(len(segments)):
@@ -32,7 +32,7 @@ def spread(tangential: Array, y: Array, segments: Ints, lowest_mm: float, parts:
 
 @compiled
 def below_chord(height: Array, segments: Ints, which: Ints, gap: Array, bent_mm: float) -> Bools:
-    """(s, inner) whether the gap there is smaller than along the chord between the ends' by more than told."""
+    """Return (s, inner) whether a gap is smaller, by more than `bent_mm`, than on the chord between the nodes."""
     inner = gap.shape[1]
     found = np.empty(gap.shape, np.bool_)
     for i in range(len(which)):
@@ -47,7 +47,7 @@ def below_chord(height: Array, segments: Ints, which: Ints, gap: Array, bent_mm:
 def closer(
     height: Array, gap: Array, below: Bools, which: Ints, lower_mm: float, than_mm: float
 ) -> tuple[Ints, Ints]:
-    """Nodes closer than a gap to what is lowered, and points of segments that are bent anywhere, by number."""
+    """Return numbers of nodes within a gap of the lowered indentor, and of points on segments that bend anywhere."""
     nodes, n = np.empty(len(height), np.int64), 0
     for i in range(len(height)):
         if height[i] - lower_mm < than_mm:
@@ -66,7 +66,7 @@ def closer(
 
 @compiled
 def carried(nodes: Ints, between: Ints, segments: Ints, parts: int) -> tuple[Ints, Array]:
-    """Of nodes, then of points between (inner · segment + place): nodes around them (2, k), shares of the second."""
+    """Return the nodes (2, k) around nodes and then points (inner · segment + place), and weights of the second."""
     n, inner = len(nodes), parts - 1
     carriers, share = np.empty((2, n + len(between)), np.int64), np.zeros(n + len(between))
     for p in range(n):
@@ -79,7 +79,7 @@ def carried(nodes: Ints, between: Ints, segments: Ints, parts: int) -> tuple[Int
 
 @compiled
 def interpolated(nodal: Array, carriers: Ints, share: Array) -> Array:
-    """(r, k) values at points from (r, n) at the nodes."""
+    """Interpolate (r, n) nodal values to (r, k) values at points."""
     found = np.empty((len(nodal), len(share)))
     for r in range(len(nodal)):
         for p in range(len(share)):
@@ -90,7 +90,7 @@ def interpolated(nodal: Array, carriers: Ints, share: Array) -> Array:
 
 @compiled
 def shared_out(force: Array, carriers: Ints, share: Array, n: int) -> Array:
-    """(m, n) at the nodes of (m, k) forces at points."""
+    """Distribute (m, k) forces at points to (m, n) forces at nodes."""
     found = np.zeros((len(force), n))
     for a in range(len(force)):
         for p in range(len(share)):
@@ -101,7 +101,7 @@ def shared_out(force: Array, carriers: Ints, share: Array, n: int) -> Array:
 
 @compiled
 def which_of(numbers: Ints, others: Ints) -> Bools:
-    """Which of some numbers are among others; both ascend."""
+    """Return a mask of the numbers that are among others; both ascend."""
     found, j = np.zeros(len(numbers), np.bool_), 0
     for i in range(len(numbers)):
         while j < len(others) and others[j] < numbers[i]:
@@ -112,7 +112,7 @@ def which_of(numbers: Ints, others: Ints) -> Bools:
 
 @compiled
 def merged(numbers: Ints, others: Ints) -> Ints:
-    """All of both, each once; they ascend."""
+    """Return the ascending union of both."""
     found = np.empty(len(numbers) + len(others), np.int64)
     i = j = k = 0
     while i < len(numbers) or j < len(others):

@@ -12,7 +12,10 @@ Array = NDArray[np.float64]
 
 @compiled
 def arc(t: Array, radius: float, side: Array, steepest: float) -> tuple[Array, Array, Array]:
-    """A circle's lower part at t (k,) from its lowest point, then a flank at its steepest; flat at t < 0."""
+    """Return height, slope and curvature (k,) of a circle's lower part, with a flank where it is steepest.
+
+    t (k,) is the distance from the lowest point in mm; the profile is flat at t < 0.
+    """
     height, slope, curvature = np.zeros(len(t)), np.zeros(len(t)), np.zeros(len(t))
     end = radius * steepest / math.hypot(1.0, steepest)
     for p in range(len(t)):
@@ -29,7 +32,7 @@ def arc(t: Array, radius: float, side: Array, steepest: float) -> tuple[Array, A
 
 @compiled
 def lean(height: Array, slope: Array, t: Array, y_mm: Array, radius: float, side: Array, steepest: float) -> None:
-    """Put the tangent of `arc`'s circle that is closest to a point at height y where it would be a flank."""
+    """Replace the flank of `arc` by the circle's tangent that is closest to a point at height y, in place."""
     end = radius * steepest / math.hypot(1.0, steepest)
     for p in range(len(t)):
         if t[p] > end:
@@ -40,7 +43,7 @@ def lean(height: Array, slope: Array, t: Array, y_mm: Array, radius: float, side
 
 @compiled
 def flank(s: Array, half: float, k: float) -> tuple[Array, Array, Array]:
-    """A flank half · (1 − cos ks) from a level at s < 0 to another one half a wave on."""
+    """Return height, slope and curvature of half · (1 − cos ks), level before s = 0 and half a wave later."""
     height, slope, curvature = np.zeros(len(s)), np.zeros(len(s)), np.zeros(len(s))
     for p in range(len(s)):
         if s[p] > math.pi / k:
@@ -55,7 +58,7 @@ def flank(s: Array, half: float, k: float) -> tuple[Array, Array, Array]:
 
 @compiled
 def joined(s: Array, knots: Array, powers: Array) -> tuple[Array, Array, Array]:
-    """Polynomials (p, n), highest power first, from each of n knots (n + 1) to the next; the outer ones go on."""
+    """Evaluate polynomials (p, n), highest power first, between n + 1 knots; the outer ones extend beyond them."""
     height, slope, curvature = np.zeros(len(s)), np.zeros(len(s)), np.zeros(len(s))
     last = powers.shape[1] - 1
     for p in range(len(s)):

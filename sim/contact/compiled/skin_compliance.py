@@ -1,4 +1,4 @@
-"""What forces at points of the skin do at other points, by loops over the nodes that carry them."""
+"""Displacements of skin points by forces at other points, by loops over the nodes that carry them."""
 
 from typing import NamedTuple
 
@@ -12,21 +12,21 @@ Ints = NDArray[np.int64]
 
 
 class SkinCompliance(NamedTuple):
-    """Points of the skin, and how the nodes around them move one another."""
+    """Skin points between nodes, and the compliance of these nodes."""
 
     store: Array  # (m, N, m, N) mm/N: motion of nodes along the second pair by forces along the first
-    nodes: int  # so many of the N are there
-    carriers: Ints  # (2, k) the nodes around each point
-    share: Array  # (k,) of the second: 0 for a node
+    nodes: int  # number of the N rows in use
+    carriers: Ints  # (2, k) nodes around each point
+    share: Array  # (k,) weight of the second node: 0 at a node
 
 
 @compiled
 def worked(
     skin: SkinCompliance, rows: Ints, row_force: Array, columns: Ints, column_force: Array, width: int
 ) -> Array:
-    """(r, c) work of a force (m, r) at each of some points along the motion by one (m, c) at each of others.
+    """Return (r, c) the work of a force (m, r) at each row point along the motion by one (m, c) at each column point.
 
-    The first row has `width` columns, each other one more than the one before it; the rest is zero.
+    The first row has `width` columns, each following row one more; the rest is zero.
     """
     store, carriers, share = skin.store, skin.carriers, skin.share
     m, n = len(row_force), len(columns)
@@ -60,7 +60,7 @@ def worked(
 
 @compiled
 def moved(skin: SkinCompliance, loaded: Ints, force: Array) -> Array:
-    """(m, k) motion in mm of all points by forces (m, r) at some of them."""
+    """Return (m, k) displacements in mm of all points by forces (m, r) at the loaded ones."""
     store, count, carriers, share = skin
     m, k = len(store), len(share)
     nodal = np.zeros((m, count))
@@ -85,7 +85,7 @@ def moved(skin: SkinCompliance, loaded: Ints, force: Array) -> Array:
 
 @compiled
 def moved_by_turns(skin: SkinCompliance, turn: Array, multipliers: Array) -> Array:
-    """(m, k) motion in mm by forces of points (k,) whose planes' slopes change by (m − 1, k)."""
+    """Return (m, k) displacements in mm by the changes (m − 1, k) of the planes' slopes under multipliers (k,)."""
     m, k = len(turn), len(multipliers)
     loaded, force, n = np.empty(k, np.int64), np.zeros((m + 1, k)), 0
     for p in range(k):
@@ -101,7 +101,7 @@ def moved_by_turns(skin: SkinCompliance, turn: Array, multipliers: Array) -> Arr
 
 @compiled
 def displaced(compliance: Array, force: Array) -> Array:
-    """(m, n) motion of nodes by forces (m, n), of which most are zero; the compliance is (m n, m n)."""
+    """Return (m, n) displacements of nodes by forces (m, n), most of them zero; the compliance is (m n, m n)."""
     pushing, found = force.ravel(), np.zeros(force.size)
     for i in range(len(pushing)):
         f = pushing[i]

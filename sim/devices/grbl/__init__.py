@@ -1,1 +1,1 @@
-"""A virtual GRBL 1.1 board."""
+"""Virtual GRBL 1.1 board."""

@@ -1,8 +1,8 @@
-"""A virtual GRBL 1.1h board: the same bytes, the same waiting, the same ways to go deaf.
+"""Virtual GRBL 1.1h board with the bytes, delays and deaf states of the real one.
 
-Source: GRBL 1.1 interface wiki and the behaviour of the 1.1h firmware. Nothing ticks: the board works when
-a byte arrives and at the few instants it waits for. Spindle and coolant are outputs and nothing more. Not simulated:
-arcs, probe, hard limits.
+Source: GRBL 1.1 interface wiki and the behavior of the 1.1h firmware. The board is event-driven: it works when a byte
+arrives and at the few times it waits for. Spindle and coolant are plain outputs. Not simulated: arcs, probe, hard
+limits.
 """
 
 from math import inf
@@ -23,10 +23,10 @@ END, FLOWS = (2, 30), (0, 2, 30)
 
 
 class VirtualGrbl(GrblSystem):
-    """A board with three axes behind a serial line, switched on at once.
+    """Board with three axes behind a serial line, switched on at construction.
 
-    VirtualGrbl(scheduler, line, *, settings, work_offset_mm, mechanics): settings change the rig's defaults,
-    work_offset_mm is the stored G54; of the mechanics the board knows nothing.
+    `settings` change the rig's defaults, `work_offset_mm` is the stored G54, and `mechanics` are unknown to the
+    board.
     """
 
     def _execute(self, line: str, now_s: float) -> int | None:
@@ -50,7 +50,7 @@ class VirtualGrbl(GrblSystem):
         return self._proceed(command, now_s)
 
     def _switch(self, command: GcodeCommand, now_s: float) -> None:
-        """Outputs change once the stage is at rest, before the rest of their line."""
+        """Switch outputs once the stage is at rest, before the rest of their line."""
         self._switch_outputs(command.modal, now_s)
         self._reports.show_overrides()
         self._reply(self._proceed(command, now_s))
@@ -77,7 +77,7 @@ class VirtualGrbl(GrblSystem):
         return self._moves(command.targets_mm, command.feed, now_s)
 
     def _moves(self, targets_mm: tuple[Vec, ...], feed: float, now_s: float) -> int | None:
-        """One after another; the second of two, as G28 has, once the first is over."""
+        """Queue moves one after another; the second of two, as in G28, starts after the first."""
         if not targets_mm:
             return 0
         if len(targets_mm) == 1:
@@ -89,12 +89,12 @@ class VirtualGrbl(GrblSystem):
         return None
 
     def _pause(self, now_s: float) -> None:
-        """M0: held until somebody resumes, and only then answered."""
+        """Hold on M0 until a resume, and answer only then."""
         self._suspend(now_s, "Hold")
         self._wait_for(Wait(lambda: self._planner.end_s, lambda _: self._reply(0)))
 
     def _end(self, now_s: float) -> None:
-        """M2, M30: outputs off, most modes and all overrides as after a reset."""
+        """End the program on M2 or M30: outputs off, most modes and all overrides reset."""
         ended = self._modal.after_program()
         self._switch_outputs(ended, now_s)
         self._modal = ended
@@ -144,7 +144,7 @@ class VirtualGrbl(GrblSystem):
         self._alarm(SOFT_LIMIT, self._die)
 
     def _die(self, _now_s: float) -> None:
-        """Deaf to everything but a reset."""
+        """Ignore everything but a reset."""
         self._send("[MSG:Reset to continue]")
         self._dead = True
 
@@ -169,10 +169,10 @@ class VirtualGrbl(GrblSystem):
         self._queued_to = (x, y, z)
 
 
-def grbl_twin(scheduler: Scheduler, line: SerialLine, told: StageTold) -> VirtualGrbl:
-    """A board whose settings are those that the rig expects."""
-    reversed_axes = sum(1 << i for i, per_mm in enumerate(told.steps_per_mm) if per_mm < 0)
+def grbl_twin(scheduler: Scheduler, line: SerialLine, spec: StageTold) -> VirtualGrbl:
+    """Return a board with the settings that the rig expects."""
+    reversed_axes = sum(1 << i for i, per_mm in enumerate(spec.steps_per_mm) if per_mm < 0)
     settings: dict[int, float] = {STEP_DIRECTION: reversed_axes}
-    settings |= {TRAVEL_MM + i: mm for i, mm in enumerate(told.travel_mm)}
-    settings |= {STEPS_PER_MM + i: abs(per_mm) for i, per_mm in enumerate(told.steps_per_mm)}
-    return VirtualGrbl(scheduler, line, settings=settings, mechanics=Mechanics(play_steps=told.play_steps))
+    settings |= {TRAVEL_MM + i: mm for i, mm in enumerate(spec.travel_mm)}
+    settings |= {STEPS_PER_MM + i: abs(per_mm) for i, per_mm in enumerate(spec.steps_per_mm)}
+    return VirtualGrbl(scheduler, line, settings=settings, mechanics=Mechanics(play_steps=spec.play_steps))

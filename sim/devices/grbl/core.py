@@ -1,6 +1,6 @@
-"""The core of the virtual GRBL board: bytes, state and waiting.
+"""Core of the virtual GRBL board: bytes, state and waiting.
 
-Source: GRBL 1.1 interface wiki and the behaviour of the 1.1h firmware.
+Source: GRBL 1.1 interface wiki and the behavior of the 1.1h firmware.
 """
 
 from collections import deque
@@ -15,8 +15,6 @@ from sim.devices.grbl.settings import HOMING, GrblSettings
 from sim.devices.line import SerialLine
 
 # --- overrides ---
-#
-# Feed, rapid and spindle overrides: percentages that a pendant or another program may set at any time.
 #
 # Source: GRBL 1.1 interface wiki; the 1.1h firmware: protocol.c, config.h (steps of 10 and 1, from 10 to 200).
 
@@ -35,14 +33,14 @@ OVERRIDE_BYTES = (*_STEPS, *_VALUES)
 
 @dataclass(frozen=True)
 class Overrides:
-    """Per cent."""
+    """Feed, rapid and spindle overrides, in percent."""
 
     feed: int = FULL
     rapid: int = FULL
     spindle: int = FULL
 
     def after(self, byte: int) -> "Overrides":
-        """What one real-time byte makes of them."""
+        """Return the overrides after a real-time byte."""
         if byte in _VALUES:
             name, value = _VALUES[byte]
         else:
@@ -60,7 +58,7 @@ class Overrides:
 
 # --- report ---
 #
-# What a GRBL 1.1h board says of itself. Source: GRBL 1.1 interface wiki.
+# Source: GRBL 1.1 interface wiki.
 
 BANNER = "\r\nGrbl 1.1h ['$' for help]"
 HELP = "[HLP:$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x]"
@@ -75,7 +73,7 @@ _SPINDLE_LETTER = {3: "S", 4: "C", 5: ""}
 
 @dataclass
 class Snapshot:
-    """The board at the instant of a `?`: mm, mm/min, planner blocks and receive bytes free, limit pins."""
+    """State of the board at a `?`: mm, mm/min, free planner blocks and receive bytes, limit pins."""
 
     state: str
     machine_mm: Vec
@@ -89,7 +87,7 @@ class Snapshot:
 
 
 class StatusReports:
-    """Formats `<…>` lines; WCO and Ov come only now and then, less often while busy."""
+    """Formatter of `<…>` lines; WCO and Ov appear only in some, less often while busy."""
 
     def __init__(self, settings: GrblSettings) -> None:
         self._settings = settings
@@ -100,11 +98,11 @@ class StatusReports:
         self._wco_in = self._ov_in = 0
 
     def show_offset(self) -> None:
-        """Work coordinates, or what they are printed in, have changed."""
+        """Report work coordinates soon: they or their unit have changed."""
         self._wco_in = 0
 
     def show_overrides(self) -> None:
-        """Outputs were switched, or an override: Ov, and with it A, comes as soon as it can."""
+        """Report Ov, and with it A, soon: outputs or overrides have changed."""
         self._ov_in = 0
 
     def line(self, at: Snapshot) -> str:
@@ -119,8 +117,8 @@ class StatusReports:
         return f"<{'|'.join(parts + self._now_and_then(at, inches))}>"
 
     def _rpm(self, at: Snapshot) -> float:
-        asked = 0.0 if at.modal.spindle == 5 else at.modal.speed * at.overrides.spindle / FULL
-        return min(max(asked, self._settings[31]), self._settings[30]) if asked else 0.0
+        requested = 0.0 if at.modal.spindle == 5 else at.modal.speed * at.overrides.spindle / FULL
+        return min(max(requested, self._settings[31]), self._settings[30]) if requested else 0.0
 
     def _position(self, at: Snapshot, as_machine: bool, inches: bool) -> str:
         if as_machine:
@@ -156,7 +154,7 @@ def coordinates(mm: Vec, inches: bool = False) -> str:
 
 
 def build(info: str) -> list[str]:
-    """The answer to `$I`."""
+    """Return the answer to `$I`."""
     return [f"[VER:1.1h.20190830:{info}]", "[OPT:V,15,128]"]
 
 
@@ -165,20 +163,20 @@ def rate(mm_min: float, inches: bool) -> str:
 
 
 def parser_state(modal: Modal, inches: bool) -> str:
-    """The answer to `$G`; the tool is that of the line before, so nearly always 0."""
+    """Return the answer to `$G`; the tool is that of the line before, so nearly always 0."""
     units, distance, mode = 21 if modal.metric else 20, 90 if modal.absolute else 91, 93 if modal.inverse_time else 94
-    places = f"G{modal.motion} G{54 + modal.system} G{modal.plane} G{units} G{distance} G{mode}"
+    modes = f"G{modal.motion} G{54 + modal.system} G{modal.plane} G{units} G{distance} G{mode}"
     outputs = f"M{modal.spindle} M{modal.coolant}"
-    return f"[GC:{places} {outputs} T0 F{rate(modal.feed, inches)} S{modal.speed:.0f}]"
+    return f"[GC:{modes} {outputs} T0 F{rate(modal.feed, inches)} S{modal.speed:.0f}]"
 
 
 def parameters(offsets: Offsets, inches: bool) -> list[str]:
-    """The answer to `$#`; nothing was ever probed."""
+    """Return the answer to `$#`, without a probe result."""
     stored = [*offsets.systems, offsets.g28, offsets.g30, offsets.g92]
     names = ("G54", "G55", "G56", "G57", "G58", "G59", "G28", "G30", "G92")
-    places = [f"[{name}:{coordinates(mm, inches)}]" for name, mm in zip(names, stored, strict=True)]
+    lines = [f"[{name}:{coordinates(mm, inches)}]" for name, mm in zip(names, stored, strict=True)]
     length = coordinates((offsets.length_mm, 0.0, 0.0), inches).split(",")[0]
-    return [*places, f"[TLO:{length}]", f"[PRB:{coordinates((0.0, 0.0, 0.0), inches)}:0]"]
+    return [*lines, f"[TLO:{length}]", f"[PRB:{coordinates((0.0, 0.0, 0.0), inches)}:0]"]
 
 
 OVERFLOW = 11
@@ -187,9 +185,10 @@ _OUTPUTS_KEPT = 1000
 
 @dataclass(frozen=True)
 class Mechanics:
-    """What hangs on the board's motors and of which it knows nothing.
+    """Mechanics behind the board's motors, of which the board knows nothing.
 
-    start_mm is where the carriage stands, from the home switches; slip_steps is how far inertia carries a moving axis
+    start_mm is the carriage's position relative to the home switches; slip_steps is how far inertia carries a moving
+    axis
     past a reset; play_steps is the lost motion of each screw.
     """
 
@@ -200,7 +199,7 @@ class Mechanics:
 
 @dataclass
 class Wait:
-    """Something the main program stands still for; ready_s moves when the plan of motion does."""
+    """Condition that blocks the main program; ready_s changes with the motion plan."""
 
     ready_s: Callable[[], float]
     proceed: Callable[[float], None]
@@ -208,7 +207,7 @@ class Wait:
 
 
 class GrblCore:
-    """A board with three axes behind a serial line; what bytes mean is left to those who build on it."""
+    """Board with three axes behind a serial line; subclasses interpret the bytes."""
 
     def __init__(
         self,
@@ -236,20 +235,20 @@ class GrblCore:
         self._modal, self._overrides = Modal(), Overrides()
         self._pressed: set[str] = set()  # letters of the stop inputs
         self._realtime: dict[int, Callable[[float], None]] = {}
-        self.outputs: deque[tuple[float, str]] = deque(maxlen=_OUTPUTS_KEPT)  # every switching: s, M word
+        self.outputs: deque[tuple[float, str]] = deque(maxlen=_OUTPUTS_KEPT)  # all switching events: s, M word
         line.connect(self._on_bytes)
         self.power_cycle()
 
     def carriage_steps_at(self, t_s: float) -> Counts:
-        """Where the motors really are, steps from the home switches (x, y, z); past, present or planned."""
+        """Return the motors' true position in steps from the home switches (x, y, z); past, present or planned."""
         return self._planner.track.counts_at(t_s)
 
     def nut_steps_at(self, t_s: float) -> Counts:
-        """Where what hangs on the screws is: behind the motors by the play where they went up last."""
+        """Return the nuts' position: behind the motors by the play where they went up last."""
         return self._planner.track.nut_at(t_s)
 
     def power_cycle(self) -> None:
-        """Switch off and on: motion stops, the board takes the place it wakes up at for zero."""
+        """Switch off and on: motion stops, and the board's position becomes zero."""
         now_s = self._scheduler.monotonic_s()
         self._planner.halt(now_s)
         x, y, z = self.carriage_steps_at(now_s)
@@ -295,11 +294,11 @@ class GrblCore:
     # --- state ---
 
     def _busy(self) -> bool:
-        """Whether lines have to wait in the receive buffer."""
+        """Return whether lines have to wait in the receive buffer."""
         return self._wait is not None or self._deaf or self._jog_cancelled or self._state in ("Hold", "Door", "Sleep")
 
     def _settle(self, now_s: float) -> None:
-        """Notice what has come to rest since the last byte."""
+        """Update the state for motion that has ended since the last byte."""
         if self._state in ("Run", "Jog") and now_s >= self._planner.end_s:
             self._state = "Idle"
             if self._jog_cancelled:
@@ -328,7 +327,7 @@ class GrblCore:
         self.outputs.extend((now_s, word) for word in changed)
 
     def _set_overrides(self, to: Overrides, now_s: float) -> None:
-        """They last until the next reset, and change what is under way unless that is stopping already."""
+        """Set overrides until the next reset; they change the current motion unless it is already stopping."""
         if to != self._overrides:
             under_way = self._state in ("Run", "Jog") and not self._jog_cancelled and now_s < self._planner.end_s
             self._overrides = to
@@ -337,7 +336,7 @@ class GrblCore:
             self._arm()
 
     def _sync(self, now_s: float) -> None:
-        """Let parser and planner start from where the board believes the carriage is."""
+        """Set parser and planner to the board's believed position."""
         self._queued_to = self.carriage_steps_at(now_s)
         self._parser_mm = self._machine_mm(self._queued_to)
 
@@ -363,7 +362,7 @@ class GrblCore:
         self._arm()
 
     def _arm(self) -> None:
-        """Set the alarm clock for what is waited for, as the motion is planned now."""
+        """Set the timer for the current wait, by the current motion plan."""
         if self._alarm_clock is not None:
             self._alarm_clock.cancel()
             self._alarm_clock = None
@@ -382,7 +381,7 @@ class GrblCore:
         self._pump(now_s)
 
     def _execute(self, line: str, now_s: float) -> int | None:
-        """Returns the error number, 0 for ok, None if the answer comes later."""
+        """Execute a line; return the error number, 0 for ok, None if the answer comes later."""
         raise NotImplementedError
 
 

@@ -1,4 +1,4 @@
-"""GRBL's g-code without arcs and probing: what a line asks for, or the number of the error it is.
+"""GRBL's g-code parser, without arcs and probing.
 
 Source: the 1.1h firmware, gcode.c, steps 3 and 4, in its order of checks; GRBL 1.1 wiki (error codes).
 """
@@ -12,8 +12,6 @@ from sim.devices.grbl.planner import Vec
 from sim.errors import SimError
 
 # --- lines ---
-#
-# How GRBL makes lines out of characters, and words out of a line, and what it refuses while it reads them.
 #
 # Source: the 1.1h firmware, protocol.c, and gcode.c, step 2. Not simulated: arcs (G2, G3) and probing (G38), error
 # 20.
@@ -35,7 +33,7 @@ _G_GROUPS = {
     **dict.fromkeys((54.0, 55.0, 56.0, 57.0, 58.0, 59.0), SYSTEM),
     **{91.1: "arc distance", 40.0: "cutter", 61.0: "path"},
 }
-# With another decimal these are unknown commands; of all others it is the decimal that is wrong.
+# Other decimals of these are unknown commands; for all others the decimal is the error.
 _WITH_DECIMALS = {28, 30, 38, 43, 61, 90, 91, 92}
 _M_GROUPS = {0: FLOW, 1: FLOW, 2: FLOW, 30: FLOW, 3: SPINDLE, 4: SPINDLE, 5: SPINDLE, 8: COOLANT, 9: COOLANT}
 _VALUES, _NEVER_NEGATIVE, _MOST_TOOLS = "FIJKLNPRSTXYZ", "FNPST", 255
@@ -48,7 +46,7 @@ _AXIS_COMMANDS: dict[float, str] = {
 
 
 class LineAssembler:
-    """Takes one character at a time; overflowed tells whether the line just returned was too long."""
+    """Assembler of lines from characters; `overflowed` refers to the line just returned."""
 
     def __init__(self) -> None:
         self.overflowed = False
@@ -60,7 +58,7 @@ class LineAssembler:
         self._too_long = False
 
     def feed(self, byte: int) -> str | None:
-        """Returns a line at CR or at LF (so CR LF gives an empty line more), else None."""
+        """Return a line at CR or at LF (so CR LF gives an extra empty line), else None."""
         char = chr(byte)
         if char in "\r\n":
             line, self.overflowed = "".join(self._text), self._too_long
@@ -81,7 +79,7 @@ class LineAssembler:
 
 
 class GcodeError(SimError):
-    """A line the parser refuses; number is GRBL's."""
+    """Error of a line that the parser rejects, with GRBL's number."""
 
     default_code = "refused_line"
 
@@ -92,7 +90,7 @@ class GcodeError(SimError):
 
 @dataclass
 class Line:
-    """Commands by modal group, values by letter; what the axis words are for."""
+    """Commands by modal group, values by letter, and the command that uses the axis words."""
 
     codes: dict[str, float] = field(default_factory=dict)
     values: dict[str, float] = field(default_factory=dict)
@@ -100,12 +98,12 @@ class Line:
 
     @property
     def axes(self) -> str:
-        """Those of X, Y, Z that have a word."""
+        """Axes X, Y, Z that have a word."""
         return "".join(axis for axis in "XYZ" if axis in self.values)
 
 
 def read(text: str) -> Line:
-    """Words of a line in capitals without spaces. Raises GcodeError."""
+    """Parse a line in capitals without spaces into words. Raises GcodeError."""
     line, at = Line(), 0
     while at < len(text):
         letter = text[at]
@@ -164,9 +162,7 @@ _ADD = {"G": _add_g, "M": _add_m}
 
 # --- offsets ---
 #
-# Where a GRBL board's work coordinates lie: G54 to G59, G92, the tool's length, and the stored G28 and G30.
-#
-# Source: GRBL 1.1 interface wiki; the 1.1h firmware, gcode.c. All in machine millimetres.
+# Source: GRBL 1.1 interface wiki; the 1.1h firmware, gcode.c. All in machine millimeters.
 
 ZERO: Vec = (0.0, 0.0, 0.0)
 SYSTEMS = 6
@@ -174,7 +170,7 @@ SYSTEMS = 6
 
 @dataclass(frozen=True)
 class Offsets:
-    """What is stored, and what a reset forgets: G92 and the tool's length."""
+    """Stored offsets, and those that a reset clears: G92 and the tool's length."""
 
     systems: tuple[Vec, ...] = (ZERO,) * SYSTEMS
     g28: Vec = ZERO
@@ -183,7 +179,7 @@ class Offsets:
     length_mm: float = 0.0
 
     def of(self, system: int) -> Vec:
-        """From machine zero to the zero of a work coordinate system, counted from 0 for G54."""
+        """Return machine coordinates of the zero of a work coordinate system, counted from 0 for G54."""
         x, y, z = (a + b for a, b in zip(self.systems[system], self.g92, strict=True))
         return (x, y, z + self.length_mm)
 
@@ -198,7 +194,7 @@ class Offsets:
 MM_PER_INCH = 25.4
 NO_MOTION = 80
 _LARGEST_LINE_NUMBER = 10_000_000
-_INTEGER_OVERFLOW = 2.0**31  # and the firmware takes what comes of it for negative
+_INTEGER_OVERFLOW = 2.0**31  # the firmware overflows to a negative number, which passes
 _IN_JOG = {DISTANCE, UNITS, ONCE}
 INVALID_JOG, NO_FEED, NO_AXIS_WORDS, LINE_NUMBER, NO_VALUE_WORD = 16, 22, 26, 27, 28
 NO_SYSTEM, G53_MOTION, AXIS_WORDS_LEFT, UNUSED_WORDS, LENGTH_AXIS = 29, 30, 31, 36, 37
@@ -206,7 +202,7 @@ NO_SYSTEM, G53_MOTION, AXIS_WORDS_LEFT, UNUSED_WORDS, LENGTH_AXIS = 29, 30, 31, 
 
 @dataclass(frozen=True)
 class Modal:
-    """What one line leaves behind for the next; feed in mm/min, speed of the spindle in rpm."""
+    """Modal state after a line; feed in mm/min, spindle speed in rpm."""
 
     motion: int = 0
     absolute: bool = True
@@ -221,19 +217,19 @@ class Modal:
 
     @property
     def outputs(self) -> tuple[int, int]:
-        """The M words in force, spindle and coolant."""
+        """M words of spindle and coolant in force."""
         return (self.spindle, self.coolant)
 
     def after_program(self) -> "Modal":
-        """What M2 and M30 leave."""
+        """Return the modal state after M2 or M30."""
         return Modal(motion=1, metric=self.metric, feed=self.feed, speed=self.speed)
 
 
 @dataclass(frozen=True)
 class GcodeCommand:
-    """What a line asks for: machine positions in mm, one after another, at a feed in mm/min (inf: rapid), or a dwell.
+    """Parsed line: machine positions in mm, in sequence, at a feed in mm/min (inf: rapid), or a dwell.
 
-    flow is the M word of a pause or an end, None if there is none. zeroed: work zero was set, be it where it was.
+    flow is the M word of a pause or an end, None if there is none. zeroed: the work zero was set, even if unchanged.
     """
 
     modal: Modal
@@ -246,21 +242,21 @@ class GcodeCommand:
 
 
 def parse(text: str, modal: Modal, offsets: Offsets, position_mm: Vec, *, jog: bool = False) -> GcodeCommand:
-    """Read one line without spaces; position is the end of the last move, mm. Raises GcodeError."""
+    """Parse one line without spaces; position_mm is the end of the last move. Raises GcodeError."""
     line = read(text)
     if line.axes and not line.axis_command:
         line.axis_command = MOVE
-    _need(not _LARGEST_LINE_NUMBER < line.values.get("N", 0.0) < _INTEGER_OVERFLOW, LINE_NUMBER)
+    _require(not _LARGEST_LINE_NUMBER < line.values.get("N", 0.0) < _INTEGER_OVERFLOW, LINE_NUMBER)
     after = _modes(line, modal, jog)
     once = line.codes.get(ONCE, 0.0)
     if once == 4.0:
-        _need("P" in line.values, NO_VALUE_WORD)
+        _require("P" in line.values, NO_VALUE_WORD)
     moved = _offsets(line, after, offsets, position_mm, once)
     targets = _targets(line, after, moved, position_mm, once)
     _check_motion(line, after)
     _check_unused(line, once, jog)
     if jog:
-        _need(set(line.codes) <= _IN_JOG and once in (0.0, 53.0), INVALID_JOG)
+        _require(set(line.codes) <= _IN_JOG and once in (0.0, 53.0), INVALID_JOG)
         # Without axis words the firmware jogs to machine zero.
         return GcodeCommand(modal, offsets, targets or (ZERO,), after.feed)
     dwell_s = line.values["P"] if once == 4.0 else None
@@ -269,7 +265,7 @@ def parse(text: str, modal: Modal, offsets: Offsets, position_mm: Vec, *, jog: b
     return GcodeCommand(after, moved, targets, _feed(line, after, once, position_mm, targets), dwell_s, flow, zeroed)
 
 
-def _need(fulfilled: bool, code: int) -> None:
+def _require(fulfilled: bool, code: int) -> None:
     if not fulfilled:
         raise GcodeError(code)
 
@@ -293,11 +289,11 @@ def _modes(line: Line, modal: Modal, jog: bool) -> Modal:
 
 def _feed_word(line: Line, before: Modal, after: Modal, jog: bool) -> float:
     needed = jog or (after.inverse_time and line.axis_command == MOVE and after.motion == 1)
-    _need("F" in line.values or not needed, NO_FEED)
+    _require("F" in line.values or not needed, NO_FEED)
     if after.inverse_time:
         return line.values.get("F", 0.0)
-    kept = 0.0 if before.inverse_time else before.feed
-    return line.values["F"] * _unit(after) if "F" in line.values else kept
+    previous = 0.0 if before.inverse_time else before.feed
+    return line.values["F"] * _unit(after) if "F" in line.values else previous
 
 
 def _unit(modal: Modal) -> float:
@@ -307,14 +303,14 @@ def _unit(modal: Modal) -> float:
 def _offsets(line: Line, modal: Modal, offsets: Offsets, position_mm: Vec, once: float) -> Offsets:
     length = line.codes.get(LENGTH)
     if length == 43.1:
-        _need(line.axes == "Z", LENGTH_AXIS)
+        _require(line.axes == "Z", LENGTH_AXIS)
         return replace(offsets, length_mm=line.values["Z"] * _unit(modal))
     if length == 49.0:
         return replace(offsets, length_mm=0.0)
     if once == 10.0:
         return _set_system(line, modal, offsets, position_mm)
     if once == 92.0:
-        _need(bool(line.axes), NO_AXIS_WORDS)
+        _require(bool(line.axes), NO_AXIS_WORDS)
         here = replace(offsets, g92=ZERO).of(modal.system)
         return replace(offsets, g92=_axes(line, modal, offsets.g92, lambda i, mm: position_mm[i] - here[i] - mm))
     if once == 92.1:
@@ -326,11 +322,11 @@ def _offsets(line: Line, modal: Modal, offsets: Offsets, position_mm: Vec, once:
 
 def _set_system(line: Line, modal: Modal, offsets: Offsets, position_mm: Vec) -> Offsets:
     values = line.values
-    _need(bool(line.axes), NO_AXIS_WORDS)
-    _need("P" in values or "L" in values, NO_VALUE_WORD)
+    _require(bool(line.axes), NO_AXIS_WORDS)
+    _require("P" in values or "L" in values, NO_VALUE_WORD)
     chosen = int(values.get("P", 0.0))
-    _need(chosen <= SYSTEMS, NO_SYSTEM)
-    _need(values.get("L") in (2.0, 20.0) and not (values["L"] == 2.0 and "R" in values), UNSUPPORTED)
+    _require(chosen <= SYSTEMS, NO_SYSTEM)
+    _require(values.get("L") in (2.0, 20.0) and not (values["L"] == 2.0 and "R" in values), UNSUPPORTED)
     system = chosen - 1 if chosen else modal.system
     others = replace(offsets, systems=(ZERO,) * SYSTEMS).of(0)
     here = values["L"] == 20.0
@@ -339,7 +335,7 @@ def _set_system(line: Line, modal: Modal, offsets: Offsets, position_mm: Vec) ->
 
 
 def _axes(line: Line, modal: Modal, without: Vec, of: Callable[[int, float], float]) -> Vec:
-    """Axis by axis: of(number, word in mm), or what it is without a word."""
+    """Return of(number, word in mm) for each axis with a word, the default for the others."""
     x, y, z = (
         of(i, line.values[axis] * _unit(modal)) if axis in line.values else without[i] for i, axis in enumerate("XYZ")
     )
@@ -348,7 +344,7 @@ def _axes(line: Line, modal: Modal, without: Vec, of: Callable[[int, float], flo
 
 def _targets(line: Line, modal: Modal, offsets: Offsets, position_mm: Vec, once: float) -> tuple[Vec, ...]:
     if once == 53.0:
-        _need(modal.motion in (0, 1), G53_MOTION)
+        _require(modal.motion in (0, 1), G53_MOTION)
     if line.axis_command == TOOL_LENGTH or once in (10.0, 92.0):
         return ()
     base = ZERO if once == 53.0 else offsets.of(modal.system) if modal.absolute else position_mm
@@ -364,9 +360,9 @@ def _targets(line: Line, modal: Modal, offsets: Offsets, position_mm: Vec, once:
 
 def _check_motion(line: Line, modal: Modal) -> None:
     if modal.motion == NO_MOTION:
-        _need(not line.axes, AXIS_WORDS_LEFT)
+        _require(not line.axes, AXIS_WORDS_LEFT)
     elif line.axis_command == MOVE:
-        _need(modal.motion == 0 or modal.feed > 0, NO_FEED)
+        _require(modal.motion == 0 or modal.feed > 0, NO_FEED)
         if not line.axes:
             line.axis_command = ""
 
@@ -379,7 +375,7 @@ def _check_unused(line: Line, once: float, jog: bool) -> None:
         used |= {"P"}
     if once == 10.0:
         used |= {"L"}
-    _need(set(line.values) <= used, UNUSED_WORDS)
+    _require(set(line.values) <= used, UNUSED_WORDS)
 
 
 def _feed(line: Line, modal: Modal, once: float, position_mm: Vec, targets: tuple[Vec, ...]) -> float:

@@ -1,8 +1,8 @@
 """Look-ahead motion planner with GRBL's rules: entry speeds by a backward and a forward pass.
 
-What is planned anew (a hold, another move, an override) begins where the segments end that are prepared already.
-Source: GRBL 1.1 interface wiki and the 1.1h firmware: planner.c (junction deviation, $11; per-axis limits, $110–122;
-overrides), stepper.c (segments).
+A new plan (a hold, another move, an override) begins where the segments prepared so far end. Source: GRBL 1.1
+interface wiki and the 1.1h firmware: planner.c (junction deviation, $11; per-axis limits, $110–122; overrides),
+stepper.c (segments).
 """
 
 from bisect import bisect_right
@@ -12,19 +12,19 @@ from math import ceil, floor, inf, sqrt
 
 # --- motion ---
 #
-# Where a carriage is and was: pieces of constant acceleration, exact at any instant.
+# Motion is stored as pieces of constant acceleration, exact at any time.
 
 Vec = tuple[float, float, float]
 Counts = tuple[int, int, int]
 
 HISTORY_S = 2.0
 _PRUNE_OVER = 64
-_NO_WAY_MM = 1e-9
+_NO_MOTION_MM = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class Ramp:
-    """Constant acceleration along a path: duration in s, speed at the start in mm/s, accel in mm/s²."""
+    """Constant acceleration along a path: duration in s, initial speed in mm/s, acceleration in mm/s²."""
 
     duration_s: float
     v0: float
@@ -37,7 +37,7 @@ class Ramp:
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """One ramp in time and space: origin in steps at t0_s, slope in steps per mm, done_mm behind it."""
+    """Ramp in time and space: origin in steps at t0_s, slope in steps per mm, done_mm behind it."""
 
     t0_s: float
     ramp: Ramp
@@ -60,10 +60,9 @@ class Piece:
 
 
 class Track:
-    """The past and the planned future of a carriage, in steps; at least one second of past is kept.
+    """Past and planned motion of a carriage, in steps; the last second of the past is stored.
 
-    play is each screw's lost motion, in steps: what hangs on it follows down at once, and up only once the play is
-    taken up.
+    play is each screw's lost motion, in steps: the nut follows down at once, and up only after the play.
     """
 
     def __init__(self, rest: Counts, play: Vec = (0.0, 0.0, 0.0)) -> None:
@@ -76,7 +75,7 @@ class Track:
         self.end_s = 0.0
 
     def position_at(self, t_s: float) -> Vec:
-        """Steps of each axis at t_s, not rounded."""
+        """Return the position of each axis at t_s in steps, not rounded."""
         if t_s >= self.end_s:
             return self._rest
         piece = self.piece_at(t_s)
@@ -85,29 +84,29 @@ class Track:
         return piece.at(t_s)
 
     def counts_at(self, t_s: float) -> Counts:
-        """Whole steps at t_s."""
+        """Return whole steps at t_s."""
         x, y, z = self.position_at(t_s)
         return (round(x), round(y), round(z))
 
     def nut_at(self, t_s: float) -> Counts:
-        """Whole steps at t_s of what hangs on the screws: behind by the play where it was driven up last."""
+        """Return the nuts' whole steps at t_s: behind by the play where they were driven up last."""
         x, y, z = self._nut_at(t_s)
         return (round(x), round(y), round(z))
 
     def speed_at(self, t_s: float) -> float:
-        """Speed along the path, mm/s."""
+        """Return the speed along the path in mm/s."""
         piece = self.piece_at(t_s) if t_s < self.end_s else None
         if piece is None or t_s >= piece.t1_s:
             return 0.0
         return max(piece.ramp.v0 + piece.ramp.accel * (t_s - piece.t0_s), 0.0)
 
     def piece_at(self, t_s: float) -> Piece | None:
-        """The last piece that began by t_s."""
+        """Return the last piece that began by t_s."""
         index = bisect_right(self._starts, t_s) - 1
         return self._pieces[index] if index >= 0 else None
 
     def replace_from(self, t_s: float, pieces: list[Piece], rest: Vec) -> None:
-        """Forget what lay after t_s and put these pieces there; the carriage then rests at `rest`."""
+        """Replace all motion after t_s by pieces, after which the carriage rests at `rest`."""
         nut = self._nut_at(t_s)
         self._cut(t_s)
         for piece in pieces:
@@ -135,7 +134,7 @@ class Track:
                 del self._pieces[:old], self._starts[:old], self._nuts[:old]
 
     def _nut_at(self, t_s: float) -> Vec:
-        """Exact at any instant: along a piece no axis turns round."""
+        """Return the exact nut position: no axis reverses within a piece."""
         if t_s >= self.end_s:
             return self._nut_rest
         index = bisect_right(self._starts, t_s) - 1
@@ -144,14 +143,14 @@ class Track:
         return self._followed(self._nuts[index], self._pieces[index].at(t_s))
 
     def _followed(self, nut: Vec, screw: Vec) -> Vec:
-        """The nut once the screw has gone in one direction to its new place: pushed down, or drawn up by the play."""
+        """Return the nut's position after one-way motion of the screw: pushed down, or pulled up behind the play."""
         x, y, z = (min(max(n, s - play), s) for n, s, play in zip(nut, screw, self._play, strict=True))
         return (x, y, z)
 
 
 def trapezoid(mm: float, v0: float, v1: float, cruise: float, accel: float) -> list[Ramp]:
-    """Ramps that cover mm from speed v0 to v1, as fast as cruise (mm/s) and accel (mm/s²) allow."""
-    if mm < _NO_WAY_MM:
+    """Return ramps over a distance from speed v0 to v1, within cruise (mm/s) and accel (mm/s²)."""
+    if mm < _NO_MOTION_MM:
         return []
     top = sqrt(accel * mm + 0.5 * (v0 * v0 + v1 * v1))
     if top <= max(v0, v1) * (1 + 1e-12):
@@ -169,20 +168,18 @@ def trapezoid(mm: float, v0: float, v1: float, cruise: float, accel: float) -> l
 
 # --- blocks ---
 #
-# The straight moves of a GRBL board's queue: how fast each may go, and how fast it may be entered.
-#
 # Source: the 1.1h firmware: planner.c (junction deviation, $11; limits, $110–122; overrides), stepper.c (segments).
 
 # The firmware moves no slower than 1 mm/min, whatever F says.
 SLOWEST_MM_S = 1 / 60
-# The stepper is fed by segments of 10 ms, or of 1.25 steps where that takes longer.
+# The stepper receives segments of 10 ms, or of 1.25 steps where those take longer.
 SEGMENT_S, SEGMENT_STEPS = 0.01, 1.25
 _STRAIGHT = 0.999999
 
 
 @dataclass(frozen=True, slots=True)
 class AxisLimits:
-    """Per axis: steps/mm, mm/s, mm/s²; the junction deviation in mm."""
+    """Limits of each axis in steps/mm, mm/s and mm/s², and the junction deviation in mm."""
 
     steps_per_mm: Vec
     max_speed: Vec
@@ -192,7 +189,7 @@ class AxisLimits:
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """Of the speed asked for, as overrides leave it: of a feed, and of a rapid. A jog has the whole of it."""
+    """Fraction of the requested speed under overrides, for feeds and rapids; jogs keep all of it."""
 
     feed: float = 1.0
     rapid: float = 1.0
@@ -205,9 +202,9 @@ class Share:
 
 @dataclass(slots=True)
 class PlannerBlock:
-    """One straight move at up to cruise; done_mm of it lie behind, end_s is when it will be over.
+    """Straight move at up to cruise speed; done_mm of it is complete, end_s is its planned end.
 
-    asked is the speed before overrides (inf for a rapid), most what the axes allow.
+    asked is the requested speed before overrides (inf for a rapid), most the limit of the axes.
     """
 
     start: Counts
@@ -228,7 +225,7 @@ class PlannerBlock:
         self.cruise = max(share.of(self.asked, self.most, jog=self.jog), SLOWEST_MM_S)
 
     def segment_s(self, speed: float) -> float:
-        """How long a segment is at a speed in mm/s."""
+        """Return the duration of a segment at a speed in mm/s."""
         reached = max(speed, min(self.cruise, self.accel * SEGMENT_S))
         per_mm = max(abs(steps) for steps in self.slope)
         return SEGMENT_S * max(ceil(SEGMENT_STEPS / (per_mm * reached * SEGMENT_S) - 1e-9), 1)
@@ -239,7 +236,7 @@ class PlannerBlock:
 
 
 def block_between(limits: AxisLimits, start: Counts, target: Counts, speed: float, jog: bool) -> PlannerBlock:
-    """A move from one place in steps to another, at up to speed (mm/s, inf for a rapid)."""
+    """Return a move between two positions in steps, at up to speed (mm/s, inf for a rapid)."""
     steps = [b - a for a, b in zip(start, target, strict=True)]
     mm = [n / per for n, per in zip(steps, limits.steps_per_mm, strict=True)]
     length = sqrt(sum(d * d for d in mm))
@@ -250,12 +247,12 @@ def block_between(limits: AxisLimits, start: Counts, target: Counts, speed: floa
 
 
 def _along(limit: Vec, unit: Vec) -> float:
-    """The largest value along unit that keeps each axis within its own limit."""
+    """Return the largest value along unit that keeps each axis within its own limit."""
     return min(most / abs(part) for most, part in zip(limit, unit, strict=True) if part)
 
 
 def max_entry_sq(limits: AxisLimits, before: PlannerBlock, block: PlannerBlock) -> float:
-    """Speed² at which a block may be entered from the one before it."""
+    """Return the largest speed² at the junction of two blocks."""
     slower = min(before.cruise, block.cruise) ** 2
     cosine = sum(a * b for a, b in zip(before.unit, block.unit, strict=True))
     if cosine > _STRAIGHT:
@@ -266,7 +263,7 @@ def max_entry_sq(limits: AxisLimits, before: PlannerBlock, block: PlannerBlock) 
 
 
 def _junction_sq(limits: AxisLimits, before: Vec, after: Vec, cosine: float) -> float:
-    """Speed² at which a circle that cuts the corner by the junction deviation needs the allowed accel."""
+    """Return the speed² at which a circle within the junction deviation needs the allowed acceleration."""
     turn = [b - a for a, b in zip(before, after, strict=True)]
     size = sqrt(sum(d * d for d in turn))
     accel = _along(limits.accel, (turn[0] / size, turn[1] / size, turn[2] / size))
@@ -276,36 +273,36 @@ def _junction_sq(limits: AxisLimits, before: Vec, after: Vec, cosine: float) -> 
 
 BLOCKS = 15
 _NEGLIGIBLE_MM, _NEGLIGIBLE_SQ = 1e-9, 1e-9
-# Segments that lie ready, the one that is being stepped included (stepper.h: a ring of 6, of which one stays free).
+# Prepared segments, including the running one (stepper.h: a ring of 6, of which one stays free).
 PREPARED = 5
 
 
 class MotionPlanner:
-    """A queue of up to 15 blocks on a track; positions are steps of the carriage."""
+    """Queue of up to 15 blocks on a track; positions are steps of the carriage."""
 
     def __init__(self, limits: AxisLimits, start: Counts, play: Vec = (0.0, 0.0, 0.0)) -> None:
         self.limits = limits
         self.track = Track(start, play)
         self._blocks: list[PlannerBlock] = []
         self._share = Share()
-        self._begun_s = 0.0  # when the carriage last set out from rest
+        self._begun_s = 0.0  # when the carriage last started from rest
 
     @property
     def end_s(self) -> float:
-        """When the carriage comes to rest, as planned now."""
+        """Planned time at which the carriage comes to rest."""
         return self.track.end_s
 
     def unfinished(self, now_s: float) -> int:
-        """Blocks not yet over."""
+        """Return the number of unfinished blocks."""
         self._retire(now_s)
         return len(self._blocks)
 
     def next_end_s(self) -> float:
-        """When the block under way frees its place."""
+        """Return when the current block frees its slot."""
         return self._blocks[0].end_s if self._blocks else 0.0
 
     def queue(self, start: Counts, target: Counts, speed: float, now_s: float, *, jog: bool = False) -> bool:
-        """Append a move at up to speed (mm/s, inf for a rapid) and plan again; False if it is no move."""
+        """Append a move at up to speed (mm/s, inf for a rapid) and replan; return False if it has no length."""
         self._retire(now_s)
         if start == target:
             return False
@@ -318,14 +315,14 @@ class MotionPlanner:
         return True
 
     def hold(self, now_s: float) -> None:
-        """Once the segments run out, slow down along the path at the blocks' own acceleration; the queue is kept."""
+        """Brake along the path after the prepared segments at the blocks' own acceleration; keep the queue."""
         self._retire(now_s)
         from_s, left = self._unprepared(now_s)
         pieces, stop = self._braking(from_s, self.track.speed_at(from_s), left)
         self.track.replace_from(from_s, pieces, stop)
 
     def override(self, share: Share, now_s: float, *, moving: bool) -> None:
-        """From now on blocks go at these shares of their speeds, the one under way too; jogs do not."""
+        """Apply fractions of their speeds to all blocks, including the current one; jogs keep theirs."""
         self._retire(now_s)
         self._share = share
         left = self._unprepared(now_s)[1] if moving else self._blocks
@@ -337,20 +334,20 @@ class MotionPlanner:
             self._plan_anew(now_s)
 
     def resume(self, now_s: float) -> bool:
-        """Go on from rest; False if nothing is queued."""
+        """Continue from rest; return False if the queue is empty."""
         self._retire(now_s)
         self._begun_s = now_s
         self._plan(now_s, 0.0, self._blocks)
         return bool(self._blocks)
 
     def follow(self, pieces: list[Piece], rest: Counts, now_s: float) -> None:
-        """Run a motion that is not planned here, such as homing."""
+        """Run a motion that is planned elsewhere, such as homing."""
         self.track.replace_from(now_s, pieces, rest)
 
     def halt(self, now_s: float, slip_steps: int = 0) -> Counts:
-        """No more steps from this instant, queue dropped.
+        """Stop stepping at once and drop the queue.
 
-        Returns the slip: what inertia carries each axis that was moving past the last step it was sent.
+        Returns the slip: how far inertia carries each moving axis past its last step.
         """
         piece = self.track.piece_at(now_s)
         slope = piece.slope if piece and now_s < piece.t1_s else (0.0, 0.0, 0.0)
@@ -365,7 +362,7 @@ class MotionPlanner:
             del self._blocks[0]
 
     def _unprepared(self, now_s: float) -> tuple[float, list[PlannerBlock]]:
-        """When the prepared segments end, and the blocks not over by then; the first one's progress is noted."""
+        """Return the end of the prepared segments and the blocks unfinished by then, with their progress."""
         from_s = self._prepared_s(now_s)
         left = list(dropwhile(lambda block: block.end_s <= from_s, self._blocks))
         if left and from_s < self.end_s:
@@ -420,13 +417,13 @@ def _exit_speeds_sq(blocks: list[PlannerBlock], entry_sq: float) -> list[float]:
         most_by = 2 * block.accel * (block.mm - block.done_mm)
         exits[i] = min(exits[i], entry_sq + most_by)
         if entry_sq - most_by > exits[i] + _NEGLIGIBLE_SQ:
-            exits[i] = entry_sq - most_by  # an override came too late for this block
+            exits[i] = entry_sq - most_by  # an override took effect too late for this block
         entry_sq = exits[i]
     return exits
 
 
 def _ramps(block: PlannerBlock, entry_sq: float, exit_sq: float) -> list[Ramp]:
-    """What is left of a block; faster than its cruise, as an override may find it, it slows down first."""
+    """Return the remaining ramps of a block; above its cruise speed, as after an override, it brakes first."""
     mm, v0, v1 = block.mm - block.done_mm, sqrt(entry_sq), sqrt(exit_sq)
     top = max(block.cruise, v1)
     slowing_mm = (entry_sq - top * top) / (2 * block.accel)
@@ -437,7 +434,7 @@ def _ramps(block: PlannerBlock, entry_sq: float, exit_sq: float) -> list[Ramp]:
 
 
 def _lay(block: PlannerBlock, ramps: list[Ramp], t_s: float, pieces: list[Piece]) -> float:
-    """Put ramps on a block one after another; returns when the last one is over."""
+    """Append ramps of a block to the pieces; return their end time."""
     done_mm = block.done_mm
     for ramp in ramps:
         piece = Piece(t_s, ramp, block.at(done_mm), block.slope, done_mm)

@@ -1,6 +1,6 @@
-"""The real-time commands of the virtual GRBL board, overrides included, and its alarms.
+"""Real-time commands of the virtual GRBL board, including overrides, and its alarms.
 
-Source: GRBL 1.1 interface wiki and the behaviour of the 1.1h firmware.
+Source: GRBL 1.1 interface wiki and the behavior of the 1.1h firmware.
 """
 
 from collections.abc import Callable, Mapping
@@ -13,10 +13,10 @@ from sim.devices.grbl.core import OVERRIDE_BYTES, GrblCore, Mechanics, Wait
 from sim.devices.grbl.planner import BLOCKS, Vec
 from sim.devices.line import SerialLine
 
-# The firmware stands still this long after printing an alarm, and is deaf meanwhile.
+# The firmware pauses this long after printing an alarm, and ignores input meanwhile.
 ALARM_PAUSE_S = 0.5
 
-# A report waits for a place in the transmit buffer; what asks for another meanwhile is forgotten.
+# A report waits for space in the transmit buffer; further requests meanwhile are dropped.
 TX_BYTES = 104
 
 STOP_PINS = {"door": "D", "hold": "H"}
@@ -25,7 +25,7 @@ RESET_IN_MOTION, RESET_IN_HOMING, DOOR_IN_HOMING = 3, 6, 7
 
 
 class GrblRealtime(GrblCore):
-    """A board that answers `?` `!` `~` 0x18 0x84 0x85, and 0x90 to 0x9D, at any time."""
+    """Board that answers `?` `!` `~` 0x18 0x84 0x85, and 0x90 to 0x9D, at any time."""
 
     def __init__(
         self,
@@ -50,7 +50,7 @@ class GrblRealtime(GrblCore):
         self._realtime.update({byte: partial(self._override, byte) for byte in OVERRIDE_BYTES})
 
     def press(self, name: str) -> None:
-        """Somebody presses what is wired to an input: door or hold."""
+        """Press a button wired to an input: door or hold."""
         now_s = self._scheduler.monotonic_s()
         self._settle(now_s)
         self._pressed.add(STOP_PINS[name])
@@ -60,7 +60,7 @@ class GrblRealtime(GrblCore):
             self._hold(now_s)
 
     def release(self, name: str) -> None:
-        """They let it go; the board stays as it is until it is told."""
+        """Release the button; the board keeps its state until a command."""
         self._pressed.discard(STOP_PINS[name])
 
     def _report_status(self, now_s: float) -> None:
@@ -129,7 +129,7 @@ class GrblRealtime(GrblCore):
         self._arm()
 
     def _resume(self, now_s: float) -> None:
-        """A `~` that comes before the stop is complete is lost, as on the real board."""
+        """Resume; a `~` that comes before the stop is complete is lost, as on the real board."""
         ajar = STOP_PINS["door"] in self._pressed
         stopped = not ajar and self._state in ("Hold", "Door") and now_s >= self._planner.end_s
         if stopped and not (self._wait and self._wait.through_hold):
@@ -169,9 +169,9 @@ class GrblRealtime(GrblCore):
         self._wait_for(Wait(lambda: until_s, then))
 
     def _abort(self, now_s: float) -> None:
-        """Back to the start of the program; a line that was under way still gets its ok."""
+        """Restart the program; an interrupted line still gets its ok."""
         if self._owes_ok:
             self._reply(0)
         self._boot(now_s, locked=self._state in ("Alarm", "Sleep"))
-        if STOP_PINS["door"] in self._pressed:  # looked at when the program starts
+        if STOP_PINS["door"] in self._pressed:  # the firmware checks the door when the program starts
             self._open_door(now_s)

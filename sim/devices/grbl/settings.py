@@ -1,4 +1,4 @@
-"""The `$n=v` settings of a GRBL 1.1 board and the rules for storing them.
+"""Settings `$n=v` of a GRBL 1.1 board and the rules for storing them.
 
 Source: GRBL 1.1 configuration wiki. The defaults are this rig's, not the firmware's.
 """
@@ -27,7 +27,7 @@ UNKNOWN_SETTING, NEGATIVE_VALUE, SHORT_PULSE, NO_HOMING = 3, 4, 6, 10
 
 
 class GrblSettings:
-    """What the board keeps in its EEPROM."""
+    """Settings in the board's EEPROM."""
 
     def __init__(self, changes: Mapping[int, float] | None = None) -> None:
         self._values = {**RIG_DEFAULTS, **(changes or {})}
@@ -39,11 +39,11 @@ class GrblSettings:
         return bool(self._values[number])
 
     def per_axis(self, number: int) -> Vec:
-        """Three settings in a row as (x, y, z)."""
+        """Return three consecutive settings as (x, y, z)."""
         return (self._values[number], self._values[number + 1], self._values[number + 2])
 
     def store(self, number: float, value: float) -> int:
-        """Returns GRBL's error number, 0 if stored."""
+        """Store a value; return GRBL's error number, 0 for ok."""
         if value < 0:
             return NEGATIVE_VALUE
         if number not in self._values:
@@ -51,7 +51,7 @@ class GrblSettings:
         if number == 0 and value < 3:
             return SHORT_PULSE
         if value == 0 and number in _DIVISORS:
-            # The firmware takes these and then divides by them; a simulation cannot.
+            # The firmware accepts zero and then divides by it; a simulation cannot.
             return NEGATIVE_VALUE
         if number == SOFT_LIMITS and value and not self.flag(HOMING):
             return NO_HOMING
@@ -59,7 +59,7 @@ class GrblSettings:
         return 0
 
     def listing(self) -> list[str]:
-        """The answer to `$$`."""
+        """Return the answer to `$$`."""
         return [f"${number}={_shown(number, value)}" for number, value in self._values.items()]
 
     def limits(self) -> AxisLimits:
@@ -82,11 +82,9 @@ def _shown(number: int, value: float) -> str:
 
 # --- homing ---
 #
-# GRBL's homing cycle as motion: Z first, then X and Y together.
-#
-# Each: seek the switch ($25), pull off ($27), find it again slowly ($24), pull off, with the debounce pause ($26)
-# between. The switches sit at step 0 of each axis, at the positive end ($23 is not simulated). Source: GRBL 1.1
-# configuration wiki.
+# GRBL homes Z first, then X and Y together. Each cycle seeks the switch ($25), pulls off ($27), finds it again slowly
+# ($24) and pulls off, with the debounce pause ($26) between. The switches are at step 0 of each axis, at the positive
+# end ($23 is not simulated). Source: GRBL 1.1 configuration wiki.
 
 CYCLES = ((2,), (0, 1))
 
@@ -100,7 +98,7 @@ class _Cycle:
 
 
 def homing_motion(settings: GrblSettings, carriage: Counts, now_s: float) -> tuple[list[Piece], float, Counts]:
-    """Return the motion from `carriage` (steps), when the cycle is over, and where the carriage then is."""
+    """Return the motion from `carriage` (steps), its end time, and the carriage's final position."""
     cycle = _Cycle(settings, list(carriage), now_s, [])
     for axes in CYCLES:
         for rate in (settings[25], settings[24]):
@@ -111,7 +109,7 @@ def homing_motion(settings: GrblSettings, carriage: Counts, now_s: float) -> tup
 
 
 def _approach(cycle: _Cycle, axes: tuple[int, ...], rate: float) -> None:
-    """Every axis runs until its own switch and stops there dead."""
+    """Run every axis until its own switch, where it stops at once."""
     per_mm = cycle.settings.per_axis(100)
     speed, accel = _speed_and_accel(cycle.settings, axes, rate)
     to_switch = {axis: max(-cycle.position[axis], 0.0) / per_mm[axis] for axis in axes}
@@ -150,6 +148,6 @@ def _debounce(cycle: _Cycle) -> None:
 
 
 def _speed_and_accel(settings: GrblSettings, axes: tuple[int, ...], rate: float) -> tuple[float, float]:
-    """Speed (mm/s) and acceleration of each axis; they share one ramp, so the slowest sets it."""
+    """Return speed (mm/s) and acceleration of the axes, which share one ramp, so that the slowest limits it."""
     most = min(settings.per_axis(110)[axis] for axis in axes)
     return min(rate, most) / 60, min(settings.per_axis(120)[axis] for axis in axes)
