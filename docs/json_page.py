@@ -70,7 +70,7 @@ def _command(name: str) -> Iterator[str]:
 def _rows(schema: Named, named: Named, place: str) -> Iterator[str]:
     for key, found in schema["properties"].items():
         inner, lists = _inner(found, named)
-        absent = "" if key in schema["required"] else ", may be absent"
+        absent = "" if key in schema.get("required", ()) else ", may be absent"
         about = " ".join(filter(None, (found.get("description", ""), (inner or {}).get("description", ""))))
         whole = f"{place}{key}{'[]' * lists}"
         yield f"| `{whole}` | {_value(found, named)}{absent} | {_cell(about)} |\n"
