@@ -32,6 +32,13 @@ MetFingerOption = Annotated[
     Path | None,
     typer.Option("--finger", metavar="TOML", help="Finger file from rig meet. Default: the configured finger."),
 ]
+ForceFingerOption = Annotated[bool, typer.Option("--force", help="Use a finger file that rig meet flagged.")]
+MountedOption = Annotated[
+    str | None,
+    typer.Option(
+        "--mounted", metavar="SHAPE", help="Indentor that is mounted already, e.g. bar:3.0; it is not asked for."
+    ),
+]
 ConfigOption = Annotated[Path, typer.Option("--config", metavar="TOML", help="Configuration file of the rig.")]
 YesOption = Annotated[bool, typer.Option("--yes", help="Begin without asking for confirmation.")]
 _MOST = 1000  # numbers in a range

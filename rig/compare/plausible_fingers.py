@@ -31,7 +31,7 @@ from rig.compare.stimuli import Stimulus
 from rig.compare.workers import spread
 from rig.data import Run
 from rig.plan.config import told_of
-from rig.plan.finger_file import TISSUE, FingerFile, finger_file_of
+from rig.plan.finger_file import TISSUE, FingerFile, finger_file_of, refuse_flagged
 from rig.settings import Settings
 from sim.config import FingertipConfig
 from sim.contact.shapes import parse_shape
@@ -162,7 +162,9 @@ def read_plausible(path: Path) -> PlausibleFingers:
         met = "met" in tables
         ranges = {} if met else _File.model_validate(tables).ranges
     if met:
-        ranges = _ranges_of(finger_file_of(source, tables, path.parent))
+        file = finger_file_of(source, tables, path.parent)
+        refuse_flagged(source, file.met, ", or state ranges of your own")
+        ranges = _ranges_of(file)
     found = PlausibleFingers(source, ranges, hashlib.sha256(content).hexdigest())
     if not ranges:
         raise FingersError(

@@ -62,13 +62,13 @@ class Wire:
         """The other side: a stop, and what is answered to it. Raises BROKEN."""
         return self.stopped(key, self.say_stop(key))
 
-    def say_stop(self, key: bytes) -> bytes:
-        """The other side: a stop that waits for nothing; its nonce. Raises OSError.
+    def say_stop(self, key: bytes, by: str = "") -> bytes:
+        """The other side: a stop that waits for nothing; its nonce, with who says it. Raises OSError.
 
         It is its own proof, in one message: whoever passes one on may wait for a processor at each turn of a longer
         conversation. One that is said again by somebody else stops what was stopped.
         """
-        nonce = secrets.token_bytes(_NONCE)
+        nonce = secrets.token_bytes(_NONCE) + by.encode("ascii")
         self.send_bytes(_proven(key, _STOP, nonce))
         return nonce
 
@@ -109,6 +109,11 @@ class _Challenging:
         if nonce is not None:
             raise _StopSaidError(nonce)
         return message
+
+
+def said_by(nonce: bytes) -> str:
+    """Return who said a stop, empty where it does not say."""
+    return nonce[_NONCE:].decode("ascii", "replace")
 
 
 def _proven(key: bytes, kind: bytes, said: bytes) -> bytes:

@@ -14,7 +14,7 @@ from types import TracebackType
 from typing import Any
 
 from rig.control.client import STOP, Announced, Announcement, RefusedError, lock_of, remove, runtime_folder
-from rig.control.messages import BROKEN, Wire, connected, encoded
+from rig.control.messages import BROKEN, Wire, connected, encoded, said_by
 from rig.errors import RigError
 
 Answers = Mapping[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]
@@ -134,7 +134,8 @@ class ControlSocket:
                 if nonce is None:
                     wire.send_bytes(self._answer(wire.hear()))
                 else:
-                    wire.told(self._key, nonce, self._answer(STOP))
+                    by = said_by(nonce)
+                    wire.told(self._key, nonce, self._answer({**STOP, "by": by} if by else STOP))
             except BROKEN:
                 return
 

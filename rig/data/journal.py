@@ -243,6 +243,7 @@ class Journal:
         self.file = LineFile(path)
         self._stopped = False
         self.at_end: Callable[[], Mapping[str, Any]] = dict  # what a stop before the end says besides
+        self.interrupted_by: Callable[[], str] = lambda: "interrupted"  # the reason of an interrupt that has none
 
     def start(self, about: Mapping[str, Any]) -> None:
         """The first document: what is run, with what."""
@@ -272,6 +273,10 @@ class Journal:
     def close(self) -> None:
         """Give the file back."""
         self.file.close()
+
+    def _unsaid(self, error: BaseException) -> str:
+        """Return the reason of an error without a message; an interrupt has the person or program behind it."""
+        return self.interrupted_by() if isinstance(error, KeyboardInterrupt) else type(error).__name__
 
     def _write(self, kind: str, body: Mapping[str, Any]) -> None:
         document = {
@@ -310,7 +315,7 @@ class Journal:
             if not self._stopped and error is not None:
                 status = next((name for known, name in _STATUS.items() if isinstance(error, known)), "failed")
                 with contextlib.suppress(RecordError):  # the first error says more
-                    self.stop(status, str(error) or type(error).__name__)
+                    self.stop(status, str(error) or self._unsaid(error))
         finally:
             self.close()
 
