@@ -103,7 +103,7 @@ def test_the_page_says_what_will_be_done(rig: Run, opened: list[Any], finger: Fi
     assert (soft, hard) == (pytest.approx(2 * peak, rel=1e-3), pytest.approx(5.0 / GWT_N, rel=1e-3))
     assert left_said == pytest.approx(soft - peak_said, rel=1e-3)
     assert [float(text) for text in re.findall(r"([\d.]+) N", page["trips"])][1] == 5.0
-    assert page["first"].startswith("you mount bar:3.0; homing lifts the indentor")
+    assert page["first"].startswith("you mount bar:3.0 (3 mm wide); homing lifts the indentor")
     assert "x = -0.5 mm and down to 2 mm above the finger" in page["first"]
     assert "emergency stop" in page["safety"]
     assert len(opened) == 1
