@@ -5,7 +5,7 @@ import math
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,6 +121,14 @@ def _number(path: Path, line: int, column: str, cell: str) -> float:
 
 Columns = Mapping[str, NDArray[Any]]
 
+
+class HasTable(Protocol):
+    """Results that have a table of columns, as `Indentations`."""
+
+    def table(self) -> Columns:
+        """Return the columns by name."""
+
+
 ROW = "row"
 """Name of the one dimension of a data set."""
 
@@ -131,15 +139,15 @@ class NotInstalledError(SimError, ImportError):
     default_code = "not_installed"
 
 
-def write_csv(path: str | Path, columns: Columns) -> None:
+def write_csv(path: str | Path, columns: Columns | HasTable) -> None:
     """Write columns to a CSV file, with their names in the first line and every digit of the numbers.
 
     Parameters
     ----------
     path : str or Path
         The file.
-    columns : mapping of str to ndarray of shape (n,)
-        For example `Indentations.table()`.
+    columns : Indentations, or mapping of str to ndarray of shape (n,)
+        The results of `indent_many`, or columns by name.
 
     Examples
     --------
@@ -153,19 +161,20 @@ def write_csv(path: str | Path, columns: Columns) -> None:
     ...     path.read_text().split()
     ['doi_mm,force_gwt', '0.5,2.5', '1.0,8.0']
     """
+    found = _columns(columns)
     with Path(path).open("w", newline="", encoding="utf-8") as stream:
         table = csv.writer(stream)
-        table.writerow(columns)
-        table.writerows(zip(*(values.tolist() for values in columns.values()), strict=True))
+        table.writerow(found)
+        table.writerows(zip(*(values.tolist() for values in found.values()), strict=True))
 
 
-def to_pandas(columns: Columns) -> Any:
+def to_pandas(columns: Columns | HasTable) -> Any:
     """Return columns as a data frame of pandas.
 
     Parameters
     ----------
-    columns : mapping of str to ndarray of shape (n,)
-        For example `Indentations.table()`.
+    columns : Indentations, or mapping of str to ndarray of shape (n,)
+        The results of `indent_many`, or columns by name.
 
     Returns
     -------
@@ -184,16 +193,16 @@ def to_pandas(columns: Columns) -> Any:
     >>> to_pandas({"doi_mm": np.array([0.5, 1.0]), "force_gwt": np.array([2.5, 8.0])}).shape
     (2, 2)
     """
-    return _installed("pandas").DataFrame(dict(columns))
+    return _installed("pandas").DataFrame(dict(_columns(columns)))
 
 
-def to_xarray(columns: Columns) -> Any:
+def to_xarray(columns: Columns | HasTable) -> Any:
     """Return columns as a data set of xarray, along the dimension `row`.
 
     Parameters
     ----------
-    columns : mapping of str to ndarray of shape (n,)
-        For example `Indentations.table()`.
+    columns : Indentations, or mapping of str to ndarray of shape (n,)
+        The results of `indent_many`, or columns by name.
 
     Returns
     -------
@@ -212,9 +221,14 @@ def to_xarray(columns: Columns) -> Any:
     >>> to_xarray({"doi_mm": np.array([0.5, 1.0]), "force_gwt": np.array([2.5, 8.0])}).sizes["row"]
     2
     """
-    length = len(next(iter(columns.values()), ()))
-    along = {name: (ROW, values) for name, values in columns.items()}
+    found = _columns(columns)
+    length = len(next(iter(found.values()), ()))
+    along = {name: (ROW, values) for name, values in found.items()}
     return _installed("xarray").Dataset(along, coords={ROW: np.arange(length)})
+
+
+def _columns(given: Columns | HasTable) -> Columns:
+    return given if isinstance(given, Mapping) else given.table()
 
 
 def _installed(package: str) -> Any:

@@ -11,7 +11,7 @@ from rich.live import Live
 from rig.bench.checks import contact, in_one_line, look, position, titled
 from rig.bench.real import PortError, RealBench, open_bench
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
-from rig.cli.output import ExitCode, complain, err, out, print_json, told_in_one_line
+from rig.cli.output import ExitCode, complain, err, looking_busy, out, print_json, told_in_one_line
 from rig.cli.signals import at_once, interrupt_main
 from rig.clock import Clock, WallClock
 from rig.devices.base import Stage, StageStatus
@@ -44,7 +44,8 @@ def home(config: ConfigOption, without_force: WithoutForceOption = False, as_jso
     """Home all axes and print their positions; the force is monitored throughout."""
     with told_in_one_line(as_json=as_json):
         settings = load_config(config)
-        at, known = _home_unfelt(settings) if without_force else _home(settings)
+        with looking_busy("homing all axes …"):
+            at, known = _home_unfelt(settings) if without_force else _home(settings)
         tell({**position(at), **known.as_json()}, as_json=as_json)
 
 
@@ -108,12 +109,20 @@ def tell(found: dict[str, Any], *, as_json: bool) -> None:
     if as_json:
         print_json(found)
         return
-    for name, value in found.items():
+    for name, value in _for_people(found).items():
         if value is None:
             continue
         if isinstance(value, dict):
             value = in_one_line(value)
         out.print(f"{titled(name):<12}{value}")
+
+
+def _for_people(found: dict[str, Any]) -> dict[str, Any]:
+    """Return the entries with contact in one sentence, followed by what to do."""
+    if "words" not in found:
+        return found
+    rest = {name: value for name, value in found.items() if name not in ("contact", "may_touch", "words", "to_do")}
+    return {**rest, "contact": found["words"], "next": found["to_do"]}
 
 
 @contextmanager

@@ -28,7 +28,7 @@ from rig.compare.recordings.recording import Recording
 from rig.compare.shape_test import chance_rows
 from rig.compare.stimuli import Stimulus, stimuli, stimulus_maps
 from rig.compare.verdict import AfferentVerdict
-from rig.compare.verdict_text import sentence
+from rig.compare.verdict_text import positions, sentence
 from rig.data import Run, read_run
 from rig.data.folder import replace_text
 from rig.errors import BadInputError
@@ -178,7 +178,8 @@ def command(
         beside = _along_the_finger(answered, deflection)
         comparison = _compared(answered, recordings, normalize, plausible, exact=exact, as_json=as_json)
         form = Form(saturating, silent_at_rest)
-        said = answers(comparison, form)
+        with busy("comparing every measure with the recordings …", as_json=as_json) if recordings else nullcontext():
+            said = answers(comparison, form)
         with busy(THE_PLACES, as_json=as_json) if where else nullcontext():
             at = places(found, recordings, where, form, normalise=normalize) if where else []
         options = {
@@ -203,17 +204,18 @@ def command(
             "--place": place,
         }
         report = out_file or runs[0] / "comparison.html"
-        write_comparison(
-            report,
-            comparison,
-            found,
-            answered[0].finger,
-            _remade_by(runs, options, flags | {"--exact": exact}),
-            [*map(place_section, at), *fingers_sections(comparison), *beside],
-            maps=[m for one in answered for m in stimulus_maps(one.run, one.finger, one.stimuli)],
-            pdf=pdf,
-            answers=said,
-        )
+        with busy("writing the report …", as_json=as_json):
+            write_comparison(
+                report,
+                comparison,
+                found,
+                answered[0].finger,
+                _remade_by(runs, options, flags | {"--exact": exact}),
+                [*map(place_section, at), *fingers_sections(comparison), *beside],
+                maps=[m for one in answered for m in stimulus_maps(one.run, one.finger, one.stimuli)],
+                pdf=pdf,
+                answers=said,
+            )
         _write_sidecar(report, time.perf_counter() - began)
         if as_json:
             rows = comparison_as_json(comparison, str(report))
@@ -363,9 +365,10 @@ def _print(
     out.print(f"{', '.join(stimulus.title for stimulus in comparison.stimuli)}")
     for answer in said:
         out.print(f"answer      {sentence(answer)}")
+        out.print(f"positions   {positions(answer)}")
     for line in place_lines(at):
         out.print(f"place       {line}")
-    out.print(f"candidates  {', '.join(names) or 'none'}")
     for line in left_out_lines(comparison):
-        out.print(f"left out    {line}")
+        out.print(f"wider run   {line}")
+    out.print(f"shape test  passed by {', '.join(names) or 'no measure'}; it does not use the recordings")
     out.print(f"report      {report}")

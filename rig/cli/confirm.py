@@ -1,7 +1,8 @@
 """The page that `rig run` and `rig resume` begin with, and the one answer to it."""
 
 import sys
-from collections.abc import Callable, Mapping
+from array import array
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from rig.session.rehearsal_summary import Page
 from rig.session.session import Session
 from rig.session.stop_button import StopButton
 from rig.transport import refuse_missing
+from sim.contact.shapes import shape_name
 
 Confirm = Callable[[Session], Page]
 """Asks for the confirmation of a checked session before anything moves, and returns the confirmation page."""
@@ -53,6 +55,31 @@ def ready_for_a_real_run(command: str, config: Config, out: Path, *, yes: bool) 
             code="no_terminal",
             command=command,
         )
+
+
+def refuse_mounts(command: str, indentors: Iterable[str], mounted: str | None) -> None:
+    """Refuse indentors that somebody would have to mount where nobody can answer. Raises BadInputError."""
+    if can_answer():
+        return
+    by_hand = [one for one in dict.fromkeys(indentors) if mounted is None or not same_shape(one, mounted)]
+    if by_hand:
+        raise BadInputError(
+            "{command}: {indentors} must be mounted by hand, but the session is not interactive; run it in a "
+            "terminal, or mount the indentor first and name it with --mounted",
+            code="mount_by_hand",
+            command=command,
+            indentors=", ".join(by_hand),
+        )
+
+
+def same_shape(one: str, other: str) -> bool:
+    """Return whether two names mean the same indentor. Raises ShapeError."""
+    return shape_name(one) == shape_name(other)
+
+
+def can_answer() -> bool:
+    """Return whether requests can be answered: by a person at a terminal, or by text waiting on standard input."""
+    return _somebody_there() or _text_waits()
 
 
 def at_the_page(
@@ -139,6 +166,23 @@ def _confirmed() -> bool:
     err.print("press Enter to start, Ctrl-C to cancel")
     answer = typed_line()
     return bool(answer) and answer.strip().lower() in _YES
+
+
+def _text_waits() -> bool:
+    """Return whether a pipe or a file has text for us; True where that is unknown."""
+    if sys.stdin is None:
+        return False
+    try:
+        import fcntl
+        import termios
+
+        waiting = array("i", [0])
+        fcntl.ioctl(sys.stdin.fileno(), termios.FIONREAD, waiting)
+    except (ImportError, ValueError):  # not on this system, or no file
+        return True
+    except OSError:  # a device that never has text
+        return False
+    return waiting[0] > 0
 
 
 def _somebody_there() -> bool:

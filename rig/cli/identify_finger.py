@@ -11,11 +11,19 @@ import numpy as np
 import typer
 
 from rig.bench.virtual import refuse_twinless
-from rig.cli.confirm import confirmed_with, ready_for_a_real_run
-from rig.cli.options import FingerConfigOption, JsonOption, OutOption, SubjectOption, YesOption, checked_file
+from rig.cli.confirm import confirmed_with, ready_for_a_real_run, refuse_mounts
+from rig.cli.options import (
+    FingerConfigOption,
+    JsonOption,
+    MountedOption,
+    OutOption,
+    SubjectOption,
+    YesOption,
+    checked_file,
+)
 from rig.cli.output import Beginning, ExitCode, complain, err, loading_the_finger, out, print_json, told_in_one_line
 from rig.cli.progress import counted, progress
-from rig.cli.run import ask_at_the_bench
+from rig.cli.run import asks_for
 from rig.cli.script_execution import AtTheTerminal, RunOwner, failure, leave, loaded, new_run, owning
 from rig.cli.signals import at_a_safe_point, at_once
 from rig.clock import WallClock
@@ -45,7 +53,7 @@ from rig.report.identification_page import IdentificationPage, write_meeting_pag
 from rig.session.session import FinishedRun, NewRun, Session, dry_run, real_run
 from rig.study.parallel import spread
 from rig.units import GWT_N
-from sim.contact.shapes import parse_shape
+from sim.contact.shapes import parse_shape, with_size
 from sim.finger_process import Finger, FingerProcess
 from sim.identification.next_press import PressAt
 from sim.identification.predicted_forces import Foreseen
@@ -96,7 +104,7 @@ def page_lines(config: Config, wanted: IdentificationOptions) -> dict[str, str]:
     return {
         "meeting": f"at most {wanted.presses} presses, lightest first, predicted below {wanted.most_gwt:g} gwt",
         "devices": f"{stage.kind} on {' and '.join(stage_ports(stage))}, {force.kind} on {force.port}",
-        "shapes": f"{', '.join(wanted.shapes)}: the program asks you to mount each one",
+        "shapes": f"{', '.join(map(with_size, wanted.shapes))}: the program asks you to mount each one",
         "duration": f"about {wanted.presses * _SECONDS_A_PRESS + 35:.0f} s, without the time to mount indentors",
         "safety": "check that the emergency stop is within reach and the finger is clear of the indentor",
     }
@@ -189,7 +197,7 @@ def said_at_the_end(done: FinishedRun, meeting: Meeting, to: object) -> dict[str
 
 def _as_json(done: FinishedRun, meeting: Meeting, to: Path) -> dict[str, Any]:
     """Return the same results as JSON; without a press there is neither a finger file nor a number."""
-    collapsed = {"code": "collapsed"} if meeting.learned.collapsed else {}
+    flag = "collapsed" if meeting.learned.collapsed else "no_finger" if meeting.stranger is not None else None
     return {
         "run": str(done.folder.path),
         "finger": str(to) if meeting.given else None,
@@ -199,7 +207,7 @@ def _as_json(done: FinishedRun, meeting: Meeting, to: Path) -> dict[str, Any]:
         "parameters": _parameters(meeting) if meeting.given else [],
         "predicted": _predicted(meeting) if meeting.given else [],
         "problems_text": meeting.not_learned if meeting.given else [],
-        **collapsed,
+        **({} if flag is None else {"code": flag}),
         **failure(done),
     }
 
@@ -292,6 +300,7 @@ def meet_command(
     ] = ",".join(SHAPES),
     out_dir: OutOption = Path("runs"),
     subject: SubjectOption = None,
+    mounted: MountedOption = None,
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -302,7 +311,7 @@ def meet_command(
         _refuse(width, most_gwt, settings)
         checked_file("--to", to)
         names = tuple(one.strip() for one in shapes.split(","))
-        for name in names:
+        for name in (*names, *([] if mounted is None else [mounted])):
             parse_shape(name)
         asked = None if protocol is None else load_script(protocol, more or [])
         into = new_run(out_dir, subject)
@@ -310,6 +319,7 @@ def meet_command(
             refuse_twinless(settings.stage, settings.force)
         else:
             ready_for_a_real_run("meet", settings, out_dir, yes=yes)
+            refuse_mounts("meet", names, mounted)
         # Ports are open before anything is computed: a server that is not there is said at once, and a stop is heard.
         stage = None if dry else opened.enter_context(closing(_stage(settings, into)))
         owner = opened.enter_context(owning(as_script(_nothing_yet), settings, into, stage, config))
@@ -326,7 +336,7 @@ def meet_command(
         if stage is not None:
             lines = page_lines(settings, wanted)
             confirmed_with(lines, yes=yes, asking=owner.asking, button=owner.button)
-        done = _carried_out(session, script, owner, beginning, stage)
+        done = _carried_out(session, script, owner, beginning, stage, mounted)
         _written(done, meeting, settings, to, as_json=as_json)
     _leave(done, meeting, to)
 
@@ -358,7 +368,12 @@ def _stage(settings: Config, into: NewRun) -> StageInHand:
 
 
 def _carried_out(
-    session: Session, script: MeetingScript, owner: RunOwner, beginning: Beginning, stage: StageInHand | None
+    session: Session,
+    script: MeetingScript,
+    owner: RunOwner,
+    beginning: Beginning,
+    stage: StageInHand | None,
+    mounted: str | None,
 ) -> FinishedRun:
     owner.at("running")
     shown = progress(script.meeting.wanted.presses, None, as_json=True)  # in a pipe each press has its own lines
@@ -366,8 +381,7 @@ def _carried_out(
         attendant = MeetingAttendant(pause, watch, beginning.begins, None, owner)
         attendant.script = script
         session = replace(session, attendant=attendant, button=owner.button)
-        ask = partial(ask_at_the_bench, asking=owner.asking)
-        done = dry_run(session) if stage is None else real_run(session, ask, stage)
+        done = dry_run(session) if stage is None else real_run(session, asks_for(owner, mounted), stage)
     owner.at("reporting")
     return done
 
@@ -379,6 +393,12 @@ def _leave(done: FinishedRun, meeting: Meeting, to: Path) -> NoReturn:
             f"{to}; repeat the identification"
         )
         raise typer.Exit(ExitCode.STOPPED)
+    if done.problem is None and meeting.stranger is not None:
+        complain(
+            f"the identification is flagged: {meeting.stranger}; other commands accept {to} only with --force; check "
+            "the indentors, the mount and the geometry, then repeat the identification"
+        )
+        raise typer.Exit(ExitCode.NO_FINGER)
     leave(done)
 
 

@@ -377,8 +377,6 @@ def _refuse_place(shape: str, indentor: Indentor | None, x_mm: float | None, z_m
         raise BadInputError(
             "--shape {shape} is the same everywhere; remove --x-mm and --z-mm", code="no_place", shape=shape
         )
-    if x_mm is None and X in by:
-        raise BadInputError("--shape {shape} requires --x-mm; add it", code="place_missing", shape=shape)
     if x_mm is not None and X not in by:
         raise BadInputError(
             "--shape {shape} lies across the finger; use --z-mm instead of --x-mm",

@@ -1473,7 +1473,8 @@ OUTPUTS: Mapping[str, tuple[Any, ...]] = {
 
 def schema_of(command: str) -> dict[str, Any]:
     """Return the JSON schema (2020-12) of all that a command prints with `--json`."""
-    found = TypeAdapter(Union[(*OUTPUTS[command], FailureJson)]).json_schema()
+    kinds: Any = Union[(*OUTPUTS[command], FailureJson)]
+    found = TypeAdapter(kinds).json_schema()
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": f"rig {command} --json"} | _plain(
         found
     )

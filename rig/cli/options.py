@@ -32,8 +32,20 @@ MetFingerOption = Annotated[
     Path | None,
     typer.Option("--finger", metavar="TOML", help="Finger file from rig meet. Default: the configured finger."),
 ]
+ForceFingerOption = Annotated[bool, typer.Option("--force", help="Use a finger file that rig meet flagged.")]
+_OPERATOR = "Operator"
+MountedOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="SHAPE",
+        help="Indentor that is already mounted, e.g. bar:3.0. Default: the program asks for each one.",
+        rich_help_panel=_OPERATOR,
+    ),
+]
 ConfigOption = Annotated[Path, typer.Option("--config", metavar="TOML", help="Configuration file of the rig.")]
-YesOption = Annotated[bool, typer.Option("--yes", help="Begin without asking for confirmation.")]
+YesOption = Annotated[
+    bool, typer.Option("--yes", help="Begin without asking for confirmation.", rich_help_panel=_OPERATOR)
+]
 _MOST = 1000  # numbers in a range
 
 ExactOption = Annotated[

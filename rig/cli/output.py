@@ -46,22 +46,24 @@ def say_now(what: str) -> None:
 
 
 class _Builds(logging.Handler):
-    """Log handler that shows the messages of a model under construction in the spinner, or as lines."""
+    """Log handler that prints warnings, and shows the progress of a build in the spinner or as lines."""
 
     def emit(self, record: logging.LogRecord) -> None:
-        if _spinners:
+        if record.levelno >= logging.WARNING:
+            complain(f"warning: {record.getMessage()}")
+        elif _spinners:
             _spinners[-1](record.getMessage())
         elif record.levelno >= logging.INFO:
             err.print(record.getMessage())
 
 
 def show_builds() -> None:
-    """Show model builds on a terminal; a larger patch or a round shape's model takes a minute on a busy machine."""
+    """Print warnings of the simulator, and on a terminal the progress of a model that is built."""
     logger = logging.getLogger("sim")
     for handler in [handler for handler in logger.handlers if isinstance(handler, _Builds)]:
         logger.removeHandler(handler)
+    logger.addHandler(_Builds())
     if err.is_terminal:
-        logger.addHandler(_Builds())
         logger.setLevel(logging.DEBUG)
 
 
@@ -128,6 +130,7 @@ class ExitCode(IntEnum):
     DONE = 0
     STOPPED = 1
     BAD_INPUT = 2
+    NO_FINGER = 3
     ABORTED = 130
 
 

@@ -12,12 +12,22 @@ from rich.table import Table
 
 from rig.bench.checks import expired_calibrations, refuse_bench
 from rig.bench.virtual import refuse_twinless
-from rig.cli.confirm import Confirm, at_the_page, careful, ready_for_a_real_run
+from rig.cli.confirm import (
+    Confirm,
+    at_the_page,
+    can_answer,
+    careful,
+    ready_for_a_real_run,
+    refuse_mounts,
+    same_shape,
+)
 from rig.cli.options import (
     FingerConfigOption,
+    ForceFingerOption,
     JsonOption,
     MetFingerOption,
     MoreArgument,
+    MountedOption,
     OutOption,
     ProtocolArgument,
     SetOption,
@@ -42,13 +52,14 @@ from rig.clock import WallClock
 from rig.control.stop import StageInHand
 from rig.engine import RunAborted
 from rig.errors import BadInputError
-from rig.plan.config import load_config, with_finger
+from rig.plan.config import Config, load_config, with_finger
 from rig.plan.plan import make_plan
-from rig.protocol.script import load_script
-from rig.session.rehearsal_summary import preflight
+from rig.protocol.script import Script, load_script
+from rig.session.rehearsal_summary import in_both_units, preflight
 from rig.session.resume import StoppedRun, careful_of, ending_on_record, read_stopped
 from rig.session.session import dry_run, real_run
-from sim.finger_process import FingerProcess
+from sim.contact.shapes import parse_shape, shape_name, with_size
+from sim.finger_process import Finger, FingerProcess
 from sim.models.fingertip import Fingertip
 
 _COLUMNS = {
@@ -69,11 +80,12 @@ def check_command(
     set_: SetOption = None,
     config: FingerConfigOption = None,
     finger_file: MetFingerOption = None,
+    force: ForceFingerOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Walk through the script against the limits and the finger model, and rehearse it on springs."""
     with told_in_one_line(as_json=as_json):
-        settings = with_finger(load_config(config), finger_file)
+        settings = with_finger(load_config(config), finger_file, force=force)
         refuse_bench(settings)
         script = load_script(protocol, [*(set_ or []), *(more or [])])
         with busy(THE_FINGER, as_json=as_json):
@@ -106,12 +118,14 @@ def _tell(found: dict[str, Any]) -> None:
         table.add_row(*(_short(step[name]) for name in columns))
     out.print(table)
     left = found["margins"]
+    indentors = dict.fromkeys(str(step["indentor"]) for step in found["steps"])
     for line in (
+        f"indentors: {', '.join(map(with_size, indentors))}",
         f"{found['indentations']} indentations and {found['other_presses']} other presses in "
         f"{found['duration_s']:.0f} s, with {found['contact_s']:.0f} s of contact",
         f"peak {found['peak_force_gwt']:.4g} gwt, {found['peak_pressure_n_cm2']:.3g} N/cm²",
         found["small_strain"]["note_text"],
-        f"soft trip {found['soft_trip_n']:.3g} N, hard trip {found['hard_trip_n']:.3g} N",
+        f"soft trip {in_both_units(found['soft_trip_n'])}, hard trip {in_both_units(found['hard_trip_n'])}",
         f"remaining up to the limits: {left['force_gwt']:.3g} gwt, DOI {left['doi_mm']:.3g} mm, "
         f"{left['mean_pressure_n_cm2']:.3g} N/cm², {left['contact_s']:.0f} s of contact",
         f"stopping distance {found['stop_distance_mm']:.3g} mm, overshoot at a trip at most "
@@ -133,6 +147,7 @@ def dry_run_command(
     set_: SetOption = None,
     config: FingerConfigOption = None,
     finger_file: MetFingerOption = None,
+    force: ForceFingerOption = False,
     out_dir: OutOption = Path("runs"),
     speed: Annotated[
         str, typer.Option(metavar="max|N", help="Simulated seconds per real second, or max for no limit.")
@@ -143,7 +158,7 @@ def dry_run_command(
     """Check the script, run it on the virtual bench, write the run folder and its report."""
     beginning = Beginning(aloud=False)
     with told_in_one_line(as_json=as_json, beginning=beginning):
-        settings = with_finger(load_config(config), finger_file)
+        settings = with_finger(load_config(config), finger_file, force=force)
         refuse_twinless(settings.stage, settings.force)
         for problem in expired_calibrations(settings):
             complain(f"warning: {problem}; `rig run` would refuse this configuration")
@@ -187,15 +202,17 @@ def run_command(
     more: MoreArgument = None,
     set_: SetOption = None,
     finger_file: MetFingerOption = None,
+    force: ForceFingerOption = False,
     out_dir: OutOption = Path("runs"),
     subject: SubjectOption = None,
+    mounted: MountedOption = None,
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Check the script, have the page confirmed, carry it out, write the run folder and its report."""
     beginning = Beginning(aloud=True)
     with told_in_one_line(as_json=as_json, beginning=beginning):
-        settings = with_finger(load_config(config), finger_file)
+        settings = with_finger(load_config(config), finger_file, force=force)
         with FingerProcess(settings.finger) as finger:
             # Its process reads the model while this one reads what follows.
             from rig.cli.confirm import at_the_page, ready_for_a_real_run
@@ -208,6 +225,7 @@ def run_command(
             script = load_script(protocol, [*(set_ or []), *(more or [])])
             into = new_run(out_dir, subject)
             ready_for_a_real_run("run", settings, out_dir, yes=yes)
+            _refuse_mounts("run", script, settings, finger, mounted)
             clock = WallClock(into.begins_at_s)
             with (
                 closing(StageInHand(settings, clock).open()) as stage,
@@ -217,7 +235,7 @@ def run_command(
                     script,
                     settings,
                     into,
-                    partial(real_run, ask=partial(ask_at_the_bench, asking=owner.asking), stage=stage),
+                    partial(real_run, ask=asks_for(owner, mounted), stage=stage),
                     owner,
                     as_json=as_json,
                     finger=finger,
@@ -239,8 +257,45 @@ def ask_at_the_bench(request: str, asking: Callable[[], AbstractContextManager[N
     return answer
 
 
+def asks_for(owner: RunOwner, mounted: str | None) -> Callable[[str], str]:
+    """Return what asks the person at the bench, except for the indentor that is mounted already.
+
+    Raises ShapeError.
+    """
+    mounted = None if mounted is None else shape_name(mounted)
+
+    def ask(request: str) -> str:
+        verb, _, what = request.partition(" ")
+        if mounted is not None and verb == "mount" and same_shape(what, mounted):
+            err.print(f"{what} is mounted already (--mounted)")
+            return ""
+        return ask_at_the_bench(request, owner.asking)
+
+    return ask
+
+
+def _refuse_mounts(
+    command: str,
+    script: Script,
+    config: Config,
+    finger: Finger,
+    mounted: str | None,
+    stopped: StoppedRun | None = None,
+) -> None:
+    """Plan a run that nobody can answer, before a port is opened, and refuse one with a mount by hand.
+
+    Raises BadInputError, ShapeError.
+    """
+    if mounted is not None:
+        parse_shape(mounted)
+    if not can_answer():
+        before, folder = (None, None) if stopped is None else (stopped.run, stopped.folder.path)
+        refuse_mounts(command, make_plan(script, config, finger, before, folder).mounts, mounted)
+
+
 def resume_command(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the stopped run.")],
+    mounted: MountedOption = None,
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -249,7 +304,7 @@ def resume_command(
     with told_in_one_line(as_json=as_json, beginning=beginning):
         stopped = read_stopped(run)
         with (
-            _stage(stopped, run, yes=yes) as stage,
+            _stage(stopped, run, mounted, yes=yes) as stage,
             owning(stopped.script, stopped.config, stopped, stage) as owner,
         ):
             if stopped.run is not None and stopped.complete:
@@ -260,9 +315,7 @@ def resume_command(
                     stopped.script,
                     stopped.config,
                     stopped,
-                    dry_run
-                    if stage is None
-                    else partial(real_run, ask=partial(ask_at_the_bench, asking=owner.asking), stage=stage),
+                    dry_run if stage is None else partial(real_run, ask=asks_for(owner, mounted), stage=stage),
                     owner,
                     as_json=as_json,
                     finger=finger,
@@ -274,7 +327,7 @@ def resume_command(
 
 
 @contextmanager
-def _stage(stopped: StoppedRun, run: Path, *, yes: bool) -> Iterator[StageInHand | None]:
+def _stage(stopped: StoppedRun, run: Path, mounted: str | None, *, yes: bool) -> Iterator[StageInHand | None]:
     """Open the stage for the remaining steps, or, without any, only for a stop."""
     if stopped.virtual:
         yield None
@@ -282,6 +335,8 @@ def _stage(stopped: StoppedRun, run: Path, *, yes: bool) -> Iterator[StageInHand
     with closing(StageInHand(stopped.config, WallClock(stopped.begins_at_s))) as stage:
         if not stopped.complete:
             ready_for_a_real_run("resume", stopped.config, run.parent, yes=yes)
+            with FingerProcess(stopped.config.finger) as finger:
+                _refuse_mounts("resume", stopped.script, stopped.config, finger, mounted, stopped)
             stage.open()
         yield stage
 

@@ -34,7 +34,7 @@ from rig.protocol.script import Script
 from rig.session.early_ending import FinalPosition
 from rig.session.rehearsal_summary import Page
 from rig.session.resume import StoppedRun
-from rig.session.script_run import AT_ONCE
+from rig.session.script_run import AT_ONCE, FROM_THE_PANEL
 from rig.session.session import FinishedRun, NewRun, Nobody, Session, record_after, record_before
 from rig.session.stop_button import StopButton
 from sim.finger_process import Finger, FingerLostError, FingerProcess, asked
@@ -56,6 +56,7 @@ class RunOwner:
         self.button: StopButton | None = None
         self.told: Callable[[Path], None] = lambda run: None
         self._phase: Phase = "planning"
+        self.stopped_by = AT_ONCE
         self._asks = False
         self._stopped_while = "planning"
 
@@ -105,9 +106,9 @@ class RunOwner:
                 return
             try:
                 if self.folder is None:
-                    self.folder = record_before(script, config, into, virtual=self.virtual)
+                    self.folder = record_before(script, config, into, virtual=self.virtual, reason=self.stopped_by)
                     complain(f"the run folder {self.folder.path} records the stop")
-                record_after(self.folder, self._stopped_while, self.switch.kept)
+                record_after(self.folder, self._stopped_while, self.switch.kept, self.stopped_by)
             except (OSError, FolderBusyError) as error:
                 complain(f"the stop could not be recorded: {error}")
 
@@ -116,8 +117,10 @@ class RunOwner:
         found = {"state": self.state, "run": run, "stopped": self.switch.stopped}
         return found if self.button is None else found | {"stop_button": self.button.last_state}
 
-    def _stop(self, _: Mapping[str, Any]) -> dict[str, Any]:
+    def _stop(self, request: Mapping[str, Any]) -> dict[str, Any]:
         self._stopped_while = self.state
+        if request.get("by") == "panel" and not self.switch.stopped:
+            self.stopped_by = FROM_THE_PANEL
         return answer_to_a_stop(self.switch.stop)
 
     def _pause(self, _: Mapping[str, Any]) -> dict[str, Any]:
@@ -213,6 +216,11 @@ class AtTheTerminal:
         self._owner = owner or Nobody()
         self.stopped = self._owner.stopped
 
+    @property
+    def stopped_by(self) -> str:
+        """The reason to record for a stop at once."""
+        return self._owner.stopped_by
+
     def begins(self, folder: RunFolder) -> None:
         """A disk too full for the course ends no run here: the journal will tell."""
         self._begins()
@@ -264,7 +272,8 @@ def carry_out(
             replace(session, attendant=AtTheTerminal(pause, watch, begins, course, owner), button=owner.button)
         )
     owner.at("reporting")
-    done = _reported(done, session.finger, owner)
+    with busy("writing the report …", as_json=as_json):
+        done = _reported(done, session.finger, owner)
     _print(done, time.perf_counter() - began, as_json=as_json, resumed=isinstance(into, StoppedRun))
     return done
 
@@ -323,7 +332,7 @@ def _reported(done: FinishedRun, finger: Finger, owner: RunOwner) -> FinishedRun
         if not owner.stopped():
             raise
         at = replace(done.at, trusted=False)
-        return replace(done, problem=done.problem or RunAborted(AT_ONCE), at=at)
+        return replace(done, problem=done.problem or RunAborted(owner.stopped_by), at=at)
     return done
 
 

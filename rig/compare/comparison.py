@@ -305,24 +305,16 @@ def _row(overlay: Overlay) -> dict[str, Any]:
 
 
 def left_out_lines(comparison: Comparison) -> list[str]:
-    """Return a line for each recording that the stimulus does not cover at every receptor."""
+    """Return a line for each recording that the stimulus does not cover at every receptor: what would cover it."""
     return [_line(overlay) for overlay in comparison.overlays if left_out(overlay).any()]
 
 
 def _line(overlay: Overlay) -> str:
-    missing = left_out(overlay)
-    never, sometimes = missing.all(axis=1), missing.any(axis=1)
-    position = overlay.recording.position_mm
     low, high = range_needed(overlay)
-    count = f"{sometimes.sum()} of {len(position)} positions"
-    said = [f"{overlay.stimulus.title}: {count} of {overlay.recording.name} are not covered"]
-    said.append(f"at some receptors ({_told(position[sometimes & ~never])})" if (sometimes & ~never).any() else "")
-    said.append(f"at all receptors ({_told(position[never])})" if never.any() else "")
-    return f"{', '.join(filter(None, said))}; a run from {high:g} to {low:g} mm would cover them"
-
-
-def _told(position: NDArray[np.float64]) -> str:
-    return f"{', '.join(f'{x:g}' for x in _rounded(position))} mm"
+    return (
+        f"a run of {overlay.stimulus.title} from {high:g} to {low:g} mm would cover every position of "
+        f"{overlay.recording.name} at every receptor"
+    )
 
 
 def _rounded(position: NDArray[np.float64]) -> list[float]:

@@ -29,7 +29,7 @@ from rig.compare.fit import Fit, fit_rates, predicted
 from rig.compare.stimuli import Stimulus
 from rig.data import Run
 from rig.plan.config import told_of
-from rig.plan.finger_file import TISSUE, FingerFile, finger_file_of
+from rig.plan.finger_file import TISSUE, FingerFile, finger_file_of, refuse_flagged
 from rig.settings import Settings
 from rig.study.parallel import spread
 from rig.study.parameter_study import interpolated, nodes_to_build
@@ -162,7 +162,9 @@ def read_plausible(path: Path) -> PlausibleFingers:
         met = "met" in tables
         ranges = {} if met else _File.model_validate(tables).ranges
     if met:
-        ranges = _ranges_of(finger_file_of(source, tables, path.parent))
+        file = finger_file_of(source, tables, path.parent)
+        refuse_flagged(source, file.met, ", or state ranges of your own")
+        ranges = _ranges_of(file)
     found = PlausibleFingers(source, ranges, hashlib.sha256(content).hexdigest())
     if not ranges:
         raise FingersError(

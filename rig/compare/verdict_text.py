@@ -47,7 +47,7 @@ def sentences(answer: AfferentVerdict) -> list[str]:
         _ceiling(answer),
         *_powers(answer),
         _together(answer),
-        _positions(answer),
+        positions(answer),
     ]
     return [one for one in said if one]
 
@@ -151,12 +151,16 @@ def _together(answer: AfferentVerdict) -> str:
     )
 
 
-def _positions(answer: AfferentVerdict) -> str:
+def positions(answer: AfferentVerdict) -> str:
+    """Return a sentence on the recorded positions that the comparison uses."""
     used = len(answer.places.rate)
     if not answer.left_out:
         return f"All {used} recorded positions are used."
     missing = "; ".join(f"{one.stimulus}: {', '.join(map(in_mm, one.position_mm))} mm" for one in answer.left_out)
-    return f"{used} of {answer.recorded} recorded positions are used; not every receptor covers {missing}."
+    return (
+        f"{used} of {answer.recorded} recorded positions are used. The run does not cover the others at every "
+        f"compared receptor: {missing}."
+    )
 
 
 def methods(answer: AfferentVerdict) -> str:

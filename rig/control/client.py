@@ -60,7 +60,9 @@ class Announced(Announcement, frozen=True):
         with self._failing(do, within_s):
             return self._answered(do, self._answer({"do": do, **more}, within_s))
 
-    def say_stop(self, lives: Callable[[], object] = lambda: None) -> Callable[[float], dict[str, Any]]:
+    def say_stop(
+        self, lives: Callable[[], object] = lambda: None, *, by: str = ""
+    ) -> Callable[[float], dict[str, Any]]:
         """Send a stop without waiting for anything. Raises ControlError if it is not sent.
 
         The returned function waits for the reply, up to the given seconds, and calls `lives` at the first sign of
@@ -69,7 +71,7 @@ class Announced(Announcement, frozen=True):
         key = bytes.fromhex(self.key)
         with self._failing("stop", 0.0):
             connection = connected(self.address, 0.0)
-            nonce = Wire(connection, 0.0).say_stop(key)
+            nonce = Wire(connection, 0.0).say_stop(key, by)
 
         def answer(within_s: float) -> dict[str, Any]:
             with self._failing("stop", within_s), connection:

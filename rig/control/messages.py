@@ -62,13 +62,13 @@ class Wire:
         """Send a stop and return the reply (client's side). Raises BROKEN."""
         return self.stopped(key, self.say_stop(key))
 
-    def say_stop(self, key: bytes) -> bytes:
-        """Send a stop without waiting, and return its nonce (client's side). Raises OSError.
+    def say_stop(self, key: bytes, by: str = "") -> bytes:
+        """Send a stop without waiting, and return its nonce with its sender (client's side). Raises OSError.
 
         One message contains its own proof, because each turn of a longer exchange may wait for a processor. A
         replayed stop stops only what was already stopped.
         """
-        nonce = secrets.token_bytes(_NONCE)
+        nonce = secrets.token_bytes(_NONCE) + by.encode("ascii")
         self.send_bytes(_proven(key, _STOP, nonce))
         return nonce
 
@@ -109,6 +109,11 @@ class _Challenging:
         if nonce is not None:
             raise _StopReceivedError(nonce)
         return message
+
+
+def sender_of(nonce: bytes) -> str:
+    """Return who sent a stop; empty if it does not say."""
+    return nonce[_NONCE:].decode("ascii", "replace")
 
 
 def _proven(key: bytes, kind: bytes, data: bytes) -> bytes:

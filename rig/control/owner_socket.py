@@ -14,7 +14,7 @@ from types import TracebackType
 from typing import Any
 
 from rig.control.client import STOP, Announced, Announcement, RefusedError, lock_of, remove, runtime_folder
-from rig.control.messages import BROKEN, Wire, connected, encoded
+from rig.control.messages import BROKEN, Wire, connected, encoded, sender_of
 from rig.errors import RigError
 
 Answers = Mapping[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]
@@ -140,7 +140,8 @@ class ControlSocket:
                 if nonce is None:
                     wire.send_bytes(self._answer(wire.hear()))
                 else:
-                    wire.answer_stop(self._key, nonce, self._answer(STOP))
+                    by = sender_of(nonce)
+                    wire.answer_stop(self._key, nonce, self._answer({**STOP, "by": by} if by else STOP))
             except BROKEN:
                 return
 

@@ -125,6 +125,7 @@ def _as_nwb(run: Run, pynwb: Any) -> Any:
         session_id=run.folder.path.name,
         protocol=run.start["protocol"],
         notes=f"virtual bench: {run.start['virtual']}; complete: {run.complete}",
+        subject=_subject(run, pynwb),
     )
     _add_devices(run, file)
     _add_samples(run, file, pynwb)
@@ -132,6 +133,12 @@ def _as_nwb(run: Run, pynwb: Any) -> Any:
     _add_holds(run, file, pynwb)
     _add_sync(run, file, pynwb)
     return file
+
+
+def _subject(run: Run, pynwb: Any) -> Any:
+    """Return the subject by its code, or None without one: nothing else about a participant is recorded."""
+    code = run.start.get("subject")
+    return pynwb.file.Subject(subject_id=code) if code else None
 
 
 def _add_devices(run: Run, file: Any) -> None:

@@ -244,6 +244,7 @@ class Journal:
         self.file = LineFile(path)
         self._stopped = False
         self.at_end: Callable[[], Mapping[str, Any]] = dict  # further fields of a stop before the end
+        self.interrupted_by: Callable[[], str] = lambda: "interrupted"  # the reason of an interrupt without a message
 
     def start(self, about: Mapping[str, Any]) -> None:
         """Write the first document: the script and its inputs."""
@@ -273,6 +274,10 @@ class Journal:
     def close(self) -> None:
         """Close the file."""
         self.file.close()
+
+    def _unsaid(self, error: BaseException) -> str:
+        """Return the reason of an error without a message; an interrupt has the person or program behind it."""
+        return self.interrupted_by() if isinstance(error, KeyboardInterrupt) else type(error).__name__
 
     def _write(self, kind: str, body: Mapping[str, Any]) -> None:
         document = {
@@ -311,7 +316,7 @@ class Journal:
             if not self._stopped and error is not None:
                 status = next((name for known, name in _STATUS.items() if isinstance(error, known)), "failed")
                 with contextlib.suppress(RecordError):  # The first error is reported.
-                    self.stop(status, str(error) or type(error).__name__)
+                    self.stop(status, str(error) or self._unsaid(error))
         finally:
             self.close()
 

@@ -37,6 +37,7 @@ def finger_file(meeting: Meeting, config: Config, journals: Sequence[Path]) -> F
         journals_sha256=tuple(hashlib.sha256(path.read_bytes()).hexdigest() for path in journals),
         presses=len(meeting.given),
         collapsed=learned.collapsed,
+        flagged=meeting.stranger,
         not_learned=tuple(meeting.not_learned),
         place=Place(
             x_mm=_fine(learned.mean[x]),

@@ -39,7 +39,7 @@ class Owner(Protocol):
         """Return the reply. Raises RefusedError, ControlError."""
         ...
 
-    def say_stop(self) -> Callable[[float], dict[str, Any]]:
+    def say_stop(self, *, by: str = "") -> Callable[[float], dict[str, Any]]:
         """Send a stop without waiting; the returned function waits for the reply. Raises ControlError."""
         ...
 
@@ -95,7 +95,7 @@ def say_stop(owners: Sequence[Owner]) -> SentStops:
     sent = {}
     for one in _to_be_stopped(owners):
         with suppress(ControlError):
-            sent[one.pid] = one.say_stop()
+            sent[one.pid] = one.say_stop(by="panel")
     return sent
 
 

@@ -123,7 +123,7 @@ def flag(name: str, body: Mapping[str, Any]) -> bool:
 
 
 Answer = TypeVar("Answer")
-First = TypeVar("Given")
+First = TypeVar("First")
 
 
 class BoundedPool:

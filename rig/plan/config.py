@@ -15,7 +15,14 @@ from pydantic.fields import FieldInfo
 
 from rig.devices.registry import KnownBench, names, with_kind_tables
 from rig.errors import WRITTEN_BY_COMMANDS, RigError, RuleError, around, first_problem
-from rig.plan.finger_file import Met, checked_relaxation, read_finger_file, refuse_collapsed, tables_in
+from rig.plan.finger_file import (
+    Met,
+    checked_relaxation,
+    read_finger_file,
+    refuse_collapsed,
+    refuse_flagged,
+    tables_in,
+)
 from rig.settings import DeviceSettings, RigSettings, Settings
 from sim.config import FingertipConfig
 
@@ -136,7 +143,7 @@ def load_config(path: Path | None) -> Config:
     return found
 
 
-def with_finger(config: Config, path: Path | None) -> Config:
+def with_finger(config: Config, path: Path | None, *, force: bool = False) -> Config:
     """Return the configuration with an identified finger.
 
     The virtual bench's finger relaxes as the identified one, unless the configuration sets `virtual.relaxation`.
@@ -147,6 +154,8 @@ def with_finger(config: Config, path: Path | None) -> Config:
         The configuration.
     path : Path or None
         File that `rig meet` wrote; None to keep the finger of the configuration.
+    force : bool, optional
+        Accept a file that `rig meet` flagged because no finger of its prior explains the presses.
 
     Returns
     -------
@@ -156,11 +165,16 @@ def with_finger(config: Config, path: Path | None) -> Config:
     Raises
     ------
     BadInputError
-        If the file cannot be read, or a key or value in it is wrong.
+        If the file cannot be read, is flagged, or a key or value in it is wrong.
     """
+    all_the_same = ", or add --force to use the finger all the same"
     if path is None:
+        if config.met is not None and not force:
+            refuse_flagged("[met] of the configuration", config.met, all_the_same)
         return config
     found = read_finger_file(path)
+    if not force:
+        refuse_flagged(f"finger file {path}", found.met, all_the_same)
     sets_its_own = "relaxation" in config.virtual.model_fields_set
     relaxes = {} if sets_its_own else {"relaxation": found.relaxation}
     virtual = config.virtual.model_copy(update=relaxes)

@@ -131,6 +131,9 @@ class Met(Settings):
         False,
         description="whether the identification collapsed onto too few fingers, which makes its bands meaningless",
     )
+    flagged: str | None = Field(
+        None, description="why no finger of the prior answers like the pressed one; absent if one does"
+    )
     not_learned: tuple[str, ...] = ()
     place: Place
     posterior: Posterior
@@ -174,6 +177,18 @@ def refuse_collapsed(what: str, met: Met) -> None:
             "repeat `rig meet` until it ends with exit code 0",
             code="collapsed",
             where=what,
+        )
+
+
+def refuse_flagged(what: str, met: Met, remedy: str = "") -> None:
+    """Raise BadInputError for an identification that no finger of the prior explains; remedy: begins with a comma."""
+    if met.flagged is not None:
+        raise BadInputError(
+            "{where}: no finger of the prior explains its presses: {why}; repeat `rig meet`{remedy}",
+            code="flagged",
+            where=what,
+            why=met.flagged,
+            remedy=remedy,
         )
 
 

@@ -15,7 +15,7 @@ from rig.protocol.api import Handler, Rig
 from rig.protocol.check import Spot, Walk
 from rig.protocol.handlers import Patience, SilentScriptError, TakenUp, impatient
 from rig.protocol.script import Script, script_error
-from rig.protocol.steps import ExpectedPresses, ExpectedTouch, Step
+from rig.protocol.steps import ExpectedPresses, ExpectedTouch, Mount, Step
 from rig.records import PlannedIndentation, Purpose
 from rig.units import GWT_N
 from sim.contact.shapes import ShapeError
@@ -49,6 +49,7 @@ class Plan:
     predictions: Predictions = field(default_factory=dict)
     first_soft_trip_n: float | None = None
     shape_files: dict[str, bytes] = field(default_factory=dict)  # content, by the names of their copies
+    mounts: list[str] = field(default_factory=list)  # indentors to be mounted by hand, in order
 
     @property
     def indentations(self) -> list[PlannedIndentation]:
@@ -139,6 +140,8 @@ class Planner:
                 self._plan.presses[press.purpose].append(expected.planned)
         elif isinstance(expected, ExpectedTouch):
             self._plan.touches.append(expected)
+        elif isinstance(step, Mount):
+            self._plan.mounts.append(step.indentor)
         return step.foreseen(expected)
 
 

@@ -42,7 +42,7 @@ from sim.units import GWT_N
 CONTACTS_A_PAGE = 12
 HEIGHTS_MM = (1.9, 5.7)
 _CONTACT_COLUMNS = 4
-_LEFT_IN, _WIDE_IN, _GAP_IN = 0.6, 2.25, 0.12
+_LEFT_IN, _WIDE_IN, _GAP_IN = 0.75, 2.25, 0.12
 _TITLE_IN, _SKIN_IN, _PRESSURE_IN, _AXIS_IN = 0.36, 0.9, 0.7, 0.5
 _CONTACT_ROW_IN = _TITLE_IN + _SKIN_IN + _PRESSURE_IN
 _LATERAL_MM = (-3.6, 3.6)
@@ -82,7 +82,7 @@ def _scales(above: Axes, below: Axes, scale: Sequence[float], *, first: bool, lo
     above.set_yticks((3, 5) if first else ())
     below.set_yticks(scale if first else ())
     below.set_xticks((-2, 0, 2) if lowest else ())
-    for axes, name in ((above, "height (mm)"), (below, "pressure")):
+    for axes, name in ((above, "height (mm)"), (below, "pressure\n(pseudo-units)")):
         axes.set_ylabel(name if first else "", fontsize=8)
         axes.tick_params(labelsize=7, length=2)
     below.set_xlabel("lateral x (mm)" if lowest else "", fontsize=8)
@@ -200,8 +200,10 @@ PHASES = {
 SAMPLES = ("sample", "precondition_sample", "reference_sample", "find_sample")
 _MINUTES_FROM_S = 600.0
 _WIDTH_IN = 9.6
-_COLUMNS = 2
 _ROW_IN = 2.3
+_LEAST_RELATIVE = 0.1
+"""Half-height of the panel of relative forces: less would magnify the steps of the readings."""
+
 _NEAR = 2.5  # a trip further above the readings would only flatten them
 
 
@@ -218,10 +220,16 @@ def presses(run: Run) -> Plot:
 
 
 def force_depth(run: Run) -> Plot:
-    """Plot the mean force of each condition against depth, and the spread of its repeats."""
+    """Plot the mean force of each condition against depth, and the spread of its repeats if there are any."""
     groups = by_target(conditions(run))
-    height = 0.5 + _ROW_IN * len(groups)
-    return Plot((_WIDTH_IN, height), lambda figure: _force_depth(figure, groups, samples_of(run)), layout=None)
+    height, spread = 0.5 + _ROW_IN * len(groups), has_repeats(run)
+    width = _WIDTH_IN if spread else 0.55 * _WIDTH_IN
+    return Plot((width, height), lambda figure: _force_depth(figure, groups, samples_of(run), spread), layout=None)
+
+
+def has_repeats(run: Run) -> bool:
+    """Return whether a condition was pressed more than once, so that repeats have a spread."""
+    return any(len(condition.indices) > 1 for condition in conditions(run))
 
 
 def _force_time(figure: Figure, run: Run) -> None:
@@ -282,7 +290,9 @@ def _presses(figure: Figure, groups: dict[str, list[Condition]], run: Run) -> No
                 for t, ratio in _in_holds(samples[index]):
                     right.plot(t, ratio, lw=0.8, color=color)
         left.set(title=name, ylabel="force (gwt)", xlabel="time since the start of the press (s)")
-        right.set(title=name, ylabel="force relative to the start of the hold", xlabel="time in the hold (s)")
+        low, high = right.get_ylim()
+        right.set_ylim(min(low, 1 - _LEAST_RELATIVE), max(high, 1 + _LEAST_RELATIVE))
+        right.set(title=name, ylabel="force relative to first", xlabel="time in the hold (s)")
         position_scale(right, xs)
 
 
@@ -301,24 +311,28 @@ def _in_holds(samples: Sequence[dict[str, Any]]) -> list[tuple[Array, Array]]:
     return [(t[a:b] - t[a], force[a:b] / force[a]) for a, b in parts if force[a] > 0]
 
 
-def _force_depth(figure: Figure, groups: dict[str, list[Condition]], samples: Samples) -> None:
-    for (name, members), (left, right) in zip(groups.items(), _panels(figure, len(groups)), strict=True):
+def _force_depth(figure: Figure, groups: dict[str, list[Condition]], samples: Samples, spread: bool) -> None:
+    panels = _panels(figure, len(groups), 2 if spread else 1)
+    for (name, members), (left, *right) in zip(groups.items(), panels, strict=True):
         xs = [condition.x_mm for condition in members]
         for condition in members:
             found, color = loading(condition, samples), shade_of(condition.x_mm, xs)
             if found is not None:
                 left.plot(found.doi_mm, found.mean_gwt, lw=1, color=color)
-                right.plot(found.doi_mm, found.sd_gwt, lw=1, color=color)
+                for axes in right:
+                    axes.plot(found.doi_mm, found.sd_gwt, lw=1, color=color)
         left.set(title=name, ylabel="mean force (gwt)", xlabel="depth of indentation (mm)")
-        right.set(title=name, ylabel="sd over repeats (gwt)", xlabel="depth of indentation (mm)")
-        if all(len(condition.indices) == 1 for condition in members):
-            right.text(0.5, 0.5, "no repeats, hence no spread", transform=right.transAxes, ha="center", color=GREY)
-        position_scale(right, xs)
+        for axes in right:
+            axes.set(title=name, ylabel="sd over repeats (gwt)", xlabel="depth of indentation (mm)")
+            if all(len(condition.indices) == 1 for condition in members):
+                axes.text(0.5, 0.5, "no repeats, hence no spread", transform=axes.transAxes, ha="center", color=GREY)
+                axes.set(xticks=(), yticks=())
+        position_scale([left, *right][-1], xs)
 
 
-def _panels(figure: Figure, rows: int) -> Any:
-    """(rows, 2) axes with room for a scale of positions beside them."""
-    return Room(right=1.0, columns=0.8, rows=0.85).panels(figure, rows, _COLUMNS)
+def _panels(figure: Figure, rows: int, columns: int = 2) -> Any:
+    """(rows, columns) axes with room for a scale of positions beside them."""
+    return Room(right=1.0, columns=0.8, rows=0.85).panels(figure, rows, columns)
 
 
 _LEGEND_IN = 0.2  # a line of one

@@ -156,9 +156,14 @@ def _press_figures(run: Run) -> list[PageFigure]:
         PageFigure(
             "Force against depth",
             run_figures.force_depth(run),
-            "Force while pressing, against the depth from the contact fitted at each touch-off. Left: the "
-            "mean over repeats of each condition, at depths that all repeats reached. Right: their standard "
-            "deviation. Data: sample.csv.",
+            "Force while pressing, against the depth from the contact fitted at each touch-off. "
+            + (
+                "Left: the mean over repeats of each condition, at depths that all repeats reached. Right: their "
+                "standard deviation. "
+                if run_figures.has_repeats(run)
+                else "No condition was repeated. "
+            )
+            + "Color: position of the indentor. Data: sample.csv.",
         ),
     ]
 

@@ -26,6 +26,7 @@ _RESIDUAL = "recorded − predicted\n(standard deviations)"
 _LINES: tuple[tuple[str, str, float], ...] = ((BLUE, "-", 1.6), (ORANGE, "--", 1.3), (GREEN, ":", 1.5))
 """Line styles of the superimposed pairs, in their order."""
 _MOST_RECEPTORS = 14
+_CURVE_POINTS = 101
 _FRAME_POINTS = 7
 _ROOM = Room(left=0.75, right=0.1, bottom=0.42, top=0.55, columns=0.12, rows=0.42)
 USUAL = 2.0  # standard deviations
@@ -254,8 +255,7 @@ def _scatter(figure: Figure, answer: AfferentVerdict, rows: Sequence[PairRow], f
         for number, (colour, marker) in zip(range(len(answer.stimuli)), cycle(_STYLES), strict=False):
             mine = of_stimulus(answer, number)
             axes.plot(row.eps[mine], answer.places.rate[mine], marker, ms=4, mfc="none", mec=colour)
-        order = np.argsort(row.eps)
-        axes.plot(row.eps[order], row.predicted[order], color="black", lw=1)
+        axes.plot(*_curve(row), color="black", lw=1)
         axes.set_title(f"{named(row)}\nk = {as_number(row.k)}, ε₀ = {as_number(row.eps0)}", fontsize=8)
         axes.set_xlabel(_measured_in(row), fontsize=8)
         axes.tick_params(labelsize=7.5)
@@ -265,6 +265,17 @@ def _scatter(figure: Figure, answer: AfferentVerdict, rows: Sequence[PairRow], f
         for title, (colour, marker) in zip(answer.stimuli, cycle(_STYLES), strict=False)
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4), fontsize=7.5)
+
+
+def _curve(row: PairRow) -> tuple[Array, Array]:
+    """Return the fit between the smallest and largest measure, also where no position lies (n,)."""
+    known = row.eps[np.isfinite(row.eps)]
+    corner = [row.eps0] if known.min() < row.eps0 < known.max() else []
+    eps = np.unique(np.concatenate([np.linspace(known.min(), known.max(), _CURVE_POINTS), corner]))
+    if np.isnan(row.k):  # a constant
+        return eps, np.full_like(eps, row.predicted[0])
+    drive = np.maximum(row.k * (eps - row.eps0), 0.0)
+    return eps, drive / (1 + row.saturation * drive)
 
 
 def _measured_in(row: PairRow) -> str:

@@ -14,6 +14,7 @@ from rig.records import PlannedIndentation
 from rig.session.rehearse import Rehearsed, rehearsed
 from rig.session.session import Session
 from rig.units import GWT_N
+from sim.contact.shapes import with_size
 from sim.models.fingertip import Fingertip
 from sim.models.small_strain_error import small_strain
 
@@ -133,7 +134,7 @@ class Page:
             "steps": self._steps,
             "duration": self._duration,
             "force": self._force,
-            "trips": f"soft {_both(self._soft_trip_n)}, hard {_both(config.limits.hard_trip_n)}",
+            "trips": f"soft {in_both_units(self._soft_trip_n)}, hard {in_both_units(config.limits.hard_trip_n)}",
             "first": self._first,
             "safety": "check that the emergency stop is in reach and the finger is clear of the indentor",
         }
@@ -177,8 +178,8 @@ class Page:
             if met is None
             else f", the upper end of the band for the finger identified on {met.date} from {met.presses} presses"
         )
-        below = f"{_both(self._soft_trip_n - peak_n)} below the trip"
-        return f"predicted peak {_both(peak_n)}{band}, {below}{self._small_strain}"
+        below = f"{in_both_units(self._soft_trip_n - peak_n)} below the trip"
+        return f"predicted peak {in_both_units(peak_n)}{band}, {below}{self._small_strain}"
 
     @property
     def _small_strain(self) -> str:
@@ -191,7 +192,7 @@ class Page:
         """First motions of every script: homing, and the way to the first position."""
         config = self.session.config
         mounted = next(iter(dict.fromkeys(planned.indentor for planned in self._plan.all_presses)), None)
-        by_hand = "" if mounted is None else f"you mount {mounted}; "
+        by_hand = "" if mounted is None else f"you mount {with_size(mounted)}; "
         places = [planned.x_mm for planned in self._plan.all_presses]
         to = (
             f"; then the stage moves to x = {places[0]:g} mm and down to"
@@ -204,5 +205,6 @@ class Page:
         )
 
 
-def _both(force_n: float) -> str:
+def in_both_units(force_n: float) -> str:
+    """Return a force in newtons and gram-weight, as text."""
     return f"{force_n:.3g} N ({force_n / GWT_N:.4g} gwt)"

@@ -13,6 +13,7 @@ from rig.transport import TransportError
 from sim.finger_process import FingerLostError
 
 AT_ONCE = "stopped at once by the operator"
+FROM_THE_PANEL = "stopped at once from the panel"
 ENDINGS = (EngineError, StageError, ForceError, TransportError, FingerLostError)
 """Errors that end a run early; the engine has lifted or stopped before it raises them."""
 

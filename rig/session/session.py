@@ -45,6 +45,10 @@ class Attendant(Protocol):
     def stopped(self) -> bool:
         """Return whether another thread has stopped the stage; called after a failure."""
 
+    @property
+    def stopped_by(self) -> str:
+        """The reason to record for a stop at once."""
+
     def begins(self, folder: RunFolder) -> None:
         """Note that ports are open and the journal in this folder has begun: motions may follow."""
 
@@ -64,6 +68,11 @@ class Nobody:
     def stopped(self) -> bool:
         """Return False."""
         return False
+
+    @property
+    def stopped_by(self) -> str:
+        """The reason to record for a stop at once."""
+        return AT_ONCE
 
     def begins(self, folder: RunFolder) -> None:
         """Do nothing."""
@@ -156,7 +165,7 @@ class Session:
     @property
     def stopped_by(self) -> str:
         """Reason of an immediate stop."""
-        return BY_THE_BUTTON if self.button is not None and self.button.stopped else AT_ONCE
+        return BY_THE_BUTTON if self.button is not None and self.button.stopped else self.attendant.stopped_by
 
     @property
     def begins_at_s(self) -> float:
@@ -250,6 +259,7 @@ def _on_a_bench(
             engine = Engine(session.config, bench, journal, session.plan.soft_trip_n, contact_s)
             engine.keep_contact = bench.touched
             journal.at_end = lambda: {"indentor": asdict(FinalPosition.of(engine))}
+            journal.interrupted_by = lambda: session.stopped_by
             _begin(session, journal, virtual=bench.virtual)
             session.attendant.begins(folder)
             problem = _carry_out(session, journal, engine, _rig(session, folder, engine), bench)
@@ -354,7 +364,9 @@ def _paced(session: Session, clock: Clock, speed: float | None) -> Watch:
     return paced
 
 
-def record_before(script: Script, config: Config, into: NewRun | StoppedRun, *, virtual: bool) -> RunFolder:
+def record_before(
+    script: Script, config: Config, into: NewRun | StoppedRun, *, virtual: bool, reason: str = AT_ONCE
+) -> RunFolder:
     """Record a run that was stopped during planning: aborted, without a motion.
 
     The record is in a folder of its own, or the next part of the run to be resumed. Raises OSError,
@@ -387,11 +399,11 @@ def record_before(script: Script, config: Config, into: NewRun | StoppedRun, *, 
             known = None if before.stop is None else before.stop.get("indentor")
             at = FinalPosition(**known) if known else FinalPosition.last_known(before)
         journal.at_end = lambda: {"indentor": asdict(at), "stopped_while": "planning"}
-        journal.stop("aborted", AT_ONCE)
+        journal.stop("aborted", reason)
     return folder
 
 
-def record_after(folder: RunFolder, state: str, wire: str) -> None:
+def record_after(folder: RunFolder, state: str, wire: str, reason: str = AT_ONCE) -> None:
     """Append the bytes of a stop, and the stop itself if the journal lacks it.
 
     The end of a finished run is repeated, with the state in which it was stopped. Raises OSError, FolderBusyError.
@@ -403,7 +415,7 @@ def record_after(folder: RunFolder, state: str, wire: str) -> None:
         *_, last = read_journal(folder.events)
         if last["doc"] != "stop":
             at = asdict(FinalPosition.last_known(read_run(folder.path)))
-            end = {"doc": "stop", "status": "aborted", "reason": AT_ONCE, "indentor": at, "stopped_while": state}
+            end = {"doc": "stop", "status": "aborted", "reason": reason, "indentor": at, "stopped_while": state}
             add_to_end(folder.events, end, WallClock().unix_s())
         elif last["status"] != "aborted" or state == "reporting":
             add_to_end(folder.events, {"stopped_while": state}, WallClock().unix_s())

@@ -12,8 +12,8 @@ from sim.errors import ArgumentError, SimError
 
 EXPECTED = (
     "bar:WIDTH, cylinder:DIAMETER, step:1|3|5, grating:RIDGE,PITCH, wedge:ANGLE, profile:FILE.csv[,linear], "
-    "sphere:RADIUS, flat:RADIUS, cone:ANGLE, flat, line or heightmap:FILE,…; shapes that lie along the "
-    "finger also with ,across or ,turn_deg=ANGLE"
+    "sphere:RADIUS, flat:RADIUS, cone:ANGLE, flat, line or heightmap:FILE,…; cylinder, sphere and flat also as "
+    "r=RADIUS or d=DIAMETER; shapes that lie along the finger also with ,across or ,turn_deg=ANGLE"
 )
 LINE_THICKNESS_MM = 0.2
 """Thickness of the plate whose rounded edge is the line load (mm). [free]"""
@@ -84,6 +84,29 @@ def shape_name(text: str) -> str:
     return text if named_file(text) is not None else parse_shape(text).name
 
 
+def shape_size(text: str) -> str:
+    """Return the size of a shape in words, with radius and width where it is round; empty where its name says all.
+
+    Raises ShapeError.
+    """
+    if named_file(text) is not None:
+        return ""
+    match parse_shape(text):
+        case Prismatic(profile=Cylinder(diameter_mm=wide)) | Revolved(profile=Cylinder(diameter_mm=wide)):
+            return f"radius {wide / 2:g} mm, {wide:g} mm wide"
+        case Revolved(profile=Bar(width_mm=wide)):
+            return f"radius {wide / 2:g} mm, {wide:g} mm wide"
+        case Prismatic(name=name, profile=Bar(width_mm=wide)) if name != "line":
+            return f"{wide:g} mm wide"
+    return ""
+
+
+def with_size(text: str) -> str:
+    """Return a shape's name, followed by its size where that adds something. Raises ShapeError."""
+    size = shape_size(text)
+    return f"{text} ({size})" if size else text
+
+
 def named_file(text: str) -> str | None:
     """Return the file that a shape's name contains, or None."""
     found = _FILE.fullmatch(text)
@@ -132,7 +155,7 @@ def _bar(text: str, argument: str) -> Indentor:
 
 
 def _cylinder(text: str, argument: str) -> Indentor:
-    return Indentor.along(Cylinder(_number(text, argument, "diameter", "mm", 0.5, 50.0)))
+    return Indentor.along(Cylinder(2 * _radius_mm(text, argument, 0.25, 25.0, bare=0.5)))
 
 
 def _wedge(text: str, argument: str) -> Indentor:
@@ -167,14 +190,14 @@ def _height_map(text: str, argument: str) -> Indentor:
 
 
 def _sphere(text: str, argument: str) -> Indentor:
-    radius = _number(text, argument, "radius", "mm", 0.25, 25.0)
+    radius = _radius_mm(text, argument, 0.25, 25.0)
     return Revolved(f"sphere:{radius:g}", Cylinder(2 * radius))
 
 
 def _flat(text: str, argument: str) -> Indentor:
     if ":" not in text:
         return Indentor.along(Plane())
-    radius = _number(text, argument, "radius", "mm", 0.1, 10.0)
+    radius = _radius_mm(text, argument, 0.1, 10.0)
     return Revolved(f"flat:{radius:g}", Bar(2 * radius))
 
 
@@ -206,6 +229,14 @@ _KINDS: dict[str, Callable[[str, str], Indentor]] = {
     "line": _line,
     "heightmap": _height_map,
 }
+
+
+def _radius_mm(text: str, argument: str, low: float, high: float, bare: float = 1.0) -> float:
+    """Return the radius of r=RADIUS, d=DIAMETER or a bare number, which times `bare` is the radius."""
+    named, _, number = argument.partition("=")
+    per, number = {"r": (1.0, number), "d": (0.5, number)}.get(named, (bare, argument))
+    what = "radius" if per == 1.0 else "diameter"
+    return per * _number(text, number, what, "mm", low / per, high / per)
 
 
 def _number(text: str, argument: str, what: str, unit: str, low: float, high: float) -> float:

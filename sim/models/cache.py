@@ -4,6 +4,7 @@ import contextlib
 import hashlib
 import io
 import json
+import logging
 import math
 import os
 from collections.abc import Callable, Iterator
@@ -29,6 +30,7 @@ and SED around the source's 24 sites."""
 MOST_BYTES = 5e9
 """Largest size of the cache unless RIG_CACHE_GB is set; the least recently read files are deleted first."""
 
+_log = logging.getLogger(__name__)
 _SEAL_BYTES = hashlib.sha256().digest_size
 _CODE = (
     *("errors.py", "units.py", "tables.py", "config.py", "contact/patch.py", "fem", "finger", "measures"),
@@ -149,9 +151,18 @@ def cached_arrays(key: str, make: Callable[[], Arrays], kind: Kind = "model") ->
             return found, True
         made = make()
         content = _packed(made)
-        with _replacing(path) as partial, partial.open("wb") as stream:
-            stream.write(_seal(key, content))
-            stream.write(content)
+        try:
+            with _replacing(path) as partial, partial.open("wb") as stream:
+                stream.write(_seal(key, content))
+                stream.write(content)
+        except OSError as error:  # a full disk does not cost the answer
+            _log.warning(
+                "cache folder %s (RIG_CACHE_DIR): %s; the result is not stored and will be computed again; free disk "
+                "space or choose another folder",
+                folder,
+                error.strerror or error,
+            )
+            return made, False
     prune(max(most, _SEAL_BYTES + len(content)))  # what was just made stays
     return made, False
 

@@ -34,6 +34,7 @@ NOT_RUN = {
     # --- commands, a line each ---
     "make setup": SETUP,
     ". .venv/bin/activate": SETUP,
+    "cp examples/tutorial/synthetic_afferent.csv .": "tests/rig/test_followed_pages.py",
     "make demo": f"{SETUP}; its dry-run is tests/rig/test_dry_run.py's",
     "make test": SETUP,
     "rig serve": "tests/rig/real_time/test_serve_command.py",

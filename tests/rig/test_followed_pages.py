@@ -12,7 +12,9 @@ from tests.program import Program
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples" / "tutorial"
-NOT_RUN = {"tutorial": ["make setup", ". .venv/bin/activate"]}  # what every test run begins with
+NOT_RUN = {
+    "tutorial": ["make setup", ". .venv/bin/activate", "cp examples/tutorial/synthetic_afferent.csv ."]
+}  # what every test run begins with
 PAGES = ("tutorial", "your_own_protocol", "your_own_measure", "coding")
 
 

@@ -135,7 +135,7 @@ def test_nothing_is_lost_with_the_program(path: Path, clock: VirtualClock) -> No
     ("error", "status", "reason"),
     [
         (RunAborted("by the operator"), "aborted", "by the operator"),
-        (KeyboardInterrupt(), "aborted", "KeyboardInterrupt"),
+        (KeyboardInterrupt(), "aborted", "interrupted"),
         (TripError("force 3 gwt"), "tripped", "force 3 gwt"),
         (LimitError("too deep"), "limited", "too deep"),
         (NotReadyError("unhomed"), "failed", "unhomed"),

@@ -4,6 +4,7 @@ import errno
 import json
 import os
 import re
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -102,7 +103,7 @@ def test_the_page_says_what_will_be_done(rig: Run, opened: list[Any], finger: Fi
     assert (soft, hard) == (pytest.approx(2 * peak, rel=1e-3), pytest.approx(5.0 / GWT_N, rel=1e-3))
     assert left_said == pytest.approx(soft - peak_said, rel=1e-3)
     assert [float(text) for text in re.findall(r"([\d.]+) N", page["trips"])][1] == 5.0
-    assert page["first"].startswith("you mount bar:3.0; homing lifts the indentor")
+    assert page["first"].startswith("you mount bar:3.0 (3 mm wide); homing lifts the indentor")
     assert "x = -0.5 mm and down to 2 mm above the finger" in page["first"]
     assert "emergency stop" in page["safety"]
     assert len(opened) == 1
@@ -158,6 +159,34 @@ def test_the_stage_is_in_hand_from_before_the_plan_to_after_the_report(
         assert set(found) <= {"closed"}
         return
     assert found == ["opened", "announced", *done, "closed"]
+
+
+@pytest.mark.parametrize(
+    ("mounted", "code"),
+    [((), "mount_by_hand"), (("--mounted", "bar:2"), "mount_by_hand"), (("--mounted", "bar:3"), None)],
+)
+def test_what_must_be_mounted_by_hand_is_refused_before_a_port_opens_where_nobody_can_answer(
+    rig: Run, opened: list[Any], monkeypatch: pytest.MonkeyPatch, mounted: tuple[str, ...], code: str | None
+) -> None:
+    monkeypatch.setattr(confirming, "_text_waits", lambda: False)
+    ended = rig(*RUN, "--yes", "--json", *mounted)
+    assert (ended.code, bool(opened)) == ((0, True) if code is None else (2, False)), ended.err
+    assert ended.json.get("code") == code
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs FIONREAD (POSIX)")
+def test_text_that_waits_can_answer_and_nothing_cannot(monkeypatch: pytest.MonkeyPatch) -> None:
+    reading, writing = os.pipe()
+    with open(reading, encoding="utf-8") as pipe, open(os.devnull, encoding="utf-8") as nothing:
+        monkeypatch.setattr(sys, "stdin", pipe)
+        assert not confirming._text_waits()
+        os.write(writing, b"\n")
+        assert confirming._text_waits()
+        os.close(writing)
+        monkeypatch.setattr(sys, "stdin", nothing)
+        assert not confirming._text_waits()
+    monkeypatch.setattr(sys, "stdin", None)
+    assert not confirming._text_waits()
 
 
 def test_a_dry_run_asks_nothing(rig: Run) -> None:

@@ -15,7 +15,7 @@ import pytest
 
 import rig.cli.script_execution as owning_module
 import rig.cli.signals as interrupts
-from rig.cli.script_execution import RunOwner, owning
+from rig.cli.script_execution import AtTheTerminal, RunOwner, owning
 from rig.cli.signals import STOP_SIGNAL, PauseRequest, at_a_safe_point, interrupt_main, stoppable
 from rig.clock import WallClock
 from rig.control.client import RefusedError, announced
@@ -23,6 +23,7 @@ from rig.control.owner_socket import ControlSocket
 from rig.control.stop import EndedError, StageInHand, StopSwitch
 from rig.data import RunFolder
 from rig.plan.config import Config
+from rig.session.script_run import AT_ONCE, FROM_THE_PANEL
 from rig.session.session import NewRun
 from rig.transport import TransportError
 from tests.waiting import DEADLINE_S, until
@@ -469,14 +470,20 @@ def test_a_signal_does_not_cut_short_what_writes_a_stop_down(tmp_path: Path, mon
     assert written == ["whole"]
 
 
+@pytest.mark.parametrize(("by", "reason"), [("", AT_ONCE), ("panel", FROM_THE_PANEL)])
 @pytest.mark.parametrize("began", [False, True])
 def test_a_stop_is_recorded_at_the_end_and_only_then(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], began: bool
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    began: bool,
+    by: str,
+    reason: str,
 ) -> None:
     done: list[Any] = []
 
-    def before(script: Any, config: Config, into: NewRun, *, virtual: bool) -> RunFolder:
-        done.append(("before", into, virtual))
+    def before(script: Any, config: Config, into: NewRun, *, virtual: bool, reason: str) -> RunFolder:
+        done.append(("before", into, virtual, reason))
         return RunFolder(tmp_path / "own")
 
     monkeypatch.setattr(owning_module, "record_before", before)
@@ -491,9 +498,13 @@ def test_a_stop_is_recorded_at_the_end_and_only_then(
             owner.begins(folder)
             owner.at("reporting")
         (one,) = (one for one in announced() if one.pid == os.getpid())
-        _from_a_thread(lambda: one.ask("stop"))
+        _from_a_thread(lambda: one.say_stop(by=by)(DEADLINE_S))
+    assert AtTheTerminal(owner.pause, lambda *_: None, lambda: None, None, owner).stopped_by == reason
     state = "reporting" if began else "planning"
-    assert done == [*([] if began else [("before", NewRun(tmp_path), True)]), (folder, state, "its bytes")]
+    assert done == [
+        *([] if began else [("before", NewRun(tmp_path), True, reason)]),
+        (folder, state, "its bytes", reason),
+    ]
     assert (f"rig: the run folder {folder.path} records the stop\n" in capsys.readouterr().err) is not began
 
 

@@ -1,5 +1,6 @@
 """What an argument cannot mean for a shape is refused, wherever a shape is given; never passed over."""
 
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -14,7 +15,7 @@ from rig.plan.finger_model import FingerModel
 from rig.records import Target
 from rig.study.exceptions import StudyError
 from rig.study.parameter_study import read_study
-from sim.contact.shapes import ShapeError, parse_shape, shape_name
+from sim.contact.shapes import ShapeError, parse_shape, shape_name, shape_size, with_size
 from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
 from sim.plant import Pose, PressedFinger
@@ -36,6 +37,24 @@ MEANINGLESS = (
     *("bar:3,across,across", "bar:3,across,turn_deg=30", "step:1,turn_deg=30,turn_deg=40", "bar:3,turned"),
     *("bar:3,turn_deg=", "bar:3,turn_deg=right", "bar:3,turn_deg=nan", "bar:3,turn_deg=361", "bar:3,turn_deg=-inf"),
     *("bar:3,ACROSS", "bar:across", "heightmap:", "heightmap", "heightmap:nowhere.npy", "profile:nowhere.csv,across"),
+)
+
+# A radius or a diameter, by name or bare: (names, their shape, radius and width in mm).
+ROUND = (
+    (("sphere:5", "sphere:r=5", "sphere:d=10"), "sphere:5", (5, 10)),
+    (("cylinder:9", "cylinder:d=9", "cylinder:r=4.5"), "cylinder:9", (4.5, 9)),
+    (("cylinder:9,across", "cylinder:r=4.5,across"), "cylinder:9,across", (4.5, 9)),
+    (("flat:1.5", "flat:r=1.5", "flat:d=3"), "flat:1.5", (1.5, 3)),
+)
+NO_SIZE = (
+    "sphere:r=",
+    "sphere:d=0.4",
+    "sphere:x=5",
+    "cylinder:r=0.2",
+    "flat:d=",
+    "bar:r=3",
+    "cone:r=60",
+    "sphere:r=d=5",
 )
 
 # Places that mean nothing to a shape: (shape, x_mm, z_mm).
@@ -200,3 +219,29 @@ def test_a_carriage_that_is_elsewhere_presses_such_a_shape_all_the_same(
 )
 def test_names_are_canonical(text: str, name: str) -> None:
     assert shape_name(text) == name
+
+
+@pytest.mark.parametrize(("names", "shape", "size"), ROUND)
+def test_round_shapes_have_a_radius_or_a_diameter(
+    names: tuple[str, ...], shape: str, size: tuple[float, float]
+) -> None:
+    """Nobody has to know which of the two a bare number is."""
+    radius_mm, wide_mm = size
+    assert {shape_name(name) for name in names} == {shape}
+    for name in names:
+        assert {f"{radius_mm:g}", f"{wide_mm:g}"} == set(re.findall(r"[\d.]+", shape_size(name)))
+        assert with_size(name).startswith(name)
+
+
+@pytest.mark.parametrize("shape", NO_SIZE)
+def test_no_other_name_has_one(shape: str) -> None:
+    with pytest.raises(ShapeError) as caught:
+        parse_shape(shape)
+    assert caught.value.code in ("no_dimension", "dimension_out_of_range")
+
+
+def test_an_indentor_without_a_place_is_in_the_middle(rig: Callable[..., Any]) -> None:
+    """As in `Fingertip.indent`, whatever places the shape."""
+    for shape in ("bar:3.0", "sphere:4", "bar:3,turn_deg=30", "line"):
+        code, said = rig("indent", "--shape", shape, "--doi-mm", "0.1", "--model", "halfspace")
+        assert code == 0 or "halfspace" in said, said

@@ -103,6 +103,22 @@ def test_a_folder_that_cannot_be_had_is_said(folder: Path, monkeypatch: pytest.M
         cached_arrays("k", lambda: pytest.fail("made in vain"))
 
 
+def test_a_full_disk_costs_no_answer_and_is_named(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    def full(path: Path, *_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "replace", full)
+    assert Maker().get()[1] is False
+    (told,) = caplog.records
+    assert told.args == (folder, os.strerror(errno.ENOSPC))
+    monkeypatch.undo()
+    monkeypatch.setenv("RIG_CACHE_DIR", str(folder))
+    assert [p.name for p in folder.iterdir() if p.suffix != ".lock"] == []
+    assert Maker().get()[1] is False
+
+
 def test_a_failed_making_leaves_nothing(folder: Path) -> None:
     def fail() -> Arrays:
         raise RuntimeError("no model today")

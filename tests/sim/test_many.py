@@ -248,6 +248,13 @@ def test_columns_become_a_data_frame(mixed: Indentations) -> None:
     assert frame["force_gwt"].tolist() == mixed.table()["force_gwt"].tolist()
 
 
+def test_results_become_a_data_frame_or_a_file_as_their_table_does(mixed: Indentations, tmp_path: Path) -> None:
+    assert to_pandas(mixed).equals(to_pandas(mixed.table()))
+    for name, given in (("results", mixed), ("table", mixed.table())):
+        write_csv(tmp_path / name, given)
+    assert (tmp_path / "results").read_bytes() == (tmp_path / "table").read_bytes()
+
+
 def test_columns_become_a_data_set(mixed: Indentations, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "xarray.py").write_text("def Dataset(variables, coords):\n    return variables, coords\n")
     monkeypatch.syspath_prepend(tmp_path)

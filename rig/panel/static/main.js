@@ -70,7 +70,7 @@ function gone() {
 function what() {
   if (feed.silent) return feed.heard === null ? "waiting for the panel's server" : "no server";
   const { owner, run, notice } = state ?? {};
-  const bench = owner ? (owner.virtual ? "virtual bench" : "real bench") : null;
+  const bench = owner ? (owner.virtual ? "virtual bench" : `devices on ${owner.ports.join(", ")}`) : null;
   const doing = run ? `${run.name}: ${[run.state, run.ending].filter(Boolean).join(", ")}` : (owner?.kind ?? "nothing is running");
   return [doing, run?.subject ? `subject ${run.subject}` : null, bench, notice].filter(Boolean).join(" · ");
 }

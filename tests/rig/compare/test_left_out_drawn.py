@@ -123,3 +123,25 @@ def test_the_gaps_are_inside_the_recording_too(comparison: Comparison) -> None:
         for line in lines:
             assert np.isnan(line.get_ydata()[line.get_xdata() == x]).all()
             assert (line.get_xdata() == x).any()
+
+
+@pytest.mark.parametrize("saturation", [0.0, 0.02])
+def test_the_line_of_a_fit_is_the_fit_also_between_the_points(comparison: Comparison, saturation: float) -> None:
+    """It has its corner where k(ε − ε₀) is zero, wherever the recorded positions lie."""
+    answer = _answer(comparison)
+    rows = tuple(
+        replace(row, k=10.0, eps0=float(np.mean(row.eps[:2])), saturation=saturation)
+        for row in answer.rows
+        if np.isfinite(row.eps).all() and np.ptp(row.eps) > 0
+    )
+    found = replace(answer, rows=rows)
+    panels = _drawn(verdict_figures.scatter(found, ""))
+    pairs = verdict_figures.drawn_pairs(found)
+    assert len(panels) == len(pairs)
+    for axes, row in zip(panels, pairs, strict=True):
+        (line,) = [one for one in axes.lines if one.get_linestyle() == "-"]
+        eps, rate = (np.asarray(values, dtype=float) for values in line.get_data())
+        drive = np.maximum(row.k * (eps - row.eps0), 0.0)
+        np.testing.assert_allclose(rate, drive / (1 + saturation * drive))
+        assert row.eps0 in eps
+        assert len(eps) > 3 * len(row.eps)

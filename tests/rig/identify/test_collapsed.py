@@ -101,6 +101,23 @@ def test_the_exit_code(effective: float, problem: Exception | None, code: int, t
     assert ended.value.exit_code == code
 
 
+@pytest.mark.parametrize(("problem", "code"), [(None, 3), (RunAborted("stopped"), 130)])
+def test_an_object_that_no_finger_explains_has_an_exit_code_of_its_own_and_its_reason_in_the_file(
+    problem: Exception | None, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Meeting, "stranger", "it is bone")
+    meeting = _meeting(1500.0)
+    done = cast(Any, SimpleNamespace(problem=problem, ending=None, complete=problem is None))
+    with pytest.raises(typer.Exit) as ended:
+        meet._leave(done, meeting, tmp_path / "finger.toml")
+    assert ended.value.exit_code == code
+    meeting.given = [cast(Any, SimpleNamespace(zero_gwt=0.0))]
+    meeting.learned = replace(meeting.learned, readings=np.array([1]), misfit=np.array([1.0]))
+    journal = tmp_path / "events.jsonl"
+    journal.write_text("", encoding="utf-8")
+    assert finger_file(meeting, Config(), [journal]).met.flagged == "it is bone"
+
+
 @pytest.mark.parametrize(("effective", "collapsed"), [(LEAST, False), (LEAST - 0.1, True)])
 def test_file_sentence_and_table_all_show_it(effective: float, collapsed: bool, tmp_path: Path) -> None:
     meeting = _meeting(effective)

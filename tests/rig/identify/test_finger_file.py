@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+from rig.compare.plausible_fingers import read_plausible
 from rig.errors import BadInputError, first_problem
 from rig.plan.config import Config, load_config, with_finger
 from rig.plan.finger_file import fingers_of, read_finger_file
@@ -120,3 +121,21 @@ def test_a_posterior_is_whole(wrong: str) -> None:
     with pytest.raises(ValidationError) as caught:
         type(posterior).model_validate(posterior.model_dump() | change)
     has_code(first_problem("", caught.value), code, **fields)
+
+
+FLAGGED = "it is far harder than any finger of the prior"
+
+
+@pytest.mark.parametrize("as_configuration", [False, True])
+def test_a_finger_that_nothing_explains_needs_force(tmp_path: Path, as_configuration: bool) -> None:
+    """A comparison has no such option: it takes ranges of one's own."""
+    file = met_file()
+    flagged = file.model_copy(update={"met": file.met.model_copy(update={"flagged": FLAGGED})})
+    path = tmp_path / "finger.toml"
+    path.write_text(flagged.as_toml(), encoding="utf-8")
+    config, finger = (load_config(path), None) if as_configuration else (Config(), path)
+    with raises(BadInputError, "flagged", why=FLAGGED):
+        with_finger(config, finger)
+    assert with_finger(config, finger, force=True).met == flagged.met
+    with raises(BadInputError, "flagged", where=f"--fingers {path}", why=FLAGGED):
+        read_plausible(path)

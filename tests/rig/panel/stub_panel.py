@@ -47,7 +47,7 @@ class StubOwner:
             raise answer
         return dict(answer() if callable(answer) else answer)
 
-    def say_stop(self) -> Callable[[float], dict[str, Any]]:
+    def say_stop(self, *, by: str = "") -> Callable[[float], dict[str, Any]]:
         if isinstance(self.says, ControlError):
             raise self.says
         self.said.append(threading.current_thread().name)
