@@ -45,8 +45,6 @@ NOT_RUN = {
     "rig check steps --config rig.toml --finger finger.toml": "tests/rig/test_meeting.py",
     "rig run steps --config rig.toml --finger finger.toml": HARDWARE,
     "rig serve --random-finger 7 --tcp 5000 --indentor bar:3.0": "tests/rig/real_time/test_meet_a_stranger.py",
-    "rig meet --config rig.toml --shapes bar:3.0 --to finger.toml": "tests/rig/real_time/test_meet_a_stranger.py",
-    "rig serve --reveal 7 --beside finger.toml": "tests/rig/test_stranger_command.py",
     "rig meet --config practice.toml --shapes bar:3.0 --to practice_finger.toml": (
         "tests/rig/real_time/test_meet_a_stranger.py"
     ),
