@@ -99,6 +99,23 @@ class BadInputError(RigError):
     default_code = "bad_input"
 
 
+_PLAIN = {
+    "Value error, ": "",
+    "Input should be": "must be",
+    "a valid tuple": "a list",
+    "a valid list": "a list",
+    "a valid dictionary": "a table",
+    "Field required": "is required, but is missing",
+}
+
+
+def plain_rule(message: str) -> str:
+    """Return a message of the validation library in the words of this program's other errors."""
+    for theirs, ours in _PLAIN.items():
+        message = message.replace(theirs, ours)
+    return message
+
+
 def first_problem(where: str, error: ValidationError, model: type[BaseModel] | None = None) -> BadInputError:
     """Return the first error of a validation, with its place and value.
 
@@ -121,7 +138,7 @@ def first_problem(where: str, error: ValidationError, model: type[BaseModel] | N
     code = {"missing": "missing_key"}.get(rule)
     if raised is not None and is_coded(raised):
         fields, code = dict(raised.fields), raised.code
-    what = str(raised) if rule == "value_error" else problem["msg"].lower()
+    what = str(raised) if rule == "value_error" else plain_rule(problem["msg"])
     fields |= {"where": where, "key": place, "rule": rule, "problem": what}
     if isinstance(problem["input"], dict):  # about a whole table: the message names the keys
         parts = ("{where}" if where else "", "{key}" if place else "", "{problem}" if what else "")

@@ -103,7 +103,7 @@ def command(
     fingers: Annotated[
         Path | None,
         typer.Option(
-            metavar="TOML", help="Ranges of the finger's parameters (docs/comparison.md).", rich_help_panel=_MODEL
+            metavar="TOML", help="TOML file with ranges of the finger (docs/comparison.md).", rich_help_panel=_MODEL
         ),
     ] = None,
     saturating: Annotated[
@@ -124,7 +124,7 @@ def command(
         str | None,
         typer.Option(
             metavar="LOW,HIGH",
-            help="Depths searched by --place, in mm. Default: 0.1 to 0.7 mm below the epidermis.",
+            help="Depths below the skin that --place searches, in mm. Default: 0.1 to 0.7 mm below the epidermis.",
             rich_help_panel=_RECEPTORS,
         ),
     ] = None,

@@ -294,7 +294,7 @@ def meet_command(
         str,
         typer.Option(
             metavar="S,S",
-            help="Indentors that you can mount, separated by commas, e.g. sphere:2.0,bar:3.0.",
+            help="Indentors that you can mount, separated by commas, e.g. sphere:r=2,bar:3.",
             rich_help_panel=_PRESSES,
         ),
     ] = ",".join(SHAPES),

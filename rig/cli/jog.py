@@ -35,7 +35,9 @@ _IDLE_LOOK_S = 0.02
 
 def command(
     config: ConfigOption,
-    axis: Annotated[str | None, typer.Option(metavar="x|y|z", help="Axis to move by --by-mm.")] = None,
+    axis: Annotated[
+        str | None, typer.Option(metavar="x|y|z", help="Axis to move by --by-mm: x across, y along, z up.")
+    ] = None,
     by_mm: Annotated[
         float | None,
         typer.Option(

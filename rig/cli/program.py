@@ -98,7 +98,9 @@ def run() -> None:
     except Exception as error:
         if not isinstance(error, _ClickException):
             raise
-        message = getattr(error, "format_message", error.__str__)()
+        from rig.errors import plain_rule  # loaded only for an error: help comes at once
+
+        message = plain_rule(getattr(error, "format_message", error.__str__)())
         if not message:  # the help was asked for by giving nothing
             sys.exit(ExitCode.BAD_INPUT)
         fail(message, "usage", ExitCode.BAD_INPUT, as_json="--json" in sys.argv)

@@ -17,7 +17,7 @@ from rig.control.client import Announced, ControlError, announced
 from rig.devices.base import Stage, StageError
 from rig.devices.make_drivers import open_stage, stage_driver
 from rig.devices.registry import DEFAULTS, KindError, KnownBench, StageKind, checked, find, stage_ports
-from rig.errors import RigError
+from rig.errors import RigError, plain_rule
 from rig.settings import BenchSettings, StageSettings
 from rig.transport import NotOwnedError, PortOwner, Transport, TransportError, first_owner, open_port, port_owner
 from rig.transport.stop_gate import StopGate
@@ -269,7 +269,7 @@ def stage_alone(path: Path) -> tuple[BenchSettings, tuple[str, ...]]:
             first = error.errors(include_url=False)[0]
             where = [str(key) for key in first["loc"]]
             wrong = NoStageError("config {path}: {key}: {problem}", code="invalid_value", path=str(path),
-                                 key=".".join(["stage", *where]), problem=first["msg"])  # fmt: skip
+                                 key=".".join(["stage", *where]), problem=plain_rule(first["msg"]))  # fmt: skip
             if not where or where[-1] in _WHICH or not _dropped(stage, where):
                 raise wrong from None
             passed.append(str(wrong))

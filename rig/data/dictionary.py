@@ -214,7 +214,7 @@ def _model() -> str:
         )
     ]
     of_a_hold = ", ".join(f"`{name}`" for name in OF_A_HOLD)
-    parts.append(f"Each row begins with {of_a_hold}, as above.\\n\\n| file | column | meaning |\\n|---|---|---|\\n")
+    parts.append(f"Each row begins with {of_a_hold}, as above.\n\n| file | column | meaning |\n|---|---|---|\n")
     for name, own in MODEL_TABLES.items():
         parts += [f"| `{name}.csv` | `{column}` | {words} |\n" for column, words in own.items()]
     return "".join(parts)
@@ -223,11 +223,11 @@ def _model() -> str:
 def _tables() -> str:
     parts = ["## Every column\n"]
     for stream, words in TABLES.items():
-        parts.append(f"\\n### `{stream}`\\n\\nOne row per event: {words}.\\n\\n{_HEAD}")
+        parts.append(f"\n### `{stream}`\n\nOne row per event: {words}.\n\n{_HEAD}")
         parts += [_row(one.name, one.unit, one.dtype, one.what) for one in columns() if one.table == stream]
     parts.append("\n### The same columns\n\n| table | rows |\n|---|---|\n")
     parts += [f"| `{begin}…` | {words} |\n" for begin, words in FAMILIES.items()]
-    return "".join([*parts, f"| `…{SUPERSEDED}` | of indentations that were interrupted and repeated |\\n"])
+    return "".join([*parts, f"| `…{SUPERSEDED}` | of indentations that were interrupted and repeated |\n"])
 
 
 def _attributes() -> str:
@@ -241,7 +241,7 @@ def _many_runs() -> str:
         _row(name, "", "bool" if name == "virtual" else "text (UTF-8)", _OF_A_RUN[name]) for name in RUN_COLUMNS
     ]
     of_holds = [_row(name, units[name], dtype(name), meaning("hold_end", name)) for name in HOLD_COLUMNS]
-    return "".join([f"\\n## Columns of `rig runs --table`\\n\\nOne row per hold.\\n\\n{_HEAD}", *of_runs, *of_holds])
+    return "".join([f"\n## Columns of `rig runs --table`\n\nOne row per hold.\n\n{_HEAD}", *of_runs, *of_holds])
 
 
 _HEAD = "| column | unit | dtype in `data.h5` | what it is |\n|---|---|---|---|\n"

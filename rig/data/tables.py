@@ -190,7 +190,7 @@ def summarised(path: Path) -> tuple[Summary, list[Row]]:
 
 def foreign(error: Exception) -> str:
     """Return the problem of a journal of another program."""
-    return f"this version cannot read the journal: {type(error).__name__}: {error}"
+    return f"the journal is damaged or of another program: {type(error).__name__}: {error}"
 
 
 def alive(found: Summary, runs: Path) -> Summary:

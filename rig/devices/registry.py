@@ -139,7 +139,7 @@ def find(of: type[K], name: str) -> K:
     if not offers:
         known = names(of.room)
         raise KindError(
-            "input should be {either}",
+            "must be {either}",
             code="unknown_kind",
             either=_either([repr(one) for one in known]),
             kinds=known,

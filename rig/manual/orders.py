@@ -9,7 +9,7 @@ from pydantic import BaseModel, Field, ValidationError
 from rig.clock import Clock
 from rig.devices.base import Axis
 from rig.engine.dead_man import Direction
-from rig.errors import LimitError, NotReadyError
+from rig.errors import LimitError, NotReadyError, plain_rule
 from rig.manual.jog import FASTEST_MM_S, HeldWord
 from rig.settings import SLOWEST_MM_S
 
@@ -43,7 +43,7 @@ class HoldRequest(BaseModel):
                 do="hold",
                 key=".".join(map(str, first["loc"])),
                 rule=first["type"],
-                problem=first["msg"],
+                problem=plain_rule(first["msg"]),
             ) from None
 
     @property

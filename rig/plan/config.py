@@ -14,7 +14,7 @@ from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_va
 from pydantic.fields import FieldInfo
 
 from rig.devices.registry import KnownBench, names, with_kind_tables
-from rig.errors import WRITTEN_BY_COMMANDS, RigError, RuleError, around, first_problem
+from rig.errors import WRITTEN_BY_COMMANDS, RigError, RuleError, around, first_problem, plain_rule
 from rig.plan.finger_file import (
     Met,
     checked_relaxation,
@@ -330,5 +330,5 @@ def told_of(where: str, error: Callable[..., RigError]) -> Iterator[None]:
             where=where,
             key=".".join(map(str, first["loc"])),
             rule=first["type"],
-            problem=first["msg"].removeprefix("Value error, "),
+            problem=plain_rule(first["msg"]),
         ) from None

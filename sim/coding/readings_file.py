@@ -241,7 +241,8 @@ class _Rows:
             noise = [float(np.std(noise, ddof=1))] * len(noise)
         for (n, value), sd in zip(self._column(2), noise, strict=True):
             if value < (0 if self.kind == "rate" else -LOWEST_SD * sd):
-                expected = "0 or more, apart from noise" if self.noise else "0 or more"
+                negative = bool(self.noise) and self.kind != "rate"
+                expected = f"{-LOWEST_SD * sd:.3g} or more (the noise)" if negative else "0 or more"
                 raise self._refused("negative", n, self.kind, value, expected)
         if not any(value > 0 for _, value in self._column(2)):
             raise TableError(

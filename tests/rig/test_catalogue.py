@@ -209,7 +209,7 @@ def test_its_table_is_a_part_of_the_configuration(example: None, tmp_path: Path)
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ('kind = "line_scal"\n', "force.kind = 'line_scal': input should be 'mtsics', 'laumas' or 'line_scale'"),
+        ('kind = "line_scal"\n', "force.kind = 'line_scal': must be 'mtsics', 'laumas' or 'line_scale'"),
         (
             'kind = "line_scale"\nline_scale.adress = 7\n',
             "force.line_scale.adress: there is no such key, did you mean",
@@ -220,9 +220,9 @@ def test_its_table_is_a_part_of_the_configuration(example: None, tmp_path: Path)
         ),
         (
             'kind = "line_scale"\nline_scale.address = 100\n',
-            "force.line_scale.address = 100: input should be",
+            "force.line_scale.address = 100: must be",
         ),
-        ('kind = "line_scale"\nlaumas.count_g = 0\n', "force.laumas.count_g = 0: input should be greater than 0"),
+        ('kind = "line_scale"\nlaumas.count_g = 0\n', "force.laumas.count_g = 0: must be greater than 0"),
         ("line_scale.address = 7\n", "force: line_scale: allowed only with kind = 'line_scale'"),
     ],
 )
@@ -239,7 +239,7 @@ def test_a_mistake_in_it_is_told_like_any_other(text: str, complaint: str, examp
 @pytest.mark.parametrize("room", ["stage", "force"])
 def test_a_number_where_a_device_belongs(room: Room, tmp_path: Path) -> None:
     (tmp_path / "rig.toml").write_text(f"{room} = 3\n", encoding="utf-8")
-    with pytest.raises(BadInputError, match=f"{room} = 3: input should be"):
+    with pytest.raises(BadInputError, match=f"{room} = 3: must be"):
         load_config(tmp_path / "rig.toml")
 
 
@@ -448,7 +448,7 @@ def test_a_device_that_is_not_served_needs_no_twin(offered: Offer) -> None:
     refuse_twinless(config.stage)
     with pytest.raises(BadInputError, match=r"force\.kind = 'odd': this device has no virtual twin"):
         ServedBench(Config(), stage="grbl", force="odd")
-    with pytest.raises(BadInputError, match=r"--force: kind = 'even': input should be"):
+    with pytest.raises(BadInputError, match=r"--force: kind = 'even': must be"):
         ServedBench(Config(), stage=None, force="even")
 
 

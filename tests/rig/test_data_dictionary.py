@@ -79,6 +79,7 @@ def test_the_page_of_columns_ends_with_what_the_command_writes(program: Program)
     assert ended.code == 0
     page = runpy.run_path(str(COLUMNS))["columns_page"]()
     assert page.partition("## Every column")[1:] == ("## Every column", ended.out.removeprefix("## Every column"))
+    assert "\\n" not in ended.out
     told = program("show", "--columns", "--json").json["columns"]
     assert {"table": "hold_end", "name": "force_gwt", "unit": "gwt", "dtype": "float64",
             "what_text": "mean force over the readings of the hold"} in told  # fmt: skip

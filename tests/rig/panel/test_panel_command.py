@@ -103,5 +103,5 @@ def test_what_is_missing_for_another_reason_is_no_matter_of_the_extra(
     for name in [name for name in sys.modules if name.startswith("rig.panel.")]:
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, "rig.panel.access", None)
-    with pytest.raises(ModuleNotFoundError, match=r"rig\.panel\.gate"):
+    with pytest.raises(ModuleNotFoundError, match=r"rig\.panel\.access"):
         program("panel")
