@@ -276,14 +276,14 @@ def indent_command(
         str | None,
         typer.Option(
             metavar="Z,Z…",
-            help="Receptor position z along the finger, in mm. Default: that of the receptor plane.",
+            help="Receptor z along the finger, in mm. Default: the receptor plane.",
             rich_help_panel=_RECEPTORS,
         ),
     ] = None,
     reference: Annotated[
         str,
         typer.Option(
-            metavar="contact|apex", help="Position of zero DOI: first contact or the apex.", rich_help_panel=_PRESS
+            metavar="contact|apex", help="Zero of DOI: first contact or the apex.", rich_help_panel=_PRESS
         ),
     ] = "contact",
     config: FingertipOption = None,
