@@ -405,7 +405,7 @@ def decode_command(
         str | None,
         typer.Option(
             metavar="S0",
-            help="Threshold S₀ in units of SED, e.g. 1.5±0.2. Default: no receptor.",
+            help="Threshold S₀ of SED, in pseudo-units, e.g. 1.5±0.2. Default: no receptor.",
             rich_help_panel=NOISE,
         ),
     ] = None,

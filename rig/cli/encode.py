@@ -91,7 +91,7 @@ def encode_command(
         float | None,
         typer.Option(
             metavar="S0",
-            help="Threshold S₀ of the receptor, in units of SED. Default: no receptor.",
+            help="Threshold S₀ of the receptor, in pseudo-units of SED. Default: no receptor.",
             rich_help_panel=NOISE,
         ),
     ] = None,

@@ -141,7 +141,7 @@ def test_at_every_document_all_say_the_same(name: str, program: Program, tmp_pat
 def _the_same_of_what_goes_on(shown: Shown) -> None:
     """The run's own terminal, `rig watch`, the panel."""
     watch, terminal, told = shown.watch, shown.terminal, shown.panel.as_json(going=True)
-    assert (told["now_text"], told["next_text"], told["left_s"]) == (watch.now, watch.next, watch.left_s)
+    assert (told["now"], told["next"], told["left_s"]) == (watch.now, watch.next, watch.left_s)
     assert (told["done"], told["planned"]) == (len(watch.finished), watch.start["planned_indentations"])
     assert shown.before | terminal.finished == watch.finished
     newest = shown.panel.newest_state(0.0)
@@ -196,7 +196,7 @@ def test_a_journal_may_be_cut_within_any_line(name: str, tmp_path: Path) -> None
             shown.watch.take(shown.journal.new())
             shown.panel.look(0.0)
             told = shown.panel.as_json(going=True)
-            assert (told["now_text"], told["done"]) == (shown.watch.now, len(shown.watch.finished))
+            assert (told["now"], told["done"]) == (shown.watch.now, len(shown.watch.finished))
             if number and number % (EACH * EACH) == 0:
                 found = read_run(shown.folder.path)
                 assert found.killed
