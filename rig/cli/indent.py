@@ -282,9 +282,7 @@ def indent_command(
     ] = None,
     reference: Annotated[
         str,
-        typer.Option(
-            metavar="contact|apex", help="Zero of DOI: first contact or the apex.", rich_help_panel=_PRESS
-        ),
+        typer.Option(metavar="contact|apex", help="Zero of DOI: first contact or the apex.", rich_help_panel=_PRESS),
     ] = "contact",
     config: FingertipOption = None,
     picture: Annotated[
