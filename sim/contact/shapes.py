@@ -12,8 +12,8 @@ from sim.errors import ArgumentError, SimError
 
 EXPECTED = (
     "bar:WIDTH, cylinder:DIAMETER, step:1|3|5, grating:RIDGE,PITCH, wedge:ANGLE, profile:FILE.csv[,linear], "
-    "sphere:RADIUS, flat:RADIUS, cone:ANGLE, flat, line or heightmap:FILE,…; cylinder, sphere and flat also as "
-    "r=RADIUS or d=DIAMETER; shapes that lie along the finger also with ,across or ,turn_deg=ANGLE"
+    "sphere:RADIUS, flat:RADIUS, cone:ANGLE, flat, line or heightmap:FILE,…; round ones also as r=RADIUS or "
+    "d=DIAMETER, ones along the finger also with ,across or ,turn_deg=ANGLE"
 )
 LINE_THICKNESS_MM = 0.2
 """Thickness of the plate whose rounded edge is the line load (mm). [free]"""

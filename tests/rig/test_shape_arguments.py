@@ -8,8 +8,10 @@ from typing import Any
 
 import pytest
 
+import rig.cli.indent as indenting
 from rig.bench.served import ServedBench
 from rig.cli import main
+from rig.cli.indent import _refuse_place
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
 from rig.records import Target
@@ -153,14 +155,10 @@ def test_places_that_mean_nothing_are_refused_wherever_one_is_given(
     ("shape", "place", "expected"),
     [
         ("bar:3", ("--x-mm", "0", "--z-mm", "6"), "lies along the finger; use --x-mm instead of --z-mm"),
-        ("bar:3", (), "requires --x-mm"),
         ("bar:3,across", ("--x-mm", "0"), "lies across the finger; use --z-mm instead of --x-mm"),
         ("line", ("--x-mm", "0"), "lies across the finger; use --z-mm instead of --x-mm"),
         ("flat", ("--x-mm", "0"), "is the same everywhere; remove --x-mm and --z-mm"),
         ("flat", ("--z-mm", "6"), "is the same everywhere; remove --x-mm and --z-mm"),
-        ("bar:3,turn_deg=20", ("--z-mm", "6"), "requires --x-mm"),
-        ("sphere:2", (), "requires --x-mm"),
-        ("point", (), "requires --x-mm"),
     ],
 )
 def test_rig_indent_says_which_place_a_shape_wants(
@@ -240,8 +238,14 @@ def test_no_other_name_has_one(shape: str) -> None:
     assert caught.value.code in ("no_dimension", "dimension_out_of_range")
 
 
-def test_an_indentor_without_a_place_is_in_the_middle(rig: Callable[..., Any]) -> None:
+def test_an_indentor_without_a_place_is_in_the_middle(
+    rig: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """As in `Fingertip.indent`, whatever places the shape."""
-    for shape in ("bar:3.0", "sphere:4", "bar:3,turn_deg=30", "line"):
-        code, said = rig("indent", "--shape", shape, "--doi-mm", "0.1", "--model", "halfspace")
-        assert code == 0 or "halfspace" in said, said
+    for shape, z_mm in (("bar:3", None), ("sphere:2", None), ("line", None), ("bar:3,turn_deg=20", 6.0)):
+        _refuse_place(shape, parse_shape(shape), None, z_mm)
+    _refuse_place("point", None, None, None)
+    pressed_x_mm: list[float] = []
+    monkeypatch.setattr(indenting, "_print", lambda result, *_: pressed_x_mm.append(result.x_mm))
+    assert rig("indent", "--shape", "sphere:4", "--doi-mm", "0.1", "--model", "halfspace") == (0, "")
+    assert pressed_x_mm == [0.0]
