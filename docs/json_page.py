@@ -102,10 +102,10 @@ def _kind(one: Named, named: Named) -> str:
         return ", ".join(f"`{word}`" for word in one["enum"]) if len(one["enum"]) <= _MOST else "from a list"
     if "anyOf" in one:
         return _value(one, named)
-    if one["type"] == "array":
+    if one.get("type") == "array":
         items = one.get("prefixItems", [one["items"]] if "items" in one else [])
         return f"list of {_value(items[0], named)}" if items else "list"
-    return str(one.get("format", one["type"]))
+    return str(one.get("format", one.get("type", "any value")))
 
 
 _MOST = 9

@@ -85,8 +85,7 @@ def nested(n: int, **other: float | str | bool) -> MeshSpec:
     """Return a mesh of the uniformly refined family, with n elements through the epidermis.
 
     Lateral spacing and depths are those elements' size, axial spacing about twice that: _ROWS[n] rows of nodes from
-    the
-    receptor plane to the nail's edge, so that the skin is fixed at the same points on every mesh.
+    the receptor plane to the nail's edge, so that the skin is fixed at the same points on every mesh.
     """
     spacing = 0.4 / n
     evenly = {

@@ -39,8 +39,7 @@ class FingerProcess:
     """Process that evaluates importable functions of the finger, in order; close() it, or use `with`.
 
     It loads the finger at once. Terminal signals do not reach it, and it ends with its parent, however that ends.
-    After a
-    loss, or an answer that was not awaited, the next request starts it anew.
+    After a loss, or an answer that was not awaited, the next request starts it anew.
     """
 
     def __init__(self, config: FingertipConfig) -> None:

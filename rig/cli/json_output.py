@@ -47,7 +47,7 @@ UNIT_FIELDS = (
 )  # fmt: skip
 """Values of `unit`; empty where a value has none."""
 
-FORMATS = ("name", "shape", "path", "port", "uri", "date-time", "date", "command-line", "toml", "setting", "code")
+FORMATS = ("name", "shape", "path", "port", "uri", "date-time", "date", "command-line", "toml", "code")
 """Formats of strings that are neither prose nor from a list."""
 
 
@@ -76,12 +76,13 @@ Parameter = Annotated[str, Field(json_schema_extra={"enum": [named(one.name) for
 Quantity = Annotated[str, Field(json_schema_extra={"enum": list(QUANTITIES)})]
 Level = Annotated[str, Field(json_schema_extra={"enum": list(LEVELS)})]
 Key = Annotated[str, Field(pattern="^[a-z][a-z0-9_]*$")]
-SettingText = Annotated[str, Field(json_schema_extra={"format": "setting"})]
-Value = float | bool | SettingText | None
-Setting = Value | list[Value] | dict[str, Value | list[Value]] | list[dict[str, Value | list[Value]]]
+Setting = Any
+"""A value of a configuration or of a protocol's parameter."""
 Range = tuple[float, float]
 Ends = tuple[Ratio, Ratio]
 Limits = tuple[float | None, float | None]
+Places = list[float] | list[Range]
+"""Places along the skin; of a sheet, x and z of each."""
 
 
 # --- what several commands print ---
@@ -1069,14 +1070,14 @@ class DecodeJson(Output):
     decoder: DecoderName
     operator: OperatorName
     energy: Energy
-    place_mm: list[float]
+    place_mm: Places
     pressure_pseudo: list[float]
     pa_per_pseudo: float
     sd_pseudo: list[float] | None
     band_90: PressureBandJson | None
     true_pseudo: list[float] | None
     errors: DecodingErrorsJson | None
-    receptor_mm: list[float]
+    receptor_mm: Places
     reading: list[float]
     reading_unit: ReadingUnit
     explained_sed_pseudo: list[float]
@@ -1481,9 +1482,10 @@ def schema_of(command: str) -> dict[str, Any]:
 
 
 def _plain(schema: Any) -> Any:
-    """The schema without titles that only repeat keys."""
+    """The schema without titles that only repeat keys; a map has no keys but those of its pattern."""
     if isinstance(schema, list):
         return [_plain(one) for one in schema]
     if not isinstance(schema, dict):
         return schema
-    return {key: _plain(one) for key, one in schema.items() if key != "title" or not isinstance(one, str)}
+    closed = {"additionalProperties": False} if "patternProperties" in schema else {}
+    return closed | {key: _plain(one) for key, one in schema.items() if key != "title" or not isinstance(one, str)}

@@ -4,8 +4,8 @@ A smooth fit comes first, and a table of random pressures is weighted by the lik
 noise that is the answer. Otherwise SED is linearized about the smooth fit, and a search climbs to the
 maximum-likelihood contacts of each sort (number of contacts, with sharp ends or without). Then, for each sort, SED is
 linearized about its own answer until that converges; pressures are averaged over all sorts, and over the table in
-proportion to the information that it uses (`mixture`). With too few pressures to distinguish contacts, the smooth fit
-is the answer.
+proportion to the information that it uses (`model_averaging`). With too few pressures to distinguish contacts, the
+smooth fit is the answer.
 """
 
 from collections.abc import Callable
@@ -266,8 +266,7 @@ class Profile:
         """Return (n,) lower and upper bounds, of 90 % by default; not below 0, and including the pressure itself.
 
         The bounds of a mixture are quantiles. Its mean may lie outside them, where a few models have a contact and
-        the rest
-        have none; the band then extends to it.
+        the rest have none; the band then extends to it.
         """
         if self.mixture is None:
             low, high = -z * self.sd, z * self.sd
@@ -421,8 +420,7 @@ def decode_through(fitted: FittedReceptor, decode: Callable[[Receptor], Profile]
     """Decode rates, with a band widened by the receptor's standard errors.
 
     `decode` runs again with gain and threshold one standard error up and down; half the change of the pressures is
-    added
-    in quadrature. Converged if all runs are.
+    added in quadrature. Converged if all runs are.
     """
     found = decode(fitted.receptor)
     variance, converged = found.sd**2, found.converged

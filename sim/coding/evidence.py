@@ -14,12 +14,9 @@ def explained(models: Whole, count: Whole, mean: Array, root: Array, precision: 
     """Return (b,) log evidence of models relative to no pressure.
 
     `models` (b, c, 3) are first, stop and kind of up to c contacts, `count` (b,) their number; `mean` (kinds, n, n)
-    and
-    `root` (kinds, n, n, n) are the priors of contacts of 1 … n samples. Pressures are mean + root · u, with u of
-    prior
-    variance 1. With the readings' gradient by u as one more row of u's precision, the Cholesky factor ends in the
-    whitened
-    gradient. Innermost loops run along rows and skip zeros of the root between contacts.
+    and `root` (kinds, n, n, n) are the priors of contacts of 1 … n samples. Pressures are mean + root · u, with u of
+    prior variance 1. With the readings' gradient by u as one more row of u's precision, the Cholesky factor ends in
+    the whitened gradient. Innermost loops run along rows and skip zeros of the root between contacts.
     """
     n = len(towards)
     found = np.zeros(len(models))

@@ -85,8 +85,7 @@ def cut_off(mean: Array, covariance: Array) -> tuple[Array, Array, Array]:
     """Return moments of (k, n) normal pressures truncated at 0, and (k,) log probabilities of being positive.
 
     Assumed-density filtering: repeatedly, the pressure that is least surely positive is truncated, and all others
-    change
-    by their correlation with it.
+    change by their correlation with it.
     """
     models = np.arange(len(mean))
     todo, above = np.diagonal(covariance, axis1=1, axis2=2) > 0, np.zeros(len(mean))

@@ -80,8 +80,7 @@ class PointSpread:
         """Return (SECTORS,) mean SED / the law's, by direction on the skin; nan without receptors.
 
         Receptors lie in the disc that fits into the area, so that all sectors reach equally far. Those nearer than
-        half their
-        depth have no clear direction and are left out.
+        half their depth have no clear direction and are left out.
         """
         x, _, z = (self.sheet.skin_mm - self.load_mm).T
         away = np.hypot(x, z)

@@ -1,10 +1,9 @@
 """Pressures without friction, each normal to the deformed skin.
 
 Without friction an indentor pushes along its own normal, and in contact the skin follows its surface. So the
-pressures
-themselves determine the direction of the forces: they move the skin (the section's compliance), its slope is their
-lean, and a leaning force has a part along the undeformed skin. SED agrees with that of presses to 1 %, under corners
-sharper than a sample to 1 to 6 %; normal pressures alone differ by 3 to 14 % (docs/validation/coding.md).
+pressures themselves determine the direction of the forces: they move the skin (the section's compliance), its slope
+is their lean, and a leaning force has a part along the undeformed skin. SED agrees with that of presses to 1 %, under
+corners sharper than a sample to 1 to 6 %; normal pressures alone differ by 3 to 14 % (docs/validation/coding.md).
 """
 
 from collections.abc import Callable

@@ -159,8 +159,7 @@ class FeltSection:
         """Return (3, n, k, 2) strains under 1 pseudo-unit of pressure on 1 mm of skin at each of k locations.
 
         The force acts along the skin's inward normal, or along its tangent that rises with x; the two skin nodes
-        beside the
-        location share it. Raises ModelRangeError beside the pulp.
+        beside the location share it. Raises ModelRangeError beside the pulp.
         """
         angle, grid = self.line.angles(place_mm), self.model.skin_phi
         after = np.searchsorted(grid, angle)

@@ -2,8 +2,7 @@
 
 Decoded pressures move the skin by the section's compliance, and in contact the skin follows the indentor's outline.
 Flat, round and stepped outlines are fitted to it; the class is the one that explains it, within the skin's error,
-with
-the fewest parameters. A row of receptors has one plane, so that a sphere is classified as a cylinder.
+with the fewest parameters. A row of receptors has one plane, so that a sphere is classified as a cylinder.
 """
 
 from typing import Literal, NamedTuple, get_args

@@ -51,8 +51,7 @@ class IndentorProfile(Protocol):
         """Return the same; past an edge, the tangent at the profile's point closest to a node at (s, y).
 
         y is measured from the lowest point. Such planes keep a node that slid past the edge out of the indentor
-        without
-        dragging one that is below the edge towards the flank. A shape without sides has none.
+        without dragging one that is below the edge towards the flank. A shape without sides has none.
         """
         return self.evaluate(s_mm)
 

@@ -148,8 +148,7 @@ class DriveParameters:
     """Settings of the drive itself, and differences between drives.
 
     inverted: the motor runs against the axis. ramp_rpm: the ramp words are ms for this speed. output_register
-    switches a
-    plain digital output. inputs_register shows the digital inputs.
+    switches a plain digital output. inputs_register shows the digital inputs.
     """
 
     pulses_per_rev: int = 400

@@ -26,8 +26,7 @@ def shown(measure: str, values: Array) -> Array:
     """Return a measure with the sign in which profiles show it.
 
     Measures that are compressive under every indentor (`PLOTTED_AS_MAGNITUDE`) change sign, so that more compression
-    is
-    a larger value. All others, e13 among them, keep their sign.
+    is a larger value. All others, e13 among them, keep their sign.
     """
     return -values if measure in PLOTTED_AS_MAGNITUDE else values
 

@@ -137,8 +137,7 @@ def cached_arrays(key: str, make: Callable[[], Arrays], kind: Kind = "model") ->
     """Return the arrays stored under a key, and whether they were on disk; make and store them if not.
 
     `kind` is the file's suffix. A file counts only if it is whole: it begins with the SHA-256 of the key and of all
-    that
-    follows. One process at a time makes it.
+    that follows. One process at a time makes it.
     """
     folder, path = cache_dir(), path_of(key, kind)
     found = _read(path, key)

@@ -55,8 +55,7 @@ def meshed_for(config: FingertipConfig, slopes: tuple[int, ...]) -> FingertipCon
     """Return the configuration with the mesh for indentors that slope along some axes.
 
     Shapes prismatic along the finger allow longer elements. Under round shapes and the line the spacing is even
-    unless
-    it is configured; round shapes have a patch of their own.
+    unless it is configured; round shapes have a patch of their own.
     """
     if slopes == (X,):
         return config

@@ -40,9 +40,9 @@ CONTACT_STIFFNESS_MPA_PER_MM = 2000.0
 class MeshedFinger:
     """Finger mesh and the stiffness of its layers, E(epidermis) in MPa. Raises MeshError for quadratic elements.
 
-    At finite strain the layers follow Yeoh's law, neo-Hookean where tissue does not stiffen, with the same small-
-    strain
-    moduli. At small strain, tissue that stiffens raises ModelRangeError. In plane strain nothing moves along z.
+    At finite strain the layers follow Yeoh's law, neo-Hookean where tissue does not stiffen, with the same
+    small-strain moduli. At small strain, tissue that stiffens raises ModelRangeError. In plane strain nothing moves
+    along z.
     """
 
     config: FingertipConfig
@@ -198,8 +198,7 @@ class StrainMap:
     """Strain measures in the receptor plane's elements, from the skin inwards and once around.
 
     `corner_mm` and `moved_mm` (n_phi + 1, n_r, 2) are x and y of the corners, undeformed and deformed; `measures` the
-    18,
-    each (n_phi, n_r − 1), tension positive, stresses in pseudo-units.
+    18, each (n_phi, n_r − 1), tension positive, stresses in pseudo-units.
     """
 
     corner_mm: Array

@@ -2,9 +2,8 @@
 
 The work of forces, fᵀCf, is a positive combination of 1 / (λ + E) with λ ≥ 0 in each layer's E, since the stiffness
 is affine in it and semi-definite (Stieltjes). Weights that are exact for λ = 0, ∞ and two values between are close
-for
-all others; `StiffnessAxis.error` bounds the error for any finger. Only ratios to E(epidermis) count: C(sE) = C(E) /
-s.
+for all others; `StiffnessAxis.error` bounds the error for any finger. Only ratios to E(epidermis) count:
+C(sE) = C(E) / s.
 """
 
 from dataclasses import dataclass

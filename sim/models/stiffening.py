@@ -1,8 +1,7 @@
 """Force and energy at finite strain relative to linear tissue: low-order functions, fitted to references.
 
 Every layer follows Yeoh's law, w = ½ μ (i + a i²) with i = Ī₁ − 3 (Yeoh 1993) and stiffening a. A factor's logarithm
-is
-the effect of finite strain alone plus a multiple of ln(1 + a × a strain). `python -m studies.stiffening.fitted`
+is the effect of finite strain alone plus a multiple of ln(1 + a × a strain). `python -m studies.stiffening.fitted`
 prints the numbers; errors: `docs/validation/stiffening.md`; alternatives:
 `docs/decisions/0030-tissue-that-stiffens.md`.
 """
@@ -88,9 +87,8 @@ class Energy(NamedTuple):
     """Coefficients of the energy at a receptor.
 
     Energy of linear tissue gathers where the press is deepest and decreases beside it. The energy of squeezed tissue
-    at
-    finite strain beyond small strain, which linear tissue lacks, is added. The law's strain is that of the squeezed
-    tissue, and grows where edges confine it, as in the force.
+    at finite strain beyond small strain, which linear tissue lacks, is added. The law's strain is that of the
+    squeezed tissue, and grows where edges confine it, as in the force.
     """
 
     gather: float

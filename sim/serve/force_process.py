@@ -58,8 +58,7 @@ class ForceProcess(Generic[Asked, Answer]):
     """Process that answers requests one at a time, in order.
 
     It simulates an instrument that needs no processor time, so its priority is not lowered. Where Linux shares
-    processors
-    between sessions, it has its own session, so that other programs of the terminal do not delay it.
+    processors between sessions, it has its own session, so that other programs of the terminal do not delay it.
     """
 
     def __init__(self, begin: Callable[[], Answering[Asked, Answer]]) -> None:

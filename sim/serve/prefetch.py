@@ -216,7 +216,7 @@ class PressAhead(ForcePrefetcher):
             pose = self._carriage.pose_at(t_s)
             if pose not in self._forces:
                 self._asked = t_s, pose
-                with contextlib.suppress(OSError):  # a process that has just died is noticed at its pipe
+                with contextlib.suppress(OSError):  # the pipe reports a process that has just ended
                     self._press.ask(pose)
                 return
 
@@ -298,7 +298,7 @@ class WayAhead(ForcePrefetcher):
         legs = [Leg((after - before) * self._period_s, self._pose_of(after)) for before, after in pairwise(starts)]
         self._asked = [(index, leg.pose) for index, leg in zip(starts[1:], legs, strict=True)]
         self._planned, self._gone = self._asked[len(gone) :], now
-        with contextlib.suppress(OSError):  # a process that has just died is noticed at its pipe
+        with contextlib.suppress(OSError):  # the pipe reports a process that has just ended
             self._way_process.ask(TrajectoryUpdate(tuple(legs[: len(gone)]), tuple(legs[len(gone) :])))
 
     def _gone_to(self, now: int) -> list[int]:

@@ -28,7 +28,7 @@ def fields(command: str) -> Iterator[Field]:
 
 
 def leaves(schema: Schema) -> Iterator[Schema]:
-    """What a value may be, whatever lists it is in; not the values of a map, whose keys are the user's."""
+    """What a value may be, whatever lists it is in; not the values of a map, whose keys are of a configuration."""
     for one in schema.get("anyOf", [schema]):
         if one.get("type") == "array":
             for inner in one.get("prefixItems", [one["items"]] if "items" in one else []):
@@ -92,9 +92,9 @@ def test_text_is_prose_or_from_a_list_or_has_a_format() -> None:
 
 
 def test_maps_are_only_of_settings() -> None:
-    """The keys of an object are listed but where they are the user's."""
+    """Of a protocol, a table of the configuration, or units by measure."""
     maps = {key for _, key, schema, _ in FIELDS for one in leaves(schema) if one.get("type") == "object"}
-    assert maps == {"parameters", "limits", "mesh", "unit", "value", "default"}
+    assert maps == {"parameters", "limits", "mesh", "unit"}
 
 
 @pytest.mark.parametrize("command", OUTPUTS)

@@ -188,8 +188,7 @@ class Mechanics:
     """Mechanics behind the board's motors, of which the board knows nothing.
 
     start_mm is the carriage's position relative to the home switches; slip_steps is how far inertia carries a moving
-    axis
-    past a reset; play_steps is the lost motion of each screw.
+    axis past a reset; play_steps is the lost motion of each screw.
     """
 
     start_mm: Vec = (-30.0, -15.0, -10.0)

@@ -15,7 +15,7 @@ STARTUP_LINES, _LARGEST_SETTING = 2, 255
 
 
 class GrblSystem(GrblRealtime):
-    """A board that answers `$…`; what a jog is is left to those who build on it."""
+    """Board that answers `$…`; subclasses implement jogs."""
 
     _build_info = ""
     _startup: tuple[str, ...] = ("",) * STARTUP_LINES
@@ -101,7 +101,7 @@ class GrblSystem(GrblRealtime):
         return 0
 
     def _check(self) -> int | None:
-        """G-code is read and refused as ever, and nothing moves; the second `$C` ends in a reset."""
+        """Toggle check mode, in which g-code is parsed but nothing moves; leaving it resets the board."""
         if self._state == "Check":
             self._send(core.DISABLED, "ok")
             self._owes_ok = False
