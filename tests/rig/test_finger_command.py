@@ -162,5 +162,5 @@ def test_a_folded_element_is_refused_by_name(finger_command: Finger, monkeypatch
     monkeypatch.setattr(mesh_module, "nodes_on_rays", with_a_fold)
     code, out, err = finger_command("--json")
     told = json.loads(out)
-    assert (code, told["exit_code"], err) == (2, 2, f"rig: {told['error']}\n")
+    assert (code, told["exit_code"], err) == (2, 2, f"rig: {told['error_text']}\n")
     assert told["code"] == "folded"

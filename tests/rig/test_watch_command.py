@@ -388,7 +388,8 @@ def test_as_json_it_is_how_it_is_now(program: Program, run: Callable[[str], Path
     last = read_run(folder).stream("sample")[-1]
     told = program("watch", folder, "--json").json
     assert told == {
-        "run": str(folder), "state": "killed", "done": 5, "planned": 8, "now_text": None, "next_text": None, "left_s": None,
+        "run": str(folder), "state": "killed", "done": 5, "planned": 8, "left_s": None,
+        "now_text": None, "next_text": None,
         **{name: last[name] for name in ("force_gwt", "doi_mm", "x_mm", "height_mm", "phase")},
         "ending": told["ending"],
     }  # fmt: skip

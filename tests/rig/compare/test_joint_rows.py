@@ -130,7 +130,9 @@ def test_rows_on_plausible_fingers_stand_beside_those_on_the_run_s_own(stimulus:
     assert row["best_finger"][0]["value"] == pytest.approx(0.4 + 0.1 * TRUE_PLACE, abs=0.05)
     assert row["k_interval"][0] < K < row["k_interval"][1]
     assert row["r2"] > row["on_this_finger"]["r2"]
-    assert row["on_this_finger"] == {name: given[name] for name in ("k", "k_interval", "eps0", "eps0_interval", "r2")}
+    assert row["on_this_finger"] == {
+        name: given[name] for name in ("k", "k_interval", "eps0", "eps0_interval", "r2", "unit")
+    }
 
 
 def test_a_finger_that_is_known_gives_the_ordinary_row(stimulus: Stimulus) -> None:

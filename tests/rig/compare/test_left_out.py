@@ -39,7 +39,7 @@ def test_what_is_left_out_at_each_receptor(judged: Callable[..., Comparison]) ->
         "range_needed_mm": [-4.0, 3.5],
     }
     (line,) = left_out_lines(found)
-    for part in ("step:1 at 2.33 gwt", "4 of 7", "mine.csv", "(-2, 2, 3 mm)", "(-3 mm)", "from 3.5 to -4 mm"):
+    for part in ("step:1 at 2.33 gwt", "mine.csv", "from 3.5 to -4 mm"):
         assert part in line
 
 
@@ -53,12 +53,8 @@ def test_the_range_that_is_named_covers_everything(judged: Callable[..., Compari
 
 def test_only_some_and_only_every(judged: Callable[..., Comparison]) -> None:
     (some,) = left_out_lines(judged([-1.0, 0.0], [-2.0, 0.0, 1.0]))
-    assert "1 of 3" in some
-    assert "(-2 mm)" in some
     assert "from 1 to -3 mm" in some
     (every,) = left_out_lines(judged([0.0], [-2.5, 0.0, 1.0]))
-    assert "1 of 3" in every
-    assert "(-2.5 mm)" in every
     assert "from 1 to -2.5 mm" in every
 
 

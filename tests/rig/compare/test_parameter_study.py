@@ -152,7 +152,7 @@ def test_bad_input_is_one_line(command: Command, coarse: Path, tmp_path: Path) -
         code, out, err = command("study", *words, "--json")
         told = json.loads(out)
         assert (code, told["code"]) == (2, refusal)
-        assert err == f"rig: {told['error']}\n"
+        assert err == f"rig: {told['error_text']}\n"
         assert str(words[-1]) in err
 
 

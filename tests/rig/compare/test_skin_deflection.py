@@ -152,4 +152,4 @@ def test_the_command(rig: Callable[..., tuple[int, str, str]], tmp_path: Path) -
         code, out, err = rig(*words, "--json")
         told = json.loads(out)
         assert (code, told["code"]) == (2, refusal)
-        assert err == f"rig: {told['error']}\n"
+        assert err == f"rig: {told['error_text']}\n"

@@ -170,7 +170,7 @@ def test_a_scheduler_that_dies_midway_leaves_one_line_and_no_file(study: Path, c
     told = json.loads(out)
     assert (program.returncode, told["code"]) == (2, "scheduler_gone")
     assert told["error_text"].startswith(f"--scheduler {cluster.address}: ")
-    assert err.splitlines()[-1] == f"rig: {told['error']}"
+    assert err.splitlines()[-1] == f"rig: {told['error_text']}"
     assert not list(study.glob("study.csv*"))
 
 
@@ -186,7 +186,7 @@ def test_a_worker_with_another_program_is_named(study: Path, cluster: Cluster, c
     assert (program.returncode, told["code"]) == (2, "other_program")
     for named in (f"--scheduler {cluster.address}: ", "tcp://127.0.0.1:", has, cluster_module.program()):
         assert named in told["error_text"]
-    assert err == f"rig: {told['error']}\n"
+    assert err == f"rig: {told['error_text']}\n"
     assert not list(study.glob("study.csv*"))
 
 
