@@ -106,6 +106,7 @@ STUDIES = (
 LONG = (
     "test_adding_a_part.py",
     "rig/real_time/test_asked_from_elsewhere.py",
+    "rig/real_time/test_stopped_from_elsewhere.py",
     "rig/real_time/test_keys_of_a_terminal.py",
     "rig/compare/test_on_fingers.py",
     "rig/test_find.py",
