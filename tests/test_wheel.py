@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.kept_loops import bring_loops
 from tests.offered import dist_info
 
 ROOT = Path(__file__).parents[1]
@@ -45,6 +46,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("wheel")
     site = folder / "site"
     subprocess.run([sys.executable, *PIP, "--target", site, _wheel(folder)], check=True, cwd=folder)
+    bring_loops(site)
     return site
 
 
