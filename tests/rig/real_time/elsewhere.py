@@ -19,7 +19,9 @@ class Elsewhere:
     """`rig COMMAND` in a process of its own, and what it announces."""
 
     def __init__(self, out: Path, *words: object) -> None:
-        command = [sys.executable, "-c", f"{EMPTY_FIGURES}from rig.cli import main; main()", *map(str, words)]
+        rehearsed = "dry-run" in words or "--dry-run" in words  # else the finger's own process draws
+        code = f"{EMPTY_FIGURES if rehearsed else ''}from rig.cli import main; main()"
+        command = [sys.executable, "-c", code, *map(str, words)]
         self.out = out
         self.process = subprocess.Popen(
             [*command, "--out", str(out)],
