@@ -18,7 +18,7 @@ from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from tests.kept_loops import bring_loops
 from tests.parts import insertions
-from tests.program import EMPTY_FIGURES
+from tests.program import EMPTY_FIGURES, SEVERAL
 
 ROOT = Path(__file__).parents[1]
 PARTS = ROOT / "tests" / "parts"
@@ -26,18 +26,6 @@ OLD_RUN = ROOT / "tests" / "data" / "runs_of_0_1" / "complete"
 PLACES = ("rig", "sim", "protocols")
 PRESS = ("--x-mm", "0", "--doi-mm", "0.2")
 COMMAND_LINE = "from rig.cli import main; main()"
-SEVERAL = """\
-import json, sys
-from rig.cli import main
-
-for words in json.loads(sys.argv[1]):
-    sys.argv[1:] = words
-    try:
-        main()
-    except SystemExit as ended:
-        assert not ended.code
-    print(end="\\0", flush=True)
-"""
 SCRIPT = """\
 from rig.protocol import ProtocolParameters, Rig
 
