@@ -15,12 +15,15 @@ from matplotlib.figure import Figure
 
 import sim.models.cache as cache
 from rig.cli.program import LOOKED_THROUGH
+from rig.compare import workers
 from rig.compare.stimuli import MAPPED, Stimulus, StimulusMap
 from rig.data import Run
 from rig.report.style import Plot
+from sim import benchmark
 from sim.config import Contact
 from sim.contact.warmup import make_ready
 from sim.models.fingertip import Fingertip
+from sim.workers import in_processes
 
 TESTS = Path(__file__).parent
 
@@ -73,7 +76,7 @@ REAL_TIME = (
     "sim/test_press_ahead.py",
     "sim/test_results.py::test_reading_an_answer_back_loads_no_finger",
     "sim/test_served_ports.py",
-    "sim/test_study.py::test_candidates_are_measured_in_their_own_processes",
+    "sim/test_speed_and_error.py::test_candidates_are_measured_in_their_own_processes",
     "sim/test_wall_clock.py",
     "sim/test_workers.py",
     "test_adding_a_part.py::test_a_command",
@@ -109,8 +112,10 @@ LONG = (
     "rig/real_time/test_stopped_from_elsewhere.py",
     "rig/real_time/test_keys_of_a_terminal.py",
     "rig/compare/test_on_fingers.py",
-    "rig/test_find.py",
     "test_gallery.py",
+    "studies/test_fault_campaign.py",
+    "test_site.py",
+    "rig/test_find.py",
     "studies/test_finite_strain.py",
     "studies/test_allowed_page.py",
     "rig/real_time/test_calibrate.py",
@@ -152,6 +157,11 @@ LONG = (
     "sim/test_uncondensed.py",
     "sim/test_facts.py",
     "test_waits.py",
+    "rig/test_drift_through_zero.py",
+    "rig/test_page.py",
+    "rig/test_map_in_a_run.py",
+    "studies/test_source_figures.py",
+    "test_public_docstrings.py",
 )
 # What a shell, nohup or a terminal may have had ignored before the tests began.
 INHERITED = ("SIGINT", "SIGQUIT", "SIGHUP", "SIGTERM", "SIGTSTP")
@@ -209,6 +219,21 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         for marker, places in (("real_time", REAL_TIME), ("study", STUDIES)):
             if item.nodeid.removeprefix("tests/").startswith(places):
                 item.add_marker(marker)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Work that a command shares out between processes is done in this one, except in real time.
+
+    Each of them takes a second to begin.
+    """
+    shared = _one_by_one if item.get_closest_marker("real_time") is None else in_processes
+    for module in (workers, benchmark):
+        module.in_processes = shared  # type: ignore[assignment]
+
+
+def _one_by_one(function: Callable[..., Any], items: Sequence[Any], processes: int | None = None) -> Iterator[Any]:
+    return map(function, items)
 
 
 def _place_in_line(name: str) -> int:
