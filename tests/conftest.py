@@ -6,6 +6,7 @@ import signal
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from copy import copy
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -19,9 +20,14 @@ from rig.compare import workers
 from rig.compare.stimuli import MAPPED, Stimulus, StimulusMap
 from rig.data import Run
 from rig.report.style import Plot
+from rig.session import resume
 from sim import benchmark
-from sim.config import Contact
+from sim.config import Contact, FingertipConfig
 from sim.contact.warmup import make_ready
+from sim.finger.surface import FingertipSurface
+from sim.measures import receptors
+from sim.measures.receptors import ReceptorPlaces, ReceptorSet
+from sim.models import fingertip
 from sim.models.fingertip import Fingertip
 from sim.workers import in_processes
 
@@ -266,6 +272,29 @@ def _read_once() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(cache, "_read", once)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _worked_out_once() -> Iterator[None]:
+    """What is the same in every run of this session costs each of some thousand of them a tenth of its time.
+
+    These are the commit and the versions that a run records, and where a finger's receptors lie.
+    """
+    placed: dict[str, ReceptorSet] = {}
+
+    def receptors_at(config: FingertipConfig, surface: FingertipSurface, places: ReceptorPlaces) -> ReceptorSet:
+        key = f"{config.model_dump_json()} {places!r}"
+        if key not in placed:
+            placed[key] = receptors.receptors_at(config, surface, places)
+            for array in (placed[key].position_mm, placed[key].depths_mm):
+                array.flags.writeable = False  # or one test would write into another's
+        return placed[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(resume, "commit", lru_cache(resume.commit))
+        patch.setattr(resume, "version", lru_cache(resume.version))
+        patch.setattr(fingertip, "receptors_at", receptors_at)
         yield
 
 
