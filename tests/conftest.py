@@ -6,6 +6,8 @@ import signal
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from copy import copy
+from functools import lru_cache
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +20,17 @@ from rig.cli.program import LOOKED_THROUGH
 from rig.compare.stimuli import MAPPED, Stimulus, StimulusMap
 from rig.data import Run
 from rig.report.style import Plot
-from sim.config import Contact
+from rig.session import resume
+from rig.study import parallel
+from sim import benchmark
+from sim.config import Contact, FingertipConfig
 from sim.contact.warmup import make_ready
+from sim.finger.surface import FingertipSurface
+from sim.measures import receptors
+from sim.measures.receptors import ReceptorPlaces, ReceptorSet
+from sim.models import fingertip
 from sim.models.fingertip import Fingertip
+from sim.workers import in_processes
 
 TESTS = Path(__file__).parent
 
@@ -73,7 +83,7 @@ REAL_TIME = (
     "sim/test_press_ahead.py",
     "sim/test_results.py::test_reading_an_answer_back_loads_no_finger",
     "sim/test_served_ports.py",
-    "sim/test_study.py::test_candidates_are_measured_in_their_own_processes",
+    "sim/test_speed_and_error.py::test_candidates_are_measured_in_their_own_processes",
     "sim/test_wall_clock.py",
     "sim/test_workers.py",
     "test_adding_a_part.py::test_a_command",
@@ -94,6 +104,13 @@ STUDIES = (
     "studies/test_allowed_page.py::test_the_docs_have_the_tables_of_what_is_kept",
     "studies/test_stiffening_study.py::test_a_reference_is_what_was_kept",  # of a solver in studies/
     "studies/test_stiffening_study.py::test_a_step_in_time_is_what_was_kept",  # of a solver in studies/
+    # Presses by solvers in studies/; what an element of theirs does is held by the other tests of these files.
+    "studies/test_finite_strain.py::test_the_linear_twin_is_the_model",
+    "studies/test_finite_strain.py::test_finite_strain_begins_as_small_strain_and_leaves_it",
+    "studies/test_finite_strain.py::test_friction_holds_no_more_than_its_coefficient_and_none_is_the_model",
+    "studies/test_finite_strain.py::test_skin_slides_round_the_edges_of_a_bar",
+    "studies/test_finite_strain.py::test_friction_on_a_bar_and_round_its_edge",
+    "studies/test_relaxing_bricks.py::test_a_section_is_pressed_held_let_back_and_held_by_its_force",
     "studies/test_coding_limits.py::test_rows_are_as_wide_as_their_headers",  # of studies alone
     "studies/test_fault_campaign.py::test_a_sample_of_the_campaign[tcp]",  # rig/test_one_wrong_frame.py
     # How large the boxes of the oracle must be; the recovery of strain is held by the other tests of the file.
@@ -106,10 +123,13 @@ STUDIES = (
 LONG = (
     "test_adding_a_part.py",
     "rig/real_time/test_asked_from_elsewhere.py",
+    "rig/real_time/test_stopped_from_elsewhere.py",
     "rig/real_time/test_keys_of_a_terminal.py",
     "rig/compare/test_on_fingers.py",
-    "rig/test_find.py",
     "test_gallery.py",
+    "studies/test_fault_campaign.py",
+    "test_site.py",
+    "rig/test_find.py",
     "studies/test_finite_strain.py",
     "studies/test_allowed_page.py",
     "rig/real_time/test_calibrate.py",
@@ -151,6 +171,11 @@ LONG = (
     "sim/test_uncondensed.py",
     "sim/test_facts.py",
     "test_waits.py",
+    "rig/test_drift_through_zero.py",
+    "rig/test_page.py",
+    "rig/test_map_in_a_run.py",
+    "studies/test_source_figures.py",
+    "test_public_docstrings.py",
 )
 # What a shell, nohup or a terminal may have had ignored before the tests began.
 INHERITED = ("SIGINT", "SIGQUIT", "SIGHUP", "SIGTERM", "SIGTSTP")
@@ -210,9 +235,42 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
                 item.add_marker(marker)
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Work that a command shares out between processes is done in this one, except in real time.
+
+    Each of them takes a second to begin.
+    """
+    shared = _one_by_one if item.get_closest_marker("real_time") is None else in_processes
+    for module in (parallel, benchmark):
+        module.in_processes = shared  # type: ignore[assignment]
+
+
+def _one_by_one(function: Callable[..., Any], items: Sequence[Any], processes: int | None = None) -> Iterator[Any]:
+    return map(function, items)
+
+
 def _place_in_line(name: str) -> int:
     file = name.partition("::")[0]
     return LONG.index(file) if file in LONG else len(LONG)
+
+
+@pytest.fixture(scope="module")
+def _folders(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Names of folders in one for the tests of a file."""
+    folder = tmp_path_factory.mktemp(request.path.stem)
+    return (folder / str(number) for number in count())
+
+
+@pytest.fixture
+def tmp_path(_folders: Iterator[Path]) -> Path:
+    """An empty folder of the test's own, as pytest's.
+
+    pytest looks through the folders of all tests before for the next free number: 5 ms for the 4000th of a session.
+    """
+    folder = next(_folders)
+    folder.mkdir(mode=0o700)
+    return folder
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -240,6 +298,29 @@ def _read_once() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(cache, "_read", once)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _worked_out_once() -> Iterator[None]:
+    """What is the same in every run of this session costs each of some thousand of them a tenth of its time.
+
+    These are the commit and the versions that a run records, and where a finger's receptors lie.
+    """
+    placed: dict[str, ReceptorSet] = {}
+
+    def receptors_at(config: FingertipConfig, surface: FingertipSurface, places: ReceptorPlaces) -> ReceptorSet:
+        key = f"{config.model_dump_json()} {places!r}"
+        if key not in placed:
+            placed[key] = receptors.receptors_at(config, surface, places)
+            for array in (placed[key].position_mm, placed[key].depths_mm):
+                array.flags.writeable = False  # or one test would write into another's
+        return placed[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(resume, "commit", lru_cache(resume.commit))
+        patch.setattr(resume, "version", lru_cache(resume.version))
+        patch.setattr(fingertip, "receptors_at", receptors_at)
         yield
 
 

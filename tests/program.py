@@ -77,14 +77,33 @@ Plot._save = lambda plot, target, **options: Figure((1, 1)).savefig(target, **op
 """To begin a program with that has a process of its own: what the fixture of that name is in this one."""
 
 
-NEAR_HOME = """\
+SEVERAL = """\
+import json, sys
+from rig.cli import main
+
+for words in json.loads(sys.argv[1]):
+    sys.argv[1:] = words
+    try:
+        main()
+    except SystemExit as ended:
+        assert not ended.code
+    print(end="\\0", flush=True)
+"""
+"""What a Python of its own carries out of commands as JSON, one after the other; after each it prints a zero byte."""
+
+
+FRAME_NEAR_HOME = """\
 [frame]
 pad_centre_x_mm = -12.0
 apex_z_mm = -12.0
+"""
+"""The finger close to the switches and still below where a virtual stage begins: a short way down from home."""
+NEAR_HOME = f"""\
+{FRAME_NEAR_HOME}\
 [habits]
 clearance_mm = 0.8
 """
-"""The finger close to the switches and still below where a virtual stage begins: a short way down from home."""
+"""And a short way from the clearance to the finger."""
 
 
 def program_of(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Program:

@@ -9,7 +9,6 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from fnmatch import fnmatch
-from hashlib import sha1
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +16,9 @@ import pytest
 
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
+from tests.kept_loops import bring_loops
 from tests.parts import insertions
-from tests.program import EMPTY_FIGURES
+from tests.program import EMPTY_FIGURES, SEVERAL
 
 ROOT = Path(__file__).parents[1]
 PARTS = ROOT / "tests" / "parts"
@@ -26,18 +26,6 @@ OLD_RUN = ROOT / "tests" / "data" / "runs_of_0_1" / "complete"
 PLACES = ("rig", "sim", "protocols")
 PRESS = ("--x-mm", "0", "--doi-mm", "0.2")
 COMMAND_LINE = "from rig.cli import main; main()"
-SEVERAL = """\
-import json, sys
-from rig.cli import main
-
-for words in json.loads(sys.argv[1]):
-    sys.argv[1:] = words
-    try:
-        main()
-    except SystemExit as ended:
-        assert not ended.code
-    print(end="\\0", flush=True)
-"""
 SCRIPT = """\
 from rig.protocol import ProtocolParameters, Rig
 
@@ -74,11 +62,8 @@ class Tree:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         for place in PLACES:
-            shutil.copytree(ROOT / place, folder / place)
-        contact = folder / "sim" / "contact"
-        for room in (contact, contact / "compiled"):  # numba keeps what it compiled by the folder of its source
-            for kept in (contact / "compiled" / "__pycache__").glob(f"loops-*/{room.name}_*"):
-                kept.rename(kept.with_name(f"{room.name}_{sha1(str(room).encode()).hexdigest()}"))
+            shutil.copytree(ROOT / place, folder / place, ignore=shutil.ignore_patterns("loops-*"))
+        bring_loops(folder)
 
     def add(self, part: str, name: str, made: dict[str, str], inserted: Sequence[tuple[str, str, str]]) -> None:
         """Write files (from tests/parts) and insert text before anchors; all is where the page says, and no more."""

@@ -1,5 +1,6 @@
 """The gallery's scripts run, give what their pages say, draw a picture, and hold their types."""
 
+import contextlib
 import runpy
 import subprocess
 import sys
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from sim import MEASURES
+from tests.program import Program, program_of
 from tests.sim.test_door import checked
 
 ROOT = Path(__file__).parents[1]
@@ -26,6 +28,32 @@ def _in_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("DISPLAY", raising=False)
     matplotlib.use("agg")
+
+
+@pytest.fixture
+def program(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Program:
+    """Run the program in this process."""
+    return program_of(monkeypatch, capsys)
+
+
+@pytest.fixture
+def in_this_process(program: Program, empty_figures: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A script's `python -m rig` is run in this process, and draws nothing on a page that is thrown away.
+
+    test_run_resumed and test_device_added begin real ones.
+    """
+
+    begun = subprocess.run
+
+    def run(command: list[str], **options: Any) -> subprocess.CompletedProcess[Any]:
+        if command[:3] != [sys.executable, "-m", "rig"]:
+            return begun(command, **options)  # by the program, which asks git for its version
+        with contextlib.chdir(options.get("cwd", ".")):
+            ended = program(*command[3:])
+        assert ended.code == 0, ended.err
+        return subprocess.CompletedProcess(command, ended.code, ended.out, ended.err)
+
+    monkeypatch.setattr(subprocess, "run", run)
 
 
 def _run(name: str) -> dict[str, Any]:
@@ -132,31 +160,31 @@ def test_decode() -> None:
 # --- the rig, rehearsed ---
 
 
-def test_own_protocol() -> None:
+def test_own_protocol(in_this_process: None) -> None:
     samples = _run("01_own_protocol")["samples"]
     assert [max(_forces(samples, index)) > 1 for index in range(3)] == [True] * 3
 
 
-def test_random_order() -> None:
+def test_random_order(in_this_process: None) -> None:
     started = _run("02_random_order")["recorded"].stream("indentation_start")
     order = {block: [one["value"] for one in started if one["block"] == block] for block in (1, 2)}
     assert sorted(order[1]) == sorted(order[2]) == [1.0, 2.0, 4.0]
     assert order[1] != order[2]
 
 
-def test_letter() -> None:
+def test_letter(in_this_process: None) -> None:
     answer = _run("03_letter")["answer"]
     assert answer["doi_mm"] == pytest.approx(0.3)
     assert answer["force_gwt"] > 0.5
 
 
-def test_recording_compared() -> None:
+def test_recording_compared(in_this_process: None) -> None:
     left = _run("04_recording_compared")
     assert left["measures"] == list(MEASURES)
     assert np.nanmax(np.abs(left["r"])) > 0.9
 
 
-def test_finger_identified() -> None:
+def test_finger_identified(in_this_process: None) -> None:
     left = _run("05_finger_identified")
     assert 4 <= len(left["presses"]) <= 8
     assert (left["low"] < left["middle"]).all()

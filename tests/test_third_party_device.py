@@ -8,7 +8,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ import pytest
 from rig.devices.registry import BUILT_IN
 from sim.models.fingertip import Fingertip
 from tests.device_packages import EXAMPLE, wheel
-from tests.program import EMPTY_FIGURES
+from tests.program import EMPTY_FIGURES, SEVERAL
 
 ROOT = Path(__file__).parents[1]
 KINDS = [f"rig.devices.{name}" for names in BUILT_IN.values() for name in names]
@@ -34,7 +34,6 @@ def run(rig: Rig) -> None:
     rig.indent(force_gwt=2.33, hold_s=0.1)
     rig.indent(doi_mm=0.4, hold_s=0.1)
 """
-Rig = Callable[..., subprocess.CompletedProcess[str]]
 
 
 def _python(folder: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
@@ -60,15 +59,23 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def _rig(folder: Path, *arguments: str | Path, before: str = "") -> subprocess.CompletedProcess[str]:
-    return _python(folder, "-c", before + COMMAND_LINE, *arguments)
+def _rig(folder: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    return _python(folder, "-c", COMMAND_LINE, *arguments)
 
 
-def _run(folder: Path, force: str) -> Path:
-    (folder / "rig.toml").write_text(f"[force]\n{force}", encoding="utf-8")
-    done = _rig(folder, "dry-run", "press.py", "--config", "rig.toml", "--json", before=EMPTY_FIGURES)
+def _several(folder: Path, *commands: Sequence[str | Path]) -> list[str]:
+    """What commands print that are given one after the other to one Python."""
+    words = json.dumps([list(map(str, command)) for command in commands])
+    done = _python(folder, "-c", EMPTY_FIGURES + SEVERAL, words)
     assert done.returncode == 0, done.stderr
-    return folder / json.loads(done.stdout)["run"]
+    return done.stdout.split("\0")[:-1]
+
+
+def _runs(folder: Path, *forces: str) -> list[Path]:
+    for n, force in enumerate(forces):
+        (folder / f"{n}.toml").write_text(f"[force]\n{force}", encoding="utf-8")
+    commands = [("dry-run", "press.py", "--config", f"{n}.toml", "--json") for n in range(len(forces))]
+    return [folder / json.loads(said)["run"] for said in _several(folder, *commands)]
 
 
 def _holds(run: Path) -> list[dict[str, Any]]:
@@ -78,8 +85,7 @@ def _holds(run: Path) -> list[dict[str, Any]]:
 
 def test_it_is_pressed_with_like_a_built_in_sensor(folder: Path, finger: Fingertip) -> None:
     """Both show 0.01 g of the same finger: at rest the same steps give the same counts."""
-    own = _run(folder, 'kind = "line_scale"\n[force.line_scale]\naddress = 7\n')
-    built_in = _run(folder, 'kind = "mtsics"\n')
+    own, built_in = _runs(folder, 'kind = "line_scale"\n[force.line_scale]\naddress = 7\n', 'kind = "mtsics"\n')
     for ours, theirs in zip(_holds(own), _holds(built_in), strict=True):
         assert ours["force_gwt"] == pytest.approx(theirs["force_gwt"], abs=1e-9)
         assert ours["true_doi_mm"] == pytest.approx(theirs["true_doi_mm"], abs=1e-9)
@@ -91,9 +97,13 @@ def test_it_is_pressed_with_like_a_built_in_sensor(folder: Path, finger: Fingert
 
 
 def test_doctor_and_serve_know_it(folder: Path) -> None:
-    told = json.loads(_rig(folder, "doctor", "--json").stdout)
-    assert told["devices"][-1] == {"kind": "line_scale", "role": "force", "package": "rig-line-scale 0.1.0"}
-    assert "line_scale" in _rig(folder, "serve", "--help").stdout
+    told, help_ = _several(folder, ("doctor", "--json"), ("serve", "--help"))
+    assert json.loads(told)["devices"][-1] == {
+        "kind": "line_scale",
+        "role": "force",
+        "package": "rig-line-scale 0.1.0",
+    }
+    assert "line_scale" in help_
     refused = _rig(folder, "serve", "--force", "scale")
     assert refused.returncode == 2
     assert "mtsics or laumas or line_scale" in refused.stderr

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from tests.device_packages import dist_info
+from tests.kept_loops import bring_loops
 
 ROOT = Path(__file__).parents[1]
 PIP = ("-m", "pip", "--disable-pip-version-check", "install", "--no-index", "--no-deps", "--quiet")
@@ -45,6 +46,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("wheel")
     site = folder / "site"
     subprocess.run([sys.executable, *PIP, "--target", site, _wheel(folder)], check=True, cwd=folder)
+    bring_loops(site)
     return site
 
 

@@ -22,7 +22,7 @@ from rig.manual.owner_process import HandOwner
 from rig.plan.config import Config
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
-from tests.program import Program
+from tests.program import NEAR_HOME, Program
 from tests.waiting import until
 
 if not hasattr(signal, "SIGTSTP"):
@@ -70,7 +70,7 @@ def beside_a_script(finger: Fingertip, tmp_path: Path, monkeypatch: pytest.Monke
     for port in ("stage", "force"):
         (tmp_path / port).touch()
     ports = f"[stage]\nport = '{tmp_path / 'stage'}'\n[force]\nport = '{tmp_path / 'force'}'\n"
-    (tmp_path / "rig.toml").write_text(ports, encoding="utf-8")
+    (tmp_path / "rig.toml").write_text(NEAR_HOME + ports, encoding="utf-8")
     return tmp_path
 
 

@@ -98,8 +98,14 @@ def test_the_finger_is_found_by_touching_it(finger: Fingertip, tmp_path: Path) -
         "finger_roll_deg": TRUTH["roll_deg"],
         "finger_tilt_deg": TRUTH["tilt_deg"],
     }
+    # Each sample on the way to a turned finger asks for a first touch of its own, of 30 ms: a slow balance takes few.
     config = Config.model_validate(
-        {"virtual": virtual, "limits": {"search_mm": 1.2}, "habits": {"clearance_mm": 1.3}}
+        {
+            "virtual": virtual,
+            "limits": {"search_mm": 1.2},
+            "habits": {"clearance_mm": 1.3},
+            "force": {"sample_period_s": 0.15},
+        }
     )
     script = load_script("find_finger", ["across=3", "along=3"])
     plan = make_plan(script, config, finger)

@@ -25,7 +25,7 @@ from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from tests.program import Ended, Program
+from tests.program import FRAME_NEAR_HOME, Ended, Program
 
 pytestmark = pytest.mark.usefixtures("empty_figures")
 
@@ -66,9 +66,8 @@ def rig(opened: list[Any], program: Program, monkeypatch: pytest.MonkeyPatch, tm
     for name in ("stage", "force"):
         (tmp_path / name).touch()
     (tmp_path / "mine.py").write_text(SCRIPT, encoding="utf-8")
-    (tmp_path / "rig.toml").write_text(
-        f"[stage]\nport = '{tmp_path / 'stage'}'\n[force]\nport = '{tmp_path / 'force'}'\n", encoding="utf-8"
-    )
+    ports = f"[stage]\nport = '{tmp_path / 'stage'}'\n[force]\nport = '{tmp_path / 'force'}'\n"
+    (tmp_path / "rig.toml").write_text(FRAME_NEAR_HOME + ports, encoding="utf-8")
 
     def run(*arguments: str, typed: str | None = None) -> Ended:
         monkeypatch.setattr(confirming, "_somebody_there", lambda: typed is not None)

@@ -61,7 +61,7 @@ def bar_run(finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> Run:
     return dry_run(Session(script, config, finger, plan, NewRun(folder))).run
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def make_stimulus() -> Callable[..., Stimulus]:
     """A stimulus whose measures are given as (18, n, receptors), or flat where they are not."""
 

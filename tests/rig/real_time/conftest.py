@@ -22,6 +22,7 @@ from sim.devices import BalanceMenu, Load, SerialLine, VirtualBalance, VirtualGr
 from sim.serve.ports import PtyPort
 from sim.serve.real_time_loop import WallScheduler
 from tests.program import Program, as_in_its_schema
+from tests.rig.real_time.elsewhere import Elsewhere
 from tests.waiting import DEADLINE_S, gathered, until
 
 # Close to the switches, on a board that homes fast: a short way to go in real time. A reading is taken 0.1 s after a
@@ -74,6 +75,24 @@ def serving() -> Iterator[Callable[..., Serving]]:
         if one.process.poll() is None:
             one.process.kill()
         one.process.communicate()
+
+
+@pytest.fixture
+def elsewhere(tmp_path: Path) -> Iterator[Callable[..., Elsewhere]]:
+    begun: list[Elsewhere] = []
+
+    def begin(script: str, *words: object) -> Elsewhere:
+        path = tmp_path / "decides.py"
+        path.write_text(script, encoding="utf-8")
+        command, *options = words
+        begun.append(Elsewhere(tmp_path / "runs", command, path, *options))
+        return begun[-1]
+
+    yield begin
+    for one in begun:
+        if one.process.poll() is None:
+            one.process.kill()
+            one.process.communicate()
 
 
 @pytest.fixture

@@ -1,0 +1,23 @@
+"""The machine code of the contact's loops, for a copy of `sim`: to compile it anew takes half a minute."""
+
+import shutil
+from hashlib import sha1
+from pathlib import Path
+
+CONTACT = Path("sim", "contact")
+ROOMS = (CONTACT, CONTACT / "compiled", Path("sim", "coding"))
+ROOT = Path(__file__).parents[1]
+
+
+def bring_loops(folder: Path) -> None:
+    """Bring it to the copy under a folder, whose sources are the same to the byte.
+
+    numba keeps it by the folder of the source, and looks at the source's time.
+    """
+    kept = CONTACT / "compiled" / "__pycache__"
+    for room in ROOMS:
+        name = f"{room.name}_{sha1(str(folder / room).encode()).hexdigest()}"
+        for found in (ROOT / kept).glob(f"loops-*/{room.name}_{sha1(str(ROOT / room).encode()).hexdigest()}"):
+            shutil.copytree(found, folder / kept / found.parent.name / name)
+        for source in (ROOT / room).glob("*.py"):
+            shutil.copystat(source, folder / room / source.name)
