@@ -36,13 +36,13 @@ _NOT_KNOWN = ConfidenceLimits((np.nan, np.nan), (np.nan, np.nan))
 
 
 def answers(comparison: Comparison, form: Form = Form()) -> tuple[AfferentVerdict, ...]:  # noqa: B008
-    """One for each afferent; none where too few positions are covered by the receptors in play."""
+    """Return one verdict for each afferent; none if the receptors in play cover too few positions."""
     found = [_answer(group, comparison.plausible, form) for group in afferents(comparison)]
     return tuple(one for one in found if one is not None)
 
 
 def afferents(comparison: Comparison) -> list[tuple[Overlay, ...]]:
-    """All recordings are of one afferent, unless rates are of each family's own unit, or one is laid over several."""
+    """Return overlays by afferent: one, unless families have their own units or a recording has several."""
     if comparison.normalised:
         families = groupby(comparison.overlays, key=lambda p: p.stimulus.family)
         return [tuple(group) for _, group in families]
@@ -53,7 +53,7 @@ def afferents(comparison: Comparison) -> list[tuple[Overlay, ...]]:
 
 
 class _Named(NamedTuple):
-    """Whose row each is: its name, whether it is a control, and its receptor."""
+    """Row of a pair: its name, whether it is a control, and its receptor (mm)."""
 
     name: str
     control: bool
@@ -61,12 +61,12 @@ class _Named(NamedTuple):
 
     @property
     def title(self) -> str:
-        """The name of the pair, as in tables."""
+        """Title of the pair, as in tables."""
         return titled(self.name, self.receptor_mm)
 
 
 class Laid(NamedTuple):
-    """All candidates of one afferent in one order, over the positions (of all) that are used."""
+    """Candidates of one afferent in one order, at the positions (of all) that are used."""
 
     named: list[_Named]
     observed: Observed
@@ -75,7 +75,7 @@ class Laid(NamedTuple):
 
 
 class _Judged(NamedTuple):
-    """How they fared."""
+    """Candidates with their fits and tests."""
 
     named: list[_Named]
     observed: Observed
@@ -88,7 +88,7 @@ class _Judged(NamedTuple):
 
     @property
     def measures(self) -> Flags:
-        """(N,) those that are no control."""
+        """Flags (N,) of measures, as opposed to controls."""
         return np.array([not one.control for one in self.named])
 
     @property
@@ -128,9 +128,9 @@ def _answer(overlays: Sequence[Overlay], plausible: PlausibleFingers | None, for
 
 
 def laid(overlays: Sequence[Overlay], form: Form, *, with_fingers: bool = False) -> Laid | None:
-    """Measures, controls and a constant beside the recordings; None where too few positions are covered.
+    """Return measures, controls and a constant with the recordings, or None if too few positions are covered.
 
-    The positions are those that every receptor in play covers.
+    Positions are those that every receptor in play covers.
     """
     eps = _eps(overlays, with_fingers=with_fingers)
     which = compared(eps[0])
@@ -147,9 +147,9 @@ def laid(overlays: Sequence[Overlay], form: Form, *, with_fingers: bool = False)
 
 
 def joint_limits(joint: Joint, pairs: Sequence[Pair], *, with_fingers: bool = False) -> list[ConfidenceLimits | None]:
-    """Limits of pairs at receptors in play, over the recordings of a joint fit alone; rates do not saturate.
+    """Return limits of pairs at receptors in play, over the recordings of a joint fit; rates do not saturate.
 
-    None where the pair's own fit is rejected, and with too few positions.
+    None if the pair's own fit is rejected, and with too few positions.
     """
     given = laid(joint.overlays, Form(), with_fingers=with_fingers)
     if given is None or not pairs:
@@ -164,7 +164,7 @@ def joint_limits(joint: Joint, pairs: Sequence[Pair], *, with_fingers: bool = Fa
 
 
 def _eps(overlays: Sequence[Overlay], *, with_fingers: bool) -> Array:
-    """(fingers, 18 + controls, all positions, receptors); controls where every stimulus has them."""
+    """Return ε (fingers, 18 + controls, all positions, receptors); controls only if every stimulus has them."""
     each = [_with_controls(overlay, with_fingers=with_fingers) for overlay in overlays]
     fewest = min(one.shape[1] for one in each)
     return np.concatenate([one[:, :fewest] for one in each], axis=2)

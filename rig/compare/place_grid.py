@@ -1,4 +1,4 @@
-"""Measures on a grid of receptor positions, interpolated, and where the receptor may be."""
+"""Measures on a grid of receptor positions, interpolated, and the range of the receptor location."""
 
 import math
 from collections.abc import Sequence
@@ -33,22 +33,22 @@ class PlaceRange(NamedTuple):
 
     @property
     def free(self) -> int:
-        """How many of them are fitted."""
+        """Number of fitted coordinates."""
         return sum(low < high for low, high in self)
 
     @property
     def x_nodes(self) -> Array:
-        """(nx,) mm."""
+        """Nodes in x (nx,), mm."""
         return nodes(self.x_mm, X_STEP_MM)
 
     @property
     def depth_nodes(self) -> Array:
-        """(nd,) mm."""
+        """Nodes in depth (nd,), mm."""
         return nodes(self.depth_mm, DEPTH_STEP_MM)
 
 
 def place_range(x_mm: Range, depth_mm: Range | None, offset_mm: Range | None, config: FingertipConfig) -> PlaceRange:
-    """Return the requested range, by default below the epidermis of this finger. Raises ComparisonError."""
+    """Return the requested range, by default below the epidermis of this finger; raise ComparisonError if invalid."""
     skin = config.tissue.epidermis_mm
     depth = depth_mm or (skin + BELOW_EPIDERMIS_MM[0], skin + BELOW_EPIDERMIS_MM[1])
     _refuse("--depth-range-mm", depth)
@@ -88,7 +88,7 @@ def nodes(asked: Range, step: float) -> Array:
 
 
 def finger_with_grid(config: FingertipConfig, where: PlaceRange) -> Fingertip:
-    """The finger with receptors at every node, x going fastest."""
+    """Return the finger with receptors at every node; x varies fastest."""
     return Fingertip.load(
         config,
         receptor_x_mm=where.x_nodes.round(6).tolist(),
@@ -97,10 +97,10 @@ def finger_with_grid(config: FingertipConfig, where: PlaceRange) -> Fingertip:
 
 
 def spline_weights(at_nodes: Array, at: Array) -> Array:
-    """(…, n) weights of values at nodes (n,), by which a cubic spline through them has its values at places (…,)."""
+    """Return (…, n) weights of a cubic spline through values at nodes (n,), for locations (…,)."""
     if len(at_nodes) == 1:
         return np.ones((*np.shape(at), 1))
-    from scipy.interpolate import make_interp_spline  # most comparisons do without
+    from scipy.interpolate import make_interp_spline  # slow to import, and most comparisons do not need it
 
     spline = make_interp_spline(at_nodes, np.eye(len(at_nodes)), k=min(3, len(at_nodes) - 1))
     return np.asarray(spline(at))
@@ -108,7 +108,7 @@ def spline_weights(at_nodes: Array, at: Array) -> Array:
 
 @dataclass(frozen=True)
 class PlaceRow:
-    """A measure at its likeliest place, mm, with 95 % intervals; `at_bounds` are ends of the range that hold one."""
+    """Measure at its maximum-likelihood location (mm), with 95 % intervals; `at_bounds` are range ends inside one."""
 
     measure: str
     x_mm: float
@@ -126,15 +126,15 @@ class PlaceRow:
 
     @property
     def fits(self) -> bool:
-        """Whether its fit is not rejected."""
+        """Whether the fit is not rejected."""
         return self.p_fit >= LEVEL
 
 
 @dataclass(frozen=True)
 class ReceptorLocation:
-    """Of one afferent; `asked` is the range of the fit, `where` the part of it that the runs cover.
+    """Receptor location of one afferent; `asked` is the requested range, `where` the part that the runs cover.
 
-    `rows` has every measure, the likeliest first, all over the same `positions` of those `recorded`.
+    `rows` has every measure, best first, all over the same `positions` of those `recorded`.
     """
 
     stimuli: tuple[str, ...]
@@ -147,12 +147,12 @@ class ReceptorLocation:
 
     @property
     def with_offset(self) -> bool:
-        """Whether an offset of the field's centre was fitted."""
+        """Whether an offset of the field's center was fitted."""
         return self.asked.offset_mm[0] < self.asked.offset_mm[1]
 
     @property
     def frame(self) -> str:
-        """How the offset was treated; shown with every table of rows."""
+        """Treatment of the offset; shown with every table of rows."""
         if not self.with_offset:
             return "indentor x = recorded position + receptor x, no offset fitted"
         low, high = map(in_mm, self.asked.offset_mm)
@@ -160,7 +160,7 @@ class ReceptorLocation:
 
 
 def in_mm(x: float) -> str:
-    """For example "−1.25"."""
+    """Format a number, e.g. "−1.25"."""
     return f"{x + 0.0:.2f}".replace("-", "−")
 
 
@@ -182,12 +182,12 @@ def _line(row: PlaceRow, found: ReceptorLocation) -> str:
 
 
 def within(value: float, interval: Range) -> str:
-    """For example "−0.98 (−1.10 … −0.85)"."""
+    """Format a value with its interval, e.g. "−0.98 (−1.10 … −0.85)"."""
     return f"{in_mm(value)} ({in_mm(interval[0])} … {in_mm(interval[1])})"
 
 
 def places_as_json(found: Sequence[ReceptorLocation]) -> list[dict[str, Any]]:
-    """One for each afferent; intervals are [low, high] in mm, that of an offset is None where none was fitted."""
+    """Return a JSON object per afferent; intervals are [low, high] in mm, None for an offset that was not fitted."""
     return [
         {
             "stimuli": list(one.stimuli),
