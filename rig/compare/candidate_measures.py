@@ -58,8 +58,8 @@ def detectable(observed: Observed, parameters: float) -> float:
     low, high = 0.0, 1e4
     for _ in range(60):
         middle = 0.5 * (low + high)
-        seen = rejected(np.array(even * middle), even * freedom, even * noise.freedom) >= SEEN
-        low, high = (low, middle) if seen else (middle, high)
+        detected = rejected(np.array(even * middle), even * freedom, even * noise.freedom) >= SEEN
+        low, high = (low, middle) if detected else (middle, high)
     variance = noise.dispersion * float((worth * observed.variance(observed.smooth)).sum()) / max(worth.sum(), 1e-9)
     return float(np.sqrt(high / max(worth.sum(), 1.0) * variance)) / (float(observed.rate.max()) or 1.0)
 
@@ -75,7 +75,7 @@ def by_repeats(observed: Observed) -> float:
 
 
 def by_monotone(eps: Array, observed: Observed) -> float:
-    """Return the share of held-out deviance that the best monotone function of any candidate ε (N, p) explains.
+    """Return the held-out share of variance that the best monotone function of any candidate ε (N, p) explains.
 
     Blocks of positions are left out in turn. This is an upper bound for the rate model, since it takes the best of
     many functions with any number of steps.

@@ -150,10 +150,10 @@ class Comparison:
         `stimuli` defaults to all. The list is empty if there is neither a step nor a bar.
         """
         found = {family: self._passing(family, threshold, stimuli or self.stimuli) for family in FAMILIES}
-        asked = [flags for flags in found.values() if flags is not None]
-        if not asked:
+        families = [flags for flags in found.values() if flags is not None]
+        if not families:
             return []
-        return [name for name, passed in zip(MEASURES, np.logical_and.reduce(asked), strict=True) if passed]
+        return [name for name, passed in zip(MEASURES, np.logical_and.reduce(families), strict=True) if passed]
 
     def candidates_by_condition(self, threshold: float = THRESHOLD) -> list[tuple[str, list[str]]]:
         """Return the candidates for each condition of a family, and for every pair of steps and bars."""

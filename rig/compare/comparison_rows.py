@@ -130,9 +130,9 @@ def _rows_with_finger(joint: Joint, plausible: PlausibleFingers) -> list[Row]:
             "r2": number(explained[pair]),
             "best_finger": named_values(plausible.values(place[pair])),
             **_line(fit, pair, on_all),
-            "on_this_finger": {name: given[name] for name in ("unit", *_LINE, "r2")},
+            "on_this_finger": {name: single[name] for name in ("unit", *_LINE, "r2")},
         }
-        for pair, on_all, given in zip(pairs, limits, _joint_rows(joint, pairs), strict=True)
+        for pair, on_all, single in zip(pairs, limits, _joint_rows(joint, pairs), strict=True)
     ]
 
 

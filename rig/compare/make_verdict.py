@@ -98,32 +98,32 @@ class _Judged(NamedTuple):
 
 
 def _answer(overlays: Sequence[Overlay], plausible: PlausibleFingers | None, form: Form) -> AfferentVerdict | None:
-    given = laid(overlays, form, with_fingers=plausible is not None)
-    if given is None:
+    pool = laid(overlays, form, with_fingers=plausible is not None)
+    if pool is None:
         return None
-    judged, seen = _judged(given), given.observed
+    judged, data = _judged(pool), pool.observed
     order = np.argsort(judged.fit.found.total, kind="stable")
     rows = [_row(judged, int(n), plausible) for n in order]
-    noise = seen.noise
+    noise = data.noise
     repeated = noise.source == "repeats"
     return AfferentVerdict(
         title=", ".join(overlay.stimulus.title for overlay in overlays),
         stimuli=tuple(overlay.stimulus.title for overlay in overlays),
         recordings=tuple(overlay.recording.name for overlay in overlays),
         places=FittedPositions(
-            seen.stimulus, seen.position_mm, seen.rate, np.sqrt(noise.dispersion * seen.variance(seen.rate))
+            data.stimulus, data.position_mm, data.rate, np.sqrt(noise.dispersion * data.variance(data.rate))
         ),
-        recorded=len(given.used),
-        left_out=_left_out(overlays, given.used),
+        recorded=len(pool.used),
+        left_out=_left_out(overlays, pool.used),
         noise=noise,
-        ceiling=by_repeats(seen) if repeated else by_monotone(judged.fit.eps, seen),
+        ceiling=by_repeats(data) if repeated else by_monotone(judged.fit.eps, data),
         ceiling_from="repeats" if repeated else "monotone",
         rows=tuple(rows),
         together=_together(judged, [overlay.stimulus.title for overlay in overlays]),
         power=_power(judged),
         saturating=form.saturating,
         silent_at_rest=form.silent_at_rest,
-        fingers=len(given.candidates.eps),
+        fingers=len(pool.candidates.eps),
     )
 
 
@@ -142,8 +142,8 @@ def laid(overlays: Sequence[Overlay], form: Form, *, with_fingers: bool = False)
     named = [_Named(name, name in CONTROLS, float(x)) for name in names for x in places]
     constant = np.zeros((len(eps), 1, int(used.sum())))
     pairs = np.concatenate([by_pair(eps[:, :, used][..., receptors]), constant], axis=1)
-    seen = observed([overlay.recording for overlay in overlays], used)
-    return Laid([*named, _Named(A_CONSTANT, True, None)], seen, Candidates(pairs, form), used)
+    data = observed([overlay.recording for overlay in overlays], used)
+    return Laid([*named, _Named(A_CONSTANT, True, None)], data, Candidates(pairs, form), used)
 
 
 def joint_limits(joint: Joint, pairs: Sequence[Pair], *, with_fingers: bool = False) -> list[ConfidenceLimits | None]:
@@ -151,16 +151,16 @@ def joint_limits(joint: Joint, pairs: Sequence[Pair], *, with_fingers: bool = Fa
 
     None if the pair's own fit is rejected, and with too few positions.
     """
-    given = laid(joint.overlays, Form(), with_fingers=with_fingers)
-    if given is None or not pairs:
+    pool = laid(joint.overlays, Form(), with_fingers=with_fingers)
+    if pool is None or not pairs:
         return [None] * len(pairs)
-    seen, receptor_mm = given.observed, joint.overlays[0].stimulus.receptor_mm
-    number = {(one.name, one.receptor_mm): n for n, one in enumerate(given.named)}
-    candidates = given.candidates.only(np.array([number[MEASURES[m], float(receptor_mm[k])] for m, k in pairs]))
-    fit = candidates.fitted(seen)
-    ratio, p = candidates.tested(seen, fit)
+    data, receptor_mm = pool.observed, joint.overlays[0].stimulus.receptor_mm
+    number = {(one.name, one.receptor_mm): n for n, one in enumerate(pool.named)}
+    candidates = pool.candidates.only(np.array([number[MEASURES[m], float(receptor_mm[k])] for m, k in pairs]))
+    fit = candidates.fitted(data)
+    ratio, p = candidates.tested(data, fit)
     fits = (p >= LEVEL) & np.isfinite(fit.found.k)
-    return [limits(candidates, seen, fit, n, float(ratio[n])) if fits[n] else None for n in range(len(pairs))]
+    return [limits(candidates, data, fit, n, float(ratio[n])) if fits[n] else None for n in range(len(pairs))]
 
 
 def _eps(overlays: Sequence[Overlay], *, with_fingers: bool) -> Array:
@@ -176,20 +176,20 @@ def _with_controls(overlay: Overlay, *, with_fingers: bool) -> Array:
     return np.concatenate([measures, np.broadcast_to(control, (len(measures), *control.shape))], axis=1)
 
 
-def _judged(given: Laid) -> _Judged:
-    named, seen, candidates, _ = given
-    fit = candidates.fitted(seen)
-    p_set = set_probabilities(fit.found.deviance / seen.noise.dispersion, seen.stimulus)
-    left_out = predicted_left_out(candidates, seen)
-    return _Judged(named, seen, candidates, fit, left_out, *candidates.tested(seen, fit), p_set)
+def _judged(pool: Laid) -> _Judged:
+    named, data, candidates, _ = pool
+    fit = candidates.fitted(data)
+    p_set = set_probabilities(fit.found.deviance / data.noise.dispersion, data.stimulus)
+    left_out = predicted_left_out(candidates, data)
+    return _Judged(named, data, candidates, fit, left_out, *candidates.tested(data, fit), p_set)
 
 
 def _row(judged: _Judged, n: int, plausible: PlausibleFingers | None) -> PairRow:
-    seen, fit, named = judged.observed, judged.fit, judged.named[n]
+    data, fit, named = judged.observed, judged.fit, judged.named[n]
     found, eps, noise = fit.found, fit.eps[n], judged.observed.noise
     fits = judged.p_fit[n] >= LEVEL or n == judged.closest
-    region = limits(judged.candidates, seen, fit, n, float(judged.ratio[n])) if fits else _NOT_KNOWN
-    error = np.sqrt(noise.dispersion * seen.variance(found.mean[n]))
+    region = limits(judged.candidates, data, fit, n, float(judged.ratio[n])) if fits else _NOT_KNOWN
+    error = np.sqrt(noise.dispersion * data.variance(found.mean[n]))
     return PairRow(
         **named._asdict(),
         k=float(found.k[n]),
@@ -197,8 +197,8 @@ def _row(judged: _Judged, n: int, plausible: PlausibleFingers | None) -> PairRow
         saturation=float(found.saturation[n]),
         k_interval=region.k,
         eps0_interval=region.eps0,
-        r=float(correlation(eps[None, :, None], seen.rate)[0, 0]),
-        r2=_least_squares_r2(eps, seen.rate),
+        r=float(correlation(eps[None, :, None], data.rate)[0, 0]),
+        r2=_least_squares_r2(eps, data.rate),
         deviance=float(found.total[n] / noise.dispersion),
         lack_of_fit=float(judged.ratio[n]),
         p_fit=float(judged.p_fit[n]),
@@ -206,7 +206,7 @@ def _row(judged: _Judged, n: int, plausible: PlausibleFingers | None) -> PairRow
         left_out=float(judged.left_out.share()[n]),
         eps=eps,
         predicted=found.mean[n],
-        residual=(seen.rate - found.mean[n]) / error,
+        residual=(data.rate - found.mean[n]) / error,
         finger=None if plausible is None else plausible.values(fit.place[n]),
     )
 
@@ -230,20 +230,20 @@ def _left_out(overlays: Sequence[Overlay], used: Flags) -> tuple[LeftOut, ...]:
 
 def _together(judged: _Judged, stimuli: Sequence[str]) -> Together | None:
     """Compare separate fits with the joint fit, for the maximum-likelihood measure on the finger of its joint fit."""
-    seen, n = judged.observed, judged.closest
-    numbers = np.unique(seen.stimulus)
+    data, n = judged.observed, judged.closest
+    numbers = np.unique(data.stimulus)
     if len(numbers) < 2:
         return None
     one = Candidates(judged.fit.eps[None, n : n + 1], judged.candidates.form)
     apart = 0.0
     separate = []
     for number in numbers:
-        mine = seen.stimulus == number
-        found = one.fitted(seen, mine).found
+        mine = data.stimulus == number
+        found = one.fitted(data, mine).found
         apart += float(found.total[0])
         share = float(judged.left_out.share(mine)[n])
         separate.append(Separate(stimuli[number], float(found.k[0]), float(found.eps0[0]), share))
-    noise, even = seen.noise, seen.evenness
+    noise, even = data.noise, data.evenness
     freedom = one.parameters * (len(numbers) - 1.0)
     ratio = max(float(judged.fit.found.total[n]) - apart, 0.0) / noise.dispersion / freedom
     p = float(tail(np.array([ratio]), np.array([even * freedom]), even * noise.freedom)[0])

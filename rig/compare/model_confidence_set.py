@@ -110,12 +110,12 @@ def imitated(measures: Candidates, observed: Observed, truth: Array) -> tuple[in
     The candidates are fitted to these rates without noise; the residual is the non-centrality of the F test.
     """
     noise, even = observed.noise, observed.evenness
-    told = replace(observed, rate=truth)
-    fit = measures.fitted(told)
-    variance = noise.dispersion * told.variance(fit.found.mean)
+    noiseless = replace(observed, rate=truth)
+    fit = measures.fitted(noiseless)
+    variance = noise.dispersion * noiseless.variance(fit.found.mean)
     shrunk = variance / (variance + measures.discrepancy(fit))
     misfit = (fit.found.deviance / noise.dispersion * shrunk).sum(axis=1)
     best = int(np.argmin(misfit))
-    freedom = max(float(told.share(truth).sum()) - measures.parameters, 1.0)
+    freedom = max(float(noiseless.share(truth).sum()) - measures.parameters, 1.0)
     chance = rejected(np.array(even * misfit[best]), even * freedom, even * noise.freedom)
     return best, float(chance)

@@ -70,20 +70,20 @@ def place_range(x_mm: Range, depth_mm: Range | None, offset_mm: Range | None, co
     return PlaceRange(x_mm, depth, offset_mm or (0.0, 0.0))
 
 
-def _refuse(option: str, asked: Range) -> None:
-    if not (all(map(math.isfinite, asked)) and asked[0] < asked[1]):
+def _refuse(option: str, requested: Range) -> None:
+    if not (all(map(math.isfinite, requested)) and requested[0] < requested[1]):
         raise ComparisonError(
             "{option} {low_mm:g},{high_mm:g}: must be two numbers in mm, the lower one first",
             code="not_ascending",
             option=option,
-            low_mm=asked[0],
-            high_mm=asked[1],
+            low_mm=requested[0],
+            high_mm=requested[1],
         )
 
 
-def nodes(asked: Range, step: float) -> Array:
+def nodes(requested: Range, step: float) -> Array:
     """Return equally spaced nodes from end to end, with a spacing of at most `step`."""
-    low, high = asked
+    low, high = requested
     return np.linspace(low, high, math.ceil((high - low) / step - 1e-9) + 1)
 
 
@@ -176,9 +176,9 @@ def _lines(found: ReceptorLocation, most: int) -> list[str]:
 
 
 def _line(row: PlaceRow, found: ReceptorLocation) -> str:
-    said = f"{row.measure}: x {within(row.x_mm, row.x_interval)}, depth {within(row.depth_mm, row.depth_interval)}"
-    said += f", offset {within(row.offset_mm, row.offset_interval)}" if found.with_offset else ""
-    return f"{said} mm" + (f"; at a limit of the search: {', '.join(row.at_bounds)}" if row.at_bounds else "")
+    line = f"{row.measure}: x {within(row.x_mm, row.x_interval)}, depth {within(row.depth_mm, row.depth_interval)}"
+    line += f", offset {within(row.offset_mm, row.offset_interval)}" if found.with_offset else ""
+    return f"{line} mm" + (f"; at a limit of the search: {', '.join(row.at_bounds)}" if row.at_bounds else "")
 
 
 def within(value: float, interval: Range) -> str:
