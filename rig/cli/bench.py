@@ -1,4 +1,4 @@
-"""`rig home`, `rig zero` and `rig status`, and what these share with `rig jog`."""
+"""`rig home`, `rig zero` and `rig status`, and helpers shared with `rig jog`."""
 
 import io
 from collections.abc import Callable, Iterator
@@ -29,7 +29,7 @@ from rig.transport import TransportError
 
 @contextmanager
 def stage_at_hand(settings: Config) -> Iterator[tuple[Stage, WallClock]]:
-    """The stage, connected; whatever interrupts its use stops it past every queue."""
+    """Yield the connected stage; any interruption stops it ahead of all queued commands."""
     clock = WallClock()
     with at_once(), key_interrupting(settings, interrupt_main), closing(open_stage(settings, clock)) as stage:
         try:
@@ -127,7 +127,7 @@ def _for_people(found: dict[str, Any]) -> dict[str, Any]:
 
 @contextmanager
 def by_hand(settings: Config, show: Show, *, without_force: bool) -> Iterator[tuple[ByHand, Clock]]:
-    """Motions on the ports of the configuration. Raises BadInputError where no force sensor answers."""
+    """Yield manual control on the ports of the configuration; raise BadInputError if no force sensor answers."""
     known = BenchMemory(settings).read()
     with (
         stage_at_hand(settings) as (stage, clock),

@@ -283,7 +283,7 @@ def _compared(
 
 
 def _along_the_finger(answered: list[Answered], measured: Path | None) -> list[Section]:
-    """The skin's deflection, where something lay across the finger; what was measured is laid over it."""
+    """Return sections on skin deflection under indentors across the finger, with measured deflections overlaid."""
     points = [] if measured is None else read_deflections(measured)
     profiles = [profile for one in answered for profile in simulated(one.run, one.finger)]
     if measured is not None and not profiles:
@@ -298,7 +298,7 @@ def _along_the_finger(answered: list[Answered], measured: Path | None) -> list[S
 
 
 def _fingers(runs: list[Run], receptors: Receptors, *, as_json: bool) -> list[Fingertip]:
-    """The finger that each run's configuration names."""
+    """Return the finger of each run's configuration."""
     configs = [load_config(run.folder.path / "config.toml").finger for run in runs]
     loaded: dict[str, Fingertip] = {}
     with busy(THE_FINGER, as_json=as_json):
@@ -347,7 +347,7 @@ def _unusual(*options: tuple[str, str | None, str | None]) -> dict[str, list[str
 
 
 def _remade_by(runs: list[Path], options: dict[str, list[str]], flags: dict[str, bool]) -> str:
-    """The command that makes the report again, whatever file it is written to."""
+    """Return the command that reproduces the report, without its output file."""
     words = ["rig", "compare", *map(str, runs)]
     words += [word for name, values in options.items() for value in values for word in (name, value)]
     return shlex.join([*words, *(name for name, given in flags.items() if given)])

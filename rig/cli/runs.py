@@ -108,7 +108,7 @@ def _day(option: str, text: str | None) -> date | None:
 
 
 def _list(found: Sequence[IndexEntry]) -> str:
-    """A line for each, in columns."""
+    """Return runs as aligned lines."""
     lines = [_line(one.summary) for one in found]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     padded = ("  ".join(word.ljust(width) for word, width in zip(line, widths, strict=True)) for line in lines)
@@ -222,7 +222,8 @@ def ending_of(run: Run, state: str) -> dict[str, Any] | None:
     """Return why an incomplete run ended, and the final position of the indentor."""
     if state in ("done", "running"):
         return None
-    from rig.session.early_ending import Ending, FinalPosition  # with the engine: a run that is done does without
+    # It imports the engine, which a completed run does not need.
+    from rig.session.early_ending import Ending, FinalPosition
 
     if run.stop is None:
         return Ending.killed(run).as_json()
@@ -238,7 +239,7 @@ def _identities(run: Run) -> dict[str, str]:
 
 
 def _presses(run: Run) -> list[dict[str, Any]]:
-    """Holds that ended, by what was pressed and how far."""
+    """Return completed holds, grouped by indentor and target."""
     rows = tables(run)["hold_end"].rows if run.stream("hold_end") else []
     target = ("indentor", "target_doi_mm", "target_force_gwt")
     kinds = [tuple(row.get(name) for name in target) for row in rows]
@@ -255,7 +256,7 @@ def _kind(told: dict[str, Any], rows: list[dict[str, Any]]) -> dict[str, Any]:
 
 
 def _lines(told: dict[str, Any]) -> list[tuple[str, str]]:
-    """Name and words of each line for people."""
+    """Return name and text of each printed line."""
     ending = {} if told["ending"] is None else {name: told["ending"].get(name) for name in _OF_AN_ENDING}
     size = sum(one["bytes"] for one in told["files"]) / 1e6
     return [
@@ -302,8 +303,8 @@ def export_command(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Export again what the journal holds, also of a run that crashed, and renew the checksums."""
-    from rig.data.export import export_nwb, export_run  # with h5py: a list of runs does without
+    """Export the journal again, also of a run that crashed, and renew the checksums."""
+    from rig.data.export import export_nwb, export_run  # it imports h5py, which a list of runs does not need
 
     with told_in_one_line(as_json=as_json):
         if not (as_csv or as_nwb):

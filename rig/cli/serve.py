@@ -178,7 +178,7 @@ def _reveal(seed: int, beside: Path | None, *, as_json: bool) -> None:
 
 
 def _beside(name: str, value: float, met: Met | None) -> dict[str, Any]:
-    """Logarithms as what they are of."""
+    """Return a parameter with its 90 % band, in plain units rather than logarithms."""
     told: dict[str, Any] = {"name": named(name), "unit": unit(named(name)) or "1", "truth": plain(name, value)}
     if met is None or name not in met.posterior.names:
         return told

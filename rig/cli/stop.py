@@ -1,4 +1,4 @@
-"""`rig stop`: stop the stage now, whichever program moves it. It imports only what a stop needs."""
+"""`rig stop`: stop the stage now, whatever program moves it; imports only what a stop needs."""
 
 import os
 import sys
