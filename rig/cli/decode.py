@@ -206,7 +206,7 @@ def as_json_object(finger: FingertipConfig, found: DecodeResult) -> dict[str, An
         "moves": max(0, len(found.path) - 1),
         "converged": found.converged,
         "problems_text": list(found.problems),
-        "felt": _felt(operator, found),
+        "felt": _solid_as_json(operator, found),
         "axial": seen.axial,
         "search_ms": found.ms,
     }
@@ -237,22 +237,22 @@ def print_decoded(finger: FingertipConfig, decoder: DecoderName, found: DecodeRe
     for problem in found.problems:
         out.print(f"  beware: {problem}")
     if isinstance(operator, SheetOperator):
-        felt = felt_solid(operator.skin, found.pressure)
+        solid = felt_solid(operator.skin, found.pressure)
         out.print(
-            f"  estimated shape: {felt.name}, {felt.size_mm:.2g} mm; contact spans {felt.extent_mm[0]:.2f} mm "
-            f"along x, {felt.extent_mm[1]:.2f} mm along z"
+            f"  estimated shape: {solid.name}, {solid.size_mm:.2g} mm; contact spans {solid.extent_mm[0]:.2f} mm "
+            f"along x, {solid.extent_mm[1]:.2f} mm along z"
         )
         out.print(_map(operator, found))
     else:
         out.print(_table(found))
 
 
-def _felt(operator: ForwardOperator, found: DecodeResult) -> dict[str, Any] | None:
+def _solid_as_json(operator: ForwardOperator, found: DecodeResult) -> dict[str, Any] | None:
     """Return class and size of the object on a sheet."""
     if not isinstance(operator, SheetOperator):
         return None
-    felt = felt_solid(operator.skin, found.pressure)
-    return {"shape_class": felt.name, "size_mm": felt.size_mm, "extent_mm": list(felt.extent_mm)}
+    solid = felt_solid(operator.skin, found.pressure)
+    return {"shape_class": solid.name, "size_mm": solid.size_mm, "extent_mm": list(solid.extent_mm)}
 
 
 def _map(operator: SheetOperator, found: DecodeResult) -> Table:

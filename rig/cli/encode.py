@@ -281,7 +281,7 @@ _WHERE: dict[Where, str] = {"pulp": "18 pulp sites", "all": "all 24 sites"}
 
 
 _BUSY = "24 point loads on the whole finger: loading from the cache, or computing in about 20 s …"
-_TOLD_EACH = 1000  # receptors between two lines without a spinner
+_LINE_EVERY = 1000  # receptors between two lines without a spinner
 
 
 def shift_invariance_command(
@@ -311,7 +311,7 @@ def shift_invariance_command(
         checked_picture(picture)
         settings = load_config(config).finger
         with busy(_BUSY, as_json=as_json):
-            found, deformed = kept_sites(settings, sampled, None if as_json else _told)
+            found, deformed = kept_sites(settings, sampled, None if as_json else _report_progress)
             if picture is not None:
                 _draw_shift_invariance(deformed, found.sites[DRAWN], picture)
         if as_json:
@@ -320,11 +320,11 @@ def shift_invariance_command(
             _print_shift_invariance(found, sampled)
 
 
-def _told(done: int, of: int) -> None:
+def _report_progress(done: int, of: int) -> None:
     """Report progress over the receptors; factorizing the stiffness afterwards takes as long."""
-    if err.is_terminal or done % _TOLD_EACH == 0:
+    if err.is_terminal or done % _LINE_EVERY == 0:
         say_now(f"computing strain at {done} of {of} receptors …")
-    if done == of >= _TOLD_EACH:
+    if done == of >= _LINE_EVERY:
         say_now("factorizing the stiffness, then solving 24 point loads …")
 
 

@@ -313,7 +313,7 @@ def indent_command(
 ) -> None:
     """Press once and print force, contact and receptor measures."""
     with told_in_one_line(as_json=as_json):
-        wanted = ModelRequest.parse(model, tolerance, quantity, length_mm)
+        request = ModelRequest.parse(model, tolerance, quantity, length_mm)
         settings = load_config(config)
         receptors = _receptors(receptor_x_mm, receptor_depth_mm, receptor_z_mm)
         origin = _reference(reference)
@@ -322,7 +322,7 @@ def indent_command(
         indentor = None if shape == "point" else parse_shape(shape)
         _refuse_place(shape, indentor, x_mm, z_mm)
         if indentor is None:
-            pressed = wanted.for_point()
+            pressed = request.for_point()
             force = pressed.force_per_mm(_force_of_point(doi_mm, force_gwt))
             assert force is not None
             with loading_the_finger():
@@ -330,8 +330,8 @@ def indent_command(
             loaded = finger.point_load(x_mm or 0.0, force, z_mm=z_mm)
             _say_point(loaded, pressed, finger.build_s, as_json=as_json)
             return
-        wanted.refuse(settings.finger, receptors)
-        chosen = wanted.choose(
+        request.refuse(settings.finger, receptors)
+        chosen = request.choose(
             indentor, x_mm or 0.0, z_mm, doi_mm, force_gwt, reference=origin, config=settings.finger
         )
         if chosen.choice is not None and not as_json:

@@ -93,8 +93,8 @@ def _row(one: Key) -> str:
 
 
 def _described(one: Key) -> dict[str, object]:
-    told = {"key": one.place, "value": one.value, "default": one.default}
-    return told | {"unit": one.unit, "allowed_text": one.allowed, "what_text": one.what}
+    described = {"key": one.place, "value": one.value, "default": one.default}
+    return described | {"unit": one.unit, "allowed_text": one.allowed, "what_text": one.what}
 
 
 _ABOUT = {
@@ -197,10 +197,10 @@ def _bundled(run: Path, settings: Config) -> dict[str, Any]:
     """Write the file for a bug report to the current folder, and return what it contains and leaves out."""
     here = _installation(settings)
     about = ("python", "system", "machine", "cores", "versions", "devices", "solver", "protocols")
-    told = {name: here[name] for name in about}
+    contents = {name: here[name] for name in about}
     to = Path(bundle_name(run))
     shipped = {path.name: path.read_bytes() for path in shipped_protocols().glob("*.py")}
-    members = bug_report(run, to, told | {"problems": list(map(str, registry.problems()))}, shipped)
+    members = bug_report(run, to, contents | {"problems": list(map(str, registry.problems()))}, shipped)
     holds = [{"name": name, "bytes": size} for name, size in members.items()]
     return {"bundle": str(to), "holds": holds, "left_out_text": list(LEFT_OUT)}
 

@@ -10,7 +10,7 @@ from typing import Annotated, get_args
 import typer
 
 from rig.bench.checks import contact, position
-from rig.cli.bench import by_hand, live_line, tell
+from rig.cli.bench import by_hand, live_line, print_entries
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import ExitCode, complain, err, told_in_one_line
 from rig.clock import Clock
@@ -64,7 +64,7 @@ def command(
             else:
                 direction, far_mm = target
                 moved = hand.go(lambda: direction, speed_mm_s, far_mm)
-        tell(
+        print_entries(
             {
                 **position(moved.at),
                 **contact(settings),

@@ -132,7 +132,7 @@ def _answers(owner: HandOwner, button: StopButton) -> Answers:
     if not button.there:
         return owner.answers
     status = owner.answers["status"]
-    return {**owner.answers, "status": lambda told: {**status(told), "stop_button": button.last_state}}
+    return {**owner.answers, "status": lambda request: {**status(request), "stop_button": button.last_state}}
 
 
 def _bench(settings: Config, log: HandLog, stage: StageInHand) -> RealBench:

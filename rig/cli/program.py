@@ -111,16 +111,16 @@ def _app(arguments: list[str]) -> typer.Typer:
     """Return the program with the requested command, or with the names of all commands."""
     app = typer.Typer(cls=PlainGroup, add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
     app.callback()(_about)  # without it, a program of one command has no command name
-    asked = next((word for word in arguments if word != "--"), "")
-    if asked in COMMANDS:
-        module, _, command = COMMANDS[asked].where.partition(".")
-        with looking_busy(f"rig {asked}: starting …"):
-            _add(app, asked, getattr(_imported(f"rig.cli.{module}"), command))
+    requested = next((word for word in arguments if word != "--"), "")
+    if requested in COMMANDS:
+        module, _, command = COMMANDS[requested].where.partition(".")
+        with looking_busy(f"rig {requested}: starting …"):
+            _add(app, requested, getattr(_imported(f"rig.cli.{module}"), command))
         return app
-    near = get_close_matches(asked, COMMANDS, cutoff=0.65)
+    near = get_close_matches(requested, COMMANDS, cutoff=0.65)
     if near:
         raise typer.BadParameter(
-            f"there is no command {asked!r}; did you mean {' or '.join(near)}? `rig --help` lists all commands"
+            f"there is no command {requested!r}; did you mean {' or '.join(near)}? `rig --help` lists all commands"
         )
     for name in sorted(COMMANDS, key=lambda one: _GROUPS.index(COMMANDS[one].group)):
         _add(app, name, _named)
@@ -152,9 +152,9 @@ def _named() -> None:
     """Add a command to the list of commands."""
 
 
-def _say_version(asked: bool) -> None:
+def _say_version(requested: bool) -> None:
     """Print the version and exit."""
-    if asked:
+    if requested:
         from importlib.metadata import version
 
         out.print(f"rig {version('indentation-rig')}")

@@ -19,7 +19,7 @@ T = TypeVar("T")
 _APART_S = 3.0  # time between lines of counted tasks
 
 
-class _Told(ProgressColumn):
+class _TextOf(ProgressColumn):
     """Text of a function, evaluated each time the bar is drawn."""
 
     def __init__(self, say: Callable[[], str]) -> None:
@@ -134,8 +134,8 @@ def _lines(run: IndentationProgress) -> Iterator[Callable[[str], None]]:
 @contextmanager
 def _bar(run: IndentationProgress) -> Iterator[Callable[[str], None]]:
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
-    told = (_Told(lambda: run.elapsed), _Told(lambda: run.left))
-    bar = Progress(*columns, *told, console=err)
+    times = (_TextOf(lambda: run.elapsed), _TextOf(lambda: run.left))
+    bar = Progress(*columns, *times, console=err)
     task = bar.add_task(run.where, total=run.total)
     with a_screen(err, Group(Screen(run.force, list, run.below), bar)):
         yield lambda stream: bar.update(task, description=run.where, completed=len(run.finished))

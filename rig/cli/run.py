@@ -90,8 +90,8 @@ def check_command(
         script = load_script(protocol, [*(set_ or []), *(more or [])])
         with busy(THE_FINGER, as_json=as_json):
             finger = Fingertip.load(settings.finger)
-        with checking_the_script() as told:
-            plan = make_plan(script, settings, finger, told=told)
+        with checking_the_script() as show_steps:
+            plan = make_plan(script, settings, finger, told=show_steps)
         with busy("rehearsing the protocol on a spring model …", as_json=as_json):
             found = preflight(script, settings, finger, plan).as_json()
         if as_json:

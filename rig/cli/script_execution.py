@@ -54,7 +54,7 @@ class RunOwner:
         self.switch, self.pause, self.virtual = switch, PauseRequest(), virtual
         self.folder: RunFolder | None = None
         self.button: StopButton | None = None
-        self.told: Callable[[Path], None] = lambda run: None
+        self.announce: Callable[[Path], None] = lambda run: None
         self._phase: Phase = "planning"
         self.stopped_by = AT_ONCE
         self._asks = False
@@ -92,7 +92,7 @@ class RunOwner:
         """Announce the run's folder; its ports are open."""
         self.folder = folder
         with suppress(OSError):  # the journal reports it too
-            self.told(folder.path)
+            self.announce(folder.path)
 
     def stopped(self) -> bool:
         """Return whether another process has stopped the stage; called by the main thread."""
@@ -168,7 +168,7 @@ def owning(
             owner.button = announced.enter_context(StopButton(config.stop, stage, owner.switch.stop))
         try:
             socket = announced.enter_context(ControlSocket(about, owner.answers))
-            owner.told = lambda run: socket.tell(run=str(run.resolve()))
+            owner.announce = lambda run: socket.tell(run=str(run.resolve()))
         except (OSError, filelock.Timeout) as error:
             complain(f"warning: the panel cannot reach this run: {error}")
         announced.callback(owner.record, script, config, into)
@@ -289,8 +289,8 @@ def loaded(config: Config, finger: FingerProcess | None, *, as_json: bool) -> Fi
 
 def _planned(script: Script, config: Config, into: NewRun | StoppedRun, finger: Finger) -> Session:
     before, folder = (None, None) if isinstance(into, NewRun) else (into.run, into.folder.path)
-    with checking_the_script() as told:
-        plan = make_plan(script, config, finger, before, folder, told)
+    with checking_the_script() as show_steps:
+        plan = make_plan(script, config, finger, before, folder, show_steps)
     return Session(script, config, finger, plan, into)
 
 

@@ -94,8 +94,8 @@ def _line(document: Document) -> list[str]:
     of_an_event = document["doc"] == "event"
     name, data = (document["stream"], document["data"]) if of_an_event else (document["doc"], document)
     hidden = () if of_an_event else ("doc", "uid", "seq", "t_s", "unix_s", "parameters")
-    told = ", ".join(f"{key} {value}" for key, value in data.items() if value is not None and key not in hidden)
-    return [f"{document['t_s']:10.3f}  {name:<18}  {told}".rstrip()]
+    values = ", ".join(f"{key} {value}" for key, value in data.items() if value is not None and key not in hidden)
+    return [f"{document['t_s']:10.3f}  {name:<18}  {values}".rstrip()]
 
 
 def _end(seen: RunScreen) -> list[str]:
@@ -103,10 +103,10 @@ def _end(seen: RunScreen) -> list[str]:
     found = read_run(seen.folder.path)
     about = alive(summary_of(found), seen.folder.path.parent)
     ending = ending_of(found, about.state) or {}
-    told = {name: ending.get(name) for name in ("reason_text", "where_text", "next_text", "resume")}
+    sentences = {name: ending.get(name) for name in ("reason_text", "where_text", "next_text", "resume")}
     lines = [named("state", f"{about.state}, {about.done} of {about.planned} indentations")]
     names = {"reason_text": "because", "where_text": "where", "next_text": "next"}
-    return lines + [named(names.get(name, name), words) for name, words in told.items() if words]
+    return lines + [named(names.get(name, name), words) for name, words in sentences.items() if words]
 
 
 def _now(seen: RunScreen) -> dict[str, Any]:
