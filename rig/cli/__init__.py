@@ -9,7 +9,7 @@ _NOT_WRITTEN = 2
 
 
 def main() -> None:
-    """Entry point of the `rig` program; Ctrl-C may come in the second that importing the rest of it takes."""
+    """Run the `rig` program; Ctrl-C may arrive while the rest of it is being imported."""
     try:
         from rig.cli.program import run
 

@@ -1,4 +1,4 @@
-"""`rig home`, `rig zero` and `rig status`, and what these share with `rig jog`."""
+"""`rig home`, `rig zero` and `rig status`, and helpers shared with `rig jog`."""
 
 import io
 from collections.abc import Callable, Iterator
@@ -29,7 +29,7 @@ from rig.transport import TransportError
 
 @contextmanager
 def stage_at_hand(settings: Config) -> Iterator[tuple[Stage, WallClock]]:
-    """The stage, connected; whatever interrupts its use stops it past every queue."""
+    """Yield the connected stage; any interruption stops it ahead of all queued commands."""
     clock = WallClock()
     with at_once(), key_interrupting(settings, interrupt_main), closing(open_stage(settings, clock)) as stage:
         try:
@@ -46,7 +46,7 @@ def home(config: ConfigOption, without_force: WithoutForceOption = False, as_jso
         settings = load_config(config)
         with looking_busy("homing all axes …"):
             at, known = _home_unfelt(settings) if without_force else _home(settings)
-        tell({**position(at), **known.as_json()}, as_json=as_json)
+        print_entries({**position(at), **known.as_json()}, as_json=as_json)
 
 
 def _home(settings: Config) -> tuple[StageStatus, KnownContact]:
@@ -89,7 +89,7 @@ def zero(
         with closing(open_force(settings, clock)) as force:
             sensing = Sensing(settings, clock, force)
             name = home_and_zero.zero(settings, sensing, anyway=anyway)
-            tell({"identity": name, "force_n": sensing.raw().force_n}, as_json=as_json)
+            print_entries({"identity": name, "force_n": sensing.raw().force_n}, as_json=as_json)
 
 
 def status(config: ConfigOption, as_json: JsonOption = False) -> None:
@@ -97,14 +97,14 @@ def status(config: ConfigOption, as_json: JsonOption = False) -> None:
     with told_in_one_line(as_json=as_json):
         settings = load_config(config)
         found = look(settings)
-        tell({**found, "contact": contact(settings)}, as_json=as_json)
+        print_entries({**found, "contact": contact(settings)}, as_json=as_json)
         problems = [device["problem_text"] for device in found.values() if "problem_text" in device]
         for problem in problems:
             complain(problem)
     raise typer.Exit(ExitCode.STOPPED if problems else ExitCode.DONE)
 
 
-def tell(found: dict[str, Any], *, as_json: bool) -> None:
+def print_entries(found: dict[str, Any], *, as_json: bool) -> None:
     """Print one JSON object, or one line per entry."""
     if as_json:
         print_json(found)
@@ -127,7 +127,7 @@ def _for_people(found: dict[str, Any]) -> dict[str, Any]:
 
 @contextmanager
 def by_hand(settings: Config, show: Show, *, without_force: bool) -> Iterator[tuple[ByHand, Clock]]:
-    """Motions on the ports of the configuration. Raises BadInputError where no force sensor answers."""
+    """Yield manual control on the ports of the configuration; raise BadInputError if no force sensor answers."""
     known = BenchMemory(settings).read()
     with (
         stage_at_hand(settings) as (stage, clock),

@@ -30,7 +30,7 @@ from rig.session.stop_button import key_interrupting
 from rig.units import GWT_N
 
 _READINGS = 20
-# Beyond this it is not a calibration that is wrong but a setting or a unit.
+# Beyond this limit a setting or a unit is wrong, not a calibration.
 _LARGEST_CORRECTION = 0.2
 
 ValidDays = Annotated[int, typer.Option(metavar="N", min=1, max=3650, help="Validity of the calibration, in days.")]
@@ -49,7 +49,7 @@ def steps(
     without_force: WithoutForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Home first, clear the way, and have a caliper or a dial gauge on the carriage."""
+    """Calibrate steps/mm: home first, clear the path, and place a caliper or a dial gauge on the carriage."""
     with told_in_one_line(as_json=as_json):
         settings = load_config(config)
         direction, far_mm = way(axis, by_mm)
@@ -72,7 +72,7 @@ def force(
     valid_days: ValidDays = 180,
     as_json: JsonOption = False,
 ) -> None:
-    """The sensor must lie so that a mass on it presses the way the indentor will."""
+    """Calibrate the force scale; the sensor must lie so that a mass on it presses as the indentor will."""
     with told_in_one_line(as_json=as_json), at_once():
         settings, clock = load_config(config), WallClock()
         with closing(open_force(settings, clock)) as sensor:
@@ -92,7 +92,7 @@ def compliance(
     valid_days: ValidDays = 365,
     as_json: JsonOption = False,
 ) -> None:
-    """A rigid block where the finger will lie, its top at frame.apex_z_mm, and a flat indentor."""
+    """Calibrate compliance with a flat indentor on a rigid block in the finger's place, top at frame.apex_z_mm."""
     with told_in_one_line(as_json=as_json), at_once():
         settings = load_config(config)
         refuse_place(0.0, 0.0, settings)

@@ -74,7 +74,7 @@ _Word = TypeVar("_Word", bound=str)
 
 
 def bounded(option: str, value: float, low: float, high: float) -> float:
-    """The value; raises BadInputError beyond its bounds."""
+    """Return the value; raise BadInputError if it is out of bounds."""
     if not low <= value <= high:
         raise BadInputError(
             "{option} {value:g}: must be {low:g} to {high:g}{unit}",
@@ -84,7 +84,7 @@ def bounded(option: str, value: float, low: float, high: float) -> float:
 
 
 def named(option: str, text: str, words: Sequence[_Word]) -> _Word:
-    """The word of that name; raises BadInputError for no such word."""
+    """Return the word of that name; raise BadInputError if there is none."""
     for word in words:
         if text == word:
             return word
@@ -95,7 +95,7 @@ def named(option: str, text: str, words: Sequence[_Word]) -> _Word:
 
 
 def sampling_of(spacing_mm: float, half_length: int, depth_mm: float, axes: Axes = "skin") -> Sampling:
-    """Raises BadInputError for numbers beyond their bounds."""
+    """Return the sampling; raise BadInputError for numbers out of bounds."""
     bounded("--spacing-mm", spacing_mm, 0.05, 0.5)
     bounded("--half-length", half_length, 4, 100)
     bounded("--receptor-depth-mm", depth_mm, 0.1, 3.0)
@@ -103,7 +103,7 @@ def sampling_of(spacing_mm: float, half_length: int, depth_mm: float, axes: Axes
 
 
 def pressures_of(text: str) -> NDArray[np.float64]:
-    """(n,) pressures from `20,14` or a CSV with a column pressure; pseudo-units. Raises BadInputError."""
+    """Return (n,) pressures (pseudo-units) from `20,14` or a CSV column; raise BadInputError if invalid."""
     try:
         values = [float(cell) for cell in text.split(",")]
     except ValueError:
@@ -118,7 +118,7 @@ def pressures_of(text: str) -> NDArray[np.float64]:
 
 
 def press_of(shape: str, x_mm: float, doi_mm: float | None) -> SectionPress:
-    """A press of the section. Raises BadInputError without a depth, ShapeError for no shape."""
+    """Return a press of the section; raise BadInputError without a depth, ShapeError for an unknown shape."""
     if doi_mm is None:
         raise BadInputError(
             "{option} requires {needs}; add it", code="needs_option", option="--shape", needs="--doi-mm"

@@ -179,7 +179,7 @@ def command(
         comparison = _compared(answered, recordings, normalize, plausible, exact=exact, as_json=as_json)
         form = Form(saturating, silent_at_rest)
         with busy("comparing every measure with the recordings …", as_json=as_json) if recordings else nullcontext():
-            said = answers(comparison, form)
+            verdicts = answers(comparison, form)
         with busy(THE_PLACES, as_json=as_json) if where else nullcontext():
             at = places(found, recordings, where, form, normalise=normalize) if where else []
         options = {
@@ -214,16 +214,16 @@ def command(
                 [*map(place_section, at), *fingers_sections(comparison), *beside],
                 maps=[m for one in answered for m in stimulus_maps(one.run, one.finger, one.stimuli)],
                 pdf=pdf,
-                answers=said,
+                answers=verdicts,
             )
         _write_sidecar(report, time.perf_counter() - began)
         if as_json:
             rows = comparison_as_json(comparison, str(report))
             rows |= {"left_out": left_out_rows(comparison), "shape_test": chance_rows(comparison.stimuli)}
-            rows |= {"answers": answers_as_json(said), "places": places_as_json(at)}
+            rows |= {"answers": answers_as_json(verdicts), "places": places_as_json(at)}
             print_json(rows | fingers_as_json(comparison))
         else:
-            _print(comparison, said, at, report)
+            _print(comparison, verdicts, at, report)
             if comparison.interpolated:
                 out.print(
                     f"simulated responses of the plausible fingers were {HOW_MADE}; --exact builds a "
@@ -272,10 +272,10 @@ def _compared(
     exact: bool,
     as_json: bool,
 ) -> Comparison:
-    """Compare, with the responses of every plausible finger if ranges are given; refuse incompatible input first."""
-    given = compare([s for one in answered for s in one.stimuli], recordings, normalise=normalise)
+    """Compare, with the responses of every plausible finger if ranges are set; reject incompatible input first."""
+    comparison = compare([s for one in answered for s in one.stimuli], recordings, normalise=normalise)
     if plausible is None:
-        return given
+        return comparison
     with busy("plausible fingers: loading from the cache, or building in about 30 s each …", as_json=as_json):
         found = [on_plausible_fingers(a.run, a.stimuli, a.finger, plausible, exact=exact) for a in answered]
         on_all = [stimulus for some in found for stimulus in some]
@@ -283,7 +283,7 @@ def _compared(
 
 
 def _along_the_finger(answered: list[Answered], measured: Path | None) -> list[Section]:
-    """The skin's deflection, where something lay across the finger; what was measured is laid over it."""
+    """Return sections on skin deflection under indentors across the finger, with measured deflections overlaid."""
     points = [] if measured is None else read_deflections(measured)
     profiles = [profile for one in answered for profile in simulated(one.run, one.finger)]
     if measured is not None and not profiles:
@@ -298,7 +298,7 @@ def _along_the_finger(answered: list[Answered], measured: Path | None) -> list[S
 
 
 def _fingers(runs: list[Run], receptors: Receptors, *, as_json: bool) -> list[Fingertip]:
-    """The finger that each run's configuration names."""
+    """Return the finger of each run's configuration."""
     configs = [load_config(run.folder.path / "config.toml").finger for run in runs]
     loaded: dict[str, Fingertip] = {}
     with busy(THE_FINGER, as_json=as_json):
@@ -317,11 +317,11 @@ def _sought(
     """Return the range of receptor locations to search, or None without --place."""
     ranges = {"--depth-range-mm": depth_mm, "--offset-mm": offset_mm}
     if not place:
-        given = next((name for name, text in ranges.items() if text is not None), None)
-        if given:
+        name_of_range = next((name for name, text in ranges.items() if text is not None), None)
+        if name_of_range:
             raise BadInputError(
                 "{option} {value} requires {needs}; add it",
-                code="needs_option", option=given, value=ranges[given], needs="--place",
+                code="needs_option", option=name_of_range, value=ranges[name_of_range], needs="--place",
             )  # fmt: skip
         return None
     depth, offset = (None if text is None else _two(name, text, "LOW,HIGH") for name, text in ranges.items())
@@ -347,7 +347,7 @@ def _unusual(*options: tuple[str, str | None, str | None]) -> dict[str, list[str
 
 
 def _remade_by(runs: list[Path], options: dict[str, list[str]], flags: dict[str, bool]) -> str:
-    """The command that makes the report again, whatever file it is written to."""
+    """Return the command that reproduces the report, without its output file."""
     words = ["rig", "compare", *map(str, runs)]
     words += [word for name, values in options.items() for value in values for word in (name, value)]
     return shlex.join([*words, *(name for name, given in flags.items() if given)])
@@ -359,11 +359,11 @@ def _write_sidecar(report: Path, seconds: float) -> None:
 
 
 def _print(
-    comparison: Comparison, said: Sequence[AfferentVerdict], at: Sequence[ReceptorLocation], report: Path
+    comparison: Comparison, verdicts: Sequence[AfferentVerdict], at: Sequence[ReceptorLocation], report: Path
 ) -> None:
     names = comparison.candidates()
     out.print(f"{', '.join(stimulus.title for stimulus in comparison.stimuli)}")
-    for answer in said:
+    for answer in verdicts:
         out.print(f"answer      {sentence(answer)}")
         out.print(f"positions   {positions(answer)}")
     for line in place_lines(at):

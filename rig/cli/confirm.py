@@ -1,4 +1,4 @@
-"""The page that `rig run` and `rig resume` begin with, and the one answer to it."""
+"""The confirmation page of `rig run` and `rig resume`, and the answer to it."""
 
 import sys
 from array import array
@@ -30,7 +30,7 @@ _YES = ("", "y", "yes")
 
 
 def nothing_to_confirm(*, as_json: bool) -> Confirm:
-    """A dry-run begins at once; how long it will take is known all the same."""
+    """Return a confirmation for a dry run, which starts at once but still predicts its duration."""
 
     def rehearse(session: Session) -> Page:
         with busy("rehearsing the protocol on a spring model …", as_json=as_json):
@@ -58,7 +58,7 @@ def ready_for_a_real_run(command: str, config: Config, out: Path, *, yes: bool) 
 
 
 def refuse_mounts(command: str, indentors: Iterable[str], mounted: str | None) -> None:
-    """Refuse indentors that somebody would have to mount where nobody can answer. Raises BadInputError."""
+    """Raise BadInputError if a mount needs a person and the session is non-interactive."""
     if can_answer():
         return
     by_hand = [one for one in dict.fromkeys(indentors) if mounted is None or not same_shape(one, mounted)]
@@ -89,11 +89,10 @@ def at_the_page(
     asking: Callable[[], AbstractContextManager[None]] = nullcontext,
     button: StopButton | None = None,
 ) -> Confirm:
-    """Print the page, and wait for the one answer to it; before: what to be careful of.
+    """Return what prints the page and waits for the answer.
 
-    asking: is entered while the answer is waited for. button: the participant's, shown and tested.
-
-    What it returns raises NotConfirmedError.
+    `before` describes a run that needs caution; `asking` is entered during the prompt; `button` is the participant's
+    button, shown and tested. The result raises NotConfirmedError.
     """
 
     def confirm(session: Session) -> Page:
@@ -112,7 +111,7 @@ def confirmed_with(
     asking: Callable[[], AbstractContextManager[None]] = nullcontext,
     button: StopButton | None = None,
 ) -> None:
-    """Print lines by what they are about, and wait for the one answer; then have the stop button tested.
+    """Print lines by topic, wait for the answer, then test the stop button.
 
     Raises NotConfirmedError, BadInputError, StageError, TransportError.
     """
@@ -130,7 +129,7 @@ def confirmed_with(
 
 
 def _button_checked(button: StopButton, *, yes: bool, asking: Callable[[], AbstractContextManager[None]]) -> None:
-    """Have it pressed and released once; without anybody to ask it must only not be pressed. Then it counts."""
+    """Have the button pressed and released once; non-interactively, only require that it is not pressed."""
     if button.there:
         if not yes:
             with asking():
@@ -158,7 +157,7 @@ def _seen(button: StopButton, request: str, *, pressed: bool) -> None:
 
 
 def careful(before: Ending) -> str:
-    """One line on a run that left the indentor where it may touch."""
+    """Return a warning about a run that left the indentor where it may touch."""
     return f"{before.reason}; the indentor was {before.at.words}; {before.next} ({before.resume})"
 
 
@@ -169,7 +168,7 @@ def _confirmed() -> bool:
 
 
 def _text_waits() -> bool:
-    """Return whether a pipe or a file has text for us; True where that is unknown."""
+    """Return whether a pipe or a file has text to read; True if unknown."""
     if sys.stdin is None:
         return False
     try:
@@ -178,7 +177,7 @@ def _text_waits() -> bool:
 
         waiting = array("i", [0])
         fcntl.ioctl(sys.stdin.fileno(), termios.FIONREAD, waiting)
-    except (ImportError, ValueError):  # not on this system, or no file
+    except (ImportError, ValueError):  # not available on this system, or not a file
         return True
     except OSError:  # a device that never has text
         return False

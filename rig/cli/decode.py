@@ -59,7 +59,7 @@ LEAST_MM, MOST_MM = 0.3, 10.0
 
 
 def refuse_together(pressure: str | None, shape: str | None, readings: Path | None, **others: object) -> None:
-    """Readings have one source, and those of a file their own noise and operator."""
+    """Raise BadInputError unless readings have one source, and those of a file their own noise and operator."""
     if [pressure, shape, readings].count(None) != 2:
         raise BadInputError(
             "give exactly one of {options}", code="exactly_one", options="--pressure, --shape and --readings"
@@ -73,13 +73,13 @@ def refuse_together(pressure: str | None, shape: str | None, readings: Path | No
 
 
 def noise_of(snr_db: float | None, at: NoisePlace, seed: int) -> Noise | None:
-    """Noise to add, none without a ratio. Raises BadInputError for numbers beyond their bounds."""
+    """Return the noise to add, None without a ratio; raise BadInputError for numbers out of bounds."""
     drawn = int(bounded("--seed", seed, 0, 2**32))
     return None if snr_db is None else Noise(bounded("--snr-db", snr_db, -40, 100), at, drawn)
 
 
 def receptor_of(gain: str | None, threshold: str | None) -> FittedReceptor | None:
-    """R = k (S − S₀) with the standard errors of k and S₀; none without a threshold. Raises BadInputError."""
+    """Return R = k (S − S₀) with standard errors of k and S₀, None without a threshold; raise BadInputError."""
     if threshold is None:
         if gain is not None:
             raise BadInputError(
@@ -98,7 +98,7 @@ def receptor_of(gain: str | None, threshold: str | None) -> FittedReceptor | Non
 
 
 def _with_error(option: str, text: str) -> tuple[float, float]:
-    """A number, and its standard error where it has one: 30, 30±2, 30+-2."""
+    """Return a number and its standard error if stated: 30, 30±2, 30+-2."""
     try:
         value, error = map(float, [*_PLUS_MINUS.split(text), "0"][:2]) if text.count("±") < 2 else (math.nan, 0.0)
     except ValueError:
@@ -114,7 +114,7 @@ def _with_error(option: str, text: str) -> tuple[float, float]:
 def search_of(
     decoder: DecoderName, start: str | None, within: str | None, step: float | None, seed: int
 ) -> SearchOptions:
-    """Raises BadInputError for what this decoder does not go by."""
+    """Return the search options; raise BadInputError for those that this decoder does not use."""
     _refuse("--start", start, decoder, ("univariate", "grid"))
     _refuse("--range", within, decoder, ("univariate", "grid", "table", "global"))
     _refuse("--grid-step", step, decoder, ("grid",))
@@ -131,7 +131,7 @@ def search_of(
 
 
 def axial_of(axial: str | None, decoder: DecoderName, readings: Path | None) -> tuple[float, ...]:
-    """Half-lengths of ellipses along the finger, mm, of which readings choose; none where no shape is named."""
+    """Return candidate half-lengths of the contact along the finger (mm); empty if no shape is named."""
     if axial is None:
         return ()
     if readings is None:
@@ -168,7 +168,7 @@ Array = NDArray[np.float64]
 
 _DECODER = "Decoder"
 _ROWS = 25
-_FINE = 121  # values of a pressure across a picture of the error surface
+_FINE = 121  # values of a pressure across a plot of the error surface
 
 
 def as_json_object(finger: FingertipConfig, found: DecodeResult) -> dict[str, Any]:
@@ -206,7 +206,7 @@ def as_json_object(finger: FingertipConfig, found: DecodeResult) -> dict[str, An
         "moves": max(0, len(found.path) - 1),
         "converged": found.converged,
         "problems_text": list(found.problems),
-        "felt": _felt(operator, found),
+        "felt": _solid_as_json(operator, found),
         "axial": seen.axial,
         "search_ms": found.ms,
     }
@@ -237,26 +237,26 @@ def print_decoded(finger: FingertipConfig, decoder: DecoderName, found: DecodeRe
     for problem in found.problems:
         out.print(f"  beware: {problem}")
     if isinstance(operator, SheetOperator):
-        felt = felt_solid(operator.skin, found.pressure)
+        solid = felt_solid(operator.skin, found.pressure)
         out.print(
-            f"  estimated shape: {felt.name}, {felt.size_mm:.2g} mm; contact spans {felt.extent_mm[0]:.2f} mm "
-            f"along x, {felt.extent_mm[1]:.2f} mm along z"
+            f"  estimated shape: {solid.name}, {solid.size_mm:.2g} mm; contact spans {solid.extent_mm[0]:.2f} mm "
+            f"along x, {solid.extent_mm[1]:.2f} mm along z"
         )
         out.print(_map(operator, found))
     else:
         out.print(_table(found))
 
 
-def _felt(operator: ForwardOperator, found: DecodeResult) -> dict[str, Any] | None:
-    """Class and size of what touches a sheet."""
+def _solid_as_json(operator: ForwardOperator, found: DecodeResult) -> dict[str, Any] | None:
+    """Return class and size of the object on a sheet."""
     if not isinstance(operator, SheetOperator):
         return None
-    felt = felt_solid(operator.skin, found.pressure)
-    return {"shape_class": felt.name, "size_mm": felt.size_mm, "extent_mm": list(felt.extent_mm)}
+    solid = felt_solid(operator.skin, found.pressure)
+    return {"shape_class": solid.name, "size_mm": solid.size_mm, "extent_mm": list(solid.extent_mm)}
 
 
 def _map(operator: SheetOperator, found: DecodeResult) -> Table:
-    """Pressures, x downwards and z to the right; pseudo-units."""
+    """Return the table of pressures (pseudo-units), x downwards and z to the right."""
     grid = operator.skin.grid
     table = Table("x \\ z (mm)", *(f"{z:.1f}" for z in grid.z_mm), box=None, padding=(0, 1))
     for x, row in zip(grid.x_mm, found.pressure.reshape(grid.shape), strict=True):
@@ -282,7 +282,7 @@ def _table(found: DecodeResult) -> Table:
 
 
 def draw(found: DecodeResult, picture: Path) -> None:
-    """The way over the error surface where two pressures were searched for, else the pressures with their band."""
+    """Plot the path over the error surface of two pressures, or else the pressures with their band."""
     if isinstance(found.observation.operator, SheetOperator):
         _draw_sheet(found.observation.operator, found, picture)
     elif len(found.pressure) == 2 and len(found.path) > 1:
@@ -292,7 +292,7 @@ def draw(found: DecodeResult, picture: Path) -> None:
 
 
 def _draw_sheet(operator: SheetOperator, found: DecodeResult, picture: Path) -> None:
-    from rig.report.coding_figures import DrawnSheet as Drawn  # matplotlib: only where it is wanted
+    from rig.report.coding_figures import DrawnSheet as Drawn  # matplotlib is slow to import
     from rig.report.coding_figures import sheet_figure
 
     grid = operator.skin.grid
@@ -302,7 +302,7 @@ def _draw_sheet(operator: SheetOperator, found: DecodeResult, picture: Path) -> 
 
 
 def _draw_search(found: DecodeResult, picture: Path) -> None:
-    from rig.report.coding_figures import ErrorSurface, extents, search_figure  # matplotlib: only where it is wanted
+    from rig.report.coding_figures import ErrorSurface, extents, search_figure  # slow to import
 
     seen = found.observation
 
@@ -317,7 +317,7 @@ def _draw_search(found: DecodeResult, picture: Path) -> None:
 
 
 def _draw_pressures(found: DecodeResult, picture: Path) -> None:
-    from rig.report.coding_figures import DrawnDecoding as Drawn  # matplotlib: only where it is wanted
+    from rig.report.coding_figures import DrawnDecoding as Drawn  # matplotlib is slow to import
     from rig.report.coding_figures import decoded_figure
 
     band = None if found.profile is None else found.profile.band()
@@ -445,7 +445,7 @@ def decode_command(
     picture: PictureOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Print the pressures found, how sure they are and, where the true ones are known, how wrong."""
+    """Print the decoded pressures, their uncertainty and, if the true ones are known, their error."""
     with told_in_one_line(as_json=as_json):
         refuse_together(pressure, shape, readings, snr_db=snr_db, operator=operator, doi_mm=doi_mm)
         if decoder == "ours":

@@ -106,7 +106,7 @@ def encode_command(
     picture: PictureOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Print SED and rates at the receptors; under a shape also how far the operator is from finite elements."""
+    """Print SED and rates at the receptors; for a shape, also the operator's error against finite elements."""
     with told_in_one_line(as_json=as_json):
         kind, by = named("--energy", energy, ENERGIES), named("--operator", operator, OPERATORS)
         at, sampling = named("--noise", noise, NOISE_PLACES), sampling_of(spacing_mm, half_length, receptor_depth_mm)
@@ -140,7 +140,7 @@ def encode_command(
 
 
 def _draw(found: EncodeResult, picture: Path) -> None:
-    from rig.report.coding_figures import DrawnEncoding as Drawn  # matplotlib: only where it is wanted
+    from rig.report.coding_figures import DrawnEncoding as Drawn  # matplotlib is slow to import
     from rig.report.coding_figures import encoding_figure
 
     load = found.load
@@ -191,7 +191,7 @@ def _print(found: EncodeResult, added: Noise | None) -> None:
 
 
 STRAIN_UNIT = "1/pseudo-unit"
-_FARTHEST = 0.75  # of the half length: beyond, few receptors are left to compare
+_FARTHEST = 0.75  # share of the half length, beyond which few receptors are left to compare
 Found = tuple[ImpulseResponses, ShiftErrors]
 
 
@@ -204,7 +204,7 @@ def impulse_command(
     picture: PictureOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Print h, g, f, how nearly h is −g, and what shifting them misses, in the skin's axes and in Cartesian ones."""
+    """Print h, g, f, the difference of h from −g, and the error of shifting them, in skin and Cartesian axes."""
     with told_in_one_line(as_json=as_json):
         kind = named("--energy", energy, ENERGIES)
         samplings = [sampling_of(spacing_mm, half_length, receptor_depth_mm, axes) for axes in AXES]
@@ -226,7 +226,7 @@ def _found(finger: FingertipConfig, sampling: Sampling, energy: Energy) -> Found
 
 
 def _draw_impulse(found: dict[Any, Found], picture: Path) -> None:
-    from rig.report.coding_figures import DrawnImpulse as Drawn  # matplotlib: only where a picture is wanted
+    from rig.report.coding_figures import DrawnImpulse as Drawn  # matplotlib is slow to import
     from rig.report.coding_figures import impulse_figure
 
     write_picture(impulse_figure({axes: Drawn(*both) for axes, both in found.items()}), picture)
@@ -281,7 +281,7 @@ _WHERE: dict[Where, str] = {"pulp": "18 pulp sites", "all": "all 24 sites"}
 
 
 _BUSY = "24 point loads on the whole finger: loading from the cache, or computing in about 20 s …"
-_TOLD_EACH = 1000  # receptors, where nothing turns
+_LINE_EVERY = 1000  # receptors between two lines without a spinner
 
 
 def shift_invariance_command(
@@ -311,7 +311,7 @@ def shift_invariance_command(
         checked_picture(picture)
         settings = load_config(config).finger
         with busy(_BUSY, as_json=as_json):
-            found, deformed = kept_sites(settings, sampled, None if as_json else _told)
+            found, deformed = kept_sites(settings, sampled, None if as_json else _report_progress)
             if picture is not None:
                 _draw_shift_invariance(deformed, found.sites[DRAWN], picture)
         if as_json:
@@ -320,16 +320,16 @@ def shift_invariance_command(
             _print_shift_invariance(found, sampled)
 
 
-def _told(done: int, of: int) -> None:
-    """How many of the receptors have their strain; then the stiffness is factorised, which takes as long."""
-    if err.is_terminal or done % _TOLD_EACH == 0:
+def _report_progress(done: int, of: int) -> None:
+    """Report progress over the receptors; factorizing the stiffness afterwards takes as long."""
+    if err.is_terminal or done % _LINE_EVERY == 0:
         say_now(f"computing strain at {done} of {of} receptors …")
-    if done == of >= _TOLD_EACH:
+    if done == of >= _LINE_EVERY:
         say_now("factorizing the stiffness, then solving 24 point loads …")
 
 
 def _draw_shift_invariance(deformed: Deformed, site: Judged, picture: Path) -> None:
-    from rig.report.coding_figures import DrawnPointSpread as Drawn  # matplotlib, if wanted
+    from rig.report.coding_figures import DrawnPointSpread as Drawn  # matplotlib is slow to import
     from rig.report.coding_figures import point_spread_figure
 
     write_picture(point_spread_figure(Drawn(deformed, site)), picture)

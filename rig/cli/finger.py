@@ -28,7 +28,7 @@ def finger_command(
     vtk: Annotated[Path | None, typer.Option(metavar="FILE.vtk", help="Write the mesh to a new VTK file.")] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Print fit, apex, layers and mesh quality; refuse a finger that makes no valid mesh."""
+    """Print fit, apex, layers and mesh quality; reject a finger without a valid mesh."""
     with told_in_one_line(as_json=as_json):
         if vtk is not None and vtk.exists():
             raise BadInputError(
@@ -142,7 +142,7 @@ def _place(position_mm: list[float]) -> str:
 
 
 def _doubts(found: dict[str, Any], config: FingertipConfig) -> Iterator[str]:
-    """Yield warnings: not errors, but worth a check."""
+    """Yield warnings, which are no errors but worth a check."""
     skin, quality, spacing = found["skin"], found["quality"], config.mesh.spacing_mm
     if skin["residual_max_mm"] > spacing:
         yield (

@@ -15,7 +15,7 @@ COLUMNS, ROWS, EACH = 64, 3, 4
 
 
 class ForceTrace:
-    """The last readings of a run: the newest as a number, the highest of each few as a column of a trace."""
+    """Recent readings of a run: the newest as a number, the highest of each group as a column of a trace."""
 
     def __init__(self, run: RunState) -> None:
         self._run = run
@@ -35,7 +35,7 @@ class ForceTrace:
 
     @property
     def line(self) -> str:
-        """Force, depth and place of the newest reading."""
+        """Force, depth and position of the newest reading."""
         newest = self._run.newest
         if not newest:
             return "no reading yet"
@@ -63,7 +63,7 @@ class ForceTrace:
 
 
 class Screen:
-    """Lines no wider than the terminal, with text above and below the force."""
+    """Lines cut to the width of the terminal, with text above and below the force."""
 
     def __init__(self, force: ForceTrace, above: Callable[[], list[str]], below: Callable[[], list[str]]) -> None:
         self._force, self._above, self._below = force, above, below
@@ -83,5 +83,5 @@ class Screen:
 
 
 def named(name: str, words: str) -> str:
-    """A line of the screen."""
+    """Return a line of the screen."""
     return f"{name:<8}{words}"

@@ -1,4 +1,4 @@
-"""How help is laid out: flags without a type, options in panels, and the page that `rig` alone prints."""
+"""Layout of help: flags without a type, options in panels, and the page that `rig` alone prints."""
 
 from typing import Any
 
@@ -47,5 +47,5 @@ def _laid_out(params: list[Any]) -> list[Any]:
             one.rich_help_panel = GENERAL
     for one in params:
         if one not in options:
-            one.display_type_rich = lambda ctx: None  # an argument's type is said by its help
+            one.display_type_rich = lambda ctx: None  # an argument's help states its type
     return sorted(params, key=lambda one: one in options and one.rich_help_panel == GENERAL)

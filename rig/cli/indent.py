@@ -36,7 +36,7 @@ _LONGEST_MM = 50.0
 
 @dataclass(frozen=True)
 class Chosen:
-    """A model by name or by choice, and the length behind a section's force."""
+    """Model, chosen by name or automatically, and the length behind a section's force."""
 
     model: ModelName
     choice: Choice | None
@@ -53,13 +53,13 @@ class Chosen:
         return self.choice is None or self.choice.aim.receptors
 
     def load(self, config: FingertipConfig, slopes: tuple[int, ...], receptors: ReceptorPlaces) -> Fingertip:
-        """The model of a configuration, made for shapes that slope along some axes, with receptors."""
+        """Return the model of a configuration, for shapes that slope along some axes, with receptors."""
         if self.choice is None:
             return load(self.model, config, slopes=slopes, **receptors.as_options())
         return self.choice.load(config, receptors)
 
     def force_per_mm(self, force_gwt: float | None) -> float | None:
-        """The force to ask the model for: a section's is per millimetre."""
+        """Return the force to request from the model; a section's is per millimeter."""
         if force_gwt is None or self.model != "section":
             return force_gwt
         if self.length_mm is None:
@@ -70,7 +70,7 @@ class Chosen:
         return force_gwt / self.length_mm
 
     def force_text(self, force_n: float) -> str:
-        """The force as it is printed."""
+        """Return the force as it is printed."""
         if self.model != "section":
             return f"{force_n:.5f} N = {force_n / GWT_N:.4f} gwt"
         if self.length_mm is None:
@@ -79,7 +79,7 @@ class Chosen:
         return f"{force_n:.5f} N/mm, over {self.length_mm:g} mm {whole:.5f} N = {whole / GWT_N:.4f} gwt"
 
     def described(self, answer: dict[str, Any]) -> dict[str, Any]:
-        """The JSON of an indentation with how its model was chosen; a section's force is null without a length."""
+        """Return the JSON of an indentation and its choice of model; a section's force is null without a length."""
         asked_for = {"level": None, "promised_error": None, "why_text": self.why}
         answer["choice"] = asked_for if self.choice is None else self.choice.as_json()
         if self.model == "section":
@@ -93,7 +93,7 @@ class Chosen:
 class ModelRequest:
     """Model requested on the command line."""
 
-    model: ModelName | None  # None: the cheapest that holds the aim
+    model: ModelName | None  # None: the cheapest that meets the tolerance
     aim: Aim
     length_mm: float | None
 
@@ -101,7 +101,7 @@ class ModelRequest:
     def parse(
         cls, model: str, tolerance: str | None, quantity: str | None, length_mm: float | None
     ) -> "ModelRequest":
-        """Raises BadInputError, saying what was expected."""
+        """Return the request; raise BadInputError with the allowed values."""
         if model not in (*MODELS, "auto"):
             raise BadInputError(
                 "{option} {value!r}: must be one of {expected}, auto",
@@ -129,7 +129,7 @@ class ModelRequest:
         return cls(named, aim, length_mm)
 
     def for_point(self) -> Chosen:
-        """The named model; raises BadInputError where it takes no point load."""
+        """Return the named model; raise BadInputError if it accepts no point load."""
         if self.model not in ("finger", "section"):
             raise BadInputError(
                 "--shape point requires --model finger or section", code="no_point_loads", model=self.model
@@ -162,7 +162,7 @@ class ModelRequest:
         reference: Literal["contact", "apex"],
         config: FingertipConfig,
     ) -> Chosen:
-        """The named model, or the cheapest known to hold; raises NoModelError where none is."""
+        """Return the named model, or the cheapest that meets the tolerance; raise NoModelError if none does."""
         if self.model is not None:
             return self._as_asked(self.model)
         found = choose(
@@ -311,7 +311,7 @@ def indent_command(
 ) -> None:
     """Press once and print force, contact and receptor measures."""
     with told_in_one_line(as_json=as_json):
-        wanted = ModelRequest.parse(model, tolerance, quantity, length_mm)
+        request = ModelRequest.parse(model, tolerance, quantity, length_mm)
         settings = load_config(config)
         receptors = _receptors(receptor_x_mm, receptor_depth_mm, receptor_z_mm)
         origin = _reference(reference)
@@ -320,7 +320,7 @@ def indent_command(
         indentor = None if shape == "point" else parse_shape(shape)
         _refuse_place(shape, indentor, x_mm, z_mm)
         if indentor is None:
-            pressed = wanted.for_point()
+            pressed = request.for_point()
             force = pressed.force_per_mm(_force_of_point(doi_mm, force_gwt))
             assert force is not None
             with loading_the_finger():
@@ -328,8 +328,8 @@ def indent_command(
             loaded = finger.point_load(x_mm or 0.0, force, z_mm=z_mm)
             _say_point(loaded, pressed, finger.build_s, as_json=as_json)
             return
-        wanted.refuse(settings.finger, receptors)
-        chosen = wanted.choose(
+        request.refuse(settings.finger, receptors)
+        chosen = request.choose(
             indentor, x_mm or 0.0, z_mm, doi_mm, force_gwt, reference=origin, config=settings.finger
         )
         if chosen.choice is not None and not as_json:
@@ -407,7 +407,7 @@ def _measured(deflection: Path | None, shape: str) -> SkinDeflection | None:
 
 
 def _draw(result: IndentationResult, picture: Path) -> None:
-    from rig.report.run_figures import contacts_from_below  # matplotlib: only where a picture is wanted
+    from rig.report.run_figures import contacts_from_below  # matplotlib is slow to import
 
     title = f"{result.indentor.name} {result.force_gwt:.2f} gwt, DOI {result.doi_mm:.3f} mm"
     write_picture(contacts_from_below([result], [title]), picture)

@@ -48,7 +48,7 @@ def config_command(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """A configuration file with a line about each key; of one key or table if that is named."""
+    """Print a configuration file with a comment on each key, or on one key or table if named."""
     with told_in_one_line(as_json=as_json):
         found = _named(list(keys(load_config(config))), key)
         if as_json:
@@ -60,7 +60,7 @@ def config_command(
 
 
 def _named(every: Sequence[Key], name: str | None) -> list[Key]:
-    """All keys, those of a table and its tables, or those of a name. Raises BadInputError."""
+    """Return all keys, those of a table and its tables, or those of a name; raise BadInputError if unknown."""
     if name is None:
         return list(every)
     found = [one for one in every if name in (one.place, one.name) or f"{one.place}.".startswith(f"{name}.")]
@@ -93,8 +93,8 @@ def _row(one: Key) -> str:
 
 
 def _described(one: Key) -> dict[str, object]:
-    told = {"key": one.place, "value": one.value, "default": one.default}
-    return told | {"unit": one.unit, "allowed_text": one.allowed, "what_text": one.what}
+    described = {"key": one.place, "value": one.value, "default": one.default}
+    return described | {"unit": one.unit, "allowed_text": one.allowed, "what_text": one.what}
 
 
 _ABOUT = {
@@ -197,10 +197,10 @@ def _bundled(run: Path, settings: Config) -> dict[str, Any]:
     """Write the file for a bug report to the current folder, and return what it contains and leaves out."""
     here = _installation(settings)
     about = ("python", "system", "machine", "cores", "versions", "devices", "solver", "protocols")
-    told = {name: here[name] for name in about}
+    contents = {name: here[name] for name in about}
     to = Path(bundle_name(run))
     shipped = {path.name: path.read_bytes() for path in shipped_protocols().glob("*.py")}
-    members = bug_report(run, to, told | {"problems": list(map(str, registry.problems()))}, shipped)
+    members = bug_report(run, to, contents | {"problems": list(map(str, registry.problems()))}, shipped)
     holds = [{"name": name, "bytes": size} for name, size in members.items()]
     return {"bundle": str(to), "holds": holds, "left_out_text": list(LEFT_OUT)}
 
@@ -274,7 +274,7 @@ def _kinds() -> list[dict[str, Any]]:
 
 
 def _bench(settings: Config) -> dict[str, Any]:
-    """On the ports: what answers; how long calibrations hold; how the last run left the indentor."""
+    """Return which devices answer, how long calibrations are valid, and where the last run left the indentor."""
     expired = settings.calibration.expired(today())
     left = left_on_record(Path("runs"), settings)
     return look(settings, closely=True) | {

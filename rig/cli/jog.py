@@ -1,4 +1,4 @@
-"""`rig jog`: move an axis by hand, as long as a key is held or a distance lasts."""
+"""`rig jog`: move an axis while a key is held, or by a distance."""
 
 import os
 import select
@@ -10,7 +10,7 @@ from typing import Annotated, get_args
 import typer
 
 from rig.bench.checks import contact, position
-from rig.cli.bench import by_hand, live_line, tell
+from rig.cli.bench import by_hand, live_line, print_entries
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import ExitCode, complain, err, told_in_one_line
 from rig.clock import Clock
@@ -28,7 +28,7 @@ KEYS = {
     ord("w"): Direction("z", +1), ord("s"): Direction("z", -1),
 }  # fmt: skip
 _QUIT = ord("q")
-# Held keys repeat some 30 times a second, after a pause that a tap must not outlast.
+# Held keys repeat about 30 times a second, after a pause that a tap must not outlast.
 RELEASED_S = 0.15
 _IDLE_LOOK_S = 0.02
 
@@ -49,7 +49,7 @@ def command(
     without_force: WithoutForceOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """The stage stops within a fifth of a second's way when the key, this process or the wire goes."""
+    """Move an axis; it stops within the travel of 0.2 s if the key, this process or the connection is lost."""
     with told_in_one_line(as_json=as_json):
         settings = load_config(config)
         if not SLOWEST_MM_S <= speed_mm_s <= FASTEST_MM_S:
@@ -64,7 +64,7 @@ def command(
             else:
                 direction, far_mm = target
                 moved = hand.go(lambda: direction, speed_mm_s, far_mm)
-        tell(
+        print_entries(
             {
                 **position(moved.at),
                 **contact(settings),
@@ -91,7 +91,7 @@ def _target(axis: str | None, by_mm: float | None) -> tuple[Direction, float] | 
 
 
 def way(axis: str, by_mm: float) -> tuple[Direction, float]:
-    """Which way and how far, mm, from what was typed. Raises BadInputError."""
+    """Return direction and distance (mm) from the typed text; raise BadInputError if invalid."""
     axes: tuple[Axis, ...] = get_args(Axis)
     found = next((one for one in axes if one == axis), None)
     if found is None:
@@ -129,10 +129,10 @@ def _jog_by_keys(hand: ByHand, clock: Clock, speed_mm_s: float) -> Moved:
 
 
 class HeldKey:
-    """The direction of the key that is held now; finished at q or when the keys' stream ends."""
+    """Direction of the key that is held; finished at q or when the input ends."""
 
     def __init__(self, clock: Clock, read_keys: Callable[[], bytes | None]) -> None:
-        """read_keys gives what has been typed since the last time, None when there will be no more."""
+        """Take a function that returns the bytes typed since its last call, or None at the end of the input."""
         self._held, self._read_keys = HeldWord(clock, RELEASED_S), read_keys
         self.finished = False
 
@@ -147,14 +147,14 @@ class HeldKey:
 
 @contextmanager
 def _single_keys() -> Iterator[Callable[[], bytes | None]]:
-    """Keys of standard input as they are pressed, without waiting for the end of a line."""
+    """Yield a function that reads keys from standard input without waiting for the end of a line."""
     file = sys.stdin.fileno()
 
     def read() -> bytes | None:
         ready, _, _ = select.select([file], [], [], 0.0)
         try:
             return (os.read(file, 256) or None) if ready else b""
-        except OSError:  # the terminal belongs to another program now
+        except OSError:  # the terminal now belongs to another program
             return None
 
     if not os.isatty(file):

@@ -55,7 +55,7 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object 
 
 
 def numbers(option: str, text: str) -> tuple[float, ...]:
-    """Numbers separated by commas, FROM:TO:STEP standing for several of them. Raises BadInputError."""
+    """Return numbers separated by commas or given as FROM:TO:STEP; raise BadInputError if invalid."""
     found: list[float] = []
     for part in text.split(","):
         try:
@@ -80,7 +80,7 @@ def _range(first: float, last: float, step: float) -> list[float]:
 
 
 def checked_file(option: str, path: Path) -> Path:
-    """A file that can be written later, before the work that fills it begins. Raises BadInputError."""
+    """Return a path that can be written later; raise BadInputError before the work that fills it begins."""
     if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
         raise BadInputError(
             "{option} {path}: must be a file in an existing folder that you may write to",
@@ -99,7 +99,7 @@ PictureOption = Annotated[
 
 
 def checked_picture(picture: Path | None) -> None:
-    """Raises BadInputError for a name that is no picture's, exists, or has no folder."""
+    """Raise BadInputError unless the name is that of an image, new, and in an existing folder."""
     if picture is None:
         return
     if picture.suffix not in (".svg", ".png"):

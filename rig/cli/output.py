@@ -84,7 +84,7 @@ def busy(what: str, *, as_json: bool) -> AbstractContextManager[None]:
 
 @contextmanager
 def checking_the_script() -> Iterator[Callable[[int], None]]:
-    """The steps are counted on the screen, where there is one."""
+    """Yield a function that shows the number of checked steps on a terminal."""
     if not err.is_terminal:
         yield lambda steps: None
         return
@@ -102,7 +102,7 @@ _screens: list[Live] = []
 
 @contextmanager
 def a_screen(console: Console, shown: RenderableType) -> Iterator[None]:
-    """Shown below whatever else is said, while it changes."""
+    """Show a live screen below all other output."""
     with Live(shown, console=console, transient=True, refresh_per_second=4) as live:
         _screens.append(live)
         try:
@@ -125,7 +125,7 @@ def screen_aside() -> Iterator[None]:
 
 
 class ExitCode(IntEnum):
-    """How a command ended."""
+    """Exit code of a command."""
 
     DONE = 0
     STOPPED = 1
@@ -135,15 +135,15 @@ class ExitCode(IntEnum):
 
 
 def print_json(result: Mapping[str, Any]) -> None:
-    """One JSON object on standard output; NaN never leaves the program."""
+    """Print one JSON object on standard output; raise ValueError for NaN."""
     try:
         print(json.dumps(result, allow_nan=False), flush=True)
     except BrokenPipeError:
-        out.on_broken_pipe()  # as where it prints a table: whoever read has gone, nothing is left to say
+        out.on_broken_pipe()  # as for tables: the reader has gone, and there is nothing left to print
 
 
 def complain(message: str) -> str:
-    """One line on standard error, whatever line breaks the message has; returns it."""
+    """Print one line on standard error, without the message's line breaks, and return it."""
     line = " ".join(message.split())
     print(f"rig: {line}", file=sys.stderr)
     return line
@@ -161,9 +161,9 @@ class NotConfirmedError(RigError):
 
 
 class Beginning:
-    """State of a command that runs a script: until it begins, a failure reports that nothing was moved.
+    """State of a command that runs a script; until it begins, a failure reports that nothing was moved.
 
-    aloud: on the screen too, not only in JSON.
+    `aloud` prints that on the screen too, not only in JSON.
     """
 
     def __init__(self, *, aloud: bool) -> None:
@@ -179,28 +179,28 @@ def fail(
 ) -> NoReturn:
     """Print one line on standard error, and JSON on standard output if requested, and exit.
 
-    code: for programs; it does not change with the sentence.
+    `code` is for programs; it does not change with the sentence.
     """
     ending = {} if beginning is None or beginning.begun else {"ending": _nothing_moved(message, exit_code)}
     if beginning is not None and ending and beginning.aloud and not as_json:
         print(f"{'where':<8}{ending['ending']['where_text']}", file=sys.stderr)
     line = complain(message)
     if as_json:
-        with suppress(OSError):  # it may be standard output that failed
+        with suppress(OSError):  # standard output may be what failed
             print_json({"error_text": line, "code": code, "exit_code": int(exit_code), **ending})
     sys.exit(exit_code)
 
 
 def _nothing_moved(message: str, exit_code: ExitCode) -> dict[str, Any]:
-    """How a run ends that has not begun, as JSON."""
-    from rig.session.early_ending import Ending  # there already where something can be moved; a help does without
+    """Return the JSON ending of a run that has not begun."""
+    from rig.session.early_ending import Ending  # already imported if the stage can move; help does without
 
     return Ending.before_it_began(" ".join(message.split()), refused=exit_code is not ExitCode.ABORTED).as_json()
 
 
 @contextmanager
 def told_in_one_line(*, as_json: bool, beginning: Beginning | None = None) -> Iterator[None]:
-    """Turn what can go wrong into one line and the right exit code."""
+    """Turn expected errors into one line and the right exit code."""
     try:
         yield
     except KeyboardInterrupt:
@@ -209,7 +209,7 @@ def told_in_one_line(*, as_json: bool, beginning: Beginning | None = None) -> It
     except NotConfirmedError as error:
         fail(str(error), error.code, ExitCode.ABORTED, as_json=as_json, beginning=beginning)
     except Exception as error:
-        from rig.cli.error_exit_codes import outcome  # it imports both packages, and a help is not to wait for them
+        from rig.cli.error_exit_codes import outcome  # it imports both packages, and help must not wait for them
 
         if (found := outcome(error)) is None:
             raise

@@ -48,7 +48,7 @@ def panel_command(
     ] = True,
     as_json: JsonOption = False,
 ) -> None:
-    """Print where the page is, and serve it until Ctrl-C; a run goes on without it."""
+    """Print the address of the page, and serve it until Ctrl-C; a run continues without it."""
     with told_in_one_line(as_json=as_json):
         if port != 0 and not _LOWEST_PORT <= port <= 65535:
             raise BadInputError(
@@ -81,7 +81,7 @@ def _panel(config: Path | None, out_dir: Path, port: int) -> "Panel":
 
 @contextmanager
 def _shown(url: str) -> Iterator[None]:
-    """Open the page in the browser through a file that only this user can read, since others see command lines."""
+    """Open the page in the browser from a file that only this user can read, since command lines are public."""
     from rig.control.client import runtime_folder
 
     leads_there = runtime_folder() / f"panel-{os.getpid()}.html"
@@ -104,10 +104,10 @@ Answers = Mapping[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]
 
 
 def owning_command(config: ConfigOption) -> None:
-    """Own the ports for rig panel, and end with it, at rest. The process is ready once it has announced itself."""
+    """Own the ports for `rig panel`, and end with it, at rest; ready once it has announced itself."""
     with told_in_one_line(as_json=False), at_once():
         settings, clock, parent = load_config(config), WallClock(), os.getppid()
-        known = BenchMemory(settings).read()  # a bench that is open says no more
+        known = BenchMemory(settings).read()  # an open bench adds nothing
         with (
             HandLog(clock) as log,
             closing(StageInHand(settings, clock)) as stage,
@@ -132,7 +132,7 @@ def _answers(owner: HandOwner, button: StopButton) -> Answers:
     if not button.there:
         return owner.answers
     status = owner.answers["status"]
-    return {**owner.answers, "status": lambda told: {**status(told), "stop_button": button.last_state}}
+    return {**owner.answers, "status": lambda request: {**status(request), "stop_button": button.last_state}}
 
 
 def _bench(settings: Config, log: HandLog, stage: StageInHand) -> RealBench:

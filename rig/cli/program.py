@@ -1,4 +1,4 @@
-"""The commands of `rig`, and what ends a command that was not understood."""
+"""The commands of `rig`, and the end of a command that is not understood."""
 
 import atexit
 import gc
@@ -15,7 +15,7 @@ import typer
 from rig.cli.help import START_PAGE, PlainCommand, PlainGroup
 from rig.cli.output import ExitCode, fail, looking_busy, out, show_builds
 
-# typer carries its own copy of click in some versions: its exceptions are reached through a public one.
+# some versions of typer carry their own copy of click, whose exceptions are reached through a public one.
 _ClickException = typer.BadParameter.mro()[2]
 
 
@@ -23,7 +23,7 @@ Group = Literal["Experiment", "Bench", "Results", "Simulation", "Coding", "Syste
 
 
 class Command(NamedTuple):
-    """A module's function or group of commands, its line in the help, and the panel that lists it there."""
+    """Command or group in a module, its line in the help, and the panel that lists it."""
 
     where: str
     line: str
@@ -31,7 +31,7 @@ class Command(NamedTuple):
     hidden: bool = False
 
 
-# Only what is asked for is imported: a help comes at once, and a stop does not wait for libraries that draw a report.
+# Only the requested command is imported, so that help is fast and a stop does not wait for plotting libraries.
 COMMANDS = {
     "dry-run": Command("run.dry_run_command", "Run a protocol on virtual devices.", "Experiment"),
     "run": Command("run.run_command", "Run a protocol on the rig.", "Experiment"),
@@ -84,10 +84,10 @@ thousand objects, so the threshold must not be much larger."""
 
 
 def run() -> None:
-    """Carry out what the command line asks for; always ends by SystemExit."""
+    """Run the requested command; always end by SystemExit."""
     gc.set_threshold(*LOOKED_THROUGH)
-    atexit.register(gc.freeze)  # memory goes back with the process: nothing is looked through once more before
-    # What pymodbus logs of a bad frame is in our own error, in one line.
+    atexit.register(gc.freeze)  # the exit of the process frees memory, so no last collection is needed
+    # Our own error has what pymodbus logs of a bad frame, in one line.
     logging.getLogger("pymodbus").addHandler(logging.NullHandler())
     show_builds()
     if not sys.argv[1:]:
@@ -98,10 +98,10 @@ def run() -> None:
     except Exception as error:
         if not isinstance(error, _ClickException):
             raise
-        from rig.errors import plain_rule  # loaded only for an error: help comes at once
+        from rig.errors import plain_rule  # loaded only for an error, so that help is fast
 
         message = plain_rule(getattr(error, "format_message", error.__str__)())
-        if not message:  # the help was asked for by giving nothing
+        if not message:  # help was requested by an empty command line
             sys.exit(ExitCode.BAD_INPUT)
         fail(message, "usage", ExitCode.BAD_INPUT, as_json="--json" in sys.argv)
     sys.exit(code if isinstance(code, int) else 0)
@@ -110,17 +110,17 @@ def run() -> None:
 def _app(arguments: list[str]) -> typer.Typer:
     """Return the program with the requested command, or with the names of all commands."""
     app = typer.Typer(cls=PlainGroup, add_completion=False, no_args_is_help=True, pretty_exceptions_enable=False)
-    app.callback()(_about)  # a program of one command would have no command's name
-    asked = next((word for word in arguments if word != "--"), "")
-    if asked in COMMANDS:
-        module, _, command = COMMANDS[asked].where.partition(".")
-        with looking_busy(f"rig {asked}: starting …"):
-            _add(app, asked, getattr(_imported(f"rig.cli.{module}"), command))
+    app.callback()(_about)  # without it, a program of one command has no command name
+    requested = next((word for word in arguments if word != "--"), "")
+    if requested in COMMANDS:
+        module, _, command = COMMANDS[requested].where.partition(".")
+        with looking_busy(f"rig {requested}: starting …"):
+            _add(app, requested, getattr(_imported(f"rig.cli.{module}"), command))
         return app
-    near = get_close_matches(asked, COMMANDS, cutoff=0.65)
+    near = get_close_matches(requested, COMMANDS, cutoff=0.65)
     if near:
         raise typer.BadParameter(
-            f"there is no command {asked!r}; did you mean {' or '.join(near)}? `rig --help` lists all commands"
+            f"there is no command {requested!r}; did you mean {' or '.join(near)}? `rig --help` lists all commands"
         )
     for name in sorted(COMMANDS, key=lambda one: _GROUPS.index(COMMANDS[one].group)):
         _add(app, name, _named)
@@ -128,7 +128,7 @@ def _app(arguments: list[str]) -> typer.Typer:
 
 
 def _imported(name: str) -> ModuleType:
-    """A command's module. What it brings along stays: to look it through for garbage takes a tenth of a dry-run."""
+    """Import a command's module, exempt from garbage collection, which takes a tenth of a dry run."""
     new = name not in sys.modules
     gc.disable()
     try:
@@ -140,7 +140,7 @@ def _imported(name: str) -> ModuleType:
 
 
 def _add(app: typer.Typer, name: str, command: Callable[..., None] | typer.Typer) -> None:
-    """A command, or a group of them, with its line in the help."""
+    """Add a command, or a group of commands, with its line in the help."""
     _, line, group, hidden = COMMANDS[name]
     if isinstance(command, typer.Typer):
         app.add_typer(command, name=name, cls=PlainGroup, help=line, rich_help_panel=group, hidden=hidden)
@@ -152,9 +152,9 @@ def _named() -> None:
     """Add a command to the list of commands."""
 
 
-def _say_version(asked: bool) -> None:
-    """Print it and end."""
-    if asked:
+def _say_version(requested: bool) -> None:
+    """Print the version and exit."""
+    if requested:
         from importlib.metadata import version
 
         out.print(f"rig {version('indentation-rig')}")

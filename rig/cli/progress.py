@@ -1,4 +1,4 @@
-"""Progress on standard error: of a run on its own terminal, and of pieces of work that are counted."""
+"""Progress on standard error: of a run on its own terminal, and of counted tasks."""
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -16,10 +16,10 @@ from rig.data.run_state import Course, RunState, TimeLeft, as_clock
 
 T = TypeVar("T")
 
-_APART_S = 3.0  # lines of what is counted
+_APART_S = 3.0  # time between lines of counted tasks
 
 
-class _Told(ProgressColumn):
+class _TextOf(ProgressColumn):
     """Text of a function, evaluated each time the bar is drawn."""
 
     def __init__(self, say: Callable[[], str]) -> None:
@@ -38,33 +38,33 @@ class IndentationProgress(RunState):
         self.total, self.force = total, ForceTrace(self)
 
     def event(self, stream: str, data: Mapping[str, Any]) -> None:
-        """The next event."""
+        """Process the next event."""
         super().event(stream, data)
         self.force.event(stream, data)
 
     @property
     def elapsed(self) -> str:
-        """h:mm:ss without what a person was waited for."""
+        """Elapsed time as h:mm:ss, excluding time spent waiting for a person."""
         return "" if self.time_left is None else as_clock(self.time_left.elapsed_s)
 
     @property
     def left(self) -> str:
-        """h:mm:ss, or that it is not known."""
+        """Predicted time left as h:mm:ss, or that it is unknown."""
         return "time left unknown" if self.time_left is None else f"{as_clock(self.time_left.left_s)} left"
 
     @property
     def where(self) -> str:
-        """The indentor and the place of the indentation that was begun last."""
+        """Indentor and position of the current indentation."""
         about = self.indentation
         return f"{about['indentor']} at {about['x_mm']:+.2f} mm" if about else "starting"
 
     def below(self) -> list[str]:
-        """The lines below the force."""
+        """Return the lines below the force."""
         return [named("now", self.now or "-"), named("next", self.next or "-")]
 
     @property
     def line(self) -> str:
-        """All of the indentation that has ended."""
+        """Line about the finished indentation."""
         about = self.indentation
         marks = [f"block {about['block']}"] if "block" in about else []
         marks += [f"condition {about['condition']}"] if "condition" in about else []
@@ -76,7 +76,7 @@ class IndentationProgress(RunState):
 def counted(
     answers: Iterable[T], total: int, what: str, *, quiet: bool, now: Callable[[], float] = time.perf_counter
 ) -> Iterator[T]:
-    """Yield the results of pieces of work, with a progress bar on a terminal, else with lines unless quiet.
+    """Yield the results of tasks, with a progress bar on a terminal, else with lines unless quiet.
 
     The first line precedes the first result, and the last one follows the last; others are 3 s apart.
     """
@@ -134,8 +134,8 @@ def _lines(run: IndentationProgress) -> Iterator[Callable[[str], None]]:
 @contextmanager
 def _bar(run: IndentationProgress) -> Iterator[Callable[[str], None]]:
     columns = (TextColumn("{task.description}", markup=False), BarColumn(), MofNCompleteColumn())
-    told = (_Told(lambda: run.elapsed), _Told(lambda: run.left))
-    bar = Progress(*columns, *told, console=err)
+    times = (_TextOf(lambda: run.elapsed), _TextOf(lambda: run.left))
+    bar = Progress(*columns, *times, console=err)
     task = bar.add_task(run.where, total=run.total)
     with a_screen(err, Group(Screen(run.force, list, run.below), bar)):
         yield lambda stream: bar.update(task, description=run.where, completed=len(run.finished))

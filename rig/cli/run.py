@@ -83,15 +83,15 @@ def check_command(
     force: ForceFingerOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Walk through the script against the limits and the finger model, and rehearse it on springs."""
+    """Check the script against the limits and the finger model, and rehearse it on springs."""
     with told_in_one_line(as_json=as_json):
         settings = with_finger(load_config(config), finger_file, force=force)
         refuse_bench(settings)
         script = load_script(protocol, [*(set_ or []), *(more or [])])
         with busy(THE_FINGER, as_json=as_json):
             finger = Fingertip.load(settings.finger)
-        with checking_the_script() as told:
-            plan = make_plan(script, settings, finger, told=told)
+        with checking_the_script() as show_steps:
+            plan = make_plan(script, settings, finger, told=show_steps)
         with busy("rehearsing the protocol on a spring model …", as_json=as_json):
             found = preflight(script, settings, finger, plan).as_json()
         if as_json:
@@ -209,12 +209,12 @@ def run_command(
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Check the script, have the page confirmed, carry it out, write the run folder and its report."""
+    """Check the script, have the page confirmed, run it, write the run folder and its report."""
     beginning = Beginning(aloud=True)
     with told_in_one_line(as_json=as_json, beginning=beginning):
         settings = with_finger(load_config(config), finger_file, force=force)
         with FingerProcess(settings.finger) as finger:
-            # Its process reads the model while this one reads what follows.
+            # its process reads the model while this one imports what follows
             from rig.cli.confirm import at_the_page, ready_for_a_real_run
             from rig.cli.script_execution import carry_out, leave, new_run, owning
             from rig.clock import WallClock
@@ -248,7 +248,7 @@ def run_command(
 
 
 def ask_at_the_bench(request: str, asking: Callable[[], AbstractContextManager[None]] = nullcontext) -> str:
-    """Ask the person at the bench and return the line that answers; no answer at all ends the run."""
+    """Prompt the person at the bench and return the answer; end the run if there is none."""
     with screen_aside(), asking():
         err.print(f"{request}, then press Enter")
         answer = typed_line()
@@ -258,7 +258,7 @@ def ask_at_the_bench(request: str, asking: Callable[[], AbstractContextManager[N
 
 
 def asks_for(owner: RunOwner, mounted: str | None) -> Callable[[str], str]:
-    """Return what asks the person at the bench, except for the indentor that is mounted already.
+    """Return the prompt for the person at the bench, which skips the indentor that is mounted already.
 
     Raises ShapeError.
     """
@@ -282,9 +282,9 @@ def _refuse_mounts(
     mounted: str | None,
     stopped: StoppedRun | None = None,
 ) -> None:
-    """Plan a run that nobody can answer, before a port is opened, and refuse one with a mount by hand.
+    """Raise BadInputError if a non-interactive run mounts an indentor manually, before a port is opened.
 
-    Raises BadInputError, ShapeError.
+    Raises ShapeError.
     """
     if mounted is not None:
         parse_shape(mounted)
@@ -299,7 +299,7 @@ def resume_command(
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Take the script, its parameters and the configuration from the run's own copies, and go on."""
+    """Resume with the script, its parameters and the configuration from the run's own copies."""
     beginning = Beginning(aloud=True)
     with told_in_one_line(as_json=as_json, beginning=beginning):
         stopped = read_stopped(run)

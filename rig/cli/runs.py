@@ -65,11 +65,11 @@ def runs_command(
                 "{option} {value!r}: must be one of {expected}",
                 code="unknown_choice", option="--state", value=state, expected=", ".join(STATES),
             )  # fmt: skip
-        wanted = RunFilter(subject, shape, protocol, state, _day("--since", since), _day("--until", until))
+        chosen = RunFilter(subject, shape, protocol, state, _day("--since", since), _day("--until", until))
         if table is not None:
             checked_file("--table", table)
         entries = _entries(runs)
-        found = [one for one in entries if not one.summary.problem and wanted.has(one.summary)]
+        found = [one for one in entries if not one.summary.problem and chosen.has(one.summary)]
         broken = [one.summary for one in entries if one.summary.problem]
         if table is not None:
             replace_text(table, _as_csv(found))
@@ -108,7 +108,7 @@ def _day(option: str, text: str | None) -> date | None:
 
 
 def _list(found: Sequence[IndexEntry]) -> str:
-    """A line for each, in columns."""
+    """Return runs as aligned lines."""
     lines = [_line(one.summary) for one in found]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     padded = ("  ".join(word.ljust(width) for word, width in zip(line, widths, strict=True)) for line in lines)
@@ -136,9 +136,9 @@ def _as_csv(found: Sequence[IndexEntry]) -> str:
 
 def _told_runs(found: Sequence[IndexEntry], broken: Sequence[Summary], table: Path | None) -> dict[str, object]:
     runs = [{name: value for name, value in asdict(one.summary).items() if name != "problem"} for one in found]
-    told: dict[str, object] = {"runs": runs}
-    told["unreadable"] = [{"name": one.name, "problem_text": one.problem} for one in broken]
-    return told if table is None else told | {"table": str(table), "holds": sum(len(one.rows) for one in found)}
+    result: dict[str, object] = {"runs": runs}
+    result["unreadable"] = [{"name": one.name, "problem_text": one.problem} for one in broken]
+    return result if table is None else result | {"table": str(table), "holds": sum(len(one.rows) for one in found)}
 
 
 _UNKNOWN = "unknown"
@@ -155,13 +155,13 @@ def show_command(
     with told_in_one_line(as_json=as_json):
         if columns == (run is not None):
             raise RunError("show: give either RUN, a run folder, or --columns", code="exactly_one")
-        told = _columns() if run is None else _described(run)
+        result = _columns() if run is None else _described(run)
         if as_json:
-            print_json(told)
+            print_json(result)
         elif run is None:
             out.print(dictionary.as_markdown(), end="")
         else:
-            out.print("\n".join(f"{name:<12}{line}" for name, line in _lines(told)))
+            out.print("\n".join(f"{name:<12}{line}" for name, line in _lines(result)))
 
 
 def _columns() -> dict[str, Any]:
@@ -175,12 +175,12 @@ def _columns() -> dict[str, Any]:
 
 def _described(path: Path) -> dict[str, Any]:
     try:
-        return _told(read_run(path, readings=False))
+        return _run_as_json(read_run(path, readings=False))
     except FOREIGN as error:
         raise RunError("run folder {run}: {problem}", code="foreign_run", run=path, problem=foreign(error)) from None
 
 
-def _told(run: Run) -> dict[str, Any]:
+def _run_as_json(run: Run) -> dict[str, Any]:
     about = alive(summary_of(run), run.folder.path.parent)
     made = provenance_of(run)
     return {
@@ -222,7 +222,8 @@ def ending_of(run: Run, state: str) -> dict[str, Any] | None:
     """Return why an incomplete run ended, and the final position of the indentor."""
     if state in ("done", "running"):
         return None
-    from rig.session.early_ending import Ending, FinalPosition  # with the engine: a run that is done does without
+    # It imports the engine, which a completed run does not need.
+    from rig.session.early_ending import Ending, FinalPosition
 
     if run.stop is None:
         return Ending.killed(run).as_json()
@@ -233,12 +234,12 @@ def ending_of(run: Run, state: str) -> dict[str, Any] | None:
 
 def _identities(run: Run) -> dict[str, str]:
     """Return the identities that the devices reported."""
-    said = {"controller": run.stream("home"), "sensor": run.stream("zero")}
-    return {name: str(events[-1][name]) for name, events in said.items() if events and name in events[-1]}
+    streams = {"controller": run.stream("home"), "sensor": run.stream("zero")}
+    return {name: str(events[-1][name]) for name, events in streams.items() if events and name in events[-1]}
 
 
 def _presses(run: Run) -> list[dict[str, Any]]:
-    """Holds that ended, by what was pressed and how far."""
+    """Return completed holds, grouped by indentor and target."""
     rows = tables(run)["hold_end"].rows if run.stream("hold_end") else []
     target = ("indentor", "target_doi_mm", "target_force_gwt")
     kinds = [tuple(row.get(name) for name in target) for row in rows]
@@ -247,31 +248,31 @@ def _presses(run: Run) -> list[dict[str, Any]]:
     return [_kind(dict(zip(target, kind, strict=True)), [row for _, row in members]) for kind, members in together]
 
 
-def _kind(told: dict[str, Any], rows: list[dict[str, Any]]) -> dict[str, Any]:
+def _kind(condition: dict[str, Any], rows: list[dict[str, Any]]) -> dict[str, Any]:
     means = {f"mean_{name}": fmean(row[name] for row in rows) for name in ("force_gwt", "doi_mm")}
     peak_gwt = max(row["peak_gwt"] for row in rows)
     places = {"from_x_mm": min(row["x_mm"] for row in rows), "to_x_mm": max(row["x_mm"] for row in rows)}
-    return {**told, "holds": len(rows), **places, **means, "peak_gwt": peak_gwt}
+    return {**condition, "holds": len(rows), **places, **means, "peak_gwt": peak_gwt}
 
 
-def _lines(told: dict[str, Any]) -> list[tuple[str, str]]:
-    """Name and words of each line for people."""
-    ending = {} if told["ending"] is None else {name: told["ending"].get(name) for name in _OF_AN_ENDING}
-    size = sum(one["bytes"] for one in told["files"]) / 1e6
+def _lines(run: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return name and text of each printed line."""
+    ending = {} if run["ending"] is None else {name: run["ending"].get(name) for name in _OF_AN_ENDING}
+    size = sum(one["bytes"] for one in run["files"]) / 1e6
     return [
-        ("run", told["run"]),
-        ("what", f"{told['title']} ({told['protocol']}){', on the virtual bench' if told['virtual'] else ''}"),
-        ("source", told["source_text"] or "-"),
-        ("parameters", _pairs(told["parameters"])),
-        ("subject", told["subject"] or "none"),
-        ("began", f"{told['began_utc']}, {told['duration_s']:.0f} s"),
-        ("state", f"{told['state']}, {told['done']} of {told['planned']} indentations"),
+        ("run", run["run"]),
+        ("what", f"{run['title']} ({run['protocol']}){', on the virtual bench' if run['virtual'] else ''}"),
+        ("source", run["source_text"] or "-"),
+        ("parameters", _pairs(run["parameters"])),
+        ("subject", run["subject"] or "none"),
+        ("began", f"{run['began_utc']}, {run['duration_s']:.0f} s"),
+        ("state", f"{run['state']}, {run['done']} of {run['planned']} indentations"),
         *((_OF_AN_ENDING[name], str(words)) for name, words in ending.items() if words),
-        *(("pressed" if n == 0 else "", _pressed(one)) for n, one in enumerate(told["presses"])),
-        *((name, _pairs(told[name])) for name in ("limits", "devices")),
-        ("versions", ", ".join(f"{one['package']} {one['version']}" for one in told["versions"])),
-        ("model", _pairs(told["model"])),
-        ("files", f"{len(told['files'])}, {size:.1f} MB: {', '.join(one['name'] for one in told['files'])}"),
+        *(("pressed" if n == 0 else "", _pressed(one)) for n, one in enumerate(run["presses"])),
+        *((name, _pairs(run[name])) for name in ("limits", "devices")),
+        ("versions", ", ".join(f"{one['package']} {one['version']}" for one in run["versions"])),
+        ("model", _pairs(run["model"])),
+        ("files", f"{len(run['files'])}, {size:.1f} MB: {', '.join(one['name'] for one in run['files'])}"),
     ]
 
 
@@ -290,8 +291,8 @@ def _pressed(one: dict[str, Any]) -> str:
     )
 
 
-def _pairs(told: dict[str, Any]) -> str:
-    return ", ".join(f"{name} {value}" for name, value in told.items()) or "none"
+def _pairs(values: dict[str, Any]) -> str:
+    return ", ".join(f"{name} {value}" for name, value in values.items()) or "none"
 
 
 def export_command(
@@ -302,8 +303,8 @@ def export_command(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Export again what the journal holds, also of a run that crashed, and renew the checksums."""
-    from rig.data.export import export_nwb, export_run  # with h5py: a list of runs does without
+    """Export the journal again, also of a run that crashed, and renew the checksums."""
+    from rig.data.export import export_nwb, export_run  # it imports h5py, which a list of runs does not need
 
     with told_in_one_line(as_json=as_json):
         if not (as_csv or as_nwb):

@@ -1,4 +1,4 @@
-"""Carry a script out for a command: progress, interrupts, ownership of the ports, the finished run."""
+"""Run a script for a command: progress, interrupts, ownership of the ports, the finished run."""
 
 import errno
 import os
@@ -54,7 +54,7 @@ class RunOwner:
         self.switch, self.pause, self.virtual = switch, PauseRequest(), virtual
         self.folder: RunFolder | None = None
         self.button: StopButton | None = None
-        self.told: Callable[[Path], None] = lambda run: None
+        self.announce: Callable[[Path], None] = lambda run: None
         self._phase: Phase = "planning"
         self.stopped_by = AT_ONCE
         self._asks = False
@@ -75,7 +75,7 @@ class RunOwner:
         return "paused" if self.pause.waits else "pausing"
 
     def at(self, phase: Phase) -> None:
-        """The main thread begins with something else."""
+        """Set the phase of the main thread."""
         self._phase = phase
         self.switch.ready()
 
@@ -89,17 +89,17 @@ class RunOwner:
             self._asks = False
 
     def begins(self, folder: RunFolder) -> None:
-        """The run has its folder, and its ports are open."""
+        """Announce the run's folder; its ports are open."""
         self.folder = folder
-        with suppress(OSError):  # its journal says it, too
-            self.told(folder.path)
+        with suppress(OSError):  # the journal reports it too
+            self.announce(folder.path)
 
     def stopped(self) -> bool:
         """Return whether another process has stopped the stage; called by the main thread."""
         return self.switch.noticed()
 
     def record(self, script: Script, config: Config, into: NewRun | StoppedRun) -> None:
-        """See to it that a stop is in the byte log and the journal, if there was one; from here on none is taken."""
+        """Record a stop in the byte log and the journal, if there was one; later stops are rejected."""
         with unstoppable():
             self.switch.over()
             if not self.switch.stopped:
@@ -168,7 +168,7 @@ def owning(
             owner.button = announced.enter_context(StopButton(config.stop, stage, owner.switch.stop))
         try:
             socket = announced.enter_context(ControlSocket(about, owner.answers))
-            owner.told = lambda run: socket.tell(run=str(run.resolve()))
+            owner.announce = lambda run: socket.tell(run=str(run.resolve()))
         except (OSError, filelock.Timeout) as error:
             complain(f"warning: the panel cannot reach this run: {error}")
         announced.callback(owner.record, script, config, into)
@@ -176,11 +176,11 @@ def owning(
             owner.switch.begins()
             yield owner
         finally:
-            owner.switch.over()  # what was on its way ends here; recorded is then what nothing can interrupt
+            owner.switch.over()  # ends a stop in progress, so that nothing interrupts its record
 
 
 def make_report(finger: "Fingertip", run: Run, wall_s: float, ending: Mapping[str, str] | None) -> None:
-    """The report of a run that has just ended. Raises OSError."""
+    """Write the report of a run that has just ended. Raises OSError."""
     from rig.report.run_report import write_report
 
     write_report(run, finger, wall_s, ending)
@@ -201,7 +201,7 @@ def lacks_report(run: Run) -> bool:
 
 
 class AtTheTerminal:
-    """Somebody with Ctrl-C at hand and a screen to look at, whose course others may look at too."""
+    """Terminal session with Ctrl-C and a screen, which records a course for observers."""
 
     def __init__(
         self,
@@ -218,11 +218,11 @@ class AtTheTerminal:
 
     @property
     def stopped_by(self) -> str:
-        """The reason to record for a stop at once."""
+        """Reason to record for an immediate stop."""
         return self._owner.stopped_by
 
     def begins(self, folder: RunFolder) -> None:
-        """A disk too full for the course ends no run here: the journal will tell."""
+        """Open the course; a full disk does not end the run, since the journal reports it."""
         self._begins()
         self._owner.begins(folder)
         if self._course is not None:
@@ -230,13 +230,13 @@ class AtTheTerminal:
                 self._course.keep(folder)
 
     def go_on(self) -> bool:
-        """The answer is typed below the screen."""
+        """Return whether to continue, from the answer typed below the screen."""
         with screen_aside():
             return self._pause.go_on()
 
 
 def new_run(out_dir: Path, subject: str | None) -> NewRun:
-    """A run that is to get a folder there. Raises BadInputError, OSError before anything is begun."""
+    """Return a new run for that folder; raise BadInputError or OSError before anything begins."""
     if out_dir.is_file():
         raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(out_dir))
     return NewRun(out_dir, checked_subject(subject))
@@ -255,11 +255,11 @@ def carry_out(
     confirm: Confirm | None = None,
     pace: float | None = 1.0,
 ) -> FinishedRun:
-    """Check the script, run it or resume it, write its report, and print the location.
+    """Check the script, run or resume it, write its report, and print the location.
 
-    confirm: called after all checks and before any motion (None: start at once). begins: called before the first
-    motion. pace: real seconds per second of bench time; None runs as fast as possible. finger: for a run whose own
-    process must not solve.
+    `confirm` is called after all checks and before any motion (None starts at once), `begins` before the first
+    motion. `pace` is real seconds per second of bench time; None runs as fast as possible. `finger` serves a run
+    whose own process must not solve.
     """
     session = _planned(script, config, into, loaded(config, finger, as_json=as_json))
     page = (confirm or nothing_to_confirm(as_json=as_json))(session)
@@ -289,8 +289,8 @@ def loaded(config: Config, finger: FingerProcess | None, *, as_json: bool) -> Fi
 
 def _planned(script: Script, config: Config, into: NewRun | StoppedRun, finger: Finger) -> Session:
     before, folder = (None, None) if isinstance(into, NewRun) else (into.run, into.folder.path)
-    with checking_the_script() as told:
-        plan = make_plan(script, config, finger, before, folder, told)
+    with checking_the_script() as show_steps:
+        plan = make_plan(script, config, finger, before, folder, show_steps)
     return Session(script, config, finger, plan, into)
 
 

@@ -126,18 +126,18 @@ def serve_command(
             print_json(bench.ports)
             bench.run()
             if bench.statistics is not None:
-                err.print(_told(bench.statistics))
+                err.print(_statistics_line(bench.statistics))
             if bench.press is not None and bench.press.ended:
                 raise typer.Exit(ExitCode.STOPPED)
 
 
-def _kind(room: Room, given: str | None, otherwise: str | None) -> str | None:
-    if given is not None and given not in names(room):
+def _kind(room: Room, name: str | None, otherwise: str | None) -> str | None:
+    if name is not None and name not in names(room):
         raise BadInputError(
             "{option} {value}: unknown kind of device; choose {expected}",
-            code="unknown_device", option=f"--{room}", value=given, expected=" or ".join(names(room)),
+            code="unknown_device", option=f"--{room}", value=name, expected=" or ".join(names(room)),
         )  # fmt: skip
-    return given or otherwise
+    return name or otherwise
 
 
 def _with_indentor(config: Config, indentor: str | None) -> Config:
@@ -146,7 +146,7 @@ def _with_indentor(config: Config, indentor: str | None) -> Config:
     return config.model_copy(update={"virtual": config.virtual.model_copy(update={"indentor": indentor})})
 
 
-def _told(found: PressStatistics) -> str:
+def _statistics_line(found: PressStatistics) -> str:
     return (
         f"{found.asked} forces requested, {found.late} not ready in time (the last force was repeated, at "
         f"most {found.stalest_s:.2f} s old; {found.unknown} refused); {found.solved} solved, slowest "
@@ -178,14 +178,14 @@ def _reveal(seed: int, beside: Path | None, *, as_json: bool) -> None:
 
 
 def _beside(name: str, value: float, met: Met | None) -> dict[str, Any]:
-    """Logarithms as what they are of."""
-    told: dict[str, Any] = {"name": named(name), "unit": unit(named(name)) or "1", "truth": plain(name, value)}
+    """Return a parameter with its 90 % band, in plain units rather than logarithms."""
+    row: dict[str, Any] = {"name": named(name), "unit": unit(named(name)) or "1", "truth": plain(name, value)}
     if met is None or name not in met.posterior.names:
-        return told
+        return row
     k = met.posterior.names.index(name)
     mean, sd = met.posterior.mean[k], math.sqrt(met.posterior.covariance[k][k])
     low, high = (mean + sign * standard_deviations() * sd for sign in (-1, 1))
-    return {**told, "low": plain(name, low), "high": plain(name, high), "inside": low <= value <= high}
+    return {**row, "low": plain(name, low), "high": plain(name, high), "inside": low <= value <= high}
 
 
 def _band(one: dict[str, Any]) -> str:

@@ -18,11 +18,11 @@ from types import FrameType
 from rig.cli.output import err
 from rig.clock import WallClock
 
-# Not on Windows, where `rig stop` can only open a port that nobody owns.
+# not on Windows, where `rig stop` can only open a port without an owner.
 STOP_SIGNAL: signal.Signals | None = getattr(signal, "SIGUSR1", None)
 _HANG_UP: signal.Signals | None = getattr(signal, "SIGHUP", None)
 KEYS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTSTP", "SIGQUIT") if hasattr(signal, name))
-"""Ctrl-C, Ctrl-Z and Ctrl-\\: each of them asks for a pause, and the second one, whichever it is, stops at once."""
+"""Ctrl-C, Ctrl-Z and Ctrl-\\: the first requests a pause, and a second one of any kind stops at once."""
 _BACKGROUND = tuple(getattr(signal, name) for name in ("SIGTTIN", "SIGTTOU") if hasattr(signal, name))
 
 Handlers = dict[signal.Signals | None, Callable[[int, FrameType | None], object] | signal.Handlers]
@@ -33,25 +33,25 @@ PAUSING = "pausing at the next safe point; press Ctrl-C again to stop now"
 
 
 class PauseRequest:
-    """A request to pause, from the terminal or another process, and whether to continue after it."""
+    """Request to pause, from the terminal or another process, and whether to continue afterwards."""
 
     def __init__(self) -> None:
         self._asked = self._alone = self._from_elsewhere = False
-        self.waits = False  # lifted, for somebody who says that it goes on
+        self.waits = False  # paused and lifted, waiting for the answer to continue
 
     def asked(self) -> bool:
         """Return whether a signal or another process has requested a pause."""
         return self._asked
 
     def ask(self, number: int | None = None, *_: object) -> None:
-        """The signal: from now on Ctrl-C, Ctrl-Z or Ctrl-\\ stops at once."""
+        """Handle the signal: from now on Ctrl-C, Ctrl-Z or Ctrl-\\ stops at once."""
         if self._asked and number in KEYS:
             raise KeyboardInterrupt
         self._asked, self._from_elsewhere = True, False
         err.print(PAUSING)
 
     def ask_from_elsewhere(self) -> None:
-        """Request a pause from another process; it waits for the first answer, here or there."""
+        """Request a pause from another process; the first answer counts, here or there."""
         self._asked = self._from_elsewhere = True
         err.print("pausing at the next safe point, as the panel requested; press Ctrl-C to stop now")
 
@@ -99,10 +99,10 @@ class PauseRequest:
 
 
 def typed_line() -> str:
-    """A line from the keyboard; nothing at its end, and where the terminal belongs to another program."""
+    """Return a typed line; empty at the end of input, and if another program owns the terminal."""
     try:
         return sys.stdin.readline()
-    except OSError:  # of a process in the background
+    except OSError:  # a background process
         return ""
 
 
@@ -110,12 +110,12 @@ def _typed(within_s: float) -> bool:
     """Return whether a line is waiting at the keyboard, or True if that is unknown."""
     try:
         return bool(select.select([sys.stdin], [], [], within_s)[0])
-    except (OSError, ValueError):  # no file, or not on this system
+    except (OSError, ValueError):  # not a file, or not available on this system
         return True
 
 
 def interrupt_main() -> None:
-    """A KeyboardInterrupt in the main thread, from another one, also where that waits for the system."""
+    """Raise KeyboardInterrupt in the main thread, even if it is blocked in a system call."""
     main = threading.main_thread().ident
     if STOP_SIGNAL is None or main is None:
         _thread.interrupt_main()
@@ -140,14 +140,14 @@ def at_a_safe_point(pause: PauseRequest | None = None) -> Iterator[PauseRequest]
 
 @contextmanager
 def stoppable() -> Iterator[None]:
-    """`rig stop`, a stop from another thread and the keys are a KeyboardInterrupt from here on."""
+    """Turn `rig stop`, a stop from another thread and the keys into KeyboardInterrupt."""
     with _handling(dict.fromkeys((*KEYS, STOP_SIGNAL), signal.default_int_handler) | _NOT_SUSPENDED):
         yield
 
 
 @contextmanager
 def unstoppable() -> Iterator[None]:
-    """A `rig stop` that comes now interrupts nothing: what has ended is being written down."""
+    """Ignore `rig stop` while the end of a run is being recorded."""
     with _handling({STOP_SIGNAL: signal.SIG_IGN}):
         yield
 
@@ -162,7 +162,7 @@ def at_once() -> Iterator[None]:
 
 @contextmanager
 def asked_to_leave(leave: Callable[[], object]) -> Iterator[None]:
-    """A key, SIGTERM or a terminal that goes away asks for the end; another one is a KeyboardInterrupt."""
+    """Turn a key, SIGTERM or a hang-up into a request to leave; a second one is a KeyboardInterrupt."""
     numbers = (*KEYS, signal.SIGTERM, _HANG_UP)
 
     def ask(*_: object) -> None:
@@ -178,7 +178,7 @@ def asked_to_leave(leave: Callable[[], object]) -> Iterator[None]:
 @contextmanager
 def _handling(handlers: Handlers) -> Iterator[None]:
     before = [(number, signal.signal(number, act)) for number, act in handlers.items() if number is not None]
-    if hasattr(signal, "pthread_sigmask"):  # all but Windows
+    if hasattr(signal, "pthread_sigmask"):  # not on Windows
         signal.pthread_sigmask(signal.SIG_UNBLOCK, [number for number, _ in before])
     try:
         yield

@@ -1,4 +1,4 @@
-"""`rig stop`: stop the stage now, whichever program moves it. It imports only what a stop needs."""
+"""`rig stop`: stop the stage now, whatever program moves it; imports only what a stop needs."""
 
 import os
 import sys
@@ -21,25 +21,25 @@ def stop_command(config: ConfigOption, as_json: JsonOption = False) -> None:
         words = f"Stop NOT sent: {error}"
         _fail(words, code_of(error), {"sent": False}, ExitCode.BAD_INPUT, as_json=as_json)
     found = send_stop(settings, signal=_signal if STOP_SIGNAL is not None else None)
-    told: dict[str, Any] = {
+    result: dict[str, Any] = {
         "owner": found.owner.pid if found.owner is not None else next(iter(found.told), None),
         "sent": found.sent,
         "state": found.state,
     }
     if not found.done:
-        _fail(found.words, "not_confirmed" if found.sent else "not_sent", told, ExitCode.STOPPED, as_json=as_json)
+        _fail(found.words, "not_confirmed" if found.sent else "not_sent", result, ExitCode.STOPPED, as_json=as_json)
     if as_json:
-        print_json({"stopped": list(found.ports), **told})
+        print_json({"stopped": list(found.ports), **result})
     else:
         out.print(found.words)
     for line in dict.fromkeys([*_still_there(found), *passed]):
         complain(line)
 
 
-def _fail(words: str, code: str, told: dict[str, Any], exit_code: ExitCode, *, as_json: bool) -> None:
+def _fail(words: str, code: str, result: dict[str, Any], exit_code: ExitCode, *, as_json: bool) -> None:
     print(words, file=sys.stderr)
     if as_json:
-        print_json({"error_text": words, "code": code, "exit_code": int(exit_code), **told})
+        print_json({"error_text": words, "code": code, "exit_code": int(exit_code), **result})
     raise typer.Exit(exit_code)
 
 

@@ -1,4 +1,4 @@
-"""`rig watch`: live force, step now and next, and the time left of a run in another process."""
+"""`rig watch`: live force, current and next step, and time left of a run in another process."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -22,25 +22,25 @@ LOOK_S = 0.2
 
 
 class RunScreen(Onlooker):
-    """A run as `rig watch` shows it."""
+    """Screen of `rig watch`."""
 
     def __init__(self, folder: RunFolder) -> None:
         super().__init__(folder)
         self.force = ForceTrace(self)
 
     def event(self, stream: str, data: Mapping[str, Any]) -> None:
-        """The next event."""
+        """Process the next event."""
         super().event(stream, data)
         self.force.event(stream, data)
 
     def above(self) -> list[str]:
-        """The lines above the force."""
+        """Return the lines above the force."""
         subject = f", subject {self.start['subject']}" if self.start.get("subject") else ""
         virtual = ", virtual bench" if self.start.get("virtual") else ""
         return [named("run", f"{self.folder.path.name}{subject}{virtual}")]
 
     def below(self) -> list[str]:
-        """And below it."""
+        """Return the lines below the force."""
         done = f"{len(self.finished)} of {'?' if self.planned is None else self.planned}"
         left = "time left unknown" if self.left_s is None else f"{as_clock(self.left_s)} left on the run's clock"
         return [named("now", self.now or "-"), named("next", self.next or "-"), named("done", f"{done}, {left}")]
@@ -50,9 +50,9 @@ def watch_command(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the run.")],
     as_json: JsonOption = False,
 ) -> None:
-    """Live force, step now and next, and the time left, until the run ends; in a pipe one line an event.
+    """Print live force, current and next step, and time left until the run ends; in a pipe one line per event.
 
-    With --json: how it is now, at once.
+    With --json: the current state, at once.
     """
     with told_in_one_line(as_json=as_json):
         seen = RunScreen(RunFolder(run))
@@ -88,25 +88,25 @@ def _line_by_line(seen: RunScreen) -> None:
 
 
 def _line(document: Document) -> list[str]:
-    """One for each document but those that only describe others."""
+    """Return a line for each document, except descriptions of others."""
     if document["doc"] == "descriptor":
         return []
     of_an_event = document["doc"] == "event"
     name, data = (document["stream"], document["data"]) if of_an_event else (document["doc"], document)
     hidden = () if of_an_event else ("doc", "uid", "seq", "t_s", "unix_s", "parameters")
-    told = ", ".join(f"{key} {value}" for key, value in data.items() if value is not None and key not in hidden)
-    return [f"{document['t_s']:10.3f}  {name:<18}  {told}".rstrip()]
+    values = ", ".join(f"{key} {value}" for key, value in data.items() if value is not None and key not in hidden)
+    return [f"{document['t_s']:10.3f}  {name:<18}  {values}".rstrip()]
 
 
 def _end(seen: RunScreen) -> list[str]:
-    """How the run ended, or left off."""
+    """Return how the run ended, or where it stands."""
     found = read_run(seen.folder.path)
     about = alive(summary_of(found), seen.folder.path.parent)
     ending = ending_of(found, about.state) or {}
-    told = {name: ending.get(name) for name in ("reason_text", "where_text", "next_text", "resume")}
+    sentences = {name: ending.get(name) for name in ("reason_text", "where_text", "next_text", "resume")}
     lines = [named("state", f"{about.state}, {about.done} of {about.planned} indentations")]
     names = {"reason_text": "because", "where_text": "where", "next_text": "next"}
-    return lines + [named(names.get(name, name), words) for name, words in told.items() if words]
+    return lines + [named(names.get(name, name), words) for name, words in sentences.items() if words]
 
 
 def _now(seen: RunScreen) -> dict[str, Any]:

@@ -24,9 +24,9 @@ _FOLDS = 5
 def lack_of_fit(
     observed: Observed, mean: Array, deviance: Array, parameters: float, discrepancy: Array | float = 0.0
 ) -> tuple[Array, Array]:
-    """F (N,) of deviances (N, p) against the noise, and the probability of a larger one if the model is right.
+    """Return F (N,) of deviances (N, p) against the noise, and the probability of a larger one if the model is right.
 
-    `discrepancy` (N, p): variance, in rate², by which a right model may be off (of another finger).
+    `discrepancy` (N, p): variance, in rate², by which the right model may be wrong on another finger.
     """
     noise = observed.noise
     variance = noise.dispersion * observed.variance(mean)
@@ -37,37 +37,37 @@ def lack_of_fit(
 
 
 def tail(ratio: Array, freedom: Array, of_noise: float) -> Array:
-    """Probability that F is larger."""
+    """Return the probability of a larger F."""
     known = of_noise > _KNOWN
     return np.asarray(chdtrc(freedom, ratio * freedom) if known else fdtrc(freedom, of_noise, ratio))
 
 
 def rejected(misfit: Array, freedom: float, of_noise: float) -> Array:
-    """Probability that a misfit (…,), the squares that it adds to the deviance over the dispersion, is rejected."""
+    """Return the probability that a misfit (…,), in deviance over the dispersion, is rejected."""
     of_noise = min(of_noise, _KNOWN)
     limit = fdtri(freedom, of_noise, 1 - LEVEL)
-    certain = misfit > _CERTAIN * freedom * limit  # ncfdtr has none for some of these
+    certain = misfit > _CERTAIN * freedom * limit  # ncfdtr is undefined for some of these
     return np.where(certain, 1.0, 1 - ncfdtr(freedom, of_noise, np.where(certain, 0.0, misfit), limit))
 
 
 def detectable(observed: Observed, parameters: float) -> float:
-    """The rms misfit over the largest rate that is rejected in `SEEN` of recordings, spread as the noise is."""
+    """Return the rms misfit, relative to the largest rate, that is rejected in a share `SEEN` of recordings."""
     even, noise = observed.evenness, observed.noise
     worth = observed.share(observed.smooth)
     freedom = max(float(worth.sum()) - parameters, 1.0)
     low, high = 0.0, 1e4
     for _ in range(60):
         middle = 0.5 * (low + high)
-        seen = rejected(np.array(even * middle), even * freedom, even * noise.freedom) >= SEEN
-        low, high = (low, middle) if seen else (middle, high)
+        detected = rejected(np.array(even * middle), even * freedom, even * noise.freedom) >= SEEN
+        low, high = (low, middle) if detected else (middle, high)
     variance = noise.dispersion * float((worth * observed.variance(observed.smooth)).sum()) / max(worth.sum(), 1e-9)
     return float(np.sqrt(high / max(worth.sum(), 1.0) * variance)) / (float(observed.rate.max()) or 1.0)
 
 
 def by_repeats(observed: Observed) -> float:
-    """Share of the variance of the mean rates that is not noise: split halves, stepped up by Spearman and Brown.
+    """Return the share of the variance of mean rates that is not noise: split halves, corrected by Spearman–Brown.
 
-    Averaged over all splits that is 1 − noise / variance between positions.
+    Averaged over all splits, this is 1 − noise / variance between positions.
     """
     noise = observed.noise.dispersion * observed.variance(observed.rate)
     total = float(((observed.rate - observed.rate.mean()) ** 2).sum()) / max(len(observed.rate) - 1, 1)
@@ -75,10 +75,10 @@ def by_repeats(observed: Observed) -> float:
 
 
 def by_monotone(eps: Array, observed: Observed) -> float:
-    """The share that the best monotone function of any candidate ε (N, p) explains where it was not fitted.
+    """Return the held-out share of variance that the best monotone function of any candidate ε (N, p) explains.
 
-    Blocks of positions are left out in turn. An upper bound of what the rate model can explain: it takes the best of
-    many functions, each with as many steps as it likes.
+    Blocks of positions are left out in turn. This is an upper bound for the rate model, since it takes the best of
+    many functions with any number of steps.
     """
     fold = blocks(observed, _FOLDS)
     nothing = ((observed.rate - observed.rate.mean()) ** 2).sum()
@@ -89,7 +89,7 @@ def by_monotone(eps: Array, observed: Observed) -> float:
 
 
 def _left(eps: Array, rate: Array, fold: NDArray[np.int64]) -> float:
-    from scipy.optimize import isotonic_regression  # most comparisons have repeats
+    from scipy.optimize import isotonic_regression  # slow to import, and not needed if there are repeats
 
     left = 0.0
     for number in np.unique(fold):
@@ -101,7 +101,7 @@ def _left(eps: Array, rate: Array, fold: NDArray[np.int64]) -> float:
 
 
 def blocks(observed: Observed, folds: int) -> NDArray[np.int64]:
-    """(p,) number of the block of neighbouring positions, `folds` in each stimulus, that each is left out with."""
+    """Return (p,) cross-validation folds: blocks of neighboring positions, `folds` in each stimulus."""
     number = np.empty(len(observed.rate), dtype=np.int64)
     for stimulus in np.unique(observed.stimulus):
         mine = np.flatnonzero(observed.stimulus == stimulus)
@@ -119,7 +119,7 @@ OF_THE_MESH = 0.02
 
 
 class Fitted(NamedTuple):
-    """Each candidate's fit, its ε (N, p) on its best finger, and that finger's place (N, free)."""
+    """Fits of all candidates, with ε (N, p) on the best finger and the coordinates (N, free) of that finger."""
 
     found: Likeliest
     eps: Array
@@ -135,20 +135,20 @@ class Candidates:
 
     @property
     def free(self) -> int:
-        """Parameters of the finger that are fitted, too."""
+        """Number of fitted parameters of the finger."""
         return free_of(self.eps)
 
     @property
     def parameters(self) -> int:
-        """Return the parameters of a candidate's fit."""
+        """Number of fitted parameters of a candidate."""
         return self.form.parameters + self.free
 
     def only(self, chosen: Flags | NDArray[np.int64]) -> "Candidates":
-        """Some of them."""
+        """Return a subset of the candidates."""
         return replace(self, eps=self.eps[:, chosen])
 
     def fitted(self, observed: Observed, at: Flags | None = None) -> Fitted:
-        """To what was observed, or to some of it; ε is at every position all the same."""
+        """Return the fits to all positions, or to some; ε of the result covers every position."""
         at = np.ones(len(observed.rate), dtype=bool) if at is None else at
         some = observed.at(at)
         if not self.free:
@@ -161,9 +161,10 @@ class Candidates:
         return Fitted(likeliest(eps[:, at], some, self.form), eps, place)
 
     def discrepancy(self, fit: Fitted) -> Array:
-        """(N, p) variance of rates that another finger and mesh may make, where fingers are stated; else none.
+        """Return the (N, p) variance of rates between fingers and meshes; zero without plausible fingers.
 
-        A share of what the fingers of the design differ by, once k and ε₀ have followed, and one of the largest rate.
+        It is a share of the differences between fingers of the design, after refitting k and ε₀, plus a share of the
+        largest rate.
         """
         if not self.free:
             return np.zeros_like(fit.found.mean)
@@ -177,6 +178,6 @@ class Candidates:
         return np.where(fires, of_finger + of_mesh, 0.0)
 
     def tested(self, observed: Observed, fit: Fitted) -> tuple[Array, Array]:
-        """F and p (N,) of each candidate's own fit."""
+        """Return F and p (N,) of each candidate's fit."""
         found = fit.found
         return lack_of_fit(observed, found.mean, found.deviance, self.parameters, self.discrepancy(fit))

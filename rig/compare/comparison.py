@@ -1,4 +1,4 @@
-"""Compare stimuli with recordings: shape tests, correlations, joint fits, positions that no run covers."""
+"""Comparison of stimuli with recordings: shape tests, correlations, joint fits, positions that no run covers."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -32,56 +32,56 @@ NEAR_CENTRE_MM = 0.25
 
 @dataclass(frozen=True)
 class Overlay:
-    """A recording laid over the SSRPs of one stimulus, in the frame x_indentor = position + x_receptor."""
+    """Recording aligned with the SSRPs of one stimulus, in the frame x_indentor = position + x_receptor."""
 
     stimulus: Stimulus
     recording: Recording
 
     @cached_property
     def eps(self) -> Array:
-        """(18, p, receptors) SSRPs at the recorded positions; NaN where the run did not go."""
+        """SSRPs (18, p, receptors) at the recorded positions; NaN outside the schedule of the run."""
         return self.stimulus.at(self.recording.position_mm)
 
     @cached_property
     def eps_on_fingers(self) -> Array:
-        """(fingers, 18, p, receptors) the same on the design of plausible fingers."""
+        """SSRPs (fingers, 18, p, receptors) on the design of plausible fingers."""
         return self.stimulus.on_fingers_at(self.recording.position_mm)
 
     @cached_property
     def r(self) -> Array:
-        """(18, receptors) Pearson's correlation."""
+        """Pearson's correlation (18, receptors)."""
         return correlation(self.eps, self.recording.rate)
 
 
 @dataclass(frozen=True)
 class Joint:
-    """Recordings of one family under one condition, explained by one k and one ε₀ for each pair."""
+    """Recordings of one family under one condition, with one k and one ε₀ for each pair."""
 
     overlays: tuple[Overlay, ...]
 
     @property
     def title(self) -> str:
-        """For example "step:1, step:3, step:5 at 8 gwt"."""
+        """Title, e.g. "step:1, step:3, step:5 at 8 gwt"."""
         return _conditions([overlay.stimulus for overlay in self.overlays])
 
     @cached_property
     def eps(self) -> Array:
-        """(18, all positions, receptors)."""
+        """SSRPs (18, all positions, receptors)."""
         return np.concatenate([overlay.eps for overlay in self.overlays], axis=1)
 
     @cached_property
     def rate(self) -> Array:
-        """(all positions,) mean rates."""
+        """Mean rates (all positions,)."""
         return np.concatenate([overlay.recording.rate for overlay in self.overlays])
 
     @cached_property
     def fit(self) -> Fit:
-        """(18, receptors)."""
+        """Fit (18, receptors)."""
         return fit_all(self.eps, self.rate)
 
     @cached_property
     def explained(self) -> Array:
-        """(18, receptors) R² over the positions that each pair covers."""
+        """R² (18, receptors) over the positions that each pair covers."""
         return self.explained_by(self.fit)
 
     def explained_by(self, fit: Fit) -> Array:
@@ -95,49 +95,49 @@ class Joint:
 
     @cached_property
     def in_play(self) -> Flags:
-        """(receptors,) those whose SSRPs cover enough of the recordings."""
+        """Flags (receptors,) of receptors whose SSRPs cover enough of the recordings."""
         return in_play(self.eps)
 
     @cached_property
     def eps_on_fingers(self) -> Array:
-        """(fingers, 18, all positions, receptors) on the design of plausible fingers."""
+        """SSRPs (fingers, 18, all positions, receptors) on the design of plausible fingers."""
         return np.concatenate([overlay.eps_on_fingers for overlay in self.overlays], axis=2)
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Everything that is reported: stimuli in order, and the recordings that belong to them."""
+    """Stimuli in order, with the recordings that belong to them."""
 
     stimuli: tuple[Stimulus, ...]
     overlays: tuple[Overlay, ...]
     plausible: PlausibleFingers | None = None
-    normalised: bool = False  # each family's rates have a unit of their own
+    normalised: bool = False  # rates of each family have their own unit
 
     @property
     def interpolated(self) -> bool:
-        """Whether plausible fingers were interpolated."""
+        """Flag of a comparison in which plausible fingers were interpolated."""
         return any(overlay.stimulus.interpolated for overlay in self.overlays)
 
     @property
     def small_strain(self) -> SmallStrain:
-        """How far finite strain is from the deepest of what was pressed."""
+        """Difference between finite strain and small strain at the deepest press."""
         pressed = [(float(np.max(s.doi_mm)), s.stiffening) for s in self.stimuli]
         return small_strain("finger", *max(pressed, default=(0.0, 0.0)))
 
     @cached_property
     def joints(self) -> tuple[Joint, ...]:
-        """Overlays of one family under one condition together; other shapes each alone."""
+        """Overlays grouped by family and condition; each other shape on its own."""
         ordered = sorted(self.overlays, key=lambda p: _group(p.stimulus))
         return tuple(Joint(tuple(group)) for _, group in groupby(ordered, key=lambda p: _group(p.stimulus)))
 
     @property
     def judged(self) -> list[Stimulus]:
-        """The stimuli to report: a shape test is defined, or a recording exists."""
+        """Stimuli to report: a shape test is defined, or a recording exists."""
         recorded = [overlay.stimulus for overlay in self.overlays]
         return [s for s in self.stimuli if s in recorded or self.passes(s) is not None]
 
     def passes(self, stimulus: Stimulus, threshold: float = THRESHOLD) -> Flags | None:
-        """(18, receptors) verdicts of the shape test, None where none is defined."""
+        """Return (18, receptors) results of the shape test, or None if none is defined."""
         key = stimulus, threshold
         if key not in self._passed:
             profiles = np.moveaxis(stimulus.measures, 1, -1)
@@ -145,15 +145,15 @@ class Comparison:
         return self._passed[key]
 
     def candidates(self, threshold: float = THRESHOLD, stimuli: Sequence[Stimulus] | None = None) -> list[str]:
-        """Measures for which one receptor passes under every step, and one near x = 0 under every bar.
+        """Return measures that pass at one receptor under every step, and at one near x = 0 under every bar.
 
-        Over the given stimuli, all by default. Empty when there is neither a step nor a bar.
+        `stimuli` defaults to all. The list is empty if there is neither a step nor a bar.
         """
         found = {family: self._passing(family, threshold, stimuli or self.stimuli) for family in FAMILIES}
-        asked = [flags for flags in found.values() if flags is not None]
-        if not asked:
+        families = [flags for flags in found.values() if flags is not None]
+        if not families:
             return []
-        return [name for name, passed in zip(MEASURES, np.logical_and.reduce(asked), strict=True) if passed]
+        return [name for name, passed in zip(MEASURES, np.logical_and.reduce(families), strict=True) if passed]
 
     def candidates_by_condition(self, threshold: float = THRESHOLD) -> list[tuple[str, list[str]]]:
         """Return the candidates for each condition of a family, and for every pair of steps and bars."""
@@ -163,10 +163,10 @@ class Comparison:
         return [(name, self.candidates(threshold, group)) for name, group in named]
 
     def collinear(self) -> list[tuple[str, list[list[str]]]]:
-        """For each family and condition the groups of measures that go together whatever is recorded.
+        """Return, for each family and condition, the groups of nearly collinear measures.
 
-        Measures are linked when |r| over all positions and receptors is `COLLINEAR` or more. What was pressed at one
-        place only says nothing of that.
+        Measures are linked if |r| over all positions and receptors is at least `COLLINEAR`. A stimulus at a single
+        position is ignored.
         """
         moved = [group for group in self._groups if any(len(stimulus.x_mm) > 1 for stimulus in group)]
         return [(_conditions(group), _collinear(group)) for group in moved]
@@ -181,7 +181,7 @@ class Comparison:
         return [list(group) for _, group in groupby(self.stimuli, key=_group)]
 
     def _passing(self, family: str, threshold: float, stimuli: Sequence[Stimulus]) -> Flags | None:
-        """(18,) measures that some receptor passes under every stimulus of a family."""
+        """Return (18,) flags of measures that pass at some receptor under every stimulus of a family."""
         flags = []
         for stimulus in stimuli:
             passed = self.passes(stimulus, threshold) if stimulus.family == family else None
@@ -200,11 +200,11 @@ def compare(
 ) -> Comparison:
     """Pair each recording, by its shape's canonical name, with every stimulus of that shape.
 
-    A name like "step:1@8 gwt" is of that condition alone.
+    A name such as "step:1@8 gwt" selects one condition.
 
-    `normalise` divides rates by the largest mean rate of their family; `plausible` says which fingers the stimuli
-    hold besides the one that is fitted. Raises ComparisonError where two runs pressed
-    the same shape to the same target, or no run pressed a recorded shape.
+    `normalise` divides rates by the largest mean rate of their family; `plausible` describes the further fingers in
+    the stimuli. Raises ComparisonError if two runs pressed the same shape to the same target, or if no run pressed a
+    recorded shape.
     """
     if normalise:
         recordings = _normalised(recordings)
@@ -250,14 +250,14 @@ def _normalised(recordings: Mapping[str, Recording]) -> dict[str, Recording]:
 
 
 def _group(stimulus: Stimulus) -> tuple[str, str, float]:
-    """Stimuli with the same are judged together."""
+    """Return the group of stimuli that are tested together."""
     family = stimulus.family if stimulus.family in FAMILIES else stimulus.shape
     return family, stimulus.kind, stimulus.commanded
 
 
 def _collinear(group: Sequence[Stimulus]) -> list[list[str]]:
     values = np.concatenate([stimulus.measures.reshape(len(MEASURES), -1) for stimulus in group], axis=1)
-    with np.errstate(invalid="ignore", divide="ignore"):  # a measure that does not vary goes with none
+    with np.errstate(invalid="ignore", divide="ignore"):  # a constant measure is collinear with none
         linked = np.abs(np.corrcoef(values)) >= COLLINEAR
     _, number = connected_components(linked, directed=False)
     groups = [[name for name, mine in zip(MEASURES, number, strict=True) if mine == k] for k in np.unique(number)]
@@ -265,7 +265,7 @@ def _collinear(group: Sequence[Stimulus]) -> list[list[str]]:
 
 
 def _conditions(group: Sequence[Stimulus]) -> str:
-    """For example "step:1, step:3, step:5 at 8 gwt"."""
+    """Return the title of a group, e.g. "step:1, step:3, step:5 at 8 gwt"."""
     return f"{', '.join(stimulus.indentor for stimulus in group)} at {group[0].condition}"
 
 
@@ -273,18 +273,18 @@ _DECIMALS = 6
 
 
 def left_out(overlay: Overlay) -> NDArray[np.bool_]:
-    """(p, receptors) recorded positions at which a receptor's SSRP is not known."""
+    """Return (p, receptors) flags of recorded positions at which a receptor's SSRP is unknown."""
     return np.isnan(overlay.eps[0])
 
 
 def range_needed(overlay: Overlay) -> tuple[float, float]:
-    """Lowest and highest x in mm of a run that covers the recording at every receptor."""
+    """Return the lowest and highest x (mm) of a run that covers the recording at every receptor."""
     position, receptor = overlay.recording.position_mm, overlay.stimulus.receptor_mm
     return float(position.min() + receptor.min()), float(position.max() + receptor.max())
 
 
 def left_out_rows(comparison: Comparison) -> list[dict[str, Any]]:
-    """Return what is left out of each recording at each receptor, for `--json`."""
+    """Return the uncovered positions of each recording at each receptor, for `--json`."""
     return [_row(overlay) for overlay in comparison.overlays]
 
 
@@ -305,7 +305,7 @@ def _row(overlay: Overlay) -> dict[str, Any]:
 
 
 def left_out_lines(comparison: Comparison) -> list[str]:
-    """Return a line for each recording that the stimulus does not cover at every receptor: what would cover it."""
+    """Return, for each recording not covered at every receptor, a line with the range to press."""
     return [_line(overlay) for overlay in comparison.overlays if left_out(overlay).any()]
 
 

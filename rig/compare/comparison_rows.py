@@ -43,7 +43,7 @@ def as_json(comparison: Comparison, report: str) -> dict[str, Any]:
 
 
 def measure_unit(name: str) -> str:
-    """The unit of a measure or control; a constant rate has none."""
+    """Return the unit of a measure or control; a constant rate has none."""
     return unit_of(name) if name in MEASURES else _CONTROL_UNITS.get(name, "")
 
 
@@ -106,7 +106,7 @@ def fingers_as_json(comparison: Comparison) -> dict[str, Any]:
 
 
 def _joint_rows(joint: Joint, pairs: Sequence[Pair]) -> list[Row]:
-    """Pairs over all shapes of a joint fit: by least squares, with limits of the likelihood."""
+    """Return the least-squares fit of pairs over all shapes of a joint fit, with likelihood limits."""
     return [
         {
             **_named(joint, pair),
@@ -119,7 +119,7 @@ def _joint_rows(joint: Joint, pairs: Sequence[Pair]) -> list[Row]:
 
 
 def _rows_with_finger(joint: Joint, plausible: PlausibleFingers) -> list[Row]:
-    """The same where each pair may have its best plausible finger, beside those on the run's own."""
+    """Return joint fits of pairs on their best plausible finger, beside those on the run's own finger."""
     place, fit = fit_all_with_finger(joint.eps_on_fingers, joint.rate)
     explained = joint.explained_by(fit)
     pairs = best_pairs(joint, explained)
@@ -130,9 +130,9 @@ def _rows_with_finger(joint: Joint, plausible: PlausibleFingers) -> list[Row]:
             "r2": number(explained[pair]),
             "best_finger": named_values(plausible.values(place[pair])),
             **_line(fit, pair, on_all),
-            "on_this_finger": {name: given[name] for name in ("unit", *_LINE, "r2")},
+            "on_this_finger": {name: single[name] for name in ("unit", *_LINE, "r2")},
         }
-        for pair, on_all, given in zip(pairs, limits, _joint_rows(joint, pairs), strict=True)
+        for pair, on_all, single in zip(pairs, limits, _joint_rows(joint, pairs), strict=True)
     ]
 
 
@@ -148,7 +148,7 @@ def _named(joint: Joint, pair: Pair) -> Row:
 
 
 def named_values(values: Mapping[str, float]) -> list[Row]:
-    """Parameters of a finger by their places in the configuration."""
+    """Return the parameters of a finger with their configuration keys."""
     return [{"name": name, "value": round(value, 6), "unit": unit(name) or "1"} for name, value in values.items()]
 
 
@@ -161,13 +161,13 @@ def _line(fit: Fit, pair: Pair, limits: ConfidenceLimits | None) -> Row:
 
 
 def best_pairs(joint: Joint, explained: Array) -> list[Pair]:
-    """Each measure at the receptor in play where most is explained, of (18, receptors); not where nothing fits."""
+    """Return each fitted measure at its receptor in play with the largest `explained` (18, receptors)."""
     share = np.where(joint.in_play & np.isfinite(explained), explained, -np.inf)
     return [(m, int(np.argmax(row))) for m, row in enumerate(share) if np.isfinite(row).any()]
 
 
 def chance_row(joint: Joint) -> dict[str, Any]:
-    """The |r| that the largest of so many unrelated correlations exceeds, over the positions that all pairs share."""
+    """Return the |r| that the largest of that many unrelated correlations exceeds, over shared positions."""
     stimulus = joint.overlays[0].stimulus
     which = compared(joint.eps)
     positions = len(joint.rate) if which is None else int(which[1].sum())
@@ -201,7 +201,7 @@ def _count(comparison: Comparison, stimulus: Stimulus, threshold: float) -> int:
 
 
 def number(value: float) -> float | None:
-    """NaN and infinities as None."""
+    """Return None for NaN and infinities."""
     return float(value) if math.isfinite(value) else None
 
 

@@ -4,18 +4,18 @@ from rig.errors import RigError
 
 
 class ComparisonError(RigError, ValueError):
-    """The runs and recordings do not go together."""
+    """Runs and recordings that cannot be compared."""
 
     default_code = "comparison"
 
 
 class FingersError(ComparisonError):
-    """The file of plausible fingers cannot be used with these runs; the message names file and key."""
+    """Plausible-fingers file that does not suit the runs; the message names file and key."""
 
     default_code = "fingers"
 
 
 class RecordingError(RigError, ValueError):
-    """A recording cannot be used; the message names file, row and column."""
+    """Unusable recording; the message names file, row and column."""
 
     default_code = "recording"

@@ -1,4 +1,4 @@
-"""Fit the rate model R = max(0, k(ε − ε₀)) by least squares; correlations."""
+"""Least-squares fit of the rate model R = max(0, k(ε − ε₀)), and correlations."""
 
 from typing import NamedTuple
 
@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 class Fit(NamedTuple):
     """k (rate per unit of the measure), ε₀ (unit of the measure) and the sum of squared residuals.
 
-    k is negative where the rate falls as the measure rises. All NaN where no line explains more than a constant.
+    k is negative if the rate falls as the measure rises. All are NaN if no line is better than a constant.
     """
 
     k: Array
@@ -21,24 +21,24 @@ class Fit(NamedTuple):
 
     @property
     def fires_unloaded(self) -> NDArray[np.bool_]:
-        """Whether the model fires at ε = 0: for a positive k, whether ε₀ is negative."""
+        """Whether the model fires at ε = 0; for a positive k, ε₀ < 0."""
         return self.k * self.eps0 < 0
 
 
 def predicted(fit: Fit, eps: Array) -> Array:
-    """Rates at ε; fit and ε broadcast."""
+    """Return the rates at ε; fit and ε broadcast."""
     return np.maximum(0.0, fit.k * (eps - fit.eps0))
 
 
 def fit_rates(eps: Array, rate: Array, weight: Array | None = None, sign: int = 0, *, silent: bool = False) -> Fit:
-    """The best k and ε₀ for ε (…, n) and non-negative rates (…, n), with weights (…, n), one fit for each row.
+    """Return the best k and ε₀ for ε (…, n) and non-negative rates (…, n) with weights (…, n), one fit per row.
 
-    `sign` restricts k to that sign; 0 takes whichever leaves the smaller residual. `silent`: at ε = 0, so that k > 0
-    and ε₀ ≥ 0.
+    `sign` restricts k to that sign; 0 allows both and takes the smaller residual. `silent` requires a rate of zero at
+    ε = 0, so that k > 0 and ε₀ ≥ 0.
 
-    Exact, not iterative: the points with R > 0 are those of the largest ε, so each number of them has one regression
-    line, and the best line that is positive on just its own points is the answer. No minimum lies where ε₀ passes a
-    point, because a non-negative rate can only pull ε₀ down.
+    The result is exact, not iterative. Points with R > 0 are those of the largest ε, so each number of them has one
+    regression line, and the best line that is positive on exactly its own points is the answer. No minimum lies where
+    ε₀ passes a point, because a non-negative rate can only pull ε₀ down.
     """
     weight = np.ones_like(eps) if weight is None else weight
     if silent:
@@ -55,7 +55,7 @@ _TOLERANCE = 1e-9
 
 
 def _silent(eps: Array, rate: Array, weight: Array) -> Fit:
-    """k > 0 and ε₀ ≥ 0: the best line that ends above zero, or the one through the origin."""
+    """Return the best fit with k > 0 and ε₀ ≥ 0: a line that ends above zero, or the one through the origin."""
     above, up = _rising(eps, rate, weight, 0.0), np.maximum(eps, 0.0)
     square = (weight * up * up).sum(axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -68,7 +68,7 @@ def _silent(eps: Array, rate: Array, weight: Array) -> Fit:
 
 
 def _rising(eps: Array, rate: Array, weight: Array, least: float = -np.inf) -> Fit:
-    """k > 0, ε₀ ≥ `least`. Row sums over the j largest ε, for every j at once."""
+    """Return the best fit with k > 0 and ε₀ ≥ `least`, from sums over the j largest ε for every j at once."""
     order = np.argsort(-eps, axis=-1, kind="stable")
     scale, centre = np.ptp(eps, axis=-1, keepdims=True), eps.mean(axis=-1, keepdims=True)
     scale = np.where(scale > 0, scale, 1.0)
@@ -77,7 +77,7 @@ def _rising(eps: Array, rate: Array, weight: Array, least: float = -np.inf) -> F
     n, se, sy = (np.cumsum(v, axis=-1) for v in (w, w * e, w * y))
     see, sey, syy = (np.cumsum(v, axis=-1) for v in (w * e * e, w * e * y, w * y * y))
     determinant = n * see - se * se
-    flat = _TOLERANCE * y.max(axis=-1, keepdims=True)  # a slope below this is round-off
+    flat = _TOLERANCE * y.max(axis=-1, keepdims=True)  # a smaller slope is round-off
     next_e = np.concatenate([e[..., 1:], np.full_like(e[..., :1], -np.inf)], axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
         k = np.where(determinant > _TOLERANCE * n * n, (n * sey - se * sy) / determinant, np.nan)
@@ -93,7 +93,7 @@ def _rising(eps: Array, rate: Array, weight: Array, least: float = -np.inf) -> F
 
 
 def _ordered(values: Array, order: NDArray[np.int64]) -> Array:
-    """Rows in an order of their own; the two broadcast."""
+    """Return rows sorted by their own orders; the two broadcast."""
     if order.ndim == 1:
         return values[..., order]
     shape = np.broadcast_shapes(values.shape, order.shape)
@@ -108,9 +108,9 @@ _COVERED_ENOUGH = 0.8
 
 
 def correlation(eps: Array, rate: Array) -> Array:
-    """Pearson's r (18, receptors) of measures (18, p, receptors) and rates (p,), where both are known.
+    """Return Pearson's r (18, receptors) of measures (18, p, receptors) and rates (p,), where both are known.
 
-    NaN with fewer than three positions or where one of the two does not vary.
+    NaN with fewer than three positions or if one of the two is constant.
     """
     known = ~np.isnan(eps)
     n = known.sum(axis=1)
@@ -124,31 +124,31 @@ def correlation(eps: Array, rate: Array) -> Array:
 
 
 def chance_correlation(positions: int, looked_at: int) -> float:
-    """The |r| that the largest of `looked_at` unrelated correlations exceeds in 5 % of recordings (Bonferroni)."""
+    """Return the |r| that the largest of `looked_at` random correlations exceeds in 5 % of cases (Bonferroni)."""
     t = float(stdtrit(positions - 2, 1 - (1 - CONFIDENCE) / (2 * looked_at)))
     return t / float(np.sqrt(positions - 2 + t * t))
 
 
 def compared(eps: Array) -> tuple[Flags, Flags] | None:
-    """Receptors in play, and the positions that all of them cover; None where these are too few."""
+    """Return the receptors in play and the positions that all of them cover, or None if these are too few."""
     receptors = in_play(eps)
     common = ~np.isnan(eps[0][:, receptors]).any(axis=1)
     return (receptors, common) if receptors.any() and common.sum() >= FEWEST_POSITIONS else None
 
 
 def by_pair(eps: Array) -> Array:
-    """(…, 18 × receptors, p) of SSRPs (…, 18, p, receptors)."""
+    """Reshape SSRPs (…, 18, p, receptors) to (…, 18 × receptors, p)."""
     moved = np.moveaxis(eps, -1, -2)
     return np.ascontiguousarray(moved.reshape(*eps.shape[:-3], -1, eps.shape[-2]))
 
 
 def in_play(eps: Array) -> Flags:
-    """(receptors,) those that cover 80 % of the recorded positions."""
+    """Return (receptors,) flags of receptors that cover 80 % of the recorded positions."""
     return np.asarray((~np.isnan(eps[0])).mean(axis=0) >= _COVERED_ENOUGH)
 
 
 def fit_all(eps: Array, rate: Array) -> Fit:
-    """The fit (18, receptors) of every pair, over the positions that it covers; NaN below three."""
+    """Return the fit (18, receptors) of every pair over the positions that it covers; NaN below three."""
     values = np.full((3, eps.shape[0], eps.shape[2]), np.nan)
     for j in range(eps.shape[2]):
         known = ~np.isnan(eps[0, :, j])

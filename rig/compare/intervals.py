@@ -13,10 +13,10 @@ from rig.compare.verdict import LEVEL, Limits
 
 Array = NDArray[np.float64]
 
-_FINE = 0.03  # steps of the saturation, of 1 over the largest rate
-_GRID = 5  # places along each range of a finger's parameter
+_FINE = 0.03  # step of the saturation, relative to 1 / largest rate
+_GRID = 5  # points along each range of a finger's parameter
 _STEPS = np.concatenate([[0.0], np.geomspace(1e-3, 30.0, 60)])
-_OFFSETS = np.concatenate([-_STEPS[:0:-1], _STEPS])  # of ε₀ from its best, over the range of ε
+_OFFSETS = np.concatenate([-_STEPS[:0:-1], _STEPS])  # offsets of ε₀ from its best value, relative to the range of ε
 
 
 class ConfidenceLimits(NamedTuple):
@@ -27,10 +27,10 @@ class ConfidenceLimits(NamedTuple):
 
 
 def limits(candidates: Candidates, observed: Observed, fit: Fitted, row: int, ratio: float) -> ConfidenceLimits:
-    """Where the deviance of a candidate, by its row, is not above its least by more than F(1, noise) at 95 %.
+    """Return limits within which the deviance of candidate `row` exceeds its minimum by at most F(1, noise) at 95 %.
 
-    `ratio` is the F of its fit; above 1 it counts as noise. The finger's place and the saturation are free. NaN
-    without a fit, infinite where not even an end of the range of ε₀ is unlikely.
+    `ratio` is the F of its fit; above 1 it counts as noise. The finger and the saturation are free. NaN without a
+    fit, infinite if even an end of the range of ε₀ is not unlikely.
     """
     found, noise, form = fit.found, observed.noise, candidates.form
     k, eps0 = float(found.k[row]), float(found.eps0[row])
@@ -51,7 +51,7 @@ def _hull(ends: Array) -> Limits:
 
 
 def _ends(eps: Array, saturation: float, observed: Observed, form: Form, limit: float) -> Array:
-    """(n, 2, 2) ends of k and ε₀ where the deviance of rising ε (places, p) is below a limit, for places with any."""
+    """Return (n, 2, 2) ends of k and ε₀ at which the deviance of rising ε (places, p) is below a limit."""
     own = at_saturation(eps, observed, form, np.full(len(eps), saturation))
     eps, centre = eps[own.k > 0], own.eps0[own.k > 0]
     eps0 = centre[:, None] + np.ptp(eps, axis=1, keepdims=True) * _OFFSETS
@@ -60,7 +60,7 @@ def _ends(eps: Array, saturation: float, observed: Observed, form: Form, limit: 
         eps0, least = np.maximum(eps0, 0.0), 0.0
     best, deviance, spread = _along(eps, eps0, observed, saturation)
     room = limit - deviance
-    with np.errstate(over="ignore"):  # where no position is above ε₀ any k will do
+    with np.errstate(over="ignore"):  # any k fits if no position is above ε₀
         reach = np.sqrt(np.maximum(room, 0.0) / spread)
     found = []
     for one in np.flatnonzero((room >= 0).any(axis=1)):
@@ -80,7 +80,7 @@ def _more(candidates: Candidates, observed: Observed, fit: Fitted, row: int) -> 
 
 
 def _on_fingers(candidates: Candidates, fit: Fitted, row: int) -> Array:
-    """(places, p) of the candidate, that of its best finger first."""
+    """Return (places, p) ε of the candidate, its best finger first."""
     if not candidates.free:
         return fit.eps[row : row + 1]
     at = weights(places(np.linspace(-1, 1, _GRID).tolist(), candidates.free))
@@ -88,7 +88,7 @@ def _on_fingers(candidates: Candidates, fit: Fitted, row: int) -> Array:
 
 
 def _along(eps: Array, eps0: Array, observed: Observed, saturation: float) -> tuple[Array, Array, Array]:
-    """The best k at each ε₀ (places, q), its deviance, and half the second derivative of that by k."""
+    """Return the best k at each ε₀ (places, q), its deviance, and half the second derivative of that by k."""
     above = np.maximum(eps[:, None] - eps0[..., None], 0.0)
     k = _slope(above, observed.rate, 1 / observed.variance(observed.smooth))
     for _ in range(_ROUNDS):
@@ -100,7 +100,7 @@ def _along(eps: Array, eps0: Array, observed: Observed, saturation: float) -> tu
 
 
 def _bent(k: Array, above: Array, saturation: float) -> tuple[Array, Array]:
-    """Rates, and their derivatives by the drive."""
+    """Return rates, and their derivatives by the drive."""
     drive = k[..., None] * above
     return drive / (1 + saturation * drive), (1 + saturation * drive) ** -2
 
@@ -114,7 +114,7 @@ def _slope(above: Array, rate: Array, weight: Array) -> Array:
 
 
 def _crossed(at: Array, room: Array, least: float) -> Limits:
-    """Return the ends at which room, linear between positions, crosses zero; `least` or infinity without one."""
+    """Return the ends at which `room`, linear between positions, crosses zero; `least` or infinity without any."""
     inside = np.flatnonzero(room >= 0)
     first, last = int(inside[0]), int(inside[-1])
     low, high = least, np.inf

@@ -1,8 +1,8 @@
-"""The likelihood of a recording under the rate model: its noise, and the likeliest parameters.
+"""The likelihood of a recording under the rate model: its noise, and the maximum-likelihood parameters.
 
-Counts are quasi-Poisson: variance = dispersion × mean, the dispersion free. Half a spike is added to what is counted
-and to what is expected at each position (as Jeffreys's prior does), so that a spike where a model is silent costs
-much, but not infinitely much. Rates with an sd are normal; rates alone are normal with one variance for all.
+Counts are quasi-Poisson: variance = dispersion × mean, with a free dispersion. Half a spike is added to observed and
+expected counts at each position (as Jeffreys's prior does), so that a spike where a model is silent is costly but not
+infinitely so. Rates with an sd are normal; rates alone are normal with one variance for all.
 """
 
 from collections.abc import Sequence
@@ -25,16 +25,16 @@ FEWEST_REPEATED = 3
 """Degrees of freedom within positions from which the noise is estimated from repeats."""
 
 _HALF_A_SPIKE = 0.5
-_LEAST_NOISE = 1e-6  # of the largest rate: what has no noise at all is fitted, too
-_NEIGHBOURS_COUNT = 18 / 35  # degrees of freedom a position of (½, −1, ½) differences (Gasser et al. 1986)
+_LEAST_NOISE = 1e-6  # relative to the largest rate, so that data without noise can be fitted
+_NEIGHBOURS_COUNT = 18 / 35  # degrees of freedom per position of (½, −1, ½) differences (Gasser et al. 1986)
 
 
 @dataclass(frozen=True, eq=False)
 class Observed:
-    """At (p,) positions: number of the stimulus, mm, mean rate, presses, squares within, exposure and sd.
+    """Recorded positions (p,): stimulus number, mm, mean rate, presses, sum of squares, exposure and sd.
 
-    `within` is the sum of squared deviations of presses from their mean; `exposure_s` presses × window, NaN where
-    rates alone are known; `sd` that of the mean rate, where it was given.
+    `within` is the sum of squared deviations of presses from their mean; `exposure_s` is presses × window, NaN if
+    only rates are known; `sd` is that of the mean rate, if stated.
     """
 
     kind: Literal["counts", "sd", "rates"]
@@ -47,12 +47,12 @@ class Observed:
     sd: Array
 
     def at(self, chosen: Flags | NDArray[np.int64]) -> "Observed":
-        """Some of the positions, by flags or numbers."""
+        """Return some of the positions, by flags or numbers."""
         return Observed(self.kind, *(getattr(self, field.name)[chosen] for field in fields(self)[1:]))
 
     @property
     def base(self) -> Array:
-        """(p,) weights of a constant rate."""
+        """Weights (p,) of a constant rate."""
         if self.kind == "sd":
             return np.asarray(self.sd**-2)
         return self.exposure_s if self.kind == "counts" else self.presses
@@ -62,24 +62,24 @@ class Observed:
         return _HALF_A_SPIKE / self.exposure_s
 
     def variance(self, mean: Array) -> Array:
-        """(…, p) of mean rates (…, p) expected, over the dispersion."""
+        """Return the variance (…, p) at expected rates (…, p), relative to the dispersion."""
         more = mean + self._half if self.kind == "counts" else np.ones_like(mean)
         return np.asarray(more / self.base)
 
     def deviance(self, mean: Array) -> Array:
-        """(…, p) of each position under expected rates (…, p), not yet over the dispersion."""
+        """Return the deviance (…, p) of each position under expected rates (…, p), not divided by the dispersion."""
         if self.kind != "counts":
             return np.asarray(self.base * (self.rate - mean) ** 2)
         y, mu = self.rate + self._half, mean + self._half
         return np.asarray(np.maximum(2 * self.exposure_s * (xlogy(y, y / mu) - (y - mu)), 0.0))
 
     def share(self, mean: Array) -> Array:
-        """(…, p) of a degree of freedom that each position is worth: none where silence is expected of counts."""
+        """Return the degrees of freedom (…, p) that each position adds: none where no count is expected."""
         return np.asarray(mean / (mean + self._half)) if self.kind == "counts" else np.ones_like(mean)
 
     @cached_property
     def smooth(self) -> Array:
-        """(p,) rates averaged with those of the neighbours: where fits begin."""
+        """Rates (p,) averaged with those of the neighbors; fits start from them."""
         total, count = self.base * self.rate, self.base.copy()
         same = self.stimulus[1:] == self.stimulus[:-1]
         for of, value in ((total, self.base * self.rate), (count, self.base)):
@@ -89,7 +89,7 @@ class Observed:
 
     @cached_property
     def noise(self) -> RecordingNoise:
-        """How large it is, and where that is known from."""
+        """Size of the noise, and how it was estimated."""
         if self.kind == "sd":
             return RecordingNoise("sd", "sd", 1.0, np.inf)
         within = (self.presses - 1).sum() >= FEWEST_REPEATED
@@ -101,9 +101,9 @@ class Observed:
 
     @cached_property
     def evenness(self) -> float:
-        """Share of the degrees of freedom that is left where noise differs between positions (Box 1954); 1 at most.
+        """Share of the degrees of freedom that is left if noise differs between positions (Box 1954); at most 1.
 
-        Of rates alone with repeats; the variances' own scatter, σ⁴ (1 + 2/freedom), is taken out.
+        Only for rates with repeats; the scatter of the variances themselves, σ⁴ (1 + 2/freedom), is subtracted.
         """
         freedom = self.presses - 1
         if self.noise.kind != "rates" or self.noise.source != "repeats":
@@ -114,7 +114,7 @@ class Observed:
         return float(min(variance.sum() ** 2 / (here.sum() * fourth), 1.0)) if fourth > 0 else 1.0
 
     def _between_presses(self) -> tuple[float, float]:
-        """Squares within over what Poisson's presses would have, both weighted by the rates round about."""
+        """Estimate noise from squares within positions over Poisson's, both weighted by neighboring rates."""
         freedom, weight = self.presses - 1, self.base / self.presses
         if self.kind != "counts":
             return float((weight * self.within).sum() / freedom.sum()), float(freedom.sum())
@@ -141,9 +141,9 @@ class Observed:
 
 
 def observed(recordings: Sequence[Recording], known: Flags) -> Observed:
-    """Of recordings in the order of their stimuli, at those of all their positions that are known.
+    """Return the recordings, in the order of their stimuli, at those of their positions that are known.
 
-    Counts where every recording has a window, sd where every rate has one and none is repeated, otherwise rates.
+    Counts if every recording has a window, sd if every rate has one and none is repeated, otherwise rates.
     """
     each = [rates for one in recordings for rates in one.repeats]
     presses = np.array([len(rates) for rates in each], dtype=float)
@@ -155,7 +155,7 @@ def observed(recordings: Sequence[Recording], known: Flags) -> Observed:
         kind = "counts"
     elif (presses == 1).all() and np.isfinite(sd[known]).all() and (sd[known] > 0).any():
         kind = "sd"
-        sd = np.where(sd > 0, sd, sd[known & (sd > 0)].min())  # nothing is known without error
+        sd = np.where(sd > 0, sd, sd[known & (sd > 0)].min())  # no rate has zero error
     return Observed(
         kind,
         number,
@@ -168,14 +168,14 @@ def observed(recordings: Sequence[Recording], known: Flags) -> Observed:
     ).at(known)
 
 
-# The likeliest rate model of each of many candidates: R = max(0, k(ε − ε₀)), on request saturating.
+# Maximum-likelihood rate models of many candidates: R = max(0, k(ε − ε₀)), saturating on request.
 #
-# Quasi-likelihood by reweighting: at given variances the best line is found exactly (`rig/compare/fit.py`), then the
-# variances follow from its rates; the likeliest of these is kept.
+# Quasi-likelihood by reweighting: with fixed variances the best line is found exactly (`rig/compare/fit.py`), then
+# variances are updated from its rates; the most likely iterate is used.
 
 _ROUNDS = 6
-_COARSE = 0.15  # steps of the saturation, of 1 over the largest smoothed rate
-_HALVED = 4  # times, around the best
+_COARSE = 0.15  # step of the saturation, relative to 1 / largest smoothed rate
+_HALVED = 4  # number of halvings of the step around the best value
 _MOST = 0.96
 
 
@@ -193,7 +193,7 @@ class Form(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Likeliest:
-    """k, ε₀ and saturation (N,), NaN where no line beats a constant; expected rates and deviances (N, p)."""
+    """k, ε₀ and saturation (N,), NaN if no line beats a constant; expected rates and deviances (N, p)."""
 
     k: Array
     eps0: Array
@@ -203,11 +203,11 @@ class Likeliest:
 
     @property
     def total(self) -> Array:
-        """(N,) deviance over all positions."""
+        """Deviance (N,) over all positions."""
         return np.asarray(self.deviance.sum(axis=1))
 
     def rates(self, eps: Array) -> Array:
-        """(N, q) expected elsewhere, at ε (N, q); of a constant the same as here."""
+        """Return rates (N, q) at other ε (N, q); a constant keeps its rate."""
         line = _rates(Fit(self.k, self.eps0, self.k), self.saturation, eps)
         return np.where(np.isnan(self.k)[:, None], self.mean[:, :1], line)
 
@@ -228,7 +228,7 @@ def likeliest(eps: Array, observed: Observed, form: Form) -> Likeliest:
 
 
 def saturations(observed: Observed, step: float) -> Array:
-    """Those that are possible, in steps of a part of 1 over the largest smoothed rate."""
+    """Return the possible saturations, in steps relative to 1 / largest smoothed rate."""
     return np.arange(0.0, _MOST, step) / _largest(observed)
 
 
@@ -237,7 +237,7 @@ def _largest(observed: Observed) -> float:
 
 
 def at_saturation(eps: Array, observed: Observed, form: Form, saturation: Array) -> Likeliest:
-    """The same at saturations (N,)."""
+    """Return the maximum-likelihood fits at saturations (N,)."""
     level = float(observed.base @ observed.rate / observed.base.sum())
     bent = saturation[:, None]
     mean = np.where(bent > 0, np.minimum(observed.smooth, 0.98 / np.maximum(bent, 1e-300)), observed.smooth)
@@ -254,7 +254,7 @@ def at_saturation(eps: Array, observed: Observed, form: Form, saturation: Array)
 
 
 def _round(eps: Array, sign: Array, mean: Array, observed: Observed, form: Form, bent: Array) -> Fit:
-    """One weighted fit, of what rates mean where these would not saturate."""
+    """Return one weighted fit to the rates, with saturation inverted."""
     drive = mean / (1 - bent * mean)
     steep = (1 + bent * drive) ** 2
     rate = np.maximum(drive + (observed.rate - mean) * steep, 0.0)

@@ -36,13 +36,13 @@ _NOT_KNOWN = ConfidenceLimits((np.nan, np.nan), (np.nan, np.nan))
 
 
 def answers(comparison: Comparison, form: Form = Form()) -> tuple[AfferentVerdict, ...]:  # noqa: B008
-    """One for each afferent; none where too few positions are covered by the receptors in play."""
+    """Return one verdict for each afferent; none if the receptors in play cover too few positions."""
     found = [_answer(group, comparison.plausible, form) for group in afferents(comparison)]
     return tuple(one for one in found if one is not None)
 
 
 def afferents(comparison: Comparison) -> list[tuple[Overlay, ...]]:
-    """All recordings are of one afferent, unless rates are of each family's own unit, or one is laid over several."""
+    """Return overlays by afferent: one, unless families have their own units or a recording has several."""
     if comparison.normalised:
         families = groupby(comparison.overlays, key=lambda p: p.stimulus.family)
         return [tuple(group) for _, group in families]
@@ -53,7 +53,7 @@ def afferents(comparison: Comparison) -> list[tuple[Overlay, ...]]:
 
 
 class _Named(NamedTuple):
-    """Whose row each is: its name, whether it is a control, and its receptor."""
+    """Row of a pair: its name, whether it is a control, and its receptor (mm)."""
 
     name: str
     control: bool
@@ -61,12 +61,12 @@ class _Named(NamedTuple):
 
     @property
     def title(self) -> str:
-        """The name of the pair, as in tables."""
+        """Title of the pair, as in tables."""
         return titled(self.name, self.receptor_mm)
 
 
 class Laid(NamedTuple):
-    """All candidates of one afferent in one order, over the positions (of all) that are used."""
+    """Candidates of one afferent in one order, at the positions (of all) that are used."""
 
     named: list[_Named]
     observed: Observed
@@ -75,7 +75,7 @@ class Laid(NamedTuple):
 
 
 class _Judged(NamedTuple):
-    """How they fared."""
+    """Candidates with their fits and tests."""
 
     named: list[_Named]
     observed: Observed
@@ -88,7 +88,7 @@ class _Judged(NamedTuple):
 
     @property
     def measures(self) -> Flags:
-        """(N,) those that are no control."""
+        """Flags (N,) of measures, as opposed to controls."""
         return np.array([not one.control for one in self.named])
 
     @property
@@ -98,39 +98,39 @@ class _Judged(NamedTuple):
 
 
 def _answer(overlays: Sequence[Overlay], plausible: PlausibleFingers | None, form: Form) -> AfferentVerdict | None:
-    given = laid(overlays, form, with_fingers=plausible is not None)
-    if given is None:
+    pool = laid(overlays, form, with_fingers=plausible is not None)
+    if pool is None:
         return None
-    judged, seen = _judged(given), given.observed
+    judged, data = _judged(pool), pool.observed
     order = np.argsort(judged.fit.found.total, kind="stable")
     rows = [_row(judged, int(n), plausible) for n in order]
-    noise = seen.noise
+    noise = data.noise
     repeated = noise.source == "repeats"
     return AfferentVerdict(
         title=", ".join(overlay.stimulus.title for overlay in overlays),
         stimuli=tuple(overlay.stimulus.title for overlay in overlays),
         recordings=tuple(overlay.recording.name for overlay in overlays),
         places=FittedPositions(
-            seen.stimulus, seen.position_mm, seen.rate, np.sqrt(noise.dispersion * seen.variance(seen.rate))
+            data.stimulus, data.position_mm, data.rate, np.sqrt(noise.dispersion * data.variance(data.rate))
         ),
-        recorded=len(given.used),
-        left_out=_left_out(overlays, given.used),
+        recorded=len(pool.used),
+        left_out=_left_out(overlays, pool.used),
         noise=noise,
-        ceiling=by_repeats(seen) if repeated else by_monotone(judged.fit.eps, seen),
+        ceiling=by_repeats(data) if repeated else by_monotone(judged.fit.eps, data),
         ceiling_from="repeats" if repeated else "monotone",
         rows=tuple(rows),
         together=_together(judged, [overlay.stimulus.title for overlay in overlays]),
         power=_power(judged),
         saturating=form.saturating,
         silent_at_rest=form.silent_at_rest,
-        fingers=len(given.candidates.eps),
+        fingers=len(pool.candidates.eps),
     )
 
 
 def laid(overlays: Sequence[Overlay], form: Form, *, with_fingers: bool = False) -> Laid | None:
-    """Measures, controls and a constant beside the recordings; None where too few positions are covered.
+    """Return measures, controls and a constant with the recordings, or None if too few positions are covered.
 
-    The positions are those that every receptor in play covers.
+    Positions are those that every receptor in play covers.
     """
     eps = _eps(overlays, with_fingers=with_fingers)
     which = compared(eps[0])
@@ -142,29 +142,29 @@ def laid(overlays: Sequence[Overlay], form: Form, *, with_fingers: bool = False)
     named = [_Named(name, name in CONTROLS, float(x)) for name in names for x in places]
     constant = np.zeros((len(eps), 1, int(used.sum())))
     pairs = np.concatenate([by_pair(eps[:, :, used][..., receptors]), constant], axis=1)
-    seen = observed([overlay.recording for overlay in overlays], used)
-    return Laid([*named, _Named(A_CONSTANT, True, None)], seen, Candidates(pairs, form), used)
+    data = observed([overlay.recording for overlay in overlays], used)
+    return Laid([*named, _Named(A_CONSTANT, True, None)], data, Candidates(pairs, form), used)
 
 
 def joint_limits(joint: Joint, pairs: Sequence[Pair], *, with_fingers: bool = False) -> list[ConfidenceLimits | None]:
-    """Limits of pairs at receptors in play, over the recordings of a joint fit alone; rates do not saturate.
+    """Return limits of pairs at receptors in play, over the recordings of a joint fit; rates do not saturate.
 
-    None where the pair's own fit is rejected, and with too few positions.
+    None if the pair's own fit is rejected, and with too few positions.
     """
-    given = laid(joint.overlays, Form(), with_fingers=with_fingers)
-    if given is None or not pairs:
+    pool = laid(joint.overlays, Form(), with_fingers=with_fingers)
+    if pool is None or not pairs:
         return [None] * len(pairs)
-    seen, receptor_mm = given.observed, joint.overlays[0].stimulus.receptor_mm
-    number = {(one.name, one.receptor_mm): n for n, one in enumerate(given.named)}
-    candidates = given.candidates.only(np.array([number[MEASURES[m], float(receptor_mm[k])] for m, k in pairs]))
-    fit = candidates.fitted(seen)
-    ratio, p = candidates.tested(seen, fit)
+    data, receptor_mm = pool.observed, joint.overlays[0].stimulus.receptor_mm
+    number = {(one.name, one.receptor_mm): n for n, one in enumerate(pool.named)}
+    candidates = pool.candidates.only(np.array([number[MEASURES[m], float(receptor_mm[k])] for m, k in pairs]))
+    fit = candidates.fitted(data)
+    ratio, p = candidates.tested(data, fit)
     fits = (p >= LEVEL) & np.isfinite(fit.found.k)
-    return [limits(candidates, seen, fit, n, float(ratio[n])) if fits[n] else None for n in range(len(pairs))]
+    return [limits(candidates, data, fit, n, float(ratio[n])) if fits[n] else None for n in range(len(pairs))]
 
 
 def _eps(overlays: Sequence[Overlay], *, with_fingers: bool) -> Array:
-    """(fingers, 18 + controls, all positions, receptors); controls where every stimulus has them."""
+    """Return ε (fingers, 18 + controls, all positions, receptors); controls only if every stimulus has them."""
     each = [_with_controls(overlay, with_fingers=with_fingers) for overlay in overlays]
     fewest = min(one.shape[1] for one in each)
     return np.concatenate([one[:, :fewest] for one in each], axis=2)
@@ -176,20 +176,20 @@ def _with_controls(overlay: Overlay, *, with_fingers: bool) -> Array:
     return np.concatenate([measures, np.broadcast_to(control, (len(measures), *control.shape))], axis=1)
 
 
-def _judged(given: Laid) -> _Judged:
-    named, seen, candidates, _ = given
-    fit = candidates.fitted(seen)
-    p_set = set_probabilities(fit.found.deviance / seen.noise.dispersion, seen.stimulus)
-    left_out = predicted_left_out(candidates, seen)
-    return _Judged(named, seen, candidates, fit, left_out, *candidates.tested(seen, fit), p_set)
+def _judged(pool: Laid) -> _Judged:
+    named, data, candidates, _ = pool
+    fit = candidates.fitted(data)
+    p_set = set_probabilities(fit.found.deviance / data.noise.dispersion, data.stimulus)
+    left_out = predicted_left_out(candidates, data)
+    return _Judged(named, data, candidates, fit, left_out, *candidates.tested(data, fit), p_set)
 
 
 def _row(judged: _Judged, n: int, plausible: PlausibleFingers | None) -> PairRow:
-    seen, fit, named = judged.observed, judged.fit, judged.named[n]
+    data, fit, named = judged.observed, judged.fit, judged.named[n]
     found, eps, noise = fit.found, fit.eps[n], judged.observed.noise
     fits = judged.p_fit[n] >= LEVEL or n == judged.closest
-    region = limits(judged.candidates, seen, fit, n, float(judged.ratio[n])) if fits else _NOT_KNOWN
-    error = np.sqrt(noise.dispersion * seen.variance(found.mean[n]))
+    region = limits(judged.candidates, data, fit, n, float(judged.ratio[n])) if fits else _NOT_KNOWN
+    error = np.sqrt(noise.dispersion * data.variance(found.mean[n]))
     return PairRow(
         **named._asdict(),
         k=float(found.k[n]),
@@ -197,8 +197,8 @@ def _row(judged: _Judged, n: int, plausible: PlausibleFingers | None) -> PairRow
         saturation=float(found.saturation[n]),
         k_interval=region.k,
         eps0_interval=region.eps0,
-        r=float(correlation(eps[None, :, None], seen.rate)[0, 0]),
-        r2=_least_squares_r2(eps, seen.rate),
+        r=float(correlation(eps[None, :, None], data.rate)[0, 0]),
+        r2=_least_squares_r2(eps, data.rate),
         deviance=float(found.total[n] / noise.dispersion),
         lack_of_fit=float(judged.ratio[n]),
         p_fit=float(judged.p_fit[n]),
@@ -206,7 +206,7 @@ def _row(judged: _Judged, n: int, plausible: PlausibleFingers | None) -> PairRow
         left_out=float(judged.left_out.share()[n]),
         eps=eps,
         predicted=found.mean[n],
-        residual=(seen.rate - found.mean[n]) / error,
+        residual=(data.rate - found.mean[n]) / error,
         finger=None if plausible is None else plausible.values(fit.place[n]),
     )
 
@@ -230,20 +230,20 @@ def _left_out(overlays: Sequence[Overlay], used: Flags) -> tuple[LeftOut, ...]:
 
 def _together(judged: _Judged, stimuli: Sequence[str]) -> Together | None:
     """Compare separate fits with the joint fit, for the maximum-likelihood measure on the finger of its joint fit."""
-    seen, n = judged.observed, judged.closest
-    numbers = np.unique(seen.stimulus)
+    data, n = judged.observed, judged.closest
+    numbers = np.unique(data.stimulus)
     if len(numbers) < 2:
         return None
     one = Candidates(judged.fit.eps[None, n : n + 1], judged.candidates.form)
     apart = 0.0
     separate = []
     for number in numbers:
-        mine = seen.stimulus == number
-        found = one.fitted(seen, mine).found
+        mine = data.stimulus == number
+        found = one.fitted(data, mine).found
         apart += float(found.total[0])
         share = float(judged.left_out.share(mine)[n])
         separate.append(Separate(stimuli[number], float(found.k[0]), float(found.eps0[0]), share))
-    noise, even = seen.noise, seen.evenness
+    noise, even = data.noise, data.evenness
     freedom = one.parameters * (len(numbers) - 1.0)
     ratio = max(float(judged.fit.found.total[n]) - apart, 0.0) / noise.dispersion / freedom
     p = float(tail(np.array([ratio]), np.array([even * freedom]), even * noise.freedom)[0])

@@ -1,4 +1,4 @@
-"""Which candidates may be the best: the model confidence set, cross-validation and the power of the test."""
+"""Candidates that may be the best: the model confidence set, cross-validation and the power of the test."""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -21,7 +21,7 @@ pairs."""
 
 
 def resampled(stimulus: NDArray[np.int64], draws: int = DRAWS) -> Array:
-    """(draws, p) how often each position is drawn: circular blocks of neighbours, within each stimulus; one seed."""
+    """Return (draws, p) counts of each position in circular blocks of neighbors within each stimulus; fixed seed."""
     rng = np.random.default_rng(0)
     count = np.zeros((draws, len(stimulus)))
     for one in np.unique(stimulus):
@@ -34,10 +34,10 @@ def resampled(stimulus: NDArray[np.int64], draws: int = DRAWS) -> Array:
 
 
 def set_probabilities(loss: Array, stimulus: NDArray[np.int64]) -> Array:
-    """(N,) p of losses (N, p), deviances over the noise: candidates below a level are not in the set of that level.
+    """Return p (N,) of losses (N, p), deviances over the noise; the set of a level holds candidates with p above it.
 
-    The one that loses most clearly to another is taken out, as long as the largest difference of two of those left,
-    in its standard deviations, is larger than resampling makes it (their T_R).
+    The candidate that loses most clearly to another is removed, as long as the largest standardized difference
+    between two remaining ones exceeds its bootstrap distribution (T_R of Hansen et al.).
     """
     drawn = resampled(stimulus)
     mean = loss.mean(axis=1)
@@ -63,7 +63,7 @@ def set_probabilities(loss: Array, stimulus: NDArray[np.int64]) -> Array:
 
 
 def _taken_out(t: Array) -> NDArray[np.int64]:
-    """(N,) the order in which candidates go: each time the one with the largest t against another that is left."""
+    """Return the order (N,) of removal: each time the candidate with the largest t against another remaining one."""
     t = t.copy()
     order = []
     for _ in range(len(t)):
@@ -78,20 +78,20 @@ BLOCKS = 5
 
 
 class Predicted(NamedTuple):
-    """Deviances (N, p) where each position was not fitted, and (p,) those of the mean of what was fitted."""
+    """Held-out deviances (N, p), and (p,) those of the mean of the fitted positions."""
 
     deviance: Array
     of_mean: Array
 
     def share(self, at: NDArray[np.bool_] | slice = slice(None)) -> Array:
-        """(N,) of the deviance of the mean that is predicted, at some positions; 0: no better than the mean."""
+        """Return (N,) the predicted share of the deviance of the mean, at some positions; 0 is no improvement."""
         of_mean = self.of_mean[at].sum()
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(1 - self.deviance[:, at].sum(axis=1) / of_mean)
 
 
 def predicted_left_out(candidates: Candidates, observed: Observed) -> Predicted:
-    """Every position is predicted once, from the stimuli or the blocks that it is not of."""
+    """Return predictions of every position from the stimuli or blocks that it does not belong to."""
     several = len(np.unique(observed.stimulus)) > 1
     fold = observed.stimulus if several else blocks(observed, BLOCKS)
     mean = np.empty(candidates.eps.shape[1:])
@@ -105,17 +105,17 @@ def predicted_left_out(candidates: Candidates, observed: Observed) -> Predicted:
 
 
 def imitated(measures: Candidates, observed: Observed, truth: Array) -> tuple[int, float]:
-    """The candidate that imitates expected rates (p,) best, and how probably even its fit would be rejected.
+    """Return the candidate that imitates expected rates (p,) best, and how probably its fit would be rejected.
 
-    The candidates are fitted to these rates without noise; what is left is the non-centrality of the F test.
+    The candidates are fitted to these rates without noise; the residual is the non-centrality of the F test.
     """
     noise, even = observed.noise, observed.evenness
-    told = replace(observed, rate=truth)
-    fit = measures.fitted(told)
-    variance = noise.dispersion * told.variance(fit.found.mean)
+    noiseless = replace(observed, rate=truth)
+    fit = measures.fitted(noiseless)
+    variance = noise.dispersion * noiseless.variance(fit.found.mean)
     shrunk = variance / (variance + measures.discrepancy(fit))
     misfit = (fit.found.deviance / noise.dispersion * shrunk).sum(axis=1)
     best = int(np.argmin(misfit))
-    freedom = max(float(told.share(truth).sum()) - measures.parameters, 1.0)
+    freedom = max(float(noiseless.share(truth).sum()) - measures.parameters, 1.0)
     chance = rejected(np.array(even * misfit[best]), even * freedom, even * noise.freedom)
     return best, float(chance)

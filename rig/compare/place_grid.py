@@ -1,4 +1,4 @@
-"""Measures on a grid of receptor positions, interpolated, and where the receptor may be."""
+"""Measures on a grid of receptor positions, interpolated, and the range of the receptor location."""
 
 import math
 from collections.abc import Sequence
@@ -33,22 +33,22 @@ class PlaceRange(NamedTuple):
 
     @property
     def free(self) -> int:
-        """How many of them are fitted."""
+        """Number of fitted coordinates."""
         return sum(low < high for low, high in self)
 
     @property
     def x_nodes(self) -> Array:
-        """(nx,) mm."""
+        """Nodes in x (nx,), mm."""
         return nodes(self.x_mm, X_STEP_MM)
 
     @property
     def depth_nodes(self) -> Array:
-        """(nd,) mm."""
+        """Nodes in depth (nd,), mm."""
         return nodes(self.depth_mm, DEPTH_STEP_MM)
 
 
 def place_range(x_mm: Range, depth_mm: Range | None, offset_mm: Range | None, config: FingertipConfig) -> PlaceRange:
-    """Return the requested range, by default below the epidermis of this finger. Raises ComparisonError."""
+    """Return the requested range, by default below the epidermis of this finger; raise ComparisonError if invalid."""
     skin = config.tissue.epidermis_mm
     depth = depth_mm or (skin + BELOW_EPIDERMIS_MM[0], skin + BELOW_EPIDERMIS_MM[1])
     _refuse("--depth-range-mm", depth)
@@ -70,25 +70,25 @@ def place_range(x_mm: Range, depth_mm: Range | None, offset_mm: Range | None, co
     return PlaceRange(x_mm, depth, offset_mm or (0.0, 0.0))
 
 
-def _refuse(option: str, asked: Range) -> None:
-    if not (all(map(math.isfinite, asked)) and asked[0] < asked[1]):
+def _refuse(option: str, requested: Range) -> None:
+    if not (all(map(math.isfinite, requested)) and requested[0] < requested[1]):
         raise ComparisonError(
             "{option} {low_mm:g},{high_mm:g}: must be two numbers in mm, the lower one first",
             code="not_ascending",
             option=option,
-            low_mm=asked[0],
-            high_mm=asked[1],
+            low_mm=requested[0],
+            high_mm=requested[1],
         )
 
 
-def nodes(asked: Range, step: float) -> Array:
+def nodes(requested: Range, step: float) -> Array:
     """Return equally spaced nodes from end to end, with a spacing of at most `step`."""
-    low, high = asked
+    low, high = requested
     return np.linspace(low, high, math.ceil((high - low) / step - 1e-9) + 1)
 
 
 def finger_with_grid(config: FingertipConfig, where: PlaceRange) -> Fingertip:
-    """The finger with receptors at every node, x going fastest."""
+    """Return the finger with receptors at every node; x varies fastest."""
     return Fingertip.load(
         config,
         receptor_x_mm=where.x_nodes.round(6).tolist(),
@@ -97,10 +97,10 @@ def finger_with_grid(config: FingertipConfig, where: PlaceRange) -> Fingertip:
 
 
 def spline_weights(at_nodes: Array, at: Array) -> Array:
-    """(…, n) weights of values at nodes (n,), by which a cubic spline through them has its values at places (…,)."""
+    """Return (…, n) weights of a cubic spline through values at nodes (n,), for locations (…,)."""
     if len(at_nodes) == 1:
         return np.ones((*np.shape(at), 1))
-    from scipy.interpolate import make_interp_spline  # most comparisons do without
+    from scipy.interpolate import make_interp_spline  # slow to import, and most comparisons do not need it
 
     spline = make_interp_spline(at_nodes, np.eye(len(at_nodes)), k=min(3, len(at_nodes) - 1))
     return np.asarray(spline(at))
@@ -108,7 +108,7 @@ def spline_weights(at_nodes: Array, at: Array) -> Array:
 
 @dataclass(frozen=True)
 class PlaceRow:
-    """A measure at its likeliest place, mm, with 95 % intervals; `at_bounds` are ends of the range that hold one."""
+    """Measure at its maximum-likelihood location (mm), with 95 % intervals; `at_bounds` are range ends inside one."""
 
     measure: str
     x_mm: float
@@ -126,15 +126,15 @@ class PlaceRow:
 
     @property
     def fits(self) -> bool:
-        """Whether its fit is not rejected."""
+        """Whether the fit is not rejected."""
         return self.p_fit >= LEVEL
 
 
 @dataclass(frozen=True)
 class ReceptorLocation:
-    """Of one afferent; `asked` is the range of the fit, `where` the part of it that the runs cover.
+    """Receptor location of one afferent; `asked` is the requested range, `where` the part that the runs cover.
 
-    `rows` has every measure, the likeliest first, all over the same `positions` of those `recorded`.
+    `rows` has every measure, best first, all over the same `positions` of those `recorded`.
     """
 
     stimuli: tuple[str, ...]
@@ -147,12 +147,12 @@ class ReceptorLocation:
 
     @property
     def with_offset(self) -> bool:
-        """Whether an offset of the field's centre was fitted."""
+        """Whether an offset of the field's center was fitted."""
         return self.asked.offset_mm[0] < self.asked.offset_mm[1]
 
     @property
     def frame(self) -> str:
-        """How the offset was treated; shown with every table of rows."""
+        """Treatment of the offset; shown with every table of rows."""
         if not self.with_offset:
             return "indentor x = recorded position + receptor x, no offset fitted"
         low, high = map(in_mm, self.asked.offset_mm)
@@ -160,7 +160,7 @@ class ReceptorLocation:
 
 
 def in_mm(x: float) -> str:
-    """For example "−1.25"."""
+    """Format a number, e.g. "−1.25"."""
     return f"{x + 0.0:.2f}".replace("-", "−")
 
 
@@ -176,18 +176,18 @@ def _lines(found: ReceptorLocation, most: int) -> list[str]:
 
 
 def _line(row: PlaceRow, found: ReceptorLocation) -> str:
-    said = f"{row.measure}: x {within(row.x_mm, row.x_interval)}, depth {within(row.depth_mm, row.depth_interval)}"
-    said += f", offset {within(row.offset_mm, row.offset_interval)}" if found.with_offset else ""
-    return f"{said} mm" + (f"; at a limit of the search: {', '.join(row.at_bounds)}" if row.at_bounds else "")
+    line = f"{row.measure}: x {within(row.x_mm, row.x_interval)}, depth {within(row.depth_mm, row.depth_interval)}"
+    line += f", offset {within(row.offset_mm, row.offset_interval)}" if found.with_offset else ""
+    return f"{line} mm" + (f"; at a limit of the search: {', '.join(row.at_bounds)}" if row.at_bounds else "")
 
 
 def within(value: float, interval: Range) -> str:
-    """For example "−0.98 (−1.10 … −0.85)"."""
+    """Format a value with its interval, e.g. "−0.98 (−1.10 … −0.85)"."""
     return f"{in_mm(value)} ({in_mm(interval[0])} … {in_mm(interval[1])})"
 
 
 def places_as_json(found: Sequence[ReceptorLocation]) -> list[dict[str, Any]]:
-    """One for each afferent; intervals are [low, high] in mm, that of an offset is None where none was fitted."""
+    """Return a JSON object per afferent; intervals are [low, high] in mm, None for an offset that was not fitted."""
     return [
         {
             "stimuli": list(one.stimuli),

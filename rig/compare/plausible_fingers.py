@@ -72,7 +72,7 @@ class _File(Settings):
 
     @property
     def ranges(self) -> dict[str, Range]:
-        """The ranges by dotted name, in a fixed order."""
+        """Ranges by dotted name, in a fixed order."""
         found = {f"geometry.{key}": limits for key, limits in sorted(self.finger.geometry.items())}
         found |= {f"tissue.{key}": limits for key, limits in sorted(self.finger.tissue.items())}
         return found | ({} if self.receptor_depth_mm is None else {_DEPTH: self.receptor_depth_mm})
@@ -80,7 +80,7 @@ class _File(Settings):
 
 @dataclass(frozen=True)
 class DesignFinger:
-    """A finger with the depth of its receptors, and the parameters that set it apart."""
+    """Finger with the depth of its receptors, and the parameters in which it differs."""
 
     config: FingertipConfig
     receptor_depth_mm: float
@@ -97,21 +97,19 @@ class PlausibleFingers:
 
     @property
     def free(self) -> list[str]:
-        """The parameters that are not known exactly."""
+        """Names of the parameters with a range."""
         return [name for name, (low, high) in self.ranges.items() if low < high]
 
     def values(self, place: Array) -> dict[str, float]:
-        """Return the value of every parameter at (free,) coordinates; −1 is the lowest value of a range and 1 the
-        highest.
-        """
+        """Return every parameter at (free,) coordinates: −1 is the lowest value of a range, 1 the highest."""
         middle = {name: (low + high) / 2 for name, (low, high) in self.ranges.items()}
         half = {name: (self.ranges[name][1] - self.ranges[name][0]) / 2 for name in self.free}
         return middle | {name: middle[name] + half[name] * float(u) for name, u in zip(half, place, strict=True)}
 
     def design(self, config: FingertipConfig, receptor_depth_mm: float) -> list[DesignFinger]:
-        """The fingers of `design_places`, alike in all but the ranges. Raises FingersError.
+        """Return the fingers of `design_places`, equal except for the ranges. Raises FingersError.
 
-        The ranges must hold the finger itself: what is said of it is compared with what is said of all of them.
+        The ranges must contain the finger itself, so that its results can be compared with those of all.
         """
         self._refuse_others_only(config, receptor_depth_mm)
         places = design_places(len(self.free))
@@ -144,17 +142,17 @@ class PlausibleFingers:
 
 
 def design_places(free: int) -> Array:
-    """(3^free, free) places of the design's fingers, in units of the ranges; the last parameter varies fastest."""
+    """Return (3^free, free) coordinates of the design's fingers; the last parameter varies fastest."""
     return places((-1.0, 0.0, 1.0), free)
 
 
 def places(along: Sequence[float], free: int) -> Array:
-    """(len(along)^free, free) every combination, the last parameter fastest; one place of no coordinates for none."""
+    """Return (len(along)^free, free) combinations, the last parameter fastest; one row of no coordinates for none."""
     return np.array(list(itertools.product(along, repeat=free)))
 
 
 def read_plausible(path: Path) -> PlausibleFingers:
-    """Read a file of ranges. Raises FingersError."""
+    """Read a file of ranges; raise FingersError if it is invalid."""
     source = f"--fingers {path}"
     with told_of(source, FingersError):
         content = path.read_bytes()
@@ -185,8 +183,9 @@ def read_plausible(path: Path) -> PlausibleFingers:
 
 
 def _ranges_of(file: FingerFile) -> dict[str, Range]:
-    """Return the ranges of an identified finger: 90 % of its samples and the maximum-likelihood value, for the most
-    uncertain parameters.
+    """Return the ranges of an identified finger's most uncertain parameters.
+
+    Each range holds 90 % of the samples and the maximum-likelihood value.
     """
     own = file.finger.tissue
     values = {name: np.array([getattr(draw, name) for draw in file.met.draw]) for name in TISSUE}
@@ -212,9 +211,9 @@ def _number(config: FingertipConfig, name: str, source: str) -> float:
     return float(value)
 
 
-# Fits in which the finger is not known: k, ε₀ and the place of the finger in its plausible ranges, together.
+# Fits that leave the finger free: k, ε₀ and the finger's coordinates in its plausible ranges, together.
 #
-# A place has one coordinate for each free parameter, −1 at the lowest and 1 at the highest value. SSRPs at a place
+# Each free parameter has one coordinate, −1 at the lowest and 1 at the highest value. SSRPs at a point
 # are interpolated between the fingers of the design, quadratically in each parameter.
 
 Flags = NDArray[np.bool_]
@@ -225,7 +224,7 @@ _DAMPING, _EASED, _RAISED = 1e-2, 0.2, 5.0
 
 
 class FingerFit(NamedTuple):
-    """The best fits of N pairs: places (N, free), k, ε₀ and residual (N,), and the SSRPs (N, p) there."""
+    """Best fits of N pairs: coordinates (N, free), k, ε₀ and residual (N,), and the SSRPs (N, p) there."""
 
     place: Array
     fit: Fit
@@ -233,36 +232,36 @@ class FingerFit(NamedTuple):
 
 
 def weights(place: Array) -> Array:
-    """(…, 3^free) of the design's fingers at places (…, free): Lagrange's quadratics through −1, 0 and 1."""
+    """Return (…, 3^free) weights of the design's fingers at (…, free): Lagrange quadratics through −1, 0 and 1."""
     return _products(_along(place))
 
 
 def _slopes(place: Array) -> Array:
-    """(…, free, 3^free) derivatives of the weights."""
+    """Return (…, free, 3^free) derivatives of the weights."""
     values, slopes = _along(place), np.stack([place - 0.5, -2 * place, place + 0.5], axis=-1)
     free = np.arange(place.shape[-1])
     return np.stack([_products(np.where((free == j)[:, None], slopes, values)) for j in free], axis=-2)
 
 
 def _along(place: Array) -> Array:
-    """(…, free, 3) weights of the lowest, middle and highest value of each parameter."""
+    """Return (…, free, 3) weights of the lowest, middle and highest value of each parameter."""
     return np.stack([place * (place - 1) / 2, 1 - place * place, place * (place + 1) / 2], axis=-1)
 
 
 def _products(each: Array) -> Array:
-    """(…, 3^free) of weights (…, free, 3) of each parameter, the last one fastest."""
+    """Return (…, 3^free) products of the parameters' weights (…, free, 3), the last one fastest."""
     one = np.ones((*each.shape[:-2], 1))
     parts = np.moveaxis(each, -2, 0)
     return reduce(lambda a, b: (a[..., :, None] * b[..., None, :]).reshape(*a.shape[:-1], -1), parts, one)
 
 
 def fit_with_finger(eps: Array, rate: Array, weight: Array | None = None, *, silent: bool = False) -> FingerFit:
-    """The best k, ε₀ and place of each pair, for SSRPs (fingers, N, p) on the design, rates (p,) and weights (p,).
+    """Return the best k, ε₀ and finger of each pair, for SSRPs (fingers, N, p), rates (p,) and weights (p,).
 
     `silent` as in `fit_rates`.
 
-    From the best few fingers of the design on: variable projection (Golub and Pereyra 1973), that is k and ε₀ exactly
-    at every place, and the place by damped Gauss–Newton steps that stay inside the ranges.
+    Starts from the best few fingers of the design. Variable projection (Golub and Pereyra 1973): k and ε₀ are exact
+    at every point, and the finger takes damped Gauss–Newton steps inside the ranges.
     """
     weight = np.ones_like(rate) if weight is None else weight
     found = fit_rates(eps, rate, weight, silent=silent)
@@ -273,7 +272,7 @@ def fit_with_finger(eps: Array, rate: Array, weight: Array | None = None, *, sil
 
 
 class _Rates(NamedTuple):
-    """The data of a fit: rates and weights (p,), and whether k > 0 and ε₀ ≥ 0."""
+    """Data of a fit: rates and weights (p,), and whether k > 0 and ε₀ ≥ 0."""
 
     rate: Array
     weight: Array
@@ -285,7 +284,7 @@ class _Rates(NamedTuple):
 
 
 def _from(first: Ints, found: Fit, eps: Array, rates: _Rates) -> FingerFit:
-    """The best near a finger of the design, for each pair its own (N,); k keeps its sign."""
+    """Return the best fit near a finger of the design, for each pair its own (N,); k keeps its sign."""
     pair = np.arange(len(first))
     start = Fit(*(value[first, pair] for value in found))
     sign = np.where(start.k < 0, -1.0, 1.0)
@@ -297,9 +296,9 @@ def _from(first: Ints, found: Fit, eps: Array, rates: _Rates) -> FingerFit:
 
 
 def fit_all_with_finger(eps: Array, rate: Array) -> tuple[Array, Fit]:
-    """Places (18, receptors, free) and fits (18, receptors) of every pair, over the positions that it covers.
+    """Return coordinates (18, receptors, free) and fits (18, receptors) of every pair, where it covers positions.
 
-    eps is (fingers, 18, p, receptors), rate (p,). NaN below three positions.
+    `eps` is (fingers, 18, p, receptors), `rate` (p,). NaN below three positions.
     """
     place = np.full((eps.shape[1], eps.shape[3], free_of(eps)), np.nan)
     values = np.full((3, eps.shape[1], eps.shape[3]), np.nan)
@@ -330,23 +329,23 @@ def _chosen(first: Flags, a: FingerFit, b: FingerFit) -> FingerFit:
     return FingerFit(np.where(rows, a.place, b.place), fit, np.where(rows, a.eps, b.eps))
 
 
-def _step(at: FingerFit, eps: Array, given: _Rates, damping: Array) -> Array:
-    """(N, free) damped Gauss–Newton step of the place, zero along ranges whose end is in the way."""
+def _step(at: FingerFit, eps: Array, data: _Rates, damping: Array) -> Array:
+    """Return the (N, free) damped Gauss–Newton step, zero along ranges that end there."""
     rates = predicted(Fit(*(value[:, None] for value in at.fit)), at.eps)
     fires = rates > 0
     jacobian = np.einsum("ndf,nfp->ndp", _slopes(at.place), eps) * np.nan_to_num(at.fit.k)[:, None, None]
-    jacobian = _without_line(np.where(fires[:, None], jacobian, 0.0), at.eps, np.where(fires, given.weight, 0.0))
-    descent = np.einsum("ndp,np->nd", jacobian, given.weight * (given.rate - np.nan_to_num(rates)))
+    jacobian = _without_line(np.where(fires[:, None], jacobian, 0.0), at.eps, np.where(fires, data.weight, 0.0))
+    descent = np.einsum("ndp,np->nd", jacobian, data.weight * (data.rate - np.nan_to_num(rates)))
     blocked = (np.abs(at.place) >= 1) & (at.place * descent > 0)
     jacobian, descent = np.where(blocked[..., None], 0.0, jacobian), np.where(blocked, 0.0, descent)
-    curvature = (given.weight * jacobian) @ jacobian.swapaxes(1, 2)
+    curvature = (data.weight * jacobian) @ jacobian.swapaxes(1, 2)
     size = np.maximum(np.trace(curvature, axis1=1, axis2=2), np.finfo(float).tiny ** 0.5)
     damped = curvature + (damping * size)[:, None, None] * np.eye(descent.shape[1])
     return np.linalg.solve(damped, descent[..., None])[..., 0]
 
 
 def _without_line(jacobian: Array, eps: Array, weight: Array) -> Array:
-    """What is left of (N, free, p) columns when k and ε₀ follow: nothing of 1 and ε, at weights (N, p)."""
+    """Return the columns (N, free, p) projected orthogonally to 1 and ε, with weights (N, p)."""
     total = np.maximum(weight.sum(axis=1), np.finfo(float).tiny)
     fires = weight > 0
     centred = np.where(fires, eps - ((weight * eps).sum(axis=1) / total)[:, None], 0.0)
@@ -362,13 +361,13 @@ def _signed(sign: Array, fit: Fit) -> Fit:
 
 
 def free_of(eps: Array) -> int:
-    """Free parameters of SSRPs (3^free, …) on a design."""
+    """Return the number of free parameters of SSRPs (3^free, …) on a design."""
     return round(np.log(len(eps)) / np.log(3))
 
 
 @dataclass(frozen=True)
 class PressRow:
-    """One indentor at a row of places, each to its own depth or force."""
+    """One indentor at a row of positions, with a depth or force for each."""
 
     indentor: str
     kind: str  # doi_mm or force_gwt
@@ -378,34 +377,34 @@ class PressRow:
 
 @dataclass(frozen=True)
 class FingerWork:
-    """All rows of presses on one finger: a piece of work."""
+    """All rows of presses on one finger, solved as one task."""
 
     name: str
     config_json: str
     receptor_x_mm: tuple[float, ...]
     receptor_depth_mm: float
     press_rows: tuple[PressRow, ...]
-    exact: bool = True  # built in full; else interpolated between full builds
+    exact: bool = True  # False: interpolated between full builds
 
     @property
     def finger(self) -> FingerWithReceptors:
-        """The finger with its receptors."""
+        """Finger with its receptors."""
         return FingerWithReceptors.of(self.config_json, self.receptor_x_mm, self.receptor_depth_mm)
 
     @property
     def shapes(self) -> tuple[str, ...]:
-        """The shapes by name."""
+        """Names of the shapes."""
         return tuple(row.indentor for row in self.press_rows)
 
 
 def on_plausible_fingers(
     run: Run, pressed: Sequence[Stimulus], finger: Fingertip, plausible: PlausibleFingers, *, exact: bool = False
 ) -> list[Stimulus]:
-    """The stimuli of a run with their measures on the whole design, pressed over this machine's processes.
+    """Return the stimuli of a run with their measures on the whole design, solved in parallel processes.
 
-    What was controlled stays: the force of a press to a force, the depth of one to a depth; on hardware the force
-    that was recorded. Fingers that differ in the moduli of dermis and fat alone may be interpolated, unless `exact`.
-    Kept in the cache. Raises FingersError.
+    The controlled quantity stays fixed: force or depth as commanded; on hardware, the force as recorded. Fingers that
+    differ only in the moduli of dermis and fat may be interpolated, unless `exact`. Results are cached. Raises
+    FingersError.
     """
     if not pressed:
         return []
@@ -423,8 +422,8 @@ def on_plausible_fingers(
         fields = {**error.fields, "where": plausible.source, "problem": str(error)}
         raise FingersError("{where}: {problem}", code=error.code, **fields) from None
     between = not all(one.exact for one in work)
-    said = [np.asarray(found[f"{n}"], dtype=float) for n in range(len(pressed))]
-    return [replace(s, on_fingers=one, interpolated=between) for s, one in zip(pressed, said, strict=True)]
+    measures = [np.asarray(found[f"{n}"], dtype=float) for n in range(len(pressed))]
+    return [replace(s, on_fingers=one, interpolated=between) for s, one in zip(pressed, measures, strict=True)]
 
 
 def _press_row(stimulus: Stimulus, virtual: bool) -> PressRow:

@@ -1,8 +1,8 @@
-"""Pressure inside a contact as a formula of depth and curvature, and curvature read back from a pressure profile.
+"""Pressure inside a contact as a function of depth and curvature, and curvature estimated from pressure.
 
 P = K2 (d − d0) + K3 C with d0 = DOI (1 − K1/K2), Raju (1998), Eq. 4.1 and 4.2: d is the skin's own downward
 displacement, C the curvature of the indentor relative to the finger, K1 the slope of peak pressure against DOI.
-Written out it is linear in its constants: P = K1·DOI − K2·(DOI − d) + K3·C. Pressures in pseudo-units, lengths in mm.
+This is linear in its constants: P = K1·DOI − K2·(DOI − d) + K3·C. Pressures in pseudo-units, lengths in mm.
 """
 
 from collections.abc import Sequence
@@ -39,10 +39,10 @@ class Constants(NamedTuple):
 
 @dataclass(frozen=True)
 class ContactSamples:
-    """Places in contact, (n,) each: DOI and displacement (mm), C (1/mm), pressure, and how far edges are (mm).
+    """Contact nodes (n,): DOI and displacement (mm), C (1/mm), pressure, and distances to edges (mm).
 
-    `from_end_mm` is to the end of the contact, across the finger; `from_edge_mm` to the indentor's nearest edge,
-    infinite where it has none.
+    `from_end_mm` is the distance to the end of the contact across the finger; `from_edge_mm` that to the indentor's
+    nearest edge, infinite if it has none.
     """
 
     doi_mm: Array
@@ -54,35 +54,35 @@ class ContactSamples:
 
     @property
     def inside(self) -> "ContactSamples":
-        """Those away from the ends of their contact regions."""
+        """Samples away from the ends of their contact regions."""
         return self.where(self.from_end_mm >= FROM_EDGE_MM)
 
     @property
     def off_edges(self) -> "ContactSamples":
-        """Those away from the indentor's edges; a contact's smooth ends are among them."""
+        """Samples away from the indentor's edges; smooth ends of a contact are included."""
         return self.where(self.from_edge_mm >= FROM_EDGE_MM)
 
     def where(self, chosen: NDArray[np.bool_]) -> "ContactSamples":
-        """Some of them."""
+        """Return some of the samples."""
         return ContactSamples(*(np.asarray(value)[chosen] for value in vars(self).values()))
 
 
 def together(parts: list[ContactSamples]) -> ContactSamples:
-    """All places of several indentations."""
+    """Return the samples of several indentations as one."""
     return ContactSamples(
         *(np.concatenate(values) for values in zip(*(vars(p).values() for p in parts), strict=True))
     )
 
 
 def places(result: IndentationResult, surface: FingertipSurface, nodes: Nodes = "row") -> ContactSamples:
-    """The nodes that carry force in the receptor plane or on the patch, under a shape prismatic along the finger."""
+    """Return the nodes that carry force under a prismatic shape, in the receptor plane or on the patch."""
     patch, number = result.model.patch, np.arange(len(result.model.patch)).reshape(result.model.patch.shape)
     rows = [result.model.across] if nodes == "row" else [row[np.argsort(patch.x[row])] for row in number]
     return together([_on_row(result, surface, row) for row in rows])
 
 
 def _on_row(result: IndentationResult, surface: FingertipSurface, row: NDArray[np.int64]) -> ContactSamples:
-    """Those of one row of nodes across the finger, by ascending x."""
+    """Return the samples of one row of nodes across the finger, by ascending x."""
     x, z_mm = result.model.patch.x[row], float(result.model.patch.position_mm[row[0], Z])
     pressure = result.nodal_pressure_pseudo[row]
     offset = x + result.state.displacement[0, row] - result.x_mm
@@ -102,20 +102,20 @@ def _on_row(result: IndentationResult, surface: FingertipSurface, row: NDArray[n
 
 
 def edges_mm(indentor: Indentor) -> Array:
-    """(k,) offsets at which a prismatic indentor turns, convex, within less than an element: its edges."""
+    """Return (k,) offsets at which a prismatic indentor turns, convex, within less than one element: its edges."""
     s = np.arange(-_EDGES_WITHIN_MM, _EDGES_WITHIN_MM, _EDGES_STEP_MM)
     _, (slope,), ((bend,),) = indentor.evaluate(s[None])
     return s[bend / np.hypot(1.0, slope) ** 3 > 1 / FILTER_SPACING_MM]
 
 
 def _runs(touching_mm: Array) -> list[tuple[float, float]]:
-    """Ends of the runs of places (n,), ascending, as contact regions are told apart."""
+    """Return the ends of runs of adjacent nodes (n,), ascending, as contact regions are separated."""
     parts = np.split(touching_mm, np.flatnonzero(np.diff(touching_mm) > REGION_GAP_MM) + 1)
     return [(float(part[0]), float(part[-1])) for part in parts if len(part)]
 
 
 def finger_curvature(surface: FingertipSurface, x_mm: Array, z_mm: float) -> Array:
-    """(n,) curvature in 1/mm of the undeformed skin in an axial plane, positive where it is convex."""
+    """Return (n,) curvature (1/mm) of the undeformed skin in an axial plane, positive where convex."""
     phi, ratio = surface.angle_at(x_mm, z_mm), surface.geometry.nail_depth_ratio
     parameters = surface.parameters(z_mm)
     x1, y1 = section.first_derivative(phi, parameters, ratio)
@@ -124,18 +124,18 @@ def finger_curvature(surface: FingertipSurface, x_mm: Array, z_mm: float) -> Arr
 
 
 def _from_end(x_mm: Array, regions_mm: Sequence[tuple[float, float]]) -> Array:
-    """(n,) distance to the nearer end of the contact region that holds each x; negative outside all."""
+    """Return (n,) distance to the nearer end of the contact region around each x; negative outside all."""
     ends = np.array(regions_mm).reshape(-1, 2, 1)
     return np.asarray(np.minimum(x_mm - ends[:, 0], ends[:, 1] - x_mm).max(axis=0, initial=-np.inf))
 
 
 def _terms(at: ContactSamples) -> Array:
-    """(n, 3) what K1, K2 and K3 are multiplied by."""
+    """Return the (n, 3) factors of K1, K2 and K3."""
     return np.stack([at.doi_mm, at.displacement_mm - at.doi_mm, at.curvature_per_mm], axis=1)
 
 
 def fit(at: ContactSamples) -> Constants:
-    """Least squares; NaN where the places do not determine all three."""
+    """Return the least-squares constants; NaN if the samples do not determine all three."""
     solution, _, rank, _ = np.linalg.lstsq(_terms(at), at.pressure, rcond=None)
     return Constants(*(float(k) if rank == 3 else np.nan for k in solution))
 
@@ -148,23 +148,23 @@ class BootstrapConstants:
 
     @property
     def intervals(self) -> tuple[tuple[float, float], ...]:
-        """95 % of each constant."""
+        """95 % intervals of the constants."""
         return tuple((float(low), float(high)) for low, high in np.percentile(self.of, _COVERED, axis=0).T)
 
     @property
     def k2_over_k1(self) -> tuple[float, float]:
-        """95 % of K2 − K1."""
+        """95 % interval of K2 − K1."""
         low, high = np.percentile(self.of[:, 1] - self.of[:, 0], _COVERED)
         return float(low), float(high)
 
     @property
     def k2_above_k1(self) -> float:
-        """The part of the resamples in which K2 > K1."""
+        """Share of the resamples in which K2 > K1."""
         return float(np.mean(self.of[:, 1] > self.of[:, 0]))
 
 
 def refitted(parts: Sequence[ContactSamples], resamples: int = RESAMPLES) -> BootstrapConstants:
-    """The fit over whole indentations drawn with replacement: the nodes of one are not independent."""
+    """Refit on bootstrap samples of whole indentations, since the nodes of one are not independent."""
     terms = [_terms(part) for part in parts]
     squares = np.array([t.T @ t for t in terms])
     rights = np.array([t.T @ part.pressure for t, part in zip(terms, parts, strict=True)])
@@ -174,30 +174,30 @@ def refitted(parts: Sequence[ContactSamples], resamples: int = RESAMPLES) -> Boo
 
 
 def predicted(constants: Constants, at: ContactSamples) -> Array:
-    """(n,) pressures by the formula."""
+    """Return the (n,) pressures of the formula."""
     return np.asarray(_terms(at) @ np.array(constants))
 
 
 def residual(constants: Constants, at: ContactSamples) -> tuple[float, float]:
-    """Root mean square of what the formula leaves, in pseudo-units, and R²."""
+    """Return the root mean square of the residuals (pseudo-units), and R²."""
     left = predicted(constants, at) - at.pressure
     spread = at.pressure - at.pressure.mean()
     return float(np.sqrt(np.mean(left**2))), float(1 - left @ left / (spread @ spread))
 
 
 def recover_curvature(x_mm: Array, pressure: Array, doi_mm: float, constants: Constants) -> float:
-    """Curvature C (1/mm, relative to the finger) of a round object from (n,) pressures inside one contact.
+    """Return the curvature C (1/mm, relative to the finger) of a round object from (n,) pressures inside one contact.
 
-    Inside, d = DOI − ½ C (x − x₀)² with x₀ the middle of the places, which makes the formula linear in C.
+    Inside, d = DOI − ½ C (x − x₀)², with x₀ the center of the positions, which makes the formula linear in C.
     """
     weight = constants.k3 - 0.5 * constants.k2 * (x_mm - 0.5 * (x_mm[0] + x_mm[-1])) ** 2
     return float(weight @ (pressure - constants.k1 * doi_mm) / (weight @ weight))
 
 
 def curvature_at(displacement_mm: Array, pressure: Array, constants: Constants) -> float:
-    """Mean curvature C (1/mm, relative to the finger) of (n,) places inside one contact whose displacement is known.
+    """Return the mean curvature C (1/mm, relative to the finger) of (n,) displaced positions in one contact.
 
-    The place that is pressed down farthest is where the indentor touched first: its displacement is the depth.
+    The largest displacement is where the indentor touched first, so it equals the depth.
     """
     doi_mm = displacement_mm.max()
     left = pressure - constants.k1 * doi_mm + constants.k2 * (doi_mm - displacement_mm)

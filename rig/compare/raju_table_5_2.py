@@ -1,4 +1,4 @@
-"""Table 5.2 of Raju (1998): where the source's SSRPs match the recorded ones by eye, and how ours agree with it."""
+"""Table 5.2 of Raju (1998): receptors whose SSRPs match recorded ones by eye, and agreement with the shape test."""
 
 import math
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ DOUBTFUL = ("e11", "step:1", 1.5)
 
 @dataclass(frozen=True)
 class Agreement:
-    """Counts of cells: both say yes, only ours, only the source, neither."""
+    """Counts of cells that pass in both tables, only here, only in the source, and in neither."""
 
     both: int
     ours: int
@@ -42,17 +42,17 @@ class Agreement:
 
     @property
     def precision(self) -> float:
-        """Part of our passes that the source has, NaN without any."""
+        """Share of the passes here that the source has; NaN without any."""
         return self.both / (self.both + self.ours) if self.both + self.ours else math.nan
 
     @property
     def recall(self) -> float:
-        """Part of the source's passes that we have, NaN without any."""
+        """Share of the source's passes that are found here; NaN without any."""
         return self.both / (self.both + self.source) if self.both + self.source else math.nan
 
     @property
     def matthews(self) -> float:
-        """Matthews' correlation coefficient, 0 where a side says the same of every cell."""
+        """Matthews' correlation coefficient; 0 if one table is constant."""
         sides = (self.both + self.ours, self.both + self.source, self.neither + self.ours, self.neither + self.source)
         product = math.prod(sides)
         return (self.both * self.neither - self.ours * self.source) / math.sqrt(product) if product else 0.0
@@ -62,7 +62,7 @@ def source_flags(receptor_mm: NDArray[np.float64]) -> Flags:
     """Return (18, 3, receptors) flags of the table at receptors (n,) mm."""
     flags = np.zeros((len(MEASURES), len(SHAPES), len(receptor_mm)), dtype=bool)
     for m, measure in enumerate(MEASURES):
-        for k, receptors in enumerate(TABLE.get(measure, ())):  # () of one that the source does not have
+        for k, receptors in enumerate(TABLE.get(measure, ())):  # empty for measures that the source does not have
             flags[m, k] = np.isin(receptor_mm.round(6), receptors)
     measure, shape, x = DOUBTFUL
     flags[MEASURES.index(measure), SHAPES.index(shape)] |= receptor_mm.round(6) == x
@@ -70,12 +70,12 @@ def source_flags(receptor_mm: NDArray[np.float64]) -> Flags:
 
 
 def agreement(ours: Flags, source: Flags) -> Agreement:
-    """Count cells; both arrays of any one shape."""
+    """Count cells of two arrays of the same shape."""
     return Agreement(*(int(np.sum(v)) for v in (ours & source, ours & ~source, ~ours & source, ~ours & ~source)))
 
 
 class AgreementLimits(NamedTuple):
-    """95 % limits of the scores when what is named is drawn again: cells of one measure, or receptor, go together."""
+    """95 % limits of the scores by bootstrap over measures or receptors, whose cells are not independent."""
 
     precision: tuple[float, float]
     recall: tuple[float, float]
@@ -83,10 +83,10 @@ class AgreementLimits(NamedTuple):
 
 
 def agreement_limits(ours: Flags, source: Flags, over: Literal["measures", "receptors"]) -> AgreementLimits:
-    """Of tables (measures, shapes, receptors), by bootstrap over one axis; NaN where a score is never defined.
+    """Return limits for tables (measures, shapes, receptors), by bootstrap over one axis; NaN for undefined scores.
 
-    540 cells are not 540 observations: a measure's profile at the next receptor, and that of a collinear measure,
-    tells little that is new. Percentiles of `DRAWS` draws, a fixed seed.
+    540 cells are not 540 observations: the profiles of the next receptor and of a collinear measure add little
+    information. Percentiles of `DRAWS` draws with a fixed seed.
     """
     axis = {"measures": 0, "receptors": 2}[over]
     rng = np.random.default_rng(SEED)

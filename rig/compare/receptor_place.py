@@ -1,7 +1,7 @@
-"""Fit the place of a receptor to its recording, with profile-likelihood limits.
+"""Fit of a receptor's location to its recording, with profile-likelihood limits.
 
-Every measure has its own k and ε₀ at every place. The frame is that of all comparisons, x_indentor = position +
-x_receptor, with the offset added where one is asked for; all places are judged over the same positions.
+Every measure has its own k and ε₀ at every location. The frame is that of all comparisons, x_indentor = position +
+x_receptor, plus an offset on request; all locations are compared over the same positions.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -37,11 +37,11 @@ from sim.config import FingertipConfig
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
 
-# The least of a deviance over places, and the region about it that is not unlikely.
+# Minimum of a deviance over locations, and the confidence region around it.
 #
-# Deviances have narrow, slanting valleys, narrower than a grid of the whole range: the best nodes of one are followed
-# down by grids that shrink about the best place, and the region is looked for along rays from the least, in
-# coordinates in which it would be round if the deviance were a parabola.
+# Deviances have slanting valleys, narrower than a grid of the whole range. So the best nodes of one are followed down
+# by grids that shrink around the best location, and the region is found along rays from the minimum, in coordinates
+# in which it would be round if the deviance were a parabola.
 
 Array = NDArray[np.float64]
 Deviance = Callable[[Array], Array]
@@ -55,7 +55,7 @@ _RADII = np.concatenate([np.linspace(0.1, 2.0, 20), np.geomspace(2.2, 20.0, 10)]
 
 
 def least(deviance: Deviance, low: Array, high: Array, steps: Array) -> Array:
-    """(3,) the place in a box with the least deviance, from the best nodes of a grid with steps (3,) on."""
+    """Return the (3,) location in a box with the smallest deviance, starting from a grid with steps (3,)."""
     axes = [nodes((a, b), step) for a, b, step in zip(low, high, steps, strict=True)]
     grid = np.array(list(product(*axes)))
     total = deviance(grid)
@@ -66,7 +66,7 @@ def least(deviance: Deviance, low: Array, high: Array, steps: Array) -> Array:
 
 
 def _apart(ordered: Array, steps: Array) -> list[Array]:
-    """The first few places that are no neighbours of one that was taken."""
+    """Return the first few locations that are not neighbors of an earlier one."""
     taken: list[Array] = []
     for place in ordered:
         if all((np.abs(place - other) > 1.5 * steps).any() for other in taken):
@@ -77,7 +77,7 @@ def _apart(ordered: Array, steps: Array) -> list[Array]:
 
 
 def follow(deviance: Deviance, start: Array, low: Array, high: Array, steps: Array) -> Array:
-    """(3,) downhill from a place: the grid about it moves along while its edge is better, and shrinks where not."""
+    """Return the (3,) local minimum near a location: the grid moves while its edge is better, and else shrinks."""
     free = low < high
     around = np.array(list(product(*(_AROUND if one else [0.0] for one in free))))
     at, step, middle = start, steps.copy(), len(around) // 2
@@ -86,7 +86,7 @@ def follow(deviance: Deviance, start: Array, low: Array, high: Array, steps: Arr
         total = deviance(tried)
         best = int(np.argmin(total))
         if not total[best] < total[middle]:
-            best = middle  # level ground leads nowhere
+            best = middle  # on a plateau, stay
         if not (np.abs(around[best]) == 1).any():
             step = _SHRUNK * step
         at = tried[best]
@@ -96,9 +96,9 @@ def follow(deviance: Deviance, start: Array, low: Array, high: Array, steps: Arr
 
 
 def region(deviance: Deviance, best: Array, low: Array, high: Array, limit: float) -> tuple[Array, Array]:
-    """(3,) lowest and highest x, depth and offset at which the deviance, from the least on, is within a limit.
+    """Return (3,) lowest and highest x, depth and offset of the region around the minimum within a limit.
 
-    Rays that meet an end of the box go on along it.
+    Rays that reach an end of the box continue along it.
     """
     free = np.flatnonzero(low < high)
     rays = _rays(_round(deviance, best, low, high, limit), len(free))
@@ -119,7 +119,7 @@ def region(deviance: Deviance, best: Array, low: Array, high: Array, limit: floa
 
 
 def _round(deviance: Deviance, best: Array, low: Array, high: Array, limit: float) -> Array:
-    """(free, free) columns that lead from the least to the limit, were the deviance a parabola."""
+    """Return (free, free) columns from the minimum to the limit, as if the deviance were a parabola."""
     free = np.flatnonzero(low < high)
     room = limit - float(deviance(best[None])[0])
     steps = np.array([_until(deviance, best, axis, low, high, 0.5 * room) for axis in free])
@@ -142,7 +142,7 @@ def _round(deviance: Deviance, best: Array, low: Array, high: Array, limit: floa
 
 
 def _until(deviance: Deviance, best: Array, axis: np.int64, low: Array, high: Array, rise: float) -> float:
-    """How far along an axis the deviance rises by so much, on either side; a quarter of the range at most."""
+    """Return how far along an axis the deviance rises by `rise` on either side; at most a quarter of the range."""
     widest = 0.25 * (high - low)[axis]
     steps = _FIRST_STEP_MM * 1.5 ** np.arange(20)
     steps = np.append(steps[steps < widest], widest)
@@ -154,7 +154,7 @@ def _until(deviance: Deviance, best: Array, axis: np.int64, low: Array, high: Ar
 
 
 def _rays(columns: Array, free: int) -> Array:
-    """(n, free) vectors of the round region: spread evenly, and those that lead farthest along each axis."""
+    """Return (n, free) rays of the round region: evenly spread, plus those that lead farthest along each axis."""
     if free == 1:
         return np.array([columns[0], -columns[0]])
     even = _circle() if free == 2 else _sphere()
@@ -168,7 +168,7 @@ def _circle() -> Array:
 
 
 def _sphere() -> Array:
-    """A spiral from pole to pole."""
+    """Return directions on a spiral from pole to pole."""
     number = np.arange(_DIRECTIONS) + 0.5
     height, turn = 1 - 2 * number / _DIRECTIONS, np.pi * (1 + 5**0.5) * number
     flat = np.sqrt(1 - height**2)
@@ -178,11 +178,11 @@ def _sphere() -> Array:
 _STEPS_MM = np.array([0.05, 0.15, 0.05])
 """Spacing of the first grid in x, depth and offset (mm); profiles change within 0.1 mm."""
 
-_BLOCK = 400  # places that are fitted at once
+_BLOCK = 400  # locations fitted at once
 
 
-class _Seen(NamedTuple):
-    """What was recorded at the positions that all receptors in play cover, whatever the offset."""
+class _Data(NamedTuple):
+    """Recording at the positions that all receptors in play cover, for every offset."""
 
     overlays: Sequence[Overlay]
     observed: Observed
@@ -192,20 +192,20 @@ class _Seen(NamedTuple):
     nodes: tuple[Array, Array]
 
     def nodes_at(self, measure: int, offset_mm: Array) -> Array:
-        """(offsets, p, nd, nx) of a measure at the nodes in play."""
+        """Return a measure (offsets, p, nd, nx) at the nodes in play."""
         each = [_at(p, measure, offset_mm) for p in self.overlays]
         values = np.concatenate(each, axis=1)[:, self.used]
         return values.reshape(*values.shape[:2], len(self.nodes[1]), -1)[..., self.in_play]
 
     def eps(self, measure: int, place: Array) -> Array:
-        """(n, p) of a measure at places (n, 3)."""
+        """Return a measure (n, p) at locations (n, 3)."""
         offset, which = np.unique(place[:, 2], return_inverse=True)
         of_x, of_depth = (spline_weights(nodes, place[:, n]) for n, nodes in enumerate(self.nodes))
         return np.einsum("npji,ni,nj->np", self.nodes_at(measure, offset)[which], of_x, of_depth, optimize=True)
 
 
 def _at(overlay: Overlay, measure: int, offset_mm: Array) -> Array:
-    """(offsets, p, receptors)."""
+    """Return a measure (offsets, p, receptors)."""
     one = replace(overlay.stimulus, measures=overlay.stimulus.measures[measure : measure + 1])
     position = overlay.recording.position_mm + offset_mm[:, None]
     return one.at(position.ravel())[0].reshape(*position.shape, -1)
@@ -214,38 +214,36 @@ def _at(overlay: Overlay, measure: int, offset_mm: Array) -> Array:
 def whereabouts(
     overlays: Sequence[Overlay], where: PlaceRange, form: Form, measures: Sequence[str] = MEASURES
 ) -> ReceptorLocation | None:
-    """Locate the receptor of one afferent from recordings over stimuli with receptors at every node; None with too
-    few positions.
-    """
-    seen = _seen(overlays, where)
-    if seen is None:
+    """Return the receptor location of one afferent, from stimuli with receptors at every node, or None."""
+    data = _data(overlays, where)
+    if data is None:
         return None
-    rows = [_row(seen, MEASURES.index(name), form) for name in measures]
+    rows = [_row(data, MEASURES.index(name), form) for name in measures]
     return ReceptorLocation(
         stimuli=tuple(overlay.stimulus.title for overlay in overlays),
         recordings=tuple(overlay.recording.name for overlay in overlays),
-        positions=len(seen.observed.rate),
-        recorded=len(seen.used),
+        positions=len(data.observed.rate),
+        recorded=len(data.used),
         asked=where,
-        where=seen.where,
+        where=data.where,
         rows=tuple(sorted(rows, key=lambda row: row.deviance)),
     )
 
 
-def _seen(overlays: Sequence[Overlay], where: PlaceRange) -> _Seen | None:
+def _data(overlays: Sequence[Overlay], where: PlaceRange) -> _Data | None:
     n_depths = len(where.depth_nodes)
     ends = [
         np.concatenate([p.stimulus.at(p.recording.position_mm + offset)[:1] for p in overlays], axis=1)
         for offset in where.offset_mm
     ]
-    at_ends = ends[0] + ends[1]  # NaN where either end of the offset is not covered
+    at_ends = ends[0] + ends[1]  # NaN if either end of the offset is not covered
     at_ends = at_ends.reshape(1, at_ends.shape[1], n_depths, -1)[:, :, 0]
     which = compared(at_ends)
     if which is None:
         return None
     in_play, used = which
     x = where.x_nodes[in_play]
-    return _Seen(
+    return _Data(
         overlays,
         observed([overlay.recording for overlay in overlays], used),
         used,
@@ -255,11 +253,11 @@ def _seen(overlays: Sequence[Overlay], where: PlaceRange) -> _Seen | None:
     )
 
 
-def _row(seen: _Seen, measure: int, form: Form) -> PlaceRow:
-    low, high = (np.array(ends) for ends in zip(*seen.where, strict=True))
+def _row(data: _Data, measure: int, form: Form) -> PlaceRow:
+    low, high = (np.array(ends) for ends in zip(*data.where, strict=True))
 
     def fitted(place: Array) -> Likeliest:
-        return likeliest(seen.eps(measure, place), seen.observed, form)
+        return likeliest(data.eps(measure, place), data.observed, form)
 
     def deviance(places: Array) -> Array:
         blocks = [places[n : n + _BLOCK] for n in range(0, len(places), _BLOCK)]
@@ -267,7 +265,7 @@ def _row(seen: _Seen, measure: int, form: Form) -> PlaceRow:
 
     best = least(deviance, low, high, _STEPS_MM)
     found = fitted(best[None])
-    more, ratio, p_fit = _not_unlikely(seen, found, form)
+    more, ratio, p_fit = _not_unlikely(data, found, form)
     ends = region(deviance, best, low, high, float(found.total[0]) + more)
     intervals = [(float(a), float(b)) for a, b in zip(*ends, strict=True)]
     return PlaceRow(
@@ -280,19 +278,19 @@ def _row(seen: _Seen, measure: int, form: Form) -> PlaceRow:
         offset_interval=intervals[2],
         k=float(found.k[0]),
         eps0=float(found.eps0[0]),
-        deviance=float(found.total[0] / seen.observed.noise.dispersion),
+        deviance=float(found.total[0] / data.observed.noise.dispersion),
         lack_of_fit=ratio,
         p_fit=p_fit,
-        at_bounds=_at_bounds(intervals, list(seen.where)),
+        at_bounds=_at_bounds(intervals, list(data.where)),
     )
 
 
-def _not_unlikely(seen: _Seen, found: Likeliest, form: Form) -> tuple[float, float, float]:
-    """By how much the deviance may be above the least (as of k and ε₀), and F and p of that place's own fit."""
-    free = form.parameters + seen.where.free
-    ratio, p = lack_of_fit(seen.observed, found.mean, found.deviance, free)
-    noise = seen.observed.noise
-    freedom = min(noise.freedom * seen.observed.evenness, _KNOWN)
+def _not_unlikely(data: _Data, found: Likeliest, form: Form) -> tuple[float, float, float]:
+    """Return the allowed rise of the deviance (for k and ε₀), and F and p of the fit at that location."""
+    free = form.parameters + data.where.free
+    ratio, p = lack_of_fit(data.observed, found.mean, found.deviance, free)
+    noise = data.observed.noise
+    freedom = min(noise.freedom * data.observed.evenness, _KNOWN)
     more = noise.dispersion * max(float(ratio[0]), 1.0) * fdtri(1, freedom, 1 - LEVEL)
     return float(more), float(ratio[0]), float(p[0])
 
@@ -301,13 +299,13 @@ _KNOWN = 1e9
 
 
 def _at_bounds(crossed: Sequence[Range], ranges: Sequence[Range]) -> tuple[str, ...]:
-    """The ends of ranges that hold an interval: what lies beyond was not tried."""
+    """Return the range ends inside an interval, beyond which nothing was searched."""
     names = zip(("x", "depth", "offset"), crossed, ranges, strict=True)
     return tuple(
         f"{name} {end}"
-        for name, found, asked in names
-        if asked[0] < asked[1]
-        for end, a, b in (("low", found[0], asked[0]), ("high", found[1], asked[1]))
+        for name, found, requested in names
+        if requested[0] < requested[1]
+        for end, a, b in (("low", found[0], requested[0]), ("high", found[1], requested[1]))
         if abs(a - b) < _SAME_MM
     )
 
@@ -316,7 +314,7 @@ _SAME_MM = 1e-9
 
 
 class Sought(NamedTuple):
-    """Requested ranges in mm; None: the default depths, and no offset."""
+    """Requested ranges (mm); None means default depths and no offset."""
 
     x_mm: Range
     depth_mm: Range | None = None
@@ -324,7 +322,7 @@ class Sought(NamedTuple):
 
 
 def sought_in(runs: Sequence[Run], sought: Sought) -> PlaceRange:
-    """The range of the fit, which must lie in one layer of every run's finger. Raises ComparisonError."""
+    """Return the range of the fit; raise ComparisonError unless it lies in one layer of every run's finger."""
     configs = [_finger(run) for run in runs]
     where = place_range(*sought, configs[0])
     for config in configs[1:]:
@@ -335,7 +333,7 @@ def sought_in(runs: Sequence[Run], sought: Sought) -> PlaceRange:
 def places(
     runs: Sequence[Run], recordings: Mapping[str, Recording], where: PlaceRange, form: Form, *, normalise: bool
 ) -> list[ReceptorLocation]:
-    """One for each afferent, as of the answers; none of one with too few positions covered."""
+    """Return one location per afferent, in the order of the verdicts, if enough positions are covered."""
     fingers: dict[str, Fingertip] = {}
     for config in map(_finger, runs):
         name = config.model_dump_json()

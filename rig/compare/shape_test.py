@@ -1,10 +1,10 @@
 """The shape test of a response profile, and how often a random smooth profile passes it.
 
 A recorded step profile shows a peak, then a smaller dip, then recovers; a recorded bar profile shows two peaks
-flanking a dip (Raju 1998, ch. 5, by eye). The rules below are ours. They were fixed before any simulated profile was
-looked at, and they are not adjusted to the source's verdicts.
+around a dip (Raju 1998, ch. 5, by eye). The rules below are not from the source: they were fixed before any simulated
+profile was seen, and are not adjusted to its verdicts.
 
-Profiles are given in the signs of `shown` and at the positions of the schedule, in any order.
+Profiles are in the signs of `shown` and at the positions of the schedule, in any order.
 """
 
 from collections.abc import Sequence
@@ -32,7 +32,7 @@ _FEWEST_POSITIONS = 5
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether a profile passes, and the lengths it was judged by, in the measure's unit.
+    """Result of the shape test, and the lengths it is based on, in the measure's unit.
 
     Steps: baseline b, peak p, dip q and recovery; bars: range, first and second prominence.
     """
@@ -42,7 +42,7 @@ class Verdict:
 
 
 def shape_test(shape: str, x_mm: Array, profile: Array, threshold: float = THRESHOLD) -> Verdict | None:
-    """The verdict on one profile (n,) at indentor positions (n,) mm, or None where no test is defined.
+    """Return the verdict on one profile (n,) at indentor positions (n,) mm, or None if no test is defined.
 
     Tests are defined for steps and bars along the finger, at five positions or more.
     """
@@ -54,7 +54,7 @@ def shape_test(shape: str, x_mm: Array, profile: Array, threshold: float = THRES
 
 
 def shape_flags(shape: str, x_mm: Array, profiles: Array, threshold: float = THRESHOLD) -> Flags | None:
-    """(…,) which of many profiles (…, n) pass, or None where no test is defined."""
+    """Return (…,) flags of profiles (…, n) that pass, or None if no test is defined."""
     found = _judged(shape, x_mm, np.asarray(profiles, dtype=float), threshold)
     return None if found is None else found[0]
 
@@ -69,7 +69,7 @@ def _judged(shape: str, x_mm: Array, profiles: Array, threshold: float) -> Judge
 
 
 def _step_test(profile: Array, threshold: float) -> Judged:
-    """p = max − b, q = b − min after the peak, b = mean of the ends; p > q > threshold · p, half of q recovered."""
+    """Test p > q > threshold · p with half of q recovered: p = max − b, q = b − min after it, b = mean of ends."""
     baseline = 0.5 * (profile[..., 0] + profile[..., -1])
     place = np.arange(profile.shape[-1])
     top = np.argmax(profile, axis=-1)[..., None]
@@ -82,15 +82,15 @@ def _step_test(profile: Array, threshold: float) -> Judged:
 
 
 def _bar_test(profile: Array, threshold: float) -> Judged:
-    """Two maxima inside the schedule, and so a minimum between them, of prominence > threshold · range each."""
+    """Test for two interior maxima, and so a minimum between them, each of prominence > threshold · range."""
     found = np.apply_along_axis(_prominences, -1, profile)
     first, second, size = found[..., 0], found[..., 1], np.ptp(profile, axis=-1)
     return second > threshold * size, {"range": size, "first": first, "second": second}
 
 
 def _prominences(profile: Array) -> Array:
-    """The two largest, 0 where there are fewer."""
-    from scipy.signal import find_peaks  # takes as long to load as a comparison of steps takes
+    """Return the two largest prominences, 0 if there are fewer."""
+    from scipy.signal import find_peaks  # as slow to import as a comparison of steps
 
     found = np.sort(find_peaks(profile, prominence=0)[1]["prominences"])[::-1]
     return np.append(found, [0.0, 0.0])[:2]
@@ -98,9 +98,9 @@ def _prominences(profile: Array) -> Array:
 
 # How often the shape test is passed by chance: random smooth profiles at the positions of a schedule.
 #
-# A profile is drawn from a Gaussian process of correlation exp(−d²/2ℓ²); ℓ is called what it is smooth over. A
-# response that moves with the skin has one such profile for each shape, which receptors see shifted by their own
-# place.
+# A profile is drawn from a Gaussian process of correlation exp(−d²/2ℓ²), where ℓ is the smoothing length. A
+# response that moves with the skin has one such profile for each shape, which each receptor sees shifted by its own
+# position.
 
 DRAWS = 1000
 SEED = 52
@@ -109,14 +109,14 @@ NEAR_CENTRE_MM = 0.25
 
 
 class ShapePositions(NamedTuple):
-    """A shape and the positions (n,) mm that it is pressed at."""
+    """Shape and the positions (n,) mm of its presses."""
 
     shape: str
     x_mm: Array
 
 
 def smooth_profiles(x_mm: Array, over_mm: float, draws: int, rng: np.random.Generator) -> Array:
-    """(draws, n) random profiles of unit variance at positions (n,) mm, in any order."""
+    """Return (draws, n) random profiles of unit variance at positions (n,) mm, in any order."""
     apart = np.subtract.outer(np.asarray(x_mm, dtype=float), x_mm) / over_mm
     values, vectors = np.linalg.eigh(np.exp(-0.5 * apart * apart))
     root = vectors * np.sqrt(np.maximum(values, 0.0))
@@ -124,9 +124,9 @@ def smooth_profiles(x_mm: Array, over_mm: float, draws: int, rng: np.random.Gene
 
 
 def smooth_over_mm(x_mm: Array, profiles: Array) -> float:
-    """ℓ of random profiles as smooth as profiles (N, n) at ascending positions (n,) mm; NaN of flat ones.
+    """Return ℓ of random profiles as smooth as profiles (N, n) at ascending positions (n,) mm; NaN if all are flat.
 
-    As smooth: with the same median ratio of the rms deviation from the mean to the rms slope. Between 0.1 and 5 mm.
+    Equal smoothness means the same median ratio of rms deviation to rms slope. Between 0.1 and 5 mm.
     """
     rng = np.random.default_rng(SEED)
     tried = np.geomspace(*_SMOOTH_BETWEEN_MM, _TRIED)
@@ -139,7 +139,7 @@ _TRIED, _EACH = 16, 1000
 
 
 def _deviation_over_slope(x_mm: Array, profiles: Array) -> float:
-    """In mm, trapezoids over the positions; the median of the profiles that vary, NaN where none does."""
+    """Return the median ratio (mm) by trapezoids over the positions; flat profiles are ignored, NaN if all are."""
     step = np.diff(x_mm)
     middle = 0.5 * (profiles[..., 1:] + profiles[..., :-1])
     away = middle - np.average(middle, axis=-1, weights=step)[..., None]
@@ -151,7 +151,7 @@ def _deviation_over_slope(x_mm: Array, profiles: Array) -> float:
 def passed_by_chance(
     schedule: ShapePositions, over_mm: float, threshold: float = THRESHOLD, draws: int = DRAWS
 ) -> float | None:
-    """The share of random smooth profiles that pass; None where no test is defined. A fixed seed."""
+    """Return the share of random smooth profiles that pass, or None if no test is defined; fixed seed."""
     profiles = smooth_profiles(schedule.x_mm, over_mm, draws, np.random.default_rng(SEED))
     flags = shape_flags(schedule.shape, schedule.x_mm, profiles, threshold)
     return None if flags is None else float(flags.mean())
@@ -160,7 +160,7 @@ def passed_by_chance(
 def moved_response(
     schedule: ShapePositions, receptor_mm: Array, over_mm: float, draws: int, rng: np.random.Generator
 ) -> Array:
-    """(draws, receptors, n) profiles of a response that each receptor sees shifted by its own place."""
+    """Return (draws, receptors, n) profiles of a response that each receptor sees shifted by its position."""
     places = schedule.x_mm - np.asarray(receptor_mm)[:, None]
     different, where = np.unique(places.round(6), return_inverse=True)
     return smooth_profiles(different, over_mm, draws, rng)[:, where.reshape(places.shape)]
@@ -173,9 +173,9 @@ def candidates_by_chance(
     threshold: float = THRESHOLD,
     draws: int = DRAWS,
 ) -> float | None:
-    """The share of unrelated responses that one receptor passes under every step, and one near x = 0 under every bar.
+    """Return the chance that random responses pass at one receptor under all steps, and near x = 0 under all bars.
 
-    None where no schedule has a test.
+    None if no schedule has a test.
     """
     rng = np.random.default_rng(SEED)
     found: dict[str, Flags] = {}
@@ -192,7 +192,7 @@ def candidates_by_chance(
 
 
 def chance_rows(stimuli: Sequence[Stimulus]) -> list[dict[str, Any]]:
-    """Return the share of random profiles, as smooth as its own, that pass, for each stimulus with a shape test."""
+    """Return, for each stimulus with a shape test, the share of equally smooth random profiles that pass."""
     rows = []
     for stimulus in stimuli:
         if shape_flags(stimulus.indentor, stimulus.x_mm, stimulus.x_mm) is None:

@@ -1,4 +1,4 @@
-"""Stimuli: what each receptor sees while an indentor steps across the pad, with controls and maps.
+"""Stimuli: responses of each receptor to an indentor that steps across the pad, with controls and maps.
 
 A population response is a measure at all receptors for one indentor position; an SSRP is a measure at one receptor
 against the indentor's position (Raju 1998, ch. 5). One run gives both.
@@ -23,7 +23,7 @@ from sim.models.full_mesh import strain_maps
 from sim.models.result import IndentationResult
 from sim.units import PSEUDO_E_EPIDERMIS
 
-# Controls: what a measure inside the finger has to beat, at the same receptors and positions.
+# Controls: alternatives that a measure must outperform, at the same receptors and positions.
 #
 # Pressure on the skin above a receptor and the skin's displacement there, the curvature of the indentor above it, and
 # the strain that a uniform elastic half-space would have at its depth under the same pressures (Phillips and Johnson,
@@ -34,12 +34,12 @@ Array = NDArray[np.float64]
 CONTROLS = ("skin pressure", "skin displacement", "indentor curvature", "half-space strain")
 """Units: pseudo-units, mm downwards, 1/mm (convex positive), magnitude of the maximum compressive strain."""
 
-_ACROSS_MM = 0.17  # the spacing of schedules: over it a corner's curvature is averaged
+_ACROSS_MM = 0.17  # schedule spacing (mm), over which a corner's curvature is averaged
 _POISSON = 0.48
 
 
 def controls(result: IndentationResult) -> Array:
-    """(4, receptors) of one indentation, in the order of `CONTROLS`."""
+    """Return (4, receptors) controls of one indentation, in the order of `CONTROLS`."""
     x_mm, pressure = result.pressure_profile
     receptors = result.model.receptors
     at_mm = receptors.position_mm[:, X]
@@ -57,9 +57,10 @@ def controls(result: IndentationResult) -> Array:
 
 
 def half_space_strain(x_mm: Array, pressure: Array, at_mm: Array, depth_mm: Array) -> Array:
-    """(k,) maximum compressive strain (magnitude) at x and depth (k,) mm under pressures (n,) at ascending x (n,).
+    """Return (k,) maximum compressive strain (magnitude) at x and depth (k,) mm under pressures (n,) at x (n,).
 
-    Plane strain, line loads summed (Johnson, Contact Mechanics, 1985, Eq. 2.17); E is the epidermis's 10 000.
+    Plane strain, line loads summed (Johnson, Contact Mechanics, 1985, Eq. 2.17); x ascends; E is the epidermis's 10
+    000.
     """
     load = pressure * np.gradient(x_mm)
     s, d = x_mm - at_mm[:, None], depth_mm[:, None]
@@ -71,7 +72,7 @@ def half_space_strain(x_mm: Array, pressure: Array, at_mm: Array, depth_mm: Arra
 
 
 def _curvature(result: IndentationResult) -> Array:
-    """(receptors,) turn of the indentor's surface above each, over the length in which it turns."""
+    """Return the (receptors,) curvature of the indentor above each, averaged over `_ACROSS_MM`."""
     receptors = result.model.receptors.position_mm
     place = {X: receptors[:, X] - result.x_mm, Z: receptors[:, Z] - result.z_mm}
     offset = np.array([place[axis] for axis in result.indentor.axes])
@@ -87,20 +88,20 @@ FAMILIES = ("step", "bar")
 
 @dataclass(frozen=True, eq=False)
 class Stimulus:
-    """One indentor pressed to one depth or force at a row of positions.
+    """Indentor pressed to one depth or force at a row of positions.
 
     Arrays: `x_mm` (n,) ascending, `doi_mm` and `force_gwt` (n,), `measures` (18, n, receptors) in the signs of
     `shown`, `receptor_mm` (receptors,), `skin_mm` (m,) undeformed x in the receptor plane, `pressure` (n, m),
-    `regions_mm` (n, k, 2) ends of the contact regions there, NaN where there are fewer.
-    `on_fingers` (fingers, 18, n, receptors) are the measures on the design of plausible fingers, where one is stated;
-    `interpolated` says that some of these fingers were not built in full. `controls` (4, n, receptors) are those of
-    `rig/compare/stimuli.py`, None where they are not known.
+    `regions_mm` (n, k, 2) ends of the contact regions there, NaN-padded.
+    `on_fingers` (fingers, 18, n, receptors) are the measures on the design of plausible fingers, if stated;
+    `interpolated` if some of these fingers were not built in full. `controls` (4, n, receptors) in the order of
+    `CONTROLS`, None if unknown.
     Strains are numbers, stresses and pressures pseudo-units.
     """
 
     run: str
-    indentor: str  # as the run mounted it
-    kind: str  # what was commanded: doi_mm or force_gwt
+    indentor: str  # name in the run
+    kind: str  # commanded quantity: doi_mm or force_gwt
     commanded: float
     x_mm: Array
     doi_mm: Array
@@ -112,57 +113,57 @@ class Stimulus:
     regions_mm: Array
     on_fingers: Array | None = None
     interpolated: bool = False
-    pressed_with: str | None = None  # the indentor's name, naming the run's own copy of its file
+    pressed_with: str | None = None  # the indentor's name with the run's own copy of its file
     controls: Array | None = None
-    stiffening: float = 0.0  # of the finger that was pressed
+    stiffening: float = 0.0  # of the finger
 
     @property
     def read_as(self) -> str:
-        """The name that the indentor is read by."""
+        """Name from which the indentor can be read."""
         return self.pressed_with or self.indentor
 
     @property
     def shape(self) -> str:
-        """The indentor's canonical name: "bar:3" for bar:3.0."""
+        """Canonical name of the indentor, "bar:3" for bar:3.0."""
         return shape_name(self.indentor)
 
     @property
     def family(self) -> str:
-        """The kind of indentor, e.g. "step"."""
+        """Kind of indentor, e.g. "step"."""
         return self.indentor.partition(":")[0]
 
     @property
     def condition(self) -> str:
-        """The commanded force or depth, e.g. "2.33 gwt"."""
+        """Commanded force or depth, e.g. "2.33 gwt"."""
         return f"{self.commanded:g} " + {"doi_mm": "mm", "force_gwt": "gwt"}[self.kind]
 
     @property
     def title(self) -> str:
-        """For captions and tables, e.g. "step:1 at 2.33 gwt"."""
+        """Title for captions and tables, e.g. "step:1 at 2.33 gwt"."""
         return f"{self.indentor} at {self.condition}"
 
     def ssrp(self, measure: str, receptor: int) -> Array:
-        """(n,) values of a measure at one receptor."""
+        """Return (n,) values of a measure at one receptor."""
         return self.measures[MEASURES.index(measure), :, receptor]
 
     def at(self, position_mm: Array) -> Array:
-        """(18, p, receptors) linear interpolation at x = position + x_receptor; NaN where the run did not go.
+        """Return measures (18, p, receptors) interpolated at x = position + x_receptor; NaN outside the schedule.
 
-        Positions (p,) mm are the indentor's reference point from the receptive field's centre, in the finger's frame.
+        Positions (p,) mm are the indentor's reference point from the receptive field's center, in the finger's frame.
         """
         return self._interpolated(self.measures, position_mm)
 
     def controls_at(self, position_mm: Array) -> Array:
-        """(controls, p, receptors) the same of the controls; none where they are not known."""
+        """Return controls (controls, p, receptors) like `at`; empty if unknown."""
         none = np.empty((0, len(self.x_mm), len(self.receptor_mm)))
         return self._interpolated(none if self.controls is None else self.controls, position_mm)
 
     def on_fingers_at(self, position_mm: Array) -> Array:
-        """(fingers, 18, p, receptors) the same on the design of plausible fingers; this one alone where none is."""
+        """Return measures (fingers, 18, p, receptors) like `at` on the design, or on this finger alone."""
         return self._interpolated(self.measures[None] if self.on_fingers is None else self.on_fingers, position_mm)
 
     def _interpolated(self, measures: Array, position_mm: Array) -> Array:
-        """(…, p, receptors) of measures (…, n, receptors)."""
+        """Return values (…, p, receptors) of measures (…, n, receptors), interpolated."""
         x = np.asarray(position_mm)[:, None] + self.receptor_mm
         if len(self.x_mm) < 2:
             return np.full((*measures.shape[:-2], *x.shape), np.nan)
@@ -174,22 +175,22 @@ class Stimulus:
         return np.where(inside, value, np.nan)
 
     def contact_regions_mm(self, position: int) -> list[tuple[float, float]]:
-        """[x0, x1] of the runs of touching skin at one position, undeformed."""
+        """Return the contact regions [x0, x1] at one position, in undeformed x (mm)."""
         return [(float(a), float(b)) for a, b in self.regions_mm[position] if not np.isnan(a)]
 
 
 _ROUNDING = 1e-9
 _EXACT_DECIMALS = 6
 _SAME_PLACE_DECIMALS = 3
-_CACHED_AS = 4  # to be raised when what is stored changes its meaning
+_CACHED_AS = 4  # to be raised if the meaning of stored values changes
 _PER_POSITION = ("x_mm", "doi_mm", "force_gwt", "measures", "pressure", "controls")
 
 
 def stimuli(run: Run, finger: Fingertip) -> list[Stimulus]:
-    """What was pressed in a run, one for each indentor and commanded depth or force, at the last holds.
+    """Return the stimuli of a run at the last holds, one for each indentor and commanded depth or force.
 
-    Presses at the same place are averaged; contact regions are those of the first. The model's answers are kept in
-    the cache, under the run's journal, the model and the simulator's code.
+    Presses at the same position are averaged; contact regions are those of the first. Responses are cached by the
+    run's journal, the model and the simulator's code.
     """
     table, _ = cached_arrays(
         responses_key(run, finger), lambda: _table(responses(run, finger, last_only=True)), kind="answers"
@@ -222,7 +223,7 @@ def _stimulus(run: str, what: tuple[str, str, float], table: Arrays, mine: list[
 
 
 def _table(found: list[Response]) -> Arrays:
-    """One row for each response; measures (rows, 18, receptors) in the signs of `shown`."""
+    """Return one row per response; measures (rows, 18, receptors) in the signs of `shown`."""
     if not found:
         return {"x_mm": np.empty(0)}
     results = [response.result for response in found]
@@ -265,7 +266,7 @@ def on_widest_skin(profiles: Sequence[tuple[Array, Array]]) -> tuple[Array, Arra
 
 
 def contact_regions(results: Sequence[IndentationResult]) -> Array:
-    """(n, k, 2) ends in mm, NaN where an indentation has fewer than another."""
+    """Return (n, k, 2) ends in mm, padded with NaN."""
     most = max(len(result.contact_regions_mm) for result in results)
     regions = np.full((len(results), most, 2), np.nan)
     for row, result in zip(regions, results, strict=True):
@@ -279,10 +280,10 @@ def responses_key(run: Run, finger: Fingertip) -> str:
     return answers_key(finger, [_CACHED_AS, journal])
 
 
-def answers_key(finger: Fingertip, asked: object) -> str:
+def answers_key(finger: Fingertip, request: object) -> str:
     """Return the cache key of a model's responses, from the finger, its receptors and the simulator's code."""
     receptors = finger.model.receptors
-    what = [asked, simulator_code(), finger.config.model_dump(mode="json"), finger.e_epidermis_mpa]
+    what = [request, simulator_code(), finger.config.model_dump(mode="json"), finger.e_epidermis_mpa]
     return content_key([*what, receptors.position_mm.tolist(), receptors.depths_mm.tolist()])
 
 
@@ -292,7 +293,7 @@ _SHOWN_POSITIONS = 3
 
 @dataclass(frozen=True)
 class StimulusMap:
-    """One stimulus at one position, deformed: corners (n + 1, m + 1, 2), receptors (r, 2), values (n, m)."""
+    """Deformed section of a stimulus at one position: corners (n + 1, m + 1, 2), receptors (r, 2), values (n, m)."""
 
     stimulus: Stimulus
     x_mm: float
@@ -302,7 +303,7 @@ class StimulusMap:
 
 
 def stimulus_maps(run: Run, finger: Fingertip, stimuli: Sequence[Stimulus]) -> list[StimulusMap]:
-    """Maps at three positions of each stimulus of a run, fewer of a shorter schedule; cached like its responses."""
+    """Return maps at three positions of each stimulus, fewer for a shorter schedule; cached like responses."""
     scenes = [(stimulus, k) for stimulus in stimuli for k in _positions(len(stimulus.x_mm))]
     key = content_key(["stimulus maps", *MAPPED, _SHOWN_POSITIONS, responses_key(run, finger)])
     arrays, _ = cached_arrays(key, lambda: _arrays(finger, scenes), kind="answers")
@@ -316,7 +317,7 @@ def _from_arrays(stimulus: Stimulus, k: int, found: dict[str, Array], n: int) ->
 
 
 def _positions(n: int) -> list[int]:
-    """A quarter, half and three quarters of the way through a schedule."""
+    """Return the indices a quarter, half and three quarters of the way through a schedule."""
     quarters = np.arange(1, _SHOWN_POSITIONS + 1) / (_SHOWN_POSITIONS + 1)
     return sorted({int(k) for k in np.round(quarters * (n - 1))})
 
@@ -329,7 +330,7 @@ def _arrays(finger: Fingertip, scenes: Sequence[tuple[Stimulus, int]]) -> Arrays
     ]
     maps = strain_maps(finger.config, results) if results else []
     arrays: Arrays = {}
-    for n, one in enumerate(maps):  # a mesh for each kind of indentor: they need not be of one size
+    for n, one in enumerate(maps):  # meshes of different indentors can differ in size
         arrays[f"corner {n}"] = one.moved_mm
         arrays[f"receptor {n}"] = one.carried(finger.model.receptors.position_mm[:, :2])
         arrays |= {f"{name} {n}": shown(name, one.measures[name]) for name in MAPPED}

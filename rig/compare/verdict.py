@@ -1,4 +1,4 @@
-"""Verdict on the measures from the recording of one afferent; table, sentence and JSON are derived from it."""
+"""Verdict on the measures from the recordings of one afferent, from which table, sentence and JSON are derived."""
 
 import math
 from dataclasses import dataclass
@@ -18,10 +18,10 @@ A_CONSTANT = "a constant rate"
 
 
 class RecordingNoise(NamedTuple):
-    """What was recorded, where the size of its noise is known from, and that size.
+    """Kind of recording, source of its noise estimate, and the noise.
 
     `dispersion` of counts is their variance over Poisson's, of rates with an sd 1, of rates alone the variance of one
-    press (rate²). `freedom`: the degrees of freedom behind it.
+    press (rate²). `freedom` is the number of degrees of freedom of the estimate.
     """
 
     kind: Literal["counts", "sd", "rates"]
@@ -31,7 +31,7 @@ class RecordingNoise(NamedTuple):
 
 
 class FittedPositions(NamedTuple):
-    """The (p,) positions that all of an answer is over: number of the stimulus, mm, mean rate, its standard error."""
+    """Positions (p,) that a verdict is based on: number of the stimulus, mm, mean rate, its standard error."""
 
     stimulus: NDArray[np.int64]
     position_mm: Array
@@ -41,10 +41,10 @@ class FittedPositions(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class PairRow:
-    """A measure or a control at one receptor, and how it fares.
+    """Measure or control at one receptor, with its fit and tests.
 
     R = z / (1 + `saturation` z), z = max(0, k(ε − ε₀)). Intervals: 95 %, profile likelihood of this pair alone.
-    `deviance` is over the dispersion; `left_out` the share of it that is predicted where the pair was not fitted.
+    `deviance` is over the dispersion; `left_out` is the share of it that is predicted for held-out positions.
     Arrays (p,): the measure, predicted rates, and residuals in standard deviations of the noise.
     """
 
@@ -70,17 +70,17 @@ class PairRow:
 
     @property
     def title(self) -> str:
-        """For example "ep1 at −1 mm"."""
+        """Title, e.g. "ep1 at −1 mm"."""
         return titled(self.name, self.receptor_mm)
 
     @property
     def fits(self) -> bool:
-        """Whether its own fit does not reject it."""
+        """Whether the fit is not rejected."""
         return self.p_fit >= LEVEL
 
     @property
     def in_set(self) -> bool:
-        """Whether the pair fits, and no other pair is known to be better."""
+        """Whether the pair fits, and no other pair is significantly better."""
         return self.fits and self.p_set >= LEVEL
 
     @property
@@ -90,7 +90,7 @@ class PairRow:
 
 
 class LeftOut(NamedTuple):
-    """Recorded positions of one stimulus that are not used, since not every receptor covers them, and their rates."""
+    """Recorded positions of one stimulus, and their rates, that not every receptor covers."""
 
     stimulus: str
     position_mm: tuple[float, ...]
@@ -98,7 +98,7 @@ class LeftOut(NamedTuple):
 
 
 class Mimic(NamedTuple):
-    """Were a control the truth: the pair that imitates it best, and how probably even this one would be rejected."""
+    """Best imitator of a control, and the probability of its rejection if that control were true."""
 
     control: str
     pair: str
@@ -113,7 +113,7 @@ class Power(NamedTuple):
 
 
 class Separate(NamedTuple):
-    """The maximum-likelihood pair fitted to one stimulus alone, and how well the other stimuli predict this one."""
+    """Separate fit of the maximum-likelihood pair to one stimulus, and prediction of it from the others."""
 
     stimulus: str
     k: float
@@ -122,7 +122,7 @@ class Separate(NamedTuple):
 
 
 class Together(NamedTuple):
-    """Whether separate fits of each stimulus are better than the one fit of all: F test of the likeliest pair."""
+    """F test of separate fits against the joint fit, for the maximum-likelihood pair."""
 
     freedom: tuple[float, float]
     ratio: float
@@ -132,10 +132,11 @@ class Together(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class AfferentVerdict:
-    """What one afferent's recordings say; every statement is made from `rows`, likeliest first.
+    """Verdict on one afferent; every statement is derived from `rows`, best first.
 
-    `recorded` positions are in the files, those of `places` are used. `ceiling`: the share of variance that a model
-    can explain, by split halves of repeats or, as an upper bound, by the best monotone function of any candidate.
+    `recorded` counts positions in the files, `places` holds those that are used. `ceiling` is the share of variance
+    that a model can explain, by split halves of repeats or, as an upper bound, by the best monotone function of any
+    candidate.
     """
 
     title: str
@@ -156,44 +157,44 @@ class AfferentVerdict:
 
     @property
     def measures(self) -> list[PairRow]:
-        """Every pair of a measure and a receptor."""
+        """Pairs of a measure and a receptor."""
         return [row for row in self.rows if not row.control]
 
     @property
     def controls(self) -> list[PairRow]:
-        """The controls, which a measure must beat."""
+        """Controls that a measure must outperform."""
         return [row for row in self.rows if row.control]
 
     @property
     def set(self) -> list[PairRow]:
-        """The pairs that this recording can neither reject nor tell apart."""
+        """Pairs that this recording can neither reject nor distinguish."""
         return [row for row in self.measures if row.in_set]
 
     @property
     def controls_in_set(self) -> list[PairRow]:
-        """The controls that the recording cannot tell from these."""
+        """Controls in the set."""
         return [row for row in self.controls if row.in_set]
 
     @property
     def outcome(self) -> Outcome:
-        """Explained only if some measure is in the set and no control is."""
+        """Outcome; "explained" requires a measure, and no control, in the set."""
         if not self.set:
             return "nothing"
         return "not beyond controls" if self.controls_in_set else "explained"
 
     @property
     def closest(self) -> PairRow:
-        """The maximum-likelihood measure, whether it fits or not."""
+        """Maximum-likelihood measure, rejected or not."""
         return self.measures[0]
 
     @property
     def headline(self) -> PairRow | None:
-        """The maximum-likelihood pair of the set."""
+        """Maximum-likelihood pair of the set."""
         return next(iter(self.set), None)
 
     @property
     def next(self) -> PairRow | None:
-        """The maximum-likelihood measure outside the set."""
+        """Maximum-likelihood measure outside the set."""
         return next((row for row in self.measures if not row.in_set), None)
 
     @property
@@ -203,22 +204,22 @@ class AfferentVerdict:
         return np.nan if first is None or second is None else second.deviance - first.deviance
 
     def interval(self, name: str, of: Literal["k", "eps0"]) -> Limits:
-        """Limits of k or ε₀ of a measure at whichever receptor of the set; NaN where it has none."""
+        """Return the limits of k or ε₀ of a measure over its receptors in the set; NaN if it has none."""
         limits = [getattr(row, f"{of}_interval") for row in self.set if row.name == name]
         low, high = zip(*limits, strict=True) if limits else ((np.nan,), (np.nan,))
         return float(np.min(low)), float(np.max(high))
 
 
 def titled(name: str, receptor_mm: float | None) -> str:
-    """A candidate at a receptor, for example "ep1 at −1.25 mm"."""
+    """Return a candidate at a receptor, e.g. "ep1 at −1.25 mm"."""
     return name if receptor_mm is None else f"{name} at {in_mm(receptor_mm)} mm"
 
 
 def in_mm(x: float) -> str:
-    """For example "−1.25"."""
+    """Format a position, e.g. "−1.25"."""
     return f"{round(x, 6) + 0.0:g}".replace("-", "−")
 
 
 def six_digits(value: float) -> float | None:
-    """Round to six digits for JSON; NaN and infinities are None."""
+    """Round to six digits for JSON; return None for NaN and infinities."""
     return float(f"{value:.6g}") if math.isfinite(value) else None

@@ -41,7 +41,7 @@ def sentence(answer: AfferentVerdict) -> str:
 
 def sentences(answer: AfferentVerdict) -> list[str]:
     """Return further sentences, most important first."""
-    said = [
+    further = [
         _next(answer),
         _controls(answer),
         _ceiling(answer),
@@ -49,11 +49,11 @@ def sentences(answer: AfferentVerdict) -> list[str]:
         _together(answer),
         positions(answer),
     ]
-    return [one for one in said if one]
+    return [one for one in further if one]
 
 
 def listed(rows: Sequence[PairRow]) -> str:
-    """For example "ep1 at −1.25 and −1 mm, sed at 0 mm", in the order of the rows."""
+    """Return pairs as text, e.g. "ep1 at −1.25 and −1 mm, sed at 0 mm", in the order of the rows."""
     names = dict.fromkeys(row.name for row in rows)
     places = {name: sorted(row.receptor_mm for row in rows if row.name == name and row.receptor_mm is not None)
               for name in names}  # fmt: skip
@@ -61,12 +61,12 @@ def listed(rows: Sequence[PairRow]) -> str:
 
 
 def percent(share: float) -> str:
-    """Of a share, for example "93 %"; what is worse than a mean is below zero."""
+    """Format a share, e.g. "93 %"; negative if worse than the mean."""
     return "–" if np.isnan(share) else f"{100 * share:.0f} %".replace("-", "−")
 
 
 def probability(p: float) -> str:
-    """For example "p = 0.03"."""
+    """Format a p value, e.g. "p = 0.03"."""
     return "p < 0.001" if p < 0.001 else f"p = {p:.2g}"
 
 
@@ -124,10 +124,10 @@ def _ceiling(answer: AfferentVerdict) -> str:
 
 
 def _powers(answer: AfferentVerdict) -> list[str]:
-    """Return what the noise hides."""
-    seen = percent(answer.power.detectable)
+    """Return sentences on the misfits and controls that the noise conceals."""
+    rms = percent(answer.power.detectable)
     found = [
-        (f"A misfit of {seen} of the largest rate (rms) would be detected in {percent(SEEN)} of such recordings.")
+        (f"A misfit of {rms} of the largest rate (rms) would be detected in {percent(SEEN)} of such recordings.")
     ]
     blind = [one for one in answer.power.mimics if one.probability < SEEN]
     return found + [_blind(one) for one in blind]

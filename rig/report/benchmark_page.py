@@ -28,12 +28,12 @@ _FAMILIES = {"smooth": "smooth", "bar": "bars", "step": "step 1"}
 
 
 def page(rows: Sequence[Row], **about: Any) -> str:
-    """The self-contained HTML page."""
+    """Return the self-contained HTML page."""
     return render("speed.html.j2", figures=_figures(rows), table=_table(rows), families=_FAMILIES, **about)
 
 
 def pareto(rows: Sequence[Row], against: str = "total_s") -> Plot:
-    """Largest error of each family and quantity, log against log; a line for each model and element."""
+    """Plot the largest error of each family and quantity on log-log axes, a line per model and element."""
     labels = {"total_s": "time without cache (s)", "memory_mb": "peak memory (MB)", "contact_s": "contact (s)"}
     quantities = [q for q in _TITLES if any(row["quantity"] == q for row in rows)]
 
@@ -61,7 +61,7 @@ def pareto(rows: Sequence[Row], against: str = "total_s") -> Plot:
 
 
 def cost_against_nodes(rows: Sequence[Row]) -> Plot:
-    """Time from nothing and memory against the number of nodes, with the exponents of straight lines through them."""
+    """Plot cold-start time and memory against the number of nodes, with the exponents of fitted power laws."""
 
     def draw(figure: Canvas) -> None:
         for axes, key, label in zip(figure.subplots(1, 2), ("total_s", "memory_mb"),
@@ -80,7 +80,7 @@ def cost_against_nodes(rows: Sequence[Row]) -> Plot:
 
 
 def _plain(axes: Axes) -> None:
-    """Ticks at 1, 2 and 5 of each decade, written out."""
+    """Label ticks at 1, 2 and 5 of each decade with plain numbers."""
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
@@ -89,7 +89,7 @@ def _plain(axes: Axes) -> None:
 
 
 def exponent(nodes: np.ndarray, cost: np.ndarray) -> float:
-    """Slope of log cost against log nodes."""
+    """Return the slope of log cost against log nodes."""
     return float(np.polyfit(np.log(nodes), np.log(cost), 1)[0])
 
 
@@ -99,7 +99,7 @@ def _with_exponent(line: Line, nodes: np.ndarray, cost: np.ndarray) -> str:
 
 
 def _lines(rows: Iterable[Row]) -> dict[Line, list[list[Row]]]:
-    """Rows by model and element, then by refinement from cheap to dear."""
+    """Group rows by model and element, ordered by refinement from cheap to expensive."""
     found: dict[Line, dict[str, list[Row]]] = defaultdict(lambda: defaultdict(list))
     for row in rows:
         found[row["model"], row["element"]][row["refinement"]].append(row)
@@ -115,7 +115,7 @@ def _largest(rows: Iterable[Row]) -> float:
 
 
 def _table(rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """One line for each candidate: costs, and the largest error by family and quantity."""
+    """Return a row per candidate: costs, and the largest error by family and quantity."""
     return [
         {
             "line": " ".join(line),
@@ -130,7 +130,7 @@ def _table(rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 
 def _errors(rows: Sequence[Row]) -> dict[tuple[str, str], float | None]:
-    """Largest error by family and quantity; None where there is none."""
+    """Return the largest error by family and quantity; None if there is none."""
     by: dict[tuple[str, str], list[Row]] = {(family, q): [] for family in _FAMILIES for q in _TITLES}
     for row in rows:
         by[row["family"], row["quantity"]].append(row)

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 class DrawnDecoding(NamedTuple):
-    """What was found; pseudo-units."""
+    """Decoded pressures and the readings behind them; pseudo-units."""
 
     place_mm: Array  # (n,)
     pressure: Array  # (n,)
@@ -28,11 +28,11 @@ class DrawnDecoding(NamedTuple):
     true: Array | None  # (n,)
     receptor_mm: Array  # (m,) in any order
     reading: Array  # (m,) as SED
-    explained: Array  # (m,) SED under the pressures that were found
+    explained: Array  # (m,) SED under the decoded pressures
 
 
 def decoded_figure(drawn: DrawnDecoding) -> Plot:
-    """Pressures over readings, against the place on the skin."""
+    """Plot pressures above readings, against the position on the skin."""
     return Plot((6.0, 5.4), lambda figure: _draw_decoded(figure, drawn))
 
 
@@ -53,22 +53,22 @@ def _draw_decoded(figure: Figure, drawn: DrawnDecoding) -> None:
 
 
 class DrawnEncoding(NamedTuple):
-    """What is encoded, and what finite elements say of the same press where there was one."""
+    """Encoded pressures, and the finite-element result of the same press if available."""
 
     operator: ForwardOperator
     pressure: Array
     encoded: Encoded
-    true: tuple[Array, Array] | None  # places in mm and SED
+    true: tuple[Array, Array] | None  # positions in mm and SED
 
 
 def encoding_figure(drawn: DrawnEncoding) -> Plot:
-    """Pressure, SED and rate against the place on the skin."""
+    """Plot pressure, SED and rate against the position on the skin."""
     return Plot((6.0, 7.2), lambda figure: _draw_encoding(figure, drawn))
 
 
 def _draw_encoding(figure: Figure, drawn: DrawnEncoding) -> None:
     operator, encoded = drawn.operator, drawn.encoded
-    skin, energy, said = figure.subplots(3, sharex=True)
+    skin, energy, rates = figure.subplots(3, sharex=True)
     ends = np.flatnonzero(np.diff(operator.place_mm) < 0) + 1  # lateral pressures come after the normal ones
     kinds = zip(np.split(operator.place_mm, ends), np.split(drawn.pressure, ends), strict=True)
     for (place, pressure), name, colour in zip(kinds, ("normal", "lateral"), (BLUE, ORANGE), strict=False):
@@ -77,10 +77,10 @@ def _draw_encoding(figure: Figure, drawn: DrawnEncoding) -> None:
     energy.plot(operator.receptor_mm, encoded.sed, color=BLUE, label=operator.name)
     if drawn.true is not None:
         energy.plot(*drawn.true, color=GREY, ls="--", label="finite elements")
-    said.plot(operator.receptor_mm, encoded.rate, ".-", color=GREEN)
-    for axes, label in zip((skin, energy, said), ("pressure", f"SED, {operator.energy}", "rate"), strict=True):
-        axes.set_ylabel(f"{label} (pseudo-units)" if axes is not said else label)
-    said.set_xlabel("position on the skin (mm)")
+    rates.plot(operator.receptor_mm, encoded.rate, ".-", color=GREEN)
+    for axes, label in zip((skin, energy, rates), ("pressure", f"SED, {operator.energy}", "rate"), strict=True):
+        axes.set_ylabel(f"{label} (pseudo-units)" if axes is not rates else label)
+    rates.set_xlabel("position on the skin (mm)")
     skin.legend()
     energy.legend()
 
@@ -90,14 +90,14 @@ _MEANS = ("e11", "e22", "e12")
 
 
 class DrawnImpulse(NamedTuple):
-    """What is drawn of one kind of axes."""
+    """Impulse responses in one kind of axes."""
 
     responses: ImpulseResponses
     errors: ShiftErrors
 
 
 def impulse_figure(drawn: Mapping[str, DrawnImpulse]) -> Plot:
-    """One column for each kind of axes, by its name."""
+    """Plot one column for each kind of axes, by its name."""
     return Plot((4.6 * len(drawn), 8.4), lambda figure: _draw_impulse(figure, drawn))
 
 
@@ -140,14 +140,14 @@ _LARGEST_MM = 0.5  # drawn displacement under the load
 
 
 class DrawnPointSpread(NamedTuple):
-    """A site's own plane, and what spreads under it."""
+    """Section through a receptor site, and the spread of SED under a point load."""
 
     deformed: Deformed
     judged: Judged
 
 
 def point_spread_figure(drawn: DrawnPointSpread) -> Plot:
-    """Deformed mesh, SED over the skin, SED against the distance."""
+    """Plot the deformed mesh, SED over the skin, and SED against distance."""
     return Plot((10.2, 3.6), lambda figure: _draw_point_spread(figure, drawn))
 
 
@@ -194,14 +194,14 @@ def _fall(axes: Axes, judged: Judged) -> None:
 
 
 _COLOURS = (ORANGE, BLUE, GREEN)
-_DECADES = np.linspace(-4.5, 0.0, 19)  # of the error that are told apart, below its highest
+_DECADES = np.linspace(-4.5, 0.0, 19)  # decades of error below the highest that get a contour
 _FIRST_MOVES = 14
-_MARGIN = 0.15  # about a way, of its extent
+_MARGIN = 0.15  # margin around a path, relative to its extent
 _LOWEST = 1e-12
 
 
 class ErrorSurface(NamedTuple):
-    """Squared errors of two pressures."""
+    """Squared error as a function of two pressures."""
 
     first: Array  # (k,) values of the first, ascending
     second: Array  # (l,)
@@ -209,12 +209,12 @@ class ErrorSurface(NamedTuple):
 
 
 def search_figure(surfaces: Mapping[str, ErrorSurface], paths: Mapping[str, Array], true: Array | None) -> Plot:
-    """A panel for each surface, by title, with (moves + 1, 2) ways over it, by name; below, how far off moves are."""
+    """Plot a panel per surface with the (moves + 1, 2) paths over it, and the error of each move below."""
     return Plot((3.6 * len(surfaces), 6.4), lambda figure: _draw_search(figure, surfaces, paths, true))
 
 
 def extents(path: Array) -> dict[str, tuple[Array, Array]]:
-    """(2,) lowest and highest pressures by title: of a way after its first move, and of its first few moves alone."""
+    """Return (2,) lowest and highest pressures by title: after the first move, and over the first few moves."""
     return {"valley": _about(path[1:]), "first moves": _about(path[1:_FIRST_MOVES])}
 
 
@@ -262,7 +262,7 @@ def _what_is_left(axes: Axes, paths: Mapping[str, Array], true: Array | None) ->
 
 
 class DrawnSheet(NamedTuple):
-    """What was found; pseudo-units."""
+    """Decoded pressures on a sheet of skin; pseudo-units."""
 
     x_mm: Array  # (n_x,)
     z_mm: Array  # (n_z,)
@@ -272,7 +272,7 @@ class DrawnSheet(NamedTuple):
 
 
 def sheet_figure(drawn: DrawnSheet) -> Plot:
-    """Pressures, and their standard deviation in the same colours, with the receptors."""
+    """Plot pressures and their standard deviation on one color scale, with the receptors."""
     return Plot((9.6, 4.2), lambda figure: _draw_sheet(figure, drawn))
 
 

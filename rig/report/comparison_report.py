@@ -34,7 +34,7 @@ _MOST_SHOWN = 3
 
 
 def shape_figures(comparison: Comparison, shown: Sequence[str]) -> list[PageFigure]:
-    """Profiles and their shape tests; no figure is larger than a printed page holds."""
+    """Return figures of profiles and shape tests, none larger than a printed page."""
     profiles = [_profiles(s, shown, tested=comparison.passes(s) is not None) for s in _moved(comparison)]
     return [*_heat_maps(comparison), *profiles]
 
@@ -146,7 +146,7 @@ _HEADER = ("measure", "definition", "unit", "plotted as", "range as plotted", "s
 
 
 def measures_section(comparison: Comparison, young_mpa: float) -> Section:
-    """Each with its unit and sign, and its range over all receptors and positions; E of the epidermis in MPa."""
+    """Return the table of measures: unit, sign, and range over all receptors and positions."""
     pseudo_unit = as_number(young_mpa / PSEUDO_E_EPIDERMIS)
     return Section(
         "Definition of the measures",
@@ -182,7 +182,7 @@ _ONLY_SIMULATED = (
 
 
 def shape_sections(comparison: Comparison, figures: list[PageFigure]) -> list[Section]:
-    """Its verdicts with `figures` below, how they hang on its threshold, and which measures go together."""
+    """Return the shape-test verdicts with `figures`, their dependence on the threshold, and collinear measures."""
     judged = [stimulus for stimulus in comparison.stimuli if comparison.passes(stimulus) is not None]
     title = "The shape test: a property of the simulation"
     if not judged:
@@ -285,9 +285,9 @@ def write_comparison(
     pdf: Path | None = None,
     answers: Sequence[AfferentVerdict] = (),
 ) -> None:
-    """Write the report as HTML, and as PDF where asked for, dated by the newest run.
+    """Write the report as HTML, and as PDF if requested, dated by the newest run.
 
-    `answers` are what the recordings say; `extra` sections come after them; `command` makes the report again.
+    `answers` are the verdicts on the recordings; `extra` sections follow them; `command` reproduces the report.
     """
     shown = shown_measures(comparison, answers)
     page = partial(
@@ -305,7 +305,7 @@ def write_comparison(
     )
     replace_text(path, page())
     if pdf is not None:
-        from rig.report.pdf import as_pdf  # most comparisons do without
+        from rig.report.pdf import as_pdf  # slow to import, and most comparisons need no PDF
 
         newest = datetime.fromtimestamp(max(int(run.start["unix_s"]) for run in runs), UTC)
         replace_bytes(pdf, as_pdf(page(picture=as_png), newest))
@@ -330,13 +330,13 @@ def _provenance(comparison: Comparison, runs: Sequence[Run], finger: Fingertip, 
 
 
 def _recording(overlay: Overlay) -> tuple[str, str, str, str]:
-    """Its file, the shape, what was done to its numbers, and SHA-256; laid over several conditions it is one."""
+    """Return the file, shape, processing and SHA-256 of a recording; one row if it belongs to several conditions."""
     found = overlay.recording
     return found.name, overlay.stimulus.shape, ", ".join(found.changes), found.sha256
 
 
 def fingers_sections(comparison: Comparison) -> list[Section]:
-    """The ranges of the fingers that are plausible, where they are stated and something was recorded."""
+    """Return the section on plausible fingers, if ranges and recordings are available."""
     plausible = comparison.plausible
     if plausible is None or not comparison.overlays:
         return []

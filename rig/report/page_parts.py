@@ -15,7 +15,7 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True)
 class PageFigure:
-    """A figure with its heading and caption."""
+    """Figure with its heading and caption."""
 
     title: str
     plot: Plot
@@ -24,7 +24,7 @@ class PageFigure:
 
 @dataclass(frozen=True)
 class Section:
-    """A part of a page: its heading, paragraphs (a blank line between them), a list, a table and figures below it."""
+    """Part of a page: heading, paragraphs (separated by blank lines), list, table and figures."""
 
     title: str
     text: str
@@ -35,7 +35,7 @@ class Section:
 
 
 def alone(figure: PageFigure) -> Section:
-    """A section that is one figure, under its title."""
+    """Return a section that contains one figure, under its title."""
     return Section(figure.title, "", figures=(figure,))
 
 
@@ -59,13 +59,13 @@ def as_png(figure: PageFigure) -> str:
 
 
 def render(template: str, picture: Callable[[PageFigure], str] = as_svg, **about: Any) -> str:
-    """A self-contained page from a template of this package."""
+    """Return a self-contained page rendered from a template of this package."""
     return _templates().get_template(template).render(picture=picture, **about)
 
 
 @cache
 def _templates() -> Environment:
-    """Each is compiled once, for however many pages."""
+    """Return the templates; each is compiled once."""
     return Environment(
         loader=PackageLoader("rig.report"),
         autoescape=True,

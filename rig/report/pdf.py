@@ -22,12 +22,12 @@ HEADINGS = ("h1", "h2", "h3")
 _TEXTS = (*HEADINGS, "p", "li", "figcaption")
 _SKIPPED = ("style", "nav", "title")
 _CELLS = ("td", "th")
-_SPACES = re.compile(r"[ \t\r\n]+")  # but not the ones that hold words together
+_SPACES = re.compile(r"[ \t\r\n]+")  # non-breaking spaces stay
 
 
 @dataclass
 class PageBlock:
-    """A heading, a paragraph, a picture or a table, in the order of the page."""
+    """Heading, paragraph, image or table of a page."""
 
     kind: str
     text: str = ""
@@ -36,7 +36,7 @@ class PageBlock:
 
 
 def blocks(html: str) -> list[PageBlock]:
-    """Yield the parts of a report page; images must be PNG."""
+    """Return the parts of a report page in order; images must be PNG."""
     reader = _Reader()
     reader.feed(html)
     return [block for block in reader.found if block.text or block.picture or block.rows]
@@ -81,7 +81,7 @@ _POINTS = {"h1": 15.0, "h2": 12.0, "h3": 10.0, "p": 8.5, "li": 8.5, "figcaption"
 _TABLE_POINTS = 6.5
 _WIDEST_CHARACTERS = 40
 _MM_PER_CHARACTER = 1.35
-_BOLD = 1.3  # times as wide
+_BOLD = 1.3  # width of bold text relative to regular text
 _CELL_PADDING_MM = 4.0
 _LINE_MM_PER_POINT = 0.5
 _ABOVE_HEADING_MM, _AFTER_TEXT_MM, _AFTER_PICTURE_MM, _AFTER_TABLE_MM = 2.0, 1.0, 1.0, 2.0
@@ -92,7 +92,7 @@ _MM_PER_INCH = 25.4
 
 
 class _Document(FPDF):
-    """A4 across, with the page's number at its foot."""
+    """Document in A4 landscape with page numbers in the footer."""
 
     def footer(self) -> None:
         self.set_y(-10)
@@ -101,7 +101,7 @@ class _Document(FPDF):
 
 
 def as_pdf(html: str, when: datetime) -> bytes:
-    """The page on A4, landscape; the same page and date give the same bytes."""
+    """Return the page as a PDF in A4 landscape; the same page and date give the same bytes."""
     pdf = _Document(orientation="landscape", format="A4")
     pdf.set_creation_date(when)
     pdf.set_auto_page_break(True, margin=14)
@@ -123,14 +123,14 @@ def as_pdf(html: str, when: datetime) -> bytes:
 
 
 def _together_mm(pdf: FPDF, rest: Sequence[PageBlock]) -> float:
-    """Height of the first block and of what has to stay on its page."""
+    """Return the height (mm) of the first block and of the blocks that must share its page."""
     first, *after = rest
     height = _height_mm(pdf, first)
     return height + _together_mm(pdf, after) if after and _keeps(first.kind, after[0].kind) else height
 
 
 def _keeps(kind: str, following: str) -> bool:
-    """A heading is not left at the foot of a page, nor what introduces a table; a picture keeps its caption."""
+    """Return whether a block shares a page with the next: headings, table introductions, images with captions."""
     return kind in HEADINGS or (kind, following) in (("p", "table"), ("p", "picture"), ("picture", "figcaption"))
 
 
@@ -166,7 +166,7 @@ def _picture(pdf: FPDF, content: bytes) -> None:
 
 
 def _size_mm(pdf: FPDF, content: bytes) -> tuple[float, float]:
-    """Width and height: its own size, or what fits a page below a heading."""
+    """Return width and height (mm): the image's own size, or what fits a page below a heading."""
     with Image.open(io.BytesIO(content)) as image:
         own = image.width / PNG_DOTS_PER_INCH * _MM_PER_INCH
         shape = image.height / image.width
@@ -194,14 +194,14 @@ def _table(pdf: FPDF, rows: list[list[str]]) -> None:
 
 
 def _columns(rows: list[list[str]]) -> tuple[list[list[str]], list[float]]:
-    """The rows filled up to one length, and the width that each column wants, in mm."""
+    """Return the rows padded to one length, and the preferred width of each column (mm)."""
     columns = max(len(row) for row in rows)
     filled = [row + [""] * (columns - len(row)) for row in rows]
     return filled, [_CELL_PADDING_MM + _MM_PER_CHARACTER * _characters(c) for c in zip(*filled, strict=True)]
 
 
 def _characters(column: tuple[str, ...]) -> int:
-    """How wide a column wants to be: its longest cell, if that is no sentence, and its header's longest word."""
+    """Return the preferred width in characters: the longest short cell, and the longest word of the header."""
     longest_word = max((len(word) for word in column[0].split()), default=1)
     return max(round(_BOLD * longest_word), min(_WIDEST_CHARACTERS, max(len(cell) for cell in column[1:] or column)))
 

@@ -20,26 +20,26 @@ from sim.measures.measures import MEASURES
 
 Array = NDArray[np.float64]
 
-_STEP_UP = 0.8  # from one profile to the next, of the range
+_STEP_UP = 0.8  # offset between profiles, relative to the range
 _HIGHEST_IN, _MOST_LEVELS = 5.6, 20
 _MARKERS = "osD^vP"
 """Markers for up to six positions; more positions are rows of an image."""
-_BOTH_SIGNS = 0.05  # of the largest magnitude: a measure has both signs from here on
+_BOTH_SIGNS = 0.05  # share of the largest magnitude from which a measure counts as having both signs
 _TICKS_OF_A_SCALE = 4
 _PROFILES = Room(left=0.75, right=0.4, bottom=0.45, top=0.3, columns=0.45)
 _IMAGES = Room(left=0.6, right=0.2, bottom=0.85, top=0.28, columns=0.12)
-_SCALE_IN = (0.25, 0.1)  # above the figure's foot, high
+_SCALE_IN = (0.25, 0.1)  # height above the figure's lower edge, and thickness
 _OUTLINED = [withStroke(linewidth=2.0, foreground="black")]
 
 
 def ssrps(stimulus: Stimulus, measures: Sequence[str]) -> Plot:
-    """One panel a measure: the SSRPs of all receptors above each other, and how each did in the shape test."""
+    """Plot a panel per measure: the stacked SSRPs of all receptors, with their shape-test results."""
     size = (3.4 * len(measures), min(1.2 + 0.42 * len(stimulus.receptor_mm), _HIGHEST_IN))
     return Plot(size, lambda figure: _ssrps(figure, stimulus, measures), layout=None)
 
 
 def populations(stimulus: Stimulus, measures: Sequence[str]) -> Plot:
-    """The measures at all receptors for each indentor position: lines where these are few, images else."""
+    """Plot measures at all receptors for each indentor position: lines if there are few, else images."""
     if _few(stimulus):
         return Plot((0.8 + 2.4 * len(measures), 2.6), lambda figure: _lines(figure, stimulus, measures))
     return Plot((0.5 + 2.5 * len(measures), 2.9), lambda figure: _images(figure, stimulus, measures), layout=None)
@@ -61,7 +61,7 @@ def _ssrps(figure: Figure, stimulus: Stimulus, measures: Sequence[str]) -> None:
 
 
 def _one_ssrp(axes: Axes, stimulus: Stimulus, profile: Array, k: int) -> None:
-    """A profile on its own baseline; the bar at its right end is as long as the dip must at least be."""
+    """Plot a profile on its own baseline; the bar at its right end is as long as the smallest passing dip."""
     verdict = shape_test(stimulus.indentor, stimulus.x_mm, profile)
     base = 0.5 * float(profile[0] + profile[-1])
     passed = verdict is not None and verdict.passed
@@ -89,7 +89,7 @@ def _lines(figure: Figure, stimulus: Stimulus, measures: Sequence[str]) -> None:
     for axes, measure in zip(panels, measures, strict=True):
         rows = stimulus.measures[MEASURES.index(measure)]
         for k, (x, row) in enumerate(zip(positions, rows, strict=True)):
-            style = {"marker": _MARKERS[k], "ms": 6 - 0.7 * k}  # what coincides stays visible
+            style = {"marker": _MARKERS[k], "ms": 6 - 0.7 * k}  # shrinking markers keep coincident points visible
             colour = shade_of(x, positions)
             axes.plot(stimulus.receptor_mm, row, ls="-", lw=0.9, color=colour, label=signed(x), **style)
         axes.set(xlabel="receptor x (mm)", ylabel=f"{label(measure)} ({unit(measure)})")
@@ -112,14 +112,14 @@ def _images(figure: Figure, stimulus: Stimulus, measures: Sequence[str]) -> None
 
 
 def _below(figure: Figure, axes: Axes) -> Axes:
-    """Room for a scale under a panel's own label."""
+    """Return axes for a color scale below a panel's label."""
     _, height = figure.get_size_inches()
     place = axes.get_position()
     return figure.add_axes((place.x0, _SCALE_IN[0] / height, place.width, _SCALE_IN[1] / height))
 
 
 def _image(axes: Axes, stimulus: Stimulus, values: Array) -> QuadMesh:
-    """Values (n, receptors); of both signs, zero is in the middle of the colours, and drawn as a line."""
+    """Plot values (n, receptors); if they have both signs, zero is mid-scale and gets a contour."""
     at, of = stimulus.receptor_mm, stimulus.x_mm
     top = float(np.abs(values).max()) or 1.0
     both = float(values.min()) < -_BOTH_SIGNS * top and float(values.max()) > _BOTH_SIGNS * top
@@ -134,25 +134,25 @@ def _image(axes: Axes, stimulus: Stimulus, values: Array) -> QuadMesh:
 
 CORRELATIONS_A_PAGE, PRESSURES_A_PAGE = 8, 9
 _MOST_RECEPTORS = 12
-_DARK = 0.5  # |r| beyond which black is not seen on a map's colours
+_DARK = 0.5  # |r| beyond which black is illegible on the color map
 
 
 def correlations(comparison: Comparison, judged: Sequence[Stimulus]) -> Plot:
-    """18 measures × receptors for each stimulus: Pearson's r in colour, a dot where the shape test is passed."""
+    """Plot Pearson's r of 18 measures × receptors for each stimulus, with a dot where the shape test is passed."""
     rows, columns = _grid(len(judged), 4)
     size = (1.2 + 2.35 * columns, 0.5 + 2.85 * rows)
     return Plot(size, lambda figure: _correlations(figure, comparison, judged, rows, columns))
 
 
 def pressure_maps(stimuli: Sequence[Stimulus]) -> Plot:
-    """Pressure in the receptor plane for each position of each schedule, and the ends of the contact regions."""
+    """Plot pressure in the receptor plane for each position of each schedule, with the ends of contact regions."""
     rows, columns = _grid(len(stimuli), 3)
     size = (0.6 + 3.2 * columns, 0.45 + 1.95 * rows)
     return Plot(size, lambda figure: _pressure_maps(figure, stimuli, rows, columns))
 
 
 def _grid(panels: int, widest: int) -> tuple[int, int]:
-    """Rows and columns that leave few places empty."""
+    """Return numbers of rows and columns that leave few cells empty."""
     rows = -(-panels // widest)
     return rows, -(-panels // rows)
 
@@ -196,7 +196,7 @@ def _heat_map(axes: Axes, stimulus: Stimulus, r: Array | None, passed: NDArray[n
 
 
 def _mark_negative(axes: Axes, r: Array) -> None:
-    """A dash, since in grey the two ends of the colours are alike."""
+    """Mark negative cells with a dash, since both ends of the color map look alike in gray."""
     for colour, chosen in (("black", (r < 0) & (r > -_DARK)), ("white", r <= -_DARK)):
         measure, receptor = np.nonzero(chosen)
         axes.plot(receptor, measure, "_", ms=10, mew=0.6, color=colour)
@@ -239,7 +239,7 @@ _ROOM = Room(left=0.5, right=1.0, bottom=0.42, top=0.28, columns=0.12, rows=0.15
 
 
 def strain_maps(maps: Sequence[StimulusMap]) -> Plot:
-    """One stimulus: measures down, positions across; one scale a measure."""
+    """Plot maps of one stimulus: measures down, positions across, one color scale per measure."""
     size = (1.2 + 3.0 * len(maps), 0.5 + 1.55 * len(MAPPED))
     return Plot(size, lambda figure: _strain_maps(figure, maps), layout=None)
 
@@ -259,7 +259,7 @@ def _strain_maps(figure: Figure, maps: Sequence[StimulusMap]) -> None:
 
 
 def _beside(figure: Figure, axes: Axes) -> Axes:
-    """Room for a scale at the right of a row."""
+    """Return axes for a color scale to the right of a row."""
     width, _ = figure.get_size_inches()
     place = axes.get_position()
     return figure.add_axes((place.x1 + 0.15 / width, place.y0, 0.12 / width, place.height))
@@ -277,7 +277,7 @@ def _map(axes: Axes, one: StimulusMap, measure: str, top: float) -> QuadMesh:
 
 
 def _top(one: StimulusMap, measure: str) -> float:
-    """The top of the colour scale: the epidermis under an edge would take all of it."""
+    """Return the top of the color scale, a quantile because the epidermis under an edge would dominate it."""
     (left, right), (low, high) = _SHOWN_MM
     x, y = np.moveaxis(one.corner_mm[:-1, :-1], -1, 0)
     seen = (x > left) & (x < right) & (y > low) & (y < high)

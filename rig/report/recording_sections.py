@@ -34,14 +34,14 @@ _WIDEST_IN = 9.8
 
 
 def overlays(joint: Joint, pairs: list[Pair]) -> Plot:
-    """Rates that the joint line predicts from the SSRP, over the recorded ones: pairs down, shapes across."""
+    """Plot rates predicted by the joint line over recorded ones: pairs down, shapes across."""
     rows, columns = (len(pairs), len(joint.overlays)) if len(joint.overlays) > 1 else (1, len(pairs))
     size = (0.6 + min(3.2 * columns, _WIDEST_IN), 0.7 + 1.85 * rows)
     return Plot(size, lambda figure: _overlays(figure, joint, pairs, rows, columns))
 
 
 def scatter(joint: Joint, pairs: list[Pair]) -> Plot:
-    """Recorded rate against the measure, all shapes, with the joint line."""
+    """Plot recorded rate against the measure for all shapes, with the joint line."""
     return Plot((0.4 + 2.7 * len(pairs), 3.1), lambda figure: _scatter(figure, joint, pairs))
 
 
@@ -95,13 +95,13 @@ def _against_measure(axes: Axes, joint: Joint, pair: Pair) -> None:
 
 
 def frame(overlays: Sequence[Overlay]) -> str:
-    """How recorded positions and rates were laid over the simulation; printed on every figure that does."""
+    """Return the note on every figure about how recorded positions and rates are aligned with the simulation."""
     changed = {f"{p.stimulus.indentor} {change}" for p in overlays for change in p.recording.changes}
     return "; ".join(["indentor x = recorded position + receptor x, no offset fitted", *sorted(changed)])
 
 
 def named(receptor_mm: NDArray[np.float64], pair: Pair) -> str:
-    """A measure at a receptor."""
+    """Return the name of a measure at a receptor."""
     return f"{label(MEASURES[pair[0]])} at {signed(receptor_mm[pair[1]])} mm"
 
 
@@ -127,13 +127,13 @@ PUBLISHED = (
 
 
 def source_sections(comparison: Comparison) -> list[Section]:
-    """Which file fills which figure, and the table, where something fills it."""
+    """Return the section on the source's figures and files, and its table if a recording is loaded."""
     table = table_5_1(comparison)
     return [source_section(comparison), *([table] if table.rows else [])]
 
 
 def source_section(comparison: Comparison) -> Section:
-    """A row for each figure and table, and the figures of those whose recordings are loaded."""
+    """Return a row for each figure and table of the source, and the figures whose recordings are loaded."""
     return Section(
         "Figures of the source filled by recordings",
         "Raju (1998, ch. 5) plots these over recordings that were published as figures, not as tables; none "
@@ -146,7 +146,7 @@ def source_section(comparison: Comparison) -> Section:
 
 
 def table_5_1(comparison: Comparison) -> Section:
-    """Pearson's r of what survives in the source with each recording, and its joint line; no rows without one."""
+    """Return Pearson's r of the source's measures with each recording, and the joint line; no rows without one."""
     return Section(
         "Table 5.1 of the source",
         "Pearson's r between the recorded rates and the measure at the recorded positions for each shape, "
@@ -185,15 +185,13 @@ def _here(comparison: Comparison, one: PublishedRecordings) -> str:
 
 
 def _recorded(comparison: Comparison, one: PublishedRecordings) -> list[Overlay]:
-    """The overlays that belong to it, in its order."""
+    """Return the overlays that belong to a figure, in its order."""
     mine = {p.stimulus.shape: p for p in comparison.overlays if p.stimulus.condition == one.condition}
     return [mine[shape] for shape in one.shapes if shape in mine]
 
 
 def _joint(comparison: Comparison, one: PublishedRecordings) -> tuple[Joint, list[Pair]] | None:
-    """Return all of its recordings with one line, and the measures that the source retains; None if a recording is
-    missing.
-    """
+    """Return the joint line of its recordings, and the source's measures; None if a recording is missing."""
     found = _recorded(comparison, one)
     if len(found) < len(one.shapes):
         return None
@@ -236,10 +234,10 @@ def _correlation(joint: Joint, pair: Pair) -> tuple[str, ...]:
     return (joint.title, label(MEASURES[measure]), place, "  ".join(r), *map(as_number, fitted))
 
 
-# The skin's deflection along the finger under what lies across it, and a measured one laid over it.
+# Deflection of the skin along the finger under an indentor across it, and a measured deflection for comparison.
 #
 # Measured deflections are a CSV of the columns `z_mm,deflection_mm[,doi_mm]`: z along the finger in the model's frame
-# (0 at the proximal edge, 12.75 at the tip), the skin's downward displacement there, and the depth that goes with it.
+# (0 at the proximal edge, 12.75 at the tip), the skin's downward displacement there, and the indentation depth.
 
 Array = NDArray[np.float64]
 
@@ -248,9 +246,9 @@ _SAME_DEPTH_MM = 0.05
 
 @dataclass(frozen=True)
 class Deflection:
-    """(n,) downward displacements at (n,) z along the pad's centre line, in mm, at one depth."""
+    """Downward displacement (n,) of the skin at z (n,) along the pad's center line, in mm, at one depth."""
 
-    doi_mm: float  # NaN where a measured one does not say
+    doi_mm: float  # NaN if a measured file states none
     z_mm: Array
     deflection_mm: Array
 
@@ -266,7 +264,7 @@ def simulated(run: Run, finger: Fingertip) -> list[Deflection]:
 
 
 def read_deflections(path: Path) -> list[Deflection]:
-    """One for each depth that the file names, in ascending order. Raises RecordingError with row and column."""
+    """Return the deflections of a file by ascending depth; raise RecordingError with row and column."""
     rows = []
     for row in read_table(path, ("z_mm", "deflection_mm"), ("doi_mm",)):
         doi = row.number("doi_mm", least=0.0) if row.cells.get("doi_mm") else math.nan
@@ -274,12 +272,12 @@ def read_deflections(path: Path) -> list[Deflection]:
     if not rows:
         raise no_rows(path, "z_mm,deflection_mm[,doi_mm]")
     table = np.array(sorted(rows))
-    depths, which = np.unique(table[:, 0], return_inverse=True)  # NaNs count as one
+    depths, which = np.unique(table[:, 0], return_inverse=True)  # NaNs count as one depth
     return [Deflection(float(depth), *table[which == k, 1:].T) for k, depth in enumerate(depths)]
 
 
 def partner(measured: Deflection, among: list[Deflection]) -> Deflection | None:
-    """The simulated deflection at a measured one's depth; None where none is within 0.05 mm of it."""
+    """Return the simulated deflection within 0.05 mm of a measured one's depth, or None."""
     if math.isnan(measured.doi_mm) or not among:
         return None
     nearest = min(among, key=lambda one: abs(one.doi_mm - measured.doi_mm))
@@ -287,7 +285,7 @@ def partner(measured: Deflection, among: list[Deflection]) -> Deflection | None:
 
 
 def deflection_section(profiles: list[Deflection], measured: list[Deflection], source: str = "") -> Section:
-    """The profiles, and how far the measured points lie from them."""
+    """Return the section on the profiles and the distance of measured points from them."""
     rows = tuple(_row(one, partner(one, profiles)) for one in measured)
     figure = PageFigure(
         "Deflection of the skin along the finger",

@@ -1,4 +1,4 @@
-"""Figures of a run: force, contact, and what receptors feel according to the finger model."""
+"""Figures of a run: force, contact, and receptor responses according to the finger model."""
 
 import math
 from collections.abc import Sequence
@@ -52,7 +52,7 @@ _HIGHEST_MM = 1.3
 
 
 def contact_panels(found: Sequence[Sequence[Response]], top: float) -> Plot:
-    """A panel for each condition, its repeats over one another; all pressures on an axis that holds `top`."""
+    """Plot a panel per condition with its repeats superimposed; all pressure axes reach `top`."""
     rows = -(-len(found) // _CONTACT_COLUMNS)
     columns = min(len(found), _CONTACT_COLUMNS)
     size = (_LEFT_IN + columns * (_WIDE_IN + _GAP_IN), rows * _CONTACT_ROW_IN + _AXIS_IN)
@@ -78,7 +78,7 @@ def _contact_panels(figure: Figure, found: Sequence[Sequence[Response]], top: fl
 
 
 def _scales(above: Axes, below: Axes, scale: Sequence[float], *, first: bool, lowest: bool) -> None:
-    """Ticks are slow to draw, and read at the outer panels alone."""
+    """Label the outer panels only, since ticks are slow to plot."""
     above.set_yticks((3, 5) if first else ())
     below.set_yticks(scale if first else ())
     below.set_xticks((-2, 0, 2) if lowest else ())
@@ -89,7 +89,7 @@ def _scales(above: Axes, below: Axes, scale: Sequence[float], *, first: bool, lo
 
 
 def _axes(figure: Figure, k: int, below_in: float, high_in: float) -> Axes:
-    """In the place of the k-th panel, its lower end so far below the row's upper one."""
+    """Return axes in panel k, `high_in` high, with their lower edge `below_in` below the row's upper edge."""
     width, height = figure.get_size_inches()
     row, column = divmod(k, _CONTACT_COLUMNS)
     left, bottom = _LEFT_IN + column * (_WIDE_IN + _GAP_IN), height - row * _CONTACT_ROW_IN - below_in
@@ -97,7 +97,7 @@ def _axes(figure: Figure, k: int, below_in: float, high_in: float) -> Axes:
 
 
 def _skin(axes: Axes, repeats: Sequence[Response]) -> None:
-    """The first repeat's indentor and skin: repeats differ by less than a line is wide."""
+    """Plot the first repeat's indentor and skin; repeats differ by less than the width of a line."""
     result = repeats[0].result
     (x, y), (undeformed, _) = result.skin_profile, result.pressure_profile
     axes.plot(x, y, color=GREY, lw=1)
@@ -106,7 +106,7 @@ def _skin(axes: Axes, repeats: Sequence[Response]) -> None:
     h = result.indentor.evaluate(np.stack([offset[axis] for axis in result.indentor.axes])).height_mm
     height = result.touch_height_mm - result.doi_mm + np.minimum(h, _HIGHEST_MM)
     axes.plot(s, np.where(h < _HIGHEST_MM, height, np.nan), color="black", lw=1.2)
-    for low, high in result.contact_regions_mm:  # their ends lie between nodes
+    for low, high in result.contact_regions_mm:  # ends of regions lie between nodes
         at = np.r_[low, undeformed[(undeformed > low) & (undeformed < high)], high]
         touching = (np.interp(at, undeformed, x), np.interp(at, undeformed, y))
         axes.plot(*touching, color=ORANGE, lw=4, solid_capstyle="round", alpha=0.8)
@@ -128,20 +128,18 @@ def _title(repeats: Sequence[Response]) -> str:
 
 PICTURES_A_PAGE = 6
 _PICTURE_COLUMNS = 3
-_CONTOURS_MM = (0.02, 0.1, 0.2, 0.3, 0.4)  # above the lowest point: where skin may still come
+_CONTOURS_MM = (0.02, 0.1, 0.2, 0.3, 0.4)  # height above the lowest point that the skin can still reach
 _RELIEF_STEPS = 181
 _TITLE_WIDTH = 46
 
 
 def is_relief(indentor: Indentor) -> bool:
-    """Return whether the shape is neither round nor constant along or across the finger, so that one section does
-    not show it.
-    """
+    """Return whether a shape is neither round nor prismatic, so that one section cannot show it."""
     return indentor.axes == BOTH and not isinstance(indentor, Revolved)
 
 
 def contacts_from_below(found: Sequence[IndentationResult], titles: Sequence[str]) -> Plot:
-    """One picture for each contact, the finger's tip up."""
+    """Plot each contact from below, with the fingertip upwards."""
     rows, columns = -(-len(found) // _PICTURE_COLUMNS), min(len(found), _PICTURE_COLUMNS)
     return Plot((0.4 + 3.2 * columns, 0.4 + 3.0 * rows), lambda figure: _draw(figure, found, titles))
 
@@ -177,7 +175,7 @@ def _panel(axes: Axes, result: IndentationResult, top: float) -> QuadMesh:
 
 
 def _relief(axes: Axes, result: IndentationResult) -> None:
-    """Lines of equal height of the indentor."""
+    """Plot height contours of the indentor."""
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
     x, z = np.meshgrid(np.linspace(left, right, _RELIEF_STEPS), np.linspace(low, high, _RELIEF_STEPS))
     offset = {X: x.ravel() - result.x_mm, Z: z.ravel() - result.z_mm}
@@ -204,11 +202,11 @@ _ROW_IN = 2.3
 _LEAST_RELATIVE = 0.1
 """Half-height of the panel of relative forces: less would magnify the steps of the readings."""
 
-_NEAR = 2.5  # a trip further above the readings would only flatten them
+_NEAR = 2.5  # multiple of the readings; a higher trip limit would flatten their plot
 
 
 def force_time(run: Run) -> Plot:
-    """Force over the whole run, what its time went to below."""
+    """Plot force over the whole run, above a strip of its phases."""
     return Plot((_WIDTH_IN, 3.2), lambda figure: _force_time(figure, run), layout=None)
 
 
@@ -271,7 +269,7 @@ def _strip(axes: Axes, found: Sequence[Span], per: float) -> None:
 
 
 def _broken(samples: Sequence[dict[str, Any]]) -> tuple[Array, Array]:
-    """Times and forces with a gap between one indentation and the next."""
+    """Return times and forces with a gap between indentations."""
     index = np.array([sample["index"] for sample in samples])
     at = np.flatnonzero(np.diff(index)) + 1
     t = np.insert(np.array([sample["t_s"] for sample in samples], dtype=float), at, np.nan)
@@ -303,7 +301,7 @@ def _since_press(samples: Sequence[dict[str, Any]]) -> tuple[Array, Array]:
 
 
 def _in_holds(samples: Sequence[dict[str, Any]]) -> list[tuple[Array, Array]]:
-    """Of each stretch of readings in a hold: times from its first and forces over its first."""
+    """Return, for each hold, times from its first reading and forces relative to it."""
     held = np.array([s["phase"] == "hold" for s in samples], dtype=bool)
     t, force = (np.array([s[key] for s in samples], dtype=float) for key in ("t_s", "force_gwt"))
     edges = np.flatnonzero(np.diff(np.r_[False, held, False].astype(int)))
@@ -331,26 +329,26 @@ def _force_depth(figure: Figure, groups: dict[str, list[Condition]], samples: Sa
 
 
 def _panels(figure: Figure, rows: int, columns: int = 2) -> Any:
-    """(rows, columns) axes with room for a scale of positions beside them."""
+    """Return (rows, columns) axes with room for a scale of positions beside them."""
     return Room(right=1.0, columns=0.8, rows=0.85).panels(figure, rows, columns)
 
 
-_LEGEND_IN = 0.2  # a line of one
+_LEGEND_IN = 0.2  # height of one line of a legend
 _NAMES_A_LINE = 4
 
 
 def population_responses(found: list[Response]) -> Plot:
-    """ep1 and SED at all receptors, one line for each indentor position."""
+    """Plot ep1 and SED at all receptors, one line for each indentor position."""
     return Plot((9.6, 3.6), lambda figure: _population(figure, found), layout=None)
 
 
 def ssrps(found: list[Response], measure: str) -> Plot:
-    """The measure at each receptor against the indentor's position."""
+    """Plot the measure at each receptor against the indentor's position."""
     return Plot((10.2, 4.8), lambda figure: _ssrps(figure, found, measure), layout=None)
 
 
 def _population(figure: Figure, found: list[Response]) -> None:
-    """Coloured by position where one thing was moved, by what was commanded where one place was pressed."""
+    """Plot lines colored by position if the indentor moved, else by commanded depth or force."""
     receptor_x = found[0].result.model.receptors.position_mm[:, 0]
     groups = by_group(found)
     moved = len({response.hold["x_mm"] for response in found}) > 1
@@ -375,7 +373,7 @@ def _population(figure: Figure, found: list[Response]) -> None:
 
 
 def _ssrps(figure: Figure, found: list[Response], measure: str) -> None:
-    """One line for each thing that was moved: the same indentor pressed to the same depth or force."""
+    """Plot one line for each indentor and commanded depth or force over its positions."""
     receptor_x = found[0].result.model.receptors.position_mm[:, 0]
     groups = {name: members for name, members in by_group(found).items() if len(members) > 1}
     columns = -(-len(receptor_x) // 2)

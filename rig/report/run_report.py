@@ -29,7 +29,7 @@ Row = tuple[str, str, str]
 
 @dataclass(frozen=True)
 class MetFinger:
-    """Promises beside what was found, and parameters before and after."""
+    """Predicted and measured forces of an identified finger, and its parameters before and after."""
 
     sentence: str
     found: list[PredictionCheck]
@@ -37,28 +37,28 @@ class MetFinger:
 
 
 def met_finger(run: Run, finger: Fingertip) -> MetFinger | None:
-    """None for a finger that nobody met. Writes its file anew where reference presses say something of it."""
+    """Return the check of an identified finger, or None; rewrite its file if reference presses are informative."""
     pairs = found(run)
     if not pairs:
         return None
-    met = load_config(run.folder.config).met
-    assert met is not None
+    known = load_config(run.folder.config).met
+    assert known is not None
     after = learned(run, finger)
     if after is not None:
         replace_text(run.folder.path / AFTER, after.as_toml())
     inside = sum(one.kept for one in pairs)
     sentence = (
-        f"Identified on {met.date} in {met.presses} presses. Of {len(pairs)} presses in this run, {inside} "
-        f"lie within their band, whose nominal coverage is {met.band.coverage:.0%}."
+        f"Identified on {known.date} in {known.presses} presses. Of {len(pairs)} presses in this run, {inside} "
+        f"lie within their band, whose nominal coverage is {known.band.coverage:.0%}."
     )
-    return MetFinger(sentence, pairs, [] if after is None else _rows(met.draw, after.met.draw))
+    return MetFinger(sentence, pairs, [] if after is None else _rows(known.draw, after.met.draw))
 
 
 def _rows(before: Sequence[Draw], after: Sequence[Draw]) -> list[Row]:
-    return [(name, _told(before, name), _told(after, name)) for name in TISSUE]
+    return [(name, _mean_and_sd(before, name), _mean_and_sd(after, name)) for name in TISSUE]
 
 
-def _told(draws: Sequence[Draw], name: str) -> str:
+def _mean_and_sd(draws: Sequence[Draw], name: str) -> str:
     values = np.array([getattr(draw, name) for draw in draws])
     return f"{values.mean():.3g} ± {values.std(ddof=1):.2g}"
 
@@ -69,10 +69,9 @@ _KPA_PER_MPA = 1000
 def write_report(
     run: Run, finger: Fingertip, wall_s: float | None = None, ending: Mapping[str, str] | None = None
 ) -> Path:
-    """Write report.html into the run's folder, and the model's numbers beside it.
+    """Write report.html and the model's numbers into the run's folder.
 
-    A run without a finished indentation gets its tables only. ending: what is to be said of a run that ended before
-    its end, by what it is about.
+    A run without a finished indentation gets its tables only. `ending` describes, by topic, how a run ended early.
     """
     found = responses(run, finger)
     if found:
@@ -208,7 +207,7 @@ def _contact_figures(run: Run, found: list[Response], finger: Fingertip) -> list
 
 
 def _repeats(members: Sequence[Condition], last: Sequence[Response]) -> list[list[Response]]:
-    """The answers to each condition's repeats."""
+    """Return the responses to each condition's repeats."""
     by_index = {response.index: response for response in last}
     return [[by_index[index] for index in condition.indices] for condition in members]
 

@@ -36,7 +36,7 @@ def numbers_missing(run: Run) -> bool:
 def write_numbers(run: Run, found: Sequence[Response], *, again: bool = True) -> None:
     """Write contact regions, pressure and skin in the receptor plane, and receptor measures of every hold.
 
-    again: also what is there.
+    Existing files are rewritten only if `again` is set.
     """
     holds = {(row["index"], row["hold"]): row for row in tables(run)["hold_end"].rows}
     rows_of = {"model_contact": _contact, "model_pressure": _pressure, "model_measures": _measures}
@@ -91,7 +91,7 @@ _DEPTHS = 60
 
 @dataclass(frozen=True)
 class Condition:
-    """What was pressed alike: the indentor, its x, the target of the last hold, and the indices of the repeats."""
+    """Presses with the same indentor, x and target of the last hold, and the indices of the repeats."""
 
     indentor: str
     x_mm: float
@@ -101,18 +101,18 @@ class Condition:
 
     @property
     def group(self) -> str:
-        """What the condition shares with other positions, e.g. "step:1 to 2.33 gwt"."""
+        """Label that conditions at other positions share, e.g. "step:1 to 2.33 gwt"."""
         return f"{self.indentor} to {self.value:g} {_UNITS[self.target]}"
 
     @property
     def place(self) -> str:
-        """For example "x = −1.63"."""
+        """Label of the position, e.g. "x = −1.63"."""
         return f"x = {signed(self.x_mm)}"
 
 
 @dataclass(frozen=True)
 class Loading:
-    """Force against depth of a condition's repeats: (n,) mm, the mean and its sd in gwt (NaN of one repeat)."""
+    """Force against depth over a condition's repeats: (n,) mm, mean and sd in gwt (NaN for one repeat)."""
 
     doi_mm: Array
     mean_gwt: Array
@@ -127,12 +127,12 @@ def conditions(run: Run) -> list[Condition]:
 
 
 def by_target(found: Sequence[Condition]) -> dict[str, list[Condition]]:
-    """The conditions that differ in place alone, under what they share."""
+    """Return the conditions that differ only in position, under their shared label."""
     return {name: list(members) for name, members in groupby(found, key=lambda condition: condition.group)}
 
 
 def loading(condition: Condition, samples: Samples) -> Loading | None:
-    """Its repeats on the depths that all of them reached; None where there is no such depth."""
+    """Return the loading over the depths that all repeats reached; None if there are none."""
     curves = [_curve(samples[index]) for index in condition.indices]
     low, high = max(doi[0] for doi, _ in curves), min(doi[-1] for doi, _ in curves)
     if not low < high:
@@ -144,14 +144,14 @@ def loading(condition: Condition, samples: Samples) -> Loading | None:
 
 
 def _curve(samples: Sequence[Mapping[str, Any]]) -> tuple[Array, Array]:
-    """(n,) depths ascending and forces; readings at one depth, as in a hold, are one."""
+    """Return (n,) ascending depths and forces; readings at one depth, as in a hold, are averaged."""
     mine = [s for s in samples if s["doi_mm"] is not None and s["phase"] in _LOADING]
     doi, back = np.unique([s["doi_mm"] for s in mine], return_inverse=True)
     return doi, np.bincount(back, [s["force_gwt"] for s in mine]) / np.bincount(back)
 
 
 def samples_of(run: Run) -> Samples:
-    """The readings of each indentation by its index, in order of time."""
+    """Return the readings of each indentation by its index, in order of time."""
     found: Samples = {}
     for sample in run.stream("sample"):
         found.setdefault(sample["index"], []).append(sample)
@@ -178,7 +178,7 @@ _LIMITS = (
 
 @dataclass(frozen=True)
 class Phase:
-    """A phase of the run: total seconds, its share, and seconds per indentation."""
+    """Phase of a run: total time (s), its share, and time per indentation (s)."""
 
     name: str
     seconds: float
@@ -194,7 +194,7 @@ def phases(run: Run) -> list[Phase]:
 
 
 def why_approach(run: Run) -> str:
-    """How many looks the approach took, and what one took: a sentence, or nothing where nothing was approached."""
+    """Return a sentence on the number and duration of polls during the approach; empty without one."""
     samples = [s for s in run.stream("sample") if s["index"] >= 0]
     looks = [
         (after["t_s"] - before["t_s"], before["height_mm"] - after["height_mm"])
@@ -214,7 +214,7 @@ def why_approach(run: Run) -> str:
 
 
 def limits(run: Run) -> list[tuple[str, str]]:
-    """The limits that the run went by beside what came nearest to them."""
+    """Return the limits of the run and the highest measured values."""
     table: dict[str, Any] = tomllib.loads(run.folder.config.read_text(encoding="utf-8")).get("limits", {})
     forces = [s["force_gwt"] for s in run.stream("sample") if s["force_gwt"] is not None]
     depths = [s["doi_mm"] for s in run.stream("sample") if s["doi_mm"] is not None]
@@ -232,16 +232,18 @@ def limits(run: Run) -> list[tuple[str, str]]:
 
 def devices(run: Run, provenance: dict[str, Any]) -> list[tuple[str, str]]:
     """Return the identities that the devices reported."""
-    said = {
+    identities = {
         "stage": {event["controller"] for event in run.stream("home")},
         "force": {event["sensor"] for event in run.stream("zero")},
     }
-    return [(name, ", ".join([kind, *sorted(said.get(name, ()))])) for name, kind in provenance["devices"].items()]
+    return [
+        (name, ", ".join([kind, *sorted(identities.get(name, ()))])) for name, kind in provenance["devices"].items()
+    ]
 
 
 @dataclass(frozen=True)
 class ConditionRow:
-    """Means and standard deviations over a condition's repeats, of their last holds."""
+    """Means and standard deviations of the last holds over a condition's repeats."""
 
     group: str
     x_mm: float
@@ -253,7 +255,7 @@ class ConditionRow:
 
 
 def condition_rows(run: Run, found: Sequence[Response]) -> list[ConditionRow]:
-    """One for each condition."""
+    """Return one row for each condition."""
     last = {response.index: response for response in found if response.last}
     return [_row(condition, [last[index] for index in condition.indices]) for condition in conditions(run)]
 
@@ -273,12 +275,12 @@ def _row(condition: Condition, repeats: list[Response]) -> ConditionRow:
 
 
 def _spread(values: list[float], decimals: int) -> str:
-    """The mean, with ± the sd of repeats."""
+    """Return the mean as text, with ± the sd if there are repeats."""
     mean = f"{np.mean(values):.{decimals}f}"
     return f"{mean} ± {np.std(values, ddof=1):.{decimals}f}" if len(values) > 1 else mean
 
 
 def one_by_one(run: Run, found: Sequence[Response]) -> list[tuple[Response, dict[str, Any]]]:
-    """Every hold's answer beside how its indentation began."""
+    """Return each hold's response and how its indentation began."""
     starts = {event["index"]: event for event in run.stream("indentation_start")}
     return [(response, starts[response.index]) for response in found]

@@ -1,4 +1,4 @@
-"""The style of figures and labels: colours that survive print, the same bytes every time."""
+"""The style of figures and labels: colors that survive print, the same bytes every time."""
 
 import io
 from collections.abc import Callable, Iterable, Sequence
@@ -14,7 +14,7 @@ from sim.measures.measures import PLOTTED_AS_MAGNITUDE, STRAINS
 
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"  # Okabe & Ito
 PURPLE, YELLOW = "#CC79A7", "#E69F00"
-PNG_DOTS_PER_INCH = 200  # letters are measured at it, too: coarser ones are rounded to other widths
+PNG_DOTS_PER_INCH = 200  # also used to measure text, whose widths are rounded at coarser resolutions
 _IMAGES_DOTS_PER_INCH = 100
 """Resolution of the raster parts of an SVG (dpi)."""
 PAGE_IN = (10.9, 6.3)
@@ -22,14 +22,14 @@ PAGE_IN = (10.9, 6.3)
 down."""
 
 _ORDERED = mpl.colormaps["viridis"]
-_LIGHTEST = 0.86  # beyond it lines fade on paper
+_LIGHTEST = 0.86  # lighter lines fade on paper
 _MOST_TICKS = 9
 _STYLE: dict[Any, Any] = {
     "font.size": 9,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "svg.hashsalt": "rig",
-    "svg.fonttype": "none",  # text stays text in a figure that is saved
+    "svg.fonttype": "none",  # text stays text in a saved figure
     "legend.frameon": False,
 }
 
@@ -41,7 +41,7 @@ class Plot:
     size: tuple[float, float]
     draw: Callable[[Figure], None]
     layout: Literal["constrained"] | None = "constrained"
-    """No layout engine: the figure sets its own margins."""
+    """Layout engine; None if the figure sets its own margins."""
 
     @cached_property
     def svg(self) -> str:
@@ -63,7 +63,7 @@ class Plot:
 
     @cached_property
     def _laid_out(self) -> Figure:
-        """Drawn once for every format. Saving would draw all of it once more for its layout: the engine is enough."""
+        """Figure laid out once for all formats; saving would render everything again for its layout."""
         figure = Figure(figsize=self.size, dpi=PNG_DOTS_PER_INCH, layout=self.layout)
         self.draw(figure)
         engine = figure.get_layout_engine()
@@ -74,18 +74,18 @@ class Plot:
 
 
 def shade(k: int, n: int) -> Any:
-    """The k-th of n colours in order."""
+    """Return the k-th of n colors in order."""
     return _ORDERED(_LIGHTEST * k / (n - 1) if n > 1 else 0.3)
 
 
 def shade_of(value: float, values: Sequence[float]) -> Any:
-    """The colour of one of several values, by rank: schedules are densest where the responses differ most."""
+    """Return the color of one of several values by rank, since schedules are densest where responses differ most."""
     ranked = sorted(set(values))
     return shade(ranked.index(value), len(ranked))
 
 
 def signed(x_mm: float) -> str:
-    """Two decimals with a typographic minus and no negative zero."""
+    """Format with two decimals, a typographic minus and no negative zero."""
     return f"{round(x_mm, 2) + 0.0:.2f}".replace("-", "−")
 
 
@@ -95,7 +95,7 @@ def some_of(n: int, most: int) -> list[int]:
 
 
 def position_scale(axes: Axes, positions: Sequence[float]) -> None:
-    """A scale for lines that are coloured by position, a band each, right of a panel; it takes some 0.8 inches."""
+    """Add a scale for lines colored by position, right of a panel; it takes about 0.8 inches."""
     ranked = sorted(set(positions))
     n = len(ranked)
     if n == 1:
@@ -113,7 +113,7 @@ def position_scale(axes: Axes, positions: Sequence[float]) -> None:
 
 @dataclass(frozen=True)
 class Room:
-    """Inches around the panels of a figure without a layout of its own, and between its columns and rows."""
+    """Margins of a figure without a layout engine, and gaps between its columns and rows (in)."""
 
     left: float = 0.6
     right: float = 0.1
@@ -123,7 +123,7 @@ class Room:
     rows: float = 0.6
 
     def panels(self, figure: Figure, rows: int, columns: int, **how: Any) -> Any:
-        """(rows, columns) axes."""
+        """Return (rows, columns) axes."""
         width, height = figure.get_size_inches()
         across = (width - self.left - self.right - (columns - 1) * self.columns) / columns
         down = (height - self.bottom - self.top - (rows - 1) * self.rows) / rows
@@ -143,18 +143,18 @@ _WIDEST_PLAIN = 1e5
 
 
 def label(measure: str) -> str:
-    """A measure with its sign convention: "−ep1" where compression is plotted upwards."""
+    """Return a measure with its sign convention, e.g. "−ep1" where compression is plotted upwards."""
     name = _ABBREVIATED.get(measure, measure)
     return f"−{name}" if measure in PLOTTED_AS_MAGNITUDE else name
 
 
 def unit(measure: str) -> str:
-    """Strains are numbers, everything else is in pseudo-units."""
+    """Return the unit of a measure; strains have none, all others are in pseudo-units."""
     return "strain" if measure in STRAINS else "pseudo-units³" if measure == "third" else "pseudo-units"
 
 
 def as_number(value: float | None, digits: int = 3) -> str:
-    """A number for a table with a typographic minus; a dash where there is none."""
+    """Format a number for a table with a typographic minus; a dash if undefined."""
     if value is None:
         return "–"
     plain = f"{float(f'{value:.{digits}g}'):.12g}" if abs(value) < _WIDEST_PLAIN else f"{value:.{digits}g}"
@@ -162,10 +162,10 @@ def as_number(value: float | None, digits: int = 3) -> str:
 
 
 def as_positions(values: Iterable[float]) -> str:
-    """Places in mm for a table; a dash where there are none."""
+    """Format positions (mm) for a table; a dash if there are none."""
     return " ".join(as_number(round(float(v), 3) + 0.0, 4) for v in values) or "–"
 
 
 def as_limits(values: Sequence[float | None] | None) -> str:
-    """An interval for a table; nothing where there is none."""
+    """Format an interval for a table; empty if there is none."""
     return f"[{as_number(values[0])}, {as_number(values[1])}]" if values else ""

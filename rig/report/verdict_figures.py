@@ -48,7 +48,7 @@ def rival(answer: AfferentVerdict) -> PairRow | None:
 
 
 def apart(answer: AfferentVerdict) -> Array | None:
-    """Return (p,) differences of the rates of the best pair and its rival, in standard errors; None without one."""
+    """Return (p,) differences in rate of the best pair and its rival, in standard errors; None without a rival."""
     first, other = answer.headline or answer.closest, rival(answer)
     if other is None:
         return None
@@ -56,13 +56,13 @@ def apart(answer: AfferentVerdict) -> Array | None:
 
 
 def most_telling(answer: AfferentVerdict) -> list[int]:
-    """The stimuli that a figure has room for, in order: those under which rivals differ most."""
+    """Return the stimuli that fit into a figure, in order: those for which rivals differ most."""
     numbers = list(range(len(answer.stimuli)))
     found = apart(answer)
     if found is None or len(numbers) <= STIMULI_FIRST:
         return numbers
-    told = [float(np.nansum(found[of_stimulus(answer, number)] ** 2)) for number in numbers]
-    return sorted(sorted(numbers, key=lambda number: -told[number])[:STIMULI_FIRST])
+    separation = [float(np.nansum(found[of_stimulus(answer, number)] ** 2)) for number in numbers]
+    return sorted(sorted(numbers, key=lambda number: -separation[number])[:STIMULI_FIRST])
 
 
 def the_answer(answer: AfferentVerdict, shown: Sequence[int], frame: str) -> Plot:
@@ -82,12 +82,12 @@ def ranking(answer: AfferentVerdict) -> list[PairRow]:
 
 
 def profiles(answer: AfferentVerdict, shown: Sequence[int], frame: str) -> Plot:
-    """Recorded over predicted: a row a pair and a column a stimulus; of one stimulus a column a pair."""
+    """Plot recorded over predicted rates: pairs down and stimuli across; for one stimulus, pairs across."""
     return _grid(answer, shown, _profile, (_RATE, frame))
 
 
 def residuals(answer: AfferentVerdict, shown: Sequence[int], frame: str) -> Plot:
-    """Residuals in standard deviations of the noise, in the same order."""
+    """Plot residuals in standard deviations of the noise, arranged like `profiles`."""
     return _grid(answer, shown, _residual, (_RESIDUAL, frame))
 
 
@@ -98,7 +98,7 @@ def scatter(answer: AfferentVerdict, frame: str) -> Plot:
 
 
 def every_pair(answer: AfferentVerdict) -> Plot:
-    """Misfit of each measure and control at each receptor, and which of them are in the set."""
+    """Plot the misfit of each measure and control at each receptor, and mark those in the set."""
     names = list(dict.fromkeys(row.name for row in sorted(answer.rows, key=lambda row: row.control)))
     return Plot(
         (_WIDE_IN, max(0.9 + 0.2 * len(names), _LEAST_MAP_IN)), lambda figure: _every_pair(figure, answer, names)
@@ -112,7 +112,7 @@ def named(row: PairRow) -> str:
 
 
 def of_stimulus(answer: AfferentVerdict, number: int) -> Places:
-    """Which of the places belong to one stimulus, by position."""
+    """Return which positions belong to one stimulus, sorted."""
     mine = np.flatnonzero(answer.places.stimulus == number)
     return mine[np.argsort(answer.places.position_mm[mine])]
 
@@ -151,7 +151,7 @@ def _recorded(axes: Axes, answer: AfferentVerdict, number: int) -> None:
 
 
 def _predicted(axes: Axes, answer: AfferentVerdict, number: int, row: PairRow, **style: Any) -> None:
-    """A line through the predictions that stops where positions are left out."""
+    """Plot a line through the predictions, interrupted where positions are left out."""
     mine = of_stimulus(answer, number)
     gaps = [x for one in _left_out(answer, number) for x in one.position_mm]
     at = np.concatenate([answer.places.position_mm[mine], gaps])
@@ -168,8 +168,8 @@ def _ranking(below: SubFigure, ranked: Sequence[PairRow]) -> None:
     axes = below.subplots()
     for height, row in enumerate(ranked):
         axes.plot(row.lack_of_fit, height, **_marker(row))
-        said = f"p = {row.p_fit:.2g}" if row.p_fit >= 1e-4 else "p < 0.0001"
-        axes.annotate(said, (1.0, height), (4, 0), xycoords=("axes fraction", "data"), textcoords="offset points",
+        label = f"p = {row.p_fit:.2g}" if row.p_fit >= 1e-4 else "p < 0.0001"
+        axes.annotate(label, (1.0, height), (4, 0), xycoords=("axes fraction", "data"), textcoords="offset points",
                       fontsize=7, va="center", annotation_clip=False)  # fmt: skip
     axes.set_yticks(range(len(ranked)), [named(row) for row in ranked], fontsize=7.5)
     axes.set_ylim(len(ranked) - 0.4, -0.6)
@@ -209,18 +209,18 @@ def _legend() -> list[Line2D]:
 Draw = Callable[[Axes, AfferentVerdict, int, PairRow], None]
 
 
-def _grid(answer: AfferentVerdict, shown: Sequence[int], draw: Draw, said: tuple[str, str]) -> Plot:
-    """`said`: of the vertical axis, above all."""
+def _grid(answer: AfferentVerdict, shown: Sequence[int], draw: Draw, labels: tuple[str, str]) -> Plot:
+    """Plot panels of pairs and stimuli; `labels` are those of the vertical axis and of the whole figure."""
     pairs = len(drawn_pairs(answer))
     rows, columns = (pairs, len(shown)) if len(shown) > 1 else (1, pairs)
     size = (_ROOM.left + 2.3 * columns, _ROOM.top + _ROOM.bottom + 1.45 * rows)
-    return Plot(size, lambda figure: _draw_grid(figure, answer, shown, draw, said), layout=None)
+    return Plot(size, lambda figure: _draw_grid(figure, answer, shown, draw, labels), layout=None)
 
 
 def _draw_grid(
-    figure: Figure, answer: AfferentVerdict, shown: Sequence[int], draw: Draw, said: tuple[str, str]
+    figure: Figure, answer: AfferentVerdict, shown: Sequence[int], draw: Draw, labels: tuple[str, str]
 ) -> None:
-    pairs, (quantity, frame) = drawn_pairs(answer), said
+    pairs, (quantity, frame) = drawn_pairs(answer), labels
     rows, columns = (len(pairs), len(shown)) if len(shown) > 1 else (1, len(pairs))
     panels = _ROOM.panels(figure, rows, columns, sharex="col" if rows > 1 else True, sharey=True)
     drawn = ((row, number) for row in pairs for number in shown)

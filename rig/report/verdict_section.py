@@ -39,7 +39,7 @@ _WOULD_CHANGE = {
 
 
 def answer_sections(answers: Sequence[AfferentVerdict], frame: str, *, recorded: bool) -> list[Section]:
-    """In the order of the page, of several afferents each in turn; `frame` is printed on every figure."""
+    """Return the sections of each afferent in page order; `frame` is printed on every figure."""
     if not answers:
         return [Section("Verdicts", _TOO_FEW if recorded else _NOTHING)]
     return [section for one in answers for section in _sections(one, frame, _of(one, answers))]
@@ -82,12 +82,12 @@ def _other_measure(answer: AfferentVerdict) -> list[str]:
     first, other, distance = answer.headline or answer.closest, rival(answer), apart(answer)
     if other is None or distance is None:
         return []
-    kept = "also in the set" if other.in_set else "not in the set" if other.fits else "rejected by its own fit"
+    status = "also in the set" if other.in_set else "not in the set" if other.fits else "rejected by its own fit"
     k = int(np.argmax(np.nan_to_num(distance)))
     rates = f"{as_number(float(first.predicted[k]))} and {as_number(float(other.predicted[k]))}"
     by = (
         f"The best pair of another measure is {other.title}. Its deviance is larger by "
-        f"{as_number(other.deviance - first.deviance)} times the noise, and it is {kept}."
+        f"{as_number(other.deviance - first.deviance)} times the noise, and it is {status}."
     )
     return [
         *([] if other is answer.next else [by]),
@@ -151,7 +151,7 @@ def _residuals(answer: AfferentVerdict, frame: str, of: str) -> Section:
 
 
 def _neighbours(answer: AfferentVerdict) -> list[tuple[int, int]]:
-    """Numbers of the places that follow each other under one stimulus."""
+    """Return the indices of positions that follow each other under one stimulus."""
     ordered = [of_stimulus(answer, number).tolist() for number in range(len(answer.stimuli))]
     return [pair for mine in ordered for pair in pairwise(mine)]
 

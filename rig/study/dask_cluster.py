@@ -1,4 +1,4 @@
-"""Work over a dask.distributed cluster, and one line for each way in which that can fail."""
+"""Tasks on a dask.distributed cluster, with a one-line error for each way in which that can fail."""
 
 import logging
 from collections.abc import Callable, Iterator, Sequence
@@ -21,8 +21,8 @@ _PATIENCE_S = 10
 
 
 def over_cluster(function: Callable[[Item], Answer], items: Sequence[Item], scheduler: str) -> Iterator[Answer]:
-    """The answers in the order of the items. Raises WorkersError."""
-    with _told_of(scheduler), _connected(scheduler) as client:
+    """Yield the results in the order of the items; raise WorkersError if the cluster fails."""
+    with _naming(scheduler), _connected(scheduler) as client:
         _expect_workers(client)
         _expect_same_program(client)
         for future in client.map(function, items, retries=_RETRIES, pure=False):
@@ -31,8 +31,8 @@ def over_cluster(function: Callable[[Item], Answer], items: Sequence[Item], sche
 
 
 @contextmanager
-def _told_of(scheduler: str) -> Iterator[None]:
-    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # it logs what is raised here
+def _naming(scheduler: str) -> Iterator[None]:
+    logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # it logs the errors that are raised here
     try:
         yield
     except WorkersError as error:
@@ -68,7 +68,7 @@ def _expect_workers(client: Any) -> None:
 
 
 def _expect_same_program(client: Any) -> None:
-    """Refuse workers with another version at the start, since their results would differ unnoticed."""
+    """Raise WorkersError if a worker runs another version, since its results would differ unnoticed."""
     expected = program()
     for worker, found in client.run(program, on_error="return").items():
         if found != expected:
@@ -82,12 +82,12 @@ def _expect_same_program(client: Any) -> None:
 
 
 def program() -> str:
-    """The version of this program, with a digest of the code that makes models."""
+    """Return the version of this program, with a digest of the code that builds models."""
     return f"indentation-rig {version('indentation-rig')} ({content_key([])[:8]})"
 
 
 def _await(future: Any, client: Any) -> None:
-    """Wait for the result, unless all workers have gone."""
+    """Wait for the result; raise WorkersError if all workers have gone."""
     while not future.done():
         try:
             wait([future], timeout=_PATIENCE_S)  # type: ignore[no-untyped-call]

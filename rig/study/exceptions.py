@@ -4,12 +4,12 @@ from rig.errors import RigError
 
 
 class StudyError(RigError, ValueError):
-    """The file of a study is not understood; the message names file and key."""
+    """Invalid study file; the message names file and key."""
 
     default_code = "study"
 
 
 class WorkersError(RigError):
-    """The work cannot be given out, or those who did it have gone."""
+    """Tasks that cannot be distributed, or whose workers have gone."""
 
     default_code = "workers"

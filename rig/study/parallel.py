@@ -1,4 +1,4 @@
-"""Independent pieces of work over the processes of this machine, or over a dask.distributed cluster."""
+"""Independent tasks over the processes of this machine, or over a dask.distributed cluster."""
 
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -21,9 +21,9 @@ def spread(
     processes: int | None = None,
     scheduler: str | None = None,
 ) -> Iterator[Answer]:
-    """The answers in the order of the items: over a scheduler's workers where one is named, else over processes.
+    """Yield the results in the order of the items, from a scheduler's workers if named, else from processes.
 
-    The function must be importable; each call has one thread. What a lost worker of a cluster had is done again by
+    The function must be importable; each call uses one thread. Tasks of a lost worker of a cluster are repeated by
     another. Raises WorkersError.
     """
     alone = partial(_on_one_thread, function)
@@ -54,6 +54,7 @@ def _over_processes(
 
 
 def _on_one_thread(function: Callable[[Item], Answer], item: Item) -> Answer:
-    os.environ["OMP_NUM_THREADS"] = "1"  # for libraries that are not loaded yet, the limits for those that are
+    # For libraries that are imported later; the limits apply to those already loaded.
+    os.environ["OMP_NUM_THREADS"] = "1"
     with threadpool_limits(1):
         return function(item)

@@ -38,7 +38,7 @@ from sim.models.interpolation import FingerWithReceptors, Node, missing_nodes, w
 
 
 class OnAFinger(Protocol):
-    """Presses on one finger: a dataclass, with `exact` where the finger is built in full."""
+    """Presses on one finger: a dataclass, with `exact` if the finger is built in full."""
 
     __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
 
@@ -62,7 +62,7 @@ def interpolated(work: Sequence[Work]) -> list[Work]:
 
 
 def nodes_to_build(work: Sequence[OnAFinger]) -> list[Node]:
-    """Full builds that interpolated fingers need and that are not on disk: pieces of work for `make_node`."""
+    """Return the full builds that interpolated fingers need and that are not on disk, as tasks for `make_node`."""
     them = [one for one in work if not one.exact]
     axes = dict.fromkeys([ALONG, *(parse_shape(shape).axes for one in them for shape in one.shapes)])
     return missing_nodes([one.finger for one in them], axes)
@@ -84,7 +84,7 @@ class _Given(BaseModel):
 
 
 class StudyPress(_Given):
-    """One indentor at some places, to some depths or forces."""
+    """One indentor at some positions, to some depths or forces."""
 
     shape: str
     x_mm: _Numbers = Field((0.0,), min_length=1)
@@ -101,7 +101,7 @@ class StudyPress(_Given):
 
     @property
     def targets(self) -> list[tuple[str, float]]:
-        """The commanded depths or forces, in order."""
+        """Commanded depths or forces, in order."""
         kind = "doi_mm" if self.doi_mm else "force_gwt"
         return [(kind, value) for value in self.doi_mm or self.force_gwt]
 
@@ -117,9 +117,9 @@ class StudyFile(_Given):
 
 @dataclass(frozen=True)
 class Case:
-    """One finger with its receptors under one indentor at one depth or force: a piece of work."""
+    """One finger with its receptors under one indentor at one depth or force, solved as one task."""
 
-    varied: tuple[tuple[str, Any], ...]  # what sets this finger apart
+    varied: tuple[tuple[str, Any], ...]  # parameters in which this finger differs
     config_json: str
     receptor_depth_mm: float
     receptor_x_mm: tuple[float, ...]
@@ -127,11 +127,11 @@ class Case:
     kind: str
     value: float
     x_mm: tuple[float, ...]
-    exact: bool = True  # built in full; else interpolated between full builds
+    exact: bool = True  # False: interpolated between full builds
 
     @property
     def finger(self) -> FingerWithReceptors:
-        """The finger with its receptors."""
+        """Finger with its receptors."""
         return FingerWithReceptors.of(self.config_json, self.receptor_x_mm, self.receptor_depth_mm)
 
     @property
@@ -141,7 +141,7 @@ class Case:
 
     @property
     def shapes(self) -> tuple[str, ...]:
-        """The shapes by name."""
+        """Names of the shapes."""
         return (self.shape,)
 
 
@@ -149,22 +149,22 @@ Row = dict[str, Any]
 
 
 def read_study(path: Path) -> list[Case]:
-    """Every combination, those of one finger next to each other. Raises StudyError."""
+    """Return every combination, grouped by finger; raise StudyError if the file is invalid."""
     with told_of(f"study {path}", StudyError):
-        given = StudyFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8-sig")))
-        return list(_cases(given, path.parent))
+        study = StudyFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8-sig")))
+        return list(_cases(study, path.parent))
 
 
-def _cases(given: StudyFile, folder: Path) -> Iterator[Case]:
-    for finger, varied in _fingers(given.finger):
+def _cases(study: StudyFile, folder: Path) -> Iterator[Case]:
+    for finger, varied in _fingers(study.finger):
         config = FingertipConfig.model_validate(finger, context={"folder": folder})
-        for depth_mm, press in itertools.product(given.receptor_depth_mm, given.press):
+        for depth_mm, press in itertools.product(study.receptor_depth_mm, study.press):
             for kind, value in press.targets:
                 yield Case(
                     tuple(varied.items()),
                     config.model_dump_json(),
                     depth_mm,
-                    given.receptor_x_mm,
+                    study.receptor_x_mm,
                     press.shape,
                     kind,
                     value,
@@ -173,7 +173,7 @@ def _cases(given: StudyFile, folder: Path) -> Iterator[Case]:
 
 
 def _fingers(tree: dict[str, Any]) -> Iterator[tuple[dict[str, Any], dict[str, Any]]]:
-    """Each combination of the lists in a tree of tables, and what was chosen, by dotted key."""
+    """Yield each combination of the lists in a tree of tables, and the chosen values by dotted key."""
     lists = dict(_lists(tree, ()))
     for choice in itertools.product(*lists.values()):
         finger = tree
@@ -196,7 +196,7 @@ def _with(tree: dict[str, Any], keys: tuple[str, ...], value: Any) -> dict[str, 
 
 
 def solve(case: Case) -> list[Row]:
-    """One row for each place and receptor; one with the reason under `problem` where there is no answer."""
+    """Return one row per position and receptor, or one with the reason under `problem` if unsolved."""
     rows: list[Row] = []
     for x_mm in case.x_mm:
         about = dict(case.varied) | {

@@ -64,7 +64,7 @@ def test_as_json_it_has_every_number(rig: Program) -> None:
 
 def test_what_was_solved_once_is_read_and_listed_by_rig_cache(rig: Program, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RIG_CACHE_DIR", "kept")
-    monkeypatch.setattr(encode, "_TOLD_EACH", 100)
+    monkeypatch.setattr(encode, "_LINE_EVERY", 100)
     made = rig("shift-invariance", *QUICK)
     assert "strain at 200 of " in made.err
     monkeypatch.setattr(kept, "LoadedFinger", None)  # no mesh is made again
@@ -97,9 +97,9 @@ def test_a_large_sheet_is_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     said: list[str] = []
     monkeypatch.setattr(encode, "say_now", said.append)
     for done in range(200, 2700, 200):
-        encode._told(done, 2693)
-    encode._told(2693, 2693)
-    encode._told(300, 300)
+        encode._report_progress(done, 2693)
+    encode._report_progress(2693, 2693)
+    encode._report_progress(300, 300)
     assert said == [
         "computing strain at 1000 of 2693 receptors …",
         "computing strain at 2000 of 2693 receptors …",
