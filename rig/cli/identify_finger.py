@@ -1,4 +1,4 @@
-"""`rig meet` and `rig find`: identify the finger, and find where it lies."""
+"""`rig identify` and `rig find`: identify the finger, and find where it lies."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing
@@ -29,7 +29,7 @@ from rig.cli.signals import at_a_safe_point, at_once
 from rig.clock import WallClock
 from rig.control.stop import StageInHand
 from rig.data import RunFolder, read_run
-from rig.data.folder import MEETING_PAGE, replace_text
+from rig.data.folder import IDENTIFICATION_PAGE, replace_text
 from rig.devices.registry import stage_ports
 from rig.errors import BadInputError
 from rig.identify.adaptive_presses import (
@@ -44,12 +44,12 @@ from rig.identify.adaptive_presses import (
 )
 from rig.identify.finger_from_presses import finger_file
 from rig.identify.frame import find
-from rig.identify.meeting_script import MeetingScript, as_script
+from rig.identify.identification_script import MeetingScript, as_script
 from rig.plan.config import Config, load_config, unit
 from rig.plan.plan import Plan, make_plan
 from rig.protocol.api import Rig
 from rig.protocol.script import Script, load_script
-from rig.report.identification_page import IdentificationPage, write_meeting_page
+from rig.report.identification_page import IdentificationPage, write_identification_page
 from rig.session.session import FinishedRun, NewRun, Session, dry_run, real_run
 from rig.study.parallel import spread
 from rig.units import GWT_N
@@ -102,7 +102,7 @@ def page_lines(config: Config, wanted: IdentificationOptions) -> dict[str, str]:
     """Return the lines of the confirmation page."""
     stage, force = config.stage, config.force
     return {
-        "meeting": f"at most {wanted.presses} presses, lightest first, predicted below {wanted.most_gwt:g} gwt",
+        "presses": f"at most {wanted.presses} presses, lightest first, predicted below {wanted.most_gwt:g} gwt",
         "devices": f"{stage.kind} on {' and '.join(stage_ports(stage))}, {force.kind} on {force.port}",
         "shapes": f"{', '.join(map(with_size, wanted.shapes))}: the program asks you to mount each one",
         "duration": f"about {wanted.presses * _SECONDS_A_PRESS + 35:.0f} s, without the time to mount indentors",
@@ -263,7 +263,7 @@ class MeetingAttendant(AtTheTerminal):
         super().begins(folder)
 
 
-def meet_command(
+def identify_command(
     protocol: Annotated[
         str | None, typer.Argument(help="Protocol whose forces to predict. Default: a few common presses.")
     ] = None,
@@ -318,8 +318,8 @@ def meet_command(
         if dry:
             refuse_twinless(settings.stage, settings.force)
         else:
-            ready_for_a_real_run("meet", settings, out_dir, yes=yes)
-            refuse_mounts("meet", names, mounted)
+            ready_for_a_real_run("identify", settings, out_dir, yes=yes)
+            refuse_mounts("identify", names, mounted)
         # Ports are open before anything is computed: a server that is not there is said at once, and a stop is heard.
         stage = None if dry else opened.enter_context(closing(_stage(settings, into)))
         owner = opened.enter_context(owning(as_script(_nothing_yet), settings, into, stage, config))
@@ -409,8 +409,8 @@ def _written(done: FinishedRun, meeting: Meeting, settings: Config, to: Path, *,
         replace_text(to, file.as_toml())
         course = (meeting.foreseen, meeting.given, meeting.before, meeting.learned)
         rows = (press_rows(meeting), force_rows(meeting), number_rows(meeting))
-        met = IdentificationPage(*course, *rows, meeting.not_learned, meeting.stranger)
-        write_meeting_page(done.folder.path / MEETING_PAGE, met)
+        page = IdentificationPage(*course, *rows, meeting.not_learned, meeting.stranger)
+        write_identification_page(done.folder.path / IDENTIFICATION_PAGE, page)
     done.folder.write_checksums()
     if as_json:
         print_json(_as_json(done, meeting, to))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rig.identify.adaptive_presses import Meeting
 from rig.plan.config import Config
-from rig.plan.finger_file import Band, Draw, FingerFile, Met, Place, Posterior
+from rig.plan.finger_file import Band, Draw, FingerFile, IdentifiedFinger, Place, Posterior
 from sim.identification.prior import Prior, series_of, tissue_of
 from sim.identification.uncertainty_bands import COVERAGE
 
@@ -29,7 +29,7 @@ def finger_file(meeting: Meeting, config: Config, journals: Sequence[Path]) -> F
     likeliest = _draw(prior, learned.likeliest)
     zeros = [given.zero_gwt for given in meeting.given]
     tissue = config.finger.tissue.model_copy(update=likeliest.model_dump(exclude={"relaxation"}))
-    met = Met(
+    identified = IdentifiedFinger(
         date=datetime.now(UTC).isoformat(timespec="seconds"),
         version=version("indentation-rig"),
         bench=f"{config.stage.kind} and {config.force.kind}",
@@ -56,7 +56,9 @@ def finger_file(meeting: Meeting, config: Config, journals: Sequence[Path]) -> F
         band=Band(model_error=_fine(meeting.own_error), coverage=COVERAGE),
     )
     return FingerFile(
-        finger=config.finger.model_copy(update={"tissue": tissue}), relaxation=likeliest.relaxation, met=met
+        finger=config.finger.model_copy(update={"tissue": tissue}),
+        relaxation=likeliest.relaxation,
+        identified=identified,
     )
 
 

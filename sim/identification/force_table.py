@@ -231,7 +231,8 @@ def _own_error(table: ShapeTable, made: Made) -> float:
 #
 # Tables that come with the program, of the default finger under usual shapes: nobody waits for them.
 #
-# `python -m studies.meeting.shipped` makes them; `tests/rig/test_meeting_shipped.py` holds them to direct presses.
+# `python -m studies.meeting.shipped` makes them; `tests/rig/test_identification_shipped.py` compares them with direct
+# presses.
 
 FILE = "meeting_tables.json"
 _DIGITS = 5  # of ln force, and of a height in mm

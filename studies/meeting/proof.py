@@ -23,7 +23,7 @@ import numpy as np
 
 from rig.data import RunFolder
 from rig.identify.adaptive_presses import SHAPES, IdentificationOptions, Meeting, PressReport, felt_surely
-from rig.identify.meeting_script import MeetingScript
+from rig.identify.identification_script import MeetingScript
 from rig.plan.config import Config
 from rig.plan.plan import Plan
 from rig.session.resume import commit

@@ -8,7 +8,7 @@ import pytest
 
 from rig.data import RunFolder
 from rig.identify.adaptive_presses import IdentificationOptions, Meeting, felt_surely
-from rig.identify.meeting_script import MeetingScript
+from rig.identify.identification_script import MeetingScript
 from rig.plan.config import Config
 from rig.plan.plan import Plan
 from rig.session.session import NewRun, Nobody, Session, run_on

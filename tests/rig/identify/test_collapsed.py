@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import typer
 
-import rig.cli.identify_finger as meet
+import rig.cli.identify_finger as identify_finger
 from rig.cli.identify_finger import said_at_the_end
 from rig.compare.plausible_fingers import read_plausible
 from rig.errors import BadInputError, RunAborted
@@ -22,20 +22,22 @@ from sim.identification.posterior import least_effective
 from tests.error_codes import raises
 from tests.made_up_fingers import made_up
 from tests.program import Program
-from tests.rig.identify.finger_file import met_file
+from tests.rig.identify.finger_file import identified_file
 
 FORESEEN = made_up()
 
 
 def _flagged() -> FingerFile:
-    file = met_file()
-    return file.model_copy(update={"met": file.met.model_copy(update={"collapsed": True})})
+    file = identified_file()
+    return file.model_copy(update={"identified": file.identified.model_copy(update={"collapsed": True})})
 
 
 def _of_one_draw() -> FingerFile:
     """As version 0.1 wrote it."""
-    file = met_file()
-    return file.model_copy(update={"met": file.met.model_copy(update={"draw": 8 * file.met.draw[:1]})})
+    file = identified_file()
+    return file.model_copy(
+        update={"identified": file.identified.model_copy(update={"draw": 8 * file.identified.draw[:1]})}
+    )
 
 
 COMMANDS = {
@@ -43,7 +45,7 @@ COMMANDS = {
     "dry-run": ["dry-run", "first_press", "--finger", "finger.toml"],
     "run": ["run", "first_press", "--yes", "--config", "rig.toml", "--finger", "finger.toml"],
     "as a configuration": ["dry-run", "first_press", "--config", "finger.toml"],
-    "identify again from it": ["meet", "--dry-run", "--config", "finger.toml"],
+    "identify again from it": ["identify", "--dry-run", "--config", "finger.toml"],
     "one press": ["indent", "--shape", "bar:3.0", "--doi-mm", "1", "--x-mm", "0", "--config", "finger.toml"],
     "reveal": ["stranger", "7", "--beside", "finger.toml"],
 }
@@ -97,7 +99,7 @@ def _meeting(effective: float) -> Meeting:
 def test_the_exit_code(effective: float, problem: Exception | None, code: int, tmp_path: Path) -> None:
     done = cast(Any, SimpleNamespace(problem=problem, ending=None, complete=problem is None))
     with pytest.raises(typer.Exit) as ended:
-        meet._leave(done, _meeting(effective), tmp_path / "finger.toml")
+        identify_finger._leave(done, _meeting(effective), tmp_path / "finger.toml")
     assert ended.value.exit_code == code
 
 
@@ -109,13 +111,13 @@ def test_an_object_that_no_finger_explains_has_an_exit_code_of_its_own_and_its_r
     meeting = _meeting(1500.0)
     done = cast(Any, SimpleNamespace(problem=problem, ending=None, complete=problem is None))
     with pytest.raises(typer.Exit) as ended:
-        meet._leave(done, meeting, tmp_path / "finger.toml")
+        identify_finger._leave(done, meeting, tmp_path / "finger.toml")
     assert ended.value.exit_code == code
     meeting.given = [cast(Any, SimpleNamespace(zero_gwt=0.0))]
     meeting.learned = replace(meeting.learned, readings=np.array([1]), misfit=np.array([1.0]))
     journal = tmp_path / "events.jsonl"
     journal.write_text("", encoding="utf-8")
-    assert finger_file(meeting, Config(), [journal]).met.flagged == "it is bone"
+    assert finger_file(meeting, Config(), [journal]).identified.flagged == "it is bone"
 
 
 @pytest.mark.parametrize(("effective", "collapsed"), [(LEAST, False), (LEAST - 0.1, True)])
@@ -125,7 +127,7 @@ def test_file_sentence_and_table_all_show_it(effective: float, collapsed: bool, 
     meeting.learned = replace(meeting.learned, readings=np.array([1]), misfit=np.array([1.0]))
     journal = tmp_path / "events.jsonl"
     journal.write_text("", encoding="utf-8")
-    assert finger_file(meeting, Config(), [journal]).met.collapsed is collapsed
+    assert finger_file(meeting, Config(), [journal]).identified.collapsed is collapsed
     assert any("collapsed" in sentence for sentence in meeting.not_learned) is collapsed
     meeting.given = []
     folder = SimpleNamespace(path=tmp_path)

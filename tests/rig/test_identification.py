@@ -25,18 +25,18 @@ from rig.cli.identify_finger import (
     scope_of,
 )
 from rig.data import RunFolder, read_run
-from rig.data.folder import MEETING_PAGE
+from rig.data.folder import IDENTIFICATION_PAGE, SCRIPTS
 from rig.errors import LimitError, TripError
 from rig.identify.adaptive_presses import IdentificationOptions, Meeting, felt_surely
 from rig.identify.finger_from_presses import finger_file
-from rig.identify.meeting_script import MeetingScript
+from rig.identify.identification_script import MeetingScript
 from rig.identify.press_record import given_press
 from rig.identify.random_finger import CELL_NOISE_GWT, truth_of, with_stranger
 from rig.plan.config import Config, VirtualSettings
 from rig.plan.finger_file import read_finger_file
 from rig.plan.plan import Plan
 from rig.protocol.api import Rig
-from rig.report.identification_page import IdentificationPage, write_meeting_page
+from rig.report.identification_page import IdentificationPage, write_identification_page
 from rig.session.session import FinishedRun, NewRun, Nobody, Session, run_on
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
@@ -151,7 +151,7 @@ def test_the_journal_has_what_was_foreseen_and_measured(met: tuple[Meeting, Fini
     noted = [json.loads(note["text"]) for note in read_run(done.folder.path).stream("note")]
     assert [note["press"] for note in noted] == [told.number for told in meeting.told]
     first = meeting.told[0].surprise
-    assert noted[0]["foreseen_gwt"] == pytest.approx(
+    assert noted[0]["predicted_gwt"] == pytest.approx(
         [first.foreseen.low, first.foreseen.middle, first.foreseen.high], abs=1e-4
     )
     assert noted[0]["measured_gwt"] == pytest.approx(first.measured_gwt, abs=1e-4)
@@ -228,16 +228,16 @@ def test_the_file_reads_back_and_says_where_it_comes_from(met: tuple[Meeting, Fi
     meeting, done = met
     (tmp_path / "finger.toml").write_text(finger_file(meeting, SETTINGS, [done.folder.events]).as_toml())
     file = read_finger_file(tmp_path / "finger.toml")
-    assert file.met.runs == (done.folder.path.name,)
-    assert file.met.presses == len(meeting.given)
-    assert file.met.posterior.names == FORESEEN.prior.names
-    assert file.met.posterior.mean == pytest.approx(meeting.learned.mean, abs=1e-5)
-    assert np.array(file.met.posterior.covariance) == pytest.approx(meeting.learned.covariance, rel=1e-4)
-    assert file.met.place.height_mm == pytest.approx(
+    assert file.identified.runs == (done.folder.path.name,)
+    assert file.identified.presses == len(meeting.given)
+    assert file.identified.posterior.names == FORESEEN.prior.names
+    assert file.identified.posterior.mean == pytest.approx(meeting.learned.mean, abs=1e-5)
+    assert np.array(file.identified.posterior.covariance) == pytest.approx(meeting.learned.covariance, rel=1e-4)
+    assert file.identified.place.height_mm == pytest.approx(
         meeting.learned.mean[FORESEEN.prior.index("height_mm")], abs=1e-5
     )
-    assert len(file.met.draw) == 16
-    stiffness = [math.log(draw.stiffness) for draw in file.met.draw]
+    assert len(file.identified.draw) == 16
+    stiffness = [math.log(draw.stiffness) for draw in file.identified.draw]
     column = meeting.learned.draws[:, FORESEEN.prior.index("ln_stiffness")]
     assert np.mean(stiffness) == pytest.approx(column.mean(), abs=column.std())
     assert file.finger.tissue.stiffness == pytest.approx(math.exp(meeting.learned.likeliest[0]), rel=1e-4)
@@ -259,24 +259,33 @@ def test_a_band_is_wider_where_readings_are_farther_off_than_usual(
         drawn = np.log(own.high / own.low) / (2 * standard_deviations())
         assert one == pytest.approx(np.hypot(drawn, wider * course.MODEL_ERROR))
     file = finger_file(meeting, SETTINGS, [met[1].folder.events])
-    assert file.met.band.model_error == pytest.approx(meeting.own_error, abs=1e-6)
+    assert file.identified.band.model_error == pytest.approx(meeting.own_error, abs=1e-6)
 
 
-@pytest.mark.parametrize("page", [True, False])
-def test_a_meeting_is_not_taken_up_and_says_what_to_do_instead(
-    met: tuple[Meeting, FinishedRun], program: Program, tmp_path: Path, page: bool
+@pytest.mark.parametrize(("page", "old"), [(True, False), (False, True)])
+def test_an_identification_is_not_resumed(
+    met: tuple[Meeting, FinishedRun],
+    program: Program,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    page: bool,
+    old: bool,
 ) -> None:
     run = shutil.copytree(met[1].folder.path, tmp_path / "run")
     if page:
-        (run / MEETING_PAGE).touch()
+        (run / IDENTIFICATION_PAGE).touch()
     with (run / "events.jsonl").open("a") as journal:
         journal.write('{"doc": "ev')  # killed while it wrote
+    if old:
+        provenance = (run / "provenance.json").read_text(encoding="utf-8")
+        (run / "provenance.json").write_text(provenance.replace(*SCRIPTS), encoding="utf-8")
+        monkeypatch.setattr(RunFolder, "changed", lambda folder: [])
     there = {path.name: path.read_bytes() for path in run.iterdir() if path.name != ".lock"}
     ended = program("resume", run)
     assert ended.code == 2
     said = ended.err.splitlines()[-1]
-    assert "repeat `rig meet`" in said
-    assert (str(run / MEETING_PAGE) in said) == page
+    assert "repeat `rig identify`" in said
+    assert (str(run / IDENTIFICATION_PAGE) in said) == page
     assert {path.name: path.read_bytes() for path in run.iterdir() if path.name != ".lock"} == there
 
 
@@ -342,10 +351,10 @@ def test_each_press_and_the_end_are_said(
     assert "ended" not in end
     assert "no finger" not in end
     assert len(press_rows(meeting)) == len(meeting.told)
-    page = tmp_path / "meeting.html"
+    page = tmp_path / "identification.html"
     course = (FORESEEN, meeting.given, meeting.before, meeting.learned, press_rows(meeting), force_rows(meeting),
               number_rows(meeting))  # fmt: skip
-    write_meeting_page(page, IdentificationPage(*course, ["x_mm is …"]))
+    write_identification_page(page, IdentificationPage(*course, ["x_mm is …"]))
     written = page.read_text()
     assert "Identified finger" in written
     assert "x_mm is …" in written
@@ -355,14 +364,14 @@ def test_each_press_and_the_end_are_said(
     likeliest = math.exp(meeting.learned.likeliest[FORESEEN.prior.index("ln_stiffness")])
     assert f"{likeliest:.3g}" in written
     assert "ln_" not in written
-    write_meeting_page(page, IdentificationPage(*course, [], "it is a ball"))
+    write_identification_page(page, IdentificationPage(*course, [], "it is a ball"))
     assert "The identified object is not a finger of the prior" in page.read_text()
     assert "presses: it is a ball" in page.read_text()
 
 
 def test_the_page_before_it_begins_tells_force_and_time() -> None:
     lines = page_lines(SETTINGS, IdentificationOptions(GOALS))
-    assert "20 gwt" in lines["meeting"]
+    assert "20 gwt" in lines["presses"]
     assert "155 s" in lines["duration"]
 
 
@@ -417,7 +426,7 @@ def test_bad_input_is_one_line(
     program: Program, arguments: list[str], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    ended = program("meet", *arguments)
+    ended = program("identify", *arguments)
     assert ended.code == 2
     assert words in ended.err
     assert not (tmp_path / "runs").exists()

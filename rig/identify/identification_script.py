@@ -26,7 +26,7 @@ A = TypeVar("A")
 def as_script(run: Callable[[Rig], None]) -> Script:
     """A meeting as a script, whatever runs it."""
     path, title = Path(__file__).with_name(SCRIPT), "Identification of a finger"
-    return Script(path, "meet", title, "docs/meet.md", ProtocolParameters(), run)
+    return Script(path, "identify", title, "docs/identify.md", ProtocolParameters(), run)
 
 
 class MeetingScript:
@@ -106,7 +106,7 @@ def _noted(told: PressReport) -> dict[str, float | list[float]]:
     foreseen = told.surprise.foreseen
     return {
         "press": told.number,
-        "foreseen_gwt": [round(one, 4) for one in (foreseen.low, foreseen.middle, foreseen.high)],
+        "predicted_gwt": [round(one, 4) for one in (foreseen.low, foreseen.middle, foreseen.high)],
         "measured_gwt": round(told.surprise.measured_gwt, 4),
         "half_width": round(told.widest, 4),
     }
