@@ -28,7 +28,7 @@ FingertipOption = Annotated[
     Path | None,
     typer.Option("--config", metavar="TOML", help="Finger configuration. Default: built-in values."),
 ]
-MetFingerOption = Annotated[
+FingerFileOption = Annotated[
     Path | None,
     typer.Option("--finger", metavar="TOML", help="Finger file from rig identify. Default: the configured finger."),
 ]

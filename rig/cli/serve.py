@@ -12,7 +12,7 @@ from rig.cli.options import FingerConfigOption, JsonOption
 from rig.cli.output import ExitCode, complain, err, loading_the_finger, out, print_json, renamed, told_in_one_line
 from rig.devices.registry import Room, names
 from rig.errors import BadInputError
-from rig.identify.random_finger import truth_of, with_stranger
+from rig.identify.random_finger import truth_of, with_random_finger
 from rig.plan.config import Config, load_config, unit
 from rig.plan.finger_file import IdentifiedFinger, read_finger_file
 from sim.identification.prior import named, plain
@@ -110,7 +110,7 @@ def serve_command(
                 code="outside_range", option="--tcp", value=tcp, low=0, high=65534,
             )  # fmt: skip
         if random_finger is not None:
-            settings = with_stranger(settings, random_finger)
+            settings = with_random_finger(settings, random_finger)
         both = stage is None and force is None
         with loading_the_finger():
             bench = ServedBench(
@@ -180,14 +180,14 @@ def _reveal(seed: int, beside: Path | None, *, as_json: bool) -> None:
 
 
 def _beside(name: str, value: float, identified: IdentifiedFinger | None) -> dict[str, Any]:
-    """Logarithms as what they are of."""
-    told: dict[str, Any] = {"name": named(name), "unit": unit(named(name)) or "1", "truth": plain(name, value)}
+    """Return a parameter without its logarithm, and its band in the finger file."""
+    found: dict[str, Any] = {"name": named(name), "unit": unit(named(name)) or "1", "truth": plain(name, value)}
     if identified is None or name not in identified.posterior.names:
-        return told
+        return found
     k = identified.posterior.names.index(name)
     mean, sd = identified.posterior.mean[k], math.sqrt(identified.posterior.covariance[k][k])
     low, high = (mean + sign * standard_deviations() * sd for sign in (-1, 1))
-    return {**told, "low": plain(name, low), "high": plain(name, high), "inside": low <= value <= high}
+    return {**found, "low": plain(name, low), "high": plain(name, high), "inside": low <= value <= high}
 
 
 def _band(one: dict[str, Any]) -> str:

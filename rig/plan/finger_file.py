@@ -152,6 +152,9 @@ class IdentifiedFinger(Settings):
         return self
 
 
+Met = IdentifiedFinger  # so named in pickles of 0.1
+
+
 class FingerFile(Settings):
     """Content of a finger file."""
 

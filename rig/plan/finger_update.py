@@ -49,8 +49,8 @@ def learned(run: Run, finger: Fingertip) -> FingerFile | None:
         return None
     identified = config.identified
     for one in seen:
-        said = answers(finger, parse_shape(one.indentor), one.x_mm, one.target, one.pace, identified)
-        identified = taken_in(identified, np.log(said.held_gwt), one)
+        predicted = answers(finger, parse_shape(one.indentor), one.x_mm, one.target, one.pace, identified)
+        identified = taken_in(identified, np.log(predicted.held_gwt), one)
     tissue = config.finger.tissue.model_copy(update=_middle(identified.draw))
     sha256 = hashlib.sha256(run.folder.events.read_bytes()).hexdigest()
     about = {
@@ -85,17 +85,17 @@ def _together(press: tuple[str, float, Target, Pace], alike: Sequence[tuple[floa
     return ReferenceForce(*press, float(logs.mean()), float(variances.mean() / len(logs)))
 
 
-def taken_in(identified: IdentifiedFinger, ln_said: Array, seen: ReferenceForce) -> IdentifiedFinger:
+def taken_in(identified: IdentifiedFinger, ln_predicted: Array, seen: ReferenceForce) -> IdentifiedFinger:
     """Return the identification after one observation, given the predictions (draws,)."""
-    spread = float(ln_said.var(ddof=1))
+    spread = float(ln_predicted.var(ddof=1))
     if spread < _LEAST_SPREAD:
         return identified
     noise = identified.band.model_error**2 + seen.variance
-    moved = spread / (spread + noise) * (seen.ln_force - ln_said.mean())
+    moved = spread / (spread + noise) * (seen.ln_force - ln_predicted.mean())
     drawn = math.sqrt(noise / (spread + noise)) - 1
-    change = moved + drawn * (ln_said - ln_said.mean())
+    change = moved + drawn * (ln_predicted - ln_predicted.mean())
     z = np.array([_logs(draw) for draw in identified.draw])
-    slope = (z - z.mean(axis=0)).T @ (ln_said - ln_said.mean()) / (spread * (len(z) - 1))
+    slope = (z - z.mean(axis=0)).T @ (ln_predicted - ln_predicted.mean()) / (spread * (len(z) - 1))
     draws = tuple(_draw(draw, row) for draw, row in zip(identified.draw, z + change[:, None] * slope, strict=True))
     return identified.model_copy(
         update={"draw": draws, "posterior": _posterior(identified, slope, moved, spread, noise)}

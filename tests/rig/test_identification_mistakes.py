@@ -1,4 +1,4 @@
-"""Every mistake that the three commands of a meeting can be told with is one line, and nothing is begun."""
+"""Wrong arguments of the three identification commands print one line, and nothing begins."""
 
 import os
 import socket
@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-import rig.cli.identify_finger as meet
+import rig.cli.identify_finger as identify_finger
 from tests.program import Program
 
 NOT_MET = "[finger.tissue]\nstiffness = 1.0\n"
-MEETS = [
+IDENTIFIES = [
     (["--width", "0.5"], "--width 0.5: must be 1 to 50 %"),
     (["--width", "nan"], "--width nan: must be 1 to 50 %"),
     (["--width", "inf"], "--width inf: must be 1 to 50 %"),
@@ -68,9 +68,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def begun(*_: object) -> None:
         raise AssertionError("it has begun")
 
-    monkeypatch.setattr(meet, "FingerProcess", begun)
-    monkeypatch.setattr(meet, "Foreseen", begun)
-    monkeypatch.setattr(meet, "loaded", begun)
+    monkeypatch.setattr(identify_finger, "FingerProcess", begun)
+    monkeypatch.setattr(identify_finger, "PredictedForces", begun)
+    monkeypatch.setattr(identify_finger, "loaded", begun)
 
 
 def _one_line(program: Program, *words: str) -> str:
@@ -83,9 +83,9 @@ def _one_line(program: Program, *words: str) -> str:
     return line
 
 
-@pytest.mark.parametrize(("words", "said"), MEETS, ids=str)
+@pytest.mark.parametrize(("words", "said"), IDENTIFIES, ids=str)
 @pytest.mark.parametrize("dry", [True, False])
-def test_of_a_meeting(program: Program, words: list[str], said: str, dry: bool) -> None:
+def test_of_identify(program: Program, words: list[str], said: str, dry: bool) -> None:
     assert said in _one_line(program, "identify", *words, *(["--dry-run"] if dry else []))
 
 

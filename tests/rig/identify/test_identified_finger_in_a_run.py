@@ -74,7 +74,7 @@ def test_what_a_run_finds_lies_in_the_band(
     tmp_path: Path,
     relaxation: tuple[tuple[float, float], ...],
 ) -> None:
-    """The virtual bench's finger is the likeliest one and relaxes as it does."""
+    """The virtual bench's finger is the most likely one and relaxes as it does."""
     script, finger = files(relaxation=relaxation)
     ended = program("dry-run", script, "--finger", finger, "--out", tmp_path / "runs")
     assert ended.code == 0, ended.err

@@ -1,4 +1,4 @@
-"""A stranger served by one process and identified by another, over TCP; its truth stays where it is served."""
+"""A random finger served by one process and identified by another, over TCP; its truth stays in the server."""
 
 import signal
 from collections.abc import Iterator
@@ -33,7 +33,7 @@ def served(tmp_path: Path) -> Iterator[Serving]:
             serving.end(signal.SIGINT)
 
 
-def test_a_stranger_is_met_over_tcp(rig: Program, served: Serving, tmp_path: Path) -> None:
+def test_a_random_finger_is_identified_over_tcp(rig: Program, served: Serving, tmp_path: Path) -> None:
     ports = served.ports()
     set_up(ports["stage"])
     config, file = tmp_path / "rig.toml", tmp_path / "finger.toml"
