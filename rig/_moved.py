@@ -163,6 +163,7 @@ engine.rig_settings settings
 engine.stopping engine.limits
 engine.streams data.schema
 engine.touched engine.limits
+identify.meeting_script identify.identification_script
 identify.procedure identify.adaptive_presses
 identify.result identify.finger_from_presses,identify.random_finger
 line_file data.journal
@@ -293,7 +294,7 @@ session.lost_run session.lost_files
 session.meeting identify.adaptive_presses
 session.meeting.journalled_press identify.press_record
 session.meeting.meeting identify.adaptive_presses
-session.meeting.meeting_script identify.meeting_script
+session.meeting.meeting_script identify.identification_script
 session.meeting.names data.folder
 session.meeting.stranger identify.random_finger
 session.meeting.written_finger identify.finger_from_presses

@@ -107,7 +107,7 @@ class Pace(NamedTuple):
 
 @dataclass(frozen=True)
 class PredictionBand:
-    """Between which force and depth a finger that was met answers, nine times of ten, in the last hold."""
+    """Between which force and depth an identified finger answers, nine times of ten, in the last hold."""
 
     force_gwt: tuple[float, float]
     doi_mm: tuple[float, float]
@@ -116,7 +116,7 @@ class PredictionBand:
 
 @dataclass(frozen=True)
 class Prediction:
-    """What the model says of a press at a place to a target; of a finger that was met, with a band."""
+    """What the model says of a press at a place to a target; of an identified finger, with a band."""
 
     indentor: str
     x_mm: float

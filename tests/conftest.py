@@ -38,7 +38,7 @@ TESTS = Path(__file__).parent
 REAL_TIME = (
     "panel/",
     "rig/real_time/",
-    "rig/test_meeting_mistakes.py",
+    "rig/test_identification_mistakes.py",
     "rig/compare/test_parameter_study.py::test_processes_give_what_one_gives",
     "rig/compare/test_parameter_study.py::test_a_killed_process_is_told_of",
     "rig/compare/test_parameter_study.py::test_a_process_has_one_thread",
@@ -99,7 +99,7 @@ REAL_TIME = (
 # `make test-studies` runs it, `make test` does not. Pages and kept files of studies are checked in `make test`.
 # Behind each stands the test that guards the same code in `make test`.
 STUDIES = (
-    "studies/test_strangers_are_met.py",  # identification: rig/test_meeting.py, studies/test_meeting_study.py
+    "studies/test_strangers_are_met.py",  # identification: rig/test_identification.py, studies/test_meeting_study.py
     "studies/test_allowed_page.py::test_what_is_kept_is_not_pressed_again_and_leaves_what_is_shipped",
     "studies/test_allowed_page.py::test_the_docs_have_the_tables_of_what_is_kept",
     "studies/test_stiffening_study.py::test_a_reference_is_what_was_kept",  # of a solver in studies/
@@ -152,9 +152,9 @@ LONG = (
     "rig/real_time/test_by_hand_commands.py",
     "rig/real_time/test_by_hand_process.py",
     "sim/test_speed_and_error.py",
-    "sim/test_meeting_forces.py",
-    "rig/identify/test_met_in_a_run.py",
-    "rig/real_time/test_meet_a_stranger.py",
+    "sim/test_identification_forces.py",
+    "rig/identify/test_identified_finger_in_a_run.py",
+    "rig/real_time/test_identify_a_random_finger.py",
     "rig/test_stopping_needs_nothing.py",
     "rig/test_how_it_ends.py",
     "sim/test_patches.py",

@@ -6,7 +6,7 @@ import numpy as np
 
 from sim.config import FingertipConfig
 from sim.identification.force_table import Scope, ShapeTable
-from sim.identification.predicted_forces import Foreseen, Given, PressTrajectory, tissue_axes
+from sim.identification.predicted_forces import MeasuredPress, PredictedForces, PressTrajectory, tissue_axes
 from sim.identification.prior import Prior
 
 SHAPES: Mapping[str, tuple[float, float, float]] = {  # gwt at 1 mm, exponent of depth, exponent of the fat's modulus
@@ -20,7 +20,7 @@ STRAIN = 0.4  # that the law stiffens with, at 1 mm
 _BESIDE = 0.08  # of force, lost for each mm² beside the middle
 
 
-def made_up(prior: Prior | None = None, deepest_mm: float = 1.1) -> Foreseen:
+def made_up(prior: Prior | None = None, deepest_mm: float = 1.1) -> PredictedForces:
     """Tables of closed forms, at their nodes."""
     prior = Prior() if prior is None else prior
     scope = Scope(tissue_axes(prior), 1.8, (0.03, deepest_mm), places=3, depths=4)
@@ -35,20 +35,28 @@ def made_up(prior: Prior | None = None, deepest_mm: float = 1.1) -> Foreseen:
         about = {"error": np.array(0.0), "deepest_mm": np.array(deepest_mm)}
         arrays = {"ln_force": ln_force, "ln_strain": ln_strain, "touch_mm": touch_mm, **about}
         tables[name] = ShapeTable(name, scope, arrays)
-    return Foreseen(FingertipConfig(), prior, scope, tables)
+    return PredictedForces(FingertipConfig(), prior, scope, tables)
 
 
-def lying(foreseen: Foreseen, draw: np.ndarray, way: PressTrajectory) -> PressTrajectory:
+def lying(predicted: PredictedForces, draw: np.ndarray, trajectory: PressTrajectory) -> PressTrajectory:
     """A way by depth as a stage goes it that finds the skin of a finger by touch."""
-    contact_mm = float(foreseen.touches_mm(draw[None], way.indentor, way.x_mm)[0])
-    return PressTrajectory(way.indentor, way.x_mm, way.t_s, way.height_mm + contact_mm, way.asked_s)
+    contact_mm = float(predicted.touches_mm(draw[None], trajectory.indentor, trajectory.x_mm)[0])
+    return PressTrajectory(
+        trajectory.indentor, trajectory.x_mm, trajectory.t_s, trajectory.height_mm + contact_mm, trajectory.read_s
+    )
 
 
 def pressed(
-    foreseen: Foreseen, draw: np.ndarray, way: PressTrajectory, chance: np.random.Generator, noise_gwt: float
-) -> Given:
+    predicted: PredictedForces,
+    draw: np.ndarray,
+    trajectory: PressTrajectory,
+    chance: np.random.Generator,
+    noise_gwt: float,
+) -> MeasuredPress:
     """A press on a finger, read by a cell with noise."""
-    contact_mm = float(foreseen.touches_mm(draw[None], way.indentor, way.x_mm)[0])
-    way = lying(foreseen, draw, way)
-    force = foreseen.forces_gwt(draw[None], way)[0]
-    return Given(way, force + chance.normal(0.0, noise_gwt, len(force)), noise_gwt, 0.003, 0.0, contact_mm)
+    contact_mm = float(predicted.touches_mm(draw[None], trajectory.indentor, trajectory.x_mm)[0])
+    trajectory = lying(predicted, draw, trajectory)
+    force = predicted.forces_gwt(draw[None], trajectory)[0]
+    return MeasuredPress(
+        trajectory, force + chance.normal(0.0, noise_gwt, len(force)), noise_gwt, 0.003, 0.0, contact_mm
+    )

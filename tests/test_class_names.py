@@ -29,6 +29,9 @@ def test_no_two_public_classes_share_a_name() -> None:
         ("sim.models.stiffening.stiffened", "Press", "sim.models.stiffening", "DimensionlessPress"),
         ("sim.models.results.indentations", "Asked", "sim.models.result", "IndentationRequest"),
         ("sim.models.results.indentations", "Answer", "sim.models.result", "IndentationOutcome"),
+        ("sim.models.meeting.given", "Given", "sim.identification.predicted_forces", "MeasuredPress"),
+        ("sim.models.meeting.foreseen", "Foreseen", "sim.identification.predicted_forces", "PredictedForces"),
+        ("rig.plan.met.finger_file", "Met", "rig.plan.finger_file", "IdentifiedFinger"),
     ],
 )
 @pytest.mark.filterwarnings("ignore:.* now:DeprecationWarning")

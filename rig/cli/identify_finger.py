@@ -1,4 +1,4 @@
-"""`rig meet` and `rig find`: identify the finger, and find where it lies."""
+"""`rig identify` and `rig find`: identify the finger, and find where it lies."""
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, closing
@@ -29,7 +29,7 @@ from rig.cli.signals import at_a_safe_point, at_once
 from rig.clock import WallClock
 from rig.control.stop import StageInHand
 from rig.data import RunFolder, read_run
-from rig.data.folder import MEETING_PAGE, replace_text
+from rig.data.folder import IDENTIFICATION_PAGE, replace_text
 from rig.devices.registry import stage_ports
 from rig.errors import BadInputError
 from rig.identify.adaptive_presses import (
@@ -37,26 +37,26 @@ from rig.identify.adaptive_presses import (
     DEPTHS_MM,
     PLACES_MM,
     SHAPES,
+    Identification,
     IdentificationOptions,
-    Meeting,
     PressReport,
-    felt_surely,
+    with_reliable_touch,
 )
 from rig.identify.finger_from_presses import finger_file
 from rig.identify.frame import find
-from rig.identify.meeting_script import MeetingScript, as_script
+from rig.identify.identification_script import IdentificationScript, as_script
 from rig.plan.config import Config, load_config, unit
 from rig.plan.plan import Plan, make_plan
 from rig.protocol.api import Rig
 from rig.protocol.script import Script, load_script
-from rig.report.identification_page import IdentificationPage, write_meeting_page
+from rig.report.identification_page import IdentificationPage, write_identification_page
 from rig.session.session import FinishedRun, NewRun, Session, dry_run, real_run
 from rig.study.parallel import spread
 from rig.units import GWT_N
 from sim.contact.shapes import parse_shape, with_size
 from sim.finger_process import Finger, FingerProcess
 from sim.identification.next_press import PressAt
-from sim.identification.predicted_forces import Foreseen
+from sim.identification.predicted_forces import PredictedForces
 from sim.identification.prior import Prior, named, plain
 from sim.identification.uncertainty_bands import Width, ends
 from sim.models.fingertip import Fingertip
@@ -79,7 +79,7 @@ def usual_goals(shapes: Sequence[str]) -> tuple[PressAt, ...]:
 
 
 def goals_of(script: Script, config: Config, finger: Finger) -> tuple[PressAt, ...]:
-    """The presses of a protocol, each once, as deep as the configured finger lets them go. Raises BadInputError."""
+    """Return the presses of a protocol, each once, at their predicted depths. Raises BadInputError."""
     plan = make_plan(script, config, finger)
     found = [PressAt(p.indentor, p.x_mm, round(p.predicted_doi_mm, 3)) for p in plan.indentations]
     if any("," in press.indentor and "across" in press.indentor for press in found):
@@ -91,129 +91,138 @@ def goals_of(script: Script, config: Config, finger: Finger) -> tuple[PressAt, .
     return tuple(dict.fromkeys(found))
 
 
-def scope_of(wanted: IdentificationOptions) -> tuple[float, float]:
+def scope_of(options: IdentificationOptions) -> tuple[float, float]:
     """Return the largest distance from the pad center and the largest depth of the predicted forces (mm)."""
-    places = [*map(abs, PLACES_MM), *(abs(goal.x_mm) for goal in wanted.goals)]
-    depths = [*DEPTHS_MM, *(goal.doi_mm for goal in wanted.goals)]
+    places = [*map(abs, PLACES_MM), *(abs(goal.x_mm) for goal in options.goals)]
+    depths = [*DEPTHS_MM, *(goal.doi_mm for goal in options.goals)]
     return max(places) + _BEYOND_X_MM, BEYOND_DEPTH * max(depths)
 
 
-def page_lines(config: Config, wanted: IdentificationOptions) -> dict[str, str]:
+def page_lines(config: Config, options: IdentificationOptions) -> dict[str, str]:
     """Return the lines of the confirmation page."""
     stage, force = config.stage, config.force
     return {
-        "meeting": f"at most {wanted.presses} presses, lightest first, predicted below {wanted.most_gwt:g} gwt",
+        "presses": f"at most {options.presses} presses, lightest first, predicted below {options.most_gwt:g} gwt",
         "devices": f"{stage.kind} on {' and '.join(stage_ports(stage))}, {force.kind} on {force.port}",
-        "shapes": f"{', '.join(map(with_size, wanted.shapes))}: the program asks you to mount each one",
-        "duration": f"about {wanted.presses * _SECONDS_A_PRESS + 35:.0f} s, without the time to mount indentors",
+        "shapes": f"{', '.join(map(with_size, options.shapes))}: the program asks you to mount each one",
+        "duration": f"about {options.presses * _SECONDS_A_PRESS + 35:.0f} s, without the time to mount indentors",
         "safety": "check that the emergency stop is within reach and the finger is clear of the indentor",
     }
 
 
-def said_before(meeting: Meeting, press: PressAt | None) -> None:
-    """One line on what begins now."""
+def print_before_press(identification: Identification, press: PressAt | None) -> None:
+    """Print one line on the next press; None for homing."""
     if press is None:
         err.print("homing the stage, then zeroing the force sensor …")
         return
     where = f"{press.indentor} at {press.x_mm:+.1f} mm to {press.doi_mm:.2f} mm"
-    trip_gwt = min(meeting.trip_n(press), meeting.settings.limits.soft_trip_n) / GWT_N
-    err.print(
-        f"press {len(meeting.told) + 1} of at most {meeting.wanted.presses}: {where}, trips at {trip_gwt:.1f} gwt …"
-    )
+    trip_gwt = min(identification.trip_n(press), identification.settings.limits.soft_trip_n) / GWT_N
+    number, presses = len(identification.reports) + 1, identification.options.presses
+    err.print(f"press {number} of at most {presses}: {where}, trips at {trip_gwt:.1f} gwt …")
 
 
-def said_after(meeting: Meeting, told: PressReport) -> None:
+def print_after_press(identification: Identification, report: PressReport) -> None:
     """Print one line: measured and predicted force with its band, what is known now, and what remains."""
-    left = meeting.wanted.presses - told.number
-    goes_on = "enough" if meeting.enough else f"at most {left} presses, about {left * _SECONDS_A_PRESS:.0f} s remain"
-    foreseen = _in_brackets(told.surprise.foreseen, " gwt")
+    remaining = identification.options.presses - report.number
+    next_text = (
+        "enough"
+        if identification.enough
+        else f"at most {remaining} presses, about {remaining * _SECONDS_A_PRESS:.0f} s remain"
+    )
+    predicted = _in_brackets(report.surprise.predicted, " gwt")
     err.print(
-        f"press {told.number}: measured {told.surprise.measured_gwt:.2f} gwt, predicted {foreseen}; forces "
-        f"are known to ± {100 * told.widest:.0f} %, target ± {100 * meeting.wanted.width:g} %; {goes_on}"
+        f"press {report.number}: measured {report.surprise.measured_gwt:.2f} gwt, predicted {predicted}; forces "
+        f"are known to ± {100 * report.widest:.0f} %, target ± {100 * identification.options.width:g} %; {next_text}"
     )
 
 
-def press_rows(meeting: Meeting) -> list[tuple[str, ...]]:
+def press_rows(identification: Identification) -> list[tuple[str, ...]]:
     """Return a row per press: the press, its prediction, its measurement, and the uncertainty after it."""
     return [
         (
-            f"{told.number}",
-            told.press.indentor,
-            f"{told.press.x_mm:+.1f}",
-            f"{told.press.doi_mm:.2f}",
-            _in_brackets(told.surprise.foreseen),
-            f"{told.surprise.measured_gwt:.2f}",
-            f"± {100 * told.widest:.0f} %",
+            f"{report.number}",
+            report.press.indentor,
+            f"{report.press.x_mm:+.1f}",
+            f"{report.press.doi_mm:.2f}",
+            _in_brackets(report.surprise.predicted),
+            f"{report.surprise.measured_gwt:.2f}",
+            f"± {100 * report.widest:.0f} %",
         )
-        for told in meeting.told
+        for report in identification.reports
     ]
 
 
-def force_rows(meeting: Meeting) -> list[tuple[str, ...]]:
+def force_rows(identification: Identification) -> list[tuple[str, ...]]:
     """Return a row per requested force: its press, its band and its uncertainty."""
     return [
         (goal.indentor, f"{goal.x_mm:+.1f}", f"{goal.doi_mm:.2f}", _in_brackets(w), f"± {100 * w.half:.0f} %")
-        for goal, w in zip(meeting.wanted.goals, meeting.widths, strict=True)
+        for goal, w in zip(identification.options.goals, identification.widths, strict=True)
     ]
 
 
-def number_rows(meeting: Meeting) -> list[tuple[str, ...]]:
+def number_rows(identification: Identification) -> list[tuple[str, ...]]:
     """Return a row per parameter: the maximum-likelihood value, and its bands after and before."""
-    known = [np.quantile(one.draws, ends(), axis=0) for one in (meeting.learned, meeting.before)]
+    bands = [np.quantile(one.draws, ends(), axis=0) for one in (identification.learned, identification.before)]
     return [
         (
             named(name),
-            f"{plain(name, likeliest):.3g}",
-            *(" … ".join(f"{plain(name, end):.3g}" for end in band[:, k]) for band in known),
+            f"{plain(name, most_likely):.3g}",
+            *(" … ".join(f"{plain(name, end):.3g}" for end in band[:, k]) for band in bands),
         )
-        for k, (name, likeliest) in enumerate(
-            zip(meeting.learned.prior.names, meeting.learned.likeliest.tolist(), strict=True)
+        for k, (name, most_likely) in enumerate(
+            zip(identification.learned.prior.names, identification.learned.most_likely.tolist(), strict=True)
         )
     ]
 
 
-def said_at_the_end(done: FinishedRun, meeting: Meeting, to: object) -> dict[str, Any]:
+def final_lines(done: FinishedRun, identification: Identification, to: object) -> dict[str, Any]:
     """Return the results of the identification, and what was not learned."""
-    said: dict[str, Any] = {"run": str(done.folder.path), "presses": len(meeting.given)}
+    lines: dict[str, Any] = {"run": str(done.folder.path), "presses": len(identification.measured)}
     if done.problem is not None and done.ending is not None:
-        told = {about: words for about, words in done.ending.lines.items() if about != "resume"}
-        said |= {"ended": done.ending.reason} | told
-    if meeting.learned.collapsed:
-        said["collapsed"] = (
-            f"too few samples of the prior explain these presses ({meeting.learned.effective:.1f} effective "
+        lines |= {"ended": done.ending.reason}
+        lines |= {about: words for about, words in done.ending.lines.items() if about != "resume"}
+    if identification.learned.collapsed:
+        lines["collapsed"] = (
+            f"too few samples of the prior explain these presses ({identification.learned.effective:.1f} effective "
             f"samples); the bands are meaningless and no command accepts {to}; repeat the identification"
         )
-    if meeting.stranger is not None:
-        said["no finger"] = f"{meeting.stranger}; check that the requested indentor is mounted"
-    if meeting.given:
-        learned = [f"{name} {likeliest} ({after})" for name, likeliest, after, _ in number_rows(meeting)]
+    if identification.mismatch is not None:
+        lines["no finger"] = f"{identification.mismatch}; check that the requested indentor is mounted"
+    if identification.measured:
+        learned = [f"{name} {most_likely} ({after})" for name, most_likely, after, _ in number_rows(identification)]
         forces = [
             f"{goal.indentor} at {goal.x_mm:+.1f} mm to {goal.doi_mm:.2f} mm: {_in_brackets(w, ' gwt')}"
-            for goal, w in zip(meeting.wanted.goals, meeting.widths, strict=True)
+            for goal, w in zip(identification.options.goals, identification.widths, strict=True)
         ]
-        said |= {"finger": str(to), "learned": learned, "forces": forces, "not learned": meeting.not_learned}
-    return said | {"duration_s": round(done.duration_s, 1)}
+        lines |= {"finger": str(to), "learned": learned, "forces": forces, "not learned": identification.not_learned}
+    return lines | {"duration_s": round(done.duration_s, 1)}
 
 
-def _as_json(done: FinishedRun, meeting: Meeting, to: Path) -> dict[str, Any]:
+def _as_json(done: FinishedRun, identification: Identification, to: Path) -> dict[str, Any]:
     """Return the same results as JSON; without a press there is neither a finger file nor a number."""
-    flag = "collapsed" if meeting.learned.collapsed else "no_finger" if meeting.stranger is not None else None
+    flag = (
+        "collapsed"
+        if identification.learned.collapsed
+        else "no_finger"
+        if identification.mismatch is not None
+        else None
+    )
     return {
         "run": str(done.folder.path),
-        "finger": str(to) if meeting.given else None,
-        "presses": len(meeting.given),
+        "finger": str(to) if identification.measured else None,
+        "presses": len(identification.measured),
         "bench_s": done.duration_s,
-        "consistent": meeting.stranger is None and not meeting.learned.collapsed,
-        "parameters": _parameters(meeting) if meeting.given else [],
-        "predicted": _predicted(meeting) if meeting.given else [],
-        "problems_text": meeting.not_learned if meeting.given else [],
+        "consistent": identification.mismatch is None and not identification.learned.collapsed,
+        "parameters": _parameters(identification) if identification.measured else [],
+        "predicted": _predicted(identification) if identification.measured else [],
+        "problems_text": identification.not_learned if identification.measured else [],
         **({} if flag is None else {"code": flag}),
         **failure(done),
     }
 
 
-def _parameters(meeting: Meeting) -> list[dict[str, Any]]:
-    names, draws = meeting.learned.prior.names, meeting.learned.draws
+def _parameters(identification: Identification) -> list[dict[str, Any]]:
+    names, draws = identification.learned.prior.names, identification.learned.draws
     values = [np.exp(draws[:, k]) if named(name) != name else draws[:, k] for k, name in enumerate(names)]
     bands = [np.quantile(column, ends()).tolist() for column in values]
     return [
@@ -229,7 +238,7 @@ def _parameters(meeting: Meeting) -> list[dict[str, Any]]:
     ]
 
 
-def _predicted(meeting: Meeting) -> list[dict[str, Any]]:
+def _predicted(identification: Identification) -> list[dict[str, Any]]:
     return [
         {
             "shape": goal.indentor,
@@ -240,7 +249,7 @@ def _predicted(meeting: Meeting) -> list[dict[str, Any]]:
             "high": width.high,
             "unit": "gwt",
         }
-        for goal, width in zip(meeting.wanted.goals, meeting.widths, strict=True)
+        for goal, width in zip(identification.options.goals, identification.widths, strict=True)
     ]
 
 
@@ -252,18 +261,18 @@ T = TypeVar("T")
 A = TypeVar("A")
 
 
-class MeetingAttendant(AtTheTerminal):
+class IdentificationAttendant(AtTheTerminal):
     """Attendant that gives the script the location of the journal."""
 
-    script: MeetingScript
+    script: IdentificationScript
 
     def begins(self, folder: RunFolder) -> None:
-        """Tell the script the run folder, from which presses can be read."""
+        """Pass the run folder to the script, which reads its presses there."""
         self.script.begins(folder)
         super().begins(folder)
 
 
-def meet_command(
+def identify_command(
     protocol: Annotated[
         str | None, typer.Argument(help="Protocol whose forces to predict. Default: a few common presses.")
     ] = None,
@@ -307,38 +316,40 @@ def meet_command(
     """Press gently, print after each press what was learned, and write the finger file."""
     beginning = Beginning(aloud=not dry)
     with told_in_one_line(as_json=as_json, beginning=beginning), ExitStack() as opened:
-        settings = felt_surely(load_config(config))
+        settings = with_reliable_touch(load_config(config))
         _refuse(width, most_gwt, settings)
         checked_file("--to", to)
         names = tuple(one.strip() for one in shapes.split(","))
         for name in (*names, *([] if mounted is None else [mounted])):
             parse_shape(name)
-        asked = None if protocol is None else load_script(protocol, more or [])
+        requested = None if protocol is None else load_script(protocol, more or [])
         into = new_run(out_dir, subject)
         if dry:
             refuse_twinless(settings.stage, settings.force)
         else:
-            ready_for_a_real_run("meet", settings, out_dir, yes=yes)
-            refuse_mounts("meet", names, mounted)
-        # Ports are open before anything is computed: a server that is not there is said at once, and a stop is heard.
+            ready_for_a_real_run("identify", settings, out_dir, yes=yes)
+            refuse_mounts("identify", names, mounted)
+        # Ports are opened before anything is computed, so that a missing server is reported and a stop acts at once.
         stage = None if dry else opened.enter_context(closing(_stage(settings, into)))
         owner = opened.enter_context(owning(as_script(_nothing_yet), settings, into, stage, config))
         process = None if dry else opened.enter_context(FingerProcess(settings.finger))
         finger = loaded(settings, process, as_json=False)
-        goals = usual_goals(names) if asked is None else goals_of(asked, settings, finger)
-        wanted = IdentificationOptions(goals, width / 100, presses, most_gwt, names)
-        foreseen = Foreseen.over(settings.finger, Prior(), *scope_of(wanted))
+        goals = usual_goals(names) if requested is None else goals_of(requested, settings, finger)
+        options = IdentificationOptions(goals, width / 100, presses, most_gwt, names)
+        predicted = PredictedForces.over(settings.finger, Prior(), *scope_of(options))
         with at_once():  # what ends this ends the processes that help it
-            foreseen.have(wanted.indentors, _counted)
-        meeting = Meeting(settings, foreseen, wanted)
-        script = MeetingScript(meeting, partial(said_after, meeting), partial(said_before, meeting))
+            predicted.have(options.indentors, _counted)
+        identification = Identification(settings, predicted, options)
+        script = IdentificationScript(
+            identification, partial(print_after_press, identification), partial(print_before_press, identification)
+        )
         session = Session(script.as_script(), settings, finger, Plan(), into, handler=script.handler)
         if stage is not None:
-            lines = page_lines(settings, wanted)
+            lines = page_lines(settings, options)
             confirmed_with(lines, yes=yes, asking=owner.asking, button=owner.button)
         done = _carried_out(session, script, owner, beginning, stage, mounted)
-        _written(done, meeting, settings, to, as_json=as_json)
-    _leave(done, meeting, to)
+        _written(done, identification, settings, to, as_json=as_json)
+    _leave(done, identification, to)
 
 
 def _refuse(width: float, most_gwt: float, settings: Config) -> None:
@@ -359,7 +370,7 @@ def _nothing_yet(rig: Rig) -> None:
 
 
 def _counted(what: str, function: Callable[[T], A], items: Sequence[T], /) -> Iterator[A]:
-    """Shared by as many processes as there are cores, and shown."""
+    """Compute the items on all cores, with a progress bar."""
     return counted(spread(function, items) if items else (), len(items), f"{what}, computed once", quiet=False)
 
 
@@ -369,16 +380,18 @@ def _stage(settings: Config, into: NewRun) -> StageInHand:
 
 def _carried_out(
     session: Session,
-    script: MeetingScript,
+    script: IdentificationScript,
     owner: RunOwner,
     beginning: Beginning,
     stage: StageInHand | None,
     mounted: str | None,
 ) -> FinishedRun:
     owner.at("running")
-    shown = progress(script.meeting.wanted.presses, None, as_json=True)  # in a pipe each press has its own lines
+    shown = progress(
+        script.identification.options.presses, None, as_json=True
+    )  # in a pipe each press has its own lines
     with at_a_safe_point(owner.pause) as pause, shown as watch:
-        attendant = MeetingAttendant(pause, watch, beginning.begins, None, owner)
+        attendant = IdentificationAttendant(pause, watch, beginning.begins, None, owner)
         attendant.script = script
         session = replace(session, attendant=attendant, button=owner.button)
         done = dry_run(session) if stage is None else real_run(session, asks_for(owner, mounted), stage)
@@ -386,42 +399,42 @@ def _carried_out(
     return done
 
 
-def _leave(done: FinishedRun, meeting: Meeting, to: Path) -> NoReturn:
-    if done.problem is None and meeting.learned.collapsed:
+def _leave(done: FinishedRun, identification: Identification, to: Path) -> NoReturn:
+    if done.problem is None and identification.learned.collapsed:
         complain(
             "the identification failed: too few samples explain the presses, and no command accepts "
             f"{to}; repeat the identification"
         )
         raise typer.Exit(ExitCode.STOPPED)
-    if done.problem is None and meeting.stranger is not None:
+    if done.problem is None and identification.mismatch is not None:
         complain(
-            f"the identification is flagged: {meeting.stranger}; other commands accept {to} only with --force; check "
-            "the indentors, the mount and the geometry, then repeat the identification"
+            f"the identification is flagged: {identification.mismatch}; other commands accept {to} only with "
+            "--force; check the indentors, the mount and the geometry, then repeat the identification"
         )
         raise typer.Exit(ExitCode.NO_FINGER)
     leave(done)
 
 
-def _written(done: FinishedRun, meeting: Meeting, settings: Config, to: Path, *, as_json: bool) -> None:
-    """The finger's file and a page, whatever ended the meeting, where there was a press to learn from."""
-    if meeting.given:
-        file = finger_file(meeting, settings, [done.folder.events])
+def _written(done: FinishedRun, identification: Identification, settings: Config, to: Path, *, as_json: bool) -> None:
+    """Write the finger file and the page if there was a press, and print the results."""
+    if identification.measured:
+        file = finger_file(identification, settings, [done.folder.events])
         replace_text(to, file.as_toml())
-        course = (meeting.foreseen, meeting.given, meeting.before, meeting.learned)
-        rows = (press_rows(meeting), force_rows(meeting), number_rows(meeting))
-        met = IdentificationPage(*course, *rows, meeting.not_learned, meeting.stranger)
-        write_meeting_page(done.folder.path / MEETING_PAGE, met)
+        course = (identification.predicted, identification.measured, identification.before, identification.learned)
+        rows = (press_rows(identification), force_rows(identification), number_rows(identification))
+        page = IdentificationPage(*course, *rows, identification.not_learned, identification.mismatch)
+        write_identification_page(done.folder.path / IDENTIFICATION_PAGE, page)
     done.folder.write_checksums()
     if as_json:
-        print_json(_as_json(done, meeting, to))
+        print_json(_as_json(done, identification, to))
         return
-    for about, words in said_at_the_end(done, meeting, to).items():
+    for about, words in final_lines(done, identification, to).items():
         for line in words if isinstance(words, list) else [words]:
             out.print(f"{about:<12}{line}")
     if done.problem is not None:
         err.print(
             "the finger file holds what was learned before the end"
-            if meeting.given
+            if identification.measured
             else "nothing was learned; no finger file was written"
         )
 
@@ -433,7 +446,7 @@ def find_command(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run with touches at several positions.")],
     as_json: JsonOption = False,
 ) -> None:
-    """Fit pad centre, height, roll and tilt to the touches; print [frame] for the configuration."""
+    """Fit pad center, height, roll and tilt to the touches; print [frame] for the configuration."""
     with told_in_one_line(as_json=as_json):
         recorded, settings = read_run(run), load_config(run / "config.toml")
         with loading_the_finger():

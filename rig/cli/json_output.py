@@ -1439,7 +1439,7 @@ class BugReportJson(Output):
 OUTPUTS: Mapping[str, tuple[Any, ...]] = {
     "dry-run": (FinishedRunJson,),
     "run": (FinishedRunJson,),
-    "meet": (IdentificationJson,),
+    "identify": (IdentificationJson,),
     "check": (CheckJson,),
     "resume": (FinishedRunJson,),
     "compare": (CompareJson,),

@@ -28,11 +28,11 @@ FingertipOption = Annotated[
     Path | None,
     typer.Option("--config", metavar="TOML", help="Finger configuration. Default: built-in values."),
 ]
-MetFingerOption = Annotated[
+FingerFileOption = Annotated[
     Path | None,
-    typer.Option("--finger", metavar="TOML", help="Finger file from rig meet. Default: the configured finger."),
+    typer.Option("--finger", metavar="TOML", help="Finger file from rig identify. Default: the configured finger."),
 ]
-ForceFingerOption = Annotated[bool, typer.Option("--force", help="Use a finger file that rig meet flagged.")]
+ForceFingerOption = Annotated[bool, typer.Option("--force", help="Use a finger file that rig identify flagged.")]
 _OPERATOR = "Operator"
 MountedOption = Annotated[
     str | None,

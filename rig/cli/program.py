@@ -13,7 +13,7 @@ from typing import Annotated, Literal, NamedTuple, get_args
 import typer
 
 from rig.cli.help import START_PAGE, PlainCommand, PlainGroup
-from rig.cli.output import ExitCode, fail, looking_busy, out, show_builds
+from rig.cli.output import ExitCode, fail, looking_busy, out, renamed, show_builds
 
 # some versions of typer carry their own copy of click, whose exceptions are reached through a public one.
 _ClickException = typer.BadParameter.mro()[2]
@@ -35,7 +35,9 @@ class Command(NamedTuple):
 COMMANDS = {
     "dry-run": Command("run.dry_run_command", "Run a protocol on virtual devices.", "Experiment"),
     "run": Command("run.run_command", "Run a protocol on the rig.", "Experiment"),
-    "meet": Command("identify_finger.meet_command", "Identify the finger from a few light presses.", "Experiment"),
+    "identify": Command(
+        "identify_finger.identify_command", "Identify the finger from a few light presses.", "Experiment"
+    ),
     "check": Command("run.check_command", "Check a protocol against the limits without motion.", "Experiment"),
     "resume": Command("run.resume_command", "Resume a stopped run and do the remaining steps.", "Experiment"),
     "compare": Command("compare.command", "Compare runs with recordings and write a report.", "Results"),
@@ -74,6 +76,8 @@ COMMANDS = {
     "doctor": Command("installation.doctor_command", "Check ports, versions, limits, solver and cache.", "System"),
 }
 
+OLD_NAMES = {"meet": "identify"}
+"""Commands of version 0.1 and their names now; an old name works for one release."""
 
 _GROUPS: tuple[Group, ...] = get_args(Group)
 
@@ -94,7 +98,8 @@ def run() -> None:
         out.print(START_PAGE, end="")
         sys.exit(ExitCode.BAD_INPUT)
     try:
-        code = _app(sys.argv[1:])(prog_name="rig", standalone_mode=False)
+        arguments = _with_new_name(sys.argv[1:])
+        code = _app(arguments)(arguments, prog_name="rig", standalone_mode=False)
     except Exception as error:
         if not isinstance(error, _ClickException):
             raise
@@ -105,6 +110,16 @@ def run() -> None:
             sys.exit(ExitCode.BAD_INPUT)
         fail(message, "usage", ExitCode.BAD_INPUT, as_json="--json" in sys.argv)
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _with_new_name(arguments: list[str]) -> list[str]:
+    """Return the arguments with the new name of a renamed command, and print that name."""
+    at = next((k for k, word in enumerate(arguments) if word != "--"), None)
+    if at is None or arguments[at] not in OLD_NAMES:
+        return arguments
+    new = OLD_NAMES[arguments[at]]
+    renamed(f"rig {arguments[at]}", f"rig {new}")
+    return [*arguments[:at], new, *arguments[at + 1 :]]
 
 
 def _app(arguments: list[str]) -> typer.Typer:

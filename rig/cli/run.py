@@ -23,9 +23,9 @@ from rig.cli.confirm import (
 )
 from rig.cli.options import (
     FingerConfigOption,
+    FingerFileOption,
     ForceFingerOption,
     JsonOption,
-    MetFingerOption,
     MoreArgument,
     MountedOption,
     OutOption,
@@ -79,7 +79,7 @@ def check_command(
     more: MoreArgument = None,
     set_: SetOption = None,
     config: FingerConfigOption = None,
-    finger_file: MetFingerOption = None,
+    finger_file: FingerFileOption = None,
     force: ForceFingerOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -146,7 +146,7 @@ def dry_run_command(
     more: MoreArgument = None,
     set_: SetOption = None,
     config: FingerConfigOption = None,
-    finger_file: MetFingerOption = None,
+    finger_file: FingerFileOption = None,
     force: ForceFingerOption = False,
     out_dir: OutOption = Path("runs"),
     speed: Annotated[
@@ -201,7 +201,7 @@ def run_command(
     config: Annotated[Path, typer.Option(metavar="TOML", help="Configuration of rig and finger.")],
     more: MoreArgument = None,
     set_: SetOption = None,
-    finger_file: MetFingerOption = None,
+    finger_file: FingerFileOption = None,
     force: ForceFingerOption = False,
     out_dir: OutOption = Path("runs"),
     subject: SubjectOption = None,

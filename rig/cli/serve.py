@@ -12,9 +12,9 @@ from rig.cli.options import FingerConfigOption, JsonOption
 from rig.cli.output import ExitCode, complain, err, loading_the_finger, out, print_json, renamed, told_in_one_line
 from rig.devices.registry import Room, names
 from rig.errors import BadInputError
-from rig.identify.random_finger import truth_of, with_stranger
+from rig.identify.random_finger import truth_of, with_random_finger
 from rig.plan.config import Config, load_config, unit
-from rig.plan.finger_file import Met, read_finger_file
+from rig.plan.finger_file import IdentifiedFinger, read_finger_file
 from sim.identification.prior import named, plain
 from sim.identification.uncertainty_bands import standard_deviations
 from sim.serve.prefetch import PressStatistics
@@ -110,7 +110,7 @@ def serve_command(
                 code="outside_range", option="--tcp", value=tcp, low=0, high=65534,
             )  # fmt: skip
         if random_finger is not None:
-            settings = with_stranger(settings, random_finger)
+            settings = with_random_finger(settings, random_finger)
         both = stage is None and force is None
         with loading_the_finger():
             bench = ServedBench(
@@ -156,7 +156,9 @@ def _statistics_line(found: PressStatistics) -> str:
 
 def stranger_command(
     seed: Annotated[int, typer.Argument(min=0, help="Seed of the random finger.")],
-    beside: Annotated[Path | None, typer.Option(metavar="TOML", help="Finger file from rig meet to compare.")] = None,
+    beside: Annotated[
+        Path | None, typer.Option(metavar="TOML", help="Finger file from rig identify to compare.")
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Do what `rig serve --reveal` does, under its old name."""
@@ -168,8 +170,8 @@ def _reveal(seed: int, beside: Path | None, *, as_json: bool) -> None:
     """Print each parameter of a random finger, with its 90 % band from a finger file."""
     with told_in_one_line(as_json=as_json):
         truth = truth_of(seed)
-        met = None if beside is None else read_finger_file(beside).met
-        found = [_beside(name, value, met) for name, value in truth.items()]
+        identified = None if beside is None else read_finger_file(beside).identified
+        found = [_beside(name, value, identified) for name, value in truth.items()]
         if as_json:
             print_json({"parameters": found})
             return
@@ -177,15 +179,15 @@ def _reveal(seed: int, beside: Path | None, *, as_json: bool) -> None:
             out.print(f"{one['name']:<14}{one['truth']:<8.3g}{_band(one)}")
 
 
-def _beside(name: str, value: float, met: Met | None) -> dict[str, Any]:
-    """Return a parameter with its 90 % band, in plain units rather than logarithms."""
-    row: dict[str, Any] = {"name": named(name), "unit": unit(named(name)) or "1", "truth": plain(name, value)}
-    if met is None or name not in met.posterior.names:
-        return row
-    k = met.posterior.names.index(name)
-    mean, sd = met.posterior.mean[k], math.sqrt(met.posterior.covariance[k][k])
+def _beside(name: str, value: float, identified: IdentifiedFinger | None) -> dict[str, Any]:
+    """Return a parameter without its logarithm, and its band in the finger file."""
+    found: dict[str, Any] = {"name": named(name), "unit": unit(named(name)) or "1", "truth": plain(name, value)}
+    if identified is None or name not in identified.posterior.names:
+        return found
+    k = identified.posterior.names.index(name)
+    mean, sd = identified.posterior.mean[k], math.sqrt(identified.posterior.covariance[k][k])
     low, high = (mean + sign * standard_deviations() * sd for sign in (-1, 1))
-    return {**row, "low": plain(name, low), "high": plain(name, high), "inside": low <= value <= high}
+    return {**found, "low": plain(name, low), "high": plain(name, high), "inside": low <= value <= high}
 
 
 def _band(one: dict[str, Any]) -> str:

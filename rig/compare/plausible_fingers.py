@@ -6,7 +6,7 @@ The file is TOML; each key is given the lowest and the highest value that is pla
     [finger.tissue]                     # or finger.geometry, keys as in a configuration
     epidermis_mm = [0.3, 0.5]
 
-The file of a finger that `rig meet` met is one, too (`docs/meet.md`). SSRPs are computed on a design, every
+A finger file that `rig identify` wrote is accepted too (`docs/identify.md`). SSRPs are computed on a design, every
 combination of the lowest, middle and highest value of each parameter, and are interpolated between its fingers.
 """
 
@@ -29,7 +29,7 @@ from rig.compare.fit import Fit, fit_rates, predicted
 from rig.compare.stimuli import Stimulus
 from rig.data import Run
 from rig.plan.config import told_of
-from rig.plan.finger_file import TISSUE, FingerFile, finger_file_of, refuse_flagged
+from rig.plan.finger_file import TISSUE, FingerFile, finger_file_of, is_finger_file, refuse_flagged
 from rig.settings import Settings
 from rig.study.parallel import spread
 from rig.study.parameter_study import interpolated, nodes_to_build
@@ -157,11 +157,11 @@ def read_plausible(path: Path) -> PlausibleFingers:
     with told_of(source, FingersError):
         content = path.read_bytes()
         tables = tomllib.loads(content.decode("utf-8-sig"))
-        met = "met" in tables
-        ranges = {} if met else _File.model_validate(tables).ranges
-    if met:
+        identified = is_finger_file(tables)
+        ranges = {} if identified else _File.model_validate(tables).ranges
+    if identified:
         file = finger_file_of(source, tables, path.parent)
-        refuse_flagged(source, file.met, ", or state ranges of your own")
+        refuse_flagged(source, file.identified, ", or state ranges of your own")
         ranges = _ranges_of(file)
     found = PlausibleFingers(source, ranges, hashlib.sha256(content).hexdigest())
     if not ranges:
@@ -188,7 +188,7 @@ def _ranges_of(file: FingerFile) -> dict[str, Range]:
     Each range holds 90 % of the samples and the maximum-likelihood value.
     """
     own = file.finger.tissue
-    values = {name: np.array([getattr(draw, name) for draw in file.met.draw]) for name in TISSUE}
+    values = {name: np.array([getattr(draw, name) for draw in file.identified.draw]) for name in TISSUE}
     spread = {
         name: float(np.ptp(found) / np.abs(found).max()) if found.any() else 0.0 for name, found in values.items()
     }

@@ -258,8 +258,11 @@ def _digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-SCRIPT = "meeting_script.py"
+SCRIPT = "identification_script.py"
 """Script name in the provenance of an identification."""
 
-MEETING_PAGE = "meeting.html"
+IDENTIFICATION_PAGE = "identification.html"
 """Page of an identification in the run folder, if it learned something."""
+
+SCRIPTS, IDENTIFICATION_PAGES = (SCRIPT, "meeting_script.py"), (IDENTIFICATION_PAGE, "meeting.html")
+"""The same, and the names that version 0.1 wrote."""

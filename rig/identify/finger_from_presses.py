@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.identify.adaptive_presses import Meeting
+from rig.identify.adaptive_presses import Identification
 from rig.plan.config import Config
-from rig.plan.finger_file import Band, Draw, FingerFile, Met, Place, Posterior
+from rig.plan.finger_file import Band, Draw, FingerFile, IdentifiedFinger, Place, Posterior
 from sim.identification.prior import Prior, series_of, tissue_of
 from sim.identification.uncertainty_bands import COVERAGE
 
@@ -21,24 +21,24 @@ _DRAWS = 16
 _DIGITS = 6
 
 
-def finger_file(meeting: Meeting, config: Config, journals: Sequence[Path]) -> FingerFile:
-    """Of a meeting with at least one press, and the journals that it came from."""
-    learned, prior = meeting.learned, meeting.foreseen.prior
+def finger_file(identification: Identification, config: Config, journals: Sequence[Path]) -> FingerFile:
+    """Return the finger file of an identification with at least one press."""
+    learned, prior = identification.learned, identification.predicted.prior
     sd = np.sqrt(learned.covariance.diagonal())
     x, height = prior.index("x_mm"), prior.index("height_mm")
-    likeliest = _draw(prior, learned.likeliest)
-    zeros = [given.zero_gwt for given in meeting.given]
-    tissue = config.finger.tissue.model_copy(update=likeliest.model_dump(exclude={"relaxation"}))
-    met = Met(
+    most_likely = _draw(prior, learned.most_likely)
+    zeros = [measured.zero_gwt for measured in identification.measured]
+    tissue = config.finger.tissue.model_copy(update=most_likely.model_dump(exclude={"relaxation"}))
+    identified = IdentifiedFinger(
         date=datetime.now(UTC).isoformat(timespec="seconds"),
         version=version("indentation-rig"),
         bench=f"{config.stage.kind} and {config.force.kind}",
         runs=tuple(path.parent.name for path in journals),
         journals_sha256=tuple(hashlib.sha256(path.read_bytes()).hexdigest() for path in journals),
-        presses=len(meeting.given),
+        presses=len(identification.measured),
         collapsed=learned.collapsed,
-        flagged=meeting.stranger,
-        not_learned=tuple(meeting.not_learned),
+        flagged=identification.mismatch,
+        not_learned=tuple(identification.not_learned),
         place=Place(
             x_mm=_fine(learned.mean[x]),
             x_sd_mm=_fine(sd[x]),
@@ -53,15 +53,17 @@ def finger_file(meeting: Meeting, config: Config, journals: Sequence[Path]) -> F
             covariance=tuple(tuple(float(f"{v:.6g}") for v in row) for row in learned.covariance),
         ),
         draw=tuple(_draw(prior, one) for one in _spread(learned.draws)),
-        band=Band(model_error=_fine(meeting.own_error), coverage=COVERAGE),
+        band=Band(model_error=_fine(identification.own_error), coverage=COVERAGE),
     )
     return FingerFile(
-        finger=config.finger.model_copy(update={"tissue": tissue}), relaxation=likeliest.relaxation, met=met
+        finger=config.finger.model_copy(update={"tissue": tissue}),
+        relaxation=most_likely.relaxation,
+        identified=identified,
     )
 
 
 def _spread(draws: Array) -> list[Array]:
-    """(16,) of the equally likely ones, evenly along what they differ in most."""
+    """Return 16 draws, spaced evenly along their first principal component."""
     off = (draws - draws.mean(axis=0)) / draws.std(axis=0)
     along = np.argsort(off @ np.linalg.svd(off, full_matrices=False)[2][0])
     return [draws[along[int((k + 0.5) * len(draws) / _DRAWS)]] for k in range(_DRAWS)]

@@ -1,4 +1,4 @@
-"""Where the finger lies: its frame, from places at which a sphere touched it."""
+"""Frame of the finger, fitted to touches of a sphere."""
 
 from dataclasses import dataclass
 
@@ -18,18 +18,18 @@ from sim.plant import Pose, Turn
 Array = NDArray[np.float64]
 
 NAMES = ("pad_centre_x_mm", "apex_z_mm", "pad_y_mm", "roll_deg", "tilt_deg")
-_SPACING_MM = 0.05  # of the skin's points: a sphere between two of them is 0.3 µm off
-_TOUCHED_RAD = 1.2  # either side of the top
+_SPACING_MM = 0.05  # spacing of the skin's points; the error of a touch between two of them is 0.3 µm
+_TOUCHED_RAD = 1.2  # on either side of the apex
 # No touch is known better than to a few micrometres: steps of the stage, and readings of a hundredth of a gram.
 _LEAST_SD_MM = 0.003
-_WALK = (0.05, 0.05, 0.05, 1.0, 1.0)  # mm and degrees, of the derivatives
+_WALK = (0.05, 0.05, 0.05, 1.0, 1.0)  # steps of the derivatives, mm and degrees
 
 
 @dataclass(frozen=True)
 class Lie:
-    """A frame in machine coordinates, by the keys of [frame]: values, standard deviations, and their correlation.
+    """Frame in machine coordinates, by the keys of [frame]: values, standard deviations, and their correlation.
 
-    residual_mm: root mean square of what the touches are off the fitted finger.
+    residual_mm: root mean square distance of the touches from the fitted finger (mm).
     """
 
     value: dict[str, float]
@@ -39,7 +39,7 @@ class Lie:
     touches: int
 
     def as_toml(self) -> str:
-        """[frame] for the configuration file."""
+        """Return the [frame] table of a configuration file."""
         frame = tomlkit.table()
         for name, value in self.value.items():
             frame.add(name, tomlkit.value(f"{value:.4f}").comment(f"± {2 * self.sd[name]:.4f} (95 %)"))
@@ -47,7 +47,7 @@ class Lie:
 
 
 class _Skin:
-    """The pulp as points: (n,) x, height above the apex and distance along from the receptor plane, mm."""
+    """Points of the pulp: (n,) x, height above the apex and distance from the receptor plane (mm)."""
 
     def __init__(self, finger: Fingertip) -> None:
         surface: FingertipSurface = finger.surface
@@ -59,7 +59,7 @@ class _Skin:
         self.along = np.repeat(z, len(phi)) - finger.config.receptor_plane_mm
 
     def touched_at(self, pose: Pose, radius_mm: float) -> float:
-        """Height of the sphere's lowest point where it first touches, mm above the apex."""
+        """Return the height of the sphere's lowest point at first touch, above the apex (mm)."""
         under = radius_mm**2 - (self.x - pose.x_mm) ** 2 - (self.along - pose.along_mm) ** 2
         near = under > 0
         return float((self.y[near] + np.sqrt(under[near])).max() - radius_mm) if near.any() else -radius_mm

@@ -1,4 +1,4 @@
-"""Fingers drawn at random from the prior, to lie under a virtual bench and be identified."""
+"""Random fingers of the prior for a virtual bench."""
 
 import numpy as np
 
@@ -6,23 +6,23 @@ from rig.plan.config import Config
 from sim.identification.prior import Prior, series_of, tissue_of
 
 CELL_NOISE_GWT = 0.02
-MOST_DRIFT_GWT_PER_MIN = 0.1  # of the cell's zero, either way
+MOST_DRIFT_GWT_PER_MIN = 0.1  # largest drift of the zero, in either direction
 
 
 def truth_of(seed: int, prior: Prior | None = None) -> dict[str, float]:
-    """The stranger's numbers, by the names of the prior."""
+    """Return the parameters of the random finger of a seed, by the names of the prior."""
     prior = prior or Prior()
     chance = np.random.default_rng([seed, 0x5712A9])
     return dict(zip(prior.names, prior.draws(1, chance)[0].tolist(), strict=True))
 
 
-def with_stranger(config: Config, seed: int) -> Config:
-    """The configuration of a bench under which a stranger lies; what is known of the bench stays as it is."""
-    return as_told(config, truth_of(seed), seed)
+def with_random_finger(config: Config, seed: int) -> Config:
+    """Return the configuration of a virtual bench with the random finger of a seed."""
+    return with_parameters(config, truth_of(seed), seed)
 
 
-def as_told(config: Config, truth: dict[str, float], seed: int = 0) -> Config:
-    """The configuration of a bench under which a finger of these numbers lies."""
+def with_parameters(config: Config, truth: dict[str, float], seed: int = 0) -> Config:
+    """Return the configuration of a virtual bench with a finger of these parameters."""
     tissue = config.finger.tissue.model_copy(update=tissue_of(truth))
     drift = float(np.random.default_rng([seed, 0xD81F7]).uniform(-MOST_DRIFT_GWT_PER_MIN, MOST_DRIFT_GWT_PER_MIN))
     virtual = config.virtual.model_copy(

@@ -10,13 +10,13 @@ from typing import Annotated, Any, Literal, Self, get_args, get_origin
 
 import tomlkit
 from annotated_types import Ge, Gt, Le, Lt
-from pydantic import AfterValidator, BaseModel, Field, ValidationError, model_validator
+from pydantic import AfterValidator, AliasChoices, BaseModel, Field, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 
 from rig.devices.registry import KnownBench, names, with_kind_tables
 from rig.errors import WRITTEN_BY_COMMANDS, RigError, RuleError, around, first_problem, plain_rule
 from rig.plan.finger_file import (
-    Met,
+    IdentifiedFinger,
     checked_relaxation,
     read_finger_file,
     refuse_collapsed,
@@ -96,9 +96,10 @@ class Config(RigSettings, KnownBench):
 
     finger: FingertipConfig = FingertipConfig()
     virtual: VirtualSettings = VirtualSettings()
-    met: Met | None = Field(
+    identified: IdentifiedFinger | None = Field(
         None,
-        description="results of the identification of this finger: docs/meet.md",
+        validation_alias=AliasChoices("identified", "met"),  # met: version 0.1
+        description="results of the identification of this finger: docs/identify.md",
         json_schema_extra=WRITTEN_BY_COMMANDS,
     )
 
@@ -138,8 +139,8 @@ def load_config(path: Path | None) -> Config:
         found = Config.model_validate(tables, context={"folder": path.parent})
     except ValidationError as error:
         raise first_problem(f"config {path}", error, with_kind_tables(Config, tables)) from None
-    if found.met is not None:
-        refuse_collapsed(f"config {path}", found.met)
+    if found.identified is not None:
+        refuse_collapsed(f"config {path}", found.identified)
     return found
 
 
@@ -153,9 +154,9 @@ def with_finger(config: Config, path: Path | None, *, force: bool = False) -> Co
     config : Config
         The configuration.
     path : Path or None
-        File that `rig meet` wrote; None to keep the finger of the configuration.
+        File that `rig identify` wrote; None to keep the finger of the configuration.
     force : bool, optional
-        Accept a file that `rig meet` flagged because no finger of its prior explains the presses.
+        Accept a file that `rig identify` flagged because no finger of its prior explains the presses.
 
     Returns
     -------
@@ -169,16 +170,16 @@ def with_finger(config: Config, path: Path | None, *, force: bool = False) -> Co
     """
     all_the_same = ", or add --force to use the finger all the same"
     if path is None:
-        if config.met is not None and not force:
-            refuse_flagged("[met] of the configuration", config.met, all_the_same)
+        if config.identified is not None and not force:
+            refuse_flagged("[identified] of the configuration", config.identified, all_the_same)
         return config
     found = read_finger_file(path)
     if not force:
-        refuse_flagged(f"finger file {path}", found.met, all_the_same)
+        refuse_flagged(f"finger file {path}", found.identified, all_the_same)
     sets_its_own = "relaxation" in config.virtual.model_fields_set
     relaxes = {} if sets_its_own else {"relaxation": found.relaxation}
     virtual = config.virtual.model_copy(update=relaxes)
-    return config.model_copy(update={"finger": found.finger, "met": found.met, "virtual": virtual})
+    return config.model_copy(update={"finger": found.finger, "identified": found.identified, "virtual": virtual})
 
 
 # Longer endings first: `mm_s` before `s`.

@@ -1,6 +1,6 @@
 """File of an identified finger: part of a configuration, with the result of the identification and its sources.
 
-Tables: `[finger]` the maximum-likelihood finger, `[virtual]` its relaxation, `[met]` the rest.
+Tables: `[finger]` the maximum-likelihood finger, `[virtual]` its relaxation, `[identified]` the rest.
 """
 
 import math
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Self
 
 import tomlkit
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import AliasChoices, Field, ValidationError, field_validator, model_validator
 
 from rig.errors import BadInputError, RuleError, first_problem
 from rig.settings import Settings
@@ -118,7 +118,7 @@ class Band(Settings):
     coverage: float = Field(0.9, gt=0, lt=1)
 
 
-class Met(Settings):
+class IdentifiedFinger(Settings):
     """Sources and uncertainty of an identified finger."""
 
     date: str
@@ -152,12 +152,15 @@ class Met(Settings):
         return self
 
 
+Met = IdentifiedFinger  # so named in pickles of 0.1
+
+
 class FingerFile(Settings):
     """Content of a finger file."""
 
     finger: FingertipConfig
     relaxation: Relaxation
-    met: Met
+    identified: IdentifiedFinger = Field(validation_alias=AliasChoices("identified", "met"))  # met: version 0.1
 
     _lasts = field_validator("relaxation")(checked_relaxation)
 
@@ -165,36 +168,37 @@ class FingerFile(Settings):
         """Return the file as TOML."""
         tables = self.model_dump(mode="json", exclude_none=True)
         return tomlkit.dumps(
-            {"finger": tables["finger"], "virtual": {"relaxation": tables["relaxation"]}} | {"met": tables["met"]}
+            {"finger": tables["finger"], "virtual": {"relaxation": tables["relaxation"]}}
+            | {"identified": tables["identified"]}
         )
 
 
-def refuse_collapsed(what: str, met: Met) -> None:
+def refuse_collapsed(what: str, identified: IdentifiedFinger) -> None:
     """Raise BadInputError for a collapsed identification, which files of version 0.1 show by equal draws."""
-    if met.collapsed or all(draw == met.draw[0] for draw in met.draw):
+    if identified.collapsed or all(draw == identified.draw[0] for draw in identified.draw):
         raise BadInputError(
             "{where}: the identification collapsed onto too few fingers, so its bands are meaningless; "
-            "repeat `rig meet` until it ends with exit code 0",
+            "repeat `rig identify` until it ends with exit code 0",
             code="collapsed",
             where=what,
         )
 
 
-def refuse_flagged(what: str, met: Met, remedy: str = "") -> None:
+def refuse_flagged(what: str, identified: IdentifiedFinger, remedy: str = "") -> None:
     """Raise BadInputError for an identification that no finger of the prior explains; remedy: begins with a comma."""
-    if met.flagged is not None:
+    if identified.flagged is not None:
         raise BadInputError(
-            "{where}: no finger of the prior explains its presses: {why}; repeat `rig meet`{remedy}",
+            "{where}: no finger of the prior explains its presses: {why}; repeat `rig identify`{remedy}",
             code="flagged",
             where=what,
-            why=met.flagged,
+            why=identified.flagged,
             remedy=remedy,
         )
 
 
-def fingers_of(finger: FingertipConfig, met: Met) -> list[FingertipConfig]:
+def fingers_of(finger: FingertipConfig, identified: IdentifiedFinger) -> list[FingertipConfig]:
     """Return the equally likely fingers, which differ only in the stiffness of their tissue."""
-    return [finger.model_copy(update={"tissue": _tissue(finger.tissue, draw)}) for draw in met.draw]
+    return [finger.model_copy(update={"tissue": _tissue(finger.tissue, draw)}) for draw in identified.draw]
 
 
 def _tissue(tissue: Tissue, draw: Draw) -> Tissue:
@@ -220,18 +224,25 @@ def tables_in(what: str, path: Path) -> dict[str, Any]:
                             problem=str(error)) from None  # fmt: skip
 
 
+def is_finger_file(tables: dict[str, Any]) -> bool:
+    """Return whether the tables include the result of an identification."""
+    return "identified" in tables or "met" in tables
+
+
 def finger_file_of(what: str, tables: dict[str, Any], folder: Path) -> FingerFile:
     """Validate the tables of a finger file. Raises BadInputError, which begins with `what`."""
-    if "met" not in tables:
+    if not is_finger_file(tables):
         raise BadInputError(
-            "{where}: no [met] table; give a file that `rig meet` wrote", code="no_met_table", where=what
+            "{where}: no [identified] table; give a file that `rig identify` wrote",
+            code="no_identified_table",
+            where=what,
         )
     relaxation = tables.get("virtual", {}).get("relaxation", ())
     rest = {name: table for name, table in tables.items() if name != "virtual"}
     try:
         found = FingerFile.model_validate({**rest, "relaxation": relaxation}, context={"folder": folder})
-        fingers_of(found.finger, found.met)
+        fingers_of(found.finger, found.identified)
     except ValidationError as error:
         raise first_problem(what, error) from None
-    refuse_collapsed(what, found.met)
+    refuse_collapsed(what, found.identified)
     return found

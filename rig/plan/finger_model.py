@@ -16,7 +16,7 @@ from rig.data import Run
 from rig.data.folder import SHAPE_COPY, replace_bytes
 from rig.engine.limits import CONTACT_EXPONENT
 from rig.errors import around
-from rig.plan.finger_file import Met, fingers_of
+from rig.plan.finger_file import IdentifiedFinger, fingers_of
 from rig.protocol.check import ForceTooDeepError, NoPredictionError
 from rig.records import Pace, Prediction, PredictionBand, Target
 from sim.config import FingertipConfig
@@ -74,21 +74,23 @@ class Answers(NamedTuple):
     highest_gwt: Array
 
 
-def answers(finger: Fingertip, shape: Indentor, x_mm: float, target: Target, pace: Pace, met: Met) -> Answers:
+def answers(
+    finger: Fingertip, shape: Indentor, x_mm: float, target: Target, pace: Pace, identified: IdentifiedFinger
+) -> Answers:
     """Return the responses; NaN where the model does not converge. Raises ModelRangeError."""
     return Answers(
         *np.array(
             [
                 _answer(one, shape, x_mm, target, pace, draw.relaxation)
-                for one, draw in zip(_likely(finger.config, met), met.draw, strict=True)
+                for one, draw in zip(_likely(finger.config, identified), identified.draw, strict=True)
             ]
         ).T
     )
 
 
-def band_of(found: Answers, met: Met) -> tuple[float, float, PredictionBand]:
+def band_of(found: Answers, identified: IdentifiedFinger) -> tuple[float, float, PredictionBand]:
     """Return median force and depth and their bands: log-normal, widened by the error of the simulator."""
-    error, coverage = met.band.model_error, met.band.coverage
+    error, coverage = identified.band.model_error, identified.band.coverage
     controlled = float(np.ptp(np.log(found.held_gwt))) < 1e-9  # a commanded force
     force = band(found.held_gwt, 0.0 if controlled else error, coverage)
     depth = band(found.doi_mm, error / CONTACT_EXPONENT if controlled else 0.0, coverage)
@@ -97,8 +99,8 @@ def band_of(found: Answers, met: Met) -> tuple[float, float, PredictionBand]:
 
 
 @lru_cache(maxsize=1)
-def _likely(config: FingertipConfig, met: Met) -> list[Fingertip]:
-    return [Fingertip.load(one, exact=False).keeping_ways() for one in fingers_of(config, met)]
+def _likely(config: FingertipConfig, identified: IdentifiedFinger) -> list[Fingertip]:
+    return [Fingertip.load(one, exact=False).keeping_ways() for one in fingers_of(config, identified)]
 
 
 def _answer(
@@ -142,10 +144,14 @@ class FingerModel:
     """
 
     def __init__(
-        self, finger: Finger, kept: Predictions, where: Callable[[str], str] = str, met: Met | None = None
+        self,
+        finger: Finger,
+        kept: Predictions,
+        where: Callable[[str], str] = str,
+        identified: IdentifiedFinger | None = None,
     ) -> None:
-        """met: result of the identification, if the finger was identified."""
-        self._finger, self._kept, self._where, self._met = finger, kept, where, met
+        """identified: result of the identification, if the finger was identified."""
+        self._finger, self._kept, self._where, self._identified = finger, kept, where, identified
         self._shapes: dict[str, Indentor] = {}
 
     def refuse_shape(self, indentor: str) -> None:
@@ -160,11 +166,11 @@ class FingerModel:
         asked = indentor, x_mm, target
         if asked not in self._kept:
             self._kept[asked] = self._solved(*asked)
-        if self._met is None or pace is None:
+        if self._identified is None or pace is None:
             return self._kept[asked]
         paced = *asked, pace
         if paced not in self._kept:
-            self._kept[paced] = self._with_band(self._kept[asked], pace, self._met)
+            self._kept[paced] = self._with_band(self._kept[asked], pace, self._identified)
         return self._kept[paced]
 
     def touch_height_mm(self, indentor: str, x_mm: float, along_mm: float) -> float:
@@ -179,8 +185,8 @@ class FingerModel:
     def _solved(self, indentor: str, x_mm: float, target: Target) -> Prediction:
         return asked(self._finger, _predicted, self._shape(indentor), RequestedPress(indentor, x_mm, target))
 
-    def _with_band(self, found: Prediction, pace: Pace, met: Met) -> Prediction:
-        return asked(self._finger, _with_band, found, self._shape(found.indentor), pace, met)
+    def _with_band(self, found: Prediction, pace: Pace, identified: IdentifiedFinger) -> Prediction:
+        return asked(self._finger, _with_band, found, self._shape(found.indentor), pace, identified)
 
 
 class RequestedPress(NamedTuple):
@@ -205,18 +211,20 @@ def _touch_height_mm(finger: Fingertip, shape: Indentor, x_mm: float, along_mm: 
     return finger.touch_height_mm(shape, x_mm, z_mm=z_mm) - finger.apex_height_mm
 
 
-def _with_band(finger: Fingertip, found: Prediction, shape: Indentor, pace: Pace, met: Met) -> Prediction:
+def _with_band(
+    finger: Fingertip, found: Prediction, shape: Indentor, pace: Pace, identified: IdentifiedFinger
+) -> Prediction:
     """Return the prediction with the band of the likely fingers; area and pressure are of the most likely one."""
     try:
-        likely = answers(finger, shape, found.x_mm, found.target, pace, met)
+        likely = answers(finger, shape, found.x_mm, found.target, pace, identified)
     except ForceOutOfReachError as error:
         sentence = "for one of the {fingers} likely fingers: {problem}"
-        raise around(ForceTooDeepError, sentence, error, fingers=len(met.draw)) from None
+        raise around(ForceTooDeepError, sentence, error, fingers=len(identified.draw)) from None
     if not np.isfinite(likely).all():
         raise NoPredictionError(
             "the model does not converge here for one of the likely fingers", code="likely_finger_not_converged"
         )
-    force_gwt, doi_mm, band = band_of(likely, met)
+    force_gwt, doi_mm, band = band_of(likely, identified)
     return replace(found, predicted_force_gwt=force_gwt, predicted_doi_mm=doi_mm, band=band)
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rig.data import Run
 from rig.plan.config import Config, load_config
-from rig.plan.finger_file import Draw, FingerFile, Met, Posterior
+from rig.plan.finger_file import Draw, FingerFile, IdentifiedFinger, Posterior
 from rig.plan.finger_model import answers
 from rig.records import Pace, Target
 from sim.contact.shapes import parse_shape
@@ -44,20 +44,23 @@ class ReferenceForce:
 def learned(run: Run, finger: Fingertip) -> FingerFile | None:
     """Return the finger file after a run; None without an identified finger or references."""
     config = load_config(run.folder.config)
-    seen = [] if config.met is None else references(run, config)
-    if config.met is None or not seen:
+    seen = [] if config.identified is None else references(run, config)
+    if config.identified is None or not seen:
         return None
-    met = config.met
+    identified = config.identified
     for one in seen:
-        said = answers(finger, parse_shape(one.indentor), one.x_mm, one.target, one.pace, met)
-        met = taken_in(met, np.log(said.held_gwt), one)
-    tissue = config.finger.tissue.model_copy(update=_middle(met.draw))
+        predicted = answers(finger, parse_shape(one.indentor), one.x_mm, one.target, one.pace, identified)
+        identified = taken_in(identified, np.log(predicted.held_gwt), one)
+    tissue = config.finger.tissue.model_copy(update=_middle(identified.draw))
     sha256 = hashlib.sha256(run.folder.events.read_bytes()).hexdigest()
-    about = {"runs": (*met.runs, run.folder.path.name), "journals_sha256": (*met.journals_sha256, sha256)}
+    about = {
+        "runs": (*identified.runs, run.folder.path.name),
+        "journals_sha256": (*identified.journals_sha256, sha256),
+    }
     return FingerFile(
         finger=config.finger.model_copy(update={"tissue": tissue}),
         relaxation=config.virtual.relaxation,
-        met=met.model_copy(update=about),
+        identified=identified.model_copy(update=about),
     )
 
 
@@ -82,24 +85,26 @@ def _together(press: tuple[str, float, Target, Pace], alike: Sequence[tuple[floa
     return ReferenceForce(*press, float(logs.mean()), float(variances.mean() / len(logs)))
 
 
-def taken_in(met: Met, ln_said: Array, seen: ReferenceForce) -> Met:
+def taken_in(identified: IdentifiedFinger, ln_predicted: Array, seen: ReferenceForce) -> IdentifiedFinger:
     """Return the identification after one observation, given the predictions (draws,)."""
-    spread = float(ln_said.var(ddof=1))
+    spread = float(ln_predicted.var(ddof=1))
     if spread < _LEAST_SPREAD:
-        return met
-    noise = met.band.model_error**2 + seen.variance
-    moved = spread / (spread + noise) * (seen.ln_force - ln_said.mean())
+        return identified
+    noise = identified.band.model_error**2 + seen.variance
+    moved = spread / (spread + noise) * (seen.ln_force - ln_predicted.mean())
     drawn = math.sqrt(noise / (spread + noise)) - 1
-    change = moved + drawn * (ln_said - ln_said.mean())
-    z = np.array([_logs(draw) for draw in met.draw])
-    slope = (z - z.mean(axis=0)).T @ (ln_said - ln_said.mean()) / (spread * (len(z) - 1))
-    draws = tuple(_draw(draw, row) for draw, row in zip(met.draw, z + change[:, None] * slope, strict=True))
-    return met.model_copy(update={"draw": draws, "posterior": _posterior(met, slope, moved, spread, noise)})
+    change = moved + drawn * (ln_predicted - ln_predicted.mean())
+    z = np.array([_logs(draw) for draw in identified.draw])
+    slope = (z - z.mean(axis=0)).T @ (ln_predicted - ln_predicted.mean()) / (spread * (len(z) - 1))
+    draws = tuple(_draw(draw, row) for draw, row in zip(identified.draw, z + change[:, None] * slope, strict=True))
+    return identified.model_copy(
+        update={"draw": draws, "posterior": _posterior(identified, slope, moved, spread, noise)}
+    )
 
 
-def _posterior(met: Met, slope: Array, moved: float, spread: float, noise: float) -> Posterior:
+def _posterior(identified: IdentifiedFinger, slope: Array, moved: float, spread: float, noise: float) -> Posterior:
     """Return the posterior of the updated names; the others stay."""
-    before = met.posterior
+    before = identified.posterior
     by_name = dict(zip(NAMES, slope, strict=True))
     along = np.array([by_name.get(name, 0.0) for name in before.names])
     mean = np.array(before.mean) + along * moved

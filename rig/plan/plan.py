@@ -71,8 +71,8 @@ class Plan:
         """Soft trip (N): 2 × the predicted peak, or 1.25 × the upper end of a band, but above the noise."""
         if self.first_soft_trip_n is not None:
             return self.first_soft_trip_n
-        met = all(planned.band is not None for planned in self.all_presses)
-        times = SOFT_TRIP_OVER_BAND if met else _SOFT_TRIP_OVER_PREDICTED
+        banded = all(planned.band is not None for planned in self.all_presses)
+        times = SOFT_TRIP_OVER_BAND if banded else _SOFT_TRIP_OVER_PREDICTED
         return max(times * self.peak_force_gwt * GWT_N, SMALLEST_SOFT_TRIP_N)
 
 
@@ -98,7 +98,7 @@ def make_plan(
     first_soft_trip_n = None if before is None else before.start.get("soft_trip_n")
     plan = Plan(first_soft_trip_n=first_soft_trip_n)
     where = partial(_kept, plan) if folder is None else partial(kept_in, folder)
-    walk = Walk(config, FingerModel(finger, plan.predictions, where, config.met))
+    walk = Walk(config, FingerModel(finger, plan.predictions, where, config.identified))
     planner: Handler = Planner(walk, plan)
     if before is not None and first_soft_trip_n is not None:
         planner = TakenUp(before, planner)

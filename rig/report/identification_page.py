@@ -12,55 +12,60 @@ from rig.data.folder import replace_text
 from rig.report.page_parts import PageFigure, Section, alone, render
 from rig.report.style import BLUE, GREY, ORANGE, Plot
 from sim.identification.posterior import Learned
-from sim.identification.predicted_forces import Foreseen, Given
+from sim.identification.predicted_forces import MeasuredPress, PredictedForces
 from sim.identification.prior import named, plain
 from sim.identification.uncertainty_bands import COVERAGE
 
-_SHOWN = 60  # draws of a panel
+_SHOWN = 60  # draws in a panel
 _ACROSS = 4
 
 
 @dataclass(frozen=True)
 class IdentificationPage:
-    """All that the page is made of; presses, forces and numbers are rows."""
+    """Content of the page; presses, forces and numbers are table rows."""
 
-    foreseen: Foreseen
-    given: Sequence[Given]
+    predicted: PredictedForces
+    measured: Sequence[MeasuredPress]
     before: Learned
     learned: Learned
     presses: Sequence[tuple[str, ...]]
     forces: Sequence[tuple[str, ...]]
     numbers: Sequence[tuple[str, ...]]
     not_learned: Sequence[str]
-    stranger: str | None = None  # why it is no finger of the prior
+    mismatch: str | None = None  # why no finger of the prior explains the presses
 
 
-def write_meeting_page(path: Path, met: IdentificationPage) -> None:
-    """One self-contained page. Raises OSError."""
+def write_identification_page(path: Path, page: IdentificationPage) -> None:
+    """Write one self-contained page. Raises OSError."""
     sections = [
-        Section("Known forces", _IN_BRACKETS, (*_PRESS, "force (gwt)", "known to"), tuple(met.forces)),
+        Section("Known forces", _IN_BRACKETS, (*_PRESS, "force (gwt)", "known to"), tuple(page.forces)),
         Section(
-            "Not learned", "" if met.not_learned else "All requested forces are known.", points=tuple(met.not_learned)
+            "Not learned",
+            "" if page.not_learned else "All requested forces are known.",
+            points=tuple(page.not_learned),
         ),
         Section(
             "Presses",
             f"Highest force of each press: predicted before it, and measured. {_IN_BRACKETS} The last column "
             "says how well all requested forces are known after the press.",
-            ("press", *_PRESS, "foreseen (gwt)", "measured (gwt)", "all known to"),
-            tuple(met.presses),
+            ("press", *_PRESS, "predicted (gwt)", "measured (gwt)", "all known to"),
+            tuple(page.presses),
         ),
-        alone(PageFigure("Each press over time", _presses(met), _OVER_TIME)),
-        Section("Numbers of the finger", _AFTER_AND_BEFORE, ("", "likeliest", "after", "before"), tuple(met.numbers)),
-        alone(PageFigure("Before and after", _marginals(met), _BEFORE_AND_AFTER)),
-        alone(PageFigure("Correlations", _correlations(met), _CORRELATED)),
+        alone(PageFigure("Each press over time", _presses(page), _OVER_TIME)),
+        Section(
+            "Numbers of the finger",
+            _AFTER_AND_BEFORE,
+            ("", "maximum-likelihood", "after", "before"),
+            tuple(page.numbers),
+        ),
+        alone(PageFigure("Before and after", _marginals(page), _BEFORE_AND_AFTER)),
+        alone(PageFigure("Correlations", _correlations(page), _CORRELATED)),
     ]
-    presses = f"{len(met.given)} press{'es' if len(met.given) > 1 else ''}"
-    title = "Identified finger" if met.stranger is None else "The identified object is not a finger of the prior"
-    about = (
-        f"{presses}: "
-        f"{met.stranger or 'the predicted forces agree with the measured ones within the errors of sensor and model'}"
-    )
-    replace_text(path, render("meeting.html.j2", title=title, about=about, sections=sections))
+    presses = f"{len(page.measured)} press{'es' if len(page.measured) > 1 else ''}"
+    title = "Identified finger" if page.mismatch is None else "The identified object is not a finger of the prior"
+    agree = "the predicted forces agree with the measured ones within the errors of sensor and model"
+    about = f"{presses}: {page.mismatch or agree}"
+    replace_text(path, render("identification.html.j2", title=title, about=about, sections=sections))
 
 
 _PRESS = ("shape", "x (mm)", "depth (mm)")
@@ -80,18 +85,22 @@ _CORRELATED = (
 )
 
 
-def _presses(met: IdentificationPage) -> Plot:
-    down = -(-len(met.given) // _ACROSS)
+def _presses(page: IdentificationPage) -> Plot:
+    down = -(-len(page.measured) // _ACROSS)
 
     def draw(figure: Canvas) -> None:
         grid = figure.subplots(down, _ACROSS, squeeze=False)
-        for number, (axes, given) in enumerate(zip(grid.flat, met.given, strict=False), 1):
-            t_s = given.way.asked_s - given.way.t_s[0]
-            axes.plot(t_s, met.foreseen.forces_gwt(met.learned.draws[:_SHOWN], given.way).T, color=BLUE, lw=0.3)
-            axes.plot(t_s, given.force_gwt, ".", color="black", ms=4)
-            axes.set_title(f"{number}: {given.way.indentor} at {given.way.x_mm:+.1f} mm", fontsize=9)
+        for number, (axes, measured) in enumerate(zip(grid.flat, page.measured, strict=False), 1):
+            t_s = measured.trajectory.read_s - measured.trajectory.t_s[0]
+            axes.plot(
+                t_s, page.predicted.forces_gwt(page.learned.draws[:_SHOWN], measured.trajectory).T, color=BLUE, lw=0.3
+            )
+            axes.plot(t_s, measured.force_gwt, ".", color="black", ms=4)
+            axes.set_title(
+                f"{number}: {measured.trajectory.indentor} at {measured.trajectory.x_mm:+.1f} mm", fontsize=9
+            )
             axes.set_xlabel("time (s)")
-        for axes in list(grid.flat)[len(met.given) :]:
+        for axes in list(grid.flat)[len(page.measured) :]:
             axes.set_axis_off()
         for axes in grid[:, 0]:
             axes.set_ylabel("force (gwt)")
@@ -99,8 +108,8 @@ def _presses(met: IdentificationPage) -> Plot:
     return Plot((10.2, 2.6 * down), draw)
 
 
-def _marginals(met: IdentificationPage) -> Plot:
-    names = met.learned.prior.names
+def _marginals(page: IdentificationPage) -> Plot:
+    names = page.learned.prior.names
     down = -(-len(names) // _ACROSS)
 
     def draw(figure: Canvas) -> None:
@@ -108,10 +117,10 @@ def _marginals(met: IdentificationPage) -> Plot:
         for axes in list(grid.flat)[len(names) :]:
             axes.set_axis_off()
         for k, (axes, name) in enumerate(zip(grid.flat, names, strict=False)):
-            edges = np.linspace(met.before.draws[:, k].min(), met.before.draws[:, k].max(), 41)
-            axes.hist(met.before.draws[:, k], edges, density=True, color=GREY, alpha=0.5)
-            axes.hist(met.learned.draws[:, k], edges, density=True, color=BLUE, alpha=0.7)
-            axes.axvline(met.learned.likeliest[k], color=ORANGE, lw=1)
+            edges = np.linspace(page.before.draws[:, k].min(), page.before.draws[:, k].max(), 41)
+            axes.hist(page.before.draws[:, k], edges, density=True, color=GREY, alpha=0.5)
+            axes.hist(page.learned.draws[:, k], edges, density=True, color=BLUE, alpha=0.7)
+            axes.axvline(page.learned.most_likely[k], color=ORANGE, lw=1)
             axes.set_xlabel(named(name))
             axes.xaxis.set_major_locator(MaxNLocator(4))
             axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _, name=name: f"{plain(name, value):.2g}"))
@@ -120,12 +129,12 @@ def _marginals(met: IdentificationPage) -> Plot:
     return Plot((10.2, 2.2 * down), draw)
 
 
-def _correlations(met: IdentificationPage) -> Plot:
-    names = [named(name) for name in met.learned.prior.names]
+def _correlations(page: IdentificationPage) -> Plot:
+    names = [named(name) for name in page.learned.prior.names]
 
     def draw(figure: Canvas) -> None:
         axes = figure.subplots()
-        shown = axes.imshow(np.corrcoef(met.learned.draws.T), vmin=-1, vmax=1, cmap="RdBu_r")
+        shown = axes.imshow(np.corrcoef(page.learned.draws.T), vmin=-1, vmax=1, cmap="RdBu_r")
         axes.set_xticks(range(len(names)), names, rotation=45, ha="right")
         axes.set_yticks(range(len(names)), names)
         figure.colorbar(shown, ax=axes)

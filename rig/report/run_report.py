@@ -28,30 +28,30 @@ Row = tuple[str, str, str]
 
 
 @dataclass(frozen=True)
-class MetFinger:
-    """Predicted and measured forces of an identified finger, and its parameters before and after."""
+class FingerSection:
+    """Section on an identified finger: predicted and measured presses, and parameters before and after the run."""
 
     sentence: str
     found: list[PredictionCheck]
     learned: list[Row]
 
 
-def met_finger(run: Run, finger: Fingertip) -> MetFinger | None:
-    """Return the check of an identified finger, or None; rewrite its file if reference presses are informative."""
+def finger_section(run: Run, finger: Fingertip) -> FingerSection | None:
+    """Return the section, or None without an identified finger; write `finger_after.toml` after reference presses."""
     pairs = found(run)
     if not pairs:
         return None
-    known = load_config(run.folder.config).met
-    assert known is not None
+    identified = load_config(run.folder.config).identified
+    assert identified is not None
     after = learned(run, finger)
     if after is not None:
         replace_text(run.folder.path / AFTER, after.as_toml())
     inside = sum(one.kept for one in pairs)
     sentence = (
-        f"Identified on {known.date} in {known.presses} presses. Of {len(pairs)} presses in this run, {inside} "
-        f"lie within their band, whose nominal coverage is {known.band.coverage:.0%}."
+        f"Identified on {identified.date} in {identified.presses} presses. Of {len(pairs)} presses in this run, "
+        f"{inside} lie within their band, whose nominal coverage is {identified.band.coverage:.0%}."
     )
-    return MetFinger(sentence, pairs, [] if after is None else _rows(known.draw, after.met.draw))
+    return FingerSection(sentence, pairs, [] if after is None else _rows(identified.draw, after.identified.draw))
 
 
 def _rows(before: Sequence[Draw], after: Sequence[Draw]) -> list[Row]:
@@ -106,7 +106,7 @@ def _write_page(
         small_strain=_small_strain(found),
         phases=run_tables.phases(run),
         why_approach=run_tables.why_approach(run),
-        met=met_finger(run, finger),
+        identified=finger_section(run, finger),
         limits=run_tables.limits(run),
         devices=run_tables.devices(run, provenance),
         provenance=provenance,

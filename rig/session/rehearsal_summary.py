@@ -172,11 +172,12 @@ class Page:
     @property
     def _force(self) -> str:
         peak_n = self._plan.peak_force_gwt * GWT_N
-        met = self.session.config.met
+        identified = self.session.config.identified
         band = (
             ""
-            if met is None
-            else f", the upper end of the band for the finger identified on {met.date} from {met.presses} presses"
+            if identified is None
+            else f", the upper end of the band for the finger identified on {identified.date} from "
+            f"{identified.presses} presses"
         )
         below = f"{in_both_units(self._soft_trip_n - peak_n)} below the trip"
         return f"predicted peak {in_both_units(peak_n)}{band}, {below}{self._small_strain}"

@@ -152,7 +152,7 @@ def rehearsed(script: Script, config: Config, finger: Finger, plan: Plan, before
     timeline = Timeline(clock.monotonic_s)
     engine = Engine(settings, bench, timeline, plan.soft_trip_n)
     where = str if before is None else partial(kept_in, before.folder.path)
-    walk = Walk(settings, FingerModel(finger, plan.predictions, where, config.met))
+    walk = Walk(settings, FingerModel(finger, plan.predictions, where, config.identified))
     handler: Handler = Rehearsing(engine, walk, plants[0])
     if before is not None:
         verbs.home(engine)

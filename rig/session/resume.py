@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.data import FolderBusyError, Run, RunError, RunFolder, read_run
-from rig.data.folder import MEETING_PAGE, SCRIPT, UnwritableError
+from rig.data.folder import IDENTIFICATION_PAGES, SCRIPTS, UnwritableError
 from rig.data.journal import JournalError, mend_journal
 from rig.devices.registry import stage_ports
 from rig.engine import RunAborted
@@ -77,8 +77,10 @@ def _never_planned(run: Run) -> bool:
 
 def _results(folder: RunFolder) -> str:
     """Return where the results of an identification are, in words."""
-    page = folder.path / MEETING_PAGE
-    return f"its result is in its finger file and in {page}" if page.exists() else "its presses remain in its journal"
+    for page in (folder.path / name for name in IDENTIFICATION_PAGES):
+        if page.exists():
+            return f"its result is in its finger file and in {page}"
+    return "its presses remain in its journal"
 
 
 def _read(folder: RunFolder) -> StoppedRun:
@@ -91,10 +93,10 @@ def _read(folder: RunFolder) -> StoppedRun:
             files=", ".join(changed),
         )
     about: dict[str, Any] = json.loads(folder.provenance.read_text(encoding="utf-8"))
-    if about["protocol"] == SCRIPT:
+    if about["protocol"] in SCRIPTS:
         raise BadInputError(
-            "run folder {path}: an identification cannot be resumed; repeat `rig meet`. In this run, {left}",
-            code="meeting",
+            "run folder {path}: an identification cannot be resumed; repeat `rig identify`. In this run, {left}",
+            code="identification",
             path=str(folder.path),
             left=_results(folder),
         )

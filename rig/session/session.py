@@ -322,7 +322,7 @@ def _nothing_left(session: Session, folder: RunFolder) -> Iterator[None]:
 def _rig(session: Session, folder: RunFolder, engine: Engine) -> Rig:
     """Return the script's rig on an engine; in a resumed run, one that does the remaining steps."""
     config, where = session.config, partial(kept_in, folder.path)
-    walk = Walk(config, FingerModel(session.finger, session.plan.predictions, where, config.met))
+    walk = Walk(config, FingerModel(session.finger, session.plan.predictions, where, config.identified))
     handler = session.handler(engine, walk)
     if session.before is not None:
         engine.first_reference_gwt = first_reference_gwt(session.before)
@@ -342,7 +342,7 @@ def _about(session: Session, *, virtual: bool) -> dict[str, Any]:
         "subject": session.into.subject,
         "virtual": virtual,
         **_button(session),
-        **({} if session.config.met is None else {"promised": promised(session.plan)}),
+        **({} if session.config.identified is None else {"promised": promised(session.plan)}),
     }
 
 

@@ -1,1 +1,1 @@
-"""Which fingers a few presses leave possible: a prior, what each finger would answer, and the posterior."""
+"""Bayesian identification of a finger: its prior, the predicted forces, and the posterior."""

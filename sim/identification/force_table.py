@@ -1,6 +1,6 @@
-"""Elastic force of one shape over place, depth and tissue: direct presses at Chebyshev's nodes, polynomials between.
+"""Elastic force of one shape over position, depth and tissue: computed at Chebyshev nodes, interpolated between.
 
-The logarithm of force is smooth in the logarithms of depth and moduli, and in the place. Stiffening is no axis: it
+The logarithm of force is smooth in the logarithms of depth and moduli, and in the position. Stiffening is no axis: it
 enters by the factor of `sim/models/stiffening`, whose parts have polynomials of their own.
 """
 
@@ -27,13 +27,13 @@ Made = Callable[[Mapping[str, float]], Fingertip]
 
 SHALLOWEST_MM = 0.03
 _TOUCH_NODES = 9
-_LESS_DEEP, _LEAST_DEEP_MM = 0.9, 0.3  # a table that cannot go as deep as is asked
+_LESS_DEEP, _LEAST_DEEP_MM = 0.9, 0.3  # factor for a table that cannot reach its depth, and the least depth
 _SHALLOW_EXPONENT = 1.5  # below the shallowest node: Hertz
 
 
 @dataclass(frozen=True)
 class ChebyshevAxis:
-    """A range with Chebyshev's nodes."""
+    """Axis with n Chebyshev nodes between low and high."""
 
     name: str
     low: float
@@ -42,11 +42,11 @@ class ChebyshevAxis:
 
     @cached_property
     def nodes(self) -> Array:
-        """(n,) of the first kind."""
+        """(n,) Chebyshev nodes of the first kind."""
         return self._scaled(np.cos(np.pi * (np.arange(self.n) + 0.5) / self.n))
 
     def basis(self, value: Array) -> Array:
-        """(…, n) how much the value at each node counts; beyond the range as at its end."""
+        """Return the (…, n) weights of the nodes; values outside the range are clipped."""
         t = np.clip((2 * np.asarray(value) - self.low - self.high) / (self.high - self.low), -1.0, 1.0)
         return np.asarray(self._polynomials(t) @ self._inverse)
 
@@ -64,76 +64,76 @@ class ChebyshevAxis:
 
 @dataclass(frozen=True)
 class Scope:
-    """Where a table holds: tissue, places and depths."""
+    """Range of a table: tissue, positions and depths (mm)."""
 
     tissue: tuple[ChebyshevAxis, ...]
-    farthest_mm: float  # from the pad's centre
+    farthest_mm: float  # largest distance from the pad center
     depth_mm: tuple[float, float]
     places: int = 7
     depths: int = 9
 
     @property
     def x(self) -> ChebyshevAxis:
-        """Places of the indentor."""
+        """Axis of the positions of the indentor."""
         return ChebyshevAxis("x_mm", -self.farthest_mm, self.farthest_mm, self.places)
 
     @property
     def touch_x(self) -> ChebyshevAxis:
-        """The same, closer together: of first touch, which is geometry alone."""
+        """Finer axis of positions, for the height of first touch."""
         return ChebyshevAxis("x_mm", -self.farthest_mm, self.farthest_mm, _TOUCH_NODES)
 
     @property
     def depth(self) -> ChebyshevAxis:
-        """Logarithm of depth."""
+        """Axis of the logarithm of depth."""
         low, high = np.log(self.depth_mm)
         return ChebyshevAxis("ln_doi_mm", float(low), float(high), self.depths)
 
     def down_to(self, deepest_mm: float) -> "Scope":
-        """The same, less deep."""
+        """Return the range with a smaller depth."""
         return replace(self, depth_mm=(self.depth_mm[0], deepest_mm))
 
     @property
     def about(self) -> list[list[str | float]]:
-        """Name, ends and number of nodes of all axes."""
+        """Name, bounds and number of nodes of all axes."""
         return [[axis.name, axis.low, axis.high, axis.n] for axis in (*self.tissue, self.x, self.depth)]
 
 
 class ShapeTable:
-    """One indentor's forces on the fingers of a scope."""
+    """Forces of one indentor on the fingers of a scope."""
 
     def __init__(self, indentor: str, scope: Scope, arrays: Arrays) -> None:
         self.indentor, self.arrays = indentor, arrays
         self.scope = scope.down_to(float(arrays["deepest_mm"]))
-        # of each (*tissue, places, depths)
+        # arrays (*tissue, positions, depths)
         self.ln_force = np.asarray(arrays["ln_force"], dtype=float)  # ln gwt at finite strain, without stiffening
-        self.ln_strain = np.asarray(arrays["ln_strain"], dtype=float)  # that the law stiffens with
-        self.touch_mm = np.asarray(arrays["touch_mm"], dtype=float)  # (9,) from the apex
-        self.error = float(arrays["error"])  # rms of ln force, of direct presses between the nodes
+        self.ln_strain = np.asarray(arrays["ln_strain"], dtype=float)  # strain of the stiffening law
+        self.touch_mm = np.asarray(arrays["touch_mm"], dtype=float)  # (9,) above the apex
+        self.error = float(arrays["error"])  # rms error of ln force between the nodes
 
     @classmethod
-    def read_or_made(
+    def read_or_make(
         cls, indentor: str, scope: Scope, made: Made, made_of: object, work: Work = one_by_one
     ) -> "ShapeTable":
-        """From the cache, or pressed; made_of: what says which fingers these are. Raises ModelRangeError."""
+        """Return the table from the cache, or compute it; made_of: key of the fingers. Raises ModelRangeError."""
         key = _key(indentor, scope, made_of)
         return cls(indentor, scope, cached_arrays(key, lambda: _pressed(indentor, scope, made, work), "answers")[0])
 
     @staticmethod
     def kept(indentor: str, scope: Scope, made_of: object) -> bool:
-        """Whether nothing has to be pressed for it."""
+        """Return whether the table is cached."""
         return path_of(_key(indentor, scope, made_of), "answers").exists()
 
     def tissue_basis(self, values: Sequence[Array]) -> Array:
-        """(n, tissue nodes) of (n,) parameters, in the order of the scope's axes."""
+        """Return the (n, tissue nodes) weights of (n,) parameters, in the order of the axes."""
         each = [axis.basis(value) for axis, value in zip(self.scope.tissue, values, strict=True)]
         return reduce(lambda a, b: (a[:, :, None] * b[:, None, :]).reshape(len(a), -1), each)
 
     def touches_mm(self, x_mm: Array) -> Array:
-        """(n,) height of the indentor at first touch, from the apex."""
+        """Return the (n,) heights of the indentor at first touch, above the apex (mm)."""
         return np.asarray(self.scope.touch_x.basis(x_mm) @ self.touch_mm)
 
     def forces_gwt(self, tissue: Array, stiffening: Array, x_mm: Array, depth_mm: Array) -> Array:
-        """(n, m) at stiffness 1, of (n, tissue nodes), (n,) stiffening, (n,) places, (n, m) depths; 0 in air."""
+        """Return (n, m) forces at stiffness 1 (gwt) for (n, tissue nodes) weights and (n, m) depths; 0 in air."""
         x, depth = self.scope.x.basis(x_mm), self.scope.depth
         shallow_mm = self.scope.depth_mm[0]
         ln_d = np.log(np.maximum(depth_mm, 1e-6))
@@ -144,7 +144,7 @@ class ShapeTable:
         return np.where(depth_mm > 0, np.exp(ln_f), 0.0)
 
     def _between(self, at_nodes: Array, tissue: Array, x: Array, depth: Array) -> Array:
-        """(n, m) of what is known at nodes, by the weights of tissue (n, t), places (n, x) and depths (n, m, d)."""
+        """Return the (n, m) values from nodes, by weights of tissue (n, t), position (n, x) and depth (n, m, d)."""
         flat = at_nodes.reshape(tissue.shape[1], -1)
         by_depth = np.einsum("nxd,nx->nd", (tissue @ flat).reshape(len(tissue), self.scope.places, -1), x)
         return np.asarray(np.einsum("nmd,nd->nm", depth, by_depth))
@@ -155,21 +155,21 @@ def _key(indentor: str, scope: Scope, made_of: object) -> str:
 
 
 def _pressed(indentor: str, scope: Scope, made: Made, work: Work) -> Arrays:
-    """As deep as the scope has it, or as the mesh's patch lets the shape go. Raises ModelRangeError."""
+    """Return the arrays to the depth of the scope, or to the largest that the mesh allows. Raises ModelRangeError."""
     while True:
         try:
-            return _pressed_so_deep(indentor, scope, made, work)
+            return _pressed_to_depth(indentor, scope, made, work)
         except ModelRangeError:
             scope = scope.down_to(_LESS_DEEP * scope.depth_mm[1])
             if scope.depth_mm[1] < _LEAST_DEEP_MM:
                 raise
 
 
-def _pressed_so_deep(indentor: str, scope: Scope, made: Made, work: Work) -> Arrays:
+def _pressed_to_depth(indentor: str, scope: Scope, made: Made, work: Work) -> Arrays:
     axes = np.meshgrid(*(axis.nodes for axis in scope.tissue), indexing="ij")
     names, nodes = [axis.name for axis in scope.tissue], np.stack(axes, axis=-1).reshape(-1, len(axes))
     tissues = [dict(zip(names, node, strict=True)) for node in nodes.tolist()]
-    pressed = work(f"fingers under {indentor}", partial(_ways, indentor, scope, made), tissues)
+    pressed = work(f"fingers under {indentor}", partial(_responses_at_positions, indentor, scope, made), tissues)
     found = np.array(list(pressed)).reshape(*axes[0].shape, scope.places, 2, scope.depths)
     ln_force, ln_strain = np.moveaxis(found, -2, 0)
     finger = made(tissues[0])
@@ -180,17 +180,17 @@ def _pressed_so_deep(indentor: str, scope: Scope, made: Made, work: Work) -> Arr
     return arrays
 
 
-def _ways(indentor: str, scope: Scope, made: Made, tissue: Mapping[str, float]) -> Array:
-    """(places, 2, depths) of `_way`, on one finger. Raises ModelRangeError, which another process can be told."""
+def _responses_at_positions(indentor: str, scope: Scope, made: Made, tissue: Mapping[str, float]) -> Array:
+    """Return (positions, 2, depths) of `_responses` on one finger. Raises ModelRangeError, which can be pickled."""
     finger, doi_mm = made(tissue), np.exp(scope.depth.nodes)
     try:
-        return np.array([_way(finger, indentor, x, doi_mm) for x in scope.x.nodes.tolist()])
+        return np.array([_responses(finger, indentor, x, doi_mm) for x in scope.x.nodes.tolist()])
     except ModelRangeError as error:
         raise ModelRangeError(error.sentence, code=error.code, **error.fields) from None
 
 
-def _way(finger: Fingertip, indentor: str, x_mm: float, doi_mm: Array) -> Array:
-    """(2, m) on the way down: ln force without stiffening, and ln strain that stiffening goes with."""
+def _responses(finger: Fingertip, indentor: str, x_mm: float, doi_mm: Array) -> Array:
+    """Return (2, m): ln force without stiffening, and ln of the strain of the stiffening law."""
     answers, state = np.empty((2, len(doi_mm))), None
     for k in np.argsort(doi_mm):
         found = finger.indent(indentor, x_mm, doi_mm=float(doi_mm[k]), start=state)
@@ -212,7 +212,7 @@ _TRIED, _MOST_STIFFENING = 6, 1.0
 
 
 def _own_error(table: ShapeTable, made: Made) -> float:
-    """Rms of ln force at places, depths and tissues between the nodes."""
+    """Return the rms error of ln force at positions, depths and tissues between the nodes."""
     chance, scope, off = np.random.default_rng(0), table.scope, []
     for _ in range(_TRIED):
         tissue = {axis.name: float(chance.uniform(axis.low, axis.high)) for axis in scope.tissue}
@@ -220,25 +220,26 @@ def _own_error(table: ShapeTable, made: Made) -> float:
         doi_mm = np.array([np.exp(chance.uniform(*np.log((0.1, scope.depth_mm[1]))))])
         basis = table.tissue_basis([np.array([tissue[axis.name]]) for axis in scope.tissue])
         stiffening = float(chance.uniform(0.0, _MOST_STIFFENING))
-        foreseen = table.forces_gwt(basis, np.array([stiffening]), np.array([x_mm]), doi_mm[None])
-        ln_force, ln_strain = _way(made(tissue), table.indentor, x_mm, doi_mm)
+        predicted = table.forces_gwt(basis, np.array([stiffening]), np.array([x_mm]), doi_mm[None])
+        ln_force, ln_strain = _responses(made(tissue), table.indentor, x_mm, doi_mm)
         direct = FORCE.log(ln_force, np.exp(ln_strain), stiffening)
-        off.append(float(np.log(foreseen[0, 0]) - direct[0]))
+        off.append(float(np.log(predicted[0, 0]) - direct[0]))
     return float(np.sqrt(np.mean(np.square(off))))
 
 
 # --- shipped ---
 #
-# Tables that come with the program, of the default finger under usual shapes: nobody waits for them.
+# Tables of the default finger under common shapes, which are part of the package.
 #
-# `python -m studies.meeting.shipped` makes them; `tests/rig/test_meeting_shipped.py` holds them to direct presses.
+# `python -m studies.meeting.shipped` makes them; `tests/rig/test_identification_shipped.py` compares them with direct
+# presses.
 
 FILE = "meeting_tables.json"
-_DIGITS = 5  # of ln force, and of a height in mm
+_DIGITS = 5  # digits of ln force, and of a height in mm
 
 
 def shipped(indentor: str, scope: Scope) -> ShapeTable | None:
-    """Of the default finger; None where there is none of this shape and scope."""
+    """Return the packaged table of the default finger; None for another shape or scope."""
     kept = _content()
     if indentor not in kept["tables"] or not _alike(kept["scope"], scope.about):
         return None
@@ -247,10 +248,10 @@ def shipped(indentor: str, scope: Scope) -> ShapeTable | None:
 
 
 def as_json(tables: Iterable[ShapeTable]) -> str:
-    """The file, of tables of one scope."""
+    """Return the content of the file, for tables of one scope."""
     tables = list(tables)
-    told = {table.indentor: {name: _rounded(values) for name, values in table.arrays.items()} for table in tables}
-    return json.dumps({"scope": tables[0].scope.about, "tables": told})
+    arrays = {table.indentor: {name: _rounded(values) for name, values in table.arrays.items()} for table in tables}
+    return json.dumps({"scope": tables[0].scope.about, "tables": arrays})
 
 
 def _rounded(values: NDArray[np.generic]) -> Any:
@@ -258,7 +259,7 @@ def _rounded(values: NDArray[np.generic]) -> Any:
 
 
 def _alike(kept: list[list[Any]], about: list[list[Any]]) -> bool:
-    """Whether two scopes are the same, but for the last digit of a logarithm."""
+    """Return whether two scopes are equal except for rounding."""
     names = [[axis[0], axis[3]] for axis in kept] == [[axis[0], axis[3]] for axis in about]
     return names and bool(np.allclose([axis[1:3] for axis in kept], [axis[1:3] for axis in about], rtol=1e-9))
 

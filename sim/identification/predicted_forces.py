@@ -1,4 +1,4 @@
-"""The force of any finger of a prior under any of a few shapes, of thousands of fingers at once."""
+"""Predicted forces of many fingers of a prior under several shapes."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,63 +18,66 @@ from sim.models.interpolation import make_node, nodes_for
 from sim.models.relaxation import Moves
 from sim.workers import Work, one_by_one
 
-# --- given ---
+# --- measured ---
 #
-# What one press gave: where the indentor was when, and the forces read; and what relaxation makes of them.
+# Trajectory and forces of one press, and the effect of relaxation.
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class PressTrajectory:
-    """An indentor on its way down, and when its force is asked for.
+    """Trajectory of an indentor (p heights) and the times of r force readings.
 
-    It moves evenly in the first half of the time from one height to the next, and stays where it came to.
+    The indentor moves evenly in the first half of the time from one height to the next, and stays there.
     """
 
     indentor: str
-    x_mm: float  # as the stage has it
-    t_s: Array  # (p,) until when it stays there
-    height_mm: Array  # (p,) above where the apex is believed to be; of a way by depth, less the depth
-    asked_s: Array  # (r,) when a force is asked for
-    by_depth: bool = False  # heights are counted from first touch
+    x_mm: float  # position of the stage
+    t_s: Array  # (p,) time at which it leaves a height
+    height_mm: Array  # (p,) above the nominal apex; by depth: minus the depth
+    read_s: Array  # (r,) times of the force readings
+    by_depth: bool = False  # whether heights are relative to first touch
 
     @property
     def lowest(self) -> NDArray[np.intp]:
-        """(r,) which height it has then, or goes from."""
-        return np.searchsorted(self.ended_s, self.asked_s + 1e-9, side="right") - 1
+        """(r,) index of the height at each reading, or of the last one before a move."""
+        return np.searchsorted(self.ended_s, self.read_s + 1e-9, side="right") - 1
 
     @property
     def ended_s(self) -> Array:
-        """(p,) when it came to the heights."""
+        """(p,) arrival times at the heights (s)."""
         return np.asarray(self.t_s - 0.5 * np.diff(self.t_s, prepend=self.t_s[:1]))
 
     def fading(self, tau_s: float) -> Array:
-        """(r, p) what a term of relaxation has left of elastic forces at the heights."""
-        return Moves(self.ended_s, self.t_s - self.ended_s).fading(tau_s, self.asked_s, self.lowest)
+        """Return the (r, p) remaining shares of the elastic forces for one relaxation term."""
+        return Moves(self.ended_s, self.t_s - self.ended_s).fading(tau_s, self.read_s, self.lowest)
 
 
 @dataclass(frozen=True)
-class Given:
-    """A press as it was read: forces less the zero, gwt, and how well one reading is known."""
+class MeasuredPress:
+    """Measured press: trajectory, forces minus the zero (gwt), and their noise."""
 
-    way: PressTrajectory
+    trajectory: PressTrajectory
     force_gwt: Array  # (r,)
-    noise_gwt: float  # sd of a reading
-    zero_sd_gwt: float  # of what was taken off all of them
-    zero_gwt: float = 0.0  # that
-    contact_mm: float = 0.0  # height at which the touch found the skin
+    noise_gwt: float  # standard deviation of a reading
+    zero_sd_gwt: float  # standard deviation of the zero
+    zero_gwt: float = 0.0  # zero that was subtracted
+    contact_mm: float = 0.0  # height of the skin at the touch
 
     @property
     def by_depth(self) -> PressTrajectory:
-        """The way from where the touch found the skin."""
-        return replace(self.way, height_mm=self.way.height_mm - self.contact_mm, by_depth=True)
+        """Trajectory relative to the height of the touch."""
+        return replace(self.trajectory, height_mm=self.trajectory.height_mm - self.contact_mm, by_depth=True)
 
 
-def nominal_way(
+Given = MeasuredPress  # so named in pickles of 0.1
+
+
+def nominal_trajectory(
     indentor: str, x_mm: float, doi_mm: float, pace: "RampAndHold", shares: Sequence[float]
 ) -> PressTrajectory:
-    """A press to a depth past first touch, asked for at shares of its ramp, and over its hold at the end."""
+    """Return the trajectory of a press past first touch, with readings at shares of the ramp and in the hold."""
     steps = max(int(np.ceil(doi_mm / pace.increment_mm - 1e-9)), 1)
     heights = np.array([-doi_mm * k / steps for k in range(steps + 1)])
     t_s = np.array([pace.step_s * k for k in range(steps + 1)])
@@ -85,51 +88,51 @@ def nominal_way(
 
 @dataclass(frozen=True)
 class RampAndHold:
-    """How the bench presses: so far in so long, then held."""
+    """Ramp and hold of a press: increment (mm), its duration (s), hold (s) and predicted readings."""
 
     increment_mm: float = 0.05
     step_s: float = 0.15
     hold_s: float = 1.0
-    readings: int = 6  # of a hold, that are foreseen
+    readings: int = 6  # predicted readings of the hold
 
 
 _NODES = 4
-"""Ranges of the parameters of a table."""
+"""Chebyshev nodes of each tissue parameter of a table."""
 
 _TAU_NODES = 4
 
 
 def tissue_axes(prior: Prior) -> tuple[ChebyshevAxis, ...]:
-    """Those of the prior that a model of the finger is made anew for."""
+    """Return the axes of the tissue parameters, which require a new model of the finger."""
     return tuple(ChebyshevAxis(p.name, p.low, p.high, _NODES) for p in map(prior.parameter, TISSUE))
 
 
 def finger_of(config: FingertipConfig, values: Mapping[str, float]) -> Fingertip:
-    """The finger of some tissue parameters, interpolated, at the stiffness that was calibrated; it stiffens."""
+    """Return the interpolated finger of tissue parameters, at the calibrated stiffness and with stiffening."""
     tissue = config.tissue.model_copy(update={"stiffening": LEAST_STIFFENING, **tissue_of(values)})
     no_larger = config.contact.model_copy(update={"patch_gb": 0.0})  # a patch for each finger would take hours
     return Fingertip.load(config.model_copy(update={"tissue": tissue, "contact": no_larger}), exact=False)
 
 
-class Foreseen:
-    """Forces by tables of shapes, which are read or made when a shape is first asked for."""
+class PredictedForces:
+    """Predicted forces from one table per shape, which is read or computed at first use."""
 
     def __init__(
         self, config: FingertipConfig, prior: Prior, scope: Scope, tables: Mapping[str, ShapeTable] | None = None
     ) -> None:
-        """config: the finger's geometry, layers and mesh; its moduli are the prior's. tables: some that there are."""
+        """config: geometry, layers and mesh of the finger; the prior has its moduli. tables: tables that exist."""
         self.config, self.prior, self.scope = config, prior, scope
         self._tables = dict(tables or {})
 
     @classmethod
-    def over(cls, config: FingertipConfig, prior: Prior, farthest_mm: float, deepest_mm: float) -> "Foreseen":
-        """For presses so far from the pad's centre and so deep."""
+    def over(cls, config: FingertipConfig, prior: Prior, farthest_mm: float, deepest_mm: float) -> "PredictedForces":
+        """Return the forces for presses up to a distance from the pad center and up to a depth (mm)."""
         return cls(config, prior, Scope(tissue_axes(prior), farthest_mm, (SHALLOWEST_MM, deepest_mm)))
 
     def have(self, indentors: Sequence[str], work: Work) -> None:
-        """Have tables of all these shapes, what is not kept being made; work: how. Raises ModelRangeError."""
+        """Load or compute the tables of all these shapes; work: executes the computations. Raises ModelRangeError."""
         slopes = {parse_shape(name).axes for name in indentors if not self._kept(name)}
-        slopes |= {ALONG} if slopes else set()  # every finger is loaded with it
+        slopes |= {ALONG} if slopes else set()  # every finger is loaded with this axis
         nodes = [node for axes in sorted(slopes) for node in nodes_for(self.config, ReceptorPlaces(), axes)]
         for _ in work("full builds", make_node, [node for node in nodes if not node.kept]):
             pass
@@ -137,10 +140,10 @@ class Foreseen:
             self.table(name, work)
 
     def table(self, indentor: str, work: Work = one_by_one) -> ShapeTable:
-        """Of a shape. Raises ModelRangeError."""
+        """Return the table of a shape. Raises ModelRangeError."""
         if indentor not in self._tables:
             made = partial(finger_of, self.config)
-            self._tables[indentor] = self._shipped(indentor) or ShapeTable.read_or_made(
+            self._tables[indentor] = self._shipped(indentor) or ShapeTable.read_or_make(
                 indentor, self.scope, made, self._made_of, work
             )
         return self._tables[indentor]
@@ -156,33 +159,39 @@ class Foreseen:
     def _made_of(self) -> object:
         return made_of(self.config)
 
-    def forces_gwt(self, draws: Array, way: PressTrajectory) -> Array:
-        """(n, r) on the way, of (n, p) fingers."""
-        elastic = self.elastic_gwt(draws, way)
+    def forces_gwt(self, draws: Array, trajectory: PressTrajectory) -> Array:
+        """Return the (n, r) forces at the readings for (n, p) fingers (gwt)."""
+        elastic = self.elastic_gwt(draws, trajectory)
         fast, slow = (self._column(draws, name) for name in ("share_fast", "share_slow"))
-        faded = elastic @ way.fading(TAU_FAST_S).T
+        faded = elastic @ trajectory.fading(TAU_FAST_S).T
         tau = self._tau
         weights = tau.basis(self._column(draws, "ln_tau_slow_s"))
-        slowly = sum(weights[:, [k]] * (elastic @ way.fading(float(np.exp(ln))).T) for k, ln in enumerate(tau.nodes))
-        lasting = self.lasting(draws)[:, None] * elastic[:, way.lowest]
+        slowly = sum(
+            weights[:, [k]] * (elastic @ trajectory.fading(float(np.exp(ln))).T) for k, ln in enumerate(tau.nodes)
+        )
+        lasting = self.lasting(draws)[:, None] * elastic[:, trajectory.lowest]
         return np.asarray(lasting + fast[:, None] * faded + slow[:, None] * slowly)
 
     def lasting(self, draws: Array) -> Array:
-        """(n,) share of a force that never relaxes."""
+        """Return the (n,) shares of the force that do not relax."""
         return np.asarray(1 - self._column(draws, "share_fast") - self._column(draws, "share_slow"))
 
-    def elastic_gwt(self, draws: Array, way: PressTrajectory) -> Array:
-        """(n, p) at the heights, were there no relaxation."""
-        table = self.table(way.indentor)
-        x_mm = way.x_mm - self._column(draws, "x_mm")
-        contact_mm = np.zeros(len(draws)) if way.by_depth else self.touches_mm(draws, way.indentor, way.x_mm)
+    def elastic_gwt(self, draws: Array, trajectory: PressTrajectory) -> Array:
+        """Return the (n, p) forces at the heights without relaxation (gwt)."""
+        table = self.table(trajectory.indentor)
+        x_mm = trajectory.x_mm - self._column(draws, "x_mm")
+        contact_mm = (
+            np.zeros(len(draws))
+            if trajectory.by_depth
+            else self.touches_mm(draws, trajectory.indentor, trajectory.x_mm)
+        )
         tissue = table.tissue_basis([self._column(draws, axis.name) for axis in self.scope.tissue])
         stiffening = self._column(draws, "stiffening")
-        forces = table.forces_gwt(tissue, stiffening, x_mm, contact_mm[:, None] - way.height_mm)
+        forces = table.forces_gwt(tissue, stiffening, x_mm, contact_mm[:, None] - trajectory.height_mm)
         return np.asarray(np.exp(self._column(draws, "ln_stiffness"))[:, None] * forces)
 
     def touches_mm(self, draws: Array, indentor: str, x_mm: float) -> Array:
-        """(n,) height of first touch from where the apex is believed to be."""
+        """Return the (n,) heights of first touch above the nominal apex (mm)."""
         touch_mm = self.table(indentor).touches_mm(x_mm - self._column(draws, "x_mm"))
         return np.asarray(touch_mm + self._column(draws, "height_mm"))
 
@@ -195,8 +204,11 @@ class Foreseen:
         return draws[:, self.prior.index(name)]
 
 
+Foreseen = PredictedForces  # so named in pickles of 0.1
+
+
 def made_of(config: FingertipConfig) -> object:
-    """What says which fingers are interpolated."""
+    """Return the part of the configuration that identifies the interpolated fingers."""
     return config.model_dump(
         mode="json", exclude={"tissue": {"e_dermis", "e_fat", "stiffness", "stiffening"}, "contact": True}
     )

@@ -1,4 +1,4 @@
-"""What is known of a finger before it is touched: named parameters, each normal within a range."""
+"""Prior of a finger: named parameters, each with a truncated normal distribution."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -23,7 +23,7 @@ LEAST_STIFFENING = 0.02
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number of the finger, or of how it lies: normal between low and high. A name with ln_ is a logarithm."""
+    """Parameter of the finger or of its position: normal between low and high. A name with ln_ is a logarithm."""
 
     name: str
     middle: float
@@ -57,7 +57,7 @@ factor."""
 
 
 class Prior:
-    """Several parameters, each on its own."""
+    """Several independent parameters (p)."""
 
     def __init__(self, parameters: Sequence[Parameter] = PARAMETERS) -> None:
         self.parameters = tuple(parameters)
@@ -65,29 +65,29 @@ class Prior:
 
     @cached_property
     def middle(self) -> Array:
-        """(p,) of each."""
+        """(p,) means."""
         return np.array([p.middle for p in self.parameters])
 
     @cached_property
     def sd(self) -> Array:
-        """(p,) of the normal that is cut off."""
+        """(p,) standard deviations before truncation."""
         return np.array([p.sd for p in self.parameters])
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
-        """(p,) low and high."""
+        """(p,) lower and upper bounds."""
         return np.array([p.low for p in self.parameters]), np.array([p.high for p in self.parameters])
 
     def index(self, name: str) -> int:
-        """Which column of draws it is."""
+        """Return the column of a parameter in draws."""
         return self.names.index(name)
 
     def parameter(self, name: str) -> Parameter:
-        """The one of a name."""
+        """Return a parameter by its name."""
         return self.parameters[self.index(name)]
 
     def draws(self, n: int, chance: np.random.Generator) -> Array:
-        """(n, p) fingers."""
+        """Return (n, p) random fingers."""
         from scipy.stats import truncnorm  # as long to import as all else of scipy, and every report imports this
 
         low, high = (np.array(edge - self.middle) / self.sd for edge in self.bounds)
@@ -95,18 +95,18 @@ class Prior:
         return np.asarray(cut.ppf(chance.random((n, len(self.names)))))
 
     def within(self, draws: Array) -> NDArray[np.bool_]:
-        """(n,) whether all of a draw's numbers are in their ranges."""
+        """Return (n,) whether all parameters of a draw are within their bounds."""
         low, high = self.bounds
         return np.asarray(((draws >= low) & (draws <= high)).all(axis=1))
 
     def off(self, draws: Array) -> Array:
-        """(n, p) from the middle, in standard deviations."""
+        """Return the (n, p) differences from the means, in standard deviations."""
         return np.asarray((draws - self.middle) / self.sd)
 
 
 # --- in numbers ---
 #
-# What the parameters of a prior are in a configuration: logarithms as what they are of, tissue, relaxation.
+# Parameters of the prior as values of a configuration: without logarithms, tissue and relaxation.
 
 _LOGARITHM = "ln_"
 
@@ -117,21 +117,21 @@ def named(name: str) -> str:
 
 
 def plain(name: str, value: float) -> float:
-    """A parameter's value as what it is of."""
+    """Return the value of a parameter without its logarithm."""
     return math.exp(value) if name.startswith(_LOGARITHM) else float(value)
 
 
 def in_numbers(values: Mapping[str, float]) -> dict[str, float]:
-    """Parameters by what they are of."""
+    """Return the parameters by name and value, without logarithms."""
     return {named(name): plain(name, value) for name, value in values.items()}
 
 
 def tissue_of(values: Mapping[str, float]) -> dict[str, float]:
-    """Those of the parameters that are keys of `finger.tissue`."""
+    """Return the parameters that are keys of `finger.tissue`."""
     return {name: value for name, value in in_numbers(values).items() if name in Tissue.model_fields}
 
 
 def series_of(values: Mapping[str, float]) -> tuple[tuple[float, float], tuple[float, float]]:
-    """How a finger relaxes: shares and times, s."""
+    """Return the Prony series of a finger: shares and time constants (s)."""
     numbers = in_numbers(values)
     return (numbers["share_fast"], TAU_FAST_S), (numbers["share_slow"], numbers["tau_slow_s"])

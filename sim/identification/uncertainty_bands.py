@@ -1,4 +1,4 @@
-"""How well a force, or a depth, is known: a band about the middle of what equally likely fingers answer."""
+"""Bands of predicted forces and depths over equally likely fingers."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ COVERAGE = 0.9
 
 @dataclass(frozen=True)
 class Width:
-    """A number that is known to a band, in its own unit."""
+    """Predicted value with its band, in its own unit."""
 
     middle: float
     low: float
@@ -21,12 +21,12 @@ class Width:
 
     @property
     def half(self) -> float:
-        """Half of the band over the middle."""
+        """Half-width of the band relative to its middle."""
         return (self.high - self.low) / (2 * self.middle)
 
 
 def band(values: Array, own_error: float, coverage: float = COVERAGE) -> Width:
-    """Of (n,) equally likely values, widened by a relative error of their own: normal in the logarithm."""
+    """Return the log-normal band of (n,) equally likely values, widened by a relative error."""
     ln = np.log(values)
     half = standard_deviations(coverage) * np.hypot(ln.std(ddof=1), own_error)
     middle = float(ln.mean())
@@ -34,10 +34,10 @@ def band(values: Array, own_error: float, coverage: float = COVERAGE) -> Width:
 
 
 def standard_deviations(coverage: float = COVERAGE) -> float:
-    """How many either side of a normal's mean hold so much of it."""
+    """Return the half-width of a band of a normal distribution, in standard deviations."""
     return float(ndtri(ends(coverage)[1]))
 
 
 def ends(coverage: float = COVERAGE) -> tuple[float, float]:
-    """The shares that lie below a band of so much, and below its upper end."""
+    """Return the quantiles of the lower and upper end of a band."""
     return 0.5 - coverage / 2, 0.5 + coverage / 2

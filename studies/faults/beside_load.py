@@ -2,7 +2,7 @@
 
     .venv/bin/python -m studies.faults.beside_load [--meetings 6] [--busy 2] [--stranger 7]
 
-All at once, in one session: `rig serve --random-finger` and `rig meet` for each, and the busy
+All at once, in one session: `rig serve --random-finger` and `rig identify` for each, and the busy
 processes from when the last port is said. Prints a row for each meeting; some four minutes.
 """
 
@@ -31,7 +31,18 @@ def serving(stranger: int) -> "subprocess.Popen[str]":
 def meeting(folder: Path, ports: dict[str, str]) -> "subprocess.Popen[str]":
     """One that has been told to go on."""
     (folder / "rig.toml").write_text("".join(f'[{name}]\nport = "{port}"\n' for name, port in ports.items()))
-    command = (*RIG, "meet", "--config", "rig.toml", "--shapes", INDENTOR, "--to", "finger.toml", "--yes", "--json")
+    command = (
+        *RIG,
+        "identify",
+        "--config",
+        "rig.toml",
+        "--shapes",
+        INDENTOR,
+        "--to",
+        "finger.toml",
+        "--yes",
+        "--json",
+    )
     pipe = subprocess.PIPE
     met = subprocess.Popen(command, cwd=folder, stdin=pipe, stdout=pipe, stderr=pipe, text=True)
     assert met.stdin is not None

@@ -115,16 +115,16 @@ class Keeper:
 
     def _held_gwt(self, goal: PressAt, pace: RampAndHold, period_s: float) -> float:
         """From instant to instant. Raises ModelRangeError, as a sharp shape may on its way."""
-        config, way = self._stranger.config, goal.way(pace)
+        config, way = self._stranger.config, goal.trajectory(pace)
         press = RelaxingPress(self._finger, goal.indentor, relaxation(config), truth(config))
         x_mm = goal.x_mm - config.virtual.finger_x_offset_mm
         touch_mm = self._finger.touch_height_mm(goal.indentor, x_mm) - self._finger.apex_height_mm
-        t_s = np.arange(1.0, np.ceil(way.asked_s[-1] / period_s) + 1) * period_s
+        t_s = np.arange(1.0, np.ceil(way.read_s[-1] / period_s) + 1) * period_s
         forces_gwt = [
             press.moved_to(Pose(x_mm, touch_mm + height_mm), period_s) / GWT_N
             for height_mm in _height_mm(way, t_s).tolist()
         ]
-        return float(np.interp(way.asked_s[-pace.readings :], t_s, forces_gwt).mean())
+        return float(np.interp(way.read_s[-pace.readings :], t_s, forces_gwt).mean())
 
 
 def _height_mm(way: PressTrajectory, t_s: Array) -> Array:

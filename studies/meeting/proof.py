@@ -22,8 +22,14 @@ from typing import Any
 import numpy as np
 
 from rig.data import RunFolder
-from rig.identify.adaptive_presses import SHAPES, IdentificationOptions, Meeting, PressReport, felt_surely
-from rig.identify.meeting_script import MeetingScript
+from rig.identify.adaptive_presses import (
+    SHAPES,
+    Identification,
+    IdentificationOptions,
+    PressReport,
+    with_reliable_touch,
+)
+from rig.identify.identification_script import IdentificationScript
 from rig.plan.config import Config
 from rig.plan.plan import Plan
 from rig.session.resume import commit
@@ -31,7 +37,7 @@ from rig.session.session import NewRun, Nobody, Session, run_on
 from rig.units import GWT_N
 from sim.config import FingertipConfig, MeshSpec
 from sim.identification.next_press import PressAt
-from sim.identification.predicted_forces import Foreseen, Given
+from sim.identification.predicted_forces import MeasuredPress, PredictedForces
 from sim.identification.prior import Prior
 from sim.models.fingertip import Fingertip
 from sim.workers import in_processes, one_by_one
@@ -40,7 +46,7 @@ from studies.meeting.strangers import Stranger, inside, outside
 from studies.meeting.tables import demands, kinds
 from studies.registry import as_markdown
 
-KNOWN = felt_surely(Config(finger=FingertipConfig(mesh=MeshSpec(level="coarse"))))
+KNOWN = with_reliable_touch(Config(finger=FingertipConfig(mesh=MeshSpec(level="coarse"))))
 """What whoever meets the finger is told: nothing of it but the mesh to think on."""
 
 GOALS = (
@@ -56,29 +62,29 @@ GOALS = (
 class _Reading(Nobody):
     """Knows where the journal is."""
 
-    def __init__(self, script: MeetingScript) -> None:
+    def __init__(self, script: IdentificationScript) -> None:
         self._script = script
 
     def begins(self, folder: RunFolder) -> None:
         self._script.begins(folder)
 
 
-class Timed(Meeting):
+class Timed(Identification):
     """Knows how long each update took, s of processor time."""
 
     took_s: tuple[float, ...] = ()
 
-    def take(self, press: PressAt, given: Given) -> PressReport:
+    def take(self, press: PressAt, measured: MeasuredPress) -> PressReport:
         """Learn from a press."""
         began = time.process_time()
-        told = super().take(press, given)
+        report = super().take(press, measured)
         self.took_s += (time.process_time() - began,)
-        return told
+        return report
 
 
 def met(
     stranger: Stranger,
-    foreseen: Foreseen,
+    foreseen: PredictedForces,
     unmet: Fingertip,
     known: Config = KNOWN,
     goals: Sequence[PressAt] = GOALS,
@@ -86,7 +92,7 @@ def met(
     """One line: the meeting, then the truth beside it; known: what whoever meets the finger is told."""
     keeper, began = Keeper(stranger), time.process_time()
     meeting = Timed(known, foreseen, IdentificationOptions(tuple(goals)), seed=stranger.seed)
-    script, out = MeetingScript(meeting), Path(tempfile.mkdtemp())
+    script, out = IdentificationScript(meeting), Path(tempfile.mkdtemp())
     try:
         into, attendant = NewRun(out), _Reading(script)
         session = Session(script.as_script(), known, unmet, Plan(), into, attendant, script.handler)
@@ -100,21 +106,21 @@ def met(
     return {
         "kind": stranger.kind,
         "seed": stranger.seed,
-        "presses": len(meeting.told),
+        "presses": len(meeting.reports),
         "bench_s": done.duration_s,
         "process_s": time.process_time() - began,
         "ended": None if done.problem is None else str(done.problem),
-        "stranger": meeting.stranger,
+        "stranger": meeting.mismatch,
         "error": [w.middle / t - 1 for w, t in zip(widths, true, strict=True)],
         "half": [w.half for w in widths],
         "covered": [bool(w.low <= t <= w.high) for w, t in zip(widths, true, strict=True)],
         "unmet_error": [b / t - 1 for b, t in zip(before, true, strict=True)],
-        "of_trip": [told.surprise.measured_gwt / told.trip_gwt for told in meeting.told],
-        "highest_gwt": max((told.surprise.measured_gwt for told in meeting.told), default=0.0),
+        "of_trip": [report.surprise.measured_gwt / report.trip_gwt for report in meeting.reports],
+        "highest_gwt": max((report.surprise.measured_gwt for report in meeting.reports), default=0.0),
         "update_s": list(meeting.took_s),
-        "surprises": [told.surprise.sds for told in meeting.told],
+        "surprises": [report.surprise.sds for report in meeting.reports],
         "misfit": (meeting.learned.misfit / np.maximum(meeting.learned.readings, 1)).tolist(),
-        "off": foreseen.prior.off(meeting.learned.likeliest[None])[0].tolist(),
+        "off": foreseen.prior.off(meeting.learned.most_likely[None])[0].tolist(),
         "readings": int(meeting.learned.readings.sum()),
         "total": meeting.learned.total / max(int(meeting.learned.readings.sum()), 1),
         "limit_gwt": known.limits.soft_trip_n / GWT_N,
@@ -122,9 +128,9 @@ def met(
 
 
 @cache
-def thinking() -> tuple[Foreseen, Fingertip]:
+def thinking() -> tuple[PredictedForces, Fingertip]:
     """What whoever meets a finger thinks with, and the finger of somebody who met none."""
-    return Foreseen.over(KNOWN.finger, Prior(), 1.8, 1.1), Fingertip.load(KNOWN.finger)
+    return PredictedForces.over(KNOWN.finger, Prior(), 1.8, 1.1), Fingertip.load(KNOWN.finger)
 
 
 def one(job: tuple[str, int]) -> dict[str, Any]:

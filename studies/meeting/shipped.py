@@ -11,17 +11,17 @@ from rig.cli.identify_finger import USUAL_GOALS, scope_of
 from rig.identify.adaptive_presses import SHAPES, IdentificationOptions
 from sim.config import FingertipConfig
 from sim.identification.force_table import FILE, ShapeTable, as_json
-from sim.identification.predicted_forces import Foreseen, finger_of, made_of
+from sim.identification.predicted_forces import PredictedForces, finger_of, made_of
 from sim.identification.prior import Prior
 
 
 def main() -> None:
     """From the cache, or pressed; the file is written anew."""
     config, wanted = FingertipConfig(), IdentificationOptions(USUAL_GOALS, shapes=SHAPES)
-    scope = Foreseen.over(config, Prior(), *scope_of(wanted)).scope
+    scope = PredictedForces.over(config, Prior(), *scope_of(wanted)).scope
     tables = []
     for name in wanted.indentors:
-        tables.append(ShapeTable.read_or_made(name, scope, partial(finger_of, config), made_of(config)))
+        tables.append(ShapeTable.read_or_make(name, scope, partial(finger_of, config), made_of(config)))
         print(f"{name}: off direct presses by {100 * tables[-1].error:.1f} % (rms)", flush=True)
     path = Path(str(files("sim"))) / "data" / FILE
     path.write_text(as_json(tables), encoding="utf-8")

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rig.identify.random_finger import as_told, truth_of
+from rig.identify.random_finger import truth_of, with_parameters
 from rig.plan.config import Config
 from sim.config import MeshSpec
 from sim.models.fingertip import Fingertip
@@ -29,14 +29,14 @@ class Stranger(NamedTuple):
 
 def inside(known: Config, seed: int) -> Stranger:
     """Of the prior."""
-    return Stranger("prior", seed, _meshed(as_told(known, truth_of(seed), seed)))
+    return Stranger("prior", seed, _meshed(with_parameters(known, truth_of(seed), seed)))
 
 
 def outside(known: Config, seed: int) -> Stranger:
     """Not of the prior: one of the kinds, in turn."""
     names = list(_KINDS)
     kind = names[seed % len(names)]
-    told = _meshed(as_told(known, truth_of(10_000 + seed), seed))
+    told = _meshed(with_parameters(known, truth_of(10_000 + seed), seed))
     return _KINDS[kind](Stranger(kind, seed, told), np.random.default_rng(seed))
 
 

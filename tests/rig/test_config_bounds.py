@@ -87,7 +87,7 @@ def _calibrations(without: str = "") -> dict[str, dict[str, dict[str, Any]]]:
 
 def test_every_key_is_in_the_table_with_its_default() -> None:
     told = dict(_defaults(Config.model_validate(_calibrations())))
-    assert told.pop("met") is None  # a table that commands write: tests/rig/identify/test_finger_file.py
+    assert told.pop("identified") is None  # a table that commands write: tests/rig/identify/test_finger_file.py
     assert list(told) == list(TABLE)
     assert {name: value for name, value in told.items() if name not in REQUIRED} == {
         name: key.default for name, key in TABLE.items() if name not in REQUIRED

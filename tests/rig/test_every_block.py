@@ -41,13 +41,15 @@ NOT_RUN = {
     "rig serve": "tests/rig/real_time/test_serve_command.py",
     "rig serve --stage leadshine --tcp 5020": "tests/rig/real_time/test_serve_command.py",
     ".venv/bin/rig serve --stage grbl --pty": "tests/rig/real_time/test_serve_command.py",
-    "rig meet --config rig.toml --to finger.toml": HARDWARE,
-    "rig meet --dry-run --config rehearsal.toml --to rehearsed.toml": "tests/rig/test_meeting.py",
-    "rig check steps --config rig.toml --finger finger.toml": "tests/rig/test_meeting.py",
+    "rig identify --config rig.toml --to finger.toml": HARDWARE,
+    "rig identify --dry-run --config rehearsal.toml --to rehearsed.toml": "tests/rig/test_identification.py",
+    "rig check steps --config rig.toml --finger finger.toml": "tests/rig/test_identification.py",
     "rig run steps --config rig.toml --finger finger.toml": HARDWARE,
-    "rig serve --random-finger 7 --tcp 5000 --indentor bar:3.0": "tests/rig/real_time/test_meet_a_stranger.py",
-    "rig meet --config practice.toml --shapes bar:3.0 --to practice_finger.toml": (
-        "tests/rig/real_time/test_meet_a_stranger.py"
+    "rig serve --random-finger 7 --tcp 5000 --indentor bar:3.0": (
+        "tests/rig/real_time/test_identify_a_random_finger.py"
+    ),
+    "rig identify --config practice.toml --shapes bar:3.0 --to practice_finger.toml": (
+        "tests/rig/real_time/test_identify_a_random_finger.py"
     ),
     "rig serve --reveal 7 --beside practice_finger.toml": "tests/rig/test_stranger_command.py",
     "rig doctor --config rig.toml": HARDWARE,

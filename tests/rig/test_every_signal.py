@@ -94,7 +94,7 @@ PROTOCOLS: dict[str, Callable[[Program, Path], list[object]]] = {
     "dry-run": lambda program, folder: ["dry-run", "mine.py"],
     "run": lambda program, folder: ["run", "mine.py", "--config", "rig.toml", "--yes"],
     "resume": lambda program, folder: ["resume", _stopped_before(program, folder), "--yes"],
-    "meet": lambda program, folder: ["meet", "--config", "rig.toml", "--yes", "--shapes", "bar:3.0"],
+    "identify": lambda program, folder: ["identify", "--config", "rig.toml", "--yes", "--shapes", "bar:3.0"],
 }
 AT_THE_BENCH: dict[str, list[object]] = {
     "home": ["home"],

@@ -217,8 +217,9 @@ def test_what_was_imported_once_is_imported_still() -> None:
 
 SCRIPT = "def run(rig):\n    rig.mount('bar:3.0')\n    rig.home()\n    rig.zero()\n    rig.move_to(x_mm=0.0)\n"
 COARSE = ("--config", "coarse.toml")
-# What commands are asked, each in a folder of its own. tests/rig/real_time asks those at the bench, test_meeting asks
-# meet: whatever a test reads as JSON is held against the schema of its command (tests/program.py).
+# What commands are asked, each in a folder of its own. tests/rig/real_time asks those at the bench,
+# test_identification asks identify: whatever a test reads as JSON is held against the schema of
+# its command (tests/program.py).
 ASKED = (
     ("dry-run mine.py", ""),
     ("dry-run nowhere.py", "that is refused"),

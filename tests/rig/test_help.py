@@ -88,7 +88,7 @@ def test_a_number_has_its_unit_and_a_default_or_what_its_absence_means() -> None
 
 
 def test_every_option_that_holds_a_number_is_looked_at() -> None:
-    assert {"decode --snr-db", "jog --by-mm", "meet --presses", "indent --tol"} <= set(HOLDING_NUMBERS)
+    assert {"decode --snr-db", "jog --by-mm", "identify --presses", "indent --tol"} <= set(HOLDING_NUMBERS)
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -128,6 +128,13 @@ def _help(program: Program, monkeypatch: pytest.MonkeyPatch, *words: str) -> str
     assert (ended.code, ended.err) == (0, "")
     assert all(len(line) <= COLUMNS for line in ended.out.splitlines())
     return ended.out
+
+
+def test_a_renamed_command_prints_its_new_name(program: Program) -> None:
+    old, new = program("meet", "--help"), program("identify", "--help")
+    assert (old.code, old.out) == (0, new.out)
+    assert old.complaint == "warning: rig meet is now rig identify; the old name works for one release"
+    assert new.err == ""
 
 
 def test_an_old_name_prints_the_new_one(program: Program) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from rig.identify.random_finger import truth_of
-from rig.plan.finger_file import Band, Draw, FingerFile, Met, Place, Posterior
+from rig.plan.finger_file import Band, Draw, FingerFile, IdentifiedFinger, Place, Posterior
 from sim.config import FingertipConfig
 from sim.identification.prior import Prior, named
 from tests.program import Program
@@ -16,18 +16,18 @@ SD = 0.1
 
 
 def _file(folder: Path, off_sds: float) -> Path:
-    """Of somebody who met stranger 3, and is so far off in each number."""
+    """A finger file of random finger 3, with an error in each parameter."""
     mean = [value + off_sds * SD for value in truth_of(3).values()]
     covariance = [[SD**2 if k == j else 0.0 for j in range(len(NAMES))] for k in range(len(NAMES))]
     place = Place(x_mm=0, x_sd_mm=0, height_mm=0, height_sd_mm=0, cell_zero_gwt=0, cell_zero_sd_gwt=0)
     draws = tuple(Draw(stiffness=stiffness, e_dermis=0.1, e_fat=0.1) for stiffness in (0.9, 0.95, 1.05, 1.1))
-    met = Met(
+    identified = IdentifiedFinger(
         date="2026-11-23", version="1", bench="b", runs=("r",), journals_sha256=("s",), presses=1, place=place,
         posterior=Posterior(names=NAMES, mean=tuple(mean), covariance=tuple(map(tuple, covariance))), draw=draws,
         band=Band(model_error=0.02),
     )  # fmt: skip
     path = folder / "finger.toml"
-    path.write_text(FingerFile(finger=FingertipConfig(), relaxation=((0.2, 1.4),), met=met).as_toml())
+    path.write_text(FingerFile(finger=FingertipConfig(), relaxation=((0.2, 1.4),), identified=identified).as_toml())
     return path
 
 

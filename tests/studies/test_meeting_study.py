@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from rig.data import RunFolder
-from rig.identify.adaptive_presses import IdentificationOptions, Meeting, felt_surely
-from rig.identify.meeting_script import MeetingScript
+from rig.identify.adaptive_presses import Identification, IdentificationOptions, with_reliable_touch
+from rig.identify.identification_script import IdentificationScript
 from rig.plan.config import Config
 from rig.plan.plan import Plan
 from rig.session.session import NewRun, Nobody, Session, run_on
@@ -42,14 +42,14 @@ def _row(of: str, **changed: Any) -> dict[str, Any]:
 
 
 def test_a_finger_is_met_without_a_look_at_its_truth(finger: Fingertip, tmp_path: Path) -> None:
-    known = felt_surely(Config())
+    known = with_reliable_touch(Config())
     stranger = inside(known, 2)
     tiny = stranger.config.finger.model_copy(update={"mesh": coarse_mesh(0.5, 0.7)})
     keeper = Keeper(stranger._replace(config=stranger.config.model_copy(update={"finger": tiny}), exact=True))
     with pytest.raises(TruthReadError, match="before the meeting had ended"):
-        keeper.held_gwt(GOALS[0], Meeting(known, made_up(), IdentificationOptions(GOALS)).chooser.pace)
-    meeting = Meeting(known, made_up(), IdentificationOptions(GOALS, presses=2))
-    script = MeetingScript(meeting)
+        keeper.held_gwt(GOALS[0], Identification(known, made_up(), IdentificationOptions(GOALS)).chooser.pace)
+    meeting = Identification(known, made_up(), IdentificationOptions(GOALS, presses=2))
+    script = IdentificationScript(meeting)
 
     class Reader(Nobody):
         def begins(self, folder: RunFolder) -> None:
@@ -58,7 +58,7 @@ def test_a_finger_is_met_without_a_look_at_its_truth(finger: Fingertip, tmp_path
     session = Session(script.as_script(), known, finger, Plan(), NewRun(tmp_path), Reader(), script.handler)
     done = run_on(session, keeper.open_bench(session.pause), virtual=True)
     assert done.problem is None
-    assert meeting.told
+    assert meeting.reports
     journal = done.folder.events.read_text()
     events = [json.loads(line) for line in journal.splitlines()]
     told = {key for event in events if event["doc"] == "event" for key in event["data"]}
@@ -77,7 +77,7 @@ def test_the_truth_is_what_the_bench_answers_and_what_gives_goes_by_relaxed_forc
     Against the finger alone at the depth that is left to it (to 0.1 %: what relaxes is sampled);
     were all of the force to give, it would be 18 % less.
     """
-    known, give_mm_n, lasting = felt_surely(Config()), 2.0, 0.5
+    known, give_mm_n, lasting = with_reliable_touch(Config()), 2.0, 0.5
     stranger = inside(known, 2)
     tiny = stranger.config.finger.model_copy(update={"mesh": coarse_mesh(0.5, 0.7)})
     virtual = stranger.config.virtual.model_copy(
@@ -87,7 +87,7 @@ def test_the_truth_is_what_the_bench_answers_and_what_gives_goes_by_relaxed_forc
     keeper = Keeper(stranger._replace(config=config, exact=True))
     keeper.over()
     goal = GOALS[0]
-    held_gwt = keeper.held_gwt(goal, Meeting(known, made_up(), IdentificationOptions(GOALS)).chooser.pace)
+    held_gwt = keeper.held_gwt(goal, Identification(known, made_up(), IdentificationOptions(GOALS)).chooser.pace)
     finger = Fingertip.load(tiny)
 
     def relaxed_gwt(doi_mm: float) -> float:
@@ -107,12 +107,12 @@ def test_a_press_without_an_answer_is_sampled_more_finely(monkeypatch: pytest.Mo
             raise ModelRangeError("no answer")
         return 2.0 * GWT_N
 
-    known = felt_surely(Config())
+    known = with_reliable_touch(Config())
     stranger = inside(known, 2)
     tiny = stranger.config.finger.model_copy(update={"mesh": coarse_mesh(0.5, 0.7)})
     keeper = Keeper(stranger._replace(config=stranger.config.model_copy(update={"finger": tiny}), exact=True))
     keeper.over()
-    pace = Meeting(known, made_up(), IdentificationOptions(GOALS)).chooser.pace
+    pace = Identification(known, made_up(), IdentificationOptions(GOALS)).chooser.pace
     monkeypatch.setattr(RelaxingPress, "moved_to", stalls)
     assert keeper.held_gwt(GOALS[0], pace) == pytest.approx(2.0)
     assert tried == [0.05, 0.025, 0.0125]

@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.identify.adaptive_presses import felt_surely
+from rig.identify.adaptive_presses import with_reliable_touch
 from rig.plan.config import Config
 from sim.identification.next_press import PressAt
-from sim.identification.predicted_forces import Foreseen
+from sim.identification.predicted_forces import PredictedForces
 from sim.identification.prior import Prior
 from sim.models.fingertip import Fingertip
 from studies.meeting.proof import met
 from studies.meeting.strangers import Stranger, inside, outside
 
-KNOWN = felt_surely(Config())
+KNOWN = with_reliable_touch(Config())
 GOALS = (PressAt("cylinder:9", 0.0, 0.67), PressAt("cylinder:9", 0.8, 0.5), PressAt("sphere:6", -0.5, 0.5))
 """Of shapes that no meeting presses."""
 
@@ -32,7 +32,7 @@ def _unmet() -> Fingertip:
 
 
 def _met(stranger: Stranger) -> dict[str, Any]:
-    return met(stranger, Foreseen.over(KNOWN.finger, Prior(), 1.8, 1.1), _unmet(), KNOWN, GOALS)
+    return met(stranger, PredictedForces.over(KNOWN.finger, Prior(), 1.8, 1.1), _unmet(), KNOWN, GOALS)
 
 
 @pytest.fixture(scope="module")

@@ -1,8 +1,8 @@
-"""The file of a finger that was met, for tests: no such finger was."""
+"""The file of a finger that was identified, for tests: no such finger was."""
 
 import numpy as np
 
-from rig.plan.finger_file import Band, Draw, FingerFile, Met, Place, Posterior
+from rig.plan.finger_file import Band, Draw, FingerFile, IdentifiedFinger, Place, Posterior
 from sim.config import FingertipConfig, Tissue
 from tests.sim.coarse_mesh import coarse_mesh
 
@@ -10,7 +10,7 @@ MESH = coarse_mesh(0.5, 0.7, patch_x_mm=2.3, patch_z_mm=2.3)
 SERIES = ((0.2, 0.07), (0.2, 1.4))
 
 
-def met_file(
+def identified_file(
     *, spread: float = 0.05, relaxation: tuple[tuple[float, float], ...] = (), stiffness: float = 1.0, draws: int = 8
 ) -> FingerFile:
     """On a coarse mesh; ln of stiffness and of e_fat spread so much, one against the other."""
@@ -27,7 +27,7 @@ def met_file(
     return FingerFile(
         finger=FingertipConfig(mesh=MESH, tissue=Tissue(stiffness=stiffness)),
         relaxation=relaxation,
-        met=Met(
+        identified=IdentifiedFinger(
             date="2026-11-23",
             version="0",
             bench="virtual",

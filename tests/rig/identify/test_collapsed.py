@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 import typer
 
-import rig.cli.identify_finger as meet
-from rig.cli.identify_finger import said_at_the_end
+import rig.cli.identify_finger as identify_finger
+from rig.cli.identify_finger import final_lines
 from rig.compare.plausible_fingers import read_plausible
 from rig.errors import BadInputError, RunAborted
-from rig.identify.adaptive_presses import IdentificationOptions, Meeting, felt_surely
+from rig.identify.adaptive_presses import Identification, IdentificationOptions, with_reliable_touch
 from rig.identify.finger_from_presses import finger_file
 from rig.plan.config import Config
 from rig.plan.finger_file import FingerFile
@@ -22,20 +22,22 @@ from sim.identification.posterior import least_effective
 from tests.error_codes import raises
 from tests.made_up_fingers import made_up
 from tests.program import Program
-from tests.rig.identify.finger_file import met_file
+from tests.rig.identify.finger_file import identified_file
 
 FORESEEN = made_up()
 
 
 def _flagged() -> FingerFile:
-    file = met_file()
-    return file.model_copy(update={"met": file.met.model_copy(update={"collapsed": True})})
+    file = identified_file()
+    return file.model_copy(update={"identified": file.identified.model_copy(update={"collapsed": True})})
 
 
 def _of_one_draw() -> FingerFile:
     """As version 0.1 wrote it."""
-    file = met_file()
-    return file.model_copy(update={"met": file.met.model_copy(update={"draw": 8 * file.met.draw[:1]})})
+    file = identified_file()
+    return file.model_copy(
+        update={"identified": file.identified.model_copy(update={"draw": 8 * file.identified.draw[:1]})}
+    )
 
 
 COMMANDS = {
@@ -43,7 +45,7 @@ COMMANDS = {
     "dry-run": ["dry-run", "first_press", "--finger", "finger.toml"],
     "run": ["run", "first_press", "--yes", "--config", "rig.toml", "--finger", "finger.toml"],
     "as a configuration": ["dry-run", "first_press", "--config", "finger.toml"],
-    "identify again from it": ["meet", "--dry-run", "--config", "finger.toml"],
+    "identify again from it": ["identify", "--dry-run", "--config", "finger.toml"],
     "one press": ["indent", "--shape", "bar:3.0", "--doi-mm", "1", "--x-mm", "0", "--config", "finger.toml"],
     "reveal": ["stranger", "7", "--beside", "finger.toml"],
 }
@@ -77,11 +79,11 @@ def test_a_comparison_does_not_take_it_for_plausible_fingers(file: Any, tmp_path
 LEAST = least_effective(len(FORESEEN.prior.names))
 
 
-def _meeting(effective: float) -> Meeting:
-    wanted = IdentificationOptions((PressAt("cylinder:9", 0.5, 0.67),), shapes=("sphere:4",))
-    meeting = Meeting(felt_surely(Config()), FORESEEN, wanted, seed=1)
-    meeting.learned = replace(meeting.learned, effective=effective)
-    return meeting
+def _identification(effective: float) -> Identification:
+    options = IdentificationOptions((PressAt("cylinder:9", 0.5, 0.67),), shapes=("sphere:4",))
+    identification = Identification(with_reliable_touch(Config()), FORESEEN, options, seed=1)
+    identification.learned = replace(identification.learned, effective=effective)
+    return identification
 
 
 @pytest.mark.parametrize(
@@ -97,7 +99,7 @@ def _meeting(effective: float) -> Meeting:
 def test_the_exit_code(effective: float, problem: Exception | None, code: int, tmp_path: Path) -> None:
     done = cast(Any, SimpleNamespace(problem=problem, ending=None, complete=problem is None))
     with pytest.raises(typer.Exit) as ended:
-        meet._leave(done, _meeting(effective), tmp_path / "finger.toml")
+        identify_finger._leave(done, _identification(effective), tmp_path / "finger.toml")
     assert ended.value.exit_code == code
 
 
@@ -105,29 +107,29 @@ def test_the_exit_code(effective: float, problem: Exception | None, code: int, t
 def test_an_object_that_no_finger_explains_has_an_exit_code_of_its_own_and_its_reason_in_the_file(
     problem: Exception | None, code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(Meeting, "stranger", "it is bone")
-    meeting = _meeting(1500.0)
+    monkeypatch.setattr(Identification, "mismatch", "it is bone")
+    identification = _identification(1500.0)
     done = cast(Any, SimpleNamespace(problem=problem, ending=None, complete=problem is None))
     with pytest.raises(typer.Exit) as ended:
-        meet._leave(done, meeting, tmp_path / "finger.toml")
+        identify_finger._leave(done, identification, tmp_path / "finger.toml")
     assert ended.value.exit_code == code
-    meeting.given = [cast(Any, SimpleNamespace(zero_gwt=0.0))]
-    meeting.learned = replace(meeting.learned, readings=np.array([1]), misfit=np.array([1.0]))
+    identification.measured = [cast(Any, SimpleNamespace(zero_gwt=0.0))]
+    identification.learned = replace(identification.learned, readings=np.array([1]), misfit=np.array([1.0]))
     journal = tmp_path / "events.jsonl"
     journal.write_text("", encoding="utf-8")
-    assert finger_file(meeting, Config(), [journal]).met.flagged == "it is bone"
+    assert finger_file(identification, Config(), [journal]).identified.flagged == "it is bone"
 
 
 @pytest.mark.parametrize(("effective", "collapsed"), [(LEAST, False), (LEAST - 0.1, True)])
 def test_file_sentence_and_table_all_show_it(effective: float, collapsed: bool, tmp_path: Path) -> None:
-    meeting = _meeting(effective)
-    meeting.given = [cast(Any, SimpleNamespace(zero_gwt=0.0))]
-    meeting.learned = replace(meeting.learned, readings=np.array([1]), misfit=np.array([1.0]))
+    identification = _identification(effective)
+    identification.measured = [cast(Any, SimpleNamespace(zero_gwt=0.0))]
+    identification.learned = replace(identification.learned, readings=np.array([1]), misfit=np.array([1.0]))
     journal = tmp_path / "events.jsonl"
     journal.write_text("", encoding="utf-8")
-    assert finger_file(meeting, Config(), [journal]).met.collapsed is collapsed
-    assert any("collapsed" in sentence for sentence in meeting.not_learned) is collapsed
-    meeting.given = []
+    assert finger_file(identification, Config(), [journal]).identified.collapsed is collapsed
+    assert any("collapsed" in sentence for sentence in identification.not_learned) is collapsed
+    identification.measured = []
     folder = SimpleNamespace(path=tmp_path)
     done = cast(Any, SimpleNamespace(folder=folder, problem=None, ending=None, duration_s=1.0))
-    assert ("collapsed" in said_at_the_end(done, meeting, "finger.toml")) is collapsed
+    assert ("collapsed" in final_lines(done, identification, "finger.toml")) is collapsed

@@ -1,4 +1,4 @@
-"""The file of a finger that was met: what is written is read, and what is wrong is told in one line."""
+"""The file of a finger that was identified: what is written is read, and what is wrong is told in one line."""
 
 import errno
 import os
@@ -13,25 +13,33 @@ from rig.errors import BadInputError, first_problem
 from rig.plan.config import Config, load_config, with_finger
 from rig.plan.finger_file import fingers_of, read_finger_file
 from tests.error_codes import has_code, raises
-from tests.rig.identify.finger_file import SERIES, met_file
+from tests.rig.identify.finger_file import SERIES, identified_file
 
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     file = tmp_path / "finger.toml"
-    file.write_text(met_file(relaxation=SERIES).as_toml(), encoding="utf-8")
+    file.write_text(identified_file(relaxation=SERIES).as_toml(), encoding="utf-8")
     return file
 
 
 def test_what_is_written_is_read(path: Path) -> None:
-    assert read_finger_file(path) == met_file(relaxation=SERIES)
+    assert read_finger_file(path) == identified_file(relaxation=SERIES)
+
+
+def test_the_table_is_read_under_its_old_name(path: Path) -> None:
+    old = path.with_name("old.toml")
+    old.write_text(path.read_text(encoding="utf-8").replace("[identified", "[met"), encoding="utf-8")
+    assert "[[met.draw]]" in old.read_text(encoding="utf-8")
+    assert read_finger_file(old) == read_finger_file(path)
+    assert load_config(old) == load_config(path)
 
 
 def test_it_is_a_piece_of_a_configuration(path: Path) -> None:
     """So a run's own copy of its configuration keeps it, and a run that is taken up has it."""
-    file = met_file(relaxation=SERIES)
+    file = identified_file(relaxation=SERIES)
     config = load_config(path)
-    assert (config.finger, config.met, config.virtual.relaxation) == (file.finger, file.met, SERIES)
+    assert (config.finger, config.identified, config.virtual.relaxation) == (file.finger, file.identified, SERIES)
     again = path.with_name("config.toml")
     again.write_text(config.as_toml(), encoding="utf-8")
     assert load_config(again) == config
@@ -41,26 +49,26 @@ def test_it_goes_before_a_configurations_finger_and_not_before_its_virtual_truth
     assert with_finger(Config(), None) == Config()
     quick = Config.model_validate({"virtual": {"relaxation": [[0.1, 0.5]], "stiffness": 1.5}})
     found = with_finger(quick, path)
-    assert found.finger == met_file().finger
-    assert found.met == met_file(relaxation=SERIES).met
+    assert found.finger == identified_file().finger
+    assert found.identified == identified_file(relaxation=SERIES).identified
     assert (found.virtual.relaxation, found.virtual.stiffness) == (((0.1, 0.5),), 1.5)
     assert with_finger(Config(), path).virtual.relaxation == SERIES
 
 
 def test_likely_fingers_differ_in_their_tissue_alone() -> None:
-    file = met_file(stiffness=2.0)
-    likely = fingers_of(file.finger, file.met)
-    assert [one.tissue.stiffness for one in likely] == [draw.stiffness for draw in file.met.draw]
-    assert [one.tissue.e_fat for one in likely] == [draw.e_fat for draw in file.met.draw]
+    file = identified_file(stiffness=2.0)
+    likely = fingers_of(file.finger, file.identified)
+    assert [one.tissue.stiffness for one in likely] == [draw.stiffness for draw in file.identified.draw]
+    assert [one.tissue.e_fat for one in likely] == [draw.e_fat for draw in file.identified.draw]
     assert {one.mesh for one in likely} == {file.finger.mesh}
 
 
 TO_THE_DRAWS = "stiffness = 0.9323938199059483\ne_dermis = "  # of the first of them
 WRONG: dict[str, tuple[Any, str, dict[str, Any]]] = {
     "no file": (None, "unreadable", {"problem": os.strerror(errno.ENOENT)}),
-    "no TOML": (("[met]", "[met"), "no_toml", {}),
-    "another file": (("[met", "[meet"), "no_met_table", {}),
-    "unknown key": (("presses = 8", "pressed = 8"), "missing_key", {"key": "met.presses"}),
+    "no TOML": (("[identified]", "[identified"), "no_toml", {}),
+    "another file": (("[identified", "[other"), "no_identified_table", {}),
+    "unknown key": (("presses = 8", "pressed = 8"), "missing_key", {"key": "identified.presses"}),
     "no number": (
         ("e_dermis = 0.1", "e_dermis = nan"),
         "invalid_value", {"key": "finger.tissue.e_dermis", "rule": "finite_number"},
@@ -73,16 +81,17 @@ WRONG: dict[str, tuple[Any, str, dict[str, Any]]] = {
         (TO_THE_DRAWS + "0.1", TO_THE_DRAWS + "0.01"),
         "beyond_interpolation",
         {
-            "key": "met.draw.0", "e_dermis": 0.01, "e_fat": pytest.approx(0.107251, rel=1e-5),
+            "key": "identified.draw.0", "e_dermis": 0.01, "e_fat": pytest.approx(0.107251, rel=1e-5),
             "e_dermis_low": 0.04, "e_dermis_high": 0.64, "e_fat_low": 0.02,
         },
     ),
     "relaxes away": (("[0.2, 1.4]", "[0.9, 1.4]"), "no_prony_series", {"key": "relaxation"}),
     "a variance below 0": (
-        ("4e-4", "-4e-4"), "negative_variance", {"key": "met.posterior", "name": "x_mm", "variance": -4e-4},
+        ("4e-4", "-4e-4"), "negative_variance", {"key": "identified.posterior", "name": "x_mm", "variance": -4e-4},
     ),
     "hashes": (
-        ('runs = ["one"]', 'runs = ["one", "two"]'), "not_one_hash_a_run", {"key": "met", "runs": 2, "hashes": 1},
+        ('runs = ["one"]', 'runs = ["one", "two"]'),
+        "not_one_hash_a_run", {"key": "identified", "runs": 2, "hashes": 1},
     ),
 }  # fmt: skip
 
@@ -117,7 +126,7 @@ POSTERIORS: dict[str, tuple[Any, str, dict[str, Any]]] = {
 @pytest.mark.parametrize("wrong", POSTERIORS)
 def test_a_posterior_is_whole(wrong: str) -> None:
     change, code, fields = POSTERIORS[wrong]
-    posterior = met_file().met.posterior
+    posterior = identified_file().identified.posterior
     with pytest.raises(ValidationError) as caught:
         type(posterior).model_validate(posterior.model_dump() | change)
     has_code(first_problem("", caught.value), code, **fields)
@@ -129,13 +138,13 @@ FLAGGED = "it is far harder than any finger of the prior"
 @pytest.mark.parametrize("as_configuration", [False, True])
 def test_a_finger_that_nothing_explains_needs_force(tmp_path: Path, as_configuration: bool) -> None:
     """A comparison has no such option: it takes ranges of one's own."""
-    file = met_file()
-    flagged = file.model_copy(update={"met": file.met.model_copy(update={"flagged": FLAGGED})})
+    file = identified_file()
+    flagged = file.model_copy(update={"identified": file.identified.model_copy(update={"flagged": FLAGGED})})
     path = tmp_path / "finger.toml"
     path.write_text(flagged.as_toml(), encoding="utf-8")
     config, finger = (load_config(path), None) if as_configuration else (Config(), path)
     with raises(BadInputError, "flagged", why=FLAGGED):
         with_finger(config, finger)
-    assert with_finger(config, finger, force=True).met == flagged.met
+    assert with_finger(config, finger, force=True).identified == flagged.identified
     with raises(BadInputError, "flagged", where=f"--fingers {path}", why=FLAGGED):
         read_plausible(path)

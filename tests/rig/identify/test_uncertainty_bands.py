@@ -10,7 +10,7 @@ from rig.plan.plan import Plan
 from rig.records import Pace, PlannedIndentation, PredictionBand, Target
 from sim.models.relaxation import Memory, Prony, PronyTerm
 from sim.units import GWT_N
-from tests.rig.identify.finger_file import SERIES, met_file
+from tests.rig.identify.finger_file import SERIES, identified_file
 
 PACE = Pace(speed_mm_s=1.0, increment_mm=0.05, ramps=1, hold_s=1.0)
 
@@ -56,8 +56,8 @@ def test_the_highest_is_on_the_quickest_way_there() -> None:
 def test_a_band_is_log_normal_and_has_the_models_error_in_it() -> None:
     ln = np.linspace(-0.1, 0.1, 8)
     found = Answers(4.0 * np.exp(ln), np.full(8, 0.5), 5.0 * np.exp(ln))
-    met = met_file().met
-    force, doi, band = band_of(found, met)
+    identified = identified_file().identified
+    force, doi, band = band_of(found, identified)
     half = norm.ppf(0.95) * np.hypot(ln.std(ddof=1), 0.02)
     assert (force, doi) == pytest.approx((4.0, 0.5))
     assert band.force_gwt == pytest.approx((4.0 * np.exp(-half), 4.0 * np.exp(half)))
@@ -67,7 +67,9 @@ def test_a_band_is_log_normal_and_has_the_models_error_in_it() -> None:
 
 def test_at_a_force_it_is_the_depth_that_has_a_band() -> None:
     ln = np.linspace(-0.1, 0.1, 8)
-    force, doi, band = band_of(Answers(np.full(8, 4.0), 0.5 * np.exp(ln), np.full(8, 4.0)), met_file().met)
+    force, doi, band = band_of(
+        Answers(np.full(8, 4.0), 0.5 * np.exp(ln), np.full(8, 4.0)), identified_file().identified
+    )
     half = norm.ppf(0.95) * np.hypot(ln.std(ddof=1), 0.02 / 1.5)
     assert (force, doi) == pytest.approx((4.0, 0.5))
     assert band.force_gwt == pytest.approx((4.0, 4.0))
@@ -95,11 +97,11 @@ def test_limits_go_by_the_upper_end() -> None:
 
 def test_a_reference_moves_the_likely_fingers_as_bayes_has_it() -> None:
     """Of ln F = ln stiffness, so that the answer is that of two normal distributions."""
-    met = met_file(spread=0.2).met
-    z = np.log([draw.stiffness for draw in met.draw])
+    identified = identified_file(spread=0.2).identified
+    z = np.log([draw.stiffness for draw in identified.draw])
     noise = 0.02**2 + 1e-4
     seen = ReferenceForce("bar:3.0", 0.0, Target("doi_mm", 0.5), PACE, 0.3, 1e-4)
-    after = taken_in(met, z, seen)
+    after = taken_in(identified, z, seen)
     moved = np.log([draw.stiffness for draw in after.draw])
     prior = z.var(ddof=1)
     assert moved.mean() == pytest.approx(0.3 * prior / (prior + noise))
@@ -109,18 +111,18 @@ def test_a_reference_moves_the_likely_fingers_as_bayes_has_it() -> None:
     posterior = dict(zip(after.posterior.names, after.posterior.mean, strict=True))
     assert posterior["ln_stiffness"] == pytest.approx(moved.mean())
     assert posterior["x_mm"] == 0.1
-    assert after.posterior.covariance[2] == met.posterior.covariance[2]
+    assert after.posterior.covariance[2] == identified.posterior.covariance[2]
     assert after.posterior.covariance[0][0] == pytest.approx(0.2**2 - prior**2 / (prior + noise))
 
 
 def test_what_every_likely_finger_says_teaches_nothing() -> None:
-    met = met_file().met
+    identified = identified_file().identified
     seen = ReferenceForce("bar:3.0", 0.0, Target("doi_mm", 0.5), PACE, 0.3, 1e-4)
-    assert taken_in(met, np.zeros(8), seen) == met
+    assert taken_in(identified, np.zeros(8), seen) == identified
 
 
 def test_moduli_stay_where_fingers_are_interpolated() -> None:
-    met = met_file(spread=0.2).met
-    z = np.log([draw.stiffness for draw in met.draw])
-    far = taken_in(met, z, ReferenceForce("bar:3.0", 0.0, Target("doi_mm", 0.5), PACE, 9.0, 1e-4))
+    identified = identified_file(spread=0.2).identified
+    z = np.log([draw.stiffness for draw in identified.draw])
+    far = taken_in(identified, z, ReferenceForce("bar:3.0", 0.0, Target("doi_mm", 0.5), PACE, 9.0, 1e-4))
     assert {draw.e_fat for draw in far.draw} == {0.02}

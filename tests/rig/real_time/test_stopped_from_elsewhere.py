@@ -74,19 +74,19 @@ def _stopped_as_soon_as_announced(run: Elsewhere) -> None:
     assert state_of(read_run(run.folder)) == "aborted"
 
 
-@pytest.mark.parametrize("command", ["run", "meet"])
+@pytest.mark.parametrize("command", ["run", "identify"])
 def test_a_stop_as_soon_as_a_run_is_announced_is_on_record(
     elsewhere: Callable[..., Elsewhere], whole: tuple[ServedBench, Path], tmp_path: Path, command: str
 ) -> None:
-    to = ["--to", tmp_path / "finger.toml"] if command == "meet" else []
+    to = ["--to", tmp_path / "finger.toml"] if command == "identify" else []
     run = elsewhere(decides(), command, "--yes", "--config", whole[1], *to)
     _stopped_as_soon_as_announced(run)
     assert run.sent == [STOP]
 
 
-@pytest.mark.parametrize("command", ["dry-run", "meet"])
+@pytest.mark.parametrize("command", ["dry-run", "identify"])
 def test_a_stop_as_soon_as_a_rehearsal_is_announced_is_on_record(
     elsewhere: Callable[..., Elsewhere], tmp_path: Path, command: str
 ) -> None:
-    dry = ["--dry-run", "--to", tmp_path / "finger.toml"] if command == "meet" else []
+    dry = ["--dry-run", "--to", tmp_path / "finger.toml"] if command == "identify" else []
     _stopped_as_soon_as_announced(elsewhere(decides(), command, *dry))

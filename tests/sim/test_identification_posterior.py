@@ -10,7 +10,7 @@ import pytest
 import sim.identification.posterior as learned_module
 from sim.identification.next_press import Chooser, PressAt, SkinSearch, held_gwt, highest_gwt
 from sim.identification.posterior import Learned, Surprise, learn, no_finger, nothing_learned
-from sim.identification.predicted_forces import Given, RampAndHold, nominal_way
+from sim.identification.predicted_forces import MeasuredPress, RampAndHold, nominal_trajectory
 from sim.identification.prior import Prior
 from sim.identification.uncertainty_bands import Width, band
 from tests.made_up_fingers import made_up, pressed
@@ -28,12 +28,12 @@ PRESSES = (
 GOAL = PressAt("cylinder:9", 0.5, 0.67)
 
 
-def _met(
+def _identified(
     seed: int, presses: tuple[tuple[str, float, float], ...] = PRESSES
-) -> tuple[np.ndarray, list[Given], Learned]:
+) -> tuple[np.ndarray, list[MeasuredPress], Learned]:
     chance = np.random.default_rng(seed)
     truth = PRIOR.draws(1, chance)[0]
-    given = [pressed(FORESEEN, truth, nominal_way(*one, PACE, SHARES), chance, NOISE_GWT) for one in presses]
+    given = [pressed(FORESEEN, truth, nominal_trajectory(*one, PACE, SHARES), chance, NOISE_GWT) for one in presses]
     return truth, given, learn(FORESEEN, given, nothing_learned(PRIOR, chance, 600), chance)
 
 
@@ -47,7 +47,7 @@ def test_before_the_first_press_it_is_the_prior() -> None:
 def test_what_was_learned_holds_the_truth_and_is_narrower() -> None:
     off = []
     for seed in range(8):
-        truth, given, learned = _met(seed)
+        truth, given, learned = _identified(seed)
         assert learned.draws.shape == (600, len(truth))
         assert learned.prior.within(learned.draws).all()
         assert learned.effective > 50
@@ -68,16 +68,16 @@ def test_where_no_draw_lies_within_the_prior_it_has_collapsed(monkeypatch: pytes
         return draws + 100 * PRIOR.sd, ln_density
 
     monkeypatch.setattr(learned_module, "_student", outside)
-    _, _, learned = _met(3)
+    _, _, learned = _identified(3)
     assert (learned.effective, learned.collapsed) == (1.0, True)
     assert learned.prior.within(learned.draws).all()
-    np.testing.assert_array_equal(learned.draws, np.tile(learned.likeliest, (600, 1)))
+    np.testing.assert_array_equal(learned.draws, np.tile(learned.most_likely, (600, 1)))
 
 
 def test_a_wanted_force_comes_within_its_band() -> None:
     inside, half = 0, []
     for seed in range(8):
-        truth, _, learned = _met(seed)
+        truth, _, learned = _identified(seed)
         known = band(held_gwt(FORESEEN, learned.draws, GOAL, PACE), 0.02)
         inside += known.low < held_gwt(FORESEEN, truth[None], GOAL, PACE)[0] < known.high
         half.append(known.half)
@@ -86,7 +86,7 @@ def test_a_wanted_force_comes_within_its_band() -> None:
 
 
 def test_more_presses_leave_less() -> None:
-    widths = [band(held_gwt(FORESEEN, _met(3, PRESSES[:k])[2].draws, GOAL, PACE), 0.0).half for k in (1, 3, 5)]
+    widths = [band(held_gwt(FORESEEN, _identified(3, PRESSES[:k])[2].draws, GOAL, PACE), 0.0).half for k in (1, 3, 5)]
     assert widths[0] > widths[1] > widths[2]
 
 
@@ -96,14 +96,16 @@ def test_noise_is_told_from_knowledge() -> None:
     truth = PRIOR.draws(1, chance)[0]
     half = []
     for noise_gwt in (0.01, 0.2):
-        given = [pressed(FORESEEN, truth, nominal_way(*one, PACE, SHARES), chance, noise_gwt) for one in PRESSES]
+        given = [
+            pressed(FORESEEN, truth, nominal_trajectory(*one, PACE, SHARES), chance, noise_gwt) for one in PRESSES
+        ]
         learned = learn(FORESEEN, given, nothing_learned(PRIOR, chance, 600), chance)
         half.append(band(held_gwt(FORESEEN, learned.draws, GOAL, PACE), 0.0).half)
     assert half[1] > 1.2 * half[0]
 
 
 def test_the_same_seed_learns_the_same() -> None:
-    assert (_met(4)[2].draws == _met(4)[2].draws).all()
+    assert (_identified(4)[2].draws == _identified(4)[2].draws).all()
 
 
 # --- which press comes next ---
@@ -147,7 +149,7 @@ def test_a_shape_that_is_felt_sooner_comes_before_one_that_a_soft_finger_may_hid
 
 
 def test_the_press_that_is_wanted_tells_most_of_itself() -> None:
-    known = _met(6, PRESSES[:1])[2]
+    known = _identified(6, PRESSES[:1])[2]
     menu = [PressAt("sphere:4", -1.2, 0.2), GOAL, PressAt("flat:3", 0.0, 0.2)]
     assert CHOOSER.choose(known, 1e3, menu) == GOAL
 
@@ -164,43 +166,47 @@ def test_a_band_is_log_normal_and_widened_by_the_models_error() -> None:
 # --- what is no finger ---
 
 
-def _judged(given: list[Given], seed: int) -> str | None:
+def _judged(given: list[MeasuredPress], seed: int) -> str | None:
     chance = np.random.default_rng(seed)
     learned = learn(FORESEEN, given, nothing_learned(PRIOR, chance, 600), chance)
     return no_finger(FORESEEN, given, learned, [])
 
 
-def _changed(given: Given, factor: np.ndarray | float) -> Given:
+def _changed(given: MeasuredPress, factor: np.ndarray | float) -> MeasuredPress:
     return replace(given, force_gwt=given.force_gwt * factor)
 
 
 def test_a_finger_of_the_prior_is_one() -> None:
-    assert [seed for seed in range(6) if _judged(_met(seed)[1], seed) is not None] == []
+    assert [seed for seed in range(6) if _judged(_identified(seed)[1], seed) is not None] == []
     assert no_finger(FORESEEN, [], nothing_learned(PRIOR, np.random.default_rng(0), 10), []) is None
 
 
 @pytest.mark.parametrize(("power", "words"), [(0.5, "more steeply"), (-0.5, "less steeply")])
 def test_a_force_that_grows_otherwise_is_recognised(power: float, words: str) -> None:
-    given = [_changed(one, np.maximum(one.force_gwt / one.force_gwt.max(), 0.02) ** power) for one in _met(2)[1]]
+    given = [
+        _changed(one, np.maximum(one.force_gwt / one.force_gwt.max(), 0.02) ** power) for one in _identified(2)[1]
+    ]
     assert words in str(_judged(given, 2))
 
 
 def test_a_mount_that_slips_is_recognised() -> None:
-    truth, given, _ = _met(7)
+    truth, given, _ = _identified(7)
     lower, chance = truth.copy(), np.random.default_rng(7)
     lower[PRIOR.index("height_mm")] -= 0.15
-    slipped = [pressed(FORESEEN, lower, nominal_way(*one, PACE, SHARES), chance, NOISE_GWT) for one in PRESSES[3:]]
+    slipped = [
+        pressed(FORESEEN, lower, nominal_trajectory(*one, PACE, SHARES), chance, NOISE_GWT) for one in PRESSES[3:]
+    ]
     assert re.search(r" at press 4 .* -\d+ µm; .* slips", str(_judged(given[:3] + slipped, 7)))
 
 
 @pytest.mark.parametrize(("off_sds", "flagged"), [(2.1, False), (2.2, True), (-2.2, True)])
 def test_layers_at_the_end_of_their_ranges_are_told(off_sds: float, flagged: bool) -> None:
     """Of both moduli: two squares, of which one in a hundred exceeds 9.21."""
-    _, given, learned = _met(1)
+    _, given, learned = _identified(1)
     moved = PRIOR.middle.copy()
     for name in ("ln_e_dermis", "ln_e_fat"):
         moved[PRIOR.index(name)] += off_sds * PRIOR.sd[PRIOR.index(name)]
-    said = no_finger(FORESEEN, given, replace(learned, likeliest=moved), [])
+    said = no_finger(FORESEEN, given, replace(learned, most_likely=moved), [])
     assert (said is not None) == flagged
     assert not flagged or "layers" in str(said)
 
@@ -208,9 +214,11 @@ def test_layers_at_the_end_of_their_ranges_are_told(off_sds: float, flagged: boo
 def test_a_surprise_is_counted_in_sd_of_the_logarithm() -> None:
     surprise = Surprise(Width(2.0, 1.0, 4.0), 0.1, 2.0 * np.exp(0.3))
     assert surprise.sds == pytest.approx(3.0)
-    _, given, learned = _met(1)
+    _, given, learned = _identified(1)
     assert no_finger(FORESEEN, given, learned, [surprise]) is None
-    assert no_finger(FORESEEN, given, learned, [Surprise(surprise.foreseen, 0.05, surprise.measured_gwt)]) is not None
+    assert (
+        no_finger(FORESEEN, given, learned, [Surprise(surprise.predicted, 0.05, surprise.measured_gwt)]) is not None
+    )
 
 
 def test_parameters_are_found_by_their_names() -> None:

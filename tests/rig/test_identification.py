@@ -1,4 +1,4 @@
-"""A meeting over the bytes of the virtual bench, made-up fingers behind it: what is pressed, said and written."""
+"""An identification over the bytes of the virtual bench with made-up fingers: its presses, messages and files."""
 
 import json
 import math
@@ -15,33 +15,33 @@ import pytest
 import rig.identify.adaptive_presses as course
 from rig.bench.virtual import bench_around
 from rig.cli.identify_finger import (
+    final_lines,
     force_rows,
     number_rows,
     page_lines,
     press_rows,
-    said_after,
-    said_at_the_end,
-    said_before,
+    print_after_press,
+    print_before_press,
     scope_of,
 )
 from rig.data import RunFolder, read_run
-from rig.data.folder import MEETING_PAGE
+from rig.data.folder import IDENTIFICATION_PAGE, SCRIPTS
 from rig.errors import LimitError, TripError
-from rig.identify.adaptive_presses import IdentificationOptions, Meeting, felt_surely
+from rig.identify.adaptive_presses import Identification, IdentificationOptions, with_reliable_touch
 from rig.identify.finger_from_presses import finger_file
-from rig.identify.meeting_script import MeetingScript
-from rig.identify.press_record import given_press
-from rig.identify.random_finger import CELL_NOISE_GWT, truth_of, with_stranger
+from rig.identify.identification_script import IdentificationScript
+from rig.identify.press_record import measured_press
+from rig.identify.random_finger import CELL_NOISE_GWT, truth_of, with_random_finger
 from rig.plan.config import Config, VirtualSettings
 from rig.plan.finger_file import read_finger_file
 from rig.plan.plan import Plan
 from rig.protocol.api import Rig
-from rig.report.identification_page import IdentificationPage, write_meeting_page
+from rig.report.identification_page import IdentificationPage, write_identification_page
 from rig.session.session import FinishedRun, NewRun, Nobody, Session, run_on
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from sim.identification.next_press import PressAt
-from sim.identification.predicted_forces import Given, PressTrajectory
+from sim.identification.predicted_forces import MeasuredPress, PressTrajectory
 from sim.identification.prior import TAU_FAST_S, Prior
 from sim.identification.uncertainty_bands import standard_deviations
 from sim.models.fingertip import Fingertip
@@ -53,7 +53,7 @@ from tests.program import Program
 FORESEEN = made_up()
 GOALS = (PressAt("cylinder:9", 0.5, 0.67), PressAt("bar:3.0", 0.0, 0.5))
 RELAXES = ("share_fast", "share_slow", "ln_tau_slow_s")
-SETTINGS = felt_surely(Config(virtual=VirtualSettings(cell_noise_gwt=0.01)))
+SETTINGS = with_reliable_touch(Config(virtual=VirtualSettings(cell_noise_gwt=0.01)))
 
 
 class MadeUpPlant:
@@ -90,7 +90,7 @@ class MadeUpPlant:
 
 
 class Reader(Nobody):
-    def __init__(self, script: MeetingScript) -> None:
+    def __init__(self, script: IdentificationScript) -> None:
         self._script = script
 
     def begins(self, folder: RunFolder) -> None:
@@ -101,90 +101,92 @@ def _truth(seed: int) -> np.ndarray:
     return FORESEEN.prior.draws(1, np.random.default_rng(seed))[0]
 
 
-def _meet(
+def _identify(
     tmp_path: Path,
     finger: Fingertip,
     truth: np.ndarray,
-    wanted: IdentificationOptions | None = None,
+    options: IdentificationOptions | None = None,
     most_gwt: float = math.inf,
-) -> tuple[Meeting, FinishedRun]:
-    meeting = Meeting(SETTINGS, FORESEEN, wanted or IdentificationOptions(GOALS, presses=5))
-    script = MeetingScript(meeting)
+) -> tuple[Identification, FinishedRun]:
+    identification = Identification(SETTINGS, FORESEEN, options or IdentificationOptions(GOALS, presses=5))
+    script = IdentificationScript(identification)
 
     def opened(folder: RunFolder, byte_log: Any, start_unix_s: float) -> Any:
         clock = VirtualClock(start_unix_s, 0.0)
         return bench_around(lambda c: MadeUpPlant(c, truth, most_gwt), SETTINGS, clock, byte_log)
 
     session = Session(script.as_script(), SETTINGS, finger, Plan(), NewRun(tmp_path), Reader(script), script.handler)
-    return meeting, run_on(session, opened, virtual=True)
+    return identification, run_on(session, opened, virtual=True)
 
 
 @pytest.fixture(scope="module")
-def met(finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> tuple[Meeting, FinishedRun]:
-    return _meet(tmp_path_factory.mktemp("met"), finger, _truth(3))
+def identified(finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> tuple[Identification, FinishedRun]:
+    return _identify(tmp_path_factory.mktemp("identified"), finger, _truth(3))
 
 
-def test_a_meeting_ends_when_the_forces_are_known(met: tuple[Meeting, FinishedRun]) -> None:
-    meeting, done = met
+def test_it_ends_when_the_forces_are_known(identified: tuple[Identification, FinishedRun]) -> None:
+    identification, done = identified
     assert done.problem is None
     assert done.complete
-    assert 4 <= len(meeting.told) <= 5
-    assert len({told.press.indentor for told in meeting.told[:3]}) == 3
-    assert meeting.stranger is None
+    assert 4 <= len(identification.reports) <= 5
+    assert len({report.press.indentor for report in identification.reports[:3]}) == 3
+    assert identification.mismatch is None
     assert done.duration_s < 180
     prior = FORESEEN.prior
     for name, most in (("x_mm", 0.15), ("height_mm", 0.02)):
-        assert abs(meeting.learned.mean[prior.index(name)] - _truth(3)[prior.index(name)]) < most
+        assert abs(identification.learned.mean[prior.index(name)] - _truth(3)[prior.index(name)]) < most
 
 
-def test_no_reading_passes_the_trip_of_its_press(met: tuple[Meeting, FinishedRun]) -> None:
-    meeting, done = met
+def test_no_reading_passes_the_trip_of_its_press(identified: tuple[Identification, FinishedRun]) -> None:
+    identification, done = identified
     run = read_run(done.folder.path)
-    for told in meeting.told:
-        highest = max(s["force_gwt"] for s in run.stream("sample") if s["index"] == told.number - 1)
-        assert highest < told.trip_gwt
-    assert meeting.told[0].surprise.measured_gwt < 0.3 * meeting.wanted.most_gwt
+    for report in identification.reports:
+        highest = max(s["force_gwt"] for s in run.stream("sample") if s["index"] == report.number - 1)
+        assert highest < report.trip_gwt
+    assert identification.reports[0].surprise.measured_gwt < 0.3 * identification.options.most_gwt
 
 
-def test_the_journal_has_what_was_foreseen_and_measured(met: tuple[Meeting, FinishedRun]) -> None:
-    meeting, done = met
+def test_the_journal_has_what_was_predicted_and_measured(identified: tuple[Identification, FinishedRun]) -> None:
+    identification, done = identified
     noted = [json.loads(note["text"]) for note in read_run(done.folder.path).stream("note")]
-    assert [note["press"] for note in noted] == [told.number for told in meeting.told]
-    first = meeting.told[0].surprise
-    assert noted[0]["foreseen_gwt"] == pytest.approx(
-        [first.foreseen.low, first.foreseen.middle, first.foreseen.high], abs=1e-4
+    assert [note["press"] for note in noted] == [report.number for report in identification.reports]
+    first = identification.reports[0].surprise
+    assert noted[0]["predicted_gwt"] == pytest.approx(
+        [first.predicted.low, first.predicted.middle, first.predicted.high], abs=1e-4
     )
     assert noted[0]["measured_gwt"] == pytest.approx(first.measured_gwt, abs=1e-4)
-    assert noted[0]["half_width"] == pytest.approx(meeting.told[0].widest, abs=1e-4)
+    assert noted[0]["half_width"] == pytest.approx(identification.reports[0].widest, abs=1e-4)
 
 
-def test_a_press_is_read_back_as_it_was_journalled(met: tuple[Meeting, FinishedRun]) -> None:
-    meeting, done = met
+def test_a_press_is_read_back_as_it_was_journalled(identified: tuple[Identification, FinishedRun]) -> None:
+    identification, done = identified
     run = read_run(done.folder.path)
-    given = given_press(run.events, 0, SETTINGS)
+    given = measured_press(run.events, 0, SETTINGS)
     assert given is not None
     samples = [s for s in run.stream("sample") if s["index"] == 0]
-    assert given.way.height_mm[-1] == pytest.approx(min(s["height_mm"] for s in samples))
-    assert given.way.height_mm[0] >= given.contact_mm
-    assert given.by_depth.height_mm[-1] == pytest.approx(-meeting.told[0].press.doi_mm, abs=0.003)
+    assert given.trajectory.height_mm[-1] == pytest.approx(min(s["height_mm"] for s in samples))
+    assert given.trajectory.height_mm[0] >= given.contact_mm
+    assert given.by_depth.height_mm[-1] == pytest.approx(-identification.reports[0].press.doi_mm, abs=0.003)
     age_s = SETTINGS.force.sample_period_s
-    assert given.way.asked_s[-1] == pytest.approx([s["t_s"] for s in samples if s["phase"] == "hold"][-1] - age_s)
-    assert (np.diff(given.way.asked_s) > 0).all()
+    assert given.trajectory.read_s[-1] == pytest.approx(
+        [s["t_s"] for s in samples if s["phase"] == "hold"][-1] - age_s
+    )
+    assert (np.diff(given.trajectory.read_s) > 0).all()
     assert given.noise_gwt == pytest.approx(0.01, rel=0.5)
     assert abs(given.zero_gwt) < 0.02
     assert given.force_gwt[-1] == pytest.approx(samples[-1]["force_gwt"] - given.zero_gwt)
 
 
 def test_a_soft_finger_that_is_touched_as_deep_as_it_is_pressed_has_told_something(
-    met: tuple[Meeting, FinishedRun],
+    identified: tuple[Identification, FinishedRun],
 ) -> None:
-    run = read_run(met[1].folder.path)
-    whole = given_press(run.events, 0, SETTINGS)
+    run = read_run(identified[1].folder.path)
+    whole = measured_press(run.events, 0, SETTINGS)
     assert whole is not None
 
-    def without(*phases: str) -> Given | None:
+    def without(*phases: str) -> MeasuredPress | None:
         samples = [s for s in run.stream("sample") if s["phase"] not in phases]
-        return given_press({**run.events, "sample": samples}, 0, SETTINGS)
+        return measured_press({**run.events, "sample": samples}, 0, SETTINGS)
 
     held = without("press")
     assert held is not None
@@ -194,89 +196,102 @@ def test_a_soft_finger_that_is_touched_as_deep_as_it_is_pressed_has_told_somethi
 
 
 def test_a_reading_is_of_the_height_that_it_was_taken_at_however_late_the_cell(
-    met: tuple[Meeting, FinishedRun],
+    identified: tuple[Identification, FinishedRun],
 ) -> None:
-    run = read_run(met[1].folder.path)
+    run = read_run(identified[1].folder.path)
     late = SETTINGS.model_copy(update={"force": SETTINGS.force.model_copy(update={"latency_s": 1.0})})
-    ready, old = given_press(run.events, 0, SETTINGS), given_press(run.events, 0, late)
+    ready, old = measured_press(run.events, 0, SETTINGS), measured_press(run.events, 0, late)
     assert ready is not None
     assert old is not None
     by_time = {s["t_s"]: s["height_mm"] for s in run.stream("sample") if s["index"] == 0}
     for given in (ready, old):
-        assert (given.way.asked_s >= given.way.ended_s[given.way.lowest]).all()
-        assert (given.way.lowest == ready.way.lowest).all()
-        at = given.way.t_s[given.way.lowest]
-        assert given.way.height_mm[given.way.lowest] == pytest.approx([by_time[t] for t in at])
-    assert (old.way.asked_s < ready.way.asked_s).any()
+        assert (given.trajectory.read_s >= given.trajectory.ended_s[given.trajectory.lowest]).all()
+        assert (given.trajectory.lowest == ready.trajectory.lowest).all()
+        at = given.trajectory.t_s[given.trajectory.lowest]
+        assert given.trajectory.height_mm[given.trajectory.lowest] == pytest.approx([by_time[t] for t in at])
+    assert (old.trajectory.read_s < ready.trajectory.read_s).any()
 
 
-def test_what_a_rig_gives_is_taken_off_the_heights(met: tuple[Meeting, FinishedRun]) -> None:
-    _, done = met
+def test_what_a_rig_gives_is_taken_off_the_heights(identified: tuple[Identification, FinishedRun]) -> None:
+    _, done = identified
     run = read_run(done.folder.path)
     calibration = SimpleNamespace(value=lambda key, otherwise: 0.5)
     given = SimpleNamespace(calibration=calibration, force=SETTINGS.force)
-    stiff, soft = given_press(run.events, 0, SETTINGS), given_press(run.events, 0, given)  # type: ignore[arg-type]
+    stiff, soft = measured_press(run.events, 0, SETTINGS), measured_press(run.events, 0, given)  # type: ignore[arg-type]
     assert stiff is not None
     assert soft is not None
-    higher = soft.way.height_mm - stiff.way.height_mm
+    higher = soft.trajectory.height_mm - stiff.trajectory.height_mm
     last = [s for s in run.stream("sample") if s["index"] == 0 and s["phase"] == "press"][-1]
     assert higher[-1] == pytest.approx(0.5 * last["force_gwt"] * GWT_N)
     assert (higher >= 0).all()
 
 
-def test_the_file_reads_back_and_says_where_it_comes_from(met: tuple[Meeting, FinishedRun], tmp_path: Path) -> None:
-    meeting, done = met
-    (tmp_path / "finger.toml").write_text(finger_file(meeting, SETTINGS, [done.folder.events]).as_toml())
+def test_the_file_reads_back_and_says_where_it_comes_from(
+    identified: tuple[Identification, FinishedRun], tmp_path: Path
+) -> None:
+    identification, done = identified
+    (tmp_path / "finger.toml").write_text(finger_file(identification, SETTINGS, [done.folder.events]).as_toml())
     file = read_finger_file(tmp_path / "finger.toml")
-    assert file.met.runs == (done.folder.path.name,)
-    assert file.met.presses == len(meeting.given)
-    assert file.met.posterior.names == FORESEEN.prior.names
-    assert file.met.posterior.mean == pytest.approx(meeting.learned.mean, abs=1e-5)
-    assert np.array(file.met.posterior.covariance) == pytest.approx(meeting.learned.covariance, rel=1e-4)
-    assert file.met.place.height_mm == pytest.approx(
-        meeting.learned.mean[FORESEEN.prior.index("height_mm")], abs=1e-5
+    assert file.identified.runs == (done.folder.path.name,)
+    assert file.identified.presses == len(identification.measured)
+    assert file.identified.posterior.names == FORESEEN.prior.names
+    assert file.identified.posterior.mean == pytest.approx(identification.learned.mean, abs=1e-5)
+    assert np.array(file.identified.posterior.covariance) == pytest.approx(
+        identification.learned.covariance, rel=1e-4
     )
-    assert len(file.met.draw) == 16
-    stiffness = [math.log(draw.stiffness) for draw in file.met.draw]
-    column = meeting.learned.draws[:, FORESEEN.prior.index("ln_stiffness")]
+    assert file.identified.place.height_mm == pytest.approx(
+        identification.learned.mean[FORESEEN.prior.index("height_mm")], abs=1e-5
+    )
+    assert len(file.identified.draw) == 16
+    stiffness = [math.log(draw.stiffness) for draw in file.identified.draw]
+    column = identification.learned.draws[:, FORESEEN.prior.index("ln_stiffness")]
     assert np.mean(stiffness) == pytest.approx(column.mean(), abs=column.std())
-    assert file.finger.tissue.stiffness == pytest.approx(math.exp(meeting.learned.likeliest[0]), rel=1e-4)
+    assert file.finger.tissue.stiffness == pytest.approx(math.exp(identification.learned.most_likely[0]), rel=1e-4)
     assert file.relaxation[0][1] == TAU_FAST_S
 
 
 @pytest.mark.parametrize(("off", "wider"), [(0.3, 1.0), (1.0, 1.0), (4.0, 2.0)])
 def test_a_band_is_wider_where_readings_are_farther_off_than_usual(
-    met: tuple[Meeting, FinishedRun], off: float, wider: float
+    identified: tuple[Identification, FinishedRun], off: float, wider: float
 ) -> None:
-    assert Meeting(SETTINGS, FORESEEN, IdentificationOptions(GOALS)).own_error == course.MODEL_ERROR
-    meeting, learned = copy(met[0]), met[0].learned
+    assert Identification(SETTINGS, FORESEEN, IdentificationOptions(GOALS)).own_error == course.MODEL_ERROR
+    identification, learned = copy(identified[0]), identified[0].learned
     usual = course.USUAL_MISFIT * int(learned.readings.sum())
-    meeting.learned = replace(learned, total=off * usual)
-    assert meeting.own_error == pytest.approx(wider * course.MODEL_ERROR)
-    spread = [np.log(w.high / w.low) / (2 * standard_deviations()) for w in meeting.widths]
-    alone = meeting.chooser.goal_widths(learned, 0.0)
+    identification.learned = replace(learned, total=off * usual)
+    assert identification.own_error == pytest.approx(wider * course.MODEL_ERROR)
+    spread = [np.log(w.high / w.low) / (2 * standard_deviations()) for w in identification.widths]
+    alone = identification.chooser.goal_widths(learned, 0.0)
     for one, own in zip(spread, alone, strict=True):
         drawn = np.log(own.high / own.low) / (2 * standard_deviations())
         assert one == pytest.approx(np.hypot(drawn, wider * course.MODEL_ERROR))
-    file = finger_file(meeting, SETTINGS, [met[1].folder.events])
-    assert file.met.band.model_error == pytest.approx(meeting.own_error, abs=1e-6)
+    file = finger_file(identification, SETTINGS, [identified[1].folder.events])
+    assert file.identified.band.model_error == pytest.approx(identification.own_error, abs=1e-6)
 
 
-@pytest.mark.parametrize("page", [True, False])
-def test_a_meeting_is_not_taken_up_and_says_what_to_do_instead(
-    met: tuple[Meeting, FinishedRun], program: Program, tmp_path: Path, page: bool
+@pytest.mark.parametrize(("page", "old"), [(True, False), (False, True)])
+def test_an_identification_is_not_resumed(
+    identified: tuple[Identification, FinishedRun],
+    program: Program,
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    page: bool,
+    old: bool,
 ) -> None:
-    run = shutil.copytree(met[1].folder.path, tmp_path / "run")
+    run = shutil.copytree(identified[1].folder.path, tmp_path / "run")
     if page:
-        (run / MEETING_PAGE).touch()
+        (run / IDENTIFICATION_PAGE).touch()
     with (run / "events.jsonl").open("a") as journal:
         journal.write('{"doc": "ev')  # killed while it wrote
+    if old:
+        provenance = (run / "provenance.json").read_text(encoding="utf-8")
+        (run / "provenance.json").write_text(provenance.replace(*SCRIPTS), encoding="utf-8")
+        monkeypatch.setattr(RunFolder, "changed", lambda folder: [])
     there = {path.name: path.read_bytes() for path in run.iterdir() if path.name != ".lock"}
     ended = program("resume", run)
     assert ended.code == 2
     said = ended.err.splitlines()[-1]
-    assert "repeat `rig meet`" in said
-    assert (str(run / MEETING_PAGE) in said) == page
+    assert "repeat `rig identify`" in said
+    assert (str(run / IDENTIFICATION_PAGE) in said) == page
     assert {path.name: path.read_bytes() for path in run.iterdir() if path.name != ".lock"} == there
 
 
@@ -287,99 +302,99 @@ def test_a_press_that_is_refused_before_it_begins_is_not_taken_for_the_one_befor
         raise LimitError("nothing is pressed", code="nothing_pressed")
 
     monkeypatch.setattr(Rig, "indent", refused)
-    meeting, done = _meet(tmp_path, finger, _truth(3))
+    identification, done = _identify(tmp_path, finger, _truth(3))
     assert isinstance(done.problem, LimitError)
     assert done.problem.code == "nothing_pressed"
-    assert not meeting.given
+    assert not identification.measured
 
 
 def test_a_finger_harder_than_all_of_the_prior_trips_and_what_was_learned_is_kept(
     finger: Fingertip, tmp_path: Path
 ) -> None:
-    meeting, done = _meet(tmp_path, finger, _truth(3), most_gwt=1.5)
+    identification, done = _identify(tmp_path, finger, _truth(3), most_gwt=1.5)
     tripped = isinstance(done.problem, TripError)
-    assert tripped or meeting.stranger is not None
-    assert all(told.surprise.measured_gwt <= 1.05 * told.trip_gwt for told in meeting.told)
+    assert tripped or identification.mismatch is not None
+    assert all(report.surprise.measured_gwt <= 1.05 * report.trip_gwt for report in identification.reports)
 
 
 def test_what_is_no_finger_is_said_by_itself(
-    met: tuple[Meeting, FinishedRun], monkeypatch: pytest.MonkeyPatch
+    identified: tuple[Identification, FinishedRun], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(course, "no_finger", lambda *_: "it is a ball")
-    end = said_at_the_end(met[1], met[0], "finger.toml")
+    end = final_lines(identified[1], identified[0], "finger.toml")
     assert end["no finger"].startswith("it is a ball; ")
     assert end["not learned"][0] == "it is a ball"
 
 
 def test_it_says_what_it_could_not_learn(finger: Fingertip, tmp_path: Path) -> None:
-    meeting, done = _meet(
+    identification, done = _identify(
         tmp_path, finger, _truth(3), IdentificationOptions(GOALS, width=0.01, presses=2, shapes=("sphere:4",))
     )
     assert done.problem is None
-    assert len(meeting.told) == 2
-    assert any("is known only to ±" in words and "± 1 %" in words for words in meeting.not_learned)
-    assert any(words.startswith("tau_slow_s ") for words in meeting.not_learned)
+    assert len(identification.reports) == 2
+    assert any("is known only to ±" in words and "± 1 %" in words for words in identification.not_learned)
+    assert any(words.startswith("tau_slow_s ") for words in identification.not_learned)
 
 
 # --- what is said ---
 
 
 def test_each_press_and_the_end_are_said(
-    met: tuple[Meeting, FinishedRun], capsys: pytest.CaptureFixture[str], tmp_path: Path
+    identified: tuple[Identification, FinishedRun], capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    meeting, done = met
-    said_before(meeting, None)
-    said_before(meeting, meeting.told[0].press)
-    said_after(meeting, meeting.told[0])
+    identification, done = identified
+    print_before_press(identification, None)
+    print_before_press(identification, identification.reports[0].press)
+    print_after_press(identification, identification.reports[0])
     homing, before, after = capsys.readouterr().err.splitlines()
     assert homing.startswith("homing")
-    assert f"of at most 5: {meeting.told[0].press.indentor} at" in before
-    assert after.startswith(f"press 1: measured {meeting.told[0].surprise.measured_gwt:.2f} gwt, predicted")
-    end = said_at_the_end(done, meeting, "finger.toml")
-    assert end["presses"] == len(meeting.told)
+    assert f"of at most 5: {identification.reports[0].press.indentor} at" in before
+    assert after.startswith(f"press 1: measured {identification.reports[0].surprise.measured_gwt:.2f} gwt, predicted")
+    end = final_lines(done, identification, "finger.toml")
+    assert end["presses"] == len(identification.reports)
     assert len(end["forces"]) == len(GOALS)
     assert len(end["learned"]) == len(FORESEEN.prior.names)
     assert "ended" not in end
     assert "no finger" not in end
-    assert len(press_rows(meeting)) == len(meeting.told)
-    page = tmp_path / "meeting.html"
-    course = (FORESEEN, meeting.given, meeting.before, meeting.learned, press_rows(meeting), force_rows(meeting),
-              number_rows(meeting))  # fmt: skip
-    write_meeting_page(page, IdentificationPage(*course, ["x_mm is …"]))
+    assert len(press_rows(identification)) == len(identification.reports)
+    page = tmp_path / "identification.html"
+    course = FORESEEN, identification.measured, identification.before, identification.learned
+    rows = press_rows(identification), force_rows(identification), number_rows(identification)
+    write_identification_page(page, IdentificationPage(*course, *rows, ["x_mm is …"]))
     written = page.read_text()
     assert "Identified finger" in written
     assert "x_mm is …" in written
-    for goal, width in zip(GOALS, meeting.widths, strict=True):
+    for goal, width in zip(GOALS, identification.widths, strict=True):
         row = (goal.indentor, f"{goal.doi_mm:.2f}", f"{width.middle:.2f} ({width.low:.2f} … {width.high:.2f})")
         assert all(word in written for word in row)
-    likeliest = math.exp(meeting.learned.likeliest[FORESEEN.prior.index("ln_stiffness")])
-    assert f"{likeliest:.3g}" in written
+    most_likely = math.exp(identification.learned.most_likely[FORESEEN.prior.index("ln_stiffness")])
+    assert f"{most_likely:.3g}" in written
     assert "ln_" not in written
-    write_meeting_page(page, IdentificationPage(*course, [], "it is a ball"))
+    write_identification_page(page, IdentificationPage(*course, *rows, [], "it is a ball"))
     assert "The identified object is not a finger of the prior" in page.read_text()
     assert "presses: it is a ball" in page.read_text()
 
 
 def test_the_page_before_it_begins_tells_force_and_time() -> None:
     lines = page_lines(SETTINGS, IdentificationOptions(GOALS))
-    assert "20 gwt" in lines["meeting"]
+    assert "20 gwt" in lines["presses"]
     assert "155 s" in lines["duration"]
 
 
-def test_forces_are_foreseen_as_far_and_as_deep_as_is_asked() -> None:
+def test_forces_are_predicted_as_far_and_as_deep_as_is_asked() -> None:
     assert scope_of(IdentificationOptions(GOALS)) == pytest.approx((1.8, 1.1))
     assert scope_of(IdentificationOptions((PressAt("bar:3.0", -2.0, 1.2),))) == pytest.approx((2.6, 1.32))
 
 
-# --- strangers ---
+# --- random fingers ---
 
 
-def test_a_stranger_is_its_seed_and_leaves_the_bench_alone() -> None:
+def test_a_random_finger_is_its_seed_and_leaves_the_bench_alone() -> None:
     truth = truth_of(7)
     assert truth == truth_of(7)
     assert truth != truth_of(8)
     assert set(truth) == set(Prior().names)
-    bench = with_stranger(Config(), 7)
+    bench = with_random_finger(Config(), 7)
     assert bench.finger.tissue.stiffness == pytest.approx(math.exp(truth["ln_stiffness"]))
     assert bench.finger.tissue.e_fat == pytest.approx(math.exp(truth["ln_e_fat"]))
     assert bench.virtual.finger_x_offset_mm == truth["x_mm"]
@@ -393,12 +408,12 @@ def test_a_stranger_is_its_seed_and_leaves_the_bench_alone() -> None:
     assert bench.finger.mesh == Config().finger.mesh
 
 
-def test_a_meeting_feels_surely_and_no_less_than_it_is_told() -> None:
-    for told_gwt, felt_gwt in ((0.03, 0.1), (0.1, 0.1), (0.4, 0.4)):
-        told = Config().model_copy(
-            update={"habits": Config().habits.model_copy(update={"touch_force_gwt": told_gwt})}
+def test_its_touch_is_above_the_noise_and_no_less_than_configured() -> None:
+    for set_gwt, used_gwt in ((0.03, 0.1), (0.1, 0.1), (0.4, 0.4)):
+        config = Config().model_copy(
+            update={"habits": Config().habits.model_copy(update={"touch_force_gwt": set_gwt})}
         )
-        assert felt_surely(told).habits.touch_force_gwt == felt_gwt
+        assert with_reliable_touch(config).habits.touch_force_gwt == used_gwt
 
 
 # --- bad input ---
@@ -417,7 +432,7 @@ def test_bad_input_is_one_line(
     program: Program, arguments: list[str], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    ended = program("meet", *arguments)
+    ended = program("identify", *arguments)
     assert ended.code == 2
     assert words in ended.err
     assert not (tmp_path / "runs").exists()

@@ -13,7 +13,7 @@ from rig.cli.identify_finger import USUAL_GOALS, scope_of
 from rig.identify.adaptive_presses import IdentificationOptions
 from sim.config import FingertipConfig
 from sim.identification.force_table import Scope, ShapeTable, _content, as_json, shipped
-from sim.identification.predicted_forces import Foreseen
+from sim.identification.predicted_forces import PredictedForces
 from sim.identification.prior import Prior
 from sim.models.fingertip import Fingertip
 from tests.sim.coarse_mesh import coarse_mesh
@@ -21,8 +21,8 @@ from tests.sim.coarse_mesh import coarse_mesh
 WANTED = IdentificationOptions(USUAL_GOALS)
 
 
-def _foreseen(config: FingertipConfig | None = None) -> Foreseen:
-    return Foreseen.over(config or FingertipConfig(), Prior(), *scope_of(WANTED))
+def _predicted(config: FingertipConfig | None = None) -> PredictedForces:
+    return PredictedForces.over(config or FingertipConfig(), Prior(), *scope_of(WANTED))
 
 
 def _nothing(what: str, function: Callable[[Any], Any], items: Sequence[Any], /) -> Iterable[Any]:
@@ -30,11 +30,11 @@ def _nothing(what: str, function: Callable[[Any], Any], items: Sequence[Any], /)
     return ()
 
 
-def test_the_first_meeting_of_a_default_finger_waits_for_no_table(
+def test_the_first_identification_of_a_default_finger_waits_for_no_table(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path))
-    _foreseen().have(WANTED.indentors, _nothing)
+    _predicted().have(WANTED.indentors, _nothing)
     assert not list(tmp_path.iterdir())
 
 
@@ -42,7 +42,7 @@ def test_the_first_meeting_of_a_default_finger_waits_for_no_table(
 def test_a_table_that_comes_with_the_program_is_near_direct_presses(finger: Fingertip, shape: str) -> None:
     """At moduli, places and depths between its nodes; its own error, an rms of six presses, is with it: of one press
     three times that is allowed."""
-    table = shipped(shape, _foreseen().scope)
+    table = shipped(shape, _predicted().scope)
     assert table is not None
     assert 0 < table.error < 0.03
     tissue = finger.config.tissue.model_copy(update={"stiffening": 0.3})
@@ -57,16 +57,16 @@ def test_a_table_that_comes_with_the_program_is_near_direct_presses(finger: Fing
 
 
 def test_another_finger_another_shape_or_a_wider_scope_has_none() -> None:
-    other, scope = _foreseen(FingertipConfig(mesh=coarse_mesh(0.5, 0.7))), _foreseen().scope
+    other, scope = _predicted(FingertipConfig(mesh=coarse_mesh(0.5, 0.7))), _predicted().scope
     assert other._shipped("bar:3.0") is None
-    assert _foreseen()._shipped("bar:3.0") is not None
+    assert _predicted()._shipped("bar:3.0") is not None
     assert shipped("bar:2.9", scope) is None
     assert shipped("bar:3.0", Scope(scope.tissue, 1.9, scope.depth_mm)) is None
     assert shipped("bar:3.0", Scope(scope.tissue[:1], scope.farthest_mm, scope.depth_mm)) is None
 
 
 def test_what_is_written_is_what_is_there() -> None:
-    table = shipped("bar:3.0", _foreseen().scope)
+    table = shipped("bar:3.0", _predicted().scope)
     assert table is not None
     again = json.loads(as_json([table]))
     assert again == {"scope": _content()["scope"], "tables": {"bar:3.0": _content()["tables"]["bar:3.0"]}}
@@ -84,12 +84,12 @@ def test_only_what_is_missing_is_made_builds_first(tmp_path: Path, monkeypatch: 
     def made(indentor: str, scope: Scope, made: Any, about: object, how: Any) -> ShapeTable:
         assert how is work
         asked.append((indentor, 0))
-        table = shipped("bar:3.0", _foreseen().scope)
+        table = shipped("bar:3.0", _predicted().scope)
         assert table is not None
         return table
 
-    monkeypatch.setattr(foreseen_module.ShapeTable, "read_or_made", made)
-    foreseen = _foreseen(FingertipConfig(mesh=coarse_mesh(0.5, 0.7)))
+    monkeypatch.setattr(foreseen_module.ShapeTable, "read_or_make", made)
+    foreseen = _predicted(FingertipConfig(mesh=coarse_mesh(0.5, 0.7)))
     foreseen.have(["bar:3.0", "cylinder:9"], work)
     assert asked == [("full builds", 16), ("bar:3.0", 0), ("cylinder:9", 0)]
     asked.clear()

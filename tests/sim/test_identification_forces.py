@@ -7,7 +7,13 @@ import pytest
 
 from sim.config import FingertipConfig
 from sim.identification.force_table import ChebyshevAxis, Scope, ShapeTable
-from sim.identification.predicted_forces import PressTrajectory, RampAndHold, finger_of, nominal_way, tissue_axes
+from sim.identification.predicted_forces import (
+    PressTrajectory,
+    RampAndHold,
+    finger_of,
+    nominal_trajectory,
+    tissue_axes,
+)
 from sim.identification.prior import PARAMETERS, TAU_FAST_S, Prior
 from sim.models.relaxation import Memory, Prony, PronyTerm
 from sim.models.stiffening import FORCE
@@ -49,8 +55,8 @@ def test_a_prior_keeps_to_its_ranges_and_to_its_order() -> None:
 
 def test_tables_are_over_moduli_and_stiffening_is_a_factor() -> None:
     assert [axis.name for axis in tissue_axes(PRIOR)] == ["ln_e_dermis", "ln_e_fat"]
-    way = _way(0.4, 0.0, -0.2, -0.7)
-    linear, stiffer = (made_up().elastic_gwt(_still(stiffening=a), way)[0] for a in (0.0, 0.6))
+    trajectory = _way(0.4, 0.0, -0.2, -0.7)
+    linear, stiffer = (made_up().elastic_gwt(_still(stiffening=a), trajectory)[0] for a in (0.0, 0.6))
     assert stiffer[1:] / linear[1:] == pytest.approx((1 + 0.6 * STRAIN * np.array([0.2, 0.7]) ** 2) ** FORCE.law)
     assert stiffer[0] == linear[0] == 0.0
 
@@ -74,56 +80,56 @@ def test_the_made_up_forces_come_back(shape: str) -> None:
 
 
 def test_above_the_skin_there_is_no_force_and_just_below_it_hertz() -> None:
-    foreseen = made_up()
-    forces = foreseen.elastic_gwt(_still(), _way(0.0, 0.01, 0.0, -0.005, -0.01, -0.03))[0]
+    predicted = made_up()
+    forces = predicted.elastic_gwt(_still(), _way(0.0, 0.01, 0.0, -0.005, -0.01, -0.03))[0]
     assert forces[0] == forces[1] == 0.0
     assert forces[3] / forces[2] == pytest.approx(2**1.5)
     assert forces[4] / forces[3] == pytest.approx(3**1.5)
 
 
 def test_a_height_and_a_place_that_are_not_known_shift_the_way() -> None:
-    foreseen = made_up()
+    predicted = made_up()
     by_depth = _way(1.0, 0.0, -0.3)
     finger = _still(height_mm=0.2, x_mm=-0.4)
-    assert foreseen.touches_mm(finger, "sphere:4", 1.0)[0] == pytest.approx(0.2 - 1.4**2 / 8)
-    by_height = lying(foreseen, finger[0], by_depth)
+    assert predicted.touches_mm(finger, "sphere:4", 1.0)[0] == pytest.approx(0.2 - 1.4**2 / 8)
+    by_height = lying(predicted, finger[0], by_depth)
     assert not by_height.by_depth
-    assert foreseen.elastic_gwt(finger, by_height) == pytest.approx(foreseen.elastic_gwt(finger, by_depth))
+    assert predicted.elastic_gwt(finger, by_height) == pytest.approx(predicted.elastic_gwt(finger, by_depth))
 
 
 def test_relaxation_is_that_of_the_series_step_by_step() -> None:
-    foreseen, way = made_up(), nominal_way("sphere:4", 0.0, 0.42, RampAndHold(), (0.5, 1.0))
-    soon_s = 0.25 * way.t_s[3] + 0.75 * way.t_s[4]  # after a move, before the next
-    way = replace(way, asked_s=np.sort([*way.asked_s, soon_s]))
+    predicted, trajectory = made_up(), nominal_trajectory("sphere:4", 0.0, 0.42, RampAndHold(), (0.5, 1.0))
+    soon_s = 0.25 * trajectory.t_s[3] + 0.75 * trajectory.t_s[4]  # after a move, before the next
+    trajectory = replace(trajectory, read_s=np.sort([*trajectory.read_s, soon_s]))
     finger = _finger(share_fast=0.25, share_slow=0.15, ln_tau_slow_s=np.log(1.1))
-    elastic = foreseen.elastic_gwt(finger, way)[0]
+    elastic = predicted.elastic_gwt(finger, trajectory)[0]
     memory, now_s, at, felt = Memory.none(Prony([PronyTerm(0.25, TAU_FAST_S), PronyTerm(0.15, 1.1)])), 0.0, 0, []
-    instants = sorted({*way.asked_s, *way.t_s, *(0.5 * (way.t_s[1:] + way.t_s[:-1]))})
+    instants = sorted({*trajectory.read_s, *trajectory.t_s, *(0.5 * (trajectory.t_s[1:] + trajectory.t_s[:-1]))})
     for t_s in instants[1:]:
-        at = min(int(np.searchsorted(way.t_s, t_s - 1e-9)), len(elastic) - 1)
+        at = min(int(np.searchsorted(trajectory.t_s, t_s - 1e-9)), len(elastic) - 1)
         ahead = memory.ahead(t_s - now_s)  # the way goes on in the first half of each step of it
         memory, now_s = memory.after(ahead, elastic[at]), t_s
         force = ahead.stiffness * (elastic[at] - float(ahead.carried))
-        felt += [force] if np.isclose(way.asked_s, t_s).any() else []
-    assert foreseen.forces_gwt(finger, way)[0] == pytest.approx(felt, rel=2e-3)
+        felt += [force] if np.isclose(trajectory.read_s, t_s).any() else []
+    assert predicted.forces_gwt(finger, trajectory)[0] == pytest.approx(felt, rel=2e-3)
     assert felt[-1] < 0.8 * elastic[-1]
 
 
-def test_a_nominal_way_goes_down_by_increments_and_is_asked_in_its_hold() -> None:
-    way = nominal_way("bar:3.0", 0.5, 0.21, RampAndHold(0.05, 0.15, 1.0, 4), (0.5, 1.0))
-    assert -way.height_mm == pytest.approx(np.linspace(0, 0.21, 6))
-    assert way.t_s == pytest.approx(0.15 * np.arange(6))
-    assert way.asked_s == pytest.approx([0.3, 0.75, 0.875, 1.125, 1.375, 1.625])
-    assert way.lowest.tolist() == [2, 5, 5, 5, 5, 5]
-    assert way.ended_s == pytest.approx([0.0, 0.075, 0.225, 0.375, 0.525, 0.675])
-    assert replace(way, asked_s=np.array([0.22, 0.23, 0.3])).lowest.tolist() == [1, 2, 2]
+def test_a_nominal_trajectory_goes_down_by_increments_and_is_read_in_its_hold() -> None:
+    trajectory = nominal_trajectory("bar:3.0", 0.5, 0.21, RampAndHold(0.05, 0.15, 1.0, 4), (0.5, 1.0))
+    assert -trajectory.height_mm == pytest.approx(np.linspace(0, 0.21, 6))
+    assert trajectory.t_s == pytest.approx(0.15 * np.arange(6))
+    assert trajectory.read_s == pytest.approx([0.3, 0.75, 0.875, 1.125, 1.375, 1.625])
+    assert trajectory.lowest.tolist() == [2, 5, 5, 5, 5, 5]
+    assert trajectory.ended_s == pytest.approx([0.0, 0.075, 0.225, 0.375, 0.525, 0.675])
+    assert replace(trajectory, read_s=np.array([0.22, 0.23, 0.3])).lowest.tolist() == [1, 2, 2]
 
 
 @pytest.mark.parametrize("stiffening", [0.05, 0.6])
 def test_a_table_of_a_real_finger_is_near_direct_presses(stiffening: float) -> None:
     """Of one tissue, that costs little; its own error is that of the polynomials in place and depth."""
     scope = Scope((ChebyshevAxis("ln_e_fat", np.log(0.079), np.log(0.081), 1),), 0.6, (0.05, 0.6), places=3, depths=5)
-    table = ShapeTable.read_or_made("bar:3.0", scope, lambda values: finger_of(COARSE, values), "a test")
+    table = ShapeTable.read_or_make("bar:3.0", scope, lambda values: finger_of(COARSE, values), "a test")
     assert 0 < table.error < 0.03
     finger = finger_of(COARSE, {"ln_e_fat": float(np.log(0.08)), "stiffening": stiffening})
     direct = finger.indent("bar:3.0", 0.3, doi_mm=0.4).force_gwt

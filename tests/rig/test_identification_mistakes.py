@@ -1,4 +1,4 @@
-"""Every mistake that the three commands of a meeting can be told with is one line, and nothing is begun."""
+"""Wrong arguments of the three identification commands print one line, and nothing begins."""
 
 import os
 import socket
@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-import rig.cli.identify_finger as meet
+import rig.cli.identify_finger as identify_finger
 from tests.program import Program
 
 NOT_MET = "[finger.tissue]\nstiffness = 1.0\n"
-MEETS = [
+IDENTIFIES = [
     (["--width", "0.5"], "--width 0.5: must be 1 to 50 %"),
     (["--width", "nan"], "--width nan: must be 1 to 50 %"),
     (["--width", "inf"], "--width inf: must be 1 to 50 %"),
@@ -52,7 +52,7 @@ BESIDE = [
     (["7", "--beside", "nowhere.toml"], "nowhere.toml: No such file or directory"),
     (["7", "--beside", "."], "Is a directory"),
     (["7", "--beside", "not.toml"], "not.toml: not valid TOML"),
-    (["7", "--beside", "not_met.toml"], "not_met.toml: no [met] table"),
+    (["7", "--beside", "not_met.toml"], "not_met.toml: no [identified] table"),
     (["7", "--beside", "nan.toml"], "nan.toml"),
 ]
 
@@ -68,9 +68,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def begun(*_: object) -> None:
         raise AssertionError("it has begun")
 
-    monkeypatch.setattr(meet, "FingerProcess", begun)
-    monkeypatch.setattr(meet, "Foreseen", begun)
-    monkeypatch.setattr(meet, "loaded", begun)
+    monkeypatch.setattr(identify_finger, "FingerProcess", begun)
+    monkeypatch.setattr(identify_finger, "PredictedForces", begun)
+    monkeypatch.setattr(identify_finger, "loaded", begun)
 
 
 def _one_line(program: Program, *words: str) -> str:
@@ -83,10 +83,10 @@ def _one_line(program: Program, *words: str) -> str:
     return line
 
 
-@pytest.mark.parametrize(("words", "said"), MEETS, ids=str)
+@pytest.mark.parametrize(("words", "said"), IDENTIFIES, ids=str)
 @pytest.mark.parametrize("dry", [True, False])
-def test_of_a_meeting(program: Program, words: list[str], said: str, dry: bool) -> None:
-    assert said in _one_line(program, "meet", *words, *(["--dry-run"] if dry else []))
+def test_of_identify(program: Program, words: list[str], said: str, dry: bool) -> None:
+    assert said in _one_line(program, "identify", *words, *(["--dry-run"] if dry else []))
 
 
 @pytest.mark.parametrize(("words", "said"), SERVES, ids=str)
@@ -118,7 +118,7 @@ def test_of_a_server_that_is_not_there(program: Program, listener: int, tmp_path
     (tmp_path / "rig.toml").write_text(
         f'[stage]\nport = "tcp://127.0.0.1:{nobody}"\n[force]\nport = "tcp://127.0.0.1:{listener}"\n'
     )
-    ended = program("meet", "--config", "rig.toml", "--shapes", "bar:3.0", "--yes")
+    ended = program("identify", "--config", "rig.toml", "--shapes", "bar:3.0", "--yes")
     assert ended.code == 1
     assert "not moved" in ended.err
     assert f"port tcp://127.0.0.1:{nobody}: connection refused" in ended.err
@@ -127,4 +127,4 @@ def test_of_a_server_that_is_not_there(program: Program, listener: int, tmp_path
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere")
 def test_of_a_folder_that_may_not_be_written_to(program: Program, tmp_path: Path) -> None:
     (tmp_path / "shut").mkdir(mode=0o500)
-    assert "may be written to" in _one_line(program, "meet", "--to", "shut/finger.toml")
+    assert "may be written to" in _one_line(program, "identify", "--to", "shut/finger.toml")

@@ -1,4 +1,4 @@
-"""A finger that was met in check, dry-run and compare: bands before, what was found in them, what was learned."""
+"""An identified finger in check, dry-run and compare: bands before, measurements after, and the updated finger."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -10,7 +10,7 @@ from rig.data import Run, read_run
 from rig.plan.finger_file import read_finger_file
 from rig.units import GWT_N
 from tests.program import Program
-from tests.rig.identify.finger_file import SERIES, met_file
+from tests.rig.identify.finger_file import SERIES, identified_file
 
 SCRIPT = """\
 def run(rig):
@@ -34,7 +34,7 @@ def files(tmp_path: Path) -> Files:
     def make(**how: object) -> tuple[Path, Path]:
         script, finger = tmp_path / "mine.py", tmp_path / "finger.toml"
         script.write_text(SCRIPT, encoding="utf-8")
-        finger.write_text(met_file(**how).as_toml(), encoding="utf-8")  # type: ignore[arg-type]
+        finger.write_text(identified_file(**how).as_toml(), encoding="utf-8")  # type: ignore[arg-type]
         return script, finger
 
     return make
@@ -74,7 +74,7 @@ def test_what_a_run_finds_lies_in_the_band(
     tmp_path: Path,
     relaxation: tuple[tuple[float, float], ...],
 ) -> None:
-    """The virtual bench's finger is the likeliest one and relaxes as it does."""
+    """The virtual bench's finger is the most likely one and relaxes as it does."""
     script, finger = files(relaxation=relaxation)
     ended = program("dry-run", script, "--finger", finger, "--out", tmp_path / "runs")
     assert ended.code == 0, ended.err
@@ -88,11 +88,11 @@ def test_what_a_run_finds_lies_in_the_band(
                 assert one["low"] <= hold[one["key"]] <= one["high"]
     assert not run.stream("alarm")
     report = run.folder.report.read_text(encoding="utf-8")
-    assert 'id="met"' in report
+    assert 'id="identified"' in report
     assert "Of 6 presses in this run, 6 lie within their band, whose nominal coverage is 90%." in report
     after = read_finger_file(run.folder.path / "finger_after.toml")
-    assert after.met.runs == ("one", run.folder.path.name)
-    assert after.met.draw[0].stiffness != met_file().met.draw[0].stiffness
+    assert after.identified.runs == ("one", run.folder.path.name)
+    assert after.identified.draw[0].stiffness != identified_file().identified.draw[0].stiffness
     sums = run.folder.path.joinpath("SHA256SUMS").read_text(encoding="utf-8")
     assert "finger_after.toml" in sums
 
@@ -114,7 +114,7 @@ def test_a_finger_that_is_another_by_now_is_an_alarm_and_is_learned(
     promised = {(one["purpose"], one["index"]): one for one in run.start["promised"]}
     again = program("check", script, "--finger", run.folder.path / "finger_after.toml", "--json").json
     assert 1.2 < again["steps"][0]["force_gwt"] / promised["data", 0]["middle"] < 1.4
-    assert len(after.met.runs) == 2
+    assert len(after.identified.runs) == 2
 
 
 def test_a_comparison_takes_it_as_ranges(program: Program, files: Files, tmp_path: Path) -> None:

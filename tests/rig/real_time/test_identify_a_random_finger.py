@@ -1,4 +1,4 @@
-"""A stranger served by one process and met by another, over TCP; its truth stays where it is served."""
+"""A random finger served by one process and identified by another, over TCP; its truth stays in the server."""
 
 import signal
 from collections.abc import Iterator
@@ -33,25 +33,25 @@ def served(tmp_path: Path) -> Iterator[Serving]:
             serving.end(signal.SIGINT)
 
 
-def test_a_stranger_is_met_over_tcp(rig: Program, served: Serving, tmp_path: Path) -> None:
+def test_a_random_finger_is_identified_over_tcp(rig: Program, served: Serving, tmp_path: Path) -> None:
     ports = served.ports()
     set_up(ports["stage"])
     config, file = tmp_path / "rig.toml", tmp_path / "finger.toml"
     here = {name: getattr(KNOWN, name).model_copy(update={"port": ports[name]}) for name in ("stage", "force")}
     config.write_text(KNOWN.model_copy(update=here).as_toml(), encoding="utf-8")
     asked = ("first_press", "presses=1", "--shapes", "bar:3.0", "--presses", 1, "--config", config, "--to", file)
-    ended = rig("meet", *asked, "--out", tmp_path / "runs", "--yes", "--json", typed="\n")
+    ended = rig("identify", *asked, "--out", tmp_path / "runs", "--yes", "--json", typed="\n")
     # A machine may be too busy to solve the finger in time for the balance, and says so; what was learned is kept.
     if ended.code:
         assert "cannot answer SI now" in ended.err, ended.err
         assert "this machine is too busy" in served.end(signal.SIGINT)[2]
         return
     assert ended.json["presses"] == 1
-    met = read_finger_file(file).met
+    identified = read_finger_file(file).identified
     run = read_run(Path(ended.json["run"]))
     assert run.start["virtual"] is False
-    assert met.runs == (run.folder.path.name,)
-    assert (run.folder.path / "meeting.html").exists()
+    assert identified.runs == (run.folder.path.name,)
+    assert (run.folder.path / "identification.html").exists()
     told = {key for events in run.events.values() for event in events for key in event}
     assert not [key for key in told if key.startswith("true_")]
     kept = "".join(path.read_text(errors="replace") for path in run.folder.path.iterdir() if path.is_file())
