@@ -312,7 +312,7 @@ class LeadshineDrive:
         return number(self._read(FEEDBACK, 2)) / self.pulses_per_mm
 
     def refuse_fault(self) -> None:
-        """Raise StageAlarm for an alarm, StageError for a drive that is not enabled."""
+        """Check that the drive works. Raises StageAlarm for an alarm, StageError if it is not enabled."""
         self._refuse(self.status())
 
     def clear_alarm(self) -> None:

@@ -85,8 +85,8 @@ def test_what_a_file_sets_stands_beside_the_default(program: Program, tmp_path: 
     assert program(*words).out.endswith("(mm, number > 0, ≤ 2; by default 1.5)\nmax_doi_mm = 1.0\n")
     (told,) = program(*words, "--json").json["keys"]
     assert told == {
-        "key": "limits.max_doi_mm", "value": 1.0, "default": 1.5, "unit": "mm", "allowed": "number > 0, ≤ 2",
-        "what": _described("max_doi_mm"),
+        "key": "limits.max_doi_mm", "value": 1.0, "default": 1.5, "unit": "mm", "allowed_text": "number > 0, ≤ 2",
+        "what_text": _described("max_doi_mm"),
     }  # fmt: skip
 
 

@@ -204,7 +204,7 @@ def test_what_no_bench_can_be_is_told(
         return int(caught.value.code or 0), json.loads(capsys.readouterr().out)
 
     code, doctor = ended("doctor")
-    problems = doctor["problems"]
+    problems = doctor["problems_text"]
     assert code == 0
     assert isinstance(problems, list)
     assert there(problems)

@@ -71,7 +71,7 @@ def test_it_is_no_more_asking_where_nobody_answered(owner: RunOwner) -> None:
 
 def test_where_the_run_is(owner: RunOwner, tmp_path: Path) -> None:
     told: list[Path] = []
-    owner.told = told.append
+    owner.announce = told.append
     assert _asked(owner, "status") == {"state": "planning", "run": None, "stopped": False}
     owner.begins(RunFolder(tmp_path))
     assert (_asked(owner, "status")["run"], told) == (str(tmp_path), [tmp_path])

@@ -204,5 +204,5 @@ def test_where_there_are_no_sessions_ctrl_c_is_ignored(monkeypatch: pytest.Monke
     ignored: list[Any] = []
     monkeypatch.delattr(signal, "pthread_sigmask")
     monkeypatch.setattr(signal, "signal", lambda number, act: ignored.append((number, act)))
-    finger_process._forget_the_terminal()
+    finger_process._ignore_terminal()
     assert ignored == [(signal.SIGINT, signal.SIG_IGN)]

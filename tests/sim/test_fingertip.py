@@ -194,7 +194,7 @@ def test_the_json_answer(finger: Fingertip) -> None:
     assert answer["force_gwt"] == result.force_gwt
     assert answer["force_n"] == pytest.approx(2.33 * 9.80665e-3, rel=1e-9)
     assert len(answer["receptors"]["x_mm"]) == len(answer["receptors"]["sed"]) == 10
-    assert len(answer["receptors"]) == 21  # x, z, depth and the 18 measures
+    assert len(answer["receptors"]) == 22  # x, z, depth, the 18 measures and their units
     assert answer["solver"]["converged"] is True
     assert answer["solver"]["kkt_residual"] <= 1e-8
 
