@@ -1,5 +1,6 @@
 """The documentation as a site: `make docs` writes it to build/site. Commands, columns and names are generated."""
 
+import os
 import re
 import sys
 from importlib.metadata import version as installed
@@ -12,6 +13,7 @@ sys.path[:0] = [str(HERE), str(HERE.parent)]
 from studies_page import provenance, studies_page  # noqa: E402
 
 project = "Indentation rig"
+os.environ["DASK_LOGGING__DISTRIBUTED"] = "error"  # the script of a cluster prints no page of workers that end
 copyright = "The indentation rig authors, MIT licence"
 version = release = installed("indentation-rig")
 extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx_gallery.gen_gallery"]

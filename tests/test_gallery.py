@@ -1,11 +1,12 @@
 """The gallery's scripts run, give what their pages say, draw a picture, and hold their types."""
 
 import contextlib
-import runpy
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 from typing import Any
+from unittest import mock
 
 import matplotlib
 import matplotlib.pyplot as plt
@@ -59,14 +60,18 @@ def in_this_process(program: Program, empty_figures: None, monkeypatch: pytest.M
 def _run(name: str) -> dict[str, Any]:
     """The names that a script leaves; it has drawn one figure and written nothing beside it."""
     (path,) = (path for path in SCRIPTS if path.stem == name)
+    main, before = ModuleType("__main__"), sys.modules["__main__"]  # no __file__, as sphinx-gallery runs a script
     try:
-        left = runpy.run_path(str(path), run_name="__main__")
+        sys.modules["__main__"] = main
+        with mock.patch.object(sys, "argv", [str(path)]):
+            exec(compile(path.read_text(encoding="utf-8"), path, "exec"), main.__dict__)
         assert len(plt.get_fignums()) == 1
         assert all(axes.has_data() for axes in plt.gcf().axes)
     finally:
+        sys.modules["__main__"] = before
         plt.close("all")
     assert not list(Path().iterdir())
-    return left
+    return main.__dict__
 
 
 def test_press_and_plot() -> None:

@@ -31,7 +31,7 @@ def run(rig: Rig) -> None:
 
 if __name__ == "__main__":  # `rig` imports this file as a protocol
     with TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "rig", "dry-run", __file__, "--out", folder, "--json"]
+        command = [sys.executable, "-m", "rig", "dry-run", sys.argv[0], "--out", folder, "--json"]
         done = subprocess.run(command, check=True, capture_output=True, text=True)
         samples = read_run(Path(json.loads(done.stdout)["run"])).stream("sample")
     figure, axes = plt.subplots(layout="constrained")

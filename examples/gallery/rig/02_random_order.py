@@ -33,7 +33,7 @@ def run(rig: Rig) -> None:
 
 if __name__ == "__main__":  # `rig` imports this file as a protocol
     with TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "rig", "dry-run", __file__, "order=random", "seed=4", "blocks=2"]
+        command = [sys.executable, "-m", "rig", "dry-run", sys.argv[0], "order=random", "seed=4", "blocks=2"]
         done = subprocess.run([*command, "--out", folder, "--json"], check=True, capture_output=True, text=True)
         recorded = read_run(Path(json.loads(done.stdout)["run"]))
     figure, axes = plt.subplots(layout="constrained")

@@ -17,7 +17,7 @@ from tempfile import TemporaryDirectory
 import matplotlib.pyplot as plt
 import numpy as np
 
-TUTORIAL = Path(__file__).parents[2] / "tutorial"
+TUTORIAL = Path(sys.argv[0]).resolve().parents[2] / "tutorial"
 with TemporaryDirectory() as folder:
     command = [sys.executable, "-m", "rig", "dry-run", str(TUTORIAL / "first.py"), "--out", folder, "--json"]
     run = json.loads(subprocess.run(command, check=True, capture_output=True, text=True).stdout)["run"]

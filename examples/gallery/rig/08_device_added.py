@@ -19,7 +19,7 @@ import matplotlib.pyplot as plt
 
 from rig.data import read_run
 
-PACKAGE = Path(__file__).parents[2] / "rig_line_scale"
+PACKAGE = Path(sys.argv[0]).resolve().parents[2] / "rig_line_scale"
 CONFIG = '[force]\nkind = "line_scale"\n\n[force.line_scale]\naddress = 7\n'
 with TemporaryDirectory() as folder:
     Path(folder, "rig.toml").write_text(CONFIG, encoding="utf-8")
