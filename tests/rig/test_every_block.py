@@ -45,13 +45,13 @@ NOT_RUN = {
     "rig identify --dry-run --config rehearsal.toml --to rehearsed.toml": "tests/rig/test_identification.py",
     "rig check steps --config rig.toml --finger finger.toml": "tests/rig/test_identification.py",
     "rig run steps --config rig.toml --finger finger.toml": HARDWARE,
-    "rig serve --random-finger 7 --tcp 5000 --indentor bar:3.0": (
+    "rig serve --random-finger 2 --tcp 5000 --indentor bar:3.0": (
         "tests/rig/real_time/test_identify_a_random_finger.py"
     ),
     "rig identify --config practice.toml --shapes bar:3.0 --to practice_finger.toml": (
         "tests/rig/real_time/test_identify_a_random_finger.py"
     ),
-    "rig serve --reveal 7 --beside practice_finger.toml": "tests/rig/test_stranger_command.py",
+    "rig serve --reveal 2 --beside practice_finger.toml": "tests/rig/test_stranger_command.py",
     "rig doctor --config rig.toml": HARDWARE,
     "rig home --config rig.toml": HARDWARE,
     "rig status --config rig.toml": HARDWARE,
