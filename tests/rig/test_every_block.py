@@ -20,6 +20,7 @@ from sim.models.fingertip import Fingertip
 from tests.program import Program
 from tests.rig.test_followed_pages import NOT_RUN as NOT_FOLLOWED
 from tests.rig.test_followed_pages import PAGES as FOLLOWED
+from tests.rig.test_followed_pages import expanded
 
 ROOT = Path(__file__).parents[2]
 PAGES = sorted(
@@ -44,13 +45,13 @@ NOT_RUN = {
     "rig identify --dry-run --config rehearsal.toml --to rehearsed.toml": "tests/rig/test_identification.py",
     "rig check steps --config rig.toml --finger finger.toml": "tests/rig/test_identification.py",
     "rig run steps --config rig.toml --finger finger.toml": HARDWARE,
-    "rig serve --random-finger 7 --tcp 5000 --indentor bar:3.0": (
+    "rig serve --random-finger 2 --tcp 5000 --indentor bar:3.0": (
         "tests/rig/real_time/test_identify_a_random_finger.py"
     ),
     "rig identify --config practice.toml --shapes bar:3.0 --to practice_finger.toml": (
         "tests/rig/real_time/test_identify_a_random_finger.py"
     ),
-    "rig serve --reveal 7 --beside practice_finger.toml": "tests/rig/test_stranger_command.py",
+    "rig serve --reveal 2 --beside practice_finger.toml": "tests/rig/test_stranger_command.py",
     "rig doctor --config rig.toml": HARDWARE,
     "rig home --config rig.toml": HARDWARE,
     "rig status --config rig.toml": HARDWARE,
@@ -64,8 +65,10 @@ NOT_RUN = {
     "rig calibrate compliance --config rig.toml --to-gwt 100": HARDWARE,
     "rig panel": "a server: tests/panel",
     "rig panel --config rig.toml": HARDWARE,
-    "rig compare RUN --recorded step:1=mine.csv --place --depth-range-mm 0.5,1.1 --offset-mm=-0.3,0.3": SLOW,
-    "rig compare RUN --recorded step:1=mine.csv --fingers fingers.toml": "tests/rig/compare/test_on_fingers.py",
+    "rig compare rehearsals/*-steps-* --recorded step:1=examples/tutorial/synthetic_afferent.csv "
+    "--place --offset-mm=-0.3,0.3": SLOW,
+    "rig compare rehearsals/*-steps-* --recorded step:1=examples/tutorial/synthetic_afferent.csv "
+    "--fingers examples/plausible_fingers/fingers.toml": "tests/rig/compare/test_on_fingers.py",
     "rig finger --config examples/own_finger/points.toml": "tests/rig/test_finger_command.py",
     "rig indent --config examples/own_finger/points.toml --shape bar:3.0 --x-mm 0 --doi-mm 0.5": SLOW,
     "make study": SLOW,
@@ -196,6 +199,7 @@ def test_what_is_shown_runs(
     monkeypatch.chdir(tmp_path)
     Path("rig.toml").write_text("", encoding="utf-8")
     shutil.copy(ROOT / "examples" / "plausible_fingers" / "fingers.toml", tmp_path)
+    shutil.copytree(ROOT / "examples" / "tutorial", tmp_path / "examples" / "tutorial")
     run = made_once("steps", lambda: _run_of_steps(program)).relative_to(tmp_path)
     for line in TO_RUN[page]:
         Path("mine.csv").write_text(OTHER_UNITS if "FR:1/ms" in line else RATES, encoding="utf-8")
@@ -205,7 +209,7 @@ def test_what_is_shown_runs(
             str(run) if re.fullmatch(r"runs/\d{8}T.*", word) else str(names.get(word, word))
             for word in shlex.split(line)
         ]
-        ended = program(*words[1:])
+        ended = program(*(found for word in words[1:] for found in expanded(word)))
         assert ended.code == 0, f"{line}: {ended.err}"
 
 

@@ -40,7 +40,7 @@ def test_a_page_can_be_followed_literally(
             if line.startswith("python "):
                 runpy.run_path(line.removeprefix("python "), run_name="__main__")
             elif line.startswith("rig "):
-                ended = program(*(found for word in shlex.split(line)[1:] for found in _expanded(word)))
+                ended = program(*(found for word in shlex.split(line)[1:] for found in expanded(word)))
                 assert ended.code == (2 if language == "fails" else 0), f"{line}: {ended.err}"
                 assert language != "fails" or "30" in ended.complaint
             else:
@@ -58,6 +58,6 @@ def test_the_script_on_the_page_is_the_one_that_is_shipped() -> None:
     assert text == (EXAMPLES / "first.py").read_text(encoding="utf-8")
 
 
-def _expanded(word: str) -> list[str]:
+def expanded(word: str) -> list[str]:
     """As a shell does it."""
     return sorted(map(str, Path().glob(word))) if "*" in word else [word]
