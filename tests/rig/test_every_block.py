@@ -85,7 +85,7 @@ NOT_RUN = {
     "git clone https://github.com/gnea/grbl && git clone https://github.com/grbl/grbl-sim grbl/grbl/sim": NETWORK,
     "auto chose finger, level coarse: force and contact, no receptors; patch ± 3.30 × ± 3.50 mm; "
     "about 2.6 s of processor time …": PRINTED,
-    "21 indentations, 0:05:05 left": PRINTED,
+    "21 indentations, 0:05:43 left": PRINTED,
     "skin     99 points": PRINTED,
     "press 1 of at most 8: flat:3 at +1.2 mm to 0.30 mm, trips at 8.8 gwt …": PRINTED,
     "def read(self) -> ForceReading:": SKETCH,
