@@ -26,7 +26,7 @@ def _schema(command: str) -> Draft202012Validator:
 
 
 def as_in_its_schema(command: str, found: Any) -> Any:
-    """What a command printed with --json, held against its schema; of one that there is not only a failure."""
+    """Validate what a command printed with --json against its schema; an unknown command can only fail."""
     wrong = best_match(_schema(command).iter_errors(found))
     assert wrong is None, f"rig {command}: {wrong.json_path}: {wrong.message}"
     return found

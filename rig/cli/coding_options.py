@@ -84,7 +84,7 @@ def bounded(option: str, value: float, low: float, high: float) -> float:
 
 
 def named(option: str, text: str, words: Sequence[_Word]) -> _Word:
-    """Return the word of that name; raise BadInputError if there is none."""
+    """Return the choice with that name. Raises BadInputError for an unknown name."""
     for word in words:
         if text == word:
             return word

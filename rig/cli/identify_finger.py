@@ -200,19 +200,13 @@ def final_lines(done: FinishedRun, identification: Identification, to: object) -
 
 def _as_json(done: FinishedRun, identification: Identification, to: Path) -> dict[str, Any]:
     """Return the same results as JSON; without a press there is neither a finger file nor a number."""
-    flag = (
-        "collapsed"
-        if identification.learned.collapsed
-        else "no_finger"
-        if identification.mismatch is not None
-        else None
-    )
+    flag = identification.flag
     return {
         "run": str(done.folder.path),
         "finger": str(to) if identification.measured else None,
         "presses": len(identification.measured),
         "bench_s": done.duration_s,
-        "consistent": identification.mismatch is None and not identification.learned.collapsed,
+        "consistent": flag is None,
         "parameters": _parameters(identification) if identification.measured else [],
         "predicted": _predicted(identification) if identification.measured else [],
         "problems_text": identification.not_learned if identification.measured else [],
@@ -387,9 +381,8 @@ def _carried_out(
     mounted: str | None,
 ) -> FinishedRun:
     owner.at("running")
-    shown = progress(
-        script.identification.options.presses, None, as_json=True
-    )  # in a pipe each press has its own lines
+    # In a pipe each press has its own lines.
+    shown = progress(script.identification.options.presses, None, as_json=True)
     with at_a_safe_point(owner.pause) as pause, shown as watch:
         attendant = IdentificationAttendant(pause, watch, beginning.begins, None, owner)
         attendant.script = script
@@ -400,13 +393,14 @@ def _carried_out(
 
 
 def _leave(done: FinishedRun, identification: Identification, to: Path) -> NoReturn:
-    if done.problem is None and identification.learned.collapsed:
+    flag = None if done.problem is not None else identification.flag
+    if flag == "collapsed":
         complain(
             "the identification failed: too few samples explain the presses, and no command accepts "
             f"{to}; repeat the identification"
         )
         raise typer.Exit(ExitCode.STOPPED)
-    if done.problem is None and identification.mismatch is not None:
+    if flag == "no_finger":
         complain(
             f"the identification is flagged: {identification.mismatch}; other commands accept {to} only with "
             "--force; check the indentors, the mount and the geometry, then repeat the identification"

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 
@@ -144,6 +145,13 @@ class Identification:
     def mismatch(self) -> str | None:
         """Reason why no finger of the prior explains the presses; None if one does."""
         return no_finger(self.predicted, self.measured, self.learned, [report.surprise for report in self.reports])
+
+    @property
+    def flag(self) -> Literal["collapsed", "no_finger"] | None:
+        """Code of an identification whose bands are not to be used; None if they are."""
+        if self.learned.collapsed:
+            return "collapsed"
+        return None if self.mismatch is None else "no_finger"
 
     def next(self) -> PressAt:
         """Return the most informative press: light presses first, and each shape once before any is repeated."""
