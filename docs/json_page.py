@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from rig.cli.json_output import OUTPUTS, SUFFIXES, schema_of
+from rig.cli.json_schemas import OUTPUTS, SUFFIXES, schema_of
 from rig.cli.program import COMMANDS
 
 HERE = Path(__file__).parent

@@ -26,6 +26,7 @@ cli.find cli.identify_finger
 cli.identify cli.identify_finger
 cli.impulse cli.encode
 cli.interrupts cli.signals
+cli.json_output cli.json_schemas
 cli.looking bench.checks
 cli.meet cli.identify_finger
 cli.meeting_said cli.identify_finger
@@ -91,7 +92,8 @@ compare.recordings.skin_deflection compare.recordings.deflection
 compare.recordings.synthetic compare.recordings.spikes
 compare.recordings.table_file compare.recordings.columns
 compare.results compare.comparison_rows
-compare.shape_chance compare.shape_test
+compare.shape_chance compare.profile_shape_test
+compare.shape_test compare.profile_shape_test
 compare.statistics compare.fit
 compare.stimulus_maps compare.stimuli
 compare.table_5_2 compare.raju_table_5_2
@@ -304,6 +306,7 @@ session.provenance session.resume
 session.real_bench bench.real
 session.rehearsal session.rehearse
 session.running session.script_run
+session.stop_button session.hardware_stop
 session.subject bench.checks
 session.virtual -
 session.virtual.served_bench bench.served

@@ -2,6 +2,7 @@
 
 import sys
 import warnings
+from collections.abc import Callable, Mapping
 from importlib import import_module
 from types import ModuleType
 from typing import Any
@@ -11,7 +12,8 @@ choice cheapest_model
 coding.all_sites coding.raju_table_6_1
 coding.borne coding.pressure
 coding.contacts coding.contact_search
-coding.decoded coding.decoding
+coding.decoded coding.decoder_results
+coding.decoding coding.decoder_results
 coding.energy coding.section
 coding.fitted_receptor coding.bayes
 coding.frictionless coding.pressure
@@ -37,9 +39,10 @@ coding.profiles.mixture coding.model_averaging
 coding.profiles.seen coding.contact_search
 coding.profiles.smooth_fit coding.bayes
 coding.profiles.table coding.model_averaging
+coding.readings coding.receptor_readings
 coding.sampled_section coding.section
-coding.search coding.decoders_by_search,coding.decoding
-coding.search_decoders coding.decoders_by_search,coding.decoding
+coding.search coding.decoders_by_search,coding.decoder_results
+coding.search_decoders coding.decoders_by_search,coding.decoder_results
 coding.sheets -
 coding.sheets.axial_row coding.sheet
 coding.sheets.felt_skin coding.sheet
@@ -190,6 +193,19 @@ class _Moved(ModuleType):
                     warnings.warn(f"{self.__name__} is {new} now", DeprecationWarning, stacklevel=2)
                     return found
         raise AttributeError(f"module {self.__name__!r} has no attribute {name!r}")
+
+
+def renamed(module: str, new: Mapping[str, str]) -> Callable[[str], Any]:
+    """Return the `__getattr__` of a module whose old names answer with a warning; `new` has where each is now."""
+
+    def find(name: str) -> Any:
+        if name not in new:
+            raise AttributeError(f"module {module!r} has no attribute {name!r}")
+        warnings.warn(f"{module}.{name} is {new[name]} now", DeprecationWarning, stacklevel=2)
+        home, _, now = new[name].rpartition(".")
+        return getattr(import_module(home), now)
+
+    return find
 
 
 def answer() -> None:

@@ -14,7 +14,7 @@ from jsonschema.exceptions import best_match
 from pydantic import TypeAdapter
 
 from rig.cli import main
-from rig.cli.json_output import OUTPUTS, FailureJson, schema_of
+from rig.cli.json_schemas import OUTPUTS, FailureJson, schema_of
 from rig.cli.output import THE_FINGER
 
 

@@ -50,3 +50,21 @@ def test_an_old_module_has_the_names_of_the_new_ones(package: str) -> None:
 @pytest.mark.filterwarnings("ignore:.* now:DeprecationWarning")
 def test_a_pickle_of_0_1_is_read(module: str, name: str) -> None:
     assert pickle.loads(f"c{module}\n{name}\n.".encode()).__name__ == name
+
+
+@pytest.mark.parametrize(
+    ("module", "old", "new"),
+    [
+        ("sim.coding.encoding", "Readings", "sim.coding.receptor_readings.Readings"),
+        ("sim.coding.section", "felt_section", "sim.coding.section.receptor_section"),
+        ("sim.devices.line", "ForceTold", "sim.devices.line.VirtualForceSpec"),
+        ("sim.devices.line", "StageTold", "sim.devices.line.VirtualStageSpec"),
+    ],
+)
+def test_an_old_name_in_a_module_that_stays_is_the_new_one(module: str, old: str, new: str) -> None:
+    with pytest.warns(DeprecationWarning, match=rf"^{re.escape(module)}\.{old} is {re.escape(new)} now$"):
+        found = getattr(import_module(module), old)
+    home, _, name = new.rpartition(".")
+    assert found is getattr(import_module(home), name)
+    with pytest.raises(AttributeError, match=re.escape(module)):
+        import_module(module).nothing_of_this_name  # noqa: B018

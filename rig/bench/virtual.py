@@ -25,14 +25,14 @@ from rig.transport.wire import LoggedTransport, LoopbackTransport, Sink
 from rig.units import GWT_N
 from sim.devices.clock import Scheduler, VirtualClock
 from sim.devices.line import (
-    ForceTold,
     Load,
     Relay,
     SerialLine,
-    StageTold,
     StopPins,
     TwinError,
+    VirtualForceSpec,
     VirtualStage,
+    VirtualStageSpec,
     load_cell,
 )
 from sim.models.fingertip import Fingertip
@@ -119,7 +119,7 @@ def load_on_sensor(load: Load, config: Config) -> Load:
 def virtual_stage(scheduler: Scheduler, line: SerialLine, config: Config) -> VirtualStage:
     """Create the twin of the configured stage on a line. Raises BadInputError."""
     x, y, z = (calibrated_steps_per_mm(config, axis) for axis in "xyz")
-    description = StageTold(
+    description = VirtualStageSpec(
         config.stage.travel_mm,
         (x, y, z),
         (lost_steps(config, "x"), 0.0, lost_steps(config, "z")),
@@ -134,7 +134,7 @@ def virtual_stage(scheduler: Scheduler, line: SerialLine, config: Config) -> Vir
 def virtual_force(scheduler: Scheduler, line: SerialLine, config: Config, load: Load) -> object:
     """Create the twin of the configured force sensor on a line, under a load. Raises BadInputError."""
     force = config.force
-    description = ForceTold(
+    description = VirtualForceSpec(
         force.sample_period_s,
         config.virtual.cell_resolution_gwt,
         force.framing or "rtu",

@@ -11,7 +11,7 @@ from rich.live import Live
 from rig.bench.checks import contact, in_one_line, look, position, titled
 from rig.bench.real import PortError, RealBench, open_bench
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
-from rig.cli.output import ExitCode, complain, err, looking_busy, out, print_json, told_in_one_line
+from rig.cli.output import ExitCode, complain, err, looking_busy, one_line_errors, out, print_json
 from rig.cli.signals import at_once, interrupt_main
 from rig.clock import Clock, WallClock
 from rig.devices.base import Stage, StageStatus
@@ -23,7 +23,7 @@ from rig.manual import home_and_zero
 from rig.manual.home_and_zero import at_hand, feel, unfelt
 from rig.manual.jog import ByHand, Show
 from rig.plan.config import Config, load_config
-from rig.session.stop_button import key_interrupting
+from rig.session.hardware_stop import key_interrupting
 from rig.transport import TransportError
 
 
@@ -42,7 +42,7 @@ def stage_at_hand(settings: Config) -> Iterator[tuple[Stage, WallClock]]:
 
 def home(config: ConfigOption, without_force: WithoutForceOption = False, as_json: JsonOption = False) -> None:
     """Home all axes and print their positions; the force is monitored throughout."""
-    with told_in_one_line(as_json=as_json):
+    with one_line_errors(as_json=as_json):
         settings = load_config(config)
         with looking_busy("homing all axes …"):
             at, known = _home_unfelt(settings) if without_force else _home(settings)
@@ -84,7 +84,7 @@ def zero(
     as_json: JsonOption = False,
 ) -> None:
     """Zero the force sensor; refused if the last recorded zero indicates a contact."""
-    with told_in_one_line(as_json=as_json), at_once():
+    with one_line_errors(as_json=as_json), at_once():
         settings, clock = load_config(config), WallClock()
         with closing(open_force(settings, clock)) as force:
             sensing = Sensing(settings, clock, force)
@@ -94,7 +94,7 @@ def zero(
 
 def status(config: ConfigOption, as_json: JsonOption = False) -> None:
     """Print the state of both devices; skip a port that another process owns."""
-    with told_in_one_line(as_json=as_json):
+    with one_line_errors(as_json=as_json):
         settings = load_config(config)
         found = look(settings)
         print_entries({**found, "contact": contact(settings)}, as_json=as_json)

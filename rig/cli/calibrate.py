@@ -13,7 +13,7 @@ from rig.cli.bench import by_hand, live_line
 from rig.cli.help import PlainCommand, PlainGroup
 from rig.cli.jog import way
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
-from rig.cli.output import err, out, print_json, told_in_one_line
+from rig.cli.output import err, one_line_errors, out, print_json
 from rig.cli.run import ask_at_the_bench
 from rig.cli.signals import at_once, interrupt_main, typed_line
 from rig.clock import WallClock
@@ -25,8 +25,8 @@ from rig.engine.reference import Compliance, measure_compliance
 from rig.errors import BadInputError
 from rig.plan.config import Config, load_config, unit
 from rig.protocol.check import refuse_approach, refuse_place
+from rig.session.hardware_stop import key_interrupting
 from rig.session.script_run import stopped_at_once
-from rig.session.stop_button import key_interrupting
 from rig.units import GWT_N
 
 _READINGS = 20
@@ -50,7 +50,7 @@ def steps(
     as_json: JsonOption = False,
 ) -> None:
     """Calibrate steps/mm: home first, clear the path, and place a caliper or a dial gauge on the carriage."""
-    with told_in_one_line(as_json=as_json):
+    with one_line_errors(as_json=as_json):
         settings = load_config(config)
         direction, far_mm = way(axis, by_mm)
         with live_line(settings) as show, by_hand(settings, show, without_force=without_force) as (hand, _):
@@ -73,7 +73,7 @@ def force(
     as_json: JsonOption = False,
 ) -> None:
     """Calibrate the force scale; the sensor must lie so that a mass on it presses as the indentor will."""
-    with told_in_one_line(as_json=as_json), at_once():
+    with one_line_errors(as_json=as_json), at_once():
         settings, clock = load_config(config), WallClock()
         with closing(open_force(settings, clock)) as sensor:
             sensor.connect()
@@ -93,7 +93,7 @@ def compliance(
     as_json: JsonOption = False,
 ) -> None:
     """Calibrate compliance with a flat indentor on a rigid block in the finger's place, top at frame.apex_z_mm."""
-    with told_in_one_line(as_json=as_json), at_once():
+    with one_line_errors(as_json=as_json), at_once():
         settings = load_config(config)
         refuse_place(0.0, 0.0, settings)
         refuse_approach("calibrate compliance", 0.0, settings)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rig.cli.options import unit_of
 from rig.errors import BadInputError, around
-from sim.coding.decoding import CodingError
+from sim.coding.decoder_results import CodingError
 from sim.coding.readings_file import checked_pressures, read_pressures
 from sim.coding.section import Axes, Sampling
 from sim.coding.task import SectionPress

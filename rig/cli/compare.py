@@ -13,7 +13,7 @@ from typing import Annotated, NamedTuple
 import typer
 
 from rig.cli.options import ExactOption, JsonOption, checked_file, numbers
-from rig.cli.output import THE_FINGER, busy, out, print_json, renamed, told_in_one_line
+from rig.cli.output import THE_FINGER, busy, one_line_errors, out, print_json, renamed
 from rig.compare.comparison import Comparison, compare, left_out_lines, left_out_rows
 from rig.compare.comparison_rows import answers_as_json, fingers_as_json
 from rig.compare.comparison_rows import as_json as comparison_as_json
@@ -21,11 +21,11 @@ from rig.compare.likelihood import Form
 from rig.compare.make_verdict import answers
 from rig.compare.place_grid import PlaceRange, ReceptorLocation, place_lines, places_as_json
 from rig.compare.plausible_fingers import PlausibleFingers, on_plausible_fingers, read_plausible
+from rig.compare.profile_shape_test import chance_rows
 from rig.compare.receptor_place import Sought, places, sought_in
 from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.reading import Reading, read_recordings, sha256
 from rig.compare.recordings.recording import Recording
-from rig.compare.shape_test import chance_rows
 from rig.compare.stimuli import Stimulus, stimuli, stimulus_maps
 from rig.compare.verdict import AfferentVerdict
 from rig.compare.verdict_text import positions, sentence
@@ -153,7 +153,7 @@ def command(
     as_json: JsonOption = False,
 ) -> None:
     """Compare runs, write the report and a sidecar with dates and times."""
-    with told_in_one_line(as_json=as_json):
+    with one_line_errors(as_json=as_json):
         began = time.perf_counter()
         if normalise:
             normalize = True

@@ -14,9 +14,9 @@ from rig.devices.registry import stage_ports
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.session.early_ending import Ending
+from rig.session.hardware_stop import StopButton
 from rig.session.rehearsal_summary import Page
 from rig.session.session import Session
-from rig.session.stop_button import StopButton
 from rig.transport import refuse_missing
 from sim.contact.shapes import shape_name
 

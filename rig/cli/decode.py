@@ -27,17 +27,17 @@ from rig.cli.coding_options import (
     sampling_of,
 )
 from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_picture, numbers, write_picture
-from rig.cli.output import THE_FINGER, busy, out, print_json, renamed, told_in_one_line
+from rig.cli.output import THE_FINGER, busy, one_line_errors, out, print_json, renamed
 from rig.errors import BadInputError, around
 from rig.plan.config import load_config
 from sim.coding.bayes import FittedReceptor
+from sim.coding.decoder_results import CodingError
 from sim.coding.decoders_by_search import error_surface
-from sim.coding.decoding import CodingError
 from sim.coding.encoding import NOISE_PLACES, RATE_UNIT, SED_UNIT, Noise, NoisePlace, Receptor
 from sim.coding.operators import OPERATORS, ForwardOperator
 from sim.coding.readings_file import GivenReadings, pa_per_pseudo, read_readings
 from sim.coding.section import ENERGIES, HALF_LENGTH, SPACING_MM
-from sim.coding.shape_class import felt_solid
+from sim.coding.shape_class import classify_solid
 from sim.coding.sheet import HALF_LENGTHS_MM, SheetOperator
 from sim.coding.task import (
     DECODERS,
@@ -237,7 +237,7 @@ def print_decoded(finger: FingertipConfig, decoder: DecoderName, found: DecodeRe
     for problem in found.problems:
         out.print(f"  beware: {problem}")
     if isinstance(operator, SheetOperator):
-        solid = felt_solid(operator.skin, found.pressure)
+        solid = classify_solid(operator.skin, found.pressure)
         out.print(
             f"  estimated shape: {solid.name}, {solid.size_mm:.2g} mm; contact spans {solid.extent_mm[0]:.2f} mm "
             f"along x, {solid.extent_mm[1]:.2f} mm along z"
@@ -251,7 +251,7 @@ def _solid_as_json(operator: ForwardOperator, found: DecodeResult) -> dict[str, 
     """Return class and size of the object on a sheet."""
     if not isinstance(operator, SheetOperator):
         return None
-    solid = felt_solid(operator.skin, found.pressure)
+    solid = classify_solid(operator.skin, found.pressure)
     return {"shape_class": solid.name, "size_mm": solid.size_mm, "extent_mm": list(solid.extent_mm)}
 
 
@@ -446,7 +446,7 @@ def decode_command(
     as_json: JsonOption = False,
 ) -> None:
     """Print the decoded pressures, their uncertainty and, if the true ones are known, their error."""
-    with told_in_one_line(as_json=as_json):
+    with one_line_errors(as_json=as_json):
         refuse_together(pressure, shape, readings, snr_db=snr_db, operator=operator, doi_mm=doi_mm)
         if decoder == "ours":
             renamed("--decoder ours", "--decoder bayes")

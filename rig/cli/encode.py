@@ -25,7 +25,7 @@ from rig.cli.coding_options import (
     sampling_of,
 )
 from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_picture, write_picture
-from rig.cli.output import busy, err, out, print_json, say_now, told_in_one_line
+from rig.cli.output import busy, err, one_line_errors, out, print_json, say_now
 from rig.errors import BadInputError
 from rig.plan.config import load_config
 from sim.coding.encoding import NOISE_PLACES, RATE_UNIT, SED_UNIT, Noise, NoisePlace, Receptor
@@ -107,7 +107,7 @@ def encode_command(
     as_json: JsonOption = False,
 ) -> None:
     """Print SED and rates at the receptors; for a shape, also the operator's error against finite elements."""
-    with told_in_one_line(as_json=as_json):
+    with one_line_errors(as_json=as_json):
         kind, by = named("--energy", energy, ENERGIES), named("--operator", operator, OPERATORS)
         at, sampling = named("--noise", noise, NOISE_PLACES), sampling_of(spacing_mm, half_length, receptor_depth_mm)
         if (pressure is None) == (shape is None):
@@ -205,7 +205,7 @@ def impulse_command(
     as_json: JsonOption = False,
 ) -> None:
     """Print h, g, f, the difference of h from −g, and the error of shifting them, in skin and Cartesian axes."""
-    with told_in_one_line(as_json=as_json):
+    with one_line_errors(as_json=as_json):
         kind = named("--energy", energy, ENERGIES)
         samplings = [sampling_of(spacing_mm, half_length, receptor_depth_mm, axes) for axes in AXES]
         checked_picture(picture)
@@ -301,7 +301,7 @@ def shift_invariance_command(
     as_json: JsonOption = False,
 ) -> None:
     """Fit SED = A / r^m under 24 equal point loads, and print A and m beside the source's Table 6.1."""
-    with told_in_one_line(as_json=as_json):
+    with one_line_errors(as_json=as_json):
         sampled = Sampled(
             bounded("--spacing-mm", spacing_mm, 0.05, 0.5),
             bounded("--half-width-mm", half_width_mm, 0.5, 4.0),

@@ -8,7 +8,7 @@ import numpy as np
 import typer
 
 from rig.cli.options import FingertipOption, JsonOption
-from rig.cli.output import complain, err, out, print_json, told_in_one_line
+from rig.cli.output import complain, err, one_line_errors, out, print_json
 from rig.errors import BadInputError
 from rig.plan.config import load_config
 from sim.config import Contact, FingertipConfig
@@ -29,7 +29,7 @@ def finger_command(
     as_json: JsonOption = False,
 ) -> None:
     """Print fit, apex, layers and mesh quality; reject a finger without a valid mesh."""
-    with told_in_one_line(as_json=as_json):
+    with one_line_errors(as_json=as_json):
         if vtk is not None and vtk.exists():
             raise BadInputError(
                 "{option} {path}: the file already exists; choose another name",
@@ -169,7 +169,7 @@ def export_deck_command(
     config: FingertipOption = None,
 ) -> None:
     """Solve the scene, write it for CalculiX, and print the expected result."""
-    with told_in_one_line(as_json=False):
+    with one_line_errors(as_json=False):
         if out_file.exists():
             raise BadInputError(
                 "{option} {path}: the file already exists; choose another name",

@@ -21,7 +21,7 @@ from rig.cli.options import (
     YesOption,
     checked_file,
 )
-from rig.cli.output import Beginning, ExitCode, complain, err, loading_the_finger, out, print_json, told_in_one_line
+from rig.cli.output import Beginning, ExitCode, complain, err, loading_the_finger, one_line_errors, out, print_json
 from rig.cli.progress import counted, progress
 from rig.cli.run import asks_for
 from rig.cli.script_execution import AtTheTerminal, RunOwner, failure, leave, loaded, new_run, owning
@@ -309,7 +309,7 @@ def identify_command(
 ) -> None:
     """Press gently, print after each press what was learned, and write the finger file."""
     beginning = Beginning(aloud=not dry)
-    with told_in_one_line(as_json=as_json, beginning=beginning), ExitStack() as opened:
+    with one_line_errors(as_json=as_json, beginning=beginning), ExitStack() as opened:
         settings = with_reliable_touch(load_config(config))
         _refuse(width, most_gwt, settings)
         checked_file("--to", to)
@@ -441,7 +441,7 @@ def find_command(
     as_json: JsonOption = False,
 ) -> None:
     """Fit pad center, height, roll and tilt to the touches; print [frame] for the configuration."""
-    with told_in_one_line(as_json=as_json):
+    with one_line_errors(as_json=as_json):
         recorded, settings = read_run(run), load_config(run / "config.toml")
         with loading_the_finger():
             finger = Fingertip.load(settings.finger)

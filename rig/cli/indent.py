@@ -11,7 +11,7 @@ import typer
 from rich.table import Table
 
 from rig.cli.options import FingertipOption, JsonOption, checked_picture, numbers, write_picture
-from rig.cli.output import ExitCode, complain, loading_the_finger, out, print_json, told_in_one_line
+from rig.cli.output import ExitCode, complain, loading_the_finger, one_line_errors, out, print_json
 from rig.compare.recordings.deflection import SkinDeflection, in_words, laid_beside, read_skin_deflection
 from rig.errors import BadInputError
 from rig.plan.config import load_config
@@ -310,7 +310,7 @@ def indent_command(
     as_json: JsonOption = False,
 ) -> None:
     """Press once and print force, contact and receptor measures."""
-    with told_in_one_line(as_json=as_json):
+    with one_line_errors(as_json=as_json):
         request = ModelRequest.parse(model, tolerance, quantity, length_mm)
         settings = load_config(config)
         receptors = _receptors(receptor_x_mm, receptor_depth_mm, receptor_z_mm)

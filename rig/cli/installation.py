@@ -17,7 +17,7 @@ from serial.tools import list_ports
 
 from rig.bench.checks import as_words, bench_problems, contact, in_one_line, look, today
 from rig.cli.options import FingerConfigOption, JsonOption, checked_file
-from rig.cli.output import err, out, print_json, told_in_one_line
+from rig.cli.output import err, one_line_errors, out, print_json
 from rig.data.bug_report import LEFT_OUT, bug_report, bundle_name
 from rig.devices import registry
 from rig.errors import BadInputError
@@ -49,7 +49,7 @@ def config_command(
     as_json: JsonOption = False,
 ) -> None:
     """Print a configuration file with a comment on each key, or on one key or table if named."""
-    with told_in_one_line(as_json=as_json):
+    with one_line_errors(as_json=as_json):
         found = _named(list(keys(load_config(config))), key)
         if as_json:
             print_json({"keys": [_described(one) for one in found]})
@@ -116,7 +116,7 @@ def cache_command(
     as_json: JsonOption = False,
 ) -> None:
     """List cached results; with --prune delete the least recently used ones."""
-    with told_in_one_line(as_json=as_json):
+    with one_line_errors(as_json=as_json):
         if keep_gb and not prune_it:
             raise BadInputError(
                 "{option} {value:g} requires {needs}; add it",
@@ -184,7 +184,7 @@ def doctor_command(
     as_json: JsonOption = False,
 ) -> None:
     """Print the contents of a bug report."""
-    with told_in_one_line(as_json=as_json):
+    with one_line_errors(as_json=as_json):
         found = _examine(config) if bundle is None else _bundled(bundle, load_config(config))
         if as_json:
             print_json(found)
@@ -332,7 +332,7 @@ def speed_command(
     as_json: JsonOption = False,
 ) -> None:
     """Benchmark every model, element and refinement in its own process, and write the page."""
-    with told_in_one_line(as_json=as_json):
+    with one_line_errors(as_json=as_json):
         checked_file("--out", page_file)
         start = time.perf_counter()
         reference = stored()

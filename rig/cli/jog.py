@@ -12,7 +12,7 @@ import typer
 from rig.bench.checks import contact, position
 from rig.cli.bench import by_hand, live_line, print_entries
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
-from rig.cli.output import ExitCode, complain, err, told_in_one_line
+from rig.cli.output import ExitCode, complain, err, one_line_errors
 from rig.clock import Clock
 from rig.devices.base import Axis
 from rig.engine.dead_man import Direction
@@ -50,7 +50,7 @@ def command(
     as_json: JsonOption = False,
 ) -> None:
     """Move an axis; it stops within the travel of 0.2 s if the key, this process or the connection is lost."""
-    with told_in_one_line(as_json=as_json):
+    with one_line_errors(as_json=as_json):
         settings = load_config(config)
         if not SLOWEST_MM_S <= speed_mm_s <= FASTEST_MM_S:
             raise BadInputError(

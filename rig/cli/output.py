@@ -199,7 +199,7 @@ def _nothing_moved(message: str, exit_code: ExitCode) -> dict[str, Any]:
 
 
 @contextmanager
-def told_in_one_line(*, as_json: bool, beginning: Beginning | None = None) -> Iterator[None]:
+def one_line_errors(*, as_json: bool, beginning: Beginning | None = None) -> Iterator[None]:
     """Turn expected errors into one line and the right exit code."""
     try:
         yield

@@ -11,7 +11,7 @@ import typer
 
 from rig.bench.real import PortError, RealBench, open_bench
 from rig.cli.options import ConfigOption, JsonOption
-from rig.cli.output import complain, err, out, print_json, told_in_one_line
+from rig.cli.output import complain, err, one_line_errors, out, print_json
 from rig.cli.signals import asked_to_leave, at_once
 from rig.clock import WallClock
 from rig.control.client import Announcement
@@ -24,7 +24,7 @@ from rig.manual.home_and_zero import unfelt
 from rig.manual.owner_process import HandOwner
 from rig.manual.status import HandLog
 from rig.plan.config import Config, load_config
-from rig.session.stop_button import StopButton
+from rig.session.hardware_stop import StopButton
 
 if TYPE_CHECKING:
     from rig.panel.app import Panel
@@ -49,7 +49,7 @@ def panel_command(
     as_json: JsonOption = False,
 ) -> None:
     """Print the address of the page, and serve it until Ctrl-C; a run continues without it."""
-    with told_in_one_line(as_json=as_json):
+    with one_line_errors(as_json=as_json):
         if port != 0 and not _LOWEST_PORT <= port <= 65535:
             raise BadInputError(
                 "{option} {value}: must be {low} to {high}, or 0 for a free port",
@@ -105,7 +105,7 @@ Answers = Mapping[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]
 
 def owning_command(config: ConfigOption) -> None:
     """Own the ports for `rig panel`, and end with it, at rest; ready once it has announced itself."""
-    with told_in_one_line(as_json=False), at_once():
+    with one_line_errors(as_json=False), at_once():
         settings, clock, parent = load_config(config), WallClock(), os.getppid()
         known = BenchMemory(settings).read()  # an open bench adds nothing
         with (

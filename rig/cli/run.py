@@ -41,10 +41,10 @@ from rig.cli.output import (
     checking_the_script,
     complain,
     err,
+    one_line_errors,
     out,
     print_json,
     screen_aside,
-    told_in_one_line,
 )
 from rig.cli.script_execution import RunOwner, carry_out, leave, make_whole, new_run, owning
 from rig.cli.signals import typed_line
@@ -84,7 +84,7 @@ def check_command(
     as_json: JsonOption = False,
 ) -> None:
     """Check the script against the limits and the finger model, and rehearse it on springs."""
-    with told_in_one_line(as_json=as_json):
+    with one_line_errors(as_json=as_json):
         settings = with_finger(load_config(config), finger_file, force=force)
         refuse_bench(settings)
         script = load_script(protocol, [*(set_ or []), *(more or [])])
@@ -157,7 +157,7 @@ def dry_run_command(
 ) -> None:
     """Check the script, run it on the virtual bench, write the run folder and its report."""
     beginning = Beginning(aloud=False)
-    with told_in_one_line(as_json=as_json, beginning=beginning):
+    with one_line_errors(as_json=as_json, beginning=beginning):
         settings = with_finger(load_config(config), finger_file, force=force)
         refuse_twinless(settings.stage, settings.force)
         for problem in expired_calibrations(settings):
@@ -211,7 +211,7 @@ def run_command(
 ) -> None:
     """Check the script, have the page confirmed, run it, write the run folder and its report."""
     beginning = Beginning(aloud=True)
-    with told_in_one_line(as_json=as_json, beginning=beginning):
+    with one_line_errors(as_json=as_json, beginning=beginning):
         settings = with_finger(load_config(config), finger_file, force=force)
         with FingerProcess(settings.finger) as finger:
             # its process reads the model while this one imports what follows
@@ -301,7 +301,7 @@ def resume_command(
 ) -> None:
     """Resume with the script, its parameters and the configuration from the run's own copies."""
     beginning = Beginning(aloud=True)
-    with told_in_one_line(as_json=as_json, beginning=beginning):
+    with one_line_errors(as_json=as_json, beginning=beginning):
         stopped = read_stopped(run)
         with (
             _stage(stopped, run, mounted, yes=yes) as stage,

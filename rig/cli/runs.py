@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import typer
 
 from rig.cli.options import JsonOption, checked_file
-from rig.cli.output import complain, looking_busy, out, print_json, told_in_one_line
+from rig.cli.output import complain, looking_busy, one_line_errors, out, print_json
 from rig.data import dictionary
 from rig.data.folder import replace_text
 from rig.data.index import IndexEntry, RunFilter, listed
@@ -59,7 +59,7 @@ def runs_command(
     as_json: JsonOption = False,
 ) -> None:
     """List runs, newest last; an unreadable run gets one line on standard error."""
-    with told_in_one_line(as_json=as_json):
+    with one_line_errors(as_json=as_json):
         if state not in (None, *STATES):
             raise RunError(
                 "{option} {value!r}: must be one of {expected}",
@@ -152,7 +152,7 @@ def show_command(
     as_json: JsonOption = False,
 ) -> None:
     """Print what ran, its state, limits, versions, forces, how it ended, and its files."""
-    with told_in_one_line(as_json=as_json):
+    with one_line_errors(as_json=as_json):
         if columns == (run is not None):
             raise RunError("show: give either RUN, a run folder, or --columns", code="exactly_one")
         result = _columns() if run is None else _described(run)
@@ -306,7 +306,7 @@ def export_command(
     """Export the journal again, also of a run that crashed, and renew the checksums."""
     from rig.data.export import export_nwb, export_run  # it imports h5py, which a list of runs does not need
 
-    with told_in_one_line(as_json=as_json):
+    with one_line_errors(as_json=as_json):
         if not (as_csv or as_nwb):
             raise BadInputError("export: no format given; add --csv (HDF5 and CSV files) or --nwb", code="no_format")
         found = read_run(run)

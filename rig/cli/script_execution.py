@@ -32,11 +32,11 @@ from rig.plan.finger_model import about_model
 from rig.plan.plan import make_plan
 from rig.protocol.script import Script
 from rig.session.early_ending import FinalPosition
+from rig.session.hardware_stop import StopButton
 from rig.session.rehearsal_summary import Page
 from rig.session.resume import StoppedRun
 from rig.session.script_run import AT_ONCE, FROM_THE_PANEL
 from rig.session.session import FinishedRun, NewRun, Nobody, Session, record_after, record_before
-from rig.session.stop_button import StopButton
 from sim.finger_process import Finger, FingerLostError, FingerProcess, asked
 from sim.models.fingertip import Fingertip
 

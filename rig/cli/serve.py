@@ -9,7 +9,7 @@ import typer
 
 from rig.bench.served import ServedBench
 from rig.cli.options import FingerConfigOption, JsonOption
-from rig.cli.output import ExitCode, complain, err, loading_the_finger, out, print_json, renamed, told_in_one_line
+from rig.cli.output import ExitCode, complain, err, loading_the_finger, one_line_errors, out, print_json, renamed
 from rig.devices.registry import Room, names
 from rig.errors import BadInputError
 from rig.identify.random_finger import truth_of, with_random_finger
@@ -91,7 +91,7 @@ def serve_command(
     if reveal is not None:
         _reveal(reveal, beside, as_json=as_json)
         return
-    with told_in_one_line(as_json=as_json):
+    with one_line_errors(as_json=as_json):
         if beside is not None:
             raise BadInputError(
                 "{option} requires {needs}; add it", code="needs_option", option="--beside", needs="--reveal"
@@ -168,7 +168,7 @@ def stranger_command(
 
 def _reveal(seed: int, beside: Path | None, *, as_json: bool) -> None:
     """Print each parameter of a random finger, with its 90 % band from a finger file."""
-    with told_in_one_line(as_json=as_json):
+    with one_line_errors(as_json=as_json):
         truth = truth_of(seed)
         identified = None if beside is None else read_finger_file(beside).identified
         found = [_beside(name, value, identified) for name, value in truth.items()]

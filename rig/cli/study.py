@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from rig.cli.options import ExactOption, JsonOption, checked_file
-from rig.cli.output import out, print_json, told_in_one_line
+from rig.cli.output import one_line_errors, out, print_json
 from rig.cli.progress import counted
 from rig.data.folder import replace_text
 from rig.study.parallel import spread
@@ -41,7 +41,7 @@ def command(
     as_json: JsonOption = False,
 ) -> None:
     """Solve every case and write one tidy table."""
-    with told_in_one_line(as_json=as_json):
+    with one_line_errors(as_json=as_json):
         began = time.perf_counter()
         cases = read_study(study)
         table = study.with_suffix(".csv") if out_file is None else out_file

@@ -9,7 +9,7 @@ from rich.live import Live
 
 from rig.cli.force_trace import ForceTrace, Screen, named
 from rig.cli.options import JsonOption
-from rig.cli.output import ExitCode, err, out, print_json, told_in_one_line
+from rig.cli.output import ExitCode, err, one_line_errors, out, print_json
 from rig.cli.runs import ending_of
 from rig.clock import WallClock
 from rig.data.folder import RunFolder
@@ -54,7 +54,7 @@ def watch_command(
 
     With --json: the current state, at once.
     """
-    with told_in_one_line(as_json=as_json):
+    with one_line_errors(as_json=as_json):
         seen = RunScreen(RunFolder(run))
         try:
             if as_json:

@@ -13,8 +13,8 @@ from scipy.sparse.csgraph import connected_components
 from rig.compare.exceptions import ComparisonError
 from rig.compare.fit import Fit, Flags, correlation, fit_all, in_play
 from rig.compare.plausible_fingers import PlausibleFingers
+from rig.compare.profile_shape_test import THRESHOLD, shape_flags
 from rig.compare.recordings.recording import Recording
-from rig.compare.shape_test import THRESHOLD, shape_flags
 from rig.compare.stimuli import FAMILIES, Stimulus
 from sim.measures.measures import MEASURES
 from sim.models.small_strain_error import SmallStrain, small_strain

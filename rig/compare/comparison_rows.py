@@ -12,7 +12,7 @@ from rig.compare.fit import Fit, chance_correlation, compared, fit_all
 from rig.compare.intervals import ConfidenceLimits
 from rig.compare.make_verdict import joint_limits
 from rig.compare.plausible_fingers import PlausibleFingers, fit_all_with_finger
-from rig.compare.shape_test import THRESHOLDS
+from rig.compare.profile_shape_test import THRESHOLDS
 from rig.compare.stimuli import CONTROLS, Stimulus
 from rig.compare.verdict import AfferentVerdict, Limits, PairRow, Together, six_digits
 from rig.compare.verdict_text import methods, sentence, sentences

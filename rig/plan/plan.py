@@ -13,7 +13,7 @@ from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel, Predictions, copy_name, kept_in, named_file
 from rig.protocol.api import Handler, Rig
 from rig.protocol.check import Spot, Walk
-from rig.protocol.handlers import Patience, SilentScriptError, TakenUp, impatient
+from rig.protocol.handlers import Patience, ResumeHandler, SilentScriptError, impatient
 from rig.protocol.script import Script, script_error
 from rig.protocol.steps import ExpectedPresses, ExpectedTouch, Mount, Step
 from rig.records import PlannedIndentation, Purpose
@@ -101,7 +101,7 @@ def make_plan(
     walk = Walk(config, FingerModel(finger, plan.predictions, where, config.identified))
     planner: Handler = Planner(walk, plan)
     if before is not None and first_soft_trip_n is not None:
-        planner = TakenUp(before, planner)
+        planner = ResumeHandler(before, planner)
     try:
         with impatient():
             script.run(Rig(script.parameters, walk, Patience(planner, told)))

@@ -17,7 +17,7 @@ E = TypeVar("E")
 A = TypeVar("A")
 
 
-class TakenUp:
+class ResumeHandler:
     """Handler of a resumed run: passes on the missing steps, and the earlier steps that they need.
 
     The journal answers for a finished press. What a step before the next missing press still requires (`Step.owed`)

@@ -13,8 +13,8 @@ import numpy as np
 from rig.compare.comparison import COLLINEAR, Comparison, Overlay
 from rig.compare.comparison_rows import threshold_rows
 from rig.compare.place_grid import PlaceRow, ReceptorLocation, in_mm, within
+from rig.compare.profile_shape_test import DRAWS, THRESHOLD, chance_rows
 from rig.compare.recordings.reading import sha256
-from rig.compare.shape_test import DRAWS, THRESHOLD, chance_rows
 from rig.compare.stimuli import Stimulus, StimulusMap
 from rig.compare.verdict import AfferentVerdict
 from rig.data import Run

@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from rig.compare.comparison import Comparison
-from rig.compare.shape_test import THRESHOLD, shape_test
+from rig.compare.profile_shape_test import THRESHOLD, shape_test
 from rig.compare.stimuli import MAPPED, Stimulus, StimulusMap
 from rig.report.recording_sections import frame
 from rig.report.style import BLUE, GREY, ORANGE, Plot, Room, label, shade_of, signed, some_of, unit

@@ -21,7 +21,7 @@ from rig.plan.finger_model import FingerModel, kept_in
 from rig.plan.plan import Plan
 from rig.protocol.api import Handler, Rig
 from rig.protocol.check import Model, NoPredictionError, Spot, Walk
-from rig.protocol.handlers import Patience, TakenUp
+from rig.protocol.handlers import Patience, ResumeHandler
 from rig.protocol.script import Script
 from rig.protocol.steps import ExpectedPresses, ExpectedTouch, Step
 from rig.records import Prediction
@@ -156,6 +156,6 @@ def rehearsed(script: Script, config: Config, finger: Finger, plan: Plan, before
     handler: Handler = Rehearsing(engine, walk, plants[0])
     if before is not None:
         verbs.home(engine)
-        handler = TakenUp(before, handler)
+        handler = ResumeHandler(before, handler)
     run_script(script, engine, Rig(script.parameters, walk, Patience(handler)))
     return Rehearsed(clock.monotonic_s(), engine.contact.total_s, timeline.instants_s, timeline.words, timeline.marks)

@@ -26,14 +26,14 @@ from rig.plan.finger_model import FingerModel, kept_in
 from rig.plan.plan import Plan, promised
 from rig.protocol.api import Handler, Rig
 from rig.protocol.check import Walk
-from rig.protocol.handlers import Patience, TakenUp
+from rig.protocol.handlers import Patience, ResumeHandler
 from rig.protocol.script import Script
 from rig.session.early_ending import Ending, FinalPosition
 from rig.session.execute import Live
+from rig.session.hardware_stop import BY_THE_BUTTON, StopButton, refuse_stop_inputs, stop_inputs_heeded
 from rig.session.lost_files import LostRun
 from rig.session.resume import StoppedRun, first_reference_gwt, provenance
 from rig.session.script_run import AT_ONCE, ENDINGS, run_script, stopped_at_once
-from rig.session.stop_button import BY_THE_BUTTON, StopButton, refuse_stop_inputs, stop_inputs_heeded
 from rig.transport.wire import Sink
 from sim.devices.clock import VirtualClock
 from sim.finger_process import Finger, FingerProcess
@@ -326,7 +326,7 @@ def _rig(session: Session, folder: RunFolder, engine: Engine) -> Rig:
     handler = session.handler(engine, walk)
     if session.before is not None:
         engine.first_reference_gwt = first_reference_gwt(session.before)
-        handler = TakenUp(session.before, handler)
+        handler = ResumeHandler(session.before, handler)
     return Rig(session.script.parameters, walk, Patience(handler))
 
 

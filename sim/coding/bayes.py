@@ -18,11 +18,11 @@ from scipy.linalg import cho_factor, cho_solve, cholesky
 from scipy.special import ndtr
 
 from sim.coding.contact_search import Model, PressureLikelihood, Sort, alone, climbed, linearised, runs, sort_of
-from sim.coding.decoding import checked_readings
+from sim.coding.decoder_results import checked_readings
 from sim.coding.encoding import Receptor
 from sim.coding.model_averaging import Mixture, Weighed, mixed, pooled, table_of, together
 from sim.coding.operators import ForwardOperator
-from sim.coding.readings import Readings
+from sim.coding.receptor_readings import Readings
 
 # --- smooth fit ---
 #

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import dual_annealing
 
-from sim.coding.decoding import Decoded, checked_readings, misfit
+from sim.coding.decoder_results import Decoded, checked_readings, misfit
 from sim.coding.operators import ForwardOperator
 
 Array = NDArray[np.float64]

@@ -1,13 +1,12 @@
 """Block diagram of Raju (1998, Fig. 6-6): pressure, SED, noise, receptor, rate."""
 
-import warnings
 from dataclasses import dataclass
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sim._moved import renamed
 from sim.coding.operators import ForwardOperator
 
 Array = NDArray[np.float64]
@@ -80,10 +79,5 @@ def _output(noisy: Array, receptor: Receptor | None, *, before: bool) -> Array:
 
 
 if not TYPE_CHECKING:
-
-    def __getattr__(name: str) -> Any:
-        """The names of `sim.coding.readings` answer here for one release."""
-        if name not in ("FEWEST_AT_REST", "LOWEST_SD", "QUIET_SD", "Readings", "sd_at_rest"):
-            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        warnings.warn(f"{__name__}.{name} is sim.coding.readings.{name} now", DeprecationWarning, stacklevel=2)
-        return getattr(import_module("sim.coding.readings"), name)
+    _MOVED = ("FEWEST_AT_REST", "LOWEST_SD", "QUIET_SD", "Readings", "sd_at_rest")
+    __getattr__ = renamed(__name__, {name: f"sim.coding.receptor_readings.{name}" for name in _MOVED})

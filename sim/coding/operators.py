@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import convolution_matrix
 
-from sim.coding.section import Energy, FeltSection, SampledSection, Sampling, sed_of, squared_parts
+from sim.coding.section import Energy, ReceptorSection, SampledSection, Sampling, sed_of, squared_parts
 from sim.measures.measures import Elastic
 
 # --- impulse ---
@@ -159,7 +159,7 @@ def convolution(responses: ImpulseResponses, samples: int, energy: Energy) -> Fo
     )
 
 
-def influence(section: FeltSection, place_mm: Array, width_mm: Array, energy: Energy) -> ForwardOperator:
+def influence(section: ReceptorSection, place_mm: Array, width_mm: Array, energy: Energy) -> ForwardOperator:
     """Return the operator of normal and then lateral pressures (rising with x) on given widths of skin."""
     strain = section.under_loads(place_mm) * width_mm[:, None]
     by_input = np.concatenate([strain[..., 0], strain[..., 1]], axis=-1)
@@ -167,7 +167,7 @@ def influence(section: FeltSection, place_mm: Array, width_mm: Array, energy: En
     return ForwardOperator("influence", energy, parts, np.tile(place_mm, 2), section.place_mm)
 
 
-def normal_influence(section: FeltSection, place_mm: Array, spacing_mm: float, energy: Energy) -> ForwardOperator:
+def normal_influence(section: ReceptorSection, place_mm: Array, spacing_mm: float, energy: Energy) -> ForwardOperator:
     """Return the operator of n ascending normal pressures, linear between them and zero beyond.
 
     They act on the skin at locations no farther apart than the spacing, so that few pressures cover wide skin.
@@ -186,7 +186,7 @@ def normal_alone(operator: ForwardOperator) -> ForwardOperator:
     return replace(operator, parts=operator.parts[:, :, :n], place_mm=operator.place_mm[:n])
 
 
-def felt_where(operator: ForwardOperator, receptors: slice | NDArray[np.bool_]) -> ForwardOperator:
+def at_receptors(operator: ForwardOperator, receptors: slice | NDArray[np.bool_]) -> ForwardOperator:
     """Return the operator at some of its receptors."""
     selected = operator.per_receptor(lambda parts: parts[:, receptors])
     return replace(selected, receptor_mm=operator.receptor_mm[receptors])

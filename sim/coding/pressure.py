@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.coding.operators import ForwardOperator, influence
-from sim.coding.section import Energy, FeltSection, SampledSection
+from sim.coding.section import Energy, ReceptorSection, SampledSection
 from sim.contact.patch import X, Y
 from sim.errors import ModelRangeError
 from sim.models.result import IndentationResult
@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Borne:
+class ContactPressure:
     """Pressures at the section's skin nodes in pseudo-units, normal to the undeformed skin and along it."""
 
     place_mm: Array  # (k,) ascending
@@ -56,7 +56,7 @@ class Borne:
         return np.asarray(np.diff(np.interp(between, ends, force)) / (2 * half))
 
 
-def borne_by(section: SampledSection, pressed: IndentationResult) -> Borne:
+def contact_pressure(section: SampledSection, pressed: IndentationResult) -> ContactPressure:
     """Return the contact pressures of a press on the section. Raises ModelRangeError beside the pulp."""
     patch = pressed.model.patch  # away from the middle, the patch may be wider than the section's own
     location, (low, high) = section.line.places(patch.x), section.line.reach_mm
@@ -67,7 +67,7 @@ def borne_by(section: SampledSection, pressed: IndentationResult) -> Borne:
     normal = section.line.normals(section.line.angles(location)).T
     inward = -(normal * pressure).sum(axis=0)
     along = normal[Y] * pressure[X] - normal[X] * pressure[Y]
-    return Borne(location, width, inward, along)
+    return ContactPressure(location, width, inward, along)
 
 
 _ROUNDS = 4  # leaning pressures move the skin: the fourth round changes SED by less than 0.1 %
@@ -135,7 +135,7 @@ class Frictionless(ForwardOperator):
         return self.leaning(pressure).pulled_back(pressure, weight)
 
 
-def frictionless(section: FeltSection, ends_mm: Array, energy: Energy) -> Frictionless:
+def frictionless(section: ReceptorSection, ends_mm: Array, energy: Energy) -> Frictionless:
     """Return the operator of skin samples between (n + 1,) ascending ends. Raises ModelRangeError off the patch."""
     middle, width = 0.5 * (ends_mm[1:] + ends_mm[:-1]), np.diff(ends_mm)
     both = influence(section, middle, width, energy)
@@ -143,7 +143,7 @@ def frictionless(section: FeltSection, ends_mm: Array, energy: Energy) -> Fricti
     return Frictionless(both.name, energy, normal, middle, both.receptor_mm, lateral, _skin(section, ends_mm))
 
 
-def _skin(section: FeltSection, ends_mm: Array) -> SectionSkin:
+def _skin(section: ReceptorSection, ends_mm: Array) -> SectionSkin:
     patch = section.model.patch
     location = section.line.places(patch.x)
     order = np.argsort(location)

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim.coding.decoding import CodingError
-from sim.coding.readings import FEWEST_AT_REST, LOWEST_SD
+from sim.coding.decoder_results import CodingError
+from sim.coding.receptor_readings import FEWEST_AT_REST, LOWEST_SD
 from sim.coding.section import receptor_points, skin_of
 from sim.coding.sheet import FEWEST_READINGS as FEWEST_OF_SHEET
 from sim.config import FingertipConfig

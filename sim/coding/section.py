@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import cumulative_simpson
 from scipy.interpolate import CubicSpline
 
+from sim._moved import renamed
 from sim.config import FingertipConfig
 from sim.contact.patch import X, Y
 from sim.errors import ModelRangeError
@@ -146,7 +147,7 @@ class Sampling:
 
 
 @dataclass(frozen=True)
-class FeltSection:
+class ReceptorSection:
     """Strain at receptors under any force on the section's skin, per mm of its length."""
 
     line: SkinLine
@@ -184,18 +185,18 @@ def receptor_points(config: FingertipConfig, line: SkinLine, place_mm: ArrayLike
     return points_below(config, line.surface, x_mm, depth, line.plane_mm)
 
 
-def felt_section(config: FingertipConfig, place_mm: Array, depth_mm: Array) -> FeltSection:
+def receptor_section(config: FingertipConfig, place_mm: Array, depth_mm: Array) -> ReceptorSection:
     """Build a section with receptors (about a second). Raises ModelRangeError or ReceptorError beside the tissue."""
     line = skin_of(config)
     receptors = ReceptorSet(receptor_points(config, line, place_mm, depth_mm), depth_mm)
     model = build_section(config, line.surface, receptors)
     material = _material_about(config, model.columns, f"{depth_mm.min():g} … {depth_mm.max():g}")
     strain = _strain_per_node(line, model.columns, line.angles(place_mm))
-    return FeltSection(line, model, place_mm, material, strain)
+    return ReceptorSection(line, model, place_mm, material, strain)
 
 
 @dataclass(frozen=True)
-class SampledSection(FeltSection):
+class SampledSection(ReceptorSection):
     """Section that indentors can press, with equally spaced receptors."""
 
     finger: Fingertip
@@ -261,3 +262,7 @@ def squared_parts(strain: Array, material: Elastic, energy: Energy) -> Array:
 def sed_of(strain: Array, material: Elastic, energy: Energy) -> Array:
     """Return (…) SED of (3 or 6, …) strains."""
     return (squared_parts(strain, material, energy) ** 2).sum(axis=0)
+
+
+if not TYPE_CHECKING:
+    __getattr__ = renamed(__name__, {"felt_section": f"{__name__}.receptor_section"})

@@ -33,7 +33,7 @@ _PLACES_MM = 0.04  # between candidate references of a step
 _WIDEST_MM = 20.0  # cylinder
 
 
-class FeltShape(NamedTuple):
+class ShapeEstimate(NamedTuple):
     """Class with its size, and the cost of each class: less is better."""
 
     name: ShapeClass
@@ -46,7 +46,7 @@ class _Outline(NamedTuple):
     size_mm: float
 
 
-def felt_shape(skin: SectionSkin, pressure: Array) -> FeltShape:
+def classify_shape(skin: SectionSkin, pressure: Array) -> ShapeEstimate:
     """Classify the shape from (n,) pressures, some above 0."""
     along, up = _on_the_indentor(skin, pressure)
     first, last = edges_mm(skin, pressure)
@@ -55,7 +55,7 @@ def felt_shape(skin: SectionSkin, pressure: Array) -> FeltShape:
     per_number = np.log(max(2, len(up)))
     cost = {name: fit.squares / SKIN_SD_MM**2 + per_number * _NUMBERS[name] for name, fit in outlines.items()}
     name = min(cost, key=cost.__getitem__)
-    return FeltShape(name, outlines[name].size_mm, cost)
+    return ShapeEstimate(name, outlines[name].size_mm, cost)
 
 
 def _contact(pressure: Array) -> NDArray[np.bool_]:
@@ -135,7 +135,7 @@ _NEIGHBOURS = 2  # of four: pressed neighbors of a point in contact
 _SOLID_NUMBERS: dict[SolidClass, int] = {"bar": 1, "cylinder": 3, "step": 3, "sphere": 4}  # of fitted parameters
 
 
-class FeltSolid(NamedTuple):
+class SolidEstimate(NamedTuple):
     """Class with its size, and the cost of each class: less is better."""
 
     name: SolidClass
@@ -144,7 +144,7 @@ class FeltSolid(NamedTuple):
     cost: dict[SolidClass, float]
 
 
-def felt_solid(skin: SkinOver, pressure: Array) -> FeltSolid:
+def classify_solid(skin: SkinOver, pressure: Array) -> SolidEstimate:
     """Classify the solid from (n,) pressures at the grid's points, some above 0."""
     inside = contact(skin, pressure)
     at = skin.pressed(pressure, skin.lean(pressure))[:, inside]
@@ -159,7 +159,7 @@ def felt_solid(skin: SkinOver, pressure: Array) -> FeltSolid:
     per_number = np.log(max(2, len(y)))
     cost = {name: outlines[name].squares / SOLID_SD_MM**2 + per_number * _SOLID_NUMBERS[name] for name in SOLIDS}
     best = min(SOLIDS, key=cost.__getitem__)
-    return FeltSolid(best, outlines[best].size_mm, extent, cost)
+    return SolidEstimate(best, outlines[best].size_mm, extent, cost)
 
 
 def contact(skin: SkinOver, pressure: Array) -> Flags:

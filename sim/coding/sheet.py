@@ -15,10 +15,10 @@ from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.optimize import nnls
 
 from sim.coding.bayes import ModelError, Profile, decode_profile
-from sim.coding.decoding import checked_readings
+from sim.coding.decoder_results import checked_readings
 from sim.coding.operators import ForwardOperator
 from sim.coding.pressure import Frictionless, SectionSkin
-from sim.coding.readings import Readings
+from sim.coding.receptor_readings import Readings
 from sim.coding.section import Energy, SkinLine, squared_parts
 from sim.config import FingertipConfig
 from sim.contact.patch import X, Y, Z
@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class FeltSkin:
+class PressedSkin:
     """Condensed finger under pressures in pseudo-units on the nodes of its patch, each on its area."""
 
     config: FingertipConfig
@@ -94,9 +94,9 @@ class FeltSkin:
         return np.asarray(direction[list(patch.axes)] * patch.area_mm2 / PSEUDO_E_EPIDERMIS)
 
 
-def felt_skin(
+def pressed_skin(
     config: FingertipConfig, points_mm: Array, depth_mm: Array, slopes: tuple[int, ...] = (X, Z)
-) -> FeltSkin:
+) -> PressedSkin:
     """Read from the cache, or build (some ten seconds), a finger with receptors at (m, 3) points.
 
     Its patch is that for indentors that slope along some axes. Raises ReceptorError.
@@ -104,7 +104,7 @@ def felt_skin(
     receptors = ReceptorSet(points_mm, depth_mm)
     source = OnDisk(config, FingertipSurface.fit(config.geometry), receptors, "auto")
     model, _ = source.model((slopes, None))
-    return FeltSkin(config, model)
+    return PressedSkin(config, model)
 
 
 SHEET_SPACING_MM = 0.3
@@ -205,7 +205,7 @@ class SheetOperator(ForwardOperator):
         return self.leaning(pressure).pulled_back(pressure, weight)
 
 
-def sheet_operator(skin_model: FeltSkin, grid: Grid, energy: Energy) -> SheetOperator:
+def sheet_operator(skin_model: PressedSkin, grid: Grid, energy: Energy) -> SheetOperator:
     """Return the operator of pressures on a grid. Raises ModelRangeError for a point off the patch."""
     nodes = skin_model.nodes_mm
     share = grid.shares(nodes[:, X], nodes[:, Z])
@@ -264,10 +264,10 @@ HALF_LENGTHS_MM = (1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.3)
 
 
 @dataclass(frozen=True)
-class FeltRow:
+class ReceptorRow:
     """Finger with a row of receptors in the receptor plane."""
 
-    felt: FeltSkin
+    felt: PressedSkin
     line: SkinLine  # of the skin in that plane
     place_mm: Array  # (m,) locations on it above the receptors
 
@@ -315,7 +315,7 @@ class DecodedRow(NamedTuple):
 
 
 def decode_row(
-    row: FeltRow, shapes: Sequence[AxialShape], ends_mm: Array, readings: Readings, error: ModelError = ROW_ERROR
+    row: ReceptorRow, shapes: Sequence[AxialShape], ends_mm: Array, readings: Readings, error: ModelError = ROW_ERROR
 ) -> DecodedRow:
     """Decode with the shape that explains the readings best; SED `finite`. Raises DecodingError."""
     candidates = list(zip(shapes, row.under_each(shapes, ends_mm, "finite"), strict=True))
@@ -328,14 +328,14 @@ def quick_misfit(operator: ForwardOperator, readings: Readings, error: ModelErro
     return decode_profile(operator, readings, error, table=False).misfit
 
 
-def felt_row(config: FingertipConfig, place_mm: Array, depth_mm: float | Array) -> FeltRow:
+def receptor_row(config: FingertipConfig, place_mm: Array, depth_mm: float | Array) -> ReceptorRow:
     """Build a row of receptors below locations in the receptor plane. Raises ModelRangeError and ReceptorError."""
     plane = config.receptor_plane_mm
     line = SkinLine(FingertipSurface.fit(config.geometry), plane, "skin")
     depth = np.broadcast_to(depth_mm, place_mm.shape)
     x_mm = line.below(line.angles(place_mm), depth[:, None])[:, X]
     points = points_below(config, line.surface, x_mm, depth, plane)
-    return FeltRow(felt_skin(config, points, depth, (X,)), line, place_mm)
+    return ReceptorRow(pressed_skin(config, points, depth, (X,)), line, place_mm)
 
 
 # --- sheet decoder ---

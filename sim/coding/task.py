@@ -16,25 +16,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.coding.bayes import FEWEST_FOR_CONTACTS, FittedReceptor, ModelError, Profile, decode_profile, decode_through
+from sim.coding.decoder_results import CodingError, Decoded, DecodingErrors, decoding_errors
 from sim.coding.decoders_by_search import PressureRange, converged_search, global_search, grid_search, table_search
-from sim.coding.decoding import CodingError, Decoded, DecodingErrors, decoding_errors
 from sim.coding.encoding import Encoded, Noise, NoisePlace, Receptor, encode
 from sim.coding.operators import (
     ForwardOperator,
     OperatorName,
+    at_receptors,
     centred,
     convolution,
-    felt_where,
     impulse_responses,
     influence,
     normal_alone,
     normal_influence,
     weighted,
 )
-from sim.coding.pressure import borne_by, frictionless
-from sim.coding.readings import QUIET_SD, Readings, sd_at_rest
+from sim.coding.pressure import contact_pressure, frictionless
 from sim.coding.readings_file import GivenReadings, checked_pressures
-from sim.coding.section import SPACING_MM, Energy, SampledSection, Sampling, felt_section, sampled_section, sed_of
+from sim.coding.receptor_readings import QUIET_SD, Readings, sd_at_rest
+from sim.coding.section import SPACING_MM, Energy, SampledSection, Sampling, receptor_section, sampled_section, sed_of
 from sim.coding.sheet import (
     FEWEST_PLACES,
     GRID_MM,
@@ -44,8 +44,8 @@ from sim.coding.sheet import (
     Grid,
     SheetOperator,
     decode_sheet,
-    felt_row,
-    felt_skin,
+    pressed_skin,
+    receptor_row,
     sheet_operator,
 )
 from sim.config import FingertipConfig
@@ -186,7 +186,7 @@ def load_of_pressures(section: SampledSection, name: OperatorName, energy: Energ
 def load_of_press(section: SampledSection, name: OperatorName, energy: Energy, press: SectionPress) -> SkinLoad:
     """Return the pressures of a press: normal ones at samples for convolution, all at the nodes for influence."""
     found = section.finger.indent(press.shape, press.x_mm, doi_mm=press.doi_mm)
-    contact = borne_by(section, found)
+    contact = contact_pressure(section, found)
     angle = section.line.angles(section.sampling.place_mm)
     true = sed_of(section.line.in_axes(found.receptor_strain, angle), section.material, energy)
     if name == "influence":
@@ -566,7 +566,7 @@ def _of_pressures(task: DecodeTask, pressure: Array) -> Observation:
 def _of_press(task: DecodeTask, press: SectionPress) -> Observation:
     """Encode a press by finite elements; explain it by frictionless pressures, or by convolution."""
     section = sampled_section(task.finger, task.sampling)
-    contact = borne_by(section, section.finger.indent(press.shape, press.x_mm, doi_mm=press.doi_mm))
+    contact = contact_pressure(section, section.finger.indent(press.shape, press.x_mm, doi_mm=press.doi_mm))
     encoder = influence(section, contact.place_mm, contact.width_mm, task.energy)
     half = int(_SOUGHT * section.sampling.half_length)
     operator = _sought(section, task.operator or "influence", task.energy, half)
@@ -594,7 +594,7 @@ def _sought(section: SampledSection, by: OperatorName, energy: Energy, half: int
     if by == "influence":
         return frictionless(section, centred(n + 1, spacing), energy)
     full = convolution(impulse_responses(section), n, energy)
-    return felt_where(full, slice(half, half + len(section.place_mm)))
+    return at_receptors(full, slice(half, half + len(section.place_mm)))
 
 
 def _encoded(
@@ -638,7 +638,7 @@ def _of_readings(task: DecodeTask, readings: GivenReadings) -> Observation:
         return Observation(
             _over_sheet(task, readings, readings.z_mm), readings.reading, task.receptor, _noise(task, readings)
         )
-    section = felt_section(task.finger, readings.place_mm, readings.depth_mm)
+    section = receptor_section(task.finger, readings.place_mm, readings.depth_mm)
     low, high = _on_patch(readings, section.line.places(section.model.patch.x))
     n = round((high - low) / task.sampling.spacing_mm)
     if n < 1:
@@ -662,7 +662,7 @@ def _of_row(task: DecodeTask, readings: GivenReadings) -> list[Observation]:
             "{axial} applies to a row of receptors; remove it, or the column z_mm",
             code="axial_of_sheet", axial="axial",
         )  # fmt: skip
-    row = felt_row(task.finger, readings.place_mm, readings.depth_mm)
+    row = receptor_row(task.finger, readings.place_mm, readings.depth_mm)
     low, high = _on_patch(readings, row.line.places(row.felt.nodes_mm[:, X]))
     n = round((high - low) / task.sampling.spacing_mm)
     if n < FEWEST_FOR_CONTACTS:
@@ -707,7 +707,7 @@ def _over_sheet(task: DecodeTask, readings: GivenReadings, z_mm: Array) -> Forwa
     along_z = _places("z_mm", z_mm, task.finger.receptor_plane_mm, apart)
     surface = FingertipSurface.fit(task.finger.geometry)
     points = points_below(task.finger, surface, readings.place_mm, readings.depth_mm, z_mm)
-    return sheet_operator(felt_skin(task.finger, points, readings.depth_mm), Grid(along_x, along_z), task.energy)
+    return sheet_operator(pressed_skin(task.finger, points, readings.depth_mm), Grid(along_x, along_z), task.energy)
 
 
 def _places(name: str, receptors_mm: Array, middle_mm: float, apart_mm: float) -> Array:

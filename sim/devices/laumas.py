@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from sim.devices.clock import Scheduler
-from sim.devices.line import ForceTold, Load, Samples, SerialLine
+from sim.devices.line import Load, Samples, SerialLine, VirtualForceSpec
 from sim.devices.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, ModbusBus, RegisterFault, words
 
 COMMAND = 5  # the only writable register
@@ -179,7 +179,7 @@ class VirtualLaumas:
         self._tare_g, self._net_shown = 0.0, False
 
 
-def laumas_twin(scheduler: Scheduler, line: SerialLine, spec: ForceTold, load: Load) -> VirtualLaumas:
+def laumas_twin(scheduler: Scheduler, line: SerialLine, spec: VirtualForceSpec, load: Load) -> VirtualLaumas:
     """Return a transmitter alone on its line."""
     own = spec.own
     menu = TransmitterMenu(

@@ -15,7 +15,7 @@ from typing import Any
 
 from sim.devices.clock import Scheduler
 from sim.devices.grbl.planner import Piece, Ramp, Track
-from sim.devices.line import SerialLine, StageTold, TwinError
+from sim.devices.line import SerialLine, TwinError, VirtualStageSpec
 from sim.devices.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, ModbusBus, RegisterFault, signed, words
 
 # --- drive motion ---
@@ -388,7 +388,7 @@ class DrivePair:
         return self.x.nut_at(t_s), 0, self.z.nut_at(t_s)
 
 
-def leadshine_twin(scheduler: Scheduler, line: SerialLine, spec: StageTold) -> DrivePair:
+def leadshine_twin(scheduler: Scheduler, line: SerialLine, spec: VirtualStageSpec) -> DrivePair:
     """Return both drives on one line, whichever ports the real ones use. Raises TwinError."""
     x, z = spec.own["x"], spec.own["z"]
     if x["device_id"] == z["device_id"]:
@@ -402,7 +402,7 @@ def leadshine_twin(scheduler: Scheduler, line: SerialLine, spec: StageTold) -> D
     return pair
 
 
-def _drive(scheduler: Scheduler, spec: StageTold, axis: str, drive: Mapping[str, Any]) -> VirtualDrive:
+def _drive(scheduler: Scheduler, spec: VirtualStageSpec, axis: str, drive: Mapping[str, Any]) -> VirtualDrive:
     number = "xyz".index(axis)
     parameters = DriveParameters(
         pulses_per_rev=drive["pulses_per_rev"],

@@ -2,10 +2,11 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
+from sim._moved import renamed
 from sim.devices.clock import Scheduler, sample_at
 from sim.errors import ArgumentError, SimError
 from sim.units import GWT_N
@@ -196,7 +197,7 @@ class VirtualStage(Protocol):
 
 
 @dataclass(frozen=True)
-class StageTold:
+class VirtualStageSpec:
     """Specification of a virtual stage, with values along x, y and z.
 
     steps_per_mm: as configured, negative where the motor runs against the axis. play_steps: lost motion of the true
@@ -215,7 +216,7 @@ class StageTold:
 
 
 @dataclass(frozen=True)
-class ForceTold:
+class VirtualForceSpec:
     """Specification of a virtual force sensor.
 
     resolution_g: the true resolution. own: the configuration table of its kind. set_point_g: set-point of its relay,
@@ -251,5 +252,11 @@ class Relay(Protocol):
         ...
 
 
-StageTwin = Callable[[Scheduler, SerialLine, StageTold], VirtualStage]
-ForceTwin = Callable[[Scheduler, SerialLine, ForceTold, Load], object]
+StageTwin = Callable[[Scheduler, SerialLine, VirtualStageSpec], VirtualStage]
+ForceTwin = Callable[[Scheduler, SerialLine, VirtualForceSpec, Load], object]
+
+
+if not TYPE_CHECKING:
+    __getattr__ = renamed(
+        __name__, {"StageTold": f"{__name__}.VirtualStageSpec", "ForceTold": f"{__name__}.VirtualForceSpec"}
+    )

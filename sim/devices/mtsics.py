@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from sim.devices.clock import Handle, Scheduler
-from sim.devices.line import ForceTold, Load, Samples, SerialLine
+from sim.devices.line import Load, Samples, SerialLine, VirtualForceSpec
 
 MODEL, SOFTWARE = "virtual-balance", "1.00"
 LEVEL_0 = ("@", "I0", "I1", "I2", "I3", "I4", "S", "SI", "SIR", "Z", "ZI")
@@ -206,7 +206,7 @@ class VirtualBalance:
             self._timer = None
 
 
-def balance_twin(scheduler: Scheduler, line: SerialLine, spec: ForceTold, load: Load) -> VirtualBalance:
+def balance_twin(scheduler: Scheduler, line: SerialLine, spec: VirtualForceSpec, load: Load) -> VirtualBalance:
     """Return a balance with a load."""
     menu = BalanceMenu(resolution_g=spec.resolution_g, sample_period_s=spec.sample_period_s)
     return VirtualBalance(scheduler, line, load, menu)

@@ -75,7 +75,7 @@ class ForceFactor(NamedTuple):
         return np.asarray(geometric + self.law * np.log1p(stiffening * strained))
 
 
-class Felt(NamedTuple):
+class ReceptorPress(NamedTuple):
     """Press at the receptors as dimensionless numbers, each (n,)."""
 
     squeeze: Array  # penetration of the indentor into the tissue above and below / its thickness
@@ -98,14 +98,14 @@ class Energy(NamedTuple):
     squeeze_roof: float
     strain: float
 
-    def geometric(self, press: DimensionlessPress, receptors: Felt) -> Array:
+    def geometric(self, press: DimensionlessPress, receptors: ReceptorPress) -> Array:
         """Return (n,) energy over half the shear modulus for tissue that does not stiffen."""
         share = receptors.squeeze / press.depth
         moved = np.exp(press.depth * (self.gather * share - self.leave))
         layers = receptors.soft**self.squeeze_soft * press.roof**self.squeeze_roof
         return np.asarray(receptors.linear * moved + self.squeeze * layers * share * _beyond_small(receptors.squeeze))
 
-    def strained(self, press: DimensionlessPress, receptors: Felt) -> Array:
+    def strained(self, press: DimensionlessPress, receptors: ReceptorPress) -> Array:
         """Return (n,) strain by which the stiffening is multiplied in the law."""
         invariant = 4 * receptors.squeeze**2 + _beyond_small(receptors.squeeze)
         return np.asarray(self.strain * invariant * np.exp(FORCE.strain_confined * press.confined))
@@ -131,13 +131,15 @@ def log_force(numbers: ForceFactor, stiffening: float | Array, press: Dimensionl
     return numbers.log(numbers.geometric(press), numbers.strained(press), stiffening)
 
 
-def log_energy(numbers: Energy, stiffening: float | Array, press: DimensionlessPress, receptors: Felt) -> Array:
+def log_energy(
+    numbers: Energy, stiffening: float | Array, press: DimensionlessPress, receptors: ReceptorPress
+) -> Array:
     """Return (n,) the logarithm of energy / energy of linear tissue."""
     law = 0.5 * np.log1p(stiffening * numbers.strained(press, receptors))
     return np.asarray(np.log(_over_linear(numbers, press, receptors)) + law)
 
 
-def _over_linear(numbers: Energy, press: DimensionlessPress, receptors: Felt) -> Array:
+def _over_linear(numbers: Energy, press: DimensionlessPress, receptors: ReceptorPress) -> Array:
     return np.asarray(numbers.geometric(press, receptors) / np.maximum(receptors.linear, _NONE))
 
 
@@ -146,7 +148,7 @@ def force_factor(stiffening: float, press: DimensionlessPress) -> float:
     return float(np.exp(log_force(FORCE, stiffening, press)))
 
 
-def strain_and_stress(stiffening: float, press: DimensionlessPress, receptors: Felt) -> tuple[Array, Array]:
+def strain_and_stress(stiffening: float, press: DimensionlessPress, receptors: ReceptorPress) -> tuple[Array, Array]:
     """Return (n,) strain and stress relative to linear tissue: the law acts on stress alone, the rest on both."""
     strain = np.sqrt(_over_linear(ENERGY, press, receptors))
     return strain, strain * np.sqrt(1 + stiffening * ENERGY.strained(press, receptors))
@@ -313,10 +315,10 @@ class Stiffened(NamedTuple):
         factor |= {_ENERGY: strain * stress, _CUBED: stress**3}
         return {name: linear[name] * factor[name] for name in linear}
 
-    def felt(self, sed: Array, young_ratio: Array, poisson: float) -> Felt:
+    def felt(self, sed: Array, young_ratio: Array, poisson: float) -> ReceptorPress:
         """Return the press at the receptors from the SED of linear tissue in pseudo-units."""
         half_shear_modulus = PSEUDO_E_EPIDERMIS * young_ratio / (4 * (1 + poisson))
-        return Felt(self.squeeze, self.below / young_ratio, sed / half_shear_modulus)
+        return ReceptorPress(self.squeeze, self.below / young_ratio, sed / half_shear_modulus)
 
 
 LINEAR_TISSUE = Stiffened(0.0, DimensionlessPress(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), np.zeros(0), 1.0, 1.0)

@@ -19,9 +19,9 @@ from sim.coding.bayes import decode_profile
 from sim.coding.encoding import noise_sd
 from sim.coding.operators import centred
 from sim.coding.pressure import Frictionless, SectionSkin, frictionless
-from sim.coding.readings import Readings
+from sim.coding.receptor_readings import Readings
 from sim.coding.section import SPACING_MM, SampledSection
-from sim.coding.shape_class import felt_shape
+from sim.coding.shape_class import classify_shape
 from sim.contact.patch import X, Y
 from studies.coding.profiles_read_back import (
     SAMPLES,
@@ -84,7 +84,7 @@ def _told(values: Array) -> str:
 def both(pressure: Array) -> tuple[float, float]:
     """Curvature in 1/mm by the circle on the skin less its displacement, and by Eq. 4.1; nan where it is not told."""
     skin = default_operator().skin
-    felt = felt_shape(skin, pressure)
+    felt = classify_shape(skin, pressure)
     by_skin = 2 / felt.size_mm if felt.name == "cylinder" else np.nan
     inside, down = displaced(skin, pressure)
     if not inside.any():

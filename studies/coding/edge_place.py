@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from sim.coding.bayes import decode_profile
 from sim.coding.encoding import noise_sd
-from sim.coding.operators import centred, felt_where
+from sim.coding.operators import at_receptors, centred
 from sim.coding.pressure import frictionless
-from sim.coding.readings import Readings
+from sim.coding.receptor_readings import Readings
 from sim.coding.section import SPACING_MM, SampledSection
 from sim.coding.shape_class import edges_mm
 from studies.coding.profiles_read_back import SAMPLES, default_section, finer_section
@@ -45,7 +45,7 @@ def rows(draws: int) -> Iterator[tuple[str, ...]]:
     slopes = {x: _slopes(finer, x) for x in sed}
     for every in EVERY:
         at = slice((every - 1) // 2, None, every)
-        there = felt_where(operator, at)
+        there = at_receptors(operator, at)
         for snr_db in SNRS_DB:
             off, bound = [], []
             for x, whole in sed.items():

@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.coding.bayes import Profile, decode_profile
+from sim.coding.decoder_results import decoding_errors
 from sim.coding.decoders_by_search import PressureRange, converged_search, global_search
-from sim.coding.decoding import decoding_errors
 from sim.coding.encoding import noise_sd
 from sim.coding.model_averaging import table_of
 from sim.coding.operators import centred
-from sim.coding.pressure import Frictionless, borne_by, frictionless
-from sim.coding.readings import Readings
+from sim.coding.pressure import Frictionless, contact_pressure, frictionless
+from sim.coding.receptor_readings import Readings
 from sim.coding.section import SPACING_MM, SampledSection, Sampling, sampled_section
 from sim.config import FingertipConfig, MeshSpec
 from studies.coding.limits import profile_bound
@@ -171,7 +171,7 @@ def decoders(operator: Frictionless) -> dict[str, Decode]:
 def pressed(section: SampledSection, scene: ProfilePress) -> tuple[Array, Array]:
     """(SAMPLES,) mean normal pressures, and the SED without noise that they are read back from."""
     press = section.finger.indent(scene.shape, scene.x_mm, doi_mm=scene.doi_mm)
-    return borne_by(section, press).means(centred(SAMPLES, SPACING_MM)), press.receptor_measures["sed"]
+    return contact_pressure(section, press).means(centred(SAMPLES, SPACING_MM)), press.receptor_measures["sed"]
 
 
 class ReadBack(NamedTuple):

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 
 from sim.coding.bayes import decode_profile
 from sim.coding.encoding import noise_sd
-from sim.coding.operators import ForwardOperator, centred, convolution, felt_where, impulse_responses
+from sim.coding.operators import ForwardOperator, at_receptors, centred, convolution, impulse_responses
 from sim.coding.pressure import SectionSkin, frictionless
-from sim.coding.readings import Readings
+from sim.coding.receptor_readings import Readings
 from sim.coding.section import SPACING_MM, SampledSection, Sampling, sampled_section
-from sim.coding.shape_class import CLASSES, ShapeClass, felt_shape
+from sim.coding.shape_class import CLASSES, ShapeClass, classify_shape
 from sim.config import FingertipConfig, MeshSpec, Tissue
 from studies.coding.profiles_read_back import SAMPLES, SNR_DB, ProfilePress, default_section, finer_section
 from studies.registry import show
@@ -67,11 +67,11 @@ def rows(scenes: int, seed: int = SEED) -> Iterator[Row]:
     operator = frictionless(same, centred(SAMPLES + 1, SPACING_MM), "finite")
     for every in EVERY:
         at, apart = slice((every - 1) // 2, None, every), f"{every * SPACING_MM:.2f} mm"
-        yield apart, "skin", *_row(drawn, sed, at, by_skin(felt_where(operator, at), operator.skin))
+        yield apart, "skin", *_row(drawn, sed, at, by_skin(at_receptors(operator, at), operator.skin))
         yield apart, "templates of SED", *_row(drawn, sed, at, by_templates(templates, known[:, at]))
     everywhere, apart, half = slice(None), f"{SPACING_MM:.2f} mm", SAMPLES // 2
     shifted = convolution(impulse_responses(same), SAMPLES, "finite")
-    convolved = felt_where(shifted, slice(half, half + len(same.place_mm)))
+    convolved = at_receptors(shifted, slice(half, half + len(same.place_mm)))
     yield apart, "skin, convolution", *_row(drawn, sed, everywhere, by_skin(convolved, operator.skin))
     other = sampled_section(FingertipConfig(tissue=OTHER_TISSUE, mesh=MeshSpec(level="fine")), Sampling())
     sed_of_other = [felt(other, one) for one in drawn]
@@ -111,7 +111,7 @@ def by_skin(operator: ForwardOperator, skin: SectionSkin) -> Guess:
     """From decoded pressures."""
 
     def guess(reading: Array) -> tuple[ShapeClass, float]:
-        found = felt_shape(skin, decode_profile(operator, Readings.of_sed(reading[:-1], reading[-1])).pressure)
+        found = classify_shape(skin, decode_profile(operator, Readings.of_sed(reading[:-1], reading[-1])).pressure)
         return found.name, found.size_mm
 
     return guess

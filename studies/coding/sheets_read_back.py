@@ -16,23 +16,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.coding.bayes import decode_profile
-from sim.coding.decoding import decoding_errors
+from sim.coding.decoder_results import decoding_errors
 from sim.coding.encoding import noise_sd
-from sim.coding.operators import centred, felt_where
-from sim.coding.pressure import Borne, frictionless
-from sim.coding.readings import Readings
-from sim.coding.section import SPACING_MM, felt_section
-from sim.coding.shape_class import SOLIDS, SolidClass, extent_mm, felt_shape, felt_solid
+from sim.coding.operators import at_receptors, centred
+from sim.coding.pressure import ContactPressure, frictionless
+from sim.coding.receptor_readings import Readings
+from sim.coding.section import SPACING_MM, receptor_section
+from sim.coding.shape_class import SOLIDS, SolidClass, classify_shape, classify_solid, extent_mm
 from sim.coding.sheet import (
     HALF_LENGTHS_MM,
     AxialShape,
-    FeltRow,
     Grid,
+    ReceptorRow,
     SheetOperator,
     decode_row,
     decode_sheet,
-    felt_row,
-    felt_skin,
+    pressed_skin,
+    receptor_row,
     sheet_operator,
 )
 from sim.config import FingertipConfig, MeshSpec, Tissue
@@ -101,7 +101,7 @@ def row_cells(scene: ProfilePress, draws: int) -> str:
     true = in_plane(row, result).means(0.5 * (ends[1:] + ends[:-1]))
     shapes = [AxialShape(half, finger.surface.apex.position_mm[Z]) for half in HALF_LENGTHS_MM]
     section = frictionless(
-        felt_section(FingertipConfig(), ROW_MM, np.full(len(ROW_MM), DEFAULT_DEPTH_MM)), ends, "finite"
+        receptor_section(FingertipConfig(), ROW_MM, np.full(len(ROW_MM), DEFAULT_DEPTH_MM)), ends, "finite"
     )
     sd, found, names, alone = noise_sd(sed, SNRS_DB[0]), [], [], []
     for k in range(draws):
@@ -109,7 +109,7 @@ def row_cells(scene: ProfilePress, draws: int) -> str:
         began = time.process_time()
         by = decode_row(row, shapes, ends, said)
         spent_ms = 1e3 * (time.process_time() - began)
-        felt = felt_shape(by.operator.skin, by.profile.pressure)
+        felt = classify_shape(by.operator.skin, by.profile.pressure)
         low, high = by.profile.band()
         inside = true > 0.02 * true.max()
         held = ((low <= true) & (true <= high))[inside].mean()
@@ -124,12 +124,12 @@ def row_cells(scene: ProfilePress, draws: int) -> str:
 
 
 @cache
-def default_row() -> FeltRow:
+def default_row() -> ReceptorRow:
     """What decodes rows."""
-    return felt_row(FingertipConfig(), ROW_MM, DEFAULT_DEPTH_MM)
+    return receptor_row(FingertipConfig(), ROW_MM, DEFAULT_DEPTH_MM)
 
 
-def in_plane(row: FeltRow, result: IndentationResult) -> Borne:
+def in_plane(row: ReceptorRow, result: IndentationResult) -> ContactPressure:
     """What a press bears on the skin of the receptor plane."""
     patch, across = result.model.patch, result.model.across
     place = row.line.places(patch.x[across])
@@ -137,7 +137,7 @@ def in_plane(row: FeltRow, result: IndentationResult) -> Borne:
     pressure = PSEUDO_E_EPIDERMIS * result.state.force[:, across] / patch.area_mm2[across]
     inward = -(outward * pressure).sum(axis=0)
     along = outward[1] * pressure[0] - outward[0] * pressure[1]
-    return Borne(place, np.gradient(place), inward, along)
+    return ContactPressure(place, np.gradient(place), inward, along)
 
 
 # --- a sheet ---
@@ -220,14 +220,14 @@ def default_sheet() -> SheetOperator:
     """What decodes sheets."""
     config, (x_mm, z_mm) = FingertipConfig(), np.meshgrid(SHEET_MM, PLANE_MM + SHEET_MM)
     points = points_below(config, FingertipSurface.fit(config.geometry), x_mm.ravel(), DEFAULT_DEPTH_MM, z_mm.ravel())
-    return sheet_operator(felt_skin(config, points, np.full(len(points), DEFAULT_DEPTH_MM)), GRID, "finite")
+    return sheet_operator(pressed_skin(config, points, np.full(len(points), DEFAULT_DEPTH_MM)), GRID, "finite")
 
 
 def sheet_cells(
     operator: SheetOperator, scenes: Sequence[SheetScene], pressed: Sequence[PressedSheet], sampled: SampledSheet
 ) -> str:
     """Means over scenes of one class."""
-    there = felt_where(operator, sampled.receptors)
+    there = at_receptors(operator, sampled.receptors)
     found, names, sizes = [], [], []
     for k, (scene, one) in enumerate(zip(scenes, pressed, strict=True)):
         signal = one.sed[sampled.receptors]
@@ -236,7 +236,7 @@ def sheet_cells(
         began = time.process_time()
         profile = decode_sheet(there, Readings.of_sed(said, sd), GRID.shape)
         spent_ms = 1e3 * (time.process_time() - began)
-        felt = felt_solid(operator.skin, profile.pressure)
+        felt = classify_solid(operator.skin, profile.pressure)
         low, high = profile.band()
         inside = one.true > 0.05 * one.true.max()
         held = ((low <= one.true) & (one.true <= high))[inside].mean()

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.coding.bayes import decode_profile
+from sim.coding.decoder_results import Decoded, decoding_errors
 from sim.coding.decoders_by_search import PressureRange, converged_search, global_search, grid_search, table_search
-from sim.coding.decoding import Decoded, decoding_errors
 from sim.coding.encoding import Encoded, Noise, encode
 from sim.coding.operators import ForwardOperator, convolution, impulse_responses
-from sim.coding.readings import Readings
+from sim.coding.receptor_readings import Readings
 from sim.coding.section import Sampling, sampled_section
 from sim.config import FingertipConfig
 from studies.coding.limits import bayes_found

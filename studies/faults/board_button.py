@@ -18,7 +18,7 @@ from rig.bench.virtual import VirtualBench, bench_around
 from rig.data.journal import NoJournal
 from rig.engine import Engine, PressId, RunAborted, verbs
 from rig.plan.config import Config
-from rig.session.stop_button import stop_inputs_heeded
+from rig.session.hardware_stop import stop_inputs_heeded
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from sim.plant import Carriage, TruePose

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compare.shape_test import shape_flags
+from rig.compare.profile_shape_test import shape_flags
 from sim.measures.measures import MEASURES, shown
 from sim.measures.receptors import DEFAULT_X_MM
 from studies.finite_strain.ratios import correlation

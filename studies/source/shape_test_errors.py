@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compare.shape_test import (
+from rig.compare.profile_shape_test import (
     ShapePositions,
     candidates_by_chance,
     chance_rows,

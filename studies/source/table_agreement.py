@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from rig.compare.comparison import Comparison
+from rig.compare.profile_shape_test import THRESHOLD, THRESHOLDS
 from rig.compare.raju_table_5_2 import SHAPES, AgreementLimits, agreement, agreement_limits, source_flags
-from rig.compare.shape_test import THRESHOLD, THRESHOLDS
 from rig.compare.stimuli import Stimulus
 from rig.report.page_parts import Section
 from sim.measures.measures import MEASURES

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.patches import Patch
 
 from rig.compare.comparison import compare
+from rig.compare.profile_shape_test import THRESHOLD
 from rig.compare.raju_table_5_2 import agreement, agreement_limits, source_flags
-from rig.compare.shape_test import THRESHOLD
 from rig.report.page_parts import PageFigure, Section
 from rig.report.style import BLUE, Plot, label
 from rig.study.parallel import spread

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from sim.models.stiffening import ENERGY, FORCE, DimensionlessPress, Energy, Felt, ForceFactor, log_energy, log_force
+from sim.models.stiffening import ENERGY, FORCE, DimensionlessPress, Energy, ReceptorPress, ForceFactor, log_energy, log_force
 from studies.finite_strain.tables import kept_ratios
 from studies.stiffening.fingers import finger
 from studies.stiffening.twins import Pair, kept_pairs, pressed
@@ -41,7 +41,7 @@ class StiffeningSample(NamedTuple):
     doi_mm: float
     press: DimensionlessPress
     log: float
-    felt: tuple[float, ...] = (0.0, 1.0, 1.0)  # a `Felt` of one receptor; of no meaning where it is force
+    felt: tuple[float, ...] = (0.0, 1.0, 1.0)  # a `ReceptorPress` of one receptor; of no meaning where it is force
     counts: float = 1.0
     highest: bool = True
     afterwards: bool = False
@@ -132,7 +132,7 @@ def fitted(seen: Sequence[StiffeningSample], start: Numbers) -> Numbers:
 
 def _errors(seen: Sequence[StiffeningSample], kind: type[ForceFactor] | type[Energy]) -> Callable[[Array], Array]:
     press = DimensionlessPress(*np.array([one.press for one in seen]).T)
-    felt = Felt(*np.array([one.felt for one in seen]).T)
+    felt = ReceptorPress(*np.array([one.felt for one in seen]).T)
     stiffening, log = np.array([(one.stiffening, one.log) for one in seen]).T
     if kind is ForceFactor:
         return lambda values: log_force(ForceFactor(*values), stiffening, press) - log

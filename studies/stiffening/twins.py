@@ -22,7 +22,7 @@ from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
-from sim.models.stiffening import DimensionlessPress, Felt, Under
+from sim.models.stiffening import DimensionlessPress, ReceptorPress, Under
 from studies.stiffening.fingers import finger
 from studies.stiffening.references import read
 
@@ -46,9 +46,9 @@ class Pair(NamedTuple):
     afterwards: bool = False
 
     @property
-    def felt(self) -> Felt:
+    def felt(self) -> ReceptorPress:
         """By the receptors, (n,)."""
-        return Felt(*(np.array(self.twin[name]) for name in Felt._fields))
+        return ReceptorPress(*(np.array(self.twin[name]) for name in ReceptorPress._fields))
 
     @property
     def log_force(self) -> float:

@@ -2,7 +2,7 @@
 
 from sim.devices.clock import Scheduler
 from sim.devices.grbl.board import VirtualGrbl
-from sim.devices.line import SerialLine, StageTold
+from sim.devices.line import SerialLine, VirtualStageSpec
 
 
 class VirtualHobby(VirtualGrbl):
@@ -14,6 +14,6 @@ class VirtualHobby(VirtualGrbl):
         return super()._execute_at_rest(line, now_s)
 
 
-def hobby_twin(scheduler: Scheduler, line: SerialLine, told: StageTold) -> VirtualHobby:
+def hobby_twin(scheduler: Scheduler, line: SerialLine, told: VirtualStageSpec) -> VirtualHobby:
     """A board of the size that the bench has."""
     return VirtualHobby(scheduler, line, settings={130 + axis: mm for axis, mm in enumerate(told.travel_mm)})

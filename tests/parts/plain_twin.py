@@ -1,7 +1,7 @@
 """The virtual twin of the scale that answers in plain numbers."""
 
 from sim.devices.clock import Scheduler
-from sim.devices.line import ForceTold, Load, Samples, SerialLine
+from sim.devices.line import Load, Samples, SerialLine, VirtualForceSpec
 
 
 class PlainScale:
@@ -20,6 +20,6 @@ class PlainScale:
             self._line.device_write(b"OK\n" if command == b"Z" else f"{grams - self._zero_g:+.2f}\n".encode("ascii"))
 
 
-def plain_twin(scheduler: Scheduler, line: SerialLine, told: ForceTold, load: Load) -> PlainScale:
+def plain_twin(scheduler: Scheduler, line: SerialLine, told: VirtualForceSpec, load: Load) -> PlainScale:
     """A scale under a load."""
     return PlainScale(scheduler, line, load, told.sample_period_s)

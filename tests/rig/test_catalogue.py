@@ -39,7 +39,7 @@ from rig.session.rehearse import SpringPlant
 from rig.settings import BenchSettings, DrivesSettings, ForceSettings, Settings, StageSettings
 from rig.transport import LoopbackTransport
 from sim.devices.clock import VirtualClock
-from sim.devices.line import ForceTold, Load, SerialLine, StageTold
+from sim.devices.line import Load, SerialLine, VirtualForceSpec, VirtualStageSpec
 from tests.device_packages import EXAMPLE, forget, offer
 from tests.error_codes import has_code, raises
 
@@ -481,10 +481,10 @@ def test_a_twin_is_told_what_the_configuration_says(offered: Offer) -> None:
     })  # fmt: skip
     told: Any = virtual_stage(VirtualClock(), SerialLine(VirtualClock(), 9600), config)
     sync = config.sync.model_dump()
-    assert told[2] == StageTold((1, 2, 3), (400, -80, 400), (200, 0, 20), "tcp", {}, sync)
+    assert told[2] == VirtualStageSpec((1, 2, 3), (400, -80, 400), (200, 0, 20), "tcp", {}, sync)
     load = Load(lambda t_s: 0.0)
     felt: Any = virtual_force(VirtualClock(), SerialLine(VirtualClock(), 9600), config, load)
-    assert felt[2:] == (ForceTold(0.1, 0.02, "tcp", {}), load)
+    assert felt[2:] == (VirtualForceSpec(0.1, 0.02, "tcp", {}), load)
 
 
 def test_a_twin_that_cannot_be_so_says_which_key(offered: Offer) -> None:

@@ -11,7 +11,7 @@ from sim.coding import decoders_by_search
 from sim.coding.encoding import noise_sd
 from sim.coding.operators import influence
 from sim.coding.readings_file import pa_per_pseudo
-from sim.coding.section import FeltSection, felt_section
+from sim.coding.section import ReceptorSection, receptor_section
 from sim.coding.task import CUT_OFF
 from sim.config import FingertipConfig
 from tests.program import Program, program_of
@@ -35,13 +35,13 @@ def rig(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp
 
 
 @pytest.fixture(scope="module")
-def section() -> FeltSection:
+def section() -> ReceptorSection:
     """Irregular receptors, 0.2 to 0.9 mm apart, at several depths."""
     place = np.array([-2.3, -1.7, -1.5, -0.9, -0.5, -0.3, 0.1, 0.6, 0.8, 1.4, 1.9, 2.1])
-    return felt_section(FingertipConfig(mesh=COARSE), place, DEPTH_MM)
+    return receptor_section(FingertipConfig(mesh=COARSE), place, DEPTH_MM)
 
 
-def dome_felt_by(section: FeltSection) -> np.ndarray:
+def dome_felt_by(section: ReceptorSection) -> np.ndarray:
     """SED under a dome of pressure 1.5 mm wide about 0.2 mm, 300 pseudo-units high."""
     place = np.linspace(-1.0, 1.4, 25)
     dome = 300 * np.sqrt(np.maximum(0.0, 1 - ((place - 0.2) / 0.75) ** 2))
@@ -49,7 +49,7 @@ def dome_felt_by(section: FeltSection) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def felt(section: FeltSection) -> np.ndarray:
+def felt(section: ReceptorSection) -> np.ndarray:
     return dome_felt_by(section)
 
 
@@ -201,7 +201,7 @@ def test_the_fitting_picture(rig: Program) -> None:
 # --- readings ---
 
 
-def test_readings_at_any_places_in_any_order(rig: Program, section: FeltSection, felt: np.ndarray) -> None:
+def test_readings_at_any_places_in_any_order(rig: Program, section: ReceptorSection, felt: np.ndarray) -> None:
     sd = noise_sd(felt, 30)
     noise = np.random.default_rng(2).normal(size=(2, 12)) * sd
     columns = {
@@ -234,7 +234,9 @@ def test_readings_at_any_places_in_any_order(rig: Program, section: FeltSection,
     assert "1 pseudo-unit = 18.63 Pa" in rig("decode", "--readings", "x.csv").out
 
 
-def test_a_reading_that_is_known_badly_counts_little(rig: Program, section: FeltSection, felt: np.ndarray) -> None:
+def test_a_reading_that_is_known_badly_counts_little(
+    rig: Program, section: ReceptorSection, felt: np.ndarray
+) -> None:
     wrong, sd = felt.copy(), np.full(12, 0.01 * felt.max())
     wrong[3] *= 3
     columns = {"place_mm": section.place_mm, "depth_mm": DEPTH_MM, "sed": felt, "sd": sd}
@@ -250,7 +252,7 @@ def test_a_reading_that_is_known_badly_counts_little(rig: Program, section: Felt
 
 
 @pytest.mark.parametrize("at", ["receptor", "output"])
-def test_rates_from_a_file(rig: Program, section: FeltSection, felt: np.ndarray, at: str) -> None:
+def test_rates_from_a_file(rig: Program, section: ReceptorSection, felt: np.ndarray, at: str) -> None:
     k, s0 = 30.0, 0.1 * float(felt.max())
     columns = {
         "place_mm": section.place_mm, "depth_mm": DEPTH_MM,
@@ -276,7 +278,7 @@ def test_rates_from_a_file(rig: Program, section: FeltSection, felt: np.ndarray,
 def test_however_far_apart_receptors_lie(rig: Program, spacing: float, receptors: int) -> None:
     """1.2 mm: near the density of slowly adapting afferents."""
     place = spacing * (np.arange(receptors) - (receptors - 1) / 2)
-    section = felt_section(FingertipConfig(mesh=COARSE), place, np.full(receptors, 0.76))
+    section = receptor_section(FingertipConfig(mesh=COARSE), place, np.full(receptors, 0.76))
     sed = dome_felt_by(section)
     columns = {"place_mm": place, "depth_mm": np.full(receptors, 0.76), "sed": sed, "sd": np.full(receptors, 0.1)}
     found = rig("decode", "--readings", written("r.csv", columns), "--json").json
@@ -288,7 +290,7 @@ def test_however_far_apart_receptors_lie(rig: Program, spacing: float, receptors
 
 
 def test_fewer_pressures_than_receptors_where_they_lie_near(
-    rig: Program, section: FeltSection, felt: np.ndarray
+    rig: Program, section: ReceptorSection, felt: np.ndarray
 ) -> None:
     columns = {"place_mm": section.place_mm, "depth_mm": DEPTH_MM, "sed": felt}
     found = rig(

@@ -8,7 +8,7 @@ from rig.cli.coding_options import in_options, press_of, pressures_of
 from rig.cli.decode import noise_of, receptor_of, refuse_together, search_of
 from rig.errors import BadInputError
 from sim.coding.bayes import FittedReceptor
-from sim.coding.decoding import CodingError, DecodingError
+from sim.coding.decoder_results import CodingError, DecodingError
 from sim.coding.encoding import Noise, Receptor
 from sim.coding.task import DecoderName, SearchOptions, SectionPress
 from sim.contact.shapes import parse_shape

@@ -20,7 +20,7 @@ import pytest
 import typer
 from typer.models import ArgumentInfo, ParameterInfo
 
-from rig.cli.json_output import OUTPUTS, schema_of
+from rig.cli.json_schemas import OUTPUTS, schema_of
 from rig.cli.output import ExitCode
 from rig.cli.program import COMMANDS
 from rig.data.schema import STREAMS

@@ -11,7 +11,7 @@ from rig.data.journal import NoJournal
 from rig.engine import Engine, RunAborted, TripError, verbs
 from rig.errors import BadInputError
 from rig.plan.config import Config, load_config
-from rig.session.stop_button import refuse_stop_inputs, stop_inputs_heeded
+from rig.session.hardware_stop import refuse_stop_inputs, stop_inputs_heeded
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from sim.plant import Carriage, TruePose

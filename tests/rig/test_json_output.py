@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from rig.cli.json_output import FORMATS, OUTPUTS, SUFFIXES, UNIT_FIELDS, schema_of
+from rig.cli.json_schemas import FORMATS, OUTPUTS, SUFFIXES, UNIT_FIELDS, schema_of
 from rig.cli.program import COMMANDS
 from tests.program import as_in_its_schema
 from tests.rig.test_frozen import commands_with

@@ -143,7 +143,7 @@ def test_a_run_that_tells_no_soft_trip_is_planned_whole(
         asked.append("journal")
         return planner
 
-    monkeypatch.setattr("rig.plan.plan.TakenUp", taken_up)
+    monkeypatch.setattr("rig.plan.plan.ResumeHandler", taken_up)
     before: Any = SimpleNamespace(start=start)
     plan = _plan(tmp_path, finger, f"def run(rig):\n{READY}    rig.indent(doi_mm=0.3)\n", before=before)
     assert plan.first_soft_trip_n == soft_trip_n

@@ -18,7 +18,7 @@ from rig.plan.finger_model import FingerModel
 from rig.plan.plan import make_plan
 from rig.protocol.api import Rig
 from rig.protocol.check import Spot, Walk
-from rig.protocol.handlers import TakenUp
+from rig.protocol.handlers import ResumeHandler
 from rig.protocol.script import Script, load_script
 from rig.protocol.steps import Home, Indent, Mount, MoveTo, Note, Owed, Rest, Retract, Step, Zero
 from rig.records import Prediction, PressId
@@ -209,7 +209,7 @@ def test_what_a_missing_press_is_owed() -> None:
         def handle(self, step: Step[Any, Any], spot: Spot) -> Any:
             handed.append(step)
 
-    taken_up = TakenUp(_Two(), Noting())
+    taken_up = ResumeHandler(_Two(), Noting())
     at = Spot("bar:3", 0.0, 0.0, ())
     indents = [Spot("bar:3", 0.0, 0.0, (PressId(n),)) for n in range(3)]
     for step in (Mount(indentor="a"), Home(), Zero(), Note(text="a"), Rest(seconds=1), MoveTo(x_mm=1.0)):

@@ -19,7 +19,7 @@ from rig.devices.stop_key import StopKey, StopKeyError
 from rig.engine import Journal, TripError
 from rig.errors import BadInputError
 from rig.plan.config import load_config
-from rig.session.stop_button import BY_THE_BUTTON, stop_inputs_heeded
+from rig.session.hardware_stop import BY_THE_BUTTON, stop_inputs_heeded
 from rig.settings import StopSettings
 from sim.devices.clock import VirtualClock
 from sim.devices.line import StopPins

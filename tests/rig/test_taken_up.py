@@ -16,7 +16,7 @@ from rig.data.schema import STREAMS
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.protocol.check import Spot
-from rig.protocol.handlers import TakenUp
+from rig.protocol.handlers import ResumeHandler
 from rig.protocol.steps import Checkpoint, Home, Indent, MoveTo, Note, Owed, Rest, Retract, Step, Touch, Zero
 from rig.records import Hold, Indentation, PressId, Target
 from rig.session.resume import first_reference_gwt, read_stopped
@@ -58,7 +58,7 @@ class Again:
     done: list[Step[Any, Any]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self._taken_up = TakenUp(self.told, self)
+        self._taken_up = ResumeHandler(self.told, self)
 
     def handle(self, step: Step[Any, Any], spot: Spot) -> str:
         self.done.append(step)

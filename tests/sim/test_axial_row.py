@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from sim.coding import sheet
 from sim.coding.bayes import Profile
-from sim.coding.decoding import decoding_errors
+from sim.coding.decoder_results import decoding_errors
 from sim.coding.encoding import noise_sd
 from sim.coding.operators import centred
-from sim.coding.pressure import Borne
-from sim.coding.readings import Readings
+from sim.coding.pressure import ContactPressure
+from sim.coding.receptor_readings import Readings
 from sim.coding.section import SkinLine
-from sim.coding.sheet import AxialShape, FeltRow, FeltSkin, decode_row, felt_row
+from sim.coding.sheet import AxialShape, PressedSkin, ReceptorRow, decode_row, receptor_row
 from sim.config import FingertipConfig
 from sim.contact.patch import X, Z
 from sim.models.catalogue import load
@@ -46,8 +46,8 @@ def finger(line: SkinLine) -> Fingertip:
 
 
 @pytest.fixture(scope="module")
-def row(finger: Fingertip, line: SkinLine) -> FeltRow:
-    return FeltRow(FeltSkin(CONFIG, finger.model), line, PLACES)
+def row(finger: Fingertip, line: SkinLine) -> ReceptorRow:
+    return ReceptorRow(PressedSkin(CONFIG, finger.model), line, PLACES)
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +55,7 @@ def cylinder(finger: Fingertip) -> IndentationResult:
     return finger.indent("cylinder:6", 0.2, doi_mm=0.6)
 
 
-def means(row: FeltRow, pressed: IndentationResult) -> Array:
+def means(row: ReceptorRow, pressed: IndentationResult) -> Array:
     return in_plane(row, pressed).means(0.5 * (ENDS[1:] + ENDS[:-1]))
 
 
@@ -66,7 +66,7 @@ def test_the_shape_is_an_ellipse_by_its_name() -> None:
 
 
 def test_pressures_of_a_press_give_its_sed_under_the_right_length_only(
-    row: FeltRow, cylinder: IndentationResult
+    row: ReceptorRow, cylinder: IndentationResult
 ) -> None:
     true, sed = means(row, cylinder), cylinder.receptor_measures["sed"]
     under = {half: row.under(AxialShape(half, CENTRE), ENDS, "finite").sed(true) for half in (1.0, 2.0)}
@@ -75,7 +75,7 @@ def test_pressures_of_a_press_give_its_sed_under_the_right_length_only(
     assert missed[1.0] > 3 * missed[2.0]
 
 
-def test_pressures_are_those_of_the_receptor_plane_wherever_the_shape_is_highest(row: FeltRow) -> None:
+def test_pressures_are_those_of_the_receptor_plane_wherever_the_shape_is_highest(row: ReceptorRow) -> None:
     plane = np.array(CONFIG.receptor_plane_mm)
     told = {centre: AxialShape(2.0, centre) for centre in (float(plane), float(plane) + 0.8)}
     there, beyond = (row.under(shape, ENDS, "finite") for shape in told.values())
@@ -90,7 +90,7 @@ def test_pressures_are_those_of_the_receptor_plane_wherever_the_shape_is_highest
     assert beyond.sed(even)[under_it] == pytest.approx(there.sed(even)[under_it], rel=0.25)
 
 
-def test_the_skin_of_the_plane_lies_on_the_cylinder(row: FeltRow, cylinder: IndentationResult) -> None:
+def test_the_skin_of_the_plane_lies_on_the_cylinder(row: ReceptorRow, cylinder: IndentationResult) -> None:
     true = means(row, cylinder)
     skin = row.under(AxialShape(1.5, CENTRE), ENDS, "finite").skin
     x, y = skin.pressed(true, skin.lean(true) * true)
@@ -99,7 +99,7 @@ def test_the_skin_of_the_plane_lies_on_the_cylinder(row: FeltRow, cylinder: Inde
     assert_allclose(np.hypot(x[inside] - 0.2, y[inside] - centre), 3.0, atol=0.05)
 
 
-def test_forces_of_a_prismatic_indentor_have_no_part_along_the_finger(row: FeltRow) -> None:
+def test_forces_of_a_prismatic_indentor_have_no_part_along_the_finger(row: ReceptorRow) -> None:
     flat = row.under(AxialShape(1.5, CENTRE), ENDS, "finite")
     assert flat.skin.moved_mm.shape == (2, 27, 52)
     assert flat.parts.shape == flat.lateral.shape == (7, 29, 26)
@@ -108,7 +108,7 @@ def test_forces_of_a_prismatic_indentor_have_no_part_along_the_finger(row: FeltR
 
 
 def test_a_cylinder_is_read_back_under_the_length_that_explains_it_best(
-    row: FeltRow, cylinder: IndentationResult
+    row: ReceptorRow, cylinder: IndentationResult
 ) -> None:
     true, sed = means(row, cylinder), cylinder.receptor_measures["sed"]
     sd = noise_sd(sed, 30.0)
@@ -125,7 +125,7 @@ def test_a_cylinder_is_read_back_under_the_length_that_explains_it_best(
 
 
 def test_of_several_shapes_each_is_as_it_is_alone_and_only_the_best_has_a_table(
-    row: FeltRow, cylinder: IndentationResult, monkeypatch: pytest.MonkeyPatch
+    row: ReceptorRow, cylinder: IndentationResult, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     shapes = [AxialShape(half, CENTRE) for half in (1.5, 2.5)]
     for shape, operator in zip(shapes, row.under_each(shapes, ENDS, "finite"), strict=True):
@@ -146,7 +146,7 @@ def test_of_several_shapes_each_is_as_it_is_alone_and_only_the_best_has_a_table(
     assert made == [False, False, True]
 
 
-def test_the_skin_moves_as_its_nodes_do(row: FeltRow) -> None:
+def test_the_skin_moves_as_its_nodes_do(row: ReceptorRow) -> None:
     """Mixtures of few nodes, by rows of the compliance; against all of it."""
     patch, felt = row.felt.model.patch, row.felt
     rng = np.random.default_rng(0)
@@ -166,7 +166,7 @@ def test_it_lies_below_places_of_the_receptor_plane(
 ) -> None:
     monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path))
     config = FingertipConfig(mesh=coarse_mesh(0.6, 0.6, patch_x_mm=2.0, patch_z_mm=1.5))
-    row = felt_row(
+    row = receptor_row(
         config, np.array([-1.0, 0.0, 1.0]), depth_mm if isinstance(depth_mm, float) else np.array(depth_mm)
     )
     points = row.felt.model.receptors.position_mm
@@ -177,9 +177,9 @@ def test_it_lies_below_places_of_the_receptor_plane(
     assert row.felt.model.patch.axes == (X, 1)
 
 
-def test_what_a_press_bears_in_the_plane_is_its_forces_there(row: FeltRow, cylinder: IndentationResult) -> None:
+def test_what_a_press_bears_in_the_plane_is_its_forces_there(row: ReceptorRow, cylinder: IndentationResult) -> None:
     borne = in_plane(row, cylinder)
-    assert isinstance(borne, Borne)
+    assert isinstance(borne, ContactPressure)
     pressure = cylinder.nodal_pressure_pseudo[cylinder.model.across]
     assert_allclose(np.hypot(borne.normal, borne.lateral), pressure, atol=1e-6)
     assert (borne.normal >= 0).all()

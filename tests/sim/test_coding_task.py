@@ -11,11 +11,11 @@ from numpy.testing import assert_allclose
 
 from sim.coding import task as task_module
 from sim.coding.bayes import FittedReceptor, ModelError
+from sim.coding.decoder_results import CodingError
 from sim.coding.decoders_by_search import PressureRange, table_search
-from sim.coding.decoding import CodingError
 from sim.coding.encoding import NOISE_PLACES, Encoded, Noise, NoisePlace, Receptor, encode
 from sim.coding.operators import ForwardOperator
-from sim.coding.readings import sd_at_rest
+from sim.coding.receptor_readings import sd_at_rest
 from sim.coding.section import Sampling
 from sim.coding.task import (
     CUT_OFF,

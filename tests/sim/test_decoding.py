@@ -13,6 +13,7 @@ from scipy.stats import norm
 from sim.coding import bayes
 from sim.coding import decoders_by_search as univariate
 from sim.coding.bayes import ModelError, Profile, decode_profile
+from sim.coding.decoder_results import Decoded, DecodingError, checked_readings, decoding_errors, misfit
 from sim.coding.decoders_by_search import (
     PressureRange,
     converged_search,
@@ -21,10 +22,9 @@ from sim.coding.decoders_by_search import (
     quartic_along,
     table_search,
 )
-from sim.coding.decoding import Decoded, DecodingError, checked_readings, decoding_errors, misfit
 from sim.coding.encoding import Noise, Receptor, encode
 from sim.coding.operators import ForwardOperator, convolution, impulse_responses
-from sim.coding.readings import Readings, sd_at_rest
+from sim.coding.receptor_readings import Readings, sd_at_rest
 from sim.coding.section import Sampling, sampled_section
 from sim.config import FingertipConfig
 from tests.error_codes import raises

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from sim.coding.bayes import FittedReceptor, Profile, decode_profile, decode_through
+from sim.coding.decoder_results import DecodingError, misfit
 from sim.coding.decoders_by_search import error_surface
-from sim.coding.decoding import DecodingError, misfit
 from sim.coding.encoding import Receptor
-from sim.coding.operators import ForwardOperator, felt_where, influence, normal_influence, weighted
-from sim.coding.pressure import Borne
-from sim.coding.readings import QUIET_SD, Readings
-from sim.coding.section import FeltSection, SampledSection, Sampling, felt_section, sampled_section, skin_of
+from sim.coding.operators import ForwardOperator, at_receptors, influence, normal_influence, weighted
+from sim.coding.pressure import ContactPressure
+from sim.coding.receptor_readings import QUIET_SD, Readings
+from sim.coding.section import ReceptorSection, SampledSection, Sampling, receptor_section, sampled_section, skin_of
 from sim.config import FingertipConfig
 from sim.errors import ModelRangeError
 from sim.measures.receptors import ReceptorError
@@ -33,9 +33,9 @@ def sampled() -> SampledSection:
 
 
 @pytest.fixture(scope="module")
-def scattered() -> FeltSection:
+def scattered() -> ReceptorSection:
     """Three receptors, not in order and at three depths; the second is the sampled section's first."""
-    return felt_section(COARSE, np.array([1.1, -2.04, 0.4]), np.array([0.5, 0.76, 1.4]))
+    return receptor_section(COARSE, np.array([1.1, -2.04, 0.4]), np.array([0.5, 0.76, 1.4]))
 
 
 @pytest.fixture
@@ -48,7 +48,7 @@ def two() -> ForwardOperator:
 # --- receptors anywhere ---
 
 
-def test_receptors_anywhere_feel_what_even_ones_do(sampled: SampledSection, scattered: FeltSection) -> None:
+def test_receptors_anywhere_feel_what_even_ones_do(sampled: SampledSection, scattered: ReceptorSection) -> None:
     assert_allclose(scattered.strain_per_node[:, 1], sampled.strain_per_node[:, 0])
     assert_allclose(scattered.place_mm, [1.1, -2.04, 0.4])
     assert scattered.material == sampled.material
@@ -76,9 +76,9 @@ def test_beside_the_pulp_nothing_is_above() -> None:
 
 def test_receptors_in_two_layers_are_refused() -> None:
     with raises(ModelRangeError, "several_layers", depths="0.2 … 0.76"):
-        felt_section(COARSE, np.array([0.0, 1.0]), np.array([0.76, 0.2]))
+        receptor_section(COARSE, np.array([0.0, 1.0]), np.array([0.76, 0.2]))
     with raises(ReceptorError, "depth_outside", depth_mm=5.0, low_mm=0.0):
-        felt_section(COARSE, np.array([0.0]), np.array([5.0]))
+        receptor_section(COARSE, np.array([0.0]), np.array([5.0]))
 
 
 # --- operators ---
@@ -104,7 +104,7 @@ def test_as_many_pressures_as_places_are_themselves(sampled: SampledSection) -> 
 
 def test_some_receptors_and_weighted_ones(two: ForwardOperator) -> None:
     pressure = np.array([2.0, 3.0])
-    some = felt_where(two, slice(1, 3))
+    some = at_receptors(two, slice(1, 3))
     assert_allclose(some.sed(pressure), two.sed(pressure)[1:3])
     assert_allclose(some.receptor_mm, [1.0, 2.0])
     weight = np.array([1.0, 4.0, 0.25, 9.0])
@@ -112,12 +112,14 @@ def test_some_receptors_and_weighted_ones(two: ForwardOperator) -> None:
 
 
 def test_pressures_on_samples_carry_the_force_that_the_nodes_bore() -> None:
-    borne = Borne(np.array([-0.3, 0.0, 0.3]), np.full(3, 0.3), np.array([6.0, 12.0, 0.0]), np.zeros(3))
+    borne = ContactPressure(np.array([-0.3, 0.0, 0.3]), np.full(3, 0.3), np.array([6.0, 12.0, 0.0]), np.zeros(3))
     means = borne.means(np.array([-0.375, -0.225, -0.075, 0.075, 0.225]))
     assert_allclose(means, [6.0, 6.0, 12.0, 12.0, 0.0])
     wide = borne.means(np.array([-0.3, 0.3]))  # samples of 0.6 mm: −0.6 … 0 … 0.6
     assert_allclose(wide, [(6 * 0.3 + 12 * 0.15) / 0.6, 12 * 0.15 / 0.6])
-    uneven = Borne(np.array([-0.3, 0.0, 0.4]), np.array([0.2, 0.4, 0.4]), np.array([6.0, 12.0, 9.0]), np.zeros(3))
+    uneven = ContactPressure(
+        np.array([-0.3, 0.0, 0.4]), np.array([0.2, 0.4, 0.4]), np.array([6.0, 12.0, 9.0]), np.zeros(3)
+    )
     assert_allclose(uneven.means(np.arange(-0.5, 0.8, 0.2)), [0, 6, 12, 12, 9, 9, 0], atol=1e-12)
 
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from sim.coding.encoding import Encoded, Noise, Receptor, encode, noise_sd
 from sim.coding.operators import ForwardOperator, ImpulseResponses, centred, convolution, impulse_responses, influence
-from sim.coding.pressure import borne_by
+from sim.coding.pressure import contact_pressure
 from sim.coding.section import Energy, SampledSection, Sampling, sampled_section, sed_of
 from sim.config import FingertipConfig
 from sim.measures.measures import Elastic
@@ -71,7 +71,7 @@ def test_slope_and_adjoint_are_the_derivatives(responses: ImpulseResponses) -> N
 def test_influence_gives_what_the_press_gives(section: SampledSection, shape: str) -> None:
     """Finite elements twice, by the press and node by node: the same to round-off, lateral forces and all."""
     found = section.finger.indent(shape, 0.3, doi_mm=0.5)
-    borne = borne_by(section, found)
+    borne = contact_pressure(section, found)
     operator = influence(section, borne.place_mm, borne.width_mm, "finite")
     true = found.receptor_measures["sed"]
     # a spline of 2001 places stands between a node and its place
@@ -83,7 +83,7 @@ def test_influence_gives_what_the_press_gives(section: SampledSection, shape: st
 
 def test_what_is_borne_is_the_presss_pressure_and_force(section: SampledSection) -> None:
     found = section.finger.indent("cylinder:3", 0.3, doi_mm=0.5)
-    borne = borne_by(section, found)
+    borne = contact_pressure(section, found)
     patch, force = section.finger.model.patch, found.state.force
     assert (np.diff(borne.place_mm) > 0).all()
     assert_allclose(np.hypot(borne.normal, borne.lateral), (1e4 * np.hypot(*force) / patch.area_mm2)[::-1])

@@ -11,12 +11,12 @@ from sim.coding import bayes
 from sim.coding import model_averaging as imagining
 from sim.coding import model_averaging as tables
 from sim.coding.bayes import decode_profile
-from sim.coding.decoding import decoding_errors
+from sim.coding.decoder_results import decoding_errors
 from sim.coding.encoding import noise_sd
 from sim.coding.model_averaging import Mixture, ProfileTable, Weighed, imagined, pooled, table_of
 from sim.coding.operators import ForwardOperator, centred
 from sim.coding.pressure import Frictionless, frictionless
-from sim.coding.readings import Readings
+from sim.coding.receptor_readings import Readings
 from sim.coding.section import Sampling, sampled_section
 from sim.config import FingertipConfig
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sim.coding.decoding import CodingError
+from sim.coding.decoder_results import CodingError
 from sim.coding.readings_file import (
     FEWEST,
     MOST,

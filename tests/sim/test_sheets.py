@@ -7,13 +7,22 @@ from numpy.typing import NDArray
 
 from sim.coding import sheet
 from sim.coding.bayes import ModelError
-from sim.coding.decoding import DecodingError, decoding_errors
+from sim.coding.decoder_results import DecodingError, decoding_errors
 from sim.coding.encoding import Receptor, noise_sd
-from sim.coding.operators import centred, felt_where, weighted
-from sim.coding.readings import Readings
+from sim.coding.operators import at_receptors, centred, weighted
+from sim.coding.receptor_readings import Readings
 from sim.coding.section import sed_of
-from sim.coding.shape_class import SOLIDS, contact, extent_mm, felt_solid
-from sim.coding.sheet import FeltSkin, Grid, SheetOperator, SkinOver, decode_sheet, felt_skin, hats, sheet_operator
+from sim.coding.shape_class import SOLIDS, classify_solid, contact, extent_mm
+from sim.coding.sheet import (
+    Grid,
+    PressedSkin,
+    SheetOperator,
+    SkinOver,
+    decode_sheet,
+    hats,
+    pressed_skin,
+    sheet_operator,
+)
 from sim.config import FingertipConfig, MeshSpec
 from sim.contact.patch import X, Y, Z
 from sim.errors import ModelRangeError
@@ -47,12 +56,12 @@ def finger() -> Fingertip:
 
 
 @pytest.fixture(scope="module")
-def felt(finger: Fingertip) -> FeltSkin:
-    return FeltSkin(CONFIG, finger.model_for((X, Z)))
+def felt(finger: Fingertip) -> PressedSkin:
+    return PressedSkin(CONFIG, finger.model_for((X, Z)))
 
 
 @pytest.fixture(scope="module")
-def operator(felt: FeltSkin) -> SheetOperator:
+def operator(felt: PressedSkin) -> SheetOperator:
     return sheet_operator(felt, GRID, "finite")
 
 
@@ -68,7 +77,7 @@ def forces(pressed: IndentationResult) -> Array:
     return force
 
 
-def borne(felt: FeltSkin, pressed: IndentationResult) -> Array:
+def borne(felt: PressedSkin, pressed: IndentationResult) -> Array:
     """Normal pressures at the grid's places."""
     patch = pressed.model.patch
     _, outward, _ = felt.frames(patch.x, patch.position_mm[:, Z])
@@ -131,7 +140,7 @@ def test_what_is_straight_between_places_is_found_again_and_nothing_falls_below_
 
 
 def test_pressures_that_lean_as_the_skin_does_give_a_presss_sed(
-    felt: FeltSkin, operator: SheetOperator, sphere: IndentationResult
+    felt: PressedSkin, operator: SheetOperator, sphere: IndentationResult
 ) -> None:
     true, sed = borne(felt, sphere), sphere.receptor_measures["sed"]
     assert missed(operator.sed(true), sed) < 0.03
@@ -139,7 +148,7 @@ def test_pressures_that_lean_as_the_skin_does_give_a_presss_sed(
     assert missed(upright.sed(true), sed) > 0.06
 
 
-def test_leans_are_those_of_the_forces(felt: FeltSkin, operator: SheetOperator, sphere: IndentationResult) -> None:
+def test_leans_are_those_of_the_forces(felt: PressedSkin, operator: SheetOperator, sphere: IndentationResult) -> None:
     force, patch = forces(sphere), sphere.model.patch
     across, outward, along = felt.frames(patch.x, patch.position_mm[:, Z])
     strong = np.linalg.norm(force, axis=0) > 0.6 * np.linalg.norm(force, axis=0).max()
@@ -155,7 +164,7 @@ def test_leans_are_those_of_the_forces(felt: FeltSkin, operator: SheetOperator, 
     assert np.abs(steep.lean(np.zeros(169))).max() == 1.0
 
 
-def test_the_skin_lies_on_the_sphere(felt: FeltSkin, operator: SheetOperator, sphere: IndentationResult) -> None:
+def test_the_skin_lies_on_the_sphere(felt: PressedSkin, operator: SheetOperator, sphere: IndentationResult) -> None:
     true = borne(felt, sphere)
     at = operator.skin.pressed(true, operator.skin.lean(true))[:, contact(operator.skin, true)]
     centre = np.array([0.2, sphere.touch_height_mm - sphere.doi_mm + 2.0, PLANE + 0.2])
@@ -177,12 +186,12 @@ def test_slopes_and_gradients_are_those_of_its_sed(operator: SheetOperator) -> N
 def test_some_receptors_and_weighted_ones(operator: SheetOperator) -> None:
     pressure = np.random.default_rng(4).uniform(0, 100, 169)
     some = np.arange(81) % 2 == 0
-    assert_allclose(felt_where(operator, some).sed(pressure), operator.sed(pressure)[some])
+    assert_allclose(at_receptors(operator, some).sed(pressure), operator.sed(pressure)[some])
     weight = np.linspace(1, 2, 81)
     assert_allclose(weighted(operator, weight).sed(pressure), weight * operator.sed(pressure))
 
 
-def test_softer_tissue_feels_less_energy_under_the_same_strain(felt: FeltSkin, operator: SheetOperator) -> None:
+def test_softer_tissue_feels_less_energy_under_the_same_strain(felt: PressedSkin, operator: SheetOperator) -> None:
     """Receptors lie in the dermis, a tenth as stiff as the epidermis that pressures are told by."""
     assert_allclose(felt.model.columns.young_ratio, 0.1)
     one = np.zeros((len(felt.nodes_mm), 1))
@@ -197,7 +206,7 @@ def test_softer_tissue_feels_less_energy_under_the_same_strain(felt: FeltSkin, o
     assert_allclose((parts[..., 0] ** 2).sum(axis=0), expected)
 
 
-def test_a_place_without_skin_about_it_is_refused(felt: FeltSkin) -> None:
+def test_a_place_without_skin_about_it_is_refused(felt: PressedSkin) -> None:
     with raises(ModelRangeError, "pressure_beside_patch", x_mm=-3.5):
         sheet_operator(felt, Grid(np.array([-3.5, -3.2]), GRID.z_mm), "finite")
     assert sheet_operator(felt, Grid(centred(4, 0.3), GRID.z_mm), "incompressible").parts.shape[0] == 6
@@ -207,7 +216,7 @@ def test_it_is_read_from_the_cache_with_any_receptors(tmp_path: object, monkeypa
     monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path))
     config = FingertipConfig(mesh=coarse_mesh(0.6, 0.6, round_patch_mm=1.5))
     points = np.array([[0.0, 4.0, PLANE], [0.3, 4.1, PLANE + 0.4]])
-    made, read = (felt_skin(config, points, np.full(2, np.nan)) for _ in range(2))
+    made, read = (pressed_skin(config, points, np.full(2, np.nan)) for _ in range(2))
     assert_allclose(made.model.receptors.position_mm, points)
     assert_allclose(made.model.strain_per_force, read.model.strain_per_force, rtol=0, atol=0)
     assert made.model.patch.axes == (X, Z, Y)
@@ -218,7 +227,7 @@ def test_it_is_read_from_the_cache_with_any_receptors(tmp_path: object, monkeypa
 
 @pytest.mark.parametrize(("snr_db", "most"), [(30.0, 0.35), (20.0, 0.5)])
 def test_a_sphere_is_read_back(
-    felt: FeltSkin, operator: SheetOperator, sphere: IndentationResult, snr_db: float, most: float
+    felt: PressedSkin, operator: SheetOperator, sphere: IndentationResult, snr_db: float, most: float
 ) -> None:
     true, sed = borne(felt, sphere), sphere.receptor_measures["sed"]
     sd = noise_sd(sed, snr_db)
@@ -232,14 +241,14 @@ def test_a_sphere_is_read_back(
     low, high = found.band()
     inside = true > 0.05 * true.max()
     assert ((low <= true) & (true <= high))[inside].mean() > 0.85
-    felt_as = felt_solid(operator.skin, found.pressure)
+    felt_as = classify_solid(operator.skin, found.pressure)
     assert felt_as.name == "sphere"
     assert felt_as.size_mm == pytest.approx(4.0, rel=0.25)
     assert_allclose(felt_as.extent_mm, extent_mm(operator.skin, true), atol=0.25)
 
 
 def test_silent_receptors_and_known_model_errors(
-    felt: FeltSkin, operator: SheetOperator, sphere: IndentationResult
+    felt: PressedSkin, operator: SheetOperator, sphere: IndentationResult
 ) -> None:
     true, sed = borne(felt, sphere), sphere.receptor_measures["sed"]
     receptor = Receptor(2.0, 0.1 * float(sed.max()))
@@ -267,7 +276,7 @@ def test_the_prior_is_of_neighbours_both_ways_and_a_little_of_each() -> None:
 def test_too_few_readings_are_refused(operator: SheetOperator) -> None:
     some = np.arange(81) < 8
     with raises(DecodingError, "too_few", readings=8, pressures=169, fewest=9):
-        decode_sheet(felt_where(operator, some), Readings.of_sed(np.ones(8), 0.1), GRID.shape)  # type: ignore[arg-type]
+        decode_sheet(at_receptors(operator, some), Readings.of_sed(np.ones(8), 0.1), GRID.shape)  # type: ignore[arg-type]
 
 
 # --- what touches: made-up skins ---
@@ -290,38 +299,38 @@ def test_round_skin_is_a_sphere_or_a_cylinder_of_that_diameter(diameter: float) 
     sphere = -np.sqrt(radius**2 - np.minimum(radius**2, (XX - 0.3) ** 2 + (ZZ - PLANE) ** 2))
     cylinder = -np.sqrt(radius**2 - np.minimum(radius**2, (XX - 0.3) ** 2))
     for name, height in (("sphere", sphere), ("cylinder", cylinder)):
-        found = felt_solid(lying_on(height), DISC)
+        found = classify_solid(lying_on(height), DISC)
         assert found.name == name
         assert found.size_mm == pytest.approx(diameter, rel=0.03)
         assert set(found.cost) == set(SOLIDS)
 
 
 def test_flat_skin_is_a_bar_and_a_flank_a_step() -> None:
-    flat = felt_solid(lying_on(np.zeros((13, 13))), DISC)
+    flat = classify_solid(lying_on(np.zeros((13, 13))), DISC)
     assert flat.name == "bar"
     assert flat.size_mm == flat.extent_mm[0]
     s = np.clip((XX + 0.6) / 1.3, 0.0, 1.0)
-    step = felt_solid(lying_on(0.25 * (1 - np.cos(np.pi * s))), DISC)
+    step = classify_solid(lying_on(0.25 * (1 - np.cos(np.pi * s))), DISC)
     assert step.name == "step"
     assert step.size_mm == pytest.approx(1.3, rel=0.2)
 
 
 def test_hollow_skin_and_skin_too_wide_are_not_round() -> None:
-    hollow = felt_solid(lying_on(-0.2 * ((XX - 0.3) ** 2 + (ZZ - PLANE) ** 2)), DISC)
+    hollow = classify_solid(lying_on(-0.2 * ((XX - 0.3) ** 2 + (ZZ - PLANE) ** 2)), DISC)
     assert hollow.cost["sphere"] == hollow.cost["cylinder"] == np.inf
-    wide = felt_solid(lying_on((XX - 0.3) ** 2 / 21.0), DISC)
+    wide = classify_solid(lying_on((XX - 0.3) ** 2 / 21.0), DISC)
     assert wide.cost["cylinder"] == np.inf
     few = np.zeros(169)
     few[[80, 81]] = 1.0
-    assert felt_solid(lying_on((XX - 0.3) ** 2), few).cost["sphere"] == np.inf
+    assert classify_solid(lying_on((XX - 0.3) ** 2), few).cost["sphere"] == np.inf
 
 
 def test_costs_are_squares_over_20_micrometres_and_the_log_of_places_for_each_number() -> None:
-    found = felt_solid(lying_on(0.01 * XX, 0.0), DISC)
+    found = classify_solid(lying_on(0.01 * XX, 0.0), DISC)
     inside = contact(lying_on(XX), DISC)
     x = XX.ravel()[inside]
     assert found.cost["bar"] == pytest.approx(1e-4 * ((x - x.mean()) ** 2).sum() / 0.02**2 + np.log(len(x)))
-    flat = felt_solid(lying_on(np.zeros((13, 13)), 0.0), DISC)
+    flat = classify_solid(lying_on(np.zeros((13, 13)), 0.0), DISC)
     assert flat.cost["step"] == pytest.approx(3 * np.log(len(x)))
 
 

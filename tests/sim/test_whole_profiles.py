@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from sim.coding import bayes
 from sim.coding.bayes import ModelError, Profile, decode_profile
-from sim.coding.decoding import DecodingError, decoding_errors
+from sim.coding.decoder_results import DecodingError, decoding_errors
 from sim.coding.encoding import Receptor, noise_sd
 from sim.coding.model_averaging import Mixture
-from sim.coding.operators import centred, felt_where, influence, weighted
-from sim.coding.pressure import Frictionless, borne_by, frictionless
-from sim.coding.readings import Readings
+from sim.coding.operators import at_receptors, centred, influence, weighted
+from sim.coding.pressure import Frictionless, contact_pressure, frictionless
+from sim.coding.receptor_readings import Readings
 from sim.coding.section import SampledSection, Sampling, sampled_section
 from sim.config import FingertipConfig, MeshSpec
 from sim.errors import ModelRangeError
@@ -45,7 +45,7 @@ def finer() -> SampledSection:
 
 def _pressed(section: SampledSection, shape: str, x_mm: float = 0.0, doi_mm: float = 0.67) -> tuple[Array, Array]:
     press = section.finger.indent(shape, x_mm, doi_mm=doi_mm)
-    return borne_by(section, press).means(PLACES), press.receptor_measures["sed"]
+    return contact_pressure(section, press).means(PLACES), press.receptor_measures["sed"]
 
 
 def _said(sed: Array, snr_db: float, seed: int) -> Readings:
@@ -77,7 +77,7 @@ def test_under_a_flat_bar_forces_go_straight_down(section: SampledSection, opera
 
 def test_the_skin_lies_on_the_indentor(section: SampledSection, operator: Frictionless) -> None:
     press = section.finger.indent("bar:3.0", 0.0, doi_mm=0.67)
-    borne = borne_by(section, press)
+    borne = contact_pressure(section, press)
     true = borne.means(PLACES)
     x, y = operator.skin.pressed(true, operator.skin.lean(true) * true)
     inside = np.abs(x) < 1.2
@@ -119,7 +119,7 @@ def test_what_is_not_known_of_leans_is_a_share_of_what_leans_would_do(operator: 
 
 def test_receptors_are_weighed_and_chosen_with_all_that_they_feel(operator: Frictionless) -> None:
     pressure = np.where(np.abs(PLACES) < 1, 300.0, 0.0)
-    every_third = felt_where(operator, slice(0, None, 3))
+    every_third = at_receptors(operator, slice(0, None, 3))
     assert_allclose(every_third.sed(pressure), operator.sed(pressure)[::3])
     assert len(every_third.receptor_mm) == 17
     assert_allclose(weighted(operator, np.full(49, 4.0)).sed(pressure), 4 * operator.sed(pressure))
@@ -200,11 +200,11 @@ def test_the_models_error_is_alike_over_a_length(operator: Frictionless) -> None
 
 def test_fewer_readings_than_pressures_will_do_but_not_any_number(operator: Frictionless) -> None:
     true = np.where(np.abs(PLACES) < 1, 300.0, 0.0)
-    sparse = felt_where(operator, slice(0, None, 6))
+    sparse = at_receptors(operator, slice(0, None, 6))
     found = decode_profile(sparse, _said(sparse.sed(true), 30.0, 0))
     assert found.converged
     assert decoding_errors(true, found.pressure).relative_l2 < 0.5
-    four = felt_where(operator, slice(20, 24))
+    four = at_receptors(operator, slice(20, 24))
     with raises(DecodingError, "too_few", readings=4, pressures=39, fewest=5):
         decode_profile(four, _said(four.sed(true), 30.0, 0))
     with raises(DecodingError, "fewer_than_pressures", readings=9, pressures=39):

@@ -5,10 +5,10 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from sim.coding.decoding import decoding_errors
+from sim.coding.decoder_results import decoding_errors
 from sim.coding.operators import ForwardOperator, centred
-from sim.coding.pressure import borne_by
-from sim.coding.readings import Readings
+from sim.coding.pressure import contact_pressure
+from sim.coding.receptor_readings import Readings
 from studies.coding import curvature_read_back, edge_place, shapes_read_back
 from studies.coding.limits import bayes_found, profile_bound
 from studies.coding.profiles_read_back import SCENES, SNRS_DB, WITHIN, baselines, default_section, frictionless
@@ -134,7 +134,7 @@ def test_the_worked_example_ends_where_the_source_says_and_sticks_on_grids() -> 
 def test_curvature_comes_from_the_skin_and_from_the_formula() -> None:
     section = default_section()
     press = section.finger.indent("cylinder:6", 0.2, doi_mm=0.8)
-    true = borne_by(section, press).means(centred(39, 0.17))
+    true = contact_pressure(section, press).means(centred(39, 0.17))
     skin, formula = curvature_read_back.both(true)
     assert skin == pytest.approx(1 / 3, rel=0.08)
     assert formula == pytest.approx(1 / 3, rel=0.3)

@@ -14,12 +14,14 @@ import numpy as np
 from sim import FingertipConfig, MeshSpec
 from sim.coding.encoding import Noise, Receptor, encode
 from sim.coding.operators import convolution, impulse_responses, influence
-from sim.coding.pressure import borne_by
+from sim.coding.pressure import contact_pressure
 from sim.coding.section import Sampling, sampled_section
 
 config = FingertipConfig(mesh=MeshSpec(level="coarse"))
 section = sampled_section(config, Sampling(half_length=20))  # receptors 0.17 mm apart, 0.76 mm deep
-borne = borne_by(section, section.finger.indent("step:1", -1.63, doi_mm=0.73))  # pressures at the skin's nodes
+borne = contact_pressure(
+    section, section.finger.indent("step:1", -1.63, doi_mm=0.73)
+)  # pressures at the skin's nodes
 
 operator = influence(section, borne.place_mm, borne.width_mm, "finite")
 quiet = encode(operator, borne.stacked)

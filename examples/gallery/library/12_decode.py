@@ -11,15 +11,15 @@ import numpy as np
 
 from sim import FingertipConfig, MeshSpec
 from sim.coding.bayes import decode_profile
-from sim.coding.decoding import decoding_errors
+from sim.coding.decoder_results import decoding_errors
 from sim.coding.encoding import Noise, encode
 from sim.coding.pressure import frictionless
-from sim.coding.readings import Readings, sd_at_rest
-from sim.coding.section import felt_section
+from sim.coding.receptor_readings import Readings, sd_at_rest
+from sim.coding.section import receptor_section
 
 rng = np.random.default_rng(4)
 location_mm = np.sort(rng.uniform(-2.5, 2.5, 30))  # along the skin; 0 is above x = 0
-section = felt_section(FingertipConfig(mesh=MeshSpec(level="coarse")), location_mm, rng.uniform(0.6, 0.9, 30))
+section = receptor_section(FingertipConfig(mesh=MeshSpec(level="coarse")), location_mm, rng.uniform(0.6, 0.9, 30))
 
 fine = frictionless(section, np.linspace(-2.0, 2.0, 81), "finite")  # pressures normal to the deformed skin
 synthetic_dome = 300 * np.sqrt(np.maximum(0.0, 1 - ((fine.place_mm - 0.3) / 1.1) ** 2))

@@ -1,7 +1,7 @@
 """The virtual twin of the scale. Source: README.md of this package, "What it speaks"."""
 
 from sim.devices.clock import Scheduler
-from sim.devices.line import ForceTold, Load, Samples, SerialLine
+from sim.devices.line import Load, Samples, SerialLine, VirtualForceSpec
 
 MOST_G, LEAST_G = 200.0, -20.0
 _STABLE_SAMPLES, _STABLE_BAND_G = 3, 0.02
@@ -10,7 +10,7 @@ _STABLE_SAMPLES, _STABLE_BAND_G = 3, 0.02
 class VirtualLineScale:
     """A scale under a load, at the end of a serial line; it works when a byte arrives."""
 
-    def __init__(self, scheduler: Scheduler, line: SerialLine, load: Load, told: ForceTold) -> None:
+    def __init__(self, scheduler: Scheduler, line: SerialLine, load: Load, told: VirtualForceSpec) -> None:
         self._line, self._samples = line, Samples(scheduler, load, told.sample_period_s)
         self._address, self._step_g = f"{told.own['address']:02d}".encode(), told.resolution_g
         self._zero_g = 0.0
@@ -43,6 +43,6 @@ class VirtualLineScale:
         return f"{'S' if stable else 'D'}{shown:+08.2f}".encode()
 
 
-def line_scale_twin(scheduler: Scheduler, line: SerialLine, told: ForceTold, load: Load) -> VirtualLineScale:
+def line_scale_twin(scheduler: Scheduler, line: SerialLine, told: VirtualForceSpec, load: Load) -> VirtualLineScale:
     """A scale under a load."""
     return VirtualLineScale(scheduler, line, load, told)

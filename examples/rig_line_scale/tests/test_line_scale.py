@@ -11,7 +11,7 @@ from rig.units import GWT_N
 from rig_line_scale.driver import LineScaleForce
 from rig_line_scale.twin import line_scale_twin
 from sim.devices.clock import VirtualClock
-from sim.devices.line import ForceTold, Load, SerialLine
+from sim.devices.line import Load, SerialLine, VirtualForceSpec
 
 
 class Pairs:
@@ -98,7 +98,7 @@ def test_zero_is_acknowledged() -> None:
 def test_the_twin_speaks_the_same(load_g: float, question: bytes, answer: bytes) -> None:
     clock = VirtualClock()
     line = SerialLine(clock, 9600)
-    line_scale_twin(clock, line, ForceTold(0.05, 0.01, own={"address": 7}), Load(lambda t_s: load_g * GWT_N))
+    line_scale_twin(clock, line, VirtualForceSpec(0.05, 0.01, own={"address": 7}), Load(lambda t_s: load_g * GWT_N))
     wire = LoopbackTransport(line, clock, "wire")
     wire.write(question)
     heard = b""
@@ -110,7 +110,9 @@ def test_the_twin_speaks_the_same(load_g: float, question: bytes, answer: bytes)
 def test_driver_and_twin_understand_each_other() -> None:
     clock = VirtualClock()
     line = SerialLine(clock, 9600)
-    line_scale_twin(clock, line, ForceTold(0.05, 0.01, own={"address": 7}), Load(lambda t_s: (5 + 10 * t_s) * GWT_N))
+    line_scale_twin(
+        clock, line, VirtualForceSpec(0.05, 0.01, own={"address": 7}), Load(lambda t_s: (5 + 10 * t_s) * GWT_N)
+    )
     force = _driver(LoopbackTransport(line, clock, "wire"), clock)
     force.connect()
     force.zero()

@@ -15,7 +15,7 @@ from sim.devices.grbl.planner import BLOCKS, Vec
 from sim.devices.grbl.settings import SOFT_LIMITS, STEP_DIRECTION, STEPS_PER_MM
 from sim.devices.grbl.settings import TRAVEL as TRAVEL_MM
 from sim.devices.grbl.system_commands import INVALID_STATEMENT, NOT_IDLE, GrblSystem
-from sim.devices.line import SerialLine, StageTold
+from sim.devices.line import SerialLine, VirtualStageSpec
 
 LOCKED, TRAVEL = 9, 15
 SOFT_LIMIT = 2
@@ -169,7 +169,7 @@ class VirtualGrbl(GrblSystem):
         self._queued_to = (x, y, z)
 
 
-def grbl_twin(scheduler: Scheduler, line: SerialLine, spec: StageTold) -> VirtualGrbl:
+def grbl_twin(scheduler: Scheduler, line: SerialLine, spec: VirtualStageSpec) -> VirtualGrbl:
     """Return a board with the settings that the rig expects."""
     reversed_axes = sum(1 << i for i, per_mm in enumerate(spec.steps_per_mm) if per_mm < 0)
     settings: dict[int, float] = {STEP_DIRECTION: reversed_axes}

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from rig.report.coding_figures import DrawnImpulse, ErrorSurface, extents, impulse_figure, search_figure
 from rig.report.page_parts import PageFigure
 from rig.report.style import BLUE, GREY, ORANGE, Plot
+from sim.coding.decoder_results import Decoded, decoding_errors
 from sim.coding.decoders_by_search import error_surface
-from sim.coding.decoding import Decoded, decoding_errors
 from sim.coding.operators import ForwardOperator, ImpulseResponses, impulse_responses, shift_errors
 from sim.coding.point_spread import mean_over
 from sim.coding.raju_table_6_1 import DRAWN, AllSites, Sampled, Where, kept_sites

@@ -4,7 +4,7 @@ import numpy as np
 from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
-from rig.compare.shape_test import Verdict, shape_test
+from rig.compare.profile_shape_test import Verdict, shape_test
 from rig.compare.stimuli import Stimulus
 from rig.protocol.schedule import about_the_centre
 from rig.report.page_parts import PageFigure

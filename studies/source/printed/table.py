@@ -3,8 +3,8 @@
 import numpy as np
 
 from rig.compare.comparison import Comparison, compare
+from rig.compare.profile_shape_test import THRESHOLD
 from rig.compare.raju_table_5_2 import Agreement, Flags, agreement, agreement_limits, source_flags
-from rig.compare.shape_test import THRESHOLD
 from rig.compare.stimuli import Stimulus
 from rig.report.page_parts import Section
 from studies.source.printed.answers import HIGH_GWT, LOW_GWT, FingerAnswers, forced, once

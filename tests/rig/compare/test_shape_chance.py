@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.compare.shape_test import (
+from rig.compare.profile_shape_test import (
     ShapePositions,
     candidates_by_chance,
     chance_rows,

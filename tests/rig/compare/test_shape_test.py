@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from rig.compare.shape_test import shape_test
+from rig.compare.profile_shape_test import shape_test
 from sim.measures.measures import MEASURES, shown
 
 Array = NDArray[np.float64]

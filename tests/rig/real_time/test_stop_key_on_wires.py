@@ -12,7 +12,7 @@ import pytest
 from rig.bench.served import ServedBench
 from rig.data import read_run
 from rig.engine import Journal
-from rig.session.stop_button import BY_THE_BUTTON
+from rig.session.hardware_stop import BY_THE_BUTTON
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 pytestmark = pytest.mark.usefixtures("empty_figures")

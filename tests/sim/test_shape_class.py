@@ -6,9 +6,9 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from sim.coding.operators import centred
-from sim.coding.pressure import SectionSkin, borne_by, frictionless
+from sim.coding.pressure import SectionSkin, contact_pressure, frictionless
 from sim.coding.section import SampledSection, Sampling, sampled_section
-from sim.coding.shape_class import CLASSES, FeltShape, edges_mm, felt_shape
+from sim.coding.shape_class import CLASSES, ShapeEstimate, classify_shape, edges_mm
 from sim.config import FingertipConfig
 from studies.coding.shapes_read_back import OTHER_TISSUE, SEED, draw, felt
 
@@ -32,7 +32,7 @@ def _within(low: float, high: float) -> Array:
 def test_round_skin_is_a_cylinder_of_that_diameter(diameter: float) -> None:
     radius = diameter / 2
     on = np.sqrt(np.maximum(1e-9, radius**2 - (ENDS - 0.2) ** 2))
-    found = felt_shape(_lying_on(7.0 - on, 1e-4), _within(-0.9, 1.2))
+    found = classify_shape(_lying_on(7.0 - on, 1e-4), _within(-0.9, 1.2))
     assert found.name == "cylinder"
     assert found.size_mm == pytest.approx(diameter, rel=0.03)
 
@@ -40,7 +40,7 @@ def test_round_skin_is_a_cylinder_of_that_diameter(diameter: float) -> None:
 def test_flat_skin_is_a_bar_as_wide_as_its_peaks_lie_apart() -> None:
     pressure = _within(-1.0, 1.0)
     pressure[[14, 24]] = 900.0  # 0.85 mm to each side
-    found = felt_shape(_lying_on(np.full(40, 5.0), 1e-3), pressure)
+    found = classify_shape(_lying_on(np.full(40, 5.0), 1e-3), pressure)
     assert found.name == "bar"
     assert found.size_mm == pytest.approx(1.70 + 0.17)
     assert_allclose(edges_mm(_lying_on(np.full(40, 5.0)), pressure), [-0.85 - 0.085, 0.85 + 0.085])
@@ -51,21 +51,21 @@ def test_flat_skin_is_a_bar_as_wide_as_its_peaks_lie_apart() -> None:
 @pytest.mark.parametrize("half_wave", [1.3, 2.5])
 def test_skin_on_a_flank_between_two_levels_is_a_step(half_wave: float) -> None:
     s = np.clip((ENDS + 1.2) / half_wave, 0.0, 1.0)
-    found = felt_shape(_lying_on(5.0 + 0.25 * (1 - np.cos(np.pi * s)), 1e-4), _within(-2.0, 2.0))
+    found = classify_shape(_lying_on(5.0 + 0.25 * (1 - np.cos(np.pi * s)), 1e-4), _within(-2.0, 2.0))
     assert found.name == "step"
     assert found.size_mm == pytest.approx(half_wave, rel=0.1)
 
 
 def test_skin_on_two_levels_without_the_flank_is_a_step_of_some_length() -> None:
-    found = felt_shape(_lying_on(np.where(ENDS < 0.1, 5.0, 5.5)), _within(-1.5, -0.2) + _within(0.6, 2.0))
+    found = classify_shape(_lying_on(np.where(ENDS < 0.1, 5.0, 5.5)), _within(-1.5, -0.2) + _within(0.6, 2.0))
     assert found.name == "step"
     assert found.cost["step"] < 0.01 * found.cost["bar"]
 
 
 def test_skin_that_is_hollow_or_nearly_flat_is_no_cylinder() -> None:
-    hollow = felt_shape(_lying_on(5.0 - 0.2 * ENDS**2), _within(-0.9, 0.9))
+    hollow = classify_shape(_lying_on(5.0 - 0.2 * ENDS**2), _within(-0.9, 0.9))
     assert hollow.cost["cylinder"] == np.inf
-    flat = felt_shape(_lying_on(5.0 + ENDS**2 / 100), _within(-0.9, 0.9))  # 100 mm in diameter
+    flat = classify_shape(_lying_on(5.0 + ENDS**2 / 100), _within(-0.9, 0.9))  # 100 mm in diameter
     assert flat.cost["cylinder"] == np.inf
     assert flat.name == "bar"
 
@@ -74,14 +74,14 @@ def test_skin_at_the_ends_of_a_contact_is_left_out() -> None:
     height = np.full(40, 5.0)
     height[:14], height[26:] = 4.0, 4.0
     pressure = _within(-1.1, 1.1)  # samples 13 … 25, the outer two at each end bent or next to it
-    found = felt_shape(_lying_on(height), pressure)
+    found = classify_shape(_lying_on(height), pressure)
     assert found.name == "bar"
     assert found.cost["bar"] == pytest.approx(np.log(9))
 
 
 def test_of_a_small_contact_less_is_left_out_and_costs_are_told() -> None:
-    found = felt_shape(_lying_on(np.where(ENDS < 0, 5.0, 5.02)), _within(-0.3, 0.3))  # three samples: one is left
-    assert isinstance(found, FeltShape)
+    found = classify_shape(_lying_on(np.where(ENDS < 0, 5.0, 5.02)), _within(-0.3, 0.3))  # three samples: one is left
+    assert isinstance(found, ShapeEstimate)
     assert set(found.cost) == set(CLASSES)
     assert found.cost["cylinder"] == np.inf
     assert found.cost["bar"] == pytest.approx(np.log(2))
@@ -99,15 +99,17 @@ def test_a_contact_is_where_pressure_is_more_than_0_15_of_the_median(share: floa
 @pytest.mark.parametrize(("diameter", "round_enough"), [(19.0, True), (21.0, False)])
 def test_a_cylinder_is_at_most_20_mm_wide(diameter: float, *, round_enough: bool) -> None:
     on = np.sqrt((diameter / 2) ** 2 - ENDS**2)
-    found = felt_shape(_lying_on(15.0 - on), _within(-1.5, 1.5))
+    found = classify_shape(_lying_on(15.0 - on), _within(-1.5, 1.5))
     assert np.isfinite(found.cost["cylinder"]) == round_enough
 
 
 def test_a_cost_is_squares_over_7_micrometres_and_the_log_of_places_for_each_number() -> None:
-    found = felt_shape(_lying_on(5.0 + 0.01 * ENDS), _within(-1.0, 1.0))  # 11 samples, 7 of them inside
+    found = classify_shape(_lying_on(5.0 + 0.01 * ENDS), _within(-1.0, 1.0))  # 11 samples, 7 of them inside
     squares = 1e-4 * ((PLACES[16:23] - PLACES[16:23].mean()) ** 2).sum()
     assert found.cost["bar"] == pytest.approx(squares / 0.007**2 + np.log(7))
-    assert felt_shape(_lying_on(np.full(40, 5.0)), _within(-1.0, 1.0)).cost["step"] == pytest.approx(3 * np.log(7))
+    assert classify_shape(_lying_on(np.full(40, 5.0)), _within(-1.0, 1.0)).cost["step"] == pytest.approx(
+        3 * np.log(7)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -135,8 +137,8 @@ def test_the_pressures_of_a_press_tell_what_pressed(
     size: float,
     within: float,
 ) -> None:
-    true = borne_by(section, section.finger.indent(shape, x_mm, doi_mm=doi_mm)).means(PLACES)
-    found = felt_shape(frictionless(section, ENDS, "finite").skin, true)
+    true = contact_pressure(section, section.finger.indent(shape, x_mm, doi_mm=doi_mm)).means(PLACES)
+    found = classify_shape(frictionless(section, ENDS, "finite").skin, true)
     assert found.name == name
     assert_allclose(found.size_mm, size, rtol=within)
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
-from sim.coding.decoding import DecodingError
+from sim.coding.decoder_results import DecodingError
 from sim.coding.encoding import Receptor
 
 Array = NDArray[np.float64]

@@ -1056,7 +1056,7 @@ class PressureBandJson(Output):
     high_pseudo: list[float]
 
 
-class FeltShapeJson(Output):
+class ShapeEstimateJson(Output):
     """What touches the skin. size_mm: diameter, half a wavelength of a step, or width of a bar."""
 
     shape_class: SolidClass
@@ -1087,7 +1087,7 @@ class DecodeJson(Output):
     moves: int
     converged: bool
     problems_text: list[str]
-    felt: FeltShapeJson | None
+    felt: ShapeEstimateJson | None
     axial: Shape | None
     search_ms: float
 
