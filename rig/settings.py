@@ -450,7 +450,7 @@ class StageSettings(DeviceSettings):
     drives: DrivesSettings = DrivesSettings()
 
     @model_validator(mode="after")
-    def _told_apart(self) -> Self:
+    def _drives_are_distinct(self) -> Self:
         x, z = self.drives.x, self.drives.z
         if x.device_id == z.device_id and (x.port or self.port) == (z.port or self.port):
             raise RuleError(

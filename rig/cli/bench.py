@@ -20,7 +20,7 @@ from rig.engine.bench_memory import BenchMemory
 from rig.engine.contact import KnownContact
 from rig.engine.sensing import Sensing
 from rig.manual import home_and_zero
-from rig.manual.home_and_zero import at_hand, feel, unfelt
+from rig.manual.home_and_zero import at_hand, feel, no_force_readings
 from rig.manual.jog import ByHand, Show
 from rig.plan.config import Config, load_config
 from rig.session.hardware_stop import key_interrupting
@@ -45,7 +45,7 @@ def home(config: ConfigOption, without_force: WithoutForceOption = False, as_jso
     with one_line_errors(as_json=as_json):
         settings = load_config(config)
         with looking_busy("homing all axes …"):
-            at, known = _home_unfelt(settings) if without_force else _home(settings)
+            at, known = _home_without_force(settings) if without_force else _home(settings)
         print_entries({**position(at), **known.as_json()}, as_json=as_json)
 
 
@@ -62,10 +62,10 @@ def _bench_at_hand(settings: Config) -> RealBench:
     try:
         return open_bench(settings, WallClock(), io.StringIO(), ask=lambda request: "")
     except PortError as error:
-        raise home_and_zero.unfelt(error) if error.device == "force" else error from None
+        raise home_and_zero.no_force_readings(error) if error.device == "force" else error from None
 
 
-def _home_unfelt(settings: Config) -> tuple[StageStatus, KnownContact]:
+def _home_without_force(settings: Config) -> tuple[StageStatus, KnownContact]:
     memory = BenchMemory(settings)
     with stage_at_hand(settings) as (stage, clock):
         memory.moves()
@@ -146,7 +146,7 @@ def _sensing(settings: Config, clock: Clock, *, without: bool) -> Iterator[Sensi
     try:
         sensor = open_force(settings, clock)
     except TransportError as error:
-        raise unfelt(error) from None
+        raise no_force_readings(error) from None
     with closing(sensor):
         yield feel(Sensing(settings, clock, sensor))
 

@@ -49,7 +49,7 @@ def ready_for_a_real_run(command: str, config: Config, out: Path, *, yes: bool) 
     out.mkdir(parents=True, exist_ok=True)
     for port in (*stage_ports(config.stage), config.force.port):
         refuse_missing(port)
-    if not (yes or _somebody_there()):
+    if not (yes or _is_interactive()):
         raise BadInputError(
             "{command}: cannot ask for confirmation without a terminal; use one, or add --yes to start at once",
             code="no_terminal",
@@ -79,7 +79,7 @@ def same_shape(one: str, other: str) -> bool:
 
 def can_answer() -> bool:
     """Return whether requests can be answered: by a person at a terminal, or by text waiting on standard input."""
-    return _somebody_there() or _text_waits()
+    return _is_interactive() or _text_waits()
 
 
 def at_the_page(
@@ -184,5 +184,5 @@ def _text_waits() -> bool:
     return waiting[0] > 0
 
 
-def _somebody_there() -> bool:
+def _is_interactive() -> bool:
     return sys.stdin.isatty() and sys.stderr.isatty()

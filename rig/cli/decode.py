@@ -35,7 +35,7 @@ from sim.coding.decoder_results import CodingError
 from sim.coding.decoders_by_search import error_surface
 from sim.coding.encoding import NOISE_PLACES, RATE_UNIT, SED_UNIT, Noise, NoisePlace, Receptor
 from sim.coding.operators import OPERATORS, ForwardOperator
-from sim.coding.readings_file import GivenReadings, pa_per_pseudo, read_readings
+from sim.coding.readings_file import FileReadings, pa_per_pseudo, read_readings
 from sim.coding.section import ENERGIES, HALF_LENGTH, SPACING_MM
 from sim.coding.shape_class import classify_solid
 from sim.coding.sheet import HALF_LENGTHS_MM, SheetOperator
@@ -461,7 +461,7 @@ def decode_command(
         checked_picture(picture)
         finger = load_config(config).finger
         source = _source(pressure, shape, readings, x_mm, doi_mm, finger)
-        whole = isinstance(source, GivenReadings) and (source.z_mm is not None or axial is not None)
+        whole = isinstance(source, FileReadings) and (source.z_mm is not None or axial is not None)
         task = DecodeTask(source, name, by, kind, receptor, added, at, sampling, half_lengths, search, finger)
         with busy(THE_FINGER if whole else "building the plane-strain section, about 1 s …", as_json=as_json):
             found = _decoded(task)
@@ -480,7 +480,7 @@ def _source(
     x_mm: float,
     doi_mm: float | None,
     finger: FingertipConfig,
-) -> Array | SectionPress | GivenReadings:
+) -> Array | SectionPress | FileReadings:
     if pressure is not None:
         return pressures_of(pressure)
     if shape is not None:

@@ -17,7 +17,7 @@ from rig.clock import Clock
 from rig.devices.base import Axis
 from rig.engine.dead_man import Direction
 from rig.errors import BadInputError, LimitError
-from rig.manual.jog import FASTEST_MM_S, ByHand, HeldWord, Moved
+from rig.manual.jog import FASTEST_MM_S, ByHand, HeldDirection, Moved
 from rig.plan.config import load_config
 from rig.settings import SLOWEST_MM_S
 
@@ -133,7 +133,7 @@ class HeldKey:
 
     def __init__(self, clock: Clock, read_keys: Callable[[], bytes | None]) -> None:
         """Take a function that returns the bytes typed since its last call, or None at the end of the input."""
-        self._held, self._read_keys = HeldWord(clock, RELEASED_S), read_keys
+        self._held, self._read_keys = HeldDirection(clock, RELEASED_S), read_keys
         self.finished = False
 
     def __call__(self) -> Direction | None:

@@ -20,7 +20,7 @@ from rig.control.stop import StageInHand
 from rig.devices.registry import stage_ports
 from rig.engine.bench_memory import BenchMemory
 from rig.errors import BadInputError
-from rig.manual.home_and_zero import unfelt
+from rig.manual.home_and_zero import no_force_readings
 from rig.manual.owner_process import HandOwner
 from rig.manual.status import HandLog
 from rig.plan.config import Config, load_config
@@ -139,4 +139,4 @@ def _bench(settings: Config, log: HandLog, stage: StageInHand) -> RealBench:
     try:
         return open_bench(settings, stage.clock, log, ask=lambda request: "", in_hand=stage)
     except PortError as error:
-        raise unfelt(error) if error.device == "force" else error from None
+        raise no_force_readings(error) if error.device == "force" else error from None

@@ -74,7 +74,7 @@ def runs_command(
         if table is not None:
             replace_text(table, _as_csv(found))
         if as_json:
-            print_json(_told_runs(found, broken, table))
+            print_json(_runs_json(found, broken, table))
             return
         for one in broken:
             complain(f"{runs / one.name}: {one.problem}")
@@ -134,7 +134,7 @@ def _as_csv(found: Sequence[IndexEntry]) -> str:
     return text.getvalue()
 
 
-def _told_runs(found: Sequence[IndexEntry], broken: Sequence[Summary], table: Path | None) -> dict[str, object]:
+def _runs_json(found: Sequence[IndexEntry], broken: Sequence[Summary], table: Path | None) -> dict[str, object]:
     runs = [{name: value for name, value in asdict(one.summary).items() if name != "problem"} for one in found]
     result: dict[str, object] = {"runs": runs}
     result["unreadable"] = [{"name": one.name, "problem_text": one.problem} for one in broken]

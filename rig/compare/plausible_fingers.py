@@ -28,7 +28,7 @@ from rig.compare.exceptions import FingersError
 from rig.compare.fit import Fit, fit_rates, predicted
 from rig.compare.stimuli import Stimulus
 from rig.data import Run
-from rig.plan.config import told_of
+from rig.plan.config import reraised_as
 from rig.plan.finger_file import TISSUE, FingerFile, finger_file_of, is_finger_file, refuse_flagged
 from rig.settings import Settings
 from rig.study.parallel import spread
@@ -121,7 +121,7 @@ class PlausibleFingers:
             table, _, key = name.rpartition(".")
             if table:
                 tree[table] = {**tree.get(table, {}), key: value}
-        with told_of(self.source, FingersError):
+        with reraised_as(self.source, FingersError):
             changed = FingertipConfig.model_validate(tree)
         named = ", ".join(f"{name} = {value:g}" for name, value in values.items())
         return DesignFinger(changed, values.get(_DEPTH, depth_mm), named)
@@ -154,7 +154,7 @@ def places(along: Sequence[float], free: int) -> Array:
 def read_plausible(path: Path) -> PlausibleFingers:
     """Read a file of ranges; raise FingersError if it is invalid."""
     source = f"--fingers {path}"
-    with told_of(source, FingersError):
+    with reraised_as(source, FingersError):
         content = path.read_bytes()
         tables = tomllib.loads(content.decode("utf-8-sig"))
         identified = is_finger_file(tables)

@@ -275,7 +275,7 @@ class Journal:
         """Close the file."""
         self.file.close()
 
-    def _unsaid(self, error: BaseException) -> str:
+    def _default_reason(self, error: BaseException) -> str:
         """Return the reason of an error without a message; an interrupt has the person or program behind it."""
         return self.interrupted_by() if isinstance(error, KeyboardInterrupt) else type(error).__name__
 
@@ -316,7 +316,7 @@ class Journal:
             if not self._stopped and error is not None:
                 status = next((name for known, name in _STATUS.items() if isinstance(error, known)), "failed")
                 with contextlib.suppress(RecordError):  # The first error is reported.
-                    self.stop(status, str(error) or self._unsaid(error))
+                    self.stop(status, str(error) or self._default_reason(error))
         finally:
             self.close()
 

@@ -40,7 +40,7 @@ class LastKnown(BaseModel):
         """Zero of the force sensor."""
         return None if self.zero_offset_n is None else ForceZero(self.zero_offset_n, self.zero_noise_gwt)
 
-    def stands_there(self, at: StageStatus) -> bool:
+    def is_where_left(self, at: StageStatus) -> bool:
         """Return whether a stage is still where it was left, homed."""
         if self.left_at_mm is None or at.state != "Idle":
             return False

@@ -405,7 +405,7 @@ class Engine:
         if by_mm > AT_MM:
             for _ in jog_up_from_rest(stage, self.clock, lambda: UP, speed_mm_s, by_mm, lambda at: None):
                 pass
-        self.motion.stands_at(stage.status())
+        self.motion.set_position(stage.status())
 
     def make_safe(self) -> None:
         """Lift after a failure elsewhere, if the stage is at rest and trusted; stop if the lift fails."""

@@ -75,7 +75,7 @@ class Motion:
     def home(self) -> None:
         """Home the stage. Raises StageError, and what a glance raises."""
         self._watched(self._stage.homing(), lambda at: None, self._stage.stop, None)
-        self.stands_at(self._stage.status())
+        self.set_position(self._stage.status())
 
     def aside(self, x_mm: float, along_mm: float, speed_mm_s: float) -> None:
         """Move sideways at the present height. Raises StageError, and what a glance raises."""
@@ -146,7 +146,7 @@ class Motion:
         except StrayedError as strayed:
             trusted = self._stage.homed
             self._stage.stop()  # At once: a halt would first slow down, farther the wrong way.
-            self.stands_at(strayed.at)
+            self.set_position(strayed.at)
             if not trusted:  # The stage has lost its position.
                 raise recast(StageError, strayed) from strayed
             raise
@@ -159,7 +159,7 @@ class Motion:
         if self._stage.homed:
             seen(self._stage.status())
 
-    def stands_at(self, at: StageStatus) -> None:
+    def set_position(self, at: StageStatus) -> None:
         """Take the position from a status."""
         self._be_over(at)
         self._be_at_height(at)

@@ -76,7 +76,7 @@ class ForceZero:
         """Return the zero from readings without contact (gwt)."""
         return cls(statistics.fmean(readings_gwt) * GWT_N, statistics.pstdev(readings_gwt), provisional)
 
-    def taken_off(self, reading: ForceReading) -> ForceReading:
+    def without_offset(self, reading: ForceReading) -> ForceReading:
         """Return the reading without the offset."""
         return replace(reading, force_n=reading.force_n - self.offset_n)
 
@@ -263,7 +263,7 @@ class Sensing:
         return self.zero
 
     def _from_zero(self, reading: ForceReading) -> ForceReading:
-        return reading if self.zero is None else self.zero.taken_off(reading)
+        return reading if self.zero is None else self.zero.without_offset(reading)
 
     def deflection_mm(self, force_gwt: float) -> float:
         """Return the deflection of the rig under a force (mm)."""

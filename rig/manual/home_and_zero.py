@@ -20,7 +20,7 @@ from rig.settings import RigSettings
 from rig.transport.wire import TransportError
 
 
-def unfelt(error: Exception) -> BadInputError:
+def no_force_readings(error: Exception) -> BadInputError:
     """Return the error for a motion without a reading from the sensor."""
     sentence = "{problem}; nothing was moved. To move without force readings, use --without-force"
     return around(BadInputError, sentence, error, code="not_felt")
@@ -31,7 +31,7 @@ def feel(sensing: Sensing) -> Sensing:
     try:
         sensing.connect()
     except (ForceError, TransportError) as error:
-        raise unfelt(error) from None
+        raise no_force_readings(error) from None
     return sensing
 
 
@@ -47,7 +47,7 @@ def at_hand(
     guard = None
     if sensing is not None:
         sensing.zero, guard = known.zero, Guard(settings, sensing)
-    placed = stage.homed or known.stands_there(stage.status())
+    placed = stage.homed or known.is_where_left(stage.status())
     memory.moves()
     hand = ByHand(settings, stage, clock, guard, show, placed=placed)
     hand.keep_contact, hand.may_touch = memory.touched, known.contact is None or known.contact.may_touch
@@ -70,7 +70,7 @@ def home(settings: RigSettings, bench: Bench, sensing: Sensing) -> KnownContact:
         with stopped_at_once(engine):
             verbs.home(engine)
     except ForceError as error:
-        raise unfelt(error) from None
+        raise no_force_readings(error) from None
     return engine.known_contact
 
 

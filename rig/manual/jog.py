@@ -278,7 +278,7 @@ FASTEST_MM_S = 10.0
 """Highest speed of manual control (mm/s), in any direction; the finger's own limit applies downwards as well."""
 
 
-class HeldWord:
+class HeldDirection:
     """Last direction held, valid for counts_s from its signal."""
 
     def __init__(self, clock: Clock, counts_s: float) -> None:

@@ -10,7 +10,7 @@ from rig.clock import Clock
 from rig.devices.base import Axis
 from rig.engine.dead_man import Direction
 from rig.errors import LimitError, NotReadyError, plain_rule
-from rig.manual.jog import FASTEST_MM_S, HeldWord
+from rig.manual.jog import FASTEST_MM_S, HeldDirection
 from rig.settings import SLOWEST_MM_S
 
 HOLD_S = 0.25
@@ -63,7 +63,7 @@ class Holds:
     """
 
     def __init__(self, clock: Clock) -> None:
-        self._clock, self._held = clock, HeldWord(clock, HOLD_S)
+        self._clock, self._held = clock, HeldDirection(clock, HOLD_S)
         self.press: HoldRequest | None = None  # moves the stage or is about to, until `end`
         self._over: dict[str, int] = {}  # last press of each tab that has ended
 

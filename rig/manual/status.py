@@ -150,7 +150,7 @@ class HandStatus:
             self.unread(f"the force reading is {reading.force_n}, not a number")
             return
         zero = self._sensing.zero
-        force_gwt = (reading if zero is None else zero.taken_off(reading)).force_n / GWT_N
+        force_gwt = (reading if zero is None else zero.without_offset(reading)).force_n / GWT_N
         unix_s = self._clock.unix_s() - (self._clock.monotonic_s() - reading.t_s)
         with self._lock:
             self._force_gwt, self._read_unix_s, self._problems["force"] = force_gwt, unix_s, None

@@ -314,7 +314,7 @@ def as_toml(value: Any) -> str:
 
 
 @contextmanager
-def told_of(where: str, error: Callable[..., RigError]) -> Iterator[None]:
+def reraised_as(where: str, error: Callable[..., RigError]) -> Iterator[None]:
     """Re-raise errors of reading and validating a TOML file as `error`, with `where` in front."""
     try:
         yield

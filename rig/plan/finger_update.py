@@ -50,7 +50,7 @@ def learned(run: Run, finger: Fingertip) -> FingerFile | None:
     identified = config.identified
     for one in seen:
         predicted = answers(finger, parse_shape(one.indentor), one.x_mm, one.target, one.pace, identified)
-        identified = taken_in(identified, np.log(predicted.held_gwt), one)
+        identified = updated_by(identified, np.log(predicted.held_gwt), one)
     tissue = config.finger.tissue.model_copy(update=_middle(identified.draw))
     sha256 = hashlib.sha256(run.folder.events.read_bytes()).hexdigest()
     about = {
@@ -85,7 +85,7 @@ def _together(press: tuple[str, float, Target, Pace], alike: Sequence[tuple[floa
     return ReferenceForce(*press, float(logs.mean()), float(variances.mean() / len(logs)))
 
 
-def taken_in(identified: IdentifiedFinger, ln_predicted: Array, seen: ReferenceForce) -> IdentifiedFinger:
+def updated_by(identified: IdentifiedFinger, ln_predicted: Array, seen: ReferenceForce) -> IdentifiedFinger:
     """Return the identification after one observation, given the predictions (draws,)."""
     spread = float(ln_predicted.var(ddof=1))
     if spread < _LEAST_SPREAD:

@@ -123,7 +123,7 @@ def left_on_record(runs: Path, config: Config) -> str | None:
 
     Without a record of the bench, only the journals in runs/ count.
     """
-    return careful_of(last_left(runs, config), config)
+    return careful_of(last_ending(runs, config), config)
 
 
 def careful_of(left: Ending | None, config: Config) -> str | None:
@@ -137,7 +137,7 @@ def careful_of(left: Ending | None, config: Config) -> str | None:
     return f"{known.words}; {known.to_do}" if ended is None else f"{ended}; on record: {known.words}"
 
 
-def last_left(runs: Path, config: Config) -> Ending | None:
+def last_ending(runs: Path, config: Config) -> Ending | None:
     """Return the ending of the last real run on this stage, if the indentor may still touch the finger.
 
     `runs` is the folder of run folders. A run that another process carries out does not count.

@@ -22,7 +22,7 @@ from typing import Annotated, Any, ClassVar, Protocol, Self, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from rig.plan.config import told_of
+from rig.plan.config import reraised_as
 from rig.study.exceptions import StudyError
 from sim.config import FingertipConfig
 from sim.contact.indentor import ALONG
@@ -150,7 +150,7 @@ Row = dict[str, Any]
 
 def read_study(path: Path) -> list[Case]:
     """Return every combination, grouped by finger; raise StudyError if the file is invalid."""
-    with told_of(f"study {path}", StudyError):
+    with reraised_as(f"study {path}", StudyError):
         study = StudyFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8-sig")))
         return list(_cases(study, path.parent))
 

@@ -32,7 +32,7 @@ Placed = Callable[[int, tuple[float, ...]], tuple[float, ...]]
 
 
 @dataclass(frozen=True)
-class GivenReadings:
+class FileReadings:
     """Readings of m receptors, ordered by location.
 
     Attributes
@@ -67,7 +67,7 @@ def pa_per_pseudo(finger: FingertipConfig) -> float:
     return 1e6 * finger.tissue.e_epidermis_mpa / PSEUDO_E_EPIDERMIS
 
 
-def read_readings(path: Path, finger: FingertipConfig) -> GivenReadings:
+def read_readings(path: Path, finger: FingertipConfig) -> FileReadings:
     """Read a row or a sheet of receptors (columns in `docs/coding.md`).
 
     Parameters
@@ -79,7 +79,7 @@ def read_readings(path: Path, finger: FingertipConfig) -> GivenReadings:
 
     Returns
     -------
-    GivenReadings
+    FileReadings
 
     Raises
     ------
@@ -144,7 +144,7 @@ class _Rows:
         """Whether receptors are spread along the finger too."""
         return self.columns[-1] == "z_mm"
 
-    def checked(self, finger: FingertipConfig) -> GivenReadings:
+    def checked(self, finger: FingertipConfig) -> FileReadings:
         fewest = FEWEST_OF_SHEET if self.sheet else FEWEST
         if not fewest <= len(self.numbered) <= MOST:
             raise TableError(
@@ -162,7 +162,7 @@ class _Rows:
         known = {name: values / unit for name, values in zip(self.noise, noise, strict=True)}
         location, depth, *along = locations[order].T
         z_mm = along[0] if along else None
-        return GivenReadings(self.kind, location, depth, reading / unit, known.get("sd"), known.get("at_rest"), z_mm)
+        return FileReadings(self.kind, location, depth, reading / unit, known.get("sd"), known.get("at_rest"), z_mm)
 
     def _refused(self, code: str, n: int, column: str, value: float, expected: str) -> TableError:
         return TableError(

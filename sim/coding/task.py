@@ -32,7 +32,7 @@ from sim.coding.operators import (
     weighted,
 )
 from sim.coding.pressure import contact_pressure, frictionless
-from sim.coding.readings_file import GivenReadings, checked_pressures
+from sim.coding.readings_file import FileReadings, checked_pressures
 from sim.coding.receptor_readings import QUIET_SD, Readings, sd_at_rest
 from sim.coding.section import SPACING_MM, Energy, SampledSection, Sampling, receptor_section, sampled_section, sed_of
 from sim.coding.sheet import (
@@ -248,7 +248,7 @@ class DecodeTask:
 
     Parameters
     ----------
-    source : sequence of float, SectionPress or GivenReadings
+    source : sequence of float, SectionPress or FileReadings
         Pressures (pseudo-units) or a press, as for `EncodeTask`; or readings, from `read_readings`.
     decoder : {"bayes", "univariate", "grid", "table", "global"}
         Only `bayes` gives standard deviations and bands, and only it decodes sheets and axial shapes. The old name
@@ -263,7 +263,7 @@ class DecodeTask:
     noise : Noise, optional
         Noise to add to encoded pressures.
     noise_at : {"receptor", "output"}
-        Where the noise of `GivenReadings` enters.
+        Where the noise of `FileReadings` enters.
     sampling : Sampling
         Spacing of the pressures (mm), and of the receptors that encode.
     axial_mm : tuple of float
@@ -275,7 +275,7 @@ class DecodeTask:
         Parameters of the finger.
     """
 
-    source: Sequence[float] | Array | SectionPress | GivenReadings
+    source: Sequence[float] | Array | SectionPress | FileReadings
     decoder: DecoderName = "bayes"
     operator: OperatorName | None = None
     energy: Energy = "finite"
@@ -435,7 +435,7 @@ def decode_task(task: DecodeTask) -> DecodeResult:
 
 def observe(task: DecodeTask) -> Observation:
     """Encode a load or take the readings, and make the operator that explains them. Raises as `decode_task`."""
-    if isinstance(task.source, GivenReadings):
+    if isinstance(task.source, FileReadings):
         if task.axial_mm:
             return best_explained(_of_row(task, task.source))
         return _of_readings(task, task.source)
@@ -623,7 +623,7 @@ def noise_of(encoded: Encoded, receptor: Receptor | None, noise: Noise | None) -
     return ReadingNoise(np.full(m, unit * encoded.noise_sd), "told", noise.at)
 
 
-def _of_readings(task: DecodeTask, readings: GivenReadings) -> Observation:
+def _of_readings(task: DecodeTask, readings: FileReadings) -> Observation:
     """Return readings with pressures between the outermost receptors at the sampling's spacing.
 
     Unless the decoder finds contacts, there are no more pressures than readings, linear in between.
@@ -654,7 +654,7 @@ def _of_readings(task: DecodeTask, readings: GivenReadings) -> Observation:
     return Observation(operator, readings.reading, task.receptor, _noise(task, readings))
 
 
-def _of_row(task: DecodeTask, readings: GivenReadings) -> list[Observation]:
+def _of_row(task: DecodeTask, readings: FileReadings) -> list[Observation]:
     """Return one observation for each axial ellipse, with pressures in the receptor plane of the whole finger."""
     _refuse_kind(task, readings)
     if readings.z_mm is not None:
@@ -681,7 +681,7 @@ def _of_row(task: DecodeTask, readings: GivenReadings) -> list[Observation]:
     ]
 
 
-def _refuse_kind(task: DecodeTask, readings: GivenReadings) -> None:
+def _refuse_kind(task: DecodeTask, readings: FileReadings) -> None:
     if readings.kind == "rate" and task.receptor is None:
         raise CodingError(
             "{readings} with a column {column} requires {gain} and {threshold}; add them",
@@ -694,13 +694,13 @@ def _refuse_kind(task: DecodeTask, readings: GivenReadings) -> None:
         )  # fmt: skip
 
 
-def _on_patch(readings: GivenReadings, place_mm: Array) -> tuple[float, float]:
+def _on_patch(readings: FileReadings, place_mm: Array) -> tuple[float, float]:
     """Return the range from the first to the last receptor, limited to the patch."""
     low, high = np.clip(readings.place_mm[[0, -1]], place_mm.min(), place_mm.max()).tolist()
     return low, high
 
 
-def _over_sheet(task: DecodeTask, readings: GivenReadings, z_mm: Array) -> ForwardOperator:
+def _over_sheet(task: DecodeTask, readings: FileReadings, z_mm: Array) -> ForwardOperator:
     """Return the operator of pressures over x and z between the outermost receptors, limited to the patch."""
     apart = max(task.sampling.spacing_mm, SHEET_SPACING_MM)
     along_x = _places("x_mm", readings.place_mm, 0.0, apart)
@@ -728,7 +728,7 @@ def _places(name: str, receptors_mm: Array, middle_mm: float, apart_mm: float) -
     return np.asarray(0.5 * (low + high) + centred(n, apart_mm))
 
 
-def _noise(task: DecodeTask, readings: GivenReadings) -> ReadingNoise | None:
+def _noise(task: DecodeTask, readings: FileReadings) -> ReadingNoise | None:
     if readings.sd is not None:
         return ReadingNoise(readings.sd, "given in the file", task.noise_at)
     if readings.at_rest is not None:

@@ -104,7 +104,7 @@ class PressProcess(ForceProcess[Pose, PressAnswer]):
         super().__init__(partial(_pressing, config, indentor, truth))
 
 
-def told(error: Exception) -> str:
+def message_of(error: Exception) -> str:
     """Return the message of a user error, else the error's type and message."""
     return str(error) if isinstance(error, (ModelRangeError, ShapeError)) else f"{type(error).__name__}: {error}"
 
@@ -119,7 +119,7 @@ def _serve(
         answer = begin()
     except Exception as error:
         problem = error.code if isinstance(error, SimError) else type(error).__name__
-        far.send(FingerNotLoadedError("virtual finger: {problem}", problem=told(error), problem_code=problem))
+        far.send(FingerNotLoadedError("virtual finger: {problem}", problem=message_of(error), problem_code=problem))
         return
     threadpool_limits(1)  # on a busy machine, the threads of a small sum wait for each other
     far.send(None)
@@ -145,7 +145,7 @@ def _answer(press: PressedFinger, pose: Pose) -> PressAnswer:
     try:
         force, problem = press.force_n(pose), ""
     except Exception as error:  # a press outside the model must not end this process
-        force, problem = math.nan, told(error)
+        force, problem = math.nan, message_of(error)
     return PressAnswer(pose, force, time.perf_counter() - began, problem)
 
 
@@ -224,7 +224,7 @@ class Going:
         try:
             return moved.moved_to(leg.pose, leg.step_s), moved
         except Exception as error:  # a press outside the model must not end this process
-            self._problem = told(error)
+            self._problem = message_of(error)
             return math.nan, press
 
 

@@ -15,7 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from sim.models.stiffening import ENERGY, FORCE, DimensionlessPress, Energy, ReceptorPress, ForceFactor, log_energy, log_force
+from sim.models.stiffening import (
+    ENERGY,
+    FORCE,
+    DimensionlessPress,
+    Energy,
+    ForceFactor,
+    ReceptorPress,
+    log_energy,
+    log_force,
+)
 from studies.finite_strain.tables import kept_ratios
 from studies.stiffening.fingers import finger
 from studies.stiffening.twins import Pair, kept_pairs, pressed

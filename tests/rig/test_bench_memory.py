@@ -23,7 +23,7 @@ def test_of_a_bench_that_nobody_used_nothing_is_known(memory: BenchMemory) -> No
     known = memory.read()
     assert known == LastKnown()
     assert known.zero is None
-    assert not known.stands_there(AT)
+    assert not known.is_where_left(AT)
 
 
 @pytest.mark.parametrize(
@@ -40,7 +40,7 @@ def test_a_stage_stands_where_it_was_left_only_at_rest_and_to_three_micrometres(
 ) -> None:
     memory.left(AT)
     assert memory.read().left_at_mm == (-3.0, -2.0, -1.5)
-    assert memory.read().stands_there(at) is there
+    assert memory.read().is_where_left(at) is there
 
 
 def test_as_soon_as_something_moves_its_place_is_not_known_and_the_zero_still_is(memory: BenchMemory) -> None:
@@ -58,7 +58,7 @@ def test_benches_are_told_apart_by_both_ports(memory: BenchMemory) -> None:
     for table in ("stage", "force"):
         other = BenchMemory(RigSettings.model_validate({table: {"port": "/dev/ttyX"}}))
         assert other.read() == LastKnown()
-    assert BenchMemory(RigSettings()).read().stands_there(AT)
+    assert BenchMemory(RigSettings()).read().is_where_left(AT)
 
 
 @pytest.mark.parametrize("text", ["", "{", '{"left_at_mm": "here"}', "[]"])

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from pydantic import BaseModel, Field, ValidationError
 
 from rig.errors import BadInputError, first_problem
-from rig.plan.config import Config, load_config, told_of
+from rig.plan.config import Config, load_config, reraised_as
 from rig.study.exceptions import StudyError
 from tests.error_codes import has_code, raises
 
@@ -307,5 +307,5 @@ def test_the_first_thing_that_is_wrong_with_a_toml_file(
 ) -> None:
     if content is not None:
         toml.write_bytes(content)
-    with raises(StudyError, code, where="study s", **fields), told_of("study s", StudyError):
+    with raises(StudyError, code, where="study s", **fields), reraised_as("study s", StudyError):
         _Two.model_validate(tomllib.loads(toml.read_bytes().decode()))

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.rig.test_last_left import run
 
 from rig.bench.checks import contact as printed_contact
 from rig.data.run import read_run
@@ -28,7 +29,6 @@ from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, TARGET, FaultyBench
 from tests.error_codes import raises
-from tests.rig.test_last_left import run
 
 TOUCH_GWT = 0.05
 FORCES: dict[ContactKind, float | None] = {
@@ -282,7 +282,7 @@ def test_a_late_cell_and_a_slow_one_are_waited_for(bench: FaultyBench) -> None:
     bench.engine._below_clearance()
     z_mm = bench.config.frame.apex_z_mm - 0.8
     bench.stage.move_to(z_mm=z_mm, speed_mm_s=1.0)
-    bench.engine.motion.stands_at(bench.stage.status())
+    bench.engine.motion.set_position(bench.stage.status())
     bench.engine.sensing.moved = True
     bench.clock.wait_s(1.0)
     verbs.retract(bench.engine)

@@ -7,7 +7,7 @@ import pytest
 
 from rig.engine.dead_man import Direction
 from rig.errors import LimitError, NotReadyError
-from rig.manual.jog import FASTEST_MM_S, HeldWord
+from rig.manual.jog import FASTEST_MM_S, HeldDirection
 from rig.manual.orders import AHEAD_S, HOLD_S, HoldRequest, Holds, Orders
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
@@ -34,7 +34,7 @@ def a_hold(clock: VirtualClock, ago_s: float = 0.0, **other: Any) -> HoldRequest
 
 
 def test_what_is_said_counts_for_so_long_from_when_it_was_so(clock: VirtualClock) -> None:
-    held = HeldWord(clock, 0.25)
+    held = HeldDirection(clock, 0.25)
     assert held() is None
     held.say(X_UP, 0.1)
     clock.wait_s(0.1499)
@@ -44,7 +44,7 @@ def test_what_is_said_counts_for_so_long_from_when_it_was_so(clock: VirtualClock
 
 
 def test_what_was_said_later_counts_on_and_another_way_counts_from_its_own_time(clock: VirtualClock) -> None:
-    held = HeldWord(clock, 0.25)
+    held = HeldDirection(clock, 0.25)
     held.say(X_UP)
     held.say(X_UP, 0.2)
     clock.wait_s(0.24)

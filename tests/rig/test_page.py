@@ -70,7 +70,7 @@ def rig(opened: list[Any], program: Program, monkeypatch: pytest.MonkeyPatch, tm
     (tmp_path / "rig.toml").write_text(FRAME_NEAR_HOME + ports, encoding="utf-8")
 
     def run(*arguments: str, typed: str | None = None) -> Ended:
-        monkeypatch.setattr(confirming, "_somebody_there", lambda: typed is not None)
+        monkeypatch.setattr(confirming, "_is_interactive", lambda: typed is not None)
         return program(*arguments, typed=typed or "")
 
     return run

@@ -346,7 +346,7 @@ def real(
 
     monkeypatch.setattr(sessions, "open_bench", open_bench)
     monkeypatch.setattr(StageInHand, "open", lambda stage: stage)
-    monkeypatch.setattr(confirming, "_somebody_there", lambda: True)
+    monkeypatch.setattr(confirming, "_is_interactive", lambda: True)
     monkeypatch.setattr(confirming, "_BUTTON_S", 0.2)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.py").write_text(SCRIPT, encoding="utf-8")

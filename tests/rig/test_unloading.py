@@ -95,7 +95,7 @@ class Pressed:
         depth_mm = PREDICTED.doi_mm * (force_gwt * GWT_N / PREDICTED.force_n) ** (1 / PREDICTED.exponent)
         z_mm = bench.config.frame.apex_z_mm + PREDICTED.contact_mm - depth_mm
         bench.stage.move_to(z_mm=round(z_mm, 4), speed_mm_s=5.0)
-        bench.engine.motion.stands_at(bench.stage.status())
+        bench.engine.motion.set_position(bench.stage.status())
         bench.engine._below_clearance()
         bench.engine.sensing.moved = True
         if not zeroed:
@@ -122,7 +122,7 @@ def test_it_goes_to_the_end_of_its_way(
 @pytest.mark.parametrize("sign", [1, -1], ids=["push", "pull"])
 @pytest.mark.parametrize("stage", STAGES)
 def test_a_force_that_grows_does(tmp_path: Path, stage: str, sign: int) -> None:
-    """Something comes along, or the skin sticks: the motion ends, and the way goes on unfelt, as from every trip."""
+    """Something comes along, or the skin sticks: the motion ends, and the way up stays free, as after every trip."""
     bench = Pressed(tmp_path, stage).bench(8.0, zeroed=True)
     from_s = bench.clock.monotonic_s() + 0.3
     bench.extra_n = lambda t_s: sign * 25 * GWT_N if from_s < t_s < from_s + 1.0 else 0.0

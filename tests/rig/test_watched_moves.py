@@ -184,7 +184,7 @@ def test_before_the_first_zero_a_force_counts_from_what_was_there_before_the_mot
 
 
 def test_a_sensor_beyond_its_range_is_left_by_homing_and_by_nothing_else() -> None:
-    """Pressed in before the program began: homing lifts first; sideways nothing goes unfelt."""
+    """Pressed in before the program began: homing lifts first; no sideways motion goes unfelt."""
     bench = Watched(GRBL)
     bench.hand.force_gwt = lambda t_s: 500.0
     verbs.home(bench.engine)

@@ -11,7 +11,7 @@ from sim.coding.decoder_results import CodingError
 from sim.coding.readings_file import (
     FEWEST,
     MOST,
-    GivenReadings,
+    FileReadings,
     checked_pressures,
     pa_per_pseudo,
     read_pressures,
@@ -23,12 +23,12 @@ from tests.error_codes import raises
 
 FINGER = FingertipConfig()
 PA = pa_per_pseudo(FINGER)
-Read = Callable[..., GivenReadings]
+Read = Callable[..., FileReadings]
 
 
 @pytest.fixture
 def read(tmp_path: Path) -> Read:
-    def of(header: str, *rows: str) -> GivenReadings:
+    def of(header: str, *rows: str) -> FileReadings:
         (tmp_path / "r.csv").write_text("\n".join([header, *rows]) + "\n", encoding="utf-8")
         return read_readings(tmp_path / "r.csv", FINGER)
 

@@ -215,11 +215,11 @@ def read_table(
     for name in required:
         if name not in header:
             problem = "{path}, row 1: the column {column} is missing; the columns are {columns}"
-            raise _wrong_header(problem, "no_column", path, name, told(required, optional))
+            raise _wrong_header(problem, "no_column", path, name, column_list(required, optional))
     for name in header:
         if (name not in wanted and not others) or (name in wanted and header.count(name) > 1):
             problem = "{path}, row 1: the column {column!r} is unknown or repeated; the columns are {columns}"
-            raise _wrong_header(problem, "extra_column", path, name, told(required, optional))
+            raise _wrong_header(problem, "extra_column", path, name, column_list(required, optional))
     rows = []
     for number, cells in enumerate(lines[1:], 2):
         if not any(cells):
@@ -243,7 +243,7 @@ def _wrong_header(sentence: str, code: str, path: Path, column: str, columns: st
     return RecordingError(sentence, code=code, path=str(path), column=column, columns=columns)
 
 
-def told(required: Sequence[str], optional: Sequence[str] = ()) -> str:
+def column_list(required: Sequence[str], optional: Sequence[str] = ()) -> str:
     """Columns as one writes them: "position_mm,rate[,sd]"."""
     return ",".join(required) + "".join(f"[,{name}]" for name in optional)
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
-from rig.compare.recordings.columns import no_rows, read_table, told
+from rig.compare.recordings.columns import column_list, no_rows, read_table
 from sim.contact.patch import Z
 from sim.models.result import IndentationResult
 
@@ -36,7 +36,7 @@ def read_skin_deflection(path: Path) -> SkinDeflection:
     """A measured deflection. Raises RecordingError with row and column."""
     rows = read_table(path, ("deflection_mm",), _COLUMNS)
     if not rows:
-        raise no_rows(path, told(("deflection_mm",), _COLUMNS))
+        raise no_rows(path, column_list(("deflection_mm",), _COLUMNS))
     given = [name for name in _COLUMNS if name in rows[0].cells]
     if not given:
         raise RecordingError("{path}, row 1: must have a column x_mm, z_mm, or both", code="no_place", path=str(path))

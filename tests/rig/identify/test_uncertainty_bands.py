@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import norm
 
 from rig.plan.finger_model import Answers, band_of, left_of
-from rig.plan.finger_update import ReferenceForce, taken_in
+from rig.plan.finger_update import ReferenceForce, updated_by
 from rig.plan.plan import Plan
 from rig.records import Pace, PlannedIndentation, PredictionBand, Target
 from sim.models.relaxation import Memory, Prony, PronyTerm
@@ -101,7 +101,7 @@ def test_a_reference_moves_the_likely_fingers_as_bayes_has_it() -> None:
     z = np.log([draw.stiffness for draw in identified.draw])
     noise = 0.02**2 + 1e-4
     seen = ReferenceForce("bar:3.0", 0.0, Target("doi_mm", 0.5), PACE, 0.3, 1e-4)
-    after = taken_in(identified, z, seen)
+    after = updated_by(identified, z, seen)
     moved = np.log([draw.stiffness for draw in after.draw])
     prior = z.var(ddof=1)
     assert moved.mean() == pytest.approx(0.3 * prior / (prior + noise))
@@ -118,11 +118,11 @@ def test_a_reference_moves_the_likely_fingers_as_bayes_has_it() -> None:
 def test_what_every_likely_finger_says_teaches_nothing() -> None:
     identified = identified_file().identified
     seen = ReferenceForce("bar:3.0", 0.0, Target("doi_mm", 0.5), PACE, 0.3, 1e-4)
-    assert taken_in(identified, np.zeros(8), seen) == identified
+    assert updated_by(identified, np.zeros(8), seen) == identified
 
 
 def test_moduli_stay_where_fingers_are_interpolated() -> None:
     identified = identified_file(spread=0.2).identified
     z = np.log([draw.stiffness for draw in identified.draw])
-    far = taken_in(identified, z, ReferenceForce("bar:3.0", 0.0, Target("doi_mm", 0.5), PACE, 9.0, 1e-4))
+    far = updated_by(identified, z, ReferenceForce("bar:3.0", 0.0, Target("doi_mm", 0.5), PACE, 9.0, 1e-4))
     assert {draw.e_fat for draw in far.draw} == {0.02}

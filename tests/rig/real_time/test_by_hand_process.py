@@ -182,7 +182,7 @@ def test_while_it_jogs_a_signal_ends_it_at_rest(
     stage = GrblStage(open_port(load_config(config).stage.port, 115200), CLOCK)
     at = until(lambda: (now := stage.look()).state in ("Idle", "Alarm") and now)
     stage.close()
-    assert known.stands_there(at) is kept
+    assert known.is_where_left(at) is kept
     assert at.x_mm > -8.0
 
 

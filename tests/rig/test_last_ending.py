@@ -8,7 +8,7 @@ import pytest
 
 from rig.data.folder import FolderBusyError, RunFolder
 from rig.plan.config import Config
-from rig.session.resume import last_left
+from rig.session.resume import last_ending
 
 HERE = Config.model_validate({"stage": {"port": "here"}})
 HELD = {"left": "held", "may_touch": True, "x_mm": 0.5, "height_mm": -0.4, "trusted": True}
@@ -32,13 +32,13 @@ def run(runs: Path, name: str, at: dict[str, Any] | None, *, ports: str = "here"
 
 
 def _reason(runs: Path) -> str | None:
-    left = last_left(runs, HERE)
+    left = last_ending(runs, HERE)
     return None if left is None else left.reason
 
 
 def test_where_there_are_no_runs_nothing_was_left(tmp_path: Path) -> None:
-    assert last_left(tmp_path / "none", HERE) is None
-    assert last_left(tmp_path, HERE) is None
+    assert last_ending(tmp_path / "none", HERE) is None
+    assert last_ending(tmp_path, HERE) is None
 
 
 @pytest.mark.parametrize(("at", "told"), [(HELD, "2"), (LIFTED, None), ({}, None), (None, KILLED)])
@@ -52,7 +52,7 @@ def test_the_last_one_counts(tmp_path: Path, at: dict[str, Any] | None, told: st
 
 def test_what_it_left_is_told_as_it_was_recorded(tmp_path: Path) -> None:
     folder = run(tmp_path, "1", HELD)
-    left = last_left(tmp_path, HERE)
+    left = last_ending(tmp_path, HERE)
     assert left is not None
     assert (left.at.left, left.at.may_touch, left.at.x_mm, left.at.height_mm) == ("held", True, 0.5, -0.4)
     assert left.resume == f"rig resume {folder}"
@@ -78,4 +78,4 @@ def test_one_that_another_process_is_at_is_none_of_ours(tmp_path: Path) -> None:
     assert KILLED in str(_reason(tmp_path))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(RunFolder, "owned", lambda self: (_ for _ in ()).throw(FolderBusyError(f"{later}: busy")))
-        assert last_left(tmp_path, HERE) is None
+        assert last_ending(tmp_path, HERE) is None
