@@ -56,6 +56,7 @@ def test_a_pickle_of_0_1_is_read(module: str, name: str) -> None:
     ("module", "old", "new"),
     [
         ("sim.coding.encoding", "Readings", "sim.coding.receptor_readings.Readings"),
+        ("sim.coding.pressure", "borne_by", "sim.coding.pressure.contact_pressure"),
         ("sim.coding.section", "felt_section", "sim.coding.section.receptor_section"),
         ("sim.devices.line", "ForceTold", "sim.devices.line.VirtualForceSpec"),
         ("sim.devices.line", "StageTold", "sim.devices.line.VirtualStageSpec"),
