@@ -2,6 +2,8 @@
 
 import ast
 import re
+import shutil
+import subprocess
 import tomllib
 from pathlib import Path
 
@@ -66,6 +68,40 @@ def test_every_study_that_is_named_can_be_run() -> None:
         for name in re.findall(r"python3? -m (studies[\w.]*)", page.read_text(encoding="utf-8")):
             path = ROOT / Path(*name.split("."))
             assert path.with_suffix(".py").exists() or (path / "__main__.py").exists(), f"{page}: {name}"
+
+
+FOREIGN = {
+    "bfb67f0",
+    "9bdd165",
+    "c9f6b81",
+    "8689918",
+}  # of grbl, grbl-sim, grblHAL and its core: docs/validation/devices.md
+
+
+def _commits(text: str) -> set[str]:
+    """Seven or eight hexadecimal digits, letters among them, or behind the word commit."""
+    found = re.findall(r"\b(?=[\da-f]*[a-f])(?=[\da-f]*\d)[\da-f]{7,8}\b|(?<=commit )[\da-f]{7,8}\b", text)
+    return {*found} - FOREIGN
+
+
+@pytest.mark.skipif(
+    shutil.which("git") is None or not (ROOT / ".git").exists() or (ROOT / ".git" / "shallow").exists(),
+    reason="needs the history",
+)
+def test_every_commit_that_is_named_exists() -> None:
+    pages = (*DOCS, ROOT / "CHANGELOG.md", ROOT / "studies" / "registry.toml")
+    named = {commit: page.name for page in pages for commit in _commits(page.read_text(encoding="utf-8"))}
+    assert len(named) > 60
+    asked = subprocess.run(
+        ["git", "cat-file", "--batch-check"],
+        input="\n".join(named),
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    answers = zip(named.items(), asked.stdout.splitlines(), strict=True)
+    assert [(commit, page) for (commit, page), answer in answers if " commit " not in answer] == []
 
 
 def test_every_package_is_held_to_its_types() -> None:
