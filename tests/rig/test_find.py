@@ -14,9 +14,10 @@ from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
 from rig.session.session import NewRun, Session, dry_run
+from sim.carriage import Pose, Truth, Turn
 from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.plant import Pose, PressedFinger, Truth, Turn
+from sim.plant import PressedFinger
 from tests.error_codes import raises
 
 TRUTH = {"pad_centre_x_mm": 0.4, "apex_z_mm": -0.15, "pad_y_mm": 0.5, "roll_deg": 4.0, "tilt_deg": -3.0}
