@@ -91,7 +91,7 @@ def _round(profile: IndentorProfile, at_mm: tuple[float, ...], skin: SkinSurface
 
 @lru_cache(maxsize=_SKINS_KEPT)
 def _grid_of(skin: SkinSurface) -> tuple[tuple[Array, Array], Array, Array]:
-    """Return the ends (2, 1) of the skin that can be touched, points (2, k) of it, and its heights (k,) there in mm."""
+    """Return the ends (2, 1) of the skin that can be touched, points (2, k) of it, and heights (k,) there in mm."""
     ends = np.array([skin.ridge.x[[0, -1]], skin.crest.x[[0, -1]]])
     sides = [np.arange(low, high, _ROUND_GRID_MM) for low, high in ends]
     grid = np.stack([side.ravel() for side in np.meshgrid(*sides, indexing="ij")])
