@@ -1,6 +1,7 @@
 """Every study as a page, read off `studies/registry.toml`; and below each table of a page, the study behind it."""
 
 import re
+from functools import cache
 
 from studies.registry import QUOTED, Study, owners, studies
 
@@ -39,9 +40,14 @@ def _section(study: Study) -> str:
     return "\n\n".join(line for line in lines if line) + "\n"
 
 
+@cache
+def _owners() -> dict[str, Study]:
+    return owners(studies())
+
+
 def provenance(text: str, up: str) -> str:
     """Return a page with study, commit and CSV above each table."""
-    owner = owners(studies())
+    owner = _owners()
 
     def named(found: re.Match[str]) -> str:
         name = found["file"] or found["written"]

@@ -14,7 +14,7 @@ From the bottom up, each package using only those above it in this list:
 - `measures`: receptors under the skin, their strain, the 18 measures.
 - `models`: finger, section and half-space with one interface; start at `models/catalogue.py`.
 - `identification`: finger parameters from a few presses. `coding`: pressure on the skin to receptors, and back.
-- `plant`: finger and stage under the virtual devices. `serve`: the same in real time, behind ports.
+- `carriage` and `plant`: stage and finger under the virtual devices. `serve`: the same in real time, behind ports.
 - `benchmark` and `cheapest_model`: cost and error of each model, and the cheapest one for a task.
 """
 

@@ -1,4 +1,4 @@
-"""Virtual screws and finger: the indentor's true position, and the resulting force."""
+"""Finger under an indentor: the force at the carriage's successive poses."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -6,8 +6,12 @@ from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 
 from scipy.optimize import brentq
-from scipy.spatial.transform import Rotation
 
+from sim.carriage import AS_MODELLED, STRAIGHT, Carriage, Pose, TruePose, Truth
+from sim.carriage import Placement as Placement  # as in 0.2
+from sim.carriage import Screws as Screws
+from sim.carriage import StepsAt as StepsAt
+from sim.carriage import Turn as Turn
 from sim.contact.indentor import Indentor, Revolved
 from sim.contact.patch import Z
 from sim.contact.profiles import Cylinder
@@ -23,101 +27,6 @@ _WARM_MOVE_MM = 0.1
 _FARTHEST_ONWARD = 2.0  # largest extrapolation / distance between the last two states
 _DEPTH_TOLERANCE_MM = 1e-6
 _POSITIONS_CACHED = 64
-
-StepsAt = Callable[[float], tuple[int, int, int]]
-
-
-@dataclass(frozen=True)
-class Screws:
-    """True steps per millimeter of travel: x lateral, z vertical, y along the finger."""
-
-    x_steps_per_mm: float = 400.0
-    z_steps_per_mm: float = 400.0
-    y_steps_per_mm: float = 400.0
-
-
-@dataclass(frozen=True)
-class Placement:
-    """True position of the finger, in mm of true carriage travel from the home switches."""
-
-    pad_centre_x_mm: float = -30.0
-    apex_z_mm: float = -25.0  # carriage height with the indentor's lowest point at the apex
-    pad_y_mm: float | None = None  # over the receptor plane; None without an axis along the finger
-
-
-@dataclass(frozen=True)
-class Pose:
-    """True pose of the indentor: x from the pad's center, and height of its lowest point above the apex (mm).
-
-    along_mm is from the receptor plane towards the tip.
-    """
-
-    x_mm: float
-    above_apex_mm: float
-    along_mm: float = 0.0
-
-    def over(self, other: "Pose") -> bool:
-        """Return whether both poses are over the same point of the finger."""
-        return (self.x_mm, self.along_mm) == (other.x_mm, other.along_mm)
-
-
-@dataclass(frozen=True)
-class Turn:
-    """Orientation of a finger: rolled about its own axis, then tilted about x (degrees), both about the apex."""
-
-    roll_deg: float = 0.0
-    tilt_deg: float = 0.0
-
-    def seen_from_finger(self, pose: Pose, radius_mm: float) -> Pose:
-        """Return the pose of a sphere in the finger's own frame."""
-        if not (self.roll_deg or self.tilt_deg):
-            return pose
-        turn = Rotation.from_euler("zx", (self.roll_deg, self.tilt_deg), degrees=True)
-        centre = turn.inv().apply((pose.x_mm, pose.above_apex_mm + radius_mm, pose.along_mm))
-        return Pose(float(centre[0]), float(centre[1]) - radius_mm, float(centre[2]))
-
-
-STRAIGHT = Turn()
-
-
-@dataclass(frozen=True)
-class Truth:
-    """Differences between the true finger and rig and the model."""
-
-    stiffness: float = 1.0  # factor of every force
-    compliance_mm_per_n: float = 0.0  # of the rig
-    turn: Turn = STRAIGHT
-
-
-AS_MODELLED = Truth()
-
-
-@dataclass(frozen=True)
-class TruePose:
-    """True pose, which no instrument of the rig measures, in mm in the finger's frame."""
-
-    x_mm: float
-    height_mm: float  # of the indentor's lowest point along the finger's y, for a rigid rig
-    doi_mm: float  # negative above the skin, −∞ beside the finger
-
-
-@dataclass(frozen=True)
-class Carriage:
-    """Conversion from a stage's true steps to the pose of the indentor."""
-
-    steps_at: StepsAt
-    screws: Screws = Screws()
-    placement: Placement = Placement()
-
-    def pose_at(self, t_s: float) -> Pose:
-        """Return the indentor's true pose at a time."""
-        x, y, z = self.steps_at(t_s)
-        pad_y_mm = self.placement.pad_y_mm
-        return Pose(
-            x / self.screws.x_steps_per_mm - self.placement.pad_centre_x_mm,
-            z / self.screws.z_steps_per_mm - self.placement.apex_z_mm,
-            0.0 if pad_y_mm is None else y / self.screws.y_steps_per_mm - pad_y_mm,
-        )
 
 
 @dataclass(frozen=True)

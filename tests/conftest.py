@@ -1,12 +1,15 @@
 """What every test may use: the default fingertip, loaded once, and a count of the costly work done."""
 
+import ast
 import gc
+import inspect
+import linecache
 import pkgutil
 import signal
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from copy import copy
-from functools import lru_cache
+from functools import cache, lru_cache
 from itertools import count
 from pathlib import Path
 from typing import Any
@@ -15,7 +18,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-import sim.models.cache as cache
+import sim.models.cache as model_cache
 from rig.cli.program import LOOKED_THROUGH
 from rig.compare.stimuli import MAPPED, Stimulus, StimulusMap
 from rig.data import Run
@@ -47,10 +50,7 @@ REAL_TIME = (
     "rig/test_command_line.py::test_a_killed_run_leaves_a_readable_journal",
     "rig/test_control_socket.py",
     "rig/test_every_end.py",
-    "rig/test_first_second.py::test_what_needs_no_library_imports_none",
-    "rig/test_first_second.py::test_a_list_of_runs_waits_for_no_library_but_its_own",
-    "rig/test_first_second.py::test_a_stop_imports_only_what_its_bytes_need",
-    "rig/test_first_second.py::test_what_is_said_at_the_bench_waits_for_no_library_that_solves_or_draws",
+    "rig/test_first_second.py::test_a_command_waits_for_no_library_that_it_does_not_use",
     "rig/test_grbl_conformance.py",
     "rig/test_how_it_ends.py",
     "rig/test_kills.py",
@@ -279,10 +279,10 @@ def _read_once() -> Iterator[None]:
 
     Caches that tests make for themselves are read as often as the program reads them.
     """
-    shared, read = cache.cache_dir(), cache._read
-    kept: dict[Path, cache.Arrays] = {}
+    shared, read = model_cache.cache_dir(), model_cache._read
+    kept: dict[Path, model_cache.Arrays] = {}
 
-    def once(path: Path, key: str) -> cache.Arrays | None:
+    def once(path: Path, key: str) -> model_cache.Arrays | None:
         if path.parent != shared or not path.exists():
             return read(path, key)
         if path not in kept:
@@ -297,7 +297,7 @@ def _read_once() -> Iterator[None]:
         return dict(kept[path])
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(cache, "_read", once)
+        patch.setattr(model_cache, "_read", once)
         yield
 
 
@@ -317,11 +317,29 @@ def _worked_out_once() -> Iterator[None]:
                 array.flags.writeable = False  # or one test would write into another's
         return placed[key]
 
+    found_by_python = inspect.findsource
+
+    def findsource(found: Any) -> tuple[list[str], int]:
+        """Python up to 3.12 parses a module for each of its classes: 0.1 s for the schema of a command."""
+        lines = _lines_of_classes(inspect.getsourcefile(found)) if inspect.isclass(found) else {}
+        if getattr(found, "__qualname__", None) not in lines:
+            return found_by_python(found)
+        return linecache.getlines(str(inspect.getsourcefile(found))), lines[found.__qualname__]
+
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(inspect, "findsource", findsource)
         patch.setattr(resume, "commit", lru_cache(resume.commit))
         patch.setattr(resume, "version", lru_cache(resume.version))
         patch.setattr(fingertip, "receptors_at", receptors_at)
         yield
+
+
+@cache
+def _lines_of_classes(file: str | None) -> dict[str, int]:
+    """Where the classes of a module begin that no other block holds."""
+    text = "" if file is None else "".join(linecache.getlines(file))
+    classes = [node for node in ast.parse(text).body if isinstance(node, ast.ClassDef)]
+    return {node.name: min(one.lineno for one in (node, *node.decorator_list)) - 1 for node in reversed(classes)}
 
 
 @pytest.fixture(scope="session", autouse=True)

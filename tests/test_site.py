@@ -19,6 +19,13 @@ GENERATED = (
     *("python_names.md", "settings.md", "studies.md"),
 )
 
+LISTED_ONCE = """
+import furo
+for_page = furo._compute_navigation_tree
+furo._compute_navigation_tree = lambda context: for_page(context) if context["pagename"] == "index" else ""
+"""
+"""The list of all pages beside the first page only: beside each of them, it is a third of the build."""
+
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -27,6 +34,8 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copytree(
         DOCS, folder / "docs", ignore=shutil.ignore_patterns(*GENERATED, "__pycache__", "gallery", "json_schemas")
     )
+    with (folder / "docs" / "conf.py").open("a", encoding="utf-8") as conf:
+        conf.write(LISTED_ONCE)
     for name in ("examples/gallery", "studies/results"):
         shutil.copytree(ROOT / name, folder / name)
     # tests/test_gallery.py runs the scripts of the gallery

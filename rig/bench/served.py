@@ -18,9 +18,9 @@ from rig.bench.virtual import (
 )
 from rig.errors import BadInputError, around
 from rig.plan.config import Config
+from sim.carriage import Carriage
 from sim.contact.shapes import parse_shape
 from sim.devices.line import Load, SerialLine, VirtualStage
-from sim.plant import Carriage
 from sim.serve.force_process import FingerNotLoadedError, PressProcess, WayProcess
 from sim.serve.ports import PortBusyError, PtyPort, TcpPort
 from sim.serve.prefetch import ForcePrefetcher, PressAhead, PressStatistics, WayAhead

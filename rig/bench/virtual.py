@@ -5,7 +5,7 @@ from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal, Protocol, Self
+from typing import TYPE_CHECKING, Any, Literal, Protocol, Self
 
 from pydantic import ValidationError
 
@@ -23,6 +23,7 @@ from rig.settings import NOMINAL_STEPS_PER_MM, DeviceSettings, ForceSettings, Fr
 from rig.transport.stop_gate import StopGate
 from rig.transport.wire import LoggedTransport, LoopbackTransport, Sink
 from rig.units import GWT_N
+from sim.carriage import Carriage, Placement, Screws, TruePose, Truth, Turn
 from sim.devices.clock import Scheduler, VirtualClock
 from sim.devices.line import (
     Load,
@@ -35,9 +36,11 @@ from sim.devices.line import (
     VirtualStageSpec,
     load_cell,
 )
-from sim.models.fingertip import Fingertip
 from sim.models.relaxation import PronyTerm
-from sim.plant import Carriage, Placement, Plant, RelaxingPlant, Screws, TruePose, Truth, Turn
+
+if TYPE_CHECKING:
+    from sim.models.fingertip import Fingertip
+    from sim.plant import Plant
 
 
 def calibrated_steps_per_mm(config: Config, axis: str) -> float:
@@ -285,13 +288,14 @@ class VirtualBench:
 
 
 def virtual_bench(
-    config: Config, finger: Fingertip, byte_log: Sink, clock: VirtualClock, pause: Pause
+    config: Config, finger: "Fingertip", byte_log: Sink, clock: VirtualClock, pause: Pause
 ) -> VirtualBench:
     """Create the configured devices with the fingertip under the indentor; the bytes go to `byte_log`."""
+    from sim.plant import Plant, RelaxingPlant  # a bench of springs, or of real devices, never solves
 
     terms, period_s = relaxation(config), config.force.sample_period_s
 
-    def plant(carriage: Carriage) -> Plant:
+    def plant(carriage: Carriage) -> "Plant":
         if terms:
             return RelaxingPlant(finger, carriage, terms, truth(config), clock, period_s)
         return Plant(finger, carriage, truth(config))

@@ -1,40 +1,47 @@
-"""Message and exit code of each error of the packages; the only module that imports them all."""
+"""Message and exit code of each error of the packages.
+
+Errors are known by name: importing their classes would load engine and solver only to print one line.
+"""
 
 from rig.cli.output import ExitCode
-from rig.compare.exceptions import ComparisonError, RecordingError
-from rig.data import FolderBusyError, NwbMissingError, RunError
-from rig.data.folder import UnwritableError
-from rig.devices.base import ForceError, StageError
-from rig.engine import EngineError
-from rig.errors import BadInputError, code_of
-from rig.study.exceptions import StudyError, WorkersError
-from rig.transport import TransportError
-from sim.contact.shapes import ShapeError
-from sim.errors import ModelRangeError
-from sim.finger.mesh import MeshError
-from sim.finger.surface import SurfaceError
-from sim.finger_process import FingerLostError
-from sim.measures.receptors import ReceptorError
-from sim.models.cache import CacheError
+from rig.errors import code_of
 
-_BAD_INPUT = (
-    *(BadInputError, RunError, FolderBusyError, NwbMissingError),
-    *(RecordingError, ComparisonError, StudyError, WorkersError),
-    *(ShapeError, ModelRangeError, SurfaceError, MeshError, ReceptorError, CacheError),
-)
+BAD_INPUT = {
+    "rig.errors:BadInputError",
+    "rig.data.run:RunError",
+    "rig.data.folder:FolderBusyError",
+    "rig.data.export:NwbMissingError",
+    "rig.compare.exceptions:RecordingError",
+    "rig.compare.exceptions:ComparisonError",
+    "rig.study.exceptions:StudyError",
+    "rig.study.exceptions:WorkersError",
+    "sim.contact.shapes:ShapeError",
+    "sim.errors:ModelRangeError",
+    "sim.finger.surface:SurfaceError",
+    "sim.finger.mesh:MeshError",
+    "sim.measures.receptors:ReceptorError",
+    "sim.models.cache:CacheError",
+}
+STOPPED = {
+    "rig.errors:EngineError",
+    "rig.devices.base:StageError",
+    "rig.devices.base:ForceError",
+    "rig.transport.wire:TransportError",
+    "sim.finger_process:FingerLostError",
+}
+UNWRITABLE = {"rig.data.folder:UnwritableError"}
 
 
 def outcome(error: Exception) -> tuple[str, str, ExitCode] | None:
     """Return the message, its code and the exit code; None for an unforeseen error."""
-    code = code_of(error)
-    match error:
-        case _ if isinstance(error, _BAD_INPUT):
-            return str(error), code, ExitCode.BAD_INPUT
-        case EngineError() | StageError() | ForceError() | TransportError() | FingerLostError():
-            return f"stopped: {error}", code, ExitCode.STOPPED
-        case UnwritableError():
-            return f"{error}: free disk space, then repeat the command", code, ExitCode.BAD_INPUT
-        case OSError():
-            what = error.strerror or str(error)
-            return f"{error.filename}: {what}" if error.filename else what, code, ExitCode.BAD_INPUT
+    code, classes = code_of(error), {f"{one.__module__}:{one.__qualname__}" for one in type(error).__mro__}
+    if classes & BAD_INPUT:
+        return str(error), code, ExitCode.BAD_INPUT
+    if classes & STOPPED:
+        return f"stopped: {error}", code, ExitCode.STOPPED
+    if classes & UNWRITABLE:
+        return f"{error}: free disk space, then repeat the command", code, ExitCode.BAD_INPUT
+    if isinstance(error, OSError):
+        what = error.strerror or str(error)
+        return f"{error.filename}: {what}" if error.filename else what, code, ExitCode.BAD_INPUT
     return None

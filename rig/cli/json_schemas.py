@@ -5,6 +5,7 @@ keys that end in `_text`. Identifiers come from closed lists, or have a format t
 """
 
 from collections.abc import Mapping
+from functools import cache
 from typing import Annotated, Any, Literal, NotRequired, Union
 
 from pydantic import ConfigDict, Field, TypeAdapter
@@ -1472,6 +1473,7 @@ OUTPUTS: Mapping[str, tuple[Any, ...]] = {
 """What a command with --json prints if it ends in a result; any of them may print a Failure instead."""
 
 
+@cache
 def schema_of(command: str) -> dict[str, Any]:
     """Return the JSON schema (2020-12) of all that a command prints with `--json`."""
     kinds: Any = Union[(*OUTPUTS[command], FailureJson)]

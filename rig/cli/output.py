@@ -209,7 +209,7 @@ def one_line_errors(*, as_json: bool, beginning: Beginning | None = None) -> Ite
     except NotConfirmedError as error:
         fail(str(error), error.code, ExitCode.ABORTED, as_json=as_json, beginning=beginning)
     except Exception as error:
-        from rig.cli.error_exit_codes import outcome  # it imports both packages, and help must not wait for them
+        from rig.cli.error_exit_codes import outcome
 
         if (found := outcome(error)) is None:
             raise

@@ -56,11 +56,10 @@ from rig.plan.config import Config, load_config, with_finger
 from rig.plan.plan import make_plan
 from rig.protocol.script import Script, load_script
 from rig.session.rehearsal_summary import in_both_units, preflight
-from rig.session.resume import StoppedRun, careful_of, ending_on_record, read_stopped
+from rig.session.resume import StoppedRun, careful_of, ending_on_record, left_on_record, read_stopped
 from rig.session.session import dry_run, real_run
 from sim.contact.shapes import parse_shape, shape_name, with_size
 from sim.finger_process import Finger, FingerProcess
-from sim.models.fingertip import Fingertip
 
 _COLUMNS = {
     "index": "",
@@ -89,6 +88,8 @@ def check_command(
         refuse_bench(settings)
         script = load_script(protocol, [*(set_ or []), *(more or [])])
         with busy(THE_FINGER, as_json=as_json):
+            from sim.models.fingertip import Fingertip
+
             finger = Fingertip.load(settings.finger)
         with checking_the_script() as show_steps:
             plan = make_plan(script, settings, finger, told=show_steps)
@@ -214,14 +215,6 @@ def run_command(
     with one_line_errors(as_json=as_json, beginning=beginning):
         settings = with_finger(load_config(config), finger_file, force=force)
         with FingerProcess(settings.finger) as finger:
-            # its process reads the model while this one imports what follows
-            from rig.cli.confirm import at_the_page, ready_for_a_real_run
-            from rig.cli.script_execution import carry_out, leave, new_run, owning
-            from rig.clock import WallClock
-            from rig.control.stop import StageInHand
-            from rig.session.resume import left_on_record
-            from rig.session.session import real_run
-
             script = load_script(protocol, [*(set_ or []), *(more or [])])
             into = new_run(out_dir, subject)
             ready_for_a_real_run("run", settings, out_dir, yes=yes)

@@ -38,7 +38,6 @@ from rig.session.resume import StoppedRun
 from rig.session.script_run import AT_ONCE, FROM_THE_PANEL
 from rig.session.session import FinishedRun, NewRun, Nobody, Session, record_after, record_before
 from sim.finger_process import Finger, FingerLostError, FingerProcess, asked
-from sim.models.fingertip import Fingertip
 
 if TYPE_CHECKING:
     from sim.models.fingertip import Fingertip
@@ -282,6 +281,8 @@ def loaded(config: Config, finger: FingerProcess | None, *, as_json: bool) -> Fi
     """Load the configured finger, in its own process if one exists."""
     with busy(THE_FINGER, as_json=as_json):
         if finger is None:
+            from sim.models.fingertip import Fingertip
+
             return Fingertip.load(config.finger)
         finger.ask(about_model)
         return finger

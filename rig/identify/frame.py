@@ -11,9 +11,9 @@ from scipy.special import stdtrit
 from rig.data import Run
 from rig.errors import BadInputError
 from rig.plan.config import Config
+from sim.carriage import Pose, Turn
 from sim.finger.surface import FingertipSurface
 from sim.models.fingertip import Fingertip
-from sim.plant import Pose, Turn
 
 Array = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import groupby
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +26,11 @@ from sim.contact.shapes import parse_shape
 from sim.errors import ForceOutOfReachError
 from sim.finger_process import Finger, asked
 from sim.identification.uncertainty_bands import band
-from sim.models.fingertip import Fingertip
 from sim.models.relaxation import Moves
-from sim.models.result import IndentationResult
+
+if TYPE_CHECKING:  # a run whose finger is in another process never solves
+    from sim.models.fingertip import Fingertip
+    from sim.models.result import IndentationResult
 
 # Share of the elastic force that remains in relaxing tissue, during the ramp and in the last hold.
 #
@@ -75,7 +77,7 @@ class Answers(NamedTuple):
 
 
 def answers(
-    finger: Fingertip, shape: Indentor, x_mm: float, target: Target, pace: Pace, identified: IdentifiedFinger
+    finger: "Fingertip", shape: Indentor, x_mm: float, target: Target, pace: Pace, identified: IdentifiedFinger
 ) -> Answers:
     """Return the responses; NaN where the model does not converge. Raises ModelRangeError."""
     return Answers(
@@ -99,12 +101,14 @@ def band_of(found: Answers, identified: IdentifiedFinger) -> tuple[float, float,
 
 
 @lru_cache(maxsize=1)
-def _likely(config: FingertipConfig, identified: IdentifiedFinger) -> list[Fingertip]:
+def _likely(config: FingertipConfig, identified: IdentifiedFinger) -> "list[Fingertip]":
+    from sim.models.fingertip import Fingertip
+
     return [Fingertip.load(one, exact=False).keeping_ways() for one in fingers_of(config, identified)]
 
 
 def _answer(
-    finger: Fingertip,
+    finger: "Fingertip",
     shape: Indentor,
     x_mm: float,
     target: Target,
@@ -123,7 +127,7 @@ def _answer(
 
 
 def _left_at_force(
-    finger: Fingertip,
+    finger: "Fingertip",
     shape: Indentor,
     x_mm: float,
     force_gwt: float,
@@ -197,7 +201,7 @@ class RequestedPress(NamedTuple):
     target: Target
 
 
-def about_model(finger: Fingertip) -> dict[str, Any]:
+def about_model(finger: "Fingertip") -> dict[str, Any]:
     """Return the facts of the model that a run records."""
     return {
         "nodes": finger.model.nodes,
@@ -206,13 +210,13 @@ def about_model(finger: Fingertip) -> dict[str, Any]:
     }
 
 
-def _touch_height_mm(finger: Fingertip, shape: Indentor, x_mm: float, along_mm: float) -> float:
+def _touch_height_mm(finger: "Fingertip", shape: Indentor, x_mm: float, along_mm: float) -> float:
     z_mm = finger.config.receptor_plane_mm + along_mm if along_mm else None
     return finger.touch_height_mm(shape, x_mm, z_mm=z_mm) - finger.apex_height_mm
 
 
 def _with_band(
-    finger: Fingertip, found: Prediction, shape: Indentor, pace: Pace, identified: IdentifiedFinger
+    finger: "Fingertip", found: Prediction, shape: Indentor, pace: Pace, identified: IdentifiedFinger
 ) -> Prediction:
     """Return the prediction with the band of the likely fingers; area and pressure are of the most likely one."""
     try:
@@ -228,7 +232,7 @@ def _with_band(
     return replace(found, predicted_force_gwt=force_gwt, predicted_doi_mm=doi_mm, band=band)
 
 
-def _predicted(finger: Fingertip, shape: Indentor, press: RequestedPress) -> Prediction:
+def _predicted(finger: "Fingertip", shape: Indentor, press: RequestedPress) -> Prediction:
     target = press.target
     try:
         found = finger.indent(shape, press.x_mm, **{target.kind: target.value})  # type: ignore[arg-type]
@@ -284,7 +288,7 @@ class Response:
     last: bool  # of its indentation
     hold: dict[str, Any]
     touch: dict[str, Any]
-    result: IndentationResult
+    result: "IndentationResult"
 
     @property
     def group(self) -> str:
@@ -293,7 +297,7 @@ class Response:
         return f"{self.indentor} at {self.commanded:g} {unit}"
 
 
-def responses(run: Run, finger: Fingertip, *, last_only: bool = False) -> list[Response]:
+def responses(run: Run, finger: "Fingertip", *, last_only: bool = False) -> list[Response]:
     """Return a response for each hold, or each last hold, of each finished indentation, in order.
 
     A virtual run is evaluated at the true x and DOI, a real run at the recorded force.

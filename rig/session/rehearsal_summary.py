@@ -2,7 +2,7 @@
 
 import time
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rig.devices.registry import stage_ports
 from rig.engine import EngineError
@@ -15,8 +15,10 @@ from rig.session.rehearse import Rehearsed, rehearsed
 from rig.session.session import Session
 from rig.units import GWT_N
 from sim.contact.shapes import with_size
-from sim.models.fingertip import Fingertip
 from sim.models.small_strain_error import small_strain
+
+if TYPE_CHECKING:
+    from sim.models.fingertip import Fingertip
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,7 @@ def _band(planned: PlannedIndentation) -> dict[str, Any]:
     return {"force_band_gwt": list(force), "doi_band_mm": list(depth), "highest_gwt": planned.band.highest_gwt}
 
 
-def preflight(script: Script, config: Config, finger: Fingertip, plan: Plan) -> Preflight:
+def preflight(script: Script, config: Config, finger: "Fingertip", plan: Plan) -> Preflight:
     """Rehearse a plan and compare it with the limits. Raises EngineError."""
     return Preflight(plan, config, rehearsed(script, config, finger, plan))
 

@@ -28,9 +28,9 @@ from rig.records import Prediction
 from rig.session.execute import execute
 from rig.session.script_run import run_script
 from rig.units import GWT_N
+from sim.carriage import Carriage, TruePose
 from sim.devices.clock import VirtualClock
 from sim.finger_process import Finger
-from sim.plant import Carriage, TruePose
 
 E = TypeVar("E")
 A = TypeVar("A")

@@ -6,7 +6,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicSpline
 
 from sim.contact.indentor import BOTH, Indentor, Surface, turn_suffix
 from sim.contact.profiles import STEEPEST_SLOPE, arc_tangent
@@ -377,6 +376,8 @@ def _hermite(u: Array) -> Array:
 
 def _slopes(knots: Array, values: Array) -> Array:
     """Return derivatives of the cubic splines along the first axis, at the knots."""
+    from scipy.interpolate import CubicSpline  # slow to import, and few shapes are maps
+
     return np.asarray(CubicSpline(knots, values, axis=0)(knots, 1))
 
 

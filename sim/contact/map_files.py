@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, UnidentifiedImageError
 
 from sim.contact.height_map import MOST_POINTS, HeightMap, HeightMapError
 
@@ -147,6 +146,8 @@ def _picture(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array,
 
 def _grey(where: str, file: str) -> Array:
     """Return (rows, columns) 0 (black) to 1 (white); transparent pixels are white."""
+    from PIL import Image, UnidentifiedImageError
+
     try:
         with warnings.catch_warnings(), Image.open(file) as image:
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the size is checked below

@@ -4,14 +4,16 @@ import csv
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import BSpline, PchipInterpolator, PPoly, make_interp_spline
 
-from sim.contact.compiled import profile_curves
 from sim.contact.profiles import STEEPEST_SLOPE, arc_tangent
 from sim.errors import SimError
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly  # slow to import, and few shapes are measured
 
 Array = NDArray[np.float64]
 
@@ -147,7 +149,9 @@ class MeasuredProfile:
         return 0.0
 
     @cached_property
-    def _curve(self) -> PPoly:
+    def _curve(self) -> "PPoly":
+        from scipy.interpolate import PchipInterpolator
+
         return (_filleted if self.linear else PchipInterpolator)(self.x_mm, self.height_mm)
 
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
@@ -163,6 +167,8 @@ class MeasuredProfile:
         tuple of ndarray
             Height (mm), slope and curvature (1/mm), each of shape (k,).
         """
+        from sim.contact.compiled import profile_curves
+
         beyond, side, clipped = self._beyond(s_mm)
         return self._with_flanks(beyond, side, profile_curves.joined(clipped, self._curve.x, self._curve.c))
 
@@ -191,6 +197,8 @@ class MeasuredProfile:
         tuple of ndarray
             Height (mm), slope and curvature (1/mm), each of shape (k,).
         """
+        from sim.contact.compiled import profile_curves
+
         beyond, side, clipped = self._beyond(s_mm)
         profile = profile_curves.joined(clipped, self._curve.x, self._curve.c)
         height, slope, _ = arc_tangent(beyond, y_mm - profile[0], 0.0, side)
@@ -207,8 +215,10 @@ class MeasuredProfile:
         return np.maximum(s_mm - last, first - s_mm), np.sign(s_mm - 0.5 * (first + last)), np.clip(s_mm, first, last)
 
 
-def _filleted(x_mm: tuple[float, ...], height_mm: tuple[float, ...]) -> PPoly:
+def _filleted(x_mm: tuple[float, ...], height_mm: tuple[float, ...]) -> "PPoly":
     """Return straight lines whose slope changes linearly about each point."""
+    from scipy.interpolate import BSpline, PPoly, make_interp_spline
+
     x, height = np.array(x_mm), np.array(height_mm)
     slope, half = np.diff(height) / np.diff(x), np.minimum(_FILLET_MM, 0.4 * np.diff(x))
     reach = np.minimum(half[:-1], half[1:])

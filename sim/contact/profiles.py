@@ -1,6 +1,7 @@
 """Profiles of rigid indentors: height above the lowest point, and two derivatives.
 
 Shapes and dimensions: Raju (1998, ch. 4). The lateral coordinate s is measured from the reference point.
+Compiled loops are imported where a profile is evaluated: a program that only names shapes never waits for numba.
 """
 
 from dataclasses import dataclass
@@ -9,8 +10,6 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-
-from sim.contact.compiled import profile_curves
 
 Array = NDArray[np.float64]
 
@@ -127,6 +126,8 @@ class SinusoidalStep(IndentorProfile):
 
     def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
         """Return height, slope and curvature: h = 0.25 (1 − cos πs/L) on the flank."""
+        from sim.contact.compiled import profile_curves
+
         return profile_curves.flank(s_mm, 0.5 * STEP_HEIGHT_MM, np.pi / STEP_HALF_WAVELENGTH_MM[self.number])
 
 
@@ -246,11 +247,15 @@ def _floored(profile: tuple[Array, Array, Array], floor: NDArray[np.bool_]) -> t
 
 def arc(t: Array, radius: float, side: Array, steepest: float = STEEPEST_SLOPE) -> tuple[Array, Array, Array]:
     """Return a circle's lower part at distance t from its lowest point, then a flank; flat at t < 0."""
+    from sim.contact.compiled import profile_curves
+
     return profile_curves.arc(t, radius, side, steepest)
 
 
 def arc_tangent(t: Array, y_mm: Array, radius: float, side: Array) -> tuple[Array, Array, Array]:
     """Return `arc`, but past its end the tangent that is closest to the node at height y."""
+    from sim.contact.compiled import profile_curves
+
     height, slope, curvature = arc(t, radius, side)
     profile_curves.lean(height, slope, t, y_mm, radius, side, STEEPEST_SLOPE)
     return height, slope, curvature

@@ -1,5 +1,6 @@
 """First contact of an indentor with the undeformed, continuous skin: the zero of DOI."""
 
+from functools import lru_cache
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -8,11 +9,13 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize, minimize_scalar
 
 from sim.contact.indentor import ACROSS, ALONG, Indentor, Revolved
+from sim.contact.profiles import IndentorProfile
 
 Array = NDArray[np.float64]
 
 _GRID_MM = 0.004
 _ROUND_GRID_MM = 0.1
+_SKINS_KEPT = 8
 _BEST_POINTS, _FINER, _FINEST_GRID_MM = 60, 4, 1e-5
 
 
@@ -44,7 +47,9 @@ def first_touch(indentor: Indentor, at_mm: tuple[float, ...], skin: SkinSurface)
         return _prismatic(indentor, at_mm[0], skin.ridge)
     if indentor.axes == ACROSS:
         return _prismatic(indentor, at_mm[0], skin.crest)
-    return _round(indentor, at_mm, skin) if isinstance(indentor, Revolved) else _anywhere(indentor, at_mm, skin)
+    if isinstance(indentor, Revolved):
+        return _round(indentor.profile, at_mm, skin)
+    return _anywhere(indentor, at_mm, skin)
 
 
 def _prismatic(indentor: Indentor, at_mm: float, top: CubicSpline) -> FirstTouch:
@@ -61,21 +66,20 @@ def _prismatic(indentor: Indentor, at_mm: float, top: CubicSpline) -> FirstTouch
     return _lower(gap(float(s[best])), (float(s[best]),), float(found.fun), (float(found.x),))
 
 
-def _round(indentor: Indentor, at_mm: tuple[float, ...], skin: SkinSurface) -> FirstTouch:
-    centre = np.array(at_mm)
-    ends = np.array([skin.ridge.x[[0, -1]], skin.crest.x[[0, -1]]])
+def _round(profile: IndentorProfile, at_mm: tuple[float, ...], skin: SkinSurface) -> FirstTouch:
+    """Lower a round indentor. Only heights are asked: an indentor over a turned finger asks at every sample."""
+    centre = np.array(at_mm)[:, None]
+    (low, high), grid, skin_mm = _grid_of(skin)
 
-    def gap(point: Array) -> Array:
-        inside = np.clip(point.T, ends[:, 0], ends[:, 1]).T
-        return np.asarray(indentor.evaluate(inside - centre[:, None]).height_mm - skin.height(*inside))
+    def gap(point: Array) -> float:
+        inside = np.minimum(np.maximum(point[:, None], low), high)
+        return float((profile.evaluate(np.hypot(*(inside - centre)))[0] - skin.height(*inside))[0])
 
-    sides = [np.arange(low, high, _ROUND_GRID_MM) for low, high in ends]
-    grid = np.stack([side.ravel() for side in np.meshgrid(*sides, indexing="ij")])
-    gaps = gap(grid)
+    gaps = profile.evaluate(np.hypot(*(grid - centre)))[0] - skin_mm
     best = grid[:, int(np.argmin(gaps))]
     simplex = best + 0.5 * _ROUND_GRID_MM * np.array([[0, 0], [1, 0], [0, 1]])
     found = minimize(
-        lambda point: float(gap(np.array(point)[:, None])[0]),
+        gap,
         best,
         method="Nelder-Mead",
         options={"initial_simplex": simplex, "xatol": 1e-10, "fatol": 1e-14, "maxfev": 600},
@@ -83,6 +87,16 @@ def _round(indentor: Indentor, at_mm: tuple[float, ...], skin: SkinSurface) -> F
     return _lower(
         float(gaps.min()), (float(best[0]), float(best[1])), float(found.fun), (float(found.x[0]), float(found.x[1]))
     )
+
+
+@lru_cache(maxsize=_SKINS_KEPT)
+def _grid_of(skin: SkinSurface) -> tuple[tuple[Array, Array], Array, Array]:
+    """Return the ends (2, 1) of the skin that can be touched, points (2, k) of it, and heights (k,) there in mm."""
+    ends = np.array([skin.ridge.x[[0, -1]], skin.crest.x[[0, -1]]])
+    sides = [np.arange(low, high, _ROUND_GRID_MM) for low, high in ends]
+    grid = np.stack([side.ravel() for side in np.meshgrid(*sides, indexing="ij")])
+    inside = np.clip(grid.T, ends[:, 0], ends[:, 1]).T
+    return (ends[:, :1], ends[:, 1:]), inside, np.asarray(skin.height(*inside))
 
 
 def _lower(gap: float, at: tuple[float, ...], other_gap: float, other_at: tuple[float, ...]) -> FirstTouch:

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 Array = NDArray[np.float64]
 
@@ -35,6 +34,8 @@ def band(values: Array, own_error: float, coverage: float = COVERAGE) -> Width:
 
 def standard_deviations(coverage: float = COVERAGE) -> float:
     """Return the half-width of a band of a normal distribution, in standard deviations."""
+    from scipy.special import ndtri  # slow to import, and most fingers are not identified
+
     return float(ndtri(ends(coverage)[1]))
 
 

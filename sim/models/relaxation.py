@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import expm
 
 from sim.contact.patch import Patch
 from sim.errors import ArgumentError
@@ -127,6 +126,8 @@ class Memory:
 
     def released(self, step_s: float) -> "Memory":
         """Return the history after a sudden release and a time without force: exact for any step."""
+        from scipy.linalg import expm  # slow to import, and the name of a term needs none
+
         release = self.ahead(0.0)
         remaining = self.after(release, release.carried)._kept
         tau_s, shares, lasting = self._prony.tau_s, self._prony.shares, self._prony.lasting

@@ -8,19 +8,21 @@ prints the numbers; errors: `docs/validation/stiffening.md`; alternatives:
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim.config import FingertipConfig, Tissue
-from sim.contact.indentor import Indentor
 from sim.contact.patch import X, Z
-from sim.contact.touch import FirstTouch
 from sim.errors import ModelRangeError
-from sim.finger.surface import FingertipSurface
 from sim.measures.measures import STRAINS, STRESSES
 from sim.units import PSEUDO_E_EPIDERMIS
+
+if TYPE_CHECKING:
+    from sim.contact.indentor import Indentor
+    from sim.contact.touch import FirstTouch
+    from sim.finger.surface import FingertipSurface
 
 Array = NDArray[np.float64]
 
@@ -212,10 +214,10 @@ class Overlap:
 
 
 def overlap(
-    indentor: Indentor,
+    indentor: "Indentor",
     reference_mm: tuple[float, ...],
-    touch: FirstTouch,
-    surface: FingertipSurface,
+    touch: "FirstTouch",
+    surface: "FingertipSurface",
     length_mm: float,
 ) -> Overlap:
     """Return the overlap of an indentor at a position along its axes, over a pulp of some length."""
@@ -246,11 +248,11 @@ class Squeezed:
 
 
 def squeezed(
-    indentor: Indentor,
+    indentor: "Indentor",
     reference_mm: tuple[float, ...],
-    touch: FirstTouch,
+    touch: "FirstTouch",
     at_mm: Array,
-    surface: FingertipSurface,
+    surface: "FingertipSurface",
     bone_fraction: float,
 ) -> Squeezed:
     """Return the vertical compression at (n, 3) points of the tissue, which ends level with the axis beside the bone.
@@ -273,7 +275,7 @@ def squeezed(
 
 
 def _gap_mm(
-    indentor: Indentor, reference_mm: tuple[float, ...], touch: FirstTouch, at_mm: dict[int, Array], y_mm: Array
+    indentor: "Indentor", reference_mm: tuple[float, ...], touch: "FirstTouch", at_mm: dict[int, Array], y_mm: Array
 ) -> Array:
     """Return the gaps from skin points, of any shape, up to the indentor at first touch (mm)."""
     offset = np.stack([at_mm[axis] - mm for axis, mm in zip(indentor.axes, reference_mm, strict=True)])
@@ -332,10 +334,10 @@ class Under:
     """Indentor over tissue, with its reference point at a position along its axes."""
 
     config: FingertipConfig
-    surface: FingertipSurface
-    indentor: Indentor
+    surface: "FingertipSurface"
+    indentor: "Indentor"
     place: tuple[float, ...]
-    touch: FirstTouch
+    touch: "FirstTouch"
     _cached: dict[bytes, Squeezed] = field(default_factory=dict)
 
     def at(self, past_touch_mm: float, receptor_mm: Array) -> Stiffened:
@@ -375,7 +377,7 @@ class Under:
         return self._cached[name]
 
 
-def thickness_mm(config: FingertipConfig, surface: FingertipSurface) -> float:
+def thickness_mm(config: FingertipConfig, surface: "FingertipSurface") -> float:
     """Return the thickness of tissue between skin and bone at the pulp's apex in the receptor plane (mm)."""
     _, height_mm, _ = surface.parameters(config.receptor_plane_mm)
     return float(height_mm) * (1 - config.tissue.bone_fraction)

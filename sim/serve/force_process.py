@@ -10,17 +10,19 @@ from copy import copy
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing.connection import Connection
-from typing import Generic, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 from threadpoolctl import threadpool_limits
 
+from sim.carriage import AS_MODELLED, Pose, Truth
 from sim.config import FingertipConfig
 from sim.contact.shapes import ShapeError
 from sim.errors import ModelRangeError, SimError
-from sim.models.fingertip import Fingertip
 from sim.models.relaxation import PronyTerm
-from sim.plant import AS_MODELLED, Pose, PressedFinger, RelaxingPress, Truth
 from sim.workers import give_way, keep_freed_memory, leaving_ctrl_c_to_us
+
+if TYPE_CHECKING:  # the process that serves the bytes never solves
+    from sim.plant import PressedFinger, RelaxingPress
 
 _READY_S = 300.0  # building a model takes some 15 s, minutes on a small machine
 _WARM_MM = 0.1
@@ -128,19 +130,22 @@ def _serve(
             far.send(answer(far.recv()))
 
 
-def warmed(press: PressedFinger) -> None:
+def warmed(press: "PressedFinger") -> None:
     """Load what the first contact needs by an unused press; ignore a pose outside the model."""
     with contextlib.suppress(ModelRangeError):
         press.force_n(Pose(0.0, press.doi_mm(Pose(0.0, 0.0)) - _WARM_MM))
 
 
 def _pressing(config: FingertipConfig, indentor: str, truth: Truth) -> Answering[Pose, PressAnswer]:
+    from sim.models.fingertip import Fingertip
+    from sim.plant import PressedFinger
+
     finger = Fingertip.load(config)
     warmed(PressedFinger(finger, indentor, truth))
     return partial(_answer, PressedFinger(finger, indentor, truth))
 
 
-def _answer(press: PressedFinger, pose: Pose) -> PressAnswer:
+def _answer(press: "PressedFinger", pose: Pose) -> PressAnswer:
     began = time.perf_counter()
     try:
         force, problem = press.force_n(pose), ""
@@ -191,7 +196,7 @@ class WayProcess(ForceProcess[TrajectoryUpdate, WayAnswer]):
 class Going:
     """Trajectory solver that reuses predicted legs that came true; only completed legs enter the load history."""
 
-    def __init__(self, press: RelaxingPress) -> None:
+    def __init__(self, press: "RelaxingPress") -> None:
         self._press = press
         self._predicted: list[tuple[Leg, float, RelaxingPress]] = []
 
@@ -219,7 +224,7 @@ class Going:
         force, self._press = self._moved(self._press, leg)
         return force
 
-    def _moved(self, press: RelaxingPress, leg: Leg) -> tuple[float, RelaxingPress]:
+    def _moved(self, press: "RelaxingPress", leg: Leg) -> "tuple[float, RelaxingPress]":
         moved = copy(press)
         try:
             return moved.moved_to(leg.pose, leg.step_s), moved
@@ -229,6 +234,9 @@ class Going:
 
 
 def _going(config: FingertipConfig, indentor: str, terms: tuple[PronyTerm, ...], truth: Truth) -> Going:
+    from sim.models.fingertip import Fingertip
+    from sim.plant import RelaxingPress
+
     finger = Fingertip.load(config)
     warmed(RelaxingPress(finger, indentor, terms, truth))
     return Going(RelaxingPress(finger, indentor, terms, truth))

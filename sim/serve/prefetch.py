@@ -16,8 +16,8 @@ from typing import Protocol
 
 import numpy as np
 
+from sim.carriage import Carriage, Pose
 from sim.devices.clock import sample_at
-from sim.plant import Carriage, Pose
 from sim.serve.force_process import Leg, PressAnswer, PressProcess, TrajectoryUpdate, WayAnswer, WayProcess
 from sim.serve.real_time_loop import WallScheduler
 

@@ -20,8 +20,8 @@ from rig.engine import Engine, PressId, RunAborted, verbs
 from rig.plan.config import Config
 from rig.session.hardware_stop import stop_inputs_heeded
 from rig.units import GWT_N
+from sim.carriage import Carriage, TruePose
 from sim.devices.clock import VirtualClock
-from sim.plant import Carriage, TruePose
 
 BUTTONS = {"door": "grbl", "hold": "grbl", "di1": "leadshine"}
 STOP = {"grbl": "2118", "leadshine": "6002"}

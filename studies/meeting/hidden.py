@@ -13,11 +13,12 @@ from rig.data import RunFolder
 from rig.engine.bench import Pause, WatchedBench
 from rig.transport.wire import Sink
 from rig.units import GWT_N
+from sim.carriage import Carriage, Pose
 from sim.devices.clock import VirtualClock
 from sim.errors import ModelRangeError
 from sim.identification.next_press import PressAt
 from sim.identification.predicted_forces import PressTrajectory, RampAndHold
-from sim.plant import Carriage, Pose, RelaxingPlant, RelaxingPress
+from sim.plant import RelaxingPlant, RelaxingPress
 from studies.meeting.strangers import Stranger
 
 Array = NDArray[np.float64]

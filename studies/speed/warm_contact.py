@@ -19,9 +19,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.carriage import Carriage, Placement, Pose, Screws
 from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
-from sim.plant import Carriage, Placement, Pose, PressedFinger, Screws
+from sim.plant import PressedFinger
 from sim.serve.force_process import PressProcess
 from sim.serve.prefetch import PressAhead
 from sim.serve.real_time_loop import WallScheduler

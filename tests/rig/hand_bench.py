@@ -17,8 +17,8 @@ from rig.manual.owner_process import HandOwner
 from rig.plan.config import Config
 from rig.transport.stop_gate import StopGate
 from rig.units import GWT_N
+from sim.carriage import Carriage, TruePose
 from sim.devices.clock import VirtualClock
-from sim.plant import Carriage, TruePose
 
 KINDS: dict[str, dict[str, Any]] = {
     "grbl": {"force": {"baud": 115200}},

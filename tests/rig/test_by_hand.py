@@ -20,8 +20,8 @@ from rig.manual.guard import Guard
 from rig.manual.jog import ByHand, Moved
 from rig.plan.config import Config
 from rig.units import GWT_N
+from sim.carriage import Carriage
 from sim.devices.clock import VirtualClock
-from sim.plant import Carriage
 from tests.error_codes import has_code, raises
 from tests.rig.hand_bench import APEX_MM, KINDS, Spring
 

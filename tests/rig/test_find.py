@@ -14,9 +14,10 @@ from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
 from rig.session.session import NewRun, Session, dry_run
+from sim.carriage import Pose, Truth, Turn
 from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.plant import Pose, PressedFinger, Truth, Turn
+from sim.plant import PressedFinger
 from tests.error_codes import raises
 
 TRUTH = {"pad_centre_x_mm": 0.4, "apex_z_mm": -0.15, "pad_y_mm": 0.5, "roll_deg": 4.0, "tilt_deg": -3.0}
@@ -33,10 +34,9 @@ def _within_what_is_stated(lie: Lie, truth: dict[str, float]) -> None:
 # --- on exact geometry ---
 
 
-def _touched(finger: Fingertip, truth: dict[str, float], along: tuple[float, ...], noise_mm: float = 0.0) -> Any:
+def _touched(finger: Fingertip, truth: dict[str, float], along: tuple[float, ...]) -> Any:
     """A run's touches of a sphere, from the simulator's own first touch: nothing of it is used by the fit."""
-    chance, plane = np.random.default_rng(3), finger.config.receptor_plane_mm
-    turn, events = Turn(truth["roll_deg"], truth["tilt_deg"]), []
+    plane, turn, events = finger.config.receptor_plane_mm, Turn(truth["roll_deg"], truth["tilt_deg"]), []
     for x in (-2.0, -1.0, 0.0, 1.0, 2.0):
         for a in along:
             height = 0.0
@@ -46,18 +46,38 @@ def _touched(finger: Fingertip, truth: dict[str, float], along: tuple[float, ...
                 touch = finger.touch_height_mm("sphere:2", seen.x_mm, z_mm=plane + seen.along_mm)
                 height -= seen.above_apex_mm - (touch - finger.apex_height_mm)
             place = {"indentor": "sphere:2", "x_mm": x, "along_mm": a}
-            events.append({**place, "contact_height_mm": height + chance.normal(0.0, noise_mm)})
+            events.append({**place, "contact_height_mm": height})
+    return _run_of(events)
+
+
+def _run_of(events: list[dict[str, Any]]) -> Any:
     return SimpleNamespace(stream=lambda name: {"find": events}[name], folder=SimpleNamespace(path="here"))
 
 
+@pytest.fixture(scope="module")
+def touched(finger: Fingertip) -> Any:
+    """Fifteen touches of a turned finger, each sought five times."""
+    return _touched(finger, TRUTH, (-2.0, 0.0, 2.0))
+
+
 @pytest.mark.parametrize("noise_mm", [0.0, 0.005])
-def test_the_frame_of_a_turned_finger_is_found(finger: Fingertip, noise_mm: float) -> None:
-    lie = find(_touched(finger, TRUTH, (-2.0, 0.0, 2.0), noise_mm), Config(), finger)
+def test_the_frame_of_a_turned_finger_is_found(finger: Fingertip, touched: Any, noise_mm: float) -> None:
+    """As a table of the configuration, too."""
+    chance = np.random.default_rng(3)
+    noisy = [
+        {**event, "contact_height_mm": event["contact_height_mm"] + chance.normal(0.0, noise_mm)}
+        for event in touched.stream("find")
+    ]
+    lie = find(_run_of(noisy), Config(), finger)
     _within_what_is_stated(lie, TRUTH)
     assert lie.residual_mm < max(2 * noise_mm, 0.001)  # the skin's points are 0.3 µm off at most
     assert lie.sd["apex_z_mm"] < 0.03
     # The pad is nearly round across: a roll looks like a step to the side, and the correlation says so.
     assert abs(lie.correlation[0, 3]) > 0.9
+    config = Config.model_validate(tomllib.loads(lie.as_toml()))
+    assert config.frame.pad_centre_x_mm == pytest.approx(lie.value["pad_centre_x_mm"], abs=1e-4)
+    assert config.frame.roll_deg == pytest.approx(lie.value["roll_deg"], abs=1e-4)
+    assert "roll_deg" in config.as_toml()  # so that it is stored with every run
 
 
 def test_without_an_axis_along_the_finger_tilt_and_place_along_stay_as_they_were(finger: Fingertip) -> None:
@@ -67,23 +87,13 @@ def test_without_an_axis_along_the_finger_tilt_and_place_along_stay_as_they_were
     _within_what_is_stated(lie, truth)
 
 
-def test_too_few_touches_or_no_sphere(finger: Fingertip) -> None:
-    run = _touched(finger, TRUTH, (0.0,))
-    few = SimpleNamespace(stream=lambda name: run.stream(name)[:4], folder=run.folder)
+def test_too_few_touches_or_no_sphere(finger: Fingertip, touched: Any) -> None:
+    few = _run_of(touched.stream("find")[:4])
     with raises(BadInputError, "too_few_touches", path="here", touches=4):
         find(few, Config(), finger)
-    bars = SimpleNamespace(stream=lambda name: [{**run.stream(name)[0], "indentor": "bar:3.0"}], folder=run.folder)
+    bars = _run_of([{**touched.stream("find")[0], "indentor": "bar:3.0"}])
     with raises(BadInputError, "not_one_sphere", path="here"):
         find(bars, Config(), finger)
-
-
-def test_the_frame_is_a_table_of_the_configuration(finger: Fingertip) -> None:
-
-    lie = find(_touched(finger, TRUTH, (-2.0, 0.0, 2.0)), Config(), finger)
-    config = Config.model_validate(tomllib.loads(lie.as_toml()))
-    assert config.frame.pad_centre_x_mm == pytest.approx(lie.value["pad_centre_x_mm"], abs=1e-4)
-    assert config.frame.roll_deg == pytest.approx(lie.value["roll_deg"], abs=1e-4)
-    assert "roll_deg" in config.as_toml()  # so that it is stored with every run
 
 
 # --- on the virtual bench ---

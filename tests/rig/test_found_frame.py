@@ -15,8 +15,8 @@ from scipy.stats import t as student
 from rig.errors import BadInputError
 from rig.identify.frame import NAMES, Lie, find
 from rig.plan.config import Config
+from sim.carriage import Pose, Turn
 from sim.models.fingertip import Fingertip
-from sim.plant import Pose, Turn
 from tests.error_codes import raises
 
 RADIUS_MM = 2.4

@@ -13,8 +13,8 @@ from rig.errors import BadInputError
 from rig.plan.config import Config, load_config
 from rig.session.hardware_stop import refuse_stop_inputs, stop_inputs_heeded
 from rig.units import GWT_N
+from sim.carriage import Carriage, TruePose
 from sim.devices.clock import VirtualClock
-from sim.plant import Carriage, TruePose
 from tests.error_codes import raises
 
 K_GWT, CONTACT_MM = 30.0, -0.1  # five times as stiff as a finger

@@ -39,6 +39,7 @@ from rig.protocol.api import Rig
 from rig.report.identification_page import IdentificationPage, write_identification_page
 from rig.session.session import FinishedRun, NewRun, Nobody, Session, run_on
 from rig.units import GWT_N
+from sim.carriage import Carriage, TruePose
 from sim.devices.clock import VirtualClock
 from sim.identification.next_press import PressAt
 from sim.identification.predicted_forces import MeasuredPress, PressTrajectory
@@ -46,7 +47,6 @@ from sim.identification.prior import TAU_FAST_S, Prior
 from sim.identification.uncertainty_bands import standard_deviations
 from sim.models.fingertip import Fingertip
 from sim.models.relaxation import Memory, Prony, PronyTerm
-from sim.plant import Carriage, TruePose
 from tests.made_up_fingers import made_up
 from tests.program import Program
 

@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Iterator, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -39,7 +40,9 @@ def leaves(schema: Schema) -> Iterator[Schema]:
             yield one
 
 
-FIELDS = [field for command in OUTPUTS for field in fields(command)]
+@cache
+def all_fields() -> list[Field]:
+    return [field for command in OUTPUTS for field in fields(command)]
 
 
 def has_unit(key: str, found: Schema, beside: Mapping[str, Any]) -> bool:
@@ -59,14 +62,14 @@ def test_objects_have_no_other_keys() -> None:
 
 def test_keys_are_in_snake_case() -> None:
     assert [
-        (command, key) for command, key, *_ in FIELDS if not re.fullmatch("[a-z][a-z0-9]*(_[a-z0-9]+)*", key)
+        (command, key) for command, key, *_ in all_fields() if not re.fullmatch("[a-z][a-z0-9]*(_[a-z0-9]+)*", key)
     ] == []
 
 
 def test_numbers_have_a_unit() -> None:
     wrong = {
         (command, key)
-        for command, key, schema, beside in FIELDS
+        for command, key, schema, beside in all_fields()
         for one in leaves(schema)
         if one.get("type") == "number" and not has_unit(key, one, beside)
     }
@@ -74,7 +77,7 @@ def test_numbers_have_a_unit() -> None:
 
 
 def test_units_are_from_one_list() -> None:
-    for command, key, schema, _ in FIELDS:
+    for command, key, schema, _ in all_fields():
         if key == "unit" or key.endswith("_unit"):
             for one in leaves(schema):
                 assert set(one.get("enum", [one.get("const", "")])) <= set(UNIT_FIELDS), (command, key)
@@ -82,7 +85,7 @@ def test_units_are_from_one_list() -> None:
 
 def test_text_is_prose_or_from_a_list_or_has_a_format() -> None:
     """Prose is in keys that end in _text, which hold nothing else."""
-    for command, key, schema, _ in FIELDS:
+    for command, key, schema, _ in all_fields():
         for one in leaves(schema):
             named = "enum" in one or "const" in one or one.get("format") in FORMATS
             if one.get("type") == "string":
@@ -93,7 +96,7 @@ def test_text_is_prose_or_from_a_list_or_has_a_format() -> None:
 
 def test_maps_are_only_of_settings() -> None:
     """Of a protocol, a table of the configuration, or units by measure."""
-    maps = {key for _, key, schema, _ in FIELDS for one in leaves(schema) if one.get("type") == "object"}
+    maps = {key for _, key, schema, _ in all_fields() for one in leaves(schema) if one.get("type") == "object"}
     assert maps == {"parameters", "limits", "mesh", "unit"}
 
 

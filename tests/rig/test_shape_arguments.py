@@ -17,10 +17,11 @@ from rig.plan.finger_model import FingerModel
 from rig.records import Target
 from rig.study.exceptions import StudyError
 from rig.study.parameter_study import read_study
+from sim.carriage import Pose
 from sim.contact.shapes import ShapeError, parse_shape, shape_name, shape_size, with_size
 from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.plant import Pose, PressedFinger
+from sim.plant import PressedFinger
 
 # Options that a shape does not take.
 MEANINGLESS = (

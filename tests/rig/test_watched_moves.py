@@ -19,8 +19,8 @@ from rig.engine.bench import NO_PAUSE
 from rig.engine.engine import Engine, State
 from rig.plan.config import Config
 from rig.units import GWT_N
+from sim.carriage import Carriage, Pose, TruePose
 from sim.devices.clock import VirtualClock
-from sim.plant import Carriage, Pose, TruePose
 from tests.error_codes import raises
 
 GRBL: dict[str, Any] = {"force": {"baud": 115200}}

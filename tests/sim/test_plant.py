@@ -5,11 +5,12 @@ from copy import copy
 import numpy as np
 import pytest
 
+from sim.carriage import Carriage, Placement, Pose, Screws, Truth
 from sim.contact.indentor import Indentor
 from sim.contact.shapes import ShapeError
 from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.plant import Carriage, Placement, Plant, Pose, PressedFinger, Screws, Truth
+from sim.plant import Plant, PressedFinger
 from tests.error_codes import raises
 
 PLACE = Placement(pad_centre_x_mm=-30.0, apex_z_mm=-25.0)

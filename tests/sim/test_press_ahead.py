@@ -8,9 +8,9 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
+from sim.carriage import Carriage, Placement, Pose, Screws, Truth
 from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
-from sim.plant import Carriage, Placement, Pose, Screws, Truth
 from sim.serve.force_process import FingerNotLoadedError, PressAnswer, PressProcess
 from sim.serve.prefetch import STALE_S, PressAhead
 from sim.serve.real_time_loop import WallScheduler

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
+from sim.carriage import Carriage, Placement, Pose, Screws, Truth, Turn
 from sim.config import FingertipConfig
 from sim.devices.clock import VirtualClock
 from sim.errors import ModelRangeError
@@ -12,7 +13,7 @@ from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.relaxation import Prony, PronyTerm
 from sim.models.viscoelastic import InTime
-from sim.plant import Carriage, Placement, Pose, PressedFinger, RelaxingPlant, RelaxingPress, Screws, Truth, Turn
+from sim.plant import PressedFinger, RelaxingPlant, RelaxingPress
 from sim.serve.force_process import Going, Leg, TrajectoryUpdate, WayAnswer, WayProcess
 from sim.serve.prefetch import STALE_S, WayAhead
 from sim.serve.real_time_loop import WallScheduler

@@ -8,10 +8,11 @@ from typing import Any
 
 import pytest
 
+from sim.carriage import AS_MODELLED, Carriage, Placement, Pose, Screws
 from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
 from sim.models.relaxation import PronyTerm
-from sim.plant import AS_MODELLED, Carriage, Placement, Pose, PressedFinger, RelaxingPress, Screws
+from sim.plant import PressedFinger, RelaxingPress
 from sim.serve.force_process import (
     ForceProcess,
     Leg,

@@ -8,6 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from rig.plan.config import load_config
+from sim.carriage import Pose
 from sim.config import FingertipConfig, Tissue
 from sim.contact.shapes import parse_shape
 from sim.contact.touch import first_touch
@@ -44,7 +45,7 @@ from sim.models.stiffening import (
     young_below,
 )
 from sim.models.viscoelastic import InTime
-from sim.plant import Pose, RelaxingPress
+from sim.plant import RelaxingPress
 from tests.error_codes import raises
 from tests.sim.coarse_mesh import coarse_mesh
 

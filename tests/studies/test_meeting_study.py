@@ -13,11 +13,12 @@ from rig.plan.config import Config
 from rig.plan.plan import Plan
 from rig.session.session import NewRun, Nobody, Session, run_on
 from rig.units import GWT_N
+from sim.carriage import Pose
 from sim.config import FingertipConfig
 from sim.errors import ModelRangeError
 from sim.identification.next_press import PressAt
 from sim.models.fingertip import Fingertip
-from sim.plant import Pose, RelaxingPress
+from sim.plant import RelaxingPress
 from studies.meeting import tables
 from studies.meeting.hidden import Keeper, OnlyMounts, TruthReadError
 from studies.meeting.ogden import OgdenFinger

@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from rig.identify.adaptive_presses import SHAPES as PRESSED
+from sim.carriage import Pose
 from sim.contact.shapes import parse_shape
 from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
 from sim.models.relaxation import PronyTerm
-from sim.plant import Pose, RelaxingPress
+from sim.plant import RelaxingPress
 from studies.meeting.ogden import KEPT, OgdenFinger, factor
 from studies.meeting.proof import GOALS
 from studies.stiffening.references import read
