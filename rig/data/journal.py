@@ -247,7 +247,7 @@ class Journal:
         self.interrupted_by: Callable[[], str] = lambda: "interrupted"  # the reason of an interrupt without a message
 
     def start(self, about: Mapping[str, Any]) -> None:
-        """Write the first document, the script and its inputs, at the time when the ports were opened."""
+        """Write the first document, the script and its inputs, at t_s = 0, when the byte log began."""
         self._write("start", about)
 
     def resume(self, about: Mapping[str, Any]) -> None:

@@ -1,8 +1,8 @@
 """Time of a run (`t_s`), also in journals and byte logs of earlier versions.
 
-`t_s` is 0 when a run opens its ports, and counts on by the computer's monotonic clock. A resumed part begins at the
-wall-clock time since then, but never before the last recorded `t_s`. In earlier versions `t_s` of a real run counted
-from the boot of the computer, and after a reboot from the end of the earlier part.
+`t_s` is 0 when the byte log of a run begins, and counts by the computer's monotonic clock. A resumed part begins at
+the wall-clock time since then, but never before the last recorded `t_s`. In earlier versions `t_s` of a real run
+counted from the boot of the computer, and after a reboot from the end of the earlier part.
 """
 
 from collections.abc import Iterable, Mapping
