@@ -14,6 +14,10 @@ class Clock(Protocol):
         """Seconds that never run backwards; the origin is arbitrary."""
         ...
 
+    def run_s(self, at_s: float | None = None) -> float:
+        """Seconds since the start of the run (`t_s`), now or when monotonic_s() was at_s."""
+        ...
+
     def unix_s(self) -> float:
         """Wall time, seconds since 1970-01-01 UTC."""
         ...
@@ -28,13 +32,25 @@ class Clock(Protocol):
 
 
 class WallClock:
-    """The clock of a real run; it begins at not_before_s at the earliest, where an earlier part of the run ended."""
+    """The clock of a real run. Outside of a run, run_s() counts from the creation of the clock."""
 
-    def __init__(self, not_before_s: float = 0.0) -> None:
-        self._ahead_s = max(not_before_s - time.monotonic(), 0.0)
+    def __init__(self, run_s: float = 0.0) -> None:
+        """run_s: present time of the run."""
+        self._began_s = time.monotonic() - run_s
+
+    def begin_run(self, run_s: float = 0.0) -> float:
+        """Begin a run, or its next part at run_s; return by how much earlier times of the run are ahead (s).
+
+        monotonic_s(), and with it every deadline, goes on.
+        """
+        before_s, self._began_s = self._began_s, time.monotonic() - run_s
+        return self._began_s - before_s
 
     def monotonic_s(self) -> float:
-        return time.monotonic() + self._ahead_s
+        return time.monotonic()
+
+    def run_s(self, at_s: float | None = None) -> float:
+        return (time.monotonic() if at_s is None else at_s) - self._began_s
 
     def unix_s(self) -> float:
         return time.time()

@@ -105,7 +105,9 @@ class RunOwner:
                 return
             try:
                 if self.folder is None:
-                    self.folder = record_before(script, config, into, virtual=self.virtual, reason=self.stopped_by)
+                    self.folder = record_before(
+                        script, config, into, virtual=self.virtual, reason=self.stopped_by, clock=self.switch.clock
+                    )
                     complain(f"the run folder {self.folder.path} records the stop")
                 record_after(self.folder, self._stopped_while, self.switch.kept, self.stopped_by)
             except (OSError, FolderBusyError) as error:

@@ -1,6 +1,7 @@
 """Stop of the stage from another thread or process, whatever the state of locks and disks."""
 
 import io
+import json
 import re
 import threading
 import tomllib
@@ -35,7 +36,7 @@ class StageInHand:
     """
 
     def __init__(self, settings: BenchSettings, clock: WallClock) -> None:
-        """clock: clock of the run."""
+        """clock: clock of the run, which may begin later."""
         self.clock, self.gate = clock, StopGate()
         self._settings = settings
         self._buffer = io.StringIO()
@@ -58,6 +59,16 @@ class StageInHand:
         """Open the ports. Raises TransportError."""
         self._opened()
         return self
+
+    def begin_run(self, run_s: float) -> None:
+        """Begin a run, or its next part at run_s; bytes from before have times before it."""
+        with self._changing:
+            ahead_s = self.clock.begin_run(run_s)
+            lines = [json.loads(line) for line in self._buffer.getvalue().splitlines()]
+            self._buffer.seek(0)
+            self._buffer.truncate()
+            for line in lines:
+                self._buffer.write(json.dumps({**line, "t_s": round(line["t_s"] - ahead_s, 6)}) + "\n")
 
     def lend(self, byte_log: Sink) -> Stage:
         """Lend the stage to the run's bench; until its return, bytes go to this log. Raises TransportError."""
@@ -179,6 +190,11 @@ class StopSwitch:
     def kept(self) -> str:
         """Byte log lines from outside of a run."""
         return "" if self._stage is None else self._stage.kept
+
+    @property
+    def clock(self) -> WallClock | None:
+        """Clock of these lines."""
+        return None if self._stage is None else self._stage.clock
 
     def stop(self) -> None:
         """Stop from any thread but the main one.

@@ -15,6 +15,7 @@ from typing import Any
 
 from rig.data.folder import RunFolder, replace_bytes
 from rig.data.run import RunError
+from rig.data.run_time import RunTime, is_timed
 
 GONE = "(removed)"
 _SUBJECT = "SUBJECT"
@@ -67,13 +68,13 @@ class Scrubber:
             return GONE
         return self.text(value)
 
-    def line(self, line: str) -> str:
-        """Return a scrubbed line of JSON; of another line only its length."""
+    def line(self, line: str, timed: Callable[[Any], Any] = lambda found: found) -> str:
+        """Return a scrubbed line of JSON, with its corrected time; of another line only its length."""
         try:
             found = json.loads(line)
         except ValueError:
             return json.dumps({"unreadable": len(line)})
-        return json.dumps(self.value(found), ensure_ascii=False)
+        return json.dumps(self.value(timed(found) if is_timed(found) else found), ensure_ascii=False)
 
     def script(self, source: str) -> str | None:
         """Return Python source without comments and string literals, line by line; None if it is not Python."""
@@ -133,9 +134,10 @@ def bug_report(run: Path, to: Path, installation: Mapping[str, Any], shipped: Ma
         )
     scrubber = _scrubber(folder)
     members = {"installation.json": _json(scrubber.value(dict(installation)))}
+    time = RunTime()
     for name, made in _MEMBERS.items():
         text = _text(run / name)
-        found = None if text is None else made(scrubber, text)
+        found = None if text is None else made(scrubber, text, time)
         members |= {} if found is None else {name: found}
     members |= dict(_script(scrubber, _text(run / "protocol.py"), shipped))
     about = _ABOUT.format(holds=", ".join(members), left_out="; ".join(LEFT_OUT))
@@ -148,7 +150,7 @@ def bundle_name(run: Path) -> str:
     return f"bug-report-{_scrubber(folder).text(run.resolve().name)}.zip"
 
 
-def _made_from(scrubber: Scrubber, text: str) -> str | None:
+def _made_from(scrubber: Scrubber, text: str, time: RunTime) -> str | None:
     try:
         found = json.loads(text)
     except ValueError:
@@ -158,16 +160,16 @@ def _made_from(scrubber: Scrubber, text: str) -> str | None:
     return _json(scrubber.value({name: found[name] for name in _MADE_FROM if name in found}))
 
 
-def _lines(scrubber: Scrubber, text: str) -> str:
-    return "".join(f"{scrubber.line(line)}\n" for line in text.split("\n") if line)
+def _lines(scrubber: Scrubber, text: str, timed: Callable[[Any], Any]) -> str:
+    return "".join(f"{scrubber.line(line, timed)}\n" for line in text.split("\n") if line)
 
 
-_MEMBERS: dict[str, Callable[[Scrubber, str], str | None]] = {
+_MEMBERS: dict[str, Callable[[Scrubber, str, RunTime], str | None]] = {
     "provenance.json": _made_from,
-    "config.toml": lambda scrubber, text: scrubber.text(text),
-    "events.jsonl": _lines,
-    "bytes.jsonl": _lines,
-    "timeline.json": _lines,
+    "config.toml": lambda scrubber, text, time: scrubber.text(text),
+    "events.jsonl": lambda scrubber, text, time: _lines(scrubber, text, time.document),
+    "bytes.jsonl": lambda scrubber, text, time: _lines(scrubber, text, time.chunk),  # after the journal
+    "timeline.json": lambda scrubber, text, time: _lines(scrubber, text, lambda found: found),
 }
 
 

@@ -39,7 +39,7 @@ FAMILIES = {
 """Descriptions by prefix; tables that end in `_superseded` hold indentations that were repeated."""
 
 MEANINGS = {
-    "t_s": "time of the event on the run's clock",
+    "t_s": "time of the event since the start of the run",
     "index": "number of the press among those of its kind, from 0, in the order of the protocol; −1 outside a press",
     "indentor": "shape of the indentor, e.g. bar:3.0",
     "x_mm": "lateral position of the indentor's reference point, from the center of the pad",
@@ -77,7 +77,7 @@ MEANINGS = {
     "doi_bias_mm": "depth already reached when the force exceeded the threshold, from the fit",
     "hold": "number of the hold in its indentation, from 1",
     "at": "event that the pulse marks: touch, hold_start or hold_end",
-    "rise_s": "time when the device had confirmed the rise, on the run's clock",
+    "rise_s": "time since the start of the run when the device had confirmed the rise",
     "uncertainty_s": "uncertainty of the rise: it may have been earlier by as much",
     "width_s": "duration of the pulse",
     "duration_s": "duration from the start of the indentation until clearance",

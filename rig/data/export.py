@@ -81,7 +81,7 @@ def _as_csv(columns: dict[str, list[Any]]) -> str:
 
 
 # A run as Neurodata Without Borders (NWB 2, HDF5), for sharing beside a recording. Needs the extra `nwb`.
-# Times are seconds of the run's clock, t = 0 at its start. Positions are in the finger's frame, in meters as NWB
+# Times are seconds since the start of the run. Positions are in the finger's frame, in meters as NWB
 # requires.
 
 _M_PER_MM = 1e-3

@@ -247,7 +247,7 @@ class Journal:
         self.interrupted_by: Callable[[], str] = lambda: "interrupted"  # the reason of an interrupt without a message
 
     def start(self, about: Mapping[str, Any]) -> None:
-        """Write the first document: the script and its inputs."""
+        """Write the first document, the script and its inputs, at t_s = 0, when the byte log began."""
         self._write("start", about)
 
     def resume(self, about: Mapping[str, Any]) -> None:
@@ -280,12 +280,15 @@ class Journal:
         return self.interrupted_by() if isinstance(error, KeyboardInterrupt) else type(error).__name__
 
     def _write(self, kind: str, body: Mapping[str, Any]) -> None:
+        t_s, unix_s = self._clock.run_s(), self._clock.unix_s()
+        if kind == "start":
+            t_s, unix_s = 0.0, unix_s - t_s
         document = {
             "doc": kind,
             "uid": uuid.uuid4().hex,
             "seq": self._seq,
-            "t_s": round(self._clock.monotonic_s(), 6),
-            "unix_s": round(self._clock.unix_s(), 6),
+            "t_s": round(t_s, 6),
+            "unix_s": round(unix_s, 6),
             **body,
         }
         self._append((json.dumps(document, allow_nan=False) + "\n").encode("ascii"))

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from rig.data.folder import RunFolder
 from rig.data.journal import Document, JournalError, document_on, listed_documents, read_journal
+from rig.data.run_time import RunTime, on_run_time
 from rig.data.schema import PRESS_STREAMS
 from rig.errors import RigError
 
@@ -28,7 +29,7 @@ class RunError(RigError):
 
 @dataclass(frozen=True)
 class Run:
-    """Documents of one run by stream. Every event has its time under "t_s".
+    """Documents of one run by stream. Every event has its time since the start of the run under "t_s".
 
     `superseded` holds the events of indentations that were interrupted and repeated; `events` does not.
     """
@@ -39,10 +40,12 @@ class Run:
     units: dict[str, dict[str, str]]
     events: Events
     superseded: Events
-    duration_s: float
+    duration_s: float  # without the time between its parts
     end_s: float  # t_s of the last document
     # stream and data of all events, in the order of the journal
     in_order: Sequence[tuple[str, dict[str, Any]]] = ()
+    # (begin, end) of each part, in t_s
+    parts: Sequence[tuple[float, float]] = ()
 
     def stream(self, name: str) -> list[dict[str, Any]]:
         """Return the events of one stream in order."""
@@ -119,9 +122,9 @@ def read_run(path: Path, *, readings: bool = True, only: Collection[str] | None 
     folder = RunFolder(path)
     try:
         if only is None:
-            documents = list(read_journal(folder.events, readings=readings))
+            documents = on_run_time(read_journal(folder.events, readings=readings))
         else:
-            documents = listed_documents(folder.events, only)
+            documents = on_run_time(listed_documents(folder.events, only))
     except OSError as error:
         raise RunError(
             "run folder {run}: cannot read {events}: {reason}; give a run folder",
@@ -142,7 +145,7 @@ def read_run(path: Path, *, readings: bool = True, only: Collection[str] | None 
             events=folder.events.name,
         )
     events, superseded, in_order = _by_stream(documents)
-    last = documents[-1]
+    last, parts = documents[-1], _parts(documents)
     return Run(
         folder=folder,
         start=documents[0],
@@ -151,8 +154,9 @@ def read_run(path: Path, *, readings: bool = True, only: Collection[str] | None 
         events=events,
         superseded=superseded,
         in_order=in_order,
-        duration_s=_duration_s(documents),
+        duration_s=float(sum(end_s - begin_s for begin_s, end_s in parts)),
         end_s=last["t_s"],
+        parts=parts,
     )
 
 
@@ -200,11 +204,11 @@ def _set_aside(events: Events, superseded: Events, index: int) -> None:
             events[stream] = [event for event in found if event.get("index") != index]
 
 
-def _duration_s(documents: list[Document]) -> float:
-    """Return the duration (s), without the time between a stop and the next resume."""
+def _parts(documents: list[Document]) -> list[tuple[float, float]]:
+    """Return begin and end of the run and of its resumed parts (s)."""
     begins = [n for n, document in enumerate(documents) if document["doc"] in ("start", "resume")]
     ends = [*(n - 1 for n in begins[1:]), len(documents) - 1]
-    return float(sum(documents[b]["t_s"] - documents[a]["t_s"] for a, b in zip(begins, ends, strict=True)))
+    return [(documents[a]["t_s"], documents[b]["t_s"]) for a, b in zip(begins, ends, strict=True)]
 
 
 class Following:
@@ -212,6 +216,7 @@ class Following:
 
     def __init__(self, folder: RunFolder) -> None:
         self._path, self._at, self._line = folder.events, 0, 0
+        self._time = RunTime()
 
     def new(self, most: int = -1) -> list[Document]:
         """Return the new documents, up to the last whole line. Raises RunError.
@@ -244,7 +249,7 @@ class Following:
                 path=str(self._path),
                 line=self._line,
             )
-        return found
+        return self._time.document(found)
 
 
 def followed(folder: RunFolder, wait: Callable[[], None]) -> Iterator[list[Document]]:

@@ -311,7 +311,7 @@ class RunState:
         self.pressing = False  # during any press
         self.placed: Placed | None = None  # None before any mount, move or press
         self.newest: Mapping[str, Any] = {}  # the last reading
-        self.newest_s: tuple[float | None, float | None] = (None, None)  # on the run's clock, and since 1970
+        self.newest_s: tuple[float | None, float | None] = (None, None)  # since the start of the run, and since 1970
         self.x_mm: float | None = None  # of the last event that has it, like the next two
         self.height_mm: float | None = None
         self.force_gwt: float | None = None

@@ -47,5 +47,8 @@ STREAMS = {
 }  # fmt: skip
 """All streams. Presses that are not data (`precondition_…`, `reference_…`) have separate streams."""
 
+INSTANTS = ("rise_s",)
+"""Keys whose values are times of the run, like `t_s`; any other time is a duration."""
+
 WAITED_FOR = ("mount", "resumed")
 """Events that end a wait for a person, which does not count as run time."""

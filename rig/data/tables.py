@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -86,7 +87,7 @@ _UNTIL_THEN = "paused"  # The time before a pause belongs to the interrupted act
 
 @dataclass(frozen=True)
 class Span:
-    """Interval of the run's clock, and its activity."""
+    """Interval of the run (`t_s`), and its activity."""
 
     begin_s: float
     end_s: float
@@ -94,18 +95,27 @@ class Span:
 
 
 def spans(run: Run) -> list[Span]:
-    """Return the intervals before each event, for all presses; together they cover the run."""
+    """Return the intervals before each event, for all presses; together they cover the run, without its stops."""
     found, paused = list[Span](), list[tuple[float, float]]()
     last_s = run.start["t_s"]
     for t_s, kind in sorted(_stamps(run)):
-        gone, last_s = (last_s, t_s), t_s
+        gone, last_s = _running(run, last_s, t_s), t_s
         if kind == _UNTIL_THEN:
-            paused.append(gone)
+            paused += gone
             continue
-        found.append(Span(*gone, _LEADS_TO[kind]))
+        found += [Span(*before, _LEADS_TO[kind]) for before in gone]
         if kind not in WAITED_FOR:
             found += [Span(*before, _LEADS_TO[kind]) for before in paused]
             paused = []
+    return found
+
+
+def _running(run: Run, begin_s: float, end_s: float) -> list[tuple[float, float]]:
+    """Return an interval without the time between the parts of the run."""
+    found = [(begin_s, end_s)]
+    for (_, stopped_s), (resumed_s, _) in pairwise(run.parts):
+        if begin_s <= stopped_s < resumed_s <= end_s:
+            found[-1:] = [(found[-1][0], stopped_s), (resumed_s, end_s)]
     return found
 
 

@@ -50,7 +50,7 @@ def pulse(engine: Engine, press: PressId, at: str) -> None:
         {
             "index": press.index,
             "at": at,
-            "rise_s": round(rise_s, 6),
+            "rise_s": round(clock.run_s(rise_s), 6),
             "uncertainty_s": round(rise_s - requested_s, 6),
             "width_s": round(width_s, 6),
         },

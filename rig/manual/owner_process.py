@@ -244,5 +244,5 @@ class HandOwner:
 
     def _note(self, done: HoldRequest | Verb, begun_s: float) -> None:
         what = f"jog {done.axis}{done.sign:+d} at {done.speed_mm_s:g} mm/s" if isinstance(done, HoldRequest) else done
-        line = {"t_s": round(begun_s, 6), "did": what, "ended_by": self._status.ended_by}
+        line = {"t_s": round(self._clock.run_s(begun_s), 6), "did": what, "ended_by": self._status.ended_by}
         self._log.write(json.dumps(line) + "\n")

@@ -127,6 +127,7 @@ class HandStatus:
         self._seen_unix_s: float | None = None
         self._force_gwt: float | None = None
         self._read_unix_s: float | None = None
+        self._read_run_s: float | None = None
         self._problems: dict[str, str | None] = {"stage": None, "force": None}
         self.placed = self.zeroed = False
         self.ended_by: str | None = None
@@ -152,10 +153,12 @@ class HandStatus:
         zero = self._sensing.zero
         force_gwt = (reading if zero is None else zero.without_offset(reading)).force_n / GWT_N
         unix_s = self._clock.unix_s() - (self._clock.monotonic_s() - reading.t_s)
+        t_s = round(self._clock.run_s(reading.t_s), 3)
         with self._lock:
-            self._force_gwt, self._read_unix_s, self._problems["force"] = force_gwt, unix_s, None
+            self._force_gwt, self._read_unix_s, self._read_run_s = force_gwt, unix_s, t_s
+            self._problems["force"] = None
             location = (*self._place, self._height_mm)
-            self._backlog.add((round(unix_s, 3), round(reading.t_s, 3), round(force_gwt, 6), *location))
+            self._backlog.add((round(unix_s, 3), t_s, round(force_gwt, 6), *location))
 
     def unread(self, problem: str) -> None:
         """Record a failure of the sensor."""
@@ -172,7 +175,7 @@ class HandStatus:
                 "state": "Home" if self._at is None else self._at.state,
                 "x_mm": x_mm, "y_mm": y_mm, "z_mm": z_mm, "height_mm": self._height_mm if homed else None,
                 "seen_unix_s": self._seen_unix_s, "stage_problem": self._problems["stage"],
-                "force_gwt": self._force_gwt, "read_unix_s": self._read_unix_s,
+                "force_gwt": self._force_gwt, "read_unix_s": self._read_unix_s, "read_t_s": self._read_run_s,
                 "force_problem": self._problems["force"],
             }  # fmt: skip
             if since is not None:
@@ -216,7 +219,10 @@ KEPT_FILES = 16
 
 
 class HandLog:
-    """Log of lines from any thread; each file begins with the wall time (unix_s) at its first t_s."""
+    """Log of lines from any thread; each file begins with the wall time (unix_s) at its first t_s.
+
+    `t_s` counts from the start of manual control.
+    """
 
     def __init__(self, clock: Clock) -> None:
         """Create the first file. Raises OSError."""
@@ -246,7 +252,7 @@ class HandLog:
         stamp = datetime.fromtimestamp(now_s, UTC).strftime("%Y%m%d-%H%M%S.%f")
         path = self._folder / f"{stamp}-{os.getpid()}.jsonl"
         self._file, self.path, self._bytes = ByteLog(path), path, 0
-        self._file.write(json.dumps({"t_s": round(self._clock.monotonic_s(), 6), "unix_s": now_s}) + "\n")
+        self._file.write(json.dumps({"t_s": round(self._clock.run_s(), 6), "unix_s": now_s}) + "\n")
         for old in sorted(self._folder.glob("*.jsonl"))[:-KEPT_FILES]:
             old.unlink(missing_ok=True)
 

@@ -82,7 +82,7 @@ class SeenBench:
             "x_mm": status.get("x_mm"),
             "height_mm": status.get("height_mm"),
             "phase": status.get("busy"),
-            "t_s": read_s,
+            "t_s": status.get("read_t_s"),
             "age_s": age_s(read_s, unix_s),
         }
 

@@ -242,7 +242,7 @@ def _force_time(figure: Figure, run: Run) -> None:
     _trip(above, run)
     above.set(ylabel="force (gwt)", xlim=(run.start["t_s"] / per, run.end_s / per))
     _strip(below, spans(run), per)
-    below.set(xlabel=f"time on the run's clock ({unit})", yticks=[], ylim=(0, 1))
+    below.set(xlabel=f"time since the start of the run ({unit})", yticks=[], ylim=(0, 1))
     handles = [above.plot([], [], lw=5, color=color)[0] for color in PHASES.values()]
     figure.legend(handles, list(PHASES), loc="lower center", ncols=len(PHASES), fontsize=8)
 

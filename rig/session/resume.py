@@ -10,9 +10,11 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from rig.clock import WallClock
 from rig.data import FolderBusyError, Run, RunError, RunFolder, read_run
 from rig.data.folder import IDENTIFICATION_PAGES, SCRIPTS, UnwritableError
 from rig.data.journal import JournalError, mend_journal
+from rig.data.run_time import resumed_s
 from rig.devices.registry import stage_ports
 from rig.engine import RunAborted
 from rig.engine.bench_memory import BenchMemory
@@ -40,8 +42,11 @@ class StoppedRun:
 
     @property
     def begins_at_s(self) -> float:
-        """Earliest start of the clock of the next part (s)."""
-        return 0.0 if self.run is None else self.run.end_s
+        """Time of the run (`t_s`) of a part that begins now; a virtual run stands still between its parts."""
+        if self.run is None:
+            return 0.0
+        since_start_s = WallClock().unix_s() - self.run.start["unix_s"]
+        return resumed_s(self.run.end_s, 0.0 if self.virtual else since_start_s)
 
     @property
     def complete(self) -> bool:

@@ -135,7 +135,7 @@ class NewRun:
 
     @property
     def begins_at_s(self) -> float:
-        """Start of its clock (s)."""
+        """Time of the run (`t_s`) at its beginning."""
         return 0.0
 
 
@@ -169,7 +169,7 @@ class Session:
 
     @property
     def begins_at_s(self) -> float:
-        """Start of the run's clock (s)."""
+        """Time of the run (`t_s`) of a part that begins now."""
         return self.into.begins_at_s
 
 
@@ -195,6 +195,7 @@ def real_run(session: Session, ask: Callable[[str], str], stage: StageInHand) ->
     refuse_expired(session.config)
 
     def open_real_bench(_folder: RunFolder, byte_log: Sink, _start_unix_s: float) -> WatchedBench:
+        stage.begin_run(session.begins_at_s)
         return open_bench(session.config, stage.clock, byte_log, ask, session.pause, stage)
 
     return run_on(session, open_real_bench, virtual=False)
@@ -365,9 +366,17 @@ def _paced(session: Session, clock: Clock, speed: float | None) -> Watch:
 
 
 def record_before(
-    script: Script, config: Config, into: NewRun | StoppedRun, *, virtual: bool, reason: str = AT_ONCE
+    script: Script,
+    config: Config,
+    into: NewRun | StoppedRun,
+    *,
+    virtual: bool,
+    reason: str = AT_ONCE,
+    clock: WallClock | None = None,
 ) -> RunFolder:
     """Record a run that was stopped during planning: aborted, without a motion.
+
+    clock: clock of the byte log, if a port was open; the run begins where it began to count.
 
     The record is in a folder of its own, or the next part of the run to be resumed. Raises OSError,
     FolderBusyError.
@@ -379,7 +388,7 @@ def record_before(
     else:
         folder = into.folder
     before = None if isinstance(into, NewRun) else into.run
-    clock = WallClock(into.begins_at_s)
+    clock = clock or WallClock(into.begins_at_s)
     with folder.owned(), Journal(folder.events, clock, STREAMS, virtual=virtual) as journal:
         if before is None:
             journal.start(

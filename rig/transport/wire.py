@@ -95,7 +95,7 @@ class Sink(Protocol):
 
 
 class LoggedTransport:
-    """Transport that logs each chunk as one JSON line: t_s (monotonic), port, dir (tx or rx), hex."""
+    """Transport that logs each chunk as one JSON line: t_s (of the run), port, dir (tx or rx), hex."""
 
     def __init__(self, inner: Transport, clock: Clock, sink: Sink) -> None:
         self.name = inner.name
@@ -108,14 +108,14 @@ class LoggedTransport:
 
     def write(self, data: bytes) -> None:
         # The bytes are sent first: a full disk must not delay a stop.
-        t_s = self._clock.monotonic_s()
+        t_s = self._clock.run_s()
         self._inner.write(data)
         self._log(t_s, self._tx, data)
 
     def read(self, timeout_s: float) -> bytes:
         data = self._inner.read(timeout_s)
         if data:
-            self._log(self._clock.monotonic_s(), self._rx, data)
+            self._log(self._clock.run_s(), self._rx, data)
         return data
 
     def close(self) -> None:

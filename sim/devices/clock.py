@@ -83,6 +83,10 @@ class VirtualClock:
     def monotonic_s(self) -> float:
         return self._now_s
 
+    def run_s(self, at_s: float | None = None) -> float:
+        """Return the virtual time, now or at_s: the clock is made for one run."""
+        return self._now_s if at_s is None else at_s
+
     def unix_s(self) -> float:
         return self._start_unix_s + self._now_s
 

@@ -113,7 +113,7 @@ def test_documents_come_whole(path: Path) -> None:
 
 def test_times_are_kept_in_microseconds(path: Path, synced: list[int]) -> None:
     with Journal(path, VirtualClock(1.7e9 + 0.123456789, 5.123456789), SOME) as journal:
-        journal.start({})
+        journal.resume({})
     document = next(iter(read_journal(path)))
     assert repr(document["t_s"]) == "5.123457"
     assert repr(document["unix_s"]) == "1700000000.123457"

@@ -120,7 +120,7 @@ def units_file(path: Path, spikes: dict[int, list[float]], pulses: list[float]) 
 
 def with_pulses(rise_s: list[float]) -> Run:
     events = {"sync": [{"t_s": t, "rise_s": t} for t in rise_s]}
-    return Run(RunFolder(Path()), {}, None, {}, events, {}, 0.0, 0.0)
+    return Run(RunFolder(Path()), {}, None, {}, events, {}, 0.0, 6.0)
 
 
 def test_spike_times_of_one_unit(tmp_path: Path) -> None:

@@ -482,8 +482,10 @@ def test_a_stop_is_recorded_at_the_end_and_only_then(
 ) -> None:
     done: list[Any] = []
 
-    def before(script: Any, config: Config, into: NewRun, *, virtual: bool, reason: str) -> RunFolder:
-        done.append(("before", into, virtual, reason))
+    def before(
+        script: Any, config: Config, into: NewRun, *, virtual: bool, reason: str, clock: WallClock | None
+    ) -> RunFolder:
+        done.append(("before", into, virtual, reason, clock))
         return RunFolder(tmp_path / "own")
 
     monkeypatch.setattr(owning_module, "record_before", before)
@@ -502,7 +504,7 @@ def test_a_stop_is_recorded_at_the_end_and_only_then(
     assert AtTheTerminal(owner.pause, lambda *_: None, lambda: None, None, owner).stopped_by == reason
     state = "reporting" if began else "planning"
     assert done == [
-        *([] if began else [("before", NewRun(tmp_path), True, reason)]),
+        *([] if began else [("before", NewRun(tmp_path), True, reason, None)]),
         (folder, state, "its bytes", reason),
     ]
     assert (f"rig: the run folder {folder.path} records the stop\n" in capsys.readouterr().err) is not began

@@ -369,7 +369,7 @@ def test_where_nothing_changed_nothing_is_written(runs: Path, monkeypatch: pytes
 def test_an_index_is_of_its_columns_and_edition(runs: Path) -> None:
     listed(runs)
     names_of_it = [field.name for field in fields(Summary)]
-    mark = zlib.crc32(repr((1, names_of_it, HOLD_COLUMNS)).encode()) & 0x7FFFFFFF
+    mark = zlib.crc32(repr((2, names_of_it, HOLD_COLUMNS)).encode()) & 0x7FFFFFFF
     with closing(sqlite3.connect(runs / INDEX)) as index:
         assert index.execute("PRAGMA user_version").fetchone() == (mark,)
     assert run_index._BUSY_S == 2.0

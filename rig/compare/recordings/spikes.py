@@ -121,10 +121,10 @@ SPIKES_IN_NWB = (("time",), ("sync",))
 
 
 def read_spike_times(path: Path, run: Run, unit: str = "", columns: ColumnMap | None = None) -> Array:
-    """(n,) ascending s on the run's clock, from NWB or a CSV with columns `time_s[,kind]`. Raises RecordingError.
+    """(n,) ascending s since the run's start, from NWB or a CSV with columns `time_s[,kind]`. Raises RecordingError.
 
     Rows of kind "sync" are the run's pulses as the amplifier saw them: offset and drift between the two clocks are
-    fitted to them. Without such rows the times must be on the run's clock already. `unit` is the one of an NWB file.
+    fitted to them. Without such rows the times must count from its start already. `unit` is the one of an NWB file.
     """
     columns = columns or ColumnMap()
     spikes, pulses = read_nwb(path, unit, columns) if path.suffix == NWB else _read_csv(path, columns)
@@ -132,7 +132,19 @@ def read_spike_times(path: Path, run: Run, unit: str = "", columns: ColumnMap | 
         raise RecordingError(
             "{path}: contains no spikes; at least one spike time is required", code="no_spikes", path=str(path)
         )
-    return _on_the_runs_clock(path, spikes, pulses, run) if len(pulses) else spikes
+    if len(pulses):
+        return _on_the_runs_clock(path, spikes, pulses, run)
+    if spikes[0] > run.end_s or spikes[-1] < 0:
+        raise RecordingError(
+            "{path}: all spikes, from {first_s:g} to {last_s:g} s, lie outside the run of {end_s:g} s; times must "
+            "count from the start of the run (t_s), or the file must contain its sync pulses",
+            code="outside_run",
+            path=str(path),
+            first_s=float(spikes[0]),
+            last_s=float(spikes[-1]),
+            end_s=run.end_s,
+        )
+    return spikes
 
 
 NWB = ".nwb"
@@ -230,7 +242,7 @@ _CLOCK_TICK_S = 1e-6
 
 
 def _last_holds(run: Run, shape: str, name: str) -> list[tuple[float, float, float]]:
-    """x (mm), start and end (s on the run's clock) of the last hold of each finished indentation by a shape."""
+    """x (mm), start and end (s since the run's start) of the last hold of each finished indentation by a shape."""
     finished = {event["index"] for event in run.stream("indentation_end")}
     asked = {event["index"]: event for event in run.stream("indentation_start")}
     began = {(event["index"], event["hold"]): event["t_s"] for event in run.stream("hold_start")}

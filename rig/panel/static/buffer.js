@@ -13,7 +13,7 @@ export class Buffer {
   }
 
   forget() {
-    this.time = [[], [], [], [], []]; // s on the run's clock, gwt, mm, predicted gwt, press
+    this.time = [[], [], [], [], []]; // s since the start of the run, gwt, mm, predicted gwt, press
     this.press = null;
     this.pressed = [[], []]; // mm, gwt
   }

@@ -42,7 +42,7 @@ def journal(folder: Path, presses: int = len(PRESSES)) -> Run:
         "hold_end": [{"index": n, "hold": 1, "x_mm": p[0], "t_s": start + 0.6} for n, (p, start) in done],
         "indentation_end": [{"index": n} for n, _ in done],
     }
-    return Run(RunFolder(folder), {}, None, {}, events, {}, 0.0, 0.0)
+    return Run(RunFolder(folder), {}, None, {}, events, {}, 0.0, max(STARTS) + 0.6)
 
 
 @dataclass(frozen=True)

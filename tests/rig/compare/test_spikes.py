@@ -75,6 +75,17 @@ def test_spike_times_are_read_and_sorted(tmp_path: Path, bar_run: Run) -> None:
         read_spike_times(path, bar_run)
 
 
+@pytest.mark.parametrize("times_s", [[743.2, 760.5], [-5.0, -1.0]])
+def test_spikes_outside_the_run_are_on_another_clock(tmp_path: Path, bar_run: Run, times_s: list[float]) -> None:
+    """As those that were aligned to a journal whose times count from the boot of the computer."""
+    path = tmp_path / "spikes.csv"
+    path.write_text("time_s\n" + "".join(f"{t}\n" for t in times_s), encoding="utf-8")
+    first_s, last_s = times_s
+    run = replace(bar_run, end_s=700.0)
+    with raises(RecordingError, "outside_run", path=str(path), first_s=first_s, last_s=last_s, end_s=700.0):
+        read_spike_times(path, run)
+
+
 def test_sync_pulses_align_the_clocks(tmp_path: Path, bar_run: Run) -> None:
     """The amplifier's clock started 100 s earlier and runs 50 ppm fast."""
     path = tmp_path / "unit7.csv"
