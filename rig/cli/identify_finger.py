@@ -7,7 +7,6 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, NoReturn, TypeVar
 
-import numpy as np
 import typer
 
 from rig.bench.virtual import refuse_twinless
@@ -56,9 +55,10 @@ from rig.units import GWT_N
 from sim.contact.shapes import parse_shape, with_size
 from sim.finger_process import Finger, FingerProcess
 from sim.identification.next_press import PressAt
+from sim.identification.posterior import parameter_bands
 from sim.identification.predicted_forces import PredictedForces
-from sim.identification.prior import Prior, named, plain
-from sim.identification.uncertainty_bands import Width, ends
+from sim.identification.prior import Prior
+from sim.identification.uncertainty_bands import Width
 from sim.models.fingertip import Fingertip
 
 USUAL_GOALS = (
@@ -161,17 +161,11 @@ def force_rows(identification: Identification) -> list[tuple[str, ...]]:
 
 
 def number_rows(identification: Identification) -> list[tuple[str, ...]]:
-    """Return a row per parameter: the maximum-likelihood value, and its bands after and before."""
-    bands = [np.quantile(one.draws, ends(), axis=0) for one in (identification.learned, identification.before)]
+    """Return a row per parameter: the estimate, and its bands after and before."""
+    after, before = (parameter_bands(one) for one in (identification.learned, identification.before))
     return [
-        (
-            named(name),
-            f"{plain(name, most_likely):.3g}",
-            *(" … ".join(f"{plain(name, end):.3g}" for end in band[:, k]) for band in bands),
-        )
-        for k, (name, most_likely) in enumerate(
-            zip(identification.learned.prior.names, identification.learned.most_likely.tolist(), strict=True)
-        )
+        (now.name, f"{now.estimate:.3g}", *(f"{one.low:.3g} … {one.high:.3g}" for one in (now, then)))
+        for now, then in zip(after, before, strict=True)
     ]
 
 
@@ -189,7 +183,7 @@ def final_lines(done: FinishedRun, identification: Identification, to: object) -
     if identification.mismatch is not None:
         lines["no finger"] = f"{identification.mismatch}; check that the requested indentor is mounted"
     if identification.measured:
-        learned = [f"{name} {most_likely} ({after})" for name, most_likely, after, _ in number_rows(identification)]
+        learned = [f"{name} {estimate} ({after})" for name, estimate, after, _ in number_rows(identification)]
         forces = [
             f"{goal.indentor} at {goal.x_mm:+.1f} mm to {goal.doi_mm:.2f} mm: {_in_brackets(w, ' gwt')}"
             for goal, w in zip(identification.options.goals, identification.widths, strict=True)
@@ -216,20 +210,7 @@ def _as_json(done: FinishedRun, identification: Identification, to: Path) -> dic
 
 
 def _parameters(identification: Identification) -> list[dict[str, Any]]:
-    names, draws = identification.learned.prior.names, identification.learned.draws
-    values = [np.exp(draws[:, k]) if named(name) != name else draws[:, k] for k, name in enumerate(names)]
-    bands = [np.quantile(column, ends()).tolist() for column in values]
-    return [
-        {
-            "name": named(name),
-            "unit": unit(named(name)) or "1",
-            "mean": float(column.mean()),
-            "sd": float(column.std(ddof=1)),
-            "low": low,
-            "high": high,
-        }
-        for name, column, (low, high) in zip(names, values, bands, strict=True)
-    ]
+    return [{**vars(one), "unit": unit(one.name) or "1"} for one in parameter_bands(identification.learned)]
 
 
 def _predicted(identification: Identification) -> list[dict[str, Any]]:

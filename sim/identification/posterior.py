@@ -14,7 +14,7 @@ from scipy.linalg import block_diag
 from scipy.special import chdtrc
 
 from sim.identification.predicted_forces import MeasuredPress, PredictedForces
-from sim.identification.prior import TISSUE, Kind, Prior
+from sim.identification.prior import TISSUE, Kind, Prior, named, plain
 from sim.identification.uncertainty_bands import Width, parameter_ends
 from sim.identification.weighted_draws import Target, climbed, systematic, weighted_draws
 
@@ -56,6 +56,31 @@ class Learned:
     def covariance(self) -> Array:
         """(p, p) covariance."""
         return np.asarray(np.cov(self.draws.T))
+
+
+@dataclass(frozen=True)
+class ParameterBand:
+    """A parameter of the finger without its logarithm: estimate, mean, standard deviation and 90 % band."""
+
+    name: str
+    estimate: float
+    mean: float
+    sd: float
+    low: float
+    high: float
+
+
+def parameter_bands(learned: Learned) -> list[ParameterBand]:
+    """Return the band of each parameter; an estimate is that of one finger, and lies within its band."""
+    low, high = parameter_ends(learned.draws)
+    found = []
+    for k, name in enumerate(learned.prior.names):
+        values = np.exp(learned.draws[:, k]) if named(name) != name else learned.draws[:, k]
+        estimate, least, most = (plain(name, float(one[k])) for one in (learned.most_likely, low, high))
+        found.append(
+            ParameterBand(named(name), estimate, float(values.mean()), float(values.std(ddof=1)), least, most)
+        )
+    return found
 
 
 def least_effective(parameters: int) -> int:
