@@ -87,7 +87,6 @@ class Posterior(Settings):
                     )
         return self
 
-
     def band(self, name: str, coverage: float) -> tuple[float, float]:
         """Return the band of a parameter, as stored or of the normal distribution."""
         k = self.names.index(name)
