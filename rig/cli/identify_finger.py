@@ -1,6 +1,6 @@
 """`rig identify` and `rig find`: identify the finger, and find where it lies."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
@@ -96,6 +96,31 @@ def scope_of(options: IdentificationOptions) -> tuple[float, float]:
     places = [*map(abs, PLACES_MM), *(abs(goal.x_mm) for goal in options.goals)]
     depths = [*DEPTHS_MM, *(goal.doi_mm for goal in options.goals)]
     return max(places) + _BEYOND_X_MM, BEYOND_DEPTH * max(depths)
+
+
+def possible(
+    options: IdentificationOptions, predicted: PredictedForces, refused: Mapping[str, str], *, own_goals: bool
+) -> IdentificationOptions:
+    """Return the options without shapes that the finger cannot be pressed with. Raises BadInputError if none is left.
+
+    own_goals: whether the goals are the program's, which are then made as deep as the finger allows; without any,
+    they are the presses of the shapes.
+    """
+    shapes = tuple(shape for shape in options.shapes if shape not in refused)
+    asked = [] if own_goals else [goal.indentor for goal in options.goals if goal.indentor in refused]
+    if asked or not shapes:
+        name = (asked or list(options.shapes))[0]
+        raise BadInputError(
+            "{indentor} cannot be pressed on this finger: {problem}",
+            code="impossible_shape", indentor=name, problem=refused[name],
+        )  # fmt: skip
+    if not own_goals:
+        return replace(options, shapes=shapes)
+    usual = [goal for goal in options.goals if goal.indentor not in refused]
+    usual = usual or [PressAt(shape, 0.0, max(DEPTHS_MM)) for shape in shapes]
+    deepest_mm = {goal.indentor: predicted.table(goal.indentor).scope.depth_mm[1] for goal in usual}
+    goals = [replace(goal, doi_mm=min(goal.doi_mm, round(deepest_mm[goal.indentor], 2) - 0.01)) for goal in usual]
+    return replace(options, shapes=shapes, goals=tuple(goals))
 
 
 def page_lines(config: Config, options: IdentificationOptions) -> dict[str, str]:
@@ -313,7 +338,10 @@ def identify_command(
         options = IdentificationOptions(goals, width / 100, presses, most_gwt, names)
         predicted = PredictedForces.over(settings.finger, Prior(), *scope_of(options))
         with at_once():  # what ends this ends the processes that help it
-            predicted.have(options.indentors, _counted)
+            refused = predicted.have(options.indentors, _counted)
+        options = possible(options, predicted, refused, own_goals=requested is None)
+        for name in (name for name in names if name in refused):
+            err.print(f"{name} is left out, since this finger cannot be pressed with it: {refused[name]}")
         identification = Identification(settings, predicted, options)
         script = IdentificationScript(
             identification, partial(print_after_press, identification), partial(print_before_press, identification)

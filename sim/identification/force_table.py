@@ -28,7 +28,10 @@ Made = Callable[[Mapping[str, float]], Fingertip]
 
 SHALLOWEST_MM = 0.03
 _TOUCH_NODES = 9
-_LESS_DEEP, _LEAST_DEEP_MM = 0.9, 0.3  # factor for a table that cannot reach its depth, and the least depth
+_LESS_DEEP = 0.9  # factor for a table that cannot reach its depth
+LEAST_DEEP_MM = 0.3
+"""Least depth of a table: a shape that cannot be pressed so deep has none."""
+
 _SHALLOW_EXPONENT = 1.5  # below the shallowest node: Hertz
 
 
@@ -169,7 +172,7 @@ def _pressed(indentor: str, scope: Scope, made: Made, work: Work) -> Arrays:
             return _pressed_to_depth(indentor, scope, made, work)
         except ModelRangeError:
             scope = scope.down_to(_LESS_DEEP * scope.depth_mm[1])
-            if scope.depth_mm[1] < _LEAST_DEEP_MM:
+            if scope.depth_mm[1] < LEAST_DEEP_MM:
                 raise
 
 

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from rig.cli.identify_finger import scope_of, usual_goals
+from rig.cli.identify_finger import possible, scope_of, usual_goals
 from rig.identify.adaptive_presses import SHAPES, Identification, IdentificationOptions, with_reliable_touch
 from rig.identify.identification_script import IdentificationScript
 from rig.identify.random_finger import truth_of, with_parameters
@@ -27,7 +27,7 @@ from rig.plan.plan import Plan
 from rig.session.resume import commit
 from rig.session.session import NewRun, Session, run_on
 from sim.config import FingertipConfig, MeshSpec
-from sim.errors import ModelRangeError
+from sim.identification.posterior import parameter_bands
 from sim.identification.predicted_forces import PredictedForces
 from sim.identification.prior import Prior
 from sim.models.fingertip import Fingertip
@@ -79,9 +79,10 @@ def case(name: str, level: str) -> Stranger:
     return Stranger(name, 0, config.model_copy(update={"finger": finger, "virtual": virtual}), exact=True)
 
 
-def identified(stranger: Stranger, predicted: PredictedForces, nominal: Fingertip) -> dict[str, Any]:
+def identified(
+    stranger: Stranger, predicted: PredictedForces, nominal: Fingertip, options: IdentificationOptions
+) -> dict[str, Any]:
     """Return one row: the identification of a finger, and the truth beside it."""
-    options = IdentificationOptions(usual_goals(SHAPES))
     identification = Identification(stranger.config, predicted, options)
     keeper, began = Keeper(stranger), time.process_time()
     script, out = IdentificationScript(identification), Path(tempfile.mkdtemp())
@@ -103,6 +104,7 @@ def identified(stranger: Stranger, predicted: PredictedForces, nominal: Fingerti
         "effective": identification.learned.effective,
         "presses": len(identification.reports),
         "ended": None if done.problem is None else str(done.problem),
+        "truth": truth_numbers(stranger.config),
         "bench_s": done.duration_s,
         "process_s": took_s,
         "error": [w.middle / t - 1 for w, t in zip(widths, true, strict=True)],
@@ -115,27 +117,35 @@ def identified(stranger: Stranger, predicted: PredictedForces, nominal: Fingerti
     }
 
 
+def truth_numbers(config: Config) -> dict[str, float]:
+    """Return the true values of the parameters that are no logarithm of a Prony series."""
+    tissue, virtual = config.finger.tissue, config.virtual
+    by_name = {name: getattr(tissue, name) for name in ("stiffness", "e_dermis", "e_fat", "stiffening")}
+    return {**by_name, "x_mm": virtual.finger_x_offset_mm, "height_mm": virtual.finger_z_offset_mm}
+
+
 def parameters(identification: Identification) -> dict[str, list[float]]:
     """Return estimate, low and high of each parameter."""
-    learned = identification.learned
-    low, high = np.quantile(learned.draws, (0.05, 0.95), axis=0)
-    columns = np.stack([learned.most_likely, low, high], axis=1)
-    return dict(zip(learned.prior.names, columns.tolist(), strict=True))
+    return {one.name: [one.estimate, one.low, one.high] for one in parameter_bands(identification.learned)}
 
 
 def row(name: str, level: str) -> dict[str, Any]:
     """Return the row of a case by its name, or of a random finger by its seed."""
     stranger, began = case(name, level), time.process_time()
-    try:
-        predicted = PredictedForces.over(
-            stranger.config.finger, Prior(), *scope_of(IdentificationOptions(usual_goals(SHAPES)))
-        )
-        predicted.have(IdentificationOptions(usual_goals(SHAPES)).indentors, one_by_one)
-        made_s = time.process_time() - began
-        found = identified(stranger, predicted, Fingertip.load(stranger.config.finger))
-    except ModelRangeError as error:
-        return {"name": name, "kind": stranger.kind, "refused": str(error), "tables_s": time.process_time() - began}
-    return {"name": name, "level": level, **found, "tables_s": made_s, "commit": commit(Path(__file__))}
+    options = IdentificationOptions(usual_goals(SHAPES))
+    predicted = PredictedForces.over(stranger.config.finger, Prior(), *scope_of(options))
+    refused = predicted.have(options.indentors, one_by_one)
+    made_s = time.process_time() - began
+    options = possible(options, predicted, refused, own_goals=True)
+    found = identified(stranger, predicted, Fingertip.load(stranger.config.finger), options)
+    return {
+        "name": name,
+        "level": level,
+        **found,
+        "tables_s": made_s,
+        "left_out": list(refused),
+        "commit": commit(Path(__file__)),
+    }
 
 
 def main() -> None:
@@ -161,8 +171,6 @@ def main() -> None:
 
 def summary(one: Mapping[str, Any]) -> str:
     """Return one line about a row."""
-    if "refused" in one:
-        return f"{one['name']}: refused: {one['refused']}"
     outside = [k for k, (at, low, high) in one["parameters"].items() if not low <= at <= high]
     about = [
         f"{one['name']}: {one['flag']}",

@@ -94,7 +94,26 @@ def test_only_what_is_missing_is_made_builds_first(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(foreseen_module.ShapeTable, "read_or_make", made)
     foreseen = _predicted(FingertipConfig(mesh=coarse_mesh(0.5, 0.7)))
     foreseen.have(["bar:3.0", "cylinder:9"], work)
-    assert asked == [("full builds", 16), ("bar:3.0", 0), ("cylinder:9", 0)]
+    assert asked == [("shapes tried on this finger", 2), ("full builds", 16), ("bar:3.0", 0), ("cylinder:9", 0)]
     asked.clear()
-    foreseen.have(["bar:3.0", "sphere:4"], work)
-    assert asked == [("full builds", 32), ("sphere:4", 0)]
+    assert foreseen.have(["bar:3.0", "sphere:4"], work) == {}
+    assert asked == [("shapes tried on this finger", 1), ("full builds", 32), ("sphere:4", 0)]
+
+
+def test_a_shape_that_reaches_the_rim_of_the_patch_is_refused_before_the_builds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path))
+    built: list[int] = []
+
+    def work(what: str, function: Callable[[Any], Any], items: Sequence[Any], /) -> Iterable[Any]:
+        if what == "full builds":
+            built.append(len(items))
+            return ()
+        return map(function, items)
+
+    foreseen = _predicted(FingertipConfig(mesh=coarse_mesh(0.5, 0.7, patch_x_mm=2.1, patch_z_mm=0.8)))
+    refused = foreseen.have(["bar:3.0"], work)
+    assert list(refused) == ["bar:3.0"]
+    assert "mesh.patch_x_mm / patch_z_mm" in refused["bar:3.0"]
+    assert built == [0]
