@@ -15,6 +15,7 @@ SHAPES: Mapping[str, tuple[float, float, float]] = {  # gwt at 1 mm, exponent of
     "bar:3.0": (15.0, 1.6, 0.35),
     "cylinder:9": (13.0, 1.55, 0.4),
 }
+GEOMETRIC = 0.0  # ln of the factor of finite strain at small depths; it grows with depth
 _ROUND_MM = 4.0  # of the pad, under all of them
 STRAIN = 0.4  # that the law stiffens with, at 1 mm
 _BESIDE = 0.08  # of force, lost for each mm² beside the middle
@@ -33,7 +34,14 @@ def made_up(prior: Prior | None = None, deepest_mm: float = 1.1) -> PredictedFor
         ln_force = np.log(scale) + tissue[:, :, None, None] + exponent * ln_d - _BESIDE * x[:, None] ** 2
         ln_strain = np.broadcast_to(np.log(STRAIN * np.exp(ln_d) ** 2), ln_force.shape)
         about = {"error": np.array(0.0), "deepest_mm": np.array(deepest_mm)}
-        arrays = {"ln_force": ln_force, "ln_strain": ln_strain, "touch_mm": touch_mm, **about}
+        ln_geometric = np.broadcast_to(GEOMETRIC * (1 - 1.5 * np.exp(ln_d)), ln_force.shape)
+        arrays = {
+            "ln_force": ln_force,
+            "ln_geometric": ln_geometric,
+            "ln_strain": ln_strain,
+            "touch_mm": touch_mm,
+            **about,
+        }
         tables[name] = ShapeTable(name, scope, arrays)
     return PredictedForces(FingertipConfig(), prior, scope, tables)
 

@@ -1,13 +1,12 @@
 """`rig identify` and `rig find`: identify the finger, and find where it lies."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, NoReturn, TypeVar
 
-import numpy as np
 import typer
 
 from rig.bench.virtual import refuse_twinless
@@ -56,9 +55,10 @@ from rig.units import GWT_N
 from sim.contact.shapes import parse_shape, with_size
 from sim.finger_process import Finger, FingerProcess
 from sim.identification.next_press import PressAt
+from sim.identification.posterior import parameter_bands
 from sim.identification.predicted_forces import PredictedForces
-from sim.identification.prior import Prior, named, plain
-from sim.identification.uncertainty_bands import Width, ends
+from sim.identification.prior import Prior
+from sim.identification.uncertainty_bands import Width
 from sim.models.fingertip import Fingertip
 
 USUAL_GOALS = (
@@ -96,6 +96,31 @@ def scope_of(options: IdentificationOptions) -> tuple[float, float]:
     places = [*map(abs, PLACES_MM), *(abs(goal.x_mm) for goal in options.goals)]
     depths = [*DEPTHS_MM, *(goal.doi_mm for goal in options.goals)]
     return max(places) + _BEYOND_X_MM, BEYOND_DEPTH * max(depths)
+
+
+def possible(
+    options: IdentificationOptions, predicted: PredictedForces, refused: Mapping[str, str], *, own_goals: bool
+) -> IdentificationOptions:
+    """Return the options without shapes that the finger cannot be pressed with. Raises BadInputError if none is left.
+
+    own_goals: whether the goals are the program's, which are then made as deep as the finger allows; without any,
+    they are the presses of the shapes.
+    """
+    shapes = tuple(shape for shape in options.shapes if shape not in refused)
+    asked = [] if own_goals else [goal.indentor for goal in options.goals if goal.indentor in refused]
+    if asked or not shapes:
+        name = (asked or list(options.shapes))[0]
+        raise BadInputError(
+            "{indentor} cannot be pressed on this finger: {problem}",
+            code="impossible_shape", indentor=name, problem=refused[name],
+        )  # fmt: skip
+    if not own_goals:
+        return replace(options, shapes=shapes)
+    usual = [goal for goal in options.goals if goal.indentor not in refused]
+    usual = usual or [PressAt(shape, 0.0, max(DEPTHS_MM)) for shape in shapes]
+    deepest_mm = {goal.indentor: predicted.table(goal.indentor).scope.depth_mm[1] for goal in usual}
+    goals = [replace(goal, doi_mm=min(goal.doi_mm, round(deepest_mm[goal.indentor], 2) - 0.01)) for goal in usual]
+    return replace(options, shapes=shapes, goals=tuple(goals))
 
 
 def page_lines(config: Config, options: IdentificationOptions) -> dict[str, str]:
@@ -161,17 +186,11 @@ def force_rows(identification: Identification) -> list[tuple[str, ...]]:
 
 
 def number_rows(identification: Identification) -> list[tuple[str, ...]]:
-    """Return a row per parameter: the maximum-likelihood value, and its bands after and before."""
-    bands = [np.quantile(one.draws, ends(), axis=0) for one in (identification.learned, identification.before)]
+    """Return a row per parameter: the estimate, and its bands after and before."""
+    after, before = (parameter_bands(one) for one in (identification.learned, identification.before))
     return [
-        (
-            named(name),
-            f"{plain(name, most_likely):.3g}",
-            *(" … ".join(f"{plain(name, end):.3g}" for end in band[:, k]) for band in bands),
-        )
-        for k, (name, most_likely) in enumerate(
-            zip(identification.learned.prior.names, identification.learned.most_likely.tolist(), strict=True)
-        )
+        (now.name, f"{now.estimate:.3g}", *(f"{one.low:.3g} … {one.high:.3g}" for one in (now, then)))
+        for now, then in zip(after, before, strict=True)
     ]
 
 
@@ -189,7 +208,7 @@ def final_lines(done: FinishedRun, identification: Identification, to: object) -
     if identification.mismatch is not None:
         lines["no finger"] = f"{identification.mismatch}; check that the requested indentor is mounted"
     if identification.measured:
-        learned = [f"{name} {most_likely} ({after})" for name, most_likely, after, _ in number_rows(identification)]
+        learned = [f"{name} {estimate} ({after})" for name, estimate, after, _ in number_rows(identification)]
         forces = [
             f"{goal.indentor} at {goal.x_mm:+.1f} mm to {goal.doi_mm:.2f} mm: {_in_brackets(w, ' gwt')}"
             for goal, w in zip(identification.options.goals, identification.widths, strict=True)
@@ -216,20 +235,7 @@ def _as_json(done: FinishedRun, identification: Identification, to: Path) -> dic
 
 
 def _parameters(identification: Identification) -> list[dict[str, Any]]:
-    names, draws = identification.learned.prior.names, identification.learned.draws
-    values = [np.exp(draws[:, k]) if named(name) != name else draws[:, k] for k, name in enumerate(names)]
-    bands = [np.quantile(column, ends()).tolist() for column in values]
-    return [
-        {
-            "name": named(name),
-            "unit": unit(named(name)) or "1",
-            "mean": float(column.mean()),
-            "sd": float(column.std(ddof=1)),
-            "low": low,
-            "high": high,
-        }
-        for name, column, (low, high) in zip(names, values, bands, strict=True)
-    ]
+    return [{**vars(one), "unit": unit(one.name) or "1"} for one in parameter_bands(identification.learned)]
 
 
 def _predicted(identification: Identification) -> list[dict[str, Any]]:
@@ -332,7 +338,10 @@ def identify_command(
         options = IdentificationOptions(goals, width / 100, presses, most_gwt, names)
         predicted = PredictedForces.over(settings.finger, Prior(), *scope_of(options))
         with at_once():  # what ends this ends the processes that help it
-            predicted.have(options.indentors, _counted)
+            refused = predicted.have(options.indentors, _counted)
+        options = possible(options, predicted, refused, own_goals=requested is None)
+        for name in (name for name in names if name in refused):
+            err.print(f"{name} is left out, since this finger cannot be pressed with it: {refused[name]}")
         identification = Identification(settings, predicted, options)
         script = IdentificationScript(
             identification, partial(print_after_press, identification), partial(print_before_press, identification)

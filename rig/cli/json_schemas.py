@@ -257,10 +257,12 @@ class CheckJson(Output):
 
 
 class IdentifiedParameterJson(Output):
-    """A parameter of the finger: mean, standard deviation and 90 % band; stiffness and moduli over the default's."""
+    """A parameter of the finger, with its 90 % band; stiffness and moduli over the default's."""
 
     name: Parameter
     unit: Unit
+    estimate: float
+    """That of one finger whose parameters all lie within their bands."""
     mean: float
     sd: float
     low: float

@@ -1,6 +1,5 @@
 """`rig serve`: virtual devices in real time, and the parameters of a random finger."""
 
-import math
 import signal
 from pathlib import Path
 from typing import Annotated, Any
@@ -16,7 +15,6 @@ from rig.identify.random_finger import truth_of, with_random_finger
 from rig.plan.config import Config, load_config, unit
 from rig.plan.finger_file import IdentifiedFinger, read_finger_file
 from sim.identification.prior import named, plain
-from sim.identification.uncertainty_bands import standard_deviations
 from sim.serve.prefetch import PressStatistics
 
 _DEVICES, _FINGER = "Devices", "Finger"
@@ -184,9 +182,7 @@ def _beside(name: str, value: float, identified: IdentifiedFinger | None) -> dic
     found: dict[str, Any] = {"name": named(name), "unit": unit(named(name)) or "1", "truth": plain(name, value)}
     if identified is None or name not in identified.posterior.names:
         return found
-    k = identified.posterior.names.index(name)
-    mean, sd = identified.posterior.mean[k], math.sqrt(identified.posterior.covariance[k][k])
-    low, high = (mean + sign * standard_deviations() * sd for sign in (-1, 1))
+    low, high = identified.posterior.band(name, identified.band.coverage)
     return {**found, "low": plain(name, low), "high": plain(name, high), "inside": low <= value <= high}
 
 

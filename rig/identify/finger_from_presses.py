@@ -13,7 +13,7 @@ from rig.identify.adaptive_presses import Identification
 from rig.plan.config import Config
 from rig.plan.finger_file import Band, Draw, FingerFile, IdentifiedFinger, Place, Posterior
 from sim.identification.prior import Prior, series_of, tissue_of
-from sim.identification.uncertainty_bands import COVERAGE
+from sim.identification.uncertainty_bands import COVERAGE, parameter_ends
 
 Array = NDArray[np.float64]
 
@@ -25,6 +25,7 @@ def finger_file(identification: Identification, config: Config, journals: Sequen
     """Return the finger file of an identification with at least one press."""
     learned, prior = identification.learned, identification.predicted.prior
     sd = np.sqrt(learned.covariance.diagonal())
+    low, high = parameter_ends(learned.draws)
     x, height = prior.index("x_mm"), prior.index("height_mm")
     most_likely = _draw(prior, learned.most_likely)
     zeros = [measured.zero_gwt for measured in identification.measured]
@@ -51,6 +52,8 @@ def finger_file(identification: Identification, config: Config, journals: Sequen
             names=prior.names,
             mean=tuple(_fine(v) for v in learned.mean),
             covariance=tuple(tuple(float(f"{v:.6g}") for v in row) for row in learned.covariance),
+            low=tuple(_fine(v) for v in low),
+            high=tuple(_fine(v) for v in high),
         ),
         draw=tuple(_draw(prior, one) for one in _spread(learned.draws)),
         band=Band(model_error=_fine(identification.own_error), coverage=COVERAGE),
@@ -64,7 +67,8 @@ def finger_file(identification: Identification, config: Config, journals: Sequen
 
 def _spread(draws: Array) -> list[Array]:
     """Return 16 draws, spaced evenly along their first principal component."""
-    off = (draws - draws.mean(axis=0)) / draws.std(axis=0)
+    spread = draws.std(axis=0)
+    off = (draws - draws.mean(axis=0)) / np.where(spread > 0, spread, 1.0)
     along = np.argsort(off @ np.linalg.svd(off, full_matrices=False)[2][0])
     return [draws[along[int((k + 0.5) * len(draws) / _DRAWS)]] for k in range(_DRAWS)]
 

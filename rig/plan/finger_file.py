@@ -1,6 +1,6 @@
 """File of an identified finger: part of a configuration, with the result of the identification and its sources.
 
-Tables: `[finger]` the maximum-likelihood finger, `[virtual]` its relaxation, `[identified]` the rest.
+Tables: `[finger]` the most likely finger within the bands, `[virtual]` its relaxation, `[identified]` the rest.
 """
 
 import math
@@ -14,6 +14,7 @@ from pydantic import AliasChoices, Field, ValidationError, field_validator, mode
 from rig.errors import BadInputError, RuleError, first_problem
 from rig.settings import Settings
 from sim.config import FingertipConfig, Tissue
+from sim.identification.uncertainty_bands import standard_deviations
 from sim.models.interpolation_weights import DERMIS, FAT
 
 TISSUE = ("stiffness", "e_dermis", "e_fat", "stiffening")
@@ -47,11 +48,15 @@ class Place(Settings):
 
 
 class Posterior(Settings):
-    """Result as a normal distribution; names that begin with ln_ are logarithms."""
+    """Result as a normal distribution, with bands; names that begin with ln_ are logarithms."""
 
     names: tuple[str, ...] = Field(min_length=1)
     mean: tuple[float, ...]
     covariance: tuple[tuple[float, ...], ...]
+    low: tuple[float, ...] | None = Field(
+        None, description="lower ends of the bands; absent: those of the normal distribution"
+    )
+    high: tuple[float, ...] | None = Field(None, description="upper ends of the bands")
 
     @model_validator(mode="after")
     def _goes_together(self) -> Self:
@@ -62,6 +67,8 @@ class Posterior(Settings):
                 code="not_one_for_each_name",
                 names=n,
             )
+        if any(len(ends) != n for ends in (self.low, self.high) if ends is not None):
+            raise RuleError("{names} names require {names} ends of bands", code="not_one_for_each_name", names=n)
         for k, row in enumerate(rows):
             if row[k] < 0:
                 raise RuleError(
@@ -79,6 +86,14 @@ class Posterior(Settings):
                         other=self.names[j],
                     )
         return self
+
+    def band(self, name: str, coverage: float) -> tuple[float, float]:
+        """Return the band of a parameter, as stored or of the normal distribution."""
+        k = self.names.index(name)
+        if self.low is not None and self.high is not None:
+            return self.low[k], self.high[k]
+        half = standard_deviations(coverage) * math.sqrt(self.covariance[k][k])
+        return self.mean[k] - half, self.mean[k] + half
 
 
 class Draw(Settings):

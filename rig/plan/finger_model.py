@@ -1,6 +1,7 @@
 """Finger model for the steps of a protocol: predictions, each solved once, and responses of a run."""
 
 import hashlib
+import logging
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -38,7 +39,9 @@ if TYPE_CHECKING:  # a run whose finger is in another process never solves
 
 Array = NDArray[np.float64]
 
+_MODELS = logging.getLogger("sim")  # whose records the process of the finger forwards
 _STEPS = 32  # of a ramp, and of a hold
+_MOST_LOST = 0.25  # share of the likely fingers that a band may leave out
 
 
 class Left(NamedTuple):
@@ -224,11 +227,22 @@ def _with_band(
     except ForceOutOfReachError as error:
         sentence = "for one of the {fingers} likely fingers: {problem}"
         raise around(ForceTooDeepError, sentence, error, fingers=len(identified.draw)) from None
-    if not np.isfinite(likely).all():
+    converged = np.isfinite(likely).all(axis=0)
+    lost, fingers = int((~converged).sum()), len(converged)
+    if lost > _MOST_LOST * fingers:
         raise NoPredictionError(
-            "the model does not converge here for one of the likely fingers", code="likely_finger_not_converged"
-        )
-    force_gwt, doi_mm, band = band_of(likely, identified)
+            "{indentor} at x = {x_mm:g} mm to {target} = {value:g}: the model does not converge for {lost} of the "
+            "{fingers} likely fingers; choose another depth or position, e.g. 0.1 mm from it",
+            code="likely_finger_not_converged", indentor=found.indentor, x_mm=found.x_mm, target=found.target.kind,
+            value=found.target.value, lost=lost, fingers=fingers,
+        )  # fmt: skip
+    if lost:
+        _MODELS.warning(
+            "%s at x = %g mm to %s = %g: the band leaves out %d of the %d likely fingers, for which the model does "
+            "not converge; another depth or position, e.g. 0.1 mm from it, may have them all",
+            found.indentor, found.x_mm, found.target.kind, found.target.value, lost, fingers,
+        )  # fmt: skip
+    force_gwt, doi_mm, band = band_of(Answers(*np.array(likely)[:, converged]), identified)
     return replace(found, predicted_force_gwt=force_gwt, predicted_doi_mm=doi_mm, band=band)
 
 

@@ -50,7 +50,8 @@ def learned(run: Run, finger: Fingertip) -> FingerFile | None:
     identified = config.identified
     for one in seen:
         predicted = answers(finger, parse_shape(one.indentor), one.x_mm, one.target, one.pace, identified)
-        identified = updated_by(identified, np.log(predicted.held_gwt), one)
+        if np.isfinite(predicted).all():  # else a likely finger has no answer that could be updated
+            identified = updated_by(identified, np.log(predicted.held_gwt), one)
     tissue = config.finger.tissue.model_copy(update=_middle(identified.draw))
     sha256 = hashlib.sha256(run.folder.events.read_bytes()).hexdigest()
     about = {

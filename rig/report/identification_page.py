@@ -55,7 +55,7 @@ def write_identification_page(path: Path, page: IdentificationPage) -> None:
         Section(
             "Numbers of the finger",
             _AFTER_AND_BEFORE,
-            ("", "maximum-likelihood", "after", "before"),
+            ("", "estimate", "after", "before"),
             tuple(page.numbers),
         ),
         alone(PageFigure("Before and after", _marginals(page), _BEFORE_AND_AFTER)),
@@ -70,14 +70,17 @@ def write_identification_page(path: Path, page: IdentificationPage) -> None:
 
 _PRESS = ("shape", "x (mm)", "depth (mm)")
 _IN_BRACKETS = f"In brackets: the {100 * COVERAGE:.0f} % band."
-_AFTER_AND_BEFORE = f"{100 * COVERAGE:.0f} % bands, after the last press and before the first."
+_AFTER_AND_BEFORE = (
+    "The estimates are those of the most likely finger whose parameters all lie within their bands. "
+    f"{100 * COVERAGE:.0f} % bands, after the last press and before the first."
+)
 _OVER_TIME = (
     "Black: readings minus the mean reading in the air. Blue: 60 samples of the finger after the last press. "
     "The hold begins where a line turns, and the tissue relaxes."
 )
 _BEFORE_AND_AFTER = (
     "Probability density of each parameter. Grey: before the first press. Blue: after the last press. "
-    "Orange: the maximum-likelihood value."
+    "Orange: the estimate."
 )
 _CORRELATED = (
     "Correlation over samples of the finger. Parameters with a correlation near 1 or −1 cannot be "
@@ -130,11 +133,12 @@ def _marginals(page: IdentificationPage) -> Plot:
 
 
 def _correlations(page: IdentificationPage) -> Plot:
-    names = [named(name) for name in page.learned.prior.names]
+    spread = page.learned.draws.std(axis=0) > 0
+    names = [named(name) for name, varies in zip(page.learned.prior.names, spread, strict=True) if varies]
 
     def draw(figure: Canvas) -> None:
         axes = figure.subplots()
-        shown = axes.imshow(np.corrcoef(page.learned.draws.T), vmin=-1, vmax=1, cmap="RdBu_r")
+        shown = axes.imshow(np.corrcoef(page.learned.draws[:, spread].T), vmin=-1, vmax=1, cmap="RdBu_r")
         axes.set_xticks(range(len(names)), names, rotation=45, ha="right")
         axes.set_yticks(range(len(names)), names)
         figure.colorbar(shown, ax=axes)

@@ -1,7 +1,8 @@
 """Elastic force of one shape over position, depth and tissue: computed at Chebyshev nodes, interpolated between.
 
 The logarithm of force is smooth in the logarithms of depth and moduli, and in the position. Stiffening is no axis: it
-enters by the factor of `sim/models/stiffening`, whose parts have polynomials of their own.
+enters by the factor of `sim/models/stiffening`, whose parts have polynomials of their own. Linear tissue has none of
+the factor, as in the model.
 """
 
 import json
@@ -27,7 +28,10 @@ Made = Callable[[Mapping[str, float]], Fingertip]
 
 SHALLOWEST_MM = 0.03
 _TOUCH_NODES = 9
-_LESS_DEEP, _LEAST_DEEP_MM = 0.9, 0.3  # factor for a table that cannot reach its depth, and the least depth
+_LESS_DEEP = 0.9  # factor for a table that cannot reach its depth
+LEAST_DEEP_MM = 0.3
+"""Least depth of a table: a shape that cannot be pressed so deep has none."""
+
 _SHALLOW_EXPONENT = 1.5  # below the shallowest node: Hertz
 
 
@@ -105,7 +109,8 @@ class ShapeTable:
         self.indentor, self.arrays = indentor, arrays
         self.scope = scope.down_to(float(arrays["deepest_mm"]))
         # arrays (*tissue, positions, depths)
-        self.ln_force = np.asarray(arrays["ln_force"], dtype=float)  # ln gwt at finite strain, without stiffening
+        self.ln_force = np.asarray(arrays["ln_force"], dtype=float)  # ln gwt of linear tissue
+        self.ln_geometric = np.asarray(arrays["ln_geometric"], dtype=float)  # ln of the factor of finite strain
         self.ln_strain = np.asarray(arrays["ln_strain"], dtype=float)  # strain of the stiffening law
         self.touch_mm = np.asarray(arrays["touch_mm"], dtype=float)  # (9,) above the apex
         self.error = float(arrays["error"])  # rms error of ln force between the nodes
@@ -133,13 +138,19 @@ class ShapeTable:
         return np.asarray(self.scope.touch_x.basis(x_mm) @ self.touch_mm)
 
     def forces_gwt(self, tissue: Array, stiffening: Array, x_mm: Array, depth_mm: Array) -> Array:
-        """Return (n, m) forces at stiffness 1 (gwt) for (n, tissue nodes) weights and (n, m) depths; 0 in air."""
+        """Return (n, m) forces at stiffness 1 (gwt) for (n, tissue nodes) weights and (n, m) depths; 0 in air.
+
+        A stiffening of 0 is linear tissue.
+        """
         x, depth = self.scope.x.basis(x_mm), self.scope.depth
         shallow_mm = self.scope.depth_mm[0]
         ln_d = np.log(np.maximum(depth_mm, 1e-6))
         by_depth = depth.basis(ln_d)
-        ln_force, ln_strain = (self._between(one, tissue, x, by_depth) for one in (self.ln_force, self.ln_strain))
-        ln_f = FORCE.log(ln_force, np.exp(ln_strain), stiffening[:, None])
+        ln_f, ln_geometric, ln_strain = (
+            self._between(one, tissue, x, by_depth) for one in (self.ln_force, self.ln_geometric, self.ln_strain)
+        )
+        stiffens = stiffening[:, None] > 0
+        ln_f = ln_f + np.where(stiffens, FORCE.log(ln_geometric, np.exp(ln_strain), stiffening[:, None]), 0.0)
         ln_f = ln_f + _SHALLOW_EXPONENT * np.minimum(ln_d - np.log(shallow_mm), 0.0)
         return np.where(depth_mm > 0, np.exp(ln_f), 0.0)
 
@@ -161,7 +172,7 @@ def _pressed(indentor: str, scope: Scope, made: Made, work: Work) -> Arrays:
             return _pressed_to_depth(indentor, scope, made, work)
         except ModelRangeError:
             scope = scope.down_to(_LESS_DEEP * scope.depth_mm[1])
-            if scope.depth_mm[1] < _LEAST_DEEP_MM:
+            if scope.depth_mm[1] < LEAST_DEEP_MM:
                 raise
 
 
@@ -170,18 +181,17 @@ def _pressed_to_depth(indentor: str, scope: Scope, made: Made, work: Work) -> Ar
     names, nodes = [axis.name for axis in scope.tissue], np.stack(axes, axis=-1).reshape(-1, len(axes))
     tissues = [dict(zip(names, node, strict=True)) for node in nodes.tolist()]
     pressed = work(f"fingers under {indentor}", partial(_responses_at_positions, indentor, scope, made), tissues)
-    found = np.array(list(pressed)).reshape(*axes[0].shape, scope.places, 2, scope.depths)
-    ln_force, ln_strain = np.moveaxis(found, -2, 0)
+    found = np.array(list(pressed)).reshape(*axes[0].shape, scope.places, len(_RESPONSES), scope.depths)
     finger = made(tissues[0])
     touch_mm = [finger.touch_height_mm(indentor, x) - finger.apex_height_mm for x in scope.touch_x.nodes.tolist()]
-    arrays: Arrays = {"ln_force": ln_force, "ln_strain": ln_strain, "touch_mm": np.array(touch_mm)}
+    arrays: Arrays = {**dict(zip(_RESPONSES, np.moveaxis(found, -2, 0), strict=True)), "touch_mm": np.array(touch_mm)}
     arrays |= {"error": np.array(0.0), "deepest_mm": np.array(scope.depth_mm[1])}
     arrays["error"] = np.array(_own_error(ShapeTable(indentor, scope, arrays), made))
     return arrays
 
 
 def _responses_at_positions(indentor: str, scope: Scope, made: Made, tissue: Mapping[str, float]) -> Array:
-    """Return (positions, 2, depths) of `_responses` on one finger. Raises ModelRangeError, which can be pickled."""
+    """Return (positions, 3, depths) of `_responses` on one finger. Raises ModelRangeError, which can be pickled."""
     finger, doi_mm = made(tissue), np.exp(scope.depth.nodes)
     try:
         return np.array([_responses(finger, indentor, x, doi_mm) for x in scope.x.nodes.tolist()])
@@ -189,9 +199,12 @@ def _responses_at_positions(indentor: str, scope: Scope, made: Made, tissue: Map
         raise ModelRangeError(error.sentence, code=error.code, **error.fields) from None
 
 
+_RESPONSES = ("ln_force", "ln_geometric", "ln_strain")
+
+
 def _responses(finger: Fingertip, indentor: str, x_mm: float, doi_mm: Array) -> Array:
-    """Return (2, m): ln force without stiffening, and ln of the strain of the stiffening law."""
-    answers, state = np.empty((2, len(doi_mm))), None
+    """Return (3, m): ln force of linear tissue, ln of the factor of finite strain, ln of the strain of the law."""
+    answers, state = np.empty((len(_RESPONSES), len(doi_mm))), None
     for k in np.argsort(doi_mm):
         found = finger.indent(indentor, x_mm, doi_mm=float(doi_mm[k]), start=state)
         if not found.state.converged:
@@ -204,7 +217,7 @@ def _responses(finger: Fingertip, indentor: str, x_mm: float, doi_mm: Array) -> 
                 doi_mm=float(doi_mm[k]),
             )
         press, linear_gwt, state = found.strained.press, found.force_gwt / found.strained.force, found.state
-        answers[:, k] = np.log(linear_gwt) + FORCE.geometric(press), np.log(FORCE.strained(press))
+        answers[:, k] = np.log(linear_gwt), FORCE.geometric(press), np.log(FORCE.strained(press))
     return answers
 
 
@@ -221,8 +234,8 @@ def _own_error(table: ShapeTable, made: Made) -> float:
         basis = table.tissue_basis([np.array([tissue[axis.name]]) for axis in scope.tissue])
         stiffening = float(chance.uniform(0.0, _MOST_STIFFENING))
         predicted = table.forces_gwt(basis, np.array([stiffening]), np.array([x_mm]), doi_mm[None])
-        ln_force, ln_strain = _responses(made(tissue), table.indentor, x_mm, doi_mm)
-        direct = FORCE.log(ln_force, np.exp(ln_strain), stiffening)
+        ln_force, ln_geometric, ln_strain = _responses(made(tissue), table.indentor, x_mm, doi_mm)
+        direct = ln_force + FORCE.log(ln_geometric, np.exp(ln_strain), stiffening)
         off.append(float(np.log(predicted[0, 0]) - direct[0]))
     return float(np.sqrt(np.mean(np.square(off))))
 

@@ -1,7 +1,8 @@
-"""Posterior of a finger after some presses: its mode by Gauss-Newton, then weighted draws around it.
+"""Posterior of a finger after some presses: the draws of each kind of tissue, weighed by its evidence.
 
 Readings are compared after a variance-stabilizing transform: y = asinh(ε F / σ) / ε is F / σ where noise dominates,
 and a logarithm where the model error does. Errors that readings share (model, depth, zero) are in their covariance.
+`weighted_draws` has the draws of one kind.
 """
 
 from collections.abc import Sequence
@@ -13,8 +14,9 @@ from scipy.linalg import block_diag
 from scipy.special import chdtrc
 
 from sim.identification.predicted_forces import MeasuredPress, PredictedForces
-from sim.identification.prior import TISSUE, Prior
-from sim.identification.uncertainty_bands import Width
+from sim.identification.prior import TISSUE, Kind, Prior, named, plain
+from sim.identification.uncertainty_bands import Width, parameter_ends
+from sim.identification.weighted_draws import Target, climbed, systematic, weighted_draws
 
 Array = NDArray[np.float64]
 
@@ -24,9 +26,8 @@ READING_ERROR, PRESS_ERROR, SHAPE_ERROR, DEPTH_SD_MM = 0.01, 0.01, 0.02, 0.004
 
 DRAWS = 1500
 _LEAST_NOISE_GWT = 0.003  # one step of a fine balance
-_STARTS, _STEPS, _WIDER, _FREEDOM, _ROUNDS = 600, 25, 1.3, 6.0, 3
-_STEP = 1e-3  # step of derivatives, relative to the sd of the prior
-_MOST_MOVED = 1.5  # largest step, relative to the sd of the prior
+_STARTS = 600
+_HOPELESS = 12.0  # of ln evidence below the best kind, by the normal approximation at its mode
 
 
 @dataclass(frozen=True)
@@ -35,8 +36,8 @@ class Learned:
 
     prior: Prior
     draws: Array  # (n, p)
-    most_likely: Array  # (p,)
-    misfit: Array  # (presses,) squared standardized distance of the most likely finger from each press
+    most_likely: Array  # (p,) of the fingers whose parameters all lie within their bands
+    misfit: Array  # (presses,) squared standardized distance of the best-fitting finger from each press
     readings: NDArray[np.int64]  # (presses,) number of readings
     total: float  # squared standardized distance from all presses and the prior mean
     effective: float  # effective number of draws
@@ -57,6 +58,31 @@ class Learned:
         return np.asarray(np.cov(self.draws.T))
 
 
+@dataclass(frozen=True)
+class ParameterBand:
+    """A parameter of the finger without its logarithm: estimate, mean, standard deviation and 90 % band."""
+
+    name: str
+    estimate: float
+    mean: float
+    sd: float
+    low: float
+    high: float
+
+
+def parameter_bands(learned: Learned) -> list[ParameterBand]:
+    """Return the band of each parameter; an estimate is that of one finger, and lies within its band."""
+    low, high = parameter_ends(learned.draws)
+    found = []
+    for k, name in enumerate(learned.prior.names):
+        values = np.exp(learned.draws[:, k]) if named(name) != name else learned.draws[:, k]
+        estimate, least, most = (plain(name, float(one[k])) for one in (learned.most_likely, low, high))
+        found.append(
+            ParameterBand(named(name), estimate, float(values.mean()), float(values.std(ddof=1)), least, most)
+        )
+    return found
+
+
 def least_effective(parameters: int) -> int:
     """Return the least number of effective draws for a covariance of this many parameters."""
     return 4 * parameters
@@ -65,7 +91,8 @@ def least_effective(parameters: int) -> int:
 def nothing_learned(prior: Prior, chance: np.random.Generator, n: int = DRAWS) -> Learned:
     """Return the estimate before the first press."""
     none = np.zeros(0)
-    return Learned(prior, prior.draws(n, chance), prior.middle, none, none.astype(np.int64), 0.0, float(n))
+    draws = prior.draws_of_all_kinds(n, chance)
+    return Learned(prior, draws, prior.middle, none, none.astype(np.int64), 0.0, float(n))
 
 
 class PressResiduals:
@@ -84,9 +111,8 @@ class PressResiduals:
         ]
 
     def off(self, draws: Array) -> Array:
-        """Return the (n, r + p) standardized, uncorrelated residuals of all presses and the prior."""
-        all_of_them = np.concatenate(self.each_off(draws), axis=1) @ self._whitening.T
-        return np.concatenate([all_of_them, self._predicted.prior.off(draws)], axis=1)
+        """Return the (n, r) standardized, uncorrelated residuals of all presses."""
+        return np.asarray(np.concatenate(self.each_off(draws), axis=1) @ self._whitening.T)
 
     def misfits(self, draw: Array) -> Array:
         """Return the (presses,) squared standardized distances of one finger from each press alone."""
@@ -102,20 +128,60 @@ def learn(
 ) -> Learned:
     """Return the estimate after all presses; before: the previous estimate, as a start."""
     prior, readings = predicted.prior, PressResiduals(predicted, presses)
-    start = _start(readings, before, chance)
-    most_likely, spread = _climbed(prior, readings, start)
-    middle, covariance, draws, weights = most_likely, _WIDER * spread, before.draws, np.ones(1)
-    for _ in range(_ROUNDS):
-        draws, ln_density = _student(middle, covariance, len(before.draws), chance)
-        if not prior.within(draws).any():
-            draws[0] = most_likely  # all the weight on one finger: collapsed
-        weights = _weights(prior, readings, draws, ln_density)
-        middle, covariance = _moments(draws, weights, most_likely, spread)
-    kept = draws[_systematic(weights, len(before.draws), chance)]
-    counts = np.array([len(press.force_gwt) for press in presses])
-    total = float((readings.off(most_likely[None]) ** 2).sum())
-    effective = float(1 / np.square(weights).sum())
-    return Learned(prior, kept, most_likely, readings.misfits(most_likely), counts, total, effective)
+    targets = [_target(prior, readings, kind) for kind in prior.kinds]
+    modes = [climbed(target, _start(target, before, chance)) for target in targets]
+    best = max(mode.ln_evidence for mode in modes)
+    found = [
+        (target, mode, weighted_draws(target, mode, len(before.draws), chance))
+        for target, mode in zip(targets, modes, strict=True)
+        if mode.ln_evidence > best - _HOPELESS
+    ]
+    ln_evidence = np.array([drawn.ln_evidence for _, _, drawn in found])
+    share = np.exp(ln_evidence - ln_evidence.max())
+    share /= share.sum()
+    kept = [
+        target.fingers(drawn.normal[systematic(drawn.weights, n, chance)])
+        for (target, _, drawn), n in zip(found, _counts(share, len(before.draws)), strict=True)
+    ]
+    draws = chance.permutation(np.concatenate(kept))
+    target, mode, drawn = found[int(np.argmax(share))]
+    best_fit = target.fingers(mode.normal[None])
+    effective = 1 / float(np.sum([s**2 / one.effective for s, (_, _, one) in zip(share, found, strict=True)]))
+    return Learned(
+        prior,
+        draws,
+        _within_bands(target, best_fit[0], drawn.normal, draws),
+        readings.misfits(best_fit[0]),
+        np.array([len(press.force_gwt) for press in presses]),
+        float((target.off(mode.normal[None]) ** 2).sum()),
+        effective,
+    )
+
+
+def _target(prior: Prior, readings: PressResiduals, kind: Kind) -> Target:
+    """Return the posterior density of a kind of tissue."""
+
+    def off(normal: Array) -> Array:
+        return np.concatenate([readings.off(prior.from_normal(normal, kind)), normal], axis=1)
+
+    return Target(off, lambda normal: prior.from_normal(normal, kind), kind, float(np.log(kind.chance)))
+
+
+def _counts(share: Array, n: int) -> Sequence[int]:
+    """Return how many of n draws each kind has."""
+    ends = np.round(n * np.cumsum(share)).astype(int)
+    return np.diff(ends, prepend=0).tolist()  # type: ignore[no-any-return]
+
+
+def _within_bands(target: Target, best_fit: Array, normal: Array, draws: Array) -> Array:
+    """Return the best-fitting finger, or the likeliest draw of its kind whose parameters lie in all bands."""
+    low, high = parameter_ends(draws)
+    tried = np.concatenate([best_fit[None], target.fingers(normal)])
+    inside = ((tried >= low) & (tried <= high)).all(axis=1)
+    if inside[0] or not inside.any():
+        return np.clip(best_fit, low, high)
+    here = normal[inside[1:]]
+    return np.asarray(target.fingers(here[[np.argmax(target.ln(here))]])[0])
 
 
 def _noise_gwt(press: MeasuredPress) -> float:
@@ -166,71 +232,15 @@ def _slope_gwt_mm(press: MeasuredPress) -> Array:
     return np.asarray(1.7 * np.maximum(press.force_gwt, 0.0) / np.maximum(touch_mm - height + 0.03, 0.03))
 
 
-def _start(readings: PressResiduals, before: Learned, chance: np.random.Generator) -> Array:
-    """Return the best of the previous draws and of the prior."""
-    tried = np.concatenate([before.draws[:_STARTS], before.prior.draws(_STARTS, chance)])
-    return np.asarray(tried[np.argmin((readings.off(tried) ** 2).sum(axis=1))])
-
-
-def _climbed(prior: Prior, readings: PressResiduals, start: Array) -> tuple[Array, Array]:
-    """Return the most likely finger within the bounds, and its linearized covariance (Levenberg-Marquardt)."""
-    (low, high), sd = prior.bounds, prior.sd
-    at, damping = start, 1e-2
-    off = readings.off(at[None])[0]
-    for _ in range(_STEPS):
-        slope = _slopes(readings, at, sd)
-        normal = slope.T @ slope
-        step = -np.linalg.solve(normal + damping * np.diag(np.diag(normal)), slope.T @ off)
-        tried = np.clip(at + sd * np.clip(step, -_MOST_MOVED, _MOST_MOVED), low, high)
-        tried_off = readings.off(tried[None])[0]
-        gained = float(off @ off - tried_off @ tried_off)
-        if gained > 0:
-            at, off, damping = tried, tried_off, damping / 5
-        else:
-            damping *= 5
-        if abs(gained) < 1e-3 or damping > 1e6:
-            break
-    slope = _slopes(readings, at, sd)
-    return at, np.asarray(np.linalg.inv(slope.T @ slope) * np.outer(sd, sd))
-
-
-def _slopes(readings: PressResiduals, at: Array, sd: Array) -> Array:
-    """Return the (r, p) derivatives of the residuals, per sd of the prior."""
-    step = _STEP * np.diag(sd)
-    off = readings.off(np.concatenate([at + step, at - step]))
-    return np.asarray((off[: len(at)] - off[len(at) :]).T / (2 * _STEP))
-
-
-def _student(middle: Array, covariance: Array, n: int, chance: np.random.Generator) -> tuple[Array, Array]:
-    """Return (n, p) draws of a Student t distribution, and their log density up to a constant."""
-    root = np.linalg.cholesky(covariance)
-    normal = chance.standard_normal((n, len(middle)))
-    z = normal / np.sqrt(chance.chisquare(_FREEDOM, n) / _FREEDOM)[:, None]
-    return middle + z @ root.T, -0.5 * (_FREEDOM + len(middle)) * np.log1p((z**2).sum(axis=1) / _FREEDOM)
-
-
-def _weights(prior: Prior, readings: PressResiduals, draws: Array, ln_density: Array) -> Array:
-    """Return the (n,) importance weights, which sum to 1."""
-    within = prior.within(draws)
-    ln = np.full(len(draws), -np.inf)
-    ln[within] = -0.5 * (readings.off(draws[within]) ** 2).sum(axis=1) - ln_density[within]
-    weights = np.exp(ln - ln.max())
-    return np.asarray(weights / weights.sum())
-
-
-def _moments(draws: Array, weights: Array, most_likely: Array, spread: Array) -> tuple[Array, Array]:
-    """Return mean and covariance of weighted draws, or the linearized ones for too few effective draws."""
-    if 1 / np.square(weights).sum() < least_effective(draws.shape[1]):
-        return most_likely, 2 * _WIDER * spread
-    middle = weights @ draws
-    covariance = (weights[:, None] * (draws - middle)).T @ (draws - middle)
-    return np.asarray(middle), np.asarray(_WIDER * covariance + 1e-9 * np.diag(np.diag(spread)))
-
-
-def _systematic(weights: Array, n: int, chance: np.random.Generator) -> NDArray[np.intp]:
-    """Return (n,) indices by systematic resampling."""
-    at = (np.arange(n) + chance.random()) / n
-    return np.minimum(np.searchsorted(np.cumsum(weights), at), len(weights) - 1)
+def _start(target: Target, before: Learned, chance: np.random.Generator) -> Array:
+    """Return the best of the previous draws of this kind and of the prior, as normal values."""
+    prior = before.prior
+    tried = [prior.to_normal(prior.draws(_STARTS, chance), target.kind)]
+    alike = before.draws[prior.is_of(before.draws, target.kind)][:_STARTS]
+    if len(alike):
+        tried.append(prior.to_normal(alike, target.kind))
+    normal = np.concatenate(tried)
+    return np.asarray(normal[np.argmax(target.ln(normal))])
 
 
 # --- misfit ---
@@ -286,7 +296,7 @@ def _layers_off(learned: Learned) -> bool:
 
 def _how(predicted: PredictedForces, presses: Sequence[MeasuredPress], learned: Learned) -> str:
     """Return the likely reason, from the growth of force with depth and the heights of the skin."""
-    any_of_them = learned.prior.draws(_COMPARED, np.random.default_rng(0))
+    any_of_them = learned.prior.draws_of_all_kinds(_COMPARED, np.random.default_rng(0))
     ranks = [rank for press in presses if (rank := _rank(predicted, press, any_of_them)) is not None]
     if ranks and np.mean(np.array(ranks) > 1 - _RARE) > _MOST_PRESSES:
         return (

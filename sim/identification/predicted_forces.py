@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from sim.config import FingertipConfig
 from sim.contact.indentor import ALONG
 from sim.contact.shapes import parse_shape
-from sim.identification.force_table import SHALLOWEST_MM, ChebyshevAxis, Scope, ShapeTable, shipped
+from sim.errors import ModelRangeError
+from sim.identification.force_table import LEAST_DEEP_MM, SHALLOWEST_MM, ChebyshevAxis, Scope, ShapeTable, shipped
 from sim.identification.prior import LEAST_STIFFENING, TAU_FAST_S, TISSUE, Prior, tissue_of
 from sim.measures.receptors import ReceptorPlaces
 from sim.models.fingertip import Fingertip
@@ -110,8 +111,23 @@ def tissue_axes(prior: Prior) -> tuple[ChebyshevAxis, ...]:
 def finger_of(config: FingertipConfig, values: Mapping[str, float]) -> Fingertip:
     """Return the interpolated finger of tissue parameters, at the calibrated stiffness and with stiffening."""
     tissue = config.tissue.model_copy(update={"stiffening": LEAST_STIFFENING, **tissue_of(values)})
-    no_larger = config.contact.model_copy(update={"patch_gb": 0.0})  # a patch for each finger would take hours
-    return Fingertip.load(config.model_copy(update={"tissue": tissue, "contact": no_larger}), exact=False)
+    return Fingertip.load(_no_larger(config.model_copy(update={"tissue": tissue})), exact=False)
+
+
+def _refusal(config: FingertipConfig, farthest_mm: float, indentor: str) -> str | None:
+    """Return why the configured finger cannot be pressed with a shape to the least depth; None if it can."""
+    finger = Fingertip.load(_no_larger(config), slopes=parse_shape(indentor).axes)
+    try:
+        for x_mm in (0.0, -farthest_mm, farthest_mm):
+            finger.indent(indentor, x_mm, doi_mm=LEAST_DEEP_MM)
+    except ModelRangeError as error:
+        return str(error)
+    return None
+
+
+def _no_larger(config: FingertipConfig) -> FingertipConfig:
+    """Return the finger with its mesh's own patch: a patch for each finger of a table would take hours."""
+    return config.model_copy(update={"contact": config.contact.model_copy(update={"patch_gb": 0.0})})
 
 
 class PredictedForces:
@@ -129,15 +145,27 @@ class PredictedForces:
         """Return the forces for presses up to a distance from the pad center and up to a depth (mm)."""
         return cls(config, prior, Scope(tissue_axes(prior), farthest_mm, (SHALLOWEST_MM, deepest_mm)))
 
-    def have(self, indentors: Sequence[str], work: Work) -> None:
-        """Load or compute the tables of all these shapes; work: executes the computations. Raises ModelRangeError."""
-        slopes = {parse_shape(name).axes for name in indentors if not self._kept(name)}
+    def have(self, indentors: Sequence[str], work: Work) -> dict[str, str]:
+        """Load or compute the tables of these shapes; work: executes the computations.
+
+        Returns the shapes that cannot be pressed on this finger, with the reason; they are tried before the many
+        builds.
+        """
+        missing = [name for name in indentors if not self._kept(name)]
+        tried = work("shapes tried on this finger", partial(_refusal, self.config, self.scope.farthest_mm), missing)
+        refused = {name: why for name, why in zip(missing, tried, strict=True) if why is not None}
+        usable = [name for name in indentors if name not in refused]
+        slopes = {parse_shape(name).axes for name in usable if name in missing}
         slopes |= {ALONG} if slopes else set()  # every finger is loaded with this axis
         nodes = [node for axes in sorted(slopes) for node in nodes_for(self.config, ReceptorPlaces(), axes)]
         for _ in work("full builds", make_node, [node for node in nodes if not node.kept]):
             pass
-        for name in indentors:
-            self.table(name, work)
+        for name in usable:
+            try:
+                self.table(name, work)
+            except ModelRangeError as error:  # at other moduli than the finger's own
+                refused[name] = str(error)
+        return refused
 
     def table(self, indentor: str, work: Work = one_by_one) -> ShapeTable:
         """Return the table of a shape. Raises ModelRangeError."""

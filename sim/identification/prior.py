@@ -1,4 +1,4 @@
-"""Prior of a finger: named parameters, each with a truncated normal distribution."""
+"""Prior of a finger: named parameters with truncated normal distributions, of which kinds of tissue lack some."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
 
 from sim.config import Tissue
 
@@ -56,11 +57,36 @@ TISSUE = ("ln_e_dermis", "ln_e_fat")
 factor."""
 
 
-class Prior:
-    """Several independent parameters (p)."""
+@dataclass(frozen=True)
+class Kind:
+    """Kind of tissue: parameters that are 0 in it, and its probability."""
 
-    def __init__(self, parameters: Sequence[Parameter] = PARAMETERS) -> None:
-        self.parameters = tuple(parameters)
+    zero: tuple[str, ...]
+    chance: float
+
+
+_LINEAR, _ELASTIC = 0.1, 0.1
+"""Probabilities of tissue that is linear at small strain, and of tissue that does not relax. Both are a model's or a
+phantom's; the force has a step between a stiffening of 0 and any other."""
+
+LIVING = Kind((), (1 - _LINEAR) * (1 - _ELASTIC))
+
+KINDS = (
+    LIVING,
+    Kind(("stiffening",), _LINEAR * (1 - _ELASTIC)),
+    Kind(("share_fast", "share_slow"), (1 - _LINEAR) * _ELASTIC),
+    Kind(("stiffening", "share_fast", "share_slow"), _LINEAR * _ELASTIC),
+)
+"""Kinds of tissue, which the evidence of the presses weighs."""
+
+_LEAST_CHANCE = 1e-12  # of a tail; its normal quantile is 7
+
+
+class Prior:
+    """Several independent parameters (p) of some kinds of tissue."""
+
+    def __init__(self, parameters: Sequence[Parameter] = PARAMETERS, kinds: Sequence[Kind] = KINDS) -> None:
+        self.parameters, self.kinds = tuple(parameters), tuple(kinds)
         self.names = tuple(p.name for p in parameters)
 
     @cached_property
@@ -87,17 +113,63 @@ class Prior:
         return self.parameters[self.index(name)]
 
     def draws(self, n: int, chance: np.random.Generator) -> Array:
-        """Return (n, p) random fingers."""
+        """Return (n, p) random fingers of living tissue, which stiffens and relaxes."""
         from scipy.stats import truncnorm  # as long to import as all else of scipy, and every report imports this
 
         low, high = (np.array(edge - self.middle) / self.sd for edge in self.bounds)
         cut = truncnorm(low, high, loc=self.middle, scale=self.sd)
         return np.asarray(cut.ppf(chance.random((n, len(self.names)))))
 
+    def draws_of_all_kinds(self, n: int, chance: np.random.Generator) -> Array:
+        """Return (n, p) random fingers of all kinds of tissue, in random order."""
+        ends = np.round(n * np.cumsum([kind.chance for kind in self.kinds])).astype(int)
+        draws = self.draws(n, chance)
+        for first, end, kind in zip([0, *ends[:-1]], ends, self.kinds, strict=True):
+            draws[first:end, ~self.free(kind)] = 0.0
+        return np.asarray(chance.permutation(draws))
+
+    def free(self, kind: Kind) -> NDArray[np.bool_]:
+        """(p,) whether a parameter is free in this kind of tissue."""
+        return np.array([name not in kind.zero for name in self.names])
+
+    def is_of(self, draws: Array, kind: Kind) -> NDArray[np.bool_]:
+        """Return (n,) whether fingers are of this kind of tissue."""
+        return np.asarray(((draws == 0.0) == ~self.free(kind))[:, self._zeroed].all(axis=1))
+
+    @cached_property
+    def _zeroed(self) -> NDArray[np.bool_]:
+        """(p,) whether a parameter is 0 in some kind."""
+        return ~np.array([self.free(kind) for kind in self.kinds]).all(axis=0)
+
+    def from_normal(self, normal: Array, kind: Kind) -> Array:
+        """Return (n, p) fingers of a kind from (n, free) values that are standard normal for fingers of the prior."""
+        free = self.free(kind)
+        low, high = (tail[free] for tail in self._tails)
+        draws = np.zeros((len(normal), len(self.names)))
+        within = ndtri(low + (high - low) * np.clip(ndtr(normal), _LEAST_CHANCE, 1 - _LEAST_CHANCE))
+        draws[:, free] = self.middle[free] + self.sd[free] * within
+        least, most = self.bounds
+        return np.where(free, np.clip(draws, least, most), 0.0)
+
+    def to_normal(self, draws: Array, kind: Kind) -> Array:
+        """Return the (n, free) values of `from_normal`; a free parameter that is 0 counts as its mean."""
+        free = self.free(kind)
+        low, high = (tail[free] for tail in self._tails)
+        off = np.where(self._zeroed & (draws == 0.0), 0.0, self.off(draws))[:, free]
+        share = (ndtr(off) - low) / (high - low)
+        return np.asarray(ndtri(np.clip(share, _LEAST_CHANCE, 1 - _LEAST_CHANCE)))
+
+    @cached_property
+    def _tails(self) -> tuple[Array, Array]:
+        """(p,) probabilities of a normal distribution below the bounds."""
+        low, high = ((edge - self.middle) / self.sd for edge in self.bounds)
+        return np.asarray(ndtr(low)), np.asarray(ndtr(high))
+
     def within(self, draws: Array) -> NDArray[np.bool_]:
-        """Return (n,) whether all parameters of a draw are within their bounds."""
+        """Return (n,) whether all parameters of a draw are within their bounds, or 0 as in a kind of tissue."""
         low, high = self.bounds
-        return np.asarray(((draws >= low) & (draws <= high)).all(axis=1))
+        none = self._zeroed & (draws == 0.0)
+        return np.asarray((none | ((draws >= low) & (draws <= high))).all(axis=1))
 
     def off(self, draws: Array) -> Array:
         """Return the (n, p) differences from the means, in standard deviations."""
@@ -131,7 +203,8 @@ def tissue_of(values: Mapping[str, float]) -> dict[str, float]:
     return {name: value for name, value in in_numbers(values).items() if name in Tissue.model_fields}
 
 
-def series_of(values: Mapping[str, float]) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the Prony series of a finger: shares and time constants (s)."""
+def series_of(values: Mapping[str, float]) -> tuple[tuple[float, float], ...]:
+    """Return the Prony series of a finger: shares and time constants (s); empty for tissue that does not relax."""
     numbers = in_numbers(values)
-    return (numbers["share_fast"], TAU_FAST_S), (numbers["share_slow"], numbers["tau_slow_s"])
+    series = (numbers["share_fast"], TAU_FAST_S), (numbers["share_slow"], numbers["tau_slow_s"])
+    return tuple(term for term in series if term[0] > 0)

@@ -32,6 +32,12 @@ def band(values: Array, own_error: float, coverage: float = COVERAGE) -> Width:
     return Width(*(float(np.exp(middle + sign * half)) for sign in (0, -1, 1)))
 
 
+def parameter_ends(draws: Array, coverage: float = COVERAGE) -> tuple[Array, Array]:
+    """Return the (p,) lower and upper ends of the bands of parameters, from (n, p) equally likely fingers."""
+    low, high = np.quantile(draws, ends(coverage), axis=0)
+    return low, high
+
+
 def standard_deviations(coverage: float = COVERAGE) -> float:
     """Return the half-width of a band of a normal distribution, in standard deviations."""
     from scipy.special import ndtri  # slow to import, and most fingers are not identified

@@ -59,7 +59,7 @@ GOALS = (
 """Of shapes that no meeting presses."""
 
 
-class _Reading(Nobody):
+class Reading(Nobody):
     """Knows where the journal is."""
 
     def __init__(self, script: IdentificationScript) -> None:
@@ -94,7 +94,7 @@ def met(
     meeting = Timed(known, foreseen, IdentificationOptions(tuple(goals)), seed=stranger.seed)
     script, out = IdentificationScript(meeting), Path(tempfile.mkdtemp())
     try:
-        into, attendant = NewRun(out), _Reading(script)
+        into, attendant = NewRun(out), Reading(script)
         session = Session(script.as_script(), known, unmet, Plan(), into, attendant, script.handler)
         done = run_on(session, keeper.open_bench(session.pause), virtual=True)
     finally:

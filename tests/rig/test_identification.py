@@ -19,14 +19,16 @@ from rig.cli.identify_finger import (
     force_rows,
     number_rows,
     page_lines,
+    possible,
     press_rows,
     print_after_press,
     print_before_press,
     scope_of,
+    usual_goals,
 )
 from rig.data import RunFolder, read_run
 from rig.data.folder import IDENTIFICATION_PAGE, SCRIPTS
-from rig.errors import LimitError, TripError
+from rig.errors import BadInputError, LimitError, TripError
 from rig.identify.adaptive_presses import Identification, IdentificationOptions, with_reliable_touch
 from rig.identify.finger_from_presses import finger_file
 from rig.identify.identification_script import IdentificationScript
@@ -47,6 +49,7 @@ from sim.identification.prior import TAU_FAST_S, Prior
 from sim.identification.uncertainty_bands import standard_deviations
 from sim.models.fingertip import Fingertip
 from sim.models.relaxation import Memory, Prony, PronyTerm
+from tests.error_codes import raises
 from tests.made_up_fingers import made_up
 from tests.program import Program
 
@@ -384,6 +387,31 @@ def test_the_page_before_it_begins_tells_force_and_time() -> None:
 def test_forces_are_predicted_as_far_and_as_deep_as_is_asked() -> None:
     assert scope_of(IdentificationOptions(GOALS)) == pytest.approx((1.8, 1.1))
     assert scope_of(IdentificationOptions((PressAt("bar:3.0", -2.0, 1.2),))) == pytest.approx((2.6, 1.32))
+
+
+# --- shapes that a finger cannot be pressed with ---
+
+
+def test_an_impossible_shape_is_left_out_and_goals_are_as_deep_as_the_finger_allows() -> None:
+    usual = IdentificationOptions(usual_goals(course.SHAPES), shapes=("sphere:4", "bar:3.0"))
+    shallow = made_up(deepest_mm=0.5)
+    found = possible(usual, shallow, {"bar:3.0": "the rim", "sphere:6": "the rim"}, own_goals=True)
+    assert found.shapes == ("sphere:4",)
+    assert found.goals == (PressAt("cylinder:9", 0.0, 0.49),)
+    everywhere = {goal.indentor: "the rim" for goal in usual.goals}
+    assert possible(usual, shallow, everywhere, own_goals=True).goals == (PressAt("sphere:4", 0.0, 0.49),)
+    assert possible(usual, FORESEEN, {"sphere:6": "the rim"}, own_goals=True).shapes == usual.shapes
+
+
+@pytest.mark.parametrize(
+    ("refused", "own_goals"), [(("sphere:4", "bar:3.0"), True), (("cylinder:9",), False), (("bar:3.0",), False)]
+)
+def test_nothing_is_pressed_if_no_shape_is_left_or_a_requested_force_is_impossible(
+    refused: tuple[str, ...], own_goals: bool
+) -> None:
+    options = IdentificationOptions(GOALS, shapes=("sphere:4", "bar:3.0"))
+    with raises(BadInputError, "impossible_shape", problem="the rim"):
+        possible(options, FORESEEN, dict.fromkeys(refused, "the rim"), own_goals=own_goals)
 
 
 # --- random fingers ---

@@ -38,18 +38,21 @@ def test_the_first_identification_of_a_default_finger_waits_for_no_table(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("stiffening", [0.0, 0.3])
 @pytest.mark.parametrize("shape", WANTED.indentors)
-def test_a_table_that_comes_with_the_program_is_near_direct_presses(finger: Fingertip, shape: str) -> None:
+def test_a_table_that_comes_with_the_program_is_near_direct_presses(
+    finger: Fingertip, shape: str, stiffening: float
+) -> None:
     """At moduli, places and depths between its nodes; its own error, an rms of six presses, is with it: of one press
     three times that is allowed."""
     table = shipped(shape, _predicted().scope)
     assert table is not None
     assert 0 < table.error < 0.03
-    tissue = finger.config.tissue.model_copy(update={"stiffening": 0.3})
+    tissue = finger.config.tissue.model_copy(update={"stiffening": stiffening})
     stiff = Fingertip.load(finger.config.model_copy(update={"tissue": tissue}))
     basis = table.tissue_basis([np.log([tissue.e_dermis]), np.log([tissue.e_fat])])
     for x_mm, doi_mm in ((-0.7, 0.25), (0.4, 0.6)):
-        found = table.forces_gwt(basis, np.array([0.3]), np.array([x_mm]), np.array([[doi_mm]]))[0, 0]
+        found = table.forces_gwt(basis, np.array([stiffening]), np.array([x_mm]), np.array([[doi_mm]]))[0, 0]
         direct = stiff.indent(shape, x_mm, doi_mm=doi_mm).force_gwt
         assert abs(np.log(found / direct)) < 3 * table.error + 1e-4
     x = table.scope.touch_x.nodes.tolist()[3]
@@ -91,7 +94,26 @@ def test_only_what_is_missing_is_made_builds_first(tmp_path: Path, monkeypatch: 
     monkeypatch.setattr(foreseen_module.ShapeTable, "read_or_make", made)
     foreseen = _predicted(FingertipConfig(mesh=coarse_mesh(0.5, 0.7)))
     foreseen.have(["bar:3.0", "cylinder:9"], work)
-    assert asked == [("full builds", 16), ("bar:3.0", 0), ("cylinder:9", 0)]
+    assert asked == [("shapes tried on this finger", 2), ("full builds", 16), ("bar:3.0", 0), ("cylinder:9", 0)]
     asked.clear()
-    foreseen.have(["bar:3.0", "sphere:4"], work)
-    assert asked == [("full builds", 32), ("sphere:4", 0)]
+    assert foreseen.have(["bar:3.0", "sphere:4"], work) == {}
+    assert asked == [("shapes tried on this finger", 1), ("full builds", 32), ("sphere:4", 0)]
+
+
+def test_a_shape_that_reaches_the_rim_of_the_patch_is_refused_before_the_builds(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path))
+    built: list[int] = []
+
+    def work(what: str, function: Callable[[Any], Any], items: Sequence[Any], /) -> Iterable[Any]:
+        if what == "full builds":
+            built.append(len(items))
+            return ()
+        return map(function, items)
+
+    foreseen = _predicted(FingertipConfig(mesh=coarse_mesh(0.5, 0.7, patch_x_mm=2.1, patch_z_mm=0.8)))
+    refused = foreseen.have(["bar:3.0"], work)
+    assert list(refused) == ["bar:3.0"]
+    assert "mesh.patch_x_mm / patch_z_mm" in refused["bar:3.0"]
+    assert built == [0]

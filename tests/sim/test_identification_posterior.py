@@ -2,17 +2,17 @@
 
 import re
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 
-import sim.identification.posterior as learned_module
+import sim.identification.weighted_draws as drawn_module
+import tests.made_up_fingers as made_up_fingers
 from sim.identification.next_press import Chooser, PressAt, SkinSearch, held_gwt, highest_gwt
 from sim.identification.posterior import Learned, Surprise, learn, no_finger, nothing_learned
 from sim.identification.predicted_forces import MeasuredPress, RampAndHold, nominal_trajectory
-from sim.identification.prior import Prior
-from sim.identification.uncertainty_bands import Width, band
+from sim.identification.prior import KINDS, Kind, Prior
+from sim.identification.uncertainty_bands import Width, band, parameter_ends
 from tests.made_up_fingers import made_up, pressed
 
 FORESEEN, PACE, NOISE_GWT = made_up(), RampAndHold(), 0.02
@@ -59,19 +59,41 @@ def test_what_was_learned_holds_the_truth_and_is_narrower() -> None:
     assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.4
 
 
-def test_where_no_draw_lies_within_the_prior_it_has_collapsed(monkeypatch: pytest.MonkeyPatch) -> None:
-    """It ended a meeting with an error of shapes of arrays."""
-    drawn = learned_module._student
+def test_draws_that_lie_where_the_posterior_has_nothing_are_moved_to_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Importance sampling alone puts all the weight on one of them."""
+    usual = _identified(3)[2]
+    monkeypatch.setattr(drawn_module, "_ROUNDS", 1)
+    monkeypatch.setattr(drawn_module, "_MOST_ROUNDS", 1)
+    monkeypatch.setattr(drawn_module, "_WIDER", 400.0)  # of the covariance of the only round
+    moved = _identified(3)[2]
+    assert not moved.collapsed
+    assert moved.effective > 0.5 * len(moved.draws)
+    sd = usual.draws.std(axis=0)
+    assert np.abs(moved.mean - usual.mean).max() < 0.35 * sd[np.argmax(np.abs(moved.mean - usual.mean))]
+    assert moved.draws.std(axis=0) == pytest.approx(sd, rel=0.25)
 
-    def outside(*arguments: Any) -> tuple[np.ndarray, np.ndarray]:
-        draws, ln_density = drawn(*arguments)
-        return draws + 100 * PRIOR.sd, ln_density
 
-    monkeypatch.setattr(learned_module, "_student", outside)
+def test_draws_that_cannot_move_have_collapsed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(drawn_module, "_ENOUGH", 2.0)  # so that no weights suffice
+    monkeypatch.setattr(drawn_module, "_MOST_LEVELS", 0)
     _, _, learned = _identified(3)
-    assert (learned.effective, learned.collapsed) == (1.0, True)
+    assert learned.collapsed
     assert learned.prior.within(learned.draws).all()
-    np.testing.assert_array_equal(learned.draws, np.tile(learned.most_likely, (600, 1)))
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: "+".join(kind.zero) or "living")
+def test_the_kind_of_tissue_is_found_by_its_evidence(kind: Kind, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a step of force between linear tissue and any that stiffens, as in the model."""
+    monkeypatch.setattr(made_up_fingers, "GEOMETRIC", -0.3)
+    predicted, chance = made_up(), np.random.default_rng(11)
+    truth = PRIOR.from_normal(PRIOR.to_normal(PRIOR.draws(1, chance), kind), kind)[0]
+    given = [pressed(predicted, truth, nominal_trajectory(*one, PACE, SHARES), chance, NOISE_GWT) for one in PRESSES]
+    learned = learn(predicted, given, nothing_learned(PRIOR, chance, 600), chance)
+    assert PRIOR.is_of(learned.draws, kind).mean() > 0.5
+    assert not learned.collapsed
+    low, high = parameter_ends(learned.draws)
+    assert ((learned.most_likely >= low) & (learned.most_likely <= high)).all()
+    assert no_finger(predicted, given, learned, []) is None
 
 
 def test_a_wanted_force_comes_within_its_band() -> None:

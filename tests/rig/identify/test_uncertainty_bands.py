@@ -1,15 +1,20 @@
 """What relaxation leaves of a press, the band over likely fingers, and what references say of them."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.stats import norm
 
+import rig.plan.finger_model as finger_model
 from rig.plan.finger_model import Answers, band_of, left_of
 from rig.plan.finger_update import ReferenceForce, updated_by
 from rig.plan.plan import Plan
-from rig.records import Pace, PlannedIndentation, PredictionBand, Target
+from rig.protocol.check import NoPredictionError
+from rig.records import Pace, PlannedIndentation, Prediction, PredictionBand, Target
 from sim.models.relaxation import Memory, Prony, PronyTerm
 from sim.units import GWT_N
+from tests.error_codes import raises
 from tests.rig.identify.finger_file import SERIES, identified_file
 
 PACE = Pace(speed_mm_s=1.0, increment_mm=0.05, ramps=1, hold_s=1.0)
@@ -75,6 +80,27 @@ def test_at_a_force_it_is_the_depth_that_has_a_band() -> None:
     assert band.force_gwt == pytest.approx((4.0, 4.0))
     assert band.doi_mm == pytest.approx((0.5 * np.exp(-half), 0.5 * np.exp(half)))
     assert band.highest_gwt == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize("lost", [0, 1, 2, 3])
+def test_likely_fingers_without_an_answer_are_named_with_their_press(
+    lost: int, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Of eight: two may be left out."""
+    held = 4.0 * np.exp(np.linspace(-0.1, 0.1, 8))
+    held[:lost] = np.nan
+    found = Prediction("bar:3.0", 0.75, Target("doi_mm", 0.5), -0.1, 4.0, 0.5, 4.0, 0.01)
+    monkeypatch.setattr(finger_model, "answers", lambda *_: Answers(held, np.full(8, 0.5), 1.1 * held))
+    press: Any = (None, found, None, PACE, identified_file().identified)
+    if lost > 2:
+        with raises(NoPredictionError, "likely_finger_not_converged", x_mm=0.75, value=0.5, lost=lost, fingers=8):
+            finger_model._with_band(*press)
+        return
+    banded = finger_model._with_band(*press)
+    assert banded.band is not None
+    assert banded.predicted_force_gwt == pytest.approx(float(np.exp(np.log(held[lost:]).mean())))
+    assert len(caplog.records) == (lost > 0)
+    assert all("x = 0.75" in record.getMessage() for record in caplog.records)
 
 
 def _planned(force_gwt: float, band: PredictionBand | None) -> PlannedIndentation:

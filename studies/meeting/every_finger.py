@@ -1,0 +1,188 @@
+"""Identifies every kind of finger that the program can serve or rehearse: docs/validation/identification.md.
+
+.venv/bin/python -m studies.meeting.every_finger [ROWS] [--only NAME] [--draws N]
+
+The finger is that of `rig identify --dry-run` with the case as configuration, or that of `rig serve --random-finger`.
+Each finger is a line of ROWS (default: study/every_finger.jsonl); a line that exists is not computed again.
+"""
+
+import argparse
+import json
+import shutil
+import sys
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rig.cli.identify_finger import possible, scope_of, usual_goals
+from rig.identify.adaptive_presses import SHAPES, Identification, IdentificationOptions, with_reliable_touch
+from rig.identify.identification_script import IdentificationScript
+from rig.identify.random_finger import truth_of, with_parameters
+from rig.plan.config import Config, load_config
+from rig.plan.plan import Plan
+from rig.session.resume import commit
+from rig.session.session import NewRun, Session, run_on
+from sim.config import FingertipConfig, MeshSpec
+from sim.identification.posterior import parameter_bands
+from sim.identification.predicted_forces import PredictedForces
+from sim.identification.prior import Prior
+from sim.models.fingertip import Fingertip
+from sim.workers import one_by_one
+from studies.meeting.hidden import Keeper
+from studies.meeting.proof import Reading
+from studies.meeting.strangers import Stranger
+
+ROOT = Path(__file__).parents[2]
+RELAXATION = [[0.2, 0.07], [0.2, 1.4]]
+DRAWS = 21
+
+Tables = Mapping[str, Mapping[str, Any]]
+"""Keys of a configuration that a case changes, by table."""
+
+CASES: Mapping[str, Tables] = {
+    "default": {},
+    "half as stiff": {"tissue": {"stiffness": 0.5}},
+    "twice as stiff": {"tissue": {"stiffness": 2.0}},
+    "stiffening 0.02": {"tissue": {"stiffening": 0.02}},
+    "stiffening 0.3": {"tissue": {"stiffening": 0.3}},
+    "stiffening 0.8": {"tissue": {"stiffening": 0.8}},
+    "human-sized": {},
+    "relaxing": {"virtual": {"relaxation": RELAXATION}},
+    "varied moduli": {"tissue": {"e_dermis": 0.2, "e_fat": 0.06}},
+    "stiffening and relaxing": {
+        "tissue": {"stiffness": 0.7, "stiffening": 0.3},
+        "virtual": {"relaxation": RELAXATION},
+    },
+}
+HUMAN = "human-sized"
+
+
+def _meshed(level: str) -> Config:
+    return with_reliable_touch(Config(finger=FingertipConfig(mesh=MeshSpec.model_validate({"level": level}))))
+
+
+def case(name: str, level: str) -> Stranger:
+    """Return the finger of a case, or of a random finger by its seed."""
+    if name not in CASES:
+        seed = int(name)
+        config = with_parameters(_meshed(level), truth_of(seed), seed)
+        return Stranger("random finger", seed, config, exact=level != "coarse")
+    human = name == HUMAN
+    config = with_reliable_touch(load_config(ROOT / "examples/human_finger/finger.toml")) if human else _meshed(level)
+    tissue = config.finger.tissue.model_copy(update=dict(CASES[name].get("tissue", {})))
+    virtual = config.virtual.model_validate(config.virtual.model_dump() | dict(CASES[name].get("virtual", {})))
+    finger = config.finger.model_copy(update={"tissue": tissue})
+    return Stranger(name, 0, config.model_copy(update={"finger": finger, "virtual": virtual}), exact=True)
+
+
+def identified(
+    stranger: Stranger, predicted: PredictedForces, nominal: Fingertip, options: IdentificationOptions
+) -> dict[str, Any]:
+    """Return one row: the identification of a finger, and the truth beside it."""
+    identification = Identification(stranger.config, predicted, options)
+    keeper, began = Keeper(stranger), time.process_time()
+    script, out = IdentificationScript(identification), Path(tempfile.mkdtemp())
+    try:
+        into, attendant = NewRun(out), Reading(script)
+        session = Session(script.as_script(), stranger.config, nominal, Plan(), into, attendant, script.handler)
+        done = run_on(session, keeper.open_bench(session.pause), virtual=True)
+    finally:
+        shutil.rmtree(out, ignore_errors=True)
+    keeper.over()
+    took_s, pace = time.process_time() - began, identification.chooser.pace
+    true = [keeper.held_gwt(goal, pace) for goal in options.goals]
+    widths = identification.widths
+    return {
+        "kind": stranger.kind,
+        "seed": stranger.seed,
+        "flag": identification.flag,
+        "mismatch": identification.mismatch,
+        "effective": identification.learned.effective,
+        "presses": len(identification.reports),
+        "ended": None if done.problem is None else str(done.problem),
+        "truth": truth_numbers(stranger.config),
+        "bench_s": done.duration_s,
+        "process_s": took_s,
+        "error": [w.middle / t - 1 for w, t in zip(widths, true, strict=True)],
+        "half": [w.half for w in widths],
+        "covered": [bool(w.low <= t <= w.high) for w, t in zip(widths, true, strict=True)],
+        "parameters": parameters(identification),
+        "surprises": [report.surprise.sds for report in identification.reports],
+        "misfit": (identification.learned.misfit / np.maximum(identification.learned.readings, 1)).tolist(),
+        "total": identification.learned.total / max(int(identification.learned.readings.sum()), 1),
+    }
+
+
+def truth_numbers(config: Config) -> dict[str, float]:
+    """Return the true values of the parameters that are no logarithm of a Prony series."""
+    tissue, virtual = config.finger.tissue, config.virtual
+    by_name = {name: getattr(tissue, name) for name in ("stiffness", "e_dermis", "e_fat", "stiffening")}
+    return {**by_name, "x_mm": virtual.finger_x_offset_mm, "height_mm": virtual.finger_z_offset_mm}
+
+
+def parameters(identification: Identification) -> dict[str, list[float]]:
+    """Return estimate, low and high of each parameter."""
+    return {one.name: [one.estimate, one.low, one.high] for one in parameter_bands(identification.learned)}
+
+
+def row(name: str, level: str) -> dict[str, Any]:
+    """Return the row of a case by its name, or of a random finger by its seed."""
+    stranger, began = case(name, level), time.process_time()
+    options = IdentificationOptions(usual_goals(SHAPES))
+    predicted = PredictedForces.over(stranger.config.finger, Prior(), *scope_of(options))
+    refused = predicted.have(options.indentors, one_by_one)
+    made_s = time.process_time() - began
+    options = possible(options, predicted, refused, own_goals=True)
+    found = identified(stranger, predicted, Fingertip.load(stranger.config.finger), options)
+    return {
+        "name": name,
+        "level": level,
+        **found,
+        "tables_s": made_s,
+        "left_out": list(refused),
+        "commit": commit(Path(__file__)),
+    }
+
+
+def main() -> None:
+    """Compute the rows that are missing."""
+    asked = argparse.ArgumentParser(description=__doc__)
+    asked.add_argument("rows", nargs="?", type=Path, default=Path("study/every_finger.jsonl"))
+    asked.add_argument("--only", action="append")
+    asked.add_argument("--draws", type=int, default=DRAWS)
+    asked.add_argument("--level", default="coarse", help="mesh of all fingers but the human-sized one")
+    given = asked.parse_args()
+    names: Sequence[str] = given.only or [*CASES, *map(str, range(given.draws))]
+    kept = [json.loads(line) for line in given.rows.read_text().splitlines()] if given.rows.exists() else []
+    given.rows.parent.mkdir(parents=True, exist_ok=True)
+    there = {one["name"] for one in kept}
+    for name in names:
+        if name in there:
+            continue
+        one = row(name, given.level)
+        with given.rows.open("a") as file:
+            file.write(json.dumps(one) + "\n")
+        print(summary(one), file=sys.stderr, flush=True)
+
+
+def summary(one: Mapping[str, Any]) -> str:
+    """Return one line about a row."""
+    outside = [k for k, (at, low, high) in one["parameters"].items() if not low <= at <= high]
+    about = [
+        f"{one['name']}: {one['flag']}",
+        f"{one['effective']:.0f} effective",
+        f"{one['presses']} presses",
+        f"{sum(one['covered'])} of {len(one['covered'])} covered",
+        f"{len(outside)} estimates outside",
+        f"{one['process_s']:.0f} s",
+        *(f"{one[why]}" for why in ("ended", "mismatch") if one[why]),
+    ]
+    return ", ".join(about)
+
+
+if __name__ == "__main__":
+    main()
