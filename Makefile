@@ -53,7 +53,7 @@ test-studies: .venv/.ready-dev
 	$(MEASURE_STUDIES)
 
 .venv/.ready-panel-test: .venv/.ready-dev
-	$(BIN)/pip install --quiet --disable-pip-version-check -e '.[panel,panel-test]'
+	$(BIN)/pip install --quiet --disable-pip-version-check -e '.[panel-test]'
 	touch $@
 
 panel-test: .venv/.ready-panel-test

@@ -37,7 +37,7 @@ for package in ("rig", "sim"):
             importlib.import_module(found.name)
 print(sys.modules["rig"].__file__)
 """
-OF_EXTRAS = ("rig.study.dask_cluster", "rig.panel.", "rig.__main__")
+OF_EXTRAS = ("rig.study.dask_cluster", "rig.__main__")
 """Not imported, by how their names begin: what only an extra brings along, and what is the program itself."""
 
 
@@ -119,7 +119,7 @@ def tried(place: CleanEnvironment, version: str) -> Iterator[str]:
     yield "rig --version and python -m rig --version"
     file = place.run("python", "-c", EVERYTHING.format(left_out=OF_EXTRAS)).strip()
     _expect(Path(file).is_relative_to(place.folder.resolve()), True)
-    yield "every module but the cluster's and the panel's is imported without an extra"
+    yield "every module but the cluster's is imported without an extra"
     (place.folder / "mine.py").write_text(SCRIPT, encoding="utf-8")
     told = json.loads(place.run("rig", "dry-run", "mine.py", "--json"))
     _expect((told["complete"], told["indentations"]), (True, 2))

@@ -109,6 +109,27 @@ def test_doctor_and_serve_know_it(folder: Path) -> None:
     assert "mtsics or laumas or line_scale" in refused.stderr
 
 
+def test_init_offers_it_and_takes_it_without_a_probe(folder: Path) -> None:
+    answers = [
+        "--travel-mm",
+        "60,30,40",
+        "--steps-per-mm",
+        "none",
+        "--range-gwt",
+        "200",
+        "--trip-n",
+        "1.5",
+        "--finger",
+        "none",
+    ]
+    ports = ("--stage", "grbl", "--stage-port", "nowhere0", "--sensor-port", "nowhere1")
+    refused = _rig(folder, "init", "--sensor", "scale", *ports, *answers)
+    assert (refused.returncode, "mtsics or laumas or line_scale" in refused.stderr) == (2, True)
+    written = _rig(folder, "init", "--yes", "--to", "found.toml", "--sensor", "line_scale", *ports, *answers)
+    assert written.returncode == 0, written.stderr
+    assert 'kind = "line_scale"' in (folder / "found.toml").read_text(encoding="utf-8")
+
+
 def test_nothing_is_imported_but_the_kinds_that_are_used(folder: Path) -> None:
     """A stage's, for its outputs; no sensor's, no package's, and no other stage's."""
     code = "import sys; from rig.plan.config import Config; Config(); print(*sys.modules)"

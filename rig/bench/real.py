@@ -28,13 +28,21 @@ class PortError(TransportError):
 
 
 @dataclass(frozen=True)
+class Request:
+    """Request to the person at the bench; `indentor` is the one to mount, if that is the request."""
+
+    text: str
+    indentor: str | None = None
+
+
+@dataclass(frozen=True)
 class RealBench:
     """Bench on real ports and the wall clock; `ask` prompts the operator."""
 
     clock: WallClock
     stage: Stage
     force: ForceSensor
-    ask: Callable[[str], str]
+    ask: Callable[[Request], str]
     pause: Pause
     memory: BenchMemory
     before: LastKnown
@@ -48,11 +56,11 @@ class RealBench:
 
     def mount(self, indentor: str) -> str:
         """Ask for an indentor and return the mounted one: Enter confirms, a name replaces it."""
-        return self.ask(f"mount {indentor}").strip() or indentor
+        return self.ask(Request(f"mount {indentor}", indentor)).strip() or indentor
 
     def confirm(self, request: str) -> None:
         """Return when the operator confirms a request."""
-        self.ask(request)
+        self.ask(Request(request))
 
     def witness(self, stream: str, data: Mapping[str, Any]) -> dict[str, float]:
         """Return nothing: a real bench knows no more than its devices."""
@@ -84,7 +92,7 @@ def open_bench(
     settings: BenchSettings,
     clock: WallClock,
     byte_log: Sink,
-    ask: Callable[[str], str],
+    ask: Callable[[Request], str],
     pause: Pause = NO_PAUSE,
     in_hand: StageInHand | None = None,
 ) -> RealBench:

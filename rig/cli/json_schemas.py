@@ -1439,6 +1439,39 @@ class BugReportJson(Output):
     left_out_text: list[str]
 
 
+class PortFoundJson(Output):
+    """What a port answered; role, kind and identity are null if no known device did."""
+
+    port: Port
+    role: Literal["stage", "force"] | None
+    kind: Name | None
+    identity: Name | None
+    owner: int | None
+    """Process that uses the port, which was then not asked; null also where the system does not report it."""
+    code: Code | None
+    """Why the port was not asked, or the device cannot be used."""
+    found_text: str
+
+
+class DeviceWrittenJson(Output):
+    """A device in the new configuration; identity is null if it did not answer."""
+
+    kind: Name
+    port: Port
+    identity: Name | None
+
+
+class InitJson(Output):
+    """A new configuration file."""
+
+    config: File
+    ports: list[PortFoundJson]
+    stage: DeviceWrittenJson
+    force: DeviceWrittenJson
+    next: CommandLine
+    """Command to enter next."""
+
+
 OUTPUTS: Mapping[str, tuple[Any, ...]] = {
     "dry-run": (FinishedRunJson,),
     "run": (FinishedRunJson,),
@@ -1461,6 +1494,7 @@ OUTPUTS: Mapping[str, tuple[Any, ...]] = {
     "find": (FindJson,),
     "serve": (ServedPortsJson, RandomFingerJson),
     "stranger": (RandomFingerJson,),
+    "init": (InitJson,),
     "home": (HomedJson,),
     "zero": (ZeroedJson,),
     "status": (StatusJson,),

@@ -66,16 +66,8 @@ def panel_command(
 
 
 def _panel(config: Path | None, out_dir: Path, port: int) -> "Panel":
-    try:
-        from rig.panel.app import Offered, Panel
-    except ModuleNotFoundError as error:
-        if (error.name or "").partition(".")[0] not in ("starlette", "uvicorn"):
-            raise
-        raise BadInputError(
-            "panel requires the package {package}; install it with pip install 'indentation-rig[panel]'",
-            code="not_installed",
-            package=error.name,
-        ) from None
+    from rig.panel.app import Offered, Panel  # rig by-hand starts without a web server
+
     return Panel(Offered(out_dir, config, port))
 
 

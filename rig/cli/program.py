@@ -61,6 +61,7 @@ COMMANDS = {
     "stranger": Command(
         "serve.stranger_command", "Print the parameters of a random finger.", "Simulation", hidden=True
     ),
+    "init": Command("init.init_command", "Find the devices and write a configuration file.", "Bench"),
     "home": Command("bench.home", "Home all axes of the stage.", "Bench"),
     "zero": Command("bench.zero", "Zero the force sensor.", "Bench"),
     "status": Command("bench.status", "Print the stage position and the sensor reading.", "Bench"),

@@ -11,6 +11,7 @@ import typer
 from rich.table import Table
 
 from rig.bench.checks import expired_calibrations, refuse_bench
+from rig.bench.real import Request
 from rig.bench.virtual import refuse_twinless
 from rig.cli.confirm import (
     Confirm,
@@ -240,27 +241,26 @@ def run_command(
     leave(done)
 
 
-def ask_at_the_bench(request: str, asking: Callable[[], AbstractContextManager[None]] = nullcontext) -> str:
+def ask_at_the_bench(request: Request, asking: Callable[[], AbstractContextManager[None]] = nullcontext) -> str:
     """Prompt the person at the bench and return the answer; end the run if there is none."""
     with screen_aside(), asking():
-        err.print(f"{request}, then press Enter")
+        err.print(f"{request.text}, then press Enter")
         answer = typed_line()
     if not answer:
-        raise RunAborted("no answer to the request: {request}", code="nobody_answered", request=request)
+        raise RunAborted("no answer to the request: {request}", code="nobody_answered", request=request.text)
     return answer
 
 
-def asks_for(owner: RunOwner, mounted: str | None) -> Callable[[str], str]:
+def asks_for(owner: RunOwner, mounted: str | None) -> Callable[[Request], str]:
     """Return the prompt for the person at the bench, which skips the indentor that is mounted already.
 
     Raises ShapeError.
     """
     mounted = None if mounted is None else shape_name(mounted)
 
-    def ask(request: str) -> str:
-        verb, _, what = request.partition(" ")
-        if mounted is not None and verb == "mount" and same_shape(what, mounted):
-            err.print(f"{what} is mounted already (--mounted)")
+    def ask(request: Request) -> str:
+        if mounted is not None and request.indentor is not None and same_shape(request.indentor, mounted):
+            err.print(f"{request.indentor} is mounted already (--mounted)")
             return ""
         return ask_at_the_bench(request, owner.asking)
 

@@ -1,6 +1,6 @@
 """Stage with a GRBL 1.1 or grblHAL board. Source: GRBL 1.1 interface wiki."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -72,6 +72,8 @@ LATE_FACTOR, LATE_S = 1.5, 5.0
 ASK_FOR_OFFSET = 35
 # Attempts to have a line confirmed, in case noise corrupted it.
 ATTEMPTS = 3
+# A board that restarts because its port was opened is silent for about 2 s.
+PROBE_S = 2.5
 # Two pairs of an alarm and the banner after it.
 NEWS = 4
 
@@ -140,7 +142,7 @@ class GrblStage(Stage):
             )
         if self._bounds is not None:
             self._enforce({**board, **enforced_settings(board, self._bounds)})
-        return " ".join(line for line in printed if line.startswith("[") and not line.startswith("[MSG"))
+        return _identity(printed)
 
     def settings(self) -> dict[int, float]:
         """Return the settings of the board (`$$`), by number. Raises StageError."""
@@ -560,6 +562,27 @@ def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
     )
 
 
+def _identity(printed: Iterable[str]) -> str:
+    return " ".join(line for line in printed if line.startswith("[") and not line.startswith("[MSG"))
+
+
+def _probe(opener: Opener, clock: Clock, settings: BenchSettings) -> str | None:
+    """Ask for the status (`?`), and at rest for the identification (`$I`)."""
+    link = GrblLink(opener(settings.stage.port), clock)
+    deadline_s = clock.monotonic_s() + PROBE_S
+    state = None
+    while state is None:
+        with suppress(StageReset, StageAlarm, StageTimeout):
+            state = link.ask_status().state
+        if state is None and clock.monotonic_s() >= deadline_s:
+            return None
+    if state.partition(":")[0] not in ("Idle", "Alarm"):  # a board in motion or on hold reads no lines
+        return f"GRBL board in state {state}"
+    with suppress(StageError):
+        return _identity(link.hello())
+    return "GRBL board"
+
+
 DEVICE = StageKind(
     name="grbl",
     device="GRBL 1.1 or grblHAL board",
@@ -567,5 +590,6 @@ DEVICE = StageKind(
     outputs=("off", "coolant", "spindle"),
     inputs=("door", "hold"),
     twin="sim.devices.grbl.board:grbl_twin",
+    probe=_probe,
     tests=("tests/rig/test_grbl_driver.py", "tests/rig/test_grbl_conformance.py"),
 )

@@ -199,11 +199,22 @@ def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> ForceSenso
     )
 
 
+def _probe(opener: Opener, clock: Clock, settings: BenchSettings) -> str | None:
+    """Read identity, weights and unit."""
+    try:
+        return _driver(opener, clock, settings).identify()
+    except ForceError as error:
+        if error.code == "wrong_unit":
+            raise
+        return None
+
+
 DEVICE = ForceKind(
     name="laumas",
     device="Laumas TLB or TLU load-cell transmitter",
     driver=_driver,
     settings=LaumasSettings,
     twin="sim.devices.laumas:laumas_twin",
+    probe=_probe,
     tests=("tests/rig/test_laumas_driver.py", "tests/rig/test_modbus_counterparties.py"),
 )

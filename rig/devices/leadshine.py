@@ -17,7 +17,7 @@ from rig.settings import (
     StageSettings,
     SyncSettings,
 )
-from rig.transport.modbus import ModbusMaster
+from rig.transport.modbus import ModbusError, ModbusMaster
 
 _SAME_PLACE_MM = 1e-6
 
@@ -349,6 +349,37 @@ def _drive(
     )
 
 
+def _probe(opener: Opener, clock: Clock, settings: BenchSettings) -> str | None:
+    """Read the status and the commanded position of both drives."""
+    stage = settings.stage
+    bus = ModbusMaster.on_port(opener(stage.port), clock, stage.port, framing=stage.framing, baud=stage.baud)
+    ids = (stage.drives.x.device_id, stage.drives.z.device_id)
+    silent = [device_id for device_id in ids if not _answers(bus, device_id)]
+    if len(silent) == len(ids):
+        return None
+    if silent:
+        raise StageError(
+            "{port}: of the Leadshine drives {first} and {second}, only one answers; drive {silent} does not; check "
+            "its power, cable and address, or set its port under [stage.drives]",
+            code="one_drive",
+            port=stage.port,
+            first=ids[0],
+            second=ids[1],
+            silent=silent[0],
+        )
+    return f"Leadshine drives {ids[0]} and {ids[1]}"
+
+
+def _answers(bus: ModbusMaster, device_id: int) -> bool:
+    try:
+        # The frame that reads the alarm has the byte `~` in its checksum, which continues a held board.
+        bus.read(device_id, reg.STATUS)
+        bus.read(device_id, reg.COMMANDED, 2)
+    except ModbusError:
+        return False
+    return True
+
+
 DEVICE = StageKind(
     name="leadshine",
     device="two Leadshine CS2RS or iEM-RS drives",
@@ -360,5 +391,6 @@ DEVICE = StageKind(
     outputs=("off", "drive"),
     inputs=reg.INPUT_NAMES,
     twin="sim.devices.leadshine:leadshine_twin",
+    probe=_probe,
     tests=("tests/rig/test_leadshine_driver.py", "tests/rig/test_modbus_counterparties.py"),
 )

@@ -3,11 +3,13 @@
 from collections.abc import Callable
 from functools import partial
 
+from pydantic import ValidationError
+
 from rig.clock import Clock
 from rig.devices.base import ForceSensor, Stage
-from rig.devices.registry import ForceKind, Opener, StageKind, find
+from rig.devices.registry import DeviceKind, ForceKind, KnownBench, Opener, StageKind, find
 from rig.settings import BenchSettings, ForceSettings, StageSettings
-from rig.transport import LoggedTransport, Transport, open_port
+from rig.transport import LoggedTransport, Transport, TransportError, open_port
 from rig.transport.wire import Sink
 
 
@@ -45,6 +47,66 @@ def open_force(settings: BenchSettings, clock: Clock, byte_log: Sink | None = No
     """Return the force sensor on its port, not yet connected. Raises TransportError."""
     opener = partial(_open, settings=settings.force, clock=clock, byte_log=byte_log)
     return force_driver(opener, clock, settings)
+
+
+PROBE_S = 6.0
+"""Longest time that a probe may take at a port (s)."""
+
+
+def probe(kind: DeviceKind, port: str, clock: Clock, byte_log: Sink | None = None) -> str | None:
+    """Return the identity of a device of this kind at a port, or None if no such device answers.
+
+    Only the questions of the kind's own probe are sent, with its default settings. Raises TransportError if the port
+    does not open; StageError or ForceError if the device answers but cannot be used.
+    """
+    if kind.probe is None:
+        return None
+    try:
+        settings = KnownBench.model_validate({kind.room: {"kind": kind.name, "port": port}})
+    except ValidationError:  # A kind with settings that have no default cannot be asked.
+        return None
+    device = settings.stage if kind.room == "stage" else settings.force
+    opened: list[Transport] = []
+
+    def opener(name: str) -> Transport:
+        opened.append(_open(name, settings=device, clock=clock, byte_log=byte_log))
+        return _Bounded(opened[-1], clock, PROBE_S)
+
+    try:
+        return kind.probe(opener, clock, settings)
+    except TransportError:
+        if opened:  # What is there speaks another language.
+            return None
+        raise
+    finally:
+        for transport in opened:
+            transport.close()
+
+
+class _Bounded:
+    """Transport for a probe; it raises TransportError when the probe has taken too long."""
+
+    def __init__(self, inner: Transport, clock: Clock, within_s: float) -> None:
+        self.name = inner.name
+        self._inner, self._clock, self._within_s = inner, clock, within_s
+        self._until_s = clock.monotonic_s() + within_s
+
+    def write(self, data: bytes) -> None:
+        self._inner.write(data)
+
+    def read(self, timeout_s: float) -> bytes:
+        left_s = self._until_s - self._clock.monotonic_s()
+        if left_s <= 0:
+            raise TransportError(
+                "port {port}: no device was identified within {within_s:g} s",
+                code="probe_timeout",
+                port=self.name,
+                within_s=self._within_s,
+            )
+        return self._inner.read(min(timeout_s, left_s))
+
+    def close(self) -> None:
+        self._inner.close()
 
 
 def _open(

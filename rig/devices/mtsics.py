@@ -188,10 +188,26 @@ def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> ForceSenso
     )
 
 
+def _probe(opener: Opener, clock: Clock, settings: BenchSettings) -> str | None:
+    """Ask for the serial number (I4), twice since bytes for other devices may precede it, and for a weight (SI)."""
+    balance = MtSicsForce(opener(settings.force.port), clock)
+    try:
+        identity = f"MT-SICS balance {balance._hello('I4', 'I4')}"
+    except ForceTimeout:
+        return None
+    try:
+        balance.read()
+    except ForceError as error:
+        if error.code == "wrong_unit":
+            raise
+    return identity
+
+
 DEVICE = ForceKind(
     name="mtsics",
     device="MT-SICS balance",
     driver=_driver,
     twin="sim.devices.mtsics:balance_twin",
+    probe=_probe,
     tests=("tests/rig/test_mtsics_driver.py",),
 )

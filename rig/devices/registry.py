@@ -22,6 +22,7 @@ from rig.settings import BenchSettings, DeviceSettings, ForceSettings, Settings,
 from rig.transport import Transport
 
 Opener = Callable[[str], Transport]
+Probe = Callable[[Opener, Clock, BenchSettings], str | None]
 Room = Literal["stage", "force"]
 
 
@@ -49,6 +50,11 @@ class DeviceKind:
     twin : str, optional
         Virtual twin as "module:function" (`sim/devices/line.py`: `StageTwin`, `ForceTwin`). Without one the device
         cannot be dry-run.
+    probe : callable, optional
+        Asks a port whether the device is there, for `rig init`. It sends questions only, nothing that can move, zero
+        or set anything, because any device may be on that port. It returns the identity, or None if no such device
+        answers, and raises StageError or ForceError if one answers but cannot be used. Without it, `rig init` lists
+        the kind and asks for its port.
     """
 
     room: ClassVar[Room]
@@ -58,6 +64,7 @@ class DeviceKind:
     settings: type[Settings] | None = None
     table: str = ""
     twin: str = ""
+    probe: Probe | None = None
 
     @property
     def place(self) -> str:
@@ -71,7 +78,7 @@ class StageKind(DeviceKind):
 
     Parameters
     ----------
-    name, device, tests, settings, table, twin : as in DeviceKind
+    name, device, tests, settings, table, twin, probe : as in DeviceKind
         See there.
     driver : callable
         Makes the `Stage` from a function that opens ports, the clock and the settings. It raises what that function
@@ -100,7 +107,7 @@ class ForceKind(DeviceKind):
 
     Parameters
     ----------
-    name, device, tests, settings, table, twin : as in DeviceKind
+    name, device, tests, settings, table, twin, probe : as in DeviceKind
         See there.
     driver : callable
         Makes the `ForceSensor` from a function that opens ports, the clock and the settings. It raises what that

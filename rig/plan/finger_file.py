@@ -11,6 +11,7 @@ from typing import Any, Self
 import tomlkit
 from pydantic import AliasChoices, Field, ValidationError, field_validator, model_validator
 
+import rig
 from rig.errors import BadInputError, RuleError, first_problem
 from rig.settings import Settings
 from sim.config import FingertipConfig, Tissue
@@ -237,6 +238,16 @@ def tables_in(what: str, path: Path) -> dict[str, Any]:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise BadInputError("{where}: not valid TOML: {problem}", code="no_toml", where=what,
                             problem=str(error)) from None  # fmt: skip
+
+
+def example_finger() -> dict[str, Any]:
+    """Return the table [finger] of the human-sized example, with the rows of its sections."""
+    package = Path(rig.__file__).parent
+    installed = package / "shipped_fingers" / "human_finger"
+    folder = installed if installed.is_dir() else package.parent / "examples" / "human_finger"
+    table = tables_in("the human-sized example", folder / "finger.toml")["finger"]
+    found = FingertipConfig.model_validate(table, context={"folder": folder})
+    return found.model_dump(exclude_unset=True)
 
 
 def is_finger_file(tables: dict[str, Any]) -> bool:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from rig.bench.checks import refuse_expired
-from rig.bench.real import open_bench
+from rig.bench.real import Request, open_bench
 from rig.bench.virtual import virtual_bench
 from rig.clock import Clock, WallClock
 from rig.control.stop import StageInHand
@@ -187,7 +187,7 @@ def dry_run(session: Session, speed: float | None = None) -> FinishedRun:
     return run_on(session, open_bench, virtual=True, speed=speed)
 
 
-def real_run(session: Session, ask: Callable[[str], str], stage: StageInHand) -> FinishedRun:
+def real_run(session: Session, ask: Callable[[Request], str], stage: StageInHand) -> FinishedRun:
     """Carry out a session on the configured ports, with the stage already open.
 
     Raises BadInputError for a calibration out of date.

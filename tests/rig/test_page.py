@@ -7,14 +7,17 @@ import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 import rig.cli.confirm as confirming
+import rig.cli.run as running
 import rig.cli.script_execution as carrying_out
 import rig.cli.script_execution as run_owner
 import rig.session.session as sessions
+from rig.bench.real import Request
 from rig.bench.virtual import VirtualBench, virtual_bench
 from rig.control.stop import StageInHand
 from rig.engine.contact import MAY_TOUCH
@@ -171,6 +174,22 @@ def test_what_must_be_mounted_by_hand_is_refused_before_a_port_opens_where_nobod
     ended = rig(*RUN, "--yes", "--json", *mounted)
     assert (ended.code, bool(opened)) == ((0, True) if code is None else (2, False)), ended.err
     assert ended.json.get("code") == code
+
+
+@pytest.mark.parametrize(
+    ("request_", "asked"),
+    [
+        (Request("any words", indentor="bar:3"), False),
+        (Request("any words", indentor="bar:2"), True),
+        (Request("mount bar:3.0"), True),  # the words alone ask for no indentor
+    ],
+)
+def test_a_request_names_its_indentor_in_a_field(
+    request_: Request, asked: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(running, "ask_at_the_bench", lambda request, asking: "typed")
+    ask = running.asks_for(SimpleNamespace(asking=None), "bar:3.0")  # type: ignore[arg-type]
+    assert ask(request_) == ("typed" if asked else "")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs FIONREAD (POSIX)")

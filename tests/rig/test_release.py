@@ -3,6 +3,7 @@
 `make release-check` builds and installs it, which takes the network; here is what can be said without.
 """
 
+import re
 import subprocess
 import sys
 import tomllib
@@ -18,7 +19,6 @@ from tests.program import Program
 ROOT = Path(__file__).parents[2]
 EXTRAS = {
     *("pynwb", "hdmf", "pypardiso", "distributed", "dask", "pandas", "xarray", "nwbinspector", "skfem", "pytest"),
-    *("starlette", "uvicorn"),
 }
 WITHOUT = f"""\
 import sys
@@ -57,6 +57,14 @@ def test_what_is_said_of_the_package() -> None:
     assert not [one for one in told["classifiers"] if one.startswith("License ::")]  # the expression says it
     assert (ROOT / told["readme"]).is_file()
     assert all((ROOT / name).is_file() for name in told["license-files"])
+
+
+def test_the_panel_needs_no_extra() -> None:
+    """Its packages are ordinary dependencies; the extra's old name installs nothing more."""
+    told = _project()
+    packages = {re.split("[<>=]", one)[0] for one in told["dependencies"]}
+    assert packages >= {"starlette", "uvicorn"}
+    assert told["optional-dependencies"]["panel"] == []
 
 
 def test_the_program_says_which_it_is(program: Program) -> None:

@@ -15,6 +15,7 @@ from rich.live import Live
 
 import rig.cli.output as output
 import rig.cli.watch as watch_command
+from rig.bench.real import Request
 from rig.cli.force_trace import BLOCKS, COLUMNS, EACH, ROWS, Screen
 from rig.cli.output import a_screen, screen_aside
 from rig.cli.progress import IndentationProgress
@@ -576,7 +577,7 @@ def test_a_screen_gives_way_while_somebody_is_asked(monkeypatch: pytest.MonkeyPa
             assert not live.is_started
         assert live.is_started
         monkeypatch.setattr("sys.stdin", Answer())
-        assert ask_at_the_bench("mount it") == "yes\n"
+        assert ask_at_the_bench(Request("mount it")) == "yes\n"
         assert live.is_started
         pause = PauseRequest()
         monkeypatch.setattr(pause, "go_on", lambda: shown.append(live.is_started) or True)

@@ -1,6 +1,5 @@
 """`rig panel`: what it prints, opens and refuses; serving itself is looked at in real time."""
 
-import sys
 import webbrowser
 from pathlib import Path
 
@@ -82,26 +81,3 @@ def test_a_configuration_that_is_none_is_told_before_anything_is_served(program:
     assert ended.code == 2
     assert "none.toml" in ended.complaint
     assert ended.error_code
-
-
-@pytest.mark.parametrize("missing", ["starlette", "uvicorn"])
-def test_without_the_extra_one_line_says_how_to_have_it(
-    missing: str, program: Program, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for name in [name for name in sys.modules if name.startswith(("rig.panel.", f"{missing}."))]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, missing, None)
-    ended = program("panel", "--json")
-    assert (ended.code, ended.error_code) == (2, "not_installed")
-    assert missing in ended.complaint
-    assert "indentation-rig[panel]" in ended.complaint
-
-
-def test_what_is_missing_for_another_reason_is_no_matter_of_the_extra(
-    program: Program, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    for name in [name for name in sys.modules if name.startswith("rig.panel.")]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, "rig.panel.access", None)
-    with pytest.raises(ModuleNotFoundError, match=r"rig\.panel\.access"):
-        program("panel")

@@ -1,0 +1,229 @@
+"""What `rig init` sends to a port: questions from a list per device, all of them read only, and nothing else."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+
+from rig.devices import make_drivers
+from rig.devices.base import ForceError, StageError
+from rig.devices.make_drivers import PROBE_S, probe
+from rig.devices.registry import BUILT_IN, KINDS, DeviceKind, find
+from rig.errors import RigError
+from rig.transport import TransportError
+from sim.devices.clock import VirtualClock
+from tests.error_codes import raises
+
+SERIAL, TCP = "/dev/ttyUSB7", "tcp://10.0.0.7:502"
+SILENCE = b""
+TRANSACTION = 2
+"""Bytes of the number of a Modbus TCP frame, which a reply repeats."""
+
+
+def _hex(pairs: Mapping[str, str]) -> dict[bytes, bytes]:
+    return {bytes.fromhex(question): bytes.fromhex(reply) for question, reply in pairs.items()}
+
+
+@dataclass(frozen=True)
+class ReadOnly:
+    """Everything that a probe may send, with the device's replies, and how its port is opened.
+
+    usable: replies of a device that is there but cannot be used, and the code of the error.
+    """
+
+    kind: str
+    port: str
+    opened: tuple[int, str]
+    questions: Mapping[bytes, bytes]
+    identity: str
+    unusable: Mapping[str, Mapping[bytes, bytes]] = field(default_factory=dict)
+    elsewhere: Mapping[bytes, bytes] = field(default_factory=dict)
+
+
+GRBL = ReadOnly(
+    "grbl", SERIAL, (115200, "8N1"),
+    {
+        b"?": b"<Alarm|MPos:0.000,0.000,0.000|FS:0,0>\r\n",
+        b"$I\n": b"[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n",
+    },
+    "[VER:1.1h.20190825:] [OPT:V,15,128]",
+)  # fmt: skip
+MTSICS = ReadOnly(
+    "mtsics", SERIAL, (9600, "8N1"),
+    {b"I4\r\n": b'I4 A "0123456789"\r\n', b"SI\r\n": b"S D      -0.01 g\r\n"},
+    "MT-SICS balance 0123456789",
+    unusable={"wrong_unit": {b"SI\r\n": b"S S 1.00 oz\r\n"}},
+)  # fmt: skip
+LEADSHINE_RTU = ReadOnly(
+    "leadshine", SERIAL, (115200, "8N1"),
+    _hex({
+        "01 03 10 03 00 01 70 CA": "01 03 02 00 02 39 85",
+        "02 03 10 03 00 01 70 F9": "02 03 02 00 02 7D 85",
+        "01 03 60 2C 00 02 1B C2": "01 03 04 00 00 00 00 FA 33",
+        "02 03 60 2C 00 02 1B F1": "02 03 04 00 00 00 00 C9 33",
+    }),
+    "Leadshine drives 1 and 2",
+    unusable={"one_drive": _hex({"02 03 10 03 00 01 70 F9": ""})},
+)  # fmt: skip
+LEADSHINE_TCP = ReadOnly(
+    "leadshine", TCP, (115200, "8N1"),
+    _hex({
+        "00 00 00 06 01 03 10 03 00 01": "00 00 00 05 01 03 02 00 02",
+        "00 00 00 06 02 03 10 03 00 01": "00 00 00 05 02 03 02 00 02",
+        "00 00 00 06 01 03 60 2C 00 02": "00 00 00 07 01 03 04 00 00 00 00",
+        "00 00 00 06 02 03 60 2C 00 02": "00 00 00 07 02 03 04 00 00 00 00",
+    }),
+    "Leadshine drives 1 and 2",
+)  # fmt: skip
+WEIGHTS = "00 80 00 00 00 E9 00 00 00 00 00 00 00 00 01"
+LAUMAS_RTU = ReadOnly(
+    "laumas", SERIAL, (9600, "8N1"),
+    _hex({
+        "01 03 00 00 00 04 44 09": "01 03 08 01 05 00 1E 07 E8 04 D2 AA C4",
+        "01 03 00 06 00 08 A4 0D": f"01 03 10 {WEIGHTS} 0C 1C F3",
+    }),
+    "Laumas transmitter type 30, serial 1234 of 2024, firmware 261",
+    unusable={"wrong_unit": _hex({"01 03 00 06 00 08 A4 0D": f"01 03 10 {WEIGHTS} 0D DD 33"})},
+)  # fmt: skip
+LAUMAS_TCP = ReadOnly(
+    "laumas", TCP, (9600, "8N1"),
+    _hex({
+        "00 00 00 06 01 03 00 00 00 04": "00 00 00 0B 01 03 08 01 05 00 1E 07 E8 04 D2",
+        "00 00 00 06 01 03 00 06 00 08": f"00 00 00 13 01 03 10 {WEIGHTS} 0C",
+    }),
+    "Laumas transmitter type 30, serial 1234 of 2024, firmware 261",
+)  # fmt: skip
+TABLES = {
+    "grbl": GRBL, "leadshine_rtu": LEADSHINE_RTU, "leadshine_tcp": LEADSHINE_TCP,
+    "mtsics": MTSICS, "laumas_rtu": LAUMAS_RTU, "laumas_tcp": LAUMAS_TCP,
+}  # fmt: skip
+
+
+class Port:
+    """A port that replies by a table; whatever is not in the table of the probe fails the test."""
+
+    def __init__(self, asks: ReadOnly, clock: VirtualClock, replies: Mapping[bytes, bytes]) -> None:
+        self.name, self._asks, self._clock = asks.port, asks, clock
+        self._replies = replies
+        self.sent: list[bytes] = []
+        self.closed, self.chatter = False, b""
+        self._coming = b""
+
+    def write(self, data: bytes) -> None:
+        modbus_tcp = self._asks.port == TCP
+        number, question = (data[:TRANSACTION], data[TRANSACTION:]) if modbus_tcp else (b"", data)
+        assert question in self._asks.questions, f"{question.hex(' ')} is not a question that a probe may send"
+        self.sent.append(data)
+        reply = self._replies.get(question, SILENCE)
+        self._coming += number + reply if reply else b""
+
+    def read(self, timeout_s: float) -> bytes:
+        if self.chatter:
+            self._clock.wait_s(0.005)
+            return self.chatter
+        data, self._coming = self._coming, b""
+        if not data:
+            self._clock.wait_s(timeout_s)
+        return data
+
+    def close(self) -> None:
+        self.closed = True
+
+
+Ask = Any
+
+
+@pytest.fixture
+def ask(monkeypatch: pytest.MonkeyPatch) -> Ask:
+    """Probe a port of a table; return the port, the seconds that it took, and the answer."""
+
+    def asked(
+        table: ReadOnly, replies: Mapping[bytes, bytes], chatter: bytes = b""
+    ) -> tuple[Port, float, str | None]:
+        clock = VirtualClock(0.0, 100.0)
+        port = Port(table, clock, replies)
+        port.chatter = chatter
+
+        def open_port(name: str, baud: int, *, character: str, dtr: bool, owned: bool) -> Port:
+            assert (name, (baud, character), owned) == (table.port, table.opened, True)
+            return port
+
+        monkeypatch.setattr(make_drivers, "open_port", open_port)
+        try:
+            return port, 0.0, probe(_kind(table), table.port, clock)
+        finally:
+            assert port.closed
+            assert clock.monotonic_s() - 100.0 <= PROBE_S + 0.5
+
+    return asked
+
+
+def _kind(table: ReadOnly) -> DeviceKind:
+    return next(find(of, table.kind) for of in KINDS if table.kind in BUILT_IN[of.room])
+
+
+def test_every_built_in_kind_has_a_probe_and_its_list() -> None:
+    built_in = {name for names in BUILT_IN.values() for name in names}
+    assert {table.kind for table in TABLES.values()} == built_in
+    assert all(_kind(table).probe is not None for table in TABLES.values())
+
+
+@pytest.mark.parametrize("table", TABLES.values(), ids=TABLES)
+def test_a_device_names_itself_and_every_question_of_the_list_is_used(table: ReadOnly, ask: Ask) -> None:
+    port, _, identity = ask(table, table.questions)
+    assert identity == table.identity
+    start = TRANSACTION if table.port == TCP else 0
+    assert {data[start:] for data in port.sent} == set(table.questions)
+
+
+@pytest.mark.parametrize("table", TABLES.values(), ids=TABLES)
+def test_a_silent_port_is_no_device_and_takes_a_bounded_time(table: ReadOnly, ask: Ask) -> None:
+    port, _, identity = ask(table, {})
+    assert identity is None
+    assert port.sent
+
+
+@pytest.mark.parametrize("chatter", [b"\x00", b"S D 0.01 g\r\n", b"\xff\xfe", b"<\r\n"], ids=repr)
+@pytest.mark.parametrize("table", TABLES.values(), ids=TABLES)
+def test_a_port_that_never_stops_talking_takes_a_bounded_time(table: ReadOnly, chatter: bytes, ask: Ask) -> None:
+    _, _, identity = ask(table, {}, chatter)
+    assert identity is None
+
+
+@pytest.mark.parametrize("table", TABLES.values(), ids=TABLES)
+def test_another_answer_to_every_question_is_no_device(table: ReadOnly, ask: Ask) -> None:
+    """An echo, the refusal of a balance, the error of a board."""
+    for reply in (None, b"ES\r\n", b"error:1\r\n"):
+        _, _, identity = ask(table, {question: reply or question for question in table.questions})
+        assert identity is None
+
+
+@pytest.mark.parametrize(
+    ("table", "code"),
+    [pytest.param(t, code, id=f"{name}-{code}") for name, t in TABLES.items() for code in t.unusable],
+)
+def test_a_device_that_cannot_be_used_is_there_and_says_why(table: ReadOnly, code: str, ask: Ask) -> None:
+    kind: type[RigError] = StageError if table.kind in BUILT_IN["stage"] else ForceError
+    with raises(kind, code):
+        ask(table, {**table.questions, **table.unusable[code]})
+
+
+def test_a_port_that_does_not_open_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    def open_port(*words: Any, **more: Any) -> Port:
+        raise TransportError("no", code="no_permission")
+
+    monkeypatch.setattr(make_drivers, "open_port", open_port)
+    with raises(TransportError, "no_permission"):
+        probe(_kind(MTSICS), SERIAL, VirtualClock())
+
+
+CONTINUES, SWITCHES = b"~\x81", bytes([*range(0x90, 0x9E), 0xA0, 0xA1])
+"""Single bytes on which a GRBL or grblHAL board continues a held motion; overrides and outputs."""
+
+
+@pytest.mark.parametrize("table", TABLES.values(), ids=TABLES)
+def test_no_question_holds_a_byte_on_which_a_board_acts(table: ReadOnly) -> None:
+    """A board that restarts and is slow to answer hears the questions to other devices, too."""
+    for question in table.questions:
+        assert not set(question) & set(CONTINUES + SWITCHES), question.hex(" ")

@@ -1,0 +1,85 @@
+"""`rig init` on the ports of `rig serve`: every stage beside every force sensor, on pseudo-terminals and on TCP."""
+
+import threading
+from collections.abc import Callable, Iterator
+from itertools import product
+from pathlib import Path
+
+import pytest
+
+from rig.bench.checks import bench_problems, look
+from rig.bench.served import ServedBench
+from rig.devices.registry import BUILT_IN
+from rig.plan.config import Config, load_config
+from tests.program import Program
+
+pytest.importorskip("pty", reason="needs pseudo-terminals")
+
+ANSWERS = [
+    "--travel-mm",
+    "60,30,40",
+    "--steps-per-mm",
+    "none",
+    "--range-gwt",
+    "200",
+    "--trip-n",
+    "1.5",
+    "--finger",
+    "none",
+]
+PAIRS = list(product(BUILT_IN["stage"], BUILT_IN["force"]))
+
+
+def _way(stage: str, force: str) -> str:
+    """Return how a pair is served, such that every device is found on both."""
+    return ("pty", "tcp")[(BUILT_IN["stage"].index(stage) + BUILT_IN["force"].index(force)) % 2]
+
+
+Serve = Callable[..., str]
+
+
+@pytest.fixture
+def serve() -> Iterator[Serve]:
+    """Serve one device in a thread; the sensor bears no finger."""
+    running: list[tuple[ServedBench, threading.Thread]] = []
+
+    def served(room: str, kind: str, way: str) -> str:
+        other = {"stage": None, "force": None, room: kind}
+        bench = ServedBench(Config(), stage=other["stage"], force=other["force"], tcp=0 if way == "tcp" else None)
+        thread = threading.Thread(target=bench.run)
+        thread.start()
+        running.append((bench, thread))
+        return bench.ports[room]
+
+    yield served
+    for bench, thread in running:
+        bench.stop()
+        thread.join()
+        bench.close()
+
+
+@pytest.mark.parametrize(("stage", "force"), PAIRS)
+def test_the_devices_are_found_and_the_file_is_right(
+    stage: str, force: str, serve: Serve, program: Program, tmp_path: Path
+) -> None:
+    way, to = _way(stage, force), tmp_path / "rig.toml"
+    ports = {"stage": serve("stage", stage, way), "force": serve("force", force, way)}
+    ended = program(
+        "init", "--yes", "--json", "--to", to, "--port", ports["force"], "--port", ports["stage"], *ANSWERS
+    )
+    assert ended.code == 0, ended.err
+    found = {one["port"]: (one["role"], one["kind"], one["code"]) for one in ended.json["ports"]}
+    assert found == {ports["stage"]: ("stage", stage, None), ports["force"]: ("force", force, None)}
+    config = load_config(to)
+    assert {"stage": config.stage.port, "force": config.force.port} == ports
+    assert bench_problems(config) == []
+    seen = look(config, closely=True)
+    assert seen["stage"]["identity"], "the driver connects with that file"
+    assert seen["force"]["force_n"] == 0.0
+
+
+def test_swapped_ports_are_noticed(serve: Serve, program: Program, tmp_path: Path) -> None:
+    stage, force = serve("stage", "grbl", "pty"), serve("force", "mtsics", "pty")
+    to = tmp_path / "rig.toml"
+    ended = program("init", "--yes", "--json", "--to", to, "--stage-port", force, "--sensor-port", stage, *ANSWERS)
+    assert (ended.code, ended.error_code, to.exists()) == (2, "swapped_ports", False)

@@ -1,0 +1,310 @@
+"""`rig init`: which devices it takes, what it asks and refuses, and the file that it writes."""
+
+import io
+import os
+import sys
+import tomllib
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.bench import find_devices as finding
+from rig.bench.checks import bench_problems
+from rig.bench.find_devices import PortFound, look_at_port, stable_name
+from rig.cli import init
+from rig.cli.init import FINGERS, QUESTIONS
+from rig.clock import WallClock
+from rig.devices.base import ForceError
+from rig.devices.registry import ForceKind, StageKind, find
+from rig.plan.config import Config, load_config
+from rig.transport import PortOwner, TransportError
+from rig.transport.ownership import PortOwnership
+from tests.program import Ended, Program
+
+STAGE, SENSOR, SILENT = "/dev/ttyUSB0", "/dev/ttyUSB1", "/dev/ttyUSB2"
+GRBL, LEADSHINE = find(StageKind, "grbl"), find(StageKind, "leadshine")
+MTSICS = find(ForceKind, "mtsics")
+ANSWERS = {
+    "--travel-mm": "60,30,40", "--steps-per-mm": "none", "--range-gwt": "200", "--trip-n": "1.5", "--finger": "none",
+}  # fmt: skip
+BOTH = (PortFound(STAGE, GRBL, "a board"), PortFound(SENSOR, MTSICS, "a balance"))
+Init = Callable[..., Ended]
+
+
+class Typed(io.StringIO):
+    """A terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.fixture
+def rig_init(program: Program, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Init:
+    """Run it in a folder of its own, where ports answer so; typed=None: there is no terminal."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*words: str, found: tuple[PortFound, ...] = BOTH, typed: str | None = None) -> Ended:
+        def find_devices(ports: list[str], clock: Any) -> Iterator[PortFound]:
+            known = {one.port: one for one in found}
+            yield from (known.get(port, PortFound(port)) for port in reversed(ports))
+
+        monkeypatch.setattr(init, "find_devices", find_devices)
+        monkeypatch.setattr(init, "serial_ports", lambda: [one.port for one in found])
+        if typed is None:
+            return program("init", *words)
+        monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+        return program("init", *words, typed=Typed(typed))
+
+    return run
+
+
+def _options(**changed: str | None) -> list[str]:
+    answers = {**ANSWERS, **{f"--{name.replace('_', '-')}": value for name, value in changed.items()}}
+    return [word for option, value in answers.items() if value is not None for word in (option, value)]
+
+
+# --- the file ---
+
+
+def test_what_is_found_and_answered_is_written_with_comments_and_the_next_command_is_named(rig_init: Init) -> None:
+    ended = rig_init("--yes", *_options())
+    assert ended.code == 0, ended.err
+    assert ended.out.splitlines()[-1] == "next: rig doctor --config rig.toml"
+    text = Path("rig.toml").read_text(encoding="utf-8")
+    config = load_config(Path("rig.toml"))
+    assert (config.stage.kind, config.stage.port) == ("grbl", STAGE)
+    assert (config.force.kind, config.force.port) == ("mtsics", SENSOR)
+    assert (config.limits.soft_trip_n, config.limits.hard_trip_n) == (1.5, 1.961)
+    assert bench_problems(config) == []
+    assert StageKind.room in tomllib.loads(text)
+    lines = text.splitlines()
+    settings = [n for n, line in enumerate(lines) if " = " in line and not line.startswith("#")]
+    assert settings
+    assert all(lines[n - 1].startswith("# ") for n in settings), "each key has its comment"
+    described = type(config.stage).model_fields["travel_mm"].description
+    assert described is not None
+    assert described in text, "the words of the configuration itself"
+    assert os.stat("rig.toml").st_mode & 0o777 == 0o666 & ~init._umask()
+    assert os.listdir() == ["rig.toml"]
+
+
+@pytest.mark.parametrize("finger", FINGERS)
+@pytest.mark.parametrize("steps", ["none", "400,400,-400", "250,250,800"])
+@pytest.mark.parametrize("travel", ["60,30,40", "200,100,80", "20,20,12"])
+def test_every_answer_gives_a_file_without_problems(rig_init: Init, travel: str, steps: str, finger: str) -> None:
+    """Also of a small stage: the frame lies within its travel."""
+    ended = rig_init("--yes", *_options(travel_mm=travel, steps_per_mm=steps, finger=finger))
+    assert ended.code == 0, ended.err
+    config = load_config(Path("rig.toml"))
+    assert bench_problems(config) == []
+    assert config.finger.geometry.length_mm == (26.0 if finger == "human" else Config().finger.geometry.length_mm)
+    assert len(list(config.calibration.measured())) == (0 if steps == "none" else 3)
+
+
+def test_the_frame_of_the_default_travel_is_the_default_one(rig_init: Init) -> None:
+    assert rig_init("--yes", *_options()).code == 0
+    assert load_config(Path("rig.toml")).frame == Config().frame
+
+
+def test_an_existing_file_is_replaced_by_force_only(rig_init: Init) -> None:
+    Path("rig.toml").write_text("mine", encoding="utf-8")
+    ended = rig_init("--yes", "--json", *_options())
+    assert (ended.code, ended.error_code) == (2, "exists_already")
+    assert Path("rig.toml").read_text(encoding="utf-8") == "mine"
+    assert rig_init("--yes", "--force", *_options()).code == 0
+    assert load_config(Path("rig.toml")).stage.port == STAGE
+
+
+def test_a_file_that_appears_meanwhile_stays(tmp_path: Path) -> None:
+    there = tmp_path / "rig.toml"
+    there.write_text("mine", encoding="utf-8")
+    with pytest.raises(Exception, match="already exists"):
+        init.write_new(there, "[stage]\n", replace=False)
+    assert (there.read_text(encoding="utf-8"), os.listdir(tmp_path)) == ("mine", ["rig.toml"])
+
+
+def test_the_answer_in_json(rig_init: Init) -> None:
+    ended = rig_init("--yes", "--json", *_options())
+    assert (ended.code, ended.err) == (0, "")
+    assert ended.json["next"] == "rig doctor --config rig.toml"
+    assert {one["port"]: one["kind"] for one in ended.json["ports"]} == {STAGE: "grbl", SENSOR: "mtsics"}
+    assert ended.json["force"] == {"kind": "mtsics", "port": SENSOR, "identity": "a balance"}
+
+
+# --- what is missing and what is wrong ---
+
+
+@pytest.mark.parametrize("question", QUESTIONS, ids=lambda question: question.name)
+def test_without_a_terminal_the_missing_answer_is_named(rig_init: Init, question: Any) -> None:
+    for words in ((), ("--yes",)):
+        ended = rig_init("--json", *words, *_options(**{question.name: None}))
+        assert (ended.code, ended.error_code) == (2, "answers_missing")
+        assert question.option in ended.complaint
+    assert os.listdir() == []
+
+
+def test_devices_that_are_not_found_are_named_too(rig_init: Init) -> None:
+    ended = rig_init("--yes", "--json", *_options(), found=(PortFound(SILENT),))
+    assert (ended.code, ended.error_code) == (2, "answers_missing")
+    for option in ("--stage", "--stage-port", "--sensor", "--sensor-port"):
+        assert option in ended.complaint
+
+
+@pytest.mark.parametrize(
+    ("changed", "code"),
+    [
+        ({"travel_mm": "60,30"}, "not_three"),
+        ({"travel_mm": "60,30,-1"}, "invalid_value"),
+        ({"travel_mm": "nan,1,1"}, "invalid_value"),
+        ({"travel_mm": "far"}, "not_numbers"),
+        ({"steps_per_mm": "400"}, "not_three"),
+        ({"steps_per_mm": "0,400,400"}, "impossible_value"),
+        ({"range_gwt": "0"}, "invalid_value"),
+        ({"range_gwt": "1,2"}, "not_numbers"),
+        ({"trip_n": "5.5"}, "invalid_value"),
+        ({"trip_n": "1.97"}, "invalid_table"),  # above what the sensor measures
+        ({"finger": "thumb"}, "unknown_finger"),
+    ],
+)
+def test_the_configuration_itself_refuses_an_answer(rig_init: Init, changed: dict[str, str], code: str) -> None:
+    ended = rig_init("--yes", "--json", *_options(**changed))
+    assert (ended.code, ended.error_code) == (2, code)
+    assert os.listdir() == []
+
+
+@pytest.mark.parametrize(
+    ("words", "found", "code"),
+    [
+        (("--stage-port", SENSOR), BOTH, "swapped_ports"),
+        (("--sensor-port", STAGE), BOTH, "swapped_ports"),
+        (("--stage-port", SENSOR, "--sensor-port", STAGE), BOTH, "swapped_ports"),
+        (("--stage", "leadshine", "--stage-port", STAGE), BOTH, "another_device"),
+        (("--sensor", "laumas", "--sensor-port", SENSOR), BOTH, "another_device"),
+        (("--sensor", "scale"), BOTH, "unknown_device"),
+        (("--sensor", "mtsics", "--sensor-port", STAGE), (PortFound(STAGE),), "answers_missing"),
+        (("--stage", "grbl", "--stage-port", SILENT, "--sensor", "mtsics", "--sensor-port", SILENT), (), "same_port"),
+        (("--stage-port", "tcp://no"), BOTH, "no_port_name"),
+        (("--port", "tcp://no"), BOTH, "no_port_name"),
+    ],
+)
+def test_devices_that_are_swapped_or_others_are_noticed_before_anything_is_written(
+    rig_init: Init, words: tuple[str, ...], found: tuple[PortFound, ...], code: str
+) -> None:
+    ended = rig_init("--yes", "--json", *words, *_options(), found=found)
+    assert (ended.code, ended.json["code"]) == (2, code)
+    assert os.listdir() == []
+
+
+def test_ports_that_do_not_answer_are_taken_as_given_with_a_warning(rig_init: Init) -> None:
+    words = ("--stage", "leadshine", "--stage-port", STAGE, "--sensor", "laumas", "--sensor-port", SENSOR)
+    problem = PortFound(STAGE, problem=TransportError("no permission", code="no_permission"))
+    ended = rig_init("--yes", *words, *_options(), found=(problem,))
+    assert ended.code == 0
+    assert ended.err.count("rig: warning: ") == 2
+    assert load_config(Path("rig.toml")).stage.kind == "leadshine"
+
+
+def test_a_device_that_is_there_and_cannot_be_used_is_taken(rig_init: Init) -> None:
+    problem = ForceError("set it to g", code="wrong_unit")
+    ended = rig_init("--yes", *_options(), found=(BOTH[0], PortFound(SENSOR, MTSICS, problem=problem)))
+    assert ended.code == 0
+    assert "set it to g" in ended.err
+
+
+# --- questions at a terminal ---
+
+
+def test_an_empty_line_is_the_default_and_a_wrong_one_is_asked_again(rig_init: Init) -> None:
+    ended = rig_init(typed="60,30\n\n\n\n\n\n")
+    assert ended.code == 0, ended.err
+    config = load_config(Path("rig.toml"))
+    assert (config.stage, config.limits, config.frame) == (
+        config.stage.model_copy(update={"travel_mm": (60.0, 30.0, 40.0)}), Config().limits, Config().frame,
+    )  # fmt: skip
+    assert ended.err.count("rig: ") == 1
+
+
+def test_each_question_has_its_default_unit_and_range(rig_init: Init) -> None:
+    ended = rig_init(typed="\n" * len(QUESTIONS))
+    asked = [line for line in ended.err.split(": ") if "[" in line and "(" in line]
+    assert len([line for line in asked if line.rstrip().endswith("]")]) >= len(QUESTIONS)
+    for words in ("mm, 3 numbers > 0", "N, number > 0, ≤ 5", "gwt, number > 0", "steps/mm"):
+        assert words in ended.err
+
+
+def test_of_several_devices_one_is_chosen(rig_init: Init) -> None:
+    several = (*BOTH, PortFound(SILENT, LEADSHINE, "drives"))
+    assert rig_init(typed=f"{SILENT}\n" + "\n" * len(QUESTIONS), found=several).code == 0
+    assert load_config(Path("rig.toml")).stage.kind == "leadshine"
+    assert rig_init("--force", "--stage", "grbl", typed="\n" * len(QUESTIONS), found=several).code == 0
+    assert load_config(Path("rig.toml")).stage.port == STAGE
+
+
+def test_a_device_that_is_not_found_is_asked_for_by_kind_and_port(rig_init: Init) -> None:
+    found = (PortFound(STAGE, GRBL, "a board"), PortFound(SILENT))
+    typed = "scale\nlaumas\n\n" + "\n" * len(QUESTIONS)
+    ended = rig_init(typed=typed, found=found)
+    assert ended.code == 0, ended.err
+    config = load_config(Path("rig.toml"))
+    assert (config.force.kind, config.force.port) == ("laumas", SILENT)
+
+
+def test_the_end_of_input_writes_nothing(rig_init: Init) -> None:
+    ended = rig_init(typed="60,30,40\n")
+    assert (ended.code, os.listdir()) == (130, [])
+
+
+# --- ports ---
+
+
+def test_a_port_in_use_is_left_alone_and_its_owner_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    port = tmp_path / "port"
+    port.touch()
+
+    def probe(*words: Any) -> None:
+        raise AssertionError("asked")
+
+    monkeypatch.setattr(finding, "probe", probe)
+    owned = PortOwnership(str(port))
+    try:
+        found = look_at_port(str(port), WallClock())
+    finally:
+        owned.release()
+    assert (found.kind, found.owner) == (None, PortOwner(os.getpid()))
+    assert str(os.getpid()) in found.words
+    assert (found.as_json()["owner"], found.as_json()["code"]) == (os.getpid(), "in_use")
+
+
+def test_kinds_are_asked_in_order_until_one_answers(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Boards first: they act on single bytes. What cannot be opened is asked no more."""
+    asked: list[str] = []
+
+    def probe(kind: Any, port: str, clock: Any) -> str | None:
+        asked.append(kind.name)
+        return "it" if kind.name == "mtsics" else None
+
+    monkeypatch.setattr(finding, "probe", probe)
+    assert look_at_port(SILENT, WallClock()) == PortFound(SILENT, MTSICS, "it")
+    assert asked == ["grbl", "leadshine", "mtsics"]
+
+    def closed(kind: Any, port: str, clock: Any) -> str | None:
+        asked.append(kind.name)
+        raise TransportError("no", code="no_permission")
+
+    asked.clear()
+    monkeypatch.setattr(finding, "probe", closed)
+    problem = look_at_port(SILENT, WallClock()).problem
+    assert (asked, problem is not None and problem.code) == (["grbl"], "no_permission")
+
+
+def test_a_port_is_named_so_that_it_survives_replugging(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    device, links = tmp_path / "ttyUSB3", tmp_path / "by-id"
+    device.touch()
+    monkeypatch.setattr(finding, "BY_ID", links)
+    assert stable_name(str(device)) == str(device)
+    links.mkdir()
+    (links / "usb-board").symlink_to(device)
+    assert stable_name(str(device)) == str(links / "usb-board")
+    assert stable_name(SILENT) == SILENT
