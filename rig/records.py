@@ -139,9 +139,9 @@ class Prediction:
         return self.predicted_doi_mm if self.band is None else self.band.doi_mm[1]
 
     @property
-    def mean_pressure_n_cm2(self) -> float:
+    def mean_pressure_kpa(self) -> float:
         """Highest force over contact area."""
-        return self.highest_gwt * GWT_N / self.contact_area_mm2 * 100
+        return self.highest_gwt * GWT_N / self.contact_area_mm2 * 1000
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,9 +6,9 @@ outputs and inputs: `rig/devices/registry.py: KnownBench`.
 
 import datetime
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal, Self, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -575,6 +575,21 @@ class StageBounds:
     fastest_mm_s: float
 
 
+_KPA_PER_N_CM2 = 10.0
+
+
+def limits_in_kpa(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the table `limits` with `max_pressure_kpa` instead of `max_pressure_n_cm2` of version 0.1."""
+    found = dict(table)
+    if "max_pressure_n_cm2" in found:
+        if "max_pressure_kpa" in found:
+            raise ValueError("max_pressure_kpa and max_pressure_n_cm2 cannot be combined; keep max_pressure_kpa")
+        old = found.pop("max_pressure_n_cm2")
+        is_number = isinstance(old, int | float) and not isinstance(old, bool)
+        found["max_pressure_kpa"] = _KPA_PER_N_CM2 * old if is_number else old
+    return found
+
+
 class LimitSettings(Settings):
     """Limits that refuse a step before a move, and forces that trip; software is never the safety function."""
 
@@ -611,13 +626,11 @@ class LimitSettings(Settings):
     hard_trip_n: float = Field(
         5.0, gt=0, le=5.0, description="force that trips on every reading, in N, whatever the plan predicts"
     )
-    max_pressure_n_cm2: float = Field(
-        30.0,
+    max_pressure_kpa: float = Field(
+        300.0,
         gt=0,
-        le=60.0,
-        description=(
-            "maximum force over predicted contact area, in N/cm²; steps above are refused, readings above trip"
-        ),
+        le=600.0,
+        description="maximum force over predicted contact area, in kPa; steps above are refused, readings above trip",
     )
     max_press_speed_mm_s: float = Field(
         FASTEST_PRESS_MM_S,
@@ -660,6 +673,11 @@ class LimitSettings(Settings):
         (-4.0, 4.0),
         description="allowed positions along the finger from the receptor plane, in mm; others are refused",
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _in_kpa(cls, tables: Any) -> Any:
+        return limits_in_kpa(tables) if isinstance(tables, dict) else tables
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:

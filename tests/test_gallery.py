@@ -86,7 +86,7 @@ def test_sweep(capsys: pytest.CaptureFixture[str]) -> None:
     assert found.table()["force_gwt"] == pytest.approx(2.33, rel=1e-6)
     printed = capsys.readouterr().out.splitlines()
     assert len(printed) == 9
-    assert printed[0].startswith(f"x =  2.00 mm: {found[0].peak_pressure_pseudo:5.0f} pseudo-units, ")
+    assert printed[0].startswith(f"x =  2.00 mm: {found[0].peak_pressure_kpa:5.1f} kPa, ")
 
 
 def test_own_indentor() -> None:

@@ -132,19 +132,20 @@ def encode_command(
             finger = load_config(config).finger
             found = encode_task(EncodeTask(source, by, kind, receptor, added, sampling, finger))
         if picture is not None:
-            _draw(found, picture)
+            _draw(found, picture, receptor=receptor is not None)
         if as_json:
             print_json(_as_json(found, receptor, at))
         else:
             _print(found, added)
 
 
-def _draw(found: EncodeResult, picture: Path) -> None:
+def _draw(found: EncodeResult, picture: Path, *, receptor: bool) -> None:
     from rig.report.coding_figures import DrawnEncoding as Drawn  # matplotlib is slow to import
     from rig.report.coding_figures import encoding_figure
 
     load = found.load
-    write_picture(encoding_figure(Drawn(load.operator, load.pressure, found.encoded, load.true)), picture)
+    drawn = Drawn(load.operator, load.pressure, found.encoded, load.true, receptor=receptor)
+    write_picture(encoding_figure(drawn), picture)
 
 
 def _as_json(found: EncodeResult, receptor: Receptor | None, at: NoisePlace) -> dict[str, Any]:

@@ -450,7 +450,7 @@ def _print(result: IndentationResult, chosen: Chosen, build_s: float) -> None:
     out.print(f"  model          {chosen.why}")
     out.print(f"  force          {chosen.force_text(result.force_n)}")
     out.print(f"  DOI            {result.doi_mm:.4f} mm")
-    out.print(f"  peak pressure  {result.peak_pressure_pseudo:.0f} pseudo-units")
+    out.print(f"  peak pressure  {result.peak_pressure_kpa:.3g} kPa")
     out.print(f"  contact        {regions} mm")
     out.print(f"  {result.small_strain.note}")
     if result.may_depend_on_path:

@@ -19,7 +19,7 @@ from pydantic import ValidationError
 from rig.bench.checks import refuse_bench, today
 from rig.bench.find_devices import PortFound, find_devices, serial_ports
 from rig.cli.options import JsonOption, checked_file
-from rig.cli.output import NotConfirmedError, complain, err, out, print_json, told_in_one_line
+from rig.cli.output import NotConfirmedError, complain, err, one_line_errors, out, print_json
 from rig.cli.signals import typed_line
 from rig.clock import WallClock
 from rig.devices.registry import DEFAULTS, Room, names, with_kind_tables
@@ -126,7 +126,7 @@ def init_command(
 
     Each port is asked with questions only: nothing moves and nothing is zeroed. Opening a port restarts many boards.
     """
-    with told_in_one_line(as_json=as_json):
+    with one_line_errors(as_json=as_json):
         if to.exists() and not force:
             raise BadInputError(
                 "{option} {path}: the file already exists; choose another name, or add --force to replace it",

@@ -210,7 +210,7 @@ class MarginsJson(Output):
 
     force_gwt: float
     doi_mm: float
-    mean_pressure_n_cm2: float
+    mean_pressure_kpa: float
     contact_s: float
 
 
@@ -231,8 +231,8 @@ class PlannedStepJson(Output):
     doi_band_mm: NotRequired[Range]
     highest_gwt: NotRequired[float]
     contact_area_mm2: float
-    mean_pressure_n_cm2: float
-    peak_pressure_n_cm2: float
+    mean_pressure_kpa: float
+    peak_pressure_kpa: float
     overshoot_gwt: float
 
 
@@ -247,7 +247,7 @@ class CheckJson(Output):
     peak_force_n: float
     peak_force_gwt: float
     small_strain: SmallStrainJson
-    peak_pressure_n_cm2: float
+    peak_pressure_kpa: float
     soft_trip_n: float
     hard_trip_n: float
     margins: MarginsJson
@@ -801,7 +801,7 @@ class PressureProfileJson(Output):
     """Contact pressure in the receptor plane."""
 
     x_mm: list[float]
-    pseudo: list[float]
+    kpa: list[float]
 
 
 class ReceptorsJson(Output):
@@ -896,7 +896,7 @@ class IndentJson(Output):
     force_n_per_mm: NotRequired[float]
     effective_length_mm: NotRequired[float | None]
     doi_mm: float | None
-    peak_pressure_pseudo: float | None
+    peak_pressure_kpa: float | None
     small_strain: NotRequired[SmallStrainJson]
     path: NotRequired[LoadingPathJson]
     contact_regions_mm: list[Range]

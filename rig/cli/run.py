@@ -68,8 +68,8 @@ _COLUMNS = {
     "x_mm": "x (mm)",
     "doi_mm": "DOI (mm)",
     "force_gwt": "force (gwt)",
-    "mean_pressure_n_cm2": "mean pressure (N/cm²)",
-    "peak_pressure_n_cm2": "peak (N/cm²)",
+    "mean_pressure_kpa": "mean pressure (kPa)",
+    "peak_pressure_kpa": "peak (kPa)",
     "overshoot_gwt": "overshoot at a trip (gwt)",
 }
 
@@ -125,11 +125,11 @@ def _tell(found: dict[str, Any]) -> None:
         f"indentors: {', '.join(map(with_size, indentors))}",
         f"{found['indentations']} indentations and {found['other_presses']} other presses in "
         f"{found['duration_s']:.0f} s, with {found['contact_s']:.0f} s of contact",
-        f"peak {found['peak_force_gwt']:.4g} gwt, {found['peak_pressure_n_cm2']:.3g} N/cm²",
+        f"peak {found['peak_force_gwt']:.4g} gwt, {found['peak_pressure_kpa']:.3g} kPa",
         found["small_strain"]["note_text"],
         f"soft trip {in_both_units(found['soft_trip_n'])}, hard trip {in_both_units(found['hard_trip_n'])}",
         f"remaining up to the limits: {left['force_gwt']:.3g} gwt, DOI {left['doi_mm']:.3g} mm, "
-        f"{left['mean_pressure_n_cm2']:.3g} N/cm², {left['contact_s']:.0f} s of contact",
+        f"{left['mean_pressure_kpa']:.3g} kPa, {left['contact_s']:.0f} s of contact",
         f"stopping distance {found['stop_distance_mm']:.3g} mm, overshoot at a trip at most "
         f"{found['overshoot_gwt']:.3g} gwt",
     ):

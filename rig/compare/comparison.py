@@ -52,6 +52,11 @@ class Overlay:
         """Pearson's correlation (18, receptors)."""
         return correlation(self.eps, self.recording.rate)
 
+    @cached_property
+    def used(self) -> NDArray[np.int64]:
+        """Numbers (receptors,) of recorded positions that a receptor's SSRP covers: the n of `r`."""
+        return np.asarray(np.isfinite(self.eps[0]).sum(axis=0))
+
 
 @dataclass(frozen=True)
 class Joint:

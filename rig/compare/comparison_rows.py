@@ -13,7 +13,7 @@ from rig.compare.intervals import ConfidenceLimits
 from rig.compare.make_verdict import joint_limits
 from rig.compare.plausible_fingers import PlausibleFingers, fit_all_with_finger
 from rig.compare.profile_shape_test import THRESHOLDS
-from rig.compare.stimuli import CONTROLS, Stimulus
+from rig.compare.stimuli import CONTROL_UNITS, Stimulus
 from rig.compare.verdict import AfferentVerdict, Limits, PairRow, Together, six_digits
 from rig.compare.verdict_text import methods, sentence, sentences
 from rig.plan.config import unit
@@ -44,10 +44,7 @@ def as_json(comparison: Comparison, report: str) -> dict[str, Any]:
 
 def measure_unit(name: str) -> str:
     """Return the unit of a measure or control; a constant rate has none."""
-    return unit_of(name) if name in MEASURES else _CONTROL_UNITS.get(name, "")
-
-
-_CONTROL_UNITS = dict(zip(CONTROLS, ("pseudo-unit", "mm", "1/mm", "1"), strict=True))
+    return unit_of(name) if name in MEASURES else CONTROL_UNITS.get(name, "")
 
 
 def _stimulus(stimulus: Stimulus) -> Row:

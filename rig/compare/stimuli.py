@@ -32,7 +32,8 @@ from sim.units import PSEUDO_E_EPIDERMIS
 Array = NDArray[np.float64]
 
 CONTROLS = ("skin pressure", "skin displacement", "indentor curvature", "half-space strain")
-"""Units: pseudo-units, mm downwards, 1/mm (convex positive), magnitude of the maximum compressive strain."""
+CONTROL_UNITS = dict(zip(CONTROLS, ("kPa", "mm", "1/mm", "1"), strict=True))
+"""Displacement is downwards, convex curvature positive, the strain the magnitude of the maximum compression."""
 
 _ACROSS_MM = 0.17  # schedule spacing (mm), over which a corner's curvature is averaged
 _POISSON = 0.48
@@ -48,7 +49,7 @@ def controls(result: IndentationResult) -> Array:
     strain = half_space_strain(x_mm[order], pressure[order], at_mm, receptors.depths_mm)
     return np.array(
         [
-            np.interp(at_mm, x_mm[order], pressure[order]),
+            result.kpa_per_pseudo * np.interp(at_mm, x_mm[order], pressure[order]),
             np.interp(at_mm, x_mm[order], down_mm[order]),
             _curvature(result),
             strain,
@@ -96,7 +97,7 @@ class Stimulus:
     `on_fingers` (fingers, 18, n, receptors) are the measures on the design of plausible fingers, if stated;
     `interpolated` if some of these fingers were not built in full. `controls` (4, n, receptors) in the order of
     `CONTROLS`, None if unknown.
-    Strains are numbers, stresses and pressures pseudo-units.
+    Strains are numbers, stresses pseudo-units, pressures kPa; so is the control of pressure.
     """
 
     run: str
@@ -182,7 +183,7 @@ class Stimulus:
 _ROUNDING = 1e-9
 _EXACT_DECIMALS = 6
 _SAME_PLACE_DECIMALS = 3
-_CACHED_AS = 4  # to be raised if the meaning of stored values changes
+_CACHED_AS = 5  # to be raised if the meaning of stored values changes
 _PER_POSITION = ("x_mm", "doi_mm", "force_gwt", "measures", "pressure", "controls")
 
 
@@ -227,7 +228,7 @@ def _table(found: list[Response]) -> Arrays:
     if not found:
         return {"x_mm": np.empty(0)}
     results = [response.result for response in found]
-    skin_mm, pressure = on_widest_skin([result.pressure_profile for result in results])
+    skin_mm, pressure = on_widest_skin([result.pressure_profile_kpa for result in results])
     return {
         "indentor": np.array([response.indentor for response in found]),
         "kind": np.array([response.kind for response in found]),

@@ -108,7 +108,7 @@ MODEL_TABLES = {
     "model_contact": {
         "doi_mm": "depth past contact in the model",
         "force_gwt": "force predicted by the model",
-        "peak_pressure_pseudo": "highest nodal pressure, in pseudo-units",
+        "peak_pressure_kpa": "highest nodal pressure",
         "region": "number of the contact region in the receptor plane, from 1",
         "from_x_mm": "left end of the region, on the undeformed skin",
         "to_x_mm": "right end of the region, on the undeformed skin",
@@ -117,7 +117,7 @@ MODEL_TABLES = {
         "undeformed_x_mm": "lateral position of a skin node in the receptor plane, undeformed",
         "skin_x_mm": "lateral position of the node under the indentor",
         "skin_y_mm": "height of the node under the indentor",
-        "pressure_pseudo": "nodal pressure, unfiltered, in pseudo-units",
+        "pressure_kpa": "nodal pressure, unfiltered",
     },
     "model_measures": {
         "receptor_x_mm": "lateral position of the receptor",

@@ -20,7 +20,7 @@ AT_MM = 0.02  # heights closer than this count as equal
 class Trips:
     """Three force limits (gwt); a reading of either sign beyond one of them trips.
 
-    Soft: the configured limit, lowered by the plan. Pressure: limits.max_pressure_n_cm2 times the expected contact
+    Soft: the configured limit, lowered by the plan. Pressure: limits.max_pressure_kpa times the expected contact
     area. Hard: the same for every plan and every reading.
     """
 
@@ -28,12 +28,12 @@ class Trips:
         lowest_n = limits.soft_trip_n if soft_trip_n is None else min(limits.soft_trip_n, soft_trip_n)
         self.soft_gwt = lowest_n / GWT_N
         self.hard_gwt = limits.hard_trip_n / GWT_N
-        self._max_pressure_n_cm2 = limits.max_pressure_n_cm2
+        self._max_pressure_kpa = limits.max_pressure_kpa
         self._area_gwt = math.inf
 
     def press_on(self, contact_area_mm2: float) -> None:
         """Apply the pressure limit to this contact area; infinity disables it."""
-        self._area_gwt = self._max_pressure_n_cm2 * contact_area_mm2 / 100 / GWT_N
+        self._area_gwt = self._max_pressure_kpa * contact_area_mm2 / 1000 / GWT_N
 
     @property
     def lowest_gwt(self) -> float:

@@ -186,7 +186,7 @@ def with_finger(config: Config, path: Path | None, *, force: bool = False) -> Co
 UNITS = {
     "steps_per_mm": "steps/mm",
     "mm_per_n": "mm/N",
-    "n_cm2": "N/cm²",
+    "kpa": "kPa",
     "mm_s2": "mm/s²",
     "mm_s": "mm/s",
     "gwt": "gwt",

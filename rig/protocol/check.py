@@ -216,14 +216,14 @@ def refuse_pressure(verb: str, planned: PlannedIndentation, limits: LimitSetting
             code="no_contact",
             **_request(verb, planned),
         )
-    if planned.mean_pressure_n_cm2 > limits.max_pressure_n_cm2:
+    if planned.mean_pressure_kpa > limits.max_pressure_kpa:
         raise _means(
             verb,
             planned,
-            "{pressure_n_cm2:.3g} N/cm² over a contact of {area_mm2:.2g} mm²",
+            "{pressure_kpa:.3g} kPa over a contact of {area_mm2:.2g} mm²",
             limits,
-            "max_pressure_n_cm2",
-            pressure_n_cm2=planned.mean_pressure_n_cm2,
+            "max_pressure_kpa",
+            pressure_kpa=planned.mean_pressure_kpa,
             area_mm2=planned.contact_area_mm2,
         )
 

@@ -29,7 +29,7 @@ _FAMILIES = {"smooth": "smooth", "bar": "bars", "step": "step 1"}
 
 def page(rows: Sequence[Row], **about: Any) -> str:
     """Return the self-contained HTML page."""
-    return render("speed.html.j2", figures=_figures(rows), table=_table(rows), families=_FAMILIES, **about)
+    return render("speed.html.j2", figures=figures(rows), table=_table(rows), families=_FAMILIES, **about)
 
 
 def pareto(rows: Sequence[Row], against: str = "total_s") -> Plot:
@@ -72,7 +72,7 @@ def cost_against_nodes(rows: Sequence[Row]) -> Plot:
                 axes.loglog(
                     nodes, cost, marker, ls="-", color=colour, ms=4, lw=1, label=_with_exponent(line, nodes, cost)
                 )
-            axes.set(xlabel="nodes", ylabel=label)
+            axes.set(xlabel="number of nodes (1)", ylabel=label)
             _plain(axes)
             axes.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=2)
 
@@ -137,7 +137,7 @@ def _errors(rows: Sequence[Row]) -> dict[tuple[str, str], float | None]:
     return {key: _largest(found) if found else None for key, found in by.items()}
 
 
-def _figures(rows: Sequence[Row]) -> list[PageFigure]:
+def figures(rows: Sequence[Row]) -> list[PageFigure]:
     return [
         PageFigure(
             "Error against time",

@@ -7,11 +7,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, Plot
-from sim.coding.encoding import Encoded
+from sim.coding.encoding import RATE_UNIT, Encoded
 from sim.coding.operators import NAMES, ForwardOperator, ImpulseResponses, ShiftErrors
 from sim.coding.point_spread import Judged
 from sim.coding.raju_table_6_1 import Deformed
@@ -59,16 +60,18 @@ class DrawnEncoding(NamedTuple):
     pressure: Array
     encoded: Encoded
     true: tuple[Array, Array] | None  # positions in mm and SED
+    receptor: bool = False  # whether the rates are those of a receptor; else they repeat the SED
 
 
 def encoding_figure(drawn: DrawnEncoding) -> Plot:
-    """Plot pressure, SED and rate against the position on the skin."""
-    return Plot((6.0, 7.2), lambda figure: _draw_encoding(figure, drawn))
+    """Plot pressure, SED and, with a receptor, its rate against the position on the skin."""
+    return Plot((6.0, 7.2 if drawn.receptor else 5.4), lambda figure: _draw_encoding(figure, drawn))
 
 
 def _draw_encoding(figure: Figure, drawn: DrawnEncoding) -> None:
     operator, encoded = drawn.operator, drawn.encoded
-    skin, energy, rates = figure.subplots(3, sharex=True)
+    panels = figure.subplots(3 if drawn.receptor else 2, sharex=True)
+    skin, energy = panels[:2]
     ends = np.flatnonzero(np.diff(operator.place_mm) < 0) + 1  # lateral pressures come after the normal ones
     kinds = zip(np.split(operator.place_mm, ends), np.split(drawn.pressure, ends), strict=True)
     for (place, pressure), name, colour in zip(kinds, ("normal", "lateral"), (BLUE, ORANGE), strict=False):
@@ -77,13 +80,21 @@ def _draw_encoding(figure: Figure, drawn: DrawnEncoding) -> None:
     energy.plot(operator.receptor_mm, encoded.sed, color=BLUE, label=operator.name)
     if drawn.true is not None:
         energy.plot(*drawn.true, color=GREY, ls="--", label="finite elements")
-    rates.plot(operator.receptor_mm, encoded.rate, ".-", color=GREEN)
-    for axes, label in zip((skin, energy, rates), ("pressure", f"SED, {operator.energy}", "rate"), strict=True):
-        axes.set_ylabel(f"{label} (pseudo-units)" if axes is not rates else label)
-    rates.set_xlabel("position on the skin (mm)")
+    skin.set_ylabel("pressure (pseudo-units)")
+    energy.set_ylabel(f"SED, {operator.energy} (pseudo-units)")
+    for rates in panels[2:]:
+        rates.plot(operator.receptor_mm, encoded.rate, ".-", color=GREEN)
+        rates.set_ylabel(f"rate ({RATE_UNIT})")
+        rates.set_ylim(
+            bottom=-0.05 * max(rates.get_ylim()[1], _LEAST_RATE), top=max(rates.get_ylim()[1], _LEAST_RATE)
+        )
+    panels[-1].set_xlabel("position on the skin (mm)")
     skin.legend()
     energy.legend()
 
+
+_LEAST_RATE = 1.0
+"""Least height of a panel of rates: silent receptors have no negative rates."""
 
 _IMPULSE_COLOURS = (BLUE, ORANGE, GREEN)
 _MEANS = ("e11", "e22", "e12")
@@ -108,8 +119,8 @@ def _draw_impulse(figure: Figure, drawn: Mapping[str, DrawnImpulse]) -> None:
         _responses(response, responses)
         _spectra(spectrum, responses)
         _errors(error, errors)
-    panels[0, 0].set_ylabel("strain per pseudo-unit on one sample")
-    panels[1, 0].set_ylabel("amplitude over its maximum")
+    panels[0, 0].set_ylabel("strain by load on one sample (1/pseudo-unit)")
+    panels[1, 0].set_ylabel("amplitude over its maximum (1)")
     panels[2, 0].set_ylabel("relative L2 error of shifting (%)")
     for row in panels[:, 0]:
         row.legend()
@@ -195,6 +206,11 @@ def _fall(axes: Axes, judged: Judged) -> None:
 
 _COLOURS = (ORANGE, BLUE, GREEN)
 _DECADES = np.linspace(-4.5, 0.0, 19)  # decades of error below the highest that get a contour
+_ENDS = (
+    ("o", "start", {"mfc": "white", "mec": GREY}),
+    ("s", "end", {"mfc": GREY, "mec": GREY}),
+    ("*", "true pressures", {"mfc": "white", "mec": "black", "ms": 11}),
+)
 _FIRST_MOVES = 14
 _MARGIN = 0.15  # margin around a path, relative to its extent
 _LOWEST = 1e-12
@@ -248,6 +264,7 @@ def _ways(axes: Axes, paths: Mapping[str, Array], true: Array | None) -> None:
         axes.plot(*path.T, ".-", color=colour, lw=0.9, ms=3, label=name)
         axes.plot(*path[0], "o", color="white", mec=colour)
         axes.plot(*path[-1], "s", color=colour, ms=5)
+    axes.xaxis.set_major_locator(MaxNLocator(4))
     if true is not None:
         axes.plot(*true, "*", color="white", mec="black", ms=11)
 
@@ -256,9 +273,11 @@ def _what_is_left(axes: Axes, paths: Mapping[str, Array], true: Array | None) ->
     for (name, path), colour in zip(paths.items(), _COLOURS, strict=False):
         away = np.linalg.norm(path - (path[-1] if true is None else true), axis=1)
         axes.plot(np.arange(1, len(path) + 1), np.where(away > _LOWEST, away, np.nan), color=colour, label=name)
-    axes.set(xscale="log", yscale="log", xlabel="position along the trajectory")
-    axes.set_ylabel(f"distance from {('the end' if true is None else 'the true pressures')}")
-    axes.legend()
+    axes.set(xscale="log", yscale="log", xlabel="position along the trajectory (1)")
+    axes.set_ylabel(f"distance from {('the end' if true is None else 'the true pressures')} (pseudo-units)")
+    handles, _ = axes.get_legend_handles_labels()
+    handles += [Line2D([], [], ls="", marker=marker, label=name, **style) for marker, name, style in _ENDS]
+    axes.legend(handles=handles if true is not None else handles[:-1])
 
 
 class DrawnSheet(NamedTuple):
@@ -287,4 +306,4 @@ def _draw_sheet(figure: Figure, drawn: DrawnSheet) -> None:
         shown = axes.pcolormesh(drawn.z_mm, drawn.x_mm, values, vmin=0.0, vmax=highest, cmap="viridis")
         axes.plot(drawn.receptor_mm[:, 1], drawn.receptor_mm[:, 0], ".", color="white", ms=2)
         axes.set(title=title, xlabel="z (mm)", ylabel="x (mm)", aspect="equal")
-        figure.colorbar(shown, ax=axes, label="pseudo-units")
+        figure.colorbar(shown, ax=axes, label=f"{title} (pseudo-units)")

@@ -12,6 +12,7 @@ import numpy as np
 
 from rig.compare.comparison import COLLINEAR, Comparison, Overlay
 from rig.compare.comparison_rows import threshold_rows
+from rig.compare.fit import FEWEST_POSITIONS
 from rig.compare.place_grid import PlaceRow, ReceptorLocation, in_mm, within
 from rig.compare.profile_shape_test import DRAWS, THRESHOLD, chance_rows
 from rig.compare.recordings.reading import sha256
@@ -67,7 +68,8 @@ def _heat_maps(comparison: Comparison) -> list[PageFigure]:
         title = f"Correlation and {title[0].lower()}{title[1:]}"
         caption += (
             "Color: Pearson's correlation between the recorded rates and the SSRP at the recorded positions; "
-            "dash: negative; white: nothing recorded, or too few positions covered. "
+            f"dash: negative; white: nothing recorded, or fewer than {FEWEST_POSITIONS} positions covered. In "
+            "brackets: how many recorded positions the run covers at the receptor. "
         )
     caption += "Compressive measures are plotted with their sign changed (−)."
     draw = partial(profile_figures.correlations, comparison)

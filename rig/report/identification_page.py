@@ -9,8 +9,9 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from rig.data.folder import replace_text
+from rig.plan.config import unit
 from rig.report.page_parts import PageFigure, Section, alone, render
-from rig.report.style import BLUE, GREY, ORANGE, Plot
+from rig.report.style import BLUE, GREY, ORANGE, Plot, signed
 from sim.identification.posterior import Learned
 from sim.identification.predicted_forces import MeasuredPress, PredictedForces
 from sim.identification.prior import named, plain
@@ -37,6 +38,7 @@ class IdentificationPage:
 
 def write_identification_page(path: Path, page: IdentificationPage) -> None:
     """Write one self-contained page. Raises OSError."""
+    over_time, before_and_after, correlated = identification_figures(page)
     sections = [
         Section("Known forces", _IN_BRACKETS, (*_PRESS, "force (gwt)", "known to"), tuple(page.forces)),
         Section(
@@ -51,21 +53,30 @@ def write_identification_page(path: Path, page: IdentificationPage) -> None:
             ("press", *_PRESS, "predicted (gwt)", "measured (gwt)", "all known to"),
             tuple(page.presses),
         ),
-        alone(PageFigure("Each press over time", _presses(page), _OVER_TIME)),
+        alone(over_time),
         Section(
             "Numbers of the finger",
             _AFTER_AND_BEFORE,
             ("", "estimate", "after", "before"),
             tuple(page.numbers),
         ),
-        alone(PageFigure("Before and after", _marginals(page), _BEFORE_AND_AFTER)),
-        alone(PageFigure("Correlations", _correlations(page), _CORRELATED)),
+        alone(before_and_after),
+        alone(correlated),
     ]
     presses = f"{len(page.measured)} press{'es' if len(page.measured) > 1 else ''}"
     title = "Identified finger" if page.mismatch is None else "The identified object is not a finger of the prior"
     agree = "the predicted forces agree with the measured ones within the errors of sensor and model"
     about = f"{presses}: {page.mismatch or agree}"
     replace_text(path, render("identification.html.j2", title=title, about=about, sections=sections))
+
+
+def identification_figures(page: IdentificationPage) -> list[PageFigure]:
+    """Return the figures of the page, in its order."""
+    return [
+        PageFigure("Each press over time", presses_over_time(page), _OVER_TIME),
+        PageFigure("Before and after", marginals(page), _BEFORE_AND_AFTER),
+        PageFigure("Correlations", correlations(page), _CORRELATED),
+    ]
 
 
 _PRESS = ("shape", "x (mm)", "depth (mm)")
@@ -79,8 +90,8 @@ _OVER_TIME = (
     "The hold begins where a line turns, and the tissue relaxes."
 )
 _BEFORE_AND_AFTER = (
-    "Probability density of each parameter. Grey: before the first press. Blue: after the last press. "
-    "Orange: the estimate."
+    "Probability density of each parameter along its axis, which may be logarithmic. Grey: before the first "
+    "press. Blue: after the last press. Orange: the estimate."
 )
 _CORRELATED = (
     "Correlation over samples of the finger. Parameters with a correlation near 1 or −1 cannot be "
@@ -88,7 +99,8 @@ _CORRELATED = (
 )
 
 
-def _presses(page: IdentificationPage) -> Plot:
+def presses_over_time(page: IdentificationPage) -> Plot:
+    """Plot readings and predictions of each press against time."""
     down = -(-len(page.measured) // _ACROSS)
 
     def draw(figure: Canvas) -> None:
@@ -100,9 +112,9 @@ def _presses(page: IdentificationPage) -> Plot:
             )
             axes.plot(t_s, measured.force_gwt, ".", color="black", ms=4)
             axes.set_title(
-                f"{number}: {measured.trajectory.indentor} at {measured.trajectory.x_mm:+.1f} mm", fontsize=9
+                f"{number}: {measured.trajectory.indentor} at {signed(measured.trajectory.x_mm)} mm", fontsize=9
             )
-            axes.set_xlabel("time (s)")
+            axes.set_xlabel("time since the start of the press (s)")
         for axes in list(grid.flat)[len(page.measured) :]:
             axes.set_axis_off()
         for axes in grid[:, 0]:
@@ -111,7 +123,8 @@ def _presses(page: IdentificationPage) -> Plot:
     return Plot((10.2, 2.6 * down), draw)
 
 
-def _marginals(page: IdentificationPage) -> Plot:
+def marginals(page: IdentificationPage) -> Plot:
+    """Plot the density of each parameter before and after the presses."""
     names = page.learned.prior.names
     down = -(-len(names) // _ACROSS)
 
@@ -120,19 +133,23 @@ def _marginals(page: IdentificationPage) -> Plot:
         for axes in list(grid.flat)[len(names) :]:
             axes.set_axis_off()
         for k, (axes, name) in enumerate(zip(grid.flat, names, strict=False)):
-            edges = np.linspace(page.before.draws[:, k].min(), page.before.draws[:, k].max(), 41)
+            both = np.concatenate([page.before.draws[:, k], page.learned.draws[:, k], page.learned.most_likely[[k]]])
+            edges = np.linspace(both.min(), both.max(), 41)
             axes.hist(page.before.draws[:, k], edges, density=True, color=GREY, alpha=0.5)
             axes.hist(page.learned.draws[:, k], edges, density=True, color=BLUE, alpha=0.7)
             axes.axvline(page.learned.most_likely[k], color=ORANGE, lw=1)
-            axes.set_xlabel(named(name))
+            axes.set_xlabel(f"{named(name)} ({unit(named(name)) or '1'})")
             axes.xaxis.set_major_locator(MaxNLocator(4))
             axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _, name=name: f"{plain(name, value):.2g}"))
             axes.set_yticks([])
+        for axes in grid[:, 0]:
+            axes.set_ylabel("density (1)")
 
     return Plot((10.2, 2.2 * down), draw)
 
 
-def _correlations(page: IdentificationPage) -> Plot:
+def correlations(page: IdentificationPage) -> Plot:
+    """Plot the correlation of every two parameters after the presses."""
     spread = page.learned.draws.std(axis=0) > 0
     names = [named(name) for name, varies in zip(page.learned.prior.names, spread, strict=True) if varies]
 
@@ -141,6 +158,6 @@ def _correlations(page: IdentificationPage) -> Plot:
         shown = axes.imshow(np.corrcoef(page.learned.draws[:, spread].T), vmin=-1, vmax=1, cmap="RdBu_r")
         axes.set_xticks(range(len(names)), names, rotation=45, ha="right")
         axes.set_yticks(range(len(names)), names)
-        figure.colorbar(shown, ax=axes)
+        figure.colorbar(shown, ax=axes, label="correlation (1)")
 
     return Plot((5.6, 4.8), draw)

@@ -11,14 +11,16 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from rig.compare.comparison import Comparison
+from rig.compare.comparison import Comparison, Overlay
+from rig.compare.fit import FEWEST_POSITIONS
 from rig.compare.profile_shape_test import THRESHOLD, shape_test
 from rig.compare.stimuli import MAPPED, Stimulus, StimulusMap
 from rig.report.recording_sections import frame
-from rig.report.style import BLUE, GREY, ORANGE, Plot, Room, label, shade_of, signed, some_of, unit
+from rig.report.style import BLUE, DOTTED, GREY, ORANGE, Plot, Room, label, shade_of, signed, some_of, unit
 from sim.measures.measures import MEASURES
 
 Array = NDArray[np.float64]
+Limits = tuple[tuple[float, float], tuple[float, float]]
 
 _STEP_UP = 0.8  # offset between profiles, relative to the range
 _HIGHEST_IN, _MOST_LEVELS = 5.6, 20
@@ -68,13 +70,13 @@ def _one_ssrp(axes: Axes, stimulus: Stimulus, profile: Array, k: int) -> None:
     colour = BLUE if passed else GREY
     level = _STEP_UP * k
     axes.plot(stimulus.x_mm, profile - base + level, "-o", ms=1.8, lw=1.6 if passed else 0.8, color=colour)
-    axes.axhline(level, color=GREY, lw=0.4, ls=":")
+    axes.axhline(level, color=GREY, lw=0.8, ls=DOTTED)
     axes.plot([stimulus.receptor_mm[k]], [level], marker="|", ms=7, color="black")
     if verdict is None:
         return
     end = float(stimulus.x_mm[-1]) + 0.04 * float(np.ptp(stimulus.x_mm))
     least = THRESHOLD * max(verdict.judged_by.get("peak", verdict.judged_by.get("range", 0.0)), 0.0)
-    axes.plot([end, end], [level - least, level], color=ORANGE, lw=2)
+    axes.plot([end, end], [level - least, level], color=ORANGE, lw=2, solid_capstyle="butt")
     mark = "pass" if passed else "–"
     axes.annotate(mark, (end, level), (4, 0), textcoords="offset points", fontsize=7, color=colour, va="center")
 
@@ -128,7 +130,7 @@ def _image(axes: Axes, stimulus: Stimulus, values: Array) -> QuadMesh:
     if both:
         axes.contour(at, of, values, [0.0], colors="black", linewidths=0.8)
     seen = (of >= at.min()) & (of <= at.max())
-    axes.plot(of[seen], of[seen], ls=(0, (2, 3)), lw=1.0, color="white", path_effects=_OUTLINED)
+    axes.plot(of[seen], of[seen], ls=DOTTED, lw=1.0, color="white", path_effects=_OUTLINED)
     return image
 
 
@@ -161,7 +163,7 @@ def _correlations(
     figure: Figure, comparison: Comparison, judged: Sequence[Stimulus], rows: int, columns: int
 ) -> None:
     panels = figure.subplots(rows, columns, squeeze=False, sharey=True).ravel()
-    recorded = {overlay.stimulus: overlay.r for overlay in comparison.overlays}
+    recorded = {overlay.stimulus: overlay for overlay in comparison.overlays}
     image = None
     for axes in panels[len(judged) :]:
         axes.set_visible(False)
@@ -170,20 +172,30 @@ def _correlations(
         image = drawn if stimulus in recorded else image
     figure.supxlabel("receptor x (mm)", fontsize=8)
     if image is not None:
-        figure.colorbar(image, ax=panels.tolist(), label="Pearson's r", shrink=0.6)
+        figure.colorbar(image, ax=panels.tolist(), label="Pearson's r (1)", shrink=0.6)
         figure.suptitle(frame(comparison.overlays), fontsize=7, color=GREY)
 
 
-def _heat_map(axes: Axes, stimulus: Stimulus, r: Array | None, passed: NDArray[np.bool_] | None) -> AxesImage:
+def _heat_map(axes: Axes, stimulus: Stimulus, overlay: Overlay | None, passed: NDArray[np.bool_] | None) -> AxesImage:
+    """Plot r where a receptor sees enough positions; its number of positions is beside its place."""
     n = len(stimulus.receptor_mm)
-    shown = np.full((len(MEASURES), n), np.nan) if r is None else r
+    used = np.zeros(n, dtype=int) if overlay is None else overlay.used
+    shown = (
+        np.full((len(MEASURES), n), np.nan)
+        if overlay is None
+        else np.where(used < FEWEST_POSITIONS, np.nan, overlay.r)
+    )
     image = axes.imshow(shown, cmap="PuOr_r", vmin=-1, vmax=1, aspect="auto", interpolation="nearest")
     _mark_negative(axes, shown)
     if passed is not None:
         measure, receptor = np.nonzero(passed)
         axes.plot(receptor, measure, "o", ms=4, mfc="black", mec="white", mew=0.6)
     written = some_of(n, _MOST_RECEPTORS)
-    axes.set_xticks(written, [signed(x) for x in stimulus.receptor_mm[written]], fontsize=6.5, rotation=90)
+    names = [
+        signed(stimulus.receptor_mm[k]) if overlay is None else f"{signed(stimulus.receptor_mm[k])} ({used[k]})"
+        for k in written
+    ]
+    axes.set_xticks(written, names, fontsize=6.5, rotation=90)
     axes.set_yticks(range(len(MEASURES)), [label(m) for m in MEASURES], fontsize=7)
     axes.set_xticks(np.arange(n - 1) + 0.5, minor=True)
     axes.set_yticks(np.arange(len(MEASURES) - 1) + 0.5, minor=True)
@@ -206,11 +218,10 @@ def _pressure_maps(figure: Figure, stimuli: Sequence[Stimulus], rows: int, colum
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes in panels[len(stimuli) :]:
         axes.set_visible(False)
-    for k, (axes, stimulus) in enumerate(zip(panels, stimuli, strict=False)):
+    for axes, stimulus in zip(panels, stimuli, strict=False):
         image = _pressure_map(axes, stimulus)
-        last = k % columns == columns - 1 or k == len(stimuli) - 1
         bar = figure.colorbar(image, ax=axes)
-        bar.set_label("pressure (pseudo-units)" if last else "", fontsize=8)
+        bar.set_label("pressure (kPa)", fontsize=8)
         bar.ax.tick_params(labelsize=7)
     figure.supxlabel("skin, undeformed x (mm)", fontsize=9)
     figure.supylabel("indentor x (mm)", fontsize=9)
@@ -233,21 +244,24 @@ def _pressure_map(axes: Axes, stimulus: Stimulus) -> QuadMesh:
     return image
 
 
-_SHOWN_MM = ((-3.4, 3.4), (2.0, 5.2))
+_ABOUT_MM = ((1.4, 1.4), (1.15, 1.5))
+"""Distances around receptors and skin above them that a map shows: left and right, below and above."""
 _TOP_QUANTILE = 0.97
-_ROOM = Room(left=0.5, right=1.0, bottom=0.42, top=0.28, columns=0.12, rows=0.15)
+_ROOM = Room(left=0.5, right=1.0, bottom=0.48, top=0.28, columns=0.12, rows=0.15)
 
 
 def strain_maps(maps: Sequence[StimulusMap]) -> Plot:
     """Plot maps of one stimulus: measures down, positions across, one color scale per measure."""
-    size = (1.2 + 3.0 * len(maps), 0.5 + 1.55 * len(MAPPED))
+    size = (1.2 + 3.0 * len(maps), 0.56 + 1.55 * len(MAPPED))
     return Plot(size, lambda figure: _strain_maps(figure, maps), layout=None)
 
 
 def _strain_maps(figure: Figure, maps: Sequence[StimulusMap]) -> None:
     panels = _ROOM.panels(figure, len(MAPPED), len(maps), sharex=True, sharey=True)
+    across, up = seen = _seen_mm(maps)
+    panels[0, 0].set(xlim=across, ylim=up)
     for row, measure in zip(panels, MAPPED, strict=True):
-        top = max(_top(one, measure) for one in maps)
+        top = max(_top(one, measure, seen) for one in maps)
         drawn = [_map(axes, one, measure, top) for axes, one in zip(row, maps, strict=True)]
         name = f"{label(measure)} ({unit(measure)})"
         figure.colorbar(drawn[-1], cax=_beside(figure, row[-1]), label=name, extend="max")
@@ -272,13 +286,19 @@ def _map(axes: Axes, one: StimulusMap, measure: str, top: float) -> QuadMesh:
     )
     axes.plot(x[:, 0], y[:, 0], color="black", lw=0.7)
     axes.plot(*one.receptor_mm.T, "o", ms=3, mfc="white", mec="black", mew=0.6)
-    axes.set(xlim=_SHOWN_MM[0], ylim=_SHOWN_MM[1], aspect="equal")
+    axes.set_aspect("equal")
     return image
 
 
-def _top(one: StimulusMap, measure: str) -> float:
+def _seen_mm(maps: Sequence[StimulusMap]) -> Limits:
+    """Return the ends of what maps show, across and up (mm)."""
+    (x, y), (across, up) = np.concatenate([one.receptor_mm for one in maps]).T, _ABOUT_MM
+    return (float(x.min()) - across[0], float(x.max()) + across[1]), (float(y.min()) - up[0], float(y.max()) + up[1])
+
+
+def _top(one: StimulusMap, measure: str, seen: Limits) -> float:
     """Return the top of the color scale, a quantile because the epidermis under an edge would dominate it."""
-    (left, right), (low, high) = _SHOWN_MM
+    (left, right), (low, high) = seen
     x, y = np.moveaxis(one.corner_mm[:-1, :-1], -1, 0)
-    seen = (x > left) & (x < right) & (y > low) & (y < high)
-    return float(np.quantile(one.values[measure][seen], _TOP_QUANTILE))
+    inside = (x > left) & (x < right) & (y > low) & (y < high)
+    return float(np.quantile(one.values[measure][inside], _TOP_QUANTILE))

@@ -289,7 +289,7 @@ def deflection_section(profiles: list[Deflection], measured: list[Deflection], s
     rows = tuple(_row(one, partner(one, profiles)) for one in measured)
     figure = PageFigure(
         "Deflection of the skin along the finger",
-        Plot((7.2, 3.8), lambda canvas: _draw(canvas, profiles, measured)),
+        deflections(profiles, measured),
         (
             "Downward displacement of the skin along the center line of the pad against undeformed z (proximal "
             "on the left). "
@@ -303,6 +303,11 @@ def deflection_section(profiles: list[Deflection], measured: list[Deflection], s
     text += f" Measured: {source}." if source else ""
     header = ("measured at DOI (mm)", "points", "measured − model, mean (mm)", "rms (mm)") if measured else ()
     return Section("Deflection along the finger", text, header, rows, (figure,))
+
+
+def deflections(profiles: list[Deflection], measured: list[Deflection]) -> Plot:
+    """Plot the simulated profiles and the measured points."""
+    return Plot((7.2, 3.8), lambda canvas: _draw(canvas, profiles, measured))
 
 
 def _row(one: Deflection, other: Deflection | None) -> tuple[str, ...]:

@@ -10,6 +10,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
@@ -19,6 +20,7 @@ from rig.plan.finger_model import Response, by_group, measured
 from rig.report.run_tables import Condition, Samples, by_target, conditions, loading, samples_of
 from rig.report.style import (
     BLUE,
+    DOTTED,
     GREEN,
     GREY,
     ORANGE,
@@ -39,20 +41,22 @@ from sim.measures.measures import shown
 from sim.models.result import IndentationResult
 from sim.units import GWT_N
 
+Array = NDArray[np.float64]
+
 CONTACTS_A_PAGE = 12
-HEIGHTS_MM = (1.9, 5.7)
 _CONTACT_COLUMNS = 4
 _LEFT_IN, _WIDE_IN, _GAP_IN = 0.75, 2.25, 0.12
 _TITLE_IN, _SKIN_IN, _PRESSURE_IN, _AXIS_IN = 0.36, 0.9, 0.7, 0.5
 _CONTACT_ROW_IN = _TITLE_IN + _SKIN_IN + _PRESSURE_IN
-_LATERAL_MM = (-3.6, 3.6)
 _DRAWN = 361
+_ROOM_MM = 0.2
+"""Room between what is drawn of a contact and the edges of its panel."""
 _HIGHEST_MM = 1.3
 """Height above the lowest point (mm) up to which an indentor is plotted."""
 
 
 def contact_panels(found: Sequence[Sequence[Response]], top: float) -> Plot:
-    """Plot a panel per condition with its repeats superimposed; all pressure axes reach `top`."""
+    """Plot a panel per condition with its repeats superimposed; all pressure axes reach `top` (kPa)."""
     rows = -(-len(found) // _CONTACT_COLUMNS)
     columns = min(len(found), _CONTACT_COLUMNS)
     size = (_LEFT_IN + columns * (_WIDE_IN + _GAP_IN), rows * _CONTACT_ROW_IN + _AXIS_IN)
@@ -60,32 +64,56 @@ def contact_panels(found: Sequence[Sequence[Response]], top: float) -> Plot:
 
 
 def highest_pressure(found: Sequence[Response]) -> float:
-    """Return the highest pressure in the receptor plane (pseudo-units)."""
-    return max((float(r.result.pressure_profile[1].max()) for r in found), default=0.0) or 1.0
+    """Return the highest pressure in the receptor plane (kPa)."""
+    return max((float(r.result.pressure_profile_kpa[1].max()) for r in found), default=0.0) or 1.0
+
+
+def lateral_mm(found: Sequence[IndentationResult]) -> tuple[float, float]:
+    """Return the left and right end of panels that hold all skin, indentors from above at its places (mm)."""
+    x = np.concatenate([part for result in found for part in (result.skin_profile[0], result.pressure_profile[0])])
+    return float(x.min()) - _ROOM_MM, float(x.max()) + _ROOM_MM
+
+
+def heights_mm(found: Sequence[IndentationResult]) -> tuple[float, float]:
+    """Return the bottom and top of panels that hold all skin and the lower part of the indentors (mm)."""
+    lowest = [min(float(r.skin_profile[1].min()), _lowest_mm(r)) for r in found]
+    highest = [max(float(r.skin_profile[1].max()), _lowest_mm(r) + _HIGHEST_MM) for r in found]
+    return min(lowest) - _ROOM_MM, max(highest) + _ROOM_MM
+
+
+def _lowest_mm(result: IndentationResult) -> float:
+    return result.touch_height_mm - result.doi_mm
 
 
 def _contact_panels(figure: Figure, found: Sequence[Sequence[Response]], top: float) -> None:
-    scale = [tick for tick in MaxNLocator(3).tick_values(0, top) if tick <= 1.02 * top]
+    scale = [tick for tick in MaxNLocator(3).tick_values(0, top) if 0 <= tick <= 1.02 * top]
+    results = [one.result for repeats in found for one in repeats]
+    across, heights = lateral_mm(results), heights_mm(results)
     for k, repeats in enumerate(found):
         above = _axes(figure, k, _TITLE_IN + _SKIN_IN, _SKIN_IN)
         below = _axes(figure, k, _CONTACT_ROW_IN, _PRESSURE_IN)
-        _skin(above, repeats)
+        _skin(above, repeats, across)
         _pressures(below, repeats)
-        below.hlines(scale, *_LATERAL_MM, color=GREY, lw=0.3, alpha=0.5)
-        above.set(xlim=_LATERAL_MM, ylim=HEIGHTS_MM, xticks=())
-        below.set(xlim=_LATERAL_MM, ylim=(0, 1.08 * top))
+        below.hlines(scale, *across, color=GREY, lw=0.3, alpha=0.5)
+        above.set(xlim=across, ylim=heights, xticks=())
+        below.set(xlim=across, ylim=(0, 1.08 * top))
         _scales(above, below, scale, first=k % _CONTACT_COLUMNS == 0, lowest=k + _CONTACT_COLUMNS >= len(found))
 
 
 def _scales(above: Axes, below: Axes, scale: Sequence[float], *, first: bool, lowest: bool) -> None:
     """Label the outer panels only, since ticks are slow to plot."""
-    above.set_yticks((3, 5) if first else ())
+    above.set_yticks(_inside(above.get_ylim()) if first else ())
     below.set_yticks(scale if first else ())
-    below.set_xticks((-2, 0, 2) if lowest else ())
-    for axes, name in ((above, "height (mm)"), (below, "pressure\n(pseudo-units)")):
+    below.set_xticks(_inside(below.get_xlim()) if lowest else ())
+    for axes, name in ((above, "height (mm)"), (below, "pressure\n(kPa)")):
         axes.set_ylabel(name if first else "", fontsize=8)
         axes.tick_params(labelsize=7, length=2)
     below.set_xlabel("lateral x (mm)" if lowest else "", fontsize=8)
+
+
+def _inside(limits: tuple[float, float]) -> list[float]:
+    """Return a few round ticks within limits."""
+    return [tick for tick in MaxNLocator(4).tick_values(*limits) if limits[0] <= tick <= limits[1]]
 
 
 def _axes(figure: Figure, k: int, below_in: float, high_in: float) -> Axes:
@@ -96,26 +124,26 @@ def _axes(figure: Figure, k: int, below_in: float, high_in: float) -> Axes:
     return figure.add_axes((left / width, bottom / height, _WIDE_IN / width, high_in / height))
 
 
-def _skin(axes: Axes, repeats: Sequence[Response]) -> None:
+def _skin(axes: Axes, repeats: Sequence[Response], across: tuple[float, float]) -> None:
     """Plot the first repeat's indentor and skin; repeats differ by less than the width of a line."""
     result = repeats[0].result
     (x, y), (undeformed, _) = result.skin_profile, result.pressure_profile
     axes.plot(x, y, color=GREY, lw=1)
-    s = np.linspace(*_LATERAL_MM, _DRAWN)
+    s = np.linspace(*across, _DRAWN)
     offset = {X: s - result.x_mm, Z: np.full_like(s, result.model.plane_mm - result.z_mm)}
     h = result.indentor.evaluate(np.stack([offset[axis] for axis in result.indentor.axes])).height_mm
-    height = result.touch_height_mm - result.doi_mm + np.minimum(h, _HIGHEST_MM)
+    height = _lowest_mm(result) + np.minimum(h, _HIGHEST_MM)
     axes.plot(s, np.where(h < _HIGHEST_MM, height, np.nan), color="black", lw=1.2)
     for low, high in result.contact_regions_mm:  # ends of regions lie between nodes
         at = np.r_[low, undeformed[(undeformed > low) & (undeformed < high)], high]
         touching = (np.interp(at, undeformed, x), np.interp(at, undeformed, y))
-        axes.plot(*touching, color=ORANGE, lw=4, solid_capstyle="round", alpha=0.8)
+        axes.plot(*touching, color=ORANGE, lw=4, solid_capstyle="butt", alpha=0.8)
     axes.set_title(_title(repeats), fontsize=7.5, y=1.02, pad=0)
 
 
 def _pressures(axes: Axes, repeats: Sequence[Response]) -> None:
     for response in repeats:
-        undeformed, pressure = response.result.pressure_profile
+        undeformed, pressure = response.result.pressure_profile_kpa
         axes.plot(undeformed, pressure, color=BLUE, lw=0.8)
     axes.fill_between(undeformed, pressure, color=BLUE, alpha=0.25, lw=0)
 
@@ -147,7 +175,7 @@ def contacts_from_below(found: Sequence[IndentationResult], titles: Sequence[str
 def _draw(figure: Figure, found: Sequence[IndentationResult], titles: Sequence[str]) -> None:
     columns = min(len(found), _PICTURE_COLUMNS)
     panels = figure.subplots(-(-len(found) // columns), columns, squeeze=False)
-    top = max(float(result.peak_pressure_pseudo) for result in found) or 1.0
+    top = max(result.peak_pressure_kpa for result in found) or 1.0
     for axes in panels.ravel()[len(found) :]:
         axes.set_visible(False)
     for axes, result, title in zip(panels.ravel(), found, titles, strict=False):
@@ -157,19 +185,19 @@ def _draw(figure: Figure, found: Sequence[IndentationResult], titles: Sequence[s
         axes.set_ylabel("along the finger, z (mm)")
     for axes in panels.ravel()[: len(found)]:
         axes.set_xlabel("lateral x (mm)")
-    figure.colorbar(drawn, ax=panels, label="pressure (pseudo-units)", shrink=0.8)
+    figure.colorbar(drawn, ax=panels, label="pressure (kPa)", shrink=0.8)
 
 
 def _panel(axes: Axes, result: IndentationResult, top: float) -> QuadMesh:
     patch = result.model.patch
     x, z = (patch.position_mm[:, axis].reshape(patch.shape) for axis in (X, Z))
-    pressure = result.nodal_pressure_pseudo.reshape(patch.shape)
+    pressure = result.kpa_per_pseudo * result.nodal_pressure_pseudo.reshape(patch.shape)
     drawn = axes.pcolormesh(x, z, pressure, shading="gouraud", cmap="Blues", vmin=0, vmax=top)
     _relief(axes, result)
     at = result.state.held.on(patch).interpolate(patch.position_mm.T)
     axes.plot(at[X], at[Z], ".", ms=2, color=ORANGE)
     plane_mm = result.model.plane_mm
-    axes.axhline(plane_mm, color=BLUE, lw=0.5, ls=":")
+    axes.axhline(plane_mm, color=BLUE, lw=0.8, ls=DOTTED)
     axes.set(xlim=(x.min(), x.max()), ylim=(z.min(), z.max()), aspect="equal")
     return drawn
 
@@ -183,8 +211,6 @@ def _relief(axes: Axes, result: IndentationResult) -> None:
     if height.max() > _CONTOURS_MM[0]:
         axes.contour(x, z, height.reshape(x.shape), levels=_CONTOURS_MM, colors=GREY, linewidths=0.6)
 
-
-Array = NDArray[np.float64]
 
 PHASES = {
     "approach": YELLOW,
@@ -201,6 +227,8 @@ _WIDTH_IN = 9.6
 _ROW_IN = 2.3
 _LEAST_RELATIVE = 0.1
 """Half-height of the panel of relative forces: less would magnify the steps of the readings."""
+_LEAST_SD_GWT = 0.05
+"""Least height of the panel of standard deviations: less would magnify the steps of the readings."""
 
 _NEAR = 2.5  # multiple of the readings; a higher trip limit would flatten their plot
 
@@ -243,7 +271,7 @@ def _force_time(figure: Figure, run: Run) -> None:
     above.set(ylabel="force (gwt)", xlim=(run.start["t_s"] / per, run.end_s / per))
     _strip(below, spans(run), per)
     below.set(xlabel=f"time since the start of the run ({unit})", yticks=[], ylim=(0, 1))
-    handles = [above.plot([], [], lw=5, color=color)[0] for color in PHASES.values()]
+    handles = [Patch(color=color) for color in PHASES.values()]
     figure.legend(handles, list(PHASES), loc="lower center", ncols=len(PHASES), fontsize=8)
 
 
@@ -290,7 +318,7 @@ def _presses(figure: Figure, groups: dict[str, list[Condition]], run: Run) -> No
         left.set(title=name, ylabel="force (gwt)", xlabel="time since the start of the press (s)")
         low, high = right.get_ylim()
         right.set_ylim(min(low, 1 - _LEAST_RELATIVE), max(high, 1 + _LEAST_RELATIVE))
-        right.set(title=name, ylabel="force relative to first", xlabel="time in the hold (s)")
+        right.set(title=name, ylabel="force relative to first (1)", xlabel="time in the hold (s)")
         position_scale(right, xs)
 
 
@@ -322,6 +350,7 @@ def _force_depth(figure: Figure, groups: dict[str, list[Condition]], samples: Sa
         left.set(title=name, ylabel="mean force (gwt)", xlabel="depth of indentation (mm)")
         for axes in right:
             axes.set(title=name, ylabel="sd over repeats (gwt)", xlabel="depth of indentation (mm)")
+            axes.set_ylim(-0.05 * _LEAST_SD_GWT, max(axes.get_ylim()[1], _LEAST_SD_GWT))
             if all(len(condition.indices) == 1 for condition in members):
                 axes.text(0.5, 0.5, "no repeats, hence no spread", transform=axes.transAxes, ha="center", color=GREY)
                 axes.set(xticks=(), yticks=())
@@ -384,7 +413,7 @@ def _ssrps(figure: Figure, found: list[Response], measure: str) -> None:
         for axes, column in zip(panels.ravel(), shown(measure, values).T, strict=False):
             axes.plot(positions, column, "-o", ms=2, lw=1, color=shade(k, len(groups)), label=name)
     for axes, x in zip(panels.ravel(), receptor_x, strict=False):
-        axes.axvline(x, color=GREY, lw=0.6, ls=":")
+        axes.axvline(x, color=GREY, lw=0.8, ls=DOTTED)
         axes.set_title(f"receptor at {signed(x)} mm", fontsize=8)
     for axes in panels[-1]:
         axes.set_xlabel("indentor x (mm)")

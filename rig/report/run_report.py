@@ -63,9 +63,6 @@ def _mean_and_sd(draws: Sequence[Draw], name: str) -> str:
     return f"{values.mean():.3g} ± {values.std(ddof=1):.2g}"
 
 
-_KPA_PER_MPA = 1000
-
-
 def write_report(
     run: Run, finger: Fingertip, wall_s: float | None = None, ending: Mapping[str, str] | None = None
 ) -> Path:
@@ -102,7 +99,7 @@ def _write_page(
         run=run,
         found=run_tables.one_by_one(run, found),
         conditions=run_tables.condition_rows(run, found),
-        figures=_figures(run, found, finger),
+        figures=run_page_figures(run, found),
         small_strain=_small_strain(found),
         phases=run_tables.phases(run),
         why_approach=run_tables.why_approach(run),
@@ -119,13 +116,14 @@ def _write_page(
     return run.folder.report
 
 
-def _figures(run: Run, found: list[Response], finger: Fingertip) -> list[PageFigure]:
+def run_page_figures(run: Run, found: list[Response]) -> list[PageFigure]:
+    """Return the figures of the page, in its order."""
     read = any(run.stream(stream) for stream in run_figures.SAMPLES)
     over_time = [_over_time(run)] if read else []
     if not found:
         return over_time
     moved = any(len(members) > 1 for members in by_group(found).values())
-    pressed = [*over_time, *_press_figures(run), *_contact_figures(run, found, finger)]
+    pressed = [*over_time, *_press_figures(run), *_contact_figures(run, found)]
     return [*pressed, *_ssrp_figures(found)] if moved else pressed
 
 
@@ -167,13 +165,12 @@ def _press_figures(run: Run) -> list[PageFigure]:
     ]
 
 
-def _contact_figures(run: Run, found: list[Response], finger: Fingertip) -> list[PageFigure]:
+def _contact_figures(run: Run, found: list[Response]) -> list[PageFigure]:
     last = [response for response in found if response.last]
-    top, kpa = run_figures.highest_pressure(last), finger.e_epidermis_mpa * _KPA_PER_MPA / 10
+    top = run_figures.highest_pressure(last)
     caption = (
         "Black: the indentor. Grey: the deformed skin in the receptor plane. Orange: contact regions. Blue: "
-        "nodal pressure against undeformed x, unfiltered, in pseudo-units (E of the epidermis = 10 000); 1 "
-        f"000 pseudo-units are {kpa:.3g} kPa on this finger. Repeats are superimposed. The last hold of each "
+        "nodal pressure against undeformed x, unfiltered. Repeats are superimposed. The last hold of each "
         "indentation. Data: model_contact.csv, model_pressure.csv."
     )
     return [
@@ -200,8 +197,9 @@ def _contact_figures(run: Run, found: list[Response], finger: Fingertip) -> list
             "Population responses",
             run_figures.population_responses(found),
             "−ep1 (compression is positive) and strain energy density at the receptors, "
-            f"{found[0].result.model.receptors.depth_mm:g} mm below the skin. One line per position of the "
-            "indentor, or, for a single position, per depth or force. Data: model_measures.csv.",
+            f"{found[0].result.model.receptors.depth_mm:g} mm below the skin. One line per hold at the "
+            "last commanded depth or force, or, for a single position, per depth or force (first repeat). Data: "
+            "model_measures.csv.",
         ),
     ]
 

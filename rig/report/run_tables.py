@@ -18,6 +18,7 @@ from rig.data.folder import replace_text
 from rig.data.tables import booked_s, tables
 from rig.plan.finger_model import Response
 from rig.report.style import as_number, signed
+from rig.settings import limits_in_kpa
 from sim.measures.measures import MEASURES
 from sim.units import GWT_N
 
@@ -62,13 +63,13 @@ Rows = Iterable[Sequence[object]]
 
 def _contact(response: Response) -> Rows:
     result = response.result
-    whole = (_digits(result.doi_mm), _digits(result.force_gwt), _digits(result.peak_pressure_pseudo))
+    whole = (_digits(result.doi_mm), _digits(result.force_gwt), _digits(result.peak_pressure_kpa))
     return [(*whole, k, _digits(a), _digits(b)) for k, (a, b) in enumerate(result.contact_regions_mm, 1)]
 
 
 def _pressure(response: Response) -> Rows:
-    (x, pressure), (skin_x, skin_y) = response.result.pressure_profile, response.result.skin_profile
-    return [tuple(map(_digits, row)) for row in zip(x, skin_x, skin_y, pressure, strict=True)]
+    (x, kpa), (skin_x, skin_y) = response.result.pressure_profile_kpa, response.result.skin_profile
+    return [tuple(map(_digits, row)) for row in zip(x, skin_x, skin_y, kpa, strict=True)]
 
 
 def _measures(response: Response) -> Rows:
@@ -170,7 +171,7 @@ _LIMITS = (
     "hard_trip_n",
     "max_force_gwt",
     "max_doi_mm",
-    "max_pressure_n_cm2",
+    "max_pressure_kpa",
     "max_press_speed_mm_s",
     "max_contact_s",
 )
@@ -215,7 +216,7 @@ def why_approach(run: Run) -> str:
 
 def limits(run: Run) -> list[tuple[str, str]]:
     """Return the limits of the run and the highest measured values."""
-    table: dict[str, Any] = tomllib.loads(run.folder.config.read_text(encoding="utf-8")).get("limits", {})
+    table = limits_in_kpa(tomllib.loads(run.folder.config.read_text(encoding="utf-8")).get("limits", {}))
     forces = [s["force_gwt"] for s in run.stream("sample") if s["force_gwt"] is not None]
     depths = [s["doi_mm"] for s in run.stream("sample") if s["doi_mm"] is not None]
     rows = []
@@ -250,7 +251,7 @@ class ConditionRow:
     times: int
     force: str
     doi: str
-    peak_pseudo: float
+    peak_kpa: float
     regions_mm: list[tuple[float, float]]
 
 
@@ -262,7 +263,7 @@ def condition_rows(run: Run, found: Sequence[Response]) -> list[ConditionRow]:
 
 def _row(condition: Condition, repeats: list[Response]) -> ConditionRow:
     force, doi = ([r.hold[key] for r in repeats] for key in ("force_gwt", "doi_mm"))
-    peaks = [r.result.peak_pressure_pseudo for r in repeats]
+    peaks = [r.result.peak_pressure_kpa for r in repeats]
     return ConditionRow(
         condition.group,
         condition.x_mm,

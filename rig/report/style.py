@@ -14,6 +14,8 @@ from sim.measures.measures import PLOTTED_AS_MAGNITUDE, STRAINS
 
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"  # Okabe & Ito
 PURPLE, YELLOW = "#CC79A7", "#E69F00"
+DOTTED = (0, (1, 3))
+"""Dashes of lines that captions call dotted; matplotlib's own look solid where lines are thin."""
 PNG_DOTS_PER_INCH = 200  # also used to measure text, whose widths are rounded at coarser resolutions
 _IMAGES_DOTS_PER_INCH = 100
 """Resolution of the raster parts of an SVG (dpi)."""

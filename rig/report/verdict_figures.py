@@ -12,8 +12,24 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullLocator, StrMethodFormatter
 from numpy.typing import NDArray
 
+from rig.compare.stimuli import CONTROL_UNITS
 from rig.compare.verdict import AfferentVerdict, LeftOut, PairRow
-from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, Plot, Room, as_number, label, signed, some_of, unit
+from rig.report.style import (
+    BLUE,
+    DOTTED,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    Plot,
+    Room,
+    as_number,
+    label,
+    signed,
+    some_of,
+    unit,
+)
+from sim.measures.measures import MEASURES
 
 Array = NDArray[np.float64]
 Places = NDArray[np.int64]
@@ -177,8 +193,8 @@ def _ranking(below: SubFigure, ranked: Sequence[PairRow]) -> None:
     axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axes.xaxis.set_minor_locator(NullLocator())
-    axes.axvline(1.0, color=GREY, lw=0.8, ls=":")
-    axes.set_xlabel("misfit over noise (lack-of-fit F; noise alone gives about 1)", fontsize=8)
+    axes.axvline(1.0, color=GREY, lw=0.8, ls=DOTTED)
+    axes.set_xlabel("misfit over noise, lack-of-fit F (1)", fontsize=8)
     axes.tick_params(axis="x", labelsize=7.5, which="both")
     axes.grid(axis="y", color="#e4e4e4", lw=0.5)
     below.legend(handles=_legend(), loc="outside lower center", ncols=4, fontsize=7.5)
@@ -194,7 +210,7 @@ def _marker(row: PairRow) -> dict[str, Any]:
         return {"marker": shape, "ms": 6, "mfc": BLUE, "mec": BLUE}
     if row.fits:
         return {"marker": shape, "ms": 6, "mfc": "white", "mec": BLUE}
-    return {"marker": "X" if row.control else "x", "ms": 6, "mfc": ORANGE, "mec": ORANGE}
+    return {"marker": shape if row.control else "x", "ms": 6, "mfc": ORANGE, "mec": ORANGE}
 
 
 def _legend() -> list[Line2D]:
@@ -257,7 +273,7 @@ def _scatter(figure: Figure, answer: AfferentVerdict, rows: Sequence[PairRow], f
             axes.plot(row.eps[mine], answer.places.rate[mine], marker, ms=4, mfc="none", mec=colour)
         axes.plot(*_curve(row), color="black", lw=1)
         axes.set_title(f"{named(row)}\nk = {as_number(row.k)}, ε₀ = {as_number(row.eps0)}", fontsize=8)
-        axes.set_xlabel(_measured_in(row), fontsize=8)
+        axes.set_xlabel(measured_in(row.name), fontsize=8)
         axes.tick_params(labelsize=7.5)
     panels[0].set_ylabel(_RATE, fontsize=8)
     handles = [
@@ -278,8 +294,11 @@ def _curve(row: PairRow) -> tuple[Array, Array]:
     return eps, drive / (1 + row.saturation * drive)
 
 
-def _measured_in(row: PairRow) -> str:
-    return row.name if row.control else f"{label(row.name)} ({unit(row.name)})"
+def measured_in(name: str) -> str:
+    """Return the label of an axis of a measure or control."""
+    if name in MEASURES:
+        return f"{label(name)} ({unit(name)})"
+    return f"{name} ({CONTROL_UNITS.get(name, '1')})"
 
 
 def _every_pair(figure: Figure, answer: AfferentVerdict, names: Sequence[str]) -> None:
@@ -289,7 +308,7 @@ def _every_pair(figure: Figure, answer: AfferentVerdict, names: Sequence[str]) -
     for row in answer.rows:
         line = names.index(row.name)
         across = range(len(receptors)) if row.receptor_mm is None else [receptors.index(row.receptor_mm)]
-        misfit[line, list(across)] = max(row.lack_of_fit, 1.0)
+        misfit[line, list(across)] = row.lack_of_fit
         if row.fits:
             filled = "black" if row.in_set else "none"
             axes.plot(across, [line] * len(across), "o", ms=5, mfc=filled, mec="black", mew=1.0)
@@ -301,9 +320,9 @@ def _every_pair(figure: Figure, answer: AfferentVerdict, names: Sequence[str]) -
     axes.set_yticks(range(len(names)), [n if n in controls else label(n) for n in names], fontsize=7.5)
     axes.set_xlabel("receptor x (mm)", fontsize=8)
     axes.axhline(len(names) - len(controls) - 0.5, color="white", lw=2)
-    bar = figure.colorbar(image, ax=axes, pad=0.02)
+    bar = figure.colorbar(image, ax=axes, pad=0.02, extend="min" if np.nanmin(misfit) < 1 else "neither")
     bar.locator = LogLocator(subs=(1, 2, 5))
     bar.formatter = StrMethodFormatter("{x:g}")
     bar.minorticks_off()
-    bar.set_label("misfit over noise (lack-of-fit F)", fontsize=8)
+    bar.set_label("misfit over noise, lack-of-fit F (1)", fontsize=8)
     bar.ax.tick_params(labelsize=7.5)

@@ -73,7 +73,7 @@ def _verdict(answer: AfferentVerdict, frame: str, of: str) -> PageFigure:
         f"{some}Above: recorded rates, and the predictions of the maximum-likelihood pair of measure and "
         "receptor, of the best pair of another measure, and of the best control; grey crosses: positions "
         "left out. Below: the best receptor of the best measures and controls, with the p of its fit, best "
-        "first.",
+        "first. Dotted: noise alone gives about 1.",
     )
 
 
@@ -175,8 +175,9 @@ def _fits(answer: AfferentVerdict, of: str) -> Section:
     figure = PageFigure(
         f"Every pair of measure and receptor{of}",
         verdict_figures.every_pair(answer),
-        "Color: lack-of-fit F of each measure and control at each receptor; noise alone gives about 1. "
-        "Filled: in the set; ring: not rejected, but worse; none: rejected by its own fit. White: no fit.",
+        "Color: lack-of-fit F of each measure and control at each receptor; noise alone gives about 1, and "
+        "values below share its color. Filled: in the set; ring: not rejected, but worse; none: rejected by its "
+        "own fit. White: no fit.",
     )
     rest = [row for row in ranking(answer) if not row.in_set]
     return Section(

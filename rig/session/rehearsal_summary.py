@@ -53,13 +53,13 @@ class Preflight:
             "peak_force_n": peak_gwt * GWT_N,
             "peak_force_gwt": peak_gwt,
             "small_strain": small_strain("finger", deepest_mm, self.config.finger.tissue.stiffening).as_json(),
-            "peak_pressure_n_cm2": max(step["peak_pressure_n_cm2"] for step in steps),
+            "peak_pressure_kpa": max(step["peak_pressure_kpa"] for step in steps),
             "soft_trip_n": min(limits.soft_trip_n, self.plan.soft_trip_n),
             "hard_trip_n": limits.hard_trip_n,
             "margins": {
                 "force_gwt": self.trip_gwt - peak_gwt,
                 "doi_mm": min(limits.max_doi_mm - planned.deepest_mm for planned in self.plan.indentations),
-                "mean_pressure_n_cm2": min(limits.max_pressure_n_cm2 - step["mean_pressure_n_cm2"] for step in steps),
+                "mean_pressure_kpa": min(limits.max_pressure_kpa - step["mean_pressure_kpa"] for step in steps),
                 "contact_s": limits.max_contact_s - self.rehearsed.contact_s,
             },
             "stop_distance_mm": self.stopping.distance_mm,
@@ -81,8 +81,8 @@ class Preflight:
             "doi_mm": planned.predicted_doi_mm,
             "force_gwt": planned.predicted_force_gwt,
             "contact_area_mm2": planned.contact_area_mm2,
-            "mean_pressure_n_cm2": planned.mean_pressure_n_cm2,
-            "peak_pressure_n_cm2": 100 * planned.peak_pressure_mpa,
+            "mean_pressure_kpa": planned.mean_pressure_kpa,
+            "peak_pressure_kpa": 1000 * planned.peak_pressure_mpa,
             "overshoot_gwt": self.stopping.overshoot_gwt(
                 self.trip_gwt, planned.predicted_force_gwt, planned.predicted_doi_mm
             ),

@@ -230,7 +230,7 @@ def _answers(finger: Fingertip, case: Case, x_mm: float) -> Iterator[Row]:
             "model": result.model.kind,
             "force_gwt": result.force_gwt,
             "doi_mm": result.doi_mm,
-            "peak_pressure_pseudo": result.peak_pressure_pseudo,
+            "peak_pressure_kpa": result.peak_pressure_kpa,
             "receptor_x_mm": receptor_mm,
             **{name: float(measures[name][k]) for name in MEASURES},
         }
@@ -240,4 +240,4 @@ def columns(cases: Sequence[Case]) -> list[str]:
     """Return the columns of the table, in order."""
     varied = dict.fromkeys(name for case in cases for name, _ in case.varied)
     pressed = ("receptor_depth_mm", "shape", "target", "value", "x_mm", "problem", "model")
-    return [*varied, *pressed, "force_gwt", "doi_mm", "peak_pressure_pseudo", "receptor_x_mm", *MEASURES]
+    return [*varied, *pressed, "force_gwt", "doi_mm", "peak_pressure_kpa", "receptor_x_mm", *MEASURES]

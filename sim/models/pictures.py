@@ -151,7 +151,7 @@ def press_as_html(result: "IndentationResult") -> str:
         box.line(section.at_rest, f'fill="none" stroke="{_SKIN}" stroke-opacity="0.3"'),
         box.line(section.pressed, f'fill="none" stroke="{_SKIN}" stroke-width="2"'),
     ]
-    pressure = f"highest pressure {result.peak_pressure_pseudo:.0f} pseudo-units"
+    pressure = f"highest pressure {result.peak_pressure_kpa:.3g} kPa"
     return box.html(elements, f"{result!r}, {pressure}", result.small_strain.note)
 
 

@@ -21,6 +21,7 @@ from sim.units import GWT_N, PSEUDO_E_EPIDERMIS
 
 Array = NDArray[np.float64]
 
+
 REGION_GAP_MM = 0.3
 """Gap in mm above which contact regions are separate."""
 
@@ -54,7 +55,7 @@ class IndentationResult:
 
     A result holds arrays and numbers and no model. It pickles without the finger; strains that were not requested
     before are computed then. Pressures and stresses are in pseudo-units, E(epidermis) = 10 000 (Raju 1998, ch. 3),
-    unless a name says MPa.
+    unless a name says kPa or MPa.
 
     Attributes
     ----------
@@ -154,6 +155,16 @@ class IndentationResult:
         return float(self.nodal_pressure_pseudo.max())
 
     @property
+    def peak_pressure_kpa(self) -> float:
+        """Highest nodal pressure of the contact (kPa)."""
+        return self.peak_pressure_pseudo * self.kpa_per_pseudo
+
+    @property
+    def kpa_per_pseudo(self) -> float:
+        """Pressure of one pseudo-unit on this finger (kPa)."""
+        return 1e3 * self.e_epidermis_mpa / PSEUDO_E_EPIDERMIS
+
+    @property
     def plane(self) -> slice:
         """Patch nodes in the receptor plane."""
         return self.model.plane
@@ -162,6 +173,12 @@ class IndentationResult:
     def pressure_profile(self) -> tuple[Array, Array]:
         """Undeformed x (mm, ascending) and pressure (pseudo-units) in the receptor plane, each of shape (n_x,)."""
         return self.model.patch.x[self.model.across], self.nodal_pressure_pseudo[self.model.across]
+
+    @property
+    def pressure_profile_kpa(self) -> tuple[Array, Array]:
+        """Undeformed x (mm, ascending) and pressure (kPa) in the receptor plane, each of shape (n_x,)."""
+        x_mm, pseudo = self.pressure_profile
+        return x_mm, self.kpa_per_pseudo * pseudo
 
     @property
     def skin_profile(self) -> tuple[Array, Array]:
@@ -238,12 +255,12 @@ class IndentationResult:
         dict
             Numbers, lists and text; names carry their units.
         """
-        x, p = self.pressure_profile
+        x, p = self.pressure_profile_kpa
         return {
             "force_n": self.force_n,
             "force_gwt": self.force_gwt,
             "doi_mm": self.doi_mm,
-            "peak_pressure_pseudo": self.peak_pressure_pseudo,
+            "peak_pressure_kpa": self.peak_pressure_kpa,
             "small_strain": self.small_strain.as_json(),
             "path": {
                 "may_depend": self.may_depend_on_path,
@@ -251,7 +268,7 @@ class IndentationResult:
                 "others_over_force": [other / self.force_n for other in self.other_forces_n],
             },
             "contact_regions_mm": [list(region) for region in self.contact_regions_mm],
-            "pressure": {"x_mm": x.tolist(), "pseudo": p.tolist()},
+            "pressure": {"x_mm": x.tolist(), "kpa": p.tolist()},
             "receptors": self.model.receptors_as_json(self.receptor_measures),
             "solver": {
                 "model": self.model.kind,
@@ -370,9 +387,9 @@ class PointLoadResult:
             "force_n": self.force_n,
             "force_gwt": self.force_gwt,
             "doi_mm": None,
-            "peak_pressure_pseudo": None,
+            "peak_pressure_kpa": None,
             "contact_regions_mm": [],
-            "pressure": {"x_mm": [], "pseudo": []},
+            "pressure": {"x_mm": [], "kpa": []},
             "receptors": self.model.receptors_as_json(self.receptor_measures),
             "solver": {
                 "model": self.model.kind,
@@ -403,7 +420,7 @@ class PointLoadResult:
 Table = dict[str, NDArray[Any]]
 
 _NUMBERS = (
-    *("doi_mm", "force_n", "force_gwt", "peak_pressure_pseudo", "peak_pressure_mpa", "contact_area_mm2"),
+    *("doi_mm", "force_n", "force_gwt", "peak_pressure_kpa", "contact_area_mm2"),
     *("contact_s", "path_spread"),
 )
 

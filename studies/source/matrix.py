@@ -83,7 +83,7 @@ def _draw(canvas: Canvas, rows: Sequence[MatrixRow], numbers: Sequence[tuple[str
             colour, marker = _LOOK[one.word]
             left.plot(n + 1, k, marker, ms=7, color=colour)
     _names(left, [row.entry.number for row in rows])
-    left.set_xlabel("claims of each figure or table")
+    left.set_xlabel("claims of each figure or table (1)")
     for axes in others:
         _ratios(axes, numbers)
 
@@ -94,7 +94,7 @@ def _ratios(axes: Axes, numbers: Sequence[tuple[str, CheckedClaim]]) -> None:
         axes.plot(float(one.ratio or 0.0), k, marker, ms=7, color=colour)
     axes.axvline(1, color="black", lw=0.8)
     axes.axvspan(0.75, 1.25, color=GREY, alpha=0.15, lw=0)
-    axes.set(xscale="log", xlabel="ours over the source's", xlim=(0.2, 2.5))
+    axes.set(xscale="log", xlabel="ours over the source's (1)", xlim=(0.2, 2.5))
     axes.set_xticks([0.25, 0.5, 1, 2], ["1/4", "1/2", "1", "2"])
     axes.minorticks_off()
     _names(axes, [f"{number}: {_short(one.row[0])}" for number, one in numbers])

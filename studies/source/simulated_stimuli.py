@@ -20,7 +20,7 @@ STEP_X_MM = np.arange(-4.4, 2.5, SPACING_MM)
 
 def stimulus(finger: Fingertip, indentor: str, x_mm: Array, kind: str, value: float) -> Stimulus:
     """What a run of these indentations would give; kept in the cache."""
-    key = answers_key(finger, ["simulated", 3, indentor, x_mm.tolist(), kind, value])
+    key = answers_key(finger, ["simulated", 4, indentor, x_mm.tolist(), kind, value])
     found, _ = cached_arrays(key, lambda: _answers(finger, indentor, x_mm, {kind: value}), kind="answers")
     receptors = finger.model.receptors.position_mm[:, 0].round(6) + 0.0
     return _stimulus(("simulated", indentor, kind, value), x_mm, found, receptors)
@@ -57,7 +57,7 @@ def _table(results: Sequence[IndentationResult], receptors: NDArray[np.int64]) -
             [[shown(name, r.receptor_measures[name])[receptors] for r in results] for name in MEASURES]
         ),
         "skin_mm": results[0].pressure_profile[0],
-        "pressure": np.array([r.pressure_profile[1] for r in results]),
+        "pressure": np.array([r.pressure_profile_kpa[1] for r in results]),
         "regions_mm": contact_regions(results),
         "controls": np.moveaxis(np.array([controls(r)[:, receptors] for r in results]), 1, 0),
     }

@@ -91,8 +91,8 @@ def test_the_command_prints_steps_margins_and_stop_distance(
     assert said["stop_distance_mm"] == 0.05
 
 
-def test_pressures_are_in_n_cm2(finger: Fingertip, tmp_path: Path) -> None:
-    """1 MPa = 1 N/mm² = 100 N/cm²; the mean is the force over the area, the peak is the model's."""
+def test_pressures_are_in_kpa(finger: Fingertip, tmp_path: Path) -> None:
+    """1 MPa = 1 N/mm² = 1000 kPa; the mean is the force over the area, the peak is the model's."""
     path = tmp_path / "mine.py"
     path.write_text(PRESSES.format(**DEEP), encoding="utf-8")
     script = load_script(str(path))
@@ -100,10 +100,10 @@ def test_pressures_are_in_n_cm2(finger: Fingertip, tmp_path: Path) -> None:
     for step in said["steps"]:
         pressed = finger.indent("cylinder:9", step["x_mm"], doi_mm=1.0)
         mean_mpa = pressed.force_n / pressed.contact_area_mm2
-        assert step["peak_pressure_n_cm2"] == pytest.approx(100 * pressed.peak_pressure_mpa, rel=1e-6)
-        assert step["mean_pressure_n_cm2"] == pytest.approx(100 * mean_mpa, rel=1e-6)
-        assert step["peak_pressure_n_cm2"] > step["mean_pressure_n_cm2"]
-    assert said["peak_pressure_n_cm2"] == max(step["peak_pressure_n_cm2"] for step in said["steps"])
+        assert step["peak_pressure_kpa"] == pytest.approx(1000 * pressed.peak_pressure_mpa, rel=1e-6)
+        assert step["mean_pressure_kpa"] == pytest.approx(1000 * mean_mpa, rel=1e-6)
+        assert step["peak_pressure_kpa"] > step["mean_pressure_kpa"]
+    assert said["peak_pressure_kpa"] == max(step["peak_pressure_kpa"] for step in said["steps"])
 
 
 def test_stop_distance_by_hand() -> None:

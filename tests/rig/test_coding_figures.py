@@ -54,7 +54,9 @@ def test_ways_over_the_error_surface(surface: ErrorSurface, true: Array | None, 
     assert (far.get_title(), near.get_title()) == ("far", "near")
     assert_allclose(lines(left)["exact"], [[1, 2, 3, 4], away], rtol=1e-3)
     assert lines(left)["grid"][1, 1] == pytest.approx(np.hypot(4, 4) if true is not None else np.nan, nan_ok=True)
-    assert left.get_ylabel().endswith(" the end" if true is None else " the true pressures")
+    assert left.get_ylabel().endswith(
+        " the end (pseudo-units)" if true is None else " the true pressures (pseudo-units)"
+    )
 
 
 def test_where_it_is_looked_at_closely() -> None:

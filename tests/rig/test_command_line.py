@@ -21,7 +21,7 @@ from tests.waiting import DEADLINE_S, journal_says, until
 pytestmark = pytest.mark.usefixtures("empty_figures")
 
 INDENT_KEYS = {
-    "force_n", "force_gwt", "doi_mm", "peak_pressure_pseudo", "contact_regions_mm", "pressure", "receptors", "solver",
+    "force_n", "force_gwt", "doi_mm", "peak_pressure_kpa", "contact_regions_mm", "pressure", "receptors", "solver",
 }  # fmt: skip
 MEASURES = {
     "e11", "e22", "e33", "e12", "e23", "e13", "ep1", "ep2", "ep3",
@@ -83,8 +83,8 @@ def test_indent_json(rig: Rig, finger: Fingertip) -> None:
     assert answer["receptors"]["ep3"] == pytest.approx(expected.receptor_measures["ep3"].tolist())
     x = answer["pressure"]["x_mm"]
     assert x == sorted(x)
-    assert len(x) == len(answer["pressure"]["pseudo"])
-    assert max(answer["pressure"]["pseudo"]) <= answer["peak_pressure_pseudo"]
+    assert len(x) == len(answer["pressure"]["kpa"])
+    assert max(answer["pressure"]["kpa"]) <= answer["peak_pressure_kpa"]
     assert all(a < b for a, b in answer["contact_regions_mm"])
     assert set(answer["solver"]) >= {
         "model", "nodes", "iterations", "kkt_residual", "converged", "build_s", "contact_s",

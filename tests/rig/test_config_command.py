@@ -44,8 +44,8 @@ def test_every_key_there_is_is_told_once_in_one_line() -> None:
 
 
 def test_the_unit_is_the_end_of_the_name() -> None:
-    assert [unit(name) for name in ("max_pressure_n_cm2", "soft_trip_n", "compliance_mm_per_n", "ramp_ms")] == [
-        "N/cm²", "N", "mm/N", "ms",
+    assert [unit(name) for name in ("max_pressure_kpa", "soft_trip_n", "compliance_mm_per_n", "ramp_ms")] == [
+        "kPa", "N", "mm/N", "ms",
     ]  # fmt: skip
     assert [unit(name) for name in ("press_speed_mm_s", "heartbeat_s", "poisson", "count_g", "settle_readings")] == [
         "mm/s", "s", "", "g", "",

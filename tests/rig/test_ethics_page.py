@@ -40,7 +40,7 @@ def limit(name: str) -> tuple[Any, Any]:
         ("force that ends a run", "soft_trip_n", "N", 1),
         ("force that ends everything", "hard_trip_n", "N", 1),
         ("depth past first contact", "max_doi_mm", "mm", 1),
-        ("force over contact area", "max_pressure_n_cm2", "N/cm²", 1),
+        ("force over contact area", "max_pressure_kpa", "kPa", 1),
         ("speed near and on the finger", "max_press_speed_mm_s", "mm/s", 1),
         ("time touched in one run", "max_contact_s", "h", 3600),
     ],

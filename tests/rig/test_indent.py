@@ -418,7 +418,7 @@ def test_a_paused_indentation_is_done_anew_under_its_number(phase: str) -> None:
 
 
 def test_what_is_done_anew_after_a_pause_has_the_same_limit_of_pressure() -> None:
-    """30 N/cm² over 0.1 mm² are 3.06 gwt."""
+    """300 kPa over 0.1 mm² are 3.06 gwt."""
     bench = _plain()
     engine = bench.ready()
     _pause_once(bench, "press")

@@ -155,7 +155,7 @@ class Asked:
 
 
 STIFF = StandIn(gwt_mm=1e3)
-STRONG = {"soft_trip_n": 5.0, "hard_trip_n": 5.0, "max_pressure_n_cm2": 60.0, "max_force_gwt": 500.0}
+STRONG = {"soft_trip_n": 5.0, "hard_trip_n": 5.0, "max_pressure_kpa": 600.0, "max_force_gwt": 500.0}
 FAR = {"x_mm": [-50.0, 50.0], "along_mm": [-50.0, 50.0]}
 
 
@@ -181,7 +181,7 @@ ASKED: Mapping[str, Asked] = {
         (20, 40), lambda limit: {"stage": {"travel_mm": [60.0, limit, 40.0]}, "limits": FAR},
         lambda rig, along_mm: ready(rig).move_to(x_mm=0, along_mm=along_mm), lambda limit: (15.0 - limit, 15.0)),
     "reference: x_mm": Asked(
-        (0.1, 12), lambda limit: _limits(x_mm=[-limit, limit / 2]),
+        (0.1, 9.9), lambda limit: _limits(x_mm=[-limit, limit / 2]),  # the stand-in does not know x = 5 mm
         lambda rig, x_mm: ready(rig).reference(x_mm=x_mm, doi_mm=0.1), lambda limit: (-limit, limit / 2)),
     "indent: doi_mm": Asked(
         (0.1, 2), lambda limit: _limits(max_doi_mm=limit), lambda rig, doi_mm: ready(rig).indent(doi_mm=doi_mm),
@@ -208,13 +208,13 @@ ASKED: Mapping[str, Asked] = {
         (1, 500), lambda limit: _strong(max_force_gwt=limit), lambda rig, gwt_mm: ready(rig).indent(doi_mm=1.0),
         lambda limit: (0, limit), lambda gwt_mm: StandIn(gwt_mm), open_below=True),
     "indent: the newton that a depth means": Asked(
-        (0.5, 4), lambda limit: _limits(max_force_gwt=500.0, soft_trip_n=limit, max_pressure_n_cm2=60.0),
+        (0.5, 4), lambda limit: _limits(max_force_gwt=500.0, soft_trip_n=limit, max_pressure_kpa=600.0),
         lambda rig, force_n: ready(rig).indent(doi_mm=1.0), lambda limit: (0, limit),
         lambda force_n: StandIn(force_n / GWT_N), open_below=True),
     "indent: the pressure that a force means": Asked(
-        (1, 60), lambda limit: _limits(max_pressure_n_cm2=limit),
-        lambda rig, n_cm2: ready(rig).indent(force_gwt=10.0), lambda limit: (0, limit),
-        lambda n_cm2: StandIn(area_mm2=10.0 * GWT_N / n_cm2 * 100), open_below=True),
+        (10, 600), lambda limit: _limits(max_pressure_kpa=limit),
+        lambda rig, kpa: ready(rig).indent(force_gwt=10.0), lambda limit: (0, limit),
+        lambda kpa: StandIn(area_mm2=10.0 * GWT_N / kpa * 1000), open_below=True),
     "indent: speed_mm_s": Asked(
         (1, 5), lambda limit: _limits(max_press_speed_mm_s=limit),
         lambda rig, speed_mm_s: ready(rig).indent(doi_mm=0.1, speed_mm_s=speed_mm_s),
@@ -331,7 +331,7 @@ def test_a_reading_trips_where_it_is_beyond_a_layer(data: st.DataObject) -> None
     trips = Trips(limits, planned_n)
     trips.press_on(area_mm2)
     soft_gwt = min(soft_n, math.inf if planned_n is None else planned_n) / GWT_N
-    lowest_gwt = min(soft_gwt, limits.max_pressure_n_cm2 * area_mm2 / 100 / GWT_N)
+    lowest_gwt = min(soft_gwt, limits.max_pressure_kpa * area_mm2 / 1000 / GWT_N)
     assert trips.lowest_gwt == pytest.approx(lowest_gwt, rel=1e-12)
     for end_gwt, passed in ((trips.lowest_gwt, trips.passed), (hard_n / GWT_N, trips.passed_hard)):
         for force_gwt in filter(math.isfinite, [*_edges(-end_gwt, end_gwt), data.draw(_about(-end_gwt, end_gwt))]):

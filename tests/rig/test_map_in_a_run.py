@@ -193,7 +193,7 @@ def test_a_picture_has_the_pressure_and_what_bears_where_it_is(halfspace: Finger
     mesh = one.collections[0]
     np.testing.assert_array_equal(np.ravel(mesh.get_array()), result.nodal_pressure_pseudo)
     np.testing.assert_array_equal(mesh.get_coordinates()[..., 0].ravel(), result.model.patch.x)
-    assert mesh.get_clim() == (0, result.peak_pressure_pseudo)
+    assert mesh.get_clim() == (0, result.peak_pressure_kpa)
     x, z = one.lines[0].get_data()
     there = result.state.held.on(result.model.patch).interpolate(result.model.patch.position_mm.T)
     np.testing.assert_array_equal(np.stack([x, z]), there[[X, Z]])

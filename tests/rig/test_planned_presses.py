@@ -147,7 +147,7 @@ def test_contact_is_looked_for_where_the_model_has_it(spring: Make) -> None:
 
 
 def test_a_press_is_limited_over_the_area_that_the_model_expects(spring: Make) -> None:
-    """25 gwt at 0.3 mm are short of every other limit, but 30 N/cm² over 0.1 mm² are 3 gwt."""
+    """25 gwt at 0.3 mm are short of every other limit, but 300 kPa over 0.1 mm² are 3 gwt."""
     bench = spring(k_gwt=150.0)
     rig, _, _ = _live(bench, StandIn(gwt_mm=1.0, area_mm2=0.1))
     with pytest.raises(EngineError) as ended:

@@ -302,8 +302,8 @@ def test_past_the_patch(tmp_path: Path, finger: Fingertip) -> None:
     [
         ({"limits": {"max_force_gwt": 5.0}}, "means_beyond_limit", {"limit": "max_force_gwt", "high": 5.0}),
         (
-            {"limits": {"max_pressure_n_cm2": 0.5}},
-            "means_beyond_limit", {"limit": "max_pressure_n_cm2", "high": 0.5},
+            {"limits": {"max_pressure_kpa": 5.0}},
+            "means_beyond_limit", {"limit": "max_pressure_kpa", "high": 5.0},
         ),
         (
             {"frame": {"apex_z_mm": -39.5}},

@@ -196,7 +196,7 @@ REFUSED: dict[str, tuple[dict[str, Any], StandIn, Callable[[Rig], object], tuple
         {},
         StandIn(100.0, area_mm2=3.26),
         _doi(1.0),
-        _means("max_pressure_n_cm2", 30.0, "doi_mm", 1.0, pressure_n_cm2=30.1, area_mm2=3.26),
+        _means("max_pressure_kpa", 300.0, "doi_mm", 1.0, pressure_kpa=301.0, area_mm2=3.26),
     ),
     "no contact": (
         {},

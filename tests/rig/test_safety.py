@@ -67,7 +67,7 @@ def test_the_hard_trip_holds_whatever_was_predicted(spring: Make) -> None:
 
 
 def test_force_over_area_trips(spring: Make) -> None:
-    """30 N/cm² over 0.1 mm² is 0.03 N, 3.06 gwt."""
+    """300 kPa over 0.1 mm² is 0.03 N, 3.06 gwt."""
     bench = spring()
     engine = bench.ready()
     _once(bench, "press", lambda: setattr(bench, "k_gwt", 60.0))

@@ -41,7 +41,7 @@ def test_a_plan_only_lowers_the_soft_trip_and_leaves_the_hard_one(plan_n: float 
     [(10.0, 203.943, "soft trip"), (5.0, 152.957, "pressure limit"), (0.1, 3.05915, "pressure limit")],
 )
 def test_what_a_press_must_stay_below(area_mm2: float, lowest_gwt: float, name: str) -> None:
-    """30 N/cm² over 10 mm² are 3 N, more than the soft trip; over 5 mm² 1.5 N, less."""
+    """300 kPa over 10 mm² are 3 N, more than the soft trip; over 5 mm² 1.5 N, less."""
     trips = Trips(LimitSettings(), None)
     trips.press_on(area_mm2)
     assert trips.lowest_gwt == pytest.approx(lowest_gwt, rel=1e-5)

@@ -219,7 +219,7 @@ def test_a_row_holds_what_was_asked_and_answered(mixed: Indentations) -> None:
     assert np.array_equal(table["asked_force_gwt"], MIXED["force_gwt"], equal_nan=True)  # type: ignore[call-overload]
     first = mixed[3]
     assert first is not None
-    for name in ("doi_mm", "force_n", "force_gwt", "peak_pressure_pseudo", "peak_pressure_mpa", "contact_area_mm2"):
+    for name in ("doi_mm", "force_n", "force_gwt", "peak_pressure_kpa", "contact_area_mm2"):
         assert table[name][3] == getattr(first, name)
     assert table["regions"][3] == len(first.contact_regions_mm)
     assert table["residual"][3] == first.state.residual

@@ -65,7 +65,7 @@ def test_a_press_is_drawn_to_scale(pressed: IndentationResult) -> None:
     for points in (body, pressure, at_rest, skin):
         assert points.min() >= 0
         assert (points.max(axis=0) <= [width + 0.1, height + 0.1]).all()
-    assert figure[1].text == f"{pressed!r}, highest pressure {pressed.peak_pressure_pseudo:.0f} pseudo-units"
+    assert figure[1].text == f"{pressed!r}, highest pressure {pressed.peak_pressure_kpa:.3g} kPa"
     assert len(pressed._repr_html_()) < 8000
 
 

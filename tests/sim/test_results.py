@@ -259,6 +259,7 @@ def test_numbers() -> None:
     pressure = {node: 1e4 * 1.25 * newton / area[node] for node, newton in FEW.items()}  # 0.75 and 1 make 1.25
     assert result.peak_pressure_pseudo == pytest.approx(max(pressure.values()))
     assert result.peak_pressure_mpa == pytest.approx(max(pressure.values()) * 0.2 / 1e4)
+    assert result.peak_pressure_kpa == pytest.approx(max(pressure.values()) * 200 / 1e4)
     assert result.nodal_pressure_pseudo == pytest.approx(np.array([pressure.get(node, 0.0) for node in range(18)]))
     assert _by_hand({node: 2 * newton for node, newton in FEW.items()}).contact_area_mm2 == result.contact_area_mm2
 
@@ -383,10 +384,10 @@ def test_json() -> None:
     assert told["solver"] == solver | {"converged": True, "contact_s": 0.003}
     assert told["contact_regions_mm"] == [[-0.5, -0.5], [0.25, 0.25], [0.75, 0.75]]
     assert told["pressure"]["x_mm"] == SIDE.tolist()
-    assert told["pressure"]["pseudo"] == _by_hand(FEW).pressure_profile[1].tolist()
+    assert told["pressure"]["kpa"] == _by_hand(FEW).pressure_profile_kpa[1].tolist()
     assert (told["force_n"], told["doi_mm"]) == (0.02, 0.5)
     assert told["force_gwt"] == _by_hand(FEW).force_gwt
-    assert told["peak_pressure_pseudo"] == _by_hand(FEW).peak_pressure_pseudo
+    assert told["peak_pressure_kpa"] == _by_hand(FEW).peak_pressure_kpa
 
 
 def test_what_is_read_back_has_its_gap_from_the_pose() -> None:
@@ -414,9 +415,9 @@ def test_a_point_load() -> None:
         "force_n": 0.02,
         "force_gwt": 0.02 / 9.80665e-3,
         "doi_mm": None,
-        "peak_pressure_pseudo": None,
+        "peak_pressure_kpa": None,
         "contact_regions_mm": [],
-        "pressure": {"x_mm": [], "pseudo": []},
+        "pressure": {"x_mm": [], "kpa": []},
         "receptors": _by_hand(FEW).as_json()["receptors"],
         "solver": {
             "model": "finger",

@@ -18,10 +18,10 @@ if __name__ == "__main__":  # with more than one core, processes import this scr
     found = indent_many(finger, "step:1", np.linspace(2.0, -3.2, 9), force_gwt=2.33, cores=1)
 
     table = found.table()
-    for x, peak, regions in zip(table["x_mm"], table["peak_pressure_pseudo"], table["regions"], strict=True):
-        print(f"x = {x:5.2f} mm: {peak:5.0f} pseudo-units, {regions:.0f} regions")
+    for x, peak, regions in zip(table["x_mm"], table["peak_pressure_kpa"], table["regions"], strict=True):
+        print(f"x = {x:5.2f} mm: {peak:5.1f} kPa, {regions:.0f} regions")
 
     figure, axes = plt.subplots(layout="constrained")
-    axes.plot(table["x_mm"], table["peak_pressure_pseudo"], "o-")
-    axes.set(xlabel="position of the step (mm)", ylabel="highest pressure (pseudo-units)")
+    axes.plot(table["x_mm"], table["peak_pressure_kpa"], "o-")
+    axes.set(xlabel="position of the step (mm)", ylabel="highest pressure (kPa)")
     plt.show()

@@ -24,6 +24,6 @@ print(f"{dome}: {result.doi_mm:.3f} mm deep, {len(result.contact_regions_mm)} re
 figure, (shape, skin) = plt.subplots(2, sharex=True, layout="constrained")
 shape.plot(x_mm + 0.1, height_mm)
 shape.set_ylabel("profile (mm)")
-skin.plot(*result.pressure_profile)
-skin.set(xlabel="x (mm)", ylabel="pressure (pseudo-units)", xlim=(-2.5, 2.5))
+skin.plot(*result.pressure_profile_kpa)
+skin.set(xlabel="x (mm)", ylabel="pressure (kPa)", xlim=(-2.5, 2.5))
 plt.show()

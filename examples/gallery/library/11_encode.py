@@ -35,7 +35,7 @@ sed = np.interp(section.place_mm, folded.receptor_mm, encode(folded, borne.at(fo
 figure, (density, rates) = plt.subplots(2, sharex=True, layout="constrained")
 density.plot(section.place_mm, quiet.sed, label="element by element")
 density.plot(section.place_mm, sed, "--", label="by convolution")
-density.set_ylabel("strain energy density")
+density.set_ylabel("strain energy density (pseudo-units)")
 density.legend()
 rates.plot(section.place_mm, noisy.rate, "o")
 rates.set(xlabel="receptor location along the skin (mm)", ylabel="rate (model, 1/s)")

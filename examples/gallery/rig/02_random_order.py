@@ -40,5 +40,5 @@ if __name__ == "__main__":  # `rig` imports this file as a protocol
     for press in recorded.stream("indentation_start"):
         samples = [one for one in recorded.stream("sample") if one["index"] == press["index"]]
         axes.plot([one["t_s"] for one in samples], [one["force_gwt"] for one in samples], color=f"C{press['block']}")
-    axes.set(xlabel="time (s); one color for each block", ylabel="force (gwt)")
+    axes.set(xlabel="time, one color for each block (s)", ylabel="force (gwt)")
     plt.show()

@@ -40,6 +40,6 @@ numbers = [press["press"] for press in presses]
 figure, axes = plt.subplots(layout="constrained")
 axes.errorbar(numbers, middle, [middle - low, high - middle], fmt="s", capsize=4, label="predicted, 90 % band")
 axes.plot(numbers, [press["measured_gwt"] for press in presses], "k_", ms=20, label="measured")
-axes.set(xlabel="press", ylabel="force (gwt)", xticks=numbers, yscale="log")
+axes.set(xlabel="press (1)", ylabel="force (gwt)", xticks=numbers, yscale="log")
 axes.legend()
 plt.show()

@@ -88,7 +88,7 @@ def _draw_sites(canvas: Canvas, found: AllSites) -> None:
         axes.plot(numbers, mine, "o", ms=4, color=BLUE, label="here")
         axes.plot(numbers, printed, "s", ms=4, mfc="none", color=ORANGE, label="Table 6.1")
         axes.axvline(on_pulp + 0.5, color=GREY, lw=0.6, ls=":")
-        axes.set(xlabel="site", ylabel=name, ylim=(0, None))
+        axes.set(xlabel="site (1)", ylabel=name, ylim=(0, None))
         axes.legend(fontsize=8)
 
 

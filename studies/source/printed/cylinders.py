@@ -110,7 +110,7 @@ def _draw_sed(canvas: Canvas, answers: FingerAnswers) -> None:
                 axes.plot(x, sed / sed.max(), "-o", ms=1.8, lw=1.1, color=colour, label=shape)
             axes.set_title(f"DOI {doi:g} mm, {depth:g} mm deep", fontsize=8)
             axes.set_ylim(0, 1.05)
-        row[0].set_ylabel("SED over its peak")
+        row[0].set_ylabel("SED over its peak (1)")
     for axes in panels[-1]:
         axes.set_xlabel("x (mm)")
     panels[0, 0].legend(fontsize=8)

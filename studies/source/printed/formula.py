@@ -95,8 +95,8 @@ def _draw(canvas: Canvas, shown: PressureStudy) -> None:
                 _line(axes, at, shown, colour)
         column[0].set_title(shape, fontsize=9)
         column[-1].set_xlabel("displacement d (mm)")
-    panels[0, 0].set(ylabel="pressure, patch", ylim=(0, 2200))
-    panels[1, 0].set_ylabel("pressure, row")
+    panels[0, 0].set(ylabel="pressure, patch (pseudo-units)", ylim=(0, 2200))
+    panels[1, 0].set_ylabel("pressure, row (pseudo-units)")
 
 
 def _scatter(axes: Axes, at: ContactSamples, colour: str) -> None:

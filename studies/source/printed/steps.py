@@ -184,5 +184,5 @@ def _draw_moved(canvas: Canvas, answers: FingerAnswers, number: str) -> None:
     left.legend(fontsize=8)
     for k, (name, colour) in enumerate(zip(PARTS, (BLUE, ORANGE, GREEN, PURPLE), strict=True)):
         right.plot(x, [shares(answers, scene)[k] for scene in scenes], "-o", ms=2.5, color=colour, label=name)
-    right.set(xlabel="step's x (mm)", ylabel="share of the force", ylim=(-0.03, 1.03))
+    right.set(xlabel="step's x (mm)", ylabel="share of the force (1)", ylim=(-0.03, 1.03))
     right.legend(fontsize=8)

@@ -199,8 +199,8 @@ def test_the_first_figure_shows_rates_and_how_well_pairs_fit() -> None:
     marks = {round(float(line.get_xdata()[0]), 3): line for line in panels[3].lines if line.get_marker() in "osxX"}
     looks = {x: (line.get_marker(), line.get_mfc(), line.get_mec()) for x, line in marks.items()}
     assert looks == {
-        1.0: ("o", BLUE, BLUE), 1.3: ("o", "white", BLUE), 2.1: ("X", ORANGE, ORANGE), 3.0: ("x", ORANGE, ORANGE),
-        9.0: ("X", ORANGE, ORANGE),
+        1.0: ("o", BLUE, BLUE), 1.3: ("o", "white", BLUE), 2.1: ("s", ORANGE, ORANGE), 3.0: ("x", ORANGE, ORANGE),
+        9.0: ("s", ORANGE, ORANGE),
     }  # fmt: skip
 
 

@@ -41,7 +41,7 @@ def test_of_a_press(finger: Fingertip) -> None:
     pressure, down, curvature, strain = controls(result)
     x = result.model.receptors.position_mm[:, 0].tolist()
     middle, edge = (int(np.argmin(np.abs(np.array(x) - place))) for place in (0.0, 1.5))
-    skin_x, skin = result.pressure_profile
+    skin_x, skin = result.pressure_profile_kpa
     assert pressure[middle] == pytest.approx(np.interp(x[middle], skin_x, skin))
     assert down[middle] == pytest.approx(0.5, abs=0.06)
     assert (down > 0).all()

@@ -224,9 +224,9 @@ def test_the_numbers_are_the_models(bar_run: Run, finger: Fingertip) -> None:
     response = found[-1]
     press = {"index": str(response.index), "hold": str(response.hold["hold"])}
     mine = {name: [row for row in rows if press.items() <= row.items()] for name, rows in tables.items()}
-    x, pressure = response.result.pressure_profile
+    x, pressure = response.result.pressure_profile_kpa
     np.testing.assert_allclose(_column(mine["model_pressure"], "undeformed_x_mm"), x, rtol=1e-6, atol=1e-9)
-    np.testing.assert_allclose(_column(mine["model_pressure"], "pressure_pseudo"), pressure, rtol=1e-6)
+    np.testing.assert_allclose(_column(mine["model_pressure"], "pressure_kpa"), pressure, rtol=1e-6)
     np.testing.assert_allclose(
         _column(mine["model_pressure"], "skin_y_mm"), response.result.skin_profile[1], rtol=1e-6
     )

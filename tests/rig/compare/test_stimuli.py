@@ -52,7 +52,7 @@ def test_a_run_gives_population_responses_and_ssrps(bar_run: Run, finger: Finger
         for m, name in enumerate(MEASURES):
             expected = shown(name, alone.receptor_measures[name])
             np.testing.assert_array_equal(stimulus.measures[m, column], expected)
-        np.testing.assert_array_equal(stimulus.pressure[column], alone.pressure_profile[1])
+        np.testing.assert_array_equal(stimulus.pressure[column], alone.pressure_profile_kpa[1])
         assert stimulus.contact_regions_mm(column) == alone.contact_regions_mm
 
 

@@ -112,7 +112,7 @@ def test_limits_go_by_the_upper_end() -> None:
     band = PredictionBand((18.0, 24.0), (0.4, 0.6), 26.0)
     planned = _planned(20.0, band)
     assert (planned.highest_gwt, planned.deepest_mm) == (26.0, 0.6)
-    assert planned.mean_pressure_n_cm2 == pytest.approx(26.0 * GWT_N / 4.0 * 100)
+    assert planned.mean_pressure_kpa == pytest.approx(26.0 * GWT_N / 4.0 * 1000)
     plan = Plan()
     plan.presses["data"].append(planned)
     assert plan.peak_force_gwt == 26.0

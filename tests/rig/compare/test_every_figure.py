@@ -1,0 +1,945 @@
+"""Every figure of every page: what is drawn is the table behind it, and legend, caption and units are true of it."""
+
+import ast
+import inspect
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from importlib import import_module
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.collections import Collection, LineCollection, PathCollection, QuadMesh
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from rig.compare.comparison import Comparison, compare
+from rig.compare.make_verdict import answers
+from rig.compare.recordings.recording import recording
+from rig.compare.stimuli import CONTROLS, Stimulus, StimulusMap
+from rig.compare.verdict import AfferentVerdict
+from rig.compare.verdict_text import positions
+from rig.data import Run
+from rig.data.tables import spans
+from rig.plan.config import load_config
+from rig.plan.finger_model import Response, responses
+from rig.report import (
+    benchmark_page,
+    coding_figures,
+    identification_page,
+    profile_figures,
+    run_figures,
+    verdict_figures,
+)
+from rig.report.comparison_report import shape_figures, shown_measures, simulation_figures
+from rig.report.page_parts import PageFigure, Section
+from rig.report.recording_sections import Deflection, deflection_section, source_section
+from rig.report.run_report import run_page_figures
+from rig.report.run_tables import conditions, loading, samples_of
+from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, Plot, label
+from rig.report.verdict_section import answer_sections
+from sim.coding.encoding import Encoded
+from sim.coding.point_spread import Judged, PointSpread, Sheet
+from sim.coding.power_law import PowerLaw
+from sim.coding.raju_table_6_1 import Deformed
+from sim.coding.section import Sampling
+from sim.identification.posterior import Learned
+from sim.identification.predicted_forces import MeasuredPress, PressTrajectory
+from sim.identification.prior import PARAMETERS, Prior
+from sim.measures.measures import MEASURES, shown
+from sim.models.fingertip import Fingertip
+from tests.sim.coarse_mesh import coarse_mesh
+
+ROOT = Path(__file__).parents[3]
+Array = NDArray[np.float64]
+
+UNITS = frozenset({
+    "mm", "s", "min", "gwt", "kPa", "%", "MB", "1/mm", "cycles/mm", "impulses/s", "strain",
+    "pseudo-units", "pseudo-units³", "1/pseudo-unit", "unit of the recording", "standard deviations", "1",
+})  # fmt: skip
+"""What brackets at the end of a label may hold; strain and 1 declare a number."""
+COLOURS = {"black": "black", "grey": GREY, "blue": BLUE, "orange": ORANGE, "green": GREEN, "purple": PURPLE,
+           "yellow": YELLOW, "white": "white"}  # fmt: skip
+LEAST_GAP_PT = 1.2
+"""Gaps of a dotted line that is seen as one."""
+
+
+class World(NamedTuple):
+    """What the figures are drawn of."""
+
+    run: Run
+    finger: Fingertip
+    found: list[Response]
+    human: list[Response]
+    comparison: Comparison
+    maps: list[StimulusMap]
+    answer: AfferentVerdict
+    identified: identification_page.IdentificationPage
+    deflections: tuple[list[Deflection], list[Deflection]]
+    speed: list[dict[str, Any]]
+    coding: dict[str, Any]
+
+
+# --- worlds ---
+
+X = np.linspace(-4.0, 4.0, 33)
+RECEPTORS = np.array([-0.5, 0.0, 0.5])
+POSITIONS = np.linspace(-4.25, 5.25, 20)
+"""Recorded positions; the runs do not cover the first and the last of them at every receptor."""
+RATE = 40.0 + 20.0 * np.cos(POSITIONS)
+
+
+@pytest.fixture(scope="module")
+def world(bar_run: Run, finger: Fingertip, make_stimulus: Callable[..., Stimulus]) -> World:
+    found = responses(bar_run, finger)
+    comparison = _comparison(make_stimulus)
+    (answer,) = answers(comparison)
+    coarse = coarse_mesh(0.5, 1.0, patch_x_mm=4.0, patch_z_mm=2.5)
+    config = load_config(ROOT / "examples" / "human_finger" / "finger.toml").finger
+    human = Fingertip.load(config.model_copy(update={"mesh": coarse}))
+    large = [replace(one, result=human.indent("bar:3.0", one.result.x_mm, doi_mm=0.4)) for one in found]
+    return World(
+        bar_run, finger, found, large, comparison, _maps(comparison), answer, _identified(), _deflections(), _speed(),
+        _coding(),
+    )  # fmt: skip
+
+
+def _comparison(make_stimulus: Callable[..., Stimulus]) -> Comparison:
+    profile = 1.5 + np.cos(X[:, None] - RECEPTORS)
+    both = np.sin(X[:, None] + RECEPTORS)
+    made = [
+        make_stimulus(shape, X, RECEPTORS, {"ep1": profile, "sed": profile**2, "ep3": both}, commanded=8.0)
+        for shape in ("step:1", "step:3", "step:5")
+    ]
+    control = np.stack([profile[::-1], profile**3, both, profile + both])
+    stimuli = [
+        replace(one, controls=control, pressure=np.outer(np.arange(1.0, 34.0), np.ones(9)) * k)
+        for k, one in enumerate(made, 1)
+    ]
+    rows = [(float(x), float(rate), 5.0) for x, rate in zip(POSITIONS, RATE, strict=True)]
+    return compare(stimuli, {shape: recording("made.csv", rows) for shape in ("step:1", "step:3", "step:5")})
+
+
+def _maps(comparison: Comparison) -> list[StimulusMap]:
+    corners = np.stack(np.meshgrid(np.linspace(-9, 9, 7), np.linspace(8, 2, 4), indexing="ij"), axis=-1)
+    values = np.linspace(0, 1, 18).reshape(6, 3)
+    at = np.array([[0.0, 5.0], [1.0, 5.5]])
+    return [
+        StimulusMap(comparison.stimuli[0], x, corners, at, {"sed": values, "ep1": values}) for x in (-1.0, 0.0, 1.0)
+    ]
+
+
+def _identified() -> identification_page.IdentificationPage:
+    prior, chance = Prior(PARAMETERS), np.random.default_rng(1)
+    before, after = prior.draws(400, chance), prior.middle + 0.3 * prior.sd * chance.standard_normal((400, 9))
+    after[0] = prior.bounds[1] + 0.1  # beyond all that was thought before
+    none = np.zeros(0)
+    learned = [
+        Learned(prior, draws, prior.middle, none, none.astype(np.int64), 0.0, 400.0) for draws in (before, after)
+    ]
+    t = np.arange(5.0)
+    presses = [
+        MeasuredPress(PressTrajectory("bar:3.0", x, 2.0 + t, -0.1 * t, 2.5 + t), 2.0 + t, 0.01, 0.01)
+        for x in (-1.2, 0.0)
+    ]
+    forces: Any = SimpleNamespace(forces_gwt=lambda draws, trajectory: np.outer(draws[:, 0], trajectory.read_s))
+    return identification_page.IdentificationPage(forces, presses, learned[0], learned[1], [], [], [], [])
+
+
+def _deflections() -> tuple[list[Deflection], list[Deflection]]:
+    z = np.linspace(2.0, 10.0, 30)
+    model = [Deflection(doi, z, doi * np.exp(-((z - 6.0) ** 2))) for doi in (0.5, 1.0)]
+    measured = [Deflection(0.5, z[::6], 0.4 + 0 * z[::6]), Deflection(float("nan"), z[::7], 0.2 + 0 * z[::7])]
+    return model, measured
+
+
+def _speed() -> list[dict[str, Any]]:
+    return [
+        {"model": model, "element": element, "refinement": f"{nodes}", "nodes": nodes, "scene": "s", "family": family,
+         "quantity": quantity, "error": 0.1 / nodes**0.5 * (1 + k), "total_s": 1e-3 * nodes, "contact_s": 0.01,
+         "memory_mb": nodes / 10}
+        for model, element in (("finger", "bbar"), ("section", "bbar"))
+        for nodes in (100, 1000)
+        for family in ("smooth", "bar", "step")
+        for k, quantity in enumerate(("force", "sed"))
+    ]  # fmt: skip
+
+
+def _coding() -> dict[str, Any]:
+    place, receptor = np.array([-1.0, 0.0, 1.0]), np.array([2.0, -2.0, 0.0])
+    operator = SimpleNamespace(
+        place_mm=np.r_[place, place], receptor_mm=np.sort(receptor), name="influence", energy="finite"
+    )
+    encoded = Encoded(np.array([0.1, 0.5, 0.2]), np.array([0.0, 3.0, 0.0]), 0.0, 0.0)
+    sampling = Sampling(half_length=4)
+    n = len(sampling.place_mm)
+    strain = np.array([np.cos(sampling.place_mm), -np.cos(sampling.place_mm) + 0.1, np.sin(sampling.place_mm)])
+    spectra = np.arange(3.0), np.arange(1.0, 10.0).reshape(3, 3)
+    impulse = SimpleNamespace(strain=strain, sampling=sampling, spectra=lambda: spectra)
+    errors = SimpleNamespace(place_mm=sampling.place_mm, strain=np.abs(strain), sed=np.arange(float(n)) / 9)
+    grid = np.stack(np.meshgrid(np.linspace(-2, 2, 5), [4.0], np.linspace(4, 8, 5), indexing="ij"), -1).reshape(-1, 3)
+    spread = PointSpread(
+        SimpleNamespace(number=3), np.array([0.1, 4.5, 6.2]), Sheet(grid, grid - [0, 0.7, 0]),
+        np.linspace(1, 9, len(grid)), np.ones(len(grid)),
+    )  # type: ignore[arg-type]  # fmt: skip
+    nodes = np.stack(np.meshgrid(np.linspace(-2, 2, 5), np.linspace(4, 2, 3), indexing="ij"), -1)
+    axis = np.linspace(0.0, 30.0, 7)
+    path = np.array([[10.0, 10.0], [24.0, 10.0], [24.0, 11.0], [20.0, 14.0]])
+    surface = coding_figures.ErrorSurface(axis, axis, (axis[:, None] - 20) ** 2 + (axis - 14) ** 2)
+    return {
+        "decoded": coding_figures.DrawnDecoding(
+            place, np.array([3.0, 5.0, 4.0]), (place + 1.5, place + 7), np.full(3, 4.0), receptor,
+            np.array([1.0, 2.0, 3.0]), receptor**2,
+        ),
+        "encoding": coding_figures.DrawnEncoding(
+            operator, np.arange(6.0), encoded, (place, np.array([0.1, 0.4, 0.2])), receptor=True,  # type: ignore[arg-type]
+        ),
+        "impulse": {"skin": coding_figures.DrawnImpulse(impulse, errors)},  # type: ignore[arg-type]
+        "spread": coding_figures.DrawnPointSpread(
+            Deformed(nodes, 0.1 * np.ones_like(nodes)),
+            Judged(spread, PowerLaw(3.0, 1.5, 0.9, 0.8), PowerLaw(4.0, 1.7, 0.9, 0.8)),
+        ),
+        "search": ({"valley": surface}, {"exact": path, "grid": path[:2]}, np.array([20.0, 14.0])),
+        "sheet": coding_figures.DrawnSheet(
+            np.array([0.0, 1.0]), np.array([5.0, 6.0, 7.0]), np.arange(6.0).reshape(2, 3), np.ones((2, 3)),
+            np.array([[0.5, 5.5]]),
+        ),
+    }  # fmt: skip
+
+
+# --- what is drawn ---
+
+
+def _axes(figure: Figure) -> list[Axes]:
+    return [axes for axes in figure.axes if axes.get_visible() and axes.axison]
+
+
+def _panels(figure: Figure) -> list[Axes]:
+    return [axes for axes in _axes(figure) if not hasattr(axes, "_colorbar")]
+
+
+def _data(line: Line2D) -> Array:
+    """(n, 2) of what is seen."""
+    found = np.array(np.broadcast_arrays(*line.get_data()), dtype=float).T
+    return found[np.isfinite(found).all(axis=1)]
+
+
+def _lines(axes: Axes, **style: object) -> list[Array]:
+    """(2, n) of the lines of a style, as colour, marker or ls."""
+    return [np.asarray(line.get_data(), dtype=float) for line in axes.lines if _is(line, **style)]
+
+
+def _is(line: Line2D, colour: str | None = None, marker: str | None = None, ls: str | None = None) -> bool:
+    shade = line.get_color() if line.get_linestyle() != "None" else line.get_markeredgecolor()
+    return (
+        (colour is None or to_hex(shade) == to_hex(colour))
+        and (marker is None or line.get_marker() == marker)
+        and (ls is None or line.get_linestyle() == ls)
+    )
+
+
+def _named(axes: Axes) -> dict[str, Array]:
+    return {str(line.get_label()): np.asarray(line.get_data(), dtype=float) for line in axes.lines}
+
+
+def _mesh(axes: Axes) -> Array:
+    (mesh,) = [one for one in axes.collections if isinstance(one, QuadMesh)]
+    return np.asarray(mesh.get_array(), dtype=float)
+
+
+def _image(axes: Axes) -> Array:
+    (image,) = [one for one in axes.get_children() if isinstance(one, AxesImage)]
+    return np.ma.filled(np.ma.asarray(image.get_array(), dtype=float), np.nan)
+
+
+Shown = Iterator[tuple[Any, Any]]
+
+
+def _force_time(world: World, figure: Figure) -> Shown:
+    above, below = _panels(figure)
+    read = np.array([(s["t_s"], s["force_gwt"]) for s in world.run.stream("sample")]).T
+    (drawn,) = [line for line in _lines(above, colour=BLUE, ls="-") if line.shape[1]]
+    yield drawn[:, np.isfinite(drawn).all(axis=0)], read
+    for what, colour in run_figures.PHASES.items():
+        (bars,) = [one for one in below.collections if to_hex(one.get_facecolor()[0]).upper() == colour]  # type: ignore[index]
+        widths = sum(float(np.ptp(path.vertices[:, 0])) for path in bars.get_paths())
+        yield widths, sum(s.end_s - s.begin_s for s in spans(world.run) if s.what == what)
+
+
+def _presses(world: World, figure: Figure) -> Shown:
+    left, right = _panels(figure)
+    samples = samples_of(world.run)
+    wanted = []
+    for condition in conditions(world.run):
+        for index in condition.indices:
+            pressed = [(s["t_s"], s["force_gwt"]) for s in samples[index] if s["phase"] in ("press", "hold")]
+            wanted.append(np.array(pressed).T - [[pressed[0][0]], [0]])
+    for drawn, table in zip(_lines(left), wanted, strict=True):
+        yield drawn, table
+    for drawn in _lines(right):
+        yield drawn[:, 0], (0.0, 1.0)
+
+
+def _force_depth(world: World, figure: Figure) -> Shown:
+    mean, sd = _panels(figure)
+    found = [loading(condition, samples_of(world.run)) for condition in conditions(world.run)]
+    for drawn, spread, one in zip(_lines(mean), _lines(sd), found, strict=True):
+        assert one is not None
+        yield drawn, (one.doi_mm, one.mean_gwt)
+        yield spread, (one.doi_mm, one.sd_gwt)
+    low, high = sd.get_ylim()
+    yield high - low >= 0.05, True  # less would magnify the steps of the readings
+
+
+def _last(found: Sequence[Response]) -> list[Response]:
+    return sorted((one for one in found if one.last), key=lambda one: one.hold["x_mm"])
+
+
+def _contact(world: World, figure: Figure, found: Sequence[Response] | None = None) -> Shown:
+    above = [axes for axes in _panels(figure) if any(line.get_color() == "black" for line in axes.lines)]
+    below = [axes for axes in _panels(figure) if axes not in above]
+    last = _last(found or world.found)
+    repeated = [[one for one in last if one.hold["x_mm"] == x] for x in sorted({one.hold["x_mm"] for one in last})]
+    for skin, pressure, repeats in zip(above, below, repeated, strict=True):
+        result = repeats[0].result
+        yield _lines(skin, colour=GREY)[0], result.skin_profile
+        (_, *_), (x, pseudo) = result.skin_profile, result.pressure_profile
+        yield _lines(pressure, colour=BLUE)[0], (x, pseudo * result.e_epidermis_mpa / 10)
+        yield len(_lines(skin, colour=ORANGE)), len(result.contact_regions_mm)
+        caps = {str(line.get_solid_capstyle()) for line in skin.lines if _is(line, colour=ORANGE)}
+        yield caps, {"butt"}  # others would lengthen the region
+        (indentor,) = _lines(skin, colour="black")
+        yield np.nanmin(indentor[1]), result.touch_height_mm - result.doi_mm
+
+
+def _contact_of_a_human(world: World, figure: Figure) -> Shown:
+    return _contact(world, figure, world.human)
+
+
+def _below(world: World, figure: Figure) -> Shown:
+    for axes, one in zip(_panels(figure), _last(world.found), strict=True):
+        yield _mesh(axes).ravel(), one.result.nodal_pressure_pseudo * one.result.e_epidermis_mpa / 10
+
+
+def _population(world: World, figure: Figure) -> Shown:
+    chosen = [one for one in world.found if one.group == list({r.group: 0 for r in world.found})[-1]]
+    for axes, measure in zip(_panels(figure), ("ep1", "sed"), strict=True):
+        table = [shown(measure, one.result.receptor_measures[measure]) for one in chosen]
+        yield sorted(line[1].tolist() for line in _lines(axes)), sorted(values.tolist() for values in table)
+        yield _lines(axes)[0][0], chosen[0].result.model.receptors.position_mm[:, 0]
+
+
+def _ssrps(world: World, figure: Figure) -> Shown:
+    at = sorted({one.hold["x_mm"] for one in world.found})
+    groups = list({one.group: 0 for one in world.found})
+    for k, axes in enumerate(_panels(figure)):
+        for group in groups:
+            values = [
+                np.mean([
+                    shown("ep1", one.result.receptor_measures["ep1"])[k]
+                    for one in world.found if one.group == group and one.hold["x_mm"] == x
+                ]) for x in at
+            ]  # fmt: skip
+            yield _named(axes)[group], (at, values)
+
+
+def _stacked(world: World, figure: Figure) -> Shown:
+    stimulus = world.comparison.stimuli[0]
+    for axes, measure in zip(_panels(figure), _measures(world), strict=True):
+        values = stimulus.measures[MEASURES.index(measure)]
+        size = float(np.ptp(values)) or 1.0
+        profiles = _lines(axes, marker="o")
+        steps = np.unique(np.round(np.diff(axes.get_yticks()), 9))
+        yield f"{steps[0] * size:.3g}" in axes.get_title(), True
+        for k, drawn in enumerate(profiles):
+            ends = 0.5 * (values[0, k] + values[-1, k])
+            yield drawn, (stimulus.x_mm, (values[:, k] - ends) / size + k * steps[0])
+        caps = {str(line.get_solid_capstyle()) for line in axes.lines if _is(line, colour=ORANGE)}
+        yield caps, {"butt"}
+
+
+def _measures(world: World) -> list[str]:
+    return shown_measures(world.comparison, [world.answer])
+
+
+def _images(world: World, figure: Figure) -> Shown:
+    for axes, measure in zip(_panels(figure), _measures(world), strict=True):
+        yield _mesh(axes), world.comparison.stimuli[0].measures[MEASURES.index(measure)]
+
+
+def _correlated(world: World, figure: Figure) -> Shown:
+    for axes, overlay in zip(_panels(figure), world.comparison.overlays, strict=True):
+        yield _image(axes), overlay.r
+        used = np.isfinite(overlay.eps[0]).sum(axis=0)
+        yield (
+            [text.get_text() for text in axes.get_xticklabels()],
+            [f"{x:.2f} ({n})".replace("-", "−") for x, n in zip(RECEPTORS, used, strict=True)],
+        )
+
+
+def _pressure_maps(world: World, figure: Figure) -> Shown:
+    for axes, stimulus in zip(_panels(figure), world.comparison.stimuli, strict=True):
+        yield _mesh(axes), stimulus.pressure
+        (ends,) = _lines(axes, marker="|")
+        yield ends, np.array([[end, x] for x in stimulus.x_mm for end in (-1.0, 1.0)]).T
+
+
+def _strain_maps(world: World, figure: Figure) -> Shown:
+    panels = _panels(figure)
+    for axes, one in zip(panels, [*world.maps, *world.maps], strict=True):
+        yield _mesh(axes).reshape(6, 3), one.values["sed"]
+        (receptors,) = _lines(axes, marker="o")
+        yield receptors.T, one.receptor_mm
+        (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
+        x, y = receptors
+        yield bool((x > left).all() and (x < right).all() and (y > low).all() and (y < high).all()), True
+
+
+def _rows_of(world: World) -> list[Any]:
+    return verdict_figures.drawn_pairs(world.answer)
+
+
+def _crosses(world: World, panels: Sequence[Axes], stimuli: Sequence[int]) -> Shown:
+    """Positions left out are crosses at their recorded rates, as many as the sentence says."""
+    answer = world.answer
+    missing = {one.stimulus: one for one in answer.left_out}
+    count = 0
+    for axes, number in zip(panels, stimuli, strict=True):
+        one = missing[answer.stimuli[number]]
+        (crosses,) = _lines(axes, marker="x")
+        yield crosses, (one.position_mm, one.rate)
+        yield crosses[1], 40 + 20 * np.cos(crosses[0])
+        count += crosses.shape[1]
+    used, recorded = (int(n) for n in re.findall(r"\d+", positions(answer))[:2])
+    yield count, recorded - used
+
+
+def _recorded(world: World, axes: Axes, number: int) -> Shown:
+    answer = world.answer
+    mine = verdict_figures.of_stimulus(answer, number)
+    (points,) = [one for one in axes.lines if _is(one, marker="o", ls="None")]
+    yield np.asarray(points.get_data(), dtype=float), (answer.places.position_mm[mine], answer.places.rate[mine])
+    (bars,) = [one for one in axes.collections if isinstance(one, LineCollection)]
+    half = [np.ptp(segment[:, 1]) / 2 for segment in bars.get_segments()]
+    yield half, answer.places.error[mine]
+
+
+def _predicted(world: World, axes: Axes, number: int, row: Any, **style: object) -> Shown:
+    mine = verdict_figures.of_stimulus(world.answer, number)
+    (line,) = _lines(axes, **style)
+    yield line[:, np.isfinite(line).all(axis=0)], (world.answer.places.position_mm[mine], row.predicted[mine])
+
+
+def _the_answer(world: World, figure: Figure) -> Shown:
+    *above, below = _panels(figure)
+    numbers = range(len(world.answer.stimuli))
+    yield from _crosses(world, above, numbers)
+    for axes, number in zip(above, numbers, strict=True):
+        yield from _recorded(world, axes, number)
+        for row, style in zip(_rows_of(world), ((BLUE, "-"), (ORANGE, "--"), (GREEN, ":")), strict=False):
+            yield from _predicted(world, axes, number, row, colour=style[0], ls=style[1])
+    ranked = verdict_figures.ranking(world.answer)
+    drawn = [line for line in below.lines if len(line.get_xdata()) == 1]  # type: ignore[arg-type]
+    yield [_data(line)[0, 0] for line in drawn], [row.lack_of_fit for row in ranked]
+    yield [line.get_marker() == "s" for line in drawn], [row.control for row in ranked]  # as the legend says
+
+
+def _profiles(world: World, figure: Figure) -> Shown:
+    rows, count = _rows_of(world), len(world.answer.stimuli)
+    panels = _panels(figure)
+    yield from _crosses(world, panels[:count], range(count))
+    for k, axes in enumerate(panels):
+        yield from _recorded(world, axes, k % count)
+        yield from _predicted(world, axes, k % count, rows[k // count], colour=BLUE, ls="-")
+
+
+def _residuals(world: World, figure: Figure) -> Shown:
+    rows, count, answer = _rows_of(world), len(world.answer.stimuli), world.answer
+    for k, axes in enumerate(_panels(figure)):
+        mine = verdict_figures.of_stimulus(answer, k % count)
+        (points,) = _lines(axes, marker="o")
+        yield points, (answer.places.position_mm[mine], rows[k // count].residual[mine])
+        (shaded,) = axes.patches
+        yield (shaded.get_y(), shaded.get_height()), (-2.0, 4.0)  # type: ignore[attr-defined]
+
+
+def _scatter(world: World, figure: Figure) -> Shown:
+    answer = world.answer
+    for axes, row in zip(_panels(figure), _rows_of(world), strict=True):
+        (eps, rate) = _lines(axes, colour="black", ls="-")[0]
+        drive = np.maximum(row.k * (eps - row.eps0), 0.0)
+        yield rate, drive / (1 + row.saturation * drive)
+        points = np.concatenate([_data(line) for line in axes.lines if line.get_linestyle() == "None"])
+        known = np.isfinite(row.eps)
+        table = np.stack([row.eps, answer.places.rate], axis=1)[known]
+        yield points[np.lexsort(points.T)], table[np.lexsort(table.T)]
+
+
+def _every_pair(world: World, figure: Figure) -> Shown:
+    (axes,) = _panels(figure)
+    drawn, names = _image(axes), [text.get_text() for text in axes.get_yticklabels()]
+    receptors = sorted({row.receptor_mm for row in world.answer.rows if row.receptor_mm is not None})
+    for row in world.answer.rows:
+        line = drawn[names.index(row.name if row.control else label(row.name))]
+        value = line if row.receptor_mm is None else line[receptors.index(row.receptor_mm)]
+        yield value, np.full_like(value, row.lack_of_fit)
+
+
+def _source_scatter(world: World, figure: Figure) -> Shown:
+    (joint,) = world.comparison.joints
+    (line,) = _lines(_panels(figure)[0], colour="black", ls="-")
+    pair = MEASURES.index("ep1"), 0
+    yield line[1], np.maximum(0, joint.fit.k[pair] * (line[0] - joint.fit.eps0[pair]))
+    points = np.concatenate([_data(one) for one in _panels(figure)[0].lines if one.get_linestyle() == "None"])
+    yield len(points), int(np.isfinite(joint.eps[pair[0], :, pair[1]]).sum())
+
+
+def _source_profiles(world: World, figure: Figure) -> Shown:
+    (joint,) = world.comparison.joints
+    pair = MEASURES.index("ep1"), 0
+    for axes, overlay in zip(_panels(figure), joint.overlays, strict=False):
+        (line,) = _lines(axes, colour=BLUE, ls="-")
+        eps = overlay.stimulus.at(line[0])[pair[0], :, pair[1]]
+        yield line[1], np.maximum(0, joint.fit.k[pair] * (eps - joint.fit.eps0[pair]))
+
+
+def _deflected(world: World, figure: Figure) -> Shown:
+    (axes,) = _panels(figure)
+    model, measured = world.deflections
+    for drawn, one in zip([line for line in _lines(axes, ls="-") if line.shape[1] > 2], model, strict=True):
+        yield drawn, (one.z_mm, one.deflection_mm)
+    for drawn, one in zip(_lines(axes, marker="o"), measured, strict=True):
+        yield drawn, (one.z_mm, one.deflection_mm)
+
+
+def _over_time(world: World, figure: Figure) -> Shown:
+    for axes, press in zip(_panels(figure), world.identified.measured, strict=True):
+        t = press.trajectory.read_s - press.trajectory.t_s[0]
+        yield _lines(axes, marker=".")[0], (t, press.force_gwt)
+        forces = world.identified.predicted.forces_gwt(world.identified.learned.draws[:60], press.trajectory)
+        yield [line[1] for line in _lines(axes, colour=BLUE)], forces
+
+
+def _marginals(world: World, figure: Figure) -> Shown:
+    page = world.identified
+    for k, axes in enumerate(_panels(figure)):
+        half = len(axes.patches) // 2
+        for patches in (axes.patches[:half], axes.patches[half:]):
+            area = sum(bar.get_width() * bar.get_height() for bar in patches)  # type: ignore[attr-defined]
+            yield area, 1.0
+        low, high = axes.patches[0].get_x(), axes.patches[half - 1].get_x() + axes.patches[0].get_width()  # type: ignore[attr-defined]
+        for draws in (page.before.draws[:, k], page.learned.draws[:, k]):
+            yield low - 1e-9 <= draws.min() <= draws.max() <= high + 1e-9, True
+        yield _lines(axes, colour=ORANGE)[0][0], [page.learned.most_likely[k]] * 2
+
+
+def _correlations(world: World, figure: Figure) -> Shown:
+    yield _image(_panels(figure)[0]), np.corrcoef(world.identified.learned.draws.T)
+
+
+def _pareto(world: World, figure: Figure) -> Shown:
+    axes = _panels(figure)[0]
+    rows = [
+        row for row in world.speed if (row["family"], row["quantity"], row["model"]) == ("smooth", "force", "finger")
+    ]
+    yield _lines(axes, marker="o")[0], ([r["total_s"] for r in rows], [100 * r["error"] for r in rows])
+
+
+def _cost(world: World, figure: Figure) -> Shown:
+    for axes, key in zip(_panels(figure), ("total_s", "memory_mb"), strict=True):
+        rows = {r["nodes"]: r[key] for r in world.speed if r["model"] == "finger"}
+        yield _lines(axes, marker="o")[0], (list(rows), list(rows.values()))
+
+
+def _decoded(world: World, figure: Figure) -> Shown:
+    skin, energy = _panels(figure)
+    given = world.coding["decoded"]
+    yield _named(skin)["found"], (given.place_mm, given.pressure)
+    yield _named(skin)["true"], (given.place_mm, given.true)
+    order = np.argsort(given.receptor_mm)
+    yield _named(energy)["readings"], (given.receptor_mm[order], given.reading[order])
+    yield _named(energy)["explained"], (given.receptor_mm[order], given.explained[order])
+    band = skin.collections[0].get_paths()[0].vertices
+    for x, low, high in zip(given.place_mm, *given.band, strict=True):
+        yield sorted({float(y) for at, y in band if at == x}), [low, high]
+
+
+def _encoding(world: World, figure: Figure) -> Shown:
+    skin, energy, rates = _panels(figure)
+    given = world.coding["encoding"]
+    yield _named(skin)["normal"], (given.operator.place_mm[:3], given.pressure[:3])
+    yield _named(skin)["lateral"], (given.operator.place_mm[3:], given.pressure[3:])
+    yield _named(energy)["influence"], (given.operator.receptor_mm, given.encoded.sed)
+    yield _named(energy)["finite elements"], given.true
+    yield _lines(rates)[0], (given.operator.receptor_mm, given.encoded.rate)
+    yield rates.get_ylim()[0] > -0.1 * rates.get_ylim()[1], True
+
+
+def _impulse(world: World, figure: Figure) -> Shown:
+    response, spectrum, error = _panels(figure)
+    ((responses_, errors),) = world.coding["impulse"].values()
+    for name, values in zip(("h (e11)", "g (e22)", "f (e12)"), responses_.strain, strict=True):
+        yield _named(response)[name], (responses_.sampling.place_mm, values)
+    yield _named(response)["−g"][1], -responses_.strain[1]
+    frequency, amplitude = responses_.spectra()
+    yield _named(spectrum)["h"], (frequency, amplitude[0] / amplitude[0].max())
+    yield _named(error)["SED"], (errors.place_mm, 100 * errors.sed)
+
+
+def _point_spread(world: World, figure: Figure) -> Shown:
+    _, over, fall = _panels(figure)
+    judged = world.coding["spread"].judged
+    yield _lines(over, marker="+")[0].ravel(), judged.spread.load_mm[[0, 2]]
+    yield _named(fall)["receptors"], (judged.spread.distance_mm, judged.spread.sed)
+    r, value = _lines(fall, colour=BLUE)[0]
+    yield value, judged.linear.at(r)
+
+
+def _search(world: World, figure: Figure) -> Shown:
+    valley, left = _panels(figure)
+    _, paths, true = world.coding["search"]
+    for name, path in paths.items():
+        yield _named(valley)[name], path.T
+        away = np.linalg.norm(path - true, axis=1)
+        yield _named(left)[name], (np.arange(1, len(path) + 1), np.where(away > 0, away, np.nan))
+
+
+def _sheet(world: World, figure: Figure) -> Shown:
+    given = world.coding["sheet"]
+    for axes, values in zip(_panels(figure), (given.pressure, given.sd), strict=True):
+        yield _mesh(axes), values
+
+
+# --- the table ---
+
+
+@dataclass(frozen=True)
+class Row:
+    """One figure: how it is made, what is shown in it, and whether panels cut off parts on purpose."""
+
+    make: Callable[[World], PageFigure]
+    shows: Callable[[World, Figure], Shown]
+    cuts: bool = False
+
+
+def _titled(begin: str, figures: Callable[[World], Sequence[PageFigure]]) -> Callable[[World], PageFigure]:
+    return lambda world: next(figure for figure in figures(world) if figure.title.startswith(begin))
+
+
+def _run(begin: str) -> Callable[[World], PageFigure]:
+    return _titled(begin, lambda world: run_page_figures(world.run, world.found))
+
+
+def _simulated(begin: str) -> Callable[[World], PageFigure]:
+    def figures(world: World) -> list[PageFigure]:
+        shown_ = _measures(world)
+        return [
+            *shape_figures(world.comparison, shown_), *simulation_figures(world.comparison, shown_, world.maps)
+        ]  # fmt: skip
+
+    return _titled(begin, figures)
+
+
+def _sections(sections: Callable[[World], Sequence[Section]]) -> Callable[[World], list[PageFigure]]:
+    return lambda world: [figure for section in sections(world) for figure in section.figures]
+
+
+def _said(begin: str) -> Callable[[World], PageFigure]:
+    return _titled(begin, _sections(lambda world: answer_sections([world.answer], "no offset", recorded=True)))
+
+
+def _source(begin: str) -> Callable[[World], PageFigure]:
+    return _titled(begin, _sections(lambda world: [source_section(world.comparison)]))
+
+
+def _bare(plot: Callable[[World], Plot]) -> Callable[[World], PageFigure]:
+    return lambda world: PageFigure("", plot(world), "")
+
+
+def _identification(begin: str) -> Callable[[World], PageFigure]:
+    return _titled(begin, lambda world: identification_page.identification_figures(world.identified))
+
+
+def _few(world: World) -> PageFigure:
+    one = world.comparison.stimuli[0]
+    few = replace(one, x_mm=X[:5], measures=one.measures[:, :5])
+    return PageFigure("", profile_figures.populations(few, ["ep1"]), "")
+
+
+def _few_lines(world: World, figure: Figure) -> Shown:
+    (axes,) = _panels(figure)
+    values = world.comparison.stimuli[0].measures[MEASURES.index("ep1")]
+    yield np.array([line[1] for line in _lines(axes)]), values[:5]
+
+
+FIGURES: dict[str, Row] = {
+    "run_figures.force_time": Row(_run("Force against time"), _force_time),
+    "run_figures.presses": Row(_run("Press, hold"), _presses),
+    "run_figures.force_depth": Row(_run("Force against depth"), _force_depth),
+    "run_figures.contact_panels": Row(_run("Contact, "), _contact),
+    "run_figures.contact_panels, human": Row(
+        _titled("Contact, ", lambda world: run_page_figures(world.run, world.human)),
+        _contact_of_a_human,
+    ),
+    "run_figures.contacts_from_below": Row(
+        _bare(lambda world: run_figures.contacts_from_below([r.result for r in _last(world.found)], ["x"] * 6)),
+        _below, cuts=True,
+    ),
+    "run_figures.population_responses": Row(_run("Population"), _population),
+    "run_figures.ssrps": Row(_run("SSRP of ep1"), _ssrps),
+    "profile_figures.ssrps": Row(_simulated("SSRPs"), _stacked),
+    "profile_figures.populations": Row(_simulated("Population"), _images),
+    "profile_figures.populations, few": Row(_few, _few_lines),
+    "profile_figures.correlations": Row(_simulated("Correlation"), _correlated),
+    "profile_figures.pressure_maps": Row(_simulated("Pressure"), _pressure_maps),
+    "profile_figures.strain_maps": Row(_simulated("Strain under"), _strain_maps, cuts=True),
+    "verdict_figures.the_answer": Row(_said("Verdicts"), _the_answer),
+    "verdict_figures.profiles": Row(_said("Recorded over"), _profiles),
+    "verdict_figures.residuals": Row(_said("Residuals"), _residuals),
+    "verdict_figures.scatter": Row(_said("Rate against"), _scatter),
+    "verdict_figures.every_pair": Row(_said("Every pair"), _every_pair),
+    "recording_sections.scatter": Row(_source("Fig. 5-8"), _source_scatter),
+    "recording_sections.overlays": Row(_source("Fig. 5-9"), _source_profiles),
+    "recording_sections.deflections": Row(
+        _titled("Deflection", _sections(lambda world: [deflection_section(*world.deflections)])), _deflected
+    ),
+    "identification_page.presses_over_time": Row(_identification("Each press"), _over_time),
+    "identification_page.marginals": Row(_identification("Before"), _marginals),
+    "identification_page.correlations": Row(_identification("Correlations"), _correlations),
+    "benchmark_page.pareto": Row(_titled("Error against time", lambda w: benchmark_page.figures(w.speed)), _pareto),
+    "benchmark_page.cost_against_nodes": Row(_titled("Cost", lambda w: benchmark_page.figures(w.speed)), _cost),
+    "coding_figures.decoded_figure": Row(
+        _bare(lambda w: coding_figures.decoded_figure(w.coding["decoded"])), _decoded
+    ),
+    "coding_figures.encoding_figure": Row(
+        _bare(lambda w: coding_figures.encoding_figure(w.coding["encoding"])), _encoding
+    ),
+    "coding_figures.impulse_figure": Row(
+        _bare(lambda w: coding_figures.impulse_figure(w.coding["impulse"])), _impulse
+    ),
+    "coding_figures.point_spread_figure": Row(
+        _bare(lambda w: coding_figures.point_spread_figure(w.coding["spread"])), _point_spread
+    ),
+    "coding_figures.search_figure": Row(
+        _bare(lambda w: coding_figures.search_figure(*w.coding["search"])), _search
+    ),
+    "coding_figures.sheet_figure": Row(_bare(lambda w: coding_figures.sheet_figure(w.coding["sheet"])), _sheet),
+}  # fmt: skip
+
+
+def test_the_table_has_every_figure() -> None:
+    made = {
+        f"{name}.{function.__name__}"
+        for name in sorted(path.stem for path in (ROOT / "rig" / "report").glob("*.py"))
+        for function in vars(import_module(f"rig.report.{name}")).values()
+        if inspect.isfunction(function)
+        and function.__module__ == f"rig.report.{name}"
+        and not function.__name__.startswith("_")
+        and inspect.signature(function).return_annotation is Plot
+    }
+    assert made == {name.partition(",")[0] for name in FIGURES}
+
+
+@pytest.fixture(scope="module")
+def drawn(world: World) -> Callable[[str], tuple[PageFigure, Figure]]:
+    known: dict[str, tuple[PageFigure, Figure]] = {}
+
+    def once(name: str) -> tuple[PageFigure, Figure]:
+        if name not in known:
+            page = FIGURES[name].make(world)
+            figure = Figure(figsize=page.plot.size, layout=page.plot.layout)
+            page.plot.draw(figure)
+            figure.draw_without_rendering()
+            known[name] = page, figure
+        return known[name]
+
+    return once
+
+
+Drawn = Callable[[str], tuple[PageFigure, Figure]]
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_it_shows_its_table(name: str, world: World, drawn: Drawn) -> None:
+    pairs = list(FIGURES[name].shows(world, drawn(name)[1]))
+    assert pairs
+    for got, table in pairs:
+        if isinstance(got, bool | set) or (isinstance(got, list) and isinstance(got[0], str | bool)):
+            assert got == table
+        else:
+            np.testing.assert_allclose(np.asarray(got, dtype=float), np.asarray(table, dtype=float), atol=1e-9)
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_every_label_has_its_unit(name: str, drawn: Drawn) -> None:
+    _, figure = drawn(name)
+    written = [text for text in _labels(figure) if text]
+    assert written
+    for text in written:
+        found = re.search(r"\(([^()]*)\)$", text.replace("\n", " "))
+        assert found, f"{text!r} has no unit"
+        assert found[1] in UNITS, text
+    for axes in _panels(figure):
+        for which in ("x", "y"):
+            ticks = [tick for tick in getattr(axes, f"get_{which}ticklabels")() if tick.get_text()]
+            if ticks and getattr(axes, f"{which}axis").get_visible() and _numbers(ticks):
+                assert _label_of(figure, axes, which), f"axis {which} of {axes.get_title()!r} has no label"
+
+
+def _numbers(ticks: Sequence[Any]) -> bool:
+    return any(re.match(r"−?[\d.$]", tick.get_text()) for tick in ticks if tick.get_visible())
+
+
+def _labels(figure: Figure) -> Iterator[str]:
+    for axes in _axes(figure):
+        yield from (axes.get_xlabel(), axes.get_ylabel())
+        mappable = getattr(getattr(axes, "_colorbar", None), "mappable", None)
+        if mappable is not None and not (axes.get_xlabel() or axes.get_ylabel()):
+            yield mappable.axes.get_title()  # a scale without a label is that of its panel
+    for part in (figure, *figure.subfigs):
+        yield from (text.get_text() for text in (part._supxlabel, part._supylabel) if text is not None)  # type: ignore[attr-defined]
+        yield from (text.get_text() for text in part.texts if text.get_text().endswith(")"))
+
+
+def _label_of(figure: Figure, axes: Axes, which: str) -> str:
+    """Label of an axis: its own, that of its row or column, or that of the figure."""
+    edge = {"x": "x0", "y": "y0"}[which]
+    beside = [
+        one for one in _panels(figure)
+        if abs(getattr(one.get_position(), edge) - getattr(axes.get_position(), edge)) < 0.02
+    ]  # fmt: skip
+    own = [getattr(one, f"get_{which}label")() for one in beside]
+    part: Any = axes.figure
+    whole = getattr(part, f"_sup{which}label")
+    loose = [text.get_text() for text in figure.texts if (text.get_rotation() == 90) == (which == "y")]
+    return "".join([*own, whole.get_text() if whole else "", *loose])
+
+
+@pytest.mark.parametrize("name", [name for name, row in FIGURES.items() if not row.cuts])
+def test_nothing_lies_beyond_the_axes(name: str, drawn: Drawn) -> None:
+    for axes in _panels(drawn(name)[1]):
+        (left, right), (low, high) = (sorted(lim) for lim in (axes.get_xlim(), axes.get_ylim()))
+        points = [_data(line) for line in axes.lines if line.get_transform() == axes.transData]
+        points += [np.asarray(one.get_offsets()) for one in axes.collections if isinstance(one, PathCollection)]
+        points += [
+            np.asarray(one.get_coordinates(), dtype=float).reshape(-1, 2)
+            for one in axes.collections if isinstance(one, QuadMesh)
+        ]  # fmt: skip
+        for x, y in (point.T for point in points):
+            assert ((x >= left - 1e-6) & (x <= right + 1e-6)).all(), (axes.get_title(), left, right, x)
+            assert ((y >= low - 1e-6) & (y <= high + 1e-6)).all(), (axes.get_title(), low, high, y)
+
+
+CLAIM = re.compile(
+    r"\b(black|grey|blue|orange|green|purple|yellow|white)\b(?!: (?:nothing|no fit|lateral|zero))", re.I
+)
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_its_caption_is_true(name: str, drawn: Drawn) -> None:
+    page, figure = drawn(name)
+    there = {to_hex(colour) for axes in _axes(figure) for artist in axes.get_children() for colour in _of(artist)}
+    for word in CLAIM.findall(page.caption):
+        assert to_hex(COLOURS[word.lower()]) in there, word
+    lines = [line for axes in _panels(figure) for line in axes.lines]
+    dotted = [line for line in lines if _is_dotted(line)]
+    for line in dotted:
+        gap = line._dash_pattern[1][1]  # type: ignore[attr-defined]
+        assert gap >= LEAST_GAP_PT, f"gaps of {gap:.2f} pt look solid"
+    assert dotted or "dotted" not in page.caption.lower()
+    if "cross" in page.caption.lower():
+        assert any(_is(line, marker="x") for line in lines)
+    if "circles" in page.caption.lower():
+        assert any(_is(line, marker="o") for line in lines)
+    if "shaded" in page.caption.lower():
+        assert any(axes.patches for axes in _panels(figure))
+
+
+def _is_dotted(line: Line2D) -> bool:
+    """Whether its dashes are shorter than the gaps between them."""
+    pattern = line._dash_pattern[1]  # type: ignore[attr-defined]
+    return pattern is not None and line.get_linestyle() != "None" and pattern[0] <= pattern[1]
+
+
+def _of(artist: Artist) -> Iterator[Any]:
+    if isinstance(artist, Line2D):
+        yield artist.get_color()
+        if artist.get_marker() not in ("None", ""):
+            yield from (artist.get_markerfacecolor(), artist.get_markeredgecolor())
+    elif isinstance(artist, Patch):
+        yield from (artist.get_facecolor(), artist.get_edgecolor())
+    elif isinstance(artist, Collection) and artist.get_array() is None:
+        yield from (*artist.get_facecolor(), *artist.get_edgecolor())  # type: ignore[misc]
+    elif isinstance(artist, Collection):
+        yield from artist.get_edgecolor()  # type: ignore[misc]
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_its_legend_is_of_what_is_drawn(name: str, drawn: Drawn) -> None:
+    _, figure = drawn(name)
+    lines = [line for axes in _panels(figure) for line in axes.lines if len(_data(line))]
+    there = {to_hex(colour) for axes in _panels(figure) for artist in axes.get_children() for colour in _of(artist)}
+    boxes = [one for part in (figure, *figure.subfigs) for one in part.legends]
+    boxes += [one for axes in _axes(figure) if (one := axes.get_legend()) is not None]
+    for box in boxes:
+        for handle, text in zip(box.legend_handles, box.get_texts(), strict=True):
+            if isinstance(handle, Line2D):
+                style = handle.get_linestyle(), handle.get_marker()
+                colours = (
+                    {_tint(handle)} if _tint(handle) != GREY.lower() else {_tint(line) for line in lines}
+                )  # of any
+                sure = [
+                    line
+                    for line in lines
+                    if (line.get_linestyle(), line.get_marker()) == style and _tint(line) in colours
+                ]
+                assert sure or text.get_text() in MAY_BE_ABSENT, f"nothing is drawn as {text.get_text()!r}: {style}"
+            elif handle is not None:
+                assert set(map(to_hex, _of(handle))) & there, text.get_text()
+
+
+def _tint(line: Line2D) -> str:
+    return to_hex(line.get_color() if line.get_linestyle() != "None" else line.get_markeredgecolor())
+
+
+MAY_BE_ABSENT = ("in the set", "not rejected, but worse", "rejected by its fit", "squares: controls")
+"""Entries of a legend that is the same for every recording."""
+
+
+# --- labels of all programs ---
+
+
+def _written_labels() -> Iterator[tuple[str, str]]:
+    """Every label of an axis that is written out in the sources, with its place."""
+    for folder in ("rig", "sim", "studies", "examples"):
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.Call):
+                    given = [k.value for k in node.keywords if k.arg in ("xlabel", "ylabel")]
+                    name = node.func.attr if isinstance(node.func, ast.Attribute) else ""
+                    if name in ("set_xlabel", "set_ylabel", "supxlabel", "supylabel"):
+                        given += node.args[:1]
+                    for one in given:
+                        if isinstance(one, ast.Constant) and isinstance(one.value, str) and one.value:
+                            yield f"{path.relative_to(ROOT)}:{node.lineno}", one.value
+
+
+def test_labels_in_the_sources_end_with_a_unit() -> None:
+    found = list(_written_labels())
+    assert len(found) > 40
+    assert not [(place, text) for place, text in found if not re.search(r"\([^()]*\)$", text.replace("\n", " "))]
+
+
+def test_controls_have_units() -> None:
+    assert [verdict_figures.measured_in(name) for name in CONTROLS] == [
+        "skin pressure (kPa)", "skin displacement (mm)", "indentor curvature (1/mm)", "half-space strain (1)",
+    ]  # fmt: skip
