@@ -1,6 +1,7 @@
 """What every test may use: the default fingertip, loaded once, and a count of the costly work done."""
 
 import gc
+import math
 import pkgutil
 import signal
 from collections import Counter
@@ -16,6 +17,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import sim.models.cache as cache
+from rig.cli import durations, output
 from rig.cli.program import LOOKED_THROUGH
 from rig.compare.stimuli import MAPPED, Stimulus, StimulusMap
 from rig.data import Run
@@ -322,6 +324,20 @@ def _worked_out_once() -> Iterator[None]:
         patch.setattr(resume, "commit", lru_cache(resume.commit))
         patch.setattr(resume, "version", lru_cache(resume.version))
         patch.setattr(fingertip, "receptors_at", receptors_at)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _no_clock_has_a_say(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """No command in this process says that it takes long, on a machine of whatever speed, or learns how long.
+
+    What it says, and when, is held by tests/rig/test_progress.py and tests/rig/test_nobody_waits.py.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(output, "FIRST_S", math.inf)
+        patch.setattr(output, "EVERY_S", math.inf)
+        patch.setattr(durations, "path", lambda: tmp_path_factory.getbasetemp() / "none" / durations.FILE)
+        patch.setattr(durations, "LEAST_S", math.inf)
         yield
 
 

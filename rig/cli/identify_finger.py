@@ -21,7 +21,7 @@ from rig.cli.options import (
     YesOption,
     checked_file,
 )
-from rig.cli.output import Beginning, ExitCode, complain, err, loading_the_finger, out, print_json, told_in_one_line
+from rig.cli.output import THE_FINGER, Beginning, ExitCode, busy, complain, err, out, print_json, told_in_one_line
 from rig.cli.progress import counted, progress
 from rig.cli.run import asks_for
 from rig.cli.script_execution import AtTheTerminal, RunOwner, failure, leave, loaded, new_run, owning
@@ -333,7 +333,8 @@ def identify_command(
         predicted = PredictedForces.over(settings.finger, Prior(), *scope_of(options))
         with at_once():  # what ends this ends the processes that help it
             predicted.have(options.indentors, _counted)
-        identification = Identification(settings, predicted, options)
+        with busy("finding out what the presses must tell …", quick=True, kind="prior"):
+            identification = Identification(settings, predicted, options)
         script = IdentificationScript(
             identification, partial(print_after_press, identification), partial(print_before_press, identification)
         )
@@ -443,7 +444,7 @@ def find_command(
     """Fit pad center, height, roll and tilt to the touches; print [frame] for the configuration."""
     with told_in_one_line(as_json=as_json):
         recorded, settings = read_run(run), load_config(run / "config.toml")
-        with loading_the_finger():
+        with busy(THE_FINGER, quick=True):
             finger = Fingertip.load(settings.finger)
         lie = find(recorded, settings, finger)
         if as_json:

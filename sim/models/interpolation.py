@@ -136,7 +136,8 @@ class NodeBuilds:
         compliance, columns, shared, read = [], [], Arrays(), True
         for n, node in enumerate(nodes, 1):
             if not node.kept:
-                _log.info("full build %d of %d for interpolation, done once …", n, len(nodes))
+                pieces = {"done": n - 1, "total": len(nodes)}
+                _log.info("full build %d of %d for interpolation, done once …", n, len(nodes), extra=pieces)
             shared, was_read = node.compliance()
             compliance.append(shared.pop("compliance"))
             columns.append(node.columns())
