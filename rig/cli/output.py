@@ -203,24 +203,29 @@ def busy(
         Number of pieces that are counted.
     """
     activity = Activity(what, f"{_command}: {kind or what}", size, total)
-    if not err.is_terminal:
-        with _activities.during(activity, at_once=not (as_json or quick)):
-            yield activity
-    elif _activities.live:
-        with _activities.during(activity, live=True):
-            yield activity
-    else:
-        spinner = Spinner("dots", what)
-
-        def shown() -> Spinner:
-            now = _activities.current
-            spinner.update(text=what if now is None else now.line)
-            return spinner
-
-        live = Live(get_renderable=shown, console=err, transient=True, refresh_per_second=_REFRESH_PER_S)
-        with _activities.during(activity, live=True), live:
-            yield activity
+    with _shown(activity, at_once=not (as_json or quick)):
+        yield activity
     activity.end()
+
+
+@contextmanager
+def _shown(activity: Activity, *, at_once: bool) -> Iterator[None]:
+    """Show an activity in a live line on a terminal, else print lines."""
+    if not err.is_terminal or _activities.live:
+        with _activities.during(activity, at_once=at_once, live=_activities.live):
+            yield
+        return
+    spinner = Spinner("dots", activity.what)
+
+    def drawn() -> Spinner:
+        now = _activities.current or activity
+        spinner.update(text=now.line if now.elapsed_s >= EVERY_S else now.title)
+        return spinner
+
+    live = Live(get_renderable=drawn, console=err, transient=True, refresh_per_second=_REFRESH_PER_S)
+    with _activities.during(activity, live=True), live:
+        live.refresh()  # which it does by itself for a fixed text only
+        yield
 
 
 @contextmanager
@@ -235,7 +240,7 @@ def starting(command: str) -> Iterator[None]:
     """Print that a command starts, if that takes a while."""
     global _command
     _command = command
-    with _activities.during(Activity(f"{command}: starting …")):
+    with _shown(Activity(f"{command}: starting …"), at_once=False):
         yield
 
 
