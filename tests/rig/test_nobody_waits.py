@@ -25,6 +25,7 @@ from rig.cli.progress import counted
 from rig.control.stop import StageInHand
 from sim.contact.compiled.compiling import cache_dir
 from sim.models.fingertip import Fingertip
+from studies.speed.silence import WORDS
 
 OLD_RUNS = Path(__file__).parents[1] / "data" / "runs_of_0_1"
 LOAD = "sim.models.fingertip.Fingertip.load"
@@ -100,7 +101,8 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_the_walk_has_every_command() -> None:
-    assert WALK.keys() == COMMANDS.keys()
+    """And so has the one that measures how long they are silent."""
+    assert WALK.keys() == COMMANDS.keys() == WORDS.keys()
 
 
 @pytest.mark.usefixtures("here")
