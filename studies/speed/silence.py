@@ -3,9 +3,9 @@
     .venv/bin/python -m studies.speed.silence [COMMAND …] [--coarse]
 
 Every command runs twice, each time with an empty cache: the second time has the estimate of the first. Commands at
-the bench talk to virtual devices that are served beside them. The table has seconds of this machine. A silence may take
-3 s on a machine as fast as the reference; the limit grows with the time of the reference computation and with the
-number of processes that share a processor. Exits with 1 where a silence was longer.
+the bench talk to virtual devices that are served beside them. The table has seconds of this machine. A silence may
+take 3 s on a machine as fast as the reference; the limit grows with the time of the reference computation, and with
+the number of processes that share a processor. Exits with 1 where a silence was longer.
 """
 
 import argparse
