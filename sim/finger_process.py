@@ -59,7 +59,8 @@ class FingerProcess:
         try:
             self._near.send((function, arguments, options))
             while (reply := self._near.recv())[0] == "told":
-                _MODELS.log(*reply[1:])
+                if _MODELS.isEnabledFor(reply[1].levelno):
+                    _MODELS.handle(reply[1])
         except (EOFError, OSError):
             raise FingerLostError(
                 "the process of the finger model ended ({how}); start again", how=self._how_it_ended()
@@ -124,7 +125,7 @@ class _LogForwarder(logging.Handler):
         self._far = far
 
     def emit(self, record: logging.LogRecord) -> None:
-        self._far.send(("told", record.levelno, "%s", record.getMessage()))
+        self._far.send(("told", record))
 
 
 def _serve(far: "Connection[Any, Any]", config: FingertipConfig) -> None:

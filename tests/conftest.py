@@ -4,6 +4,7 @@ import ast
 import gc
 import inspect
 import linecache
+import math
 import pkgutil
 import signal
 from collections import Counter
@@ -19,6 +20,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import sim.models.cache as model_cache
+from rig.cli import durations, output
 from rig.cli.program import LOOKED_THROUGH
 from rig.compare.stimuli import MAPPED, Stimulus, StimulusMap
 from rig.data import Run
@@ -63,6 +65,7 @@ REAL_TIME = (
     "rig/test_resume.py::test_a_terminal_pauses_and_goes_on",
     "rig/test_run_owner.py",
     "rig/test_runs_command.py::test_several_at_once_see_the_same",
+    "rig/test_same_numbers.py::test_two_processes_give_the_numbers_of_one",
     "rig/test_safety.py::test_a_silent_engine_stops_the_stage_while_another_thread_blocks",
     "rig/test_safety.py::test_a_beating_or_resting_engine_is_left_alone",
     "rig/test_stage_in_hand.py::test_a_stop_that_comes_while_a_port_is_opened",
@@ -340,6 +343,20 @@ def _lines_of_classes(file: str | None) -> dict[str, int]:
     text = "" if file is None else "".join(linecache.getlines(file))
     classes = [node for node in ast.parse(text).body if isinstance(node, ast.ClassDef)]
     return {node.name: min(one.lineno for one in (node, *node.decorator_list)) - 1 for node in reversed(classes)}
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _no_clock_has_a_say(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """No command in this process says that it takes long, on a machine of whatever speed, or learns how long.
+
+    What it says, and when, is held by tests/rig/test_progress.py and tests/rig/test_nobody_waits.py.
+    """
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(output, "FIRST_S", math.inf)
+        patch.setattr(output, "EVERY_S", math.inf)
+        patch.setattr(durations, "path", lambda: tmp_path_factory.getbasetemp() / "none" / durations.FILE)
+        patch.setattr(durations, "LEAST_S", math.inf)
+        yield
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -1,7 +1,8 @@
 """`make shake`: the suite twice and its real-time tests many times, beside as many busy processes as cores.
 
-Then, beside nothing else, the whole fault campaign (studies/faults/campaign), which is on the virtual clock. Tests
-that measure a study are left out unless they are named: the Makefile runs them afterwards (`make test-studies`).
+Then, beside nothing else, the whole fault campaign (studies/faults/campaign), which is on the virtual clock, and all
+commands with an empty cache (studies/speed/silence). Tests that measure a study are left out unless they are named:
+the Makefile runs them afterwards (`make test-studies`).
 """
 
 import argparse
@@ -32,6 +33,7 @@ def main() -> None:
                 failed.update(failures([*options, *asked.tests]))
     if not (asked.no_campaign or asked.tests):
         failed.update(campaign())
+        failed.update(silences())
     for name, times in failed.most_common():
         print(f"{times} × {name}")
     print(f"{failed.total()} failures")
@@ -62,6 +64,12 @@ def campaign() -> Iterator[str]:
     command = [sys.executable, "-m", "studies.faults.campaign", "--processes", str(os.cpu_count() or 1)]
     if subprocess.run([*command, "--out", str(out)], check=False).returncode:
         yield f"the fault campaign, {out}"
+
+
+def silences() -> Iterator[str]:
+    """All commands with an empty cache, none of which may be silent for long."""
+    if subprocess.run([sys.executable, "-m", "studies.speed.silence"], check=False).returncode:
+        yield "a command is silent for too long"
 
 
 @contextmanager

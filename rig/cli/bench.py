@@ -11,7 +11,7 @@ from rich.live import Live
 from rig.bench.checks import contact, in_one_line, look, position, titled
 from rig.bench.real import PortError, RealBench, open_bench
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
-from rig.cli.output import ExitCode, complain, err, looking_busy, one_line_errors, out, print_json
+from rig.cli.output import ExitCode, busy, complain, err, one_line_errors, out, print_json, resting
 from rig.cli.signals import at_once, interrupt_main
 from rig.clock import Clock, WallClock
 from rig.devices.base import Stage, StageStatus
@@ -44,7 +44,7 @@ def home(config: ConfigOption, without_force: WithoutForceOption = False, as_jso
     """Home all axes and print their positions; the force is monitored throughout."""
     with one_line_errors(as_json=as_json):
         settings = load_config(config)
-        with looking_busy("homing all axes …"):
+        with busy("homing all axes …", quick=True):
             at, known = _home_without_force(settings) if without_force else _home(settings)
         print_entries({**position(at), **known.as_json()}, as_json=as_json)
 
@@ -157,7 +157,7 @@ def live_line(settings: Config) -> Iterator[Show]:
     if not err.is_terminal:
         yield lambda at, force_gwt: None
         return
-    with Live(console=err, transient=True, refresh_per_second=10) as live:
+    with resting(), Live(console=err, transient=True, refresh_per_second=10) as live:
         yield _shown(live.update, settings)
 
 

@@ -175,7 +175,8 @@ def command(
             )  # fmt: skip
         where = _sought(found, receptors, place, depth_range_mm, offset_mm)
         answered = _answered(found, receptors, as_json=as_json)
-        beside = _along_the_finger(answered, deflection)
+        with busy("skin along the finger: computing its deflection …", quick=True):
+            beside = _along_the_finger(answered, deflection)
         comparison = _compared(answered, recordings, normalize, plausible, exact=exact, as_json=as_json)
         form = Form(saturating, silent_at_rest)
         with busy("comparing every measure with the recordings …", as_json=as_json) if recordings else nullcontext():
@@ -231,7 +232,7 @@ def command(
                 )
 
 
-THE_PLACES = "receptor locations: loading strains from the cache, or computing them in about 30 s …"
+THE_PLACES = "receptor locations: loading strains from the cache, or computing them …"
 
 
 class Receptors(NamedTuple):
@@ -253,7 +254,10 @@ class Answered:
 def _answered(runs: list[Run], receptors: Receptors, *, as_json: bool) -> list[Answered]:
     """Return the simulated responses to each run."""
     fingers = _fingers(runs, receptors, as_json=as_json)
-    found = [Answered(run, finger, stimuli(run, finger)) for run, finger in zip(runs, fingers, strict=True)]
+    with busy(
+        "simulated responses: reading them from the cache, or computing them …", as_json=as_json, size=len(runs)
+    ):
+        found = [Answered(run, finger, stimuli(run, finger)) for run, finger in zip(runs, fingers, strict=True)]
     if not any(one.stimuli for one in found):
         raise BadInputError(
             "run folder {run}: contains no finished indentation; compare a run with at least one",
@@ -276,7 +280,7 @@ def _compared(
     comparison = compare([s for one in answered for s in one.stimuli], recordings, normalise=normalise)
     if plausible is None:
         return comparison
-    with busy("plausible fingers: loading from the cache, or building in about 30 s each …", as_json=as_json):
+    with busy("plausible fingers: reading their responses from the cache, or computing them …", as_json=as_json):
         found = [on_plausible_fingers(a.run, a.stimuli, a.finger, plausible, exact=exact) for a in answered]
         on_all = [stimulus for some in found for stimulus in some]
     return compare(on_all, recordings, normalise=normalise, plausible=plausible)

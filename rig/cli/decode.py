@@ -463,7 +463,7 @@ def decode_command(
         source = _source(pressure, shape, readings, x_mm, doi_mm, finger)
         whole = isinstance(source, FileReadings) and (source.z_mm is not None or axial is not None)
         task = DecodeTask(source, name, by, kind, receptor, added, at, sampling, half_lengths, search, finger)
-        with busy(THE_FINGER if whole else "building the plane-strain section, about 1 s …", as_json=as_json):
+        with busy(THE_FINGER if whole else "building the plane-strain section …", as_json=as_json):
             found = _decoded(task)
         if picture is not None:
             draw(found, picture)

@@ -128,7 +128,7 @@ def encode_command(
         else:
             assert pressure is not None
             source = pressures_of(pressure)
-        with busy("building the plane-strain section, about 1 s …", as_json=as_json):
+        with busy("building the plane-strain section …", as_json=as_json):
             finger = load_config(config).finger
             found = encode_task(EncodeTask(source, by, kind, receptor, added, sampling, finger))
         if picture is not None:
@@ -211,7 +211,7 @@ def impulse_command(
         samplings = [sampling_of(spacing_mm, half_length, receptor_depth_mm, axes) for axes in AXES]
         checked_picture(picture)
         finger = load_config(config).finger
-        with busy("building two plane-strain sections, about 1 s each …", as_json=as_json):
+        with busy("building two plane-strain sections …", as_json=as_json):
             found = {sampling.axes: _found(finger, sampling, kind) for sampling in samplings}
         if picture is not None:
             _draw_impulse(found, picture)
@@ -281,7 +281,7 @@ def _print_errors(errors: ShiftErrors, energy: Energy) -> None:
 _WHERE: dict[Where, str] = {"pulp": "18 pulp sites", "all": "all 24 sites"}
 
 
-_BUSY = "24 point loads on the whole finger: loading from the cache, or computing in about 20 s …"
+_BUSY = "24 point loads on the whole finger: loading from the cache, or computing them …"
 _LINE_EVERY = 1000  # receptors between two lines without a spinner
 
 

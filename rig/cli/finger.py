@@ -8,7 +8,7 @@ import numpy as np
 import typer
 
 from rig.cli.options import FingertipOption, JsonOption
-from rig.cli.output import complain, err, one_line_errors, out, print_json
+from rig.cli.output import THE_FINGER, busy, complain, err, one_line_errors, out, print_json
 from rig.errors import BadInputError
 from rig.plan.config import load_config
 from sim.config import Contact, FingertipConfig
@@ -36,10 +36,11 @@ def finger_command(
                 code="exists_already", option="--vtk", path=vtk,
             )  # fmt: skip
         settings = load_config(config).finger
-        surface = FingertipSurface.fit(settings.geometry)
-        place_receptors(surface, np.array(DEFAULT_X_MM), DEFAULT_DEPTH_MM, settings.receptor_plane_mm)
-        mesh = build_mesh(settings, surface)
-        quality = mesh_quality(mesh.nodes, mesh.hexes)
+        with busy("fitting the skin and building the mesh …", quick=True):
+            surface = FingertipSurface.fit(settings.geometry)
+            place_receptors(surface, np.array(DEFAULT_X_MM), DEFAULT_DEPTH_MM, settings.receptor_plane_mm)
+            mesh = build_mesh(settings, surface)
+            quality = mesh_quality(mesh.nodes, mesh.hexes)
         if vtk is not None:
             write_vtk(vtk, mesh, quality)
         found = {
@@ -183,7 +184,8 @@ def export_deck_command(
                 shape=shape,
             )
         settings = load_config(config).finger.model_copy(update={"contact": Contact(between_nodes=False, patch_gb=0)})
-        finger = Fingertip.load(settings)
+        with busy(THE_FINGER):
+            finger = Fingertip.load(settings)
         result = finger.indent(indentor, x_mm, doi_mm=doi_mm)
         meshed = MeshedFinger(settings, build_mesh(settings, finger.model.surface), finger.e_epidermis_mpa)
         if loads:

@@ -20,7 +20,7 @@ from rig.cli.options import (
     YesOption,
     checked_file,
 )
-from rig.cli.output import Beginning, ExitCode, complain, err, loading_the_finger, one_line_errors, out, print_json
+from rig.cli.output import THE_FINGER, Beginning, ExitCode, busy, complain, err, one_line_errors, out, print_json
 from rig.cli.progress import counted, progress
 from rig.cli.run import asks_for
 from rig.cli.script_execution import AtTheTerminal, RunOwner, failure, leave, loaded, new_run, owning
@@ -342,7 +342,8 @@ def identify_command(
         options = possible(options, predicted, refused, own_goals=requested is None)
         for name in (name for name in names if name in refused):
             err.print(f"{name} is left out, since this finger cannot be pressed with it: {refused[name]}")
-        identification = Identification(settings, predicted, options)
+        with busy("finding out what the presses must tell …", quick=True, kind="prior"):
+            identification = Identification(settings, predicted, options)
         script = IdentificationScript(
             identification, partial(print_after_press, identification), partial(print_before_press, identification)
         )
@@ -452,7 +453,7 @@ def find_command(
     """Fit pad center, height, roll and tilt to the touches; print [frame] for the configuration."""
     with one_line_errors(as_json=as_json):
         recorded, settings = read_run(run), load_config(run / "config.toml")
-        with loading_the_finger():
+        with busy(THE_FINGER, quick=True):
             finger = Fingertip.load(settings.finger)
         lie = find(recorded, settings, finger)
         if as_json:

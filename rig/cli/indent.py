@@ -11,7 +11,7 @@ import typer
 from rich.table import Table
 
 from rig.cli.options import FingertipOption, JsonOption, checked_picture, numbers, write_picture
-from rig.cli.output import ExitCode, complain, loading_the_finger, one_line_errors, out, print_json
+from rig.cli.output import THE_FINGER, ExitCode, busy, complain, one_line_errors, out, print_json
 from rig.compare.recordings.deflection import SkinDeflection, in_words, laid_beside, read_skin_deflection
 from rig.errors import BadInputError
 from rig.plan.config import load_config
@@ -323,7 +323,7 @@ def indent_command(
             pressed = request.for_point()
             force = pressed.force_per_mm(_force_of_point(doi_mm, force_gwt))
             assert force is not None
-            with loading_the_finger():
+            with busy(THE_FINGER, quick=True):
                 finger = pressed.load(settings.finger, ALONG, receptors)
             loaded = finger.point_load(x_mm or 0.0, force, z_mm=z_mm)
             _say_point(loaded, pressed, finger.build_s, as_json=as_json)
@@ -334,11 +334,12 @@ def indent_command(
         )
         if chosen.choice is not None and not as_json:
             out.print(f"auto chose {chosen.model}, level {chosen.choice.level}: {chosen.choice.outlook}")
-        with loading_the_finger():
+        with busy(THE_FINGER, quick=True):
             finger = chosen.load(settings.finger, indentor.axes, receptors)
         force = chosen.force_per_mm(force_gwt)
         press = partial(finger.indent, indentor, x_mm or 0.0, z_mm=z_mm, reference=origin, other_paths=other_paths)
-        result = press(doi_mm=doi_mm, force_gwt=force)
+        with busy(f"pressing {shape} …", quick=True, kind="press"):
+            result = press(doi_mm=doi_mm, force_gwt=force)
         if picture is not None:
             _draw(result, picture)
         beside = None if measured is None else laid_beside(result, measured)

@@ -18,6 +18,7 @@ from serial.tools import list_ports
 from rig.bench.checks import as_words, bench_problems, contact, in_one_line, look, today
 from rig.cli.options import FingerConfigOption, JsonOption, checked_file
 from rig.cli.output import err, one_line_errors, out, print_json
+from rig.cli.progress import counted
 from rig.data.bug_report import LEFT_OUT, bug_report, bundle_name
 from rig.devices import registry
 from rig.errors import BadInputError
@@ -337,7 +338,9 @@ def speed_command(
         start = time.perf_counter()
         reference = stored()
         measured = []
-        for found in measure(QUICK if quick else WHOLE, QUICK_SCENES if quick else SCENES):
+        candidates = QUICK if quick else WHOLE
+        found_one = measure(candidates, QUICK_SCENES if quick else SCENES)
+        for found in counted(found_one, len(candidates), "candidates measured", quiet=as_json):
             measured.append(found)
             err.print(f"{_name(found)}: {found.nodes} nodes, {found.build_s:.1f} s, {found.memory_mb:.0f} MB")
         table, unit_s = list(rows(measured, reference)), reference_s()

@@ -12,7 +12,7 @@ import typer
 from rig.bench.checks import contact, position
 from rig.cli.bench import by_hand, live_line, print_entries
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
-from rig.cli.output import ExitCode, complain, err, one_line_errors
+from rig.cli.output import ExitCode, complain, err, one_line_errors, resting
 from rig.clock import Clock
 from rig.devices.base import Axis
 from rig.engine.dead_man import Direction
@@ -60,7 +60,8 @@ def command(
         target = _target(axis, by_mm)
         with live_line(settings) as show, by_hand(settings, show, without_force=without_force) as (hand, clock):
             if target is None:
-                moved = _jog_by_keys(hand, clock, speed_mm_s)
+                with resting():
+                    moved = _jog_by_keys(hand, clock, speed_mm_s)
             else:
                 direction, far_mm = target
                 moved = hand.go(lambda: direction, speed_mm_s, far_mm)

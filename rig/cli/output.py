@@ -3,8 +3,10 @@
 import json
 import logging
 import sys
+import threading
+import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import contextmanager, suppress
 from enum import IntEnum
 from typing import Any, NoReturn
 
@@ -12,88 +14,286 @@ from rich.console import Console, RenderableType
 from rich.live import Live
 from rich.spinner import Spinner
 
+from rig.cli import durations
 from rig.errors import RigError
 
 err = Console(stderr=True, highlight=False, soft_wrap=True, markup=False)
 out = Console(highlight=False, soft_wrap=True, markup=False)
 
-_spinners: list[Callable[[str], None]] = []
-"""Active spinners; each takes its new text."""
+THE_FINGER = "fingertip: loading from the cache, or building …"
 
-THE_FINGER = "fingertip: loading from the cache, or building in about 15 s …"
+FIRST_S, EVERY_S, LONG_S = 0.5, 2.0, 3.0
+"""Time after which work that may be short says what it does, time between lines without a terminal, and duration from
+which an estimate is printed at the beginning (s)."""
+
+_LOOKS_S = 0.1
+_REFRESH_PER_S = 8
 
 
-@contextmanager
-def looking_busy(what: str) -> Iterator[None]:
-    """Show an activity with a spinner on a terminal; nothing in a pipe."""
-    if not err.is_terminal:
-        yield
-        return
-    with Live(Spinner("dots", what), console=err, transient=True) as live:
-        _spinners.append(lambda now: live.update(Spinner("dots", now)))
+class Activity:
+    """Work in progress: what it is, how far it is, and how long such work took before.
+
+    A part of the work, such as the build of a model within a check, has a kind and an estimate of its own. Work
+    without a kind has no estimate.
+    """
+
+    def __init__(
+        self,
+        what: str,
+        kind: str | None = None,
+        size: float = 1.0,
+        total: int = 0,
+        now: Callable[[], float] | None = None,
+    ) -> None:
+        self.what, self._counted, self._in_parts = what, total > 0, False
+        self._now = now or time.monotonic
+        self._began_s = self._now()
+        self._done, self._total = 0, total
+        self._begin(kind, size)
+
+    def _begin(self, kind: str | None, size: float) -> None:
+        self._kind, self._size, self._part_began_s = kind, size, self._now()
+        self._expected_s = None if kind is None else durations.expected_s(kind, size)
+
+    def say(self, what: str) -> None:
+        """Change what is said."""
+        self.what = what
+
+    def turn_to(self, what: str, kind: str, size: float) -> None:
+        """Begin a part of the work; work with parts is of no kind of its own."""
+        if self._in_parts:
+            self.end()
+        self._in_parts, self.what = True, what
+        self._begin(kind, size)
+
+    def at(self, done: int, total: int) -> None:
+        """Set how many pieces are done."""
+        self._done, self._total = done, total
+
+    def end(self) -> None:
+        """Record how long the work took, or its last part."""
+        if self._kind is not None:
+            durations.took(self._kind, self._size, self._now() - self._part_began_s)
+
+    @property
+    def title(self) -> str:
+        """What it is, with the estimate if it takes long."""
+        expected_s = self._expected_s or 0.0
+        what = f"{self._total} {self.what}" if self._counted else self.what
+        return f"{what}, about {in_words(expected_s)} as before" if expected_s >= LONG_S else what
+
+    @property
+    def elapsed_s(self) -> float:
+        """Time since it began."""
+        return self._now() - self._began_s
+
+    @property
+    def line(self) -> str:
+        """What it is, how far it is, and the time left."""
+        what = f"{self._done} of {self._total} {self.what}" if self._counted else self.what
+        return f"{what}, {in_words(self.elapsed_s)} so far{self._left}"
+
+    @property
+    def _left(self) -> str:
+        if self._total and self._done:
+            return f", about {in_words(self.elapsed_s * (self._total - self._done) / self._done)} left"
+        if self._kind is None:
+            return ""
+        if self._expected_s is None:
+            return ", no estimate yet"
+        left_s = self._expected_s - (self._now() - self._part_began_s)
+        return f", about {in_words(left_s)} left" if left_s > 0 else ", longer than before"
+
+
+def in_words(seconds: float) -> str:
+    """Format a duration: 7 s, 2 min 5 s."""
+    minutes, rest = divmod(round(seconds), 60)
+    return f"{minutes} min {rest} s" if minutes else f"{rest} s"
+
+
+class _Activities:
+    """Activities in progress, the innermost last, and the thread that breaks their silence."""
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()
+        self._all: list[tuple[Activity | None, bool]] = []  # and whether a live line shows it; None while people act
+        self._said_s = self._began_s = 0.0
+        self._said: Activity | None = None
+        self._printer: threading.Thread | None = None
+
+    @property
+    def current(self) -> Activity | None:
+        """The innermost activity."""
+        return self._all[-1][0] if self._all else None
+
+    @property
+    def live(self) -> bool:
+        """Whether a live line shows the innermost activity."""
+        return bool(self._all) and self._all[-1][1]
+
+    @contextmanager
+    def during(self, activity: Activity | None, *, at_once: bool = False, live: bool = False) -> Iterator[None]:
+        """Print lines of an activity: one at once, or when nothing was printed for a while."""
+        with self._changed:
+            if not self._all:
+                self._began_s, self._said_s = time.monotonic(), 0.0
+            self._all.append((activity, live))
+            if activity is not None and not live and (at_once or FIRST_S <= 0):
+                self._say(activity)
+            if self._printer is None:
+                self._printer = threading.Thread(target=self._print, name="progress", daemon=True)
+                self._printer.start()
+            self._changed.notify()
         try:
             yield
         finally:
-            _spinners.pop()
+            with self._changed:
+                self._all.pop()
+
+    def look(self) -> None:
+        """Print a line of the innermost activity if nothing was printed for a while."""
+        activity, first = self.current, self._said_s < self._began_s
+        if activity is None or self.live:
+            return
+        if time.monotonic() - max(self._said_s, self._began_s) >= (FIRST_S if first else EVERY_S):
+            self._say(activity)
+
+    def _say(self, activity: Activity) -> None:
+        new = activity is not self._said and activity.elapsed_s < EVERY_S
+        err.print(activity.title if new else activity.line)
+        self._said, self._said_s = activity, time.monotonic()
+
+    def _print(self) -> None:
+        while True:
+            with self._changed:
+                while self.current is None or self.live:
+                    self._changed.wait()
+                self.look()
+            time.sleep(_LOOKS_S)
+
+
+_activities = _Activities()
+during = _activities.during
+_command = "rig"
+
+
+@contextmanager
+def busy(
+    what: str,
+    *,
+    as_json: bool = False,
+    quick: bool = False,
+    kind: str | None = None,
+    size: float = 1.0,
+    total: int = 0,
+) -> Iterator[Activity]:
+    """Print what a command does, and its progress: in a live line on a terminal, else in lines on standard error.
+
+    Parameters
+    ----------
+    what : str
+        The work, which begins with it.
+    as_json, quick : bool
+        Whether to say nothing if the work is short.
+    kind : str, optional
+        Kind of work whose durations are comparable. Default: `what`.
+    size : float
+        Amount of work, to which its duration is proportional.
+    total : int
+        Number of pieces that are counted.
+    """
+    activity = Activity(what, f"{_command}: {kind or what}", size, total)
+    with _shown(activity, at_once=not (as_json or quick)):
+        yield activity
+    activity.end()
+
+
+@contextmanager
+def _shown(activity: Activity, *, at_once: bool) -> Iterator[None]:
+    """Show an activity in a live line on a terminal, else print lines."""
+    if not err.is_terminal or _activities.live:
+        with _activities.during(activity, at_once=at_once, live=_activities.live):
+            yield
+        return
+    spinner = Spinner("dots", activity.what)
+
+    def drawn() -> Spinner:
+        now = _activities.current or activity
+        spinner.update(text=now.line if now.elapsed_s >= EVERY_S else now.title)
+        return spinner
+
+    live = Live(get_renderable=drawn, console=err, transient=True, refresh_per_second=_REFRESH_PER_S)
+    with _activities.during(activity, live=True), live:
+        live.refresh()  # which it does by itself for a fixed text only
+        yield
+
+
+@contextmanager
+def working() -> Iterator[None]:
+    """Print that the command works whenever it says nothing of its own for a while."""
+    with _activities.during(Activity(f"{_command}: working …")):
+        yield
+
+
+@contextmanager
+def starting(command: str) -> Iterator[None]:
+    """Print that a command starts, if that takes a while."""
+    global _command
+    _command = command
+    with _shown(Activity(f"{command}: starting …"), at_once=False):
+        yield
+
+
+@contextmanager
+def resting() -> Iterator[None]:
+    """Print no progress while a person acts or a service waits."""
+    with _activities.during(None):
+        yield
 
 
 def say_now(what: str) -> None:
-    """Update the active spinner, or print a line without one."""
-    if _spinners:
-        _spinners[-1](what)
-    else:
+    """Change what the current activity says, and print it unless a live line shows it."""
+    if (now := _activities.current) is not None:
+        now.say(what)
+    if not _activities.live:
         err.print(what)
 
 
 class _Builds(logging.Handler):
-    """Log handler that prints warnings, and shows the progress of a build in the spinner or as lines."""
+    """Log handler that prints warnings, and turns the current activity to what the simulator builds."""
 
     def emit(self, record: logging.LogRecord) -> None:
+        now, message = _activities.current, record.getMessage()
         if record.levelno >= logging.WARNING:
-            complain(f"warning: {record.getMessage()}")
-        elif _spinners:
-            _spinners[-1](record.getMessage())
-        elif record.levelno >= logging.INFO:
-            err.print(record.getMessage())
+            complain(f"warning: {message}")
+            return
+        if record.levelno >= logging.INFO and err.is_terminal and not _activities.live:
+            err.print(message)
+        if now is None:
+            return
+        if record.levelno < logging.INFO:
+            now.say(message)
+        else:
+            size = next((float(one) for one in record.args or () if isinstance(one, int | float)), 1.0)
+            now.turn_to(message, str(record.msg), size)
+        if hasattr(record, "total"):
+            now.at(getattr(record, "done", 0), record.total)
 
 
 def show_builds() -> None:
-    """Print warnings of the simulator, and on a terminal the progress of a model that is built."""
+    """Print warnings of the simulator, and show what it builds as progress."""
     logger = logging.getLogger("sim")
     for handler in [handler for handler in logger.handlers if isinstance(handler, _Builds)]:
         logger.removeHandler(handler)
     logger.addHandler(_Builds())
-    if err.is_terminal:
-        logger.setLevel(logging.DEBUG)
-
-
-def loading_the_finger() -> AbstractContextManager[None]:
-    """Show a spinner while the finger is loaded; nothing in a pipe."""
-    return looking_busy(THE_FINGER)
-
-
-def busy(what: str, *, as_json: bool) -> AbstractContextManager[None]:
-    """Show an activity like `looking_busy`, and print one line in a pipe.
-
-    With JSON output nothing is printed.
-    """
-    if not (err.is_terminal or as_json):
-        err.print(what)
-    return looking_busy(what)
+    logger.setLevel(logging.DEBUG)
 
 
 @contextmanager
 def checking_the_script() -> Iterator[Callable[[int], None]]:
-    """Yield a function that shows the number of checked steps on a terminal."""
-    if not err.is_terminal:
-        yield lambda steps: None
-        return
-    with err.status("checking the script …", refresh_per_second=2) as status:
-        _spinners.append(status.update)
-        try:
-            yield lambda steps: status.update(f"checking the script: {steps} steps so far …")
-        finally:
-            _spinners.pop()
+    """Yield a function that shows the number of checked steps."""
+    with busy("checking the script …", quick=True) as now:
+        yield lambda steps: now.say(f"checking the script: {steps} steps …")
 
 
 _screens: list[Live] = []
@@ -118,7 +318,8 @@ def screen_aside() -> Iterator[None]:
     for live in shown:
         live.stop()
     try:
-        yield
+        with resting():
+            yield
     finally:
         for live in shown:
             live.start(refresh=True)
@@ -200,9 +401,10 @@ def _nothing_moved(message: str, exit_code: ExitCode) -> dict[str, Any]:
 
 @contextmanager
 def one_line_errors(*, as_json: bool, beginning: Beginning | None = None) -> Iterator[None]:
-    """Turn expected errors into one line and the right exit code."""
+    """Turn expected errors into one line and the right exit code, and break long silences."""
     try:
-        yield
+        with working():
+            yield
     except KeyboardInterrupt:
         line = "stopped at once by the operator"
         fail(line, "interrupted", ExitCode.ABORTED, as_json=as_json, beginning=beginning)

@@ -11,7 +11,7 @@ import typer
 
 from rig.bench.real import PortError, RealBench, open_bench
 from rig.cli.options import ConfigOption, JsonOption
-from rig.cli.output import complain, err, one_line_errors, out, print_json
+from rig.cli.output import complain, err, one_line_errors, out, print_json, resting
 from rig.cli.signals import asked_to_leave, at_once
 from rig.clock import WallClock
 from rig.control.client import Announcement
@@ -61,7 +61,7 @@ def panel_command(
         else:
             out.print(panel.url)
             err.print("press Ctrl-C to close the panel; a running protocol continues")
-        with _shown(panel.url) if browser and not as_json else _not_shown():
+        with _shown(panel.url) if browser and not as_json else _not_shown(), resting():
             panel.serve()
 
 
@@ -113,7 +113,12 @@ def owning_command(config: ConfigOption) -> None:
                 pid=os.getpid(), kind="by hand", virtual=False, config=os.path.abspath(config),
                 ports=(*stage_ports(settings.stage), settings.force.port), began_unix_s=clock.unix_s(),
             )  # fmt: skip
-            with owner.begun(), asked_to_leave(owner.leave), ControlSocket(announcement, _answers(owner, button)):
+            with (
+                owner.begun(),
+                asked_to_leave(owner.leave),
+                ControlSocket(announcement, _answers(owner, button)),
+                resting(),
+            ):
                 owner.run(lambda: os.getppid() != parent)
             if log.problem is not None:
                 complain(f"the log of manual control is incomplete: {log.problem}")

@@ -13,7 +13,7 @@ from typing import Annotated, Literal, NamedTuple, get_args
 import typer
 
 from rig.cli.help import START_PAGE, PlainCommand, PlainGroup
-from rig.cli.output import ExitCode, fail, looking_busy, out, renamed, show_builds
+from rig.cli.output import ExitCode, fail, out, renamed, show_builds, starting
 
 # some versions of typer carry their own copy of click, whose exceptions are reached through a public one.
 _ClickException = typer.BadParameter.mro()[2]
@@ -130,7 +130,7 @@ def _app(arguments: list[str]) -> typer.Typer:
     requested = next((word for word in arguments if word != "--"), "")
     if requested in COMMANDS:
         module, _, command = COMMANDS[requested].where.partition(".")
-        with looking_busy(f"rig {requested}: starting …"):
+        with starting(f"rig {requested}"):
             _add(app, requested, getattr(_imported(f"rig.cli.{module}"), command))
         return app
     near = get_close_matches(requested, COMMANDS, cutoff=0.65)

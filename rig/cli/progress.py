@@ -1,6 +1,5 @@
 """Progress on standard error: of a run on its own terminal, and of counted tasks."""
 
-import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, TypeVar
@@ -10,13 +9,11 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColum
 from rich.text import Text
 
 from rig.cli.force_trace import ForceTrace, Screen, named
-from rig.cli.output import a_screen, complain, err
+from rig.cli.output import Activity, a_screen, busy, complain, during, err
 from rig.data.journal import Watch
 from rig.data.run_state import Course, RunState, TimeLeft, as_clock
 
 T = TypeVar("T")
-
-_APART_S = 3.0  # time between lines of counted tasks
 
 
 class _TextOf(ProgressColumn):
@@ -73,25 +70,39 @@ class IndentationProgress(RunState):
         return ", ".join([done, *marks, self.where, f"peak {peak_gwt:.2f} gwt", self.left])
 
 
-def counted(
-    answers: Iterable[T], total: int, what: str, *, quiet: bool, now: Callable[[], float] = time.perf_counter
-) -> Iterator[T]:
-    """Yield the results of tasks, with a progress bar on a terminal, else with lines unless quiet.
+class _Between(Activity):
+    """What a run is doing between its lines."""
 
-    The first line precedes the first result, and the last one follows the last; others are 3 s apart.
+    def __init__(self, run: IndentationProgress) -> None:
+        super().__init__("")
+        self._run = run
+
+    @property
+    def title(self) -> str:
+        """The same as later."""
+        return self.line
+
+    @property
+    def line(self) -> str:
+        """Current indentation, step and time left."""
+        run = self._run
+        return f"{len(run.finished)} of {run.total}, {run.where}, {run.now or 'starting'}, {run.left}"
+
+
+def counted(answers: Iterable[T], total: int, what: str, *, quiet: bool) -> Iterator[T]:
+    """Yield the results of tasks, with a progress bar on a terminal, else with lines.
+
+    The first line precedes the first result, and the last one follows the last; quiet: only if the tasks take long.
     """
-    if err.is_terminal or quiet or not total:
-        yield from track(answers, what, total, console=err, disable=not (err.is_terminal and total))
+    if not total:
         return
-    err.print(f"{total} {what}")
-    began_s = said_s = now()
-    for done, answer in enumerate(answers, 1):
-        yield answer
-        now_s = now()
-        if done == total or now_s - said_s >= _APART_S:
-            left = "" if done == total else f", {as_clock((now_s - began_s) * (total - done) / done)} left"
-            err.print(f"{done} of {total} {what}{left}")
-            said_s = now_s
+    with busy(what, as_json=quiet, size=total, total=total) as now:
+        shown = track(answers, what, total, console=err) if err.is_terminal else answers
+        for done, answer in enumerate(shown, 1):
+            yield answer
+            now.at(done, total)
+    if not (err.is_terminal or quiet):
+        err.print(f"{total} of {total} {what}")
 
 
 @contextmanager
@@ -100,11 +111,11 @@ def progress(
 ) -> Iterator[Watch]:
     """Show the progress of a run on standard error.
 
-    With JSON output and without a terminal, only alarms are printed.
+    Without a terminal: a line for each indentation, or with JSON output only alarms; and lines in between.
     """
     run = IndentationProgress(total, time_left, course)
     shown = _bar if err.is_terminal else _nothing if as_json else _lines
-    with shown(run) as show:
+    with during(_Between(run), live=err.is_terminal), shown(run) as show:
 
         def watch(stream: str, data: Mapping[str, Any]) -> None:
             run.event(stream, data)

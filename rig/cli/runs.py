@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import typer
 
 from rig.cli.options import JsonOption, checked_file
-from rig.cli.output import complain, looking_busy, one_line_errors, out, print_json
+from rig.cli.output import busy, complain, one_line_errors, out, print_json
 from rig.data import dictionary
 from rig.data.folder import replace_text
 from rig.data.index import IndexEntry, RunFilter, listed
@@ -86,7 +86,7 @@ def runs_command(
 
 
 def _entries(runs: Path) -> list[IndexEntry]:
-    with looking_busy(f"reading the runs in {runs} …"):
+    with busy(f"reading the runs in {runs} …", quick=True, kind="reading runs"):
         try:
             return listed(runs)
         except OSError as error:
@@ -311,13 +311,14 @@ def export_command(
             raise BadInputError("export: no format given; add --csv (HDF5 and CSV files) or --nwb", code="no_format")
         found = read_run(run)
         written = []
-        if as_csv:
-            export_run(found)
-            tables = (f"{stream}.csv" for stream in found.units if found.stream(stream))
-            written += [str(found.folder.data), *(str(run / name) for name in tables)]
-        if as_nwb:
-            written.append(str(export_nwb(found)))
-        found.folder.write_checksums()
+        with busy(f"writing the files of {run} …", quick=True, kind="export"):
+            if as_csv:
+                export_run(found)
+                tables = (f"{stream}.csv" for stream in found.units if found.stream(stream))
+                written += [str(found.folder.data), *(str(run / name) for name in tables)]
+            if as_nwb:
+                written.append(str(export_nwb(found)))
+            found.folder.write_checksums()
         if as_json:
             print_json({"run": str(run), "files": written})
         else:

@@ -8,7 +8,18 @@ import typer
 
 from rig.bench.served import ServedBench
 from rig.cli.options import FingerConfigOption, JsonOption
-from rig.cli.output import ExitCode, complain, err, loading_the_finger, one_line_errors, out, print_json, renamed
+from rig.cli.output import (
+    THE_FINGER,
+    ExitCode,
+    busy,
+    complain,
+    err,
+    one_line_errors,
+    out,
+    print_json,
+    renamed,
+    resting,
+)
 from rig.devices.registry import Room, names
 from rig.errors import BadInputError
 from rig.identify.random_finger import truth_of, with_random_finger
@@ -110,7 +121,7 @@ def serve_command(
         if random_finger is not None:
             settings = with_random_finger(settings, random_finger)
         both = stage is None and force is None
-        with loading_the_finger():
+        with busy(THE_FINGER, quick=True):
             bench = ServedBench(
                 settings,
                 stage=_kind("stage", stage, settings.stage.kind if both else None),
@@ -122,7 +133,8 @@ def serve_command(
             for number in (signal.SIGINT, signal.SIGTERM):
                 signal.signal(number, lambda *_: bench.stop())
             print_json(bench.ports)
-            bench.run()
+            with resting():
+                bench.run()
             if bench.statistics is not None:
                 err.print(_statistics_line(bench.statistics))
             if bench.press is not None and bench.press.ended:

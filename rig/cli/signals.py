@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from rig.cli.output import err
+from rig.cli.output import err, resting
 from rig.clock import WallClock
 
 # not on Windows, where `rig stop` can only open a port without an owner.
@@ -101,7 +101,8 @@ class PauseRequest:
 def typed_line() -> str:
     """Return a typed line; empty at the end of input, and if another program owns the terminal."""
     try:
-        return sys.stdin.readline()
+        with resting():
+            return sys.stdin.readline()
     except OSError:  # a background process
         return ""
 

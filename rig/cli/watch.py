@@ -9,7 +9,7 @@ from rich.live import Live
 
 from rig.cli.force_trace import ForceTrace, Screen, named
 from rig.cli.options import JsonOption
-from rig.cli.output import ExitCode, err, one_line_errors, out, print_json
+from rig.cli.output import ExitCode, err, one_line_errors, out, print_json, resting
 from rig.cli.runs import ending_of
 from rig.clock import WallClock
 from rig.data.folder import RunFolder
@@ -61,7 +61,8 @@ def watch_command(
                 seen.take(Following(seen.folder).new())
                 print_json(_now(seen))
                 return
-            (_on_a_screen if out.is_terminal else _line_by_line)(seen)
+            with resting():
+                (_on_a_screen if out.is_terminal else _line_by_line)(seen)
             out.print("\n".join(_end(seen)))
         except FOREIGN as error:
             raise RunError(

@@ -34,7 +34,7 @@ from rig.settings import Settings
 from rig.study.parallel import spread
 from rig.study.parameter_study import interpolated, nodes_to_build
 from sim.config import FingertipConfig
-from sim.contact.shapes import parse_shape
+from sim.contact.shapes import contents, parse_shape
 from sim.errors import ModelRangeError
 from sim.finger.mesh import MeshError
 from sim.finger.surface import SurfaceError
@@ -415,7 +415,8 @@ def on_plausible_fingers(
     work = [_work(one, x_mm, press_rows) for one in design]
     if not exact:
         work = interpolated(work)
-    key = content_key([simulator_code(), [asdict(one) for one in work]])
+    shapes = contents(row.indentor for row in press_rows)
+    key = content_key([simulator_code(), [asdict(one) for one in work], *shapes])
     try:
         found, _ = cached_arrays(key, lambda: _all_answers(work), kind="answers")
     except FingersError as error:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rig.data import Run
 from rig.plan.finger_model import Response, from_copy, responses
 from sim.contact.patch import X, Z
-from sim.contact.shapes import parse_shape, shape_name
+from sim.contact.shapes import contents, parse_shape, shape_name
 from sim.measures.measures import MEASURES, shown
 from sim.models.cache import Arrays, cached_arrays, content_key, simulator_code
 from sim.models.fingertip import Fingertip
@@ -278,7 +278,9 @@ def contact_regions(results: Sequence[IndentationResult]) -> Array:
 def responses_key(run: Run, finger: Fingertip) -> str:
     """Return the cache key for a run's simulated responses."""
     journal = hashlib.sha256(run.folder.events.read_bytes()).hexdigest()
-    return answers_key(finger, [_CACHED_AS, journal])
+    pressed = dict.fromkeys(start["indentor"] for start in run.stream("indentation_start"))
+    shapes = contents(from_copy(run.folder.path, indentor) for indentor in pressed)
+    return answers_key(finger, [_CACHED_AS, journal, *shapes])
 
 
 def answers_key(finger: Fingertip, request: object) -> str:

@@ -1,7 +1,9 @@
 """Indentors by their names on the command line."""
 
+import hashlib
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from pathlib import Path
 
 from sim.contact.height_map import HeightMapError
 from sim.contact.indentor import ACROSS, Indentor, Prismatic, Revolved
@@ -111,6 +113,18 @@ def named_file(text: str) -> str | None:
     """Return the file that a shape's name contains, or None."""
     found = _FILE.fullmatch(text)
     return found[2] if found else None
+
+
+def contents(shapes: Iterable[str]) -> list[str]:
+    """Return the SHA-256 of each file in the names of shapes, "missing" for a file that cannot be read."""
+    return [_content(Path(file)) for file in map(named_file, shapes) if file is not None]
+
+
+def _content(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError:
+        return "missing"  # reading the shape reports it
 
 
 def with_file(text: str, file: str) -> str:

@@ -27,7 +27,7 @@ class _Compiling(numba_events.Listener):
     def on_start(self, event: numba_events.Event) -> None:
         """Log before the first function is compiled."""
         if not self.reported:
-            _log.info("compiling the contact loops for this machine, once, about 20 s …")
+            _log.info("compiling the contact loops for this machine, once …")
         self.reported = True
 
     def on_end(self, event: numba_events.Event) -> None:

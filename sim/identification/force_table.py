@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.contact.shapes import contents
 from sim.errors import ModelRangeError
 from sim.models.cache import Arrays, cached_arrays, content_key, path_of, simulator_code
 from sim.models.fingertip import Fingertip
@@ -162,7 +163,7 @@ class ShapeTable:
 
 
 def _key(indentor: str, scope: Scope, made_of: object) -> str:
-    return content_key(["meeting", indentor, scope.about, made_of, simulator_code()])
+    return content_key(["meeting", indentor, *contents([indentor]), scope.about, made_of, simulator_code()])
 
 
 def _pressed(indentor: str, scope: Scope, made: Made, work: Work) -> Arrays:

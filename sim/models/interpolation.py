@@ -136,7 +136,8 @@ class NodeBuilds:
         compliance, columns, shared, read = [], [], Arrays(), True
         for n, node in enumerate(nodes, 1):
             if not node.kept:
-                _log.info("full build %d of %d for interpolation, done once …", n, len(nodes))
+                pieces = {"done": n - 1, "total": len(nodes)}
+                _log.info("full build %d of %d for interpolation, done once …", n, len(nodes), extra=pieces)
             shared, was_read = node.compliance()
             compliance.append(shared.pop("compliance"))
             columns.append(node.columns())
@@ -247,8 +248,10 @@ def make_node(node: Node) -> None:
 # A family is all fingers that differ only in the moduli of dermis and fat.
 
 PAYS_FROM = 9
-"""Number of fingers of a family from which interpolation saves time: 16 builds instead of 9, and none for later
-fingers."""
+"""Number of fingers of one family in one request from which they are interpolated.
+
+The number of requested fingers decides, not the cache: one request has one answer. A later request of the family
+finds its 16 builds on disk."""
 
 
 class FingerWithReceptors(NamedTuple):
@@ -271,17 +274,13 @@ class FingerWithReceptors(NamedTuple):
 
 
 def worth_interpolating(fingers: Sequence[FingerWithReceptors]) -> list[bool]:
-    """Return whether to interpolate each finger: if its family is on disk or has enough members."""
+    """Return whether to interpolate each finger: if its family has enough members, whatever the cache holds."""
     members: dict[FingerWithReceptors, set[tuple[float, float]]] = defaultdict(set)
     for one in fingers:
         if in_range(one.config.tissue):
             members[one.family].add((one.config.tissue.e_dermis, one.config.tissue.e_fat))
-    chosen = {family for family, moduli in members.items() if _pays(family, len(moduli))}
+    chosen = {family for family, moduli in members.items() if len(moduli) >= PAYS_FROM}
     return [in_range(one.config.tissue) and one.family in chosen for one in fingers]
-
-
-def _pays(family: FingerWithReceptors, members: int) -> bool:
-    return members >= PAYS_FROM or (members > 1 and not missing_nodes([family], [ALONG]))
 
 
 def missing_nodes(fingers: Iterable[FingerWithReceptors], slopes: Iterable[tuple[int, ...]]) -> list[Node]:

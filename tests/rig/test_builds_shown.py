@@ -44,7 +44,7 @@ def test_without_a_spinner_a_long_build_has_a_line_and_its_steps_have_none(scree
     assert seen(screen) == "some minutes\n"
 
 
-@pytest.mark.parametrize("spinner", [lambda: output.looking_busy("the finger"), output.checking_the_script])
+@pytest.mark.parametrize("spinner", [lambda: output.busy("the finger"), output.checking_the_script])
 @pytest.mark.parametrize("level", [logging.DEBUG, logging.INFO])
 def test_a_spinner_says_it_itself(
     screen: io.StringIO, spinner: Callable[[], AbstractContextManager[object]], level: int
@@ -55,7 +55,7 @@ def test_a_spinner_says_it_itself(
     drawn = seen(screen)
     assert "assembly done" in drawn
     assert "afterwards" not in drawn
-    assert not output._spinners
+    assert output._activities.current is None
 
 
 @pytest.mark.parametrize("screen", [False], indirect=True)
@@ -71,8 +71,8 @@ def test_a_program_that_runs_twice_says_it_once(screen: io.StringIO) -> None:
 
 
 def test_a_spinner_that_ends_badly_is_forgotten(screen: io.StringIO) -> None:
-    with pytest.raises(RuntimeError), output.looking_busy("the finger"):
+    with pytest.raises(RuntimeError), output.busy("the finger"):
         raise RuntimeError
     with pytest.raises(RuntimeError), output.checking_the_script():
         raise RuntimeError
-    assert not output._spinners
+    assert output._activities.current is None

@@ -57,7 +57,7 @@ def test_a_row_is_decoded_under_the_shape_that_is_named_or_that_explains_it_best
     given = ("decode", "--readings", "r.csv", "--config", "coarse.toml", "--spacing-mm", "0.2")
     ended = rig(*given, "--axial", "ellipse:1.5")
     assert ended.code == 0
-    assert ended.err.startswith("fingertip: loading from the cache, or building in about 15 s …\n")
+    assert ended.err.startswith("fingertip: loading from the cache, or building …\n")
     assert "; contact along the finger: ellipse:1.5\n" in ended.out
     assert "24 pressures from M = 25 readings" in ended.out
     monkeypatch.setattr(decode, "HALF_LENGTHS_MM", (0.8, 1.5, 3.0))

@@ -54,7 +54,7 @@ shape = "bar:3.0"
 doi_mm = [0.1, 0.15, 0.2, 0.25, 0.3, 0.35]
 """
 COARSE = as_toml(coarse_mesh(0.3, 0.3, patch_x_mm=2.0, patch_z_mm=2.0, round_patch_mm=2.0))
-FINGER = "fingertip: loading from the cache, or building in about 15 s …"
+FINGER = output.THE_FINGER
 LINE = re.compile(
     r"\d of 2, block 1, condition -?0\.5, bar:3\.0 at [+-]0\.50 mm, peak \d+\.\d\d gwt, \d:\d\d:\d\d left"
 )
@@ -190,34 +190,28 @@ def test_a_study_says_how_many_cases_and_when_all_are_done(rig: Callable[..., Sa
 # --- what is counted ---
 
 
-def _lines_of(monkeypatch: pytest.MonkeyPatch, each_s: float, total: int, *, quiet: bool = False) -> list[str]:
-    """What is said in a pipe of pieces that take so long."""
-    written, now_s = StringIO(), [0.0]
+def _said_of(monkeypatch: pytest.MonkeyPatch, total: int, *, quiet: bool = False) -> list[str]:
+    """What is said in a pipe of pieces that take no time."""
+    written = StringIO()
     monkeypatch.setattr(shown, "err", Console(file=written, width=200))
+    monkeypatch.setattr(output, "err", shown.err)
 
     def answers() -> Iterator[int]:
         for n in range(total):
             assert quiet or written.getvalue()  # before the first answer
-            now_s[0] += each_s
             yield n
 
-    assert list(counted(answers(), total, "fingers", quiet=quiet, now=lambda: now_s[0])) == list(range(total))
+    assert list(counted(answers(), total, "fingers", quiet=quiet)) == list(range(total))
     return written.getvalue().splitlines()
 
 
-def test_long_pieces_have_a_line_each_and_the_time_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert _lines_of(monkeypatch, 4.0, 3) == [
-        "3 fingers", "1 of 3 fingers, 0:00:08 left", "2 of 3 fingers, 0:00:04 left", "3 of 3 fingers",
-    ]  # fmt: skip
-
-
-def test_short_pieces_have_a_line_each_three_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert _lines_of(monkeypatch, 1.0, 5) == ["5 fingers", "3 of 5 fingers, 0:00:02 left", "5 of 5 fingers"]
+def test_counted_pieces_have_a_line_at_the_beginning_and_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert _said_of(monkeypatch, 3) == ["3 fingers", "3 of 3 fingers"]
 
 
 def test_nothing_is_said_of_nothing_or_where_it_is_to_be_quiet(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert _lines_of(monkeypatch, 1.0, 0) == []
-    assert _lines_of(monkeypatch, 4.0, 3, quiet=True) == []
+    assert _said_of(monkeypatch, 0) == []
+    assert _said_of(monkeypatch, 3, quiet=True) == []
 
 
 def test_what_is_counted_has_a_bar_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:

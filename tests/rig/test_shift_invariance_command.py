@@ -25,7 +25,7 @@ def rig(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp
 def test_it_prints_every_site_beside_the_printed_table_and_draws_one(rig: Program) -> None:
     ended = rig("shift-invariance", *QUICK, "--picture", "spread.svg")
     assert ended.code == 0
-    assert ended.err == "24 point loads on the whole finger: loading from the cache, or computing in about 20 s …\n"
+    assert ended.err == "24 point loads on the whole finger: loading from the cache, or computing them …\n"
     assert "SED 0.76 mm below the skin = A / r^m, under 1 gwt along the inward normal" in ended.out
     assert "receptors 0.5 mm apart within ± 2 mm of each site in x and in z" in ended.out
     rows = [line.split() for line in ended.out.splitlines()]

@@ -1,0 +1,315 @@
+"""Every command says what it does before it does it, tells how long such work took before, and breaks its silence.
+
+Work is replaced by a function that looks at standard error when it is first called; no test waits or asserts seconds.
+How long commands are silent is measured by `python -m studies.speed.silence`, which `make shake` runs.
+"""
+
+import importlib
+import io
+import itertools
+import json
+import logging
+import shutil
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple, NoReturn
+
+import pytest
+from rich.console import Console
+from rig.cli.json_output import OUTPUTS
+
+from rig.cli import durations, main, output
+from rig.cli.output import Activity, busy, resting, starting, working
+from rig.cli.program import COMMANDS
+from rig.cli.progress import counted
+from rig.control.stop import StageInHand
+from sim.contact.compiled.compiling import cache_dir
+from sim.models.fingertip import Fingertip
+from studies.speed.silence import WORDS
+
+OLD_RUNS = Path(__file__).parents[1] / "data" / "runs_of_0_1"
+LOAD = "sim.models.fingertip.Fingertip.load"
+SCRIPT = 'def run(rig):\n    rig.mount("bar:3.0")\n    rig.home()\n    rig.zero()\n    rig.move_to(x_mm=0.0)\n'
+SCRIPT += "    rig.indent(doi_mm=0.2, hold_s=0.1)\n"
+STUDY = '[finger.tissue]\nepidermis_mm = [0.3, 0.5]\n\n[[press]]\nshape = "bar:3.0"\ndoi_mm = 0.1\n'
+
+
+class Walked(NamedTuple):
+    """Arguments of a command, the function that does its first work, and whether it says what that is.
+
+    What takes no longer than to read a file says only that the command works.
+    """
+
+    words: str
+    work: str
+    own: bool = True
+
+
+WALK = {
+    "dry-run": Walked("mine.py", LOAD),
+    "run": Walked("mine.py --config rig.toml --yes", LOAD),
+    "identify": Walked("--dry-run --to finger.toml", LOAD),
+    "check": Walked("mine.py", LOAD),
+    "resume": Walked("run", "rig.cli.run.read_stopped", own=False),
+    "compare": Walked("run", LOAD),
+    "runs": Walked(".", "rig.cli.runs.listed"),
+    "show": Walked("run", "rig.cli.runs.read_run", own=False),
+    "watch": Walked("run", "rig.cli.watch.RunScreen", own=False),
+    "panel": Walked("--no-browser", "rig.cli.panel._panel", own=False),
+    "export": Walked("run --csv", "rig.data.export.export_run"),
+    "study": Walked("study.toml", "rig.study.parallel.in_processes"),
+    "indent": Walked("--shape bar:3.0 --x-mm 0 --doi-mm 0.2 --model finger", LOAD),
+    "impulse": Walked("", "rig.cli.encode._found"),
+    "shift-invariance": Walked("", "rig.cli.encode.kept_sites"),
+    "encode": Walked("--pressure 1,2", "rig.cli.encode.encode_task"),
+    "decode": Walked("--pressure 1,2", "rig.cli.decode.decode_task"),
+    "finger": Walked("", "rig.cli.finger.build_mesh"),
+    "find": Walked("run", LOAD),
+    "export-deck": Walked("--shape bar:3.0 --x-mm 0 --doi-mm 0.2 --out deck.inp", LOAD),
+    "serve": Walked("", "rig.cli.serve.ServedBench"),
+    "stranger": Walked("3", "rig.cli.serve.truth_of", own=False),
+    "home": Walked("--config rig.toml", "rig.cli.bench._home"),
+    "zero": Walked("--config rig.toml", "rig.cli.bench.open_force", own=False),
+    "status": Walked("--config rig.toml", "rig.cli.bench.look", own=False),
+    "stop": Walked("--config rig.toml", "rig.cli.stop.send_stop", own=False),
+    "jog": Walked("--config rig.toml --axis x --by-mm 1", "rig.cli.jog.by_hand", own=False),
+    "by-hand": Walked("--config rig.toml", "rig.cli.panel.HandLog", own=False),
+    "calibrate": Walked("force --config rig.toml --mass-g 5", "rig.cli.calibrate.open_force", own=False),
+    "bench": Walked("--quick", "sim.benchmark.in_processes"),
+    "cache": Walked("", "rig.cli.installation.entries", own=False),
+    "config": Walked("", "rig.cli.installation.keys", own=False),
+    "doctor": Walked("", "rig.cli.installation._examine", own=False),
+}
+
+
+class Reached(BaseException):
+    """The work has begun."""
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a script, a study, a run and a configuration whose ports are there."""
+    monkeypatch.chdir(tmp_path)
+    for name, text in {"mine.py": SCRIPT, "study.toml": STUDY, "stage": "", "force": ""}.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    ports = f"[stage]\nport = '{tmp_path / 'stage'}'\n[force]\nport = '{tmp_path / 'force'}'\n"
+    (tmp_path / "rig.toml").write_text(ports, encoding="utf-8")
+    shutil.copytree(OLD_RUNS / "complete", tmp_path / "run")
+    monkeypatch.setattr(StageInHand, "open", lambda stage: stage)
+    monkeypatch.setattr(output, "FIRST_S", 0.0)
+    return tmp_path
+
+
+def test_the_walk_has_every_command() -> None:
+    """And so has the one that measures how long they are silent."""
+    assert WALK.keys() == COMMANDS.keys() == WORDS.keys()
+
+
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize(
+    ("name", "as_json"), [*((name, False) for name in WALK), *((name, True) for name in WALK if name in OUTPUTS)]
+)
+def test_it_is_said_before_it_is_done(
+    name: str, as_json: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """On standard error alone."""
+    words, work, own = WALK[name]
+    what: list[Activity | None] = []
+
+    def reached(*_: object, **__: object) -> NoReturn:
+        what.append(output._activities.current)
+        raise Reached
+
+    module, _, attribute = work.rpartition(".")
+    if work == LOAD:
+        monkeypatch.setattr(Fingertip, "load", reached)
+    else:
+        monkeypatch.setattr(importlib.import_module(module), attribute, reached)
+    monkeypatch.setattr("sys.argv", ["rig", name, *words.split(), *(["--json"] if as_json else [])])
+    with pytest.raises(Reached):
+        main()
+    printed = capsys.readouterr()
+    (now,) = what
+    assert printed.err
+    assert printed.out == ""
+    if own:
+        assert now is not None
+        assert now.what in printed.err
+        assert now.title != Activity(f"rig {name}: working …").title
+    assert output._activities.current is None
+
+
+# --- estimates ---
+
+
+class Clock:
+    """Seconds, set by hand."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+@pytest.fixture
+def learned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty file of durations."""
+    path = tmp_path / "cache" / durations.FILE
+    monkeypatch.setattr(durations, "path", lambda: path)
+    monkeypatch.setattr(durations, "LEAST_S", 0.3)
+    return path
+
+
+def worked(kind: str, seconds: float, size: float = 1.0) -> Activity:
+    clock = Clock()
+    activity = Activity("work", kind, size, now=clock)
+    clock.now_s += seconds
+    activity.end()
+    return activity
+
+
+def test_the_first_time_has_no_estimate_and_the_next_has_that_of_the_last(learned: Path) -> None:
+    assert worked("a", 8.0).title == "work"
+    clock = Clock()
+    again = Activity("work", "a", 2.0, now=clock)
+    assert again.title == "work, about 16 s as before"
+    clock.now_s = 10.0
+    assert again.line == "work, 10 s so far, about 6 s left"
+    clock.now_s = 20.0
+    assert again.line == "work, 20 s so far, longer than before"
+    assert Activity("work", "b", now=clock).line == "work, 0 s so far, no estimate yet"
+    assert Activity("work", now=clock).line == "work, 0 s so far"
+
+
+def test_an_estimate_is_the_median_of_the_last_few_times(learned: Path) -> None:
+    for seconds in (100.0, 4.0, 4.0, 5.0, 6.0, 7.0):
+        worked("a", seconds)
+    assert durations.expected_s("a", 1.0) == 5.0
+    assert durations.expected_s("a", 3.0) == 15.0
+    assert len(json.loads(learned.read_text("utf-8"))["a"]) == durations.MOST_TIMES
+
+
+def test_what_is_short_is_recorded_only_where_it_was_long(learned: Path) -> None:
+    worked("a", 0.1)
+    assert not learned.exists()
+    for seconds in (9.0, 0.1, 0.1):
+        worked("a", seconds)
+    assert durations.expected_s("a", 1.0) == pytest.approx(0.1)
+
+
+def test_counted_pieces_tell_the_time_left_from_those_that_are_done(learned: Path) -> None:
+    clock = Clock()
+    activity = Activity("cases", "a", 12.0, 12, clock)
+    assert activity.title == "12 cases"
+    activity.at(3, 12)
+    clock.now_s = 6.0
+    assert activity.line == "3 of 12 cases, 6 s so far, about 18 s left"
+
+
+def test_the_file_is_bounded_and_the_latest_kinds_stay(learned: Path) -> None:
+    for number in range(durations.MOST_KINDS + 3):
+        worked(str(number), 1.0)
+    kept = json.loads(learned.read_text("utf-8"))
+    assert len(kept) == durations.MOST_KINDS
+    assert "0" not in kept
+    assert [path.name for path in learned.parent.iterdir()] == [durations.FILE]
+
+
+@pytest.mark.parametrize(
+    "content",
+    ["", "{", "[]", "3", '{"a": 3}', '{"a": []}', '{"a": ["x"]}', '{"a": [-1]}', '{"a": [1e999]}',
+     '{"a": [1,1,1,1,1,1]}', "[" * 100_000],
+)  # fmt: skip
+def test_a_damaged_file_is_ignored_and_written_anew(content: str, learned: Path) -> None:
+    learned.parent.mkdir()
+    learned.write_text(content, "utf-8")
+    assert durations.expected_s("a", 1.0) is None
+    worked("a", 4.0)
+    assert durations.expected_s("a", 1.0) == 4.0
+
+
+def test_a_folder_that_cannot_be_written_costs_nothing(learned: Path) -> None:
+    learned.parent.write_text("", "utf-8")
+    worked("a", 4.0)
+    assert durations.expected_s("a", 1.0) is None
+
+
+def test_it_lies_beside_the_models(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("RIG_CACHE_DIR", raising=False)
+    assert durations.folder() == cache_dir()
+    monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path))
+    assert durations.folder() == cache_dir() == tmp_path
+
+
+# --- silence ---
+
+
+@pytest.fixture
+def pipe(monkeypatch: pytest.MonkeyPatch) -> io.StringIO:
+    """Standard error."""
+    written = io.StringIO()
+    monkeypatch.setattr(output, "err", Console(file=written, width=200))
+    return written
+
+
+def test_a_build_within_work_has_its_own_line_and_estimate(learned: Path, pipe: io.StringIO) -> None:
+    """The work itself learns nothing from a time with a build in it."""
+    output.show_builds()
+    for _ in range(2):
+        with starting("rig check"), busy("the finger", kind="load") as now:
+            now._now = clock = Clock()
+            now._began_s = now._part_began_s = 0.0
+            logging.getLogger("sim.models.condensed").info("building %d unknowns …", 1000)
+            clock.now_s = 9.0
+            title = now.title
+    assert title == "building 1000 unknowns …, about 9 s as before"
+    assert list(json.loads(learned.read_text("utf-8"))) == ["building %d unknowns …"]
+
+
+def test_work_that_fails_teaches_nothing(learned: Path, pipe: io.StringIO) -> None:
+    with suppress(ValueError), busy("the finger") as now:
+        now._part_began_s -= 100.0
+        raise ValueError
+    assert not learned.exists()
+
+
+def test_silence_is_broken_by_what_is_in_progress(pipe: io.StringIO, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By the innermost activity, and by none while a person acts."""
+    activities = output._Activities()
+    monkeypatch.setattr(output, "_activities", activities)
+    monkeypatch.setattr(activities, "_printer", object())  # none: steps are by hand
+    monkeypatch.setattr(output, "EVERY_S", 2.0)
+    monkeypatch.setattr(output, "FIRST_S", 0.5)
+    clock = Clock()
+    clock.now_s = 100.0
+    monkeypatch.setattr(output.time, "monotonic", clock)
+
+    def after(seconds: float) -> list[str]:
+        clock.now_s += seconds
+        pipe.seek(0)
+        pipe.truncate()
+        activities.look()
+        return pipe.getvalue().splitlines()
+
+    with starting("rig check"):
+        assert after(0.4) == []
+        assert after(0.2) == ["rig check: starting …"]
+    with working():
+        with busy("the finger"):
+            assert after(1.9) == []
+            assert after(0.2) == ["the finger, 2 s so far, no estimate yet"]
+        assert after(1.9) == []
+        assert after(0.2) == ["rig check: working …, 4 s so far"]
+        with resting():
+            assert after(100.0) == []
+        with busy("steps", quick=True):
+            assert after(0.1) == ["steps"]
+    assert after(100.0) == []
+
+
+def test_counted_pieces_are_said_before_the_first(pipe: io.StringIO) -> None:
+    pieces = counted(itertools.repeat("a", 2), 2, "fingers", quiet=False)
+    assert next(pieces) == "a"
+    assert pipe.getvalue() == "2 fingers\n"
+    assert list(pieces) == ["a"]
