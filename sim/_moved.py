@@ -60,7 +60,8 @@ contact.compiled.chords contact.compiled.points_between_nodes
 contact.compiled.curves contact.compiled.profile_curves
 contact.compiled.elastic contact.compiled.skin_compliance
 contact.compiled.gaps contact.compiled.planes_and_residual
-contact.compiled.kept contact.compiled.compiling
+contact.compiled.compiling compiling
+contact.compiled.kept compiling
 contact.compiled.ready contact.warmup
 contact.control contact.force_control
 devices.balance devices.mtsics
@@ -79,7 +80,6 @@ devices.grbl.system devices.grbl.system_commands
 devices.told devices.line
 fem.assembly fem.elements
 fem.dense fem.dissection
-fem.pardiso fem.mkl_condensation
 fem.shape_functions fem.elements
 fem.strain fem.elements
 finger.fit finger.surface

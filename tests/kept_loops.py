@@ -4,8 +4,8 @@ import shutil
 from hashlib import sha1
 from pathlib import Path
 
-CONTACT = Path("sim", "contact")
-ROOMS = (CONTACT, CONTACT / "compiled", Path("sim", "coding"))
+SIM = Path("sim")
+ROOMS = (SIM / "contact", SIM / "contact" / "compiled", SIM / "coding", SIM / "fem")
 ROOT = Path(__file__).parents[1]
 
 
@@ -14,7 +14,7 @@ def bring_loops(folder: Path) -> None:
 
     numba keeps it by the folder of the source, and looks at the source's time.
     """
-    kept = CONTACT / "compiled" / "__pycache__"
+    kept = SIM / "__pycache__"
     for room in ROOMS:
         name = f"{room.name}_{sha1(str(folder / room).encode()).hexdigest()}"
         for found in (ROOT / kept).glob(f"loops-*/{room.name}_{sha1(str(ROOT / room).encode()).hexdigest()}"):

@@ -28,7 +28,6 @@ from rig.report.benchmark_page import page
 from rig.session.resume import left_on_record
 from sim import benchmark
 from sim.benchmark import QUANTITIES, QUICK, QUICK_SCENES, SCENES, WHOLE, Measured, measure, reference_s, rows, stored
-from sim.fem import mkl_condensation
 from sim.models.cache import KINDS, CacheEntry, cache_dir, entries, most_bytes, prune
 
 HEAD = """# Configuration reference
@@ -167,10 +166,6 @@ def _megabytes(them: Sequence[CacheEntry]) -> str:
     return f"{_bytes(them) / 1e6:.1f} MB"
 
 
-_SOLVERS = {
-    "mkl_pardiso": "MKL PARDISO",
-    "nested_dissection": "nested dissection (portable; MKL PARDISO is not installed)",
-}
 _PACKAGES = ("indentation-rig", "numpy", "scipy", "h5py", "pydantic", "pyserial", "pymodbus", "matplotlib")
 
 
@@ -197,7 +192,7 @@ def doctor_command(
 def _bundled(run: Path, settings: Config) -> dict[str, Any]:
     """Write the file for a bug report to the current folder, and return what it contains and leaves out."""
     here = _installation(settings)
-    about = ("python", "system", "machine", "cores", "versions", "devices", "solver", "protocols")
+    about = ("python", "system", "machine", "cores", "versions", "devices", "protocols")
     contents = {name: here[name] for name in about}
     to = Path(bundle_name(run))
     shipped = {path.name: path.read_bytes() for path in shipped_protocols().glob("*.py")}
@@ -234,7 +229,6 @@ def _lines(found: Mapping[str, Any]) -> dict[str, str]:
         ),
         "devices": ", ".join(f"{kind.room} {' '.join(_named_kinds(found, kind.room))}" for kind in registry.KINDS),
         "limits": in_one_line(found["limits"]),
-        "solver": _SOLVERS[found["solver"]],
         "cache": f"{cache['folder']}, {cache['models']} models, {cache['answers']} answers, "
         f"{cache['bytes'] / 1e6:.0f} MB",
         "protocols": ", ".join(found["protocols"]),
@@ -311,7 +305,6 @@ def _installation(settings: Config) -> dict[str, Any]:
         },
         "devices": _kinds(),
         "limits": settings.limits.model_dump(),
-        "solver": "mkl_pardiso" if mkl_condensation.available() else "nested_dissection",
         "cache": {
             "folder": str(folder),
             "models": len(stored["model"]),

@@ -1420,7 +1420,6 @@ class DoctorJson(Output):
     devices: list[DeviceKindJson]
     limits: dict[Key, Setting]
     """Table [limits] of the configuration."""
-    solver: Literal["mkl_pardiso", "nested_dissection"]
     cache: CacheSizeJson
     protocols: list[Name]
     problems_text: NotRequired[list[str]]

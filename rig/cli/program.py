@@ -74,7 +74,7 @@ COMMANDS = {
     "bench": Command("installation.speed_command", "Benchmark the models on this machine.", "System"),
     "cache": Command("installation.cache_command", "List or delete cached results.", "System"),
     "config": Command("installation.config_command", "Print configuration keys with units and ranges.", "System"),
-    "doctor": Command("installation.doctor_command", "Check ports, versions, limits, solver and cache.", "System"),
+    "doctor": Command("installation.doctor_command", "Check ports, versions, limits and cache.", "System"),
 }
 
 OLD_NAMES = {"meet": "identify"}

@@ -102,7 +102,7 @@ def pressed_skin(
     Its patch is that for indentors that slope along some axes. Raises ReceptorError.
     """
     receptors = ReceptorSet(points_mm, depth_mm)
-    source = OnDisk(config, FingertipSurface.fit(config.geometry), receptors, "auto")
+    source = OnDisk(config, FingertipSurface.fit(config.geometry), receptors)
     model, _ = source.model((slopes, None))
     return PressedSkin(config, model)
 

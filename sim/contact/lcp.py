@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.contact.compiled.compiling import compiled
+from sim.compiling import compiled
 from sim.contact.compiled.factors import factor_in_place, solve_in_place
 from sim.contact.compiled.skin_compliance import SkinCompliance, moved, worked
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.contact.compiled.compiling import compiled
+from sim.compiling import compiled
 from sim.contact.compiled.factors import (
     add_products,
     back_in_place,

@@ -1,1 +1,1 @@
-"""Elements, assembly and condensation: by MKL (`pardiso`), or without it (`dissection`)."""
+"""Elements, assembly and condensation."""

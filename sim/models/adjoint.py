@@ -7,7 +7,8 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
-from sim.models.condensed import Factor, FiniteElements
+from sim.fem.dissection import DissectionFactor
+from sim.models.condensed import FiniteElements
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], object]
@@ -18,7 +19,7 @@ _PLACES_AT_ONCE = 20  # 120 right-hand sides: their displacements take 0.1 GB on
 
 
 def adjoint_columns(
-    problem: FiniteElements, factor: Factor, operator: sp.csr_array, progress: Progress | None = None
+    problem: FiniteElements, factor: DissectionFactor, operator: sp.csr_array, progress: Progress | None = None
 ) -> Array:
     """Return (6 n, n_z, n_phi, 3) strains at n locations, in 1/N of a force on each skin node.
 
@@ -32,7 +33,7 @@ def adjoint_columns(
     columns = np.zeros((operator.shape[0], 3 * n_z * n_phi))
     for start in range(0, len(columns), 6 * _PLACES_AT_ONCE):
         some = slice(start, start + 6 * _PLACES_AT_ONCE)
-        columns[some, at] = factor.solve(rows_of_free[some].toarray())[:, on_skin]
+        columns[some, at] = factor.solve(rows_of_free[some].toarray(), on_skin)
         done, of = min(some.stop, len(columns)) // 6, len(columns) // 6
         _log.debug("building a model: strain at %d of %d receptors …", done, of)
         if progress:

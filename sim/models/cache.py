@@ -17,7 +17,7 @@ from filelock import FileLock
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from sim.contact.compiled.compiling import cache_dir as cache_dir
+from sim.compiling import cache_dir as cache_dir
 from sim.errors import SimError
 from sim.finger.surface import FingertipSurface
 

@@ -11,10 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from sim.config import FingertipConfig, Tissue
 from sim.contact.patch import Patch, X, Y
-from sim.fem import mkl_condensation
 from sim.fem.dissection import DissectionFactor
 from sim.fem.elements import assemble_upper, stiffness
-from sim.fem.mkl_condensation import PardisoFactor
 from sim.finger.mesh import FingerMesh
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorSet
@@ -23,7 +21,6 @@ from sim.measures.receptors import ReceptorSet
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-Factor = PardisoFactor | DissectionFactor
 
 LONG = 50_000
 """Number of unknowns from which condensing takes seconds; the default finger has twice as many."""
@@ -83,18 +80,16 @@ def discretise(config: FingertipConfig, mesh: FingerMesh, axes: tuple[int, ...] 
     return FiniteElements(mesh, upper[free][:, free], free, np.searchsorted(free, patch))
 
 
-def factorise(problem: FiniteElements, solver: str = "auto") -> Factor:
-    """Condense onto the patch: by MKL PARDISO where it is installed ("pardiso"), else by LAPACK ("dissection")."""
-    return condense(problem.upper, problem.kept, problem.places, solver)
+def factorise(problem: FiniteElements) -> DissectionFactor:
+    """Condense onto the patch."""
+    return condense(problem.upper, problem.kept, problem.places)
 
 
-def condense(upper: sp.csr_array, kept: Ints, places: Ints, solver: str = "auto") -> Factor:
+def condense(upper: sp.csr_array, kept: Ints, places: Ints) -> DissectionFactor:
     """Condense any symmetric matrix whose unknowns have positions (n, d), logging where that takes long."""
     unknowns = upper.shape[0]
     level = logging.INFO if unknowns >= LONG else logging.DEBUG
     _log.log(level, "building a model: factorizing a stiffness of %d unknowns …", unknowns)
-    if solver == "pardiso" or (solver == "auto" and mkl_condensation.available()):
-        return PardisoFactor(upper, kept)
     return DissectionFactor(upper, kept, places)
 
 

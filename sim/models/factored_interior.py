@@ -1,6 +1,5 @@
 """Strain at any point inside a finger, from the factored stiffness of its whole mesh."""
 
-import weakref
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -11,11 +10,12 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sim.config import FingertipConfig
+from sim.fem.dissection import DissectionFactor
 from sim.finger.mesh import build_mesh
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorSet, strain_operator
 from sim.models.adjoint import Progress, adjoint_columns
-from sim.models.condensed import Columns, Factor, FiniteElements, discretise, factorise, meshed_for, young_ratios
+from sim.models.condensed import Columns, FiniteElements, discretise, factorise, meshed_for, young_ratios
 from sim.models.result import IndentationResult
 
 Array = NDArray[np.float64]
@@ -30,11 +30,8 @@ class Interior:
     The factor is computed on first use, after the points were checked, and freed with the object.
     """
 
-    def __init__(
-        self, config: FingertipConfig, surface: FingertipSurface, slopes: tuple[int, ...], solver: str = "auto"
-    ) -> None:
+    def __init__(self, config: FingertipConfig, surface: FingertipSurface, slopes: tuple[int, ...]) -> None:
         self._config = config
-        self._solver = solver
         self.mesh = build_mesh(meshed_for(config, slopes), surface)
 
     @cached_property
@@ -44,11 +41,9 @@ class Interior:
         return replace(problem, kept=problem.kept[:1])
 
     @cached_property
-    def factor(self) -> Factor:
+    def factor(self) -> DissectionFactor:
         """Factor that solves under any loads."""
-        factor = factorise(self.problem, self._solver)
-        weakref.finalize(self, factor.close)
-        return factor
+        return factorise(self.problem)
 
     def columns(self, receptors: ReceptorSet, progress: Progress | None = None) -> Columns:
         """Return columns of points by six adjoint solves each. Raises ReceptorError."""
@@ -94,7 +89,7 @@ class Recovery(NamedTuple):
         return np.concatenate([(operator @ flat).T for operator in self.operators], axis=1).reshape(len(moved), -1, 6)
 
 
-def displaced(problem: FiniteElements, factor: Factor, results: Sequence[IndentationResult]) -> Array:
+def displaced(problem: FiniteElements, factor: DissectionFactor, results: Sequence[IndentationResult]) -> Array:
     """Return (n_results, n_nodes, 3) displacements in mm under the contact forces of indentations on this mesh."""
     mesh = problem.mesh
     loads = np.zeros((len(results), *mesh.nodes.shape))
@@ -105,7 +100,7 @@ def displaced(problem: FiniteElements, factor: Factor, results: Sequence[Indenta
     return moved_by(problem, factor, loads)
 
 
-def moved_by(problem: FiniteElements, factor: Factor, load: Array) -> Array:
+def moved_by(problem: FiniteElements, factor: DissectionFactor, load: Array) -> Array:
     """Return (k, n_nodes, 3) displacements in mm under (k, n_nodes, 3) nodal forces in N."""
     moved = np.zeros((len(load), problem.mesh.nodes.size))
     moved[:, problem.free] = factor.solve(load.reshape(len(load), -1)[:, problem.free])

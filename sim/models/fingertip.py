@@ -2,6 +2,7 @@
 
 import math
 import time
+import warnings
 from collections.abc import Hashable, Sequence
 from copy import copy
 from dataclasses import replace
@@ -105,8 +106,8 @@ class Fingertip(ByRecipe, SeenInside):
         receptor_x_mm: Sequence[float] = DEFAULT_X_MM,
         receptor_depth_mm: float | Sequence[float] = DEFAULT_DEPTH_MM,
         receptor_z_mm: float | Sequence[float] | None = None,
-        solver: Literal["auto", "pardiso", "dissection"] = "auto",
         exact: bool = True,
+        solver: object = None,
     ) -> "Fingertip":
         """Load the fingertip of a configuration: read its model from the cache, or build it in seconds.
 
@@ -124,10 +125,12 @@ class Fingertip(ByRecipe, SeenInside):
             Perpendicular depths below the skin (mm). Default: 0.76.
         receptor_z_mm : float or sequence of float, optional
             Positions along the finger (mm). Default: the receptor plane.
-        solver : {'auto', 'pardiso', 'dissection'}, optional
-            Sparse solver of the build.
         exact : bool, optional
             If False, interpolate between fingers that differ in the moduli of dermis and fat (`docs/library.md`).
+        solver : optional
+            Ignored; there is one sparse solver.
+
+            .. deprecated:: 0.3
 
         Returns
         -------
@@ -145,13 +148,15 @@ class Fingertip(ByRecipe, SeenInside):
         ModelRangeError
             If `exact` is False and a modulus is outside the interpolated range.
         """
+        if solver is not None:
+            warnings.warn("Fingertip.load ignores `solver`", DeprecationWarning, stacklevel=2)
         config = FingertipConfig() if config is None else config
         surface = FingertipSurface.fit(config.geometry)
         keep_tops(surface)
         locations = ReceptorPlaces.of(receptor_x_mm, receptor_depth_mm, receptor_z_mm)
         receptors = receptors_at(config, surface, locations)
-        recipe = Recipe.of(cls.load, config, slopes=slopes, solver=solver, exact=exact, **locations.as_options())
-        full = OnDisk(config, surface, receptors, solver)
+        recipe = Recipe.of(cls.load, config, slopes=slopes, exact=exact, **locations.as_options())
+        full = OnDisk(config, surface, receptors)
         finger = cls(config, surface, full if exact else Interpolated(full), recipe)
         finger.model_for(slopes)
         return finger

@@ -258,7 +258,5 @@ def _closed(corner: Array) -> Array:
 def displacements(config: FingertipConfig, mesh: FingerMesh, results: Sequence[IndentationResult]) -> Array:
     """Return (n_results, n_nodes, 3) displacements in mm of every node under the contact forces of indentations."""
     problem = discretise(config, mesh)
-    with factorise(
-        replace(problem, kept=problem.kept[:1])
-    ) as factor:  # a single unknown, since nothing needs condensing
-        return displaced(problem, factor, results)
+    factor = factorise(replace(problem, kept=problem.kept[:1]))  # a single unknown, since nothing needs condensing
+    return displaced(problem, factor, results)

@@ -109,7 +109,7 @@ class Node:
 
     def _build(self) -> Arrays:
         source = self.source
-        built = build_finger(source.config, source.surface, source.receptors, self.slopes, source.solver)
+        built = build_finger(source.config, source.surface, source.receptors, self.slopes)
         source.columns((self.slopes, None), source.receptors, lambda: built.columns)
         return {**to_arrays(built), "compliance": packed(built.patch.compliance)}
 
@@ -233,7 +233,7 @@ def forget_kept() -> None:
 def nodes_for(config: FingertipConfig, locations: ReceptorPlaces, slopes: tuple[int, ...] = ALONG) -> list[Node]:
     """Return the full builds between which a finger and its family are interpolated."""
     surface = FingertipSurface.fit(config.geometry)
-    return nodes_of(OnDisk(config, surface, receptors_at(config, surface, locations), "auto"), slopes)
+    return nodes_of(OnDisk(config, surface, receptors_at(config, surface, locations)), slopes)
 
 
 def make_node(node: Node) -> None:

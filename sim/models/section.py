@@ -54,10 +54,12 @@ def build_section(
     kept = np.sort(pressed)
     order = np.searchsorted(kept, pressed)
     operator, layers = strain_operator(mesh, receptors.position_mm)
-    with condense(upper, kept, np.zeros((upper.shape[0], 1), np.int64)) as factor:
-        compliance = factor.compliance[order].take(order, axis=1)
-        loads = (operator @ spread).toarray()
-        strain = (factor.solve(loads) if len(loads) else loads) @ spread.T
+    places = np.empty((upper.shape[0], 2), np.int64)  # around the section and along the radius
+    places[unknown.ravel()[dof]] = np.column_stack(np.unravel_index(dof // 3, mesh.grid)[1:])
+    factor = condense(upper, kept, places)
+    compliance = factor.compliance[order].take(order, axis=1)
+    loads = (operator @ spread).toarray()
+    strain = (factor.solve(loads) if len(loads) else loads) @ spread.T
     patch = Patch(mesh.nodes[mesh.patch_nodes], mesh.patch_area_mm2, mesh.patch_shape, AXES, compliance=compliance)
     outside, neighbour = skin_beside(mesh, patch, slice(0, 1))
     skin = np.arange(mesh.grid[1]) * mesh.grid[2]

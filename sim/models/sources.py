@@ -131,7 +131,6 @@ class OnDisk:
     config: FingertipConfig
     surface: FingertipSurface
     receptors: ReceptorSet
-    solver: str
 
     def model(self, key: MeshKey) -> tuple[CondensedModel, bool]:
         """Read a model, or build it: one factorization gives model and columns."""
@@ -139,7 +138,7 @@ class OnDisk:
         timing_s: dict[str, float] = {}
 
         def make() -> Arrays:
-            built = build_finger(widened(self.config, patch), self.surface, self.receptors, slopes, self.solver)
+            built = build_finger(widened(self.config, patch), self.surface, self.receptors, slopes)
             timing_s.update(built.timing_s)
             self.columns(key, self.receptors, lambda: built.columns)
             return {name: np.ascontiguousarray(array) for name, array in to_arrays(built).items()}
@@ -151,7 +150,7 @@ class OnDisk:
     def interior(self, key: MeshKey) -> Interior:
         """Return the mesh, which is factored on first use."""
         slopes, patch = key
-        return Interior(widened(self.config, patch), self.surface, slopes, self.solver)
+        return Interior(widened(self.config, patch), self.surface, slopes)
 
     def columns(self, key: MeshKey, receptors: ReceptorSet, solve: Callable[[], Columns] | None = None) -> Columns:
         """Read columns, or solve for them."""
@@ -177,7 +176,7 @@ class OnDisk:
         described = self.config.model_dump(
             mode="json", exclude={"contact": True, "tissue": {"stiffness", "stiffening"}}
         )
-        return [described, self.solver, list(slopes), patch and list(patch)]
+        return [described, list(slopes), patch and list(patch)]
 
 
 @dataclass(frozen=True)

@@ -96,8 +96,7 @@ def solved(config: FingertipConfig, scenes: Sequence[BenchmarkScene]) -> Solved:
         state = finger.indent(scene.shape, scene.x_mm, doi_mm=scene.doi_mm).state
         load_[mesh.patch_nodes, :2] = state.force.T
     displacement = np.zeros((len(scenes), mesh.nodes.size))
-    with factorise(problem) as factor:
-        displacement[:, problem.free] = factor.solve(loads.reshape(len(scenes), -1)[:, problem.free])
+    displacement[:, problem.free] = factorise(problem).solve(loads.reshape(len(scenes), -1)[:, problem.free])
     return Solved(config, mesh, displacement)
 
 

@@ -12,10 +12,8 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 
 from sim.contact.patch import Patch, X, Y, Z
-from sim.fem import mkl_condensation
 from sim.fem.dissection import DissectionFactor
 from sim.fem.elements import Element, assemble_upper, stiffness, strain_matrix, symmetric
-from sim.fem.mkl_condensation import PardisoFactor
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -117,19 +115,14 @@ class BoxBody:
         whole = symmetric(assemble_upper(matrices, self.hexes, len(self.nodes)))
         self.stiffness = sp.csr_array(self._spread.T @ whole @ self._spread)
 
-    def factor(self, kept: Ints) -> PardisoFactor | DissectionFactor:
+    def factor(self, kept: Ints) -> DissectionFactor:
         """Factor condensed onto some unknowns."""
         upper = sp.csr_array(sp.triu(self.stiffness, format="csr"))
-        return (
-            PardisoFactor(upper, kept)
-            if mkl_condensation.available()
-            else DissectionFactor(upper, kept, self._places)
-        )
+        return DissectionFactor(upper, kept, self._places)
 
     def solve(self, loads: Array) -> Array:
         """(k, n, 3) displacements in mm under (k, n, 3) forces in N."""
-        with self.factor(np.array([0])) as factor:
-            u = factor.solve(loads.reshape(len(loads), -1) @ self._spread)
+        u = self.factor(np.array([0])).solve(loads.reshape(len(loads), -1) @ self._spread)
         return np.asarray((self._spread @ u.T).T.reshape(loads.shape))
 
     def imbalance(self, u: Array, loads: Array) -> float:
@@ -169,8 +162,7 @@ def condense(box: Box, body: BoxBody, reach_mm: float) -> Patch:
     unknown = body.unknown[nodes][:, axes].T.ravel()
     moves = np.flatnonzero(unknown >= 0)
     kept = np.sort(unknown[moves])
-    with body.factor(kept) as factor:
-        at = np.searchsorted(kept, unknown[moves])
-        compliance = np.zeros((len(unknown), len(unknown)))
-        compliance[np.ix_(moves, moves)] = factor.compliance[np.ix_(at, at)]
+    at = np.searchsorted(kept, unknown[moves])
+    compliance = np.zeros((len(unknown), len(unknown)))
+    compliance[np.ix_(moves, moves)] = body.factor(kept).compliance[np.ix_(at, at)]
     return Patch(box.nodes[nodes], area, (n_z, n_x), axes, compliance=compliance)

@@ -149,7 +149,7 @@ def test_what_a_bug_report_needs_is_there(program: Program, run: Path) -> None:
     assert json.loads(found["provenance.json"])["versions"]["indentation-rig"] == "0.1.0"
     installed = json.loads(found["installation.json"])
     assert set(installed) == {
-        "python", "system", "machine", "cores", "versions", "devices", "solver", "protocols", "problems",
+        "python", "system", "machine", "cores", "versions", "devices", "protocols", "problems",
     }  # fmt: skip
     assert "steps" in installed["protocols"]
 

@@ -78,7 +78,7 @@ def test_what_takes_no_time_is_said_quietly(
     monkeypatch.setattr(condensed, "LONG", 3)
     matrix = condensed.sp.csr_array(np.eye(unknowns))
     with caplog.at_level(logging.DEBUG, "sim.models"):
-        condensed.condense(matrix, np.array([0]), np.zeros((unknowns, 1), np.int64), "dissection")
+        condensed.condense(matrix, np.array([0]), np.zeros((unknowns, 1), np.int64))
     assert [(record.levelno, record.args) for record in caplog.records] == [(level, (unknowns,))]
 
 

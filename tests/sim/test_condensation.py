@@ -1,4 +1,4 @@
-"""Both condensations against a direct solution, and against each other."""
+"""Condensation against a direct solution, and against MKL PARDISO where it is installed."""
 
 import numpy as np
 import pytest
@@ -6,21 +6,13 @@ import scipy.sparse as sp
 from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
-from sim.fem import dissection, mkl_condensation
+from sim.fem import dissection
 from sim.fem.dissection import DissectionFactor, IndefiniteError, inverse_spd
 from sim.fem.elements import symmetric
-from sim.fem.mkl_condensation import PardisoFactor
 from sim.models.condensed import FiniteElements, factorise
+from studies.verification import mkl_condensation
+from studies.verification.mkl_condensation import PardisoFactor
 from tests.error_codes import raises
-
-Factor = PardisoFactor | DissectionFactor
-
-KINDS = [
-    pytest.param(
-        "pardiso", marks=pytest.mark.skipif(not mkl_condensation.available(), reason="MKL PARDISO is not installed")
-    ),
-    "dissection",
-]
 
 
 def block_tridiagonal() -> tuple[sp.csr_array, NDArray[np.int64], NDArray[np.int64]]:
@@ -37,11 +29,7 @@ def block_tridiagonal() -> tuple[sp.csr_array, NDArray[np.int64], NDArray[np.int
     return sp.csr_array(np.triu(a)), kept, slab[:, None]
 
 
-def make(kind: str, upper: sp.csr_array, kept: NDArray[np.int64], places: NDArray[np.int64]) -> Factor:
-    return PardisoFactor(upper, kept) if kind == "pardiso" else DissectionFactor(upper, kept, places)
-
-
-def against_direct(factor: Factor, upper: sp.csr_array, kept: NDArray[np.int64], rtol: float) -> None:
+def against_direct(factor: DissectionFactor, upper: sp.csr_array, kept: NDArray[np.int64], rtol: float) -> None:
     """Against SuperLU of the whole matrix, which knows nothing of condensation or symmetry."""
     n = upper.shape[0]
     direct = splu(sp.csc_array(symmetric(upper)))
@@ -53,34 +41,38 @@ def against_direct(factor: Factor, upper: sp.csr_array, kept: NDArray[np.int64],
     loads = np.random.default_rng(5).normal(size=(4, n))
     exact = direct.solve(loads.T).T
     np.testing.assert_allclose(factor.solve(loads), exact, rtol=0, atol=rtol * np.abs(exact).max())
+    some = np.array([kept[0], n - 1, 2])
+    np.testing.assert_array_equal(factor.solve(loads, some), factor.solve(loads)[:, some])
     single = factor.solve(loads[:1])
     np.testing.assert_allclose(single, exact[:1], rtol=0, atol=rtol * np.abs(exact).max())
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_small_matrix_is_condensed_exactly(kind: str) -> None:
+def test_a_small_matrix_is_condensed_exactly() -> None:
     # Diagonally dominant, condition < 1e2: round-off 1e-14; 1e-12 leaves room for the order of sums.
     upper, kept, places = block_tridiagonal()
-    with make(kind, upper, kept, places) as factor:
-        against_direct(factor, upper, kept, 1e-12)
+    against_direct(DissectionFactor(upper, kept, places), upper, kept, 1e-12)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_finger_is_condensed_exactly(kind: str, coarse_problem: FiniteElements) -> None:
+def test_a_finger_is_condensed_exactly(coarse_problem: FiniteElements) -> None:
     # The condition of the coarse finger is 8e4: a direct solution itself is good to ~1e-11.
-    with factorise(coarse_problem, kind) as factor:
-        against_direct(factor, coarse_problem.upper, coarse_problem.kept, 1e-10)
+    against_direct(factorise(coarse_problem), coarse_problem.upper, coarse_problem.kept, 1e-10)
 
 
 @pytest.mark.skipif(not mkl_condensation.available(), reason="MKL PARDISO is not installed")
-def test_the_two_condensations_agree(coarse_problem: FiniteElements) -> None:
+def test_mkl_condenses_the_same(coarse_problem: FiniteElements) -> None:
     loads = np.random.default_rng(7).normal(size=(3, len(coarse_problem.free)))
-    with factorise(coarse_problem, "pardiso") as one, factorise(coarse_problem, "dissection") as other:
-        for a, b in (
-            (one.compliance, other.compliance),
-            (one.solve(loads), other.solve(loads)),
-        ):
+    mine = factorise(coarse_problem)
+    with PardisoFactor(coarse_problem.upper, coarse_problem.kept) as other:
+        for a, b in ((mine.compliance, other.compliance), (mine.solve(loads), other.solve(loads))):
             np.testing.assert_allclose(a, b, rtol=0, atol=1e-9 * np.abs(b).max())
+
+
+def test_little_loads_and_few_places_take_few_fronts(coarse_problem: FiniteElements) -> None:
+    """Displacements of the skin under loads at receptors need a part of the factor."""
+    factor = factorise(coarse_problem)
+    n = len(coarse_problem.free)
+    assert len(factor._needed_for(np.arange(n))) == len(factor._fronts)
+    assert len(factor._needed_for(coarse_problem.kept[:1])) == 0
 
 
 @pytest.mark.parametrize("leaf", [1, 2, 5])
@@ -109,34 +101,7 @@ def test_the_finger_is_cut_into_small_fronts(coarse_problem: FiniteElements) -> 
     assert max(sizes) < 0.15 * len(coarse_problem.free)
 
 
-@pytest.mark.skipif(not mkl_condensation.available(), reason="MKL PARDISO is not installed")
-def test_the_disc_is_searched_for_mkl_but_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    upper, kept, places = block_tridiagonal()
-    make("pardiso", upper, kept, places).close()
-    monkeypatch.setattr("sys.prefix", "/nowhere")  # where pypardiso searches
-    make("pardiso", upper, kept, places).close()
-
-
-@pytest.mark.skipif(not mkl_condensation.available(), reason="MKL PARDISO is not installed")
-def test_a_closed_factor_can_be_closed_again() -> None:
-    upper, kept, _ = block_tridiagonal()
-    factor = PardisoFactor(upper, kept)
-    factor.close()
-    factor.close()
-
-
-@pytest.mark.skipif(not mkl_condensation.available(), reason="MKL PARDISO is not installed")
-def test_an_indefinite_matrix_is_refused_by_pardiso() -> None:
-    upper, kept, _ = block_tridiagonal()
-    bad = upper.toarray()
-    interior = np.setdiff1d(np.arange(28), kept)[3]
-    bad[interior, interior] *= -1
-    with pytest.raises((mkl_condensation.PardisoError, IndefiniteError)) as caught:
-        PardisoFactor(sp.csr_array(bad), kept)
-    assert caught.value.fields.get("phase", 12) == 12
-
-
-def test_an_indefinite_matrix_is_refused_without_it() -> None:
+def test_an_indefinite_matrix_is_refused() -> None:
     upper, kept, places = block_tridiagonal()
     bad = upper.toarray()
     interior = np.setdiff1d(np.arange(28), kept)[3]

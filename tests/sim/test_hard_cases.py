@@ -282,8 +282,7 @@ def errors_on(tissue: Tissue) -> tuple[float, float]:
     load = np.zeros(mesh.nodes.shape)
     load[mesh.patch_nodes, :2] = result.state.force.T
     f = load.ravel()[problem.free]
-    with factorise(replace(problem, kept=problem.kept[:1])) as factor:
-        u = factor.solve(f[None])[0]
+    u = factorise(replace(problem, kept=problem.kept[:1])).solve(f[None])[0]
     everywhere = np.zeros(mesh.nodes.size)
     everywhere[problem.free] = u
     there = everywhere.reshape(-1, 3)[mesh.patch_nodes, :2].T

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from numba.core.event import Event, EventStatus, broadcast
 
+from sim import compiling
 from sim.contact import lcp, newton, warmup
 from sim.contact.compiled import (
-    compiling,
     factors,
     planes_and_residual,
     points_between_nodes,
@@ -21,6 +21,8 @@ from sim.contact.compiled import (
 from sim.contact.measured_profile import MeasuredProfile
 from sim.models.fingertip import Fingertip
 
+LOOPS = [name if name.endswith(".py") else f"{name}/loops.py" for name in compiling._WITH_LOOPS]
+
 
 def doubled(x: float) -> float:
     return 2 * x
@@ -29,10 +31,10 @@ def doubled(x: float) -> float:
 @pytest.fixture
 def modules(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """A place for modules of its own, and a cache that is not there yet."""
-    here = tmp_path / "contact" / "compiled"
-    here.mkdir(parents=True)
-    for name in ("compiled/loops.py", *compiling._ALSO):
-        (here.parent / name).write_text("1")
+    here = tmp_path / "modules"
+    for name in LOOPS:
+        (here / name).parent.mkdir(parents=True, exist_ok=True)
+        (here / name).write_text("1")
     monkeypatch.setattr(compiling, "_HERE", here)
     monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path / "cache"))
     known = compiling._folder
@@ -60,13 +62,13 @@ def test_what_cannot_be_kept_is_compiled_all_the_same(modules: Path, monkeypatch
     assert compiling.compiled(doubled)(3.0) == 6.0
 
 
-@pytest.mark.parametrize("changed", ["compiled/loops.py", *compiling._ALSO])
+@pytest.mark.parametrize("changed", LOOPS)
 def test_a_change_of_any_module_begins_anew(modules: Path, changed: str) -> None:
     before = compiling._folder()
     before.mkdir(parents=True)
     compiling._folder.cache_clear()
     assert compiling._folder() == before
-    (modules.parent / changed).write_text("2")
+    (modules / changed).write_text("2")
     compiling._folder.cache_clear()
     assert compiling._folder() != before
 

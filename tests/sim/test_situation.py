@@ -101,13 +101,12 @@ def test_a_level_on_a_share_of_the_patch() -> None:
 # --- a model without receptors ---
 
 
-@pytest.mark.parametrize("solver", ["auto", "dissection"])
-def test_a_finger_without_receptors_presses_the_same(solver: str) -> None:
+def test_a_finger_without_receptors_presses_the_same() -> None:
     config = FingertipConfig(mesh=coarse_mesh(0.5, 0.9))
     with_ten = load("finger", config, cached=False)
     without = load("finger", config, cached=False, **NOWHERE.as_options())
     skin = FingertipSurface.fit(config.geometry)
-    bare = build_finger(config, skin, ReceptorSet(np.zeros((0, 3)), np.zeros(0)), solver=solver)
+    bare = build_finger(config, skin, ReceptorSet(np.zeros((0, 3)), np.zeros(0)))
     assert bare.columns.per_skin_force.shape[0] == 0
     one, other = (finger.indent("bar:3.0", doi_mm=0.3) for finger in (with_ten, without))
     assert one.force_n == other.force_n

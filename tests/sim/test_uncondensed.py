@@ -37,8 +37,7 @@ def whole(finger: Fingertip, default_mesh: FingerMesh) -> Whole:
     for load, result in zip(loads, results, strict=True):
         load[default_mesh.patch_nodes, :2] = result.state.force.T
     f = loads.reshape(len(results), -1)[:, problem.free]
-    with factorise(replace(problem, kept=problem.kept[:1])) as factor:
-        u = factor.solve(f)
+    u = factorise(replace(problem, kept=problem.kept[:1])).solve(f)
     imbalance = np.linalg.norm(symmetric(problem.upper) @ u.T - f.T, axis=0) / np.linalg.norm(f, axis=1)
     displacement = np.zeros((len(results), default_mesh.nodes.size))
     displacement[:, problem.free] = u

@@ -12,7 +12,7 @@ from numba import types
 from numba.extending import get_cython_function_address
 from numpy.typing import NDArray
 
-from sim.contact.compiled.compiling import compiled
+from sim.compiling import compiled
 
 Array = NDArray[np.float64]
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.contact.compiled.compiling import compiled
+from sim.compiling import compiled
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]

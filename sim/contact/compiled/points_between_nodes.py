@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.contact.compiled.compiling import compiled
+from sim.compiling import compiled
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

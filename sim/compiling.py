@@ -1,7 +1,7 @@
 """Just-in-time compilation of loops for this machine, cached on disk.
 
-The cache is a folder beside these modules, like Python's byte code, or in the model cache where that folder is
-read-only. Where neither can be written, each process compiles. A change of any of the modules begins a new folder.
+The cache is a folder beside this module, like Python's byte code, or in the model cache where that folder is
+read-only. Where neither can be written, each process compiles. A change of any module with loops begins a new folder.
 """
 
 import hashlib
@@ -31,7 +31,7 @@ Loops = TypeVar("Loops", bound=Callable[..., Any])
 
 _config: Any = numba_config
 _HERE = Path(__file__).parent
-_ALSO = ("lcp.py", "newton.py")
+_WITH_LOOPS = ("contact/compiled", "contact/lcp.py", "contact/newton.py", "coding/evidence.py", "fem/dissection.py")
 _UNUSED_S = 86_400
 
 
@@ -49,7 +49,7 @@ def compiled(loops: Loops) -> Loops:
 
 @cache
 def _folder() -> Path:
-    """Return the folder for machine code of these modules; remove folders that nobody used for a day."""
+    """Return the folder for machine code; remove folders that nobody used for a day."""
     here = _HERE / "__pycache__"
     parent = here if os.access(here if here.exists() else _HERE, os.W_OK) else cache_dir()
     folder = parent / f"loops-{_digest()}"
@@ -64,6 +64,7 @@ def _folder() -> Path:
 def _digest() -> str:
     """Hash all modules with loops; numba itself checks only the module that defines a function."""
     found = hashlib.sha256()
-    for module in (*sorted(_HERE.glob("*.py")), *(_HERE.parent / name for name in _ALSO)):
-        found.update(module.read_bytes())
+    for path in (Path(__file__), *(_HERE / name for name in _WITH_LOOPS)):
+        for module in sorted(path.glob("*.py")) if path.is_dir() else [path]:
+            found.update(module.read_bytes())
     return found.hexdigest()[:16]
