@@ -1,4 +1,4 @@
-"""Cold build of the default finger beside the factorization of its matrix alone, and the limits of both, on one thread.
+"""Cold build of the default finger beside the factorization of its matrix alone, and their limits, on one thread.
 
 .venv/bin/python -m studies.speed.cold_build  # one minute; writes studies/results/speed/cold_build.csv
 """
