@@ -28,9 +28,9 @@ from sim.models.stiffening import (
     SED_ERROR,
     DimensionlessPress,
     Energy,
-    Felt,
     ForceFactor,
     Overlap,
+    ReceptorPress,
     Squeezed,
     Stiffened,
     Under,
@@ -52,7 +52,7 @@ from tests.sim.coarse_mesh import coarse_mesh
 MESH = coarse_mesh(0.4, 0.4, patch_x_mm=2.5, patch_z_mm=2.5, round_patch_mm=2.5)
 HUMAN = Path(__file__).parents[2] / "examples" / "human_finger" / "finger.toml"
 PRESS = DimensionlessPress(0.25, 1.21, 4.0, 0.5, 0.2, 2.25)
-FELT = Felt(np.array([0.25, 0.1]), np.array([1.0, 0.3]), np.array([0.1, 0.02]))
+FELT = ReceptorPress(np.array([0.25, 0.1]), np.array([1.0, 0.3]), np.array([0.1, 0.02]))
 
 
 def config(stiffening: float = 0.0) -> FingertipConfig:
@@ -88,7 +88,7 @@ def test_each_number_of_the_force_counts_where_it_should() -> None:
 def test_each_number_of_the_energy_counts_where_it_should() -> None:
     """At λ = 0.8 squeezed tissue has (0.8 − 1.25)² instead of 0.16; the law's strain grows as that of the force."""
     numbers = Energy(2.0, 1.2, 0.4, 0.5, -0.5, 3.0)
-    felt = Felt(np.array([0.2, 0.0]), np.array([0.25, 4.0]), np.array([0.1, 0.02]))
+    felt = ReceptorPress(np.array([0.2, 0.0]), np.array([0.25, 4.0]), np.array([0.1, 0.02]))
     moved = 0.1 * np.exp(0.25 * (2.0 * 0.8 - 1.2))
     beyond = 0.4 * 0.5 / 1.5 * 0.8 * (0.2025 - 0.16)
     expected = [moved + beyond, 0.02 * np.exp(-0.3)]
@@ -110,15 +110,15 @@ def test_factors_are_made_with_the_numbers_that_were_fitted() -> None:
 
 def test_a_shallow_press_leaves_a_receptor_what_it_has_and_where_nothing_is_nothing_breaks() -> None:
     shallow = DimensionlessPress(1e-6, 1e-5, 1.2, 0.0, 1e-6, 1.2)
-    factors = strain_and_stress(0.3, shallow, Felt(np.array([1e-6]), np.ones(1), np.array([1e-9])))
+    factors = strain_and_stress(0.3, shallow, ReceptorPress(np.array([1e-6]), np.ones(1), np.array([1e-9])))
     assert_allclose(factors, 1.0, atol=1e-4)
-    nothing = Felt(np.array([0.2]), np.ones(1), np.zeros(1))
+    nothing = ReceptorPress(np.array([0.2]), np.ones(1), np.zeros(1))
     assert np.isfinite(strain_and_stress(0.3, PRESS, nothing)).all()
 
 
 def test_what_linear_tissue_misses_under_a_deep_press_does_not_hang_on_what_it_had() -> None:
     """A stiff skin's linear dip in the middle fills up: what comes on top is the same."""
-    felt = Felt(np.full(2, 0.24), np.ones(2), np.array([0.05, 0.1]))
+    felt = ReceptorPress(np.full(2, 0.24), np.ones(2), np.array([0.05, 0.1]))
     dip, beside = ENERGY.geometric(PRESS, felt)
     assert 0 < beside - dip < 2 * 0.05
 

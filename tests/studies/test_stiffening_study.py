@@ -8,7 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.models.stiffening import ENERGY, FORCE, FORCE_ERROR, SED_ERROR, DimensionlessPress, Felt, ForceFactor
+from sim.models.stiffening import (
+    ENERGY,
+    FORCE,
+    FORCE_ERROR,
+    SED_ERROR,
+    DimensionlessPress,
+    ForceFactor,
+    ReceptorPress,
+)
 from studies.registry import expanded, read_table, tables_in
 from studies.stiffening import in_time, references, twins
 from studies.stiffening.fingers import FINGERS, deepest_mm, finger
@@ -61,7 +69,7 @@ def test_a_twin_is_what_was_kept() -> None:
     assert found is not None
     assert found["force"] == pytest.approx(kept["force"], rel=1e-5)
     assert found["sed"] == pytest.approx(kept["sed"], rel=1e-4)
-    for field in Felt._fields:
+    for field in ReceptorPress._fields:
         assert found[field] == pytest.approx(kept[field], rel=1e-4, abs=1e-6)
 
 
