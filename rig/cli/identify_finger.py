@@ -57,7 +57,7 @@ from sim.finger_process import Finger, FingerProcess
 from sim.identification.next_press import PressAt
 from sim.identification.posterior import parameter_bands
 from sim.identification.predicted_forces import PredictedForces
-from sim.identification.prior import Prior
+from sim.identification.prior import KINDS, REAL_KINDS, Prior
 from sim.identification.uncertainty_bands import Width
 from sim.models.fingertip import Fingertip
 
@@ -96,6 +96,14 @@ def scope_of(options: IdentificationOptions) -> tuple[float, float]:
     places = [*map(abs, PLACES_MM), *(abs(goal.x_mm) for goal in options.goals)]
     depths = [*DEPTHS_MM, *(goal.doi_mm for goal in options.goals)]
     return max(places) + _BEYOND_X_MM, BEYOND_DEPTH * max(depths)
+
+
+_SERVED = ("tcp://127.", "tcp://localhost:", "tcp://[::1]:", "/dev/pts/")
+
+
+def is_virtual(config: Config) -> bool:
+    """Return whether this machine serves both devices, as `rig serve` does."""
+    return all(port.startswith(_SERVED) for port in (*stage_ports(config.stage), config.force.port))
 
 
 def possible(
@@ -336,7 +344,8 @@ def identify_command(
         finger = loaded(settings, process, as_json=False)
         goals = usual_goals(names) if requested is None else goals_of(requested, settings, finger)
         options = IdentificationOptions(goals, width / 100, presses, most_gwt, names)
-        predicted = PredictedForces.over(settings.finger, Prior(), *scope_of(options))
+        prior = Prior(kinds=KINDS if dry or is_virtual(settings) else REAL_KINDS)
+        predicted = PredictedForces.over(settings.finger, prior, *scope_of(options))
         with at_once():  # what ends this ends the processes that help it
             refused = predicted.have(options.indentors, _counted)
         options = possible(options, predicted, refused, own_goals=requested is None)

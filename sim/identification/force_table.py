@@ -77,17 +77,17 @@ class Scope:
     places: int = 7
     depths: int = 9
 
-    @property
+    @cached_property
     def x(self) -> ChebyshevAxis:
         """Axis of the positions of the indentor."""
         return ChebyshevAxis("x_mm", -self.farthest_mm, self.farthest_mm, self.places)
 
-    @property
+    @cached_property
     def touch_x(self) -> ChebyshevAxis:
         """Finer axis of positions, for the height of first touch."""
         return ChebyshevAxis("x_mm", -self.farthest_mm, self.farthest_mm, _TOUCH_NODES)
 
-    @property
+    @cached_property
     def depth(self) -> ChebyshevAxis:
         """Axis of the logarithm of depth."""
         low, high = np.log(self.depth_mm)

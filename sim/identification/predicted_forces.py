@@ -1,8 +1,8 @@
 """Predicted forces of many fingers of a prior under several shapes."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,20 +39,23 @@ class PressTrajectory:
     height_mm: Array  # (p,) above the nominal apex; by depth: minus the depth
     read_s: Array  # (r,) times of the force readings
     by_depth: bool = False  # whether heights are relative to first touch
+    _fading: dict[float, Array] = field(default_factory=dict, init=False, repr=False, compare=False)
 
-    @property
+    @cached_property
     def lowest(self) -> NDArray[np.intp]:
         """(r,) index of the height at each reading, or of the last one before a move."""
         return np.searchsorted(self.ended_s, self.read_s + 1e-9, side="right") - 1
 
-    @property
+    @cached_property
     def ended_s(self) -> Array:
         """(p,) arrival times at the heights (s)."""
         return np.asarray(self.t_s - 0.5 * np.diff(self.t_s, prepend=self.t_s[:1]))
 
     def fading(self, tau_s: float) -> Array:
         """Return the (r, p) remaining shares of the elastic forces for one relaxation term."""
-        return Moves(self.ended_s, self.t_s - self.ended_s).fading(tau_s, self.read_s, self.lowest)
+        if tau_s not in self._fading:
+            self._fading[tau_s] = Moves(self.ended_s, self.t_s - self.ended_s).fading(tau_s, self.read_s, self.lowest)
+        return self._fading[tau_s]
 
 
 @dataclass(frozen=True)

@@ -65,19 +65,18 @@ class Kind:
     chance: float
 
 
-_LINEAR, _ELASTIC = 0.1, 0.1
-"""Probabilities of tissue that is linear at small strain, and of tissue that does not relax. Both are a model's or a
-phantom's; the force has a step between a stiffening of 0 and any other."""
+_LINEAR, _ELASTIC = 0.1, 0.1  # probabilities of tissue that is linear at small strain, and that does not relax
+LIVING = Kind((), 1 - _ELASTIC)
+REAL_KINDS = (LIVING, Kind(("share_fast", "share_slow"), _ELASTIC))
+"""Kinds of tissue under a real bench, weighed by the evidence of the presses."""
 
-LIVING = Kind((), (1 - _LINEAR) * (1 - _ELASTIC))
-
-KINDS = (
-    LIVING,
-    Kind(("stiffening",), _LINEAR * (1 - _ELASTIC)),
-    Kind(("share_fast", "share_slow"), (1 - _LINEAR) * _ELASTIC),
-    Kind(("stiffening", "share_fast", "share_slow"), _LINEAR * _ELASTIC),
+KINDS = tuple(
+    Kind((*linear, *kind.zero), chance * kind.chance)
+    for linear, chance in (((), 1 - _LINEAR), (("stiffening",), _LINEAR))
+    for kind in REAL_KINDS
 )
-"""Kinds of tissue, which the evidence of the presses weighs."""
+"""Kinds of tissue under a virtual bench too, where a finger may be linear: force has a step between a stiffening of 0
+and any other. No object is linear at small strain alone, and a fit of one would hide e.g. rubber."""
 
 _LEAST_CHANCE = 1e-12  # of a tail; its normal quantile is 7
 

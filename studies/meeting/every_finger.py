@@ -1,6 +1,6 @@
 """Identifies every kind of finger that the program can serve or rehearse: docs/validation/identification.md.
 
-.venv/bin/python -m studies.meeting.every_finger [ROWS] [--only NAME] [--draws N]
+.venv/bin/python -m studies.meeting.every_finger [ROWS] [--only NAME] [--draws FIRST END]
 
 The finger is that of `rig identify --dry-run` with the case as configuration, or that of `rig serve --random-finger`.
 Each finger is a line of ROWS (default: study/every_finger.jsonl); a line that exists is not computed again.
@@ -23,18 +23,22 @@ from rig.identify.adaptive_presses import SHAPES, Identification, Identification
 from rig.identify.identification_script import IdentificationScript
 from rig.identify.random_finger import truth_of, with_parameters
 from rig.plan.config import Config, load_config
+from rig.plan.finger_model import left_of
 from rig.plan.plan import Plan
+from rig.records import Pace
 from rig.session.resume import commit
 from rig.session.session import NewRun, Session, run_on
 from sim.config import FingertipConfig, MeshSpec
+from sim.identification.next_press import PressAt
 from sim.identification.posterior import parameter_bands
-from sim.identification.predicted_forces import PredictedForces
+from sim.identification.predicted_forces import PredictedForces, RampAndHold
 from sim.identification.prior import Prior
 from sim.models.fingertip import Fingertip
 from sim.workers import one_by_one
 from studies.meeting.hidden import Keeper
 from studies.meeting.proof import Reading
 from studies.meeting.strangers import Stranger
+from studies.registry import as_markdown
 
 ROOT = Path(__file__).parents[2]
 RELAXATION = [[0.2, 0.07], [0.2, 1.4]]
@@ -59,6 +63,7 @@ CASES: Mapping[str, Tables] = {
     },
 }
 HUMAN = "human-sized"
+_ROUNDING = 1e-9
 
 
 def _meshed(level: str) -> Config:
@@ -93,8 +98,8 @@ def identified(
     finally:
         shutil.rmtree(out, ignore_errors=True)
     keeper.over()
-    took_s, pace = time.process_time() - began, identification.chooser.pace
-    true = [keeper.held_gwt(goal, pace) for goal in options.goals]
+    took_s = time.process_time() - began
+    true = [held_gwt(stranger, goal) for goal in options.goals]
     widths = identification.widths
     return {
         "kind": stranger.kind,
@@ -115,6 +120,15 @@ def identified(
         "misfit": (identification.learned.misfit / np.maximum(identification.learned.readings, 1)).tolist(),
         "total": identification.learned.total / max(int(identification.learned.readings.sum()), 1),
     }
+
+
+def held_gwt(stranger: Stranger, goal: PressAt) -> float:
+    """Return the true force of a press in its hold, as a plan predicts it (gwt)."""
+    config, habits = stranger.config, stranger.config.habits
+    finger = stranger.made.load(config.finger, exact=stranger.exact)
+    pace = Pace(habits.press_speed_mm_s, habits.increment_mm, 1, RampAndHold(0, 0).hold_s)
+    elastic = finger.indent(goal.indentor, goal.x_mm - config.virtual.finger_x_offset_mm, doi_mm=goal.doi_mm)
+    return left_of(config.virtual.relaxation, pace, goal.doi_mm).held * elastic.force_gwt
 
 
 def truth_numbers(config: Config) -> dict[str, float]:
@@ -153,10 +167,10 @@ def main() -> None:
     asked = argparse.ArgumentParser(description=__doc__)
     asked.add_argument("rows", nargs="?", type=Path, default=Path("study/every_finger.jsonl"))
     asked.add_argument("--only", action="append")
-    asked.add_argument("--draws", type=int, default=DRAWS)
-    asked.add_argument("--level", default="coarse", help="mesh of all fingers but the human-sized one")
+    asked.add_argument("--draws", type=int, nargs=2, default=(0, DRAWS), metavar=("FIRST", "END"))
+    asked.add_argument("--level", default="default", help="mesh of all fingers but the human-sized one")
     given = asked.parse_args()
-    names: Sequence[str] = given.only or [*CASES, *map(str, range(given.draws))]
+    names: Sequence[str] = given.only or [*CASES, *map(str, range(*given.draws))]
     kept = [json.loads(line) for line in given.rows.read_text().splitlines()] if given.rows.exists() else []
     given.rows.parent.mkdir(parents=True, exist_ok=True)
     there = {one["name"] for one in kept}
@@ -166,22 +180,58 @@ def main() -> None:
         one = row(name, given.level)
         with given.rows.open("a") as file:
             file.write(json.dumps(one) + "\n")
-        print(summary(one), file=sys.stderr, flush=True)
+        kept.append(one)
+        print(", ".join(table([one])[1]), file=sys.stderr, flush=True)
+    print(as_markdown(table(kept)))
 
 
-def summary(one: Mapping[str, Any]) -> str:
-    """Return one line about a row."""
-    outside = [k for k, (at, low, high) in one["parameters"].items() if not low <= at <= high]
-    about = [
-        f"{one['name']}: {one['flag']}",
-        f"{one['effective']:.0f} effective",
-        f"{one['presses']} presses",
-        f"{sum(one['covered'])} of {len(one['covered'])} covered",
-        f"{len(outside)} estimates outside",
-        f"{one['process_s']:.0f} s",
-        *(f"{one[why]}" for why in ("ended", "mismatch") if one[why]),
+HEADER = (
+    "finger", "flag", "presses", "effective draws", "forces in their bands", "median error", "median half-width",
+    "estimates in their bands", "true values in their bands",
+)  # fmt: skip
+
+
+def table(rows: Sequence[Mapping[str, Any]]) -> list[list[str]]:
+    """Return one line per finger in the order of the cases, and their sum."""
+    order = {name: k for k, name in enumerate([*CASES, *map(str, range(10_000))])}
+    rows = sorted(rows, key=lambda one: order[one["name"]])
+    flagged = sum(one["flag"] is not None for one in rows)
+    everything = {
+        "name": f"all {len(rows)}",
+        "flag": f"{flagged} flagged",
+        "presses": max(one["presses"] for one in rows),
+        "effective": min(one["effective"] for one in rows),
+        **{key: [value for one in rows for value in one[key]] for key in ("covered", "error", "half")},
+    }
+    counts = [_held(one) for one in rows]
+    inside, true = ([sum(pair) for pair in zip(*(count[k] for count in counts), strict=True)] for k in (0, 1))
+    return [
+        list(HEADER),
+        *(_line(one, *count) for one, count in zip(rows, counts, strict=True)),
+        _line(everything, tuple(inside), tuple(true)),
     ]
-    return ", ".join(about)
+
+
+def _held(one: Mapping[str, Any]) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Return how many estimates and how many true values lie in their bands, each with its total."""
+    bands = one["parameters"]
+    estimates = sum(low <= at <= high for at, low, high in bands.values())
+    true = sum(bands[name][1] - _ROUNDING <= at <= bands[name][2] + _ROUNDING for name, at in one["truth"].items())
+    return (estimates, len(bands)), (true, len(one["truth"]))
+
+
+def _line(one: Mapping[str, Any], estimates: Sequence[int], true: Sequence[int]) -> list[str]:
+    name = f"random finger {one['name']}" if one["name"].isdigit() else one["name"]
+    return [
+        name,
+        one["flag"] or "–",
+        f"{one['presses']}",
+        f"{one['effective']:.0f}",
+        f"{sum(one['covered'])} of {len(one['covered'])}",
+        f"{100 * np.median(np.abs(one['error'])):.1f} %",
+        f"± {100 * np.median(one['half']):.1f} %",
+        *(f"{held} of {total}" for held, total in (estimates, true)),
+    ]
 
 
 if __name__ == "__main__":

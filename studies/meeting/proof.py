@@ -38,7 +38,7 @@ from rig.units import GWT_N
 from sim.config import FingertipConfig, MeshSpec
 from sim.identification.next_press import PressAt
 from sim.identification.predicted_forces import MeasuredPress, PredictedForces
-from sim.identification.prior import Prior
+from sim.identification.prior import REAL_KINDS, Prior
 from sim.models.fingertip import Fingertip
 from sim.workers import in_processes, one_by_one
 from studies.meeting.hidden import Keeper
@@ -130,7 +130,7 @@ def met(
 @cache
 def thinking() -> tuple[PredictedForces, Fingertip]:
     """What whoever meets a finger thinks with, and the finger of somebody who met none."""
-    return PredictedForces.over(KNOWN.finger, Prior(), 1.8, 1.1), Fingertip.load(KNOWN.finger)
+    return PredictedForces.over(KNOWN.finger, Prior(kinds=REAL_KINDS), 1.8, 1.1), Fingertip.load(KNOWN.finger)
 
 
 def one(job: tuple[str, int]) -> dict[str, Any]:

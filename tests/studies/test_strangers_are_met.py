@@ -13,7 +13,7 @@ from rig.identify.adaptive_presses import with_reliable_touch
 from rig.plan.config import Config
 from sim.identification.next_press import PressAt
 from sim.identification.predicted_forces import PredictedForces
-from sim.identification.prior import Prior
+from sim.identification.prior import REAL_KINDS, Prior
 from sim.models.fingertip import Fingertip
 from studies.meeting.proof import met
 from studies.meeting.strangers import Stranger, inside, outside
@@ -32,7 +32,9 @@ def _unmet() -> Fingertip:
 
 
 def _met(stranger: Stranger) -> dict[str, Any]:
-    return met(stranger, PredictedForces.over(KNOWN.finger, Prior(), 1.8, 1.1), _unmet(), KNOWN, GOALS)
+    return met(
+        stranger, PredictedForces.over(KNOWN.finger, Prior(kinds=REAL_KINDS), 1.8, 1.1), _unmet(), KNOWN, GOALS
+    )
 
 
 @pytest.fixture(scope="module")
