@@ -147,7 +147,7 @@ def test_its_key_works_whatever_has_focus_and_it_stands_in_one_place(view: str, 
     assert page.locator("#stop").bounding_box() == place
 
 
-@pytest.mark.parametrize("width", [400, 1280])
+@pytest.mark.parametrize("width", [700, 1280])
 def test_what_became_of_a_stop_covers_no_card_and_leaves_the_button_in_place(
     width: int, running: StandIn, opened: Opened
 ) -> None:
