@@ -7,9 +7,9 @@ from typing import Any, Literal, Self
 
 from rig.clock import WallClock
 from rig.control.stop import StageInHand
-from rig.devices.base import ForceSensor, Stage, StageError
+from rig.devices.base import ForceError, ForceSensor, Stage, StageAlarm, StageError, StageHeld, StageReset
 from rig.devices.make_drivers import open_force, open_stage
-from rig.engine.bench import NO_PAUSE, Heartbeat, Pause, looked_after
+from rig.engine.bench import NO_PAUSE, Bench, Heartbeat, Pause, looked_after
 from rig.engine.bench_memory import BenchMemory, LastKnown
 from rig.engine.contact import KnownContact
 from rig.engine.sensing import ForceZero
@@ -113,6 +113,39 @@ def open_bench(
     except BaseException:
         let_go()
         raise
+
+
+WAKES_S, AGAIN_S = 3.0, 0.1
+"""Time for a sensor to answer after its port was opened, which restarts some devices; time between questions (s)."""
+
+
+def refuse_silent_sensor(bench: Bench) -> None:
+    """Ask the force sensor for its identity, before a person mounts anything.
+
+    Raises ForceError, with the code swapped_ports if the stage does not answer either.
+    """
+    deadline_s = bench.clock.monotonic_s() + WAKES_S
+    while True:
+        try:
+            bench.force.identify()
+            return
+        except ForceError as error:
+            if bench.clock.monotonic_s() >= deadline_s:
+                problem = error
+                break
+        bench.clock.wait_s(AGAIN_S)
+    try:
+        bench.stage.look()
+    except (StageAlarm, StageReset, StageHeld):  # It answers, and homing will report what is wrong.
+        pass
+    except StageError as silent:
+        raise ForceError(
+            "{force}; {stage}; exchange stage.port and force.port if they are swapped",
+            code="swapped_ports",
+            force=str(problem),
+            stage=str(silent),
+        ) from problem
+    raise problem
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from rig.bench.checks import refuse_expired
-from rig.bench.real import Request, open_bench
+from rig.bench.real import Request, open_bench, refuse_silent_sensor
 from rig.bench.virtual import virtual_bench
 from rig.clock import Clock, WallClock
 from rig.control.stop import StageInHand
@@ -196,7 +196,13 @@ def real_run(session: Session, ask: Callable[[Request], str], stage: StageInHand
 
     def open_real_bench(_folder: RunFolder, byte_log: Sink, _start_unix_s: float) -> WatchedBench:
         stage.begin_run(session.begins_at_s)
-        return open_bench(session.config, stage.clock, byte_log, ask, session.pause, stage)
+        bench = open_bench(session.config, stage.clock, byte_log, ask, session.pause, stage)
+        try:
+            refuse_silent_sensor(bench)
+        except BaseException:
+            bench.close()
+            raise
+        return bench
 
     return run_on(session, open_real_bench, virtual=False)
 

@@ -42,6 +42,12 @@ def test_a_reading_is_laid_beside_the_curve_of_its_own_press(page: Any) -> None:
     assert one["pressed"] == [[0.75], [1.0]]
 
 
+def test_a_reading_outside_a_press_belongs_to_none(page: Any) -> None:
+    """Its index is −1 in the journal."""
+    one = _buffer(page, [_rows((1, 0.3, 0.25, -1), (2, 0.3, 0.25, None))])
+    assert (one["press"], one["pressed"], one["time"][4]) == (None, [[], []], [None, None])
+
+
 def test_a_curve_of_another_run_is_not_this_ones(page: Any) -> None:
     one = _buffer(page, [_curve(0, 2, run="b"), _rows((1, 0.3, 0.25, 0))])
     assert (one["time"][3], one["predicted"]) == ([None], [[], []])

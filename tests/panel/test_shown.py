@@ -69,6 +69,17 @@ def test_what_is_older_than_a_second_is_grey_and_dated(bench: Bench, opened: Ope
     assert "old" in page.locator("#numbers").get_attribute("class")
 
 
+def test_before_the_first_reading_nothing_has_the_color_of_a_live_one(bench: Bench, opened: Opened) -> None:
+    color = "(id) => getComputedStyle(document.getElementById(id)).color"
+    one, page = _with_nothing_read(bench, opened)
+    expect(page.locator("#read_at")).to_have_text("no reading yet")
+    unread = page.evaluate(color, "read_at")
+    assert unread == page.evaluate(color, "what")
+    _fresh(one, 2.0)
+    expect(page.locator("#read_at")).to_have_text("live")
+    assert page.evaluate(color, "read_at") != unread
+
+
 def test_what_comes_late_was_never_live(bench: Bench, opened: Opened) -> None:
     """Events that lay in a queue for five seconds: they are as old as they say, not as the moment they came."""
     one = bench(scenes.running())

@@ -147,6 +147,21 @@ def test_its_key_works_whatever_has_focus_and_it_stands_in_one_place(view: str, 
     assert page.locator("#stop").bounding_box() == place
 
 
+@pytest.mark.parametrize("width", [700, 1280])
+def test_what_became_of_a_stop_covers_no_card_and_leaves_the_button_in_place(
+    width: int, running: StandIn, opened: Opened
+) -> None:
+    page = _ready(running, opened, viewport={"width": width, "height": 800})
+    place = page.locator("#stop").bounding_box()
+    page.locator("#stop").click()
+    expect(page.locator("#stop_said")).to_have_class("good")
+    assert page.locator("#stop").bounding_box() == place
+    said = page.locator("#stop_said").bounding_box()
+    cards = page.locator("main:visible > *").evaluate_all("all => all.map((one) => one.getBoundingClientRect().top)")
+    assert cards
+    assert min(cards) >= said["y"] + said["height"]
+
+
 def test_a_held_key_stops_once(running: StandIn, opened: Opened) -> None:
     page = _ready(running, opened)
     page.keyboard.down("Escape")

@@ -52,6 +52,11 @@ NOT_RUN = {
         "tests/rig/real_time/test_identify_a_random_finger.py"
     ),
     "rig serve --reveal 2 --beside practice_finger.toml": "tests/rig/test_stranger_command.py",
+    "rig init": HARDWARE,
+    "rig init --port /dev/pts/3 --port /dev/pts/4": "tests/rig/real_time/test_init_finds_devices.py",
+    "rig init --yes --travel-mm 60,30,40 --steps-per-mm none --range-gwt 200 --trip-n 1.5 --finger none": (
+        "tests/rig/test_init_command.py"
+    ),
     "rig doctor --config rig.toml": HARDWARE,
     "rig home --config rig.toml": HARDWARE,
     "rig status --config rig.toml": HARDWARE,

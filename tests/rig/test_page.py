@@ -20,6 +20,8 @@ import rig.session.session as sessions
 from rig.bench.real import Request
 from rig.bench.virtual import VirtualBench, virtual_bench
 from rig.control.stop import StageInHand
+from rig.devices.base import ForceTimeout
+from rig.devices.mtsics import MtSicsForce
 from rig.engine.contact import MAY_TOUCH
 from rig.errors import code_of
 from rig.session.early_ending import FinalPosition
@@ -174,6 +176,21 @@ def test_what_must_be_mounted_by_hand_is_refused_before_a_port_opens_where_nobod
     ended = rig(*RUN, "--yes", "--json", *mounted)
     assert (ended.code, bool(opened)) == ((0, True) if code is None else (2, False)), ended.err
     assert ended.json.get("code") == code
+
+
+def test_a_sensor_that_does_not_answer_ends_the_run_before_anybody_mounts(
+    rig: Run, opened: list[Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """As with swapped ports: no prompt, no folder, no motion."""
+
+    def silent(force: MtSicsForce) -> str:
+        raise ForceTimeout("silent", code="no_device")
+
+    monkeypatch.setattr(MtSicsForce, "identify", silent)
+    ended = rig(*RUN, "--json", typed="\n\n\n")
+    assert (ended.code, ended.json["code"], bool(opened)) == (1, "no_device", True)
+    assert ended.json["ending"]["where_text"]
+    assert list((tmp_path / "runs").iterdir()) == []
 
 
 @pytest.mark.parametrize(

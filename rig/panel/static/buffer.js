@@ -29,7 +29,7 @@ export class Buffer {
   row(of) {
     const t_s = of("t_s");
     if (this.time[0].length && t_s < this.time[0].at(-1)) this.forget();
-    const press = known(of("index")) ? `${of("purpose") ?? "data"} ${of("index")}` : null;
+    const press = known(of("index")) && of("index") >= 0 ? `${of("purpose") ?? "data"} ${of("index")}` : null; // −1: outside a press
     const doi_mm = of("doi_mm") ?? null;
     [t_s, of("force_gwt"), doi_mm, this.said(press, doi_mm), press].forEach((value, n) => this.time[n].push(value));
     if (press !== null && press !== this.press) {

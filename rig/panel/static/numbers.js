@@ -70,6 +70,7 @@ export class Numbers {
   dated() {
     const old = this.read !== null && this.age_s > OLD_S;
     mark(at("numbers"), "old", old);
+    mark(at("numbers"), "unread", this.read === null);
     if (this.read === null) write("read_at", "no reading yet");
     else write("read_at", old ? `NOT LIVE: read at ${timeOfDay(this.read.unix_s)}, ${ago(this.age_s)}` : "live");
   }
