@@ -76,7 +76,7 @@ def _one_ssrp(axes: Axes, stimulus: Stimulus, profile: Array, k: int) -> None:
         return
     end = float(stimulus.x_mm[-1]) + 0.04 * float(np.ptp(stimulus.x_mm))
     least = THRESHOLD * max(verdict.judged_by.get("peak", verdict.judged_by.get("range", 0.0)), 0.0)
-    axes.plot([end, end], [level - least, level], color=ORANGE, lw=2, solid_capstyle="butt")
+    axes.plot([end, end], [level - least, level], color=ORANGE, lw=4, solid_capstyle="butt")
     mark = "pass" if passed else "–"
     axes.annotate(mark, (end, level), (4, 0), textcoords="offset points", fontsize=7, color=colour, va="center")
 

@@ -133,7 +133,9 @@ def _skin(axes: Axes, repeats: Sequence[Response], across: tuple[float, float]) 
     offset = {X: s - result.x_mm, Z: np.full_like(s, result.model.plane_mm - result.z_mm)}
     h = result.indentor.evaluate(np.stack([offset[axis] for axis in result.indentor.axes])).height_mm
     height = _lowest_mm(result) + np.minimum(h, _HIGHEST_MM)
-    axes.plot(s, np.where(h < _HIGHEST_MM, height, np.nan), color="black", lw=1.2)
+    low = np.r_[False, h < _HIGHEST_MM, False]
+    seen = low[1:-1] | low[:-2] | low[2:]  # with the next point, so that both of its sides are drawn
+    axes.plot(s, np.where(seen, height, np.nan), color="black", lw=1.2)
     for low, high in result.contact_regions_mm:  # ends of regions lie between nodes
         at = np.r_[low, undeformed[(undeformed > low) & (undeformed < high)], high]
         touching = (np.interp(at, undeformed, x), np.interp(at, undeformed, y))
@@ -291,9 +293,14 @@ def _trip(axes: Axes, run: Run) -> None:
 
 
 def _strip(axes: Axes, found: Sequence[Span], per: float) -> None:
+    merged: dict[str, list[tuple[float, float]]] = {what: [] for what in PHASES}
+    for span in (one for one in found if one.what in merged and one.end_s > one.begin_s):
+        mine = merged[span.what]
+        begin_s = mine.pop()[0] if mine and mine[-1][1] == span.begin_s else span.begin_s  # seams would be lighter
+        mine.append((begin_s, span.end_s))
     for what, color in PHASES.items():
-        mine = [(s.begin_s / per, (s.end_s - s.begin_s) / per) for s in found if s.what == what]
-        axes.broken_barh(mine, (0, 1), color=color, lw=0)
+        bars = [(begin_s / per, (end_s - begin_s) / per) for begin_s, end_s in merged[what]]
+        axes.broken_barh(bars, (0, 1), color=color, lw=0)
 
 
 def _broken(samples: Sequence[dict[str, Any]]) -> tuple[Array, Array]:

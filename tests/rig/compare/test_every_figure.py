@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from importlib import import_module
+from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -273,6 +274,9 @@ def _force_time(world: World, figure: Figure) -> Shown:
         (bars,) = [one for one in below.collections if to_hex(one.get_facecolor()[0]).upper() == colour]  # type: ignore[index]
         widths = sum(float(np.ptp(path.vertices[:, 0])) for path in bars.get_paths())
         yield widths, sum(s.end_s - s.begin_s for s in spans(world.run) if s.what == what)
+        edges = [path.vertices[:, 0] for path in bars.get_paths()]
+        touching = sum(abs(a.max() - b.min()) < 1e-9 for a, b in pairwise(edges))
+        yield touching, 0  # seams between bars would lighten the color
 
 
 def _presses(world: World, figure: Figure) -> Shown:
@@ -318,7 +322,11 @@ def _contact(world: World, figure: Figure, found: Sequence[Response] | None = No
         caps = {str(line.get_solid_capstyle()) for line in skin.lines if _is(line, colour=ORANGE)}
         yield caps, {"butt"}  # others would lengthen the region
         (indentor,) = _lines(skin, colour="black")
-        yield np.nanmin(indentor[1]), result.touch_height_mm - result.doi_mm
+        lowest = result.touch_height_mm - result.doi_mm
+        yield np.nanmin(indentor[1]), lowest
+        ends = indentor[:, np.isfinite(indentor[1])][:, [0, -1]].T
+        inside = [y for x, y in ends if skin.get_xlim()[0] + 1e-6 < x < skin.get_xlim()[1] - 1e-6]
+        yield inside, [lowest + 1.3] * len(inside)  # both sides of a bar are drawn to the same height
 
 
 def _contact_of_a_human(world: World, figure: Figure) -> Shown:
