@@ -149,6 +149,8 @@ class _Activities:
         finally:
             with self._changed:
                 self._all.pop()
+                if activity is None:
+                    self._said_s = time.monotonic()
 
     def look(self) -> None:
         """Print a line of the innermost activity if nothing was printed for a while."""
@@ -160,15 +162,17 @@ class _Activities:
 
     def _say(self, activity: Activity) -> None:
         new = activity is not self._said and activity.elapsed_s < EVERY_S
-        err.print(activity.title if new else activity.line)
         self._said, self._said_s = activity, time.monotonic()
+        with suppress(OSError, ValueError):  # nobody reads it any more, which costs the work nothing
+            print(activity.title if new else activity.line, file=err.file, flush=True)
 
     def _print(self) -> None:
         while True:
             with self._changed:
                 while self.current is None or self.live:
                     self._changed.wait()
-                self.look()
+                with suppress(RuntimeError):  # what it describes has just changed
+                    self.look()
             time.sleep(_LOOKS_S)
 
 

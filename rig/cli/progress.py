@@ -96,12 +96,15 @@ def counted(answers: Iterable[T], total: int, what: str, *, quiet: bool) -> Iter
     """
     if not total:
         return
+    if err.is_terminal:
+        with during(Activity(what), live=True):
+            yield from track(answers, what, total, console=err)
+        return
     with busy(what, as_json=quiet, size=total, total=total) as now:
-        shown = track(answers, what, total, console=err) if err.is_terminal else answers
-        for done, answer in enumerate(shown, 1):
+        for done, answer in enumerate(answers, 1):
             yield answer
             now.at(done, total)
-    if not (err.is_terminal or quiet):
+    if not quiet:
         err.print(f"{total} of {total} {what}")
 
 

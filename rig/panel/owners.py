@@ -18,6 +18,9 @@ from rig.errors import RigError
 STOP_S = 3.0
 """Time for an owner to confirm a stop (s), until the drives report rest."""
 
+PROGRESS = "rig by-hand: "
+"""Beginning of lines that say only that an owner of manual control starts or works."""
+
 
 class Owner(Protocol):
     """Process that owns ports (rig/control/client.py: Announced)."""
@@ -214,7 +217,8 @@ class ByHandProcess:
         if self._output is None or self._process is None or self._process.poll() in (None, 0):
             return ""
         self._output.seek(0)
-        lines = self._output.read().decode("utf-8", "replace").strip().splitlines()
+        said = self._output.read().decode("utf-8", "replace").strip().splitlines()
+        lines = [line for line in said if not line.startswith(PROGRESS)]
         return lines[-1].removeprefix("rig: ") if lines else ""
 
     def _begun(self) -> "subprocess.Popen[bytes]":
