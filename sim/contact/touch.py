@@ -33,6 +33,9 @@ class SkinSurface(Protocol):
     def height(self, x_mm: ArrayLike, z_mm: ArrayLike) -> Array:
         """Return y at (x, z) in mm, −inf where there is no skin."""
 
+    def __hash__(self) -> int:
+        """Return a hash, by which heights of the same skin are kept."""
+
 
 class FirstTouch(NamedTuple):
     """Height of the indentor's lowest point at first touch and the touched point along its axes (mm)."""

@@ -189,6 +189,8 @@ RATES = "position_mm,rate,sd\n" + "".join(f"{x_mm},{rate},2\n" for x_mm, rate in
 OTHER_UNITS = "Position (um),FR,SD,trial\n" + "".join(
     f"{1000 * x_mm:.0f},{rate / 1000 + trial / 1e4},0.002,{trial}\n" for x_mm, rate in RECORDED for trial in (1, 2)
 )
+CHECKED: set[str] = set()
+"""Checks of a page before: nothing comes of a check, so that a second one says the same."""
 
 
 @pytest.mark.parametrize("page", [page for page in PAGES if TO_RUN[page]], ids=lambda page: page.stem)
@@ -207,6 +209,10 @@ def test_what_is_shown_runs(
     shutil.copytree(ROOT / "examples" / "tutorial", tmp_path / "examples" / "tutorial")
     run = made_once("steps", lambda: _run_of_steps(program)).relative_to(tmp_path)
     for line in TO_RUN[page]:
+        if line in CHECKED:
+            continue
+        if line.startswith("rig check "):
+            CHECKED.add(line)
         Path("mine.csv").write_text(OTHER_UNITS if "FR:1/ms" in line else RATES, encoding="utf-8")
         found = sorted(Path("runs").glob("*-find_finger-*"))
         names = {"RUN": run, "runs/…-find_finger-…": found[0] if found else run}

@@ -50,7 +50,7 @@ def test_a_pause_from_elsewhere_and_rig_stop_over_the_socket(
 ) -> None:
     """Without a terminal: whoever asked for the pause ends it. `rig stop` needs no signal where a socket answers."""
     _, config = whole
-    run = elsewhere(decides(times=40), "run", "--yes", "--config", config)
+    run = elsewhere(decides(times=12), "run", "--yes", "--config", config)
     run.comes_to(lambda: at_phase("hold")(run))
     assert run.ask("pause")["ok"]
     run.comes_to(run.is_at("paused"))

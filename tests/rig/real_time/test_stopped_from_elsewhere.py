@@ -28,7 +28,7 @@ def _solves(run: Elsewhere) -> bool:
 PHASES: dict[str, tuple[str, Callable[[Elsewhere], bool]]] = {
     "plan": (decides(), lambda run: run.is_at("planning")()),
     "approach": (decides(), at_phase("approach")),
-    "solve": (decides(times=40), _solves),
+    "solve": (decides(times=12), _solves),
     "hold": (decides(hold_s=60.0), at_phase("hold")),
 }
 
