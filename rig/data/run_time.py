@@ -98,7 +98,7 @@ def _is_late(t_s: object) -> bool:
 def is_timed(found: object) -> bool:
     """Return whether a line of a journal, or of a byte log, has a time that can be corrected."""
     timed = isinstance(found, Mapping) and isinstance(found.get("t_s"), int | float)
-    return timed and ("doc" not in found or is_document(found))  # type: ignore[operator,attr-defined]
+    return timed and ("doc" not in found or is_document(found))  # type: ignore[operator]
 
 
 def _on(found: Document, part: _Part) -> Document:
