@@ -170,14 +170,14 @@ def _target(prior: Prior, readings: PressResiduals, kind: Kind) -> Target:
 def _counts(share: Array, n: int) -> Sequence[int]:
     """Return how many of n draws each kind has."""
     ends = np.round(n * np.cumsum(share)).astype(int)
-    return np.diff(ends, prepend=0).tolist()  # type: ignore[no-any-return]
+    return [int(count) for count in np.diff(ends, prepend=0)]
 
 
 def _within_bands(target: Target, best_fit: Array, normal: Array, draws: Array) -> Array:
     """Return the best-fitting finger, or the likeliest draw of its kind whose parameters lie in all bands."""
     low, high = parameter_ends(draws)
     tried = np.concatenate([best_fit[None], target.fingers(normal)])
-    inside = ((tried >= low) & (tried <= high)).all(axis=1)
+    inside = np.asarray(((tried >= low) & (tried <= high)).all(axis=1))
     if inside[0] or not inside.any():
         return np.clip(best_fit, low, high)
     here = normal[inside[1:]]

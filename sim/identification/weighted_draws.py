@@ -113,7 +113,7 @@ class Student:
     @classmethod
     def of(cls, middle: Array, covariance: Array) -> "Student":
         """Return the distribution about a mean, with a scale matrix."""
-        return cls(middle, np.linalg.cholesky(covariance + 1e-12 * np.eye(len(middle))))
+        return cls(middle, np.asarray(np.linalg.cholesky(covariance + 1e-12 * np.eye(len(middle))), dtype=float))
 
     def draws(self, n: int, chance: np.random.Generator) -> Array:
         """Return (n, k) draws."""
