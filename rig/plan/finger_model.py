@@ -227,7 +227,7 @@ def _with_band(
     except ForceOutOfReachError as error:
         sentence = "for one of the {fingers} likely fingers: {problem}"
         raise around(ForceTooDeepError, sentence, error, fingers=len(identified.draw)) from None
-    converged = np.isfinite(likely).all(axis=0)
+    converged = np.asarray(np.isfinite(likely).all(axis=0))
     lost, fingers = int((~converged).sum()), len(converged)
     if lost > _MOST_LOST * fingers:
         raise NoPredictionError(

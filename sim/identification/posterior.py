@@ -16,7 +16,7 @@ from scipy.special import chdtrc
 from sim.identification.predicted_forces import MeasuredPress, PredictedForces
 from sim.identification.prior import TISSUE, Kind, Prior, named, plain
 from sim.identification.uncertainty_bands import Width, parameter_ends
-from sim.identification.weighted_draws import Target, climbed, systematic, weighted_draws
+from sim.identification.weighted_draws import PosteriorDensity, climbed, systematic, weighted_draws
 
 Array = NDArray[np.float64]
 
@@ -158,26 +158,26 @@ def learn(
     )
 
 
-def _target(prior: Prior, readings: PressResiduals, kind: Kind) -> Target:
+def _target(prior: Prior, readings: PressResiduals, kind: Kind) -> PosteriorDensity:
     """Return the posterior density of a kind of tissue."""
 
     def off(normal: Array) -> Array:
         return np.concatenate([readings.off(prior.from_normal(normal, kind)), normal], axis=1)
 
-    return Target(off, lambda normal: prior.from_normal(normal, kind), kind, float(np.log(kind.chance)))
+    return PosteriorDensity(off, lambda normal: prior.from_normal(normal, kind), kind, float(np.log(kind.chance)))
 
 
 def _counts(share: Array, n: int) -> Sequence[int]:
     """Return how many of n draws each kind has."""
     ends = np.round(n * np.cumsum(share)).astype(int)
-    return np.diff(ends, prepend=0).tolist()  # type: ignore[no-any-return]
+    return [int(count) for count in np.diff(ends, prepend=0)]
 
 
-def _within_bands(target: Target, best_fit: Array, normal: Array, draws: Array) -> Array:
+def _within_bands(target: PosteriorDensity, best_fit: Array, normal: Array, draws: Array) -> Array:
     """Return the best-fitting finger, or the likeliest draw of its kind whose parameters lie in all bands."""
     low, high = parameter_ends(draws)
     tried = np.concatenate([best_fit[None], target.fingers(normal)])
-    inside = ((tried >= low) & (tried <= high)).all(axis=1)
+    inside = np.asarray(((tried >= low) & (tried <= high)).all(axis=1))
     if inside[0] or not inside.any():
         return np.clip(best_fit, low, high)
     here = normal[inside[1:]]
@@ -232,7 +232,7 @@ def _slope_gwt_mm(press: MeasuredPress) -> Array:
     return np.asarray(1.7 * np.maximum(press.force_gwt, 0.0) / np.maximum(touch_mm - height + 0.03, 0.03))
 
 
-def _start(target: Target, before: Learned, chance: np.random.Generator) -> Array:
+def _start(target: PosteriorDensity, before: Learned, chance: np.random.Generator) -> Array:
     """Return the best of the previous draws of this kind and of the prior, as normal values."""
     prior = before.prior
     tried = [prior.to_normal(prior.draws(_STARTS, chance), target.kind)]

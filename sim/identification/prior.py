@@ -76,7 +76,7 @@ KINDS = tuple(
     for kind in REAL_KINDS
 )
 """Kinds of tissue under a virtual bench too, where a finger may be linear: force has a step between a stiffening of 0
-and any other. No object is linear at small strain alone, and a fit of one would hide e.g. rubber."""
+and any other. No real object is linear."""
 
 _LEAST_CHANCE = 1e-12  # of a tail; its normal quantile is 7
 
@@ -138,7 +138,7 @@ class Prior:
     @cached_property
     def _zeroed(self) -> NDArray[np.bool_]:
         """(p,) whether a parameter is 0 in some kind."""
-        return ~np.array([self.free(kind) for kind in self.kinds]).all(axis=0)
+        return np.asarray(~np.array([self.free(kind) for kind in self.kinds]).all(axis=0))
 
     def from_normal(self, normal: Array, kind: Kind) -> Array:
         """Return (n, p) fingers of a kind from (n, free) values that are standard normal for fingers of the prior."""

@@ -24,7 +24,7 @@ _MOVES, _MOST_LEVELS, _SCALE = 6, 40, 2.38
 
 
 @dataclass(frozen=True)
-class Target:
+class PosteriorDensity:
     """Posterior density of normal values (n, k) of one kind of tissue."""
 
     off: Callable[[Array], Array]  # (n, r + k) standardized residuals of readings and prior
@@ -57,7 +57,7 @@ class WeightedDraws:
     effective: float  # effective number of draws
 
 
-def climbed(target: Target, start: Array) -> Mode:
+def climbed(target: PosteriorDensity, start: Array) -> Mode:
     """Return the mode (Levenberg-Marquardt)."""
     at, damping = start, 1e-2
     off = target.off(at[None])[0]
@@ -81,14 +81,14 @@ def climbed(target: Target, start: Array) -> Mode:
     return Mode(at, covariance, float(target.ln(at[None])[0]) + half)
 
 
-def _slopes(target: Target, at: Array) -> Array:
+def _slopes(target: PosteriorDensity, at: Array) -> Array:
     """Return the (r, k) derivatives of the residuals."""
     step = _STEP * np.eye(len(at))
     off = target.off(np.concatenate([at + step, at - step]))
     return np.asarray((off[: len(at)] - off[len(at) :]).T / (2 * _STEP))
 
 
-def weighted_draws(target: Target, mode: Mode, n: int, chance: np.random.Generator) -> WeightedDraws:
+def weighted_draws(target: PosteriorDensity, mode: Mode, n: int, chance: np.random.Generator) -> WeightedDraws:
     """Return n draws, by importance sampling around the mode where that suffices, else moved towards the density."""
     middle, covariance = mode.normal, _WIDER * mode.covariance
     for done in range(1, _MOST_ROUNDS + 1):
@@ -113,7 +113,7 @@ class Student:
     @classmethod
     def of(cls, middle: Array, covariance: Array) -> "Student":
         """Return the distribution about a mean, with a scale matrix."""
-        return cls(middle, np.linalg.cholesky(covariance + 1e-12 * np.eye(len(middle))))
+        return cls(middle, np.asarray(np.linalg.cholesky(covariance + 1e-12 * np.eye(len(middle))), dtype=float))
 
     def draws(self, n: int, chance: np.random.Generator) -> Array:
         """Return (n, k) draws."""
@@ -131,7 +131,7 @@ class Student:
 
 
 def _moved(
-    target: Target, proposal: Student, normal: Array, ln_ratio: Array, chance: np.random.Generator
+    target: PosteriorDensity, proposal: Student, normal: Array, ln_ratio: Array, chance: np.random.Generator
 ) -> WeightedDraws:
     """Return draws that were resampled and moved (random-walk Metropolis) from the proposal to the target.
 

@@ -1,6 +1,6 @@
 """Identifies every kind of finger that the program can serve or rehearse: docs/validation/identification.md.
 
-.venv/bin/python -m studies.meeting.every_finger [ROWS] [--only NAME] [--draws FIRST END]
+.venv/bin/python -m studies.meeting.every_finger [ROWS] [--only NAME] [--draws FIRST END] [--shapes S …]
 
 The finger is that of `rig identify --dry-run` with the case as configuration, or that of `rig serve --random-finger`.
 Each finger is a line of ROWS (default: study/every_finger.jsonl); a line that exists is not computed again.
@@ -143,10 +143,10 @@ def parameters(identification: Identification) -> dict[str, list[float]]:
     return {one.name: [one.estimate, one.low, one.high] for one in parameter_bands(identification.learned)}
 
 
-def row(name: str, level: str) -> dict[str, Any]:
+def row(name: str, level: str, shapes: Sequence[str] = SHAPES) -> dict[str, Any]:
     """Return the row of a case by its name, or of a random finger by its seed."""
     stranger, began = case(name, level), time.process_time()
-    options = IdentificationOptions(usual_goals(SHAPES))
+    options = IdentificationOptions(usual_goals(shapes), shapes=tuple(shapes))
     predicted = PredictedForces.over(stranger.config.finger, Prior(), *scope_of(options))
     refused = predicted.have(options.indentors, one_by_one)
     made_s = time.process_time() - began
@@ -168,6 +168,7 @@ def main() -> None:
     asked.add_argument("rows", nargs="?", type=Path, default=Path("study/every_finger.jsonl"))
     asked.add_argument("--only", action="append")
     asked.add_argument("--draws", type=int, nargs=2, default=(0, DRAWS), metavar=("FIRST", "END"))
+    asked.add_argument("--shapes", nargs="+", default=SHAPES)
     asked.add_argument("--level", default="default", help="mesh of all fingers but the human-sized one")
     given = asked.parse_args()
     names: Sequence[str] = given.only or [*CASES, *map(str, range(*given.draws))]
@@ -177,7 +178,7 @@ def main() -> None:
     for name in names:
         if name in there:
             continue
-        one = row(name, given.level)
+        one = row(name, given.level, given.shapes)
         with given.rows.open("a") as file:
             file.write(json.dumps(one) + "\n")
         kept.append(one)

@@ -18,7 +18,7 @@ from sim.config import FingertipConfig
 from sim.identification.next_press import held_gwt
 from sim.identification.posterior import parameter_bands
 from sim.identification.predicted_forces import MeasuredPress, PredictedForces, nominal_trajectory
-from sim.identification.prior import REAL_KINDS, Prior
+from sim.identification.prior import Prior
 from tests.made_up_fingers import pressed
 
 PRIOR = Prior()
@@ -44,19 +44,18 @@ NOISE_GWT = {"random finger 7": 0.02}
 
 
 @cache
-def _predicted(prior: Prior = PRIOR) -> PredictedForces:
-    return PredictedForces.over(FingertipConfig(), prior, *scope_of(OPTIONS))
+def _predicted() -> PredictedForces:
+    return PredictedForces.over(FingertipConfig(), PRIOR, *scope_of(OPTIONS))
 
 
 def _identified(
     truth: np.ndarray,
     noise_gwt: float,
     changed: Callable[[MeasuredPress], MeasuredPress] = lambda measured: measured,
-    prior: Prior = PRIOR,
 ) -> Identification:
     chance = np.random.default_rng(1)
     off = {shape: float(np.exp(SHAPE_SD * chance.standard_normal())) for shape in SHAPES}
-    identification = Identification(with_reliable_touch(Config()), _predicted(prior), OPTIONS)
+    identification = Identification(with_reliable_touch(Config()), _predicted(), OPTIONS)
     while not identification.enough:
         press = identification.next()
         way = nominal_trajectory(press.indentor, press.x_mm, press.doi_mm, identification.chooser.pace, SHARES)
@@ -90,12 +89,6 @@ def test_force_that_grows_as_in_no_finger_is_flagged(power: float) -> None:
 
     truth = np.array([DEFAULT[one] for one in PRIOR.names])
     assert _identified(truth, 0.02, changed).flag == "no_finger"
-
-
-def test_under_a_real_bench_nothing_is_linear() -> None:
-    """Rubber would be taken for it."""
-    truth = np.array([DEFAULT[one] for one in PRIOR.names])
-    assert _identified(truth, 0.02, prior=Prior(kinds=REAL_KINDS)).flag == "no_finger"
 
 
 @pytest.mark.parametrize(
