@@ -98,6 +98,7 @@ def _write_page(
         "run.html.j2",
         run=run,
         found=run_tables.one_by_one(run, found),
+        scheduled=run_tables.scheduled(run),
         conditions=run_tables.condition_rows(run, found),
         figures=run_page_figures(run, found),
         small_strain=_small_strain(found),

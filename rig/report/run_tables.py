@@ -281,6 +281,12 @@ def _spread(values: list[float], decimals: int) -> str:
     return f"{mean} ± {np.std(values, ddof=1):.{decimals}f}" if len(values) > 1 else mean
 
 
+def scheduled(run: Run) -> list[str]:
+    """Return the columns of a schedule that this run has; empty ones would push others off the page."""
+    starts = run.stream("indentation_start")
+    return [key for key in ("block", "repeat", "condition") if any(one.get(key) is not None for one in starts)]
+
+
 def one_by_one(run: Run, found: Sequence[Response]) -> list[tuple[Response, dict[str, Any]]]:
     """Return each hold's response and how its indentation began."""
     starts = {event["index"]: event for event in run.stream("indentation_start")}

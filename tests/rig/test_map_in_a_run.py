@@ -191,7 +191,7 @@ def test_a_picture_has_the_pressure_and_what_bears_where_it_is(halfspace: Finger
     )
     one, other, bar = figure.axes
     mesh = one.collections[0]
-    np.testing.assert_array_equal(np.ravel(mesh.get_array()), result.nodal_pressure_pseudo)
+    np.testing.assert_array_equal(np.ravel(mesh.get_array()), result.kpa_per_pseudo * result.nodal_pressure_pseudo)
     np.testing.assert_array_equal(mesh.get_coordinates()[..., 0].ravel(), result.model.patch.x)
     assert mesh.get_clim() == (0, result.peak_pressure_kpa)
     x, z = one.lines[0].get_data()
@@ -199,7 +199,7 @@ def test_a_picture_has_the_pressure_and_what_bears_where_it_is(halfspace: Finger
     np.testing.assert_array_equal(np.stack([x, z]), there[[X, Z]])
     assert one.get_title() == "one"
     assert other.get_title().count("\n") == 1
-    assert bar.get_ylabel() == "pressure (pseudo-units)"
+    assert bar.get_ylabel() == "pressure (kPa)"
     assert one.get_aspect() == 1.0
 
 

@@ -27,6 +27,7 @@ from rig.report.run_tables import (
     loading,
     phases,
     samples_of,
+    scheduled,
     why_approach,
     write_numbers,
 )
@@ -122,6 +123,12 @@ def test_a_row_has_mean_and_sd_of_its_repeats(bar_run: Run, finger: Fingertip) -
     assert row.force == f"{first.hold['force_gwt'] + 0.1:.2f} ± 0.14"
     assert row.doi == f"{first.hold['doi_mm']:.3f} ± 0.000"
     assert row.regions_mm == first.result.contact_regions_mm
+
+
+def test_only_columns_with_entries_are_on_the_page(bar_run: Run) -> None:
+    assert scheduled(bar_run) == []
+    starts = [{**one, "block": 1, "condition": None} for one in bar_run.stream("indentation_start")]
+    assert scheduled(replace(bar_run, events={**bar_run.events, "indentation_start": starts})) == ["block"]
 
 
 # --- time, limits, devices ---
