@@ -1,6 +1,6 @@
 """How long each command keeps its user waiting without a word, with nothing in the cache: a table of all commands.
 
-    .venv/bin/python -m studies.speed.silence [COMMAND …] [--coarse]
+    .venv/bin/python -m studies.speed.silence [COMMAND …] [--coarse] [--once]
 
 Every command runs twice, each time with an empty cache: the second time has the estimate of the first. Commands at
 the bench talk to virtual devices that are served beside them. The table has seconds of this machine. A silence may
@@ -103,6 +103,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", choices=[[], *WORDS], metavar="COMMAND")
     parser.add_argument("--coarse", action="store_true", help="a coarse mesh instead of the default finger")
+    parser.add_argument("--once", action="store_true", help="without the second time, which measures the estimate")
     options = parser.parse_args()
     allowed_s = LIMIT_S * max(1.0, reference_s() / REFERENCE_S) * max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
     print("| command | first output (s) | longest silence (s) | whole (s) | estimate, second time (s) | then (s) |")
@@ -110,7 +111,7 @@ def main() -> None:
     long = []
     with tempfile.TemporaryDirectory() as folder, _prepared(Path(folder), coarse=options.coarse):
         for name in options.names or WORDS:
-            first, estimate = _twice(name, Path(folder))
+            first, estimate = _twice(name, Path(folder), once=options.once)
             row = (f"{first.first_s:.1f}", f"{first.silence_s:.1f}", f"{first.whole_s:.1f}", *estimate)
             print(f"| `{name}` | {' | '.join(row)} |", flush=True)
             if first.silence_s > allowed_s or first.first_s > allowed_s / LIMIT_S:
@@ -167,7 +168,7 @@ def _rig(*words: str) -> list[str]:
     return [sys.executable, "-m", "rig", *words]
 
 
-def _twice(name: str, folder: Path) -> tuple[Waited, tuple[str, str]]:
+def _twice(name: str, folder: Path, *, once: bool) -> tuple[Waited, tuple[str, str]]:
     """Run a command with an empty cache, and again with an empty cache and the durations of the first time."""
     cache = folder / "cache"
     shutil.rmtree(cache, ignore_errors=True)
@@ -175,7 +176,7 @@ def _twice(name: str, folder: Path) -> tuple[Waited, tuple[str, str]]:
     if first.code not in (0, 1, 2, 130) or "Traceback" in first.said:
         raise RuntimeError(f"rig {name}: {first.said}")
     before = _durations(cache)
-    if not before:
+    if once or not before:
         return first, ("", "")
     for entry in cache.iterdir():
         if entry.name != FILE:
