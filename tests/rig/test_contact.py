@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.rig.test_last_left import run
 
 from rig.bench.checks import contact as printed_contact
 from rig.data.run import read_run
@@ -29,6 +28,7 @@ from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, TARGET, FaultyBench
 from tests.error_codes import raises
+from tests.rig.test_last_ending import run
 
 TOUCH_GWT = 0.05
 FORCES: dict[ContactKind, float | None] = {

@@ -16,7 +16,6 @@ from typing import NamedTuple, NoReturn
 
 import pytest
 from rich.console import Console
-from sim.contact.compiled.compiling import cache_dir
 
 from rig.cli import durations, main, output
 from rig.cli.json_schemas import OUTPUTS
@@ -24,6 +23,7 @@ from rig.cli.output import Activity, busy, resting, starting, working
 from rig.cli.program import COMMANDS
 from rig.cli.progress import counted
 from rig.control.stop import StageInHand
+from sim.compiling import cache_dir
 from sim.models.fingertip import Fingertip
 from studies.speed.silence import WORDS
 

@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from rig.cli.json_output import OUTPUTS, schema_of
 
+from rig.cli.json_schemas import OUTPUTS, schema_of
 from rig.compare.stimuli import CONTROL_UNITS
 from rig.data.dictionary import MODEL_TABLES
 from rig.data.schema import STREAMS
