@@ -2,6 +2,7 @@
 
 import io
 import json
+import re
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -30,6 +31,15 @@ def as_in_its_schema(command: str, found: Any) -> Any:
     wrong = best_match(_schema(command).iter_errors(found))
     assert wrong is None, f"rig {command}: {wrong.json_path}: {wrong.message}"
     return found
+
+
+_PROGRESS = re.compile(r"(?!rig: )(.* …|.* so far)(,.*)?|\d+ [a-z ]+")
+
+
+def beside_progress(err: str) -> str:
+    """What a program of its own printed besides its progress, of which a slow machine has more."""
+    lines = err.splitlines(keepends=True)
+    return "".join(line for line in lines if not _PROGRESS.fullmatch(line.rstrip("\n")))
 
 
 def _no_constant(name: str) -> NoReturn:

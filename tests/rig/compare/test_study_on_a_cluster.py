@@ -16,6 +16,7 @@ from rig.study import dask_cluster as cluster_module
 from rig.study.exceptions import WorkersError
 from rig.study.parallel import spread
 from tests.error_codes import raises
+from tests.program import beside_progress
 from tests.waiting import DEADLINE_S, until
 
 distributed: Any = pytest.importorskip(
@@ -153,7 +154,7 @@ def test_a_worker_killed_at_a_case_changes_no_byte(study: Path, cluster: Cluster
         cluster.let_go()
         out, err = program.communicate(timeout=2 * DEADLINE_S)
         assert len(client.nthreads()) == 1
-    assert (program.returncode, err) == (0, "")
+    assert (program.returncode, beside_progress(err)) == (0, "")
     assert (study / "cluster.csv").read_bytes() == (study / "processes.csv").read_bytes()
     answer = json.loads(out)
     assert (answer["cases"], answer["problems"]) == (CASES, 0)
