@@ -74,7 +74,7 @@ def test_a_full_disk_is_said(options: list[str]) -> None:
         ended = subprocess.run(
             _started(*options), stdout=full, stderr=subprocess.PIPE, text=True, timeout=DEADLINE_S, check=False
         )
-    begun, line = ended.stderr.splitlines()
+    begun, line = beside_progress(ended.stderr).splitlines()
     assert (ended.returncode, begun) == (2, "begun")
     assert line.startswith("rig: ")
     assert line.endswith(os.strerror(errno.ENOSPC))
