@@ -32,7 +32,7 @@ QUOTED = re.compile(
 )
 """A table of the results on a page."""
 
-_COMMIT = re.compile(r"[0-9a-f]{7,40}\+?")
+_COMMIT = re.compile(r"[0-9a-f]{7,40}\+?(, [0-9a-f]{7,40}\+?)*")
 _CELL = re.compile(r"(?<!\\)\|")
 
 
@@ -50,7 +50,7 @@ class Study:
     data: tuple[str, ...] = ()
     removed: str = ""
     tables: Mapping[str, str] = field(default_factory=dict)
-    """Name of each CSV, and the commit that measured it."""
+    """Name of each CSV, and the commit that measured it (or several, of parts of it)."""
 
     @property
     def commands(self) -> tuple[str, ...]:

@@ -34,6 +34,7 @@ from rig.session.session import NewRun, Nobody, Session, dry_run
 from sim.models.fingertip import Fingertip
 from studies.faults.attempts import mixed
 from studies.faults.strikes import Strike, cuts, kills
+from studies.registry import as_markdown
 
 SCRIPT = """\
 import random
@@ -50,6 +51,16 @@ def run(rig: Rig) -> None:
             rig.move_to(x_mm=x_mm)
             rig.indent(force_gwt=1.0, increments=2, hold_s=0.1)
 """
+TITLES = {
+    "KILL": "`kill -9`",
+    "TERM": "SIGTERM",
+    "HUP": "SIGHUP",
+    "stage, port gone": "the stage's cable, its port gone",
+    "stage, silent": "the stage's cable, in silence",
+    "force, port gone": "the sensor's cable, its port gone",
+    "force, silent": "the sensor's cable, in silence",
+}
+"""Ways to cut a run short, as the table names them."""
 MUST_BE_NONE = ("lost", "missing", "repeated", "mixed", "touching")
 
 
@@ -151,7 +162,7 @@ def _left(cut: Path) -> str:
     """Where the run says that it left the indentor; a program that was killed says nothing."""
     *_, last = [{}, *read_journal(cut / "events.jsonl")]
     if last.get("doc") != "stop":
-        return "unsaid"
+        return "nothing"
     return "done" if last["status"] == "done" else str(last["indentor"]["left"])
 
 
@@ -164,14 +175,14 @@ def _during(cut: Path) -> str:
     return last["data"]["phase"] if last["stream"] == "sample" else last["stream"]
 
 
-def table(results: Sequence[dict[str, Any]], row: str, column: str) -> str:
-    """The histogram, by two of what each result tells."""
+def table(results: Sequence[dict[str, Any]], row: str, column: str, title: str) -> str:
+    """The histogram, by two of what each result tells: a CSV of studies/results/faults/."""
     heads = sorted({result[column] for result in results})
     counts = Counter((result[row], result[column]) for result in results)
-    lines = [f"| {row} | {' | '.join(heads)} |", "|---" * (len(heads) + 1) + "|"]
-    for name in dict.fromkeys(result[row] for result in results):
-        lines.append(f"| {name} | {' | '.join(str(counts[name, head]) for head in heads)} |")
-    return "\n".join(lines)
+    names = dict.fromkeys(result[row] for result in results)
+    return as_markdown(
+        [[title, *heads], *([TITLES.get(name, name), *(f"{counts[name, head]}" for head in heads)] for name in names)]
+    )
 
 
 def main() -> None:
@@ -194,7 +205,8 @@ def main() -> None:
     if options.json:
         print(json.dumps({**total, "results": results}))
     else:
-        print(table(results, "during", "kind"), table(results, "how", "left"), f"{total}", sep="\n\n")
+        print(table(results, "during", "kind", "cut short after"))
+        print(table(results, "how", "left", "by"), total, sep="\n")
     sys.exit(0 if total["complete"] == len(results) and not any(total[key] for key in MUST_BE_NONE) else 1)
 
 

@@ -1,6 +1,6 @@
 """What the rig does when a wire, a device or the machine under it fails, on real bytes: every fault of the catalogue.
 
-    .venv/bin/python -m studies.faults.outcomes    # the table of docs/validation/faults.md
+    .venv/bin/python -m studies.faults.outcomes    # studies/results/faults/one_fault.csv
 
 Each fault strikes an indentation to 8 gwt on a finger of springs, at its first move in contact, or later in its hold.
 Drivers, wire and virtual devices are those of a dry-run; bytes are lost, changed or delayed between them.

@@ -1,6 +1,6 @@
 """How hard a finger is pressed when the force sensor fails, by what the rig was doing and by how the sensor fails.
 
-    .venv/bin/python -m studies.faults.phases                # the tables of docs/validation/faults.md
+    .venv/bin/python -m studies.faults.phases                # studies/results/faults/phases.csv, nearer.csv
     .venv/bin/python -m studies.faults.phases "coming back"  # that phase only, and the finger that has come nearer
 
 Finger, bench and target are those of `outcomes`; drivers, wire and bytes are real. The worst force is that of the

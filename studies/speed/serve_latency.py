@@ -104,9 +104,9 @@ def main() -> None:
     print(
         f"promised {promised:.2f} readings/s, achieved {answered / took_s:.2f}, {len(forces_n) - answered} refused\n"
     )
-    print("| answer | asked for | p50 (ms) | p99 (ms) | max (ms) |\n|---|---|---|---|---|")
-    print(told("SI, force", delays_s))
-    print(told("?, status", round_trips_s))
+    print("| answer | requests | p50 (ms) | p99 (ms) | max (ms) |\n|---|---|---|---|---|")
+    print(told("`SI`, force", delays_s))
+    print(told("`?`, status", round_trips_s))
     print(f"\nserver: {said.strip()}")
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from rig.settings import LimitSettings
 from rig.units import GWT_N
-from studies.registry import expanded
+from studies.registry import expanded, read_table
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "ethics.md").read_text(encoding="utf-8")
@@ -56,7 +56,7 @@ def test_limits_are_those_of_the_program(row: str, name: str, unit: str, per: fl
 
 
 def test_faults_are_as_many_and_as_bad_as_the_table_says() -> None:
-    rows = table("validation/faults.md", "## One fault in a press")
+    _, *rows = read_table("faults/one_fault")
     assert f"{len(rows)} faults of wires" in PAGE
     worst = max(float(cells[-1]) for cells in rows)
     said = re.search(r"worst\s+([\d.]+) gram-weight", PAGE)
@@ -65,7 +65,7 @@ def test_faults_are_as_many_and_as_bad_as_the_table_says() -> None:
 
 
 def test_no_phase_is_worse_than_the_page_says() -> None:
-    rows = table("validation/faults.md", "A sensor that fails, by what the rig is doing")
+    _, *rows = read_table("faults/phases")
     forces = [float(cell.split()[0]) for cells in rows for cell in cells[1:]]
     assert f"{len(forces)} combinations" in PAGE
     assert 15.5 < max(forces) <= 16

@@ -1,6 +1,5 @@
 """Every fault of the catalogue in studies/faults: what comes of it, and how hard the finger was pressed."""
 
-import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,9 +12,8 @@ from studies.faults import phases
 from studies.faults.catalogue import CATALOGUE, Fault
 from studies.faults.faulty_bench import SOFT_TRIP_N
 from studies.faults.outcomes import bound_gwt, suffer
+from studies.registry import read_table
 from tests.error_codes import has_code
-
-DOCS = Path(__file__).parents[2] / "docs" / "validation" / "faults.md"
 
 
 @pytest.mark.parametrize("fault", CATALOGUE, ids=lambda fault: fault.name)
@@ -40,19 +38,17 @@ def test_the_bound_is_below_the_hard_trip_and_its_overshoot() -> None:
 
 
 def test_every_fault_has_its_row() -> None:
-    rows = re.findall(r"^\| ([^|]+) \|", DOCS.read_text(encoding="utf-8"), re.MULTILINE)
-    assert {fault.name for fault in CATALOGUE} <= set(rows)
+    _, *rows = read_table("faults/one_fault")
+    assert [fault.name for fault in CATALOGUE] == [row[0] for row in rows]
 
 
 # --- a failing sensor, by phase ---
 
 
 def _cells() -> dict[str, dict[str, float]]:
-    """The table of docs/validation/faults.md: worst force by phase and fault."""
-    rows = [line.strip("| \n").split(" | ") for line in DOCS.read_text(encoding="utf-8").splitlines()]
-    head = next(row for row in rows if row[0] == "worst force, gwt")
-    table = [row for row in rows if row[0] in phases.PHASES and len(row) == len(head)]
-    return {row[0]: dict(zip(head[1:], (float(cell.split()[0]) for cell in row[1:]), strict=True)) for row in table}
+    """Worst force by phase and fault."""
+    head, *rows = read_table("faults/phases")
+    return {row[0]: dict(zip(head[1:], (float(cell.split()[0]) for cell in row[1:]), strict=True)) for row in rows}
 
 
 def test_the_table_is_whole_and_within_its_bounds() -> None:
@@ -85,11 +81,9 @@ def test_the_worst_cell_of_each_phase(phase: str, fault: str, documented_gwt: fl
 
 
 def _nearer() -> dict[tuple[str, str], float]:
-    """The second table of docs/validation/faults.md: worst force by way and fault."""
-    rows = [line.strip("| \n").split(" | ") for line in DOCS.read_text(encoding="utf-8").splitlines()]
-    head = next(row for row in rows if row[0] == "1.5 mm nearer, gwt")
-    table = [row for row in rows if row[0] in phases.WAYS_BACK and len(row) == len(head)]
-    return {(row[0], fault): float(gwt) for row in table for fault, gwt in zip(head[1:], row[1:], strict=True)}
+    """Worst force by way and fault."""
+    head, *rows = read_table("faults/nearer")
+    return {(row[0], fault): float(gwt) for row in rows for fault, gwt in zip(head[1:], row[1:], strict=True)}
 
 
 def _felt_gwt(late_s: float) -> float:

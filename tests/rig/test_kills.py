@@ -45,7 +45,7 @@ def test_killed_runs_are_taken_up(finger: Fingertip) -> None:
         *("journal, before the write", "journal, half written", "journal, before the flush", "journal, on disk"),
     }
     left = {(result["how"], result["left"]) for result in found["results"]}
-    assert left == {("KILL", "unsaid"), ("TERM", "lifted"), ("HUP", "lifted")}
+    assert left == {("KILL", "nothing"), ("TERM", "lifted"), ("HUP", "lifted")}
 
 
 @needs_fork

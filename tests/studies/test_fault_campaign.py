@@ -15,7 +15,8 @@ from studies.faults.campaign.faults import LATE_S, FaultyCarriage, WireFault, pa
 from studies.faults.campaign.judge import BOUND_GWT, EXEMPTIONS, claim_of, exemption_of, true_claim, violations
 from studies.faults.campaign.scenarios import SCENARIOS, Finished
 from studies.faults.campaign.tables import CampaignSummary, Record, names_in, records_of, told
-from studies.faults.campaign.world import ScenarioBench, VirtualWorld
+from studies.faults.campaign.world import BENCHES, ScenarioBench, VirtualWorld
+from studies.registry import read_table, tables_in
 
 # --- faults ---
 
@@ -306,8 +307,23 @@ def test_a_summary_counts_what_is_not_exempt() -> None:
     found = CampaignSummary([{**about, "case": f"fine {n}", "violations": []} for n in range(60)] + [bad, spared])
     assert (found.bad, found.cases.total(), found.spared.total(), found.took_s) == (1, 62, 1, 31.0)
     assert [record["case"] for record in found.worst_in("lift")][:1] == ["bad"]
-    assert f"| {EXEMPTIONS[0].name} | 1 | 1 | 30.00 |" in found.table()
+    assert found.phases() == [["phase", "GRBL: cases", "worst, gwt"], ["lift", "62", "20.00"], ["all", "62", ""]]
+    assert found.exceptions()[1][:4] == [EXEMPTIONS[0].name, "1", "1", "30.00"]
+    assert list(tables_in(found.table()))[1:] == [found.phases(), found.exceptions()]
     assert "spared" in found.worst_as_csv("command")
+
+
+def test_the_stored_tables_have_the_rows_that_a_summary_has() -> None:
+    about = {**FINE, "commit": "a1", "claim": "clear", "exempt": None, "violations": [], "case": "one"}
+    found = CampaignSummary({**about, "bench": bench, "phase": "lift"} for bench in BENCHES)
+    head, *rows, total = read_table("faults/campaign")
+    assert head == found.phases()[0]
+    assert [total[n] for n in (1, 3, 5)] == [
+        f"{sum(int(row[n].replace(' ', '')) for row in rows):,}".replace(",", " ") for n in (1, 3, 5)
+    ]
+    assert max(float(row[n]) for row in rows for n in (2, 4, 6)) <= BOUND_GWT
+    stored = read_table("faults/exceptions")
+    assert [(row[0], row[4]) for row in stored] == [(row[0], row[4]) for row in found.exceptions()]
 
 
 # --- the program ---

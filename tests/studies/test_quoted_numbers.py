@@ -85,6 +85,18 @@ BUTTON = "median, worst (ms)"
 INTERPOLATED = "performance/interpolated"
 
 
+def counted(table: str) -> float:
+    """Sum of all counts of a table."""
+    _, *rows = read_table(table)
+    return sum(float(cell) for row in rows for cell in row[1:])
+
+
+def cases() -> list[float]:
+    """Cases of the campaign, in thousands and the rest."""
+    *_, totals = read_table("faults/campaign")
+    return [*map(float, divmod(sum(int(cell.replace(" ", "")) for cell in totals[1:] if cell), 1000))]
+
+
 MEDIAN = "seconds of bench time, median and most"
 
 
@@ -146,6 +158,7 @@ QUOTED: list[tuple[str, str, list[float]]] = [
         [truth("right finger", GIVEN)] + [truth("another finger and mesh", way) for way in (PLAUSIBLE, GIVEN)],
     ),
     ("what_to_expect", r"\[(\d+) s at the bench\]", most("identification/demands", "first", first=MEDIAN)),
+    ("identify", r"\[(\d+) s at the bench\]", most("identification/demands", "first", first=MEDIAN)),
     ("small_strain", r"\| force \| (\d+) to (\d+) %", small_strain("force", "0.33")),
     ("small_strain", r"\| force \|[^|]*\| (\d+) to (\d+) %", small_strain("force", "0.67")),
     ("small_strain", r"\| force \|[^|]*\|[^|]*\| (\d+) to (\d+) %", small_strain("force", "1")),
@@ -158,6 +171,12 @@ QUOTED: list[tuple[str, str, list[float]]] = [
     ("small_strain", r"receptors \|[^|]*\| (\d+) to (\d+) %", small_strain("SED", "0.67")),
     ("small_strain", r"receptors \|[^|]*\|[^|]*\| (\d+) to (\d+) %", small_strain("SED", "1")),
     ("safety", r"up to (\d+) ms", most("safety/buttons", BUTTON, 1, first="quick-stop")),
+    ("safety", r"\| (\d+) gwt \|" + r".*?\| (\d+) gwt \|" * 2, each("faults/exceptions", "worst, gwt")),
+    ("safety", r"\[([\d.]+) gwt\]\(validation/faults.md#a-sensor", most("faults/nearer", "frozen at 0")),
+    ("running", r"\[(\d+) runs\]", [counted("faults/kills_instants")]),
+    ("validation/faults", r"All (\d+) runs", [counted("faults/kills_endings")]),
+    ("validation/faults", r"(\d+) (\d+) cases: ", cases()),
+    ("validation/faults", r"(\d+) cases are exempt", [sum(each("faults/exceptions", "cases"))]),
     ("contact", r"up to ([\d.]+) %", most("hard_cases/flags", SPREAD)),
     ("coding", r"(\d+) to (\d+) %, by shape\]", extent(each("coding/convolution", "relative L2"))),
     ("coding", r"is (\d+) to (\d+) % off", extent(each("coding/bands_drawn", "30 dB"))),

@@ -71,7 +71,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--out", type=Path, default=Path("campaign.jsonl"), help=out)
     parser.add_argument("--count", action="store_true", help="count the cases and end")
     parser.add_argument(
-        "--table", action="store_true", help="the tables of docs/validation/faults.md, of the results in --out"
+        "--table", action="store_true", help="the tables of studies/results/faults/, of the results in --out"
     )
     parser.add_argument("--worst", type=Path, help="with --table: a CSV of the worst five of each bench and phase")
     return parser.parse_args()

@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from studies.faults.campaign.judge import BOUND_GWT, EXEMPTIONS
+from studies.registry import Rows, as_markdown
 
 Record = dict[str, Any]
 CLASSES = ("force", "sideways", "report", "lost or repeated", "not resumed", "crash")
 KEPT = ("case", "data", "worst_gwt", "left_gwt", "drag_mm", "exit", "claim", "on_record", "violations", "exempt")
+TITLES = {"grbl": "GRBL", "rtu": "RTU", "tcp": "TCP"}
 WORST = 5
 _NAME = re.compile(r'"commit": "([^"]*)", "case": "([^"]*)"')
 
@@ -98,19 +100,30 @@ class CampaignSummary:
         lines.append(f"| all | | {self.cases.total()} | {totals} | {self.spared.total()} | |")
         return "\n".join(lines)
 
-    def table(self) -> str:
-        """For docs/validation/faults.md."""
-        parts = [str(self), "", "| exempt | cases | beyond the bound | worst gwt | remedy |", "|---|---|---|---|---|"]
+    def phases(self) -> Rows:
+        """Cases and worst force of each phase on each bench: studies/results/faults/campaign.csv."""
+        benches = list(dict.fromkeys(bench for bench, _ in self.cases))
+        rows = [["phase", *(cell for bench in benches for cell in (f"{TITLES[bench]}: cases", "worst, gwt"))]]
+        for phase in dict.fromkeys(phase for _, phase in self.cases):
+            rows.append([phase])
+            for bench in benches:
+                worst = max(map(pressed_gwt, self.worst.get((bench, phase, True), [])), default=0.0)
+                rows[-1] += [_spaced(self.cases[bench, phase]), f"{worst:.2f}"]
+        totals = [_spaced(sum(n for (on, _), n in self.cases.items() if on == bench)) for bench in benches]
+        return [*rows, ["all", *(cell for total in totals for cell in (total, ""))]]
+
+    def exceptions(self) -> Rows:
+        """Cases of each exemption: studies/results/faults/exceptions.csv."""
+        rows = [["exception", "cases", "beyond the bound", "worst, gwt", "remedy"]]
         for exemption in EXEMPTIONS:
             forces = self.exempt.get(exemption.name, [])
             beyond, worst = sum(gwt > BOUND_GWT for gwt in forces), max(forces, default=0.0)
-            parts.append(f"| {exemption.name} | {len(forces)} | {beyond} | {worst:.2f} | {exemption.remedy} |")
-        parts += ["", "| phase | case | worst gwt | ended | report |", "|---|---|---|---|---|"]
-        for phase in dict.fromkeys(phase for _, phase in self.cases):
-            for record in self.worst_in(phase):
-                how = f"{pressed_gwt(record):.2f} | {record['exit']} | {record['claim']}"
-                parts.append(f"| {phase} | `{record['case']}` | {how} |")
-        return "\n".join(parts)
+            rows.append([exemption.name, f"{len(forces)}", f"{beyond}", f"{worst:.2f}", exemption.remedy])
+        return rows
+
+    def table(self) -> str:
+        """All tables as Markdown; `python -m studies run campaign` stores those of docs/validation/faults.md."""
+        return "\n".join([f"{self}\n", as_markdown(self.phases()), as_markdown(self.exceptions())])
 
     def worst_as_csv(self, command: str) -> str:
         """The worst of each bench and phase, exempt or not, with what made them."""
@@ -120,6 +133,10 @@ class CampaignSummary:
                 row = {**record, "violations": " and ".join(record["violations"]), "exempt": record["exempt"] or ""}
                 lines.append(",".join(str(row.get(key, "")).replace(",", ";") for key in KEPT))
         return "\n".join(lines) + "\n"
+
+
+def _spaced(number: int) -> str:
+    return f"{number:,}".replace(",", " ")
 
 
 def _hardest(records: list[Record]) -> list[Record]:
