@@ -57,13 +57,14 @@ config.measured_skin config
 config.stiffness config
 config.units units
 contact.compiled.chords contact.compiled.points_between_nodes
+contact.compiled.compiling compiling
 contact.compiled.curves contact.compiled.profile_curves
 contact.compiled.elastic contact.compiled.skin_compliance
 contact.compiled.gaps contact.compiled.planes_and_residual
-contact.compiled.compiling compiling
 contact.compiled.kept compiling
 contact.compiled.ready contact.warmup
 contact.control contact.force_control
+contact.touch contact.first_contact
 devices.balance devices.mtsics
 devices.cell devices.line
 devices.drive_motion devices.leadshine

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from sim.benchmark import QUANTITIES, SHARES, of_level
 from sim.config import FingertipConfig, Geometry, MeshSpec
+from sim.contact.first_contact import FirstTouch, first_touch
 from sim.contact.indentor import ACROSS, ALONG, BOTH, Indentor
 from sim.contact.patch import X, Z
 from sim.contact.shapes import parse_shape
-from sim.contact.touch import FirstTouch, first_touch
 from sim.errors import ModelRangeError, refuse_unless_one
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import NOWHERE, ReceptorPlaces

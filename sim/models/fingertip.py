@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from sim.config import FingertipConfig
+from sim.contact.first_contact import first_touch
 from sim.contact.indentor import ALONG, Indentor
 from sim.contact.patch import X, Z
 from sim.contact.profiles import IndentorProfile
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import TARGET_RESIDUAL, ContactState
-from sim.contact.touch import first_touch
 from sim.contact.warmup import make_ready
 from sim.errors import ModelRangeError, positive, refuse_unless_one, z_outside
 from sim.finger.surface import FingertipSurface

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.config import FingertipConfig
+from sim.contact.first_contact import FirstTouch
 from sim.contact.force_control import ForceNotReachedError, TooDeepError, solve_for_force
 from sim.contact.indentor import EDGE_RADIUS_MM, SHARP_RADIUS_MM, Indentor
 from sim.contact.patch import X, Y, Z
 from sim.contact.planes import Gathered
 from sim.contact.points import ContactPose
 from sim.contact.solver import ContactState, solve_contact
-from sim.contact.touch import FirstTouch
 from sim.errors import ForceOutOfReachError, ModelRangeError, z_outside
 from sim.models.condensed import CondensedModel
 from sim.models.relaxation import held_at

@@ -20,8 +20,8 @@ from sim.measures.measures import STRAINS, STRESSES
 from sim.units import PSEUDO_E_EPIDERMIS
 
 if TYPE_CHECKING:
+    from sim.contact.first_contact import FirstTouch
     from sim.contact.indentor import Indentor
-    from sim.contact.touch import FirstTouch
     from sim.finger.surface import FingertipSurface
 
 Array = NDArray[np.float64]

@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.contact.first_contact import first_touch
 from sim.contact.patch import X, Z
 from sim.contact.shapes import parse_shape
-from sim.contact.touch import first_touch
 from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface
 from sim.models.catalogue import load

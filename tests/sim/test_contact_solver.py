@@ -7,11 +7,11 @@ import pytest
 from numpy.typing import NDArray
 
 from sim.contact import solver
+from sim.contact.first_contact import first_touch
 from sim.contact.force_control import ForceNotReachedError, TooDeepError, solve_for_force
 from sim.contact.points import ContactPoints, ContactPose, displaced_gap
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import ContactState, solve_contact
-from sim.contact.touch import first_touch
 from sim.finger.surface import FingertipSurface
 from sim.models.fingertip import Fingertip
 from sim.models.result import IndentationResult

@@ -9,12 +9,12 @@ import pytest
 from numpy.typing import NDArray
 
 from sim.contact import newton, solver
+from sim.contact.first_contact import FirstTouch, first_touch
 from sim.contact.indentor import BOTH, Indentor, Prismatic, Revolved
 from sim.contact.newton import Onward
 from sim.contact.profiles import Bar, Cylinder, Grating, IndentorProfile, SinusoidalStep, Wedge
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import ContactState
-from sim.contact.touch import FirstTouch, first_touch
 from sim.models.fingertip import Fingertip
 from sim.models.many_indentations import indent_many
 from sim.models.pressing import OTHER_STEPS_MM, PlacedIndentor, Pressing

@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import pytest
 
+from sim.contact.first_contact import first_touch
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import ContactState
-from sim.contact.touch import first_touch
 from sim.models.fingertip import Fingertip
 from sim.models.pressing import PlacedIndentor, Pressing, RimError
 from tests.error_codes import raises

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from sim.contact.first_contact import first_touch
 from sim.contact.indentor import Indentor
 from sim.contact.patch import Patch, X, Y, Z
 from sim.contact.planes import ContactRegion, FrozenPlanes, Gathered
@@ -13,7 +14,6 @@ from sim.contact.points import PARTS, ContactPoints, ContactPose, Survey
 from sim.contact.profiles import Bar, SinusoidalStep
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import ContactState, PassedState, solve_contact
-from sim.contact.touch import first_touch
 from sim.models.fingertip import Fingertip
 from sim.models.pressing import PlacedIndentor, Pressing
 

@@ -10,8 +10,8 @@ from numpy.testing import assert_allclose
 from rig.plan.config import load_config
 from sim.carriage import Pose
 from sim.config import FingertipConfig, Tissue
+from sim.contact.first_contact import first_touch
 from sim.contact.shapes import parse_shape
-from sim.contact.touch import first_touch
 from sim.errors import ForceOutOfReachError, ModelRangeError
 from sim.finger.surface import FingertipSurface
 from sim.measures.measures import STRAINS, STRESSES

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.config import FingertipConfig
+from sim.contact.first_contact import first_touch
 from sim.contact.patch import X, Z
 from sim.contact.shapes import parse_shape
-from sim.contact.touch import first_touch
 from sim.fem.elements import lame
 from sim.finger.mesh import FingerMesh, build_mesh, section_mesh
 from sim.finger.surface import FingertipSurface
