@@ -80,6 +80,7 @@ WORDS = {
     "cache": "",
     "config": "",
     "doctor": "",
+    "init": "--yes --port tcp://127.0.0.1:9 --to new.toml",
 }
 """Arguments of every command."""
 

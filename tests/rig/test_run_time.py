@@ -21,6 +21,7 @@ import h5py
 import pytest
 from matplotlib.figure import Figure
 
+from rig.bench.real import Request
 from rig.bench.virtual import load_on_sensor, true_carriage, truth, virtual_force, virtual_stage, with_framing
 from rig.cli.watch import _line
 from rig.clock import WallClock
@@ -89,8 +90,8 @@ class Computer:
         self.clock = clock
 
     def carry_out(self, session: Session, stage: StageInHand) -> FinishedRun:
-        def mounted(request: str) -> str:
-            self.plant.mount(request.removeprefix("mount "))
+        def mounted(request: Request) -> str:
+            self.plant.mount(request.indentor or "")
             return ""
 
         self.clock.wait_s(PLANNED_S)
