@@ -79,7 +79,7 @@ WALK = {
     "cache": Walked("", "rig.cli.installation.entries", own=False),
     "config": Walked("", "rig.cli.installation.keys", own=False),
     "doctor": Walked("", "rig.cli.installation._examine", own=False),
-    "init": Walked("--yes --to new.toml --port tcp://127.0.0.1:9", "rig.cli.init.find_devices"),
+    "init": Walked("--yes --to new.toml --port tcp://127.0.0.1:9", "rig.cli.init.find_devices", own=False),
 }
 
 
