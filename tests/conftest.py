@@ -55,6 +55,8 @@ REAL_TIME = (
     "rig/test_first_second.py::test_a_command_waits_for_no_library_that_it_does_not_use",
     "rig/test_grbl_conformance.py",
     "rig/test_how_it_ends.py",
+    "rig/test_init_command.py::test_a_port_in_use_is_left_alone_and_its_owner_is_named",
+    "rig/test_init_command.py::test_kinds_are_asked_in_order_until_one_answers",
     "rig/test_kills.py",
     "rig/test_modbus_counterparties.py",
     "rig/panel/test_posts.py",

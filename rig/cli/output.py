@@ -173,7 +173,7 @@ class _Activities:
                     self._changed.wait()
                 with suppress(RuntimeError):  # what it describes has just changed
                     self.look()
-            time.sleep(_LOOKS_S)
+                self._changed.wait(_LOOKS_S)
 
 
 _activities = _Activities()

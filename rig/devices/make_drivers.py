@@ -9,7 +9,7 @@ from rig.clock import Clock
 from rig.devices.base import ForceSensor, Stage
 from rig.devices.registry import DeviceKind, ForceKind, KnownBench, Opener, StageKind, find
 from rig.settings import BenchSettings, ForceSettings, StageSettings
-from rig.transport import LoggedTransport, Transport, TransportError, open_port
+from rig.transport import LoggedTransport, TimeLimitedTransport, Transport, TransportError, open_port
 from rig.transport.wire import Sink
 
 
@@ -70,7 +70,7 @@ def probe(kind: DeviceKind, port: str, clock: Clock, byte_log: Sink | None = Non
 
     def opener(name: str) -> Transport:
         opened.append(_open(name, settings=device, clock=clock, byte_log=byte_log))
-        return _Bounded(opened[-1], clock, PROBE_S)
+        return TimeLimitedTransport(opened[-1], clock, PROBE_S)
 
     try:
         return kind.probe(opener, clock, settings)
@@ -81,32 +81,6 @@ def probe(kind: DeviceKind, port: str, clock: Clock, byte_log: Sink | None = Non
     finally:
         for transport in opened:
             transport.close()
-
-
-class _Bounded:
-    """Transport for a probe; it raises TransportError when the probe has taken too long."""
-
-    def __init__(self, inner: Transport, clock: Clock, within_s: float) -> None:
-        self.name = inner.name
-        self._inner, self._clock, self._within_s = inner, clock, within_s
-        self._until_s = clock.monotonic_s() + within_s
-
-    def write(self, data: bytes) -> None:
-        self._inner.write(data)
-
-    def read(self, timeout_s: float) -> bytes:
-        left_s = self._until_s - self._clock.monotonic_s()
-        if left_s <= 0:
-            raise TransportError(
-                "port {port}: no device was identified within {within_s:g} s",
-                code="probe_timeout",
-                port=self.name,
-                within_s=self._within_s,
-            )
-        return self._inner.read(min(timeout_s, left_s))
-
-    def close(self) -> None:
-        self._inner.close()
 
 
 def _open(

@@ -5,7 +5,14 @@ Modbus frames are in `rig/transport/modbus.py`, which only Modbus drivers import
 
 from rig.transport.ownership import NotOwnedError, PortOwner, first_owner, port_owner
 from rig.transport.ports import SerialTransport, TcpTransport, open_port, refuse_missing
-from rig.transport.wire import LineReader, LoggedTransport, LoopbackTransport, Transport, TransportError
+from rig.transport.wire import (
+    LineReader,
+    LoggedTransport,
+    LoopbackTransport,
+    TimeLimitedTransport,
+    Transport,
+    TransportError,
+)
 
 __all__ = [
     "LineReader",
@@ -15,6 +22,7 @@ __all__ = [
     "PortOwner",
     "SerialTransport",
     "TcpTransport",
+    "TimeLimitedTransport",
     "Transport",
     "TransportError",
     "first_owner",

@@ -159,3 +159,29 @@ class LoopbackTransport:
         if self._line is None:
             raise TransportError("port {port} is closed", code="closed", port=self.name)
         return self._line
+
+
+class TimeLimitedTransport:
+    """Transport for a probe; reading raises TransportError when the probe has taken too long."""
+
+    def __init__(self, inner: Transport, clock: Clock, within_s: float) -> None:
+        self.name = inner.name
+        self._inner, self._clock, self._within_s = inner, clock, within_s
+        self._until_s = clock.monotonic_s() + within_s
+
+    def write(self, data: bytes) -> None:
+        self._inner.write(data)
+
+    def read(self, timeout_s: float) -> bytes:
+        left_s = self._until_s - self._clock.monotonic_s()
+        if left_s <= 0:
+            raise TransportError(
+                "port {port}: no device was identified within {within_s:g} s",
+                code="probe_timeout",
+                port=self.name,
+                within_s=self._within_s,
+            )
+        return self._inner.read(min(timeout_s, left_s))
+
+    def close(self) -> None:
+        self._inner.close()

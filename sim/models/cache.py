@@ -33,7 +33,17 @@ MOST_BYTES = 5e9
 _log = logging.getLogger(__name__)
 _SEAL_BYTES = hashlib.sha256().digest_size
 _CODE = (
-    *("errors.py", "units.py", "tables.py", "config.py", "contact/patch.py", "fem", "finger", "measures"),
+    *(
+        "compiling.py",
+        "errors.py",
+        "units.py",
+        "tables.py",
+        "config.py",
+        "contact/patch.py",
+        "fem",
+        "finger",
+        "measures",
+    ),
     *("models/adjoint.py", "models/condensed.py", "models/finger_3d.py"),
 )
 """Folders and modules of `sim` that determine a finger's model."""

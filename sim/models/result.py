@@ -161,7 +161,7 @@ class IndentationResult:
 
     @property
     def kpa_per_pseudo(self) -> float:
-        """Pressure of one pseudo-unit on this finger (kPa)."""
+        """Pressure on this finger (kPa) over that in pseudo-units."""
         return 1e3 * self.e_epidermis_mpa / PSEUDO_E_EPIDERMIS
 
     @property

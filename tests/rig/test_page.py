@@ -57,7 +57,7 @@ def opened(finger: Fingertip, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
     def open_bench(config: Any, clock: Any, log: Any, ask: Any, pause: Any, stage: Any) -> VirtualBench:
         found.append(config.stage.port)
-        return virtual_bench(config, finger, log, VirtualClock(0.0, clock.monotonic_s()), pause)
+        return virtual_bench(config, finger, log, VirtualClock(0.0, clock.run_s()), pause)
 
     monkeypatch.setattr(sessions, "open_bench", open_bench)
     monkeypatch.setattr(StageInHand, "open", lambda stage: stage)

@@ -3,6 +3,7 @@
 import gc
 import logging
 import pickle
+import weakref
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from sim import Fields, Fingertip, FingertipConfig, IndentationResult, ModelRangeError, ReceptorError, Tissue, load
 from sim.contact.patch import X, Y, Z
+from sim.fem.dissection import DissectionFactor
 from sim.fem.elements import symmetric
 from sim.finger.mesh import BONE, DERMIS, EPIDERMIS, FAT, FingerMesh
 from sim.finger.surface import FingertipSurface
@@ -27,7 +29,7 @@ from sim.measures.receptors import (
     strain_operator,
 )
 from sim.models import adjoint, factored_interior, sources, strain_at_points
-from sim.models.condensed import discretise
+from sim.models.condensed import FiniteElements, discretise
 from sim.models.factored_interior import Interior
 from sim.models.full_mesh import mesh_of
 from studies.verification.halfspace import boussinesq_strain
@@ -187,14 +189,13 @@ def test_points_asked_for_again_cost_nothing(
 
 
 def test_one_factor_is_kept_for_many_points(coarse_config: FingertipConfig, monkeypatch: pytest.MonkeyPatch) -> None:
-    made: list[Any] = []
-    closed: list[bool] = []
+    made: list[weakref.ref[DissectionFactor]] = []
     real = factored_interior.factorise
 
-    def factorise(*given: Any) -> Any:
-        made.append(real(*given))
-        monkeypatch.setattr(made[-1], "close", lambda: closed.append(True))
-        return made[-1]
+    def factorise(problem: FiniteElements) -> DissectionFactor:
+        factor = real(problem)
+        made.append(weakref.ref(factor))
+        return factor
 
     monkeypatch.setattr(factored_interior, "factorise", factorise)
     finger = load("finger", coarse_config, cached=False)
@@ -204,7 +205,7 @@ def test_one_factor_is_kept_for_many_points(coarse_config: FingertipConfig, monk
     assert len(made) == 1
     del finger
     gc.collect()
-    assert closed == [True]
+    assert [one() for one in made] == [None]
 
 
 def test_columns_where_they_cost_less(coarse_config: FingertipConfig, monkeypatch: pytest.MonkeyPatch) -> None:

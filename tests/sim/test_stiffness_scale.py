@@ -94,7 +94,7 @@ def test_no_model_is_built_for_a_scale() -> None:
         told = FingertipConfig(mesh=MESH, tissue=Tissue(**tissue))  # type: ignore[arg-type]
         surface = FingertipSurface.fit(told.geometry)
         receptors = receptors_at(told, surface, ReceptorPlaces.of((0.0,), 0.76, None))
-        return OnDisk(told, surface, receptors, "auto").made_of((ALONG, None))
+        return OnDisk(told, surface, receptors).made_of((ALONG, None))
 
     assert made_of(stiffness=STIFF, stiffening=0.5) == made_of()
     assert made_of(e_fat=0.2) != made_of()
