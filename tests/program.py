@@ -33,7 +33,7 @@ def as_in_its_schema(command: str, found: Any) -> Any:
     return found
 
 
-_PROGRESS = re.compile(r"(?!rig: )(.* …|.* so far)(,.*)?|\d+ [a-z ]+")
+_PROGRESS = re.compile(r"(?!rig: )(.* …|.* so far)(,.*)?|\d+ [a-z ]+(, about .* as before)?")
 
 
 def beside_progress(err: str) -> str:

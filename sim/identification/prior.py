@@ -7,7 +7,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr, ndtri
 
 from sim.config import Tissue
 
@@ -142,6 +141,8 @@ class Prior:
 
     def from_normal(self, normal: Array, kind: Kind) -> Array:
         """Return (n, p) fingers of a kind from (n, free) values that are standard normal for fingers of the prior."""
+        from scipy.special import ndtr, ndtri  # slow to import, and most fingers are not identified
+
         free = self.free(kind)
         low, high = (tail[free] for tail in self._tails)
         draws = np.zeros((len(normal), len(self.names)))
@@ -152,6 +153,8 @@ class Prior:
 
     def to_normal(self, draws: Array, kind: Kind) -> Array:
         """Return the (n, free) values of `from_normal`; a free parameter that is 0 counts as its mean."""
+        from scipy.special import ndtr, ndtri  # slow to import, and most fingers are not identified
+
         free = self.free(kind)
         low, high = (tail[free] for tail in self._tails)
         off = np.where(self._zeroed & (draws == 0.0), 0.0, self.off(draws))[:, free]
@@ -161,6 +164,8 @@ class Prior:
     @cached_property
     def _tails(self) -> tuple[Array, Array]:
         """(p,) probabilities of a normal distribution below the bounds."""
+        from scipy.special import ndtr  # slow to import, and most fingers are not identified
+
         low, high = ((edge - self.middle) / self.sd for edge in self.bounds)
         return np.asarray(ndtr(low)), np.asarray(ndtr(high))
 

@@ -187,7 +187,7 @@ def test_a_worker_with_another_program_is_named(study: Path, cluster: Cluster, c
     assert (program.returncode, told["code"]) == (2, "other_program")
     for named in (f"--scheduler {cluster.address}: ", "tcp://127.0.0.1:", has, cluster_module.program()):
         assert named in told["error_text"]
-    assert err == f"rig: {told['error_text']}\n"
+    assert beside_progress(err) == f"rig: {told['error_text']}\n"
     assert not list(study.glob("study.csv*"))
 
 

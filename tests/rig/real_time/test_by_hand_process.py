@@ -60,7 +60,7 @@ class Owner:
         if number is not None:
             self.process.send_signal(number)
         _, err = self.process.communicate(timeout=DEADLINE_S)
-        return self.process.returncode, err
+        return self.process.returncode, beside_progress(err)
 
     def _failed(self) -> None:
         assert self.process.poll() is None, self.process.communicate()[1]
