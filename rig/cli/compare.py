@@ -49,7 +49,7 @@ def command(
         list[str] | None,
         typer.Option(
             metavar="SHAPE=FILE",
-            help="Recording: rates, counts or spike times, CSV or NWB. Repeatable.",
+            help="Recording: rates, counts or spike times, CSV or NWB. May be repeated.",
             rich_help_panel=_RECORDING,
         ),
     ] = None,

@@ -83,9 +83,7 @@ def encode_command(
     noise: NoisePlaceOption = "receptor",
     gain: Annotated[
         float,
-        typer.Option(
-            metavar="K", help="Gain k of the receptor, R = k (S − S₀), per unit of SED.", rich_help_panel=NOISE
-        ),
+        typer.Option(metavar="K", help="Gain k, rate = k (SED − threshold), per unit of SED.", rich_help_panel=NOISE),
     ] = 1.0,
     threshold: Annotated[
         float | None,

@@ -46,7 +46,7 @@ def init_command(
         list[str] | None,
         typer.Option(
             metavar="PORT",
-            help="Port to ask: serial or tcp://HOST:PORT. Repeatable. Default: all serial ports.",
+            help="Port to ask: serial or tcp://HOST:PORT. May be repeated. Default: all serial ports.",
             rich_help_panel=_DEVICES,
         ),
     ] = None,

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 ProtocolArgument = Annotated[str, typer.Argument(help="Path of a protocol, or the name of a shipped one.")]
 MoreArgument = Annotated[list[str] | None, typer.Argument(metavar="K=V", help="Protocol parameters, KEY=VALUE.")]
 SetOption = Annotated[
-    list[str] | None, typer.Option("--set", metavar="K=V", help="Protocol parameter, KEY=VALUE. Repeatable.")
+    list[str] | None, typer.Option("--set", metavar="K=V", help="Protocol parameter, KEY=VALUE. May be repeated.")
 ]
 OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="Parent folder of the run folder.")]
 SubjectOption = Annotated[str | None, typer.Option(metavar="CODE", help="Pseudonym of the subject, e.g. S07.")]

@@ -71,7 +71,7 @@ COMMANDS = {
         "panel.owning_command", "Own the ports for manual control from rig panel.", "Bench", hidden=True
     ),
     "calibrate": Command("calibrate.calibrate", "Calibrate steps/mm, force scale or compliance.", "Bench"),
-    "bench": Command("installation.speed_command", "Benchmark the models on this machine.", "System"),
+    "bench": Command("installation.speed_command", "Measure the time and error of the models.", "System"),
     "cache": Command("installation.cache_command", "List or delete cached results.", "System"),
     "config": Command("installation.config_command", "Print configuration keys with units and ranges.", "System"),
     "doctor": Command("installation.doctor_command", "Check ports, versions, limits and cache.", "System"),

@@ -605,7 +605,7 @@ def _encoded(
     encoded = encode(encoder, load, receptor, task.noise)
     if not encoded.rate.max() > 0:
         raise CodingError(
-            "no receptor responds; raise the pressure, or lower {threshold} below its SED",
+            "no receptor responds; raise the pressure, or lower {threshold} below the SED of the receptors",
             code="all_silent", threshold="threshold",
         )  # fmt: skip
     return Observation(operator, encoded.rate, task.receptor, noise_of(encoded, receptor, task.noise), true)
