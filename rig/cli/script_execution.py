@@ -1,6 +1,5 @@
 """Run a script for a command: progress, interrupts, ownership of the ports, the finished run."""
 
-import errno
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -26,7 +25,7 @@ from rig.data.journal import Watch
 from rig.data.run_state import Course, TimeLeft
 from rig.devices.registry import stage_ports
 from rig.engine import EngineError, RunAborted
-from rig.errors import code_of
+from rig.errors import BadInputError, code_of
 from rig.plan.config import Config
 from rig.plan.finger_model import about_model
 from rig.plan.plan import make_plan
@@ -237,9 +236,9 @@ class AtTheTerminal:
 
 
 def new_run(out_dir: Path, subject: str | None) -> NewRun:
-    """Return a new run for that folder; raise BadInputError or OSError before anything begins."""
+    """Return a new run for that folder; raise BadInputError before anything begins."""
     if out_dir.is_file():
-        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(out_dir))
+        raise BadInputError("--out {path}: this is a file; name a folder", code="not_a_directory", path=out_dir)
     return NewRun(out_dir, checked_subject(subject))
 
 
