@@ -32,8 +32,9 @@ def sent(monkeypatch: pytest.MonkeyPatch) -> list[BenchSettings]:
 
 
 @pytest.fixture
-def make(tmp_path: Path) -> Callable[..., StubPanel]:
-    """Make a panel: make(*owners, configured=True)."""
+def make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., StubPanel]:
+    """Make a panel: make(*owners, configured=True). On however slow a machine it waits for the answer to a stop."""
+    monkeypatch.setattr(requests, "_STOP_S", DEADLINE_S)
 
     def made(*owners: StubOwner, configured: bool = True) -> StubPanel:
         there, clock, bench = list(owners), VirtualClock(1000.0), StubHandProcess()

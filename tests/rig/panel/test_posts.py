@@ -16,6 +16,8 @@ from tests.rig.panel.asgi_client import asked
 from tests.rig.panel.stub_panel import OWN, StubOwner, StubPanel
 from tests.waiting import DEADLINE_S, until
 
+WAITS = (posts._ANSWER_S, posts._HOLD_S, posts._STOP_S, posts.HELD_S, STOP_S)  # before any test changes them
+
 Make = Callable[..., StubPanel]
 
 HOLD = {"axis": "x", "sign": 1, "speed_mm_s": 1.5, "press": 7, "unix_s": 1000.0}
@@ -180,7 +182,7 @@ def test_what_an_owner_says_is_passed_on(path: str, make: Make) -> None:
 
 def test_how_long_each_is_waited_for(make: Make) -> None:
     """A stop's own answer is waited for shortly, and listened to for longer; a hold no longer than it counts."""
-    assert (posts._ANSWER_S, posts._HOLD_S, posts._STOP_S, posts.HELD_S, STOP_S) == (1.0, 0.2, 0.25, 0.25, 3.0)
+    assert WAITS == (1.0, 0.2, 0.25, 0.25, 3.0)
     assert (posts._THREADS, posts._MOST_HELD, READY_S, GONE_S) == (4, 3, 15.0, 5.0)
     run, hand = StubOwner(), by_hand()
     for path in ("pause", "stop"):
@@ -331,6 +333,7 @@ def test_the_bytes_go_out_at_once_beside_an_owner_that_hangs(
     make: Make, sent: list[Any], monkeypatch: pytest.MonkeyPatch, lives: bool
 ) -> None:
     monkeypatch.setattr(posts, "BESIDE_S", 0.01)
+    monkeypatch.setattr(posts, "_STOP_S", 0.01)
     free = threading.Event()
 
     def hangs() -> dict[str, Any]:
