@@ -397,7 +397,7 @@ def decode_command(
         str | None,
         typer.Option(
             metavar="K",
-            help="Gain k, rate = k (SED − threshold), e.g. 30, or 30±2 with its SD. Default: 1.",
+            help="Gain k, rate = k (SED − threshold), e.g. 30±2. Default: 1.",
             rich_help_panel=NOISE,
         ),
     ] = None,
