@@ -32,7 +32,7 @@ HalfLengthOption = Annotated[
     int,
     typer.Option(
         metavar="N",
-        help="Samples on each side of the middle, 4 to 100.",
+        help="Number of samples on each side, 4 to 100.",
         rich_help_panel=SAMPLING,
     ),
 ]
