@@ -33,6 +33,12 @@ def as_in_its_schema(command: str, found: Any) -> Any:
     return found
 
 
+INIT_ANSWERS = (
+    *("--travel-mm", "60,30,40", "--steps-per-mm", "none", "--range-gwt", "200"),
+    *("--trip-n", "1.5", "--finger", "none"),
+)
+"""Options of `rig init` that answer all of its questions."""
+
 _PROGRESS = re.compile(r"(?!rig: )(.* …|.* so far)(,.*)?|\d+ [a-z ]+(, about .* as before)?")
 
 

@@ -17,7 +17,7 @@ import pytest
 from rig.devices.registry import BUILT_IN
 from sim.models.fingertip import Fingertip
 from tests.device_packages import EXAMPLE, wheel
-from tests.program import EMPTY_FIGURES, SEVERAL
+from tests.program import EMPTY_FIGURES, INIT_ANSWERS, SEVERAL
 
 ROOT = Path(__file__).parents[1]
 KINDS = [f"rig.devices.{name}" for names in BUILT_IN.values() for name in names]
@@ -110,22 +110,10 @@ def test_doctor_and_serve_know_it(folder: Path) -> None:
 
 
 def test_init_offers_it_and_takes_it_without_a_probe(folder: Path) -> None:
-    answers = [
-        "--travel-mm",
-        "60,30,40",
-        "--steps-per-mm",
-        "none",
-        "--range-gwt",
-        "200",
-        "--trip-n",
-        "1.5",
-        "--finger",
-        "none",
-    ]
     ports = ("--stage", "grbl", "--stage-port", "nowhere0", "--sensor-port", "nowhere1")
-    refused = _rig(folder, "init", "--sensor", "scale", *ports, *answers)
+    refused = _rig(folder, "init", "--sensor", "scale", *ports, *INIT_ANSWERS)
     assert (refused.returncode, "mtsics or laumas or line_scale" in refused.stderr) == (2, True)
-    written = _rig(folder, "init", "--yes", "--to", "found.toml", "--sensor", "line_scale", *ports, *answers)
+    written = _rig(folder, "init", "--yes", "--to", "found.toml", "--sensor", "line_scale", *ports, *INIT_ANSWERS)
     assert written.returncode == 0, written.stderr
     assert 'kind = "line_scale"' in (folder / "found.toml").read_text(encoding="utf-8")
 

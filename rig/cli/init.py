@@ -128,10 +128,7 @@ def init_command(
     """
     with one_line_errors(as_json=as_json):
         if to.exists() and not force:
-            raise BadInputError(
-                "{option} {path}: the file already exists; choose another name, or add --force to replace it",
-                code="exists_already", option="--to", path=to,
-            )  # fmt: skip
+            raise _exists_already(to)
         checked_file("--to", to)
         given = {"stage": _Given(stage, stage_port), "force": _Given(sensor, sensor_port)}
         for room in WORDS:
@@ -549,13 +546,17 @@ def write_new(path: Path, text: str, *, replace: bool) -> None:
         else:
             os.link(written, path)
     except FileExistsError:
-        raise BadInputError(
-            "{option} {path}: the file already exists; choose another name, or add --force to replace it",
-            code="exists_already", option="--to", path=path,
-        ) from None  # fmt: skip
+        raise _exists_already(path) from None
     finally:
         with suppress(FileNotFoundError):
             written.unlink()
+
+
+def _exists_already(path: Path) -> BadInputError:
+    return BadInputError(
+        "{option} {path}: the file already exists; choose another name, or add --force to replace it",
+        code="exists_already", option="--to", path=path,
+    )  # fmt: skip
 
 
 def _umask() -> int:

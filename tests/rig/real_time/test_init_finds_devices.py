@@ -11,22 +11,10 @@ from rig.bench.checks import bench_problems, look
 from rig.bench.served import ServedBench
 from rig.devices.registry import BUILT_IN
 from rig.plan.config import Config, load_config
-from tests.program import Program
+from tests.program import INIT_ANSWERS, Program
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 
-ANSWERS = [
-    "--travel-mm",
-    "60,30,40",
-    "--steps-per-mm",
-    "none",
-    "--range-gwt",
-    "200",
-    "--trip-n",
-    "1.5",
-    "--finger",
-    "none",
-]
 PAIRS = list(product(BUILT_IN["stage"], BUILT_IN["force"]))
 
 
@@ -65,7 +53,7 @@ def test_the_devices_are_found_and_the_file_is_right(
     way, to = _way(stage, force), tmp_path / "rig.toml"
     ports = {"stage": serve("stage", stage, way), "force": serve("force", force, way)}
     ended = program(
-        "init", "--yes", "--json", "--to", to, "--port", ports["force"], "--port", ports["stage"], *ANSWERS
+        "init", "--yes", "--json", "--to", to, "--port", ports["force"], "--port", ports["stage"], *INIT_ANSWERS
     )
     assert ended.code == 0, ended.err
     found = {one["port"]: (one["role"], one["kind"], one["code"]) for one in ended.json["ports"]}
@@ -81,5 +69,7 @@ def test_the_devices_are_found_and_the_file_is_right(
 def test_swapped_ports_are_noticed(serve: Serve, program: Program, tmp_path: Path) -> None:
     stage, force = serve("stage", "grbl", "pty"), serve("force", "mtsics", "pty")
     to = tmp_path / "rig.toml"
-    ended = program("init", "--yes", "--json", "--to", to, "--stage-port", force, "--sensor-port", stage, *ANSWERS)
+    ended = program(
+        "init", "--yes", "--json", "--to", to, "--stage-port", force, "--sensor-port", stage, *INIT_ANSWERS
+    )
     assert (ended.code, ended.error_code, to.exists()) == (2, "swapped_ports", False)
