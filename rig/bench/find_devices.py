@@ -26,7 +26,7 @@ BY_ID = Path("/dev/serial/by-id")
 
 @dataclass(frozen=True)
 class PortFound:
-    """What a port answered.
+    """Answer of a port.
 
     kind and identity: device that answered. problem: why the port could not be asked, or what is wrong with the
     device. owner: process that uses the port, which was then not asked.

@@ -33,7 +33,7 @@ def path() -> Path:
 
 
 def expected_s(kind: str, size: float) -> float | None:
-    """Return how long work of this kind and size takes: the median of the last times, None if there is none."""
+    """Return the expected duration of this kind and size of work (s), or None if none is recorded."""
     times = _read().get(kind)
     return None if times is None else median(times) * size
 

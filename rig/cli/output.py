@@ -56,11 +56,11 @@ class Activity:
         self._expected_s = None if kind is None else durations.expected_s(kind, size)
 
     def say(self, what: str) -> None:
-        """Change what is said."""
+        """Change the description of the work."""
         self.what = what
 
     def turn_to(self, what: str, kind: str, size: float) -> None:
-        """Begin a part of the work; work with parts is of no kind of its own."""
+        """Begin a part of the work. Work with parts has no kind of its own."""
         if self._in_parts:
             self.end()
         self._in_parts, self.what = True, what
