@@ -33,7 +33,7 @@ studies: study
 	$(BIN)/python -m studies run --set studies
 
 docs: .venv/.ready-dev
-	$(BIN)/python -m sphinx -W --keep-going -q -b html docs build/site
+	$(BIN)/python -m sphinx -E -W --keep-going -q -b html docs build/site
 
 check: .venv/.ready-dev
 	$(BIN)/ruff check .
