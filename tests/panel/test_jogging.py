@@ -145,10 +145,11 @@ def test_a_second_key_or_button_lets_go_and_begins_nothing(second: str, hand: St
     assert {one.body["axis"] for one in _of(hand, "/hold")} == {"x"}
 
 
-def test_a_second_key_lets_go_of_a_button_that_the_mouse_holds(hand: StandIn, page: Any) -> None:
+@pytest.mark.parametrize("key", ["q", "d", "Space", "Enter"])
+def test_a_second_key_lets_go_of_a_button_that_the_mouse_holds(key: str, hand: StandIn, page: Any) -> None:
     _mouse_down(page, "#jog [data-key=d]")
     _held(hand)
-    page.keyboard.down("q")
+    page.keyboard.down(key)
     _let_go(hand, page, "two_buttons")
 
 
