@@ -88,9 +88,9 @@ def test_what_is_found_and_answered_is_written_with_comments_and_the_next_comman
     described = type(config.stage).model_fields["travel_mm"].description
     assert described is not None
     assert described in text, "the words of the configuration itself"
+    assert os.listdir() == ["rig.toml"]
     Path("plain").touch()
     assert Path("rig.toml").stat().st_mode == Path("plain").stat().st_mode, "readable as any new file"
-    assert os.listdir() == ["rig.toml"]
 
 
 @pytest.mark.parametrize("finger", FINGERS)
