@@ -95,6 +95,17 @@ def test_unanswered_it_says_so_loudly_and_keeps_trying(running: StandIn, opened:
     until(lambda: len(_stops(running)) > asked)
 
 
+def test_it_is_loud_without_its_worker(running: StandIn, browser: Any, opened: Opened) -> None:
+    """By the page alone, whose request has no end of its own."""
+    with browser.new_context() as context:
+        context.add_init_script("window.Worker = class { postMessage() {} };")
+        page = _ready(running, opened, context=context)
+        running.answering.clear()
+        page.locator("#stop").click()
+        expect(page.locator("#stop_words")).to_have_attribute(*coded("not_confirmed"))
+        running.answering.set()
+
+
 def test_it_is_loud_though_it_is_pressed_again_and_again(running: StandIn, opened: Opened) -> None:
     """Within less than the time after which one press becomes loud."""
     page = _ready(running, opened)
