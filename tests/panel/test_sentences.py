@@ -17,6 +17,7 @@ from tests.panel.stand_in import StandIn
 from tests.waiting import until
 
 HERE = Path(__file__).parent
+ROOT = HERE.parents[1]
 GOLDEN = HERE / "sentences.txt"
 HOLDS_TEXT = {"to_have_text", "to_contain_text", "get_by_text", "get_by_role", "get_by_label", "filter"}
 CHANGING = {r"\d\d:\d\d:\d\d": "hh:mm:ss", r"\d+ s ago": "N s ago", r"after \d+ ms": "after N ms"}
@@ -36,6 +37,15 @@ def test_tests_of_the_page_hold_no_sentence(path: Path) -> None:
         if re.search(r"[A-Za-z]{4}", text)
     ]
     assert found == []
+
+
+def test_the_manual_names_what_the_page_has() -> None:
+    """Buttons and words in italics are those of the page."""
+    manual = (ROOT / "docs" / "panel.md").read_text(encoding="utf-8")
+    page = (ROOT / "rig" / "panel" / "static" / "index.html").read_text(encoding="utf-8") + GOLDEN.read_text("utf-8")
+    named = re.findall(r"(?<!\*)\*(\w[\w ]+\w)\*(?!\*)", manual)
+    assert len(named) >= 3
+    assert [name for name in named if name.lower() not in page.lower()] == []
 
 
 def _texts(node: ast.AST) -> list[str]:
