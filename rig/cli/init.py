@@ -1,13 +1,10 @@
 """`rig init`: find the devices, ask for what cannot be found, and write a configuration file."""
 
 import datetime
-import os
 import shlex
 import sys
-import tempfile
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import groupby
 from pathlib import Path
@@ -22,9 +19,10 @@ from rig.cli.options import JsonOption, checked_file
 from rig.cli.output import NotConfirmedError, complain, err, one_line_errors, out, print_json
 from rig.cli.signals import typed_line
 from rig.clock import WallClock
+from rig.data.folder import replace_text
 from rig.devices.registry import DEFAULTS, Room, names, with_kind_tables
 from rig.errors import BadInputError, first_problem
-from rig.plan.config import Config, Key, as_toml, keys, load_config
+from rig.plan.config import Config, Key, as_toml, config_from, keys
 from rig.plan.finger_file import example_finger
 from rig.units import GWT_N
 
@@ -528,28 +526,15 @@ def _lines(key: Key) -> str:
 
 
 def write_new(path: Path, text: str, *, replace: bool) -> None:
-    """Write a configuration file in one step, after loading it as a command would.
+    """Write a configuration file in one step, after validating it as a command would.
 
-    A file that appeared meanwhile is left unless `replace`. Raises BadInputError.
+    A file that appeared meanwhile is left unless `replace`. Raises BadInputError, UnwritableError.
     """
-    tomllib.loads(text)
-    with tempfile.NamedTemporaryFile("w", encoding="utf-8", dir=path.parent, suffix=".toml", delete=False) as file:
-        file.write(text)
-        file.flush()
-        os.fsync(file.fileno())
-    written = Path(file.name)
+    config_from(f"config {path}", tomllib.loads(text), path.parent)
     try:
-        load_config(written)
-        os.chmod(written, 0o666 & ~_umask())
-        if replace:
-            os.replace(written, path)
-        else:
-            os.link(written, path)
+        replace_text(path, text, new=not replace)
     except FileExistsError:
         raise _exists_already(path) from None
-    finally:
-        with suppress(FileNotFoundError):
-            written.unlink()
 
 
 def _exists_already(path: Path) -> BadInputError:
@@ -557,9 +542,3 @@ def _exists_already(path: Path) -> BadInputError:
         "{option} {path}: the file already exists; choose another name, or add --force to replace it",
         code="exists_already", option="--to", path=path,
     )  # fmt: skip
-
-
-def _umask() -> int:
-    now = os.umask(0o077)
-    os.umask(now)
-    return now

@@ -120,6 +120,7 @@ class _Activities:
         self._said_s = self._began_s = 0.0
         self._said: Activity | None = None
         self._printer: threading.Thread | None = None
+        self.silent = False  # nobody reads progress: a program started the command, or it only prints its help
 
     @property
     def current(self) -> Activity | None:
@@ -134,6 +135,9 @@ class _Activities:
     @contextmanager
     def during(self, activity: Activity | None, *, at_once: bool = False, live: bool = False) -> Iterator[None]:
         """Print lines of an activity: one at once, or when nothing was printed for a while."""
+        if self.silent:
+            yield
+            return
         with self._changed:
             if not self._all:
                 self._began_s, self._said_s = time.monotonic(), 0.0
@@ -215,7 +219,7 @@ def busy(
 @contextmanager
 def _shown(activity: Activity, *, at_once: bool) -> Iterator[None]:
     """Show an activity in a live line on a terminal, else print lines."""
-    if not err.is_terminal or _activities.live:
+    if not err.is_terminal or _activities.live or _activities.silent:
         with _activities.during(activity, at_once=at_once, live=_activities.live):
             yield
         return
@@ -240,10 +244,10 @@ def working() -> Iterator[None]:
 
 
 @contextmanager
-def starting(command: str) -> Iterator[None]:
-    """Print that a command starts, if that takes a while."""
+def starting(command: str, *, silent: bool = False) -> Iterator[None]:
+    """Print that a command starts, if that takes a while; silent: the command never prints progress."""
     global _command
-    _command = command
+    _command, _activities.silent = command, silent
     with _shown(Activity(f"{command}: starting …"), at_once=False):
         yield
 

@@ -29,6 +29,7 @@ class Command(NamedTuple):
     line: str
     group: Group
     hidden: bool = False
+    by_program: bool = False  # started by a program, which reads the last line: no progress
 
 
 # Only the requested command is imported, so that help is fast and a stop does not wait for plotting libraries.
@@ -68,7 +69,11 @@ COMMANDS = {
     "stop": Command("stop.stop_command", "Stop the stage now, whichever program moves it.", "Bench"),
     "jog": Command("jog.command", "Move an axis by keys or by a distance.", "Bench"),
     "by-hand": Command(
-        "panel.owning_command", "Own the ports for manual control from rig panel.", "Bench", hidden=True
+        "panel.owning_command",
+        "Own the ports for manual control from rig panel.",
+        "Bench",
+        hidden=True,
+        by_program=True,
     ),
     "calibrate": Command("calibrate.calibrate", "Calibrate steps/mm, force scale or compliance.", "Bench"),
     "bench": Command("installation.speed_command", "Measure the time and error of the models.", "System"),
@@ -130,7 +135,8 @@ def _app(arguments: list[str]) -> typer.Typer:
     requested = next((word for word in arguments if word != "--"), "")
     if requested in COMMANDS:
         module, _, command = COMMANDS[requested].where.partition(".")
-        with starting(f"rig {requested}"):
+        silent = COMMANDS[requested].by_program or "--help" in arguments
+        with starting(f"rig {requested}", silent=silent):
             _add(app, requested, getattr(_imported(f"rig.cli.{module}"), command))
         return app
     near = get_close_matches(requested, COMMANDS, cutoff=0.65)
@@ -157,7 +163,7 @@ def _imported(name: str) -> ModuleType:
 
 def _add(app: typer.Typer, name: str, command: Callable[..., None] | typer.Typer) -> None:
     """Add a command, or a group of commands, with its line in the help."""
-    _, line, group, hidden = COMMANDS[name]
+    _, line, group, hidden, _ = COMMANDS[name]
     if isinstance(command, typer.Typer):
         app.add_typer(command, name=name, cls=PlainGroup, help=line, rich_help_panel=group, hidden=hidden)
     else:

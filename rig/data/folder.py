@@ -234,23 +234,29 @@ def free_space(path: Path) -> str:
     return f"{shutil.disk_usage(path if path.is_dir() else path.parent).free / 1e6:.0f} MB free"
 
 
-def replace_text(path: Path, text: str) -> None:
-    """Replace a file on disk in one step."""
-    replace_bytes(path, text.encode("utf-8"))
+def replace_text(path: Path, text: str, *, new: bool = False) -> None:
+    """Replace a file on disk in one step, or write a new one. Raises UnwritableError, FileExistsError if `new`."""
+    replace_bytes(path, text.encode("utf-8"), new=new)
 
 
-def replace_bytes(path: Path, content: bytes) -> None:
-    """Replace a file on disk in one step. Raises UnwritableError."""
+def replace_bytes(path: Path, content: bytes, *, new: bool = False) -> None:
+    """Replace a file on disk in one step, or write a new one. Raises UnwritableError, FileExistsError if `new`."""
     partial = path.with_name(path.name + ".part")
     try:
         with partial.open("wb") as stream:
             stream.write(content)
             stream.flush()
             os.fsync(stream.fileno())
-        partial.replace(path)
+        if new:
+            os.link(partial, path)  # which replaces nothing, even if the file appears at this moment
+            partial.unlink()
+        else:
+            partial.replace(path)
     except OSError as error:
         with contextlib.suppress(OSError):
             partial.unlink(missing_ok=True)
+        if isinstance(error, FileExistsError):
+            raise
         raise UnwritableError.of(path, error) from error
 
 

@@ -18,9 +18,6 @@ from rig.errors import RigError
 STOP_S = 3.0
 """Time for an owner to confirm a stop (s), until the drives report rest."""
 
-PROGRESS = "rig by-hand: "
-"""Beginning of lines that say only that an owner of manual control starts or works."""
-
 
 class Owner(Protocol):
     """Process that owns ports (rig/control/client.py: Announced)."""
@@ -218,8 +215,7 @@ class ByHandProcess:
             return ""
         self._output.seek(0)
         said = self._output.read().decode("utf-8", "replace").strip().splitlines()
-        lines = [line for line in said if not line.startswith(PROGRESS)]
-        return lines[-1].removeprefix("rig: ") if lines else ""
+        return said[-1].removeprefix("rig: ") if said else ""
 
     def _begun(self) -> "subprocess.Popen[bytes]":
         self._output = tempfile.TemporaryFile()  # noqa: SIM115  # open until forget()

@@ -1,7 +1,7 @@
 """The whole configuration: its tables, its keys, and errors in its file."""
 
 import tomllib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import date
@@ -134,13 +134,18 @@ def load_config(path: Path | None) -> Config:
     """
     if path is None:
         return Config()
-    tables = tables_in(f"config {path}", path)
+    where = f"config {path}"
+    return config_from(where, tables_in(where, path), path.parent)
+
+
+def config_from(where: str, tables: Mapping[str, Any], folder: Path) -> Config:
+    """Return the configuration of a file's tables, whose paths are relative to its folder. Raises BadInputError."""
     try:
-        found = Config.model_validate(tables, context={"folder": path.parent})
+        found = Config.model_validate(tables, context={"folder": folder})
     except ValidationError as error:
-        raise first_problem(f"config {path}", error, with_kind_tables(Config, tables)) from None
+        raise first_problem(where, error, with_kind_tables(Config, tables)) from None
     if found.identified is not None:
-        refuse_collapsed(f"config {path}", found.identified)
+        refuse_collapsed(where, found.identified)
     return found
 
 

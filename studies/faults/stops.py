@@ -154,13 +154,17 @@ class Benches:
         )
         if folder is None:
             return Stop(phase, float("nan"), "no folder", code)
-        wire = [json.loads(line) for line in (folder / "bytes.jsonl").read_text(encoding="ascii").splitlines()]
+        wire, journal = (
+            [json.loads(line) for line in (folder / name).read_text(encoding="utf-8").splitlines()]
+            for name in ("bytes.jsonl", "events.jsonl")
+        )
+        start, last = journal[0], journal[-1]
+        asked_s += time.time() - time.monotonic() - (start["unix_s"] - start["t_s"])  # from the start of the run
         found = [
             line["t_s"]
             for line in wire
             if line["dir"] == "tx" and STOP[self._stage] in line["hex"] and line["t_s"] >= asked_s
         ]
-        last = json.loads((folder / "events.jsonl").read_text(encoding="utf-8").splitlines()[-1])
         recorded = f"{last.get('status')} {last.get('stopped_while', '')}".strip()
         return Stop(phase, min(found, default=float("nan")) - asked_s, recorded, code)
 

@@ -5,7 +5,8 @@
 Every command runs twice, each time with an empty cache: the second time has the estimate of the first. Commands at
 the bench talk to virtual devices that are served beside them. The table has seconds of this machine. A silence may
 take 3 s on a machine as fast as the reference; the limit grows with the time of the reference computation, and with
-the number of processes that share a processor. Exits with 1 where a silence was longer.
+the number of processes that share a processor. Exits with 1 where a silence was longer. A command that only a
+program starts is left out: it says nothing of its progress.
 """
 
 import argparse
@@ -74,7 +75,6 @@ WORDS = {
     "status": "--config rig.toml",
     "stop": "--config rig.toml",
     "jog": "--config rig.toml --axis x --by-mm 1",
-    "by-hand": "--config rig.toml",
     "calibrate": "force --config rig.toml --mass-g 5",
     "bench": "--quick",
     "cache": "",
@@ -82,9 +82,9 @@ WORDS = {
     "doctor": "",
     "init": "--yes --port tcp://127.0.0.1:9 --to new.toml",
 }
-"""Arguments of every command."""
+"""Arguments of every command that a person starts."""
 
-_SERVICES = ("serve", "panel", "by-hand")
+_SERVICES = ("serve", "panel")
 """Commands that wait for others; they are interrupted once they are ready."""
 
 _READY_S = 20.0
@@ -229,8 +229,6 @@ def _waited(name: str, folder: Path) -> Waited:
                 at_s.append(time.monotonic())
                 process.send_signal(signal.SIGINT)
                 break
-        if name == "by-hand":
-            process.send_signal(signal.SIGINT)
         code = process.wait(_TIMEOUT_S)
     ended_s = time.monotonic()
     times_s = at_s if name in _SERVICES else [*at_s, ended_s]

@@ -142,6 +142,7 @@ def _handler(one: StandIn) -> type[BaseHTTPRequestHandler]:
                     {
                         "ok": False,
                         "problem": "token: must be the one that rig panel printed; open the address that it printed",
+                        "code": "wrong_token",
                     },
                 )
             else:

@@ -31,7 +31,7 @@ def test_axe_finds_nothing(name: str, theme: str, bench: Callable[..., StandIn],
     one = bench(scenes.SCENES[name]())
     _filled(one)
     page = opened(one.address, color_scheme=theme)
-    page.wait_for_function("() => document.getElementById('controls_words').textContent.length > 0")
+    page.locator("#controls_words:not([data-code=waiting])").wait_for()
     until(lambda: one.state["controls"])
     if name == "running":
         one.read(scenes.readings(one.now()), reset=True)

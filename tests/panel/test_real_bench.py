@@ -11,6 +11,7 @@ import pytest
 from rig.control.client import announced
 from studies.faults.stops import Benches
 from studies.pictures.panel_page import panel
+from tests.panel.coded import coded
 from tests.waiting import until
 
 expect = pytest.importorskip("playwright.sync_api", reason="Playwright is not installed (make panel-test)").expect
@@ -40,7 +41,7 @@ def test_the_stage_by_hand_is_jogged_as_long_as_a_key_is_held(bench: Benches, op
         page = opened(url)
         page.locator("[data-post=by_hand]").click()
         page.locator("[data-post=home]:enabled").click()
-        expect(page.locator("#controls_words")).not_to_contain_text("busy: home")
+        expect(page.locator("#controls_words")).not_to_have_attribute(*coded("busy"))
         hand = until(lambda: next((one for one in announced() if one.kind == "by hand"), None))
         status = until(
             lambda: next((one for one in [hand.ask("status")] if one["homed"] and one["x_mm"] is not None), None)
@@ -69,15 +70,16 @@ def test_a_server_that_hangs_makes_old_what_is_shown_and_ends_a_jog(
         hand = until(lambda: next((one for one in announced() if one.kind == "by hand"), None))
         page.locator("[data-post=home]:enabled").click()
         until(lambda: hand.ask("status")["homed"])
-        expect(page.locator("#read_at")).to_have_text("live")
+        expect(page.locator("#read_at")).to_have_attribute(*coded("live"))
         page.locator("#jog [data-key=d]:enabled").wait_for()
         page.keyboard.down("d")
         until(lambda: _held(page, "d") and hand.ask("status")["busy"] == "jog")
         os.kill(number, signal.SIGSTOP)
         try:
             until(lambda: hand.ask("status")["busy"] is None)
-            expect(page.locator("#read_at")).to_contain_text("NOT LIVE: read at")
-            expect(page.locator("#no_server")).to_contain_text("use the emergency stop")
+            expect(page.locator("#read_at")).to_have_attribute(*coded("old"))
+            expect(page.locator("#no_server")).to_be_visible()
+            expect(page.locator("#no_server")).to_have_attribute(*coded("lost"))
             page.locator("#stop").click()
             expect(page.locator("#stop_said")).to_have_class("bad")
         finally:

@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 
 from tests.panel import scenes
+from tests.panel.coded import coded
 from tests.panel.stand_in import StandIn
 from tests.waiting import until
 
@@ -35,7 +36,7 @@ def running(bench: Bench) -> StandIn:
 def _ready(one: StandIn, opened: Opened, **how: Any) -> Any:
     page = opened(one.address, **how)
     until(lambda: one.state["controls"])
-    expect(page.locator("#stop_key")).to_have_text("or Esc, anywhere")
+    expect(page.locator("#stop_key")).to_have_attribute(*coded("works"))
     return page
 
 
@@ -56,15 +57,15 @@ def test_it_leaves_though_the_page_hangs_right_after(by: str, running: StandIn, 
     pressed, freed = page.evaluate("[window.pressed, window.freed]")
     assert pressed <= _stops(running)[0] < freed - 1
     expect(page.locator("#stop_said")).to_have_class("good")
-    expect(page.locator("#stop_words")).to_contain_text("STOP confirmed after")
+    expect(page.locator("#stop_words")).to_have_attribute(*coded("confirmed"))
 
 
 def test_the_time_that_is_told_is_that_of_the_answer_not_of_the_page(running: StandIn, opened: Opened) -> None:
     page = _ready(running, opened)
     page.evaluate(BLOCKED, 2000)
     page.locator("#stop").click(no_wait_after=True)
-    expect(page.locator("#stop_words")).to_contain_text("confirmed")
-    told_ms = int(page.locator("#stop_words").text_content().partition("after ")[2].partition(" ms")[0])
+    expect(page.locator("#stop_words")).to_have_attribute(*coded("confirmed"))
+    told_ms = int(page.locator("#stop_said").get_attribute("data-after_ms"))
     assert 0 < told_ms < 2000, "while it hung"
 
 
@@ -83,7 +84,7 @@ def test_unanswered_it_says_so_loudly_and_keeps_trying(running: StandIn, opened:
     running.answering.clear()
     page.locator("#stop").click()
     expect(page.locator("#stop_said")).to_have_class("bad")
-    expect(page.locator("#stop_words")).to_contain_text("STOP NOT CONFIRMED: USE THE EMERGENCY STOP")
+    expect(page.locator("#stop_words")).to_have_attribute(*coded("not_confirmed"))
     until(lambda: len(_stops(running)) >= 8)
     running.answering.set()
     expect(page.locator("#stop_said")).to_have_class("good")
@@ -94,12 +95,62 @@ def test_unanswered_it_says_so_loudly_and_keeps_trying(running: StandIn, opened:
     until(lambda: len(_stops(running)) > asked)
 
 
+def test_it_is_loud_without_its_worker(running: StandIn, browser: Any, opened: Opened) -> None:
+    """By the page alone, whose request has no end of its own."""
+    with browser.new_context() as context:
+        context.add_init_script("window.Worker = class { postMessage() {} };")
+        page = _ready(running, opened, context=context)
+        running.answering.clear()
+        page.locator("#stop").click()
+        expect(page.locator("#stop_words")).to_have_attribute(*coded("not_confirmed"))
+        running.answering.set()
+
+
+def test_it_is_loud_though_it_is_pressed_again_and_again(running: StandIn, opened: Opened) -> None:
+    """Within less than the time after which one press becomes loud."""
+    page = _ready(running, opened)
+    running.answering.clear()
+    page.evaluate(
+        """() => {
+          const press = () => new KeyboardEvent("keydown", { key: "Escape", bubbles: true });
+          window.pressing = setInterval(() => document.body.dispatchEvent(press()), 100);
+        }"""
+    )
+    expect(page.locator("#stop_words")).to_have_attribute(*coded("not_confirmed"))
+    expect(page.locator("#stop_said")).to_have_class("bad")
+    page.evaluate("clearInterval(window.pressing)")
+    assert page.locator("#stop_said").evaluate("(one) => one.className") == "bad"
+    running.answering.set()
+    expect(page.locator("#stop_words")).to_have_attribute(*coded("confirmed"))
+
+
+def test_a_late_answer_to_a_stop_does_not_confirm_the_next_one(running: StandIn, opened: Opened) -> None:
+    page = _ready(running, opened)
+    waiting: list[Any] = []
+    page.route("**/stop", lambda route: waiting.append(route))
+    page.keyboard.press("Escape")
+    until(lambda: page.evaluate("1") and len(waiting) >= 2)  # by the page, and by its worker
+    expect(page.locator("#stop_words")).to_have_attribute(*coded("not_confirmed"))
+    page.locator("#stop_close").click()
+    first = waiting.copy()
+    page.keyboard.press("Escape")
+    until(lambda: page.evaluate("1") and len(waiting) > len(first))
+    for one in first:
+        one.fulfill(json={"ok": True, "problem": None})
+    page.evaluate("new Promise((done) => setTimeout(done, 600))")
+    expect(page.locator("#stop_words")).to_have_attribute(*coded("not_confirmed"))
+    for one in waiting[len(first) :]:
+        one.fulfill(json={"ok": True, "problem": None})
+    expect(page.locator("#stop_words")).to_have_attribute(*coded("confirmed"))
+
+
 def test_trying_ends_when_the_person_says_so(running: StandIn, opened: Opened) -> None:
     page = _ready(running, opened)
     running.answers["/stop"] = (503, {"ok": False, "problem": "the run does not answer"})
     page.locator("#stop").click()
-    expect(page.locator("#stop_words")).to_contain_text("Still trying: the run does not answer.")
-    page.get_by_role("button", name="I used the emergency stop").click()
+    expect(page.locator("#stop_words")).to_have_attribute(*coded("not_confirmed"))
+    expect(page.locator("#stop_words")).to_contain_text(running.answers["/stop"][1]["problem"])
+    page.locator("#stop_close").click()
     expect(page.locator("#stop_said")).to_be_hidden()
     before = running.now()
     until(lambda: running.now() > before + 1)
@@ -110,24 +161,25 @@ def test_a_server_that_is_gone_is_as_loud(running: StandIn, opened: Opened) -> N
     page = _ready(running, opened)
     page.route("**/stop", lambda route: route.abort())
     page.keyboard.press("Escape")
-    expect(page.locator("#stop_words")).to_contain_text("STOP NOT CONFIRMED: USE THE EMERGENCY STOP")
-    expect(page.locator("#stop_words")).to_contain_text("the panel's server does not answer")
+    expect(page.locator("#stop_words")).to_have_attribute(*coded("not_confirmed"))
+    expect(page.locator("#stop_said")).to_have_class("bad")
 
 
 @pytest.mark.parametrize(
-    ("status", "problem", "how", "words"),
+    ("status", "problem", "how", "code"),
     [
-        (409, "nothing is running", "good", "STOP answered: nothing is running."),
-        (403, "token: expected another", "bad", "This tab may not stop: token: expected another."),
+        (409, "nothing is running", "good", "answered"),
+        (403, "token: expected another", "bad", "not_allowed"),
     ],
 )
 def test_other_answers_are_told_as_they_are(
-    status: int, problem: str, how: str, words: str, running: StandIn, opened: Opened
+    status: int, problem: str, how: str, code: str, running: StandIn, opened: Opened
 ) -> None:
     page = _ready(running, opened)
     running.answers["/stop"] = (status, {"ok": False, "problem": problem})
     page.locator("#stop").click()
-    expect(page.locator("#stop_words")).to_contain_text(words)
+    expect(page.locator("#stop_words")).to_have_attribute(*coded(code))
+    expect(page.locator("#stop_words")).to_contain_text(problem)
     expect(page.locator("#stop_said")).to_have_class(how)
 
 
@@ -185,6 +237,7 @@ def test_a_tab_that_only_watches_stops_too(running: StandIn, opened: Opened) -> 
 
 def test_without_a_token_it_says_that_it_does_not_work(running: StandIn, opened: Opened) -> None:
     page = opened(running.address.partition("#")[0])
-    expect(page.locator("#stop_key")).to_have_text("no token: does not work here")
+    expect(page.locator("#stop_key")).to_have_attribute(*coded("no_token"))
     page.locator("#stop").click()
-    expect(page.locator("#stop_words")).to_contain_text("STOP NOT CONFIRMED: USE THE EMERGENCY STOP")
+    expect(page.locator("#stop_words")).to_have_attribute(*coded("not_allowed"))
+    expect(page.locator("#stop_said")).to_have_class("bad")

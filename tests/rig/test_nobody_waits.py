@@ -1,5 +1,7 @@
 """Every command says what it does before it does it, tells how long such work took before, and breaks its silence.
 
+A command that only a program starts, and help, say nothing of it.
+
 Work is replaced by a function that looks at standard error when it is first called; no test waits or asserts seconds.
 How long commands are silent is measured by `python -m studies.speed.silence`, which `make shake` runs.
 """
@@ -102,8 +104,9 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_the_walk_has_every_command() -> None:
-    """And so has the one that measures how long they are silent."""
-    assert WALK.keys() == COMMANDS.keys() == WORDS.keys()
+    """And so has the study of how long they are silent, but for those that only a program starts."""
+    assert WALK.keys() == COMMANDS.keys()
+    assert WORDS.keys() == {name for name, command in COMMANDS.items() if not command.by_program}
 
 
 @pytest.mark.usefixtures("here")
@@ -113,7 +116,7 @@ def test_the_walk_has_every_command() -> None:
 def test_it_is_said_before_it_is_done(
     name: str, as_json: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """On standard error alone."""
+    """On standard error alone; not at all where only a program starts the command."""
     words, work, own = WALK[name]
     what: list[Activity | None] = []
 
@@ -131,13 +134,36 @@ def test_it_is_said_before_it_is_done(
         main()
     printed = capsys.readouterr()
     (now,) = what
-    assert printed.err
+    assert bool(printed.err) is not COMMANDS[name].by_program
     assert printed.out == ""
     if own:
         assert now is not None
         assert now.what in printed.err
         assert now.title != Activity(f"rig {name}: working …").title
     assert output._activities.current is None
+
+
+@pytest.mark.parametrize("name", [name for name, command in COMMANDS.items() if command.by_program])
+def test_what_a_program_starts_is_hidden(name: str) -> None:
+    assert COMMANDS[name].hidden
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_starts_no_progress(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """However long the command's module takes to load."""
+    activities = output._Activities()
+    monkeypatch.setattr(output, "_activities", activities)
+    monkeypatch.setattr(output, "FIRST_S", 0.0)
+    monkeypatch.setattr("sys.argv", ["rig", name, "--help"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    printed = capsys.readouterr()
+    assert ended.value.code in (0, None)
+    assert f"rig {name}" in printed.out
+    assert printed.err == ""
+    assert activities._printer is None
 
 
 # --- estimates ---

@@ -40,12 +40,12 @@ export function headers() {
   return { "Content-Type": "application/json", "X-Rig-Token": token ?? "", "X-Rig-Tab": tab };
 }
 
-/** The reply to a POST: {status, ok, problem, …}; status 0 without a reply. */
+/** The reply to a POST: {status, ok, problem, code, …}; status 0 without a reply. */
 export async function post(path, body = {}, options = {}) {
   try {
     return await answered(await fetch(path, request(body, options)));
   } catch (error) {
-    return { status: 0, ok: false, problem: "the panel's server does not answer", gone: error.name };
+    return { status: 0, ok: false, problem: "the panel's server does not answer", code: "no_answer", gone: error.name };
   }
 }
 
@@ -56,5 +56,6 @@ function request(body, options) {
 
 async function answered(response) {
   const told = await response.json().catch(() => ({}));
-  return { problem: response.ok ? null : `the server returned ${response.status}`, ...told, status: response.status, ok: response.ok && told.ok !== false };
+  const unexplained = response.ok ? { problem: null, code: null } : { problem: `the server returned ${response.status}`, code: "unexplained" };
+  return { ...unexplained, ...told, status: response.status, ok: response.ok && told.ok !== false };
 }

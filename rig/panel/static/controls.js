@@ -4,19 +4,17 @@ import { post } from "/static/access.js";
 import { Held } from "/static/held.js";
 import { at, mark, show, write } from "/static/page.js";
 
-const HINT = "hold a button or its key to move; release it to stop";
-
 export class Controls {
-  /** said(words): shows the server's reply; mine(): whether this tab has control and the server responds. */
+  /** said(words, code, bad): shows the server's reply; mine(): whether this tab has control and the server responds. */
   constructor(said, mine) {
     this.said = said;
     this.mine = mine;
-    this.words = "";
     this.told = null;
-    this.held = new Held((words) => (this.words = words ?? "moving while held"));
+    this.held = new Held();
     for (const button of document.querySelectorAll("[data-post]")) button.addEventListener("click", () => this.ask(button));
     for (const button of at("jog").children) this.jogged(button);
     window.addEventListener("keydown", (event) => this.keyDown(event));
+    window.addEventListener("pointerdown", (event) => this.pointerDown(event));
     window.addEventListener("keyup", (event) => this.held.letGo(event.code));
   }
 
@@ -27,7 +25,7 @@ export class Controls {
   async ask(button) {
     const name = button.firstChild.textContent.trim();
     const answer = await post(`/${button.dataset.post}`, JSON.parse(button.dataset.body ?? "{}"));
-    this.said(answer.ok ? `${name}: ${answer.words ?? "understood"}` : `${name}: ${answer.problem}`, !answer.ok);
+    this.said(`${name}: ${answer.ok ? (answer.words ?? "understood") : answer.problem}`, answer.ok ? "understood" : answer.code, !answer.ok);
     if (button.dataset.post === "zero") show("zero_anyway", !answer.ok && answer.status === 409);
   }
 
@@ -58,7 +56,11 @@ export class Controls {
     return { axis: button.dataset.axis, sign: Number(button.dataset.sign), speed_mm_s };
   }
 
+  /** A second key of any kind releases: beside Cmd, macOS never reports that a letter was released. */
   keyDown(event) {
+    const by = this.held.now?.by ?? null;
+    const own = by === event.code || (by === event.target && (event.key === " " || event.key === "Enter"));
+    if (by !== null && !own && !event.repeat) return this.held.release("two_buttons");
     const button = at("jog").querySelector(`[data-key="${CSS.escape(event.key.toLowerCase())}"]`);
     const typing = event.target.matches("input[type=text]") || event.ctrlKey || event.altKey || event.metaKey;
     if (button === null || button.disabled || event.repeat || typing || !at("jog").offsetParent) return;
@@ -66,8 +68,14 @@ export class Controls {
     this.held.press(this.what(button), event.code);
   }
 
+  /** So does a click elsewhere; the menu of its right button would swallow the release of a key. */
+  pointerDown(event) {
+    const by = this.held.now?.by ?? null;
+    if (by !== null && by !== event.target.closest("button")) this.held.release("two_buttons");
+  }
+
   look() {
-    const { told } = this;
+    const { told, held } = this;
     const kind = told?.owner?.kind ?? null;
     const may = this.mine();
     show("run_controls", kind === "run");
@@ -76,11 +84,12 @@ export class Controls {
     for (const button of document.querySelectorAll("[data-post]")) button.disabled = !may || this.refused(button.dataset.post);
     for (const button of at("jog").children) {
       button.disabled = !may || this.refused("hold");
-      mark(button, "held", this.held.now?.by === button || (this.held.now !== null && this.held.now.by === `Key${button.dataset.key.toUpperCase()}`));
+      mark(button, "held", held.now?.what.axis === button.dataset.axis && held.now.what.sign === Number(button.dataset.sign));
     }
-    if (this.held.now !== null && (!may || this.refused("hold"))) this.held.release("released: this tab may not move the stage now");
-    write("controls_words", this.saying(kind));
-    write("jog_words", this.words || HINT);
+    if (!may || this.refused("hold")) held.release("not_allowed");
+    const parts = this.saying(kind);
+    write("controls_words", parts.map(([, words]) => words).join("; "), parts.map(([code]) => code).join(" "));
+    write("jog_words", held.words, held.code);
   }
 
   /** Whether the server would refuse a request. */
@@ -93,13 +102,22 @@ export class Controls {
     return Boolean(hand?.stopped && what !== "home") || Boolean(hand?.busy && hand.busy !== "jog");
   }
 
+  /** What the controls do now: pairs of code and words. */
   saying(kind) {
-    const { owner, hand, configured } = this.told ?? {};
-    if (kind === "run") return owner.reachable === false ? "the process of the run does not answer" : owner.stopped ? "stopped" : `the run is ${owner.state}`;
-    if (kind === null) return configured ? "no process owns the ports" : "no process owns the ports; for manual control start rig panel --config TOML";
-    if (hand === null || hand === undefined) return "starting manual control …";
-    const busy = hand.busy ? `busy: ${hand.busy}` : null;
-    const parts = [busy, hand.ended_by, hand.contact?.may_touch ? hand.contact.where_text : null, hand.stopped ? "stopped" : null, hand.next, hand.homed ? null : "not homed", hand.zeroed ? null : "not zeroed"];
-    return parts.filter(Boolean).join("; ") || "by hand";
+    if (this.told === null) return [["waiting", "no controls available yet"]];
+    const { owner, hand, configured } = this.told;
+    if (kind === "run") return [owner.reachable === false ? ["no_answer", "the process of the run does not answer"] : owner.stopped ? ["stopped", "stopped"] : [owner.state, `the run is ${owner.state}`]];
+    if (kind === null) return [configured ? ["free", "no process owns the ports"] : ["not_configured", "no process owns the ports; for manual control start rig panel --config TOML"]];
+    if (hand === null || hand === undefined) return [["starting", "starting manual control …"]];
+    const parts = [
+      ["busy", hand.busy && `busy: ${hand.busy}`],
+      ["ended", hand.ended_by],
+      ["contact", hand.contact?.may_touch && hand.contact.where_text],
+      ["stopped", hand.stopped && "stopped"],
+      ["next", hand.next],
+      ["not_homed", !hand.homed && "not homed"],
+      ["not_zeroed", !hand.zeroed && "not zeroed"],
+    ].filter(([, words]) => words);
+    return parts.length ? parts : [["by_hand", "by hand"]];
   }
 }

@@ -56,27 +56,26 @@ function look() {
   show("no_token", !hasToken());
   show("watching", hasToken() && state !== null && state.controls !== null && !mine() && !feed.silent);
   show("no_server", feed.silent && (feed.heard !== null || Date.now() / 1000 - loaded_unix_s > 2));
-  write("no_server", gone());
+  const { heard } = feed;
+  const since = heard === null ? "The panel's server has not answered yet" : `No data from the panel's server since ${timeOfDay(heard.unix_s)}`;
+  write("no_server", `${since}; retrying. No value here is live and STOP may not work: use the emergency stop.`, heard === null ? "not_answered_yet" : "lost");
   mark(document.body, "silent", feed.silent);
   document.body.dataset.owner = state?.owner?.kind ?? "";
-  write("what", what());
-}
-
-function gone() {
-  const since = feed.heard === null ? "The panel's server has not answered yet" : `No data from the panel's server since ${timeOfDay(feed.heard.unix_s)}`;
-  return `${since}; retrying. No value here is live and STOP may not work: use the emergency stop.`;
+  what();
 }
 
 function what() {
-  if (feed.silent) return feed.heard === null ? "waiting for the panel's server" : "no server";
+  if (feed.heard === null) return write("what", "waiting for the panel's server", "not_answered_yet");
+  if (feed.silent) return write("what", "no server", "lost");
   const { owner, run, notice } = state ?? {};
   const bench = owner ? (owner.virtual ? "virtual bench" : `devices on ${owner.ports.join(", ")}`) : null;
   const doing = run ? `${run.name}: ${[run.state, run.ending].filter(Boolean).join(", ")}` : (owner?.kind ?? "nothing is running");
-  return [doing, run?.subject ? `subject ${run.subject}` : null, bench, notice].filter(Boolean).join(" · ");
+  const words = [doing, run?.subject ? `subject ${run.subject}` : null, bench, notice].filter(Boolean).join(" · ");
+  write("what", words, run ? "run" : (owner?.kind.replace(" ", "_") ?? "nothing"));
 }
 
-function said(words, bad) {
-  write("said", `${timeOfDay(Date.now() / 1000)} ${words}`);
+function said(words, code, bad) {
+  write("said", `${timeOfDay(Date.now() / 1000)} ${words}`, code);
   mark(at("said"), "bad", bad);
   show("said", true);
 }
@@ -94,7 +93,7 @@ function view() {
 
 at("take").addEventListener("click", async () => {
   const answer = await post("/take");
-  if (!answer.ok) said(`Take control: ${answer.problem}`, true);
+  if (!answer.ok) said(`Take control: ${answer.problem}`, answer.code, true);
 });
 window.addEventListener("hashchange", view);
 view();

@@ -71,7 +71,8 @@ export class Numbers {
     const old = this.read !== null && this.age_s > OLD_S;
     mark(at("numbers"), "old", old);
     mark(at("numbers"), "unread", this.read === null);
-    if (this.read === null) write("read_at", "no reading yet");
-    else write("read_at", old ? `NOT LIVE: read at ${timeOfDay(this.read.unix_s)}, ${ago(this.age_s)}` : "live");
+    if (this.read === null) write("read_at", "no reading yet", "unread");
+    else if (old) write("read_at", `NOT LIVE: read at ${timeOfDay(this.read.unix_s)}, ${ago(this.age_s)}`, "old");
+    else write("read_at", "live", "live");
   }
 }

@@ -2,9 +2,11 @@
 
 export const at = (id) => document.getElementById(id);
 
-export function write(id, words) {
+/** Write words for the reader and their code, as `data-code`, for programs. */
+export function write(id, words, code) {
   const element = at(id);
   if (element.textContent !== words) element.textContent = words;
+  if (code !== undefined && element.dataset.code !== code) element.dataset.code = code;
 }
 
 export function show(id, shown) {

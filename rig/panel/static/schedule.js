@@ -38,7 +38,7 @@ export class Schedule {
 
   look() {
     const { run } = this;
-    write("left_words", left(run));
+    left(run);
     write("done_words", run ? `${run.done} of ${run.planned ?? "?"} indentations` : "–");
     write("now_words", run?.now || "–");
     write("next_words", run?.next || "–");
@@ -50,9 +50,10 @@ export class Schedule {
 }
 
 function left(run) {
-  if (!run) return "no run";
-  if (ENDED.includes(run.state)) return run.state;
-  return known(run.left_s) ? `${asClock(run.left_s)} left` : "time left unknown";
+  if (!run) write("left_words", "no run", "no_run");
+  else if (ENDED.includes(run.state)) write("left_words", run.state, run.state);
+  else if (known(run.left_s)) write("left_words", `${asClock(run.left_s)} left`, "left");
+  else write("left_words", "time left unknown", "unknown");
 }
 
 function written(row, { words, block, condition, repeat, done, now }) {

@@ -14,31 +14,37 @@ const WORKER_FIRST_MS = 50; // it knows when its reply came, even if this page i
 
 const worker = new Worker("/static/stop_worker.js");
 worker.onmessage = ({ data }) => said(data);
-let pressed_ms = null;
+let number = 0; // of the stops
+let pressed_ms = null; // when the unanswered stop was pressed first
 let loud = null;
 
+/** Every press sends a request; one that follows before there is a reply belongs to the same stop. */
 function stop(event) {
-  post("/stop", {}, { keepalive: true, priority: "high" }).then((told) => setTimeout(said, WORKER_FIRST_MS, told));
-  worker.postMessage({ headers: headers() });
+  const of = pressed_ms === null ? number + 1 : number;
+  post("/stop", {}, { keepalive: true, priority: "high" }).then((told) => setTimeout(said, WORKER_FIRST_MS, { ...told, of }));
+  if (of > number) worker.postMessage({ headers: headers(), of });
   event.preventDefault();
+  if (of === number) return;
+  number = of;
   pressed_ms = performance.timeOrigin + event.timeStamp;
-  tell("busy", "STOP sent …");
+  tell("busy", "sent", "STOP sent …");
   clearTimeout(loud);
-  loud = setTimeout(() => said({ status: 0, problem: "no answer yet" }), LOUD_MS);
+  loud = setTimeout(() => said({ of, status: 0, problem: "no answer yet" }), LOUD_MS);
 }
 
-/** Handle a reply to this page or to the worker; the first final one counts. */
-function said({ status, ok, problem, words, at_ms }) {
-  if (pressed_ms === null) return;
+/** Handle a reply to this page or to the worker; the first final one to this stop counts. */
+function said({ of, status, ok, problem, words, at_ms }) {
+  if (pressed_ms === null || of !== number) return;
   const after_ms = (at_ms ?? performance.timeOrigin + performance.now()) - pressed_ms;
   if (!FINAL.includes(status)) {
-    if (after_ms >= LOUD_MS) tell("bad", `${NOT_CONFIRMED}. Still trying: ${problem}.`);
+    if (after_ms >= LOUD_MS) tell("bad", "not_confirmed", `${NOT_CONFIRMED}. Still trying: ${problem}.`);
     return;
   }
   giveUp();
-  if (ok) tell("good", `STOP confirmed after ${after_ms.toFixed(0)} ms: ${words ?? "stopped"}.`);
-  else if (status === 409) tell("good", `STOP answered: ${problem}.`);
-  else tell("bad", `${NOT_CONFIRMED}. This tab may not stop: ${problem}.`);
+  at("stop_said").dataset.after_ms = after_ms.toFixed(0);
+  if (ok) tell("good", "confirmed", `STOP confirmed after ${after_ms.toFixed(0)} ms: ${words ?? "stopped"}.`);
+  else if (status === 409) tell("good", "answered", `STOP answered: ${problem}.`);
+  else tell("bad", "not_allowed", `${NOT_CONFIRMED}. This tab may not stop: ${problem}.`);
 }
 
 function giveUp() {
@@ -47,9 +53,9 @@ function giveUp() {
   pressed_ms = null;
 }
 
-function tell(how, words) {
+function tell(how, code, words) {
   at("stop_said").className = how;
-  write("stop_words", words);
+  write("stop_words", words, code);
   write("stop_close", how === "good" ? "Close" : "I used the emergency stop: stop trying");
   show("stop_close", how !== "busy");
   show("stop_said", true);
@@ -57,7 +63,8 @@ function tell(how, words) {
 
 function arm() {
   at("stop").disabled = false;
-  write("stop_key", hasToken() ? "or Esc, anywhere" : "no token: does not work here");
+  if (hasToken()) write("stop_key", "or Esc, anywhere", "works");
+  else write("stop_key", "no token: does not work here", "no_token");
 }
 
 at("stop").addEventListener("pointerdown", (event) => event.button === 0 && stop(event));

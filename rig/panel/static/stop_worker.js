@@ -6,12 +6,13 @@ const FINAL = [200, 403, 409];
 
 let trying = null;
 let headers = null;
+let of = null; // number of the stop
 
 onmessage = ({ data }) => {
   clearInterval(trying);
   trying = null;
   if (data === null) return;
-  headers = data.headers;
+  ({ headers, of } = data);
   trying = setInterval(ask, AGAIN_MS);
   ask();
 };
@@ -24,7 +25,7 @@ async function ask() {
     clearInterval(trying);
     trying = null;
   }
-  postMessage(told);
+  postMessage({ ...told, of });
 }
 
 async function answer() {

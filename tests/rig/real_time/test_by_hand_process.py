@@ -19,7 +19,6 @@ from rig.manual.owner_process import LAPSED
 from rig.plan.config import Config, load_config
 from rig.transport import open_port
 from tests.error_codes import raises
-from tests.program import beside_progress
 from tests.rig.hand_bench import STOPS, is_move
 from tests.waiting import DEADLINE_S, repeated, until
 
@@ -60,7 +59,7 @@ class Owner:
         if number is not None:
             self.process.send_signal(number)
         _, err = self.process.communicate(timeout=DEADLINE_S)
-        return self.process.returncode, beside_progress(err)
+        return self.process.returncode, err
 
     def _failed(self) -> None:
         assert self.process.poll() is None, self.process.communicate()[1]
@@ -213,5 +212,5 @@ def test_why_it_does_not_begin_is_one_line(rig_toml: Callable[..., Path], apart:
         if wire is not None:
             wire.close()
         assert ended.returncode in (1, 2)
-        assert beside_progress(ended.stderr).count("\n") == 1
+        assert ended.stderr.count("\n") == 1
         assert (says or "is in use by process") in ended.stderr
