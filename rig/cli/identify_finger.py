@@ -41,6 +41,7 @@ from rig.identify.adaptive_presses import (
     PressReport,
     with_reliable_touch,
 )
+from rig.identify.expected_duration import ExpectedDuration, expected_duration
 from rig.identify.finger_from_presses import finger_file
 from rig.identify.frame import find
 from rig.identify.identification_script import IdentificationScript, as_script
@@ -69,7 +70,6 @@ USUAL_GOALS = (
 
 _PRESSES = "Presses"
 _BEYOND_X_MM = 0.6
-_SECONDS_A_PRESS = 15.0
 
 
 def usual_goals(shapes: Sequence[str]) -> tuple[PressAt, ...]:
@@ -131,14 +131,15 @@ def possible(
     return replace(options, shapes=shapes, goals=tuple(goals))
 
 
-def page_lines(config: Config, options: IdentificationOptions) -> dict[str, str]:
+def page_lines(config: Config, options: IdentificationOptions, expected: ExpectedDuration | None) -> dict[str, str]:
     """Return the lines of the confirmation page."""
+    about = "no estimate" if expected is None else f"at most about {expected.total_s:.0f} s"
     stage, force = config.stage, config.force
     return {
         "presses": f"at most {options.presses} presses, lightest first, predicted below {options.most_gwt:g} gwt",
         "devices": f"{stage.kind} on {' and '.join(stage_ports(stage))}, {force.kind} on {force.port}",
         "shapes": f"{', '.join(map(with_size, options.shapes))}: the program asks you to mount each one",
-        "duration": f"about {options.presses * _SECONDS_A_PRESS + 35:.0f} s, without the time to mount indentors",
+        "duration": f"{about}, without the time to mount indentors",
         "safety": "check that the emergency stop is within reach and the finger is clear of the indentor",
     }
 
@@ -154,14 +155,11 @@ def print_before_press(identification: Identification, press: PressAt | None) ->
     err.print(f"press {number} of at most {presses}: {where}, trips at {trip_gwt:.1f} gwt …")
 
 
-def print_after_press(identification: Identification, report: PressReport) -> None:
+def print_after_press(identification: Identification, expected: ExpectedDuration | None, report: PressReport) -> None:
     """Print one line: measured and predicted force with its band, what is known now, and what remains."""
     remaining = identification.options.presses - report.number
-    next_text = (
-        "enough"
-        if identification.enough
-        else f"at most {remaining} presses, about {remaining * _SECONDS_A_PRESS:.0f} s remain"
-    )
+    about = "" if expected is None else f", about {remaining * expected.press_s:.0f} s,"
+    next_text = "enough" if identification.enough else f"at most {remaining} presses{about} remain"
     predicted = _in_brackets(report.surprise.predicted, " gwt")
     err.print(
         f"press {report.number}: measured {report.surprise.measured_gwt:.2f} gwt, predicted {predicted}; forces "
@@ -353,12 +351,16 @@ def identify_command(
             err.print(f"{name} is left out, since this finger cannot be pressed with it: {refused[name]}")
         with busy("finding out what the presses must tell …", quick=True, kind="prior"):
             identification = Identification(settings, predicted, options)
+        with busy("estimating the duration …", quick=True, kind="duration"):
+            expected = expected_duration(settings, options, finger)
         script = IdentificationScript(
-            identification, partial(print_after_press, identification), partial(print_before_press, identification)
+            identification,
+            partial(print_after_press, identification, expected),
+            partial(print_before_press, identification),
         )
         session = Session(script.as_script(), settings, finger, Plan(), into, handler=script.handler)
         if stage is not None:
-            lines = page_lines(settings, options)
+            lines = page_lines(settings, options, expected)
             confirmed_with(lines, yes=yes, asking=owner.asking, button=owner.button)
         done = _carried_out(session, script, owner, beginning, stage, mounted)
         _written(done, identification, settings, to, as_json=as_json)

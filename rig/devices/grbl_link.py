@@ -326,7 +326,6 @@ class GrblLink:
             while (reply := self._hear(deadline_s)) is not None:
                 fields = parse_status(reply)
                 if fields is not None:
-                    self.offset = fields.offset or self.offset
                     self.overrides = fields.overrides or self.overrides
                     self.pins = fields.pins
                     return fields
@@ -384,6 +383,9 @@ class GrblLink:
         return line
 
     def _notice(self, line: str) -> None:
+        # A board reports a new offset once, perhaps in answer to a `?` that was sent while it owed an ok.
+        if (fields := parse_status(line)) is not None:
+            self.offset = fields.offset or self.offset
         if is_banner(line):
             # The banner may have crossed a line, which may or may not still be answered.
             self.in_step, self.trusted, self.offset, self.overrides = False, False, None, FULL
@@ -635,8 +637,8 @@ def doubt_about_zero(
     StageError
         If the board refuses the line, does not respond, is held, or is not idle.
     """
-    link.offset = None  # The old offset is void: positions in work coordinates wait for the new one.
     link.command(offset_line(coordinates, speed_mm_s), look_s=LOOK_S)
+    link.offset = None  # Reports before the ok have the old offset.
     if confirm_modes or max(map(abs, coordinates)) > SHORT_MM + _OFFSET_ROUND_OFF_MM:
         printed = link.command("$G", look_s=LOOK_S)
         if (doubt := _doubt_about_modes(printed, 60 * speed_mm_s)) is not None:
@@ -650,12 +652,12 @@ def doubt_about_zero(
             port=link.name,
             state=fields.state,
         )
-    if fields.offset is None:
+    if link.offset is None:
         return Doubt("the status report after G92 contains no WCO", "no_offset", {})
     intended = tuple(mm - coordinate for mm, coordinate in zip(present, coordinates, strict=True))
     wrong = [
         (axis, found, mm)
-        for i, (axis, found, mm) in enumerate(zip("XYZ", fields.offset, intended, strict=True))
+        for i, (axis, found, mm) in enumerate(zip("XYZ", link.offset, intended, strict=True))
         if not near(board, i, found, mm)
     ]
     if not wrong:

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FixedLocator, MaxNLocator
 from numpy.typing import NDArray
 
 from rig.data import Run
@@ -225,6 +225,10 @@ PHASES = {
 
 SAMPLES = ("sample", "precondition_sample", "reference_sample", "find_sample")
 _MINUTES_FROM_S = 600.0
+_LONG_GAP = 0.1
+"""Time between the parts of a run, relative to its duration, from which the axis is cut."""
+_GAP_WIDTH, _TICKS = 0.07, 8
+"""Width of each cut relative to the duration of the run, and number of ticks."""
 _WIDTH_IN = 9.6
 _ROW_IN = 2.3
 _LEAST_RELATIVE = 0.1
@@ -263,7 +267,7 @@ def has_repeats(run: Run) -> bool:
 def _force_time(figure: Figure, run: Run) -> None:
     room = Room(bottom=0.8, top=0.1, rows=0.06)
     above, below = room.panels(figure, 2, 1, sharex=True, height_ratios=(8, 1)).ravel()
-    per, unit = (60.0, "min") if run.end_s > _MINUTES_FROM_S else (1.0, "s")
+    per, unit = (60.0, "min") if run.duration_s > _MINUTES_FROM_S else (1.0, "s")
     for stream in SAMPLES:
         read = run.stream(stream)
         if read:
@@ -272,9 +276,51 @@ def _force_time(figure: Figure, run: Run) -> None:
     _trip(above, run)
     above.set(ylabel="force (gwt)", xlim=(run.start["t_s"] / per, run.end_s / per))
     _strip(below, spans(run), per)
+    _cut(above, below, run, per)
     below.set(xlabel=f"time since the start of the run ({unit})", yticks=[], ylim=(0, 1))
     handles = [Patch(color=color) for color in PHASES.values()]
     figure.legend(handles, list(PHASES), loc="lower center", ncols=len(PHASES), fontsize=8)
+
+
+def _cut(above: Axes, below: Axes, run: Run, per: float) -> None:
+    """Compress the time between the parts of a run, if it is long, and label it with its duration."""
+    if run.end_s - run.start["t_s"] < (1 + _LONG_GAP) * run.duration_s:
+        return
+    edges_s = np.array(run.parts).ravel()
+    widths = np.diff(edges_s)
+    widths[1::2] = _GAP_WIDTH * run.duration_s
+    edges, shown_at = edges_s / per, np.concatenate([[0.0], np.cumsum(widths)]) / per
+
+    def position(time: Array) -> Array:
+        return np.interp(time, edges, shown_at)
+
+    def time(position: Array) -> Array:
+        return np.interp(position, shown_at, edges)
+
+    below.set_xscale("function", functions=(position, time))
+    ticks: list[float] = []
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        steps = MaxNLocator(max(round(_TICKS * (end - begin) * per / run.duration_s), 1)).tick_values(begin, end)
+        ticks += [tick for tick in steps if begin <= tick <= end]
+    for axes in (above, below):
+        axes.xaxis.set_major_locator(FixedLocator(ticks))
+        axes.xaxis.set_major_formatter(lambda tick, _: f"{tick:.10g}")
+        for end, begin in zip(edges[1:-1:2], edges[2::2], strict=True):
+            axes.axvspan(end, begin, facecolor="none", edgecolor=GREY, hatch="////", lw=0)
+    for end, begin in zip(edges[1:-1:2], edges[2::2], strict=True):
+        above.text(
+            0.5 * (end + begin), 0.5, shown_duration((begin - end) * per), rotation=90, ha="center", va="center",
+            fontsize=8, transform=above.get_xaxis_transform(), bbox={"fc": "white", "ec": "none", "pad": 1},
+        )  # fmt: skip
+
+
+def shown_duration(seconds: float) -> str:
+    """Return a duration in its two largest units, such as "1 d 3 h"."""
+    left, parts = round(seconds), []
+    for unit_s, name in ((86400, "d"), (3600, "h"), (60, "min"), (1, "s")):
+        number, left = divmod(left, unit_s)
+        parts += [f"{number} {name}"] if number else []
+    return " ".join(parts[:2]) or "0 s"
 
 
 def _trip(axes: Axes, run: Run) -> None:

@@ -135,11 +135,12 @@ def _small_strain(found: Sequence[Response]) -> str:
 
 
 def _over_time(run: Run) -> PageFigure:
+    cut = " Hatched: the time between the parts of the run, not to scale." if len(run.parts) > 1 else ""
     return PageFigure(
         "Force against time",
         run_figures.force_time(run),
         "All readings of the run; grey: presses that are not data. Below: the phases of the run; white: "
-        "lateral moves, rests, zeroing and waits. Data: sample.csv.",
+        f"lateral moves, rests, zeroing and waits.{cut} Data: sample.csv.",
     )
 
 

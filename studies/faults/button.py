@@ -3,8 +3,8 @@
     .venv/bin/python -m studies.faults.button --presses 50
 
 `rig run`, behind `rig serve` in processes of their own, is stopped by a key in approaches, solutions and holds. A
-named pipe stands in for the key's device: from the write of the event to the byte in the run's byte log, both on the
-machine's clock. What the kernel and USB add, about 10 ms, is not in it. `--load N` adds N processes that compute.
+named pipe stands in for the key's device: from the write of the event to the byte in the run's byte log, both by the
+wall clock. What the kernel and USB add, about 10 ms, is not in it. `--load N` adds N processes that compute.
 """
 
 import argparse
@@ -48,7 +48,7 @@ def pressed(presses: int, stage: str) -> list[Stop]:
         key = os.open(pipe, os.O_RDWR)
 
         def press(_: Announced) -> float:
-            at_s = time.monotonic()
+            at_s = time.time()
             os.write(key, _EVENT.pack(0, 0, _KEY, _CODE, 1))
             os.write(key, _EVENT.pack(0, 0, _KEY, _CODE, 0))
             return at_s

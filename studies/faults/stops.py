@@ -4,7 +4,8 @@
 
 `rig run`, behind `rig serve` in processes of their own, is stopped over its control socket, in turn in each of five
 phases: while it is planned, in an approach, while the model solves for a script that decides as it goes, in a hold,
-and while the report is made. The request is timed here, the byte by the run's byte log: both on the machine's clock.
+and while the report is made. The request is timed here by the wall clock. The byte log times the byte by the time of
+the run, whose beginning the journal records by the same wall clock.
 """
 
 import argparse
@@ -54,7 +55,7 @@ _LOOK_S, _DEADLINE_S = 0.002, 240.0
 
 @dataclass(frozen=True)
 class Stop:
-    """One of them: when it was asked for on the machine's clock, and what became of it. No byte: nan."""
+    """Stop of one run: the time from its request to its byte (nan without a byte), and how the run ended."""
 
     phase: str
     latency_s: float
@@ -68,8 +69,8 @@ def decides(hold_s: float = 0.1, times: int = 1) -> str:
 
 
 def by_socket(owner: Announced) -> float:
-    """Over the socket of whoever owns the ports; what came of it is read."""
-    asked_s = time.monotonic()
+    """Request a stop over the socket of the process that owns the ports, and return when (Unix time, s)."""
+    asked_s = time.time()
     with suppress(ControlError):
         owner.ask("stop", within_s=10.0)
     return asked_s
@@ -85,7 +86,7 @@ class Benches:
         ask: Callable[[Announced], float] = by_socket,
         more: Mapping[str, Any] = MappingProxyType({}),
     ) -> None:
-        """ask: asks for a stop and says when, on the clock that only goes on. more: tables of the configuration."""
+        """ask: requests a stop and returns when (Unix time, s). more: tables of the configuration."""
         self._more = more
         self._folder, self._stage, self._ask = folder, stage, ask
         self._chance = random.Random(0)
@@ -154,17 +155,14 @@ class Benches:
         )
         if folder is None:
             return Stop(phase, float("nan"), "no folder", code)
-        wire, journal = (
-            [json.loads(line) for line in (folder / name).read_text(encoding="utf-8").splitlines()]
-            for name in ("bytes.jsonl", "events.jsonl")
-        )
-        start, last = journal[0], journal[-1]
-        asked_s += time.time() - time.monotonic() - (start["unix_s"] - start["t_s"])  # from the start of the run
-        found = [
-            line["t_s"]
+        wire = [json.loads(line) for line in (folder / "bytes.jsonl").read_text(encoding="ascii").splitlines()]
+        start, *_, last = map(json.loads, (folder / "events.jsonl").read_text(encoding="utf-8").splitlines())
+        sent_s = [
+            start["unix_s"] - start["t_s"] + line["t_s"]
             for line in wire
-            if line["dir"] == "tx" and STOP[self._stage] in line["hex"] and line["t_s"] >= asked_s
+            if line["dir"] == "tx" and STOP[self._stage] in line["hex"]
         ]
+        found = [at_s for at_s in sent_s if at_s >= asked_s]
         recorded = f"{last.get('status')} {last.get('stopped_while', '')}".strip()
         return Stop(phase, min(found, default=float("nan")) - asked_s, recorded, code)
 

@@ -4,10 +4,10 @@ from collections.abc import Callable
 
 import pytest
 
-from rig.devices.base import StageRejected, StageStatus, StageTimeout
+from rig.devices.base import StageError, StageRejected, StageStatus, StageTimeout
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
-from tests.scripted_board import BANNER, SETTINGS, Board, at, connected
+from tests.scripted_board import BANNER, SETTINGS, At, Board, at, connected
 
 
 @pytest.fixture
@@ -75,6 +75,49 @@ def test_a_line_is_answered_within_two_seconds(board: Board, clock: VirtualClock
     board.next[b"$$\n"] = [[(1.99, SETTINGS)], b""]
     assert stage.settings()[100] == 400.0
     assert _lasts_s(clock, stage.settings, "no_reply") == pytest.approx(2.0)
+
+
+class Slow(Board):
+    """A board whose answers all come late, in their order."""
+
+    late_s = 0.0
+
+    def _answer(self, data: bytes) -> bytes | list[At]:
+        answer = super()._answer(data)
+        chunks = [(0.0, answer)] if isinstance(answer, bytes) else answer
+        return [(after_s + self.late_s, chunk) for after_s, chunk in chunks]
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.09, 0.11, 0.29])
+@pytest.mark.parametrize("far_mm", [0.05, 0.5], ids=["near", "far"])
+@pytest.mark.parametrize("to", ["jog", "move"])
+def test_a_confirmation_may_answer_an_earlier_request(
+    clock: VirtualClock, to: str, far_mm: float, late_s: float
+) -> None:
+    """A board reports a new work zero once; while it owes an ok, it is asked every 0.1 s."""
+    board = Slow(clock)
+    stage = connected(board)
+    board.late_s = late_s
+    if to == "jog":
+        stage.jog("x", -far_mm, 5.0)
+    else:
+        with raises(StageError, "not_there"):  # this board stays where it is
+            list(stage.moving(x_mm=-1.0 - far_mm, speed_mm_s=5.0))
+    trigger = [data for data in board.said if data.startswith((b"$J=", b"G1"))]
+    assert len(trigger) == 1
+    assert len([data for data in board.said if data.startswith(b"G92")]) == 1
+
+
+def test_an_offset_from_before_the_line_was_executed_is_not_a_confirmation(clock: VirtualClock) -> None:
+    board = Slow(clock)
+    stage = connected(board)
+    board.late_s = 0.15
+    old = b"<Idle|MPos:-1.000,-2.000,-3.000|FS:0,0|WCO:-0.500,-2.000,-3.000>\r\n"
+    board._answer = lambda data: [(0.0, old)] if data == b"?" else Slow._answer(board, data)  # type: ignore[method-assign]
+    board.status = at("Idle")
+    with raises(StageError, "not_confirmed"):
+        stage.jog("x", -0.5, 5.0)
+    assert not [data for data in board.said if data.startswith(b"$J=")]
 
 
 def test_a_banner_is_waited_for_three_seconds_and_twice(board: Board, clock: VirtualClock) -> None:

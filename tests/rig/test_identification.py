@@ -30,6 +30,7 @@ from rig.data import RunFolder, read_run
 from rig.data.folder import IDENTIFICATION_PAGE, SCRIPTS
 from rig.errors import BadInputError, LimitError, TripError
 from rig.identify.adaptive_presses import Identification, IdentificationOptions, with_reliable_touch
+from rig.identify.expected_duration import ExpectedDuration, expected_duration
 from rig.identify.finger_from_presses import finger_file
 from rig.identify.identification_script import IdentificationScript
 from rig.identify.press_record import measured_press
@@ -348,10 +349,13 @@ def test_each_press_and_the_end_are_said(
     identification, done = identified
     print_before_press(identification, None)
     print_before_press(identification, identification.reports[0].press)
-    print_after_press(identification, identification.reports[0])
+    begun = copy(identification)
+    begun.reports = identification.reports[:1]
+    print_after_press(begun, ExpectedDuration(90.0, 12.0), begun.reports[0])
     homing, before, after = capsys.readouterr().err.splitlines()
     assert homing.startswith("homing")
     assert f"of at most 5: {identification.reports[0].press.indentor} at" in before
+    assert after.endswith("at most 4 presses, about 48 s, remain")
     assert after.startswith(f"press 1: measured {identification.reports[0].surprise.measured_gwt:.2f} gwt, predicted")
     end = final_lines(done, identification, "finger.toml")
     assert end["presses"] == len(identification.reports)
@@ -379,9 +383,40 @@ def test_each_press_and_the_end_are_said(
 
 
 def test_the_page_before_it_begins_tells_force_and_time() -> None:
-    lines = page_lines(SETTINGS, IdentificationOptions(GOALS))
+    lines = page_lines(SETTINGS, IdentificationOptions(GOALS), ExpectedDuration(155.0, 15.0))
     assert "20 gwt" in lines["presses"]
     assert "155 s" in lines["duration"]
+
+
+def test_the_expected_duration_is_that_of_the_presses(
+    identified: tuple[Identification, FinishedRun], finger: Fingertip
+) -> None:
+    identification, done = identified
+    presses = replace(identification.options, presses=len(identification.reports))
+    expected = expected_duration(SETTINGS, presses, finger)
+    assert expected is not None
+    assert expected.total_s == pytest.approx(done.duration_s, rel=0.2)
+
+
+@pytest.mark.parametrize(
+    "habits",
+    [{"increment_mm": 0.02}, {"settle_readings": 9}, {"approach_speed_mm_s": 0.1}, {"clearance_mm": 5.0}],
+    ids=str,
+)
+def test_slower_habits_lengthen_the_expected_press(finger: Fingertip, habits: dict[str, float]) -> None:
+    slow = SETTINGS.model_copy(update={"habits": SETTINGS.habits.model_copy(update=habits)})
+    usual, slower = (expected_duration(one, IdentificationOptions(GOALS), finger) for one in (SETTINGS, slow))
+    assert usual is not None
+    assert slower is not None
+    assert slower.press_s > 1.05 * usual.press_s
+    assert slower.total_s - usual.total_s > 7 * (slower.press_s - usual.press_s) > 0
+
+
+def test_presses_that_the_configured_finger_refuses_have_no_expected_duration(finger: Fingertip) -> None:
+    limits = SETTINGS.limits.model_copy(update={"max_doi_mm": 0.1})
+    refused = SETTINGS.model_copy(update={"limits": limits})
+    assert expected_duration(refused, IdentificationOptions(GOALS), finger) is None
+    assert "no estimate" in page_lines(refused, IdentificationOptions(GOALS), None)["duration"]
 
 
 def test_forces_are_predicted_as_far_and_as_deep_as_is_asked() -> None:

@@ -70,6 +70,7 @@ UNITS = frozenset({
 """What brackets at the end of a label may hold; strain and 1 declare a number."""
 COLOURS = {"black": "black", "grey": GREY, "blue": BLUE, "orange": ORANGE, "green": GREEN, "purple": PURPLE,
            "yellow": YELLOW, "white": "white"}  # fmt: skip
+DAY_S = 86400.0
 LEAST_GAP_PT = 1.2
 """Gaps of a dotted line that is seen as one."""
 
@@ -277,6 +278,42 @@ def _force_time(world: World, figure: Figure) -> Shown:
         edges = [path.vertices[:, 0] for path in bars.get_paths()]
         touching = sum(abs(a.max() - b.min()) < 1e-9 for a, b in pairwise(edges))
         yield touching, 0  # seams between bars would lighten the color
+
+
+def _resumed(run: Run) -> Run:
+    """The same run, stopped after half of its time and resumed a day later."""
+    half_s = run.stream("sample")[len(run.stream("sample")) // 2]["t_s"]
+
+    def later(t_s: float) -> float:
+        return t_s + (DAY_S if t_s > half_s else 0.0)
+
+    def moved(events: Any) -> Any:
+        return {stream: [{**one, "t_s": later(one["t_s"])} for one in found] for stream, found in events.items()}
+
+    parts = ((0.0, half_s), (half_s + DAY_S, run.end_s + DAY_S))
+    return replace(
+        run, events=moved(run.events), superseded=moved(run.superseded), end_s=run.end_s + DAY_S, parts=parts
+    )
+
+
+def _force_time_cut(world: World, figure: Figure) -> Shown:
+    """Both parts are as wide as their durations, the day between them is narrow and labeled."""
+    run = _resumed(world.run)
+    yield from _force_time(world._replace(run=run), figure)
+    above, below = _panels(figure)
+    edges = np.array(run.parts).ravel()
+    assert below.get_xlabel().endswith("(s)")
+    for axes in (above, below):
+        at = axes.transData.transform(np.column_stack([edges, np.zeros(4)]))[:, 0]
+        wide = np.diff(at) / (at[-1] - at[0])
+        yield wide[2] / wide[0], (edges[3] - edges[2]) / (edges[1] - edges[0])
+        yield 0.03 < wide[1] < 0.1, True
+        ticks = [tick for tick in axes.get_xticks() if edges[0] <= tick <= edges[3]]
+        yield all(edges[0] <= tick <= edges[1] or edges[2] <= tick <= edges[3] for tick in ticks), True
+        yield sum(tick > edges[1] for tick in ticks) >= 2 and sum(tick < edges[2] for tick in ticks) >= 2, True
+    yield {text.get_text() for text in above.texts} >= {"1 d"}, True
+    hatched = [patch for axes in (above, below) for patch in axes.patches if patch.get_hatch()]
+    yield len(hatched), 2
 
 
 def _presses(world: World, figure: Figure) -> Shown:
@@ -691,6 +728,9 @@ def _few_lines(world: World, figure: Figure) -> Shown:
 
 FIGURES: dict[str, Row] = {
     "run_figures.force_time": Row(_run("Force against time"), _force_time),
+    "run_figures.force_time, resumed": Row(
+        _titled("Force against time", lambda world: run_page_figures(_resumed(world.run), [])), _force_time_cut
+    ),
     "run_figures.presses": Row(_run("Press, hold"), _presses),
     "run_figures.force_depth": Row(_run("Force against depth"), _force_depth),
     "run_figures.contact_panels": Row(_run("Contact, "), _contact),
@@ -870,6 +910,8 @@ def test_its_caption_is_true(name: str, drawn: Drawn) -> None:
         assert any(_is(line, marker="o") for line in lines)
     if "shaded" in page.caption.lower():
         assert any(axes.patches for axes in _panels(figure))
+    if "hatched" in page.caption.lower():
+        assert any(patch.get_hatch() for axes in _panels(figure) for patch in axes.patches)
 
 
 def _is_dotted(line: Line2D) -> bool:
