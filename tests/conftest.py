@@ -100,8 +100,9 @@ REAL_TIME = (
     "test_third_party_device.py::test_nothing_is_imported_but_the_kinds_that_are_used",
 )
 
-# What measures a study again: many fingers built, statistics drawn, emulators learned, references pressed once more.
-# `make test-studies` runs it, `make test` does not. Pages and kept files of studies are checked in `make test`.
+# What measures a study again: many fingers built, statistics drawn, emulators learned, references pressed once more;
+# and what takes long and is held by shorter tests. `make test-studies` runs it, `make test` does not. Pages and kept
+# files of studies are checked in `make test`.
 # Behind each stands the test that guards the same code in `make test`.
 STUDIES = (
     "studies/test_strangers_are_met.py",  # identification: rig/test_identification.py, studies/test_meeting_study.py
@@ -121,6 +122,14 @@ STUDIES = (
     # How large the boxes of the oracle must be; the recovery of strain is held by the other tests of the file.
     "sim/oracles/test_halfspace.py::test_line_load_truncation_falls_with_the_box",
     "sim/oracles/test_halfspace.py::test_point_load_truncation",
+    "sim/oracles/test_round_contact.py::test_depth_misses_a_first_order_part_of_the_box",
+    # Whole pages, scripts and sites: what they name and type is checked in `make test`.
+    "rig/test_every_block.py::test_what_is_shown_runs[comparison]",  # rig/compare/test_compare_command.py
+    "rig/test_every_block.py::test_what_is_shown_runs[schedules]",  # rig/test_schedule.py
+    "rig/test_frozen.py::test_the_demo_sends_and_records_what_it_did[tcp]",  # [rtu] and rig/test_modbus_master.py
+    "test_gallery.py::test_finger_identified",  # rig/test_identification.py
+    "test_gallery.py::test_strain_anywhere",  # sim/test_any_point.py
+    "test_site.py",  # `make docs`
 )
 
 # Begun first, so that what comes last is short and all workers end together; what waits for real time is dealt out
