@@ -5,6 +5,7 @@ import gc
 import inspect
 import linecache
 import math
+import os
 import pkgutil
 import signal
 from collections import Counter
@@ -193,6 +194,7 @@ LONG = (
 )
 # What a shell, nohup or a terminal may have had ignored before the tests began.
 INHERITED = ("SIGINT", "SIGQUIT", "SIGHUP", "SIGTERM", "SIGTSTP")
+_flush = os.fsync
 # Files of the cache, of up to 80 MB each.
 MOST_KEPT = 12
 
@@ -253,11 +255,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Work that a command shares out between processes is done in this one, except in real time.
 
-    Each of them takes a second to begin.
+    Each of them takes a second to begin. Nor does a record wait for the disk, some milliseconds for each of the
+    hundred and more of a run; that it is flushed is tested where the call is watched.
     """
-    shared = _one_by_one if item.get_closest_marker("real_time") is None else in_processes
+    real = item.get_closest_marker("real_time") is not None
     for module in (parallel, benchmark):
-        module.in_processes = shared  # type: ignore[assignment]
+        module.in_processes = in_processes if real else _one_by_one  # type: ignore[assignment]
+    os.fsync = _flush if real else _unflushed  # type: ignore[assignment]
+
+
+def _unflushed(_: Any) -> None:
+    """Leave it to the system when the disk is written."""
 
 
 def _one_by_one(function: Callable[..., Any], items: Sequence[Any], processes: int | None = None) -> Iterator[Any]:
