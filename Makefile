@@ -1,6 +1,9 @@
 PYTHON ?= python3
 BIN := .venv/bin
 export OMP_NUM_THREADS ?= 2
+BY_FILE := --dist loadfile --no-loadscope-reorder
+# As many as there are cores: tests compute, and each worker spends seconds on collecting them.
+WORKERS ?= -n auto --maxprocesses 4 $(BY_FILE)
 REAL_TIME_WORKERS ?= 6
 
 .PHONY: setup demo study study-bench study-coding studies docs test test-studies panel-test shake check bench mutants release-check clean
@@ -43,11 +46,11 @@ check: .venv/.ready-dev
 
 # What waits for the real world runs alone at the end, in more workers than there are cores. Both parts always run.
 test: check
-	$(BIN)/pytest -m "not study and not real_time" -n 3 --dist loadfile --no-loadscope-reorder --durations=20; \
+	$(BIN)/pytest -m "not study and not real_time" $(WORKERS) --durations=20; \
 	rest=$$?; \
-	$(BIN)/pytest -m "real_time and not study" -n $(REAL_TIME_WORKERS) --dist loadfile --no-loadscope-reorder --durations=20 && exit $$rest
+	$(BIN)/pytest -m "real_time and not study" -n $(REAL_TIME_WORKERS) $(BY_FILE) --durations=20 && exit $$rest
 
-MEASURE_STUDIES = $(BIN)/pytest -m study -n 3 --dist loadfile --no-loadscope-reorder --durations=20
+MEASURE_STUDIES = $(BIN)/pytest -m study $(WORKERS) --durations=20
 
 test-studies: .venv/.ready-dev
 	$(MEASURE_STUDIES)

@@ -5,6 +5,7 @@ import gc
 import inspect
 import linecache
 import math
+import os
 import pkgutil
 import signal
 from collections import Counter
@@ -100,8 +101,9 @@ REAL_TIME = (
     "test_third_party_device.py::test_nothing_is_imported_but_the_kinds_that_are_used",
 )
 
-# What measures a study again: many fingers built, statistics drawn, emulators learned, references pressed once more.
-# `make test-studies` runs it, `make test` does not. Pages and kept files of studies are checked in `make test`.
+# What measures a study again: many fingers built, statistics drawn, emulators learned, references pressed once more;
+# and what takes long and is held by shorter tests. `make test-studies` runs it, `make test` does not. Pages and kept
+# files of studies are checked in `make test`.
 # Behind each stands the test that guards the same code in `make test`.
 STUDIES = (
     "studies/test_strangers_are_met.py",  # identification: rig/test_identification.py, studies/test_meeting_study.py
@@ -121,6 +123,14 @@ STUDIES = (
     # How large the boxes of the oracle must be; the recovery of strain is held by the other tests of the file.
     "sim/oracles/test_halfspace.py::test_line_load_truncation_falls_with_the_box",
     "sim/oracles/test_halfspace.py::test_point_load_truncation",
+    "sim/oracles/test_round_contact.py::test_depth_misses_a_first_order_part_of_the_box",
+    # Whole pages, scripts and sites: what they name and type is checked in `make test`.
+    "rig/test_every_block.py::test_what_is_shown_runs[comparison]",  # rig/compare/test_compare_command.py
+    "rig/test_every_block.py::test_what_is_shown_runs[schedules]",  # rig/test_schedule.py
+    "rig/test_frozen.py::test_the_demo_sends_and_records_what_it_did[tcp]",  # [rtu] and rig/test_modbus_master.py
+    "test_gallery.py::test_finger_identified",  # rig/test_identification.py
+    "test_gallery.py::test_strain_anywhere",  # sim/test_any_point.py
+    "test_site.py",  # `make docs`
 )
 
 # Begun first, so that what comes last is short and all workers end together; what waits for real time is dealt out
@@ -184,6 +194,7 @@ LONG = (
 )
 # What a shell, nohup or a terminal may have had ignored before the tests began.
 INHERITED = ("SIGINT", "SIGQUIT", "SIGHUP", "SIGTERM", "SIGTSTP")
+_flush = os.fsync
 # Files of the cache, of up to 80 MB each.
 MOST_KEPT = 12
 
@@ -244,11 +255,17 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Work that a command shares out between processes is done in this one, except in real time.
 
-    Each of them takes a second to begin.
+    Each of them takes a second to begin. Nor does a record wait for the disk, some milliseconds for each of the
+    hundred and more of a run; that it is flushed is tested where the call is watched.
     """
-    shared = _one_by_one if item.get_closest_marker("real_time") is None else in_processes
+    real = item.get_closest_marker("real_time") is not None
     for module in (parallel, benchmark):
-        module.in_processes = shared  # type: ignore[assignment]
+        module.in_processes = in_processes if real else _one_by_one  # type: ignore[assignment]
+    os.fsync = _flush if real else _unflushed  # type: ignore[assignment]
+
+
+def _unflushed(_: Any) -> None:
+    """Leave it to the system when the disk is written."""
 
 
 def _one_by_one(function: Callable[..., Any], items: Sequence[Any], processes: int | None = None) -> Iterator[Any]:

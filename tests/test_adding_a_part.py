@@ -1,6 +1,5 @@
 """docs/code_overview.md says where a new part goes: one of each is added there, in no other file, and used."""
 
-import filecmp
 import json
 import os
 import re
@@ -76,20 +75,10 @@ class Tree:
             assert before.count(anchor) == 1, f"{path}: {anchor!r} {before.count(anchor)} times"
             (self.folder / path).write_text(before.replace(anchor, text + anchor), encoding="utf-8")
         named = [path.replace("NAME", name) for path in _rows()[part]]
-        touched = self.touched()
+        touched = {*made, *(path for path, _, _ in inserted)}
         assert touched
         assert not [path for path in touched if not any(fnmatch(path, one) for one in named)], "not on the page"
         assert not [one for one in named if not any(fnmatch(path, one) for path in touched)], "not needed"
-
-    def touched(self) -> set[str]:
-        """What differs from the program."""
-        now = {path.relative_to(self.folder) for place in PLACES for path in (self.folder / place).rglob("*.py")}
-        assert not [p for place in PLACES for p in (ROOT / place).rglob("*.py") if p.relative_to(ROOT) not in now]
-        return {
-            path.as_posix()
-            for path in now
-            if not (ROOT / path).exists() or not filecmp.cmp(ROOT / path, self.folder / path, shallow=False)
-        }
 
     def python(self, code: str, *arguments: str | Path) -> str:
         """What a Python of its own prints."""
@@ -103,10 +92,6 @@ class Tree:
         )
         assert done.returncode == 0, done.stderr
         return done.stdout
-
-    def rig(self, *arguments: str | Path) -> Any:
-        """What a command says with --json."""
-        return json.loads(self.python(COMMAND_LINE, *arguments, "--json"))
 
     def several(self, *commands: Sequence[str | Path], drawn: bool = False) -> list[str]:
         """What commands print that are given one after the other to one Python."""
@@ -166,56 +151,43 @@ def test_a_verb(tree: Tree, finger: Fingertip) -> None:
     assert [event["times"] for event in _events(run, "tap")] == [2, 3, 3]
 
 
-def test_a_stage(tree: Tree, finger: Fingertip) -> None:
-    made = {"rig/devices/hobby.py": "hobby_driver.py", "sim/devices/hobby.py": "hobby_twin.py"}
-    tree.add("stage", "hobby", made, insertions.STAGE)
-    assert tree.touched() == {*made, "rig/devices/registry.py"}
-    (tree.folder / "rig.toml").write_text('[stage]\nkind = "hobby"\n', encoding="utf-8")
-    run, _ = tree.dry_run(("--config", "rig.toml"))
-    assert [event["controller"] for event in _events(run, "home")] == ["[VER:1.1h.hobby:]"]
-    assert len(_events(run, "hold_end")) == 2
-    assert "hobby" in json.loads((run / "provenance.json").read_text(encoding="utf-8"))["devices"]["stage"]
-
-
-def test_a_force_sensor(tree: Tree, finger: Fingertip) -> None:
-    made = {"rig/devices/plain.py": "plain_driver.py", "sim/devices/plain.py": "plain_twin.py"}
-    tree.add("force sensor", "plain", made, insertions.FORCE)
-    assert tree.touched() == {*made, "rig/devices/registry.py"}
-    (tree.folder / "rig.toml").write_text('[force]\nkind = "plain"\n[force.plain]\ndecimals = 2\n', encoding="utf-8")
+def test_a_stage_and_a_force_sensor(tree: Tree, finger: Fingertip) -> None:
+    """Each is a driver, its twin and an entry of the registry, and nothing else."""
+    stage = {"rig/devices/hobby.py": "hobby_driver.py", "sim/devices/hobby.py": "hobby_twin.py"}
+    force = {"rig/devices/plain.py": "plain_driver.py", "sim/devices/plain.py": "plain_twin.py"}
+    tree.add("stage", "hobby", stage, insertions.STAGE)
+    tree.add("force sensor", "plain", force, insertions.FORCE)
+    assert {path for path, _, _ in (*insertions.STAGE, *insertions.FORCE)} == {"rig/devices/registry.py"}
+    devices = '[stage]\nkind = "hobby"\n[force]\nkind = "plain"\n[force.plain]\ndecimals = 2\n'
+    (tree.folder / "rig.toml").write_text(devices, encoding="utf-8")
     run, (help_,) = tree.dry_run(("--config", "rig.toml"), ("serve", "--help"))
+    assert [event["controller"] for event in _events(run, "home")] == ["[VER:1.1h.hobby:]"]
+    assert "hobby" in json.loads((run / "provenance.json").read_text(encoding="utf-8"))["devices"]["stage"]
     assert set(_sent(run, "force").split()) == {b"W", b"Z"}
     assert [hold["doi_mm"] for hold in _events(run, "hold_end")] == pytest.approx([0.1, 0.1], abs=0.02)
     assert "plain" in help_
 
 
-def test_a_shape(tree: Tree) -> None:
+def test_a_shape_a_measure_and_a_model(tree: Tree) -> None:
     """A circle is its parabola where contact is narrow beside its radius."""
     tree.add("shape", "parabola", {}, insertions.SHAPE)
-    found = tree.rig("indent", "--shape", "parabola:4.5", *PRESS, "--model", "halfspace")
-    like = load("halfspace").indent("cylinder:9", 0.0, doi_mm=0.2)
-    assert found["force_n"] == pytest.approx(like.force_n, rel=0.02)
-    assert found["force_n"] != like.force_n
-
-
-def test_a_measure(tree: Tree) -> None:
     tree.add("measure", "gmax", {}, insertions.MEASURE)
-    found = tree.rig("indent", "--shape", "bar:3.0", *PRESS, "--model", "halfspace")["receptors"]
-    assert found["gmax"] == pytest.approx([high - low for high, low in zip(found["ep3"], found["ep1"], strict=True)])
-    assert tree.python("from rig.report.style import *; print(unit('gmax'), unit('s11'))").split() == [
-        "strain",
-        "pseudo-units",
-    ]
-
-
-def test_a_model(tree: Tree) -> None:
     tree.add("model", "soft", {"sim/models/soft.py": "soft_model.py"}, insertions.MODEL)
-    press = ("indent", "--shape", "cylinder:9", *PRESS, "--model", "soft", "--json")
-    said, help_ = tree.several(press, ("indent", "--help"))
-    found = json.loads(said)
-    assert found["solver"]["model"] == "soft"
-    hard = load("halfspace").indent("cylinder:9", 0.0, doi_mm=0.2)
+    commands = [
+        ("indent", "--shape", shape, *PRESS, "--model", model, "--json")
+        for shape, model in (("parabola:4.5", "halfspace"), ("bar:3.0", "halfspace"), ("cylinder:9", "soft"))
+    ]
+    *said, help_ = tree.several(*commands, ("indent", "--help"))
+    parabola, bar, soft = map(json.loads, said)
+    circle = load("halfspace").indent("cylinder:9", 0.0, doi_mm=0.2).force_n
+    assert parabola["force_n"] == pytest.approx(circle, rel=0.02)
+    assert parabola["force_n"] != circle
+    strains = zip(bar["receptors"]["ep3"], bar["receptors"]["ep1"], strict=True)
+    assert bar["receptors"]["gmax"] == pytest.approx([high - low for high, low in strains])
+    units = "from rig.report.style import *; print(unit('gmax'), unit('s11'))"
+    assert tree.python(units).split() == ["strain", "pseudo-units"]
+    assert (soft["solver"]["model"], soft["force_n"]) == ("soft", pytest.approx(0.5 * circle, rel=1e-6))
     assert "soft" in help_
-    assert found["force_n"] == pytest.approx(0.5 * hard.force_n, rel=1e-6)
 
 
 def test_a_command(tree: Tree) -> None:

@@ -15,7 +15,6 @@ import pytest
 
 from sim import MEASURES
 from tests.program import Program, program_of
-from tests.sim.test_door import checked
 
 ROOT = Path(__file__).parents[1]
 GALLERY = ROOT / "examples" / "gallery"
@@ -232,11 +231,6 @@ def test_each_is_tried() -> None:
 @pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
 def test_each_is_one_page_of_code(path: Path) -> None:
     assert len([line for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]) <= 40
-
-
-def test_their_types_hold_without_plugins(tmp_path: Path) -> None:
-    printed = checked(LIBRARY, tmp_path)
-    assert printed.startswith("Success: no issues found in 12 source files"), printed
 
 
 def test_one_runs_as_a_script_beside_processes(tmp_path: Path) -> None:

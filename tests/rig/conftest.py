@@ -215,9 +215,8 @@ class SpringBench:
 
 
 @pytest.fixture
-def spring(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., SpringBench]]:
-    """Make a spring bench; its journal skips the disk's flush, which test_journal.py looks at."""
-    monkeypatch.setattr("rig.data.journal.os.fsync", lambda fd: None)
+def spring(tmp_path: Path) -> Iterator[Callable[..., SpringBench]]:
+    """Make a spring bench."""
     made: list[SpringBench] = []
 
     def make(**options: Any) -> SpringBench:

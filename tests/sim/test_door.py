@@ -38,7 +38,7 @@ def test_the_door_itself_weighs_nothing() -> None:
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-def checked(files: Sequence[Path], tmp_path: Path) -> str:
+def _checked(files: Sequence[Path], tmp_path: Path) -> str:
     """What mypy --strict says of a user's files, with no plugin and no configuration but an empty one."""
     empty = tmp_path / "mypy.ini"
     empty.write_text("[mypy]\n")
@@ -60,11 +60,12 @@ reveal_type(__version__)
 """
 
 
-def test_a_type_checker_without_plugins_agrees_and_warns(tmp_path: Path) -> None:
+def test_a_type_checker_without_plugins_agrees_with_the_gallery_and_warns(tmp_path: Path) -> None:
     right, wrong = tmp_path / "right.py", tmp_path / "wrong.py"
     right.write_text(USER)
     wrong.write_text("from sim import MeshSpec, Tissue\nTissue(epidermis=0.3)\nMeshSpec(level='finest')\n")
-    said = checked([right, wrong], tmp_path)
+    said = _checked([right, wrong, *sorted((ROOT / "examples" / "gallery" / "library").glob("*.py"))], tmp_path)
+    assert "(checked 14 source files)" in said
     assert 'right.py:7: note: Revealed type is "float"' in said.replace("builtins.float", "float")
     assert 'right.py:8: note: Revealed type is "str"' in said.replace("builtins.str", "str")
     assert "wrong.py:2: error" in said

@@ -130,7 +130,7 @@ def test_nine_fingers_that_differ_in_moduli_alone_are_interpolated(
 def test_the_command(
     run: Run, coarse: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str],
     work: Counter[str],
-    request: pytest.FixtureRequest,
+    empty_figures: None,
 ) -> None:  # fmt: skip
     """Ranges in answer and report, the same bytes twice, and no work once the fingers are in the cache."""
     by_force = next(stimulus for stimulus in stimuli(run, coarse) if stimulus.kind == "force_gwt")
@@ -161,7 +161,6 @@ def test_the_command(
     assert answer["fingers"]["built"] == 3
     row = next(row for row in answer["fingers"]["joint"] if row["measure"] == "sed")
     assert {"k_interval", "eps0_interval", "best_finger", "on_this_finger"} <= set(row)
-    request.getfixturevalue("empty_figures")  # only what it says is looked at from here on
     without = json.loads(compared("--out", plain, "--json"))
     assert "fingers" not in without
     other = {

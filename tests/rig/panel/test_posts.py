@@ -33,30 +33,26 @@ def by_hand(**more: Any) -> StubOwner:
 # --- what is understood ---
 
 
+NO_OBJECTS = {
+    **dict.fromkeys((b"", b"{", b"[]", b'"a"', b"null", b"\xff", b"[" * 4000), (400, "no_json_object")),
+    **dict.fromkeys((b'{"speed_mm_s": NaN}', b'{"speed_mm_s": Infinity}'), (400, "no_json_object")),
+    b" " * (MOST_BYTES + 1): (413, "body_too_large"),
+}
+
+
 @pytest.mark.parametrize("path", ALL)
-@pytest.mark.parametrize(
-    ("body", "found"),
-    [
-        *((body, (400, "no_json_object")) for body in (b"", b"{", b"[]", b'"a"', b"null", b"\xff", b"[" * 4000)),
-        (b'{"speed_mm_s": NaN}', (400, "no_json_object")),
-        (b'{"speed_mm_s": Infinity}', (400, "no_json_object")),
-        (b" " * (MOST_BYTES + 1), (413, "body_too_large")),
-    ],
-    ids=lambda value: str(value)[:24],
-)
-def test_what_is_no_object_is_refused_and_does_nothing(
-    path: str, body: bytes, found: tuple[int, str], make: Make
-) -> None:
+def test_what_is_no_object_is_refused_and_does_nothing(path: str, make: Make) -> None:
     panel = make(StubOwner(), by_hand())
-    assert panel.refused(f"/{path}", body) == found
-    assert [one.asked for one in panel.owners] == [[], []]
-    assert (panel.bench.taken, panel.watcher.tabs.holder) == (0, None)
+    for body, found in NO_OBJECTS.items():
+        assert panel.refused(f"/{path}", body) == found, body[:24]
+        assert [one.asked for one in panel.owners] == [[], []], body[:24]
+        assert (panel.bench.taken, panel.watcher.tabs.holder) == (0, None), body[:24]
 
 
 @pytest.mark.parametrize("path", ALL)
-@pytest.mark.parametrize("kind", [None, "text/plain", "application/x-www-form-urlencoded", "application/jsonx"])
-def test_what_a_form_could_send_is_refused(path: str, kind: str | None, panel: StubPanel) -> None:
-    assert panel.refused(f"/{path}", content_type=kind) == (415, "content_type")
+def test_what_a_form_could_send_is_refused(path: str, panel: StubPanel) -> None:
+    for kind in (None, "text/plain", "application/x-www-form-urlencoded", "application/jsonx"):
+        assert panel.refused(f"/{path}", content_type=kind) == (415, "content_type"), kind
 
 
 def test_a_body_in_pieces_is_put_together_and_one_without_end_is_not_waited_for(panel: StubPanel) -> None:
@@ -70,11 +66,10 @@ def test_a_body_in_pieces_is_put_together_and_one_without_end_is_not_waited_for(
     assert panel.post("/take", content_type="application/json; charset=utf-8")[0] == 200
 
 
-@pytest.mark.parametrize("tab", ["", "a" * 65, "t\u00e4b", "a\tb"])
 @pytest.mark.parametrize("path", ALL)
-def test_a_tab_has_a_name(path: str, tab: str, panel: StubPanel) -> None:
-    assert panel.refused(f"/{path}", x_rig_tab=tab.encode("latin-1")) == (400, "no_tab")
-    assert panel.refused(f"/{path}", x_rig_tab=None) == (400, "no_tab")
+def test_a_tab_has_a_name(path: str, panel: StubPanel) -> None:
+    for tab in (None, b"", b"a" * 65, b"t\xe4b", b"a\tb"):
+        assert panel.refused(f"/{path}", x_rig_tab=tab) == (400, "no_tab"), tab
     assert panel.owners[0].asked == []
     assert panel.post("/take", tab="a" * 64)[0] == 200
     assert panel.watcher.tabs.holder == "a" * 64
