@@ -314,15 +314,14 @@ class Revolved(_OfProfile):
         raise ArgumentError("it is round and cannot be turned", code="round")
 
     def _arm(self, offset_mm: Array) -> tuple[Array, Array]:
-        s = np.hypot(*offset_mm)
-        safe = np.where(s > 0, s, 1.0)
-        return s, np.where(s > 0, offset_mm / safe, np.array([[1.0], [0.0]]))
+        from sim.contact.compiled import profile_curves
+
+        return profile_curves.arm(offset_mm)
 
     def _swept(self, s: Array, direction: Array, height: Array, slope: Array, curvature: Array) -> Surface:
-        radial = direction[:, None] * direction[None]
-        around = np.where(s > 0, slope / np.where(s > 0, s, 1.0), curvature)
-        hessian = curvature * radial + around * (np.eye(2)[:, :, None] - radial)
-        return Surface(height, slope * direction, hessian)
+        from sim.contact.compiled import profile_curves
+
+        return Surface(height, *profile_curves.revolved(s, direction, slope, curvature))
 
 
 def turn_suffix(turn_deg: float) -> str:

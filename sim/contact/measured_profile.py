@@ -169,18 +169,8 @@ class MeasuredProfile:
         """
         from sim.contact.compiled import profile_curves
 
-        beyond, side, clipped = self._beyond(s_mm)
-        return self._with_flanks(beyond, side, profile_curves.joined(clipped, self._curve.x, self._curve.c))
-
-    @staticmethod
-    def _with_flanks(beyond: Array, side: Array, profile: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        height, slope, curvature = profile
-        inside = beyond <= 0
-        return (
-            height + STEEPEST_SLOPE * np.maximum(beyond, 0.0),
-            np.where(inside, slope, side * STEEPEST_SLOPE),
-            np.where(inside, curvature, 0.0),
-        )
+        curve = self._curve
+        return profile_curves.measured(s_mm, curve.x, curve.c, self.x_mm[0], self.x_mm[-1], STEEPEST_SLOPE)
 
     def tangent(self, s_mm: Array, y_mm: Array) -> tuple[Array, Array, Array]:
         """Return the profile; beyond an end, the closest plane through that end.

@@ -44,11 +44,7 @@ class Gathered:
             larger = np.zeros((m, after + max(_ROOM, after // 4)) * 2)
             larger[:, :before, :, :before] = self.store[:, :before, :, :before]
             self.store = larger
-        axes = len(self.patch) * np.arange(m)[:, None]
-        rows = self.patch.compliance[(axes + new).reshape(-1, 1), (axes + self._nodes).ravel()]
-        rows = rows.reshape(m, len(new), m, after)
-        self.store[:, before:after, :, :after] = rows
-        self.store[:, :before, :, before:after] = rows[..., :before].transpose(2, 3, 0, 1)
+        skin_compliance.gather(self.patch.compliance, self._nodes, before, self.store)
 
 
 class ContactRegion:
@@ -82,8 +78,9 @@ class FrozenPlanes:
 
     def solve(self, held: Bools) -> LcpSolution | None:
         """Solve for multipliers λ ≥ 0 with gap + Wλ ≥ 0 complementary to them."""
-        entered = (self.gap_mm < 0) & (np.arange(len(held)) < len(self.region.points.nodes))
-        return solve_lcp(self.gap_mm, self.region.skin, self.normal, held if held.any() else entered)
+        if not held.any():
+            held = (self.gap_mm < 0) & (np.arange(len(held)) < len(self.region.points.nodes))
+        return solve_lcp(self.gap_mm, self.region.skin, self.normal, held)
 
     def energy(self, solution: LcpSolution, u: Array) -> float:
         """Return the elastic energy of the displacements u that the multipliers cause."""

@@ -221,9 +221,9 @@ def measured_radius_mm(profile: IndentorProfile) -> float:
     """
     s = np.arange(-_MEASURED_TO_MM, _MEASURED_TO_MM, _MEASURED_STEP_MM)
     turn, chord = _turns(profile, s)
-    closely = np.argsort(turn, kind="stable")[-_MOST_CLOSELY:]
     coarse = turn < _BENT_RAD
-    coarse |= ~np.isin(np.arange(len(turn)), closely)
+    if np.count_nonzero(~coarse) > _MOST_CLOSELY:
+        coarse[np.argsort(turn, kind="stable")[:-_MOST_CLOSELY]] = True
     fine = s[:-1][~coarse, None] + np.linspace(0.0, _MEASURED_STEP_MM, 101)
     turn_within, chord_within = _turns(profile, fine)
     if (turn_within > _EDGE_RAD).any():

@@ -80,6 +80,22 @@ def test_motion_by_forces_that_turn(moved_by_turns: Loops, m: int) -> None:
     np.testing.assert_allclose(moved_by_turns(skin, turn, multipliers), expected, rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.parametrize("m", [1, 2])
+@pytest.mark.parametrize("before", [0, 2, 4])
+@pytest.mark.parametrize("gather", both_ways(skin_compliance.gather))
+def test_compliance_between_some_nodes(gather: Loops, before: int, m: int) -> None:
+    n, nodes = 6, np.array([4, 1, 5, 2])
+    compliance = np.random.default_rng(m).normal(size=(m * n, m * n))
+    compliance += compliance.T
+    of_nodes = compliance.reshape(m, n, m, n)[:, nodes][:, :, :, nodes]
+    store = np.full((m, 5, m, 5), np.nan)
+    store[:, :before, :, :before] = of_nodes[:, :before, :, :before]
+    gather(compliance, nodes, before, store)
+    np.testing.assert_array_equal(store[:, :4, :, :4], of_nodes)
+    assert np.isnan(store[:, 4]).all()
+    assert np.isnan(store[:, :, :, 4]).all()
+
+
 @pytest.mark.parametrize("displaced", both_ways(skin_compliance.displaced))
 def test_displacements_by_few_forces(displaced: Loops) -> None:
     compliance = some_skin(2).store.reshape(12, 12).copy()
@@ -206,6 +222,31 @@ def test_polynomials_joined_at_knots(joined: Loops) -> None:
 
 SEGMENTS = np.array([[0, 1], [1, 2], [2, 3]])
 TANGENTIAL, Y = np.array([[0.0, 1.0, 2.5, 3.0], [0.0, 0.0, 1.0, 1.0]]), np.array([0.2, -0.4, -0.3, 0.5])
+
+
+@pytest.mark.parametrize("measured", both_ways(profile_curves.measured))
+def test_a_measured_profile_has_flanks(measured: Loops) -> None:
+    knots, powers = np.array([-1.0, 0.0, 2.0]), np.array([[0.5, -0.25], [0.1, 0.3], [0.0, 0.6]])
+    s = np.array([-1.5, -1.0, -0.3, 0.0, 1.2, 2.0, 2.25])
+    height, slope, curvature = measured(s, knots, powers, -1.0, 2.0, 1000.0)
+    inside = profile_curves.joined(s[1:-1], knots, powers)
+    np.testing.assert_array_equal([height[1:-1], slope[1:-1], curvature[1:-1]], inside)
+    assert [height[0], height[-1]] == [inside[0][0] + 500.0, inside[0][-1] + 250.0]
+    assert [slope[0], slope[-1], curvature[0], curvature[-1]] == [-1000.0, 1000.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("arm", both_ways(profile_curves.arm))
+@pytest.mark.parametrize("revolved", both_ways(profile_curves.revolved))
+def test_a_profile_turned_about_the_vertical(arm: Loops, revolved: Loops) -> None:
+    offset = np.array([[0.0, 0.3, -0.4, 0.0], [0.0, 0.4, 0.2, -0.7]])
+    s, direction = arm(offset)
+    np.testing.assert_allclose(s, np.hypot(*offset), rtol=1e-15)
+    np.testing.assert_allclose(s * direction, offset, rtol=1e-15)
+    assert direction[:, 0].tolist() == [1.0, 0.0]
+    slope, bend = revolved(s, direction, 3 * s**2, 6 * s)  # of h = s³
+    np.testing.assert_allclose(slope, 3 * s * offset, rtol=1e-14)
+    by_definition = 3 * (np.eye(2)[:, :, None] * s + offset[:, None] * offset / np.where(s > 0, s, 1.0))
+    np.testing.assert_allclose(bend, by_definition, rtol=1e-13, atol=1e-15)
 
 
 @pytest.mark.parametrize("spread", both_ways(points_between_nodes.spread))

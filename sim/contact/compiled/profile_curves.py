@@ -69,3 +69,46 @@ def joined(s: Array, knots: Array, powers: Array) -> tuple[Array, Array, Array]:
             slope[p] = slope[p] * t + height[p]
             height[p] = height[p] * t + power
     return height, slope, curvature
+
+
+@compiled
+def measured(
+    s: Array, knots: Array, powers: Array, first: float, last: float, steepest: float
+) -> tuple[Array, Array, Array]:
+    """Return height, slope and curvature of a profile `joined` between two ends, with flanks beyond them."""
+    height, slope, curvature = joined(np.minimum(np.maximum(s, first), last), knots, powers)
+    middle = 0.5 * (first + last)
+    for p in range(len(s)):
+        beyond = max(s[p] - last, first - s[p])
+        if beyond > 0.0:
+            height[p] += steepest * beyond
+            slope[p] = steepest if s[p] > middle else -steepest
+            curvature[p] = 0.0
+    return height, slope, curvature
+
+
+@compiled
+def arm(offset: Array) -> tuple[Array, Array]:
+    """Return the distances (k,) of points (2, k) from the axis, and the unit vectors (2, k) towards them."""
+    s, direction = np.empty(offset.shape[1]), np.empty(offset.shape)
+    for p in range(len(s)):
+        s[p] = math.hypot(offset[0, p], offset[1, p])
+        if s[p] > 0.0:
+            direction[0, p], direction[1, p] = offset[0, p] / s[p], offset[1, p] / s[p]
+        else:
+            direction[0, p], direction[1, p] = 1.0, 0.0
+    return s, direction
+
+
+@compiled
+def revolved(s: Array, direction: Array, slope: Array, curvature: Array) -> tuple[Array, Array]:
+    """Return slopes (2, k) and second derivatives (2, 2, k) of a profile turned about the vertical."""
+    along, bend = np.empty(direction.shape), np.empty((2, 2, len(s)))
+    for p in range(len(s)):
+        around = slope[p] / s[p] if s[p] > 0.0 else curvature[p]
+        for a in range(2):
+            along[a, p] = slope[p] * direction[a, p]
+            for b in range(2):
+                radial = direction[a, p] * direction[b, p]
+                bend[a, b, p] = curvature[p] * radial + around * ((1.0 if a == b else 0.0) - radial)
+    return along, bend

@@ -21,6 +21,22 @@ class SkinCompliance(NamedTuple):
 
 
 @compiled
+def gather(compliance: Array, nodes: Ints, before: int, store: Array) -> None:
+    """Copy the compliance (m n, m n) between nodes, of which the store (m, N, m, N) has the first `before` ones."""
+    m = len(store)
+    n = len(compliance) // m
+    for a in range(m):
+        for i in range(before, len(nodes)):
+            row = compliance[a * n + nodes[i]]
+            for b in range(m):
+                for j in range(len(nodes)):
+                    motion = row[b * n + nodes[j]]
+                    store[a, i, b, j] = motion
+                    if j < before:
+                        store[b, j, a, i] = motion
+
+
+@compiled
 def worked(
     skin: SkinCompliance, rows: Ints, row_force: Array, columns: Ints, column_force: Array, width: int
 ) -> Array:
