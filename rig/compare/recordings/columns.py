@@ -44,6 +44,7 @@ _ROLES = {
     "time": _Role("time_s", _TIMES),
     "kind": _Role("kind", {}),
     "sync": _Role("sync_pulses", {}),
+    "segment": _Role("segment", {}),
 }
 
 
