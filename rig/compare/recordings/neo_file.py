@@ -8,7 +8,9 @@ carry several labels, such as the lines of a TTL port, also appears once per lab
 import warnings
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from contextlib import redirect_stderr
 from dataclasses import dataclass, field
+from io import StringIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -111,7 +113,7 @@ def _segments(path: Path) -> list[_Channels]:
         raise RecordingError(
             "{path}: {reason}", code="unreadable", path=str(path), reason="No such file or directory"
         )
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), redirect_stderr(StringIO()):  # the reader of Plexon files draws progress bars
         warnings.simplefilter("ignore")  # neo warns of its own future and of channels that are not used here
         neo_io = _neo(path, found)
         try:
@@ -146,9 +148,7 @@ def _blocks(neo_io: Any, found: NeoFormat, path: Path) -> list[Any]:
     if found.reader == "NixIO":
         with kind(str(path), mode="ro") as reader:  # the default mode may write to the file
             return list(reader.read_all_blocks())
-    reader = kind(str(path))
-    reader.progress_bar = False  # Plexon's draws one on the terminal
-    return list(reader.read(lazy=True))  # leaves signals on the disk
+    return list(kind(str(path)).read(lazy=True))  # leaves signals on the disk
 
 
 def _channels(segment: Any) -> _Channels:

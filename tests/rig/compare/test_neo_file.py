@@ -198,10 +198,11 @@ def read(file: str, columns: tuple[str, ...], run: Run) -> Recording:
 
 @every_format
 def test_the_same_comparison_whatever_the_format(
-    kind: Format, tmp_path: Path, make_stimulus: Callable[..., Stimulus]
+    kind: Format, tmp_path: Path, make_stimulus: Callable[..., Stimulus], capfd: pytest.CaptureFixture[str]
 ) -> None:
     path = kind.write(tmp_path / kind.name)
     found = read(f"{path}#{kind.unit}", kind.columns, pulsed(tmp_path))
+    assert capfd.readouterr() == ("", "")
     np.testing.assert_array_equal(found.position_mm, list(SPIKES))
     np.testing.assert_array_equal(found.repeats, np.array(list(SPIKES.values())) / WINDOW_S)
     assert len(found.sha256) == 64
