@@ -92,8 +92,10 @@ def surfaces(pool: Laid) -> dict[str, Surface]:
             of_k = np.where(k > 0, variance(deviance) / (steep * k * k), np.inf)
             log_k = np.where(k > 0, np.log(k), 0.0)
             height = log_likelihood(deviance, 1.0) - 0.5 * np.log(steep * k * k)
-        inside = (k > 0) & (eps0 > rising.min(axis=1, keepdims=True) - 2 * reach) & (of_k < _WIDEST)
-        log_weight = np.where(inside, height + np.log(np.gradient(eps0, axis=1)), -np.inf)
+        inside = (k > 0) & (reach > 0) & (eps0 > rising.min(axis=1, keepdims=True) - 2 * reach) & (of_k < _WIDEST)
+        log_weight = np.where(
+            inside, height + np.log(np.maximum(np.gradient(eps0, axis=1), np.finfo(float).tiny)), -np.inf
+        )
         log_mass = logsumexp(log_weight, axis=1) if len(fitted) else np.empty(0)
         seen = np.isfinite(log_mass)
         weight = np.exp(log_weight[seen] - log_mass[seen, None])
