@@ -300,13 +300,22 @@ class _Normal(NamedTuple):
         share /= np.maximum(share.sum(axis=2, keepdims=True), np.finfo(float).tiny)
         a, b, c = self._sums(variance)
         determinant = a * c - b * b
-        off, wide = self.mean - centre[:, None, None], variance[:, None, None]
-        pulled = np.stack([c * off[..., 0] - b * off[..., 1], a * off[..., 1] - b * off[..., 0]], axis=-1)
-        at = centre[:, None, None] + wide * pulled / determinant[..., None]
-        left = wide * (1 - wide * np.stack([c, a], axis=-1) / determinant[..., None])
+        inverse = (
+            np.stack([np.stack([c, -b], axis=-1), np.stack([-b, a], axis=-1)], axis=-2) / determinant[..., None, None]
+        )
+        precision = np.einsum("mar,marij->mij", share, inverse)
+        pull = np.einsum("mar,marij,marj->mi", share, inverse, self.mean)
+        lined = share.sum(axis=(1, 2)) > 0
+        moved = np.where(
+            lined[:, None],
+            np.linalg.solve(np.where(lined[:, None, None], precision, np.eye(2)), pull[..., None])[..., 0],
+            centre,
+        )
+        wide = variance[:, None, None]
+        off = wide * np.einsum("marij,marj->mari", inverse, self.mean - moved[:, None, None])
+        left = wide * (1 - wide * np.diagonal(inverse, axis1=-2, axis2=-1))
         weight = (share / np.maximum(share.sum(axis=(1, 2), keepdims=True), np.finfo(float).tiny))[..., None]
-        moved = (weight * at).sum(axis=(1, 2))
-        spread = (weight * (left + (at - moved[:, None, None]) ** 2)).sum(axis=(1, 2))
+        spread = (weight * (left + off**2)).sum(axis=(1, 2))
         return moved, np.clip(spread, *_VARIANCES)
 
     def _sums(self, variance: Array) -> tuple[Array, Array, Array]:
@@ -317,8 +326,10 @@ class _Normal(NamedTuple):
 
 def _most_likely(surface: _Normal) -> tuple[Array, Array]:
     """Return maximum-likelihood means and variances (M, 2) of log gain and threshold."""
-    best = surface.log_mass.argmax(axis=2)[..., None, None]
-    centre = np.median(np.take_along_axis(surface.mean, best, axis=2)[:, :, 0], axis=1)
+    best = np.take_along_axis(surface.mean, surface.log_mass.argmax(axis=2)[..., None, None], axis=2)[:, :, 0]
+    lined = np.isfinite(surface.log_mass).any(axis=2)
+    centre = np.array([np.median(own[here], axis=0) if here.any() else np.zeros(2)
+                       for own, here in zip(best, lined, strict=True)])  # fmt: skip
     variance = np.full_like(centre, _FIRST_SD**2)
     for _ in range(_ROUNDS):
         before = variance
