@@ -12,6 +12,7 @@ from typing import Annotated, NamedTuple
 
 import typer
 
+from rig.cli.compare_group import GroupInput, compare_group, named_group, refuse_options
 from rig.cli.options import ExactOption, JsonOption, checked_file, numbers
 from rig.cli.output import THE_FINGER, busy, one_line_errors, out, print_json, renamed
 from rig.compare.comparison import Comparison, compare, left_out_lines, left_out_rows
@@ -49,7 +50,7 @@ def command(
         list[str] | None,
         typer.Option(
             metavar="SHAPE=FILE",
-            help="Recording: rates, counts or spike times, CSV or NWB. May be repeated.",
+            help="Recording (may be repeated), or a table or folder of several afferents.",
             rich_help_panel=_RECORDING,
         ),
     ] = None,
@@ -165,8 +166,38 @@ def command(
         for option, path in {"--out": out_file, "--pdf": pdf}.items():
             if path is not None:
                 checked_file(option, path)
-        plausible = None if fingers is None else read_plausible(fingers)
+        report = out_file or runs[0] / "comparison.html"
         found = [read_run(path) for path in runs]
+        if (group := named_group(recorded or [])) is not None:
+            refuse_options(
+                group,
+                {
+                    "--normalize": normalize,
+                    "--saturating": saturating,
+                    "--silent-at-rest": silent_at_rest,
+                    "--place": place,
+                    "--fingers": fingers is not None,
+                    "--deflection": deflection is not None,
+                    "--exact": exact,
+                },
+            )
+            pressed = [one for some in _answered(found, receptors, as_json=as_json) for one in some.stimuli]
+            made_by = {
+                "--recorded": recorded or [],
+                "--columns": columns or [],
+                "--mirror": mirror or [],
+                **_unusual(
+                    ("--window-s", window_s, "0,1"),
+                    ("--field-centre-mm", f"{field_centre_mm:g}", "0"),
+                    ("--receptor-x-mm", receptor_x_mm, None),
+                    ("--receptor-depth-mm", f"{receptor_depth_mm:g}", "0.76"),
+                ),
+            }
+            asked = GroupInput(group, mirror or [], found, pressed, reading, _remade_by(runs, made_by, {}))
+            compare_group(asked, report, pdf, as_json=as_json)
+            _write_sidecar(report, time.perf_counter() - began)
+            return
+        plausible = None if fingers is None else read_plausible(fingers)
         recordings = read_recordings(recorded or [], mirror or [], found, reading)
         if place and not recordings:
             raise BadInputError(
@@ -204,7 +235,6 @@ def command(
             "--silent-at-rest": silent_at_rest,
             "--place": place,
         }
-        report = out_file or runs[0] / "comparison.html"
         with busy("writing the report …", as_json=as_json):
             write_comparison(
                 report,

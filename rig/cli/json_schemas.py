@@ -11,6 +11,7 @@ from typing import Annotated, Any, Literal, NotRequired, Union
 from pydantic import ConfigDict, Field, TypeAdapter
 from typing_extensions import TypedDict
 
+from rig.compare.group import GroupOutcome
 from rig.compare.stimuli import CONTROLS
 from rig.compare.verdict import A_CONSTANT, Outcome
 from rig.data.tables import STATES
@@ -786,6 +787,67 @@ class CompareJson(Output):
     fingers: NotRequired[PlausibleFingersJson]
 
 
+class OfAfferentJson(Output):
+    """Log-likelihood of an afferent below that under the most probable candidate; negative if it is higher."""
+
+    afferent: Name
+    worse_by: Ratio | None
+
+
+class GroupRowJson(Output):
+    """A measure or control as the one in common; gain and threshold in the sign in which the rate rises."""
+
+    candidate: Candidate
+    control: bool
+    probability: Ratio | None
+    worse_by: Ratio | None
+    """Log-likelihood below that of the most probable candidate."""
+    in_set: bool
+    wins: int
+    """Afferents whose maximum-likelihood measure it is, each on its own."""
+    kept: int
+    """Afferents in whose set it is."""
+    gain: float | None
+    """Geometric mean over the afferents."""
+    gain_interval: Limits
+    gain_factor: Ratio | None
+    """Exponential of the standard deviation of the log gain between afferents."""
+    threshold: float | None
+    threshold_interval: Limits
+    threshold_sd: float | None
+    by_afferent: list[OfAfferentJson]
+
+
+class GroupVerdictJson(Output):
+    """The verdict on the group; rows are most probable first."""
+
+    outcome: GroupOutcome
+    answer_text: str
+    besides_text: list[str]
+    afferents: int
+    unexplained: int
+    """Afferents whose own verdict rejects every measure."""
+    set: list[Candidate]
+    rows: list[GroupRowJson]
+    method_text: str
+
+
+class AfferentAnswerJson(Output):
+    """An afferent and its own verdict."""
+
+    afferent: Name
+    answer: AnswerJson
+
+
+class GroupJson(Output):
+    """Several afferents. group: null below two afferents with enough positions."""
+
+    group: GroupVerdictJson | None
+    afferents: list[AfferentAnswerJson]
+    afferents_left_out: list[Name]
+    report: File
+
+
 # --- simulation ---
 
 
@@ -1477,7 +1539,7 @@ OUTPUTS: Mapping[str, tuple[Any, ...]] = {
     "identify": (IdentificationJson,),
     "check": (CheckJson,),
     "resume": (FinishedRunJson,),
-    "compare": (CompareJson,),
+    "compare": (CompareJson, GroupJson),
     "runs": (RunsJson,),
     "show": (ShowJson, ColumnsJson),
     "watch": (WatchJson,),

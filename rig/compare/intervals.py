@@ -58,7 +58,7 @@ def _ends(eps: Array, saturation: float, observed: Observed, form: Form, limit: 
     least = -np.inf
     if form.silent_at_rest:
         eps0, least = np.maximum(eps0, 0.0), 0.0
-    best, deviance, spread = _along(eps, eps0, observed, saturation)
+    best, deviance, spread = along(eps, eps0, observed, saturation)
     room = limit - deviance
     with np.errstate(over="ignore"):  # any k fits if no position is above ε₀
         reach = np.sqrt(np.maximum(room, 0.0) / spread)
@@ -87,7 +87,7 @@ def _on_fingers(candidates: Candidates, fit: Fitted, row: int) -> Array:
     return np.concatenate([fit.eps[row : row + 1], at @ candidates.eps[:, row]])
 
 
-def _along(eps: Array, eps0: Array, observed: Observed, saturation: float) -> tuple[Array, Array, Array]:
+def along(eps: Array, eps0: Array, observed: Observed, saturation: float) -> tuple[Array, Array, Array]:
     """Return the best k at each ε₀ (places, q), its deviance, and half the second derivative of that by k."""
     above = np.maximum(eps[:, None] - eps0[..., None], 0.0)
     k = _slope(above, observed.rate, 1 / observed.variance(observed.smooth))

@@ -44,6 +44,7 @@ _ROLES = {
     "time": _Role("time_s", _TIMES),
     "kind": _Role("kind", {}),
     "sync": _Role("sync_pulses", {}),
+    "segment": _Role("segment", {}),
 }
 
 
@@ -209,7 +210,7 @@ def read_table(
     Separators are commas, semicolons or tabs; `others` says that columns besides these are no mistake. Raises
     RecordingError.
     """
-    lines = _lines(path)
+    lines = table_lines(path)
     header = lines[0] if lines else []
     wanted = (*required, *optional)
     for name in required:
@@ -256,10 +257,10 @@ def no_rows(path: Path, expected: str) -> RecordingError:
 
 def header_of(path: Path) -> list[str]:
     """The names of the columns; none of an empty file. Raises RecordingError."""
-    return (_lines(path) or [[]])[0]
+    return (table_lines(path) or [[]])[0]
 
 
-def _lines(path: Path) -> list[list[str]]:
+def table_lines(path: Path) -> list[list[str]]:
     """Stripped cells, by the separator that makes the most columns of the header."""
     try:
         text = path.read_text(encoding="utf-8-sig").splitlines()

@@ -8,8 +8,9 @@ from pathlib import Path
 
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import ColumnMap, RecordingColumn, Row, header_of, no_rows, read_table
+from rig.compare.recordings.neo_file import neo_format
 from rig.compare.recordings.recording import Recording, ShapeKey, recording, shape_key, with_enough_positions
-from rig.compare.recordings.spikes import NWB, SPIKES, SPIKES_IN_NWB, rates_in_run, read_spike_times
+from rig.compare.recordings.spikes import NWB, SPIKES, SPIKES_IN_NEO, SPIKES_IN_NWB, rates_in_run, read_spike_times
 from rig.data import Run
 from sim.contact.shapes import shape_name
 
@@ -165,15 +166,20 @@ def _is_shape(text: str) -> bool:
 
 
 def _file_and_unit(text: str) -> tuple[Path, str]:
-    """A file, and of an NWB file the unit that is named after it: "afferent.nwb#3"."""
-    file, mark, unit = text.rpartition(f"{NWB}#")
-    return (Path(file + NWB), unit) if mark else (Path(text), "")
+    """A file, and of a file with units the one that is named after it: "afferent.nwb#3"."""
+    marks = [] if Path(text).exists() else [n for n, sign in enumerate(text) if sign == "#"]
+    parted = [(text[:n], text[n + 1 :]) for n in marks]  # a unit may be called "ch1#2"
+    named = (one for one in parted if one[0].endswith(NWB) or neo_format(Path(one[0])) is not None)
+    file, unit = next(named, (text, ""))
+    return Path(file), unit
 
 
 def _roles(path: Path, columns: ColumnMap) -> Roles:
     """Return the required and the optional roles of a file's columns, by its kind."""
     if path.suffix == NWB:
         return SPIKES_IN_NWB
+    if neo_format(path) is not None:
+        return SPIKES_IN_NEO
     if columns["time"].name in header_of(path):
         return SPIKES
     return COUNTS if holds_counts(path, columns) else RATES
@@ -222,5 +228,10 @@ def _refuse_unused(files: Sequence[str], columns: ColumnMap) -> None:
 
 
 def sha256(path: Path) -> str:
-    """Return the SHA-256 of a file, for provenance."""
+    """Return the SHA-256 of a file, for provenance; of a folder, that of its files' names and SHA-256."""
+    if path.is_dir():
+        inside = [
+            f"{one.relative_to(path).as_posix()} {sha256(one)}" for one in sorted(path.rglob("*")) if one.is_file()
+        ]
+        return hashlib.sha256("\n".join(inside).encode()).hexdigest()
     return hashlib.sha256(path.read_bytes()).hexdigest()

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import ColumnMap, read_table
+from rig.compare.recordings.neo_file import neo_format, read_neo
 from rig.compare.recordings.recording import Recording, condition_of, recording, shape_key
 from rig.compare.stimuli import Stimulus
 from rig.data import Run
@@ -117,6 +118,7 @@ _SAME_PLACE_DECIMALS = 3
 
 SPIKES = (("time",), ("kind",))
 SPIKES_IN_NWB = (("time",), ("sync",))
+SPIKES_IN_NEO: tuple[tuple[str, ...], tuple[str, ...]] = ((), ("sync", "segment"))
 """Roles of required and of optional columns, by kind of file."""
 
 
@@ -124,10 +126,16 @@ def read_spike_times(path: Path, run: Run, unit: str = "", columns: ColumnMap | 
     """(n,) ascending s since the run's start, from NWB or a CSV with columns `time_s[,kind]`. Raises RecordingError.
 
     Rows of kind "sync" are the run's pulses as the amplifier saw them: offset and drift between the two clocks are
-    fitted to them. Without such rows the times must count from its start already. `unit` is the one of an NWB file.
+    fitted to them. Without such rows the times must count from its start already. `unit` is the one of a file that
+    may have several.
     """
     columns = columns or ColumnMap()
-    spikes, pulses = read_nwb(path, unit, columns) if path.suffix == NWB else _read_csv(path, columns)
+    if path.suffix == NWB:
+        spikes, pulses = read_nwb(path, unit, columns)
+    elif neo_format(path) is not None:
+        spikes, pulses = read_neo(path, unit, columns)
+    else:
+        spikes, pulses = _read_csv(path, columns)
     if not len(spikes):
         raise RecordingError(
             "{path}: contains no spikes; at least one spike time is required", code="no_spikes", path=str(path)

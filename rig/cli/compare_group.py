@@ -1,0 +1,91 @@
+"""`rig compare` with a table or folder of several afferents."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rig.cli.output import busy, out, print_json
+from rig.compare.comparison import Comparison, compare
+from rig.compare.group import group_verdict
+from rig.compare.group_text import afferents_as_json, group_as_json, in_short, sentence_of_group, sentences_of_group
+from rig.compare.likelihood import Form
+from rig.compare.make_verdict import Laid, afferents, answers, laid
+from rig.compare.recordings.afferents_table import Recordings, read_afferents
+from rig.compare.recordings.reading import Reading
+from rig.compare.stimuli import Stimulus
+from rig.compare.verdict import AfferentVerdict
+from rig.data import Run
+from rig.errors import BadInputError
+from rig.report.group_page import GroupPage, write_group_page
+
+_SILENT = "it is silent at every position"
+_TOO_FEW = "the runs cover too few of its positions"
+
+
+def named_group(recorded: Sequence[str]) -> Path | None:
+    """Return the table or folder of several afferents that --recorded names, or None."""
+    paths = [Path(text) for text in recorded if Path(text).exists()]
+    return paths[0] if len(recorded) == 1 and paths else None
+
+
+class GroupInput(NamedTuple):
+    """What a group is compared with, and how it was asked for."""
+
+    path: Path
+    mirror: Sequence[str]
+    runs: Sequence[Run]
+    stimuli: Sequence[Stimulus]
+    reading: Reading
+    command: str
+
+
+def refuse_options(path: Path, given: Mapping[str, bool]) -> None:
+    """Refuse options that apply to the recordings of one afferent only."""
+    for option, is_given in given.items():
+        if is_given:
+            raise BadInputError(
+                "{option} does not apply to several afferents; remove it, or compare one afferent with --recorded "
+                "SHAPE=FILE",
+                code="not_for_groups",
+                option=option,
+                path=path,
+            )
+
+
+def compare_group(of: GroupInput, report: Path, pdf: Path | None, *, as_json: bool) -> None:
+    """Compare every afferent and the group, and write the page."""
+    found: Recordings = read_afferents(of.path, of.mirror, of.runs, of.stimuli, of.reading)
+    judged: dict[str, tuple[Laid, AfferentVerdict]] = {}
+    left_out: dict[str, str] = {}
+    compared: list[Comparison] = []
+    with busy("comparing every measure with every afferent …", as_json=as_json, size=len(found)):
+        for name, recordings in found.items():
+            comparison = compare(of.stimuli, recordings)
+            compared.append(comparison)
+            if not any(one.rate.any() for one in recordings.values()):
+                left_out[name] = _SILENT
+                continue
+            (overlays,) = afferents(comparison)
+            pool, verdict = laid(overlays, Form()), answers(comparison)
+            if pool is None or not verdict:
+                left_out[name] = _TOO_FEW
+            else:
+                judged[name] = pool, verdict[0]
+        group = group_verdict(judged)
+    verdicts = {name: one for name, (_, one) in judged.items()}
+    page = GroupPage(group, verdicts, found, left_out, of.runs, of.command, compared[0].small_strain.note)
+    with busy("writing the report …", as_json=as_json):
+        write_group_page(report, page, pdf)
+    if as_json:
+        rows: dict[str, Any] = {"group": group_as_json(group), "afferents": afferents_as_json(verdicts)}
+        print_json(rows | {"afferents_left_out": list(left_out), "report": str(report)})
+        return
+    out.print(page.title)
+    out.print(f"group       {sentence_of_group(group)}")
+    for line in sentences_of_group(group) if group is not None else ():
+        out.print(f"            {line}")
+    for name, one in verdicts.items():
+        out.print(f"{name:<12}{in_short(one)}")
+    for name, why in left_out.items():
+        out.print(f"{name:<12}left out: {why}")
+    out.print(f"report      {report}")

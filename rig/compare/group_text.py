@@ -1,0 +1,125 @@
+"""A verdict on several afferents in words, and as JSON."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rig.compare.comparison_rows import answers_as_json
+from rig.compare.group import FEWEST, GroupRow, GroupVerdict
+from rig.compare.verdict import AfferentVerdict, six_digits
+
+METHOD = (
+    "Each afferent has its own receptor, gain k and threshold ε₀. For every measure, the likelihood of an afferent "
+    "is averaged over the receptors and integrated over k and ε₀, whose population is normal in log|k| and ε₀. The "
+    "probability of a measure assumes that one measure or control is common to all afferents, and that all are "
+    "equally probable beforehand; the set shares 95 % of it. The noise of an afferent is integrated out, and counts "
+    "as larger where no candidate fits. Intervals of the mean gain and threshold are those of Knapp and Hartung."
+)
+SYNTHETIC = "synthetic"
+
+
+def sentence_of_group(verdict: GroupVerdict | None) -> str:
+    """Return the verdict on the group in one sentence."""
+    if verdict is None:
+        return f"A group requires {FEWEST} afferents with enough positions; there is no verdict on the group."
+    best, number = verdict.best, len(verdict.afferents)
+    if verdict.outcome == "nothing":
+        return (
+            f"No measure explains these afferents: {verdict.unexplained} of {number} reject every measure. "
+            f"The most probable one in common is {best.name}."
+        )
+    if verdict.outcome == "one measure":
+        return f"{best.name} explains these {number} afferents as the one measure in common."
+    names = listed_names(verdict.set)
+    if verdict.outcome == "not beyond controls":
+        return f"No measure is shown to explain these {number} afferents: {names} share 95 % of the probability."
+    return f"Several measures explain these {number} afferents and cannot be distinguished: {names}."
+
+
+def sentences_of_group(verdict: GroupVerdict) -> list[str]:
+    """Return further sentences, most important first."""
+    number = len(verdict.afferents)
+    others = [row for row in verdict.rows if not row.in_set]
+    besides = (
+        f"The next candidate, {others[0].name}, has a log-likelihood that is lower by {others[0].worse_by:.1f}."
+        if others
+        else "No candidate is excluded."
+    )
+    wins = ", ".join(f"{row.name} {row.wins}" for row in verdict.rows if row.wins)
+    best = verdict.best
+    return [
+        f"Probability: {listed_probabilities(verdict.set)}. {besides}",
+        f"Maximum-likelihood measure of each afferent alone: {wins}, of {number} afferents. {best.name} is in the "
+        f"set of {best.kept}, and {verdict.unexplained} reject every measure.",
+    ]
+
+
+def in_short(verdict: AfferentVerdict) -> str:
+    """Return the verdict on one afferent as a line of a table."""
+    inside = f"{len({row.name for row in verdict.set})} measures in the set"
+    controls = ", ".join(dict.fromkeys(row.name for row in verdict.controls_in_set))
+    found = {
+        "explained": "explained",
+        "not beyond controls": f"not beyond controls ({controls})",
+        "nothing": "every measure is rejected",
+    }[verdict.outcome]
+    return f"{found}; {inside}; maximum-likelihood pair {verdict.closest.title}"
+
+
+def listed_names(rows: Sequence[GroupRow]) -> str:
+    """Return names, e.g. "ep1, sed and skin pressure"."""
+    names = [row.name for row in rows]
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def listed_probabilities(rows: Sequence[GroupRow]) -> str:
+    """Return names with their probabilities."""
+    return ", ".join(f"{row.name} {100 * row.probability:.0f} %" for row in rows)
+
+
+def is_synthetic(names: Sequence[str]) -> bool:
+    """Return whether any recording is synthetic by its name."""
+    return any(SYNTHETIC in name.casefold() for name in names)
+
+
+def group_as_json(verdict: GroupVerdict | None) -> dict[str, Any] | None:
+    """Return the verdict on the group for `--json`."""
+    if verdict is None:
+        return None
+    return {
+        "outcome": verdict.outcome,
+        "answer_text": sentence_of_group(verdict),
+        "besides_text": sentences_of_group(verdict),
+        "afferents": len(verdict.afferents),
+        "unexplained": verdict.unexplained,
+        "set": [row.name for row in verdict.set],
+        "rows": [_row(row, list(verdict.afferents)) for row in verdict.rows],
+        "method_text": METHOD,
+    }
+
+
+def _row(row: GroupRow, afferents: Sequence[str]) -> dict[str, Any]:
+    of = row.population
+    return {
+        "candidate": row.name,
+        "control": row.control,
+        "probability": six_digits(row.probability),
+        "worse_by": six_digits(row.worse_by),
+        "in_set": row.in_set,
+        "wins": row.wins,
+        "kept": row.kept,
+        "gain": six_digits(of.gain),
+        "gain_interval": [six_digits(end) for end in of.gain_limits],
+        "gain_factor": six_digits(of.gain_factor),
+        "threshold": six_digits(of.threshold),
+        "threshold_interval": [six_digits(end) for end in of.threshold_limits],
+        "threshold_sd": six_digits(of.threshold_sd),
+        "by_afferent": [
+            {"afferent": name, "worse_by": six_digits(float(value))}
+            for name, value in zip(afferents, row.by_afferent, strict=True)
+        ],
+    }
+
+
+def afferents_as_json(verdicts: Mapping[str, AfferentVerdict]) -> list[dict[str, Any]]:
+    """Return the verdict on each afferent alone for `--json`."""
+    return [{"afferent": name, "answer": answers_as_json([one])[0]} for name, one in verdicts.items()]

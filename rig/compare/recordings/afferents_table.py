@@ -1,0 +1,194 @@
+"""Recordings of several afferents: a table that names them, or a folder with one folder per afferent.
+
+Columns of a table: `afferent,shape,file[,depth_mm][,force_gwt][,columns]`; files are relative to the table. In a
+folder, AFFERENT/SHAPE@CONDITION.csv is named like --recorded, with a hyphen for the colon: a01/step-1@8gwt.csv.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+from rig.compare.exceptions import RecordingError
+from rig.compare.recordings.columns import column_list, column_map, no_rows, table_lines
+from rig.compare.recordings.reading import Reading, read_recordings
+from rig.compare.recordings.recording import Recording, shape_key
+from rig.compare.stimuli import Stimulus
+from rig.data import Run
+from rig.errors import code_of
+
+REQUIRED = ("afferent", "shape", "file")
+OPTIONAL = ("depth_mm", "force_gwt", "columns")
+_CONDITIONS = {"depth_mm": "mm", "force_gwt": "gwt"}
+_TABLE = "afferents.csv"
+
+
+class _Named(NamedTuple):
+    """A recording by name: where it is named, its afferent, SHAPE[@CONDITION], its file, and its own --columns."""
+
+    where: str
+    row: int
+    afferent: str
+    shape: str
+    file: str
+    columns: str = ""
+
+
+Recordings = dict[str, dict[str, Recording]]
+"""Recordings by afferent and by what they are of."""
+
+
+def read_afferents(
+    path: Path, mirror: Sequence[str], runs: Sequence[Run], stimuli: Sequence[Stimulus], reading: Reading
+) -> Recordings:
+    """Return the recordings that a table or a folder names.
+
+    Raises
+    ------
+    RecordingError
+        With a line for every row that cannot be used; `rows` has their numbers, codes and sentences.
+    """
+    table = path / _TABLE if path.is_dir() and (path / _TABLE).is_file() else path
+    named, wrong = _in_folder(path) if table.is_dir() else _in_table(table)
+    found: Recordings = {}
+    seen: dict[tuple[str, str], _Named] = {}
+    for one in named:
+        try:
+            ((key, recording),) = read_recordings([f"{one.shape}={one.file}"], [], runs, _own(reading, one)).items()
+            _refuse(one, key, found, seen, stimuli)
+        except (RecordingError, ValueError) as error:
+            wrong.append(_wrong(one.where, one.row, str(error), code_of(error)))
+        else:
+            found.setdefault(one.afferent, {})[key] = recording
+    if wrong:
+        wrong.sort(key=lambda row: int(str(row["row"])))
+        raise RecordingError(
+            "{path}: {bad} recordings cannot be used\n{problems}",
+            code="bad_rows",
+            path=str(path),
+            bad=len(wrong),
+            rows=wrong,
+            problems="\n".join(str(row["problem"]) for row in wrong),
+        )
+    if not found:
+        raise no_rows(table, "recordings")
+    return {afferent: _mirrored(found[afferent], mirror) for afferent in found}
+
+
+Wrong = list[dict[str, object]]
+
+
+def _wrong(where: str, row: int, problem: str, code: str) -> dict[str, object]:
+    return {"row": row, "code": code, "problem": f"{where}: {' '.join(problem.split())}"}
+
+
+def _own(reading: Reading, one: _Named) -> Reading:
+    return replace(reading, columns=column_map(one.columns.split(";"))) if one.columns else reading
+
+
+def _refuse(
+    one: _Named,
+    key: str,
+    found: Recordings,
+    seen: dict[tuple[str, str], _Named],
+    stimuli: Sequence[Stimulus],
+) -> None:
+    """Refuse a shape that the runs do not have, and a recording that is named twice."""
+    shape = key.partition("@")[0]
+    conditions = [stimulus.condition for stimulus in stimuli if stimulus.shape == shape]
+    if not conditions or ("@" in key and key.partition("@")[2] not in conditions):
+        held = [f"{stimulus.shape} at {stimulus.condition}" for stimulus in stimuli]
+        raise RecordingError(
+            "the runs contain no {shape}; they contain {held}", code="never_pressed", shape=key, held=", ".join(held)
+        )
+    if "@" not in key and len(conditions) > 1:
+        raise RecordingError(
+            "{shape} was pressed to {conditions}; state depth_mm or force_gwt",
+            code="several_conditions",
+            shape=shape,
+            conditions=" and ".join(sorted(conditions)),
+        )
+    if key in found.get(one.afferent, {}):
+        raise RecordingError(
+            "afferent {afferent} already has a recording of {shape}; name it once",
+            code="recorded_twice",
+            afferent=one.afferent,
+            shape=key,
+        )
+    same = seen.setdefault((str(Path(one.file).resolve()), key), one)
+    if same is not one:
+        raise RecordingError(
+            "{file} is the recording of {shape} of afferent {other} already ({where})",
+            code="file_twice",
+            file=one.file,
+            shape=key,
+            other=same.afferent,
+            where=same.where,
+        )
+
+
+def _mirrored(found: Mapping[str, Recording], mirror: Sequence[str]) -> dict[str, Recording]:
+    shapes = {shape_key(text).shape for text in mirror}
+    return {key: one.mirrored() if key.partition("@")[0] in shapes else one for key, one in found.items()}
+
+
+def _in_table(path: Path) -> tuple[list[_Named], Wrong]:
+    lines = table_lines(path)
+    header = lines[0] if lines else []
+    columns = column_list(REQUIRED, OPTIONAL)
+    for name in (*REQUIRED, *header):
+        problem = None
+        if name not in header:
+            problem, code = "the column {column} is missing; the columns are {columns}", "no_column"
+        elif name not in (*REQUIRED, *OPTIONAL) or header.count(name) > 1:
+            problem, code = "the column {column!r} is unknown or repeated; the columns are {columns}", "extra_column"
+        if problem is not None:
+            raise RecordingError(
+                f"{{path}}, row 1: {problem}", code=code, path=str(path), column=name, columns=columns
+            )
+    named, wrong = [], []
+    for number, cells in enumerate(lines[1:], 2):
+        where = f"{path}, row {number}"
+        if not any(cells):
+            continue
+        try:
+            named.append(_row(path, number, where, header, cells))
+        except RecordingError as error:
+            wrong.append(_wrong(where, number, str(error), error.code))
+    return named, wrong
+
+
+def _row(path: Path, number: int, where: str, header: list[str], cells: list[str]) -> _Named:
+    if len(cells) != len(header):
+        raise RecordingError(
+            "{cells} cells, but the header has {columns}",
+            code="cells_of_row",
+            cells=len(cells),
+            columns=len(header),
+        )
+    cell = dict(zip(header, cells, strict=True))
+    for name in REQUIRED:
+        if not cell[name]:
+            raise RecordingError("column {column} must not be empty", code="empty_cell", column=name)
+    pressed = [f"{cell[name]}{unit}" for name, unit in _CONDITIONS.items() if cell.get(name)]
+    if len(pressed) > 1 or (pressed and "@" in cell["shape"]):
+        raise RecordingError("state one depth or force", code="several_conditions")
+    shape = "@".join([cell["shape"], *pressed])
+    file = Path(cell["file"])
+    return _Named(where, number, cell["afferent"], shape, str(path.parent / file), cell.get("columns", ""))
+
+
+def _in_folder(path: Path) -> tuple[list[_Named], Wrong]:
+    named = []
+    for number, (afferent, file) in enumerate(_files(path), 1):
+        stem = file.stem if file.is_file() else file.name
+        shape = stem if ":" in stem else stem.replace("-", ":", 1)
+        named.append(_Named(str(file), number, afferent, shape, str(file)))
+    return named, []
+
+
+def _files(path: Path) -> Iterator[tuple[str, Path]]:
+    for folder in sorted(one for one in path.iterdir() if one.is_dir() and not one.name.startswith(".")):
+        for file in sorted(folder.iterdir()):
+            if not file.name.startswith("."):
+                yield folder.name, file

@@ -1,0 +1,261 @@
+"""Spike times and sync pulses from the files of recording systems, read through the package neo.
+
+A file has spike trains and event channels. Spikes come from a spike train, or from an event channel such as the line
+of a spike discriminator. Pulses come from an event channel; of an epoch its beginning counts. A channel whose events
+carry several labels, such as the lines of a TTL port, also appears once per label, as "TTL/1".
+"""
+
+import warnings
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from contextlib import redirect_stderr
+from dataclasses import dataclass, field
+from io import StringIO
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.compare.exceptions import RecordingError
+from rig.compare.recordings.columns import ColumnMap
+
+Array = NDArray[np.float64]
+
+
+class NeoFormat(NamedTuple):
+    """A format: its title, the class of neo that reads it, and whether it was tried on a file of this format."""
+
+    title: str
+    reader: str
+    tried: bool
+
+
+OPEN_EPHYS = NeoFormat("Open Ephys binary", "OpenEphysBinaryIO", True)
+
+BY_SUFFIX = {
+    ".nix": NeoFormat("NIX", "NixIO", True),
+    ".smr": NeoFormat("Spike2", "Spike2IO", True),
+    ".smrx": NeoFormat("Spike2, 64 bit", "CedIO", False),
+    ".plx": NeoFormat("Plexon", "PlexonIO", True),
+    ".pl2": NeoFormat("Plexon 2", "Plexon2IO", False),
+    ".nex": NeoFormat("NeuroExplorer", "NeuroExplorerIO", True),
+    ".nev": NeoFormat("Blackrock", "BlackrockIO", False),
+}
+"""Formats that are one file. Formats that neo unpickles are left out, since such a file can run any code."""
+
+_OEBIN = "structure.oebin"
+_NO_PULSES = "none"
+_MOST_LISTED = 20
+_MOST_LABELS = 64
+
+
+def neo_format(path: Path) -> NeoFormat | None:
+    """Return the format by which neo reads a path, or None for other files."""
+    if path.is_dir():
+        return OPEN_EPHYS if next(path.rglob(_OEBIN), None) is not None else None
+    return BY_SUFFIX.get(path.suffix.lower())
+
+
+@dataclass(frozen=True)
+class _Channels:
+    """Times (s) of a segment's spike trains and event channels, by the names that choose them."""
+
+    trains: Mapping[str, Array] = field(default_factory=dict)
+    events: Mapping[str, Array] = field(default_factory=dict)
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is neither a spike nor an event."""
+        return not any(map(len, (*self.trains.values(), *self.events.values())))
+
+    @property
+    def contents(self) -> str:
+        """List of all names with their numbers of spikes or events."""
+        trains = ", ".join(f"{name} ({len(times)} spikes)" for name, times in _first(self.trains))
+        events = ", ".join(f"{name} ({len(times)} events)" for name, times in _first(self.events))
+        return f"spike trains: {trains or 'none'}; event channels: {events or 'none'}"
+
+
+def _first(channels: Mapping[str, Array]) -> list[tuple[str, Array]]:
+    return list(channels.items())[:_MOST_LISTED]
+
+
+def read_neo(path: Path, unit: str, columns: ColumnMap) -> tuple[Array, Array]:
+    """Return spike times and sync pulses (s, ascending) of a file.
+
+    Parameters
+    ----------
+    path : Path
+        File, or the folder of an Open Ephys recording.
+    unit : str
+        Name of a spike train or event channel; "" for the only spike train.
+    columns : ColumnMap
+        `sync` names the event channel of the pulses, or is "none"; `segment` is a number from 1.
+
+    Raises
+    ------
+    RecordingError
+        If the file cannot be read, or if a choice is missing; the message then lists what is in the file.
+    """
+    segments = _segments(path)
+    segment = _one_segment(path, segments, columns)
+    spikes = _spikes(path, segment, unit)
+    pulses = _pulses(path, segment, columns)
+    return _times(path, *spikes), _times(path, *pulses)
+
+
+def _segments(path: Path) -> list[_Channels]:
+    """Return all segments, those of every block in order."""
+    found = neo_format(path)
+    assert found is not None
+    if not path.exists():
+        raise RecordingError(
+            "{path}: {reason}", code="unreadable", path=str(path), reason="No such file or directory"
+        )
+    with warnings.catch_warnings(), redirect_stderr(StringIO()):  # the reader of Plexon files draws progress bars
+        warnings.simplefilter("ignore")  # neo warns of its own future and of channels that are not used here
+        neo_io = _neo(path, found)
+        try:
+            read = [_channels(segment) for block in _blocks(neo_io, found, path) for segment in block.segments]
+        except Exception as error:  # a reader raises whatever a wrong byte leads to
+            reason = (str(error).strip() or type(error).__name__).splitlines()[0]
+            raise RecordingError(
+                "{path}: neo cannot read this file as {format}: {reason}",
+                code="neo_cannot_read",
+                path=str(path),
+                format=found.title,
+                reason=reason,
+            ) from None
+    return read
+
+
+def _neo(path: Path, found: NeoFormat) -> Any:
+    try:
+        import neo.io  # slow to import, and an optional package
+    except ImportError:
+        raise RecordingError(
+            "{path}: {format} files require the package neo; install it with pip install 'indentation-rig[neo]'",
+            code="neo_missing",
+            path=str(path),
+            format=found.title,
+        ) from None
+    return neo.io
+
+
+def _blocks(neo_io: Any, found: NeoFormat, path: Path) -> list[Any]:
+    kind = getattr(neo_io, found.reader)
+    if found.reader == "NixIO":
+        with kind(str(path), mode="ro") as reader:  # the default mode may write to the file
+            return list(reader.read_all_blocks())
+    return list(kind(str(path)).read(lazy=True))  # leaves signals on the disk
+
+
+def _channels(segment: Any) -> _Channels:
+    trains = _named([(train, _in_seconds(_loaded(train))) for train in segment.spiketrains])
+    events: dict[str, Array] = {}
+    found = [(one, _loaded(one)) for one in (*segment.events, *segment.epochs)]
+    labels = {id(one): loaded for one, loaded in found}
+    for name, (one, times) in _with_names([(one, _in_seconds(loaded)) for one, loaded in found]):
+        events[name] = times
+        texts = np.asarray(labels[id(one)].labels).astype(str)
+        distinct = sorted(set(texts.tolist()))
+        if 1 < len(distinct) <= _MOST_LABELS and len(texts) == len(times):
+            events |= {f"{name}/{text}": times[texts == text] for text in distinct}
+    return _Channels(trains, events)
+
+
+def _loaded(one: Any) -> Any:
+    return one.load() if hasattr(one, "load") else one
+
+
+def _in_seconds(one: Any) -> Array:
+    return np.asarray(one.times.rescale("s").magnitude, dtype=float)
+
+
+def _named(found: list[tuple[Any, Array]]) -> dict[str, Array]:
+    return {name: times for name, (_, times) in _with_names(found)}
+
+
+def _with_names(found: list[tuple[Any, Array]]) -> Iterator[tuple[str, tuple[Any, Array]]]:
+    """Name each channel: by its name, by its id if several share the name, or by its number."""
+    names = [str(one.name or "") for one, _ in found]
+    ids = [str(one.annotations.get("id", "")) for one, _ in found]
+    for number, (pair, name, key) in enumerate(zip(found, names, ids, strict=True), 1):
+        unique = [text for text, all_ in ((name, names), (key, ids)) if text and Counter(all_)[text] == 1]
+        yield (unique[0] if unique else str(number)), pair
+
+
+def _one_segment(path: Path, segments: list[_Channels], columns: ColumnMap) -> _Channels:
+    full = {str(n): one for n, one in enumerate(segments, 1) if not one.empty}
+    if not full:
+        raise RecordingError(
+            "{path}: contains no spikes and no events; at least one spike is required",
+            code="no_spikes",
+            path=str(path),
+        )
+    number = columns.given["segment"].name if "segment" in columns.given else ""
+    if number in full:
+        return full[number]
+    if number == "" and len(full) == 1:
+        return next(iter(full.values()))
+    held = "; ".join(f"segment {n}: {one.contents}" for n, one in full.items())
+    raise RecordingError(
+        "{path}: " + ("there is no segment {segment}" if number else "{segments} segments")
+        + "; use --columns segment=N ({held})",
+        code="no_segment" if number else "several_segments",
+        path=str(path),
+        segment=number,
+        segments=len(full),
+        held=held,
+    )  # fmt: skip
+
+
+def _spikes(path: Path, segment: _Channels, unit: str) -> tuple[str, Array]:
+    both = {**segment.events, **segment.trains}
+    if unit in both:
+        return unit, both[unit]
+    firing = {name: times for name, times in segment.trains.items() if len(times)}
+    if unit == "" and len(firing) == 1:
+        return next(iter(firing.items()))
+    raise RecordingError(
+        "{path}: " + ("there is no unit {unit}" if unit else "{units} spike trains")
+        + "; use SHAPE={file}#UNIT with a name from the file ({held})",
+        code="no_unit" if unit else "several_units",
+        path=str(path),
+        file=path.name,
+        unit=unit,
+        units=len(firing),
+        held=segment.contents,
+    )  # fmt: skip
+
+
+def _pulses(path: Path, segment: _Channels, columns: ColumnMap) -> tuple[str, Array]:
+    name = columns["sync"].name
+    if name in segment.events:
+        return name, segment.events[name]
+    given = "sync" in columns.given
+    if name == _NO_PULSES or (not given and not any(map(len, segment.events.values()))):
+        return name, np.empty(0)
+    raise RecordingError(
+        "{path}: " + ("there is no event channel {name}" if given else "the channel of the sync pulses is unknown")
+        + "; use --columns sync=CHANNEL, or sync=none if times are those of the run's journal ({held})",
+        code="no_pulses" if given else "several_channels",
+        path=str(path),
+        name=name,
+        held=segment.contents,
+    )  # fmt: skip
+
+
+def _times(path: Path, name: str, times: Array) -> Array:
+    wrong = np.flatnonzero(~np.isfinite(times))
+    if len(wrong):
+        raise RecordingError(
+            "{path}, {dataset}, entry {entry}: {value:g} must be a number",
+            code="not_finite",
+            path=str(path),
+            dataset=name,
+            entry=int(wrong[0]) + 1,
+            value=float(times[wrong[0]]),
+        )
+    return np.sort(times)

@@ -1,0 +1,173 @@
+"""Page of several afferents: the verdict on the group, and one on each."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+
+from rig.compare.group import GroupRow, GroupVerdict
+from rig.compare.group_text import METHOD, in_short, is_synthetic, sentence_of_group, sentences_of_group
+from rig.compare.recordings.reading import sha256
+from rig.compare.recordings.recording import Recording
+from rig.compare.verdict import AfferentVerdict
+from rig.compare.verdict_text import percent
+from rig.data import Run
+from rig.data.folder import replace_bytes, replace_text
+from rig.report.page_parts import PageFigure, Section, as_png, render
+from rig.report.style import Plot, as_limits, as_number
+
+_WIDE_IN, _ROW_IN, _AROUND_IN = 9.0, 0.24, 1.5
+_MOST_ROWS = 18
+_LEAST, _MOST = 0.5, 100.0  # differences of log-likelihoods between which colors are told apart
+_MEASURES = (
+    "candidate", "probability", "log-likelihood below the best", "wins", "in the set of", "gain [95 %]",
+    "factor between afferents (1 sd)", "threshold [95 %]", "sd between afferents",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class GroupPage:
+    """Content of the page: verdicts, recordings by afferent, afferents left out with reasons, and provenance."""
+
+    verdict: GroupVerdict | None
+    verdicts: Mapping[str, AfferentVerdict]
+    recordings: Mapping[str, Mapping[str, Recording]]
+    left_out: Mapping[str, str]
+    runs: Sequence[Run]
+    command: str
+    small_strain: str
+
+    @property
+    def title(self) -> str:
+        """Title; it says if a recording is synthetic."""
+        names = [one.name for some in self.recordings.values() for one in some.values()]
+        made = " (synthetic recordings)" if is_synthetic(names) else ""
+        return f"Which measure explains {len(self.recordings)} afferents?{made}"
+
+
+def write_group_page(path: Path, page: GroupPage, pdf: Path | None = None) -> None:
+    """Write the page as HTML, and as PDF if requested, dated by the newest run."""
+    about = f"{', '.join(run.folder.path.name for run in page.runs)} ({page.small_strain})"
+    html = partial(render, "identification.html.j2", title=page.title, about=about, sections=group_sections(page))
+    replace_text(path, html())
+    if pdf is not None:
+        from rig.report.pdf import as_pdf  # slow to import, and most pages need no PDF
+
+        newest = datetime.fromtimestamp(max(int(run.start["unix_s"]) for run in page.runs), UTC)
+        replace_bytes(pdf, as_pdf(html(picture=as_png), newest))
+
+
+def group_sections(page: GroupPage) -> list[Section]:
+    """Return the sections in page order."""
+    verdict = page.verdict
+    found = [Section("Verdict on the group", sentence_of_group(verdict))]
+    if verdict is not None:
+        found = [
+            Section(
+                "Verdict on the group",
+                sentence_of_group(verdict),
+                points=tuple(sentences_of_group(verdict)),
+                figures=(_figure(verdict, page.title),),
+            )
+        ]
+    found.append(_afferents(page))
+    if verdict is not None:
+        found.append(
+            Section(
+                "Candidates in common",
+                METHOD + " Gain and threshold have the sign in which the rate rises, in the unit of the measure.",
+                _MEASURES,
+                tuple(map(_row, verdict.rows)),
+            )
+        )
+    return [*found, _recordings(page), _provenance(page)]
+
+
+def _row(row: GroupRow) -> tuple[str, ...]:
+    of = row.population
+    return (
+        f"{row.name}{' (control)' if row.control else ''}",
+        f"{100 * row.probability:.1f} %",
+        f"{row.worse_by:.1f}",
+        str(row.wins),
+        str(row.kept),
+        f"{as_number(of.gain)} {as_limits(of.gain_limits)}",
+        as_number(of.gain_factor),
+        f"{as_number(of.threshold)} {as_limits(of.threshold_limits)}",
+        as_number(of.threshold_sd),
+    )
+
+
+def _afferents(page: GroupPage) -> Section:
+    rows = [
+        (
+            name,
+            in_short(one),
+            f"{len(one.places.rate)} of {one.recorded}",
+            f"at most {percent(one.ceiling)}" if one.ceiling_from == "monotone" else percent(one.ceiling),
+        )
+        for name, one in page.verdicts.items()
+    ]
+    rows += [(name, f"Left out: {why}", "–", "–") for name, why in page.left_out.items()]
+    return Section(
+        "Verdict on each afferent",
+        "Each row is the verdict of its recordings alone. `rig compare` with --recorded SHAPE=FILE writes its whole "
+        "page.",
+        ("afferent", "verdict", "positions used", "explainable share"),
+        tuple(rows),
+    )
+
+
+def _recordings(page: GroupPage) -> Section:
+    rows = [
+        (afferent, shape, one.name, ", ".join(one.changes) or "–", one.sha256)
+        for afferent, some in page.recordings.items()
+        for shape, one in some.items()
+    ]
+    return Section("Recordings", "", ("afferent", "shape", "file", "changes", "SHA-256"), tuple(rows))
+
+
+def _provenance(page: GroupPage) -> Section:
+    versions = ", ".join(f"{name} {version(name)}" for name in ("indentation-rig", "numpy", "scipy", "matplotlib"))
+    rows = [
+        (run.folder.path.name, sha256(run.folder.events), sha256(run.folder.path / "config.toml"))
+        for run in page.runs
+    ]
+    text = f"This command reproduces the page and its figure: {page.command}. {versions}."
+    return Section("Provenance", text, ("run", "SHA-256 of events.jsonl", "of config.toml"), tuple(rows))
+
+
+def _figure(verdict: GroupVerdict, title: str) -> PageFigure:
+    size = (_WIDE_IN, _AROUND_IN + _ROW_IN * (len(verdict.afferents) + 1))
+    return PageFigure(
+        "Log-likelihood of each afferent under each measure in common",
+        Plot(size, lambda figure: _draw(figure, verdict, title)),
+        f"Below the afferent's best measure; darker is worse, and differences above {_MOST:g} look alike. Dots: the "
+        "maximum-likelihood measure of the afferent alone. Numbers at the top: probabilities in the group.",
+    )
+
+
+def _draw(figure: Figure, verdict: GroupVerdict, title: str) -> None:
+    rows = verdict.rows[:_MOST_ROWS]
+    below = np.array([row.by_afferent for row in rows])
+    below = below - np.array([row.by_afferent for row in verdict.rows]).min(axis=0)
+    axes = figure.subplots()
+    image = axes.imshow(np.clip(below.T, _LEAST, _MOST), norm=LogNorm(_LEAST, _MOST), cmap="cividis_r", aspect="auto")
+    names, afferents = [row.name for row in rows], list(verdict.afferents)
+    for a, one in enumerate(verdict.afferents.values()):
+        if one.closest.name in names:
+            axes.plot(names.index(one.closest.name), a, "o", color="#D55E00", markersize=5)
+    axes.set_xticks(range(len(names)), names, rotation=60, ha="right")
+    axes.set_yticks(range(len(afferents)), afferents)
+    for n, row in enumerate(rows):
+        if row.in_set:
+            axes.text(n, -0.65, f"{100 * row.probability:.0f} %", ha="center", va="bottom", fontsize=8)
+    axes.spines[:].set_visible(False)
+    figure.colorbar(image, ax=axes, label="log-likelihood below the best", extend="both")
+    figure.suptitle(title, fontsize=9)
