@@ -7,21 +7,21 @@ from collections.abc import Hashable, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property, lru_cache, partial
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
 from sim.config import FingertipConfig
-from sim.contact.first_contact import first_touch
+from sim.contact.first_contact import FirstTouch, first_touch
 from sim.contact.indentor import ALONG, Indentor
 from sim.contact.patch import X, Z
 from sim.contact.profiles import IndentorProfile
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import TARGET_RESIDUAL, ContactState
 from sim.contact.warmup import make_ready
-from sim.errors import ModelRangeError, positive, refuse_unless_one, z_outside
+from sim.errors import ArgumentError, ModelRangeError, positive, refuse_unless_one, z_outside
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorPlaces, receptors_at
 from sim.models.cache import keep_tops
@@ -34,6 +34,10 @@ from sim.models.sources import ByRecipe, HalfWidths, MeshKey, ModelSource, OnDis
 from sim.models.stiffening import Under, refuse_stiffening, thickness_mm
 from sim.models.strain_at_points import Anywhere, SeenInside
 from sim.units import GWT_N
+
+if TYPE_CHECKING:
+    from sim.contact.friction import FrictionState
+    from sim.models.friction import FrictionResult, Rubbed
 
 Array = NDArray[np.float64]
 Reference = Literal["contact", "apex"]
@@ -93,6 +97,8 @@ class Fingertip(ByRecipe, SeenInside):
         self._outlines: dict[MeshKey, ModelOutline] = {}
         self._paths: dict[Hashable, dict[float, ContactState]] | None = None
         self._held_mm: Array | None = None
+        self.friction = 0.0
+        self._with_all_axes: dict[tuple[int, ...], Fingertip] = {}
         self._threads = ThreadpoolController()
         self._first_touch = lru_cache(maxsize=_TOUCHES_KEPT)(partial(first_touch, skin=surface))
         self._under = lru_cache(maxsize=_TOUCHES_KEPT)(partial(Under, config, surface))
@@ -260,6 +266,8 @@ class Fingertip(ByRecipe, SeenInside):
         start: ContactState | None = None,
         target: float = TARGET_RESIDUAL,
         other_paths: bool = False,
+        friction: float | None = None,
+        increment_mm: float | None = None,
     ) -> IndentationResult:
         """Press an indentor to a depth or to a force.
 
@@ -288,14 +296,22 @@ class Fingertip(ByRecipe, SeenInside):
         other_paths : bool, optional
             If the answer may depend on how it was reached, reach it by finer steps too, in five to eight times the
             time.
+        friction : float, optional
+            Coefficient of friction between indentor and skin, 0 to 10. Default: that of the finger, 0 unless
+            `with_friction` set it. The first press with friction builds a model with the displacement along every
+            axis (`docs/contact.md`).
+        increment_mm : float, optional
+            Longest increment of a path with friction (mm). Default: 0.05.
 
         Returns
         -------
         IndentationResult
-            Force, pressure, contact and measures at the receptors.
+            Force, pressure, contact and measures at the receptors; a `FrictionResult` with friction.
 
         Raises
         ------
+        ArgumentError
+            If the friction is out of range, or cannot be combined with another argument.
         ModelRangeError
             If the position, depth or force is out of range, or the contact needs a larger patch than there can be.
         ForceOutOfReachError
@@ -323,15 +339,19 @@ class Fingertip(ByRecipe, SeenInside):
         at_mm = self._place(shape, x_mm, z_mm)
         touch = self._first_touch(shape, at_mm)
         height = self.apex_height_mm if reference == "apex" else touch.height_mm
-        if doi_mm is not None and not 0 < doi_mm <= self.deepest_doi_mm:
-            raise ModelRangeError(
-                "DOI {doi_mm:g} mm: must be more than 0 and at most {deepest_mm:g} mm",
-                code="doi_outside",
-                doi_mm=doi_mm,
-                deepest_mm=self.deepest_doi_mm,
-            )
+        if doi_mm is not None:
+            self._refuse_doi(doi_mm)
         if force_gwt is not None:
             positive(force_gwt)
+        rubbing = self.friction if friction is None else friction
+        if rubbing != 0:
+            if other_paths:
+                raise ArgumentError(
+                    "friction and other paths cannot be combined; remove one", code="friction_with_other_paths"
+                )
+            place = x_mm, self.config.receptor_plane_mm if z_mm is None else z_mm
+            rubbed = self._rubbed(shape, rubbing, target, increment_mm)
+            return self._pressed_with_friction(rubbed, place, touch, height, doi_mm, force_gwt, start)
         patch = None
         while True:
             model = self.model_for(shape.axes, patch)
@@ -364,6 +384,76 @@ class Fingertip(ByRecipe, SeenInside):
             other_forces_n=tuple(other.normal_force * strained.force * self.e_epidermis_mpa for other in others),
             strained=strained,
         )
+
+    def with_friction(self, friction: float) -> "Fingertip":
+        """Copy the finger; the copy presses with friction.
+
+        Parameters
+        ----------
+        friction : float
+            Coefficient of friction between indentor and skin, 0 to 10.
+
+        Returns
+        -------
+        Fingertip
+            The copy. Without friction its answers are those of the finger.
+
+        Raises
+        ------
+        ArgumentError
+            If the friction is out of range.
+        """
+        from sim.models.friction import checked_friction, rubbing_finger
+
+        copied = copy(self)
+        copied.friction = checked_friction(friction)
+        plain = self.recipe.arguments[0] if self.recipe.make is rubbing_finger else self.recipe
+        copied.recipe = Recipe.of(rubbing_finger, plain, friction) if friction else plain  # type: ignore[assignment]
+        return copied
+
+    def drag(
+        self, indentor: Indentor | IndentorProfile | str, x_mm: Sequence[float], doi_mm: float,
+        increment_mm: float | None = None,
+    ) -> "list[FrictionResult]":  # fmt: skip
+        """Press at the first position, then slide the indentor from position to position at the same depth.
+
+        Parameters
+        ----------
+        indentor : Indentor, IndentorProfile or str
+            The shape, for example ``"bar:3.0"``.
+        x_mm : sequence of float
+            Lateral positions (mm), in the order in which they are reached.
+        doi_mm : float
+            Depth of indentation (mm), from first touch at each position.
+        increment_mm : float, optional
+            Longest increment of the path (mm). Default: 0.05.
+
+        Returns
+        -------
+        list of FrictionResult
+            One for each position.
+
+        Raises
+        ------
+        ArgumentError
+            If the finger has no friction (`with_friction`).
+        ModelRangeError
+            If a position or the depth is out of range.
+        """
+        shape, plane_mm = _indentor(indentor), self.config.receptor_plane_mm
+        self._refuse_doi(doi_mm)
+        for x in x_mm:
+            refuse_beside_the_finger(self.config, x, None)
+        rubbed = self._rubbed(shape, self.friction, TARGET_RESIDUAL, increment_mm)
+        touches = [self._first_touch(shape, self._place(shape, x, None)) for x in x_mm]
+        began = time.thread_time()
+        with self._threads.limit(limits=1, user_api="blas"):
+            found = rubbed.drag([((x, plane_mm), touch) for x, touch in zip(x_mm, touches, strict=True)], doi_mm)
+        seconds = (time.thread_time() - began) / len(found)
+        return [
+            self._with_friction_result(rubbed, (x, plane_mm), doi_mm, touch.height_mm, *one, seconds)
+            for x, touch, one in zip(x_mm, touches, found, strict=True)
+        ]
 
     def point_load(self, x_mm: float, force_gwt: float, *, z_mm: float | None = None) -> PointLoadResult:
         """Press on one point of the pulp's skin, along its inward normal.
@@ -452,6 +542,88 @@ class Fingertip(ByRecipe, SeenInside):
         states = {} if self._paths is None else self._paths.setdefault(path, {})
         under = self._under(placed.indentor, placed.place, placed.touch)
         return Pressing(placed, between_nodes, target, states, under, self._held_mm)
+
+    def _refuse_doi(self, doi_mm: float) -> None:
+        if not 0 < doi_mm <= self.deepest_doi_mm:
+            raise ModelRangeError(
+                "DOI {doi_mm:g} mm: must be more than 0 and at most {deepest_mm:g} mm",
+                code="doi_outside",
+                doi_mm=doi_mm,
+                deepest_mm=self.deepest_doi_mm,
+            )
+
+    def _rubbed(self, shape: Indentor, friction: float, target: float, increment_mm: float | None) -> "Rubbed":
+        """Return a shape over the model with the displacement along every axis, which is built if there is none."""
+        from sim.models.friction import INCREMENT_MM, How, Rubbed, checked_friction, with_all_axes
+
+        if not checked_friction(friction):
+            raise ArgumentError("the finger has no friction; use with_friction", code="no_friction")
+        refuse_stiffening(self.config.tissue, "friction")
+        if self._held_mm is not None:
+            raise ArgumentError(
+                "friction and relaxation cannot be combined; remove one", code="friction_with_relaxation"
+            )
+        plane_strain = next(iter(self._outlines.values())).kind == "section"
+        if plane_strain:
+            finger = self
+        elif shape.axes in self._with_all_axes:
+            finger = self._with_all_axes[shape.axes]
+        else:
+            finger = self._with_all_axes[shape.axes] = with_all_axes(self.recipe, shape.axes)
+            self.build_s += finger.build_s
+            self.from_cache = self.from_cache and finger.from_cache
+        increment = INCREMENT_MM if increment_mm is None else positive(increment_mm)
+        how = How(friction, self.config.contact.between_nodes, target, increment)
+        return Rubbed(finger, shape, how, plane_strain)
+
+    def _pressed_with_friction(
+        self,
+        rubbed: "Rubbed",
+        place: tuple[float, float],
+        touch: FirstTouch,
+        height_mm: float,
+        doi_mm: float | None,
+        force_gwt: float | None,
+        start: ContactState | None,
+    ) -> "FrictionResult":
+        from sim.models.friction import friction_start
+
+        before = friction_start(start, rubbed.how.friction)
+        force = None if force_gwt is None else force_gwt * GWT_N / self.e_epidermis_mpa
+        began = time.thread_time()
+        with self._threads.limit(limits=1, user_api="blas"):
+            doi, state, model, larger_mm, increments = rubbed.press(place, touch, height_mm, doi_mm, force, before)
+        seconds = time.thread_time() - began
+        return self._with_friction_result(rubbed, place, doi, height_mm, state, model, larger_mm, increments, seconds)
+
+    def _with_friction_result(
+        self,
+        rubbed: "Rubbed",
+        place: tuple[float, float],
+        doi_mm: float,
+        height_mm: float,
+        state: "FrictionState",
+        model: CondensedModel,
+        patch: HalfWidths | None,
+        increments: int,
+        seconds: float,
+    ) -> "FrictionResult":
+        from sim.models.friction import FrictionResult
+
+        return FrictionResult(
+            indentor=rubbed.indentor,
+            x_mm=place[0],
+            z_mm=place[1],
+            doi_mm=doi_mm,
+            touch_height_mm=height_mm,
+            force_n=state.normal_force * self.e_epidermis_mpa,
+            state=state,
+            model=rubbed.finger._outlines[model.patch.axes[:-1], patch],
+            e_epidermis_mpa=self.e_epidermis_mpa,
+            contact_s=seconds,
+            _strain=partial(model.strain, state.force),
+            increments=increments,
+        )
 
     def _place(self, shape: Indentor, x_mm: float, z_mm: float | None) -> tuple[float, ...]:
         """Return the reference point along the indentor's axes. Raises ModelRangeError."""

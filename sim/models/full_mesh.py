@@ -34,6 +34,7 @@ _INDENTOR_TOP_MM = 1.0
 _STEEP = 20.0
 _NO_HIGHER_POWER = 1e20  # 1/MPa: CalculiX divides powers of J − 1 by it, and replaces 0 by a default of its own
 CONTACT_STIFFNESS_MPA_PER_MM = 2000.0
+STICK_STIFFNESS_MPA_PER_MM = 200.0
 
 
 @dataclass(frozen=True)
@@ -83,9 +84,20 @@ def write_held_deck(path: Path, finger: MeshedFinger, nodes: Ints, displacement_
 
 
 def write_contact_deck(
-    path: Path, finger: MeshedFinger, profile: IndentorProfile, x_mm: float, touch_mm: float, doi_mm: float
+    path: Path,
+    finger: MeshedFinger,
+    profile: IndentorProfile,
+    x_mm: float,
+    touch_mm: float,
+    doi_mm: float,
+    *,
+    friction: float = 0.0,
+    slide_mm: float = 0.0,
 ) -> None:
-    """Write a rigid indentor pressed from first touch to a depth, node to surface; it prints its total reaction."""
+    """Write a rigid indentor pressed from first touch to a depth, node to surface; it prints its total reaction.
+
+    With friction it then slides along x, and all displacements are printed too.
+    """
     mesh = finger.mesh
     corners, bricks, faces = _indentor(profile, x_mm, touch_mm, mesh.nodes[:, 2].min(), mesh.nodes[:, 2].max())
     n_nodes, n_elements = len(mesh.nodes), len(mesh.hexes)
@@ -101,11 +113,20 @@ def write_contact_deck(
         file.writelines(f"{n_elements + element + 1},{face}\n" for element, face in faces)
         file.write("*SURFACE INTERACTION,NAME=CONTACT\n*SURFACE BEHAVIOR,PRESSURE-OVERCLOSURE=LINEAR\n")
         file.write(f"{CONTACT_STIFFNESS_MPA_PER_MM:.9g},1.E-6\n")
+        if friction:
+            file.write(f"*FRICTION\n{friction:.9g},{STICK_STIFFNESS_MPA_PER_MM:.9g}\n")
         file.write("*CONTACT PAIR,INTERACTION=CONTACT,TYPE=NODE TO SURFACE\nSKIN,TOOL\n")
         file.write(_step(finger, "*STEP,INC=200") + "*STATIC,SOLVER=SPOOLES\n")
-        file.write("0.05,1.,1.E-5,0.05\n*BOUNDARY\n" if finger.finite_strain else "0.25,1.,1.E-5,0.25\n*BOUNDARY\n")
+        small = finger.finite_strain or friction > 0
+        file.write("0.05,1.,1.E-5,0.05\n*BOUNDARY\n" if small else "0.25,1.,1.E-5,0.25\n*BOUNDARY\n")
         file.write(f"NIND,1,1\nNIND,3,3\nNIND,2,2,{-doi_mm:.12g}\n")
-        file.write("*NODE PRINT,NSET=NIND,TOTALS=ONLY\nRF\n*END STEP\n")
+        printed = "*NODE PRINT,NSET=NIND,TOTALS=ONLY\nRF\n"
+        if friction:
+            printed += "*NODE PRINT,NSET=NALL\nU\n"
+        if slide_mm:
+            file.write(f"*NODE PRINT,NSET=NIND,TOTALS=ONLY\nRF\n*END STEP\n{_step(finger, '*STEP,INC=200')}")
+            file.write(f"*STATIC,SOLVER=SPOOLES\n0.05,1.,1.E-5,0.05\n*BOUNDARY\nNIND,1,1,{slide_mm:.12g}\n")
+        file.write(f"{printed}*END STEP\n")
 
 
 def _write_finger(file: TextIO, finger: MeshedFinger) -> None:

@@ -51,6 +51,7 @@ def indent_many(
     force_gwt: ArrayLike | None = None,
     reference: Reference = "contact",
     other_paths: bool = False,
+    friction: float | None = None,
     cores: int | None = 1,
     progress: Progress | None = None,
 ) -> Indentations:
@@ -76,6 +77,8 @@ def indent_many(
     reference : {'contact', 'apex'}, optional
         As in `Fingertip.indent`.
     other_paths : bool, optional
+        As in `Fingertip.indent`.
+    friction : float, optional
         As in `Fingertip.indent`.
     cores : int or None, optional
         Number of processes, None for one on each core. With more than one, call this function under
@@ -109,6 +112,8 @@ def indent_many(
     if cores is not None and cores < 1:
         raise ArgumentError("cores = {cores}: must be 1 or more, or None for all", code="no_cores", cores=cores)
     requests = _rows(shapes, x_mm, z_mm, doi_mm, force_gwt)
+    if friction is not None:
+        finger = finger.with_friction(friction)
     answers: dict[int, IndentationOutcome] = {}
     outlines: dict[Hashable, ModelOutline] = {}
     how: How = {"reference": reference, "other_paths": other_paths}

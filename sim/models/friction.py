@@ -1,0 +1,426 @@
+"""Presses with Coulomb friction: a model condensed along all axes, pressed in small increments.
+
+Skin under friction is held along the finger too, so that the model keeps the displacement along every axis. It is
+condensed for the same mesh as without friction, when friction first asks for it.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.config import FingertipConfig
+from sim.contact.first_contact import FirstTouch
+from sim.contact.friction import MOST_FRICTION, FrictionState, at_rest, solve_increment
+from sim.contact.indentor import BOTH, Indentor, Prismatic
+from sim.contact.planes import Gathered, forces_along
+from sim.contact.points import ContactPose
+from sim.contact.solver import TARGET_RESIDUAL, ContactState
+from sim.errors import ArgumentError, ForceOutOfReachError
+from sim.models.condensed import CondensedModel, meshed_for
+from sim.models.pressing import PlacedIndentor, RimError
+from sim.models.result import IndentationResult
+from sim.models.sources import HalfWidths, Recipe, half_widths, larger
+from sim.units import PSEUDO_E_EPIDERMIS
+
+if TYPE_CHECKING:
+    from sim.models.fingertip import Fingertip
+
+Array = NDArray[np.float64]
+Order = Literal["lifted", "ascending", "descending"]
+ORDERS: tuple[Order, ...] = get_args(Order)
+
+INCREMENT_MM = 0.05
+"""Longest increment of a path with friction (mm)."""
+
+_HALVINGS = 6
+_FORCE_TOLERANCE = 1e-10
+_MOST_SECANTS = 40
+
+
+def checked_friction(friction: float) -> float:
+    """Return a friction coefficient; raise ArgumentError unless it is 0 to 10."""
+    if not 0 <= friction <= MOST_FRICTION:
+        raise ArgumentError(
+            "friction {friction:g}: must be a number from 0 to {most:g}",
+            code="bad_friction",
+            friction=friction,
+            most=MOST_FRICTION,
+        )
+    return float(friction)
+
+
+def frictional(config: FingertipConfig, slopes: tuple[int, ...]) -> FingertipConfig:
+    """Return the configuration whose model for all slopes has the mesh of that for some slopes."""
+    if slopes == BOTH:
+        return config
+    mesh = meshed_for(config, slopes).mesh
+    same = {"axial_spacing_mm": mesh.axial_mm, "round_patch_mm": 0.0}
+    return config.model_copy(update={"mesh": mesh.model_copy(update=same)})
+
+
+@dataclass(frozen=True, repr=False)
+class _Extruded(Prismatic):
+    """Prismatic shape as a surface over x and z, and the axes along which it slopes."""
+
+    slopes: tuple[int, ...] = BOTH
+    placed: tuple[int, ...] = BOTH
+
+    @cached_property
+    def placed_by(self) -> tuple[int, ...]:
+        """Axes along which the position makes a difference."""
+        return self.placed
+
+
+def _over_both(indentor: Indentor) -> Indentor:
+    """Return the same surface over x and z."""
+    if indentor.axes == BOTH:
+        return indentor
+    assert isinstance(indentor, Prismatic)
+    direction = tuple(indentor.direction[0] if axis == indentor.axes[0] else 0.0 for axis in BOTH)
+    return _Extruded(indentor.name, indentor.profile, BOTH, direction, indentor.axes, indentor.placed_by)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FrictionResult(IndentationResult):
+    """One simulated indentation with friction; forces on the skin are normal and tangential.
+
+    Attributes
+    ----------
+    state : FrictionState
+        Forces and displacements of the skin, and errors of contact and friction.
+    increments : int
+        Number of increments of the path.
+    """
+
+    increments: int = 0
+
+    @property
+    def friction(self) -> float:
+        """Friction coefficient."""
+        return self._friction_state.friction
+
+    @property
+    def _friction_state(self) -> FrictionState:
+        assert isinstance(self.state, FrictionState)
+        return self.state
+
+    @property
+    def _pose(self) -> ContactPose:
+        """Pose of the indentor, to which gaps are measured."""
+        return self._friction_state.pose
+
+    @cached_property
+    def nodal_pressure_pseudo(self) -> Array:
+        """Normal nodal force over tributary undeformed area, shape (n_patch,), in pseudo-units."""
+        state, patch = self._friction_state, self.model.patch
+        normal = state.points.on(patch).to_nodes(forces_along(state.slope, state.multiplier))
+        return PSEUDO_E_EPIDERMIS * np.asarray(np.linalg.norm(normal, axis=0)) / patch.area_mm2
+
+    @property
+    def shear_force_n(self) -> tuple[float, ...]:
+        """Force on the skin along x, and along z unless the model is a section (N, or N/mm of a section)."""
+        return tuple(float(f) * self.e_epidermis_mpa for f in self.state.force[:-1].sum(axis=1))
+
+    @property
+    def sticking_share(self) -> float:
+        """Share of the normal force that is borne by points that stick."""
+        state = self._friction_state
+        p, _ = state.split
+        return float(p[~state.slipping].sum() / p.sum()) if p.sum() > 0 else 1.0
+
+    def as_json(self) -> dict[str, Any]:
+        """Return what `rig indent --json` prints, without the build time of the model."""
+        errors, shear = self._friction_state.errors, self.shear_force_n
+        return super().as_json() | {
+            "friction": {
+                "coefficient": self.friction,
+                "increments": self.increments,
+                "sticking_share": self.sticking_share,
+                "shear_x_n": shear[0],
+                "shear_z_n": shear[1] if len(shear) > 1 else 0.0,
+                "normal_residual": errors.normal,
+                "cone_residual": errors.cone,
+                "slip_residual": errors.slip,
+            }
+        }
+
+
+class How(NamedTuple):
+    """How a path is followed."""
+
+    friction: float
+    between_nodes: bool = True
+    target: float = TARGET_RESIDUAL
+    increment_mm: float = INCREMENT_MM
+
+
+class _Path:
+    """Indentor over one model, moved increment by increment."""
+
+    def __init__(self, model: CondensedModel, slopes: tuple[int, ...], how: "How") -> None:
+        self.model, self.how = model, how
+        self._patch = replace(model.patch)
+        if slopes != self._patch.axes[:-1]:  # contact between nodes along the axes of slope, as without friction
+            vars(self._patch)["segments"] = replace(model.patch, axes=(*slopes, model.patch.axes[-1])).segments
+        self._gathered = Gathered(self._patch)
+        self.increments = 0
+
+    def begin(self, placed: PlacedIndentor) -> FrictionState:
+        """Return the state at first touch."""
+        return at_rest(self.model.patch, placed.pose(placed.first_mm), self.how.friction)
+
+    def onward(self, placed: PlacedIndentor, pose: ContactPose, before: FrictionState) -> FrictionState:
+        """Move straight to another pose, in increments of at most `increment_mm`."""
+        start = before.pose
+        far = float(np.abs(np.subtract([*pose.at_mm, pose.height_mm], [*start.at_mm, start.height_mm])).max())
+        steps = max(1, math.ceil(far / self.how.increment_mm - 1e-9))
+        state = before
+        for k in range(1, steps + 1):
+            state = self._to(placed, pose if k == steps else _part(start, pose, k / steps), state, _HALVINGS)
+        return state
+
+    def _to(self, placed: PlacedIndentor, pose: ContactPose, before: FrictionState, halvings: int) -> FrictionState:
+        between = self.how.between_nodes and placed.indentor.between_nodes
+        state = solve_increment(
+            self._patch, pose, before, between_nodes=between, gathered=self._gathered, target=self.how.target
+        )
+        if state.converged or not halvings:
+            self.increments += 1
+            placed.refuse_rim(pose, state)
+            return replace(state, passes=state.passes + before.passes)
+        half = self._to(placed, _part(before.pose, pose, 0.5), before, halvings - 1)
+        if not half.converged:
+            return half
+        return self._to(placed, pose, half, halvings - 1)
+
+
+def _part(start: ContactPose, end: ContactPose, share: float) -> ContactPose:
+    """Return the pose at a share of the straight way from one pose to another."""
+    at = tuple((1 - share) * a + share * b for a, b in zip(start.at_mm, end.at_mm, strict=True))
+    height = (1 - share) * start.height_mm + share * end.height_mm
+    return ContactPose(end.indentor, at, height, (1 - share) * start.scale_mm + share * end.scale_mm)
+
+
+@dataclass(frozen=True)
+class Rubbed:
+    """A shape over a finger with friction, at any position; models grow as contact leaves their patch.
+
+    Parameters
+    ----------
+    finger : Fingertip
+        Finger whose model has all axes.
+    indentor : Indentor
+        The shape.
+    how : How
+        Friction, and how its path is followed.
+    plane_strain : bool
+        Whether nothing moves along the finger.
+    """
+
+    finger: "Fingertip"
+    indentor: Indentor
+    how: How
+    plane_strain: bool
+
+    def press(
+        self,
+        place: tuple[float, float],
+        touch: FirstTouch,
+        zero_mm: float,
+        doi_mm: float | None,
+        force: float | None,
+        start: FrictionState | None,
+    ) -> tuple[float, FrictionState, CondensedModel, HalfWidths | None, int]:
+        """Press at a position (x, z) to a depth, or to a force per unit E(epidermis).
+
+        Returns DOI, state, the model and its patch if that is larger than the mesh's own, and the number of
+        increments.
+        """
+        return self._on_large_enough(
+            lambda path, model: self._pressed(path, self._placed(place, touch, zero_mm, model), doi_mm, force, start)
+        )
+
+    def drag(
+        self, stops: Sequence[tuple[tuple[float, float], FirstTouch]], doi_mm: float
+    ) -> list[tuple[FrictionState, CondensedModel, HalfWidths | None, int]]:
+        """Press at the first stop, then slide from stop to stop at the same depth below each first touch."""
+
+        def along(path: _Path, model: CondensedModel) -> tuple[float, list[FrictionState]]:
+            placed = [self._placed(place, touch, touch.height_mm, model) for place, touch in stops]
+            state = path.onward(placed[0], placed[0].pose(doi_mm), path.begin(placed[0]))
+            found = [state]
+            for one in placed[1:]:
+                state = path.onward(one, one.pose(doi_mm), replace(state, passes=0))
+                found.append(state)
+            return doi_mm, found
+
+        _, states, model, patch, increments = self._on_large_enough(along)
+        return [(state, model, patch, increments) for state in states]
+
+    def _on_large_enough(self, solve: Callable[["_Path", CondensedModel], tuple[float, Any]]) -> Any:
+        finger, axes, patch = self.finger, self._surface.axes, None
+        while True:
+            model = finger.model_for(axes, patch)
+            path = _Path(model, self.indentor.axes, self.how)
+            try:
+                return *solve(path, model), model, patch, path.increments
+            except RimError as error:
+                current = patch or half_widths(finger.config, axes)
+                patch = larger(finger.config, finger.surface, axes, current, error)
+
+    @cached_property
+    def _surface(self) -> Indentor:
+        return self.indentor if self.plane_strain else _over_both(self.indentor)
+
+    def _placed(
+        self, place: tuple[float, float], touch: FirstTouch, zero_mm: float, model: CondensedModel
+    ) -> PlacedIndentor:
+        at = dict(zip(BOTH, place, strict=True))
+        touched = at | dict(zip(self.indentor.axes, touch.at_mm, strict=True))
+        axes = self._surface.axes
+        placed = PlacedIndentor(
+            self._surface,
+            tuple(at[axis] for axis in axes),
+            zero_mm,
+            touch._replace(at_mm=tuple(touched[axis] for axis in axes)),
+            model,
+        )
+        placed.refuse_touch_outside()
+        return placed
+
+    def _pressed(
+        self,
+        path: _Path,
+        placed: PlacedIndentor,
+        doi_mm: float | None,
+        force: float | None,
+        start: FrictionState | None,
+    ) -> tuple[float, FrictionState]:
+        state = path.begin(placed) if start is None else start
+        if state.displacement.shape != (len(placed.indentor.axes) + 1, len(placed.model.patch)):
+            raise ArgumentError("start: must be a state of the same finger, with friction", code="other_start")
+        if doi_mm is not None:
+            return doi_mm, path.onward(placed, placed.pose(doi_mm), state)
+        assert force is not None
+        return self._to_force(path, placed, force, state)
+
+    def _to_force(
+        self, path: _Path, placed: PlacedIndentor, force: float, state: FrictionState
+    ) -> tuple[float, FrictionState]:
+        """Follow the path until it reaches a force, and shorten its last increment to end there."""
+        deepest_mm = self.finger.deepest_doi_mm
+        before, low = state, placed.zero_mm - state.pose.height_mm
+        while True:
+            high = min(low + path.how.increment_mm, deepest_mm)
+            if high <= low:
+                raise ForceOutOfReachError(
+                    "force {force_n:g} N: not reached at the largest DOI allowed, {deepest_mm:g} mm",
+                    force_n=force * self.finger.e_epidermis_mpa,
+                    deepest_mm=deepest_mm,
+                )
+            state = path.onward(placed, placed.pose(high), before)
+            if state.normal_force >= force:
+                break
+            before, low = state, high
+        f_low, f_high, doi, side = before.normal_force - force, state.normal_force - force, high, 0
+        for _ in range(_MOST_SECANTS):
+            reached = state.normal_force - force
+            if abs(reached) <= _FORCE_TOLERANCE * force:
+                return doi, state
+            if reached > 0:
+                high, f_high = doi, reached
+                f_low *= 0.5 if side > 0 else 1.0  # Illinois
+                side = 1
+            else:
+                low, f_low = doi, reached
+                f_high *= 0.5 if side < 0 else 1.0
+                side = -1
+            doi = low - f_low * (high - low) / (f_high - f_low)
+            state = path.onward(placed, placed.pose(doi), before)
+        missed = abs(state.normal_force - force) / force
+        return doi, replace(state, residual=max(state.residual, missed))
+
+
+def friction_start(start: ContactState | None, friction: float) -> FrictionState | None:
+    """Return the state to continue from; raise ArgumentError for one without this friction."""
+    if start is not None and not (isinstance(start, FrictionState) and start.friction == friction):
+        raise ArgumentError(
+            "start: must be a state with friction {friction:g}", code="other_start", friction=friction
+        )
+    return start
+
+
+def rubbing_finger(recipe: Recipe, friction: float) -> "Fingertip":
+    """Return the finger of a recipe, pressed with friction."""
+    finger: Fingertip = recipe.make(*recipe.arguments, **dict(recipe.options))
+    return finger.with_friction(friction)
+
+
+def with_all_axes(recipe: Recipe, slopes: tuple[int, ...]) -> "Fingertip":
+    """Load a recipe's finger with the displacement along every axis, on the mesh of shapes that slope along some."""
+    if recipe.make is rubbing_finger:
+        recipe = recipe.arguments[0]  # type: ignore[assignment]
+    arguments = [frictional(one, slopes) if isinstance(one, FingertipConfig) else one for one in recipe.arguments]
+    options = dict(recipe.options) | {"slopes": BOTH}
+    if "exact" in options:
+        options["exact"] = True
+    finger: Fingertip = recipe.make(*arguments, **options)
+    return finger
+
+
+def press_profile(
+    finger: "Fingertip",
+    shape: Indentor | str,
+    x_mm: Sequence[float],
+    *,
+    doi_mm: float,
+    friction: float,
+    order: Order = "lifted",
+    increment_mm: float = INCREMENT_MM,
+) -> list[IndentationResult]:
+    """Press a shape at a row of positions with friction.
+
+    Parameters
+    ----------
+    finger : Fingertip
+        The finger.
+    shape : Indentor or str
+        The shape, for example ``"bar:3.0"``.
+    x_mm : sequence of float
+        Lateral positions (mm).
+    doi_mm : float
+        Depth of indentation (mm), from first touch at each position.
+    friction : float
+        Friction coefficient; without friction, order makes no difference.
+    order : {'lifted', 'ascending', 'descending'}, optional
+        The indentor is lifted between positions, so that each press starts from rest and their order makes no
+        difference, or it stays at its depth and slides from position to position.
+    increment_mm : float, optional
+        Longest increment of the path (mm).
+
+    Returns
+    -------
+    list of IndentationResult
+        One for each position, in the order of `x_mm`.
+
+    Raises
+    ------
+    ArgumentError
+        If the friction is out of range, or there is no such order.
+    ModelRangeError
+        If a position or the depth is out of range.
+    """
+    if order not in ORDERS:
+        raise ArgumentError("order {order!r}: must be lifted, ascending or descending", code="bad_order", order=order)
+    positions = [float(x) for x in x_mm]
+    if order == "lifted" or not friction:
+        pressed = finger.with_friction(friction)
+        return [pressed.indent(shape, x, doi_mm=doi_mm, increment_mm=increment_mm) for x in positions]
+    sequence = np.argsort(positions, kind="stable")[:: 1 if order == "ascending" else -1].tolist()
+    found = finger.with_friction(friction).drag(shape, [positions[k] for k in sequence], doi_mm, increment_mm)
+    return [found[sequence.index(k)] for k in range(len(positions))]
