@@ -4,6 +4,7 @@ The run is the tutorial's, the recording its synthetic afferent. Needs Chromium 
 the panel (`make panel-test` installs it). Use: python -m studies.pictures.screenshots [FOLDER]
 """
 
+import os
 import subprocess
 import sys
 import tempfile
@@ -25,6 +26,7 @@ def main(folder: Path) -> None:
     if browser is None:
         sys.exit(MISSING)
     with tempfile.TemporaryDirectory() as work:
+        os.environ["RIG_RUNTIME_DIR"] = str(Path(work) / "runtime")  # the panel shows no other run of this machine
         for name, page in _pages(Path(work)).items():
             _shoot(browser, page, folder / f"{name}.png", HEIGHTS[name])
         shoot_panel(folder / "panel.png", Path(work), (1280, 860))
