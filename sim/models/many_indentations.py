@@ -18,7 +18,7 @@ from sim.errors import ArgumentError, SimError
 from sim.models.fingertip import Fingertip, Reference
 from sim.models.pictures import ModelOutline
 from sim.models.result import IndentationOutcome, IndentationRequest, IndentationResult, Indentations
-from sim.workers import in_processes, keep_freed_memory
+from sim.workers import here_and_in_processes, keep_freed_memory
 
 Shape = Indentor | IndentorProfile | str
 Progress = Callable[[int, int], object]
@@ -81,8 +81,8 @@ def indent_many(
     friction : float, optional
         As in `Fingertip.indent`.
     cores : int or None, optional
-        Number of processes, None for one on each core. With more than one, call this function under
-        ``if __name__ == "__main__":``.
+        Number of processes, this one included; None for one on each core. With more than one, call this function
+        under ``if __name__ == "__main__":``.
     progress : callable, optional
         Called as ``progress(done, of)`` with numbers of presses.
 
@@ -154,7 +154,7 @@ def _outcomes(
     size = min(_MOST_PLACES_A_TASK, 1 + len(groups) // (_TASKS_A_CORE * cores))
     tasks = [groups[k : k + size] for k in range(0, len(groups), size)]
     try:
-        yield from in_processes(press, tasks, min(cores, len(tasks)))
+        yield from here_and_in_processes(press, tasks, min(cores, len(tasks)))
     except BrokenProcessPool:
         raise WorkerLostError(
             "a process ended before it returned a result: it was killed, memory ran out, or a script calls "

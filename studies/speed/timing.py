@@ -3,7 +3,6 @@
 .venv/bin/python -m studies.speed.timing            # the tables of the README, about a minute and a half
 .venv/bin/python -m studies.speed.timing --contact  # the second of them alone
 .venv/bin/python -m studies.speed.timing --counts   # what a press from rest of these scenes is made of
-.venv/bin/python -m studies.speed.timing --solvers  # MKL and the portable solver on one problem
 """
 
 import os
@@ -19,21 +18,15 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 from threadpoolctl import threadpool_limits
 
-from sim.config import FingertipConfig
 from sim.contact import planes
 from sim.contact.lcp import LcpSolution
 from sim.contact.measured_profile import MeasuredProfile
 from sim.contact.solver import ContactState
-from sim.fem.dissection import DissectionFactor
-from sim.finger.mesh import build_mesh
-from sim.finger.surface import FingertipSurface
 from sim.models.cache import cache_dir
-from sim.models.condensed import discretise, factorise
 from sim.models.fingertip import Fingertip
 from sim.models.pressing import Pressing
 from sim.models.result import IndentationResult
-from studies.verification import mkl_condensation
-from studies.verification.mkl_condensation import PardisoFactor
+from studies.speed import cold_build
 
 Shape = str | MeasuredProfile
 Array = NDArray[np.float64]
@@ -81,30 +74,20 @@ def cold() -> Fingertip:
         warm = seconds(Fingertip.load, 3)
         size = sum(p.stat().st_size for p in cache_dir().glob("*.model"))
         del os.environ["RIG_CACHE_DIR"]
-    n_patch = 2 * len(finger.model.patch)
+    n_patch, matrix = 2 * len(finger.model.patch), cold_build.problem()
+    alone = f"the same matrix factorized alone {seconds(lambda: cold_build.factorized_alone(matrix)):.1f} s"
     laps = finger.model.timing_s
     print(f"{finger.model.nodes} nodes, patch of {len(finger.model.patch)} nodes, {os.cpu_count()} cores\n")
     print("| step | seconds | beside it |\n|---|---|---|")
     print(f"| mesh | {laps['mesh']:.2f} | |")
     print(f"| assembly | {laps['assembly']:.2f} | |")
-    print(f"| condensation (factor and Schur complement) | {laps['condensation']:.2f} | {sparse_factor_s()} |")
+    print(f"| condensation (factor and Schur complement) | {laps['condensation']:.2f} | {alone} |")
     print(f"| inverse of order {n_patch} | {laps['inverse']:.2f} | dense Cholesky of that order "
           f"{dense_cholesky_s(n_patch, 1):.2f} s |")  # fmt: skip
     print(f"| receptors | {laps['recovery'] + laps['receptors']:.2f} | |")
     print(f"| **cold, everything with the cache written ({size / 1e6:.0f} MB)** | **{whole:.1f}** | |")
     print(f"| **warm start, checksums verified** | **{warm:.2f}** | |")
     return finger
-
-
-def sparse_factor_s() -> str:
-    """The same matrix factorised by PARDISO without a Schur complement (one unknown kept)."""
-    if not mkl_condensation.available():
-        return "PARDISO is not to be had here"
-    config = FingertipConfig()
-    problem = discretise(config, build_mesh(config, FingertipSurface.fit(config.geometry)))
-    start = time.perf_counter()
-    PardisoFactor(problem.upper, problem.kept[:1]).close()
-    return f"the same matrix factorised alone {time.perf_counter() - start:.1f} s"
 
 
 def indentations(finger: Fingertip) -> None:
@@ -176,29 +159,8 @@ def counts(finger: Fingertip) -> None:
                   f"{np.median(orders):.0f} / {max(orders)} | {sum(convex_s) / spent:.0%} |")  # fmt: skip
 
 
-def solvers() -> None:
-    """MKL and the portable solver on the same problem."""
-    config = FingertipConfig()
-    problem = discretise(config, build_mesh(config, FingertipSurface.fit(config.geometry)))
-    answers = {}
-    solvers: dict[str, Callable[[], PardisoFactor | DissectionFactor]] = {
-        "pardiso": lambda: PardisoFactor(problem.upper, problem.kept),
-        "dissection": lambda: factorise(problem),
-    }
-    for solver, made in solvers.items():
-        start, processor = time.perf_counter(), time.process_time()
-        answers[solver] = made().compliance
-        wall, processor = time.perf_counter() - start, time.process_time() - processor
-        print(f"{solver}: condensation and inverse {wall:.1f} s, processor {processor:.1f} s", flush=True)
-    difference = np.abs(answers["dissection"] - answers["pardiso"]).max() / np.abs(answers["pardiso"]).max()
-    print(f"largest difference, relative: {difference:.1e}")
-
-
 def main() -> None:
     """Print the tables."""
-    if "--solvers" in sys.argv:
-        solvers()
-        return
     if "--counts" in sys.argv:
         counts(Fingertip.load())
         return

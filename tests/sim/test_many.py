@@ -182,7 +182,7 @@ def test_a_task_is_a_few_places(
         assert {len(task) for task in tasks} == sizes
         return map(function, tasks)
 
-    monkeypatch.setattr(many_indentations, "in_processes", here)
+    monkeypatch.setattr(many_indentations, "here_and_in_processes", here)
     monkeypatch.setattr(many_indentations, "_press", lambda *_: IndentationOutcome(None, "not asked"))
     monkeypatch.setattr("os.cpu_count", lambda: 2)
     found = indent_many(coarse, "bar:1", np.arange(places), doi_mm=0.1, cores=cores)
@@ -202,7 +202,7 @@ def test_a_process_keeps_the_memory_that_it_frees(coarse: Fingertip, monkeypatch
 
 
 def test_a_lost_process_is_told_of(coarse: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(many_indentations, "in_processes", lambda *_: in_processes(os._exit, [3], 1))
+    monkeypatch.setattr(many_indentations, "here_and_in_processes", lambda *_: in_processes(os._exit, [3], 1))
     with raises(WorkerLostError, "worker_lost"):
         indent_many(coarse, "bar:1", [0, 1], doi_mm=0.1, cores=2)
 

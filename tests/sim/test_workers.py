@@ -1,6 +1,7 @@
 """Processes that work for this one: in order, deaf to Ctrl-C, gone when it has no more use for them."""
 
 import multiprocessing
+import os
 import signal
 import subprocess
 import sys
@@ -8,7 +9,7 @@ import time
 
 import pytest
 
-from sim.workers import in_processes
+from sim.workers import here_and_in_processes, in_processes
 
 
 def test_answers_come_in_the_order_of_the_items() -> None:
@@ -31,6 +32,18 @@ def test_they_end_at_once_when_no_more_is_asked_for() -> None:
     answers = in_processes(time.sleep, [0.0, 3600.0], 1)
     next(answers)
     answers.close()  # type: ignore[attr-defined]
+    assert multiprocessing.active_children() == []
+
+
+def _where(number: int) -> tuple[int, int]:
+    return number, os.getpid()
+
+
+def test_this_process_works_too() -> None:
+    """It begins with the last item, while the other one starts; every item is worked on once."""
+    found = dict(here_and_in_processes(_where, range(400), 2))
+    assert sorted(found) == list(range(400))
+    assert found[399] == os.getpid()
     assert multiprocessing.active_children() == []
 
 

@@ -132,6 +132,8 @@ QUOTED: list[tuple[str, str, list[float]]] = [
         extent([each("identification/demands", name, first="truth in")[0] for name in SETS]),
     ),
     ("index", r"bands of ± ([\d.]+) %", most("identification/demands", "third", first="median half-width")),
+    ("index", r"(\d+) to (\d+) ms under smooth", presses(True)),
+    ("index", r"(\d+) to (\d+) ms under sharp", presses(False)),
     ("what_to_expect", r"(\d+) to (\d+) ms under smooth", presses(True)),
     ("what_to_expect", r"(\d+) to (\d+) ms under sharp", presses(False)),
     ("what_to_expect", r"\[force ([\d.]+) %, strain energy ([\d.]+) %", levels("default", 0) + levels("default", 1)),
