@@ -9,7 +9,7 @@ from typing import Any
 
 from rig.control.client import Announced, announced
 from rig.data.journal import read_journal
-from tests.program import EMPTY_FIGURES
+from tests.program import WHOLE
 from tests.waiting import DEADLINE_S, until
 
 STOP = "2118"  # feed hold and reset
@@ -18,10 +18,8 @@ STOP = "2118"  # feed hold and reset
 class Elsewhere:
     """`rig COMMAND` in a process of its own, and what it announces."""
 
-    def __init__(self, out: Path, *words: object) -> None:
-        rehearsed = "dry-run" in words or "--dry-run" in words  # else the finger's own process draws
-        code = f"{EMPTY_FIGURES if rehearsed else ''}from rig.cli import main; main()"
-        command = [sys.executable, "-c", code, *map(str, words)]
+    def __init__(self, out: Path, *words: object, drawn: bool = False) -> None:
+        command = [sys.executable, *(("-m", "rig") if drawn else (WHOLE,)), *map(str, words)]
         self.out = out
         self.process = subprocess.Popen(
             [*command, "--out", str(out)],
