@@ -129,11 +129,22 @@ STUDIES = (
     # How large the boxes of the oracle must be; the recovery of strain is held by the other tests of the file.
     "sim/oracles/test_halfspace.py::test_line_load_truncation_falls_with_the_box",
     "sim/oracles/test_halfspace.py::test_point_load_truncation",
+    "sim/oracles/test_halfspace.py::test_point_load_converges",
     "sim/oracles/test_round_contact.py::test_depth_misses_a_first_order_part_of_the_box",
+    # Fingers of their own, built for one row of a table whose other rows stay.
+    "sim/test_hard_cases.py::test_contact_on_extreme_tissue[poisson 0.48, bone elastic 1000,",
+    "sim/test_hard_cases.py::test_contact_on_extreme_tissue[poisson 0.48, bone elastic 10000,",
+    "sim/test_hard_cases.py::test_contact_on_extreme_tissue[poisson 0.48, bone elastic 1e+06,",
+    "sim/test_patches.py::test_scenes_that_leave_the_own_patch_are_answered[bar:3-",
     # Whole pages, scripts and sites: what they name and type is checked in `make test`.
     "rig/test_every_block.py::test_what_is_shown_runs[comparison]",  # rig/compare/test_compare_command.py
+    "rig/test_every_block.py::test_what_is_shown_runs[find_finger]",  # rig/test_frozen.py: `find`
+    "rig/test_every_block.py::test_what_is_shown_runs[identify]",  # rig/test_identification.py
     "rig/test_every_block.py::test_what_is_shown_runs[schedules]",  # rig/test_schedule.py
+    "rig/test_find.py::test_the_finger_is_found_by_touching_it",  # its other tests, on exact geometry
+    "rig/test_followed_pages.py::test_a_page_can_be_followed_literally[coding]",  # rig/test_decode_command.py
     "rig/test_frozen.py::test_the_demo_sends_and_records_what_it_did[tcp]",  # [rtu] and rig/test_modbus_master.py
+    "test_gallery.py::test_device_added",  # test_third_party_device.py
     "test_gallery.py::test_finger_identified",  # rig/test_identification.py
     "test_gallery.py::test_strain_anywhere",  # sim/test_any_point.py
     "test_site.py",  # `make docs`
