@@ -215,5 +215,5 @@ def block(rig_toml: Callable[..., Path]) -> Iterator[tuple[float, Callable[..., 
     VirtualBalance(scheduler, force_line, Load(force_n), menu)
     stage, force = PtyPort(scheduler, stage_line), PtyPort(scheduler, force_line)
     with _answering(scheduler, stage, force):
-        set_up(stage.name)
+        set_up(stage.name, b"$H")
         yield mm_per_n, partial(rig_toml, stage.name, force.name)
