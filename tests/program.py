@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
+from pathlib import Path
 from typing import Any, NoReturn
 
 import pytest
@@ -91,6 +92,9 @@ from rig.report.style import Plot
 Plot._save = lambda plot, target, **options: Figure((1, 1)).savefig(target, **options)
 """
 """To begin a program with that has a process of its own: what the fixture of that name is in this one."""
+
+WHOLE = str(Path(__file__).with_name("whole_program.py"))
+"""A Python runs this file as `rig`; its figures are empty, also those that the process of the finger draws."""
 
 
 SEVERAL = """\

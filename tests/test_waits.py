@@ -77,9 +77,10 @@ def _names(tree: ast.AST) -> set[str]:
     return imported | {node.attr for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
 
 
-def _trees() -> Iterator[tuple[str, ast.AST]]:
-    for path in sorted(TESTS.rglob("*.py")):
-        yield path.relative_to(TESTS).as_posix(), ast.parse(path.read_text(encoding="utf-8"))
+@pytest.fixture(scope="module")
+def trees() -> dict[str, ast.Module]:
+    paths = sorted(TESTS.rglob("*.py"))
+    return {path.relative_to(TESTS).as_posix(): ast.parse(path.read_text(encoding="utf-8")) for path in paths}
 
 
 @pytest.mark.parametrize(
@@ -100,15 +101,15 @@ def test_the_walk_finds_them(source: str) -> None:
     assert len(list(_forbidden(ast.parse(source)))) == 1
 
 
-def test_no_test_sleeps_or_asks_for_seconds() -> None:
-    found = {name: uses for name, tree in _trees() if (uses := list(_forbidden(tree)))}
+def test_no_test_sleeps_or_asks_for_seconds(trees: dict[str, ast.Module]) -> None:
+    found = {name: uses for name, tree in trees.items() if (uses := list(_forbidden(tree)))}
     assert {name: uses for name, uses in found.items() if name not in MAY} == {}
     assert set(MAY) - {"waiting.py", "shake.py"} <= set(found), "what is allowed is still needed"
 
 
-def test_what_runs_in_real_time_is_shaken() -> None:
+def test_what_runs_in_real_time_is_shaken(trees: dict[str, ast.Module]) -> None:
     """Every file with processes, threads, sockets or a wall clock has tests that `make shake` repeats."""
-    found = {name for name, tree in _trees() if "test_" in name and not REAL.isdisjoint(_names(tree))}
+    found = {name for name, tree in trees.items() if "test_" in name and not REAL.isdisjoint(_names(tree))}
     shaken = {name for name in found if any(name.startswith(place.partition("::")[0]) for place in REAL_TIME)}
     assert found - shaken == {
         "rig/test_run_time.py",  # its clock is a virtual one below the wall clock
@@ -124,10 +125,10 @@ def test_what_is_begun_first_is_there() -> None:
     assert len(set(LONG)) == len(LONG)
 
 
-def test_what_is_left_to_the_studies_is_there() -> None:
+def test_what_is_left_to_the_studies_is_there(trees: dict[str, ast.Module]) -> None:
     """Whatever is renamed would be in `make test` again, and whatever begins with the same name would be missing."""
     for place in STUDIES:
         file, _, test = place.partition("::")
-        tree, name = ast.parse((TESTS / file).read_text(encoding="utf-8")), test.partition("[")[0]
+        tree, name = trees[file], test.partition("[")[0]
         tests = [node.name for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
         assert not name or [one for one in tests if one.startswith(name)] == [name], place

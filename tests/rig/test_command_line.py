@@ -15,7 +15,7 @@ from rig.cli.output import print_json
 from rig.cli.signals import PAUSING
 from rig.data.journal import read_journal
 from sim.models.fingertip import Fingertip
-from tests.program import EMPTY_FIGURES, Ended, Program
+from tests.program import WHOLE, Ended, Program
 from tests.waiting import DEADLINE_S, journal_says, until
 
 pytestmark = pytest.mark.usefixtures("empty_figures")
@@ -265,10 +265,9 @@ class Running:
     """A dry-run at a limited speed in a process of its own."""
 
     def __init__(self, script: Path, out: Path, *options: str) -> None:
-        command = [sys.executable, "-c", f"{EMPTY_FIGURES}from rig.cli import main; main()", "dry-run", str(script)]
         self.out = out
         self.process = subprocess.Popen(
-            [*command, "--out", str(out), "--json", *options],
+            [sys.executable, WHOLE, "dry-run", str(script), "--out", str(out), "--json", *options],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,

@@ -25,7 +25,7 @@ from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
 from tests.error_codes import raises
-from tests.program import EMPTY_FIGURES
+from tests.program import WHOLE
 from tests.waiting import DEADLINE_S, journal_says, until
 
 pytestmark = pytest.mark.usefixtures("empty_figures")
@@ -255,16 +255,13 @@ def test_a_pause_in_a_press_lifts_and_begins_it_again(spring: Make) -> None:
     assert order == ["indentation_start", "paused", "resumed", "indentation_start", "hold_end"]
 
 
-COMMAND = [sys.executable, "-c", f"{EMPTY_FIGURES}from rig.cli import main; main()"]
-
-
 def test_a_terminal_pauses_and_goes_on(finger: Fingertip, tmp_path: Path) -> None:
     """Ctrl-C, look, Enter: the run ends complete, exit 0."""
     script = tmp_path / "three.py"
     script.write_text(SCRIPT, encoding="utf-8")
     ours, theirs = os.openpty()
     options = ["dry-run", str(script), "--out", str(tmp_path / "out"), "--speed", "20", "--json"]
-    run = subprocess.Popen([*COMMAND, *options], stdin=theirs, stdout=subprocess.PIPE, stderr=theirs)
+    run = subprocess.Popen([sys.executable, WHOLE, *options], stdin=theirs, stdout=subprocess.PIPE, stderr=theirs)
     os.close(theirs)
     try:
         until(journal_says(tmp_path / "out", '"press"'))

@@ -12,6 +12,8 @@ from rig.units import GWT_N
 from tests.program import Program
 from tests.rig.identify.finger_file import SERIES, identified_file
 
+pytestmark = pytest.mark.usefixtures("empty_figures")
+
 SCRIPT = """\
 def run(rig):
     rig.mount("cylinder:3")

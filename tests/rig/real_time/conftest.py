@@ -81,11 +81,11 @@ def serving() -> Iterator[Callable[..., Serving]]:
 def elsewhere(tmp_path: Path) -> Iterator[Callable[..., Elsewhere]]:
     begun: list[Elsewhere] = []
 
-    def begin(script: str, *words: object) -> Elsewhere:
+    def begin(script: str, *words: object, drawn: bool = False) -> Elsewhere:
         path = tmp_path / "decides.py"
         path.write_text(script, encoding="utf-8")
         command, *options = words
-        begun.append(Elsewhere(tmp_path / "runs", command, path, *options))
+        begun.append(Elsewhere(tmp_path / "runs", command, path, *options, drawn=drawn))
         return begun[-1]
 
     yield begin
@@ -215,5 +215,5 @@ def block(rig_toml: Callable[..., Path]) -> Iterator[tuple[float, Callable[..., 
     VirtualBalance(scheduler, force_line, Load(force_n), menu)
     stage, force = PtyPort(scheduler, stage_line), PtyPort(scheduler, force_line)
     with _answering(scheduler, stage, force):
-        set_up(stage.name)
+        set_up(stage.name, b"$H")
         yield mm_per_n, partial(rig_toml, stage.name, force.name)

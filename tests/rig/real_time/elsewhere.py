@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.control.client import Announced, announced
-from rig.data.journal import read_journal
-from tests.program import EMPTY_FIGURES
+from tests.program import WHOLE
 from tests.waiting import DEADLINE_S, until
 
 STOP = "2118"  # feed hold and reset
@@ -18,11 +17,10 @@ STOP = "2118"  # feed hold and reset
 class Elsewhere:
     """`rig COMMAND` in a process of its own, and what it announces."""
 
-    def __init__(self, out: Path, *words: object) -> None:
-        rehearsed = "dry-run" in words or "--dry-run" in words  # else the finger's own process draws
-        code = f"{EMPTY_FIGURES if rehearsed else ''}from rig.cli import main; main()"
-        command = [sys.executable, "-c", code, *map(str, words)]
+    def __init__(self, out: Path, *words: object, drawn: bool = False) -> None:
+        command = [sys.executable, *(("-m", "rig") if drawn else (WHOLE,)), *map(str, words)]
         self.out = out
+        self._read, self._documents = 0, list[Any]()
         self.process = subprocess.Popen(
             [*command, "--out", str(out)],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
@@ -56,8 +54,15 @@ class Elsewhere:
 
     @property
     def documents(self) -> list[Any]:
-        found = list(self.out.glob("*/events.jsonl"))
-        return list(read_journal(found[0])) if found else []
+        """Of its journal, of which each look reads only what was written since the last one."""
+        for journal in self.out.glob("*/events.jsonl"):
+            with journal.open("rb") as file:
+                file.seek(self._read)
+                whole = file.read().rpartition(b"\n")[0]
+            if whole:
+                self._read += len(whole) + 1
+                self._documents += map(json.loads, whole.split(b"\n"))
+        return self._documents
 
     @property
     def sent(self) -> list[str]:

@@ -23,7 +23,7 @@ def test_a_stop_while_the_report_is_made_leaves_the_data_what_they_are(
     elsewhere: Callable[..., Elsewhere], whole: tuple[ServedBench, Path], finger: Fingertip, rig: Program
 ) -> None:
     _, config = whole
-    run = elsewhere(decides(), "run", "--yes", "--json", "--config", config)
+    run = elsewhere(decides(), "run", "--yes", "--json", "--config", config, drawn=True)
     run.comes_to(lambda: run.is_at("reporting")() and any(one["doc"] == "stop" for one in run.documents))
     sent = len(run.sent)
     before = read_run(run.folder)

@@ -9,6 +9,7 @@ import pytest
 
 from rig.bench.served import ServedBench
 from rig.data import read_run
+from tests.program import WHOLE
 from tests.waiting import DEADLINE_S, journal_says, until
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
@@ -23,7 +24,7 @@ def _in_the_background() -> None:
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTSTP", "SIGQUIT"])
 def test_it_lifts_first(name: str, whole: tuple[ServedBench, Path], tmp_path: Path) -> None:
     _, config = whole
-    command = [sys.executable, "-c", "from rig.cli import main; main()", "run", "first_press"]
+    command = [sys.executable, WHOLE, "run", "first_press"]
     run = subprocess.Popen(
         [*command, "hold_s=30", "--yes", "--config", str(config), "--out", str(tmp_path / "runs")],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,

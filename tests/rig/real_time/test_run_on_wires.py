@@ -15,7 +15,7 @@ from rig.data import read_run
 from rig.session.early_ending import FinalPosition
 from rig.session.script_run import AT_ONCE
 from sim.models.fingertip import Fingertip
-from tests.program import EMPTY_FIGURES
+from tests.program import WHOLE
 from tests.waiting import DEADLINE_S, journal_says, until
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
@@ -95,16 +95,8 @@ def test_stop_from_another_process_ends_a_run_at_once(
     rig: Rig, apart: Apart, finger: Fingertip, tmp_path: Path
 ) -> None:
     stage, _, config = apart
-    command = [
-        sys.executable,
-        "-c",
-        f"{EMPTY_FIGURES}from rig.cli import main; main()",
-        "run",
-        "first_press",
-        "--yes",
-    ]
     run = subprocess.Popen(
-        [*command, "--config", str(config), "--out", str(tmp_path / "runs")],
+        [sys.executable, WHOLE, "run", "first_press", "--yes", "--config", config, "--out", tmp_path / "runs"],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     try:
