@@ -94,8 +94,8 @@ def _mounted_before(its: Printing, shape: str) -> str:
 
 def _identification(shape: str) -> Any:
     return SimpleNamespace(
-        options=IdentificationOptions((PressAt(shape, 0.0, 1.0),)), trip_n=lambda press: 1.0, settings=Config(), reports=[],
-        learned=SimpleNamespace(collapsed=False), mismatch=None, measured=[],
+        options=IdentificationOptions((PressAt(shape, 0.0, 1.0),)), trip_n=lambda press: 1.0, settings=Config(),
+        reports=[], learned=SimpleNamespace(collapsed=False), mismatch=None, measured=[],
     )  # fmt: skip
 
 
