@@ -112,7 +112,7 @@ REAL_TIME = (
 # files of studies are checked in `make test`.
 # Behind each stands the test that guards the same code in `make test`.
 STUDIES = (
-    "studies/test_strangers_are_met.py",  # identification: rig/test_identification.py, studies/test_meeting_study.py
+    "studies/test_strangers_are_met.py",  # rig/test_identification.py, studies/test_identification_study.py
     "studies/test_allowed_page.py::test_what_is_kept_is_not_pressed_again_and_leaves_what_is_shipped",
     "studies/test_allowed_page.py::test_the_docs_have_the_tables_of_what_is_kept",
     "studies/test_stiffening_study.py::test_a_reference_is_what_was_kept",  # of a solver in studies/

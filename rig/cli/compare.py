@@ -37,6 +37,7 @@ from rig.plan.config import load_config
 from rig.report.comparison_report import fingers_sections, place_section, write_comparison
 from rig.report.page_parts import Section
 from rig.report.recording_sections import deflection_section, read_deflections, simulated
+from sim.contact.shapes import with_size
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
 from sim.models.fingertip import Fingertip
 from sim.models.interpolation import HOW_MADE
@@ -396,7 +397,7 @@ def _print(
     comparison: Comparison, verdicts: Sequence[AfferentVerdict], at: Sequence[ReceptorLocation], report: Path
 ) -> None:
     names = comparison.candidates()
-    out.print(f"{', '.join(stimulus.title for stimulus in comparison.stimuli)}")
+    out.print(", ".join(f"{with_size(one.indentor)} at {one.condition}" for one in comparison.stimuli))
     for answer in verdicts:
         out.print(f"answer      {sentence(answer)}")
         out.print(f"positions   {positions(answer)}")

@@ -149,7 +149,7 @@ def print_before_press(identification: Identification, press: PressAt | None) ->
     if press is None:
         err.print("homing the stage, then zeroing the force sensor …")
         return
-    where = f"{press.indentor} at {press.x_mm:+.1f} mm to {press.doi_mm:.2f} mm"
+    where = f"{with_size(press.indentor)} at {press.x_mm:+.1f} mm to {press.doi_mm:.2f} mm"
     trip_gwt = min(identification.trip_n(press), identification.settings.limits.soft_trip_n) / GWT_N
     number, presses = len(identification.reports) + 1, identification.options.presses
     err.print(f"press {number} of at most {presses}: {where}, trips at {trip_gwt:.1f} gwt …")
@@ -216,7 +216,7 @@ def final_lines(done: FinishedRun, identification: Identification, to: object) -
     if identification.measured:
         learned = [f"{name} {estimate} ({after})" for name, estimate, after, _ in number_rows(identification)]
         forces = [
-            f"{goal.indentor} at {goal.x_mm:+.1f} mm to {goal.doi_mm:.2f} mm: {_in_brackets(w, ' gwt')}"
+            f"{with_size(goal.indentor)} at {goal.x_mm:+.1f} mm to {goal.doi_mm:.2f} mm: {_in_brackets(w, ' gwt')}"
             for goal, w in zip(identification.options.goals, identification.widths, strict=True)
         ]
         lines |= {"finger": str(to), "learned": learned, "forces": forces, "not learned": identification.not_learned}

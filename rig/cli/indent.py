@@ -20,7 +20,7 @@ from sim.cheapest_model import Aim, Choice, choose
 from sim.config import FingertipConfig, MeshSpec
 from sim.contact.indentor import ALONG, BOTH, Indentor
 from sim.contact.patch import X, Z
-from sim.contact.shapes import EXPECTED, parse_shape
+from sim.contact.shapes import EXPECTED, parse_shape, with_size
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorPlaces
 from sim.models.catalogue import MODELS, ModelName, load
 from sim.models.fingertip import Fingertip
@@ -447,7 +447,8 @@ def _print(result: IndentationResult, chosen: Chosen, build_s: float) -> None:
     regions = ", ".join(f"[{a:.2f}, {b:.2f}]" for a, b in result.contact_regions_mm) or "none in the receptor plane"
     at = {X: f"x = {result.x_mm:g}", Z: f"z = {result.z_mm:g}"}
     place = ", ".join(at[axis] for axis in result.indentor.placed_by)
-    out.print(f"{result.indentor.name} at {place} mm" if place else result.indentor.name)
+    name = with_size(result.indentor.name)
+    out.print(f"{name} at {place} mm" if place else name)
     out.print(f"  model          {chosen.why}")
     out.print(f"  force          {chosen.force_text(result.force_n)}")
     out.print(f"  DOI            {result.doi_mm:.4f} mm")

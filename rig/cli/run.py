@@ -244,7 +244,8 @@ def run_command(
 def ask_at_the_bench(request: Request, asking: Callable[[], AbstractContextManager[None]] = nullcontext) -> str:
     """Prompt the person at the bench and return the answer; end the run if there is none."""
     with screen_aside(), asking():
-        err.print(f"{request.text}, then press Enter")
+        text = request.text if request.indentor is None else f"mount {with_size(request.indentor)}"
+        err.print(f"{text}, then press Enter")
         answer = typed_line()
     if not answer:
         raise RunAborted("no answer to the request: {request}", code="nobody_answered", request=request.text)
@@ -260,7 +261,7 @@ def asks_for(owner: RunOwner, mounted: str | None) -> Callable[[Request], str]:
 
     def ask(request: Request) -> str:
         if mounted is not None and request.indentor is not None and same_shape(request.indentor, mounted):
-            err.print(f"{request.indentor} is mounted already (--mounted)")
+            err.print(f"{with_size(request.indentor)} is mounted already (--mounted)")
             return ""
         return ask_at_the_bench(request, owner.asking)
 

@@ -245,8 +245,8 @@ def _own_error(table: ShapeTable, made: Made) -> float:
 #
 # Tables of the default finger under common shapes, which are part of the package.
 #
-# `python -m studies.meeting.shipped` makes them; `tests/rig/test_identification_shipped.py` compares them with direct
-# presses.
+# `python -m studies.identification.shipped` makes them; `tests/rig/test_identification_shipped.py` compares them with
+# direct presses.
 
 FILE = "meeting_tables.json"
 _DIGITS = 5  # digits of ln force, and of a height in mm

@@ -127,7 +127,7 @@ def test_auto_says_what_it_will_do_before_it_does_it(rig: Rig) -> None:
         r"auto chose halfspace, level default: .*\breceptors\b.* ± \d\.\d\d × ± \d\.\d\d mm\b"
         r".* [\d.]+ s\b.* 0\.\d+ GB\b.* [\d.e+]+ ms\b.*", first,
     )  # fmt: skip
-    assert rest[0] == "bar:3 at x = 0 mm"
+    assert rest[0] == "bar:3 (3 mm wide) at x = 0 mm"
     assert rest[1].startswith("  model          halfspace, level default: the largest measured error of force, sed")
     assert "SED (pseudo)" in ended.out
     alone = rig("indent", "--shape", "bar:3.0", "--x-mm", "0", "--doi-mm", "0.3", "--model", "auto", "--tol", "90%")

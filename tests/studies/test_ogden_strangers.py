@@ -10,8 +10,8 @@ from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
 from sim.models.relaxation import PronyTerm
 from sim.plant import RelaxingPress
-from studies.meeting.ogden import KEPT, OgdenFinger, factor
-from studies.meeting.proof import GOALS
+from studies.identification.ogden import KEPT, OgdenFinger, factor
+from studies.identification.proof import GOALS
 from studies.stiffening.references import read
 
 BAR = parse_shape("bar:3.0")

@@ -15,8 +15,8 @@ from sim.identification.next_press import PressAt
 from sim.identification.predicted_forces import PredictedForces
 from sim.identification.prior import REAL_KINDS, Prior
 from sim.models.fingertip import Fingertip
-from studies.meeting.proof import met
-from studies.meeting.strangers import Stranger, inside, outside
+from studies.identification.proof import met
+from studies.identification.strangers import Stranger, inside, outside
 
 KNOWN = with_reliable_touch(Config())
 GOALS = (PressAt("cylinder:9", 0.0, 0.67), PressAt("cylinder:9", 0.8, 0.5), PressAt("sphere:6", -0.5, 0.5))

@@ -4,7 +4,15 @@ from pathlib import Path
 
 import pytest
 
-from studies.meeting.under_a_plate import FINGERS, FOUR_PEOPLE_GROWTH, FOUR_PEOPLE_N, drawn, kept, main, pressed
+from studies.identification.under_a_plate import (
+    FINGERS,
+    FOUR_PEOPLE_GROWTH,
+    FOUR_PEOPLE_N,
+    drawn,
+    kept,
+    main,
+    pressed,
+)
 
 PAGE = Path(__file__).parents[2] / "docs" / "validation" / "identification.md"
 

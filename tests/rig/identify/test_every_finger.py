@@ -1,6 +1,6 @@
 """Every kind of finger that the program serves or rehearses is identified, by the shipped force tables.
 
-`python -m studies.meeting.every_finger` does it over the bytes of the virtual bench.
+`python -m studies.identification.every_finger` does it over the bytes of the virtual bench.
 """
 
 from collections.abc import Callable, Mapping

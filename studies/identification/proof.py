@@ -1,11 +1,12 @@
 """Meets fingers whose truth only the bench knows, and tells how well: docs/validation/identification.md.
 
-.venv/bin/python -m studies.meeting [ROWS] [--inside N] [--outside N] [--first SEED]    # 200, 40 and 0
+.venv/bin/python -m studies.identification [ROWS] [--inside N] [--outside N] [--first SEED]    # 200, 40 and 0
 
 What ROWS has is not met again.
 
 Each finger is met over the bytes of a virtual bench on a virtual clock. Whoever meets it has the coarse mesh, the
-bench another; the cell has 0.02 gwt of noise. Each finger that is done is a line of ROWS (default: meeting.jsonl).
+bench another; the cell has 0.02 gwt of noise. Each finger that is done is a line of ROWS (default:
+study/identification.jsonl).
 """
 
 import argparse
@@ -41,9 +42,9 @@ from sim.identification.predicted_forces import MeasuredPress, PredictedForces
 from sim.identification.prior import REAL_KINDS, Prior
 from sim.models.fingertip import Fingertip
 from sim.workers import in_processes, one_by_one
-from studies.meeting.hidden import Keeper
-from studies.meeting.strangers import Stranger, inside, outside
-from studies.meeting.tables import demands, kinds
+from studies.identification.hidden import Keeper
+from studies.identification.strangers import Stranger, inside, outside
+from studies.identification.tables import demands, kinds
 from studies.registry import as_markdown
 
 KNOWN = with_reliable_touch(Config(finger=FingertipConfig(mesh=MeshSpec(level="coarse"))))
@@ -144,7 +145,7 @@ def one(job: tuple[str, int]) -> dict[str, Any]:
 def main() -> None:
     """What is missing of the rows, then the table."""
     asked = argparse.ArgumentParser(description=__doc__)
-    asked.add_argument("rows", nargs="?", type=Path, default=Path("meeting.jsonl"))
+    asked.add_argument("rows", nargs="?", type=Path, default=Path("study/identification.jsonl"))
     asked.add_argument("--inside", type=int, default=200)
     asked.add_argument("--outside", type=int, default=40)
     asked.add_argument("--first", type=int, default=0)

@@ -19,7 +19,7 @@ from sim.errors import ModelRangeError
 from sim.identification.next_press import PressAt
 from sim.identification.predicted_forces import PressTrajectory, RampAndHold
 from sim.plant import RelaxingPlant, RelaxingPress
-from studies.meeting.strangers import Stranger
+from studies.identification.strangers import Stranger
 
 Array = NDArray[np.float64]
 

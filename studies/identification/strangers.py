@@ -9,7 +9,7 @@ from rig.identify.random_finger import truth_of, with_parameters
 from rig.plan.config import Config
 from sim.config import MeshSpec
 from sim.models.fingertip import Fingertip
-from studies.meeting.ogden import OgdenFinger
+from studies.identification.ogden import OgdenFinger
 from studies.stiffening.fingers import finger
 
 COARSER = MeshSpec(level="coarse", spacing_mm=0.34, axial_spacing_mm=0.6)

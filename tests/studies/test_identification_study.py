@@ -19,11 +19,11 @@ from sim.errors import ModelRangeError
 from sim.identification.next_press import PressAt
 from sim.models.fingertip import Fingertip
 from sim.plant import RelaxingPress
-from studies.meeting import tables
-from studies.meeting.hidden import Keeper, OnlyMounts, TruthReadError
-from studies.meeting.ogden import OgdenFinger
-from studies.meeting.strangers import COARSER, inside, outside
-from studies.meeting.tables import demands, kinds
+from studies.identification import tables
+from studies.identification.hidden import Keeper, OnlyMounts, TruthReadError
+from studies.identification.ogden import OgdenFinger
+from studies.identification.strangers import COARSER, inside, outside
+from studies.identification.tables import demands, kinds
 from studies.registry import as_markdown, read_table
 from tests.made_up_fingers import made_up
 from tests.sim.coarse_mesh import coarse_mesh

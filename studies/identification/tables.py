@@ -1,6 +1,6 @@
 """The tables of many identifications.
 
-.venv/bin/python -m studies.meeting.tables     # of the sets in kept/: studies/results/identification/
+.venv/bin/python -m studies.identification.tables     # of the sets in kept/: studies/results/identification/
 """
 
 import json

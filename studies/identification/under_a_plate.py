@@ -1,6 +1,6 @@
 """What fingers of the prior answer under a plate, beside what four people did.
 
-    OMP_NUM_THREADS=1 .venv/bin/python -m studies.meeting.under_a_plate     # half a minute; docs/validation
+    OMP_NUM_THREADS=1 .venv/bin/python -m studies.identification.under_a_plate     # half a minute; docs/validation
 
 Both geometries of `studies/stiffening/fingers.py`. Stiffness multiplies force, so that each finger stands for all of
 its stiffnesses; relaxation is left out. Forces are kept; `… press` presses anew.

@@ -1,6 +1,6 @@
 """Makes the tables of the default finger that come with the program (32 full builds, some minutes).
 
-.venv/bin/python -m studies.meeting.shipped
+.venv/bin/python -m studies.identification.shipped
 """
 
 from functools import partial

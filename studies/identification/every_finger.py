@@ -1,6 +1,6 @@
 """Identifies every kind of finger that the program can serve or rehearse: docs/validation/identification.md.
 
-.venv/bin/python -m studies.meeting.every_finger [ROWS] [--only NAME] [--draws FIRST END] [--shapes S …]
+.venv/bin/python -m studies.identification.every_finger [ROWS] [--only NAME] [--draws FIRST END] [--shapes S …]
 
 The finger is that of `rig identify --dry-run` with the case as configuration, or that of `rig serve --random-finger`.
 Each finger is a line of ROWS (default: study/every_finger.jsonl); a line that exists is not computed again.
@@ -35,9 +35,9 @@ from sim.identification.predicted_forces import PredictedForces, RampAndHold
 from sim.identification.prior import Prior
 from sim.models.fingertip import Fingertip
 from sim.workers import one_by_one
-from studies.meeting.hidden import Keeper
-from studies.meeting.proof import Reading
-from studies.meeting.strangers import Stranger
+from studies.identification.hidden import Keeper
+from studies.identification.proof import Reading
+from studies.identification.strangers import Stranger
 from studies.registry import as_markdown
 
 ROOT = Path(__file__).parents[2]
