@@ -232,6 +232,7 @@ ASKED = (
     ("watch runs/complete", ""),
     ("export runs/complete --csv", ""),
     ("compare runs/complete --recorded bar:3.0=recorded.csv", ""),
+    ("compare runs/complete --recorded afferents.csv", "of several afferents"),
     ("config limits", ""),
     ("doctor", ""),
     ("doctor --bundle runs/complete", "as a bundle"),
@@ -284,8 +285,10 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, empty_figures: None)
     for name in ("complete", "stopped"):
         shutil.copytree(OLD_RUNS / name, tmp_path / "runs" / name)
     shutil.copy(OLD_RUNS / "recorded.csv", tmp_path)
+    shutil.copy(OLD_RUNS / "recorded.csv", tmp_path / "another.csv")
     study = '[[press]]\nshape = "bar:3.0"\ndoi_mm = [0.2]\n'
     texts = {
+        "afferents.csv": "afferent,shape,file\na,bar:3.0,recorded.csv\nb,bar:3.0,another.csv\n",
         "mine.py": f"{SCRIPT}    rig.indent(doi_mm=0.3)\n",
         "study.toml": study,
         "coarse.toml": as_toml(coarse_mesh(0.5, 0.5)),

@@ -282,3 +282,41 @@ def test_spike_times_from_nwb(command: Command, bar_run: Run) -> None:
     assert "u.nwb" in Path("a.html").read_text(encoding="utf-8")
     code, _, err = command(*run, "--recorded", "bar:3.0=u.nwb")
     assert (code, err) == (2, "rig: u.nwb: 2 units; use SHAPE=u.nwb#UNIT with UNIT one of 4, 9\n")
+
+
+@pytest.fixture
+def afferents(bar_run: Run, finger: Fingertip, tmp_path: Path) -> Path:
+    """A table of three synthetic afferents, one of them silent."""
+    (stimulus,) = stimuli(bar_run, finger)
+    rng, rows = np.random.default_rng(2), ["afferent,shape,depth_mm,file"]
+    truth = afferent_for([stimulus], "ep1", 5, 60.0, 0.2)
+    for name in ("a0", "a1"):
+        path = write_synthetic(tmp_path, record(truth, stimulus, np.linspace(-0.6, 0.8, 9), rng))
+        rows.append(f"{name},bar:3.0,0.4,{path.rename(tmp_path / f'synthetic_{name}.csv').name}")
+    (tmp_path / "silent.csv").write_text("position_mm,rate\n" + "".join(f"{x},0\n" for x in (-0.2, 0.1, 0.4)))
+    path = tmp_path / "afferents.csv"
+    path.write_text("\n".join([*rows, "a2,bar:3.0,0.4,silent.csv"]) + "\n", encoding="utf-8")
+    return path
+
+
+@no_figures
+def test_several_afferents_on_one_page(command: Command, bar_run: Run, afferents: Path) -> None:
+    line = ("compare", bar_run.folder.path, "--recorded", afferents, "--out", "g.html")
+    code, out, err = command(*line, "--json")
+    assert (code, err) == (0, "")
+    answer = json.loads(out)
+    assert [one["afferent"] for one in answer["afferents"]] == ["a0", "a1"]
+    assert answer["afferents_left_out"] == ["a2"]
+    group = answer["group"]
+    assert (group["afferents"], sum(row["wins"] for row in group["rows"])) == (2, 2)
+    assert sum(row["probability"] for row in group["rows"]) == pytest.approx(1.0, abs=1e-4)
+    page = Path("g.html").read_text(encoding="utf-8")
+    assert "synthetic" in page.partition("</title>")[0]
+    assert "http" not in page.replace("http://www.w3.org", "")
+    code, out, _ = command(*line)
+    assert code == 0
+    assert "synthetic" in out.splitlines()[0]
+    assert Path("g.html").read_text(encoding="utf-8") == page
+    for option in ("--place", "--saturating", "--normalize"):
+        code, out, _ = command(*line, option, "--json")
+        assert (code, json.loads(out)["code"]) == (2, "not_for_groups")

@@ -1,0 +1,124 @@
+"""A table or folder of several afferents: what is read, and a line for every row that cannot be used."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.compare.exceptions import RecordingError
+from rig.compare.recordings.afferents_table import Recordings, read_afferents
+from rig.compare.recordings.reading import Reading
+from rig.compare.stimuli import Stimulus
+from tests.error_codes import raises
+
+Make = Callable[..., Stimulus]
+
+CSV = "position_mm,rate\n" + "".join(f"{x},{y}\n" for x, y in ((-1, 2), (-0.5, 5), (0, 9), (0.5, 4)))
+HEADER = "afferent,shape,depth_mm,file"
+
+
+@pytest.fixture
+def stimuli(make_stimulus: Make) -> list[Stimulus]:
+    x, receptor = np.linspace(-2, 2, 9), np.array([0.0])
+    return [
+        make_stimulus("bar:3.0", x, receptor, {}, kind="doi_mm", commanded=1.0),
+        make_stimulus("step:1", x, receptor, {}, kind="doi_mm", commanded=0.5),
+        make_stimulus("step:1", x, receptor, {}, kind="doi_mm", commanded=1.0),
+    ]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    for name in "abcd":
+        (tmp_path / f"{name}.csv").write_text(CSV.replace("9", "8" if name == "d" else "9"), encoding="utf-8")
+    (tmp_path / "bad.csv").write_text(CSV.replace("5,4", "5,x"), encoding="utf-8")
+    (tmp_path / "named.csv").write_text(CSV.replace("rate", "FR"), encoding="utf-8")
+    return tmp_path
+
+
+def table(folder: Path, *rows: str, header: str = HEADER) -> Path:
+    path = folder / "afferents.csv"
+    path.write_text("\n".join((header, *rows)) + "\n", encoding="utf-8")
+    return path
+
+
+def read(path: Path, stimuli: list[Stimulus], mirror: list[str] | None = None) -> Recordings:
+    return read_afferents(path, mirror or [], [], stimuli, Reading())
+
+
+def test_a_table(folder: Path, stimuli: list[Stimulus]) -> None:
+    path = table(folder, "a1,bar:3,1.0,a.csv", "", "a1,step:1,0.5,b.csv", "a2,bar:3,,c.csv")
+    found = read(path, stimuli, ["bar:3"])
+    assert {name: list(some) for name, some in found.items()} == {
+        "a1": ["bar:3@1 mm", "step:1@0.5 mm"],
+        "a2": ["bar:3"],
+    }
+    assert found["a1"]["bar:3@1 mm"].changes == ("mirrored",)
+    assert found["a1"]["step:1@0.5 mm"].changes == ()
+    assert read(folder, stimuli).keys() == found.keys()  # a folder with such a table
+
+
+def test_columns_of_one_file(folder: Path, stimuli: list[Stimulus]) -> None:
+    header = "afferent,shape,file,columns"
+    path = table(folder, "a1,bar:3,named.csv,rate=FR;position=position_mm", "a2,bar:3,a.csv,", header=header)
+    assert read(path, stimuli)["a1"]["bar:3"].rate.tolist() == [2, 5, 9, 4]
+
+
+def test_a_folder_of_folders(tmp_path: Path, stimuli: list[Stimulus]) -> None:
+    for name, file in (("a1", "bar-3@1mm.csv"), ("a1", "step-1@0.5mm.csv"), ("a2", "bar-3.csv"), ("a2", ".notes")):
+        (tmp_path / name).mkdir(exist_ok=True)
+        (tmp_path / name / file).write_text(CSV, encoding="utf-8")
+    found = read(tmp_path, stimuli)
+    assert {name: list(some) for name, some in found.items()} == {
+        "a1": ["bar:3@1 mm", "step:1@0.5 mm"],
+        "a2": ["bar:3"],
+    }
+
+
+BAD = {
+    "a1,bar:3,1.0": "cells_of_row",
+    ",bar:3,1.0,a.csv": "empty_cell",
+    "a1,,1.0,a.csv": "empty_cell",
+    "a1,bar:3,1.0,": "empty_cell",
+    "a1,bar:3,1.0,nowhere.csv": "unreadable",
+    "a1,bar:3,1.0,bad.csv": "no_number",
+    "a1,bar:3,1.0,named.csv": "no_column",
+    "a1,bar:3,2.0,a.csv": "never_pressed",
+    "a1,cylinder:3,1.0,a.csv": "never_pressed",
+    "a1,step:1,,a.csv": "several_conditions",
+    "a1,step:1@0.5mm,0.5,a.csv": "several_conditions",
+    "a1,bar:3,deep,a.csv": "no_condition",
+    "a9,bar:3,1.0,d.csv": "file_twice",
+    "a8,bar:3,,c.csv": "recorded_twice",
+}
+
+
+def test_every_bad_row_has_a_line_with_its_number(folder: Path, stimuli: list[Stimulus]) -> None:
+    path = table(folder, "a8,bar:3,,b.csv", "a7,bar:3,1.0,d.csv", *BAD)
+    with raises(RecordingError, "bad_rows", path=str(path), bad=len(BAD)) as caught:
+        read(path, stimuli)
+    rows = caught.value.fields["rows"]
+    assert [(row["row"], row["code"]) for row in rows] == list(enumerate(BAD.values(), 4))
+    lines = str(caught.value).splitlines()[1:]
+    assert len(lines) == len(BAD)
+    assert all(f"row {row['row']}:" in line for row, line in zip(rows, lines, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("header", "rows", "code"),
+    [
+        ("afferent,shape", ["a1,bar:3"], "no_column"),
+        (f"{HEADER},hand", ["a1,bar:3,1.0,a.csv,left"], "extra_column"),
+        (f"{HEADER},file", ["a1,bar:3,1.0,a.csv,b.csv"], "extra_column"),
+        (HEADER, [], "no_rows"),
+    ],
+)
+def test_a_wrong_table(folder: Path, stimuli: list[Stimulus], header: str, rows: list[str], code: str) -> None:
+    with raises(RecordingError, code, path=str(folder / "afferents.csv")):
+        read(table(folder, *rows, header=header), stimuli)
+
+
+def test_an_empty_folder(tmp_path: Path, stimuli: list[Stimulus]) -> None:
+    with raises(RecordingError, "no_rows", path=str(tmp_path)):
+        read(tmp_path, stimuli)
