@@ -100,6 +100,10 @@ class FrictionResult(IndentationResult):
 
     increments: int = 0
 
+    def meshed_by(self, config: FingertipConfig) -> FingertipConfig:
+        """Return the configuration of the mesh, from that of the finger."""
+        return config if self.model.kind == "section" else frictional(config, self.indentor.axes)
+
     @property
     def friction(self) -> float:
         """Friction coefficient."""
@@ -260,12 +264,12 @@ class Rubbed:
         )
 
     def drag(
-        self, stops: Sequence[tuple[tuple[float, float], FirstTouch]], doi_mm: float
+        self, stops: Sequence[tuple[tuple[float, float], FirstTouch, float]], doi_mm: float
     ) -> list[tuple[FrictionState, CondensedModel, HalfWidths | None, int]]:
-        """Press at the first stop, then slide from stop to stop at the same depth below each first touch."""
+        """Press at the first stop, then slide from stop to stop at the same depth below the zero of each."""
 
         def along(path: _Path, model: CondensedModel) -> tuple[float, list[FrictionState]]:
-            placed = [self._placed(place, touch, touch.height_mm, model) for place, touch in stops]
+            placed = [self._placed(place, touch, zero_mm, model) for place, touch, zero_mm in stops]
             state = path.onward(placed[0], placed[0].pose(doi_mm), path.begin(placed[0]))
             found = [state]
             for one in placed[1:]:

@@ -242,7 +242,7 @@ def strain_maps(config: FingertipConfig, results: Sequence[IndentationResult]) -
     smoothed.
     """
     found: dict[int, StrainMap] = {}
-    kinds = [(result.model.patch.axes, result.model.widened_mm) for result in results]
+    kinds = [(r.model.patch.axes, r.model.widened_mm, r.indentor.axes) for r in results]
     for kind in set(kinds):
         mine = [k for k, other in enumerate(kinds) if other == kind]
         mesh = mesh_of(config, results[mine[0]])
@@ -253,6 +253,7 @@ def strain_maps(config: FingertipConfig, results: Sequence[IndentationResult]) -
 
 def mesh_of(config: FingertipConfig, result: IndentationResult) -> FingerMesh:
     """Rebuild the mesh of an indentation, from the axes along which the indentor slopes and its patch."""
+    config = result.meshed_by(config)
     meshed = meshed_for(widened(config, result.model.widened_mm), result.model.patch.axes[:-1])
     return build_mesh(meshed, FingertipSurface.fit(config.geometry))
 
