@@ -24,8 +24,8 @@ Array = NDArray[np.float64]
 
 RADIUS_MM, DEPTH_MM, FRICTION = 10.0, 0.05, 0.3
 SHEAR_MPA, POISSON = 1.0, 0.0
-ACROSS = 25
-"""Number of nodes across the patch, whose half-width is 1.2 contact radii."""
+ACROSS, PRESSED_IN = 21, 12
+"""Numbers of nodes across the patch, whose half-width is 1.2 contact radii, and of increments of the press."""
 
 PARTS_OF_SLIDING = (0.2, 0.4, 0.6, 0.8)
 
@@ -48,7 +48,7 @@ class Row:
 
 
 def rows() -> Iterator[Row]:
-    """Press in one increment, since without friction the path makes no difference, then slide."""
+    """Press in increments over which the contact's radius grows evenly, then slide."""
     radius = np.sqrt(RADIUS_MM * DEPTH_MM)
     patch = _half_space(1.2 * radius)
     gathered = Gathered(patch)
@@ -56,8 +56,10 @@ def rows() -> Iterator[Row]:
     closed = 16 / 3 * SHEAR_MPA / (2 * (1 - POISSON)) * np.sqrt(RADIUS_MM) * DEPTH_MM**1.5
     # 1 − ν for a rigid indentor: F = 8/3 G / (1 − ν) √R d^1.5
     sliding_mm = 3 * FRICTION * closed * (2 - POISSON) / (16 * radius * SHEAR_MPA)
-    rest = at_rest(patch, ContactPose(sphere, (0.0, 0.0), 0.0, DEPTH_MM), FRICTION)
-    state = solve_increment(patch, _pose(sphere, 0.0), rest, between_nodes=False, gathered=gathered)
+    state = at_rest(patch, ContactPose(sphere, (0.0, 0.0), 0.0, DEPTH_MM), FRICTION)
+    for k in range(1, PRESSED_IN + 1):
+        pose = ContactPose(sphere, (0.0, 0.0), -DEPTH_MM * (k / PRESSED_IN) ** 2, DEPTH_MM)
+        state = solve_increment(patch, pose, state, between_nodes=False, gathered=gathered)
     for part in PARTS_OF_SLIDING:  # shear that only grows: increments make no difference
         pose = _pose(sphere, part * sliding_mm)
         state = solve_increment(patch, pose, state, between_nodes=False, gathered=gathered)
