@@ -13,7 +13,7 @@ from typing import Annotated, NamedTuple
 import typer
 
 from rig.cli.compare_group import GroupInput, compare_group, named_group, refuse_options
-from rig.cli.options import ExactOption, JsonOption, checked_file, numbers
+from rig.cli.options import ExactOption, JsonOption, checked_file, checked_friction, numbers
 from rig.cli.output import THE_FINGER, busy, one_line_errors, out, print_json, renamed
 from rig.compare.comparison import Comparison, compare, left_out_lines, left_out_rows
 from rig.compare.comparison_rows import answers_as_json, fingers_as_json
@@ -104,9 +104,7 @@ def command(
     ] = DEFAULT_DEPTH_MM,
     fingers: Annotated[
         Path | None,
-        typer.Option(
-            metavar="TOML", help="TOML file with ranges of the finger (docs/comparison.md).", rich_help_panel=_MODEL
-        ),
+        typer.Option(metavar="TOML", help="Ranges of the finger (docs/comparison.md).", rich_help_panel=_MODEL),
     ] = None,
     saturating: Annotated[
         bool,
@@ -116,6 +114,12 @@ def command(
         bool,
         typer.Option("--silent-at-rest", help="Constrain the fit to k > 0 and ε₀ ≥ 0.", rich_help_panel=_MODEL),
     ] = False,
+    friction: Annotated[
+        float,
+        typer.Option(
+            metavar="MU", help="Friction coefficient. Default: 0.", rich_help_panel=_MODEL, show_default=False
+        ),
+    ] = 0.0,
     place: Annotated[
         bool,
         typer.Option(
@@ -163,6 +167,11 @@ def command(
         receptors = Receptors(
             numbers("--receptor-x-mm", receptor_x_mm) if receptor_x_mm else DEFAULT_X_MM, receptor_depth_mm
         )
+        if checked_friction(friction) and (place or fingers):
+            raise BadInputError(
+                "--friction and {option} cannot be combined; remove one",
+                code="friction_with", option="--place" if place else "--fingers",
+            )  # fmt: skip
         reading = Reading(_window(window_s), field_centre_mm, column_map(columns or []))
         for option, path in {"--out": out_file, "--pdf": pdf}.items():
             if path is not None:
@@ -206,7 +215,7 @@ def command(
                 code="needs_option", option="--place", needs="--recorded",
             )  # fmt: skip
         where = _sought(found, receptors, place, depth_range_mm, offset_mm)
-        answered = _answered(found, receptors, as_json=as_json)
+        answered = _answered(found, receptors, friction, as_json=as_json)
         with busy("skin along the finger: computing its deflection …", quick=True):
             beside = _along_the_finger(answered, deflection)
         comparison = _compared(answered, recordings, normalize, plausible, exact=exact, as_json=as_json)
@@ -223,6 +232,7 @@ def command(
             "--fingers": [] if fingers is None else [str(fingers)],
             **_unusual(
                 ("--window-s", window_s, "0,1"),
+                ("--friction", f"{friction:g}", "0"),
                 ("--field-centre-mm", f"{field_centre_mm:g}", "0"),
                 ("--receptor-x-mm", receptor_x_mm, None),
                 ("--receptor-depth-mm", f"{receptor_depth_mm:g}", "0.76"),
@@ -282,9 +292,9 @@ class Answered:
     stimuli: list[Stimulus]
 
 
-def _answered(runs: list[Run], receptors: Receptors, *, as_json: bool) -> list[Answered]:
+def _answered(runs: list[Run], receptors: Receptors, friction: float, *, as_json: bool) -> list[Answered]:
     """Return the simulated responses to each run."""
-    fingers = _fingers(runs, receptors, as_json=as_json)
+    fingers = [finger.with_friction(friction) for finger in _fingers(runs, receptors, as_json=as_json)]
     with busy(
         "simulated responses: reading them from the cache, or computing them …", as_json=as_json, size=len(runs)
     ):

@@ -10,7 +10,7 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from rig.cli.options import FingertipOption, JsonOption, checked_picture, numbers, write_picture
+from rig.cli.options import FingertipOption, JsonOption, checked_friction, checked_picture, numbers, write_picture
 from rig.cli.output import THE_FINGER, ExitCode, busy, complain, one_line_errors, out, print_json
 from rig.compare.recordings.deflection import SkinDeflection, in_words, laid_beside, read_skin_deflection
 from rig.errors import BadInputError
@@ -24,6 +24,7 @@ from sim.contact.shapes import EXPECTED, parse_shape, with_size
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorPlaces
 from sim.models.catalogue import MODELS, ModelName, load
 from sim.models.fingertip import Fingertip
+from sim.models.friction import FrictionResult
 from sim.models.pictures import ModelOutline
 from sim.models.result import IndentationResult, PointLoadResult
 from sim.units import GWT_N
@@ -284,6 +285,12 @@ def indent_command(
         str,
         typer.Option(metavar="contact|apex", help="Zero of DOI: first contact or the apex.", rich_help_panel=_PRESS),
     ] = "contact",
+    friction: Annotated[
+        float,
+        typer.Option(
+            metavar="MU", help="Friction coefficient. Default: 0.", rich_help_panel=_PRESS, show_default=False
+        ),
+    ] = 0.0,
     config: FingertipOption = None,
     picture: Annotated[
         Path | None,
@@ -312,6 +319,7 @@ def indent_command(
     """Press once and print force, contact and receptor measures."""
     with one_line_errors(as_json=as_json):
         request = ModelRequest.parse(model, tolerance, quantity, length_mm)
+        _refuse_friction(checked_friction(friction), shape, model, other_paths=other_paths)
         settings = load_config(config)
         receptors = _receptors(receptor_x_mm, receptor_depth_mm, receptor_z_mm)
         origin = _reference(reference)
@@ -337,7 +345,15 @@ def indent_command(
         with busy(THE_FINGER, quick=True):
             finger = chosen.load(settings.finger, indentor.axes, receptors)
         force = chosen.force_per_mm(force_gwt)
-        press = partial(finger.indent, indentor, x_mm or 0.0, z_mm=z_mm, reference=origin, other_paths=other_paths)
+        press = partial(
+            finger.indent,
+            indentor,
+            x_mm or 0.0,
+            z_mm=z_mm,
+            reference=origin,
+            other_paths=other_paths,
+            friction=friction,
+        )
         with busy(f"pressing {shape} …", quick=True, kind="press"):
             result = press(doi_mm=doi_mm, force_gwt=force)
         if picture is not None:
@@ -386,6 +402,20 @@ def _refuse_place(shape: str, indentor: Indentor | None, x_mm: float | None, z_m
             "--shape {shape} lies along the finger; use --x-mm instead of --z-mm",
             code="placed_by_x", shape=shape,
         )  # fmt: skip
+
+
+def _refuse_friction(friction: float, shape: str, model: str, *, other_paths: bool) -> None:
+    if not friction:
+        return
+    for option, given in (
+        ("--model auto", model == "auto"),
+        ("--other-paths", other_paths),
+        ("--shape point", shape == "point"),
+    ):
+        if given:
+            raise BadInputError(
+                "--friction and {option} cannot be combined; remove one", code="friction_with", option=option
+            )
 
 
 def _refuse_picture(picture: Path | None, shape: str) -> None:
@@ -455,6 +485,8 @@ def _print(result: IndentationResult, chosen: Chosen, build_s: float) -> None:
     out.print(f"  peak pressure  {result.peak_pressure_kpa:.3g} kPa")
     out.print(f"  contact        {regions} mm")
     out.print(f"  {result.small_strain.note}")
+    if isinstance(result, FrictionResult):
+        out.print(f"  friction       {_friction(result)}")
     if result.may_depend_on_path:
         out.print(f"  path           {_path(result, chosen)}")
     out.print(
@@ -464,6 +496,15 @@ def _print(result: IndentationResult, chosen: Chosen, build_s: float) -> None:
     )
     if chosen.receptors:
         _print_receptors(result)
+
+
+def _friction(result: FrictionResult) -> str:
+    """Return a note on how the skin sticks."""
+    shear = " and ".join(f"{f:.5f}" for f in result.shear_force_n)
+    return (
+        f"{result.friction:g}, {result.increments} increments; {result.sticking_share:.0%} of the force is borne by "
+        f"skin that sticks; shear force {shear} N"
+    )
 
 
 def _path(result: IndentationResult, chosen: Chosen) -> str:

@@ -950,6 +950,20 @@ class DeflectionJson(Output):
     model_mm: list[float | None]
 
 
+class FrictionJson(Output):
+    """Friction, and the errors of contact and of Coulomb's law."""
+
+    coefficient: float
+    increments: int
+    sticking_share: Ratio
+    """Share of the normal force that is borne by points that stick."""
+    shear_x_n: float
+    shear_z_n: float
+    normal_residual: float
+    cone_residual: float
+    slip_residual: float
+
+
 class IndentJson(Output):
     """An indentation. A section without --length-mm has its force per mm only; a point load has no depth."""
 
@@ -966,6 +980,7 @@ class IndentJson(Output):
     receptors: ReceptorsJson
     solver: SolverJson
     choice: ChoiceJson
+    friction: NotRequired[FrictionJson]
     deflection: NotRequired[DeflectionJson]
     code: NotRequired[Code]
 

@@ -51,6 +51,19 @@ _MOST = 1000  # numbers in a range
 ExactOption = Annotated[
     bool, typer.Option("--exact", help="Build a full model of each finger instead of interpolating.")
 ]
+MOST_FRICTION = 10.0
+
+
+def checked_friction(friction: float) -> float:
+    """Return the friction coefficient of --friction; raise BadInputError if it is out of range."""
+    if not 0 <= friction <= MOST_FRICTION:
+        raise BadInputError(
+            "{option} {value:g}: must be {low:g} to {high:g}",
+            code="outside_range", option="--friction", value=friction, low=0.0, high=MOST_FRICTION,
+        )  # fmt: skip
+    return friction
+
+
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output.")]
 
 

@@ -287,6 +287,7 @@ def answers_key(finger: Fingertip, request: object) -> str:
     """Return the cache key of a model's responses, from the finger, its receptors and the simulator's code."""
     receptors = finger.model.receptors
     what = [request, simulator_code(), finger.config.model_dump(mode="json"), finger.e_epidermis_mpa]
+    what += [{"friction": finger.friction}] if finger.friction else []
     return content_key([*what, receptors.position_mm.tolist(), receptors.depths_mm.tolist()])
 
 

@@ -412,9 +412,14 @@ class Fingertip(ByRecipe, SeenInside):
         return copied
 
     def drag(
-        self, indentor: Indentor | IndentorProfile | str, x_mm: Sequence[float], doi_mm: float,
+        self,
+        indentor: Indentor | IndentorProfile | str,
+        x_mm: Sequence[float],
+        doi_mm: float,
         increment_mm: float | None = None,
-    ) -> "list[FrictionResult]":  # fmt: skip
+        *,
+        level: bool = False,
+    ) -> "list[FrictionResult]":
         """Press at the first position, then slide the indentor from position to position at the same depth.
 
         Parameters
@@ -427,6 +432,8 @@ class Fingertip(ByRecipe, SeenInside):
             Depth of indentation (mm), from first touch at each position.
         increment_mm : float, optional
             Longest increment of the path (mm). Default: 0.05.
+        level : bool, optional
+            If True, the indentor stays at the height of the first press; depths count from there.
 
         Returns
         -------
@@ -446,13 +453,15 @@ class Fingertip(ByRecipe, SeenInside):
             refuse_beside_the_finger(self.config, x, None)
         rubbed = self._rubbed(shape, self.friction, TARGET_RESIDUAL, increment_mm)
         touches = [self._first_touch(shape, self._place(shape, x, None)) for x in x_mm]
+        zeros_mm = [touches[0].height_mm if level else touch.height_mm for touch in touches]
+        places = [(x, plane_mm) for x in x_mm]
         began = time.thread_time()
         with self._threads.limit(limits=1, user_api="blas"):
-            found = rubbed.drag([((x, plane_mm), touch) for x, touch in zip(x_mm, touches, strict=True)], doi_mm)
+            found = rubbed.drag(list(zip(places, touches, zeros_mm, strict=True)), doi_mm)
         seconds = (time.thread_time() - began) / len(found)
         return [
-            self._with_friction_result(rubbed, (x, plane_mm), doi_mm, touch.height_mm, *one, seconds)
-            for x, touch, one in zip(x_mm, touches, found, strict=True)
+            self._with_friction_result(rubbed, place, doi_mm, zero_mm, *one, seconds)
+            for place, zero_mm, one in zip(places, zeros_mm, found, strict=True)
         ]
 
     def point_load(self, x_mm: float, force_gwt: float, *, z_mm: float | None = None) -> PointLoadResult:

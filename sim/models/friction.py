@@ -17,6 +17,7 @@ from sim.config import FingertipConfig
 from sim.contact.first_contact import FirstTouch
 from sim.contact.friction import MOST_FRICTION, FrictionState, at_rest, solve_increment
 from sim.contact.indentor import BOTH, Indentor, Prismatic
+from sim.contact.patch import Patch, X, Y, Z
 from sim.contact.planes import Gathered, forces_along
 from sim.contact.points import ContactPose
 from sim.contact.solver import TARGET_RESIDUAL, ContactState
@@ -99,6 +100,10 @@ class FrictionResult(IndentationResult):
 
     increments: int = 0
 
+    def meshed_by(self, config: FingertipConfig) -> FingertipConfig:
+        """Return the configuration of the mesh, from that of the finger."""
+        return config if self.model.kind == "section" else frictional(config, self.indentor.axes)
+
     @property
     def friction(self) -> float:
         """Friction coefficient."""
@@ -164,9 +169,7 @@ class _Path:
 
     def __init__(self, model: CondensedModel, slopes: tuple[int, ...], how: "How") -> None:
         self.model, self.how = model, how
-        self._patch = replace(model.patch)
-        if slopes != self._patch.axes[:-1]:  # contact between nodes along the axes of slope, as without friction
-            vars(self._patch)["segments"] = replace(model.patch, axes=(*slopes, model.patch.axes[-1])).segments
+        self._patch = _joined_along(model.patch, slopes)
         self._gathered = Gathered(self._patch)
         self.increments = 0
 
@@ -197,6 +200,21 @@ class _Path:
         if not half.converged:
             return half
         return self._to(placed, pose, half, halvings - 1)
+
+
+def _joined_along(patch: Patch, slopes: tuple[int, ...]) -> Patch:
+    """Return the patch with contact between nodes along some axes only, as without friction.
+
+    Segments along another axis join each node to itself, so that results number the points alike.
+    """
+    across = len(replace(patch, axes=(X, Y)).segments) if len(patch.axes) > 2 else len(patch.segments)
+    segments = patch.segments.copy()
+    for axis, some in ((X, slice(0, across)), (Z, slice(across, None))):
+        if axis not in slopes:
+            segments[some, 1] = segments[some, 0]
+    joined = replace(patch)
+    vars(joined)["segments"] = segments  # as cached_property stores them
+    return joined
 
 
 def _part(start: ContactPose, end: ContactPose, share: float) -> ContactPose:
@@ -246,12 +264,12 @@ class Rubbed:
         )
 
     def drag(
-        self, stops: Sequence[tuple[tuple[float, float], FirstTouch]], doi_mm: float
+        self, stops: Sequence[tuple[tuple[float, float], FirstTouch, float]], doi_mm: float
     ) -> list[tuple[FrictionState, CondensedModel, HalfWidths | None, int]]:
-        """Press at the first stop, then slide from stop to stop at the same depth below each first touch."""
+        """Press at the first stop, then slide from stop to stop at the same depth below the zero of each."""
 
         def along(path: _Path, model: CondensedModel) -> tuple[float, list[FrictionState]]:
-            placed = [self._placed(place, touch, touch.height_mm, model) for place, touch in stops]
+            placed = [self._placed(place, touch, zero_mm, model) for place, touch, zero_mm in stops]
             state = path.onward(placed[0], placed[0].pose(doi_mm), path.begin(placed[0]))
             found = [state]
             for one in placed[1:]:

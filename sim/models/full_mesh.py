@@ -34,7 +34,8 @@ _INDENTOR_TOP_MM = 1.0
 _STEEP = 20.0
 _NO_HIGHER_POWER = 1e20  # 1/MPa: CalculiX divides powers of J − 1 by it, and replaces 0 by a default of its own
 CONTACT_STIFFNESS_MPA_PER_MM = 2000.0
-STICK_STIFFNESS_MPA_PER_MM = 200.0
+FRICTION_STIFFNESS_MPA_PER_MM = 200.0, 20.0
+"""Penalties of the normal gap and of the slip with friction; stiffer ones cycle between stick and slip."""
 
 
 @dataclass(frozen=True)
@@ -108,24 +109,25 @@ def write_contact_deck(
         file.write("*ELEMENT,TYPE=C3D8,ELSET=EIND\n")
         _write_elements(file, bricks + n_nodes, n_elements)
         file.write("*MATERIAL,NAME=RIGID\n*ELASTIC\n1.E5,0.3\n*SOLID SECTION,ELSET=EIND,MATERIAL=RIGID\n")
-        _write_set(file, "*NSET,NSET=NSKIN", mesh.patch_nodes)
+        layers = np.arange(mesh.grid[0] if finger.plane_strain else 1) * mesh.grid[1] * mesh.grid[2]
+        _write_set(file, "*NSET,NSET=NSKIN", np.unique(mesh.patch_nodes + layers[:, None]))
         file.write("*SURFACE,NAME=SKIN,TYPE=NODE\nNSKIN\n*SURFACE,NAME=TOOL,TYPE=ELEMENT\n")
         file.writelines(f"{n_elements + element + 1},{face}\n" for element, face in faces)
         file.write("*SURFACE INTERACTION,NAME=CONTACT\n*SURFACE BEHAVIOR,PRESSURE-OVERCLOSURE=LINEAR\n")
-        file.write(f"{CONTACT_STIFFNESS_MPA_PER_MM:.9g},1.E-6\n")
+        file.write(f"{FRICTION_STIFFNESS_MPA_PER_MM[0] if friction else CONTACT_STIFFNESS_MPA_PER_MM:.9g},1.E-6\n")
         if friction:
-            file.write(f"*FRICTION\n{friction:.9g},{STICK_STIFFNESS_MPA_PER_MM:.9g}\n")
+            file.write(f"*FRICTION\n{friction:.9g},{FRICTION_STIFFNESS_MPA_PER_MM[1]:.9g}\n")
         file.write("*CONTACT PAIR,INTERACTION=CONTACT,TYPE=NODE TO SURFACE\nSKIN,TOOL\n")
         file.write(_step(finger, "*STEP,INC=200") + "*STATIC,SOLVER=SPOOLES\n")
         small = finger.finite_strain or friction > 0
-        file.write("0.05,1.,1.E-5,0.05\n*BOUNDARY\n" if small else "0.25,1.,1.E-5,0.25\n*BOUNDARY\n")
+        file.write("0.1,1.,1.E-5,0.1\n*BOUNDARY\n" if small else "0.25,1.,1.E-5,0.25\n*BOUNDARY\n")
         file.write(f"NIND,1,1\nNIND,3,3\nNIND,2,2,{-doi_mm:.12g}\n")
         printed = "*NODE PRINT,NSET=NIND,TOTALS=ONLY\nRF\n"
         if friction:
             printed += "*NODE PRINT,NSET=NALL\nU\n"
         if slide_mm:
             file.write(f"*NODE PRINT,NSET=NIND,TOTALS=ONLY\nRF\n*END STEP\n{_step(finger, '*STEP,INC=200')}")
-            file.write(f"*STATIC,SOLVER=SPOOLES\n0.05,1.,1.E-5,0.05\n*BOUNDARY\nNIND,1,1,{slide_mm:.12g}\n")
+            file.write(f"*STATIC,SOLVER=SPOOLES\n0.1,1.,1.E-5,0.1\n*BOUNDARY\nNIND,1,1,{slide_mm:.12g}\n")
         file.write(f"{printed}*END STEP\n")
 
 
@@ -240,7 +242,7 @@ def strain_maps(config: FingertipConfig, results: Sequence[IndentationResult]) -
     smoothed.
     """
     found: dict[int, StrainMap] = {}
-    kinds = [(result.model.patch.axes, result.model.widened_mm) for result in results]
+    kinds = [(r.model.patch.axes, r.model.widened_mm, r.indentor.axes) for r in results]
     for kind in set(kinds):
         mine = [k for k, other in enumerate(kinds) if other == kind]
         mesh = mesh_of(config, results[mine[0]])
@@ -251,6 +253,7 @@ def strain_maps(config: FingertipConfig, results: Sequence[IndentationResult]) -
 
 def mesh_of(config: FingertipConfig, result: IndentationResult) -> FingerMesh:
     """Rebuild the mesh of an indentation, from the axes along which the indentor slopes and its patch."""
+    config = result.meshed_by(config)
     meshed = meshed_for(widened(config, result.model.widened_mm), result.model.patch.axes[:-1])
     return build_mesh(meshed, FingertipSurface.fit(config.geometry))
 

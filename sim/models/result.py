@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sim.config import FingertipConfig
 from sim.contact.indentor import Indentor
 from sim.contact.patch import X, Z
 from sim.contact.points import ContactPose
@@ -115,6 +116,21 @@ class IndentationResult:
     def may_depend_on_path(self) -> bool:
         """Whether other steps to this depth may end in another equilibrium (`docs/validation/hard_cases.md`)."""
         return self.state.snapped
+
+    def meshed_by(self, config: FingertipConfig) -> FingertipConfig:
+        """Return the configuration of the mesh, from that of the finger.
+
+        Parameters
+        ----------
+        config : FingertipConfig
+            The finger's.
+
+        Returns
+        -------
+        FingertipConfig
+            The same, unless friction keeps the mesh of one kind of shape for a model of all.
+        """
+        return config
 
     @property
     def path_spread(self) -> float | None:

@@ -1,0 +1,1 @@
+"""Friction beside closed forms, beside CalculiX, and what it costs."""
