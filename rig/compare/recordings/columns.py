@@ -204,12 +204,14 @@ class Row:
 def read_table(
     path: Path, required: Sequence[str], optional: Sequence[str] = (), *, others: bool = False
 ) -> list[Row]:
-    """The rows below a header (row 1) that has the required columns. Empty rows are skipped.
+    """The rows below a header (row 1) that has the required columns.
+
+    Empty rows are skipped, and so are lines above the header that begin with #.
 
     Separators are commas, semicolons or tabs; `others` says that columns besides these are no mistake. Raises
     RecordingError.
     """
-    lines = _lines(path)
+    lines, comments = _lines(path)
     header = lines[0] if lines else []
     wanted = (*required, *optional)
     for name in required:
@@ -221,7 +223,7 @@ def read_table(
             problem = "{path}, row 1: the column {column!r} is unknown or repeated; the columns are {columns}"
             raise _wrong_header(problem, "extra_column", path, name, column_list(required, optional))
     rows = []
-    for number, cells in enumerate(lines[1:], 2):
+    for number, cells in enumerate(lines[1:], comments + 2):
         if not any(cells):
             continue
         if len(cells) != len(header):
@@ -256,13 +258,15 @@ def no_rows(path: Path, expected: str) -> RecordingError:
 
 def header_of(path: Path) -> list[str]:
     """The names of the columns; none of an empty file. Raises RecordingError."""
-    return (_lines(path) or [[]])[0]
+    return (_lines(path)[0] or [[]])[0]
 
 
-def _lines(path: Path) -> list[list[str]]:
-    """Stripped cells, by the separator that makes the most columns of the header."""
+def _lines(path: Path) -> tuple[list[list[str]], int]:
+    """Stripped cells, by the separator that makes the most columns of the header; number of comments above it."""
     try:
         text = path.read_text(encoding="utf-8-sig").splitlines()
+        comments = next((n for n, line in enumerate(text) if not line.startswith("#")), len(text))
+        text = text[comments:]
         split = [list(csv.reader(text, delimiter=sign)) for sign in _SEPARATORS]
     except OSError as error:
         reason = error.strerror or str(error)
@@ -272,4 +276,4 @@ def _lines(path: Path) -> list[list[str]]:
             "{path}: not a CSV file in UTF-8: {reason}", code="no_csv", path=str(path), reason=str(error)
         ) from None
     lines = max(split, key=lambda rows: len(rows[0]) if rows else 0)
-    return [[cell.strip() for cell in cells] for cells in lines]
+    return [[cell.strip() for cell in cells] for cells in lines], comments
