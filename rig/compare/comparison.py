@@ -331,7 +331,9 @@ def left_out_line(overlay: Overlay, wider: "WiderRun | None", used: Flags | None
 
     `used` (p,) are the positions of a comparison; default: those that every receptor covers.
     """
-    stimulus, used = overlay.stimulus, ~left_out(overlay).any(axis=1) if used is None else used
+    stimulus = overlay.stimulus
+    if used is None:
+        used = np.asarray(~left_out(overlay).any(axis=1))
     low, high = range_needed(overlay)
     what = (
         f"{(~used).sum()} of {len(used)} positions of {overlay.recording.name} are left out: {stimulus.title} was "

@@ -10,7 +10,7 @@ values of the rates at which strain and stress change while the bar goes in, in 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,7 +129,7 @@ def rehearse(
     """
     key = answers_key(finger, ["example", SHAPE, DOI_MM, _RAMP_STEPS, x_mm.tolist()])
     arrays, _ = cached_arrays(key, lambda: _pressed(finger, x_mm, on_position), kind="answers")
-    return _rehearsal(finger, arrays, speed_mm_s)
+    return _rehearsal(finger, cast(dict[str, Array], arrays), speed_mm_s)
 
 
 def _pressed(finger: Fingertip, x_mm: Array, on_position: Callable[[int, int], None]) -> Arrays:
@@ -170,7 +170,7 @@ def _strain_and_stress(result: IndentationResult) -> Array:
     return np.array([strain * factor[:, None] for factor in factors])
 
 
-def _rehearsal(finger: Fingertip, arrays: Arrays, speed_mm_s: float) -> Rehearsal:
+def _rehearsal(finger: Fingertip, arrays: dict[str, Array], speed_mm_s: float) -> Rehearsal:
     n = len(arrays["x_mm"])
     receptors = finger.model.receptors.position_mm[:, 0].round(6) + 0.0
     doi_mm = np.full(n, DOI_MM)
@@ -183,13 +183,13 @@ def _rehearsal(finger: Fingertip, arrays: Arrays, speed_mm_s: float) -> Rehearsa
     return Rehearsal(stimulus, _rates(arrays, finger.config.tissue.poisson, speed_mm_s), speed_mm_s)
 
 
-def _rates(arrays: Arrays, poisson: float, speed_mm_s: float) -> Array:
+def _rates(arrays: dict[str, Array], poisson: float, speed_mm_s: float) -> Array:
     """Return (2 × 18, n, receptors) rates of change from strain (n, steps, receptors, 6) along the ramp."""
     strain, steps = arrays["strain"], arrays["strain"].shape[1]
     step_s = DOI_MM / speed_mm_s / steps
     at_s = step_s * np.arange(1, steps + 1)
     moves, last = Moves(at_s, np.full(steps, step_s)), np.arange(steps)
-    remaining = (1 - sum(share for share, _ in RELAXATION)) * np.eye(steps)
+    remaining: Array = (1 - sum(share for share, _ in RELAXATION)) * np.eye(steps)
     remaining += sum(share * moves.fading(tau_s, at_s, last) for share, tau_s in RELAXATION)
     relaxed = np.einsum("ts,nsrk->ntrk", remaining, arrays["stress"])
     value = _measures(strain, relaxed, arrays["receptor_e"], poisson)
@@ -281,7 +281,8 @@ def judge_phase(rehearsal: Rehearsal, recording: Recording, phase: str) -> Phase
     at_mm = rehearsal.stimulus.receptor_mm[receptors]
     pairs = by_pair(eps[:, used][..., receptors])
     pairs = np.concatenate([pairs, np.zeros((1, int(used.sum())))])
-    named = [(name, float(x)) for name in names for x in at_mm] + [(A_CONSTANT, None)]
+    named: list[tuple[str, float | None]] = [(name, float(x)) for name in names for x in at_mm]
+    named.append((A_CONSTANT, None))
     data = observed([recording], used)
     candidates = Candidates(pairs[None], Form())
     fit = candidates.fitted(data)
@@ -293,8 +294,8 @@ def judge_phase(rehearsal: Rehearsal, recording: Recording, phase: str) -> Phase
     is_control = [name in CONTROLS or name == A_CONSTANT for name, _ in named]
     order = np.argsort(-np.nan_to_num(share, nan=-np.inf), kind="stable")
     rows = tuple(
-        Candidate(*named[n], is_control[n], float(r[n]), float(share[n]), tuple(limits[n]), float(p_fit[n]),
-                  float(p_set[n]))
+        Candidate(named[n][0], named[n][1], is_control[n], float(r[n]), float(share[n]),
+                  (float(limits[n][0]), float(limits[n][1])), float(p_fit[n]), float(p_set[n]))
         for n in order
     )  # fmt: skip
     return PhaseVerdict(

@@ -162,7 +162,8 @@ class _Planned:
             rig.home()
             rig.zero()
             rig.move_to(x_mm=round(x_mm, 3))
-            rig.indent(**{self._stimulus.kind: self._stimulus.commanded})
+            target = {self._stimulus.kind: self._stimulus.commanded}
+            rig.indent(doi_mm=target.get("doi_mm"), force_gwt=target.get("force_gwt"))
         except _REFUSED:
             return False
         return True

@@ -16,7 +16,16 @@ from pathlib import Path
 
 import numpy as np
 
-from rig.compare.example import PHASES, PhaseVerdict, Rehearsal, judge_phase, recorded, rehearse, with_errors
+from rig.compare.example import (
+    PHASES,
+    SPEED_MM_S,
+    PhaseVerdict,
+    Rehearsal,
+    judge_phase,
+    recorded,
+    rehearse,
+    with_errors,
+)
 from rig.compare.example import positions as example_positions
 from rig.compare.recordings.recording import Recording
 from rig.data.folder import replace_text
@@ -49,12 +58,12 @@ class Level:
     exact: bool = True
     depth_mm: float = DEFAULT_DEPTH_MM
     only_x_mm: float | None = None
-    speed_mm_s: float | None = None
+    speed_mm_s: float = SPEED_MM_S
 
 
 def tissue(**changed: float) -> FingertipConfig:
     """Return the default finger with other tissue."""
-    return FingertipConfig(tissue=Tissue(**changed))  # type: ignore[arg-type]
+    return FingertipConfig(tissue=Tissue(**changed))
 
 
 LEVELS = (
@@ -83,8 +92,7 @@ LEVELS = (
 def rehearsal_of(level: Level) -> Rehearsal:
     """Return the rehearsal with one assumption changed."""
     finger = Fingertip.load(level.config, receptor_depth_mm=level.depth_mm, exact=level.exact)
-    speed = {} if level.speed_mm_s is None else {"speed_mm_s": level.speed_mm_s}
-    found = rehearse(finger.keeping_ways(), example_positions(), **speed)
+    found = rehearse(finger.keeping_ways(), example_positions(), level.speed_mm_s)
     return found if level.only_x_mm is None else at_one_receptor(found, level.only_x_mm)
 
 
