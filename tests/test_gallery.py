@@ -240,3 +240,15 @@ def test_one_runs_as_a_script_beside_processes(tmp_path: Path) -> None:
     script.write_text(text.replace("-3.2, 9)", "-3.2, 3)").replace("cores=1", "cores=2"), encoding="utf-8")
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True)
     assert np.array(done.stdout.splitlines()).shape == (3,)
+
+
+def test_recorded_bar(in_this_process: None) -> None:
+    static, dynamic = _run("09_recorded_bar")["phases"]
+    assert (static["positions_recorded"], dynamic["positions_recorded"]) == (36, 36)
+    assert static["sed_r"] == pytest.approx(0.92, abs=0.01)
+    assert dynamic["sed_r"] == pytest.approx(0.937, abs=0.01)
+    kept = [row["candidate"] for row in static["rows"] if row["in_set"]]
+    assert set(kept) == {"ep1", "sed"}
+    assert not any(row["in_set"] for row in dynamic["rows"])
+    low, high = static["rows"][0]["held_out_interval"]
+    assert low < static["rows"][0]["held_out"] < high

@@ -1,21 +1,20 @@
 """`rig compare`: runs against the model and against recorded profiles."""
 
-import json
 import shlex
 import time
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
 import typer
 
+from rig.cli.compare_example import EXAMPLES, compare_example, write_sidecar
 from rig.cli.compare_group import GroupInput, compare_group, named_group, refuse_options
 from rig.cli.options import ExactOption, JsonOption, checked_file, checked_friction, numbers
 from rig.cli.output import THE_FINGER, busy, one_line_errors, out, print_json, renamed
-from rig.compare.comparison import Comparison, compare, left_out_lines, left_out_rows
+from rig.compare.comparison import Comparison, compare, left_out, left_out_lines, left_out_rows
 from rig.compare.comparison_rows import answers_as_json, fingers_as_json
 from rig.compare.comparison_rows import as_json as comparison_as_json
 from rig.compare.likelihood import Form
@@ -30,8 +29,8 @@ from rig.compare.recordings.recording import Recording
 from rig.compare.stimuli import Stimulus, stimuli, stimulus_maps
 from rig.compare.verdict import AfferentVerdict
 from rig.compare.verdict_text import positions, sentence
+from rig.compare.wider_run import with_wider_runs
 from rig.data import Run, read_run
-from rig.data.folder import replace_text
 from rig.errors import BadInputError
 from rig.plan.config import load_config
 from rig.report.comparison_report import fingers_sections, place_section, write_comparison
@@ -46,7 +45,17 @@ _RECORDING, _MODEL, _RECEPTORS, _OUTPUT = "Recording", "Model", "Receptors", "Ou
 
 
 def command(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Run folders to compare with the recordings.")],
+    runs: Annotated[
+        list[Path] | None, typer.Argument(metavar="RUN...", help="Run folders to compare with the recordings.")
+    ] = None,
+    example: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Rehearse and compare a recorded example, without a run: bar3.",
+            rich_help_panel=_RECORDING,
+        ),
+    ] = None,
     recorded: Annotated[
         list[str] | None,
         typer.Option(
@@ -161,6 +170,12 @@ def command(
     """Compare runs, write the report and a sidecar with dates and times."""
     with one_line_errors(as_json=as_json):
         began = time.perf_counter()
+        if example is not None:
+            _refuse_beside_example(runs, recorded, example)
+            compare_example(out_file or Path(f"{example}.html"), pdf, as_json=as_json)
+            return
+        if not runs:
+            raise BadInputError("compare: requires a run folder, or --example bar3", code="needs_run")
         if normalise:
             normalize = True
             renamed("--normalise", "--normalize")
@@ -219,6 +234,10 @@ def command(
         with busy("skin along the finger: computing its deflection …", quick=True):
             beside = _along_the_finger(answered, deflection)
         comparison = _compared(answered, recordings, normalize, plausible, exact=exact, as_json=as_json)
+        if any(left_out(overlay).any() for overlay in comparison.overlays):
+            with busy("positions left out: asking the planner how far a run may go …", as_json=as_json):
+                by_run = {one.run.folder.path.name: (one.run, one.finger) for one in answered}
+                comparison = with_wider_runs(comparison, by_run)
         form = Form(saturating, silent_at_rest)
         with busy("comparing every measure with the recordings …", as_json=as_json) if recordings else nullcontext():
             verdicts = answers(comparison, form)
@@ -258,7 +277,7 @@ def command(
                 pdf=pdf,
                 answers=verdicts,
             )
-        _write_sidecar(report, time.perf_counter() - began)
+        write_sidecar(report, time.perf_counter() - began)
         if as_json:
             rows = comparison_as_json(comparison, str(report))
             rows |= {"left_out": left_out_rows(comparison), "shape_test": chance_rows(comparison.stimuli)}
@@ -271,6 +290,15 @@ def command(
                     f"simulated responses of the plausible fingers were {HOW_MADE}; --exact builds a "
                     "full model of each"
                 )
+
+
+def _refuse_beside_example(runs: list[Path] | None, recorded: list[str] | None, example: str) -> None:
+    if example not in EXAMPLES:
+        raise BadInputError("--example {example}: must be one of {examples}", code="no_such_example", example=example,
+                            examples=", ".join(EXAMPLES))  # fmt: skip
+    if runs or recorded:
+        raise BadInputError("--example {example} brings its own rehearsal and recording; give it alone",
+                            code="example_alone", example=example)  # fmt: skip
 
 
 THE_PLACES = "receptor locations: loading strains from the cache, or computing them …"
@@ -398,11 +426,6 @@ def _remade_by(runs: list[Path], options: dict[str, list[str]], flags: dict[str,
     return shlex.join([*words, *(name for name, given in flags.items() if given)])
 
 
-def _write_sidecar(report: Path, seconds: float) -> None:
-    made = {"made_utc": datetime.now(UTC).isoformat(timespec="seconds"), "seconds": round(seconds, 3)}
-    replace_text(report.with_name(report.name + ".made.json"), json.dumps(made) + "\n")
-
-
 def _print(
     comparison: Comparison, verdicts: Sequence[AfferentVerdict], at: Sequence[ReceptorLocation], report: Path
 ) -> None:
@@ -413,7 +436,7 @@ def _print(
         out.print(f"positions   {positions(answer)}")
     for line in place_lines(at):
         out.print(f"place       {line}")
-    for line in left_out_lines(comparison):
-        out.print(f"wider run   {line}")
+    for line in [] if verdicts else left_out_lines(comparison):
+        out.print(f"left out    {line}")
     out.print(f"shape test  passed by {', '.join(names) or 'no measure'}; it does not use the recordings")
     out.print(f"report      {report}")

@@ -598,6 +598,8 @@ class LeftOutOfRecordingJson(Output):
     positions: int
     left_out: list[MissingPositionsJson]
     range_needed_mm: Range
+    command: str
+    covered_by_command: int
 
 
 class ShapeTestChanceJson(Output):
@@ -768,6 +770,31 @@ class PlaceJson(Output):
     rows: list[PlaceRowJson]
 
 
+class PhaseCandidateJson(Output):
+    """Measure, rate of a measure or control at one receptor, against one phase of the example."""
+
+    candidate: Name
+    receptor_mm: float | None
+    control: bool
+    r: Ratio | None
+    held_out: Ratio | None
+    p_fit: Ratio | None
+    p_set: Ratio | None
+    held_out_interval: list[float | None]
+    in_set: bool
+
+
+class PhaseJson(Output):
+    """One phase of the recorded example; candidates by the share of held-out deviance they predict."""
+
+    phase: Literal["static", "dynamic"]
+    positions: int
+    positions_recorded: int
+    sed_r: Ratio | None
+    monotone_bound: Ratio | None
+    rows: list[PhaseCandidateJson]
+
+
 class CompareJson(Output):
     """Runs against recordings; k and ε₀ in the signs in which profiles are shown."""
 
@@ -785,6 +812,7 @@ class CompareJson(Output):
     answers: list[AnswerJson]
     places: list[PlaceJson]
     fingers: NotRequired[PlausibleFingersJson]
+    phases: NotRequired[list[PhaseJson]]
 
 
 class OfAfferentJson(Output):

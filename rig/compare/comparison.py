@@ -1,10 +1,10 @@
 """Comparison of stimuli with recordings: shape tests, correlations, joint fits, positions that no run covers."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import groupby, pairwise
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,9 @@ from rig.compare.recordings.recording import Recording
 from rig.compare.stimuli import FAMILIES, Stimulus
 from sim.measures.measures import MEASURES
 from sim.models.small_strain_error import SmallStrain, small_strain
+
+if TYPE_CHECKING:
+    from rig.compare.wider_run import WiderRun
 
 Array = NDArray[np.float64]
 Pair = tuple[int, int]
@@ -117,6 +120,8 @@ class Comparison:
     overlays: tuple[Overlay, ...]
     plausible: PlausibleFingers | None = None
     normalised: bool = False  # rates of each family have their own unit
+    wider: Mapping[Stimulus, "WiderRun"] = field(default_factory=dict)
+    """Range that would cover more of the recording, for stimuli that leave positions out."""
 
     @property
     def interpolated(self) -> bool:
@@ -290,11 +295,12 @@ def range_needed(overlay: Overlay) -> tuple[float, float]:
 
 def left_out_rows(comparison: Comparison) -> list[dict[str, Any]]:
     """Return the uncovered positions of each recording at each receptor, for `--json`."""
-    return [_row(overlay) for overlay in comparison.overlays]
+    return [_row(overlay, comparison.wider.get(overlay.stimulus)) for overlay in comparison.overlays]
 
 
-def _row(overlay: Overlay) -> dict[str, Any]:
+def _row(overlay: Overlay, wider: "WiderRun | None") -> dict[str, Any]:
     missing = left_out(overlay)
+    ends = range_needed(overlay) if wider is None else (wider.to_mm, wider.from_mm)
     return {
         "shape": overlay.stimulus.indentor,
         "condition": overlay.stimulus.condition,
@@ -305,21 +311,48 @@ def _row(overlay: Overlay) -> dict[str, Any]:
             for x, gone in zip(overlay.stimulus.receptor_mm, missing.T, strict=True)
             if gone.any()
         ],
-        "range_needed_mm": [round(x, _DECIMALS) for x in range_needed(overlay)],
+        "range_needed_mm": [round(x, _DECIMALS) for x in ends],
+        "command": wider.command if wider else "",
+        "covered_by_command": wider.measured if wider else len(missing) - int(missing.any(axis=1).sum()),
     }
 
 
 def left_out_lines(comparison: Comparison) -> list[str]:
-    """Return, for each recording not covered at every receptor, a line with the range to press."""
-    return [_line(overlay) for overlay in comparison.overlays if left_out(overlay).any()]
+    """Return a sentence for each recording that is not covered at every receptor."""
+    return [
+        left_out_line(overlay, comparison.wider.get(overlay.stimulus))
+        for overlay in comparison.overlays
+        if left_out(overlay).any()
+    ]
 
 
-def _line(overlay: Overlay) -> str:
+def left_out_line(overlay: Overlay, wider: "WiderRun | None", used: Flags | None = None) -> str:
+    """Return how many positions are left out, why, and what would measure them.
+
+    `used` (p,) are the positions of a comparison; default: those that every receptor covers.
+    """
+    stimulus = overlay.stimulus
+    if used is None:
+        used = np.asarray(~left_out(overlay).any(axis=1))
     low, high = range_needed(overlay)
-    return (
-        f"a run of {overlay.stimulus.title} from {high:g} to {low:g} mm would cover every position of "
-        f"{overlay.recording.name} at every receptor"
+    what = (
+        f"{(~used).sum()} of {len(used)} positions of {overlay.recording.name} are left out: {stimulus.title} was "
+        f"pressed from {_end(stimulus.x_mm.max())} to {_end(stimulus.x_mm.min())} mm, and the receptors need it "
+        f"from {_end(high)} to {_end(low)} mm"
     )
+    if wider is None:
+        return f"{what}."
+    reach = f"from {_end(wider.from_mm)} to {_end(wider.to_mm)} mm"
+    if not wider.wider:
+        return f"{what}; the planner accepts no wider run."
+    by = f"`{wider.command}`" if wider.command else f"a run of {stimulus.title} {reach}"
+    if wider.complete:
+        return f"{what}; {by} would cover all of them."
+    return f"{what}; {by} would cover {wider.measured} at every receptor, and the planner accepts no wider run."
+
+
+def _end(x_mm: float) -> str:
+    return f"{round(float(x_mm), 3) + 0.0:g}"
 
 
 def _rounded(position: NDArray[np.float64]) -> list[float]:

@@ -1,6 +1,6 @@
 """Verdicts from recordings: every candidate is fitted once to one afferent, tested, and used for prediction."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import groupby
 from typing import NamedTuple
 
@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.candidate_measures import Candidates, Fitted, by_monotone, by_repeats, detectable, tail
-from rig.compare.comparison import Comparison, Joint, Overlay, Pair
+from rig.compare.comparison import Comparison, Joint, Overlay, Pair, left_out_line
 from rig.compare.fit import Flags, by_pair, compared, correlation, fit_rates
 from rig.compare.intervals import ConfidenceLimits, limits
 from rig.compare.likelihood import Form, Observed, observed
 from rig.compare.model_confidence_set import Predicted, imitated, predicted_left_out, set_probabilities
 from rig.compare.plausible_fingers import PlausibleFingers
-from rig.compare.stimuli import CONTROLS
+from rig.compare.stimuli import CONTROLS, Stimulus
 from rig.compare.verdict import (
     A_CONSTANT,
     LEVEL,
@@ -28,6 +28,7 @@ from rig.compare.verdict import (
     Together,
     titled,
 )
+from rig.compare.wider_run import WiderRun
 from sim.measures.measures import MEASURES
 
 Array = NDArray[np.float64]
@@ -37,7 +38,7 @@ _NOT_KNOWN = ConfidenceLimits((np.nan, np.nan), (np.nan, np.nan))
 
 def answers(comparison: Comparison, form: Form = Form()) -> tuple[AfferentVerdict, ...]:  # noqa: B008
     """Return one verdict for each afferent; none if the receptors in play cover too few positions."""
-    found = [_answer(group, comparison.plausible, form) for group in afferents(comparison)]
+    found = [_answer(group, comparison, form) for group in afferents(comparison)]
     return tuple(one for one in found if one is not None)
 
 
@@ -97,7 +98,8 @@ class _Judged(NamedTuple):
         return int(np.argmin(np.where(self.measures, self.fit.found.total, np.inf)))
 
 
-def _answer(overlays: Sequence[Overlay], plausible: PlausibleFingers | None, form: Form) -> AfferentVerdict | None:
+def _answer(overlays: Sequence[Overlay], comparison: Comparison, form: Form) -> AfferentVerdict | None:
+    plausible = comparison.plausible
     pool = laid(overlays, form, with_fingers=plausible is not None)
     if pool is None:
         return None
@@ -114,7 +116,7 @@ def _answer(overlays: Sequence[Overlay], plausible: PlausibleFingers | None, for
             data.stimulus, data.position_mm, data.rate, np.sqrt(noise.dispersion * data.variance(data.rate))
         ),
         recorded=len(pool.used),
-        left_out=_left_out(overlays, pool.used),
+        left_out=_left_out(overlays, pool.used, comparison.wider),
         noise=noise,
         ceiling=by_repeats(data) if repeated else by_monotone(judged.fit.eps, data),
         ceiling_from="repeats" if repeated else "monotone",
@@ -217,14 +219,15 @@ def _least_squares_r2(eps: Array, rate: Array) -> float:
     return 1 - left / total if total > 0 else np.nan
 
 
-def _left_out(overlays: Sequence[Overlay], used: Flags) -> tuple[LeftOut, ...]:
+def _left_out(overlays: Sequence[Overlay], used: Flags, wider: Mapping[Stimulus, WiderRun]) -> tuple[LeftOut, ...]:
     """Return the positions that not every receptor in play covers."""
     ends = np.cumsum([len(overlay.recording.position_mm) for overlay in overlays])[:-1]
     found = []
     for overlay, mine in zip(overlays, np.split(used, ends), strict=True):
         position_mm, rate = overlay.recording.position_mm[~mine], overlay.recording.rate[~mine]
         if len(position_mm):
-            found.append(LeftOut(overlay.stimulus.title, tuple(position_mm.tolist()), tuple(rate.tolist())))
+            line = left_out_line(overlay, wider.get(overlay.stimulus), mine)
+            found.append(LeftOut(overlay.stimulus.title, tuple(position_mm.tolist()), tuple(rate.tolist()), line))
     return tuple(found)
 
 

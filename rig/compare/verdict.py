@@ -95,6 +95,7 @@ class LeftOut(NamedTuple):
     stimulus: str
     position_mm: tuple[float, ...]
     rate: tuple[float, ...] = ()
+    sentence: str = ""  # how many, why, and what would measure them
 
 
 class Mimic(NamedTuple):

@@ -156,10 +156,8 @@ def positions(answer: AfferentVerdict) -> str:
     used = len(answer.places.rate)
     if not answer.left_out:
         return f"All {used} recorded positions are used."
-    missing = "; ".join(f"{one.stimulus}: {', '.join(map(in_mm, one.position_mm))} mm" for one in answer.left_out)
-    return (
-        f"{used} of {answer.recorded} recorded positions are used. The run does not cover the others at every "
-        f"compared receptor: {missing}."
+    return " ".join(
+        [f"{used} of {answer.recorded} recorded positions are used.", *(one.sentence for one in answer.left_out)]
     )
 
 

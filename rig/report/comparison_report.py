@@ -286,10 +286,12 @@ def write_comparison(
     maps: Sequence[StimulusMap] = (),
     pdf: Path | None = None,
     answers: Sequence[AfferentVerdict] = (),
+    lead: Sequence[Section] = (),
 ) -> None:
     """Write the report as HTML, and as PDF if requested, dated by the newest run.
 
-    `answers` are the verdicts on the recordings; `extra` sections follow them; `command` reproduces the report.
+    `answers` are the verdicts on the recordings, after `lead` and before `extra` sections; `command` reproduces the
+    report.
     """
     shown = shown_measures(comparison, answers)
     page = partial(
@@ -297,6 +299,7 @@ def write_comparison(
         "comparison.html.j2",
         title=title,
         sections=[
+            *lead,
             *answer_sections(answers, frame(comparison.overlays), recorded=bool(comparison.overlays)),
             *extra,
             *simulation_sections(comparison, shown, maps),

@@ -1,6 +1,6 @@
 """Sections of a comparison's report on recordings: fits, the source's figures, the skin's deflection.
 
-The published recordings are figures, not tables, and are not shipped. Source: Raju 1998, ch. 5.
+The published recordings are figures, not tables; one of them was read and is shipped. Source: Raju 1998, ch. 5.
 """
 
 import math
@@ -136,9 +136,9 @@ def source_section(comparison: Comparison) -> Section:
     """Return a row for each figure and table of the source, and the figures whose recordings are loaded."""
     return Section(
         "Figures of the source filled by recordings",
-        "Raju (1998, ch. 5) plots these over recordings that were published as figures, not as tables; none "
-        "is shipped. Published step profiles are mirror images in the frame used here (--mirror). The "
-        "program uses any recording given for a shape; the file must state its source.",
+        "Raju (1998, ch. 5) plots these over recordings that were published as figures, not as tables; only "
+        "the rates under the 3 mm bar are shipped. Published step profiles are mirror images in the frame used "
+        "here (--mirror). The program uses any recording given for a shape; the file must state its source.",
         ("figure or table", "content", "needs", "here"),
         (*(row for one in PUBLISHED for row in _rows(comparison, one)), _row_of_table(comparison)),
         tuple(figure for one in PUBLISHED for figure in _figures(comparison, one)),

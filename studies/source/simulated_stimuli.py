@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compare.stimuli import Stimulus, answers_key, contact_regions, controls
+from rig.compare.stimuli import Stimulus, answers_key, contact_regions, controls, on_widest_skin
 from sim.measures.measures import MEASURES, shown
 from sim.models.cache import Arrays, cached_arrays
 from sim.models.fingertip import Fingertip
@@ -51,13 +51,14 @@ def _answers(finger: Fingertip, indentor: str, x_mm: Array, target: dict[str, An
 
 
 def _table(results: Sequence[IndentationResult], receptors: NDArray[np.int64]) -> Arrays:
+    skin_mm, pressure = on_widest_skin([r.pressure_profile_kpa for r in results])
     return {
         **{name: np.array([getattr(r, name) for r in results]) for name in ("doi_mm", "force_gwt")},
         "measures": np.array(
             [[shown(name, r.receptor_measures[name])[receptors] for r in results] for name in MEASURES]
         ),
-        "skin_mm": results[0].pressure_profile[0],
-        "pressure": np.array([r.pressure_profile_kpa[1] for r in results]),
+        "skin_mm": skin_mm,
+        "pressure": pressure,
         "regions_mm": contact_regions(results),
         "controls": np.moveaxis(np.array([controls(r)[:, receptors] for r in results]), 1, 0),
     }

@@ -133,7 +133,7 @@ def _mirrored(found: Mapping[str, Recording], mirror: Sequence[str]) -> dict[str
 
 
 def _in_table(path: Path) -> tuple[list[_Named], Wrong]:
-    lines = table_lines(path)
+    lines, comments = table_lines(path)
     header = lines[0] if lines else []
     columns = column_list(REQUIRED, OPTIONAL)
     for name in (*REQUIRED, *header):
@@ -144,10 +144,15 @@ def _in_table(path: Path) -> tuple[list[_Named], Wrong]:
             problem, code = "the column {column!r} is unknown or repeated; the columns are {columns}", "extra_column"
         if problem is not None:
             raise RecordingError(
-                f"{{path}}, row 1: {problem}", code=code, path=str(path), column=name, columns=columns
+                f"{{path}}, row {{row}}: {problem}",
+                code=code,
+                path=str(path),
+                row=comments + 1,
+                column=name,
+                columns=columns,
             )
     named, wrong = [], []
-    for number, cells in enumerate(lines[1:], 2):
+    for number, cells in enumerate(lines[1:], comments + 2):
         where = f"{path}, row {number}"
         if not any(cells):
             continue

@@ -205,24 +205,26 @@ class Row:
 def read_table(
     path: Path, required: Sequence[str], optional: Sequence[str] = (), *, others: bool = False
 ) -> list[Row]:
-    """The rows below a header (row 1) that has the required columns. Empty rows are skipped.
+    """The rows below a header (row 1) that has the required columns.
+
+    Empty rows are skipped, and so are lines above the header that begin with #.
 
     Separators are commas, semicolons or tabs; `others` says that columns besides these are no mistake. Raises
     RecordingError.
     """
-    lines = table_lines(path)
+    lines, comments = table_lines(path)
     header = lines[0] if lines else []
     wanted = (*required, *optional)
     for name in required:
         if name not in header:
-            problem = "{path}, row 1: the column {column} is missing; the columns are {columns}"
-            raise _wrong_header(problem, "no_column", path, name, column_list(required, optional))
+            problem = "{path}, row {row}: the column {column} is missing; the columns are {columns}"
+            raise _wrong_header(problem, "no_column", path, comments + 1, name, column_list(required, optional))
     for name in header:
         if (name not in wanted and not others) or (name in wanted and header.count(name) > 1):
-            problem = "{path}, row 1: the column {column!r} is unknown or repeated; the columns are {columns}"
-            raise _wrong_header(problem, "extra_column", path, name, column_list(required, optional))
+            problem = "{path}, row {row}: the column {column!r} is unknown or repeated; the columns are {columns}"
+            raise _wrong_header(problem, "extra_column", path, comments + 1, name, column_list(required, optional))
     rows = []
-    for number, cells in enumerate(lines[1:], 2):
+    for number, cells in enumerate(lines[1:], comments + 2):
         if not any(cells):
             continue
         if len(cells) != len(header):
@@ -240,8 +242,8 @@ def read_table(
     return [Row(path, number, cells, commas) for number, cells in rows]
 
 
-def _wrong_header(sentence: str, code: str, path: Path, column: str, columns: str) -> RecordingError:
-    return RecordingError(sentence, code=code, path=str(path), column=column, columns=columns)
+def _wrong_header(sentence: str, code: str, path: Path, row: int, column: str, columns: str) -> RecordingError:
+    return RecordingError(sentence, code=code, path=str(path), row=row, column=column, columns=columns)
 
 
 def column_list(required: Sequence[str], optional: Sequence[str] = ()) -> str:
@@ -257,13 +259,15 @@ def no_rows(path: Path, expected: str) -> RecordingError:
 
 def header_of(path: Path) -> list[str]:
     """The names of the columns; none of an empty file. Raises RecordingError."""
-    return (table_lines(path) or [[]])[0]
+    return (table_lines(path)[0] or [[]])[0]
 
 
-def table_lines(path: Path) -> list[list[str]]:
-    """Stripped cells, by the separator that makes the most columns of the header."""
+def table_lines(path: Path) -> tuple[list[list[str]], int]:
+    """Stripped cells, by the separator that makes the most columns of the header; number of comments above it."""
     try:
         text = path.read_text(encoding="utf-8-sig").splitlines()
+        comments = next((n for n, line in enumerate(text) if not line.startswith("#")), len(text))
+        text = text[comments:]
         split = [list(csv.reader(text, delimiter=sign)) for sign in _SEPARATORS]
     except OSError as error:
         reason = error.strerror or str(error)
@@ -273,4 +277,4 @@ def table_lines(path: Path) -> list[list[str]]:
             "{path}: not a CSV file in UTF-8: {reason}", code="no_csv", path=str(path), reason=str(error)
         ) from None
     lines = max(split, key=lambda rows: len(rows[0]) if rows else 0)
-    return [[cell.strip() for cell in cells] for cells in lines]
+    return [[cell.strip() for cell in cells] for cells in lines], comments

@@ -224,6 +224,8 @@ def test_columns_units_and_what_is_left_out(command: Command, bar_run: Run) -> N
             "positions": 5,
             "left_out": [{"receptor_mm": 0.0, "positions_mm": [1.2, 1.8]}],
             "range_needed_mm": [-0.6, 1.8],
+            "command": "",
+            "covered_by_command": 5,
         }
     ]
     assert {row["positions"] for row in answer["rows"]} == {3}

@@ -37,6 +37,8 @@ def test_what_is_left_out_at_each_receptor(judged: Callable[..., Comparison]) ->
             {"receptor_mm": 0.5, "positions_mm": [-3.0, 2.0, 3.0]},
         ],
         "range_needed_mm": [-4.0, 3.5],
+        "command": "",
+        "covered_by_command": 3,
     }
     (line,) = left_out_lines(found)
     for part in ("step:1 at 2.33 gwt", "mine.csv", "from 3.5 to -4 mm"):

@@ -105,7 +105,7 @@ def test_the_next_pair_and_by_how_much_it_is_worse() -> None:
 
 def test_controls_ceiling_power_and_positions() -> None:
     mimics = (Mimic("skin pressure at 0.5 mm", "e22 at 0 mm", 0.34), Mimic("indentor curvature at 1 mm", "s11", 0.8))
-    left = (LeftOut("step:1 at 8 gwt", (-2.5, 3.0)),)
+    left = (LeftOut("step:1 at 8 gwt", (-2.5, 3.0), (0.0, 0.0), "2 of 6 are left out: step:1 at 8 gwt …"),)
     found = answer(BEST, BAD, CONTROL, CONSTANT, power=Power(0.042, mimics), recorded=6, left_out=left)
     said = sentences(found)
     for one, parts in zip(
@@ -115,7 +115,7 @@ def test_controls_ceiling_power_and_positions() -> None:
             ("93 %",),
             ("4 % of the largest rate", "80 %"),
             ("skin pressure at 0.5 mm", "e22 at 0 mm", "0.34"),
-            ("4 of 6", "step:1 at 8 gwt: −2.5, 3 mm"),
+            ("4 of 6", "2 of 6", "step:1 at 8 gwt"),
         ),
         strict=True,
     ):

@@ -1,0 +1,254 @@
+"""Sections of the example's page: verdict on both phases, candidates, profiles, and sensitivity."""
+
+import csv
+from collections.abc import Sequence
+from importlib.resources import files
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from rig.compare.example import (
+    RELAXATION,
+    Candidate,
+    PhaseVerdict,
+    Rehearsal,
+    recorded,
+)
+from rig.compare.fit import fit_rates, predicted
+from rig.compare.verdict_text import percent, probability
+from rig.report.page_parts import PageFigure, Section
+from rig.report.style import BLUE, GREY, ORANGE, Plot, as_number
+
+HEADER = (
+    "candidate", "r", "held-out deviance predicted [95 %]", "p of the fit", "p in the set", "in the set",
+)  # fmt: skip
+_ROWS = 12
+DRY_RUN = "rig dry-run bars --set increments=1 from_mm=5.1 to_mm=-5.05"
+"""Command that presses the range of the rehearsal on the virtual bench."""
+
+SENSITIVITY = files("rig.compare") / "data" / "bar3_sensitivity.csv"
+"""How both phases change with what the comparison assumes; `python -m studies run bar3-sensitivity` writes it."""
+
+
+class Level(NamedTuple):
+    """One row of the table of sensitivity: a level of an axis, and what leads there."""
+
+    axis: str
+    level: str
+    phase: str
+    leader: str
+    held_out: str
+    second: str
+    second_held_out: str
+    sed_r: str
+
+
+def read_levels() -> list[Level]:
+    """Return the stored levels; none if the study was never run."""
+    if not SENSITIVITY.is_file():
+        return []
+    lines = SENSITIVITY.read_text(encoding="utf-8").splitlines()
+    return [Level(*row) for row in list(csv.reader(lines))[1:]]
+
+
+NOT_VARIED = {"friction": "0, 0.3, 0.6"}
+"""Axes of the table whose levels are not measured yet."""
+
+
+def moved_axes(levels: Sequence[Level], phase: str) -> list[str]:
+    """Return the axes on which another measure leads than with the defaults."""
+    mine = [one for one in levels if one.phase == phase]
+    usual = next((measure(one.leader) for one in mine if one.axis == "defaults"), None)
+    return list(dict.fromkeys(one.axis for one in mine if measure(one.leader) != usual))
+
+
+def measure(candidate: str) -> str:
+    """Return the name of a candidate without its receptor."""
+    return candidate.partition(" at ")[0]
+
+
+def lead_sentences(verdicts: Sequence[PhaseVerdict], levels: Sequence[Level]) -> tuple[str, str, str]:
+    """Return the verdict, what cannot be distinguished, and what it depends on."""
+    first = "; ".join(map(_verdict, verdicts))
+    return f"{first[0].upper()}{first[1:]}.", f"{_undecided(verdicts)}.", _depends(levels)
+
+
+def _verdict(one: PhaseVerdict) -> str:
+    best = one.best
+    share = f"{percent(best.held_out)} [{percent(best.interval[0])}, {percent(best.interval[1])}]"
+    if best.in_set:
+        kept = [titled(row) for row in undecided(one) if not row.control]
+        return (
+            f"the {one.phase} response is explained by {' or '.join(kept)}, of which {kept[0]} predicts {share} of "
+            "the held-out deviance"
+            if len(kept) > 1
+            else f"{kept[0]} explains the {one.phase} response and predicts {share} of its held-out deviance"
+        )
+    return (
+        f"no candidate explains the {one.phase} response within its noise: {titled(best)} predicts {share} of the "
+        f"held-out deviance, but its fit is rejected ({probability(best.p_fit)})"
+    )
+
+
+def titled(row: Candidate) -> str:
+    """Return the title with the abbreviation of SED in capitals."""
+    return row.title.replace("sed", "SED")
+
+
+def undecided(one: PhaseVerdict) -> list[Candidate]:
+    """Return the best receptor of each candidate that the recording does not separate from the best one."""
+    rows: dict[str, Candidate] = {}
+    for row in one.rows:
+        together = row.in_set if one.best.in_set else row.held_out >= one.best.interval[0]
+        if together:
+            rows.setdefault(row.name, row)
+    return list(rows.values())
+
+
+def _undecided(verdicts: Sequence[PhaseVerdict]) -> str:
+    return "; ".join(_together(one, undecided(one)) for one in verdicts)
+
+
+def _together(one: PhaseVerdict, rows: Sequence[Candidate]) -> str:
+    if len(rows) < 2:
+        return f"in the {one.phase} phase, no other candidate is as good"
+    names = [titled(row) + " (a control)" * row.control for row in rows]
+    return f"in the {one.phase} phase, {', '.join(names[:-1])} and {names[-1]} cannot be distinguished"
+
+
+def _depends(levels: Sequence[Level]) -> str:
+    open_axes = ", ".join(f"{name} ({values})" for name, values in NOT_VARIED.items())
+    if not levels:
+        return f"What it depends on was not measured; the axis {open_axes} is open."
+    said = []
+    settled_by = f"; {open_axes} has not been varied"
+    for phase in dict.fromkeys(one.phase for one in levels):
+        axes = moved_axes(levels, phase)
+        usual = next(measure(one.leader) for one in levels if one.phase == phase and one.axis == "defaults")
+        if axes:
+            said.append(f"{usual} is not settled for the {phase} phase: another measure leads with {', '.join(axes)}")
+        else:
+            said.append(f"{usual} leads the {phase} phase at every level that was varied")
+    return f"It depends on what the simulation assumes: {'; '.join(said)}{settled_by}."
+
+
+def example_sections(rehearsal: Rehearsal, verdicts: Sequence[PhaseVerdict]) -> list[Section]:
+    """Return the sections that open the page."""
+    levels = read_levels()
+    return [
+        Section(
+            "The recording under the 3 mm bar",
+            " ".join(lead_sentences(verdicts, levels)),
+            figures=(_profiles(rehearsal, verdicts),),
+            points=_about(rehearsal, verdicts),
+        ),
+        *(_phase(one) for one in verdicts),
+        *_sensitivity(levels),
+    ]
+
+
+def _about(rehearsal: Rehearsal, verdicts: Sequence[PhaseVerdict]) -> tuple[str, ...]:
+    static, dynamic = verdicts
+    series = ", ".join(f"{share:g} with {tau:g} s" for share, tau in RELAXATION)
+    x = rehearsal.stimulus.x_mm
+    return (
+        f"SED at receptor 0 correlates r = {as_number(static.sed_r, 2)} with the static and r = "
+        f"{as_number(dynamic.sed_r, 2)} with the dynamic rates, over all {static.recorded} positions.",
+        f"{static.recorded - static.positions} of {static.recorded} positions are left out of the verdict, because "
+        f"receptors at ± 2 mm would need the bar beyond {as_number(float(x.max()))} and {as_number(float(x.min()))} "
+        "mm, where contact reaches the edge of the finger model's patch; the recorded rates there are 0.",
+        "The recording has one value per position and no repeats, so its noise ceiling is unknown. The best monotone "
+        f"function of any candidate predicts {percent(static.bound)} (static) and {percent(dynamic.bound)} "
+        "(dynamic) of the held-out variance.",
+        f"Dynamic phase: one continuous ramp to 1 mm at {rehearsal.speed_mm_s:g} mm/s (the source of the numbers "
+        f"states no speed), in tissue that relaxes ({series}). A press made of 0.05 mm increments, as a stage makes "
+        "it, is another stimulus.",
+        "One typical afferent of a monkey, read from a printed figure (0.05 mm, 3 impulses/s). Nothing was tuned to "
+        "these numbers: finger, receptors, rate model and relaxation are the defaults of this program.",
+        f"`{DRY_RUN}` presses the same range through the virtual devices; `rig compare` takes that run.",
+    )
+
+
+def _phase(one: PhaseVerdict) -> Section:
+    best: dict[str, Candidate] = {}
+    for row in one.rows:
+        best.setdefault(row.name, row)
+    what = (
+        "Candidates are the 18 measures at the end of the ramp."
+        if one.phase == "static"
+        else "Candidates are the 18 measures, and the mean magnitude and the peak of their rates of change."
+    )
+    return Section(
+        f"Candidates, {one.phase} phase",
+        f"{what} Each is at its best receptor, best prediction first, over {one.positions} positions. Intervals: "
+        "95 % over draws of blocks of three neighboring positions.",
+        HEADER,
+        tuple(_cells(row) for row in list(best.values())[:_ROWS]),
+    )
+
+
+def _cells(row: Candidate) -> tuple[str, ...]:
+    low, high = (percent(share) for share in row.interval)
+    return (
+        f"{row.title} (control)" if row.control else row.title,
+        as_number(row.r if np.isfinite(row.r) else None, 2),
+        f"{percent(row.held_out)} [{low}, {high}]",
+        *(probability(p).removeprefix("p ").removeprefix("= ") for p in (row.p_fit, row.p_set)),
+        "yes" if row.in_set else "no",
+    )
+
+
+def _sensitivity(levels: Sequence[Level]) -> list[Section]:
+    if not levels:
+        return []
+    settled = {phase: not moved_axes(levels, phase) for phase in dict.fromkeys(one.phase for one in levels)}
+    rows = [tuple(one) for one in levels]
+    rows += [(name, values, "both", "not varied yet", "", "", "", "") for name, values in NOT_VARIED.items()]
+    said = ", ".join(f"{phase}: {'yes' if yes else 'no'}" for phase, yes in settled.items())
+    return [
+        Section(
+            "Sensitivity of the verdict",
+            "The measure that predicts most of the held-out deviance, and the second, at each level of each axis. A "
+            "measure is settled only if it leads at every level of every axis, those not varied yet included. Leads "
+            f"at every varied level: {said}. Values are stored; `python -m studies run bar3-sensitivity` measures "
+            "them.",
+            ("axis", "level", "phase", "leads", "predicts", "second", "predicts", "r of SED at 0"),
+            tuple(rows),
+        )
+    ]
+
+
+def _profiles(rehearsal: Rehearsal, verdicts: Sequence[PhaseVerdict]) -> PageFigure:
+    return PageFigure(
+        "Recorded and predicted rates under the 3 mm bar",
+        Plot((8.4, 3.3), lambda figure: draw_profiles(figure, rehearsal, verdicts)),
+        "Dots: recorded rates of one SA-I afferent (Phillips and Johnson 1981). Lines: the best measure, and the "
+        "best other one, each with its own k and ε₀.",
+    )
+
+
+def draw_profiles(figure: Figure, rehearsal: Rehearsal, verdicts: Sequence[PhaseVerdict]) -> None:
+    """Plot recorded and predicted rates of both phases."""
+    panels = figure.subplots(1, len(verdicts))
+    for axes, one in zip(panels, verdicts, strict=True):
+        recording = recorded(one.phase)
+        others = [row for row in one.rows if not row.control and row.name != one.best.name]
+        fine = np.linspace(recording.position_mm[0], recording.position_mm[-1], 281)
+        for row, colour, style in ((others[0], ORANGE, "--"), (one.best, BLUE, "-")):
+            names, at = rehearsal.at(recording.position_mm)
+            _, between = rehearsal.at(fine)
+            receptor = int(np.argmin(np.abs(rehearsal.stimulus.receptor_mm - (row.receptor_mm or 0.0))))
+            eps, known = (values[names.index(row.name), :, receptor] for values in (at, between))
+            here = np.isfinite(eps)
+            fit = fit_rates(eps[here], recording.rate[here])
+            axes.plot(fine, predicted(fit, known), style, color=colour, lw=1.5, label=titled(row))
+        axes.plot(recording.position_mm, recording.rate, "o", ms=3.5, color="black", label="recorded")
+        axes.set_title(f"{one.phase} phase", fontsize=9)
+        axes.set_xlabel("position of the bar from the field center (mm)", fontsize=8)
+        axes.axhline(0, color=GREY, lw=0.5)
+        axes.tick_params(labelsize=8)
+        low, high = axes.get_ylim()
+        axes.set_ylim(low, high + 0.45 * (high - low))
+        axes.legend(fontsize=7.5, frameon=False, loc="upper center")
+    panels[0].set_ylabel("discharge rate (impulses/s)", fontsize=8)

@@ -1,0 +1,1 @@
+"""How far the verdict on a recorded afferent can be trusted."""
