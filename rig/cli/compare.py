@@ -206,13 +206,14 @@ def command(
                     "--exact": exact,
                 },
             )
-            pressed = [one for some in _answered(found, receptors, as_json=as_json) for one in some.stimuli]
+            pressed = [one for some in _answered(found, receptors, friction, as_json=as_json) for one in some.stimuli]
             made_by = {
                 "--recorded": recorded or [],
                 "--columns": columns or [],
                 "--mirror": mirror or [],
                 **_unusual(
                     ("--window-s", window_s, "0,1"),
+                    ("--friction", f"{friction:g}", "0"),
                     ("--field-centre-mm", f"{field_centre_mm:g}", "0"),
                     ("--receptor-x-mm", receptor_x_mm, None),
                     ("--receptor-depth-mm", f"{receptor_depth_mm:g}", "0.76"),
@@ -220,7 +221,7 @@ def command(
             }
             asked = GroupInput(group, mirror or [], found, pressed, reading, _remade_by(runs, made_by, {}))
             compare_group(asked, report, pdf, as_json=as_json)
-            _write_sidecar(report, time.perf_counter() - began)
+            write_sidecar(report, time.perf_counter() - began)
             return
         plausible = None if fingers is None else read_plausible(fingers)
         recordings = read_recordings(recorded or [], mirror or [], found, reading)
