@@ -254,7 +254,7 @@ def in_common(each: Sequence[Sequence[Surface]]) -> list[InCommon]:
     surface = _Normal(mass - np.log(scale)[:, None, None], mean, covariance)
     centre, variance = _most_likely(surface)
     terms = surface.terms(centre, variance)
-    lined = np.isfinite(mass).any(axis=2)
+    lined = np.asarray(np.isfinite(mass).any(axis=2))
     total = logsumexp(np.where(lined[..., None], terms, 0.0), axis=2)
     flat = np.array([[one.flat for one in some] for some in each])
     by_afferent = np.where(lined, total, flat)
@@ -270,7 +270,7 @@ def _scale(mass: Array, mean: Array, covariance: Array) -> Array:
     best = np.take_along_axis(mean[..., 1], mass.argmax(axis=2)[..., None], axis=2)[..., 0]
     lined = np.isfinite(mass)
     widest = np.sqrt(np.where(lined, covariance[..., 1, 1], 0.0).max(axis=(1, 2)))
-    some = lined.any(axis=2)
+    some = np.asarray(lined.any(axis=2))
     low, high = (sign * np.where(some, sign * best, -np.inf).max(axis=1) for sign in (-1, 1))
     scale = widest + np.where(some.any(axis=1), high - low, 0.0)
     return np.where(scale > 0, scale, 1.0)
@@ -327,7 +327,7 @@ class _Normal(NamedTuple):
 def _most_likely(surface: _Normal) -> tuple[Array, Array]:
     """Return maximum-likelihood means and variances (M, 2) of log gain and threshold."""
     best = np.take_along_axis(surface.mean, surface.log_mass.argmax(axis=2)[..., None, None], axis=2)[:, :, 0]
-    lined = np.isfinite(surface.log_mass).any(axis=2)
+    lined = np.asarray(np.isfinite(surface.log_mass).any(axis=2))
     centre = np.array([np.median(own[here], axis=0) if here.any() else np.zeros(2)
                        for own, here in zip(best, lined, strict=True)])  # fmt: skip
     variance = np.full_like(centre, _FIRST_SD**2)
