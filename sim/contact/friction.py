@@ -258,10 +258,8 @@ class _Increment:
             by_force[:, 1:] = np.where(s, slip_f, 0.0)
             by_motion[:, 1:] = np.where(s, slip_u, sliding)
             right[:, 1:] = np.where(slips[:, None], -on_cone, -slip)
-            released = np.flatnonzero(change.any(axis=1))
-            if len(released):
-                moved = self._response(active, released, change[released])
-                right -= np.einsum("kab,kb->ka", by_motion, moved)
+            if change.any():
+                right -= np.einsum("kab,kb->ka", by_motion, self._moved(change)[active])
             solved = self._solved(active, by_force, by_motion, right)
             if solved is None:
                 return None
@@ -286,14 +284,9 @@ class _Increment:
         return np.asarray(found).reshape(k, m)
 
     def _moved(self, force: Array) -> Array:
-        loaded = np.flatnonzero(force.any(axis=1))
-        return self._response(np.arange(self.count), loaded, force[loaded])
-
-    def _response(self, at: Ints, by: Ints, force: Array) -> Array:
-        """Return (r, m) displacements of points under forces on others."""
-        rows = self.compliance if len(at) == self.count else self.compliance[at]
-        part = rows if len(by) == self.count else rows[:, :, by]
-        return np.asarray(part.reshape(len(at), self.m, -1) @ force.ravel())
+        """Return (k, m) displacements of all points under their forces."""
+        size = force.size
+        return np.asarray(self.compliance.reshape(size, size) @ force.ravel()).reshape(force.shape)
 
 
 def residual_of(

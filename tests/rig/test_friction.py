@@ -3,7 +3,9 @@
 import pytest
 
 from rig.cli.options import MOST_FRICTION
+from rig.compare.stimuli import answers_key
 from sim.contact import friction
+from sim.models.catalogue import load
 from tests.program import Program
 
 pytestmark = pytest.mark.usefixtures("empty_figures")
@@ -44,6 +46,13 @@ def test_out_of_range(program: Program, command: tuple[str, ...], value: str) ->
 def test_not_combined(program: Program, more: tuple[str, ...]) -> None:
     ended = program(*more, "--friction=0.3")
     assert (ended.code, ended.json["code"]) == (2, "friction_with")
+
+
+def test_responses_are_cached_by_friction() -> None:
+    finger = load("section")
+    keys = [answers_key(finger.with_friction(mu), "request") for mu in (0.0, 0.3, 0.6)]
+    assert len(set(keys)) == 3
+    assert keys[0] == answers_key(finger, "request")
 
 
 def test_both_sides_allow_the_same() -> None:

@@ -89,10 +89,13 @@ def bonded(patch: Patch, pose: ContactPose, before: FrictionState) -> np.ndarray
     """Displacements of skin that is held wherever it touches, by the set that neither pulls nor is through."""
     move = np.array([*np.subtract(pose.at_mm, before.pose.at_mm), pose.height_mm - before.pose.height_mm])
     m, n = before.displacement.shape
-    held = before.displacement + move[:, None]
-    for _ in range(30):  # what has not touched before lands along the normal
+    start = held = before.displacement + move[:, None]
+    along = np.zeros(n)
+    for _ in range(60):  # what has not touched before lands along the normal there
         surface = pose.gap(patch.tangential_mm + held[:-1], patch.y + held[-1])
-        held += surface.height_mm * np.concatenate([-surface.slope, np.ones((1, n))]) / (1 + surface.slope**2)
+        normal = np.concatenate([-surface.slope, np.ones((1, n))]) / np.sqrt(1 + surface.slope**2)
+        along += surface.height_mm * normal[-1]
+        held = start + along * normal
     stuck = before.active.copy()
     for _ in range(4 * n):
         rows = (n * np.arange(m)[:, None] + np.flatnonzero(stuck)).ravel()
