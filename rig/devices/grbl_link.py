@@ -338,6 +338,10 @@ class GrblLink:
             port=self.name,
         )
 
+    def void_offset(self) -> None:
+        """Forget the offset: reports before the ok of a line that sets it have the old one."""
+        self.offset = None
+
     def listen_until(self, t_s: float) -> None:
         """Wait, but notice an alarm or a reset at once. Raises StageAlarm, StageReset."""
         while self._hear(t_s) is not None:
@@ -637,8 +641,9 @@ def doubt_about_zero(
     StageError
         If the board refuses the line, does not respond, is held, or is not idle.
     """
+    link.void_offset()  # also if the board refuses the line
     link.command(offset_line(coordinates, speed_mm_s), look_s=LOOK_S)
-    link.offset = None  # Reports before the ok have the old offset.
+    link.void_offset()
     if confirm_modes or max(map(abs, coordinates)) > SHORT_MM + _OFFSET_ROUND_OFF_MM:
         printed = link.command("$G", look_s=LOOK_S)
         if (doubt := _doubt_about_modes(printed, 60 * speed_mm_s)) is not None:
