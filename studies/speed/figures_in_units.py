@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from sim.benchmark import reference_s
-from sim.contact import lcp, planes
+from sim.contact import lcp
 from sim.contact.indentor import ACROSS, ALONG, BOTH
 from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
@@ -142,13 +142,13 @@ class Counts:
 
 def work(finger: Fingertip, scenes: list[PosedShape]) -> list[tuple[str, str, str]]:
     """Return what a pose is made of, beside the rates of a dense product and of a copy."""
-    counts, solves = Counts(), planes.solve_lcp
+    counts, solves = Counts(), lcp.solve_lcp
 
     def one(*problem: object) -> object:
         counts.passes += 1
         return solves(*problem)  # type: ignore[arg-type]
 
-    with counts.counted(), patch.object(planes, "solve_lcp", one):
+    with counts.counted(), patch("sim.contact.planes.solve_lcp", one):
         for scene in scenes:
             finger.indent(scene.indentor, scene.x_mm, z_mm=scene.z_mm, doi_mm=scene.doi_mm)
     flops, moved, n = counts.flops / len(scenes), counts.moved_bytes / len(scenes), len(scenes)
