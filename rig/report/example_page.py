@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from rig.compare.example import (
     RELAXATION,
-    Candidate,
+    PhaseCandidate,
     PhaseVerdict,
     Rehearsal,
     recorded,
@@ -91,14 +91,14 @@ def _verdict(one: PhaseVerdict) -> str:
     )
 
 
-def titled(row: Candidate) -> str:
+def titled(row: PhaseCandidate) -> str:
     """Return the title with the abbreviation of SED in capitals."""
     return row.title.replace("sed", "SED")
 
 
-def undecided(one: PhaseVerdict) -> list[Candidate]:
+def undecided(one: PhaseVerdict) -> list[PhaseCandidate]:
     """Return the best receptor of each candidate that the recording does not separate from the best one."""
-    rows: dict[str, Candidate] = {}
+    rows: dict[str, PhaseCandidate] = {}
     for row in one.rows:
         together = row.in_set if one.best.in_set else row.held_out >= one.best.interval[0]
         if together:
@@ -110,7 +110,7 @@ def _undecided(verdicts: Sequence[PhaseVerdict]) -> str:
     return "; ".join(_together(one, undecided(one)) for one in verdicts)
 
 
-def _together(one: PhaseVerdict, rows: Sequence[Candidate]) -> str:
+def _together(one: PhaseVerdict, rows: Sequence[PhaseCandidate]) -> str:
     if len(rows) < 2:
         return f"in the {one.phase} phase, no other candidate is as good"
     names = [titled(row) + " (a control)" * row.control for row in rows]
@@ -171,7 +171,7 @@ def _about(rehearsal: Rehearsal, verdicts: Sequence[PhaseVerdict]) -> tuple[str,
 
 
 def _phase(one: PhaseVerdict) -> Section:
-    best: dict[str, Candidate] = {}
+    best: dict[str, PhaseCandidate] = {}
     for row in one.rows:
         best.setdefault(row.name, row)
     what = (
@@ -188,7 +188,7 @@ def _phase(one: PhaseVerdict) -> Section:
     )
 
 
-def _cells(row: Candidate) -> tuple[str, ...]:
+def _cells(row: PhaseCandidate) -> tuple[str, ...]:
     low, high = (percent(share) for share in row.interval)
     return (
         f"{row.title} (control)" if row.control else row.title,
