@@ -23,7 +23,7 @@ from rig.report.style import BLUE, GREY, ORANGE, Plot, as_number
 HEADER = (
     "candidate", "r", "held-out deviance predicted [95 %]", "p of the fit", "p in the set", "in the set",
 )  # fmt: skip
-_ROWS = 12
+_ROWS, _NAMED = 12, 6
 DRY_RUN = "rig dry-run bars --set increments=1 from_mm=5.1 to_mm=-5.05"
 """Command that presses the range of the rehearsal on the virtual bench."""
 
@@ -52,8 +52,19 @@ def read_levels() -> list[Level]:
     return [Level(*row) for row in list(csv.reader(lines))[1:]]
 
 
-NOT_VARIED = {"friction": "0, 0.3, 0.6"}
-"""Axes of the table whose levels are not measured yet."""
+AXES = {
+    "friction": "0, 0.3, 0.6",
+    "Poisson's ratio": "0.45, 0.49",
+    "geometry": "epidermis 0.3, 0.5 mm; a human-sized finger",
+    "fingers the source allows": "two of their corners",
+}
+"""Axes that a settled measure must survive, with their levels; those without a stored level are named as open."""
+
+
+def not_varied(levels: Sequence[Level]) -> dict[str, str]:
+    """Return the axes without a stored level."""
+    known = {one.axis for one in levels}
+    return {name: values for name, values in AXES.items() if name not in known}
 
 
 def moved_axes(levels: Sequence[Level], phase: str) -> list[str]:
@@ -114,15 +125,17 @@ def _together(one: PhaseVerdict, rows: Sequence[PhaseCandidate]) -> str:
     if len(rows) < 2:
         return f"in the {one.phase} phase, no other candidate is as good"
     names = [titled(row) + " (a control)" * row.control for row in rows]
+    if len(names) > _NAMED + 1:
+        names = [*names[:_NAMED], f"{len(names) - _NAMED} more"]
     return f"in the {one.phase} phase, {', '.join(names[:-1])} and {names[-1]} cannot be distinguished"
 
 
 def _depends(levels: Sequence[Level]) -> str:
-    open_axes = ", ".join(f"{name} ({values})" for name, values in NOT_VARIED.items())
     if not levels:
-        return f"What it depends on was not measured; the axis {open_axes} is open."
+        return "What it depends on was not measured."
     said = []
-    settled_by = f"; {open_axes} has not been varied"
+    missing = ", ".join(f"{name} ({values})" for name, values in not_varied(levels).items())
+    settled_by = f"; not varied yet: {missing}" if missing else ""
     for phase in dict.fromkeys(one.phase for one in levels):
         axes = moved_axes(levels, phase)
         usual = next(measure(one.leader) for one in levels if one.phase == phase and one.axis == "defaults")
@@ -204,7 +217,7 @@ def _sensitivity(levels: Sequence[Level]) -> list[Section]:
         return []
     settled = {phase: not moved_axes(levels, phase) for phase in dict.fromkeys(one.phase for one in levels)}
     rows = [tuple(one) for one in levels]
-    rows += [(name, values, "both", "not varied yet", "", "", "", "") for name, values in NOT_VARIED.items()]
+    rows += [(name, values, "both", "not varied yet", "", "", "", "") for name, values in not_varied(levels).items()]
     said = ", ".join(f"{phase}: {'yes' if yes else 'no'}" for phase, yes in settled.items())
     return [
         Section(
