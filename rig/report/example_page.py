@@ -81,8 +81,8 @@ def measure(candidate: str) -> str:
 
 def lead_sentences(verdicts: Sequence[PhaseVerdict], levels: Sequence[Level]) -> tuple[str, str, str]:
     """Return the verdict, what cannot be distinguished, and what it depends on."""
-    first = "; ".join(map(_verdict, verdicts))
-    return f"{first[0].upper()}{first[1:]}.", f"{_undecided(verdicts)}.", _depends(levels)
+    first, second = "; ".join(map(_verdict, verdicts)), _undecided(verdicts)
+    return f"{first[0].upper()}{first[1:]}.", f"{second[0].upper()}{second[1:]}.", _depends(levels)
 
 
 def _verdict(one: PhaseVerdict) -> str:
@@ -139,6 +139,7 @@ def _depends(levels: Sequence[Level]) -> str:
     for phase in dict.fromkeys(one.phase for one in levels):
         axes = moved_axes(levels, phase)
         usual = next(measure(one.leader) for one in levels if one.phase == phase and one.axis == "defaults")
+        usual = usual.replace("sed", "SED")
         if axes:
             said.append(f"{usual} is not settled for the {phase} phase: another measure leads with {', '.join(axes)}")
         else:
