@@ -52,7 +52,7 @@ def command(
         str | None,
         typer.Option(
             metavar="NAME",
-            help="Rehearse and compare a recorded example, without a run: bar3.",
+            help="Shipped recording to rehearse: bar3.",
             rich_help_panel=_RECORDING,
         ),
     ] = None,
@@ -74,9 +74,7 @@ def command(
     ] = None,
     mirror: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="SHAPE", help="Negate the recorded positions of this indentor.", rich_help_panel=_RECORDING
-        ),
+        typer.Option(metavar="SHAPE", help="Indentor whose positions to negate.", rich_help_panel=_RECORDING),
     ] = None,
     normalize: Annotated[
         bool,
@@ -156,7 +154,7 @@ def command(
         typer.Option(
             "--out",
             metavar="HTML",
-            help="Report to write. Default: comparison.html in the first run.",
+            help="Report. Default: comparison.html in the first run.",
             rich_help_panel=_OUTPUT,
         ),
     ] = None,

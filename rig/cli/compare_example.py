@@ -13,7 +13,7 @@ from rig.compare.comparison_rows import answers_as_json
 from rig.compare.comparison_rows import as_json as comparison_as_json
 from rig.compare.example import (
     PHASES,
-    Candidate,
+    PhaseCandidate,
     PhaseVerdict,
     judge_phase,
     positions,
@@ -93,7 +93,7 @@ def phases_as_json(verdicts: Sequence[PhaseVerdict]) -> list[dict[str, Any]]:
     ]
 
 
-def _row(row: Candidate) -> dict[str, Any]:
+def _row(row: PhaseCandidate) -> dict[str, Any]:
     return {
         "candidate": row.name,
         "receptor_mm": row.receptor_mm,

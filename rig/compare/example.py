@@ -213,7 +213,7 @@ def _measures(strain: Array, relaxed: Array, young: Array, poisson: float) -> Ar
     return np.array(shown_as).reshape(len(MEASURES), n, steps, receptors)
 
 
-class Candidate(NamedTuple):
+class PhaseCandidate(NamedTuple):
     """Measure, rate or control at one receptor, with its fit, its prediction of held-out positions, and r."""
 
     name: str
@@ -241,23 +241,23 @@ class PhaseVerdict:
     """Candidates of one phase, best prediction first."""
 
     phase: str
-    rows: tuple[Candidate, ...]
+    rows: tuple[PhaseCandidate, ...]
     positions: int
     recorded: int
     bound: float  # share of variance that the best monotone function of any candidate predicts
     sed_r: float  # Pearson's r of SED at receptor 0 over all recorded positions
 
     @property
-    def best(self) -> Candidate:
-        """Candidate, not a control, that predicts the largest share of the held-out deviance."""
+    def best(self) -> PhaseCandidate:
+        """PhaseCandidate, not a control, that predicts the largest share of the held-out deviance."""
         return next(row for row in self.rows if not row.control)
 
-    def leader(self, names: Sequence[str] = ()) -> Candidate:
+    def leader(self, names: Sequence[str] = ()) -> PhaseCandidate:
         """Return the best candidate among some names; all measures by default."""
         return next(row for row in self.rows if not row.control and (not names or row.name in names))
 
     @property
-    def kept(self) -> list[Candidate]:
+    def kept(self) -> list[PhaseCandidate]:
         """Candidates in the model confidence set, controls among them."""
         return [row for row in self.rows if row.in_set]
 
@@ -294,7 +294,7 @@ def judge_phase(rehearsal: Rehearsal, recording: Recording, phase: str) -> Phase
     is_control = [name in CONTROLS or name == A_CONSTANT for name, _ in named]
     order = np.argsort(-np.nan_to_num(share, nan=-np.inf), kind="stable")
     rows = tuple(
-        Candidate(named[n][0], named[n][1], is_control[n], float(r[n]), float(share[n]),
+        PhaseCandidate(named[n][0], named[n][1], is_control[n], float(r[n]), float(share[n]),
                   (float(limits[n][0]), float(limits[n][1])), float(p_fit[n]), float(p_set[n]))
         for n in order
     )  # fmt: skip

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from rig.compare.example import (
     RELAXATION,
-    Candidate,
+    PhaseCandidate,
     PhaseVerdict,
     Rehearsal,
     recorded,
@@ -23,7 +23,7 @@ from rig.report.style import BLUE, GREY, ORANGE, Plot, as_number
 HEADER = (
     "candidate", "r", "held-out deviance predicted [95 %]", "p of the fit", "p in the set", "in the set",
 )  # fmt: skip
-_ROWS = 12
+_ROWS, _NAMED = 12, 6
 DRY_RUN = "rig dry-run bars --set increments=1 from_mm=5.1 to_mm=-5.05"
 """Command that presses the range of the rehearsal on the virtual bench."""
 
@@ -52,8 +52,19 @@ def read_levels() -> list[Level]:
     return [Level(*row) for row in list(csv.reader(lines))[1:]]
 
 
-NOT_VARIED = {"friction": "0, 0.3, 0.6"}
-"""Axes of the table whose levels are not measured yet."""
+AXES = {
+    "friction": "0, 0.3, 0.6",
+    "Poisson's ratio": "0.45, 0.49",
+    "geometry": "epidermis 0.3, 0.5 mm; a human-sized finger",
+    "fingers the source allows": "two of their corners",
+}
+"""Axes that a settled measure must survive, with their levels; those without a stored level are named as open."""
+
+
+def not_varied(levels: Sequence[Level]) -> dict[str, str]:
+    """Return the axes without a stored level."""
+    known = {one.axis for one in levels}
+    return {name: values for name, values in AXES.items() if name not in known}
 
 
 def moved_axes(levels: Sequence[Level], phase: str) -> list[str]:
@@ -70,8 +81,8 @@ def measure(candidate: str) -> str:
 
 def lead_sentences(verdicts: Sequence[PhaseVerdict], levels: Sequence[Level]) -> tuple[str, str, str]:
     """Return the verdict, what cannot be distinguished, and what it depends on."""
-    first = "; ".join(map(_verdict, verdicts))
-    return f"{first[0].upper()}{first[1:]}.", f"{_undecided(verdicts)}.", _depends(levels)
+    first, second = "; ".join(map(_verdict, verdicts)), _undecided(verdicts)
+    return f"{first[0].upper()}{first[1:]}.", f"{second[0].upper()}{second[1:]}.", _depends(levels)
 
 
 def _verdict(one: PhaseVerdict) -> str:
@@ -91,14 +102,14 @@ def _verdict(one: PhaseVerdict) -> str:
     )
 
 
-def titled(row: Candidate) -> str:
+def titled(row: PhaseCandidate) -> str:
     """Return the title with the abbreviation of SED in capitals."""
     return row.title.replace("sed", "SED")
 
 
-def undecided(one: PhaseVerdict) -> list[Candidate]:
+def undecided(one: PhaseVerdict) -> list[PhaseCandidate]:
     """Return the best receptor of each candidate that the recording does not separate from the best one."""
-    rows: dict[str, Candidate] = {}
+    rows: dict[str, PhaseCandidate] = {}
     for row in one.rows:
         together = row.in_set if one.best.in_set else row.held_out >= one.best.interval[0]
         if together:
@@ -110,22 +121,25 @@ def _undecided(verdicts: Sequence[PhaseVerdict]) -> str:
     return "; ".join(_together(one, undecided(one)) for one in verdicts)
 
 
-def _together(one: PhaseVerdict, rows: Sequence[Candidate]) -> str:
+def _together(one: PhaseVerdict, rows: Sequence[PhaseCandidate]) -> str:
     if len(rows) < 2:
         return f"in the {one.phase} phase, no other candidate is as good"
     names = [titled(row) + " (a control)" * row.control for row in rows]
+    if len(names) > _NAMED + 1:
+        names = [*names[:_NAMED], f"{len(names) - _NAMED} more"]
     return f"in the {one.phase} phase, {', '.join(names[:-1])} and {names[-1]} cannot be distinguished"
 
 
 def _depends(levels: Sequence[Level]) -> str:
-    open_axes = ", ".join(f"{name} ({values})" for name, values in NOT_VARIED.items())
     if not levels:
-        return f"What it depends on was not measured; the axis {open_axes} is open."
+        return "What it depends on was not measured."
     said = []
-    settled_by = f"; {open_axes} has not been varied"
+    missing = ", ".join(f"{name} ({values})" for name, values in not_varied(levels).items())
+    settled_by = f"; not varied yet: {missing}" if missing else ""
     for phase in dict.fromkeys(one.phase for one in levels):
         axes = moved_axes(levels, phase)
         usual = next(measure(one.leader) for one in levels if one.phase == phase and one.axis == "defaults")
+        usual = usual.replace("sed", "SED")
         if axes:
             said.append(f"{usual} is not settled for the {phase} phase: another measure leads with {', '.join(axes)}")
         else:
@@ -171,7 +185,7 @@ def _about(rehearsal: Rehearsal, verdicts: Sequence[PhaseVerdict]) -> tuple[str,
 
 
 def _phase(one: PhaseVerdict) -> Section:
-    best: dict[str, Candidate] = {}
+    best: dict[str, PhaseCandidate] = {}
     for row in one.rows:
         best.setdefault(row.name, row)
     what = (
@@ -188,7 +202,7 @@ def _phase(one: PhaseVerdict) -> Section:
     )
 
 
-def _cells(row: Candidate) -> tuple[str, ...]:
+def _cells(row: PhaseCandidate) -> tuple[str, ...]:
     low, high = (percent(share) for share in row.interval)
     return (
         f"{row.title} (control)" if row.control else row.title,
@@ -204,7 +218,7 @@ def _sensitivity(levels: Sequence[Level]) -> list[Section]:
         return []
     settled = {phase: not moved_axes(levels, phase) for phase in dict.fromkeys(one.phase for one in levels)}
     rows = [tuple(one) for one in levels]
-    rows += [(name, values, "both", "not varied yet", "", "", "", "") for name, values in NOT_VARIED.items()]
+    rows += [(name, values, "both", "not varied yet", "", "", "", "") for name, values in not_varied(levels).items()]
     said = ", ".join(f"{phase}: {'yes' if yes else 'no'}" for phase, yes in settled.items())
     return [
         Section(
