@@ -45,6 +45,7 @@ _RECORDING, _MODEL, _RECEPTORS, _OUTPUT = "Recording", "Model", "Receptors", "Ou
 
 
 def command(
+    context: typer.Context,
     runs: Annotated[
         list[Path] | None, typer.Argument(metavar="RUN...", help="Run folders to compare with the recordings.")
     ] = None,
@@ -169,7 +170,7 @@ def command(
     with one_line_errors(as_json=as_json):
         began = time.perf_counter()
         if example is not None:
-            _refuse_beside_example(runs, recorded, example)
+            _refuse_beside_example(context, example)
             compare_example(out_file or Path(f"{example}.html"), pdf, as_json=as_json)
             return
         if not runs:
@@ -291,13 +292,20 @@ def command(
                 )
 
 
-def _refuse_beside_example(runs: list[Path] | None, recorded: list[str] | None, example: str) -> None:
+_BESIDE_EXAMPLE = ("example", "out_file", "pdf", "as_json")
+
+
+def _refuse_beside_example(context: typer.Context, example: str) -> None:
     if example not in EXAMPLES:
         raise BadInputError("--example {example}: must be one of {examples}", code="no_such_example", example=example,
                             examples=", ".join(EXAMPLES))  # fmt: skip
-    if runs or recorded:
-        raise BadInputError("--example {example} brings its own rehearsal and recording; give it alone",
-                            code="example_alone", example=example)  # fmt: skip
+    for one in context.command.params:
+        source = context.get_parameter_source(str(one.name))
+        if one.name not in _BESIDE_EXAMPLE and source is not None and source.name == "COMMANDLINE":
+            raise BadInputError(
+                "--example {example} brings its own rehearsal and recording; remove {option}",
+                code="example_alone", example=example, option=one.opts[0],
+            )  # fmt: skip
 
 
 THE_PLACES = "receptor locations: loading strains from the cache, or computing them …"
