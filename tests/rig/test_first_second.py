@@ -130,7 +130,7 @@ def test_on_a_terminal_a_command_says_that_it_starts_before_its_libraries_are_th
 
     monkeypatch.setattr(program, "import_module", importing)
     program._app([name])
-    assert f"rig {name}: starting" in seen[0]
+    assert (f"rig {name}: starting" in seen[0]) is not COMMANDS[name].by_program
 
 
 @pytest.mark.parametrize(
