@@ -223,7 +223,7 @@ def _forces(samples: list[dict[str, Any]], index: int) -> list[float]:
 
 def test_each_is_tried() -> None:
     assert [path.stem[:3] for path in LIBRARY] == [f"{n:02}_" for n in range(1, 13)]
-    assert [path.stem[:3] for path in RIG] == [f"{n:02}_" for n in range(1, 9)]
+    assert [path.stem[:3] for path in RIG] == [f"{n:02}_" for n in range(1, 10)]
     tried = {name.removeprefix("test_") for name in globals() if name.startswith("test_")}
     assert {path.stem[3:] for path in SCRIPTS} <= tried
 

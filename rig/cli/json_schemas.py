@@ -598,7 +598,7 @@ class LeftOutOfRecordingJson(Output):
     positions: int
     left_out: list[MissingPositionsJson]
     range_needed_mm: Range
-    command: str
+    command: CommandLine
     covered_by_command: int
 
 
@@ -780,7 +780,7 @@ class PhaseCandidateJson(Output):
     held_out: Ratio | None
     p_fit: Ratio | None
     p_set: Ratio | None
-    held_out_interval: list[float | None]
+    held_out_interval: list[Ratio | None]
     in_set: bool
 
 
@@ -827,6 +827,8 @@ class GroupRowJson(Output):
 
     candidate: Candidate
     control: bool
+    unit: Unit
+    """Unit of the candidate: gain is impulses/s per unit, thresholds are in it."""
     probability: Ratio | None
     worse_by: Ratio | None
     """Log-likelihood below that of the most probable candidate."""
@@ -981,15 +983,15 @@ class DeflectionJson(Output):
 class FrictionJson(Output):
     """Friction, and the errors of contact and of Coulomb's law."""
 
-    coefficient: float
+    coefficient: Ratio
     increments: int
     sticking_share: Ratio
     """Share of the normal force that is borne by points that stick."""
     shear_x_n: float
     shear_z_n: float
-    normal_residual: float
-    cone_residual: float
-    slip_residual: float
+    normal_residual: Ratio
+    cone_residual: Ratio
+    slip_residual: Ratio
 
 
 class IndentJson(Output):

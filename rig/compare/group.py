@@ -38,7 +38,7 @@ _ROUNDS, _SETTLED = 300, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Surface:
+class AfferentLikelihood:
     """Likelihood of one measure for one afferent at each receptor (R,), as a normal one of log|k| and ε₀.
 
     `log_mass` (R,), `mean` (R, 2), `covariance` (R, 2, 2); ε₀ is in the sign in which the rate rises with it.
@@ -52,7 +52,7 @@ class Surface:
     flat: float
 
 
-def surfaces(pool: Laid) -> dict[str, Surface]:
+def surfaces(pool: Laid) -> dict[str, AfferentLikelihood]:
     """Return the likelihood of every measure and control of an afferent."""
     data, eps = pool.observed, pool.candidates.eps[0]
     found = pool.candidates.fitted(data).found
@@ -104,7 +104,7 @@ def surfaces(pool: Laid) -> dict[str, Surface]:
         off = values - mean[..., None]
         covariance = np.einsum("iaq,jaq,aq->aij", off, off, weight)
         covariance[:, 0, 0] += (weight * np.where(inside[seen], of_k[seen], 0.0)).sum(axis=1)
-        result[name] = Surface(log_mass[seen], mean.T, covariance, len(mine), flat)
+        result[name] = AfferentLikelihood(log_mass[seen], mean.T, covariance, len(mine), flat)
     return result
 
 
@@ -234,7 +234,7 @@ class InCommon(NamedTuple):
     by_afferent: Array
 
 
-def in_common(each: Sequence[Sequence[Surface]]) -> list[InCommon]:
+def in_common(each: Sequence[Sequence[AfferentLikelihood]]) -> list[InCommon]:
     """Return the maximum-likelihood population of each measure, from its surface for every afferent.
 
     Afferents for which a measure has no line better than a constant rate count with that constant's likelihood.

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rig.compare.comparison_rows import answers_as_json
+from rig.compare.comparison_rows import answers_as_json, measure_unit
 from rig.compare.group import FEWEST, GroupRow, GroupVerdict
 from rig.compare.verdict import AfferentVerdict, six_digits
 
@@ -102,6 +102,7 @@ def _row(row: GroupRow, afferents: Sequence[str]) -> dict[str, Any]:
     return {
         "candidate": row.name,
         "control": row.control,
+        "unit": measure_unit(row.name),
         "probability": six_digits(row.probability),
         "worse_by": six_digits(row.worse_by),
         "in_set": row.in_set,

@@ -563,7 +563,7 @@ class Fingertip(ByRecipe, SeenInside):
 
     def _rubbed(self, shape: Indentor, friction: float, target: float, increment_mm: float | None) -> "Rubbed":
         """Return a shape over the model with the displacement along every axis, which is built if there is none."""
-        from sim.models.friction import INCREMENT_MM, How, Rubbed, checked_friction, with_all_axes
+        from sim.models.friction import INCREMENT_MM, PathOptions, Rubbed, checked_friction, with_all_axes
 
         if not checked_friction(friction):
             raise ArgumentError("the finger has no friction; use with_friction", code="no_friction")
@@ -582,7 +582,7 @@ class Fingertip(ByRecipe, SeenInside):
             self.build_s += finger.build_s
             self.from_cache = self.from_cache and finger.from_cache
         increment = INCREMENT_MM if increment_mm is None else positive(increment_mm)
-        how = How(friction, self.config.contact.between_nodes, target, increment)
+        how = PathOptions(friction, self.config.contact.between_nodes, target, increment)
         return Rubbed(finger, shape, how, plane_strain)
 
     def _pressed_with_friction(

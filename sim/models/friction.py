@@ -155,8 +155,8 @@ class FrictionResult(IndentationResult):
         }
 
 
-class How(NamedTuple):
-    """How a path is followed."""
+class PathOptions(NamedTuple):
+    """Friction, and how finely a path is followed."""
 
     friction: float
     between_nodes: bool = True
@@ -167,7 +167,7 @@ class How(NamedTuple):
 class _Path:
     """Indentor over one model, moved increment by increment."""
 
-    def __init__(self, model: CondensedModel, slopes: tuple[int, ...], how: "How") -> None:
+    def __init__(self, model: CondensedModel, slopes: tuple[int, ...], how: PathOptions) -> None:
         self.model, self.how = model, how
         self._patch = _joined_along(model.patch, slopes)
         self._gathered = Gathered(self._patch)
@@ -234,7 +234,7 @@ class Rubbed:
         Finger whose model has all axes.
     indentor : Indentor
         The shape.
-    how : How
+    how : PathOptions
         Friction, and how its path is followed.
     plane_strain : bool
         Whether nothing moves along the finger.
@@ -242,7 +242,7 @@ class Rubbed:
 
     finger: "Fingertip"
     indentor: Indentor
-    how: How
+    how: PathOptions
     plane_strain: bool
 
     def press(

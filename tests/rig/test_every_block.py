@@ -81,6 +81,8 @@ NOT_RUN = {
     ".venv/bin/rig bench --out bench.html --json > bench.json": SLOW,
     "dask scheduler": "tests/rig/compare/test_study_on_a_cluster.py",
     "dask worker tcp://scheduler:8786 --nthreads 1": "tests/rig/compare/test_study_on_a_cluster.py",
+    'rig compare RUN --recorded "step:1=session.nix#unit 1" --columns sync=TTL': "tests/rig/compare/test_neo_file.py",
+    "rig compare RUN --recorded afferents.csv --out group.html": "tests/rig/compare/test_afferents_table.py",
     "pip install 'indentation-rig[cluster]'": NETWORK,
     "pip install build && python -m build --wheel": f"{NETWORK}; tests/test_wheel.py makes one without",
     "python -m venv elsewhere && elsewhere/bin/pip install dist/indentation_rig-*.whl": "tests/test_wheel.py",
@@ -96,6 +98,7 @@ NOT_RUN = {
     "def read(self) -> ForceReading:": SKETCH,
     "def test_a_weight_is_a_magnitude_with_its_sign_in_the_status(transmitter: Make) -> None:": SKETCH,
     "DEVICE = ForceKind(": SKETCH,
+    "afferent,shape,force_gwt,file": SKETCH,
     "for e_fat in (0.03, 0.05, 0.1, 0.2):": f"{SLOW}: sixteen fingers; tests/sim/test_moduli.py builds smaller ones",
     "force_gwt = h5read('data.h5', '/sample/force_gwt');": "not tried in MATLAB",
 }
@@ -206,7 +209,8 @@ def test_what_is_shown_runs(
     monkeypatch.chdir(tmp_path)
     Path("rig.toml").write_text("", encoding="utf-8")
     shutil.copy(ROOT / "examples" / "plausible_fingers" / "fingers.toml", tmp_path)
-    shutil.copytree(ROOT / "examples" / "tutorial", tmp_path / "examples" / "tutorial")
+    for name in ("tutorial", "afferents"):
+        shutil.copytree(ROOT / "examples" / name, tmp_path / "examples" / name)
     run = made_once("steps", lambda: _run_of_steps(program)).relative_to(tmp_path)
     for line in TO_RUN[page]:
         if line in CHECKED:

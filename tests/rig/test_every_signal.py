@@ -124,6 +124,7 @@ def dispositions(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         monkeypatch.setattr(GrblStage, motion, told)
     monkeypatch.setattr(HandOwner, "run", told)
     monkeypatch.setattr("rig.session.rehearsal_summary.rehearsed", unrehearsed)
+    monkeypatch.setattr("rig.cli.identify_finger.expected_duration", lambda *_: None)
     return found
 
 

@@ -78,6 +78,8 @@ def _options(command: str, function: Callable[..., Any]) -> Iterator[str]:
     hints = get_type_hints(function, include_extras=True)
     yield command
     for name, parameter in inspect.signature(function).parameters.items():
+        if hints[name] is typer.Context:
+            continue
         kind, info = get_args(hints[name])[:2]
         assert isinstance(info, ParameterInfo)
         given = [word for word in (info.default, *(info.param_decls or ())) if isinstance(word, str)]

@@ -25,7 +25,7 @@ TRANSLATED = re.compile(
 OF_TEXT = ("--tol", "--window-s", "--receptor-depth-mm", "--receptor-x-mm", "--receptor-z-mm", "--range",
            "--depth-range-mm", "--offset-mm", "--threshold")  # fmt: skip
 """Options that hold numbers as text."""
-DIMENSIONLESS = ("--tol",)
+DIMENSIONLESS = ("--tol", "--friction")
 
 
 def _command(name: str) -> Any:

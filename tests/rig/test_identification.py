@@ -354,7 +354,7 @@ def test_each_press_and_the_end_are_said(
     print_after_press(begun, ExpectedDuration(90.0, 12.0), begun.reports[0])
     homing, before, after = capsys.readouterr().err.splitlines()
     assert homing.startswith("homing")
-    assert f"of at most 5: {identification.reports[0].press.indentor} at" in before
+    assert f"of at most 5: {identification.reports[0].press.indentor} " in before
     assert after.endswith("at most 4 presses, about 48 s, remain")
     assert after.startswith(f"press 1: measured {identification.reports[0].surprise.measured_gwt:.2f} gwt, predicted")
     end = final_lines(done, identification, "finger.toml")

@@ -69,7 +69,8 @@ def test_hydrostatic_pressure() -> None:
     assert [m["ep1"], m["ep2"], m["ep3"]] == pytest.approx([-e, -e, -e])
 
 
-strains = arrays(float, (4, 6), elements=st.floats(-0.5, 0.5, allow_subnormal=False))
+strains = arrays(float, (4, 6), elements=st.floats(-0.5, 0.5).map(lambda e: 0.0 if abs(e) < 1e-100 else e))
+"""Strains; LAPACK's eigenvalues lose half their digits where squares of elements underflow, far below any strain."""
 
 
 @settings(max_examples=100, deadline=None)

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import fields, is_dataclass, replace
 from functools import partial
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +55,11 @@ def _public(thing: object) -> dict[str, Any]:
     """What is read from an answer without arguments, methods included."""
     names = [name for name in dir(thing) if not name.startswith("_")]
     values = {name: getattr(thing, name) for name in names}
-    return {name: value() if callable(value) else value for name, value in values.items()}
+    return {
+        name: value() if callable(value) else value
+        for name, value in values.items()
+        if not (callable(value) and signature(value).parameters)
+    }
 
 
 def _same(one: Any, other: Any) -> bool:
