@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
-_PATIENCE = 8
+_PATIENCE = 3
 _MOST_ENTRIES = 4000
 _LIFT = 1e-11
 _TOLERANCE = 1e-15
@@ -42,9 +42,9 @@ def solve_lcp(q: Array, skin: SkinCompliance, normal: Array, start: Bools) -> Lc
     """Solve λ ≥ 0, q + Wλ ≥ 0, λ·(q + Wλ) = 0; return None when W is not positive definite.
 
     W (n, n) holds the motion of points along their normals (m, n) by unit forces along them. Block principal pivoting
-    exchanges all infeasible indices at once (Júdice & Pires 1994). Where their number has not fallen for 8 exchanges,
-    one index enters at a time and λ stays feasible (Lawson & Hanson 1974), which is finite. W's diagonal counts as
-    raised by 1e-11, so that coincident points share a load.
+    exchanges all infeasible indices at once (Júdice & Pires 1994). Where their number has not fallen for 3 exchanges,
+    one index at a time enters the best set so far, and λ stays feasible (Lawson & Hanson 1974), which is finite. W's
+    diagonal counts as raised by 1e-11, so that coincident points share a load.
     """
     found, solution = _solved(q, skin, np.ascontiguousarray(normal), start)
     return solution if found else None
@@ -55,39 +55,38 @@ def _solved(q: Array, skin: SkinCompliance, normal: Array, start: Bools) -> tupl
     problem = _Problem(q, skin, normal, np.empty((len(q), len(q))), np.full(len(q), -1))
     tiny = _TOLERANCE * max(1e-300, np.abs(q).max()) if len(q) else 0.0
     ended, found, solution = _by_blocks(problem, start, tiny)
-    return (found, solution) if ended else _one_by_one(problem, start, tiny)
+    return (found, solution) if ended else _one_by_one(problem, solution.active, tiny)
 
 
 @compiled
 def _by_blocks(problem: _Problem, start: Bools, tiny: float) -> tuple[bool, bool, LcpSolution]:
-    """Return whether block pivoting ended, whether W was definite so far, and the solution."""
+    """Return whether block pivoting ended, whether W was definite so far, and the solution, or the nearest to one."""
     held = start.copy()
     best, patience = len(held) + 1, _PATIENCE
     while True:
         active = np.flatnonzero(held)
         definite, multipliers, factor = _held(problem, active)
         slack, u = _slack(problem, multipliers, active)
-        solution, n_wrong = LcpSolution(multipliers, u, active, factor), 0
+        solution = LcpSolution(multipliers, u, active, factor)
         if not definite:
             return True, False, solution
-        for point in range(len(held)):
-            if multipliers[point] < 0.0 or slack[point] < -tiny:
-                held[point] = not held[point]
-                n_wrong += 1
-        if n_wrong == 0:
+        wrong = np.flatnonzero((multipliers < 0.0) | (slack < -tiny))
+        if len(wrong) == 0:
             return True, True, solution
-        if n_wrong < best:
-            best, patience = n_wrong, _PATIENCE
+        if len(wrong) < best:
+            best, patience, nearest = len(wrong), _PATIENCE, solution
         else:
             patience -= 1
         if patience < 0:
-            return False, True, solution
+            return False, True, nearest
+        for point in wrong:
+            held[point] = not held[point]
 
 
 @compiled
-def _one_by_one(problem: _Problem, start: Bools, tiny: float) -> tuple[bool, LcpSolution]:
-    entries, entered = 0, np.flatnonzero(start)
-    multipliers = np.zeros(len(start))
+def _one_by_one(problem: _Problem, start: Ints, tiny: float) -> tuple[bool, LcpSolution]:
+    entries, entered = 0, start
+    multipliers = np.zeros(len(problem.q))
     while True:
         definite, multipliers, active, factor = _feasible(problem, entered, multipliers)
         slack, u = _slack(problem, multipliers, active)
