@@ -34,7 +34,7 @@ from rig.compare.example import (
 from rig.compare.example import positions as example_positions
 from rig.data.folder import replace_text
 from rig.plan.config import load_config
-from sim.config import FingertipConfig, Tissue
+from sim.config import FingertipConfig, MeshSpec, Tissue
 from sim.measures.receptors import DEFAULT_DEPTH_MM
 from sim.models.fingertip import Fingertip
 from sim.models.friction import Order, press_profile
@@ -51,10 +51,12 @@ ALLOWED = {
     "e_fat": (0.053, 0.171),
 }  # examples/plausible_fingers/allowed_by_the_source.toml
 
+RUBBED = "friction on a coarse mesh"
+COARSE = FingertipConfig(mesh=MeshSpec(level="coarse"))
 ORDERS: dict[Order, str] = {
+    "lifted": "lifted between presses",
     "ascending": "slid to larger x",
     "descending": "slid to smaller x",
-    "lifted": "lifted between presses",
 }
 
 Array = NDArray[np.float64]
@@ -105,9 +107,9 @@ LEVELS = (
         for d, f in ((ALLOWED["e_dermis"][0], ALLOWED["e_fat"][1]), (ALLOWED["e_dermis"][1], ALLOWED["e_fat"][0]))
     ),
     Level("geometry", "human-sized finger", load_config(HUMAN).finger),
-    Level("friction", "0, the same patch", friction=0.0),
+    Level(RUBBED, "0", COARSE, friction=0.0),
     *(
-        Level("friction", f"{friction:g}, {how}", friction=friction, order=order)
+        Level(RUBBED, f"{friction:g}, {how}", COARSE, friction=friction, order=order)
         for order, how in ORDERS.items()
         for friction in (0.3, 0.6)
     ),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rig.compare.example import DOI_MM, SHAPE
-from rig.report.example_page import read_levels
+from rig.report.example_page import NOT_VARIED, read_levels
 from sim.config import FingertipConfig
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
@@ -20,9 +20,10 @@ COARSE = FingertipConfig(mesh=coarse_mesh(0.6, 0.8))
 
 
 @pytest.mark.parametrize("level", LEVELS, ids=lambda one: f"{one.axis}: {one.level}")
-def test_every_level_of_the_study_is_stored(level: Level) -> None:
+def test_every_level_of_the_study_is_stored_or_named_as_open(level: Level) -> None:
     stored = [one for one in read_levels() if replaced(one, level)]
-    assert {one.phase for one in stored} == set(level.phases)
+    open_level = f"{level.axis}: {level.level}" in NOT_VARIED
+    assert {one.phase for one in stored} == (set() if open_level else set(level.phases))
 
 
 def test_a_ramp_with_friction_is_the_path_of_one_press() -> None:
