@@ -54,8 +54,6 @@ def read_levels() -> list[Level]:
 
 NOT_VARIED: tuple[str, ...] = (
     "geometry: human-sized finger",
-    "friction on a coarse mesh: 0.3, lifted between presses",
-    "friction on a coarse mesh: 0.6, lifted between presses",
     "friction on a coarse mesh: 0.3, slid to larger x",
     "friction on a coarse mesh: 0.6, slid to larger x",
     "friction on a coarse mesh: 0.3, slid to smaller x",
