@@ -128,29 +128,41 @@ def rehearse(
     all layers.
     """
     key = answers_key(finger, ["example", SHAPE, DOI_MM, _RAMP_STEPS, x_mm.tolist()])
-    arrays, _ = cached_arrays(key, lambda: _pressed(finger, x_mm, on_position), kind="answers")
+    arrays, _ = cached_arrays(key, lambda: _as_arrays(ramps(finger, x_mm, on_position)), kind="answers")
     return _rehearsal(finger, cast(dict[str, Array], arrays), speed_mm_s)
 
 
-def _pressed(finger: Fingertip, x_mm: Array, on_position: Callable[[int, int], None]) -> Arrays:
-    shape, found, results = parse_shape(SHAPE), [], []
+def rehearsal_of(finger: Fingertip, paths: Sequence[Sequence[IndentationResult]], speed_mm_s: float) -> Rehearsal:
+    """Return the rehearsal of presses that were made elsewhere, one sequence of depths for each position."""
+    return _rehearsal(finger, cast(dict[str, Array], _as_arrays(paths)), speed_mm_s)
+
+
+def ramps(
+    finger: Fingertip, x_mm: Array, on_position: Callable[[int, int], None] = lambda done, total: None
+) -> list[list[IndentationResult]]:
+    """Press the bar step by step at each position that the finger model accepts."""
+    shape, paths = parse_shape(SHAPE), []
     for done, x in enumerate(x_mm):
         on_position(done, len(x_mm))
-        state, path = None, []
+        path: list[IndentationResult] = []
         try:
             for depth in DOI_MM * np.arange(1, _RAMP_STEPS + 1) / _RAMP_STEPS:
-                result = finger.indent(shape, float(x), doi_mm=float(depth), start=state)
-                state = result.state
-                path.append(_strain_and_stress(result))
+                start = path[-1].state if path else None
+                path.append(finger.indent(shape, float(x), doi_mm=float(depth), start=start))
         except ModelRangeError:
             continue
-        found.append(path)
-        results.append(result)
+        paths.append(path)
+    return paths
+
+
+def _as_arrays(paths: Sequence[Sequence[IndentationResult]]) -> Arrays:
+    results = [path[-1] for path in paths]
+    found = np.array([[_strain_and_stress(result) for result in path] for path in paths])
     skin_mm, pressure = on_widest_skin([result.pressure_profile_kpa for result in results])
     return {
         "x_mm": np.array([result.x_mm for result in results]),
-        "strain": np.array(found)[:, :, 0],
-        "stress": np.array(found)[:, :, 1],
+        "strain": found[:, :, 0],
+        "stress": found[:, :, 1],
         "receptor_e": results[0].model.receptor_e,
         "measures": np.array([[shown(name, r.receptor_measures[name]) for name in MEASURES] for r in results]),
         "force_gwt": np.array([result.force_gwt for result in results]),

@@ -52,19 +52,14 @@ def read_levels() -> list[Level]:
     return [Level(*row) for row in list(csv.reader(lines))[1:]]
 
 
-AXES = {
-    "friction": "0, 0.3, 0.6",
-    "Poisson's ratio": "0.45, 0.49",
-    "geometry": "epidermis 0.3, 0.5 mm; a human-sized finger",
-    "fingers the source allows": "two of their corners",
-}
-"""Axes that a settled measure must survive, with their levels; those without a stored level are named as open."""
-
-
-def not_varied(levels: Sequence[Level]) -> dict[str, str]:
-    """Return the axes without a stored level."""
-    known = {one.axis for one in levels}
-    return {name: values for name, values in AXES.items() if name not in known}
+NOT_VARIED: tuple[str, ...] = (
+    "geometry: human-sized finger",
+    "friction on a coarse mesh: 0.3, slid to larger x",
+    "friction on a coarse mesh: 0.6, slid to larger x",
+    "friction on a coarse mesh: 0.3, slid to smaller x",
+    "friction on a coarse mesh: 0.6, slid to smaller x",
+)
+"""Levels of the study that were not run; a settled measure must survive them too."""
 
 
 def moved_axes(levels: Sequence[Level], phase: str) -> list[str]:
@@ -134,8 +129,6 @@ def _depends(levels: Sequence[Level]) -> str:
     if not levels:
         return "What it depends on was not measured."
     said = []
-    missing = ", ".join(f"{name} ({values})" for name, values in not_varied(levels).items())
-    settled_by = f"; not varied yet: {missing}" if missing else ""
     for phase in dict.fromkeys(one.phase for one in levels):
         axes = moved_axes(levels, phase)
         usual = next(measure(one.leader) for one in levels if one.phase == phase and one.axis == "defaults")
@@ -144,7 +137,8 @@ def _depends(levels: Sequence[Level]) -> str:
             said.append(f"{usual} is not settled for the {phase} phase: another measure leads with {', '.join(axes)}")
         else:
             said.append(f"{usual} leads the {phase} phase at every level that was varied")
-    return f"It depends on what the simulation assumes: {'; '.join(said)}{settled_by}."
+    missing = f"; not varied yet: {'; '.join(NOT_VARIED)}" if NOT_VARIED else ""
+    return f"It depends on what the simulation assumes: {'; '.join(said)}{missing}."
 
 
 def example_sections(rehearsal: Rehearsal, verdicts: Sequence[PhaseVerdict]) -> list[Section]:
@@ -218,15 +212,15 @@ def _sensitivity(levels: Sequence[Level]) -> list[Section]:
         return []
     settled = {phase: not moved_axes(levels, phase) for phase in dict.fromkeys(one.phase for one in levels)}
     rows = [tuple(one) for one in levels]
-    rows += [(name, values, "both", "not varied yet", "", "", "", "") for name, values in not_varied(levels).items()]
+    rows += [(*one.split(": ", 1), "both", "not varied yet", "", "", "", "") for one in NOT_VARIED]
     said = ", ".join(f"{phase}: {'yes' if yes else 'no'}" for phase, yes in settled.items())
     return [
         Section(
             "Sensitivity of the verdict",
             "The measure that predicts most of the held-out deviance, and the second, at each level of each axis. A "
             "measure is settled only if it leads at every level of every axis, those not varied yet included. Leads "
-            f"at every varied level: {said}. Values are stored; `python -m studies run bar3-sensitivity` measures "
-            "them.",
+            f"at every varied level: {said}. A bar that slides from position to position has no ramp and is judged "
+            "in the static phase alone. Values are stored; `python -m studies run bar3-sensitivity` measures them.",
             ("axis", "level", "phase", "leads", "predicts", "second", "predicts", "r of SED at 0"),
             tuple(rows),
         )
