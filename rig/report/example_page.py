@@ -52,16 +52,6 @@ def read_levels() -> list[Level]:
     return [Level(*row) for row in list(csv.reader(lines))[1:]]
 
 
-NOT_VARIED: tuple[str, ...] = (
-    "geometry: human-sized finger",
-    "friction on a coarse mesh: 0.3, slid to larger x",
-    "friction on a coarse mesh: 0.6, slid to larger x",
-    "friction on a coarse mesh: 0.3, slid to smaller x",
-    "friction on a coarse mesh: 0.6, slid to smaller x",
-)
-"""Levels of the study that were not run; a settled measure must survive them too."""
-
-
 def moved_axes(levels: Sequence[Level], phase: str) -> list[str]:
     """Return the axes on which another measure leads than with the defaults."""
     mine = [one for one in levels if one.phase == phase]
@@ -137,8 +127,7 @@ def _depends(levels: Sequence[Level]) -> str:
             said.append(f"{usual} is not settled for the {phase} phase: another measure leads with {', '.join(axes)}")
         else:
             said.append(f"{usual} leads the {phase} phase at every level that was varied")
-    missing = f"; not varied yet: {'; '.join(NOT_VARIED)}" if NOT_VARIED else ""
-    return f"It depends on what the simulation assumes: {'; '.join(said)}{missing}."
+    return f"It depends on what the simulation assumes: {'; '.join(said)}."
 
 
 def example_sections(rehearsal: Rehearsal, verdicts: Sequence[PhaseVerdict]) -> list[Section]:
@@ -212,15 +201,14 @@ def _sensitivity(levels: Sequence[Level]) -> list[Section]:
         return []
     settled = {phase: not moved_axes(levels, phase) for phase in dict.fromkeys(one.phase for one in levels)}
     rows = [tuple(one) for one in levels]
-    rows += [(*one.split(": ", 1), "both", "not varied yet", "", "", "", "") for one in NOT_VARIED]
     said = ", ".join(f"{phase}: {'yes' if yes else 'no'}" for phase, yes in settled.items())
     return [
         Section(
             "Sensitivity of the verdict",
             "The measure that predicts most of the held-out deviance, and the second, at each level of each axis. A "
-            "measure is settled only if it leads at every level of every axis, those not varied yet included. Leads "
-            f"at every varied level: {said}. A bar that slides from position to position has no ramp and is judged "
-            "in the static phase alone. Values are stored; `python -m studies run bar3-sensitivity` measures them.",
+            f"measure is settled only if it leads at every level of every axis. Settled: {said}. A bar that slides "
+            "from position to position has no ramp and is judged in the static phase alone. Values are stored; "
+            "`python -m studies run bar3-sensitivity` measures them.",
             ("axis", "level", "phase", "leads", "predicts", "second", "predicts", "r of SED at 0"),
             tuple(rows),
         )
