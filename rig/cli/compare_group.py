@@ -29,7 +29,7 @@ def named_group(recorded: Sequence[str]) -> Path | None:
 
 
 class GroupInput(NamedTuple):
-    """What a group is compared with, and how it was asked for."""
+    """Recordings of several afferents, the runs to compare them with, and the command."""
 
     path: Path
     mirror: Sequence[str]

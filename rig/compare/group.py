@@ -70,7 +70,7 @@ def surfaces(pool: Laid) -> dict[str, AfferentLikelihood]:
         return np.asarray(-(noise.freedom + size - freedom) / 2 * np.log1p(deviance / spread))
 
     def variance(deviance: Array) -> Array:
-        """Of the noise, given a deviance."""
+        """Return the variance of the noise at a deviance."""
         if known:
             return np.full_like(deviance, dispersion)
         return np.asarray((noise.freedom * dispersion + deviance) / (noise.freedom + size))

@@ -29,11 +29,11 @@ from sim.contact import lcp
 from sim.contact.indentor import ACROSS, ALONG, BOTH
 from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
-from sim.models.many_indentations import indent_many
 from studies.accuracy.random_poses import ON_ITS_PATCH, PosedShape, draw
 from studies.registry import show
 from studies.speed import cold_build
 from studies.speed.demo import DEMO, HERE
+from studies.speed.many_presses import at_once
 from studies.speed.timing import SCENES
 
 ON_S = 0.3
@@ -83,14 +83,7 @@ def drawn(finger: Fingertip, n: int) -> tuple[list[PosedShape], list[float], Spe
 
 def many(finger: Fingertip, scenes: list[PosedShape], cores: int) -> list[float]:
     """Return the forces of all poses by one call (N)."""
-    found = indent_many(
-        finger,
-        [scene.indentor for scene in scenes],
-        [scene.x_mm for scene in scenes],
-        z_mm=[np.nan if scene.z_mm is None else scene.z_mm for scene in scenes],
-        doi_mm=[scene.doi_mm for scene in scenes],
-        cores=cores,
-    )
+    found = at_once(finger, scenes, cores, measures=False)
     return [result.force_n for result in found if result is not None]
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from rig.compare.exceptions import RecordingError
-from rig.compare.recordings.columns import column_list, column_map, no_rows, table_lines
+from rig.compare.recordings.columns import check_header, column_map, no_rows, table_lines
 from rig.compare.recordings.reading import Reading, read_recordings
 from rig.compare.recordings.recording import Recording, shape_key
 from rig.compare.stimuli import Stimulus
@@ -135,22 +135,7 @@ def _mirrored(found: Mapping[str, Recording], mirror: Sequence[str]) -> dict[str
 def _in_table(path: Path) -> tuple[list[_Named], Wrong]:
     lines, comments = table_lines(path)
     header = lines[0] if lines else []
-    columns = column_list(REQUIRED, OPTIONAL)
-    for name in (*REQUIRED, *header):
-        problem = None
-        if name not in header:
-            problem, code = "the column {column} is missing; the columns are {columns}", "no_column"
-        elif name not in (*REQUIRED, *OPTIONAL) or header.count(name) > 1:
-            problem, code = "the column {column!r} is unknown or repeated; the columns are {columns}", "extra_column"
-        if problem is not None:
-            raise RecordingError(
-                f"{{path}}, row {{row}}: {problem}",
-                code=code,
-                path=str(path),
-                row=comments + 1,
-                column=name,
-                columns=columns,
-            )
+    check_header(path, comments + 1, header, REQUIRED, OPTIONAL)
     named, wrong = [], []
     for number, cells in enumerate(lines[1:], comments + 2):
         where = f"{path}, row {number}"

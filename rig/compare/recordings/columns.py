@@ -215,14 +215,7 @@ def read_table(
     lines, comments = table_lines(path)
     header = lines[0] if lines else []
     wanted = (*required, *optional)
-    for name in required:
-        if name not in header:
-            problem = "{path}, row {row}: the column {column} is missing; the columns are {columns}"
-            raise _wrong_header(problem, "no_column", path, comments + 1, name, column_list(required, optional))
-    for name in header:
-        if (name not in wanted and not others) or (name in wanted and header.count(name) > 1):
-            problem = "{path}, row {row}: the column {column!r} is unknown or repeated; the columns are {columns}"
-            raise _wrong_header(problem, "extra_column", path, comments + 1, name, column_list(required, optional))
+    check_header(path, comments + 1, header, required, optional, others=others)
     rows = []
     for number, cells in enumerate(lines[1:], comments + 2):
         if not any(cells):
@@ -240,6 +233,27 @@ def read_table(
         rows.append((number, {name: cell for name, cell in named if name in wanted}))
     commas = any(_DECIMAL_COMMA.fullmatch(cell) for _, cells in rows for cell in cells.values())
     return [Row(path, number, cells, commas) for number, cells in rows]
+
+
+def check_header(
+    path: Path,
+    row: int,
+    header: Sequence[str],
+    required: Sequence[str],
+    optional: Sequence[str] = (),
+    *,
+    others: bool = False,
+) -> None:
+    """Refuse a header without a required column, or with one that is unknown (unless `others`) or repeated."""
+    wanted = (*required, *optional)
+    for name in required:
+        if name not in header:
+            problem = "{path}, row {row}: the column {column} is missing; the columns are {columns}"
+            raise _wrong_header(problem, "no_column", path, row, name, column_list(required, optional))
+    for name in header:
+        if (name not in wanted and not others) or (name in wanted and header.count(name) > 1):
+            problem = "{path}, row {row}: the column {column!r} is unknown or repeated; the columns are {columns}"
+            raise _wrong_header(problem, "extra_column", path, row, name, column_list(required, optional))
 
 
 def _wrong_header(sentence: str, code: str, path: Path, row: int, column: str, columns: str) -> RecordingError:

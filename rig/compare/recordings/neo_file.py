@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import ColumnMap
+from rig.compare.recordings.recording import finite_times
 
 Array = NDArray[np.float64]
 
@@ -102,7 +103,7 @@ def read_neo(path: Path, unit: str, columns: ColumnMap) -> tuple[Array, Array]:
     segment = _one_segment(path, segments, columns)
     spikes = _spikes(path, segment, unit)
     pulses = _pulses(path, segment, columns)
-    return _times(path, *spikes), _times(path, *pulses)
+    return np.sort(finite_times(path, *spikes)), np.sort(finite_times(path, *pulses))
 
 
 def _segments(path: Path) -> list[_Channels]:
@@ -245,17 +246,3 @@ def _pulses(path: Path, segment: _Channels, columns: ColumnMap) -> tuple[str, Ar
         name=name,
         held=segment.contents,
     )  # fmt: skip
-
-
-def _times(path: Path, name: str, times: Array) -> Array:
-    wrong = np.flatnonzero(~np.isfinite(times))
-    if len(wrong):
-        raise RecordingError(
-            "{path}, {dataset}, entry {entry}: {value:g} must be a number",
-            code="not_finite",
-            path=str(path),
-            dataset=name,
-            entry=int(wrong[0]) + 1,
-            value=float(times[wrong[0]]),
-        )
-    return np.sort(times)

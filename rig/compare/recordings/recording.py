@@ -110,3 +110,18 @@ def shape_key(text: str) -> ShapeKey:
 def condition_of(started: Mapping[str, Any]) -> str:
     """Return the commanded force or depth of an indentation, from its `indentation_start`."""
     return f"{started['value']:g} {_UNITS[started['target']]}"
+
+
+def finite_times(path: Path, dataset: str, times: Array) -> Array:
+    """Return times that are all finite. Raises RecordingError."""
+    wrong = np.flatnonzero(~np.isfinite(times))
+    if len(wrong):
+        raise RecordingError(
+            "{path}, {dataset}, entry {entry}: {value:g} must be a number",
+            code="not_finite",
+            path=str(path),
+            dataset=dataset,
+            entry=int(wrong[0]) + 1,
+            value=float(times[wrong[0]]),
+        )
+    return times

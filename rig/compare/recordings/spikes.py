@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import ColumnMap, read_table
 from rig.compare.recordings.neo_file import neo_format, read_neo
-from rig.compare.recordings.recording import Recording, condition_of, recording, shape_key
+from rig.compare.recordings.recording import Recording, condition_of, finite_times, recording, shape_key
 from rig.compare.stimuli import Stimulus
 from rig.data import Run
 from rig.data.folder import replace_text
@@ -100,17 +100,7 @@ def _numbers(values: NDArray[np.generic], path: Path, dataset: str) -> Array:
             dataset=dataset,
             dtype=str(values.dtype),
         ) from None
-    wrong = np.flatnonzero(~np.isfinite(times))
-    if len(wrong):
-        raise RecordingError(
-            "{path}, {dataset}, entry {entry}: {value:g} must be a number",
-            code="not_finite",
-            path=str(path),
-            dataset=dataset,
-            entry=int(wrong[0]) + 1,
-            value=float(times[wrong[0]]),
-        )
-    return times
+    return finite_times(path, dataset, times)
 
 
 _SAME_PLACE_DECIMALS = 3
