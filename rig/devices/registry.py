@@ -121,7 +121,7 @@ class ForceKind(DeviceKind):
 GROUP = "rig.devices"
 BUILT_IN: dict[Room, tuple[str, ...]] = {
     "stage": ("grbl", "leadshine"),
-    "force": ("mtsics", "laumas"),
+    "force": ("mtsics", "laumas", "text_cell"),
 }
 """Built-in types, the default first."""
 DEFAULTS: dict[Room, str] = {room: names[0] for room, names in BUILT_IN.items()}

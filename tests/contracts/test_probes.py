@@ -164,7 +164,8 @@ def _kind(table: ReadOnly) -> DeviceKind:
 
 
 def test_every_built_in_kind_has_a_probe_and_its_list() -> None:
-    built_in = {name for names in BUILT_IN.values() for name in names}
+    """A board that sends lines of text cannot name itself."""
+    built_in = {name for names in BUILT_IN.values() for name in names} - {"text_cell"}
     assert {table.kind for table in TABLES.values()} == built_in
     assert all(_kind(table).probe is not None for table in TABLES.values())
 

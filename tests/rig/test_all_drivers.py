@@ -57,10 +57,10 @@ def _told(driver: type, name: str) -> str:
 
 def test_the_walk_finds_every_kind_of_device() -> None:
     assert {driver.__name__ for driver in DRIVERS} == {
-        "GrblStage", "LeadshineStage", "LeadshineDrive", "MtSicsForce", "LaumasForce",
+        "GrblStage", "LeadshineStage", "LeadshineDrive", "MtSicsForce", "LaumasForce", "TextCellForce",
     }  # fmt: skip
     assert BUILT_IN["stage"] == ("grbl", "leadshine")
-    assert BUILT_IN["force"] == ("mtsics", "laumas")
+    assert BUILT_IN["force"] == ("mtsics", "laumas", "text_cell")
 
 
 @pytest.mark.parametrize("module", MODULES, ids=lambda module: module.__name__)

@@ -94,7 +94,7 @@ def _project(name: str) -> tuple[Path, Path]:
 
 def test_the_names_that_there_are() -> None:
     assert names("stage") == ["grbl", "leadshine"]
-    assert names("force") == ["mtsics", "laumas"]
+    assert names("force") == ["mtsics", "laumas", "text_cell"]
     assert StageSettings().kind == names("stage")[0]
     assert ForceSettings().kind == names("force")[0]
 
@@ -180,7 +180,7 @@ def test_a_stage_has_the_ports_axes_and_outputs_that_it_says(name: str) -> None:
 
 def test_a_list_of_names_imports_nothing(offered: Offer) -> None:
     offered("odd", {"force.odd": "odd_there:DEVICE", "stage.odd": "odd_elsewhere:DEVICE"}, odd_there="1 / 0")
-    assert names("force") == ["mtsics", "laumas", "odd"]
+    assert names("force") == ["mtsics", "laumas", "text_cell", "odd"]
     assert names("stage") == ["grbl", "leadshine", "odd"]
     assert not [name for name in sys.modules if name.startswith("odd_")]
 
@@ -209,7 +209,7 @@ def test_its_table_is_a_part_of_the_configuration(example: None, tmp_path: Path)
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ('kind = "line_scal"\n', "force.kind = 'line_scal': must be 'mtsics', 'laumas' or 'line_scale'"),
+        ('kind = "line_scal"\n', "force.kind = 'line_scal': must be 'mtsics', 'laumas', 'text_cell' or 'line_scale'"),
         (
             'kind = "line_scale"\nline_scale.adress = 7\n',
             "force.line_scale.adress: there is no such key, did you mean",
@@ -381,7 +381,7 @@ def test_a_sensor_is_no_stage(offered: Offer) -> None:
     offered("odd", {"stage.odd": "odd_there:DEVICE"}, odd_there=ENTRY)
     with raises(KindError, "wrong_type", package="odd 1.0", entry="odd_there:DEVICE", expected="StageKind"):
         find(StageKind, "odd")
-    with raises(KindError, "unknown_kind", kind="odd", kinds=["mtsics", "laumas"]):
+    with raises(KindError, "unknown_kind", kind="odd", kinds=["mtsics", "laumas", "text_cell"]):
         find(ForceKind, "odd")
 
 
@@ -411,7 +411,8 @@ def test_doctor_tells_of_packages(
     told = json.loads(capsys.readouterr().out)
     assert [(one["role"], one["kind"], one["package"]) for one in told["devices"]] == [
         ("stage", "grbl", None), ("stage", "leadshine", None),
-        ("force", "mtsics", None), ("force", "laumas", None), ("force", "odd", "odd 1.0"),
+        ("force", "mtsics", None), ("force", "laumas", None), ("force", "text_cell", None),
+        ("force", "odd", "odd 1.0"),
     ]  # fmt: skip
     assert told["problems_text"] == [
         "force.kind = 'odd': odd 1.0 cannot be used: ZeroDivisionError: division by zero"

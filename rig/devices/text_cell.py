@@ -1,0 +1,302 @@
+"""Force sensor: a load cell whose board sends each reading as a line of text, by itself or on request.
+
+Sources: examples of the Arduino libraries HX711_ADC and bogde/HX711, SparkFun's OpenScale 1.2, DFRobot's HX711 board.
+A board sends what its program prints, so the format of a line is configured.
+"""
+
+import re
+from functools import cached_property
+from typing import ClassVar, Literal
+
+from pydantic import Field, field_validator
+
+from rig.clock import Clock
+from rig.devices.base import (
+    ForceBroken,
+    ForceBusy,
+    ForceError,
+    ForceOverload,
+    ForceReading,
+    ForceSensor,
+    ForceTimeout,
+    ForceUnderload,
+)
+from rig.devices.registry import ForceKind, Opener
+from rig.errors import RuleError
+from rig.settings import BenchSettings, Settings
+from rig.transport import LineReader, Transport
+from rig.units import GWT_N
+
+SETTLE_S = 10.0
+"""Longest time until a load is steady, and until a board has zeroed itself (s)."""
+_STEADY_READINGS = 3
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)", re.ASCII)
+_NO_NUMBER = re.compile(r"[+-]?(nan|inf|infinity|ovf)", re.IGNORECASE)
+_FIELDS = {"value": r"(?P<value>[^\s,;:|]+?)", "skip": ".*?"}
+_FIELD = re.compile(r"\{(\w*)\}")
+
+
+class TextCellSettings(Settings):
+    """Settings of a load cell that sends lines of text."""
+
+    NEWTONS: ClassVar[dict[str, float]] = {
+        "g": GWT_N, "kg": 1e3 * GWT_N, "lb": 453.59237 * GWT_N, "N": 1.0, "mN": 1e-3,
+    }  # fmt: skip
+
+    line: str = Field(
+        "{value}",
+        min_length=7,
+        max_length=200,
+        description="a line with a reading: {value} stands for the number, {skip} for any text, all else for itself",
+    )
+    unit: Literal["g", "kg", "lb", "N", "mN"] = Field("g", description="unit of the number")
+    ignore: tuple[str, ...] = Field((), description="beginnings of lines without a reading, such as a banner")
+    poll: str = Field(
+        "", max_length=40, description="text that requests a reading; absent: the board sends lines by itself"
+    )
+    zero: str = Field(
+        "", max_length=40, description="text that zeroes the board; absent: the program subtracts the load itself"
+    )
+    zero_done: str = Field(
+        "", max_length=100, description="beginning of the line by which the board confirms its zero"
+    )
+    full_scale_gwt: float = Field(
+        500.0, gt=0, le=1e5, description="a reading of this size or more is an overload, in gwt"
+    )
+    steady_gwt: float = Field(
+        0.2, gt=0, le=100, description="the load is steady if three readings lie within this range, in gwt"
+    )
+    silence_s: float = Field(
+        0.5, ge=0.05, le=10, description="longest wait for a reading beyond two sample periods, in s; then it trips"
+    )
+    start_s: float = Field(
+        3.0, ge=0.05, le=60, description="longest time from the opening of the port to the first reading, in s"
+    )
+
+    @field_validator("line")
+    @classmethod
+    def _has_one_value(cls, line: str) -> str:
+        names = _FIELD.findall(line)
+        if names.count("value") != 1 or not set(names) <= set(_FIELDS) or not line.isprintable():
+            raise RuleError("needs {{value}} once, and no other field than {{skip}}", code="bad_line_format")
+        return line
+
+    @field_validator("ignore")
+    @classmethod
+    def _none_is_empty(cls, ignore: tuple[str, ...]) -> tuple[str, ...]:
+        if not all(ignore):
+            raise RuleError("an empty beginning would ignore every line", code="empty_beginning")
+        return ignore
+
+    @cached_property
+    def pattern(self) -> re.Pattern[str]:
+        """What a whole line with a reading matches; white space matches any white space."""
+        parts = _FIELD.split(self.line)
+        texts = [r"\s+".join(re.escape(word) for word in re.split(r"\s+", text)) for text in parts[0::2]]
+        fields = [_FIELDS[name] for name in parts[1::2]]
+        return re.compile("".join(f"{text}{field}" for text, field in zip(texts, [*fields, ""], strict=True)))
+
+
+class TextCellForce:
+    """ForceSensor with a load cell that sends lines of text.
+
+    A reading is the reply to a request, or the next line of a stream. scale is true force divided by its reading.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        clock: Clock,
+        settings: TextCellSettings,
+        *,
+        sample_period_s: float = 0.1,
+        resolution_gwt: float = 0.01,
+        scale: float = 1.0,
+    ) -> None:
+        self.sample_period_s, self.resolution_gwt = sample_period_s, scale * resolution_gwt
+        self._transport, self._clock, self._settings, self._scale = transport, clock, settings, scale
+        self._reader = LineReader(transport, clock)
+        self._silence_s = settings.silence_s + 2 * sample_period_s
+        self._in_step, self._heard_s, self._offset_gwt = False, 0.0, 0.0
+
+    def connect(self) -> str:
+        """Wait for a reading, past the banner that boards send after a reset. Raises ForceError."""
+        return self.identify()
+
+    def identify(self) -> str:
+        """Wait for a reading and return what is configured; such a board has no identity. Raises ForceError."""
+        settings = self._settings
+        deadline_s = self._clock.monotonic_s() + settings.start_s
+        last = ""
+        while (left_s := deadline_s - self._clock.monotonic_s()) > 0:
+            try:
+                last = self._line(min(self._silence_s, left_s))
+            except ForceTimeout:
+                continue
+            if settings.pattern.fullmatch(last):
+                return f"text cell, {settings.line} in {settings.unit}"
+        if last:
+            raise self._garbled(last)
+        raise ForceTimeout(
+            "{port}: no line within {timeout_s:g} s; check the power, the cable, force.baud and force.text_cell.poll",
+            code="no_device",
+            port=self._transport.name,
+            timeout_s=settings.start_s,
+        )
+
+    def read(self) -> ForceReading:
+        """Return the next value; a line never says that it is stable. Raises ForceError."""
+        return ForceReading((self._shown_gwt() - self._offset_gwt) * GWT_N, False, self._clock.monotonic_s())
+
+    def zero(self) -> None:
+        """Zero the board, or subtract the present load until the program ends, and verify. Raises ForceError."""
+        if self._settings.zero:
+            self._zero_board()
+        else:
+            self._offset_gwt = self._steady_gwt()
+        deadline_s = self._clock.monotonic_s() + SETTLE_S
+        while abs(left_gwt := self._shown_gwt() - self._offset_gwt) > self._settings.steady_gwt:
+            if self._clock.monotonic_s() < deadline_s:
+                self._clock.wait_s(self.sample_period_s)
+                continue
+            raise ForceBusy(
+                "{port}: the load is {left_gwt:.3g} gwt after zeroing; let it settle and zero again",
+                code="not_zeroed",
+                port=self._transport.name,
+                left_gwt=left_gwt,
+            )
+
+    def close(self) -> None:
+        self._transport.close()
+
+    # --- zero ---
+
+    def _zero_board(self) -> None:
+        self._offset_gwt, self._in_step = 0.0, False
+        self._drop_arrived()
+        self._transport.write(self._settings.zero.encode("utf-8"))
+        deadline_s = self._clock.monotonic_s() + SETTLE_S
+        while (line := self._reader.read_line(deadline_s)) is not None:
+            if line.startswith(self._settings.zero_done):
+                return
+        raise self._timeout("no_reply", SETTLE_S)
+
+    def _steady_gwt(self) -> float:
+        """Return the mean of three readings that lie close together."""
+        deadline_s, last = self._clock.monotonic_s() + SETTLE_S, [self._shown_gwt()]
+        while len(last) < _STEADY_READINGS or max(last) - min(last) > self._settings.steady_gwt:
+            if self._clock.monotonic_s() >= deadline_s:
+                raise ForceBusy(
+                    "{port}: no steady load within {timeout_s:g} s; let it settle and zero again",
+                    code="no_stable_load",
+                    port=self._transport.name,
+                    timeout_s=SETTLE_S,
+                )
+            self._clock.wait_s(self.sample_period_s)
+            last = [*last, self._shown_gwt()][-_STEADY_READINGS:]
+        return sum(last) / len(last)
+
+    # --- lines ---
+
+    def _shown_gwt(self) -> float:
+        """Return what the board shows, true by the calibration."""
+        settings, port = self._settings, self._transport.name
+        line = self._line(self._silence_s)
+        found = settings.pattern.fullmatch(line)
+        if found is None:
+            raise self._garbled(line)
+        if _NO_NUMBER.fullmatch(found["value"]):
+            raise ForceBroken(
+                "{port}: the board sends {value} instead of a number; check the cell and its cable",
+                code="no_number",
+                port=port,
+                value=found["value"],
+            )
+        if not _NUMBER.fullmatch(found["value"]):
+            raise self._garbled(line)
+        shown_gwt = float(found["value"]) * settings.NEWTONS[settings.unit] / GWT_N
+        if abs(shown_gwt) >= settings.full_scale_gwt:
+            kind, code = (ForceOverload, "overload") if shown_gwt > 0 else (ForceUnderload, "underload")
+            raise kind(
+                "{port}: {shown_gwt:.4g} gwt is not within force.text_cell.full_scale_gwt; remove the load",
+                code=code,
+                port=port,
+                shown_gwt=shown_gwt,
+            )
+        return shown_gwt * self._scale
+
+    def _line(self, within_s: float) -> str:
+        """Return a line that is no older than the request, or than the last line of a stream."""
+        in_step, self._in_step = self._in_step, False
+        deadline_s = self._clock.monotonic_s() + within_s
+        if self._settings.poll:
+            self._ask(in_step=in_step)
+            deadline_s = self._clock.monotonic_s() + within_s
+        else:
+            self._drop_arrived()
+            # The first line may lack its beginning: the port was opened within it, or the system's buffer was full.
+            if not in_step or self._clock.monotonic_s() - self._heard_s > self._silence_s:
+                self._reader.read_line(deadline_s)
+        while (line := self._reader.read_line(deadline_s)) is not None:
+            if not line.startswith(self._settings.ignore or ("\n",)):
+                self._in_step, self._heard_s = True, self._clock.monotonic_s()
+                return line
+        raise self._timeout("no_reply", within_s)
+
+    def _ask(self, *, in_step: bool) -> None:
+        """Request a reading when no earlier reply can be on its way."""
+        until_s = self._clock.monotonic_s() + SETTLE_S
+        while not in_step and self._transport.read(self._silence_s):
+            if self._clock.monotonic_s() >= until_s:
+                raise ForceError(
+                    "{port}: the board sends lines without a request; remove force.text_cell.poll",
+                    code="not_polled",
+                    port=self._transport.name,
+                )
+        self._reader.discard()
+        self._transport.write(self._settings.poll.encode("utf-8"))
+
+    def _drop_arrived(self) -> None:
+        """Drop whole lines that have arrived; a line that has begun is completed by the next bytes."""
+        while self._reader.next_pending() is not None:
+            pass
+
+    def _timeout(self, code: str, timeout_s: float) -> ForceTimeout:
+        return ForceTimeout(
+            "{port}: no line within {timeout_s:g} s; check the power and the cable",
+            code=code,
+            port=self._transport.name,
+            timeout_s=timeout_s,
+        )
+
+    def _garbled(self, line: str) -> ForceError:
+        return ForceError(
+            "{port}: {line!r} does not match force.text_cell.line = {expected!r}; correct it, or add the "
+            "beginning of the line to force.text_cell.ignore",
+            code="garbled",
+            port=self._transport.name,
+            line=line,
+            expected=self._settings.line,
+        )
+
+
+def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> ForceSensor:
+    force = settings.force
+    return TextCellForce(
+        opener(force.port),
+        clock,
+        force.own(TextCellSettings),
+        sample_period_s=force.sample_period_s,
+        resolution_gwt=force.resolution_gwt,
+        scale=settings.calibration.value("force_scale", 1.0),
+    )
+
+
+DEVICE = ForceKind(
+    name="text_cell",
+    device="load cell with an HX711 or other board that sends lines of text",
+    driver=_driver,
+    settings=TextCellSettings,
+    twin="sim.devices.text_cell:text_twin",
+    tests=("tests/rig/test_text_cell_driver.py",),
+)

@@ -1,0 +1,195 @@
+"""A load cell that sends lines of text: their format, lines that are old or incomplete, and its twin, in bytes."""
+
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+
+from rig.devices.base import ForceError, ForceTimeout
+from rig.devices.text_cell import TextCellForce, TextCellSettings
+from rig.errors import first_problem
+from rig.plan.config import Config
+from rig.transport import LoopbackTransport
+from rig.units import GWT_N
+from sim.devices.clock import VirtualClock
+from sim.devices.line import Load, SerialLine, VirtualForceSpec
+from sim.devices.text_cell import text_twin
+from tests.error_codes import raises
+
+PERIOD_S = 0.1
+
+
+class Board:
+    """A wire whose bytes come at given times, and a driver."""
+
+    name = "wire"
+
+    def __init__(self, *coming: tuple[float, bytes], **table: Any) -> None:
+        self.clock, self.coming, self.sent = VirtualClock(), list(coming), b""
+        self.driver = TextCellForce(self, self.clock, TextCellSettings(**table), sample_period_s=PERIOD_S)
+
+    def write(self, data: bytes) -> None:
+        self.sent += data
+
+    def read(self, timeout_s: float) -> bytes:
+        now_s = self.clock.monotonic_s()
+        if self.coming and self.coming[0][0] <= now_s + timeout_s:
+            due_s, data = self.coming.pop(0)
+            self.clock.wait_s(max(due_s - now_s, 0.0))
+            return data
+        self.clock.wait_s(timeout_s)
+        return b""
+
+    def close(self) -> None:
+        """There is nothing to close."""
+
+    def gwt(self) -> float:
+        return self.driver.read().force_n / GWT_N
+
+
+# --- the format of a line ---
+
+
+@pytest.mark.parametrize(
+    ("line", "unit", "sent", "gwt"),
+    [
+        ("{skip},{value},lbs,{skip},{skip},", "lb", b"1234,0.52,lbs,23.50,0,", 0.52 * 453.59237),  # OpenScale 1.2
+        ("Load_cell output val: {value}", "g", b"Load_cell output val: 12.34", 12.34),  # HX711_ADC
+        ("one reading:{skip}| average: {value}", "g", b"one reading:\t12.3\t| average:\t12.4", 12.4),  # bogde/HX711
+        ("{value} g", "g", b"12.3 g", 12.3),  # DFRobot
+        ("{value}", "kg", b"-0.01234", -12.34),
+        ("{value} N", "N", b"0.0980665 N", 10.0),
+        ("{value}mN", "mN", b"98.0665mN", 10.0),
+    ],
+)
+def test_lines_that_boards_send(line: str, unit: str, sent: bytes, gwt: float) -> None:
+    board = Board((0.05, b"of a line\r\n"), (0.1, sent + b"\r\n"), line=line, unit=unit)
+    assert board.gwt() == pytest.approx(gwt, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("table", "key", "code"),
+    [
+        ({"line": "weight 12"}, "force.text_cell.line", "bad_line_format"),
+        ({"line": "{value} {value}"}, "force.text_cell.line", "bad_line_format"),
+        ({"line": "{weight} g {value}"}, "force.text_cell.line", "bad_line_format"),
+        ({"line": "{value}\n"}, "force.text_cell.line", "bad_line_format"),
+        ({"ignore": [""]}, "force.text_cell.ignore", "empty_beginning"),
+        ({"unit": "oz"}, "force.text_cell.unit", "invalid_value"),
+        ({"silence_s": 0}, "force.text_cell.silence_s", "invalid_value"),
+        ({"full_scale_gwt": float("nan")}, "force.text_cell.full_scale_gwt", "invalid_value"),
+    ],
+)
+def test_a_table_that_cannot_be_used(table: dict[str, Any], key: str, code: str) -> None:
+    with pytest.raises(ValidationError) as caught:
+        Config.model_validate({"force": {"kind": "text_cell", "text_cell": table}})
+    found = first_problem("", caught.value)
+    assert (found.fields["key"], found.code) == (key, code)
+
+
+# --- lines that are old, or lack their beginning ---
+
+
+def test_lines_that_waited_are_old() -> None:
+    """Ten seconds of them, the last one cut off where the system's buffer was full: 1 of 15 and 7.50 of the next."""
+    board = Board((0.05, b"9.00\r\n"), (0.1, b"10.00\r\n"))
+    assert board.gwt() == 10.0
+    old = [(0.2 + 0.1 * n, b"11.00\r\n") for n in range(20)]
+    board.coming = [*old, (2.2, b"1"), (10.0, b"7.50\r\n"), (10.1, b"18.00\r\n")]
+    board.clock.wait_s(9.8)
+    assert board.gwt() == 18.0
+
+
+def test_a_line_that_has_begun_is_completed() -> None:
+    board = Board((0.05, b"9.00\r\n"), (0.1, b"10.00\r\n"), (0.2, b"11.00\r\n12"), (0.3, b".00\r\n"))
+    assert board.gwt() == 10.0
+    board.clock.wait_s(0.15)
+    assert board.gwt() == 12.0
+
+
+def test_the_first_line_after_the_port_is_opened_is_no_reading() -> None:
+    """Its beginning may be missing: 2.34 of 12.34."""
+    board = Board((0.01, b"2.34\r\n"), (0.1, b"12.34\r\n"))
+    assert board.gwt() == 12.34
+
+
+def test_lines_of_a_banner_are_ignored_while_it_starts_and_named_ones_always() -> None:
+    lines = [
+        b"\x00\xffboot\r\n",
+        b"HX711 demo\r\n",
+        b"Startup is complete\r\n",
+        b"5.00\r\n",
+        b"# 20.1 C\r\n",
+        b"6.00\r\n",
+    ]
+    board = Board(*((1.0 + 0.1 * n, line) for n, line in enumerate(lines)), ignore=["#"], silence_s=0.5)
+    assert board.driver.connect() == "text cell, {value} in g"
+    assert board.gwt() == 6.0
+
+
+def test_a_board_that_resets_during_a_press_is_an_error() -> None:
+    board = Board((0.05, b"9.00\r\n"), (0.1, b"10.00\r\n"), (0.2, b"HX711 demo\r\n"))
+    assert board.gwt() == 10.0
+    with raises(ForceError, "garbled", port="wire", line="HX711 demo"):
+        board.driver.read()
+
+
+def test_silence_is_an_error_after_two_samples_and_the_configured_time() -> None:
+    board = Board((0.05, b"9.00\r\n"), (0.1, b"10.00\r\n"), silence_s=0.3)
+    board.driver.read()
+    with raises(ForceTimeout, "no_reply", port="wire"):
+        board.driver.read()
+    assert board.clock.monotonic_s() == pytest.approx(0.1 + 0.3 + 2 * PERIOD_S)
+
+
+def test_a_board_that_sends_unasked_is_not_polled() -> None:
+    board = Board(*((0.1 * n, b"10.00\r\n") for n in range(300)), poll="r")
+    with raises(ForceError, "not_polled", port="wire"):
+        board.driver.read()
+    assert board.sent == b""
+
+
+# --- its twin ---
+
+
+def _twin(force_n: Callable[[float], float], **table: Any) -> tuple[VirtualClock, SerialLine]:
+    clock = VirtualClock()
+    line = SerialLine(clock, 9600)
+    spec = VirtualForceSpec(PERIOD_S, 0.01, own=TextCellSettings(**table).model_dump())
+    text_twin(clock, line, spec, Load(force_n))
+    return clock, line
+
+
+def test_the_twin_sends_a_line_with_each_sample() -> None:
+    clock, line = _twin(
+        lambda t_s: 12.34 * GWT_N * (t_s < 0.25), line="{skip},{value},g,", zero="t", zero_done="Tare"
+    )
+    clock.wait_s(0.35)
+    assert line.host_read() == b"0,12.340,g,\r\n0,12.340,g,\r\n0,0.000,g,\r\n"
+
+
+def test_the_twin_is_zeroed_by_its_command() -> None:
+    clock, line = _twin(lambda t_s: 100 * GWT_N, zero="t", zero_done="Tare complete")
+    line.host_write(b"t")
+    clock.wait_s(0.15)
+    assert line.host_read() == b"Tare complete\r\n0.000\r\n"
+
+
+@pytest.mark.parametrize(
+    ("unit", "shown"), [("g", b"100.000"), ("kg", b"0.100000"), ("lb", b"0.220462"), ("N", b"0.98066")]
+)
+def test_the_twin_answers_a_poll_in_its_unit(unit: str, shown: bytes) -> None:
+    clock, line = _twin(lambda t_s: 100 * GWT_N, poll="<w>", unit=unit)
+    clock.wait_s(1.0)
+    assert line.host_read() == b""
+    line.host_write(b"<w>")
+    clock.wait_s(0.1)
+    assert line.host_read() == shown + b"\r\n"
+
+
+def test_a_broken_cell_is_nan() -> None:
+    clock, line = _twin(lambda t_s: float("nan"))
+    driver = TextCellForce(LoopbackTransport(line, clock), clock, TextCellSettings(), sample_period_s=PERIOD_S)
+    with raises(ForceError, "no_number", value="nan"):
+        driver.read()
