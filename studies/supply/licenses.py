@@ -62,11 +62,9 @@ def stated(name: str) -> str:
         about = metadata(name)
     except PackageNotFoundError:
         return ""
-    if expression := about.get("License-Expression"):
-        return str(expression)
-    text = str(about.get("License") or "")
-    if text and len(text) <= SHORTEST and "\n" not in text:
-        return text
+    texts = [about[field] for field in ("License-Expression", "License") if field in about]
+    if short := [text for text in texts if 0 < len(text) <= SHORTEST and "\n" not in text]:
+        return short[0]
     classifiers = (str(one) for one in about.get_all("Classifier") or ())
     return "; ".join(one.rpartition(" :: ")[2] for one in classifiers if one.startswith("License ::"))
 
