@@ -62,9 +62,12 @@ def stated(name: str) -> str:
         about = metadata(name)
     except PackageNotFoundError:
         return ""
-    texts = [about[field] for field in ("License-Expression", "License") if field in about]
-    if short := [text for text in texts if 0 < len(text) <= SHORTEST and "\n" not in text]:
-        return short[0]
+    if "License-Expression" in about:
+        return about["License-Expression"]
+    if "License" in about:
+        text = about["License"]
+        if 0 < len(text) <= SHORTEST and "\n" not in text:
+            return text
     classifiers = (str(one) for one in about.get_all("Classifier") or ())
     return "; ".join(one.rpartition(" :: ")[2] for one in classifiers if one.startswith("License ::"))
 
