@@ -22,7 +22,7 @@ install = $(PIP) install -e '.$(EXTRAS)'
 else
 install = $(PIP) install --require-hashes -r requirements/$(LOCK).txt \
 	&& $(PIP) install --no-deps --no-build-isolation -e . \
-	|| { echo "make: pip cannot install requirements/$(LOCK).txt, as it says above; LOCKED=no installs the newest versions" >&2; exit 1; }
+	|| { echo "make: pip refused requirements/$(LOCK).txt for the reason above; see docs/releasing.md" >&2; exit 1; }
 endif
 .venv/.ready: LOCK = setup
 .venv/.ready: EXTRAS =
