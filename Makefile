@@ -5,19 +5,40 @@ BY_FILE := --dist loadfile --no-loadscope-reorder
 # As many as there are cores: tests compute, and each worker spends seconds on collecting them.
 WORKERS ?= -n auto --maxprocesses 4 $(BY_FILE)
 REAL_TIME_WORKERS ?= 6
+# yes: the versions in requirements/, by their hashes; no: the newest that pyproject.toml allows
+LOCKED ?= yes
+# yes: make lock moves every package to its newest version
+NEWEST ?= no
+PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
-.PHONY: setup demo study study-bench study-coding studies docs test test-studies panel-test shake check bench mutants release-check clean
+.PHONY: setup demo study study-bench study-coding studies docs test test-studies panel-test shake check bench mutants release-check clean lock check-wheels licenses
 
 setup: .venv/.ready
 
-.venv/.ready: pyproject.toml
+LOCK = setup
+EXTRAS =
+ifeq ($(LOCKED),no)
+install = $(PIP) install -e '.$(EXTRAS)'
+else
+install = $(PIP) install --require-hashes -r requirements/$(LOCK).txt \
+	&& $(PIP) install --no-deps --no-build-isolation -e . \
+	|| { echo "make: pip refused requirements/$(LOCK).txt for the reason above; see docs/releasing.md" >&2; exit 1; }
+endif
+.venv/.ready: LOCK = setup
+.venv/.ready: EXTRAS =
+.venv/.ready-dev: LOCK = dev
+.venv/.ready-dev: EXTRAS = [dev]
+.venv/.ready-panel-test: LOCK = panel-test
+.venv/.ready-panel-test: EXTRAS = [panel-test]
+
+.venv/.ready: pyproject.toml requirements/setup.txt
 	$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or newer is needed, this is " + sys.version.split()[0]) if sys.version_info < (3, 11) else 0'
 	$(PYTHON) -m venv .venv
-	$(BIN)/pip install --quiet --disable-pip-version-check -e .
+	$(install)
 	touch $@
 
-.venv/.ready-dev: .venv/.ready
-	$(BIN)/pip install --quiet --disable-pip-version-check -e '.[dev]'
+.venv/.ready-dev: .venv/.ready requirements/dev.txt
+	$(install)
 	touch $@
 
 demo: setup
@@ -55,8 +76,8 @@ MEASURE_STUDIES = $(BIN)/pytest -m study $(WORKERS) --durations=20
 test-studies: .venv/.ready-dev
 	$(MEASURE_STUDIES)
 
-.venv/.ready-panel-test: .venv/.ready-dev
-	$(BIN)/pip install --quiet --disable-pip-version-check -e '.[panel-test]'
+.venv/.ready-panel-test: .venv/.ready-dev requirements/panel-test.txt
+	$(install)
 	touch $@
 
 panel-test: .venv/.ready-panel-test
@@ -74,6 +95,15 @@ test test-studies shake mutants: export OMP_NUM_THREADS = 1  # of each worker
 test test-studies shake: export PYTHONDONTWRITEBYTECODE =
 mutants: .venv/.ready-dev
 	$(BIN)/python -m studies.mutants --fresh
+
+lock:
+	$(PYTHON) -m studies.supply.lock $(if $(filter yes,$(NEWEST)),--newest)
+
+licenses: .venv/.ready-panel-test
+	$(BIN)/python -m studies.supply.licenses
+
+check-wheels: .venv/.ready-dev
+	CHECK_WHEELS=yes $(BIN)/pytest -n 0 tests/test_supply_chain.py
 
 release-check:
 	$(PYTHON) -m studies.release_check

@@ -17,8 +17,22 @@ import venv
 from collections.abc import Iterator
 from pathlib import Path
 
+from studies.supply.sbom import write_bill
+
 ROOT = Path(__file__).parents[1]
-TOOLS = ("build", "twine")
+TOOLS = ("build", "twine", "cyclonedx-python-lib[json-validation]")
+VALID = """\
+import sys
+from pathlib import Path
+
+from cyclonedx.schema import SchemaVersion
+from cyclonedx.validation.json import JsonStrictValidator
+
+wrong = JsonStrictValidator(SchemaVersion.V1_6).validate_str(Path(sys.argv[1]).read_text(encoding="utf-8"))
+sys.exit(f"{sys.argv[1]}: {wrong}" if wrong else 0)
+"""
+"""Whether a bill of materials has the form of CycloneDX 1.6."""
+
 SCRIPT = """\
 def run(rig):
     rig.mount("bar:3.0")
@@ -82,8 +96,12 @@ def checks() -> Iterator[str]:
     version = stated_version()
     yield f"version {version}: the same in pyproject.toml, CITATION.cff and CHANGELOG.md"
     with tempfile.TemporaryDirectory() as folder:
-        made = built(CleanEnvironment(Path(folder) / "tools"))
+        tools = CleanEnvironment(Path(folder) / "tools")
+        made = built(tools)
         yield f"built, and twine finds nothing: {', '.join(path.name for path in made)}"
+        bill = write_bill(ROOT / "dist")
+        tools.run("python", "-c", VALID, bill)
+        yield f"{bill.name}: a valid bill of materials"
         place = CleanEnvironment(Path(folder) / "clean")
         (wheel,) = (path for path in made if path.suffix == ".whl")
         place.run("python", "-m", "pip", "install", "--quiet", "--disable-pip-version-check", wheel)
