@@ -5,6 +5,7 @@ import gc
 import inspect
 import linecache
 import math
+import multiprocessing.util
 import os
 import pkgutil
 import re
@@ -43,6 +44,7 @@ from sim.measures.receptors import ReceptorPlaces, ReceptorSet
 from sim.models import fingertip
 from sim.models.fingertip import Fingertip
 from sim.workers import in_processes
+from tests import preloaded
 
 TESTS = Path(__file__).parent
 
@@ -211,7 +213,7 @@ LONG = (
 )
 # What a shell, nohup or a terminal may have had ignored before the tests began.
 INHERITED = ("SIGINT", "SIGQUIT", "SIGHUP", "SIGTERM", "SIGTSTP")
-_flush = os.fsync
+_flush, _spawnv_passfds = os.fsync, multiprocessing.util.spawnv_passfds
 # A rehearsal is the same on every port.
 _PORT = re.compile(r"port='[^']*'")
 # Files of the cache, of up to 80 MB each.
@@ -227,6 +229,10 @@ def pytest_configure(config: pytest.Config) -> None:
     gc.set_threshold(*LOOKED_THROUGH)
     if not hasattr(config, "workerinput"):
         make_ready()
+
+
+def pytest_unconfigure() -> None:
+    preloaded.close()
 
 
 def _signals_as_in_the_foreground() -> None:
@@ -281,6 +287,8 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     for module in (parallel, benchmark):
         module.in_processes = in_processes if real else _one_by_one  # type: ignore[assignment]
     os.fsync = _flush if real else _unflushed  # type: ignore[assignment]
+    if preloaded.POSSIBLE:
+        multiprocessing.util.spawnv_passfds = preloaded.spawnv_passfds if real else _spawnv_passfds
 
 
 def _unflushed(_: Any) -> None:
