@@ -105,6 +105,7 @@ REAL_TIME = (
     "test_gallery.py::test_run_resumed",
     "test_gallery.py::test_study_on_a_cluster",
     "test_inherited_signals.py",
+    "test_preloaded.py",
     "test_wheel.py",
     "test_third_party_device.py::test_nothing_is_imported_but_the_kinds_that_are_used",
 )

@@ -17,13 +17,13 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 import types
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from sim.workers import TO_THE_GROUP
+from tests.waiting import until
 
 POSSIBLE = sys.platform == "linux"
 IMPORTED = (
@@ -166,8 +166,7 @@ def _forked(connection: socket.socket) -> tuple[dict[str, Any], list[int]]:
         for handle in handles:
             os.close(handle)
     asked = pickle.loads(message)
-    while os.getppid() != asked["parent"]:
-        time.sleep(0.0005)
+    until(lambda: os.getppid() == asked["parent"])
     connection.send(str(os.getpid()).encode())
     connection.close()
     return asked, handles
