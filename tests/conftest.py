@@ -5,6 +5,7 @@ import gc
 import inspect
 import linecache
 import math
+import multiprocessing.util
 import os
 import pkgutil
 import re
@@ -43,6 +44,7 @@ from sim.measures.receptors import ReceptorPlaces, ReceptorSet
 from sim.models import fingertip
 from sim.models.fingertip import Fingertip
 from sim.workers import in_processes
+from tests import preloaded
 
 TESTS = Path(__file__).parent
 
@@ -103,6 +105,7 @@ REAL_TIME = (
     "test_gallery.py::test_run_resumed",
     "test_gallery.py::test_study_on_a_cluster",
     "test_inherited_signals.py",
+    "test_preloaded.py",
     "test_wheel.py",
     "test_third_party_device.py::test_nothing_is_imported_but_the_kinds_that_are_used",
 )
@@ -137,6 +140,8 @@ STUDIES = (
     "sim/test_hard_cases.py::test_contact_on_extreme_tissue[poisson 0.48, bone elastic 1e+06,",
     "sim/test_patches.py::test_scenes_that_leave_the_own_patch_are_answered[bar:3-",
     # Whole pages, scripts and sites: what they name and type is checked in `make test`.
+    # [empty], and rig/compare/test_report_sections.py::test_a_figure_has_the_same_bytes_each_time
+    "rig/compare/test_compare_command.py::test_the_same_input_gives_the_same_bytes[drawn]",
     "rig/test_every_block.py::test_what_is_shown_runs[comparison]",  # rig/compare/test_compare_command.py
     "rig/test_every_block.py::test_what_is_shown_runs[find_finger]",  # rig/test_frozen.py: `find`
     "rig/test_every_block.py::test_what_is_shown_runs[identify]",  # rig/test_identification.py
@@ -211,7 +216,7 @@ LONG = (
 )
 # What a shell, nohup or a terminal may have had ignored before the tests began.
 INHERITED = ("SIGINT", "SIGQUIT", "SIGHUP", "SIGTERM", "SIGTSTP")
-_flush = os.fsync
+_flush, _spawnv_passfds = os.fsync, multiprocessing.util.spawnv_passfds
 # A rehearsal is the same on every port.
 _PORT = re.compile(r"port='[^']*'")
 # Files of the cache, of up to 80 MB each.
@@ -227,6 +232,10 @@ def pytest_configure(config: pytest.Config) -> None:
     gc.set_threshold(*LOOKED_THROUGH)
     if not hasattr(config, "workerinput"):
         make_ready()
+
+
+def pytest_unconfigure() -> None:
+    preloaded.close()
 
 
 def _signals_as_in_the_foreground() -> None:
@@ -281,6 +290,8 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     for module in (parallel, benchmark):
         module.in_processes = in_processes if real else _one_by_one  # type: ignore[assignment]
     os.fsync = _flush if real else _unflushed  # type: ignore[assignment]
+    if preloaded.POSSIBLE:
+        multiprocessing.util.spawnv_passfds = preloaded.spawnv_passfds if real else _spawnv_passfds
 
 
 def _unflushed(_: Any) -> None:

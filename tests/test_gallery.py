@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from sim import MEASURES
+from tests.preloaded import Popen
 from tests.program import Program, program_of
 
 ROOT = Path(__file__).parents[1]
@@ -195,7 +196,8 @@ def test_finger_identified(in_this_process: None) -> None:
     assert (left["middle"] < left["high"]).all()
 
 
-def test_run_resumed() -> None:
+def test_run_resumed(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(subprocess, "Popen", Popen)
     left = _run("06_run_resumed")
     assert left["stopped"].missing > 0
     assert len(left["resumed"].done) == 4
@@ -203,7 +205,8 @@ def test_run_resumed() -> None:
 
 
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
-def test_study_on_a_cluster() -> None:
+def test_study_on_a_cluster(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(subprocess, "Popen", Popen)
     rows = _run("07_study_on_a_cluster")["rows"]
     assert len(rows) == 12
     assert [row["problem"] for row in rows] == [""] * 12
@@ -233,11 +236,12 @@ def test_each_is_one_page_of_code(path: Path) -> None:
     assert len([line for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]) <= 40
 
 
-def test_one_runs_as_a_script_beside_processes(tmp_path: Path) -> None:
+def test_one_runs_as_a_script_beside_processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is imported again in a process does not begin anew."""
     script = tmp_path / "sweep.py"
     text = (GALLERY / "library" / "02_sweep.py").read_text(encoding="utf-8")
     script.write_text(text.replace("-3.2, 9)", "-3.2, 3)").replace("cores=1", "cores=2"), encoding="utf-8")
+    monkeypatch.setattr(subprocess, "Popen", Popen)
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=True)
     assert np.array(done.stdout.splitlines()).shape == (3,)
 

@@ -15,6 +15,7 @@ from rig.cli.output import print_json
 from rig.cli.signals import PAUSING
 from rig.data.journal import read_journal
 from sim.models.fingertip import Fingertip
+from tests.preloaded import Popen
 from tests.program import WHOLE, Ended, Program
 from tests.waiting import DEADLINE_S, journal_says, until
 
@@ -266,7 +267,7 @@ class Running:
 
     def __init__(self, script: Path, out: Path, *options: str) -> None:
         self.out = out
-        self.process = subprocess.Popen(
+        self.process = Popen(
             [sys.executable, WHOLE, "dry-run", str(script), "--out", str(out), "--json", *options],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

@@ -27,6 +27,7 @@ from rig.control.messages import Wire, connected
 from rig.control.owner_socket import ControlSocket
 from rig.errors import RigError
 from tests.error_codes import raises
+from tests.preloaded import Popen
 from tests.waiting import DEADLINE_S, until
 
 OWNER = """
@@ -52,7 +53,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def elsewhere() -> Iterator[subprocess.Popen[str]]:
     """An owner in a process of its own, which ends when its input does."""
     words = [sys.executable, "-c", OWNER]
-    with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
+    with Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
             assert process.stdout.readline() == "ready\n"

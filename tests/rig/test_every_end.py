@@ -18,6 +18,7 @@ from rig.data.journal import Journal, read_journal
 from rig.devices.base import ForceReading
 from rig.engine.contact import DOES_NOT_TOUCH, FREE_THE_FINGER, MAY_TOUCH, KnownContact
 from sim.models.fingertip import Fingertip
+from tests.preloaded import Popen
 from tests.program import Ended, Program
 from tests.waiting import DEADLINE_S, journal_says, until
 
@@ -232,9 +233,7 @@ def test_the_next_command_says_that_a_program_was_killed(
     command = [sys.executable, "-c", "from rig.cli import main; main()", *_written(tmp_path, ENDS["Ctrl-C"])]
     script = tmp_path / "mine.py"
     script.write_text(script.read_text(encoding="utf-8").replace("hold_s=1.0", "hold_s=10.0"), encoding="utf-8")
-    process = subprocess.Popen(
-        [*command, "--speed", str(speed)], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE
-    )
+    process = Popen([*command, "--speed", str(speed)], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     try:
         until(journal_says(tmp_path / "runs", needle))
         process.kill()

@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from sim.models.fingertip import Fingertip
+from tests.preloaded import Popen
 from tests.program import EMPTY_FIGURES, Program, beside_progress
 from tests.waiting import DEADLINE_S, until
 
@@ -116,7 +117,7 @@ def test_a_run_whose_terminal_goes_away_lifts_and_can_be_taken_up(
         "--out",
         str(out),
     ]
-    process = subprocess.Popen(
+    process = Popen(
         [*command, "--speed", "40"],
         stdin=terminal, stdout=terminal, stderr=terminal, start_new_session=True,
     )  # fmt: skip

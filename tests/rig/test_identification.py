@@ -398,15 +398,24 @@ def test_the_expected_duration_is_that_of_the_presses(
     assert expected.total_s == pytest.approx(done.duration_s, rel=0.2)
 
 
+@pytest.fixture(scope="module")
+def usual(finger: Fingertip) -> ExpectedDuration:
+    """Of the habits that are set."""
+    expected = expected_duration(SETTINGS, IdentificationOptions(GOALS), finger)
+    assert expected is not None
+    return expected
+
+
 @pytest.mark.parametrize(
     "habits",
     [{"increment_mm": 0.02}, {"settle_readings": 9}, {"approach_speed_mm_s": 0.1}, {"clearance_mm": 5.0}],
     ids=str,
 )
-def test_slower_habits_lengthen_the_expected_press(finger: Fingertip, habits: dict[str, float]) -> None:
+def test_slower_habits_lengthen_the_expected_press(
+    finger: Fingertip, usual: ExpectedDuration, habits: dict[str, float]
+) -> None:
     slow = SETTINGS.model_copy(update={"habits": SETTINGS.habits.model_copy(update=habits)})
-    usual, slower = (expected_duration(one, IdentificationOptions(GOALS), finger) for one in (SETTINGS, slow))
-    assert usual is not None
+    slower = expected_duration(slow, IdentificationOptions(GOALS), finger)
     assert slower is not None
     assert slower.press_s > 1.05 * usual.press_s
     assert slower.total_s - usual.total_s > 7 * (slower.press_s - usual.press_s) > 0

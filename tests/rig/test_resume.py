@@ -25,6 +25,7 @@ from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
 from tests.error_codes import raises
+from tests.preloaded import Popen
 from tests.program import WHOLE
 from tests.waiting import DEADLINE_S, journal_says, until
 
@@ -261,7 +262,7 @@ def test_a_terminal_pauses_and_goes_on(finger: Fingertip, tmp_path: Path) -> Non
     script.write_text(SCRIPT, encoding="utf-8")
     ours, theirs = os.openpty()
     options = ["dry-run", str(script), "--out", str(tmp_path / "out"), "--speed", "20", "--json"]
-    run = subprocess.Popen([sys.executable, WHOLE, *options], stdin=theirs, stdout=subprocess.PIPE, stderr=theirs)
+    run = Popen([sys.executable, WHOLE, *options], stdin=theirs, stdout=subprocess.PIPE, stderr=theirs)
     os.close(theirs)
     try:
         until(journal_says(tmp_path / "out", '"press"'))

@@ -21,6 +21,7 @@ from sim.models.cache import CacheError
 from sim.models.fingertip import Fingertip
 from sim.models.pressing import RimError
 from tests.error_codes import has_code, raises
+from tests.preloaded import Popen
 from tests.waiting import DEADLINE_S, until
 
 
@@ -183,7 +184,7 @@ if __name__ == "__main__":
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT], ids=lambda number: number.name)
 def test_it_ends_with_whoever_began_it_in_the_middle_of_a_question(number: signal.Signals) -> None:
     words = [sys.executable, "-c", OWNER]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as owner:
+    with Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as owner:
         assert owner.stdout is not None
         pid = int(owner.stdout.readline())
         owner.send_signal(number)

@@ -2,6 +2,7 @@
 
 import pickle
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -36,10 +37,12 @@ def config(stiffness: float) -> FingertipConfig:
     return FingertipConfig(mesh=MESH, tissue=Tissue(stiffness=stiffness))
 
 
+@cache
 def finger(stiffness: float) -> Fingertip:
     return Fingertip.load(config(stiffness), receptor_x_mm=(0.0,))
 
 
+@cache
 def spread(stiffness: float) -> tuple[LoadedFinger, PointSpread]:
     loaded = LoadedFinger(config(stiffness))
     return loaded, spreads(loaded, receptor_sheet(loaded, 0.5), [MIDDLE], 2.0, 1.5)[0]

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from rig.compare.comparison import Comparison, compare
 from rig.compare.recordings.recording import Recording, recording
@@ -194,3 +195,18 @@ def test_a_section_on_a_page() -> None:
 )
 def test_ticks_are_spread_where_there_is_no_room_for_all(n: int, most: int, written: list[int]) -> None:
     assert some_of(n, most) == written
+
+
+def test_a_figure_has_the_same_bytes_each_time() -> None:
+    """Its clips and markers have names in SVG, and files have dates."""
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        axes.contour([[0.0, 1.0], [1.0, 3.0]])
+        axes.plot([0.0, 1.0], [0.0, 1.0], "o-")
+
+    one, other = Plot((3.0, 2.0), draw), Plot((3.0, 2.0), draw)
+    assert one.svg == other.svg
+    assert one.png == other.png
+    assert b"Software" not in one.png
+    assert "<dc:date>" not in one.svg

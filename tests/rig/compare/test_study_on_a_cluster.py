@@ -16,6 +16,7 @@ from rig.study import dask_cluster as cluster_module
 from rig.study.exceptions import WorkersError
 from rig.study.parallel import spread
 from tests.error_codes import raises
+from tests.preloaded import Popen
 from tests.program import beside_progress
 from tests.waiting import DEADLINE_S, until
 
@@ -106,7 +107,7 @@ class Cluster:
 
     def _start(self, words: Sequence[str]) -> subprocess.Popen[bytes]:
         with (self.folder / "log.txt").open("ab") as log:
-            return subprocess.Popen(words, stdout=log, stderr=log, cwd=self.folder)
+            return Popen(words, stdout=log, stderr=log, cwd=self.folder)
 
     def _log(self) -> str:
         return (self.folder / "log.txt").read_text()
@@ -130,7 +131,7 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
 
 def start_study(folder: Path, *options: str) -> subprocess.Popen[str]:
     words = [*RIG, "study", "study.toml", "--json", *options]
-    return subprocess.Popen(words, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return Popen(words, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 @pytest.fixture

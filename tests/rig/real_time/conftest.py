@@ -21,6 +21,7 @@ from rig.transport import open_port
 from sim.devices import BalanceMenu, Load, SerialLine, VirtualBalance, VirtualGrbl
 from sim.serve.ports import PtyPort
 from sim.serve.real_time_loop import WallScheduler
+from tests.preloaded import Popen
 from tests.program import Program, as_in_its_schema
 from tests.rig.real_time.elsewhere import Elsewhere
 from tests.waiting import DEADLINE_S, gathered, until
@@ -50,7 +51,7 @@ class Serving:
 
     def __init__(self, *options: str) -> None:
         command = [sys.executable, "-c", "from rig.cli import main; main()", "serve", *options]
-        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        self.process = Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
     def ports(self) -> dict[str, str]:
         assert self.process.stdout is not None

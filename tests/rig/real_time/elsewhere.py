@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.control.client import Announced, announced
+from tests.preloaded import Popen
 from tests.program import WHOLE
 from tests.waiting import DEADLINE_S, until
 
@@ -21,7 +22,7 @@ class Elsewhere:
         command = [sys.executable, *(("-m", "rig") if drawn else (WHOLE,)), *map(str, words)]
         self.out = out
         self._read, self._documents = 0, list[Any]()
-        self.process = subprocess.Popen(
+        self.process = Popen(
             [*command, "--out", str(out)],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip

@@ -107,12 +107,12 @@ def test_a_dry_run_answers_too(elsewhere: Callable[..., Elsewhere], finger: Fing
 
 
 def _children(pid: int) -> list[int]:
-    """Processes of the finger that a process has begun."""
+    """Processes of the finger that a process has begun: those that have left its session."""
     found = []
     for stat in Path("/proc").glob("[0-9]*/stat"):
         try:
-            words = (stat.parent / "cmdline").read_text()
-            if int(stat.read_text().rpartition(")")[2].split()[1]) == pid and "spawn_main" in words:
+            _, parent, _, session, *_ = stat.read_text().rpartition(")")[2].split()
+            if int(parent) == pid and session == stat.parent.name:
                 found.append(int(stat.parent.name))
         except OSError:
             continue  # it has just ended

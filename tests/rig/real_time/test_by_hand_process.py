@@ -19,6 +19,7 @@ from rig.manual.owner_process import LAPSED
 from rig.plan.config import Config, load_config
 from rig.transport import open_port
 from tests.error_codes import raises
+from tests.preloaded import Popen
 from tests.rig.hand_bench import STOPS, is_move
 from tests.waiting import DEADLINE_S, repeated, until
 
@@ -70,9 +71,7 @@ def begin() -> Iterator[Callable[..., Owner]]:
     started: list[subprocess.Popen[str]] = []
 
     def start(config: Path) -> Owner:
-        started.append(
-            subprocess.Popen([*COMMAND, str(config)], stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-        )
+        started.append(Popen([*COMMAND, str(config)], stdin=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True))
         return Owner(started[-1])
 
     yield start

@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 
+from tests.preloaded import Popen
 from tests.waiting import DEADLINE_S, repeated, until
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
@@ -55,7 +56,7 @@ def test_jog_beyond_the_travel_says_so(rig: Rig, free_stage: FreeStage) -> None:
 def jogging(config: Path, speed_mm_s: float) -> Iterator[subprocess.Popen[bytes]]:
     """`rig jog` in a process of its own, once it is ready for keys."""
     command = [sys.executable, "-c", "from rig.cli import main; main()", "jog", "--config", str(config)]
-    jog = subprocess.Popen(
+    jog = Popen(
         [*command, "--speed-mm-s", str(speed_mm_s), "--without-force"],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
     )  # fmt: skip

@@ -3,33 +3,41 @@
 import signal
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 
 from rig.bench.served import ServedBench
 from rig.data import read_run
+from tests.preloaded import Popen
 from tests.program import WHOLE
 from tests.waiting import DEADLINE_S, journal_says, until
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 
 
-def _in_the_background() -> None:
-    """As a shell without job control begins a program with `&`."""
-    for number in (signal.SIGINT, signal.SIGQUIT):
-        signal.signal(number, signal.SIG_IGN)
+@contextmanager
+def _in_the_background() -> Iterator[None]:
+    """As a shell without job control begins a program with `&`: with these ignored."""
+    before = {number: signal.signal(number, signal.SIG_IGN) for number in (signal.SIGINT, signal.SIGQUIT)}
+    try:
+        yield
+    finally:
+        for number, then in before.items():
+            signal.signal(number, then)
 
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTSTP", "SIGQUIT"])
 def test_it_lifts_first(name: str, whole: tuple[ServedBench, Path], tmp_path: Path) -> None:
     _, config = whole
     command = [sys.executable, WHOLE, "run", "first_press"]
-    run = subprocess.Popen(
-        [*command, "hold_s=30", "--yes", "--config", str(config), "--out", str(tmp_path / "runs")],
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-        preexec_fn=_in_the_background,
-    )  # fmt: skip
+    with _in_the_background():
+        run = Popen(
+            [*command, "hold_s=30", "--yes", "--config", str(config), "--out", str(tmp_path / "runs")],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+        )  # fmt: skip
     try:
         assert run.stdin is not None
         run.stdin.write("\n")

@@ -27,6 +27,7 @@ from rig.panel.app import Panel
 from rig.panel.drawing import DrawingError, DrawingProcess, Job
 from rig.panel.owners import ByHandProcess, NotTakenError
 from tests.error_codes import raises
+from tests.preloaded import Popen
 from tests.program import Program, beside_progress
 from tests.rig.real_time.panel_page import Serve, Stream, post, serve
 from tests.waiting import DEADLINE_S, until
@@ -385,7 +386,7 @@ def test_the_program_prints_where_its_page_is_and_logs_nothing_of_what_is_asked(
     number: signal.Signals, tmp_path: Path
 ) -> None:
     words = [sys.executable, "-m", "rig", "panel", "--no-browser", "--json", "--out", str(tmp_path)]
-    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as served:
+    with Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as served:
         assert served.stdout is not None
         told = json.loads(served.stdout.readline())
         token = told["url"].partition("#token=")[2]

@@ -15,6 +15,7 @@ from rig.data import read_run
 from rig.session.early_ending import FinalPosition
 from rig.session.script_run import AT_ONCE
 from sim.models.fingertip import Fingertip
+from tests.preloaded import Popen
 from tests.program import WHOLE
 from tests.waiting import DEADLINE_S, journal_says, until
 
@@ -95,7 +96,7 @@ def test_stop_from_another_process_ends_a_run_at_once(
     rig: Rig, apart: Apart, finger: Fingertip, tmp_path: Path
 ) -> None:
     stage, _, config = apart
-    run = subprocess.Popen(
+    run = Popen(
         [sys.executable, WHOLE, "run", "first_press", "--yes", "--config", config, "--out", tmp_path / "runs"],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
