@@ -1,22 +1,27 @@
 """Just-in-time compilation of loops for this machine, cached on disk.
 
-The cache is a folder beside this module, like Python's byte code, or in the model cache where that folder is
-read-only. Where neither can be written, each process compiles. A change of any module with loops begins a new folder.
+The cache is a folder beside this module, like Python's byte code, in the model cache, or in the user's cache folder:
+the first that only this account can change, since numba unpickles what it finds there, which runs any code. Where
+there is none, each process compiles. A change of any module with loops begins a new folder.
 """
 
 import hashlib
+import logging
 import os
 import shutil
 import time
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache
+from multiprocessing import parent_process
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 from numba import config as numba_config
 from numba import njit
 from platformdirs import user_cache_path
+
+from sim.trust import own_folder
 
 # --- cache ---
 
@@ -33,32 +38,56 @@ _config: Any = numba_config
 _HERE = Path(__file__).parent
 _WITH_LOOPS = ("contact/compiled", "contact/lcp.py", "contact/newton.py", "coding/evidence.py", "fem/dissection.py")
 _UNUSED_S = 86_400
+_log = logging.getLogger(__name__)
 
 
 def compiled(loops: Loops) -> Loops:
     """Return the loops as machine code."""
-    before, _config.CACHE_DIR = _config.CACHE_DIR, str(_folder())
+    folder = _folder()
+    made = None if folder is None else _cached(loops, folder)
+    return cast(Loops, njit(error_model="numpy")(loops) if made is None else made)
+
+
+def _cached(loops: Loops, folder: Path) -> Any:
+    """Return loops that are cached in a folder, or None where they would be elsewhere."""
+    before, _config.CACHE_DIR = _config.CACHE_DIR, str(folder)
     try:
         made = njit(cache=True, error_model="numpy")(loops)
     except (RuntimeError, OSError):  # numba cannot write its cache
-        made = njit(error_model="numpy")(loops)
+        return None
     finally:
         _config.CACHE_DIR = before
-    return cast(Loops, made)
+    # Where numba cannot write to the folder it chooses another one, which others may be able to change.
+    return made if Path(f"{made.stats.cache_path}").is_relative_to(folder) else None
 
 
 @cache
-def _folder() -> Path:
+def _folder() -> Path | None:
     """Return the folder for machine code; remove folders that nobody used for a day."""
-    here = _HERE / "__pycache__"
-    parent = here if os.access(here if here.exists() else _HERE, os.W_OK) else cache_dir()
-    folder = parent / f"loops-{_digest()}"
-    with suppress(OSError):
-        os.utime(folder)
-    for other in parent.glob("loops-*"):
-        if other != folder and time.time() - other.stat().st_mtime > _UNUSED_S:
-            shutil.rmtree(other, ignore_errors=True)
-    return folder
+    here, name = _HERE / "__pycache__", f"loops-{_digest()}"
+    beside = [here] if os.access(here if here.exists() else _HERE, os.W_OK) else []
+    problems = []
+    for parent in (*beside, cache_dir(), user_cache_path("indentation-rig")):
+        try:
+            folder = own_folder(parent / name)
+        except OSError as error:
+            problems.append(error)
+            continue
+        with suppress(OSError):
+            os.utime(folder)
+            for other in folder.parent.glob("loops-*"):
+                if other != folder and time.time() - other.stat().st_mtime > _UNUSED_S:
+                    shutil.rmtree(other, ignore_errors=True)
+        return folder
+    if parent_process() is None:
+        chosen = problems[-2]
+        _log.warning(
+            "%s %s, so no machine code is read from there and every process compiles its own, for up to a minute; "
+            "set RIG_CACHE_DIR to a folder that only you can write to",
+            chosen.filename,
+            chosen.strerror,
+        )
+    return None
 
 
 def _digest() -> str:

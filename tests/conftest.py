@@ -334,11 +334,11 @@ def _read_once() -> Iterator[None]:
     shared, read = model_cache.cache_dir(), model_cache._read
     kept: dict[Path, model_cache.Arrays] = {}
 
-    def once(path: Path, key: str) -> model_cache.Arrays | None:
+    def once(path: Path, key: str, *more: Any) -> model_cache.Arrays | None:
         if path.parent != shared or not path.exists():
-            return read(path, key)
+            return read(path, key, *more)
         if path not in kept:
-            found = read(path, key)
+            found = read(path, key, *more)
             if found is None:
                 return None
             for array in found.values():

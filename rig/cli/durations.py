@@ -11,6 +11,7 @@ from statistics import median
 FILE = "durations.json"
 MOST_KINDS, MOST_TIMES = 100, 5
 _LONGEST_KIND = 200  # characters
+_MOST_BYTES = 1 << 20
 LEAST_S = 0.3
 """Shorter work is not recorded unless its kind took longer before."""
 
@@ -51,12 +52,18 @@ def took(kind: str, size: float, seconds: float) -> None:
 def _read() -> Times:
     """Return the times by kind, the latest kind first; nothing from a missing or damaged file."""
     try:
-        content = json.loads(path().read_text(encoding="utf-8"))
+        with open(path(), "rb", opener=_without_waiting) as file:
+            content = json.loads(file.read(_MOST_BYTES))
     except (OSError, ValueError, RecursionError):
         return {}
     if not isinstance(content, dict):
         return {}
     return {kind: times for kind, times in content.items() if _is_sound(times)}
+
+
+def _without_waiting(name: str, flags: int) -> int:
+    """Open a file; a pipe would block."""
+    return os.open(name, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def _is_sound(times: object) -> bool:
@@ -71,7 +78,9 @@ def _write(times: Mapping[str, list[float]]) -> None:
     with suppress(OSError):
         to.parent.mkdir(parents=True, exist_ok=True)
         try:
-            partial.write_text(json.dumps(times), encoding="utf-8")
+            partial.unlink(missing_ok=True)
+            with partial.open("x", encoding="utf-8") as file:  # writes through no link
+                file.write(json.dumps(times))
             partial.replace(to)
         finally:
             partial.unlink(missing_ok=True)

@@ -8,6 +8,7 @@ import json
 import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,11 +24,12 @@ from rig.plan.plan import Plan, Planner
 from rig.protocol.api import ProtocolParameters, Rig
 from rig.protocol.check import Walk
 from rig.protocol.handlers import Patience
-from rig.protocol.script import Script, find_script, script_with
+from rig.protocol.script import Script, find_script, script_with, shipped_protocols
 from rig.records import Pace, Prediction, Target
 from sim.errors import SimError
 from sim.models.cache import cached_arrays, content_key
 from sim.models.fingertip import Fingertip
+from sim.trust import open_trusted, refuse_if_changeable, this_account
 
 _STEP_MM = 0.05
 """Ends of a recommended range are multiples of this."""
@@ -101,9 +103,23 @@ def _script(run: Run) -> Script | None:
     if not {"from_mm", "to_mm"} <= set(parameters) or not path.is_file():
         return None
     try:
-        return script_with(path, run.start["protocol"], parameters)
-    except RigError:
+        return script_with(_ours(path, run.start["protocol"]), run.start["protocol"], parameters)
+    except (RigError, OSError):
         return None
+
+
+def _ours(path: Path, name: str) -> Path:
+    """Return the shipped protocol if a run has a copy of it, else the copy. Raises OSError if others can change it.
+
+    A comparison reads runs of other accounts, and must not run what they wrote.
+    """
+    shipped = shipped_protocols() / f"{Path(name).stem}.py"
+    if shipped.is_file() and shipped.read_bytes() == path.read_bytes():
+        return shipped
+    real = path.resolve()
+    refuse_if_changeable(real.parent, this_account())
+    open_trusted(real, this_account()).close()
+    return real
 
 
 _NO_PARAMETERS = ProtocolParameters()

@@ -105,7 +105,9 @@ class BenchMemory:
         with suppress(OSError):
             self._path.parent.mkdir(parents=True, exist_ok=True)
             temporary = self._path.with_suffix(f".{os.getpid()}")
-            temporary.write_text(known.model_dump_json(), encoding="utf-8")
+            temporary.unlink(missing_ok=True)
+            with temporary.open("x", encoding="utf-8") as file:  # writes through no link
+                file.write(known.model_dump_json())
             temporary.replace(self._path)
 
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from importlib.machinery import SourceFileLoader
 from pathlib import Path
-from types import ModuleType
+from types import CodeType, ModuleType
 from typing import Any
 
 from pydantic import ValidationError
@@ -129,8 +129,10 @@ def script_error(
 
 
 class _ScriptLoader(SourceFileLoader):
-    def set_data(self, path: str, data: object, *, _mode: int = 0o666) -> None:
-        """Write no bytecode: a script's folder belongs to its author, a run's folder to its record."""
+    def get_code(self, fullname: str) -> CodeType:
+        """Compile the text; bytecode beside it, which another account may have written, is not used."""
+        path = self.get_filename(fullname)
+        return self.source_to_code(self.get_data(path), path)
 
 
 def _import(path: Path) -> ModuleType:

@@ -7,10 +7,11 @@ import json
 import logging
 import math
 import os
-from collections.abc import Callable, Iterator
+import zipfile
+from collections.abc import Callable, Iterator, Mapping
 from importlib.resources import files
 from pathlib import Path
-from typing import Literal, NamedTuple, get_args
+from typing import BinaryIO, Literal, NamedTuple, get_args
 
 import numpy as np
 from filelock import FileLock
@@ -20,6 +21,7 @@ from scipy.interpolate import CubicSpline
 from sim.compiling import cache_dir as cache_dir
 from sim.errors import SimError
 from sim.finger.surface import FingertipSurface
+from sim.trust import ChangeableError, open_new, open_trusted, trusted_in
 
 Arrays = dict[str, NDArray[np.generic]]
 Kind = Literal["model", "node", "columns", "skin", "answers", "sites"]
@@ -30,11 +32,16 @@ and SED around the source's 24 sites."""
 MOST_BYTES = 5e9
 """Largest size of the cache unless RIG_CACHE_GB is set; the least recently read files are deleted first."""
 
+Layout = Mapping[str, tuple[str, str]]
+"""Names of arrays, each with the kind of its numbers (f, i) and a letter or number for the length of each axis."""
+
+_LARGEST_BYTES = 2_000_000_000
 _log = logging.getLogger(__name__)
 _SEAL_BYTES = hashlib.sha256().digest_size
 _CODE = (
     *(
         "compiling.py",
+        "trust.py",
         "errors.py",
         "units.py",
         "tables.py",
@@ -143,25 +150,28 @@ def model_code(root: Path) -> list[Path]:
     return [source for path in paths for source in (sorted(path.rglob("*.py")) if path.is_dir() else [path])]
 
 
-def cached_arrays(key: str, make: Callable[[], Arrays], kind: Kind = "model") -> tuple[Arrays, bool]:
+def cached_arrays(
+    key: str, make: Callable[[], Arrays], kind: Kind = "model", layout: Layout | None = None
+) -> tuple[Arrays, bool]:
     """Return the arrays stored under a key, and whether they were on disk; make and store them if not.
 
     `kind` is the file's suffix. A file counts only if it is whole: it begins with the SHA-256 of the key and of all
-    that follows. One process at a time makes it.
+    that follows. It must be of an account that the folder trusts, and have the arrays of `layout`. One process at a
+    time makes it.
     """
     folder, path = cache_dir(), path_of(key, kind)
-    found = _read(path, key)
+    found = _read(path, key, layout)
     if found is not None:
         return found, True
     most = most_bytes()
     with _alone(folder, key):
-        found = _read(path, key)  # another process may have just made it
+        found = _read(path, key, layout, True)  # another process may have just made it
         if found is not None:
             return found, True
         made = make()
         content = _packed(made)
         try:
-            with _replacing(path) as partial, partial.open("wb") as stream:
+            with _replacing(path) as partial, open_new(partial) as stream:
                 stream.write(_seal(key, content))
                 stream.write(content)
         except OSError as error:  # a full disk does not cost the answer
@@ -178,11 +188,10 @@ def cached_arrays(key: str, make: Callable[[], Arrays], kind: Kind = "model") ->
 
 @contextlib.contextmanager
 def _alone(folder: Path, key: str) -> Iterator[None]:
-    """Lock a key against other processes. Raises CacheError."""
+    """Lock a key against other processes, where this account may. Raises CacheError."""
     lock = FileLock(folder / f"{key}.lock")
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        lock.acquire()
+        folder.mkdir(mode=0o755, parents=True, exist_ok=True)
     except OSError as error:
         raise CacheError(
             "cache folder {folder} (RIG_CACHE_DIR): {problem}; choose a folder that you may write to",
@@ -191,24 +200,73 @@ def _alone(folder: Path, key: str) -> Iterator[None]:
             problem=error.strerror,
         ) from None
     try:
+        with contextlib.suppress(OSError):  # the folder may only be read, or the lock is another account's
+            lock.acquire()
         yield
     finally:
         lock.release()
 
 
-def _read(path: Path, key: str) -> Arrays | None:
-    """Return the stored arrays, or None if they are missing or damaged."""
+def _read(path: Path, key: str, layout: Layout | None, report: bool = False) -> Arrays | None:
+    """Return the stored arrays, or None if they are missing, damaged or of an account that is not trusted."""
     try:
-        stored = memoryview(path.read_bytes())
-    except OSError:
+        with open_trusted(path, trusted_in(path.parent)) as stream:
+            arrays = _unsealed(stream, key)
+            with contextlib.suppress(OSError):  # a folder that may only be read
+                os.utime(stream.fileno() if os.utime in os.supports_fd else path)
+        if layout is None or _fits(arrays, layout):
+            return arrays
+        problem = "does not have the expected arrays"
+    except FileNotFoundError:
         return None
+    except ChangeableError as error:
+        problem = f"{error.strerror}"
+    except OSError as error:
+        problem = f"cannot be read: {error.strerror}"
+    except _DAMAGE:
+        problem = "is damaged"
+    if report and path.parent not in _reported:
+        _reported.add(path.parent)
+        _log.warning(
+            "cache folder %s (RIG_CACHE_DIR): %s %s, and is computed again; this may apply to other files there",
+            path.parent,
+            path.name,
+            problem,
+        )
+    return None
+
+
+_reported: set[Path] = set()
+_DAMAGE = (ValueError, TypeError, KeyError, EOFError, MemoryError, OverflowError, SyntaxError, zipfile.BadZipFile)
+
+
+def _unsealed(stream: BinaryIO, key: str) -> Arrays:
+    """Return the arrays of a file. Raises OSError and _DAMAGE."""
+    if os.fstat(stream.fileno()).st_size > _LARGEST_BYTES:
+        raise ValueError
+    stored = memoryview(stream.read())
     seal, content = stored[:_SEAL_BYTES], stored[_SEAL_BYTES:]
     if bytes(seal) != _seal(key, content):
-        return None
-    with contextlib.suppress(OSError):  # a folder that may only be read
-        path.touch()
-    with np.load(io.BytesIO(content)) as arrays:
+        raise ValueError
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        # Stored parts that fill no more than the file cannot unpack to more.
+        parts = archive.infolist()
+        if any(part.compress_type for part in parts) or sum(part.file_size for part in parts) > len(content):
+            raise ValueError
+    with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
         return {name: arrays[name] for name in arrays.files}
+
+
+def _fits(arrays: Arrays, layout: Layout) -> bool:
+    """Return whether arrays have the names, kinds and axes of a layout; equal letters are equal lengths."""
+    lengths: dict[str, int] = {}
+    for name, (kind, axes) in layout.items():
+        if name not in arrays or arrays[name].dtype.kind != kind or arrays[name].ndim != len(axes):
+            return False
+        for axis, length in zip(axes, arrays[name].shape, strict=True):
+            if lengths.setdefault(axis, length) != length or (axis.isdigit() and length != int(axis)):
+                return False
+    return True
 
 
 def _packed(arrays: Arrays) -> memoryview:
@@ -226,7 +284,7 @@ def _seal(key: str, content: memoryview) -> bytes:
 @contextlib.contextmanager
 def _replacing(path: Path) -> Iterator[Path]:
     """Yield a temporary path that replaces `path` after a write without errors."""
-    partial = path.with_suffix(f".{os.getpid()}.part")
+    partial = path.with_suffix(f".{os.getpid()}.part")  # another account may know it before: `open_new`
     try:
         yield partial
         partial.replace(path)
@@ -239,6 +297,7 @@ def _replacing(path: Path) -> Iterator[Path]:
 # Apex lines are cached with the models because computing them takes 0.1 s.
 
 _APEX_LINES = ("ridge", "crest")
+_APEX_LAYOUT: Layout = {"ridge_c": ("f", "4r"), "ridge_x": ("f", "R"), "crest_c": ("f", "4c"), "crest_x": ("f", "C")}
 
 
 def keep_tops(surface: FingertipSurface) -> None:
@@ -248,7 +307,8 @@ def keep_tops(surface: FingertipSurface) -> None:
         splines = {name: getattr(surface, name) for name in _APEX_LINES}
         return {f"{name}_{part}": getattr(spline, part) for name, spline in splines.items() for part in "cx"}
 
-    found, _ = cached_arrays(content_key(["tops", surface.geometry.model_dump(mode="json")]), find, "skin")
+    key = content_key(["tops", surface.geometry.model_dump(mode="json")])
+    found, _ = cached_arrays(key, find, "skin", _APEX_LAYOUT)
     for name in _APEX_LINES:
         c, x = (np.asarray(found[f"{name}_{part}"]) for part in "cx")
         vars(surface)[name] = CubicSpline.construct_fast(c, x, extrapolate=False)  # as cached_property stores them

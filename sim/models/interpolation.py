@@ -28,7 +28,7 @@ from sim.models.condensed import Columns, CondensedModel, from_arrays, to_arrays
 from sim.models.factored_interior import Interior
 from sim.models.finger_3d import build_finger
 from sim.models.interpolation_weights import DERMIS, FAT, FULL_BUILDS, in_range, node_tissues, node_weights
-from sim.models.sources import MeshKey, OnDisk
+from sim.models.sources import MODEL_LAYOUT, MeshKey, OnDisk
 
 # --- packed ---
 #
@@ -39,6 +39,7 @@ Array = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
 _ROWS = 256
+_NODE_LAYOUT = {**MODEL_LAYOUT, "compliance": ("f", "k")}
 
 
 def packed(symmetric: Array) -> Singles:
@@ -101,7 +102,7 @@ class Node:
 
     def compliance(self) -> tuple[Arrays, bool]:
         """Read or build the packed compliance and all that no modulus changes; return whether it was read."""
-        return cached_arrays(self.key, self._build, "node")
+        return cached_arrays(self.key, self._build, "node", _NODE_LAYOUT)
 
     def columns(self) -> Columns:
         """Read the columns of the finger's receptors, or solve for them."""

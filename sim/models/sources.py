@@ -15,7 +15,7 @@ from sim.errors import ModelRangeError
 from sim.finger.mesh import MeshError, angles_around, axial_places
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorSet
-from sim.models.cache import Arrays, cached_arrays, content_key, path_of
+from sim.models.cache import Arrays, Layout, cached_arrays, content_key, path_of
 from sim.models.condensed import STORED, Columns, CondensedModel, from_arrays, meshed_for, to_arrays
 from sim.models.factored_interior import Interior
 from sim.models.finger_3d import build_finger
@@ -124,6 +124,15 @@ class ModelSource(Protocol):
         ...
 
 
+MODEL_LAYOUT: Layout = {
+    **{"skin_z_mm": ("f", "z"), "skin_phi": ("f", "p"), "patch_in_skin": ("i", "n")},
+    **{"outside_mm": ("f", "m3"), "outside_neighbour": ("i", "m")},
+    **{"position_mm": ("f", "n3"), "area_mm2": ("f", "n"), "compliance": ("f", "kk")},
+    **{"shape": ("i", "2"), "axes": ("i", "a"), "counts": ("i", "2")},
+}
+_COLUMNS_LAYOUT: Layout = {"young_ratio": ("f", "r"), "per_skin_force": ("f", "szp3")}
+
+
 @dataclass(frozen=True)
 class OnDisk:
     """Source with models and columns in separate files, so that other receptors reuse the same model."""
@@ -143,7 +152,8 @@ class OnDisk:
             self.columns(key, self.receptors, lambda: built.columns)
             return {name: np.ascontiguousarray(array) for name, array in to_arrays(built).items()}
 
-        arrays, read = cached_arrays(content_key(self.made_of(key)), make)  # the same to the last bit, made or read
+        # the same to the last bit, made or read
+        arrays, read = cached_arrays(content_key(self.made_of(key)), make, layout=MODEL_LAYOUT)
         columns, columns_read = self._columns(key, self.receptors, None)
         return replace(from_arrays(arrays, self.surface, columns), timing_s=timing_s), read and columns_read
 
@@ -160,7 +170,9 @@ class OnDisk:
         self, key: MeshKey, receptors: ReceptorSet, solve: Callable[[], Columns] | None
     ) -> tuple[Columns, bool]:
         solve = solve or (lambda: self.interior(key).columns(receptors))
-        arrays, read = cached_arrays(self._columns_key(key, receptors), lambda: solve().as_arrays(), "columns")
+        arrays, read = cached_arrays(
+            self._columns_key(key, receptors), lambda: solve().as_arrays(), "columns", _COLUMNS_LAYOUT
+        )
         return Columns(receptors, *(np.asarray(arrays[name], dtype=float) for name in STORED)), read
 
     def columns_path(self, key: MeshKey) -> Path:

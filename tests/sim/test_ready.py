@@ -53,7 +53,9 @@ def test_where_nothing_may_be_written_it_is_kept_in_the_cache(
     modules: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(os, "access", lambda path, how: False)
-    assert compiling._folder().parent == tmp_path / "cache"
+    found = compiling._folder()
+    assert found is not None
+    assert found.parent == tmp_path / "cache"
 
 
 def test_what_cannot_be_kept_is_compiled_all_the_same(modules: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -65,7 +67,6 @@ def test_what_cannot_be_kept_is_compiled_all_the_same(modules: Path, monkeypatch
 @pytest.mark.parametrize("changed", LOOPS)
 def test_a_change_of_any_module_begins_anew(modules: Path, changed: str) -> None:
     before = compiling._folder()
-    before.mkdir(parents=True)
     compiling._folder.cache_clear()
     assert compiling._folder() == before
     (modules / changed).write_text("2")
@@ -75,9 +76,11 @@ def test_a_change_of_any_module_begins_anew(modules: Path, changed: str) -> None
 
 @pytest.mark.parametrize(("unused_s", "kept"), [(86_300, True), (86_500, False)])
 def test_what_nobody_used_for_a_day_is_removed(modules: Path, unused_s: int, kept: bool) -> None:
-    mine, other = compiling._folder(), compiling._folder().with_name("loops-of-older-modules")
+    mine = compiling._folder()
+    assert mine is not None
+    other = mine.with_name("loops-of-older-modules")
     for folder in (mine, other):
-        folder.mkdir(parents=True)
+        folder.mkdir(exist_ok=True)
         os.utime(folder, times=(folder.stat().st_mtime - unused_s,) * 2)
     used_s = mine.stat().st_mtime
     compiling._folder.cache_clear()
