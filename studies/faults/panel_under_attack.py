@@ -42,18 +42,31 @@ class UnderAttack:
     process: "subprocess.Popen[str]"
     stops_s: list[float] = field(default_factory=list)
 
-    def request(self, method: str, path: str, within_s: float) -> http.client.HTTPResponse:
-        """Return the reply to a request of the operator's page, over a new connection. Raises OSError."""
-        wire = http.client.HTTPConnection("127.0.0.1", self.port, timeout=within_s)
+    @contextmanager
+    def connected(self, within_s: float) -> Iterator[http.client.HTTPConnection]:
+        """Open a new connection of the operator's page."""
+        with closing(http.client.HTTPConnection("127.0.0.1", self.port, timeout=within_s)) as wire:
+            yield wire
+
+    def status(self, wire: http.client.HTTPConnection, method: str, path: str) -> int:
+        """Return the status of the reply to the operator's page. Raises OSError, or HTTPException without one."""
         here = f"http://127.0.0.1:{self.port}"
         own = {"Origin": here, "X-Rig-Token": self.token, "X-Rig-Tab": "operator", "Content-Type": "application/json"}
         wire.request(method, path, "{}" if method == "POST" else None, own)
-        return wire.getresponse()
+        with closing(wire.getresponse()) as answer:
+            if path == "/stop":
+                answer.read()  # The connection can then be used again.
+            return answer.status
 
-    def stop(self, within_s: float) -> dict[str, Any]:
-        """Return the answer to STOP. Raises OSError, or HTTPException without one."""
-        with closing(self.request("POST", "/stop", within_s)) as answer:
-            return {"status": answer.status, **json.loads(answer.read())}
+    def stop(self, within_s: float) -> int:
+        """Return the status of the reply to a STOP over a new connection."""
+        with self.connected(within_s) as wire:
+            return self.status(wire, "POST", "/stop")
+
+    def stream(self, within_s: float) -> int:
+        """Return the status of the reply to the page that opens its stream."""
+        with self.connected(within_s) as wire:
+            return self.status(wire, "GET", "/events?tab=operator")
 
     def use_up_descriptors(self) -> None:
         """Let the panel's process open files until none is left."""
