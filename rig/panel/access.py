@@ -1,15 +1,18 @@
-"""Gate of the panel: accepts requests that name this server, and changes only from its own page with its token.
+"""Gate of the panel: accepts requests that name this server; changes and streams need its own page and its token.
 
 The Host header is checked against DNS rebinding, the Origin and Sec-Fetch headers against other pages of the same
 browser, and the token against other users of this machine, who can connect but cannot read this process.
 """
 
 import secrets
+from collections.abc import Sequence
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+EVENTS = "/events"
+"""Path of the streams, of which there are few: only a page with the token may open one."""
 TOKEN_HEADER, TAB_HEADER = "x-rig-token", "x-rig-tab"
 PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
@@ -49,30 +52,35 @@ class Gate:
 
         if scope["type"] != "http":
             return
-        problem = self._problem(scope["method"], Headers(scope=scope))
+        problem = self._problem(scope["method"], scope["path"], Headers(scope=scope))
         if problem is None:
             await self._app(scope, receive, sent)
         else:
             code, words = problem
             await JSONResponse({"ok": False, "problem": words, "code": code}, 403)(scope, receive, sent)
 
-    def _problem(self, method: str, headers: Headers) -> tuple[str, str] | None:
+    def _problem(self, method: str, path: str, headers: Headers) -> tuple[str, str] | None:
         """Return the code and the sentence of a refusal, or None."""
         hosts, origins = headers.getlist("host"), headers.getlist("origin")
         if len(hosts) != 1 or hosts[0].lower() not in self._hosts:
             return "foreign_host", f"host: must be {' or '.join(self._hosts)}"
         own = f"http://{hosts[0].lower()}"
         if method in _SHOWS:
-            here = origins in ([], [own]) and _from_here(headers)
-            return (
-                None if here else ("foreign_page", ("the request comes from another page; use the panel's own page"))
-            )
-        if origins != [own]:
+            if origins not in ([], [own]) or not _from_here(headers):
+                return "foreign_page", "the request comes from another page; use the panel's own page"
+            if path != EVENTS:
+                return None
+        elif origins != [own]:
             return "foreign_origin", f"origin: must be {own}"
-        tokens = headers.getlist(TOKEN_HEADER)
-        if len(tokens) != 1 or not secrets.compare_digest(tokens[0].encode(), self._token.encode()):
+        if not has_token(headers.raw, self._token):
             return "wrong_token", "token: must be the one that rig panel printed; open the address that it printed"
         return None
+
+
+def has_token(headers: Sequence[tuple[bytes, bytes]], token: str) -> bool:
+    """Return whether a request has the token once; headers: pairs with lower-case names."""
+    found = [value for name, value in headers if name == TOKEN_HEADER.encode()]
+    return len(found) == 1 and secrets.compare_digest(found[0], token.encode())
 
 
 def _from_here(headers: Headers) -> bool:

@@ -6,6 +6,7 @@ import secrets
 import signal
 import socket
 from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from http import HTTPStatus
 from pathlib import Path
@@ -22,7 +23,8 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from rig.clock import WallClock
 from rig.control.client import announced
 from rig.control.owner_socket import quick_switches
-from rig.panel.access import Gate
+from rig.panel.access import EVENTS, Gate, has_token
+from rig.panel.connections import BACKLOG, MOST_HEADER, Connections, FewLines
 from rig.panel.drawing import Drawer
 from rig.panel.owners import ByHandProcess, Find
 from rig.panel.requests import Posts, RequestError
@@ -34,16 +36,22 @@ from rig.plan.config import load_config
 STATIC = Path(__file__).parent / "static"
 
 
-def application(watcher: Watcher, bench: ByHandProcess, port: int, token: str) -> ASGIApp:
-    """Return the application; the caller runs the watcher."""
+def application(
+    watcher: Watcher,
+    bench: ByHandProcess,
+    port: int,
+    token: str,
+    room_for_stop: Callable[[], AbstractContextManager[None]] = contextlib.nullcontext,
+) -> ASGIApp:
+    """Return the application; the caller runs the watcher. room_for_stop: frees descriptors for a stop."""
     files = RunFiles(watcher.out)
     routes = [
         Route("/", _page, methods=["GET"]),
-        Route("/events", _Events(watcher), methods=["GET"]),
+        Route(EVENTS, _Events(watcher), methods=["GET"]),
         Route("/runs.json", files.catalogue, methods=["GET"]),
         Route("/runs/{name}/", files.files, methods=["GET"]),
         Route("/runs/{name}/{file}", files.file, methods=["GET"]),
-        *Posts(watcher, bench).routes,
+        *Posts(watcher, bench, room_for_stop).routes,
         Mount("/static", StaticFiles(directory=STATIC, check_dir=False)),
     ]
     app = Starlette(routes=routes, exception_handlers={HTTPException: _refused, RequestError: _refused})
@@ -88,7 +96,6 @@ class _Events:
 
 
 HOST = "127.0.0.1"
-_BACKLOG = 64
 _SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 
 
@@ -115,8 +122,11 @@ class Panel:
         self._watcher = Watcher(offered.out.absolute(), bench, find, WallClock())
         self._watcher.last_words = lambda: self._bench.last_words
         self._drawer = Drawer(lambda: self._watcher.job, self._watcher.outlet, self._watcher.clock)
-        app = application(self._watcher, self._bench, self.port, self._token)
-        self._server = _Server(_quiet(app), self._watcher.outlet.close)
+        clock = self._watcher.clock
+        connections = Connections(self._socket, lambda headers: has_token(headers, self._token), clock)
+        app = application(self._watcher, self._bench, self.port, self._token, connections.room_for_stop)
+        self._server = _Server(_quiet(app), connections, self._watcher.outlet.close)
+        self._lines = FewLines(clock)
 
     @property
     def url(self) -> str:
@@ -126,8 +136,13 @@ class Panel:
     def serve(self) -> None:
         """Serve until Ctrl-C, another terminating signal, or `end`; manual control then ends."""
         try:
-            with quick_switches(), contextlib.suppress(KeyboardInterrupt):  # Signals may not reach the loop.
-                asyncio.run(self._serve())
+            with (
+                quick_switches(),
+                self._lines.filtering(),
+                contextlib.suppress(KeyboardInterrupt),  # Signals may not reach the loop.
+                asyncio.Runner(loop_factory=asyncio.SelectorEventLoop) as runner,  # Others cannot watch a socket.
+            ):
+                runner.run(self._serve())
         finally:
             self._socket.close()
             self._drawer.close()
@@ -141,7 +156,7 @@ class Panel:
     async def _serve(self) -> None:
         """Serve, and raise the first failure."""
         self._end_at_signals()
-        serving = asyncio.create_task(self._server.serve(sockets=[self._socket]))
+        serving = asyncio.create_task(self._server.serve(sockets=[]))
         polling = [asyncio.create_task(one.look_on()) for one in (self._watcher, self._drawer)]
         await asyncio.wait([serving, *polling], return_when=asyncio.FIRST_COMPLETED)
         self._server.should_exit = True
@@ -158,19 +173,26 @@ class Panel:
 
 
 class _Server(uvicorn.Server):
-    """Server that leaves signals to the panel, and closes the endless streams before it waits for them."""
+    """Server that leaves signals and connections to the panel, and closes the endless streams at its end."""
 
-    def __init__(self, config: uvicorn.Config, close: Callable[[], None]) -> None:
+    def __init__(self, config: uvicorn.Config, connections: Connections, close: Callable[[], None]) -> None:
         super().__init__(config)
-        self._close = close
+        self._connections, self._close = connections, close
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:
         """Leave signals alone."""
         yield
 
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Start without a listener, and serve the panel's connections."""
+        await super().startup(sockets)
+        state = {"server_state": self.server_state, "app_state": self.lifespan.state}
+        self._connections.begin(config=self.config, **state)
+
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         """Close the streams, and shut down."""
+        self._connections.close()
         self._close()
         await super().shutdown(sockets)
 
@@ -187,6 +209,7 @@ def _quiet(app: object) -> uvicorn.Config:
         log_config=None,
         proxy_headers=False,
         server_header=False,
+        h11_max_incomplete_event_size=MOST_HEADER,
         timeout_graceful_shutdown=2,
     )
 
@@ -197,7 +220,7 @@ def _bound(port: int) -> socket.socket:
     try:
         found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         found.bind((HOST, port))
-        found.listen(_BACKLOG)
+        found.listen(BACKLOG)
     except OSError as error:
         found.close()
         raise OSError(error.errno, error.strerror, f"{HOST}:{port}") from None

@@ -5,7 +5,7 @@ import json
 import threading
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from functools import partial
 from typing import Any, Literal, NamedTuple, TypeVar
 
@@ -170,8 +170,13 @@ _NOT_YET_CODE = "not_answered_yet"
 class Posts:
     """Handlers of the requests that change something."""
 
-    def __init__(self, watcher: Watcher, bench: ByHandProcess) -> None:
-        self._watcher, self._bench = watcher, bench
+    def __init__(
+        self,
+        watcher: Watcher,
+        bench: ByHandProcess,
+        room_for_stop: Callable[[], AbstractContextManager[None]] = nullcontext,
+    ) -> None:
+        self._watcher, self._bench, self._room_for_stop = watcher, bench, room_for_stop
         self._asking = BoundedPool(_THREADS, "post", "the previous request is still pending; wait for its answer")
         self._holding = BoundedPool(
             _MOST_HELD, "hold", "the owner of the ports has not answered yet; wait, or use the emergency stop"
@@ -233,8 +238,9 @@ class Posts:
 
         Other threads find new owners and wait briefly for the replies.
         """
-        asking = self._stopping.begin_behind(lambda: say_stop(self._watcher.owners), self._stop_all)
-        done, _ = await asyncio.wait({asking}, timeout=_STOP_S)
+        with self._room_for_stop():
+            asking = self._stopping.begin_behind(lambda: say_stop(self._watcher.owners), self._stop_all)
+            done, _ = await asyncio.wait({asking}, timeout=_STOP_S)
         if not done:
             raise ControlError(_NOT_YET, code=_NOT_YET_CODE)
         answer = asking.result()

@@ -88,7 +88,7 @@ def main(minutes: float = 30.0) -> None:
             with _owner(run, came_s) as _, socket.create_connection(("127.0.0.1", port)) as page:
                 writing.start()
                 stopping.start()
-                for kind, told in _events(page, port):
+                for kind, told in _events(page, port, url.rpartition("=")[2]):
                     seen.event(kind, told)
                     _weigh(server.pid, seen)
                     if not writing.is_alive() and time.time() - _last_s(run) > _AFTER_S:
@@ -146,9 +146,10 @@ def _stops(url: str, came_s: list[float], writing: threading.Thread) -> Iterator
         yield came_s[before] - began_s
 
 
-def _events(page: socket.socket, port: int) -> Iterator[tuple[str, dict[str, object]]]:
+def _events(page: socket.socket, port: int, token: str) -> Iterator[tuple[str, dict[str, object]]]:
     """Each event as it comes, chunks put together."""
-    page.sendall(f"GET /events?tab=soak HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\n\r\n".encode())
+    head = f"GET /events?tab=soak HTTP/1.1\r\nHost: 127.0.0.1:{port}\r\nX-Rig-Token: {token}\r\n\r\n"
+    page.sendall(head.encode())
     heard = page.makefile("rb")
     while heard.readline().strip():
         pass  # of the head

@@ -122,7 +122,9 @@ def _handler(one: StandIn) -> type[BaseHTTPRequestHandler]:
 
         def do_GET(self) -> None:
             path, _, query = self.path.partition("?")
-            if path == "/events":
+            if path == "/events" and self.headers["X-Rig-Token"] != TOKEN:
+                self._send(403, "application/json", b"{}")
+            elif path == "/events":
                 self._stream()
             elif path == "/runs.json":
                 wanted = {name: values[0] for name, values in parse_qs(query).items() if name != "limit"}

@@ -70,7 +70,7 @@ def test_the_page_says_what_stands_in_the_file(bench: Callable[..., StandIn], op
     page.locator("#what[data-code=lost]").wait_for()
     lines |= _said(page)
     page = opened(one.address.partition("#")[0])
-    page.locator("#no_server[data-code=lost]").wait_for()
+    page.locator("#what[data-code=no_token]").wait_for()
     lines |= _said(page)
     told = page.evaluate("import('/static/held.js').then((module) => module.WORDS)")
     lines |= {f"jog_words {code}: {words}" for code, words in told.items()}

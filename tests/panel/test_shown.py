@@ -171,17 +171,19 @@ def test_a_server_that_ended_is_looked_for(opened: Opened) -> None:
         expect(page.locator("#what")).to_have_attribute(*coded("nothing"))
 
 
-def test_a_page_without_a_token_watches_and_says_so(bench: Bench, opened: Opened) -> None:
+def test_a_page_without_a_token_shows_nothing_live_and_says_so(bench: Bench, opened: Opened) -> None:
     one = bench(scenes.running())
     page = opened(one.address.partition("#")[0])
     expect(page.locator("#no_token")).to_be_visible()
     expect(page.locator("#stop_key")).to_have_attribute(*coded("no_token"))
-    expect(page.locator("#controls_words")).to_have_attribute(*coded("running"))
+    expect(page.locator("#what")).to_have_attribute(*coded("no_token"))
+    expect(page.locator("#no_server")).to_be_hidden()
     assert page.locator("[data-post=pause]").is_disabled()
     assert one.asked == [], "it asked for the controls"
     page.goto(one.address)  # only what stands behind the # changes: nothing is loaded anew
     expect(page.locator("#no_token")).to_be_hidden()
     expect(page.locator("#stop_key")).to_have_attribute(*coded("works"))
+    expect(page.locator("#controls_words")).to_have_attribute(*coded("running"))
     expect(page.locator("[data-post=pause]")).to_be_enabled()
     assert "token" not in page.url
 

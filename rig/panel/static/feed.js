@@ -1,6 +1,9 @@
-/** Events from the server and their age; reconnects after each loss, and only while the tab is visible. */
+/** Events from the server and their age; reconnects after each loss, and only while the tab is visible.
+ *
+ * An EventSource cannot send the token, without which the server opens no stream.
+ */
 
-import { tab } from "/static/access.js";
+import { hasToken, headers, tab } from "/static/access.js";
 
 const EVENTS = ["state", "readings", "schedule", "prediction", "section"];
 const AGAIN_MS = 500;
@@ -29,8 +32,9 @@ export class Feed {
   constructor(take) {
     this.take = take;
     this.heard = null;
-    this.source = null;
+    this.source = null; // ends the stream
     document.addEventListener("visibilitychange", () => this.follow());
+    window.addEventListener("token", () => this.follow());
     this.follow();
   }
 
@@ -48,16 +52,32 @@ export class Feed {
   follow() {
     clearTimeout(this.again);
     this.begun_ms = performance.now();
-    this.source?.close();
+    this.source?.abort();
     this.source = null;
-    if (document.visibilityState === "hidden") return;
-    const source = new EventSource(`/events?tab=${encodeURIComponent(tab)}`);
-    source.onerror = () => {
-      source.close();
-      this.again = setTimeout(() => this.follow(), AGAIN_MS);
-    };
-    for (const name of EVENTS) source.addEventListener(name, (event) => this.hear(name, JSON.parse(event.data)));
+    if (document.visibilityState === "hidden" || !hasToken()) return;
+    const source = new AbortController();
     this.source = source;
+    this.listen(source).catch(() => {}).then(() => {
+      if (source === this.source) this.again = setTimeout(() => this.follow(), AGAIN_MS);
+    });
+  }
+
+  /** Take events until the stream ends or is aborted. */
+  async listen({ signal }) {
+    const options = { headers: headers(), cache: "no-store", credentials: "omit", redirect: "error", signal };
+    const response = await fetch(`/events?tab=${encodeURIComponent(tab)}`, options);
+    if (!response.ok) return;
+    const reader = response.body.pipeThrough(new TextDecoderStream()).getReader();
+    for (let text = ""; ; ) {
+      const { value, done } = await reader.read();
+      if (done || signal.aborted) return;
+      const events = (text + value).split("\n\n");
+      text = events.pop();
+      for (const event of events) {
+        const [, name, data] = /^event: (.*)\ndata: (.*)$/.exec(event) ?? [];
+        if (EVENTS.includes(name)) this.hear(name, JSON.parse(data));
+      }
+    }
   }
 
   hear(name, data) {

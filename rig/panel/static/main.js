@@ -55,7 +55,7 @@ function look() {
   veils[3].data(numbers.age_s);
   show("no_token", !hasToken());
   show("watching", hasToken() && state !== null && state.controls !== null && !mine() && !feed.silent);
-  show("no_server", feed.silent && (feed.heard !== null || Date.now() / 1000 - loaded_unix_s > 2));
+  show("no_server", hasToken() && feed.silent && (feed.heard !== null || Date.now() / 1000 - loaded_unix_s > 2));
   const { heard } = feed;
   const since = heard === null ? "The panel's server has not answered yet" : `No data from the panel's server since ${timeOfDay(heard.unix_s)}`;
   write("no_server", `${since}; retrying. No value here is live and STOP may not work: use the emergency stop.`, heard === null ? "not_answered_yet" : "lost");
@@ -65,6 +65,7 @@ function look() {
 }
 
 function what() {
+  if (!hasToken()) return write("what", "no token", "no_token");
   if (feed.heard === null) return write("what", "waiting for the panel's server", "not_answered_yet");
   if (feed.silent) return write("what", "no server", "lost");
   const { owner, run, notice } = state ?? {};

@@ -10,7 +10,7 @@ import rig.panel.drawing as drawing_process
 from rig.panel.drawing import Drawer
 from rig.panel.stream import Outlet
 from sim.devices.clock import VirtualClock
-from tests.rig.panel.stub_panel import StubPanel
+from tests.rig.panel.stub_panel import TOKEN, StubPanel
 
 
 def test_a_stream_is_of_a_tab_as_long_as_it_lasts(panel: StubPanel, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -19,17 +19,17 @@ def test_a_stream_is_of_a_tab_as_long_as_it_lasts(panel: StubPanel, monkeypatch:
     monkeypatch.setattr(tabs, "closed", lambda tab, now_s: said.append(("closed", tab, now_s)))
     panel.watcher.outlet.close()
     now_s = panel.clock.monotonic_s()
-    answer = panel.get(f"/events?tab={'t' * 65}")
+    answer = panel.get(f"/events?tab={'t' * 65}", x_rig_token=TOKEN)
     assert (answer.status_code, answer.content) == (200, b"retry: 1000\n\n")
     assert said == [("opened", "t" * 64), ("closed", "t" * 64, now_s)]
     assert panel.watcher.outlet.clients == []
-    panel.get("/events")
+    panel.get("/events", x_rig_token=TOKEN)
     assert said[2:] == [("opened", ""), ("closed", "", now_s)]
 
 
 def test_to_be_told_of_a_stream_opens_none(panel: StubPanel, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(panel.watcher.tabs, "opened", lambda tab: 1 / 0)
-    answer = panel.get("/events?tab=a", "HEAD")
+    answer = panel.get("/events?tab=a", "HEAD", x_rig_token=TOKEN)
     assert (answer.status_code, answer.content) == (200, b"")
 
 

@@ -117,6 +117,18 @@ def test_a_link_from_anywhere_leads_to_the_page(headers: dict[str, str], panel: 
     assert panel.get("/", **headers).status_code == 200
 
 
+@pytest.mark.parametrize("method", ["GET", "HEAD"])
+@pytest.mark.parametrize("token", [None, "", TOKEN[:-1], TOKEN + "x", "t\xf6ken"])
+def test_a_stream_is_for_a_page_with_the_token(method: str, token: str | None, panel: StubPanel) -> None:
+    """A page of another site can navigate here, and four streams are all there are."""
+    headers = {"sec_fetch_site": "cross-site", "sec_fetch_mode": "navigate"}
+    if token is not None:
+        headers["x_rig_token"] = token
+    answer = panel.get("/events", method, **headers)
+    assert (answer.status_code, answer.json()["code"]) == (403, "wrong_token")
+    assert panel.watcher.outlet.clients == []
+
+
 @pytest.mark.parametrize("path", ["/", "/runs.json", "/runs/none/", "/none", "/static/none"])
 def test_every_answer_says_what_a_browser_may_do_with_it(path: str, panel: StubPanel) -> None:
     for answer in (panel.get(path), panel.get(path, host="evil.example")):

@@ -13,6 +13,14 @@ LOOKS_ON_TOO = (
 CONTAINERS = {"list", "dict", "set", "deque", "Counter", "defaultdict", "OrderedDict", "Queue", "SimpleQueue",
               "ThreadPoolExecutor"}  # fmt: skip
 HAS_AN_END = {
+    "rig/panel/connections.py _waiting": "half of the descriptors",
+    "rig/panel/connections.py _complete": "part of those that wait",
+    "rig/panel/connections.py _guests": "MOST_GUESTS",
+    "rig/panel/connections.py _holders": "MOST_HOLDERS",
+    "rig/panel/connections.py _begun": "until a connection is served",
+    "rig/panel/connections.py _spare": "_SPARE",
+    "rig/panel/connections.py _said_s": "a number for each logger and level",
+    "rig/panel/connections.py _left_out": "a number for each logger and level",
     "rig/panel/requests.py _pool": "what its threads do, and nothing waits",
     "rig/panel/requests.py _each": "one for each owner and each stop that is on its way",
     "rig/panel/watcher.py _asking": "one question",

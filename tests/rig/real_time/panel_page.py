@@ -41,7 +41,7 @@ class Stream:
 
     def __init__(self, panel: Panel, tab: str = "a") -> None:
         self.wire = http.client.HTTPConnection("127.0.0.1", panel.port, timeout=DEADLINE_S)
-        self.wire.request("GET", f"/events?tab={tab}")
+        self.wire.request("GET", f"/events?tab={tab}", headers={"X-Rig-Token": panel.url.partition("=")[2]})
         self.answer = self.wire.getresponse()
         self.came: dict[str, list[dict[str, Any]]] = {}
 

@@ -86,7 +86,9 @@ def test_a_page_sees_a_run_as_it_goes_on(serve: Serve, journal: Journal) -> None
 def test_a_page_that_never_reads_holds_up_no_other(serve: Serve, journal: Journal) -> None:
     panel = serve()
     with closing(socket.create_connection(("127.0.0.1", panel.port))) as stuck, closing(Stream(panel)) as page:
-        stuck.sendall(f"GET /events?tab=b HTTP/1.1\r\nHost: 127.0.0.1:{panel.port}\r\n\r\n".encode())
+        token = panel.url.partition("=")[2]
+        head = f"GET /events?tab=b HTTP/1.1\r\nHost: 127.0.0.1:{panel.port}\r\nX-Rig-Token: {token}\r\n\r\n"
+        stuck.sendall(head.encode())
         page.until("state", lambda told: told["run"] is not None)
         seen = 0
         for n in range(3000):
