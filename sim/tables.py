@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.errors import SimError
+from sim.user_files import read_bytes, text_of
 
 # --- csv table ---
 
@@ -73,9 +74,8 @@ def read_numbered(path: Path, columns: Sequence[str]) -> tuple[tuple[int, Row], 
 def _lines(path: Path) -> list[tuple[int, list[str]]]:
     """Return the lines that are not empty or comments, with their numbers."""
     try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            reader = csv.reader(stream)
-            return [(reader.line_num, row) for row in reader if any(row) and not row[0].startswith("#")]
+        reader = csv.reader(text_of(read_bytes(path), encoding="utf-8-sig"))
+        return [(reader.line_num, row) for row in reader if any(row) and not row[0].startswith("#")]
     except OSError as error:
         raise TableError(
             "{path}: {problem}", code="unreadable", path=str(path), problem=error.strerror or str(error)

@@ -8,6 +8,8 @@ from contextlib import suppress
 from pathlib import Path
 from statistics import median
 
+from rig.user_files import json_of, read_text
+
 FILE = "durations.json"
 MOST_KINDS, MOST_TIMES = 100, 5
 _LONGEST_KIND = 200  # characters
@@ -51,7 +53,7 @@ def took(kind: str, size: float, seconds: float) -> None:
 def _read() -> Times:
     """Return the times by kind, the latest kind first; nothing from a missing or damaged file."""
     try:
-        content = json.loads(path().read_text(encoding="utf-8"))
+        content = json_of(read_text(path()))
     except (OSError, ValueError, RecursionError):
         return {}
     if not isinstance(content, dict):

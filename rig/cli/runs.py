@@ -2,7 +2,6 @@
 
 import csv
 import io
-import tomllib
 from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import date
@@ -32,6 +31,7 @@ from rig.data.tables import (
     tables,
 )
 from rig.errors import BadInputError
+from rig.user_files import read_text, toml_of
 
 _DAY = "a day such as 2026-03-01"
 
@@ -212,7 +212,7 @@ def _run_as_json(run: Run) -> dict[str, Any]:
 def _limits(run: Run) -> dict[str, Any]:
     """Return the limits from the copy of the configuration; none without a readable copy."""
     try:
-        found = tomllib.loads(run.folder.config.read_text(encoding="utf-8")).get("limits", {})
+        found = toml_of(read_text(run.folder.config)).get("limits", {})
     except (OSError, ValueError):
         return {}
     return dict(found)

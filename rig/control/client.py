@@ -17,6 +17,7 @@ from pydantic import BaseModel, ValidationError
 
 from rig.control.messages import BROKEN, Wire, connected, encoded
 from rig.errors import RigError
+from rig.user_files import read_bytes
 
 ASK_S = 1.0
 STOP = {"do": "stop"}
@@ -131,7 +132,7 @@ def announced() -> list[Announced]:
     for note in runtime_folder().glob("*.json"):
         try:
             if not _removed_where_left(note):
-                found.append(Announced.model_validate_json(note.read_bytes()))
+                found.append(Announced.model_validate_json(read_bytes(note)))
         except (OSError, ValidationError):
             continue  # It was just removed, or is no note of this program.
     return sorted(found, key=lambda one: one.began_unix_s)

@@ -16,6 +16,7 @@ from typing import Any
 from rig.data.folder import RunFolder, replace_bytes
 from rig.data.run import RunError
 from rig.data.run_time import RunTime, is_timed
+from rig.user_files import json_of, read_text
 
 GONE = "(removed)"
 _SUBJECT = "SUBJECT"
@@ -71,7 +72,7 @@ class Scrubber:
     def line(self, line: str, timed: Callable[[Any], Any] = lambda found: found) -> str:
         """Return a scrubbed line of JSON, with its corrected time; of another line only its length."""
         try:
-            found = json.loads(line)
+            found = json_of(line)
         except ValueError:
             return json.dumps({"unreadable": len(line)})
         return json.dumps(self.value(timed(found) if is_timed(found) else found), ensure_ascii=False)
@@ -152,7 +153,7 @@ def bundle_name(run: Path) -> str:
 
 def _made_from(scrubber: Scrubber, text: str, time: RunTime) -> str | None:
     try:
-        found = json.loads(text)
+        found = json_of(text)
     except ValueError:
         return None
     if not isinstance(found, dict):
@@ -190,7 +191,7 @@ def _scrubber(folder: RunFolder) -> Scrubber:
     subjects, notes, folders = set[str](), set[str](), {str(folder.path.parent), str(folder.path.parent.resolve())}
     for text in (_text(folder.provenance) or "", *(_text(folder.events) or "").split("\n")):
         try:
-            document = json.loads(text)
+            document = json_of(text)
         except ValueError:
             continue
         if not isinstance(document, dict):
@@ -206,7 +207,7 @@ def _scrubber(folder: RunFolder) -> Scrubber:
 
 def _text(path: Path) -> str | None:
     try:
-        return path.read_text(encoding="utf-8", errors="replace")
+        return read_text(path, encoding="utf-8", errors="replace")
     except OSError:
         return None
 

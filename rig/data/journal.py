@@ -14,6 +14,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol
 
 from rig.errors import LimitError, LostRecordError, RecordError, RigError, RunAborted, TripError
+from rig.user_files import json_of, open_file, read_bytes
 
 if TYPE_CHECKING:
     from rig.clock import Clock
@@ -331,16 +332,33 @@ class NoJournal:
         """Do nothing."""
 
 
+MOST_ON_A_LINE = 4_000_000
+"""Characters of a document; those of runs have at most a few thousand."""
+
+
 def read_journal(path: Path, *, readings: bool = True) -> Iterator[Document]:
     """Yield the documents of a journal in order, without a torn last line. Raises JournalError.
 
     readings=False: only the last of successive readings, which make up nine documents in ten.
     """
-    lines = path.read_bytes().decode("utf-8", _AS_IT_IS).split("\n")  # Text is searched in half the time.
+    lines = read_bytes(path).decode("utf-8", _AS_IT_IS).split("\n")  # Text is searched in half the time.
+    _refuse_long(path, lines)
     skipped = [False] * len(lines) if readings else _before_another_reading(lines)
     counting = {n: line for n, line in enumerate(lines, 1) if line and not skipped[n - 1]}
     documents = None if readings else _documents_on(counting.values())
     yield from documents if documents is not None else _one_by_one(counting, len(lines), path)
+
+
+def _refuse_long(path: Path, lines: Sequence[str]) -> None:
+    if max(map(len, lines)) > MOST_ON_A_LINE:
+        line = next(n for n, line in enumerate(lines, 1) if len(line) > MOST_ON_A_LINE)
+        raise JournalError(
+            "{path}, line {line}: longer than {most} characters, which is the limit",
+            code="long_line",
+            path=str(path),
+            line=line,
+            most=MOST_ON_A_LINE,
+        )
 
 
 def _one_by_one(lines: Mapping[int, str], last: int, path: Path) -> Iterator[Document]:
@@ -397,7 +415,7 @@ def _documents_on(lines: Iterable[str]) -> list[Document] | None:
     text = ",".join(each)
     try:
         # Journals are written as ASCII, so other bytes are damage.
-        found = json.loads(f"[{text}]") if text.isascii() else []
+        found = json_of(f"[{text}]") if text.isascii() else []
     except ValueError:
         return None
     return found if len(found) == len(each) and all(map(is_document, found)) else None
@@ -406,7 +424,7 @@ def _documents_on(lines: Iterable[str]) -> list[Document] | None:
 def document_on(line: bytes) -> Document | None:
     """Return the document on a line, or None."""
     try:
-        found = json.loads(line)
+        found = json_of(line)
     except ValueError:  # neither JSON nor UTF-8
         return None
     return found if is_document(found) else None
@@ -439,10 +457,13 @@ def listed_documents(path: Path, streams: Collection[str]) -> list[Document]:
 
 def _selected(path: Path, prefixes: tuple[str, ...]) -> Iterator[str]:
     """Yield the first and the last part, events of these streams, and everything between events."""
-    with path.open("rb", buffering=0) as file:
+    with open_file(path, buffering=0) as file:
         left, first = "", True
         while block := file.read(_BLOCK):
             *lines, left = (left + block.decode("latin-1")).split(_BETWEEN)
+            if len(left) > MOST_ON_A_LINE:  # not as the journal writes it, and longer and longer to split
+                yield "\n"
+                return
             for line in lines:
                 if first or "\n" in line or (_READING not in line and line.startswith(prefixes, line.find(_STREAM))):
                     yield line
@@ -455,7 +476,7 @@ def _documents(text: str) -> list[Document] | None:
     if not (text.isascii() and text.endswith("\n")):
         return None
     try:
-        found = json.loads(f"[{text[:-1].replace(chr(10), ',')}]")
+        found = json_of(f"[{text[:-1].replace(chr(10), ',')}]")
     except ValueError:
         return None
     return found if len(found) == text.count("\n") and all(map(is_document, found)) else None

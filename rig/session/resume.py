@@ -1,6 +1,5 @@
 """Stopped runs, read to resume them, and the provenance of a run: versions, command, devices."""
 
-import json
 import platform
 import subprocess
 import sys
@@ -23,6 +22,7 @@ from rig.plan.config import Config, load_config
 from rig.plan.finger_model import about_model
 from rig.protocol.script import Script, script_with
 from rig.session.early_ending import Ending, FinalPosition
+from rig.user_files import json_of, read_text
 from sim.finger_process import Finger, asked
 
 
@@ -97,7 +97,7 @@ def _read(folder: RunFolder) -> StoppedRun:
             path=str(folder.path),
             files=", ".join(changed),
         )
-    about: dict[str, Any] = json.loads(folder.provenance.read_text(encoding="utf-8"))
+    about: dict[str, Any] = json_of(read_text(folder.provenance))
     if about["protocol"] in SCRIPTS:
         raise BadInputError(
             "run folder {path}: an identification cannot be resumed; repeat `rig identify`. In this run, {left}",
@@ -151,7 +151,7 @@ def last_ending(runs: Path, config: Config) -> Ending | None:
     ports = set(stage_ports(config.stage))
     for folder in map(RunFolder, folders):
         try:
-            about = json.loads(folder.provenance.read_text(encoding="utf-8"))
+            about = json_of(read_text(folder.provenance))
             if about["virtual"] or not ports & set(stage_ports(load_config(folder.config).stage)):
                 continue
             with folder.owned():
