@@ -102,12 +102,21 @@ def _column_numbers(path: Path, line: int, names: list[str], columns: Sequence[s
     return [names.index(name) for name in columns]
 
 
+LARGEST = 1e100
+"""Largest number of a table; its square is one, too."""
+
+
+def is_number(value: Any) -> Any:
+    """Return whether a value from a file, or each of an array, can be computed with: neither NaN nor huge."""
+    return abs(value) <= LARGEST
+
+
 def _number(path: Path, line: int, column: str, cell: str) -> float:
     try:
         value = float(cell)
     except ValueError:
         value = math.nan
-    if not math.isfinite(value):
+    if not is_number(value):
         raise TableError(
             "{path}, line {line}, column {column}: {cell!r} must be a number",
             code="not_a_number",

@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 import filelock
 from platformdirs import user_runtime_path
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 
 from rig.control.messages import BROKEN, Wire, connected, encoded
 from rig.errors import RigError
@@ -54,7 +54,7 @@ class Announced(Announcement, frozen=True):
     """Announcement read by other processes, with address and key."""
 
     address: str
-    key: str
+    key: str = Field(pattern=r"^([0-9a-f]{2})+$")
 
     def ask(self, do: str, *, within_s: float = ASK_S, **more: Any) -> dict[str, Any]:
         """Return the reply to one request. Raises RefusedError, or ControlError without a reply."""

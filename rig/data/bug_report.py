@@ -73,9 +73,9 @@ class Scrubber:
         """Return a scrubbed line of JSON, with its corrected time; of another line only its length."""
         try:
             found = json_of(line)
-        except ValueError:
+            return json.dumps(self.value(timed(found) if is_timed(found) else found), ensure_ascii=False)
+        except (ValueError, RecursionError):
             return json.dumps({"unreadable": len(line)})
-        return json.dumps(self.value(timed(found) if is_timed(found) else found), ensure_ascii=False)
 
     def script(self, source: str) -> str | None:
         """Return Python source without comments and string literals, line by line; None if it is not Python."""
@@ -154,11 +154,10 @@ def bundle_name(run: Path) -> str:
 def _made_from(scrubber: Scrubber, text: str, time: RunTime) -> str | None:
     try:
         found = json_of(text)
-    except ValueError:
+        known = {name: found[name] for name in _MADE_FROM if name in found} if isinstance(found, dict) else None
+        return None if known is None else _json(scrubber.value(known))
+    except (ValueError, RecursionError):
         return None
-    if not isinstance(found, dict):
-        return None
-    return _json(scrubber.value({name: found[name] for name in _MADE_FROM if name in found}))
 
 
 def _lines(scrubber: Scrubber, text: str, timed: Callable[[Any], Any]) -> str:
@@ -199,7 +198,8 @@ def _scrubber(folder: RunFolder) -> Scrubber:
         subjects.add(str(document.get("subject") or ""))
         if document.get("stream") == "note" and isinstance(document.get("data"), dict):
             notes.add(str(document["data"].get("text", "")))
-        words = [str(word) for word in document.get("command") or []]
+        command = document.get("command")
+        words = [str(word) for word in command] if isinstance(command, list) else []
         folders |= {str(Path(word).parent) for word in words}
         folders |= {after for word, after in pairwise(words) if word == "--out"}
     return Scrubber(subjects, notes, folders)

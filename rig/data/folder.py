@@ -19,6 +19,7 @@ from rig.errors import RigError
 from rig.user_files import read_bytes, read_text, sha256_of
 
 _SUMS, _LOCK = "SHA256SUMS", ".lock"
+_DIGITS = 64
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _COPIES = ("protocol.py", "config.toml", "provenance.json")
 SHAPE_COPY = "shape_"
@@ -109,8 +110,10 @@ class RunFolder:
         replace_text(self.path / _SUMS, "".join(f"{sums[name]}  {name}\n" for name in sorted(sums)))
 
     def _known_sums(self) -> dict[str, str]:
-        lines = read_text(self.path / _SUMS).splitlines()
-        return {name: digest for digest, name in (line.split("  ", 1) for line in lines)}
+        """Return the digests by file name, without lines that are damaged."""
+        lines = read_text(self.path / _SUMS, errors="replace").splitlines()
+        parts = (line.partition("  ") for line in lines)
+        return {name: digest for digest, _, name in parts if len(digest) == _DIGITS and name}
 
     def changed(self) -> list[str]:
         """Return the copied inputs that have changed since the run began. Raises OSError."""

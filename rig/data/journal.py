@@ -24,12 +24,13 @@ Document = dict[str, Any]
 Watch = Callable[[str, Mapping[str, Any]], None]
 """Callback for each event on disk: its stream and its data."""
 
-_NEEDED: dict[str, set[str]] = {
-    "start": {"t_s"},
-    "resume": {"t_s"},
-    "descriptor": {"t_s", "stream", "units"},
-    "event": {"t_s", "stream", "data"},
-    "stop": {"t_s", "status"},
+_NUMBER = (float, int)
+_NEEDED: dict[str, dict[str, type | tuple[type, ...]]] = {
+    "start": {"t_s": _NUMBER},
+    "resume": {"t_s": _NUMBER},
+    "descriptor": {"t_s": _NUMBER, "stream": str, "units": dict},
+    "event": {"t_s": _NUMBER, "stream": str, "data": dict},
+    "stop": {"t_s": _NUMBER, "status": str},
 }
 _STATUS = {RunAborted: "aborted", KeyboardInterrupt: "aborted", TripError: "tripped", LimitError: "limited"}
 
@@ -431,9 +432,11 @@ def document_on(line: bytes) -> Document | None:
 
 
 def is_document(found: object) -> bool:
-    """Return whether an object is a document, by its required keys."""
-    needed = _NEEDED.get(str(found.get("doc"))) if isinstance(found, dict) else None
-    return needed is not None and isinstance(found, dict) and needed <= found.keys()
+    """Return whether an object is a document, by its required keys and their types."""
+    if not isinstance(found, dict) or not isinstance(doc := found.get("doc"), str):
+        return False
+    needed = _NEEDED.get(doc)
+    return needed is not None and all(isinstance(found.get(name), kind) for name, kind in needed.items())
 
 
 # A journal in a list of many runs: every line is checked, but few events are parsed.

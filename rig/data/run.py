@@ -163,10 +163,48 @@ def read_run(path: Path, *, readings: bool = True, only: Collection[str] | None 
 def provenance_of(run: Run) -> dict[str, Any]:
     """Return versions, command and devices of a run; empty if its folder lacks them."""
     try:
-        found = json_of(read_text(run.folder.provenance))
-    except (OSError, ValueError):
+        return read_provenance(run.folder)
+    except (OSError, RunError):
         return {}
-    return found if isinstance(found, dict) else {}
+
+
+_TYPES_OF_PROVENANCE: dict[str, type | tuple[type, ...]] = {
+    "protocol": str,
+    "parameters": dict,
+    "virtual": bool,
+    "subject": (str, type(None)),
+    "devices": dict,
+    "versions": dict,
+    "model": dict,
+    "python": str,
+}
+
+
+def read_provenance(folder: RunFolder, *required: str) -> dict[str, Any]:
+    """Return what a run folder says of how it was made. Raises OSError; RunError for wrong types and missing keys."""
+    try:
+        found = json_of(read_text(folder.provenance))
+    except ValueError as error:
+        raise _damaged(folder, f"not valid JSON: {error}") from None
+    if not isinstance(found, dict):
+        raise _damaged(folder, "must be an object")
+    for name, kind in _TYPES_OF_PROVENANCE.items():
+        if name in found and not isinstance(found[name], kind):
+            raise _damaged(folder, f"{name}: has a wrong type")
+    for name in required:
+        if name not in found:
+            raise _damaged(folder, f"{name}: is required, but is missing")
+    return found
+
+
+def _damaged(folder: RunFolder, problem: str) -> RunError:
+    return RunError(
+        "run folder {run}: {file}: {problem}",
+        code="bad_provenance",
+        run=str(folder.path),
+        file=folder.provenance.name,
+        problem=problem,
+    )
 
 
 def _by_stream(documents: Iterable[Document]) -> tuple[Events, Events, list[tuple[str, dict[str, Any]]]]:

@@ -13,7 +13,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from platformdirs import user_state_path
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from rig.clock import WallClock
 from rig.devices.base import StageStatus
@@ -60,7 +60,7 @@ class BenchMemory:
         """Return the record; an empty one if the file cannot be read."""
         try:
             return LastKnown.model_validate_json(read_text(self._path))
-        except (OSError, ValidationError):
+        except (OSError, ValueError):
             return LastKnown()
 
     def zeroed(self, zero: ForceZero) -> None:

@@ -264,7 +264,10 @@ def finger_file_of(what: str, tables: dict[str, Any], folder: Path) -> FingerFil
             code="no_identified_table",
             where=what,
         )
-    relaxation = tables.get("virtual", {}).get("relaxation", ())
+    virtual = tables.get("virtual", {})
+    if not isinstance(virtual, dict):
+        raise BadInputError("{where}: {key}: must be a table", code="invalid_table", where=what, key="virtual")
+    relaxation = virtual.get("relaxation", ())
     rest = {name: table for name, table in tables.items() if name != "virtual"}
     try:
         found = FingerFile.model_validate({**rest, "relaxation": relaxation}, context={"folder": folder})

@@ -10,6 +10,7 @@ import numpy as np
 
 from rig.data import Run
 from rig.data.folder import replace_text
+from rig.data.run import read_provenance
 from rig.plan.config import load_config
 from rig.plan.finger_file import TISSUE, Draw
 from rig.plan.finger_model import Response, by_group, responses
@@ -20,7 +21,7 @@ from rig.report.page_parts import PageFigure, figures_of, render
 from rig.report.run_figures import PICTURES_A_PAGE, contacts_from_below, is_relief
 from rig.report.run_tables import Condition, by_target, conditions, numbers_missing, write_numbers
 from rig.report.style import signed
-from rig.user_files import json_of, read_text
+from rig.user_files import read_text
 from sim.models.fingertip import Fingertip
 
 AFTER = "finger_after.toml"
@@ -93,7 +94,7 @@ def lacks_report(run: Run) -> bool:
 def _write_page(
     run: Run, finger: Fingertip, found: list[Response], wall_s: float | None, ending: Mapping[str, str] | None
 ) -> Path:
-    provenance = json_of(read_text(run.folder.provenance))
+    provenance = read_provenance(run.folder, "devices")
     text = render(
         "run.html.j2",
         run=run,

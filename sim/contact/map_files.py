@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.contact.height_map import MOST_POINTS, HeightMap, HeightMapError
+from sim.contact.height_map import MOST_POINTS, HeightMap, HeightMapError, refuse_far, refuse_uneven
 from sim.user_files import open_file, read_bytes, text_of
 
 Array = NDArray[np.float64]
@@ -41,6 +41,9 @@ def read_height_map(file: str, options: Sequence[str]) -> HeightMap:
         raise HeightMapError("{name}: must be a file named .png, .npy or .csv", code="unknown_suffix", name=where)
     x, z, height = readers[suffix](where, file, settings)
     if min(height.shape) > 1:
+        for axis, positions in (("x", x), ("z", z)):
+            refuse_uneven(where, axis, positions)
+        refuse_far(where, "height", height)
         from scipy.ndimage import gaussian_filter  # slow to import, and few scenes have a map
 
         spacing = x[1] - x[0], z[1] - z[0]
@@ -187,7 +190,7 @@ def _array(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array, A
     try:
         open_file(file).close()  # for its checks
         height = np.load(file, mmap_mode="r", allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
+    except Exception as error:  # NumPy raises whatever the text of a wrong header leads to
         what = getattr(error, "strerror", None) or "not an array"
         raise HeightMapError(
             "{name}: {problem}; must be a NumPy file of numbers", code="no_array", name=where, problem=what

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sim.contact.profiles import STEEPEST_SLOPE, arc_tangent
 from sim.errors import SimError
+from sim.tables import is_number
 from sim.user_files import read_bytes, text_of
 
 if TYPE_CHECKING:
@@ -254,7 +255,7 @@ def _point(path: str, line: int, row: list[str]) -> list[float]:
             value = float(cell)
         except ValueError:
             value = float("nan")
-        if not np.isfinite(value):
+        if not is_number(value):
             raise ProfileError(
                 "profile {name}, line {line}, column {column}: {cell!r} must be a number",
                 code="profile_number",

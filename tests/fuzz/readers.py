@@ -29,7 +29,7 @@ from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.deflection import read_skin_deflection
 from rig.compare.recordings.reading import Reading, read_recordings
 from rig.control.client import Announced, announced, lock_of
-from rig.control.stop import stage_alone
+from rig.control.stop import NoStageError, stage_alone
 from rig.data.bug_report import bug_report, bundle_name
 from rig.data.index import INDEX, listed
 from rig.data.run_state import Course
@@ -42,10 +42,12 @@ from rig.protocol.script import load_script
 from rig.report.recording_sections import read_deflections
 from rig.session.resume import left_on_record, read_stopped
 from rig.study.parameter_study import read_study
+from sim.coding.decoder_results import CodingError
 from sim.coding.readings_file import read_pressures, read_readings
 from sim.config import FingertipConfig
 from sim.contact.shapes import parse_shape
 from sim.models import cache as model_cache
+from sim.tables import TableError
 from tests.fuzz import mutations as of
 from tests.rig.compare import test_every_kind_of_recording as recorded
 from tests.rig.compare import test_neo_file as neo_files
@@ -86,6 +88,10 @@ class Reader:
     in_suite: int = 1000
 
 
+BY_COMMANDS = (TableError, CodingError, NoStageError)
+"""Errors that commands print in a sentence of their own."""
+
+
 def failure_of(read: Callable[[Path], object], path: Path) -> str:
     """Return what is wrong with how a file was read; empty for a success, or one line with a code."""
     said = io.StringIO()
@@ -95,6 +101,8 @@ def failure_of(read: Callable[[Path], object], path: Path) -> str:
     except SystemExit as ended:
         if ended.code not in tuple(ExitCode) or said.getvalue().count("\n") != 1:
             return f"ended with {ended.code!r}: {said.getvalue()[:500]!r}"
+    except BY_COMMANDS:
+        return ""
     except Exception as error:
         found = outcome(error)
         known = found is not None and (is_coded(error) or getattr(error, "errno", None) is not None)
@@ -341,7 +349,7 @@ def _all_of(*calls: Callable[[Path], object]) -> Callable[[Path], object]:
             except SystemExit as ended:
                 failed = ended
             except Exception as error:
-                if outcome(error) is None:
+                if outcome(error) is None and not isinstance(error, BY_COMMANDS):
                     raise
                 failed = error
         if isinstance(failed, Exception):
@@ -450,7 +458,8 @@ READERS: dict[str, Reader] = {
     ),
     "spike times, Blackrock": Reader("a.nev", of.of_bytes, _by_neo("Plexon"), _recording("#ch1#1"), in_suite=50),
     "Open Ephys, structure": Reader(
-        OEBIN, of.of_json, _inside(OEBIN), _open_ephys_recording(3), beside=lambda path: _open_ephys(path.parents[3]), in_suite=50
+        OEBIN, of.of_json, _inside(OEBIN), _open_ephys_recording(3),
+        beside=lambda path: _open_ephys(path.parents[3]), in_suite=50,
     ),
     "Open Ephys, times": Reader(
         STAMPS, of.of_npy, _inside(STAMPS), _open_ephys_recording(5),
