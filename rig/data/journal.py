@@ -25,6 +25,7 @@ Watch = Callable[[str, Mapping[str, Any]], None]
 """Callback for each event on disk: its stream and its data."""
 
 _NUMBER = (float, int)
+_LATEST_S = 1e12
 _NEEDED: dict[str, dict[str, type | tuple[type, ...]]] = {
     "start": {"t_s": _NUMBER},
     "resume": {"t_s": _NUMBER},
@@ -436,7 +437,9 @@ def is_document(found: object) -> bool:
     if not isinstance(found, dict) or not isinstance(doc := found.get("doc"), str):
         return False
     needed = _NEEDED.get(doc)
-    return needed is not None and all(isinstance(found.get(name), kind) for name, kind in needed.items())
+    if needed is None or not all(isinstance(found.get(name), kind) for name, kind in needed.items()):
+        return False
+    return bool(abs(found["t_s"]) < _LATEST_S)  # False for NaN
 
 
 # A journal in a list of many runs: every line is checked, but few events are parsed.

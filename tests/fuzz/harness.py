@@ -31,6 +31,7 @@ class Target:
         self.path.parent.mkdir(parents=True)
         self._reader.beside(self.path)
         self._there = self._files()
+        self.succeeded = False  # the last input was read without an error
 
     def mutated(self, seed: int) -> bytes:
         """Return the content of the file with a number."""
@@ -43,7 +44,13 @@ class Target:
         if self.path.is_file():
             self.path.unlink()
         self.path.write_bytes(content)
-        found = failure_of(self._reader.read, self.path)
+        self.succeeded = False
+
+        def read(path: Path) -> None:
+            self._reader.read(path)
+            self.succeeded = True
+
+        found = failure_of(read, self.path)
         written = sorted(name for name in self._files() - self._there if not self._may_write(name))
         if written and not found:
             found = f"wrote {written}"

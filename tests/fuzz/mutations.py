@@ -228,7 +228,11 @@ def of_toml(rng: random.Random, examples: Sequence[bytes]) -> bytes:
     tree, other = (tomllib.loads(rng.choice(examples).decode("utf-8")) for _ in range(2))
     tree = _mutated(rng, tree, other)
     tables = tree if isinstance(tree, dict) else {"a": tree}
-    return "".join(f"{_key(key)} = {_toml(value)}\n" for key, value in tables.items()).encode("utf-8", "replace")
+    try:
+        lines = [f"{_key(key)} = {_toml(value)}\n" for key, value in tables.items()]
+    except RecursionError:
+        return of_bytes(rng, examples)
+    return "".join(lines).encode("utf-8", "replace")
 
 
 def of_json(rng: random.Random, examples: Sequence[bytes]) -> bytes:
@@ -330,7 +334,7 @@ def _nested(rng: random.Random) -> Any:
 def _json(tree: Any) -> bytes:
     try:
         return json.dumps(tree, default=str).encode("ascii")
-    except ValueError:  # a number of more digits than Python prints
+    except (ValueError, RecursionError):  # a number of more digits than Python prints
         return b"1" * 5000
 
 

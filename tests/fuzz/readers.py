@@ -538,3 +538,6 @@ READERS: dict[str, Reader] = {
         "a.model", of.of_bytes, _model_files, lambda path: model_cache._read(path, "key")
     ),
 }  # fmt: skip
+
+NOT_READ = {"spike times, Blackrock"}
+"""Readers without an example that they read."""
