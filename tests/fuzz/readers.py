@@ -318,8 +318,9 @@ def _beside_the_table(path: Path) -> None:
 
 
 def _run_folder(path: Path) -> None:
-    for name in ("config.toml", "provenance.json", "protocol.py", "SHA256SUMS", "events.jsonl"):
+    for name in ("config.toml", "provenance.json", "protocol.py", "SHA256SUMS"):
         shutil.copyfile(OLD / "stopped" / name, path.parent / name)
+    (path.parent / "events.jsonl").write_bytes(_short_journals(path)[-1])
     (path.parent / "timeline.json").write_text(json.dumps(COURSE), encoding="utf-8")
 
 
@@ -403,26 +404,33 @@ READERS: dict[str, Reader] = {
         "rig.toml", of.of_toml,
         _files(OLD / "every_key.toml", OLD / "small.toml", OLD / "complete" / "config.toml"),
         load_config,
+        in_suite=400,
     ),
     "configuration, for a stop": Reader(
-        "rig.toml", of.of_toml, _files(OLD / "every_key.toml", OLD / "small.toml"), stage_alone
+        "rig.toml", of.of_toml, _files(OLD / "every_key.toml", OLD / "small.toml"), stage_alone,
+        in_suite=300,
     ),
-    "identified finger": Reader("finger.toml", of.of_toml, _finger_files, read_finger_file),
+    "identified finger": Reader("finger.toml", of.of_toml, _finger_files, read_finger_file,
+        in_suite=400,
+    ),
     "plausible fingers": Reader(
         "fingers.toml", of.of_toml,
         lambda folder: [
             *_files(*sorted((EXAMPLES / "plausible_fingers").glob("*.toml")))(folder), *_finger_files(folder)
         ],
         read_plausible,
+        in_suite=500,
     ),
     "parameter study": Reader("study.toml", of.of_toml, _texts(STUDY), read_study),
     "points of a skin": Reader(
         "points.csv", of.of_table, _files(EXAMPLES / "own_finger" / "synthetic_larger_finger_points.csv"),
         _skin("points"),
+        in_suite=400,
     ),
     "sections of a finger": Reader(
         "sections.csv", of.of_table, _files(EXAMPLES / "own_finger" / "synthetic_larger_finger_sections.csv"),
         _skin("sections"),
+        in_suite=400,
     ),
     "profile": Reader("a.csv", of.of_table, _texts(PROFILE), lambda path: parse_shape(f"profile:{path}")),
     "profile of lines": Reader(
@@ -432,21 +440,30 @@ READERS: dict[str, Reader] = {
         "a.csv", of.of_table, _texts(MAP_POINTS), lambda path: parse_shape(f"heightmap:{path},edge_mm=0.5")
     ),
     "height map of rows": Reader(
-        "a.csv", of.of_table, _texts(MAP_ROWS), lambda path: parse_shape(f"heightmap:{path},spacing_mm=0.2")
+        "a.csv", of.of_table, _texts(MAP_ROWS), lambda path: parse_shape(f"heightmap:{path},spacing_mm=0.2"),
+        in_suite=300,
     ),
     "height map, NumPy": Reader(
-        "a.npy", of.of_npy, _arrays, lambda path: parse_shape(f"heightmap:{path},spacing_mm=0.2")
+        "a.npy", of.of_npy, _arrays, lambda path: parse_shape(f"heightmap:{path},spacing_mm=0.2"),
+        in_suite=400,
     ),
     "height map, picture": Reader(
-        "a.png", of.of_png, _pictures, lambda path: parse_shape(f"heightmap:{path},width_mm=4,height_mm=0.3")
+        "a.png", of.of_png, _pictures, lambda path: parse_shape(f"heightmap:{path},width_mm=4,height_mm=0.3"),
+        in_suite=200,
     ),
     "table of rates or counts": Reader("a.csv", of.of_table, _texts(RATES, REPEATS, COUNTS), _recording()),
     "table with named columns": Reader(
         "a.csv", of.of_table, _texts(COUNTS), _recording("", "count=count,position=position_mm:um,window=0.5")
     ),
-    "spike times": Reader("a.csv", of.of_table, _spike_rows, _recording()),
-    "spike times, NWB": Reader("a.nwb", of.of_hdf5, _nwb, _recording("#7"), in_suite=500),
-    "spike times, NIX": Reader("a.nix", of.of_hdf5, _by_neo("NIX"), _recording("#unit 1"), in_suite=10),
+    "spike times": Reader("a.csv", of.of_table, _spike_rows, _recording(),
+        in_suite=700,
+    ),
+    "spike times, NWB": Reader("a.nwb", of.of_hdf5, _nwb, _recording("#7"),
+        in_suite=400,
+    ),
+    "spike times, NIX": Reader("a.nix", of.of_hdf5, _by_neo("NIX"), _recording("#unit 1"),
+        in_suite=5,
+    ),
     "spike times, Spike2": Reader(
         "a.smr", of.of_bytes, _by_neo("Spike2"), _recording("#unit 1", "sync=pulses"), in_suite=50
     ),
@@ -465,11 +482,17 @@ READERS: dict[str, Reader] = {
         STAMPS, of.of_npy, _inside(STAMPS), _open_ephys_recording(5),
         beside=lambda path: _open_ephys(path.parents[5]), in_suite=50,
     ),
-    "table of afferents": Reader("a.csv", of.of_table, _texts(AFFERENTS), _afferents, beside=_beside_the_table),
+    "table of afferents": Reader("a.csv", of.of_table, _texts(AFFERENTS), _afferents, beside=_beside_the_table,
+        in_suite=250,
+    ),
     "deflection of the skin": Reader("a.csv", of.of_table, _texts(SKIN), read_skin_deflection),
     "deflection along the finger": Reader("a.csv", of.of_table, _texts(AXIAL), read_deflections),
-    "readings of a row": Reader("a.csv", of.of_table, _texts(ROW), lambda path: read_readings(path, _finger())),
-    "readings of a sheet": Reader("a.csv", of.of_table, _texts(SHEET), lambda path: read_readings(path, _finger())),
+    "readings of a row": Reader("a.csv", of.of_table, _texts(ROW), lambda path: read_readings(path, _finger()),
+        in_suite=80,
+    ),
+    "readings of a sheet": Reader("a.csv", of.of_table, _texts(SHEET), lambda path: read_readings(path, _finger()),
+        in_suite=80,
+    ),
     "pressures": Reader("a.csv", of.of_table, _texts("pressure\n0\n1\n5\n2\n0\n"), read_pressures),
     "script": Reader("a.py", of.of_bytes, _texts(SCRIPT), lambda path: load_script(str(path))),
     "journal": Reader(
@@ -482,15 +505,18 @@ READERS: dict[str, Reader] = {
             _panel,
             _bundle,
         ),
-        beside=_run_folder, writes=RUN_WRITES, in_suite=300,
+        beside=_run_folder, writes=RUN_WRITES,
+        in_suite=80,
     ),
     "journal, exported": Reader(
         "run/events.jsonl", of.of_json_lines, _short_journals, lambda path: export_command(path.parent, as_csv=True),
-        beside=_run_folder, writes=RUN_WRITES, in_suite=50,
+        beside=_run_folder, writes=RUN_WRITES,
+        in_suite=20,
     ),
     "journal, resumed": Reader(
         "run/events.jsonl", of.of_json_lines, _short_journals, _resume, beside=_run_folder,
-        writes=("*/events.jsonl", *RUN_WRITES), in_suite=200,
+        writes=("*/events.jsonl", *RUN_WRITES),
+        in_suite=150,
     ),
     "provenance": Reader(
         "run/provenance.json", of.of_json, _of_runs("provenance.json"),
@@ -498,12 +524,14 @@ READERS: dict[str, Reader] = {
             _resume, lambda path: show_command(path.parent), _bundle,
             lambda path: left_on_record(path.parents[1], load_config(None)),
         ),
-        beside=_run_folder, writes=RUN_WRITES, in_suite=200,
+        beside=_run_folder, writes=RUN_WRITES,
+        in_suite=60,
     ),
     "configuration of a run": Reader(
         "run/config.toml", of.of_toml, _of_runs("config.toml"),
         _all_of(_resume, lambda path: show_command(path.parent), _panel),
-        beside=_run_folder, writes=RUN_WRITES, in_suite=200,
+        beside=_run_folder, writes=RUN_WRITES,
+        in_suite=60,
     ),
     "checksums": Reader(
         "run/SHA256SUMS", of.of_bytes, _of_runs("SHA256SUMS"), _resume, beside=_run_folder, writes=RUN_WRITES,
@@ -511,21 +539,24 @@ READERS: dict[str, Reader] = {
     ),
     "script of a run": Reader(
         "run/protocol.py", of.of_bytes, _of_runs("protocol.py"), _all_of(_resume, _bundle), beside=_run_folder,
-        writes=RUN_WRITES, in_suite=200,
+        writes=RUN_WRITES,
+        in_suite=60,
     ),
     "course of a run": Reader(
         "run/timeline.json", of.of_json, _texts(json.dumps(COURSE)),
         _all_of(lambda path: Course.kept(SeenRun(path.parent).folder), _panel, _bundle),
-        beside=_run_folder, writes=RUN_WRITES, in_suite=200,
+        beside=_run_folder, writes=RUN_WRITES,
+        in_suite=60,
     ),
     "byte log": Reader(
         "run/bytes.jsonl", of.of_json_lines, _texts(BYTES), _bundle, beside=_run_folder, writes=RUN_WRITES,
-        in_suite=200,
+        in_suite=100,
     ),
     "index of runs": Reader(
         f"runs/{INDEX}", of.of_bytes, _indexes, lambda path: runs_command(path.parent, as_json=True),
         beside=lambda path: shutil.copytree(OLD / "complete", path.parent / "complete"),
-        writes=(f"*{INDEX}*",), in_suite=200,
+        writes=(f"*{INDEX}*",),
+        in_suite=150,
     ),
     "memory of a bench": Reader("a.json", of.of_json, _texts(json.dumps(KNOWN)), _memory),
     "durations": Reader(
