@@ -5,6 +5,7 @@ import hashlib
 import io
 import json
 import os
+import re
 import stat
 import sys
 import tomllib
@@ -95,6 +96,8 @@ def json_of(text: str | bytes) -> Any:
 
 def toml_of(text: str) -> dict[str, Any]:
     """Return the tables of a TOML text. Raises TOMLDecodeError, also for nesting and numbers beyond the limits."""
+    if _LONG_KEY.search(text):  # its parts cost the parser quadratic time and memory
+        raise tomllib.TOMLDecodeError(_TOO_DEEP)
     try:
         return tomllib.loads(text)
     except RecursionError:
@@ -106,4 +109,5 @@ def toml_of(text: str) -> dict[str, Any]:
         raise tomllib.TOMLDecodeError(f"a number has more than {most} digits") from None
 
 
+_LONG_KEY = re.compile(r"""(?:\.[ \t]*+(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+){100}""")
 _TOO_DEEP = "nested too deeply"

@@ -59,6 +59,8 @@ ONCE_FAILED: dict[str, dict[str, bytes | int]] = {
     "configuration": {
         "lists nested too deeply": b"a = " + b"[" * DEEP,
         "an integer of 5 000 digits": b"a = " + b"1" * 5000,
+        "a key of 20 000 parts": b"a." * DEEP + b"a = 1",
+        "a key of 20 000 quoted parts": b"'a b' . " * DEEP + b"a = 1",
     },
     "configuration, for a stop": {"tables nested too deeply": b"[stage]\na = " + b"{a=" * DEEP},
     "identified finger": {"[virtual] is a list": b"virtual = []\n" + _FINGER},
