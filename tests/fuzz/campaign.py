@@ -46,11 +46,11 @@ def main() -> None:
 
 def failures(inputs: int, first: int, processes: int, readers: list[str]) -> int:
     """Run a campaign, print its failures and progress, and return how many inputs failed."""
-    from tests.fuzz.readers import READERS
+    from tests.fuzz.readers import READERS  # here, so that processes inherit what is imported
 
     names = readers or list(READERS)
     each = shares(inputs, names)
-    with multiprocessing.get_context("spawn").Pool(processes, maxtasksperchild=1) as pool:
+    with multiprocessing.get_context("fork").Pool(processes) as pool:
         found: Counter[str] = Counter()
         done, began_s = 0, time.monotonic()
         for name, number, failed in pool.imap_unordered(_supervised, [(name, first, each[name]) for name in names]):
