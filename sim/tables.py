@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.errors import SimError
+from sim.user_files import read_bytes, text_of
 
 # --- csv table ---
 
@@ -73,9 +74,8 @@ def read_numbered(path: Path, columns: Sequence[str]) -> tuple[tuple[int, Row], 
 def _lines(path: Path) -> list[tuple[int, list[str]]]:
     """Return the lines that are not empty or comments, with their numbers."""
     try:
-        with path.open(newline="", encoding="utf-8-sig") as stream:
-            reader = csv.reader(stream)
-            return [(reader.line_num, row) for row in reader if any(row) and not row[0].startswith("#")]
+        reader = csv.reader(text_of(read_bytes(path), encoding="utf-8-sig"))
+        return [(reader.line_num, row) for row in reader if any(row) and not row[0].startswith("#")]
     except OSError as error:
         raise TableError(
             "{path}: {problem}", code="unreadable", path=str(path), problem=error.strerror or str(error)
@@ -102,12 +102,21 @@ def _column_numbers(path: Path, line: int, names: list[str], columns: Sequence[s
     return [names.index(name) for name in columns]
 
 
+LARGEST = 1e100
+"""Largest number of a table; its square is one, too."""
+
+
+def is_number(value: Any) -> Any:
+    """Return whether a value from a file, or each of an array, can be computed with: neither NaN nor huge."""
+    return abs(value) <= LARGEST
+
+
 def _number(path: Path, line: int, column: str, cell: str) -> float:
     try:
         value = float(cell)
     except ValueError:
         value = math.nan
-    if not math.isfinite(value):
+    if not is_number(value):
         raise TableError(
             "{path}, line {line}, column {column}: {cell!r} must be a number",
             code="not_a_number",

@@ -8,10 +8,11 @@ from contextlib import suppress
 from pathlib import Path
 from statistics import median
 
+from rig.user_files import json_of, read_text
+
 FILE = "durations.json"
 MOST_KINDS, MOST_TIMES = 100, 5
 _LONGEST_KIND = 200  # characters
-_MOST_BYTES = 1 << 20
 LEAST_S = 0.3
 """Shorter work is not recorded unless its kind took longer before."""
 
@@ -52,18 +53,12 @@ def took(kind: str, size: float, seconds: float) -> None:
 def _read() -> Times:
     """Return the times by kind, the latest kind first; nothing from a missing or damaged file."""
     try:
-        with open(path(), "rb", opener=_without_waiting) as file:
-            content = json.loads(file.read(_MOST_BYTES))
+        content = json_of(read_text(path()))
     except (OSError, ValueError, RecursionError):
         return {}
     if not isinstance(content, dict):
         return {}
     return {kind: times for kind, times in content.items() if _is_sound(times)}
-
-
-def _without_waiting(name: str, flags: int) -> int:
-    """Open a file; a pipe would block."""
-    return os.open(name, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 def _is_sound(times: object) -> bool:

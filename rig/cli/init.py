@@ -3,7 +3,6 @@
 import datetime
 import shlex
 import sys
-import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import groupby
@@ -25,6 +24,7 @@ from rig.errors import BadInputError, first_problem
 from rig.plan.config import Config, Key, as_toml, config_from, keys
 from rig.plan.finger_file import example_finger
 from rig.units import GWT_N
+from rig.user_files import toml_of
 
 _DEVICES, _ANSWERS = "Devices", "Answers"
 WORDS: Mapping[Room, tuple[str, str, str]] = {
@@ -530,7 +530,7 @@ def write_new(path: Path, text: str, *, replace: bool) -> None:
 
     A file that appeared meanwhile is left unless `replace`. Raises BadInputError, UnwritableError.
     """
-    config_from(f"config {path}", tomllib.loads(text), path.parent)
+    config_from(f"config {path}", toml_of(text), path.parent)
     try:
         replace_text(path, text, new=not replace)
     except FileExistsError:

@@ -2,7 +2,6 @@
 
 import csv
 import io
-import tomllib
 from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import date
@@ -21,17 +20,17 @@ from rig.data.index import IndexEntry, RunFilter, listed
 from rig.data.run import Run, RunError, provenance_of, read_run
 from rig.data.tables import (
     ENDED_EARLY,
-    FOREIGN,
     HOLD_COLUMNS,
     RUN_COLUMNS,
     STATES,
     Summary,
     alive,
-    foreign,
+    foreign_in_one_line,
     summary_of,
     tables,
 )
 from rig.errors import BadInputError
+from rig.user_files import read_text, toml_of
 
 _DAY = "a day such as 2026-03-01"
 
@@ -155,13 +154,18 @@ def show_command(
     with one_line_errors(as_json=as_json):
         if columns == (run is not None):
             raise RunError("show: give either RUN, a run folder, or --columns", code="exactly_one")
-        result = _columns() if run is None else _described(run)
-        if as_json:
-            print_json(result)
-        elif run is None:
-            out.print(dictionary.as_markdown(), end="")
-        else:
-            out.print("\n".join(f"{name:<12}{line}" for name, line in _lines(result)))
+        if run is None:
+            if as_json:
+                print_json(_columns())
+            else:
+                out.print(dictionary.as_markdown(), end="")
+            return
+        with foreign_in_one_line(run):
+            result = _described(run)
+            if as_json:
+                print_json(result)
+            else:
+                out.print("\n".join(f"{name:<12}{line}" for name, line in _lines(result)))
 
 
 def _columns() -> dict[str, Any]:
@@ -174,10 +178,7 @@ def _columns() -> dict[str, Any]:
 
 
 def _described(path: Path) -> dict[str, Any]:
-    try:
-        return _run_as_json(read_run(path, readings=False))
-    except FOREIGN as error:
-        raise RunError("run folder {run}: {problem}", code="foreign_run", run=path, problem=foreign(error)) from None
+    return _run_as_json(read_run(path, readings=False))
 
 
 def _run_as_json(run: Run) -> dict[str, Any]:
@@ -212,7 +213,7 @@ def _run_as_json(run: Run) -> dict[str, Any]:
 def _limits(run: Run) -> dict[str, Any]:
     """Return the limits from the copy of the configuration; none without a readable copy."""
     try:
-        found = tomllib.loads(run.folder.config.read_text(encoding="utf-8")).get("limits", {})
+        found = toml_of(read_text(run.folder.config)).get("limits", {})
     except (OSError, ValueError):
         return {}
     return dict(found)
@@ -311,7 +312,7 @@ def export_command(
             raise BadInputError("export: no format given; add --csv (HDF5 and CSV files) or --nwb", code="no_format")
         found = read_run(run)
         written = []
-        with busy(f"writing the files of {run} …", quick=True, kind="export"):
+        with busy(f"writing the files of {run} …", quick=True, kind="export"), foreign_in_one_line(run):
             if as_csv:
                 export_run(found)
                 tables = (f"{stream}.csv" for stream in found.units if found.stream(stream))

@@ -14,9 +14,9 @@ from rig.cli.runs import ending_of
 from rig.clock import WallClock
 from rig.data.folder import RunFolder
 from rig.data.journal import Document
-from rig.data.run import Following, RunError, followed, read_run
+from rig.data.run import Following, followed, read_run
 from rig.data.run_state import Onlooker, as_clock
-from rig.data.tables import FOREIGN, RUNNING, alive, foreign, summary_of
+from rig.data.tables import RUNNING, alive, foreign_in_one_line, summary_of
 
 LOOK_S = 0.2
 
@@ -57,17 +57,14 @@ def watch_command(
     with one_line_errors(as_json=as_json):
         seen = RunScreen(RunFolder(run))
         try:
-            if as_json:
-                seen.take(Following(seen.folder).new())
-                print_json(_now(seen))
-                return
-            with resting():
-                (_on_a_screen if out.is_terminal else _line_by_line)(seen)
-            out.print("\n".join(_end(seen)))
-        except FOREIGN as error:
-            raise RunError(
-                "run folder {run}: {problem}", code="foreign_run", run=run, problem=foreign(error)
-            ) from None
+            with foreign_in_one_line(run):
+                if as_json:
+                    seen.take(Following(seen.folder).new())
+                    print_json(_now(seen))
+                    return
+                with resting():
+                    (_on_a_screen if out.is_terminal else _line_by_line)(seen)
+                out.print("\n".join(_end(seen)))
         except KeyboardInterrupt:
             err.print("stopped monitoring; the run continues")
             raise typer.Exit(ExitCode.ABORTED) from None

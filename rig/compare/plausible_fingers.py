@@ -12,7 +12,6 @@ combination of the lowest, middle and highest value of each parameter, and are i
 
 import hashlib
 import itertools
-import tomllib
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -33,6 +32,7 @@ from rig.plan.finger_file import TISSUE, FingerFile, finger_file_of, is_finger_f
 from rig.settings import Settings
 from rig.study.parallel import spread
 from rig.study.parameter_study import interpolated, nodes_to_build
+from rig.user_files import MOST_TOML_BYTES, read_bytes, toml_of
 from sim.config import FingertipConfig
 from sim.contact.shapes import contents, parse_shape
 from sim.errors import ModelRangeError
@@ -155,8 +155,8 @@ def read_plausible(path: Path) -> PlausibleFingers:
     """Read a file of ranges; raise FingersError if it is invalid."""
     source = f"--fingers {path}"
     with reraised_as(source, FingersError):
-        content = path.read_bytes()
-        tables = tomllib.loads(content.decode("utf-8-sig"))
+        content = read_bytes(path, MOST_TOML_BYTES)
+        tables = toml_of(content.decode("utf-8-sig"))
         identified = is_finger_file(tables)
         ranges = {} if identified else _File.model_validate(tables).ranges
     if identified:

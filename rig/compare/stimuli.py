@@ -4,7 +4,6 @@ A population response is a measure at all receptors for one indentor position; a
 against the indentor's position (Raju 1998, ch. 5). One run gives both.
 """
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import cast
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 
 from rig.data import Run
 from rig.plan.finger_model import Response, from_copy, responses
+from rig.user_files import sha256_of
 from sim.contact.patch import X, Z
 from sim.contact.shapes import contents, parse_shape, shape_name
 from sim.measures.measures import MEASURES, shown
@@ -277,7 +277,7 @@ def contact_regions(results: Sequence[IndentationResult]) -> Array:
 
 def responses_key(run: Run, finger: Fingertip) -> str:
     """Return the cache key for a run's simulated responses."""
-    journal = hashlib.sha256(run.folder.events.read_bytes()).hexdigest()
+    journal = sha256_of(run.folder.events)
     pressed = dict.fromkeys(start["indentor"] for start in run.stream("indentation_start"))
     shapes = contents(from_copy(run.folder.path, indentor) for indentor in pressed)
     return answers_key(finger, [_CACHED_AS, journal, *shapes])

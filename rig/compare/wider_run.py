@@ -26,6 +26,7 @@ from rig.protocol.check import Walk
 from rig.protocol.handlers import Patience
 from rig.protocol.script import Script, find_script, script_with, shipped_protocols
 from rig.records import Pace, Prediction, Target
+from rig.user_files import read_bytes, read_text
 from sim.errors import SimError
 from sim.models.cache import cached_arrays, content_key
 from sim.models.fingertip import Fingertip
@@ -71,7 +72,7 @@ def wider_run(overlay: Overlay, run: Run, finger: Fingertip) -> WiderRun:
     config = load_config(run.folder.path / "config.toml")
     script = _script(run)
     request = [stimulus.read_as, stimulus.kind, stimulus.commanded, *needed, config.model_dump(mode="json")]
-    parameters = [] if script is None else [script.path.read_text(encoding="utf-8"), run.start["parameters"]]
+    parameters = [] if script is None else [read_text(script.path), run.start["parameters"]]
     ends = [float(stimulus.x_mm.min()), float(stimulus.x_mm.max())]
     key = answers_key(finger, ["wider run", json.dumps([*request, *parameters, *ends])])
     arrays, _ = cached_arrays(
@@ -232,7 +233,7 @@ def _command(run: Run, config: Config, script: Script, low: float, high: float) 
     path = run.folder.path
     name = str(path / "protocol.py")
     try:
-        if find_script(script.name).read_bytes() == script.path.read_bytes():
+        if read_bytes(find_script(script.name)) == read_bytes(script.path):
             name = script.name
     except RigError:
         pass

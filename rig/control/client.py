@@ -13,10 +13,11 @@ from typing import Any, Literal
 
 import filelock
 from platformdirs import user_runtime_path
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 
 from rig.control.messages import BROKEN, Wire, connected, encoded
 from rig.errors import RigError
+from rig.user_files import read_bytes
 
 ASK_S = 1.0
 STOP = {"do": "stop"}
@@ -53,7 +54,7 @@ class Announced(Announcement, frozen=True):
     """Announcement read by other processes, with address and key."""
 
     address: str
-    key: str
+    key: str = Field(pattern=r"^([0-9a-f]{2})+$")
 
     def ask(self, do: str, *, within_s: float = ASK_S, **more: Any) -> dict[str, Any]:
         """Return the reply to one request. Raises RefusedError, or ControlError without a reply."""
@@ -131,7 +132,7 @@ def announced() -> list[Announced]:
     for note in runtime_folder().glob("*.json"):
         try:
             if not _removed_where_left(note):
-                found.append(Announced.model_validate_json(note.read_bytes()))
+                found.append(Announced.model_validate_json(read_bytes(note)))
         except (OSError, ValidationError):
             continue  # It was just removed, or is no note of this program.
     return sorted(found, key=lambda one: one.began_unix_s)

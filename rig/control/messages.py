@@ -13,6 +13,7 @@ from multiprocessing.connection import Client, Connection, answer_challenge, del
 from typing import Any
 
 from rig.clock import WallClock
+from rig.user_files import json_of
 
 MOST_BYTES = 1 << 16
 _AGAIN_S = 0.005
@@ -128,7 +129,7 @@ def _verified(key: bytes, kind: bytes, message: bytes) -> bytes | None:
 
 
 def _object(message: bytes) -> dict[str, Any]:
-    found = json.loads(message)
+    found = json_of(message)
     if not isinstance(found, dict):
         raise ValueError("expected an object")
     return found

@@ -23,6 +23,7 @@ from rig.settings import BenchSettings, StageSettings
 from rig.transport import NotOwnedError, PortOwner, Transport, TransportError, first_owner, open_port, port_owner
 from rig.transport.stop_gate import StopGate
 from rig.transport.wire import Sink
+from rig.user_files import MOST_TOML_BYTES, read_bytes, toml_of
 
 _OPEN_S = 3.0
 _IN_HAND_AGAIN_S = 0.005
@@ -294,17 +295,17 @@ def stage_alone(path: Path) -> tuple[BenchSettings, tuple[str, ...]]:
 
 def _tables(path: Path) -> tuple[dict[str, Any], list[str]]:
     try:
-        text = path.read_bytes().decode("utf-8-sig", "replace")
+        text = read_bytes(path, MOST_TOML_BYTES).decode("utf-8-sig", "replace")
     except OSError as error:
         problem = str(error.strerror or error)
         raise NoStageError("config {path}: {problem}", code="unreadable", path=str(path), problem=problem) from None
     try:
-        return tomllib.loads(text), []
+        return toml_of(text), []
     except tomllib.TOMLDecodeError as error:
         whole = NoStageError("config {path}: not valid TOML: {problem}", code="no_toml", path=str(path),
                              problem=str(error))  # fmt: skip
     try:
-        return tomllib.loads(_of_the_stage(text)), [str(whole)]
+        return toml_of(_of_the_stage(text)), [str(whole)]
     except tomllib.TOMLDecodeError:
         raise whole from None
 

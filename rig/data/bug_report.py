@@ -16,6 +16,7 @@ from typing import Any
 from rig.data.folder import RunFolder, replace_bytes
 from rig.data.run import RunError
 from rig.data.run_time import RunTime, is_timed
+from rig.user_files import json_of, read_text
 
 GONE = "(removed)"
 _SUBJECT = "SUBJECT"
@@ -71,10 +72,10 @@ class Scrubber:
     def line(self, line: str, timed: Callable[[Any], Any] = lambda found: found) -> str:
         """Return a scrubbed line of JSON, with its corrected time; of another line only its length."""
         try:
-            found = json.loads(line)
-        except ValueError:
+            found = json_of(line)
+            return json.dumps(self.value(timed(found) if is_timed(found) else found), ensure_ascii=False)
+        except (ValueError, RecursionError):
             return json.dumps({"unreadable": len(line)})
-        return json.dumps(self.value(timed(found) if is_timed(found) else found), ensure_ascii=False)
 
     def script(self, source: str) -> str | None:
         """Return Python source without comments and string literals, line by line; None if it is not Python."""
@@ -152,12 +153,11 @@ def bundle_name(run: Path) -> str:
 
 def _made_from(scrubber: Scrubber, text: str, time: RunTime) -> str | None:
     try:
-        found = json.loads(text)
-    except ValueError:
+        found = json_of(text)
+        known = {name: found[name] for name in _MADE_FROM if name in found} if isinstance(found, dict) else None
+        return None if known is None else _json(scrubber.value(known))
+    except (ValueError, RecursionError):
         return None
-    if not isinstance(found, dict):
-        return None
-    return _json(scrubber.value({name: found[name] for name in _MADE_FROM if name in found}))
 
 
 def _lines(scrubber: Scrubber, text: str, timed: Callable[[Any], Any]) -> str:
@@ -190,7 +190,7 @@ def _scrubber(folder: RunFolder) -> Scrubber:
     subjects, notes, folders = set[str](), set[str](), {str(folder.path.parent), str(folder.path.parent.resolve())}
     for text in (_text(folder.provenance) or "", *(_text(folder.events) or "").split("\n")):
         try:
-            document = json.loads(text)
+            document = json_of(text)
         except ValueError:
             continue
         if not isinstance(document, dict):
@@ -198,7 +198,8 @@ def _scrubber(folder: RunFolder) -> Scrubber:
         subjects.add(str(document.get("subject") or ""))
         if document.get("stream") == "note" and isinstance(document.get("data"), dict):
             notes.add(str(document["data"].get("text", "")))
-        words = [str(word) for word in document.get("command") or []]
+        command = document.get("command")
+        words = [str(word) for word in command] if isinstance(command, list) else []
         folders |= {str(Path(word).parent) for word in words}
         folders |= {after for word, after in pairwise(words) if word == "--out"}
     return Scrubber(subjects, notes, folders)
@@ -206,7 +207,7 @@ def _scrubber(folder: RunFolder) -> Scrubber:
 
 def _text(path: Path) -> str | None:
     try:
-        return path.read_text(encoding="utf-8", errors="replace")
+        return read_text(path, encoding="utf-8", errors="replace")
     except OSError:
         return None
 

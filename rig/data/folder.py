@@ -2,7 +2,6 @@
 
 import contextlib
 import errno
-import hashlib
 import json
 import os
 import secrets
@@ -17,8 +16,10 @@ from typing import Any
 import filelock
 
 from rig.errors import RigError
+from rig.user_files import read_bytes, read_text, sha256_of
 
 _SUMS, _LOCK = "SHA256SUMS", ".lock"
+_DIGITS = 64
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _COPIES = ("protocol.py", "config.toml", "provenance.json")
 SHAPE_COPY = "shape_"
@@ -109,8 +110,10 @@ class RunFolder:
         replace_text(self.path / _SUMS, "".join(f"{sums[name]}  {name}\n" for name in sorted(sums)))
 
     def _known_sums(self) -> dict[str, str]:
-        lines = (self.path / _SUMS).read_text(encoding="utf-8").splitlines()
-        return {name: digest for digest, name in (line.split("  ", 1) for line in lines)}
+        """Return the digests by file name, without lines that are damaged."""
+        lines = read_text(self.path / _SUMS, errors="replace").splitlines()
+        parts = (line.partition("  ") for line in lines)
+        return {name: digest for digest, _, name in parts if len(digest) == _DIGITS and name}
 
     def changed(self) -> list[str]:
         """Return the copied inputs that have changed since the run began. Raises OSError."""
@@ -121,7 +124,7 @@ class RunFolder:
     def copies(self) -> dict[str, bytes]:
         """Return the copied inputs by file name. Raises OSError."""
         names = [*_COPIES, *(name for name in self.files if name.startswith(SHAPE_COPY))]
-        return {name: (self.path / name).read_bytes() for name in names}
+        return {name: read_bytes(self.path / name) for name in names}
 
     @property
     def busy(self) -> bool:
@@ -178,7 +181,7 @@ def new_run_folder(
     partial = parent / f".{name}.part"
     partial.mkdir(parents=True)
     try:
-        replace_bytes(partial / "protocol.py", protocol.read_bytes())
+        replace_bytes(partial / "protocol.py", read_bytes(protocol))
         replace_text(partial / "config.toml", config_toml)
         replace_text(partial / "provenance.json", json.dumps(provenance, indent=2) + "\n")
         for copy, content in (shape_files or {}).items():
@@ -261,7 +264,7 @@ def replace_bytes(path: Path, content: bytes, *, new: bool = False) -> None:
 
 
 def _digest(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return sha256_of(path)
 
 
 SCRIPT = "identification_script.py"

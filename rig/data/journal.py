@@ -14,6 +14,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol
 
 from rig.errors import LimitError, LostRecordError, RecordError, RigError, RunAborted, TripError
+from rig.user_files import json_of, open_file, read_bytes
 
 if TYPE_CHECKING:
     from rig.clock import Clock
@@ -23,12 +24,14 @@ Document = dict[str, Any]
 Watch = Callable[[str, Mapping[str, Any]], None]
 """Callback for each event on disk: its stream and its data."""
 
-_NEEDED: dict[str, set[str]] = {
-    "start": {"t_s"},
-    "resume": {"t_s"},
-    "descriptor": {"t_s", "stream", "units"},
-    "event": {"t_s", "stream", "data"},
-    "stop": {"t_s", "status"},
+_NUMBER = (float, int)
+_LATEST_S = 1e12
+_NEEDED: dict[str, dict[str, type | tuple[type, ...]]] = {
+    "start": {"t_s": _NUMBER},
+    "resume": {"t_s": _NUMBER},
+    "descriptor": {"t_s": _NUMBER, "stream": str, "units": dict},
+    "event": {"t_s": _NUMBER, "stream": str, "data": dict},
+    "stop": {"t_s": _NUMBER, "status": str},
 }
 _STATUS = {RunAborted: "aborted", KeyboardInterrupt: "aborted", TripError: "tripped", LimitError: "limited"}
 
@@ -331,16 +334,33 @@ class NoJournal:
         """Do nothing."""
 
 
+MOST_ON_A_LINE = 4_000_000
+"""Characters of a document; those of runs have at most a few thousand."""
+
+
 def read_journal(path: Path, *, readings: bool = True) -> Iterator[Document]:
     """Yield the documents of a journal in order, without a torn last line. Raises JournalError.
 
     readings=False: only the last of successive readings, which make up nine documents in ten.
     """
-    lines = path.read_bytes().decode("utf-8", _AS_IT_IS).split("\n")  # Text is searched in half the time.
+    lines = read_bytes(path).decode("utf-8", _AS_IT_IS).split("\n")  # Text is searched in half the time.
+    _refuse_long(path, lines)
     skipped = [False] * len(lines) if readings else _before_another_reading(lines)
     counting = {n: line for n, line in enumerate(lines, 1) if line and not skipped[n - 1]}
     documents = None if readings else _documents_on(counting.values())
     yield from documents if documents is not None else _one_by_one(counting, len(lines), path)
+
+
+def _refuse_long(path: Path, lines: Sequence[str]) -> None:
+    if max(map(len, lines)) > MOST_ON_A_LINE:
+        line = next(n for n, line in enumerate(lines, 1) if len(line) > MOST_ON_A_LINE)
+        raise JournalError(
+            "{path}, line {line}: longer than {most} characters, which is the limit",
+            code="long_line",
+            path=str(path),
+            line=line,
+            most=MOST_ON_A_LINE,
+        )
 
 
 def _one_by_one(lines: Mapping[int, str], last: int, path: Path) -> Iterator[Document]:
@@ -397,7 +417,7 @@ def _documents_on(lines: Iterable[str]) -> list[Document] | None:
     text = ",".join(each)
     try:
         # Journals are written as ASCII, so other bytes are damage.
-        found = json.loads(f"[{text}]") if text.isascii() else []
+        found = json_of(f"[{text}]") if text.isascii() else []
     except ValueError:
         return None
     return found if len(found) == len(each) and all(map(is_document, found)) else None
@@ -406,16 +426,20 @@ def _documents_on(lines: Iterable[str]) -> list[Document] | None:
 def document_on(line: bytes) -> Document | None:
     """Return the document on a line, or None."""
     try:
-        found = json.loads(line)
+        found = json_of(line)
     except ValueError:  # neither JSON nor UTF-8
         return None
     return found if is_document(found) else None
 
 
 def is_document(found: object) -> bool:
-    """Return whether an object is a document, by its required keys."""
-    needed = _NEEDED.get(str(found.get("doc"))) if isinstance(found, dict) else None
-    return needed is not None and isinstance(found, dict) and needed <= found.keys()
+    """Return whether an object is a document, by its required keys and their types."""
+    if not isinstance(found, dict) or not isinstance(doc := found.get("doc"), str):
+        return False
+    needed = _NEEDED.get(doc)
+    if needed is None or not all(isinstance(found.get(name), kind) for name, kind in needed.items()):
+        return False
+    return bool(abs(found["t_s"]) < _LATEST_S)  # False for NaN
 
 
 # A journal in a list of many runs: every line is checked, but few events are parsed.
@@ -439,10 +463,13 @@ def listed_documents(path: Path, streams: Collection[str]) -> list[Document]:
 
 def _selected(path: Path, prefixes: tuple[str, ...]) -> Iterator[str]:
     """Yield the first and the last part, events of these streams, and everything between events."""
-    with path.open("rb", buffering=0) as file:
+    with open_file(path, buffering=0) as file:
         left, first = "", True
         while block := file.read(_BLOCK):
             *lines, left = (left + block.decode("latin-1")).split(_BETWEEN)
+            if len(left) > MOST_ON_A_LINE:  # not as the journal writes it, and longer and longer to split
+                yield "\n"
+                return
             for line in lines:
                 if first or "\n" in line or (_READING not in line and line.startswith(prefixes, line.find(_STREAM))):
                     yield line
@@ -455,7 +482,7 @@ def _documents(text: str) -> list[Document] | None:
     if not (text.isascii() and text.endswith("\n")):
         return None
     try:
-        found = json.loads(f"[{text[:-1].replace(chr(10), ',')}]")
+        found = json_of(f"[{text[:-1].replace(chr(10), ',')}]")
     except ValueError:
         return None
     return found if len(found) == text.count("\n") and all(map(is_document, found)) else None

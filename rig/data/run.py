@@ -1,6 +1,5 @@
 """Read a run from its journal, finished or growing."""
 
-import json
 import os
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
@@ -10,10 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rig.data.folder import RunFolder
-from rig.data.journal import Document, JournalError, document_on, listed_documents, read_journal
+from rig.data.journal import MOST_ON_A_LINE, Document, JournalError, document_on, listed_documents, read_journal
 from rig.data.run_time import RunTime, on_run_time
 from rig.data.schema import PRESS_STREAMS
 from rig.errors import RigError
+from rig.user_files import MOST_BYTES, json_of, open_file, read_text
 
 if TYPE_CHECKING:
     from rig.data.run_state import RunState
@@ -163,10 +163,48 @@ def read_run(path: Path, *, readings: bool = True, only: Collection[str] | None 
 def provenance_of(run: Run) -> dict[str, Any]:
     """Return versions, command and devices of a run; empty if its folder lacks them."""
     try:
-        found = json.loads(run.folder.provenance.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        return read_provenance(run.folder)
+    except (OSError, RunError):
         return {}
-    return found if isinstance(found, dict) else {}
+
+
+_TYPES_OF_PROVENANCE: dict[str, type | tuple[type, ...]] = {
+    "protocol": str,
+    "parameters": dict,
+    "virtual": bool,
+    "subject": (str, type(None)),
+    "devices": dict,
+    "versions": dict,
+    "model": dict,
+    "python": str,
+}
+
+
+def read_provenance(folder: RunFolder, *required: str) -> dict[str, Any]:
+    """Return what a run folder says of how it was made. Raises OSError; RunError for wrong types and missing keys."""
+    try:
+        found = json_of(read_text(folder.provenance))
+    except ValueError as error:
+        raise _damaged(folder, f"not valid JSON: {error}") from None
+    if not isinstance(found, dict):
+        raise _damaged(folder, "must be an object")
+    for name, kind in _TYPES_OF_PROVENANCE.items():
+        if name in found and not isinstance(found[name], kind):
+            raise _damaged(folder, f"{name}: has a wrong type")
+    for name in required:
+        if name not in found:
+            raise _damaged(folder, f"{name}: is required, but is missing")
+    return found
+
+
+def _damaged(folder: RunFolder, problem: str) -> RunError:
+    return RunError(
+        "run folder {run}: {file}: {problem}",
+        code="bad_provenance",
+        run=str(folder.path),
+        file=folder.provenance.name,
+        problem=problem,
+    )
 
 
 def _by_stream(documents: Iterable[Document]) -> tuple[Events, Events, list[tuple[str, dict[str, Any]]]]:
@@ -226,16 +264,23 @@ class Following:
         try:
             # Without a buffer (128 KiB from Python 3.14 on), and never larger than the new data: buffers that are
             # allocated and shrunk twenty times a second fragment the heap.
-            with self._path.open("rb", buffering=0) as file:
+            with open_file(self._path, buffering=0) as file:
                 file.seek(self._at)
-                new_bytes = max(os.fstat(file.fileno()).st_size - self._at, 0)
-                whole, end, _ = file.read(new_bytes if most < 0 else min(new_bytes, most)).rpartition(b"\n")
+                new_bytes = min(max(os.fstat(file.fileno()).st_size - self._at, 0), MOST_BYTES)
+                whole, end, rest = file.read(new_bytes if most < 0 else min(new_bytes, most)).rpartition(b"\n")
         except FileNotFoundError:
             return []
         except OSError as error:
             raise RunError(
                 "{path}: {reason}", code="unreadable", path=str(self._path), reason=error.strerror
             ) from None
+        if len(rest) > MOST_ON_A_LINE:
+            raise RunError(
+                "{path}: a line is longer than {most} characters, which is the limit",
+                code="long_line",
+                path=str(self._path),
+                most=MOST_ON_A_LINE,
+            )
         self._at += len(whole) + len(end)
         return [self._document(line) for line in whole.split(b"\n") if line]
 

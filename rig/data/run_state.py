@@ -14,6 +14,7 @@ from typing import Any, Literal, NamedTuple
 from rig.data.folder import RunFolder, replace_text
 from rig.data.journal import Document
 from rig.data.schema import WAITED_FOR
+from rig.user_files import json_of, read_text
 
 Milestone = tuple[str, int, int]
 """Stream; number of the press, or of the event in its stream; number of the hold."""
@@ -191,7 +192,7 @@ class Course:
     def kept(cls, folder: RunFolder) -> "Course | None":
         """Return the course from a run's folder, or None."""
         try:
-            stored = json.loads((folder.path / _FILE).read_text(encoding="utf-8"))
+            stored = json_of(read_text(folder.path / _FILE))
             passes = [((str(p[0]), int(p[1]), int(p[2])), float(p[3]), str(p[4])) for p in stored["passes"]]
             words = {name: text for name, _, text in passes if text}
             marks = {name: dict(p[5]) for p, (name, _, _) in zip(stored["passes"], passes, strict=True) if p[5:]}

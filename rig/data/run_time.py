@@ -44,12 +44,15 @@ class RunTime:
 
     def document(self, found: Document) -> Document:
         """Return the next document with the time of the run."""
-        if found["doc"] == "start":
+        doc = found.get("doc")
+        if doc is None:  # in a damaged journal
+            return found
+        if doc == "start":
             self._start, t_s = found, found["t_s"]
             self._parts = [_Part(t_s, t_s, t_s)] if _is_late(t_s) else []
         if not self._parts:
             return found
-        if found["doc"] == "resume":
+        if doc == "resume":
             self._parts.append(self._resumed(found))
         part = self._parts[-1]
         part.end_s = found["t_s"]

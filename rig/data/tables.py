@@ -1,7 +1,8 @@
 """Tables of a journal, summaries of runs, and the time spent on each activity."""
 
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from itertools import pairwise
@@ -11,6 +12,7 @@ from typing import Any
 from rig.data.folder import RunFolder
 from rig.data.run import Run, RunError, read_run
 from rig.data.schema import PRESS_STREAMS, WAITED_FOR
+from rig.errors import is_coded
 
 OF_THE_PRESS = {
     "indentor": "", "target_doi_mm": "mm", "target_force_gwt": "gwt", "block": "", "repeat": "", "condition": "",
@@ -156,8 +158,22 @@ HOLD_COLUMNS = (
 LISTED = ("indentation_start", "touch", "hold_end")
 """Streams for lists and tables of many runs."""
 
-FOREIGN = (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError)
+FOREIGN = (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError, RecursionError)
 """Errors from a journal of another program."""
+
+
+@contextmanager
+def foreign_in_one_line(path: Path) -> Iterator[None]:
+    """Raise RunError for what a damaged journal, or one of another program, leads to."""
+    try:
+        yield
+    except FOREIGN as error:
+        if is_coded(error):
+            raise
+        raise RunError(
+            "run folder {run}: {problem}", code="foreign_run", run=str(path), problem=foreign(error)
+        ) from None
+
 
 Row = list[Any]
 

@@ -13,7 +13,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from platformdirs import user_state_path
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from rig.clock import WallClock
 from rig.devices.base import StageStatus
@@ -22,6 +22,7 @@ from rig.engine.contact import KnownContact
 from rig.engine.sensing import ForceZero
 from rig.errors import RecordError
 from rig.settings import BenchSettings
+from rig.user_files import read_text
 
 _SAME_PLACE_MM = 0.003  # A board prints 0.001 mm and rests on a step.
 
@@ -58,8 +59,8 @@ class BenchMemory:
     def read(self) -> LastKnown:
         """Return the record; an empty one if the file cannot be read."""
         try:
-            return LastKnown.model_validate_json(self._path.read_text(encoding="utf-8"))
-        except (OSError, ValidationError):
+            return LastKnown.model_validate_json(read_text(self._path))
+        except (OSError, ValueError):
             return LastKnown()
 
     def zeroed(self, zero: ForceZero) -> None:

@@ -1,6 +1,5 @@
 """The result of an identification, as a finger file."""
 
-import hashlib
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from rig.identify.adaptive_presses import Identification
 from rig.plan.config import Config
 from rig.plan.finger_file import Band, Draw, FingerFile, IdentifiedFinger, Place, Posterior
+from rig.user_files import sha256_of
 from sim.identification.prior import Prior, series_of, tissue_of
 from sim.identification.uncertainty_bands import COVERAGE, parameter_ends
 
@@ -35,7 +35,7 @@ def finger_file(identification: Identification, config: Config, journals: Sequen
         version=version("indentation-rig"),
         bench=f"{config.stage.kind} and {config.force.kind}",
         runs=tuple(path.parent.name for path in journals),
-        journals_sha256=tuple(hashlib.sha256(path.read_bytes()).hexdigest() for path in journals),
+        journals_sha256=tuple(sha256_of(path) for path in journals),
         presses=len(identification.measured),
         collapsed=learned.collapsed,
         flagged=identification.mismatch,

@@ -14,6 +14,7 @@ from pydantic import AliasChoices, Field, ValidationError, field_validator, mode
 import rig
 from rig.errors import BadInputError, RuleError, first_problem
 from rig.settings import Settings
+from rig.user_files import MOST_TOML_BYTES, read_text, toml_of
 from sim.config import FingertipConfig, Tissue
 from sim.identification.uncertainty_bands import standard_deviations
 from sim.models.interpolation_weights import DERMIS, FAT
@@ -231,7 +232,7 @@ def read_finger_file(path: Path) -> FingerFile:
 def tables_in(what: str, path: Path) -> dict[str, Any]:
     """Read the tables of a TOML file. Raises BadInputError, which begins with `what`."""
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        return toml_of(read_text(path, encoding="utf-8-sig", most=MOST_TOML_BYTES))
     except OSError as error:
         problem = str(error.strerror or error)
         raise BadInputError("{where}: {problem}", code="unreadable", where=what, problem=problem) from None
@@ -263,7 +264,10 @@ def finger_file_of(what: str, tables: dict[str, Any], folder: Path) -> FingerFil
             code="no_identified_table",
             where=what,
         )
-    relaxation = tables.get("virtual", {}).get("relaxation", ())
+    virtual = tables.get("virtual", {})
+    if not isinstance(virtual, dict):
+        raise BadInputError("{where}: {key}: must be a table", code="invalid_table", where=what, key="virtual")
+    relaxation = virtual.get("relaxation", ())
     rest = {name: table for name, table in tables.items() if name != "virtual"}
     try:
         found = FingerFile.model_validate({**rest, "relaxation": relaxation}, context={"folder": folder})

@@ -20,6 +20,7 @@ from rig.errors import around
 from rig.plan.finger_file import IdentifiedFinger, fingers_of
 from rig.protocol.check import ForceTooDeepError, NoPredictionError
 from rig.records import Pace, Prediction, PredictionBand, Target
+from rig.user_files import read_bytes
 from sim.config import FingertipConfig
 from sim.contact import shapes
 from sim.contact.indentor import Indentor
@@ -287,7 +288,7 @@ def kept_in(folder: Path, indentor: str) -> str:
     """Return the shape with the run's copy of its file, copying it if needed. Raises OSError."""
     file = named_file(indentor)
     if file is not None and Path(file).is_file() and not (folder / copy_name(file)).is_file():
-        replace_bytes(folder / copy_name(file), Path(file).read_bytes())
+        replace_bytes(folder / copy_name(file), read_bytes(file))
     return from_copy(folder, indentor)
 
 

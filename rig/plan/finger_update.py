@@ -4,7 +4,6 @@ The mean of ln force over the references at a position is assimilated into the e
 moves by the Kalman gain and the spread shrinks (deterministic update, Anderson 2003, Mon. Weather Rev. 131, 634).
 """
 
-import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from rig.plan.config import Config, load_config
 from rig.plan.finger_file import Draw, FingerFile, IdentifiedFinger, Posterior
 from rig.plan.finger_model import answers
 from rig.records import Pace, Target
+from rig.user_files import sha256_of
 from sim.contact.shapes import parse_shape
 from sim.identification.prior import LEAST_STIFFENING
 from sim.models.fingertip import Fingertip
@@ -53,7 +53,7 @@ def learned(run: Run, finger: Fingertip) -> FingerFile | None:
         if np.isfinite(predicted).all():  # else a likely finger has no answer that could be updated
             identified = updated_by(identified, np.log(predicted.held_gwt), one)
     tissue = config.finger.tissue.model_copy(update=_middle(identified.draw))
-    sha256 = hashlib.sha256(run.folder.events.read_bytes()).hexdigest()
+    sha256 = sha256_of(run.folder.events)
     about = {
         "runs": (*identified.runs, run.folder.path.name),
         "journals_sha256": (*identified.journals_sha256, sha256),

@@ -18,6 +18,7 @@ from rig.protocol.script import Script, script_error
 from rig.protocol.steps import ExpectedPresses, ExpectedTouch, Mount, Step
 from rig.records import PlannedIndentation, Purpose
 from rig.units import GWT_N
+from rig.user_files import read_bytes
 from sim.contact.shapes import ShapeError
 from sim.errors import ModelRangeError
 from sim.finger_process import Finger, FingerLostError
@@ -122,7 +123,7 @@ def _kept(plan: Plan, indentor: str) -> str:
     """Return the name, and store the content of the file in it for the run."""
     file = named_file(indentor)
     if file is not None and Path(file).is_file():
-        plan.shape_files[copy_name(file)] = Path(file).read_bytes()
+        plan.shape_files[copy_name(file)] = read_bytes(file)
     return indentor
 
 

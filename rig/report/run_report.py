@@ -1,6 +1,5 @@
 """The report of a run: one self-contained HTML file."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -11,6 +10,7 @@ import numpy as np
 
 from rig.data import Run
 from rig.data.folder import replace_text
+from rig.data.run import read_provenance
 from rig.plan.config import load_config
 from rig.plan.finger_file import TISSUE, Draw
 from rig.plan.finger_model import Response, by_group, responses
@@ -21,6 +21,7 @@ from rig.report.page_parts import PageFigure, figures_of, render
 from rig.report.run_figures import PICTURES_A_PAGE, contacts_from_below, is_relief
 from rig.report.run_tables import Condition, by_target, conditions, numbers_missing, write_numbers
 from rig.report.style import signed
+from rig.user_files import read_text
 from sim.models.fingertip import Fingertip
 
 AFTER = "finger_after.toml"
@@ -93,7 +94,7 @@ def lacks_report(run: Run) -> bool:
 def _write_page(
     run: Run, finger: Fingertip, found: list[Response], wall_s: float | None, ending: Mapping[str, str] | None
 ) -> Path:
-    provenance = json.loads(run.folder.provenance.read_text(encoding="utf-8"))
+    provenance = read_provenance(run.folder, "devices")
     text = render(
         "run.html.j2",
         run=run,
@@ -238,5 +239,5 @@ def _checksums(run: Run) -> list[tuple[str, str]]:
     path: Any = run.folder.path / "SHA256SUMS"
     if not path.exists():
         return []
-    pairs = [line.split("  ", 1) for line in path.read_text(encoding="utf-8").splitlines()]
+    pairs = [line.split("  ", 1) for line in read_text(path).splitlines()]
     return [(name, digest) for digest, name in pairs if name != "report.html"]

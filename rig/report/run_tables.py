@@ -2,7 +2,6 @@
 
 import csv
 import io
-import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby, pairwise
@@ -19,6 +18,7 @@ from rig.data.tables import booked_s, tables
 from rig.plan.finger_model import Response
 from rig.report.style import as_number, signed
 from rig.settings import limits_in_kpa
+from rig.user_files import read_text, toml_of
 from sim.measures.measures import MEASURES
 from sim.units import GWT_N
 
@@ -216,7 +216,7 @@ def why_approach(run: Run) -> str:
 
 def limits(run: Run) -> list[tuple[str, str]]:
     """Return the limits of the run and the highest measured values."""
-    table = limits_in_kpa(tomllib.loads(run.folder.config.read_text(encoding="utf-8")).get("limits", {}))
+    table = limits_in_kpa(toml_of(read_text(run.folder.config)).get("limits", {}))
     forces = [s["force_gwt"] for s in run.stream("sample") if s["force_gwt"] is not None]
     depths = [s["doi_mm"] for s in run.stream("sample") if s["doi_mm"] is not None]
     rows = []

@@ -1,6 +1,5 @@
 """Stopped runs, read to resume them, and the provenance of a run: versions, command, devices."""
 
-import json
 import platform
 import subprocess
 import sys
@@ -14,7 +13,9 @@ from rig.clock import WallClock
 from rig.data import FolderBusyError, Run, RunError, RunFolder, read_run
 from rig.data.folder import IDENTIFICATION_PAGES, SCRIPTS, UnwritableError
 from rig.data.journal import JournalError, mend_journal
+from rig.data.run import read_provenance
 from rig.data.run_time import resumed_s
+from rig.data.tables import FOREIGN, foreign_in_one_line
 from rig.devices.registry import stage_ports
 from rig.engine import RunAborted
 from rig.engine.bench_memory import BenchMemory
@@ -58,7 +59,7 @@ def read_stopped(path: Path) -> StoppedRun:
     """Read a run folder and mend its journal. Raises BadInputError, FolderBusyError, UnwritableError."""
     folder = RunFolder(path)
     try:
-        with folder.owned():
+        with folder.owned(), foreign_in_one_line(path):
             return _read(folder)
     except UnwritableError:
         raise
@@ -97,7 +98,7 @@ def _read(folder: RunFolder) -> StoppedRun:
             path=str(folder.path),
             files=", ".join(changed),
         )
-    about: dict[str, Any] = json.loads(folder.provenance.read_text(encoding="utf-8"))
+    about = read_provenance(folder, "protocol", "parameters", "virtual")
     if about["protocol"] in SCRIPTS:
         raise BadInputError(
             "run folder {path}: an identification cannot be resumed; repeat `rig identify`. In this run, {left}",
@@ -151,14 +152,14 @@ def last_ending(runs: Path, config: Config) -> Ending | None:
     ports = set(stage_ports(config.stage))
     for folder in map(RunFolder, folders):
         try:
-            about = json.loads(folder.provenance.read_text(encoding="utf-8"))
+            about = read_provenance(folder, "virtual")
             if about["virtual"] or not ports & set(stage_ports(load_config(folder.config).stage)):
                 continue
             with folder.owned():
                 return ending_on_record(read_run(folder.path))
         except FolderBusyError:
             return None
-        except (OSError, ValueError, KeyError, BadInputError, RunError):
+        except (OSError, *FOREIGN, BadInputError, RunError):
             continue
     return None
 

@@ -13,7 +13,6 @@ The file is TOML:
 
 import dataclasses
 import itertools
-import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -24,6 +23,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 
 from rig.plan.config import reraised_as
 from rig.study.exceptions import StudyError
+from rig.user_files import MOST_TOML_BYTES, read_text, toml_of
 from sim.config import FingertipConfig
 from sim.contact.indentor import ALONG
 from sim.contact.patch import X
@@ -151,7 +151,7 @@ Row = dict[str, Any]
 def read_study(path: Path) -> list[Case]:
     """Return every combination, grouped by finger; raise StudyError if the file is invalid."""
     with reraised_as(f"study {path}", StudyError):
-        study = StudyFile.model_validate(tomllib.loads(path.read_text(encoding="utf-8-sig")))
+        study = StudyFile.model_validate(toml_of(read_text(path, encoding="utf-8-sig", most=MOST_TOML_BYTES)))
         return list(_cases(study, path.parent))
 
 

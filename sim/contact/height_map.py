@@ -21,6 +21,7 @@ _UNEVEN = 1e-3  # of the spacing
 _UNDERSHOOT = 0.05  # of the relief: how far the spline may lie below the lowest height
 _PARTS = 4  # of a cell, at which the lowest point and the curvature are searched
 _LEAST_STEP_MM = 1e-6
+_FARTHEST_MM = 1000.0
 
 
 class HeightMapError(SimError, ValueError):
@@ -119,7 +120,7 @@ class HeightMap(Indentor):
             )
         _refuse_size(name, *height.shape)
         for axis, positions in (("x", x), ("z", z)):
-            _refuse_uneven(name, axis, positions)
+            refuse_uneven(name, axis, positions)
         missing = np.argwhere(~np.isfinite(height))
         if len(missing):
             k, i = missing[0]
@@ -133,6 +134,7 @@ class HeightMap(Indentor):
                 missing=len(missing),
                 points=height.size,
             )
+        refuse_far(name, "height", height)
         found = cls(name + turn_suffix(turn_deg), x, z, height, turn_deg)
         found._refuse_walls()
         return found
@@ -408,9 +410,25 @@ def _refuse_size(name: str, rows: int, columns: int) -> None:
         )
 
 
-def _refuse_uneven(name: str, axis: str, positions: Array) -> None:
+def refuse_far(name: str, what: str, values: Array) -> None:
+    """Raise HeightMapError for finite values (mm) beyond any indentor."""
+    far = values[np.isfinite(values) & (np.abs(values) > _FARTHEST_MM)]
+    if len(far):
+        raise HeightMapError(
+            "{name}: {what} = {value_mm:g} mm: must lie within ± {most_mm:g} mm",
+            code="too_far",
+            name=name,
+            what=what,
+            value_mm=float(far[0]),
+            most_mm=_FARTHEST_MM,
+        )
+
+
+def refuse_uneven(name: str, axis: str, positions: Array) -> None:
+    """Raise HeightMapError for positions (mm) that do not rise by even steps."""
+    refuse_far(name, axis, positions)
     steps = np.diff(positions)
-    if not np.isfinite(positions).all() or not (steps > 0).all():
+    if not np.isfinite(positions).all() or not (steps > _LEAST_STEP_MM).all():
         raise HeightMapError("{name}: {axis} must rise", code="axis_not_rising", name=name, axis=axis)
     worst = int(np.argmax(np.abs(steps - steps.mean())))
     if abs(steps[worst] - steps.mean()) > _UNEVEN * steps.mean():

@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.contact.height_map import MOST_POINTS, HeightMap, HeightMapError
+from sim.contact.height_map import MOST_POINTS, HeightMap, HeightMapError, refuse_far, refuse_uneven
+from sim.user_files import open_file, read_bytes, text_of
 
 Array = NDArray[np.float64]
 
@@ -21,6 +22,9 @@ PICTURE_EDGE_MM = 0.05
 
 LEAST_EDGE_SPACINGS = 0.7
 """Smallest edge radius relative to the spacing; below it the spline overshoots by more than 1 % of the relief."""
+
+MOST_BYTES = 100_000_000
+"""Largest file of numbers: each of a million points with three long ones."""
 
 RAISED = ("dark", "light")
 _OPTIONS = {"width_mm": (0.1, 30.0), "height_mm": (0.01, 5.0), "spacing_mm": (0.001, 2.0), "edge_mm": (0.0, 2.0)}
@@ -37,6 +41,9 @@ def read_height_map(file: str, options: Sequence[str]) -> HeightMap:
         raise HeightMapError("{name}: must be a file named .png, .npy or .csv", code="unknown_suffix", name=where)
     x, z, height = readers[suffix](where, file, settings)
     if min(height.shape) > 1:
+        for axis, positions in (("x", x), ("z", z)):
+            refuse_uneven(where, axis, positions)
+        refuse_far(where, "height", height)
         from scipy.ndimage import gaussian_filter  # slow to import, and few scenes have a map
 
         spacing = x[1] - x[0], z[1] - z[0]
@@ -149,7 +156,7 @@ def _grey(where: str, file: str) -> Array:
     from PIL import Image, UnidentifiedImageError
 
     try:
-        with warnings.catch_warnings(), Image.open(file) as image:
+        with warnings.catch_warnings(), open_file(file) as stream, Image.open(stream, formats=["PNG"]) as image:
             warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the size is checked below
             if image.width * image.height > MOST_POINTS:
                 raise HeightMapError(
@@ -181,8 +188,9 @@ def _no_picture(where: str, problem: str) -> HeightMapError:
 def _array(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array, Array, Array]:
     (spacing_mm,) = _required(where, settings, ("spacing_mm",))
     try:
+        open_file(file).close()  # for its checks
         height = np.load(file, mmap_mode="r", allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
+    except Exception as error:  # NumPy raises whatever the text of a wrong header leads to
         what = getattr(error, "strerror", None) or "not an array"
         raise HeightMapError(
             "{name}: {problem}; must be a NumPy file of numbers", code="no_array", name=where, problem=what
@@ -205,7 +213,7 @@ def _array(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array, A
 def _table(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array, Array, Array]:
     """Read points under a header, or rows of heights at a spacing."""
     try:
-        lines = [line.strip() for line in Path(file).read_text(encoding="utf-8-sig").splitlines()]
+        lines = [line.strip() for line in text_of(read_bytes(file, MOST_BYTES), encoding="utf-8-sig")]
     except (OSError, UnicodeDecodeError) as error:
         what = getattr(error, "strerror", None) or "not text"
         raise HeightMapError(
@@ -266,28 +274,31 @@ def _gridded(where: str, points: Array) -> tuple[Array, Array, Array]:
     if not np.isfinite(points[:, :2]).all():
         raise HeightMapError("{name}: every x_mm and z_mm must be a number", code="no_place", name=where)
     (x, i), (z, k) = (np.unique(points[:, axis], return_inverse=True) for axis in (0, 1))
-    count = np.zeros((len(z), len(x)), dtype=np.int64)
-    np.add.at(count, (k, i), 1)
-    for wrong, code, what in (
-        (count > 1, "overhang", "more than one height (an overhang)"),
-        (count == 0, "hole", "a hole: no height"),
-    ):
-        if wrong.any():
-            row, column = np.argwhere(wrong)[0]
-            raise HeightMapError(
-                f"{{name}}: {what} at x = {{x_mm:g}}, z = {{z_mm:g}} mm ({{places}} locations); each location "
-                f"of the {{n_x}} × {{n_z}} grid must have exactly one height",
-                code=code,
-                name=where,
-                x_mm=float(x[column]),
-                z_mm=float(z[row]),
-                places=int(wrong.sum()),
-                n_x=len(x),
-                n_z=len(z),
-            )
-    height = np.empty(count.shape)
-    height[k, i] = points[:, 2]
-    return x, z, height
+    there, first, count = np.unique(k * len(x) + i, return_index=True, return_counts=True)  # row by row
+    overhangs, holes = np.flatnonzero(count > 1), len(z) * len(x) - len(there)
+    _refuse_location(where, "overhang", "more than one height (an overhang)", there[overhangs], len(overhangs), x, z)
+    missing = np.flatnonzero(there != np.arange(len(there)))[:1] if holes else there[:0]
+    _refuse_location(where, "hole", "a hole: no height", missing if len(missing) else there[-1:] + 1, holes, x, z)
+    return x, z, points[first, 2].reshape(len(z), len(x))
+
+
+def _refuse_location(
+    where: str, code: str, what: str, locations: NDArray[np.int64], places: int, x: Array, z: Array
+) -> None:
+    """Raise HeightMapError for locations of a grid, which count row by row; do nothing for no place."""
+    if places:
+        row, column = divmod(int(locations[0]), len(x))
+        raise HeightMapError(
+            f"{{name}}: {what} at x = {{x_mm:g}}, z = {{z_mm:g}} mm ({{places}} locations); each location "
+            f"of the {{n_x}} × {{n_z}} grid must have exactly one height",
+            code=code,
+            name=where,
+            x_mm=float(x[column]),
+            z_mm=float(z[row]),
+            places=places,
+            n_x=len(x),
+            n_z=len(z),
+        )
 
 
 def _centered(rows: Array, spacing_mm: float) -> tuple[Array, Array, Array]:

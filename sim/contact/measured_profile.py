@@ -3,7 +3,6 @@
 import csv
 from dataclasses import dataclass, fields
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from sim.contact.profiles import STEEPEST_SLOPE, arc_tangent
 from sim.errors import SimError
+from sim.tables import is_number
+from sim.user_files import read_bytes, text_of
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly  # slow to import, and few shapes are measured
@@ -220,8 +221,7 @@ def _filleted(x_mm: tuple[float, ...], height_mm: tuple[float, ...]) -> "PPoly":
 def read_profile(path: str, *, linear: bool = False) -> MeasuredProfile:
     """Read a profile from a CSV file with the columns x_mm and height_mm. Raises ProfileError."""
     try:
-        with Path(path).open(newline="", encoding="utf-8-sig") as stream:
-            rows = list(csv.reader(stream))
+        rows = list(csv.reader(text_of(read_bytes(path), encoding="utf-8-sig")))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         what = getattr(error, "strerror", None) or error
         raise ProfileError(
@@ -255,7 +255,7 @@ def _point(path: str, line: int, row: list[str]) -> list[float]:
             value = float(cell)
         except ValueError:
             value = float("nan")
-        if not np.isfinite(value):
+        if not is_number(value):
             raise ProfileError(
                 "profile {name}, line {line}, column {column}: {cell!r} must be a number",
                 code="profile_number",

@@ -170,7 +170,7 @@ BROKEN: dict[str, tuple[bytes | None, str]] = {
     ),
     "listed": (
         json.dumps(START).encode() + b'\n{"doc": "event", "t_s": 0, "stream": "note", "data": [1]}\n',
-        "TypeError: 'list' object is not a mapping",
+        "events.jsonl, line 2: not a journal document",
     ),
     "noise": (b"\xff\xfe\x00\nnoise\n", "line 1"),
 }

@@ -408,7 +408,7 @@ def test_as_json_it_is_how_it_is_now(program: Program, run: Callable[[str], Path
         (None, "events.jsonl: No such file or directory"),
         (b"noise\n", "events.jsonl, line 1"),
         (b'{"doc": "start", "t_s": 0}\n', "KeyError: 'unix_s'"),
-        (b'{"doc": "start", "t_s": "x"}\n{"doc": "event", "t_s": "x", "stream": "sample", "data": {}}\n',
+        (b'{"doc": "start", "t_s": 0}\n{"doc": "event", "t_s": 0, "stream": "sample", "data": {}}\n',
          "KeyError: 'force_gwt'"),
     ],
 )  # fmt: skip

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rig.compare.exceptions import RecordingError
+from sim.tables import is_number
 
 _LENGTHS = {"nm": 1e-6, "um": 1e-3, "µm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0}
 _TIMES = {"us": 1e-6, "µs": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0}
@@ -177,7 +178,7 @@ class Row:
         """A finite number that is not below `least`. Raises RecordingError."""
         text = self.cells[column]
         value = float(text.replace(",", ".")) if self._is_number(text) else math.nan
-        if not (math.isfinite(value) and value >= least):
+        if not (is_number(value) and value >= least):
             bounded, mixed = least > -math.inf, self.commas and "." in text
             expected = "a number" + " of {least:g} or more" * bounded + " with a decimal comma" * mixed
             fields = {"least": least} if bounded else {}

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
 from sim.contact.shapes import shape_name
+from sim.tables import is_number
 
 Array = NDArray[np.float64]
 
@@ -114,7 +115,7 @@ def condition_of(started: Mapping[str, Any]) -> str:
 
 def finite_times(path: Path, dataset: str, times: Array) -> Array:
     """Return times that are all finite. Raises RecordingError."""
-    wrong = np.flatnonzero(~np.isfinite(times))
+    wrong = np.flatnonzero(~is_number(times))
     if len(wrong):
         raise RecordingError(
             "{path}, {dataset}, entry {entry}: {value:g} must be a number",

@@ -1,5 +1,8 @@
 """Discharge rates from spike times: text files, NWB units, and synthetic ones, which are not data."""
 
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -36,13 +39,35 @@ def read_nwb(path: Path, unit: str, columns: ColumnMap) -> tuple[Array, Array]:
         reason = "Is a directory" if path.is_dir() else "No such file or directory"
         raise RecordingError("{path}: {reason}", code="unreadable", path=str(path), reason=reason)
     factor = columns["time"].factor
+    with _damage_in_one_line(path), h5py.File(path) as file:
+        spikes, pulses = _spikes(file, path, unit, columns), _pulses(file, path, columns)
+    return factor * np.sort(spikes), factor * np.sort(pulses)
+
+
+@contextmanager
+def _damage_in_one_line(path: Path) -> Iterator[None]:
+    """Raise RecordingError for whatever a wrong byte leads to in HDF5."""
     try:
-        with h5py.File(path) as file:
-            return factor * np.sort(_spikes(file, path, unit, columns)), factor * np.sort(
-                _pulses(file, path, columns)
-            )
-    except OSError:
-        raise RecordingError("{path}: not an NWB file (HDF5)", code="no_hdf5", path=str(path)) from None
+        yield
+    except RecordingError:
+        raise
+    except (OSError, KeyError, RuntimeError, ValueError, TypeError, AttributeError, MemoryError) as error:
+        if isinstance(error, OSError) and not h5py.is_hdf5(path):
+            raise RecordingError("{path}: not an NWB file (HDF5)", code="no_hdf5", path=str(path)) from None
+        reason = (str(error).strip("'\" ") or type(error).__name__).splitlines()[0]
+        raise RecordingError(
+            "{path}: this NWB file (HDF5) is damaged: {reason}", code="damaged_hdf5", path=str(path), reason=reason
+        ) from None
+
+
+def _dataset(file: h5py.File, path: Path, name: str) -> NDArray[np.generic]:
+    """Return the values of a list of numbers or texts. Raises RecordingError."""
+    found = file[name]
+    if not isinstance(found, h5py.Dataset) or found.ndim != 1:
+        raise RecordingError(
+            "{path}, {dataset}: must be a list of values", code="no_list", path=str(path), dataset=name
+        )
+    return np.asarray(found[:])
 
 
 def _spikes(file: h5py.File, path: Path, unit: str, columns: ColumnMap) -> Array:
@@ -56,7 +81,7 @@ def _spikes(file: h5py.File, path: Path, unit: str, columns: ColumnMap) -> Array
             path=str(path),
             column=name,
         )
-    times, ends, numbers = (file[f"units/{column}"][:] for column in wanted)
+    times, ends, numbers = (_dataset(file, path, f"units/{column}") for column in wanted)
     ids = [str(number) for number in numbers]
     if unit not in ids and not (unit == "" and len(ids) == 1):
         known = "there is no unit {unit}" if unit else "{units} units"
@@ -70,7 +95,16 @@ def _spikes(file: h5py.File, path: Path, unit: str, columns: ColumnMap) -> Array
             ids=", ".join(ids),
         )
     row = ids.index(unit) if unit else 0
-    begin, end = np.concatenate([[0], ends])[row : row + 2].astype(int)
+    if len(ends) != len(ids) or ends.dtype.kind not in "iu" or (np.diff([0, *ends.tolist(), len(times)]) < 0).any():
+        raise RecordingError(
+            "{path}, units/{column}_index: must rise to {times}, one for each of {units} units",
+            code="wrong_index",
+            path=str(path),
+            column=name,
+            times=len(times),
+            units=len(ids),
+        )
+    begin, end = [0, *ends.tolist()][row : row + 2]
     return _numbers(times[begin:end], path, f"unit {ids[row]}, column {name}")
 
 
@@ -86,13 +120,13 @@ def _pulses(file: h5py.File, path: Path, columns: ColumnMap) -> Array:
             name=name,
             places=" or ".join(places),
         )
-    return np.empty(0) if found is None else _numbers(file[found][:], path, found)
+    return np.empty(0) if found is None else _numbers(_dataset(file, path, found), path, found)
 
 
 def _numbers(values: NDArray[np.generic], path: Path, dataset: str) -> Array:
     try:
-        times = np.asarray(values, dtype=float)
-    except ValueError:
+        times = np.asarray(values if values.dtype.kind in "iufSO" else [None], dtype=np.float64)
+    except (ValueError, TypeError):
         raise RecordingError(
             "{path}, {dataset}: the values have type {dtype}; they must be times as numbers",
             code="no_numbers",
@@ -172,7 +206,7 @@ def _on_the_runs_clock(path: Path, spike_s: Array, pulse_s: Array, run: Run) -> 
         )
     if len(rise_s) == 1:
         return spike_s + (rise_s[0] - pulse_s[0])
-    line = np.polynomial.Polynomial.fit(pulse_s, rise_s, deg=1)
+    line = _line_through(pulse_s, rise_s)
     worst_s = float(np.abs(line(pulse_s) - rise_s).max())
     if worst_s > _PULSE_TOLERANCE_S:
         raise RecordingError(
@@ -184,6 +218,16 @@ def _on_the_runs_clock(path: Path, spike_s: Array, pulse_s: Array, run: Run) -> 
             most_ms=1e3 * _PULSE_TOLERANCE_S,
         )
     return np.asarray(line(spike_s))
+
+
+def _line_through(pulse_s: Array, rise_s: Array) -> Callable[[Array], Array]:
+    """Return the fitted line of the run's time over the amplifier's; a constant if all pulses are at one time."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", np.exceptions.RankWarning)
+        try:
+            return np.polynomial.Polynomial.fit(pulse_s, rise_s, deg=1)
+        except np.exceptions.RankWarning:
+            return np.polynomial.Polynomial([float(rise_s.mean())])
 
 
 _PULSE_TOLERANCE_S = 0.005

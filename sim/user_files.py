@@ -1,0 +1,80 @@
+"""Reading of files that somebody else may have made: regular files only, and no more than a limit."""
+
+import errno
+import hashlib
+import io
+import os
+import stat
+from pathlib import Path
+from typing import BinaryIO
+
+MOST_BYTES = 32_000_000
+"""Largest file of a table."""
+
+_OPEN = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+_SPECIAL = {
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
+
+
+def open_file(path: str | Path, *, buffering: int = -1) -> BinaryIO:
+    """Open a regular file for reading.
+
+    A pipe would block, and opening a device may act on it, so what the path names is examined first.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read, or is a pipe, a socket, a device or a folder.
+    """
+    try:
+        _refuse_special(path, os.stat(path))
+        number = os.open(path, os.O_RDONLY | _OPEN)
+    except ValueError:  # a NUL, or half of a surrogate pair
+        raise OSError(errno.EINVAL, "not the name of a file", str(path)) from None
+    try:
+        _refuse_special(path, os.fstat(number))  # it may have been replaced in between
+        return os.fdopen(number, "rb", buffering)  # type: ignore[return-value]
+    except OSError:
+        os.close(number)
+        raise
+
+
+def _refuse_special(path: str | Path, found: os.stat_result) -> None:
+    kind = stat.S_IFMT(found.st_mode)
+    if kind == stat.S_IFDIR:
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    if kind != stat.S_IFREG:
+        what = _SPECIAL.get(kind, "no regular file")
+        raise OSError(errno.EINVAL, f"{what}; must be a regular file", str(path))
+
+
+def read_bytes(path: str | Path, most: int = MOST_BYTES) -> bytes:
+    """Return the content of a regular file of at most so many bytes. Raises OSError, also if it grows beyond them."""
+    with open_file(path, buffering=0) as file:
+        size, parts, left = os.fstat(file.fileno()).st_size, [], most + 1
+        while size <= most and left > 0 and (part := file.read(min(left, max(size + 1, 1 << 16)))):
+            parts.append(part)
+            left -= len(part)
+    if size > most or left <= 0:
+        raise OSError(errno.EFBIG, f"larger than {most / 1e6:g} MB, which is the limit", str(path))
+    return b"".join(parts)
+
+
+def text_of(content: bytes, *, encoding: str = "utf-8", errors: str = "strict") -> io.TextIOWrapper:
+    """Return the lines of a file's content. Reading raises UnicodeDecodeError."""
+    return io.TextIOWrapper(io.BytesIO(content), encoding=encoding, errors=errors)
+
+
+def read_text(path: str | Path, *, encoding: str = "utf-8", errors: str = "strict", most: int = MOST_BYTES) -> str:
+    """Return the text of a regular file. Raises OSError as `read_bytes`, and UnicodeDecodeError."""
+    return text_of(read_bytes(path, most), encoding=encoding, errors=errors).read()
+
+
+def sha256_of(path: str | Path) -> str:
+    """Return the SHA-256 of a regular file of any size. Raises OSError."""
+    with open_file(path) as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
