@@ -143,7 +143,8 @@ def first_problem(where: str, error: ValidationError, model: type[BaseModel] | N
     if isinstance(problem["input"], dict):  # about a whole table: the message names the keys
         parts = ("{where}" if where else "", "{key}" if place else "", "{problem}" if what else "")
         return BadInputError(": ".join(part for part in parts if part), code=code or "invalid_table", **fields)
-    fields |= {"value": problem["input"], "shown": _SHORT.repr(problem["input"])}
+    value = list(problem["input"]) if isinstance(problem["input"], tuple) else problem["input"]
+    fields |= {"value": value, "shown": _SHORT.repr(value)}
     return BadInputError("{where}: {key} = {shown}: {problem}", code=code or "invalid_value", **fields)
 
 

@@ -48,8 +48,8 @@ def _refuse_special(path: str | Path, found: os.stat_result) -> None:
     if kind == stat.S_IFDIR:
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     if kind != stat.S_IFREG:
-        what = _SPECIAL.get(kind, "no regular file")
-        raise OSError(errno.EINVAL, f"{what}; must be a regular file", str(path))
+        what = _SPECIAL.get(kind, "something else")
+        raise OSError(errno.EINVAL, f"{what} instead of a regular file", str(path))
 
 
 def read_bytes(path: str | Path, most: int = MOST_BYTES) -> bytes:

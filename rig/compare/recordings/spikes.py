@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import ColumnMap, read_table
+from rig.compare.recordings.hdf5 import numbers_in, values_of
 from rig.compare.recordings.neo_file import neo_format, read_neo
 from rig.compare.recordings.recording import Recording, condition_of, finite_times, recording, shape_key
 from rig.compare.stimuli import Stimulus
 from rig.data import Run
 from rig.data.folder import replace_text
+from rig.user_files import open_file
 from sim.contact.shapes import shape_name
 from sim.measures.measures import MEASURES
 
@@ -25,6 +27,7 @@ from sim.measures.measures import MEASURES
 Array = NDArray[np.float64]
 
 _TIMES = "spike_times"
+_MOST_UNITS, _MOST_LISTED = 100_000, 50
 
 
 def read_nwb(path: Path, unit: str, columns: ColumnMap) -> tuple[Array, Array]:
@@ -32,23 +35,26 @@ def read_nwb(path: Path, unit: str, columns: ColumnMap) -> tuple[Array, Array]:
 
     Another column of times, its unit, and the pulses' name are the columns' time and sync.
     """
-    if not path.is_file():
-        reason = "Is a directory" if path.is_dir() else "No such file or directory"
-        raise RecordingError("{path}: {reason}", code="unreadable", path=str(path), reason=reason)
+    try:
+        open_file(path).close()  # for its checks
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise RecordingError("{path}: {reason}", code="unreadable", path=str(path), reason=reason) from None
     factor = columns["time"].factor
     try:
         with h5py.File(path) as file:
             return factor * np.sort(_spikes(file, path, unit, columns)), factor * np.sort(
                 _pulses(file, path, columns)
             )
-    except OSError:
+    except (OSError, RuntimeError):  # h5py raises either for damaged parts
         raise RecordingError("{path}: not an NWB file (HDF5)", code="no_hdf5", path=str(path)) from None
 
 
 def _spikes(file: h5py.File, path: Path, unit: str, columns: ColumnMap) -> Array:
     name = columns["time"].name if "time" in columns.given else _TIMES
     wanted = (name, f"{name}_index", "id")
-    if any(f"units/{column}" not in file for column in wanted):
+    found = [numbers_in(file, path, f"units/{column}") for column in wanted]
+    if any(one is None for one in found):
         raise RecordingError(
             "{path}: no spike times; the file must have a table units with a column {column} (and "
             "{column}_index and id)",
@@ -56,8 +62,17 @@ def _spikes(file: h5py.File, path: Path, unit: str, columns: ColumnMap) -> Array
             path=str(path),
             column=name,
         )
-    times, ends, numbers = (file[f"units/{column}"][:] for column in wanted)
-    ids = [str(number) for number in numbers]
+    times, ends, numbers = (one for one in found if one is not None)
+    ids = [str(number) for number in values_of(numbers, path, most=_MOST_UNITS)]
+    if len(ends) != len(ids):
+        raise RecordingError(
+            "{path}: units/{column}_index has {ends} values, but units/id has {units}",
+            code="not_one_end_a_unit",
+            path=str(path),
+            column=name,
+            ends=len(ends),
+            units=len(ids),
+        )
     if unit not in ids and not (unit == "" and len(ids) == 1):
         known = "there is no unit {unit}" if unit else "{units} units"
         raise RecordingError(
@@ -67,17 +82,19 @@ def _spikes(file: h5py.File, path: Path, unit: str, columns: ColumnMap) -> Array
             file=path.name,
             unit=unit,
             units=len(ids),
-            ids=", ".join(ids),
+            ids=", ".join(ids[:_MOST_LISTED]) + ", …" * (len(ids) > _MOST_LISTED),
         )
     row = ids.index(unit) if unit else 0
-    begin, end = np.concatenate([[0], ends])[row : row + 2].astype(int)
-    return _numbers(times[begin:end], path, f"unit {ids[row]}, column {name}")
+    last = np.concatenate([[0], _numbers(values_of(ends, path), path, f"units/{name}_index")])
+    begin, end = int(last[row]), int(last[row + 1])
+    return _numbers(values_of(times, path, begin, end), path, f"unit {ids[row]}, column {name}")
 
 
 def _pulses(file: h5py.File, path: Path, columns: ColumnMap) -> Array:
     name = columns["sync"].name
     places = (f"intervals/{name}/start_time", f"acquisition/{name}/timestamps")
-    found = next((place for place in places if place in file), None)
+    each = {place: numbers_in(file, path, place) for place in places}
+    found = next(((place, pulses) for place, pulses in each.items() if pulses is not None), None)
     if found is None and "sync" in columns.given:
         raise RecordingError(
             "{path}: there are no sync pulses {name}; use {places}",
@@ -86,7 +103,7 @@ def _pulses(file: h5py.File, path: Path, columns: ColumnMap) -> Array:
             name=name,
             places=" or ".join(places),
         )
-    return np.empty(0) if found is None else _numbers(file[found][:], path, found)
+    return np.empty(0) if found is None else _numbers(values_of(found[1], path), path, found[0])
 
 
 def _numbers(values: NDArray[np.generic], path: Path, dataset: str) -> Array:
