@@ -125,7 +125,7 @@ def first_problem(where: str, error: ValidationError, model: type[BaseModel] | N
     Fields: where, key, value, rule (the validation's own name for it), and the rule's bounds.
     """
     problem = error.errors()[0]
-    place = ".".join(str(part) for part in problem["loc"])
+    place = _short(".".join(str(part) for part in problem["loc"]))
     rule = problem["type"]
     if rule == "extra_forbidden":
         near = [] if model is None else _neighbours(problem["loc"], model)
@@ -148,12 +148,22 @@ def first_problem(where: str, error: ValidationError, model: type[BaseModel] | N
     return BadInputError("{where}: {key} = {shown}: {problem}", code=code or "invalid_value", **fields)
 
 
+def _short(place: str) -> str:
+    """Return the name of a key, of an endless one its beginning."""
+    return place if len(place) <= _LONGEST_KEY else f"{place[:_LONGEST_KEY]}…"
+
+
+_LONGEST_KEY = 200
+
+
 def _neighbours(place: tuple[str | int, ...], model: type[BaseModel]) -> list[str]:
     """Return keys similar to the last one of a place: from its own table, else from any other."""
     table, wanted = model, str(place[-1])
     for name in place[:-1]:
         inner = _table(table.model_fields[str(name)].annotation) if str(name) in table.model_fields else None
         table = inner or table
+    if len(wanted) > _LONGEST_KEY:
+        return []
     near = get_close_matches(wanted, table.model_fields, n=2)
     everywhere = dict(_keys(model))
     return near or [everywhere[key] for key in get_close_matches(wanted, everywhere, n=2)]

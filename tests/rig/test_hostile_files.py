@@ -166,7 +166,7 @@ def test_no_reader_opens_what_is_no_regular_file(here: Path, monkeypatch: pytest
 def _line_of(error: BaseException) -> str | None:
     """Return the line that a command prints of an error, or None for one that it does not expect."""
     found = outcome(error) if isinstance(error, Exception) and not is_coded(error) else (str(error),)
-    return None if found is None or "\n" in found[0] or len(found[0]) > 5000 else found[0]
+    return None if found is None or "\n" in found[0] else found[0]
 
 
 class _Late(BaseException):
@@ -212,7 +212,7 @@ def test_files_are_read_in_one_place() -> None:
 
 
 def test_both_packages_read_files_alike() -> None:
-    for name in ("open_file", "_refuse_special", "read_bytes", "text_of", "read_text", "sha256_of"):
+    for name in ("open_file", "_refuse_special", "read_bytes", "text_of", "lines_of", "read_text", "sha256_of"):
         ours, theirs = (getattr(module, name).__code__.co_code for module in (user_files, files_of_sim))
         assert ours == theirs, name
 
@@ -374,11 +374,11 @@ BOMBS: dict[str, tuple[Make, tuple[str, ...], tuple[str, ...]]] = {
                        "journal in a list", "journal that grows"), ("bad_journal", "no_document")),
     "a long line of a journal": (_text('{"doc": "start", "a": [' + "{}," * 2_000_000 + "{}]}\n"),
                                  ("journal", "journal without readings", "journal in a list", "journal that grows"),
-                                 ("bad_journal", "long_line")),
+                                 ("bad_journal", "long_line", "no_document")),
     "digits in a journal": (_text(f'{{"doc": {"9" * DIGITS}}}\n\n'), ("journal", "journal in a list"),
                             ("bad_journal", "no_start")),
-    "10⁷ rates": (_repeated(b"position_mm,rate,repeat\n", b"0,2,3\n", ROWS), ("rates",), ("too_many_rows",)),
-    "10⁷ spikes": (_repeated(b"time_s\n", b"0.25\n", ROWS), ("spikes",), ("too_many_rows",)),
+    "10⁷ rates": (_repeated(b"position_mm,rate,repeat\n", b"0,2,3\n", ROWS), ("rates",), ("unreadable",)),
+    "10⁷ spikes": (_repeated(b"time_s\n", b"0.25\n", ROWS), ("spikes",), ("unreadable",)),
     "10⁶ spikes": (_repeated(b"time_s\n", b"0.25\n", ROWS // 10), ("spikes",), (OK,)),
     "10⁷ deflections": (_repeated(b"z_mm,deflection_mm\n", b"0,2\n", ROWS),
                         ("deflections", "deflection of skin"), ()),
@@ -389,13 +389,14 @@ BOMBS: dict[str, tuple[Make, tuple[str, ...], tuple[str, ...]]] = {
     "10⁶ columns": (_text(",".join(["a"] * 1_000_000) + "\n" + ",".join(["1"] * 1_000_000)),
                     ("rates", "spikes", "afferents", "deflections", "profile", "points of skin", "readings",
                      "pressures", "table of a map"), ()),
+    "a row of many heights": (_text(",".join(["1"] * 45_000_000)), ("table of a map", "points of a map"), ()),
     "a long cell": (_text("position_mm,rate\n" + "1" * 130_000 + "x,1\n"), ("rates",), ("no_number",)),
     "scattered points": (lambda path: np.savetxt(path, np.random.default_rng(1).random((POINTS, 3)), delimiter=",",
                          header="x_mm,z_mm,height_mm", comments=""), ("points of a map",), ("bad_shape", "hole")),
     "a map of 8 TB": (_npy("(1000000, 1000000)"), ("array of a map",), ("no_array",)),
     "an archive as a map": (_npz, ("array of a map",), ("no_heights",)),
     "many pixels": (_png([(b"IHDR", struct.pack(">IIBBBBB", 100_000, 100_000, 8, 0, 0, 0, 0)), (b"IEND", b"")]),
-                    ("picture of a map",), ("too_many_pixels",)),
+                    ("picture of a map",), ("no_picture",)),
     "a text that unpacks": (_png([PIXELS, (b"zTXt", b"a\0\0" + zlib.compress(bytes(10**9), 9)), (b"IEND", b"")]),
                             ("picture of a map",), ("no_picture",)),
     "pixels that unpack": (_png([PIXELS, (b"IDAT", zlib.compress(bytes(10**9), 9)), (b"IEND", b"")]),
@@ -425,20 +426,20 @@ BOMBS: dict[str, tuple[Make, tuple[str, ...], tuple[str, ...]]] = {
 
 
 def _in_a_child(call: Callable[[], object]) -> tuple[str, float, float]:
-    """Return the code, the seconds, and the peak memory in GB of a call in a process of its own."""
+    """Return the code, the processor seconds, and the peak memory in GB of a call in a process of its own."""
     read_end, write_end = os.pipe()
     if (child := os.fork()) == 0:
-        signal.setitimer(signal.ITIMER_REAL, 60)
+        signal.setitimer(signal.ITIMER_REAL, 120)
         with open("/proc/self/clear_refs", "w", encoding="ascii") as peak:
             peak.write("5")
-        began_s, found = time.monotonic(), OK
+        began_s, found = time.process_time(), OK
         try:
             call()
         except BaseException as error:
             found = code_of(error) if _line_of(error) is not None else f"unforeseen: {error!r:.500}"
         status = Path("/proc/self/status").read_text(encoding="ascii")
         peak_kb = int(status.split("VmHWM:")[1].split()[0])
-        os.write(write_end, pickle.dumps((found, time.monotonic() - began_s, peak_kb / 1e6)))
+        os.write(write_end, pickle.dumps((found, time.process_time() - began_s, peak_kb / 1e6)))
         os._exit(0)
     os.close(write_end)
     with open(read_end, "rb") as file:
@@ -469,8 +470,8 @@ def test_a_bomb_costs_little(tmp_path: Path, bomb: str) -> None:
     assert not wrong
 
 
-SLOWER = 3.0
-"""Machines that run the tests are slower, and busy."""
+SLOWER = 2.0
+"""Machines that run the tests are slower."""
 
 
 def test_points_in_any_order_make_the_map_of_the_table(tmp_path: Path) -> None:

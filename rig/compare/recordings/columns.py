@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rig.compare.exceptions import RecordingError
-from rig.user_files import read_bytes, text_of
+from rig.user_files import lines_of
 
-MOST_ROWS = 1_000_000
 MOST_TABLE_BYTES = 100_000_000
 
 _LENGTHS = {"nm": 1e-6, "um": 1e-3, "µm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0}
@@ -235,7 +234,7 @@ def read_table(
                 columns=len(header),
             )
         rows.append((number, {name: cells[at] for name, at in wanted.items()}))
-    commas = any(_DECIMAL_COMMA.fullmatch(cell) for _, cells in rows for cell in cells.values())
+    commas = any("," in cell and _DECIMAL_COMMA.fullmatch(cell) for _, cells in rows for cell in cells.values())
     return [Row(path, number, cells, commas) for number, cells in rows]
 
 
@@ -287,20 +286,13 @@ def table_lines(path: Path) -> Iterator[tuple[int, list[str]]]:
     RecordingError.
     """
     try:
-        lines = text_of(read_bytes(path, MOST_TABLE_BYTES), encoding="utf-8-sig")
+        lines = lines_of(path, most=MOST_TABLE_BYTES)
         above = 1
         header = next(lines, "")
         while header.startswith("#"):
             above, header = above + 1, next(lines, "")
         sign = max(_SEPARATORS, key=lambda sign: len(next(csv.reader([header], delimiter=sign), [])))
         for number, cells in enumerate(csv.reader(chain([header], lines), delimiter=sign), above):
-            if number - above > MOST_ROWS:
-                raise RecordingError(
-                    "{path}: more than {most} rows, which is the limit; split the table or leave out rows",
-                    code="too_many_rows",
-                    path=str(path),
-                    most=MOST_ROWS,
-                )
             yield number, [cell.strip() for cell in cells]
     except OSError as error:
         reason = error.strerror or str(error)
