@@ -38,8 +38,7 @@ def test_the_first_value_beyond_a_bound_is_refused_and_the_last_within_it_is_not
     for key, (sign, bound) in [(k, limit) for k in _keys_of(table) for limit in k.bounds]:
         outwards = -math.inf if ">" in sign else math.inf
         towards = outwards if "=" in sign else -outwards
-        step = int(math.copysign(1, towards)) if key.kind == "integer" else math.nextafter(bound, towards) - bound
-        bound = int(bound) if key.kind == "integer" else bound
+        step = math.copysign(1, towards) if key.kind == "integer" else math.nextafter(bound, towards) - bound
         last, first = (bound, bound + step) if "=" in sign else (bound + step, bound)
         assert not key.refuses(last), f"{key.name} = {last!r} is {sign} {bound:g}"
         assert key.refuses(first), f"{key.name} = {first!r} is not {sign} {bound:g}"
