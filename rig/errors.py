@@ -125,7 +125,7 @@ def first_problem(where: str, error: ValidationError, model: type[BaseModel] | N
     Fields: where, key, value, rule (the validation's own name for it), and the rule's bounds.
     """
     problem = error.errors()[0]
-    place = ".".join(str(part) for part in problem["loc"])
+    place = _short(".".join(str(part) for part in problem["loc"]))
     rule = problem["type"]
     if rule == "extra_forbidden":
         near = [] if model is None else _neighbours(problem["loc"], model)
@@ -143,8 +143,17 @@ def first_problem(where: str, error: ValidationError, model: type[BaseModel] | N
     if isinstance(problem["input"], dict):  # about a whole table: the message names the keys
         parts = ("{where}" if where else "", "{key}" if place else "", "{problem}" if what else "")
         return BadInputError(": ".join(part for part in parts if part), code=code or "invalid_table", **fields)
-    fields |= {"value": problem["input"], "shown": _SHORT.repr(problem["input"])}
+    value = list(problem["input"]) if isinstance(problem["input"], tuple) else problem["input"]
+    fields |= {"value": value, "shown": _SHORT.repr(value)}
     return BadInputError("{where}: {key} = {shown}: {problem}", code=code or "invalid_value", **fields)
+
+
+def _short(place: str) -> str:
+    """Return the name of a key, of an endless one its beginning."""
+    return place if len(place) <= _LONGEST_KEY else f"{place[:_LONGEST_KEY]}…"
+
+
+_LONGEST_KEY = 200
 
 
 def _neighbours(place: tuple[str | int, ...], model: type[BaseModel]) -> list[str]:
@@ -153,6 +162,8 @@ def _neighbours(place: tuple[str | int, ...], model: type[BaseModel]) -> list[st
     for name in place[:-1]:
         inner = _table(table.model_fields[str(name)].annotation) if str(name) in table.model_fields else None
         table = inner or table
+    if len(wanted) > _LONGEST_KEY:
+        return []
     near = get_close_matches(wanted, table.model_fields, n=2)
     everywhere = dict(_keys(model))
     return near or [everywhere[key] for key in get_close_matches(wanted, everywhere, n=2)]

@@ -13,11 +13,13 @@ from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 from pydantic import (
     AfterValidator,
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Field,
     PositiveFloat,
     PrivateAttr,
     SerializeAsAny,
+    field_validator,
     model_validator,
 )
 
@@ -34,10 +36,22 @@ NOMINAL_STEPS_PER_MM = 400.0
 class Settings(BaseModel):
     """Base class of a table of the configuration file.
 
-    Unknown keys, wrong types and NaN are errors.
+    Unknown keys, wrong types and NaN are errors. A whole number counts as a number; nothing else is converted.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _rows(cls, value: Any) -> Any:
+        return as_tuples(value)
+
+
+def as_tuples(value: Any) -> Any:
+    """Return a value of a file with tuples in place of lists, also in tables and rows."""
+    if isinstance(value, list):
+        return tuple(map(as_tuples, value))
+    return {key: as_tuples(one) for key, one in value.items()} if isinstance(value, dict) else value
 
 
 def _addressed(port: str) -> str:
@@ -269,13 +283,24 @@ class StopSettings(Settings):
         return self
 
 
+def _day(value: Any) -> Any:
+    """Return the day of a text, as commands write it; another value as it is."""
+    try:
+        return datetime.date.fromisoformat(value) if isinstance(value, str) else value
+    except ValueError:
+        return value
+
+
+Day = Annotated[datetime.date, BeforeValidator(_day)]
+
+
 class Calibration(Settings):
     """A number measured on this rig, the day of the measurement, and the last day on which it may be used."""
 
     value: float = Field(description="calibrated value, in the unit of its key")
     sd: float = Field(0.0, ge=0, description="standard deviation of the value, in the unit of its key")
-    date: datetime.date = Field(description="day of the measurement")
-    expires: datetime.date = Field(
+    date: Day = Field(description="day of the measurement")
+    expires: Day = Field(
         description="last day on which the value may be used; then `rig run` refuses it and a dry run warns"
     )
 

@@ -114,8 +114,18 @@ class _Many(int):
         return f"<{int(self)} rows>"
 
 
+def _as_tuples(value: object) -> object:
+    """Return a value with tuples in place of lists, also within rows."""
+    return tuple(map(_as_tuples, value)) if isinstance(value, list) else value
+
+
 class _Settings(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _rows(cls, value: object) -> object:
+        return _as_tuples(value)
 
     def __repr_args__(self) -> Iterator[tuple[str | None, object]]:
         """Yield fields that differ from their defaults; many rows as their number."""

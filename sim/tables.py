@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.errors import SimError
-from sim.user_files import read_bytes, text_of
+from sim.user_files import MOST_BYTES, lines_of
 
 # --- csv table ---
 
@@ -74,7 +74,7 @@ def read_numbered(path: Path, columns: Sequence[str]) -> tuple[tuple[int, Row], 
 def _lines(path: Path) -> list[tuple[int, list[str]]]:
     """Return the lines that are not empty or comments, with their numbers."""
     try:
-        reader = csv.reader(text_of(read_bytes(path), encoding="utf-8-sig"))
+        reader = csv.reader(lines_of(path, most=MOST_BYTES))
         return [(reader.line_num, row) for row in reader if any(row) and not row[0].startswith("#")]
     except OSError as error:
         raise TableError(

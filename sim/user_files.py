@@ -11,6 +11,9 @@ from typing import BinaryIO
 MOST_BYTES = 32_000_000
 """Largest file of a table."""
 
+MOST_LINES = 1_000_100
+"""A million rows, their header and comments."""
+
 _OPEN = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
 _SPECIAL = {
     stat.S_IFIFO: "a pipe",
@@ -48,8 +51,8 @@ def _refuse_special(path: str | Path, found: os.stat_result) -> None:
     if kind == stat.S_IFDIR:
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
     if kind != stat.S_IFREG:
-        what = _SPECIAL.get(kind, "no regular file")
-        raise OSError(errno.EINVAL, f"{what}; must be a regular file", str(path))
+        what = _SPECIAL.get(kind, "something else")
+        raise OSError(errno.EINVAL, f"{what} instead of a regular file", str(path))
 
 
 def read_bytes(path: str | Path, most: int = MOST_BYTES) -> bytes:
@@ -67,6 +70,20 @@ def read_bytes(path: str | Path, most: int = MOST_BYTES) -> bytes:
 def text_of(content: bytes, *, encoding: str = "utf-8", errors: str = "strict") -> io.TextIOWrapper:
     """Return the lines of a file's content. Reading raises UnicodeDecodeError."""
     return io.TextIOWrapper(io.BytesIO(content), encoding=encoding, errors=errors)
+
+
+def lines_of(path: str | Path, *, most: int, lines: int = MOST_LINES) -> io.TextIOWrapper:
+    """Return the lines of a table, with or without a byte-order mark.
+
+    Raises
+    ------
+    OSError
+        As `read_bytes`, and for too many lines.
+    """
+    content = read_bytes(path, most)
+    if max(content.count(b"\n"), content.count(b"\r")) > lines:
+        raise OSError(errno.EFBIG, f"more than {lines} lines, which is the limit", str(path))
+    return text_of(content, encoding="utf-8-sig")
 
 
 def read_text(path: str | Path, *, encoding: str = "utf-8", errors: str = "strict", most: int = MOST_BYTES) -> str:

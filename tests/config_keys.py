@@ -47,7 +47,8 @@ def _table() -> Iterator[Key]:
         length = re.search(r"\d", many)
         kind = many.split()[-1].removesuffix("s") if length else many
         words = allowed.split() if kind == "word" else []
-        bounds = [(sign, float(Fraction(n))) for sign, n in re.findall(r"([<>]=?) ([^,]+)", allowed)]
+        number = int if kind == "integer" else float
+        bounds = [(sign, number(Fraction(n))) for sign, n in re.findall(r"([<>]=?) ([^,]+)", allowed)]
         found = int(length.group()) if length else None
         yield Key(name, value_of(default), kind, found, many.startswith("lists"), words, bounds)
 

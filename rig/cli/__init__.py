@@ -21,7 +21,9 @@ def main() -> None:
 
 
 def _leave(line: str, code: int) -> NoReturn:
-    print(f"rig: {line}", file=sys.stderr)
+    from rig.printable import printable
+
+    print(printable(f"rig: {line}"), file=sys.stderr)
     if "--json" in sys.argv and code == _ABORTED:  # otherwise it is standard output that fails
         print(json.dumps({"error_text": line, "code": "interrupted", "exit_code": code}), flush=True)
     sys.exit(code)

@@ -10,15 +10,27 @@ from contextlib import contextmanager, suppress
 from enum import IntEnum
 from typing import Any, NoReturn
 
-from rich.console import Console, RenderableType
+from rich.console import Console, ConsoleOptions, RenderableType
 from rich.live import Live
+from rich.segment import Segment
 from rich.spinner import Spinner
 
 from rig.cli import durations
 from rig.errors import RigError
+from rig.printable import printable
 
-err = Console(stderr=True, highlight=False, soft_wrap=True, markup=False)
-out = Console(highlight=False, soft_wrap=True, markup=False)
+
+class _Terminal(Console):
+    """Console whose texts do not steer the terminal, in tables and live screens too."""
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
+        """Yield the segments of what is printed, with visible control characters."""
+        for segment in super().render(renderable, options):
+            yield segment if segment.control else Segment(printable(segment.text), segment.style)
+
+
+err = _Terminal(stderr=True, highlight=False, soft_wrap=True, markup=False)
+out = _Terminal(highlight=False, soft_wrap=True, markup=False)
 
 THE_FINGER = "fingertip: loading from the cache, or building …"
 
@@ -168,7 +180,7 @@ class _Activities:
         new = activity is not self._said and activity.elapsed_s < EVERY_S
         self._said, self._said_s = activity, time.monotonic()
         with suppress(OSError, ValueError):  # nobody reads it any more, which costs the work nothing
-            print(activity.title if new else activity.line, file=err.file, flush=True)
+            print(printable(activity.title if new else activity.line), file=err.file, flush=True)
 
     def _print(self) -> None:
         while True:
@@ -333,6 +345,10 @@ def screen_aside() -> Iterator[None]:
             live.start(refresh=True)
 
 
+MOST_PRINTED = 100_000
+"""Characters of an error that are printed; a damaged file may contain a cell of any length."""
+
+
 class ExitCode(IntEnum):
     """Exit code of a command."""
 
@@ -353,7 +369,7 @@ def print_json(result: Mapping[str, Any]) -> None:
 
 def complain(message: str) -> str:
     """Print one line on standard error, without the message's line breaks, and return it."""
-    line = " ".join(message.split())
+    line = printable(" ".join(message[:MOST_PRINTED].split())) + " …" * (len(message) > MOST_PRINTED)
     print(f"rig: {line}", file=sys.stderr)
     return line
 
@@ -392,7 +408,7 @@ def fail(
     """
     ending = {} if beginning is None or beginning.begun else {"ending": _nothing_moved(message, exit_code)}
     if beginning is not None and ending and beginning.aloud and not as_json:
-        print(f"{'where':<8}{ending['ending']['where_text']}", file=sys.stderr)
+        print(printable(f"{'where':<8}{ending['ending']['where_text']}"), file=sys.stderr)
     line = complain(message)
     if as_json:
         with suppress(OSError):  # standard output may be what failed

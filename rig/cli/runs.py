@@ -30,6 +30,7 @@ from rig.data.tables import (
     tables,
 )
 from rig.errors import BadInputError
+from rig.printable import on_one_line
 from rig.user_files import read_text, toml_of
 
 _DAY = "a day such as 2026-03-01"
@@ -117,7 +118,8 @@ def _list(found: Sequence[IndexEntry]) -> str:
 def _line(run: Summary) -> list[str]:
     shapes = f"{run.shapes[0]} and {len(run.shapes) - 1} more" if len(run.shapes) > 1 else "".join(run.shapes)
     done = f"{run.done} of {run.planned}"
-    return [run.name, run.subject or "-", shapes or "-", done, run.state + (", virtual" if run.virtual else "")]
+    state = run.state + (", virtual" if run.virtual else "")
+    return [on_one_line(text) for text in (run.name, run.subject or "-", shapes or "-", done, state)]
 
 
 def _runs(found: Sequence[IndexEntry]) -> str:
@@ -165,7 +167,7 @@ def show_command(
             if as_json:
                 print_json(result)
             else:
-                out.print("\n".join(f"{name:<12}{line}" for name, line in _lines(result)))
+                out.print("\n".join(f"{name:<12}{on_one_line(line)}" for name, line in _lines(result)))
 
 
 def _columns() -> dict[str, Any]:

@@ -11,6 +11,7 @@ from rig.cli.output import ExitCode, complain, out, print_json
 from rig.cli.signals import STOP_SIGNAL
 from rig.control.stop import NoStageError, SentStop, send_stop, stage_alone
 from rig.errors import code_of
+from rig.printable import printable
 
 
 def stop_command(config: ConfigOption, as_json: JsonOption = False) -> None:
@@ -37,7 +38,7 @@ def stop_command(config: ConfigOption, as_json: JsonOption = False) -> None:
 
 
 def _fail(words: str, code: str, result: dict[str, Any], exit_code: ExitCode, *, as_json: bool) -> None:
-    print(words, file=sys.stderr)
+    print(printable(words), file=sys.stderr)
     if as_json:
         print_json({"error_text": words, "code": code, "exit_code": int(exit_code), **result})
     raise typer.Exit(exit_code)

@@ -17,6 +17,7 @@ from rig.data.journal import Document
 from rig.data.run import Following, followed, read_run
 from rig.data.run_state import Onlooker, as_clock
 from rig.data.tables import RUNNING, alive, foreign_in_one_line, summary_of
+from rig.printable import on_one_line
 
 LOOK_S = 0.2
 
@@ -93,7 +94,7 @@ def _line(document: Document) -> list[str]:
     name, data = (document["stream"], document["data"]) if of_an_event else (document["doc"], document)
     hidden = () if of_an_event else ("doc", "uid", "seq", "t_s", "unix_s", "parameters")
     values = ", ".join(f"{key} {value}" for key, value in data.items() if value is not None and key not in hidden)
-    return [f"{document['t_s']:10.3f}  {name:<18}  {values}".rstrip()]
+    return [f"{document['t_s']:10.3f}  {on_one_line(name):<18}  {on_one_line(values)}".rstrip()]
 
 
 def _end(seen: RunScreen) -> list[str]:

@@ -15,6 +15,7 @@ from rig.data.folder import replace_bytes, replace_text
 from rig.data.run import Run, provenance_of
 from rig.data.tables import Table, tables
 from rig.errors import RigError
+from rig.printable import printable
 from rig.units import GWT_N
 
 
@@ -69,7 +70,7 @@ def _as_array(name: str, values: list[Any]) -> Any:
         return np.array([value is True for value in values])
     if name not in TEXT and all(value is None or isinstance(value, int | float) for value in values):
         return np.array([np.nan if value is None else float(value) for value in values])
-    return np.array(["" if value is None else str(value) for value in values], dtype=h5py.string_dtype())
+    return np.array(["" if value is None else printable(str(value)) for value in values], dtype=h5py.string_dtype())
 
 
 def _as_csv(columns: dict[str, list[Any]]) -> str:

@@ -239,7 +239,7 @@ def free_space(path: Path) -> str:
 
 def replace_text(path: Path, text: str, *, new: bool = False) -> None:
     """Replace a file on disk in one step, or write a new one. Raises UnwritableError, FileExistsError if `new`."""
-    replace_bytes(path, text.encode("utf-8"), new=new)
+    replace_bytes(path, text.encode("utf-8", "backslashreplace"), new=new)  # half of a surrogate pair
 
 
 def replace_bytes(path: Path, content: bytes, *, new: bool = False) -> None:

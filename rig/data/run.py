@@ -274,7 +274,8 @@ class Following:
             raise RunError(
                 "{path}: {reason}", code="unreadable", path=str(self._path), reason=error.strerror
             ) from None
-        if len(rest) > MOST_ON_A_LINE:
+        lines = whole.split(b"\n")
+        if max(map(len, (*lines, rest))) > MOST_ON_A_LINE:
             raise RunError(
                 "{path}: a line is longer than {most} characters, which is the limit",
                 code="long_line",
@@ -282,7 +283,7 @@ class Following:
                 most=MOST_ON_A_LINE,
             )
         self._at += len(whole) + len(end)
-        return [self._document(line) for line in whole.split(b"\n") if line]
+        return [self._document(line) for line in lines if line]
 
     def _document(self, line: bytes) -> Document:
         self._line += 1

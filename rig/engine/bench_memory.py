@@ -13,7 +13,7 @@ from hashlib import sha256
 from pathlib import Path
 
 from platformdirs import user_state_path
-from pydantic import BaseModel
+from pydantic import BaseModel, ConfigDict
 
 from rig.clock import WallClock
 from rig.devices.base import StageStatus
@@ -29,6 +29,8 @@ _SAME_PLACE_MM = 0.003  # A board prints 0.001 mm and rests on a step.
 
 class LastKnown(BaseModel):
     """Record on disk, in mm, N, gwt and seconds since 1970; None if unknown."""
+
+    model_config = ConfigDict(strict=True, allow_inf_nan=False)
 
     zero_offset_n: float | None = None
     zero_noise_gwt: float = 0.0

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from rig.printable import printable
 from rig.report.style import Plot
 
 Item = TypeVar("Item")
@@ -63,12 +64,18 @@ def render(template: str, picture: Callable[[PageFigure], str] = as_svg, **about
     return _templates().get_template(template).render(picture=picture, **about)
 
 
+def _visible(value: Any) -> Any:
+    """Return a value of a page, a text with visible control characters; markup remains markup."""
+    return type(value)(printable(value)) if isinstance(value, str) and not value.isprintable() else value
+
+
 @cache
 def _templates() -> Environment:
     """Return the templates; each is compiled once."""
     return Environment(
         loader=PackageLoader("rig.report"),
         autoescape=True,
+        finalize=_visible,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

@@ -22,6 +22,7 @@ from typing import Annotated, Any, ClassVar, Protocol, Self, TypeVar
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from rig.plan.config import reraised_as
+from rig.settings import as_tuples
 from rig.study.exceptions import StudyError
 from rig.user_files import MOST_TOML_BYTES, read_text, toml_of
 from sim.config import FingertipConfig
@@ -73,14 +74,14 @@ _NATIVE_LISTS = ("points", "sections")
 
 
 def _one_or_more(value: object) -> object:
-    return [value] if isinstance(value, int | float) else value
+    return (value,) if isinstance(value, int | float) else as_tuples(value)
 
 
 _Numbers = Annotated[tuple[float, ...], BeforeValidator(_one_or_more)]
 
 
 class _Given(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 
 
 class StudyPress(_Given):
@@ -112,7 +113,7 @@ class StudyFile(_Given):
     receptor_depth_mm: _Numbers = Field((DEFAULT_DEPTH_MM,), min_length=1)
     receptor_x_mm: _Numbers = Field(DEFAULT_X_MM, min_length=1)
     finger: dict[str, Any] = Field(default_factory=dict)
-    press: tuple[StudyPress, ...] = Field(min_length=1)
+    press: Annotated[tuple[StudyPress, ...], BeforeValidator(as_tuples)] = Field(min_length=1)
 
 
 @dataclass(frozen=True)

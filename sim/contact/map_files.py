@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.contact.height_map import MOST_POINTS, HeightMap, HeightMapError, refuse_far, refuse_uneven
-from sim.user_files import open_file, read_bytes, text_of
+from sim.user_files import lines_of, open_file
 
 Array = NDArray[np.float64]
 
@@ -213,7 +213,7 @@ def _array(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array, A
 def _table(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array, Array, Array]:
     """Read points under a header, or rows of heights at a spacing."""
     try:
-        lines = [line.strip() for line in text_of(read_bytes(file, MOST_BYTES), encoding="utf-8-sig")]
+        lines = [line.strip() for line in lines_of(file, most=MOST_BYTES)]
     except (OSError, UnicodeDecodeError) as error:
         what = getattr(error, "strerror", None) or "not text"
         raise HeightMapError(
@@ -227,14 +227,11 @@ def _table(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array, A
             name=where,
             columns=COLUMNS,
         )
+    if sum(line.count(",") + 1 for line in lines) > 3 * MOST_POINTS + 3:
+        raise _too_many(where)
     rows = [_numbers(where, n, line) for n, line in enumerate(lines, 1) if line and not (points and n == 1)]
     if sum(map(len, rows)) > (3 if points else 1) * MOST_POINTS:
-        raise HeightMapError(
-            "{name}: more than {most} points; use a coarser map",
-            code="too_many_numbers",
-            name=where,
-            most=MOST_POINTS,
-        )
+        raise _too_many(where)
     for n, row in enumerate(rows):
         if len(row) != (3 if points else len(rows[0])):
             expected = 3 if points else len(rows[0])
@@ -251,6 +248,12 @@ def _table(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array, A
         return _gridded(where, np.array(rows).reshape(-1, 3))
     (spacing_mm,) = _required(where, settings, ("spacing_mm",))
     return _centered(np.array(rows).reshape(len(rows), len(rows[0]) if rows else 0), spacing_mm)
+
+
+def _too_many(where: str) -> HeightMapError:
+    return HeightMapError(
+        "{name}: more than {most} points; use a coarser map", code="too_many_numbers", name=where, most=MOST_POINTS
+    )
 
 
 def _numbers(where: str, line: int, text: str) -> list[float]:

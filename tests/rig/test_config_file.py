@@ -47,7 +47,7 @@ VALUE, TABLE, RULE = "invalid_value", "invalid_table", "value_error"
         ("[limit]\nmax_doi_mm = 1.0\n", "unknown_key", {"key": "limit", "near": ["limits"]}),
         ("[finger.mesh]\nspacing = 0.2\n", "unknown_key", {"key": "finger.mesh.spacing"}),
         ('[habits]\nclearance_mm = "high"\n', VALUE,
-         {"key": "habits.clearance_mm", "value": "high", "rule": "float_parsing"}),
+         {"key": "habits.clearance_mm", "value": "high", "rule": "float_type"}),
         ("[limits]\nmax_force_gwt = nan\n", VALUE, {"key": "limits.max_force_gwt", "rule": "finite_number"}),
         ("[limits]\nsoft_trip_n = inf\n", VALUE, {"key": "limits.soft_trip_n", "value": float("inf")}),
         ("[limits]\nmax_doi_mm = 2.5\n", VALUE,

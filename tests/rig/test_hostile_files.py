@@ -1,0 +1,487 @@
+"""What every reader does with files that are made to harm: one line and no more than 5 s and 1 GB, or the content."""
+
+import ast
+import os
+import pickle
+import signal
+import socket
+import struct
+import sys
+import time
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from rig import user_files
+from rig.cli.error_exit_codes import outcome
+from rig.compare.plausible_fingers import read_plausible
+from rig.compare.recordings.afferents_table import read_afferents
+from rig.compare.recordings.columns import ColumnMap
+from rig.compare.recordings.deflection import read_skin_deflection
+from rig.compare.recordings.neo_file import read_neo
+from rig.compare.recordings.reading import Reading, read_srp, sha256
+from rig.compare.recordings.spikes import _read_csv, read_nwb
+from rig.control.stop import stage_alone
+from rig.data import RunFolder, read_run
+from rig.data.run import Following
+from rig.errors import code_of, is_coded
+from rig.plan.config import load_config
+from rig.plan.finger_file import read_finger_file
+from rig.protocol.script import load_script
+from rig.report.recording_sections import read_deflections
+from rig.study.parameter_study import read_study
+from sim import user_files as files_of_sim
+from sim.coding.readings_file import read_pressures, read_readings
+from sim.config import FingertipConfig
+from sim.contact.map_files import read_height_map
+from sim.contact.measured_profile import read_profile
+from sim.contact.shapes import contents
+
+Read = Callable[[Path], Any]
+ROOT = Path(__file__).parents[2]
+SECONDS, GIGABYTES = 5.0, 1.0
+
+
+def _skin(key: str) -> Read:
+    def read(path: Path) -> Any:
+        config = path.with_name("names_it.toml")
+        config.write_text(f'[finger.geometry]\n{key} = "{path.name}"\n', encoding="utf-8")
+        return load_config(config)
+
+    return read
+
+
+def _in_run(read: Callable[[Path], Any]) -> Read:
+    def in_folder(path: Path) -> Any:
+        folder = path.with_name("run")
+        folder.mkdir(exist_ok=True)
+        (folder / "events.jsonl").symlink_to(Path("..") / path.name)
+        return read(folder)
+
+    return in_folder
+
+
+READERS: dict[str, tuple[str, Read]] = {
+    "configuration": (".toml", load_config),
+    "configuration of a stop": (".toml", stage_alone),
+    "finger": (".toml", read_finger_file),
+    "plausible fingers": (".toml", read_plausible),
+    "study": (".toml", read_study),
+    "points of skin": (".csv", _skin("points")),
+    "sections": (".csv", _skin("sections")),
+    "script": (".py", lambda path: load_script(str(path))),
+    "journal": (".jsonl", _in_run(read_run)),
+    "journal without readings": (".jsonl", _in_run(lambda path: read_run(path, readings=False))),
+    "journal in a list": (".jsonl", _in_run(lambda path: read_run(path, only=("mount",)))),
+    "journal that grows": (".jsonl", _in_run(lambda path: Following(RunFolder(path)).new())),
+    "rates": (".csv", read_srp),
+    "spikes": (".csv", lambda path: _read_csv(path, ColumnMap())),
+    "afferents": (".csv", lambda path: read_afferents(path, (), (), (), Reading())),
+    "NWB": (".nwb", lambda path: read_nwb(path, "", ColumnMap())),
+    "neo": (".plx", lambda path: read_neo(path, "", ColumnMap())),
+    "deflection of skin": (".csv", read_skin_deflection),
+    "deflections": (".csv", read_deflections),
+    "SHA-256": (".csv", sha256),
+    "profile": (".csv", lambda path: read_profile(str(path))),
+    "table of a map": (".csv", lambda path: read_height_map(str(path), ["spacing_mm=0.1"])),
+    "points of a map": (".csv", lambda path: read_height_map(str(path), [])),
+    "array of a map": (".npy", lambda path: read_height_map(str(path), ["spacing_mm=0.1"])),
+    "picture of a map": (".png", lambda path: read_height_map(str(path), ["width_mm=2", "height_mm=1"])),
+    "readings": (".csv", lambda path: read_readings(path, FingertipConfig())),
+    "pressures": (".csv", read_pressures),
+}
+DIGESTS = ("SHA-256",)
+"""Readers of a file of any size."""
+
+
+# --- special files ---
+
+
+def _socket(path: Path) -> None:
+    with socket.socket(socket.AF_UNIX) as end:
+        end.bind(str(path))
+
+
+SPECIAL: dict[str, Callable[[Path], object]] = {
+    "pipe": os.mkfifo,
+    "zeros": lambda path: path.symlink_to("/dev/zero"),
+    "terminal": lambda path: path.symlink_to("/dev/ptmx"),
+    "socket": _socket,
+    "folder": Path.mkdir,
+    "broken link": lambda path: path.symlink_to("nowhere"),
+    "links in a circle": lambda path: path.symlink_to(path.name),
+    "unreadable": lambda path: path.write_text("a", encoding="utf-8"),
+}
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The working folder, since a path to a socket must be short."""
+    monkeypatch.chdir(tmp_path)
+    return Path()
+
+
+@pytest.mark.parametrize("special", SPECIAL)
+def test_no_reader_opens_what_is_no_regular_file(here: Path, monkeypatch: pytest.MonkeyPatch, special: str) -> None:
+    real, hung = os.open, []
+
+    def open_(path: Any, *arguments: Any, **options: Any) -> int:
+        if special == "unreadable" and str(path).endswith(("hostile.csv", "events.jsonl", *suffixes)):
+            raise PermissionError(13, "Permission denied", str(path))
+        return real(path, *arguments, **options)
+
+    suffixes = tuple(f"hostile{suffix}" for suffix, _ in READERS.values())
+    monkeypatch.setattr(os, "open", open_)
+    for number, (name, (suffix, read)) in enumerate(READERS.items()):
+        if (special, name) in {("folder", "neo"), ("folder", "SHA-256"), ("folder", "afferents")}:
+            continue  # these read folders
+        if (special, name) == ("broken link", "journal that grows"):
+            continue  # it waits for the file
+        if special == "unreadable" and name in ("script", "neo"):
+            continue  # the interpreter and neo open these
+        Path(str(number)).mkdir()
+        path = Path(str(number)) / f"hostile{suffix}"
+        SPECIAL[special](path)
+        with _alarm(SECONDS):
+            began_s = time.monotonic()
+            try:
+                read(path)
+                hung.append((name, "was read"))
+            except _Late:
+                hung.append((name, "hangs"))
+            except Exception as error:
+                if _line_of(error) is None:
+                    hung.append((name, repr(error)))
+            if time.monotonic() - began_s > 1:
+                hung.append((name, "slow"))
+    assert not hung
+    assert contents([f"profile:{path}"]) == ["missing"] if path.suffix == ".csv" else True
+
+
+def _line_of(error: BaseException) -> str | None:
+    """Return the line that a command prints of an error, or None for one that it does not expect."""
+    found = outcome(error) if isinstance(error, Exception) and not is_coded(error) else (str(error),)
+    return None if found is None or "\n" in found[0] else found[0]
+
+
+class _Late(BaseException):
+    """Raised by the alarm."""
+
+
+class _alarm:  # noqa: N801
+    def __init__(self, seconds: float) -> None:
+        self._seconds = seconds
+
+    def __enter__(self) -> None:
+        def late(*_: object) -> None:
+            raise _Late
+
+        signal.signal(signal.SIGALRM, late)
+        signal.setitimer(signal.ITIMER_REAL, self._seconds)
+
+    def __exit__(self, *_: object) -> None:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+
+
+OWN_FILES = {
+    "rig/user_files.py", "sim/user_files.py",
+    "rig/cli/installation.py", "rig/report/example_page.py", "sim/cheapest_model.py", "sim/compiling.py",
+    "sim/finger/surface.py", "sim/identification/force_table.py", "sim/models/cache.py",
+    "sim/models/small_strain_error.py", "sim/benchmark.py",
+    "rig/data/journal.py",
+}  # fmt: skip
+"""Modules that also read what the package, or the program itself, has written."""
+
+
+def test_files_are_read_in_one_place() -> None:
+    found = set()
+    for path in [path for package in ("rig", "sim") for path in (ROOT / package).rglob("*.py")]:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+                mode = next((one.value for one in node.args[:1] if isinstance(one, ast.Constant)), "r")
+                opens = node.func.attr == "open" and isinstance(node.func.value, ast.Name | ast.Call)
+                if node.func.attr in ("read_text", "read_bytes") or (opens and mode in ("rb", "rb+")):
+                    found.add(str(path.relative_to(ROOT)))
+    assert found <= OWN_FILES
+
+
+def test_both_packages_read_files_alike() -> None:
+    for name in ("open_file", "_refuse_special", "read_bytes", "text_of", "lines_of", "read_text", "sha256_of"):
+        ours, theirs = (getattr(module, name).__code__.co_code for module in (user_files, files_of_sim))
+        assert ours == theirs, name
+
+
+def test_a_file_that_grows_while_it_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "grows"
+    path.write_bytes(b"a" * 5000)
+    real = os.fstat
+    shrunk = lambda number: os.stat_result((*real(number)[:6], 10, *real(number)[7:]))  # noqa: E731
+    monkeypatch.setattr(os, "fstat", shrunk)
+    assert user_files.read_bytes(path, 5000) == b"a" * 5000
+    with pytest.raises(OSError, match="limit"):
+        user_files.read_bytes(path, 4999)
+
+
+# --- bombs ---
+
+Make = Callable[[Path], object]
+OK = "ok"
+
+
+def _sparse(path: Path) -> None:
+    with path.open("wb") as file:
+        file.truncate(10**9)
+
+
+def _repeated(head: bytes, row: bytes, rows: int) -> Make:
+    def make(path: Path) -> None:
+        with path.open("wb") as file:
+            file.write(head)
+            for _ in range(rows // 100_000):
+                file.write(row * 100_000)
+
+    return make
+
+
+def _text(text: str) -> Make:
+    return lambda path: path.write_text(text, encoding="utf-8")
+
+
+def _png(chunks: list[tuple[bytes, bytes]]) -> Make:
+    def make(path: Path) -> None:
+        each = [struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+                for kind, data in chunks]  # fmt: skip
+        path.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(each))
+
+    return make
+
+
+def _npy(shape: str) -> Make:
+    def make(path: Path) -> None:
+        header = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}".ljust(117) + "\n"
+        path.write_bytes(b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header.encode() + b"\0" * 64)
+
+    return make
+
+
+def _npz(path: Path) -> None:
+    with path.open("wb") as file:
+        np.savez_compressed(file, a=np.zeros(10**7))
+
+
+def _nwb(change: Callable[[h5py.File], object]) -> Make:
+    def make(path: Path) -> None:
+        with h5py.File(path, "w", libver="latest") as file:
+            file["units/id"] = [7]
+            file["units/spike_times"] = [0.5, 1.5]
+            file["units/spike_times_index"] = [2]
+            change(file)
+
+    return make
+
+
+def _times(file: h5py.File, **options: Any) -> h5py.Dataset:
+    del file["units/spike_times"]
+    return file["units"].create_dataset("spike_times", **options)
+
+
+def _external(file: h5py.File) -> None:
+    del file["units/spike_times"]
+    os.mkfifo(Path(file.filename).with_name("pipe.nwb"))
+    file["units/spike_times"] = h5py.ExternalLink("pipe.nwb", "/a")
+
+
+def _by_a_soft_link(file: h5py.File) -> None:
+    del file["units/spike_times"]
+    file["far"] = h5py.ExternalLink("/dev/zero", "/")
+    file["units/spike_times"] = h5py.SoftLink("/far/a")
+
+
+def _circle(file: h5py.File) -> None:
+    del file["units"]
+    file["units"] = h5py.SoftLink("/other")
+    file["other"] = h5py.SoftLink("/units")
+
+
+def _virtual(file: h5py.File) -> None:
+    layout = h5py.VirtualLayout(shape=(10**12,), dtype="f8")
+    layout[:] = h5py.VirtualSource("/dev/zero", "a", shape=(10**12,))
+    del file["units/spike_times"]
+    file["units"].create_virtual_dataset("spike_times", layout)
+
+
+def _declared(file: h5py.File) -> None:
+    _times(file, shape=(10**12,), dtype="f8", chunks=(10_000,), compression="gzip")
+    file["units/spike_times_index"][:] = 10**12
+
+
+def _large_chunk(file: h5py.File) -> None:
+    found = _times(file, shape=(4 * 10**8,), dtype="f8", chunks=(4 * 10**8,), compression="gzip")
+    assert found.chunks == (4 * 10**8,)
+
+
+def _huge_attribute(file: h5py.File) -> None:
+    file["units"].attrs["colnames"] = np.zeros(2 * 10**7)
+
+
+def _deep(file: h5py.File) -> None:
+    group = file
+    for _ in range(2000):
+        group = group.create_group("a")
+
+
+def _groups(file: h5py.File) -> None:
+    for number in range(20_000):
+        file["units"].create_group(str(number))
+
+
+def _filter(file: h5py.File) -> None:
+    space, settings = h5py.h5s.create_simple((1000,)), h5py.h5p.create(h5py.h5p.DATASET_CREATE)
+    settings.set_chunk((100,))
+    settings.set_filter(32_999, h5py.h5z.FLAG_OPTIONAL, (1,))
+    del file["units/spike_times"]
+    h5py.h5d.create(file["units"].id, b"spike_times", h5py.h5t.NATIVE_DOUBLE, space, settings)
+
+
+def _long_texts(file: h5py.File) -> None:
+    del file["units/id"]
+    file["units"].create_dataset("id", data=["a" * 10**7] * 3, dtype=h5py.string_dtype())
+
+
+POINTS = 40_000
+NESTED, DIGITS = 100_000, 100_000
+ROWS = 10_000_000
+PIXELS = (b"IHDR", struct.pack(">IIBBBBB", 20, 20, 8, 0, 0, 0, 0))
+
+BOMBS: dict[str, tuple[Make, tuple[str, ...], tuple[str, ...]]] = {
+    "1 GB without a line end": (_sparse, tuple(name for name in READERS if name not in ("SHA-256", "script")), ()),
+    "nested arrays": (_text(f"a = {'[' * NESTED}"), ("configuration", "configuration of a stop", "finger",
+                      "plausible fingers", "study"), ("no_toml",)),
+    "nested tables": (_text(f"a = {'{a=' * NESTED}"), ("configuration", "configuration of a stop", "finger",
+                      "plausible fingers", "study"), ("no_toml",)),
+    "dotted keys": (_text(f"{'a.' * 3000}a = 1"), ("configuration", "finger", "plausible fingers", "study"), ()),
+    "digits": (_text(f"a = {'9' * DIGITS}"), ("configuration", "configuration of a stop", "finger",
+               "plausible fingers", "study"), ("no_toml",)),
+    "an endless key": (_text(f"{'a' * 3_900_000} = 1"), ("configuration", "finger", "study"), ()),
+    "a NUL in a name": (_text('[finger.geometry]\npoints = "a\\u0000b"\n'), ("configuration",), ()),
+    "nested journal": (_text(f"{'[' * NESTED}\n{'[' * NESTED}\n"), ("journal", "journal without readings",
+                       "journal in a list", "journal that grows"), ("bad_journal", "no_document")),
+    "a long line of a journal": (_text('{"doc": "start", "a": [' + "{}," * 2_000_000 + "{}]}\n"),
+                                 ("journal", "journal without readings", "journal in a list", "journal that grows"),
+                                 ("bad_journal", "long_line", "no_document")),
+    "digits in a journal": (_text(f'{{"doc": {"9" * DIGITS}}}\n\n'), ("journal", "journal in a list"),
+                            ("bad_journal", "no_start")),
+    "10⁷ rates": (_repeated(b"position_mm,rate,repeat\n", b"0,2,3\n", ROWS), ("rates",), ("unreadable",)),
+    "10⁷ spikes": (_repeated(b"time_s\n", b"0.25\n", ROWS), ("spikes",), ("unreadable",)),
+    "10⁶ spikes": (_repeated(b"time_s\n", b"0.25\n", ROWS // 10), ("spikes",), (OK,)),
+    "10⁷ deflections": (_repeated(b"z_mm,deflection_mm\n", b"0,2\n", ROWS),
+                        ("deflections", "deflection of skin"), ()),
+    "10⁷ afferents": (_repeated(b"afferent,shape,file\n", b"a,b,c\n", ROWS), ("afferents",), ()),
+    "10⁷ rows": (_repeated(b"x_mm,height_mm\n", b"0,2\n", ROWS), ("profile", "points of skin", "sections",
+                 "readings", "pressures", "points of a map", "table of a map"), ()),
+    "10⁷ points of a map": (_repeated(b"x_mm,z_mm,height_mm\n", b"0,2,3\n", ROWS), ("points of a map",), ()),
+    "10⁶ columns": (_text(",".join(["a"] * 1_000_000) + "\n" + ",".join(["1"] * 1_000_000)),
+                    ("rates", "spikes", "afferents", "deflections", "profile", "points of skin", "readings",
+                     "pressures", "table of a map"), ()),
+    "a row of many heights": (_text(",".join(["1"] * 45_000_000)), ("table of a map", "points of a map"), ()),
+    "a long cell": (_text("position_mm,rate\n" + "1" * 130_000 + "x,1\n"), ("rates",), ("no_number",)),
+    "scattered points": (lambda path: np.savetxt(path, np.random.default_rng(1).random((POINTS, 3)), delimiter=",",
+                         header="x_mm,z_mm,height_mm", comments=""), ("points of a map",), ("bad_shape", "hole")),
+    "a map of 8 TB": (_npy("(1000000, 1000000)"), ("array of a map",), ("no_array",)),
+    "an archive as a map": (_npz, ("array of a map",), ("no_heights",)),
+    "many pixels": (_png([(b"IHDR", struct.pack(">IIBBBBB", 100_000, 100_000, 8, 0, 0, 0, 0)), (b"IEND", b"")]),
+                    ("picture of a map",), ("no_picture",)),
+    "a text that unpacks": (_png([PIXELS, (b"zTXt", b"a\0\0" + zlib.compress(bytes(10**9), 9)), (b"IEND", b"")]),
+                            ("picture of a map",), ("no_picture",)),
+    "pixels that unpack": (_png([PIXELS, (b"IDAT", zlib.compress(bytes(10**9), 9)), (b"IEND", b"")]),
+                           ("picture of a map",), ()),
+    "10¹² values": (_nwb(_declared), ("NWB",), ("too_many_values",)),
+    "a large chunk": (_nwb(_large_chunk), ("NWB",), ("chunk_too_large",)),
+    "another file": (_nwb(_external), ("NWB",), ("elsewhere",)),
+    "a device behind two links": (_nwb(_by_a_soft_link), ("NWB",), ("elsewhere",)),
+    "links in a circle": (_nwb(_circle), ("NWB",), ("link_cycle",)),
+    "a virtual dataset": (_nwb(_virtual), ("NWB",), ("elsewhere",)),
+    "values in another file": (_nwb(lambda file: _times(file, shape=(10**9,), dtype="f8",
+                               external=[("/dev/zero", 0, h5py.h5f.UNLIMITED)])), ("NWB",), ("elsewhere",)),
+    "references": (_nwb(lambda file: _times(file, data=[file["units"].ref] * 2, dtype=h5py.ref_dtype)),
+                   ("NWB",), ("no_numbers",)),
+    "regions": (_nwb(lambda file: _times(file, data=[file["units/id"].regionref[:1]], dtype=h5py.regionref_dtype)),
+                ("NWB",), ("no_numbers",)),
+    "long texts": (_nwb(_long_texts), ("NWB",), ("no_numbers",)),
+    "a compound": (_nwb(lambda file: _times(file, shape=(5,), dtype=[(f"a{n}", "f8") for n in range(500)])),
+                   ("NWB",), ("no_numbers",)),
+    "a table": (_nwb(lambda file: _times(file, shape=(10**6, 10**6), dtype="f8", chunks=(10, 10))),
+                ("NWB",), ("no_list",)),
+    "a huge attribute": (_nwb(_huge_attribute), ("NWB",), (OK,)),
+    "deep groups": (_nwb(_deep), ("NWB",), (OK,)),
+    "many groups": (_nwb(_groups), ("NWB",), (OK,)),
+    "an unknown filter": (_nwb(_filter), ("NWB",), (OK, "no_hdf5")),
+}  # fmt: skip
+
+
+def _in_a_child(call: Callable[[], object]) -> tuple[str, float, float]:
+    """Return the code, the processor seconds, and the peak memory in GB of a call in a process of its own."""
+    read_end, write_end = os.pipe()
+    if (child := os.fork()) == 0:
+        signal.setitimer(signal.ITIMER_REAL, 120)
+        with open("/proc/self/clear_refs", "w", encoding="ascii") as peak:
+            peak.write("5")
+        began_s, found = time.process_time(), OK
+        try:
+            call()
+        except BaseException as error:
+            found = code_of(error) if _line_of(error) is not None else f"unforeseen: {error!r:.500}"
+        status = Path("/proc/self/status").read_text(encoding="ascii")
+        peak_kb = int(status.split("VmHWM:")[1].split()[0])
+        os.write(write_end, pickle.dumps((found, time.process_time() - began_s, peak_kb / 1e6)))
+        os._exit(0)
+    os.close(write_end)
+    with open(read_end, "rb") as file:
+        said = file.read()
+    os.waitpid(child, 0)
+    return pickle.loads(said) if said else ("killed", 60.0, 0.0)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="measures memory by /proc")
+@pytest.mark.parametrize("bomb", BOMBS)
+def test_a_bomb_costs_little(tmp_path: Path, bomb: str) -> None:
+    make, readers, codes = BOMBS[bomb]
+    wrong = []
+    for number, name in enumerate(readers):
+        suffix, read = READERS[name]
+        folder = tmp_path / str(number)
+        folder.mkdir()
+        path = folder / f"hostile{suffix}"
+        make(path)
+        code, seconds, gigabytes = _in_a_child(lambda read=read, path=path: read(path))  # type: ignore[misc]
+        print(f"{bomb:28} {name:26} {code:20} {seconds:6.2f} s {gigabytes:5.2f} GB")
+        late = seconds > SECONDS * SLOWER
+        if late or gigabytes > GIGABYTES or code.startswith("unforeseen") or (codes and code not in codes):
+            wrong.append((name, code, seconds, gigabytes))
+        for one in folder.rglob("*"):
+            if one.is_file():
+                one.unlink()
+    assert not wrong
+
+
+SLOWER = 2.0
+"""Machines that run the tests are slower."""
+
+
+def test_points_in_any_order_make_the_map_of_the_table(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    x, z = 0.1 * np.arange(9), 0.1 * np.arange(7)
+    heights = np.round(0.1 * (x**2 + z[:, None] ** 2), 6)
+    rows = [f"{float(x[i])!r},{float(z[k])!r},{float(heights[k, i])!r}" for k in range(7) for i in range(9)]
+    rng.shuffle(rows)
+    path = tmp_path / "map.csv"
+    path.write_text("x_mm,z_mm,height_mm\n" + "\n".join(rows), encoding="utf-8")
+    found = read_height_map(str(path), [])
+    np.testing.assert_array_equal(found.height_mm, heights)
+    np.testing.assert_array_equal(found.x_mm, x)

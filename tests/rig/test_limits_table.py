@@ -75,8 +75,8 @@ def test_every_key_with_a_bound_is_walked() -> None:
 
 
 def _is_accepted_in_range(key: Key, value: float) -> None:
-    for number in {value, float(round(value))} if math.isfinite(value) else {value}:
-        whole = key.kind == "number" or (math.isfinite(number) and number == int(number))
+    for number in (float(value), round(value)) if math.isfinite(value) else (value,):
+        whole = key.kind == "number" or isinstance(number, int)
         assert key.refuses(number) is not (whole and _within(key, number)), f"{key.name} = {number!r}"
 
 

@@ -37,6 +37,8 @@ class _Named(NamedTuple):
 Recordings = dict[str, dict[str, Recording]]
 """Recordings by afferent and by what they are of."""
 
+_MOST_LISTED = 100
+
 
 def read_afferents(
     path: Path, mirror: Sequence[str], runs: Sequence[Run], stimuli: Sequence[Stimulus], reading: Reading
@@ -62,13 +64,14 @@ def read_afferents(
             found.setdefault(one.afferent, {})[key] = recording
     if wrong:
         wrong.sort(key=lambda row: int(str(row["row"])))
+        more = f"\n… and {len(wrong) - _MOST_LISTED} more" if len(wrong) > _MOST_LISTED else ""
         raise RecordingError(
             "{path}: {bad} recordings cannot be used\n{problems}",
             code="bad_rows",
             path=str(path),
             bad=len(wrong),
             rows=wrong,
-            problems="\n".join(str(row["problem"]) for row in wrong),
+            problems="\n".join(str(row["problem"]) for row in wrong[:_MOST_LISTED]) + more,
         )
     if not found:
         raise no_rows(table, "recordings")
@@ -133,11 +136,11 @@ def _mirrored(found: Mapping[str, Recording], mirror: Sequence[str]) -> dict[str
 
 
 def _in_table(path: Path) -> tuple[list[_Named], Wrong]:
-    lines, comments = table_lines(path)
-    header = lines[0] if lines else []
-    check_header(path, comments + 1, header, REQUIRED, OPTIONAL)
+    lines = table_lines(path)
+    first, header = next(lines)
+    check_header(path, first, header, REQUIRED, OPTIONAL)
     named, wrong = [], []
-    for number, cells in enumerate(lines[1:], comments + 2):
+    for number, cells in lines:
         where = f"{path}, row {number}"
         if not any(cells):
             continue

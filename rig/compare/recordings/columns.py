@@ -3,13 +3,17 @@
 import csv
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from rig.compare.exceptions import RecordingError
+from rig.user_files import lines_of
 from sim.tables import is_number
+
+MOST_TABLE_BYTES = 100_000_000
 
 _LENGTHS = {"nm": 1e-6, "um": 1e-3, "µm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0}
 _TIMES = {"us": 1e-6, "µs": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0}
@@ -161,11 +165,11 @@ def _known(unit: str, units: Mapping[str, float]) -> float | None:
 
 
 _SEPARATORS = (",", ";", "\t")
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d*([eE][+-]?\d+)?")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Row:
     """The cells of a row by column, and where it is; with decimal commas if any number of the table has one."""
 
@@ -213,12 +217,12 @@ def read_table(
     Separators are commas, semicolons or tabs; `others` says that columns besides these are no mistake. Raises
     RecordingError.
     """
-    lines, comments = table_lines(path)
-    header = lines[0] if lines else []
-    wanted = (*required, *optional)
-    check_header(path, comments + 1, header, required, optional, others=others)
+    lines = table_lines(path)
+    first, header = next(lines)
+    wanted = {name: header.index(name) for name in (*required, *optional) if name in header}
+    check_header(path, first, header, required, optional, others=others)
     rows = []
-    for number, cells in enumerate(lines[1:], comments + 2):
+    for number, cells in lines:
         if not any(cells):
             continue
         if len(cells) != len(header):
@@ -230,9 +234,8 @@ def read_table(
                 cells=len(cells),
                 columns=len(header),
             )
-        named = zip(header, cells, strict=True)
-        rows.append((number, {name: cell for name, cell in named if name in wanted}))
-    commas = any(_DECIMAL_COMMA.fullmatch(cell) for _, cells in rows for cell in cells.values())
+        rows.append((number, {name: cells[at] for name, at in wanted.items()}))
+    commas = any("," in cell and _DECIMAL_COMMA.fullmatch(cell) for _, cells in rows for cell in cells.values())
     return [Row(path, number, cells, commas) for number, cells in rows]
 
 
@@ -274,16 +277,24 @@ def no_rows(path: Path, expected: str) -> RecordingError:
 
 def header_of(path: Path) -> list[str]:
     """The names of the columns; none of an empty file. Raises RecordingError."""
-    return (table_lines(path)[0] or [[]])[0]
+    return next(table_lines(path))[1]
 
 
-def table_lines(path: Path) -> tuple[list[list[str]], int]:
-    """Stripped cells, by the separator that makes the most columns of the header; number of comments above it."""
+def table_lines(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Yield the number and the stripped cells of the header, none of an empty file, then of each row.
+
+    The separator is the one that makes the most columns of the header; comments above it are skipped. Raises
+    RecordingError.
+    """
     try:
-        text = path.read_text(encoding="utf-8-sig").splitlines()
-        comments = next((n for n, line in enumerate(text) if not line.startswith("#")), len(text))
-        text = text[comments:]
-        split = [list(csv.reader(text, delimiter=sign)) for sign in _SEPARATORS]
+        lines = lines_of(path, most=MOST_TABLE_BYTES)
+        above = 1
+        header = next(lines, "")
+        while header.startswith("#"):
+            above, header = above + 1, next(lines, "")
+        sign = max(_SEPARATORS, key=lambda sign: len(next(csv.reader([header], delimiter=sign), [])))
+        for number, cells in enumerate(csv.reader(chain([header], lines), delimiter=sign), above):
+            yield number, [cell.strip() for cell in cells]
     except OSError as error:
         reason = error.strerror or str(error)
         raise RecordingError("{path}: {reason}", code="unreadable", path=str(path), reason=reason) from None
@@ -291,5 +302,3 @@ def table_lines(path: Path) -> tuple[list[list[str]], int]:
         raise RecordingError(
             "{path}: not a CSV file in UTF-8: {reason}", code="no_csv", path=str(path), reason=str(error)
         ) from None
-    lines = max(split, key=lambda rows: len(rows[0]) if rows else 0)
-    return [[cell.strip() for cell in cells] for cells in lines], comments

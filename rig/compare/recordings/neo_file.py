@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import ColumnMap
 from rig.compare.recordings.recording import finite_times
+from rig.user_files import open_file
 
 Array = NDArray[np.float64]
 
@@ -110,10 +111,14 @@ def _segments(path: Path) -> list[_Channels]:
     """Return all segments, those of every block in order."""
     found = neo_format(path)
     assert found is not None
-    if not path.exists():
+    try:
+        for one in (one for one in path.rglob("*") if not one.is_dir()) if path.is_dir() else (path,):
+            open_file(one).close()  # for its checks
+    except OSError as error:
+        reason = error.strerror or str(error)
         raise RecordingError(
-            "{path}: {reason}", code="unreadable", path=str(path), reason="No such file or directory"
-        )
+            "{path}: {reason}", code="unreadable", path=str(error.filename or path), reason=reason
+        ) from None
     with warnings.catch_warnings(), redirect_stderr(StringIO()):  # the reader of Plexon files draws progress bars
         warnings.simplefilter("ignore")  # neo warns of its own future and of channels that are not used here
         neo_io = _neo(path, found)

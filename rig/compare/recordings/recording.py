@@ -59,9 +59,12 @@ class Recording:
 
 def recording(name: str, rows: list[tuple[float, float, float]], window_s: float | None = None) -> Recording:
     """A recording from (position_mm, rate, sd or NaN) of every repeat, in any order; the window of counts."""
-    places = sorted({position for position, _, _ in rows})
-    repeats = tuple(np.array([rate for position, rate, _ in rows if position == place]) for place in places)
-    given = [next(sd for position, _, sd in rows if position == place) for place in places]
+    at: dict[float, list[tuple[float, float]]] = {}
+    for position, rate, one_sd in rows:
+        at.setdefault(position, []).append((rate, one_sd))
+    places = sorted(at)
+    repeats = tuple(np.array([rate for rate, _ in at[place]]) for place in places)
+    given = [at[place][0][1] for place in places]
     sd = [np.std(r, ddof=1) if len(r) > 1 else g for r, g in zip(repeats, given, strict=True)]
     return Recording(name, np.array(places), repeats, np.array(sd), window_s=window_s)
 

@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import ColumnMap, read_table
+from rig.compare.recordings.hdf5 import numbers_in, values_of
 from rig.compare.recordings.neo_file import neo_format, read_neo
 from rig.compare.recordings.recording import Recording, condition_of, finite_times, recording, shape_key
 from rig.compare.stimuli import Stimulus
 from rig.data import Run
 from rig.data.folder import replace_text
+from rig.user_files import open_file
 from sim.contact.shapes import shape_name
 from sim.measures.measures import MEASURES
 
@@ -28,6 +30,7 @@ from sim.measures.measures import MEASURES
 Array = NDArray[np.float64]
 
 _TIMES = "spike_times"
+_MOST_UNITS, _MOST_LISTED = 100_000, 50
 
 
 def read_nwb(path: Path, unit: str, columns: ColumnMap) -> tuple[Array, Array]:
@@ -35,9 +38,11 @@ def read_nwb(path: Path, unit: str, columns: ColumnMap) -> tuple[Array, Array]:
 
     Another column of times, its unit, and the pulses' name are the columns' time and sync.
     """
-    if not path.is_file():
-        reason = "Is a directory" if path.is_dir() else "No such file or directory"
-        raise RecordingError("{path}: {reason}", code="unreadable", path=str(path), reason=reason)
+    try:
+        open_file(path).close()  # for its checks
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise RecordingError("{path}: {reason}", code="unreadable", path=str(path), reason=reason) from None
     factor = columns["time"].factor
     with _damage_in_one_line(path), h5py.File(path) as file:
         spikes, pulses = _spikes(file, path, unit, columns), _pulses(file, path, columns)
@@ -60,20 +65,11 @@ def _damage_in_one_line(path: Path) -> Iterator[None]:
         ) from None
 
 
-def _dataset(file: h5py.File, path: Path, name: str) -> NDArray[np.generic]:
-    """Return the values of a list of numbers or texts. Raises RecordingError."""
-    found = file[name]
-    if not isinstance(found, h5py.Dataset) or found.ndim != 1:
-        raise RecordingError(
-            "{path}, {dataset}: must be a list of values", code="no_list", path=str(path), dataset=name
-        )
-    return np.asarray(found[:])
-
-
 def _spikes(file: h5py.File, path: Path, unit: str, columns: ColumnMap) -> Array:
     name = columns["time"].name if "time" in columns.given else _TIMES
     wanted = (name, f"{name}_index", "id")
-    if any(f"units/{column}" not in file for column in wanted):
+    found = [numbers_in(file, path, f"units/{column}") for column in wanted]
+    if any(one is None for one in found):
         raise RecordingError(
             "{path}: no spike times; the file must have a table units with a column {column} (and "
             "{column}_index and id)",
@@ -81,8 +77,17 @@ def _spikes(file: h5py.File, path: Path, unit: str, columns: ColumnMap) -> Array
             path=str(path),
             column=name,
         )
-    times, ends, numbers = (_dataset(file, path, f"units/{column}") for column in wanted)
-    ids = [str(number) for number in numbers]
+    times, ends, numbers = (one for one in found if one is not None)
+    ids = [str(number) for number in values_of(numbers, path, most=_MOST_UNITS)]
+    if len(ends) != len(ids):
+        raise RecordingError(
+            "{path}: units/{column}_index has {ends} values, but units/id has {units}",
+            code="not_one_end_a_unit",
+            path=str(path),
+            column=name,
+            ends=len(ends),
+            units=len(ids),
+        )
     if unit not in ids and not (unit == "" and len(ids) == 1):
         known = "there is no unit {unit}" if unit else "{units} units"
         raise RecordingError(
@@ -92,10 +97,11 @@ def _spikes(file: h5py.File, path: Path, unit: str, columns: ColumnMap) -> Array
             file=path.name,
             unit=unit,
             units=len(ids),
-            ids=", ".join(ids),
+            ids=", ".join(ids[:_MOST_LISTED]) + ", …" * (len(ids) > _MOST_LISTED),
         )
     row = ids.index(unit) if unit else 0
-    if len(ends) != len(ids) or ends.dtype.kind not in "iu" or (np.diff([0, *ends.tolist(), len(times)]) < 0).any():
+    last = _numbers(values_of(ends, path), path, f"units/{name}_index")
+    if ends.dtype.kind not in "iu" or (np.diff([0, *last.tolist(), len(times)]) < 0).any():
         raise RecordingError(
             "{path}, units/{column}_index: must rise to {times}, one for each of {units} units",
             code="wrong_index",
@@ -104,14 +110,15 @@ def _spikes(file: h5py.File, path: Path, unit: str, columns: ColumnMap) -> Array
             times=len(times),
             units=len(ids),
         )
-    begin, end = [0, *ends.tolist()][row : row + 2]
-    return _numbers(times[begin:end], path, f"unit {ids[row]}, column {name}")
+    begin, end = (int(place) for place in [0, *last.tolist()][row : row + 2])
+    return _numbers(values_of(times, path, begin, end), path, f"unit {ids[row]}, column {name}")
 
 
 def _pulses(file: h5py.File, path: Path, columns: ColumnMap) -> Array:
     name = columns["sync"].name
     places = (f"intervals/{name}/start_time", f"acquisition/{name}/timestamps")
-    found = next((place for place in places if place in file), None)
+    each = {place: numbers_in(file, path, place) for place in places}
+    found = next(((place, pulses) for place, pulses in each.items() if pulses is not None), None)
     if found is None and "sync" in columns.given:
         raise RecordingError(
             "{path}: there are no sync pulses {name}; use {places}",
@@ -120,7 +127,7 @@ def _pulses(file: h5py.File, path: Path, columns: ColumnMap) -> Array:
             name=name,
             places=" or ".join(places),
         )
-    return np.empty(0) if found is None else _numbers(_dataset(file, path, found), path, found)
+    return np.empty(0) if found is None else _numbers(values_of(found[1], path), path, found[0])
 
 
 def _numbers(values: NDArray[np.generic], path: Path, dataset: str) -> Array:
