@@ -6,7 +6,7 @@ BY_FILE := --dist loadfile --no-loadscope-reorder
 WORKERS ?= -n auto --maxprocesses 4 $(BY_FILE)
 REAL_TIME_WORKERS ?= 6
 
-.PHONY: setup demo study study-bench study-coding studies docs test test-studies panel-test shake check bench mutants release-check clean
+.PHONY: setup demo study study-bench study-coding studies docs test test-portable test-studies panel-test shake check check-platforms bench mutants release-check clean
 
 setup: .venv/.ready
 
@@ -44,6 +44,15 @@ check: .venv/.ready-dev
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
+# Types alone, as on the systems that this machine is not.
+check-platforms: .venv/.ready-dev
+	$(BIN)/mypy --platform win32
+	$(BIN)/mypy --platform darwin
+
+# Tests with POSIX-only modules and attributes hidden from the product (tests/portable/sitecustomize.py).
+test-portable: .venv/.ready-dev
+	PYTHONPATH=tests/portable $(BIN)/pytest -n 0 tests/portable
+
 # What waits for the real world runs alone at the end, in more workers than there are cores. Both parts always run.
 test: check
 	$(BIN)/pytest -m "not study and not real_time" $(WORKERS) --durations=20; \
@@ -69,7 +78,7 @@ shake: .venv/.ready-dev
 bench: .venv/.ready-dev
 	$(BIN)/python -m studies run --set bench
 
-test test-studies shake mutants: export OMP_NUM_THREADS = 1  # of each worker
+test test-portable test-studies shake mutants: export OMP_NUM_THREADS = 1  # of each worker
 # Where nothing compiled is written, every worker and every program that a test starts compiles all it imports.
 test test-studies shake: export PYTHONDONTWRITEBYTECODE =
 mutants: .venv/.ready-dev

@@ -1,6 +1,7 @@
 """`rig serve`: virtual devices in real time, and the parameters of a random finger."""
 
 import signal
+import sys
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -49,14 +50,15 @@ def serve_command(
         ),
     ] = None,
     pty: Annotated[
-        bool, typer.Option("--pty", help="Serve on pseudo-terminals (the default).", rich_help_panel=_DEVICES)
+        bool,
+        typer.Option("--pty", help="Serve on pseudo-terminals; not on Windows.", rich_help_panel=_DEVICES),
     ] = False,
     tcp: Annotated[
         int | None,
         typer.Option(
             metavar="PORT",
             help="TCP port of the stage, 0 to 65534; the force sensor has the next. 0 selects free ports. "
-            "Default: pseudo-terminals.",
+            "Default: pseudo-terminals; free TCP ports on Windows.",
             rich_help_panel=_DEVICES,
         ),
     ] = None,
@@ -113,6 +115,11 @@ def serve_command(
             raise BadInputError(
                 "--pty and --tcp cannot be combined; give one of them", code="not_together", options="--pty --tcp"
             )
+        if pty and sys.platform == "win32":
+            raise BadInputError(
+                "{option}: Windows has no pseudo-terminals; use --tcp PORT, or neither for free TCP ports",
+                code="no_terminals", option="--pty",
+            )  # fmt: skip
         if tcp is not None and not 0 <= tcp <= 65534:
             raise BadInputError(
                 "{option} {value}: must be {low} to {high}",

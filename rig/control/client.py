@@ -3,6 +3,7 @@
 import errno
 import os
 import stat
+import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,7 +16,8 @@ import filelock
 from platformdirs import user_runtime_path
 from pydantic import BaseModel, ValidationError
 
-from rig.control.messages import BROKEN, Wire, connected, encoded
+from rig.control.local_socket import connected
+from rig.control.messages import BROKEN, Wire, encoded
 from rig.errors import RigError
 
 ASK_S = 1.0
@@ -169,7 +171,7 @@ def _removed_where_left(note: Path) -> bool:
 
 def _private(folder: Path) -> Path:
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    if os.name == "posix":
+    if sys.platform != "win32":  # There the profile of the user is private.
         found = folder.lstat()
         if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid():
             raise PermissionError(errno.EPERM, "expected a folder of this user's own", str(folder))
