@@ -2,6 +2,7 @@
 
 import signal
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -140,12 +141,19 @@ def serve_command(
             for number in (signal.SIGINT, signal.SIGTERM):
                 signal.signal(number, lambda *_: bench.stop())
             print_json(bench.ports)
+            if sys.stderr.isatty():
+                err.print("\n".join(["in rig.toml:", *_tables(bench.ports)]))
             with resting():
                 bench.run()
             if bench.statistics is not None:
                 err.print(_statistics_line(bench.statistics))
             if bench.press is not None and bench.press.ended:
                 raise typer.Exit(ExitCode.STOPPED)
+
+
+def _tables(ports: Mapping[str, str]) -> list[str]:
+    """Return the lines of a configuration file that names these ports."""
+    return [line for name, port in ports.items() for line in (f"[{name}]", f'port = "{port}"')]
 
 
 def _kind(room: Room, name: str | None, otherwise: str | None) -> str | None:
