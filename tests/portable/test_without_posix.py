@@ -128,7 +128,7 @@ def test_check_dry_run_show_and_compare(rig: Rig, tmp_path: Path) -> None:
     assert rig("show", run).stdout
     recorded = ROOT / "examples" / "tutorial" / "synthetic_afferent.csv"
     verdict = rig("compare", run, "--recorded", f"step:1={recorded}", "--out", "compared.html", "--json")
-    assert json.loads(verdict.stdout)["measure"]
+    assert json.loads(verdict.stdout)["rows"]
     assert (tmp_path / "compared.html").stat().st_size > 10_000
 
 
@@ -149,7 +149,7 @@ def read_ports(config: Path) -> tuple[str, str]:
 def test_a_run_is_owned_asked_and_ended(rig: Rig, bench: Path, tmp_path: Path) -> None:
     rig("run", _script(tmp_path, 0.1), "--yes", "--config", bench, "--out", "runs", typed="\n" * 9)
     (folder,) = (path for path in (tmp_path / "runs").iterdir() if not path.name.startswith("."))
-    assert read_run(folder).stream("run_end")[-1]["status"] == "complete"
+    assert read_run(folder).complete
 
 
 def test_a_stop_from_another_process_ends_a_run_in_a_hold(
@@ -167,8 +167,7 @@ def test_a_stop_from_another_process_ends_a_run_in_a_hold(
 
     until(holds)
     found = json.loads(rig("stop", "--config", bench, "--json").stdout)
-    assert found["told"] == [running.pid]
-    assert found["confirmed_by"] == running.pid
+    assert found["owner"] == running.pid, "Windows does not name the owner of a port, its note does"
     running.communicate(timeout=DEADLINE_S)
     assert running.returncode == 130
 
