@@ -49,9 +49,9 @@ check-platforms: .venv/.ready-dev
 	$(BIN)/mypy --platform win32
 	$(BIN)/mypy --platform darwin
 
-# Tests with POSIX-only modules and attributes hidden from the product (tests/portable/sitecustomize.py).
+# POSIX-only modules and attributes are hidden from the product (tests/portable); a few tests cannot (cannot.py there).
 test-portable: .venv/.ready-dev
-	PYTHONPATH=tests/portable $(BIN)/pytest -n 0 tests/portable
+	PYTHONPATH=tests/portable $(BIN)/pytest -m "not study" $(WORKERS)
 
 # What waits for the real world runs alone at the end, in more workers than there are cores. Both parts always run.
 test: check

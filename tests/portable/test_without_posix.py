@@ -276,6 +276,28 @@ print(heard)
     assert (ended.returncode, ended.stdout) == (0, "b'dq'\n"), ended.stderr
 
 
+def test_a_port_has_one_owner_until_its_process_is_killed(environment: dict[str, str]) -> None:
+    code = """
+from rig.transport.ownership import NotOwnedError, PortOwnership
+try:
+    own = PortOwnership("tcp://127.0.0.1:9")
+    print("owned", flush=True)
+    input()
+except NotOwnedError as error:
+    print(error.code)
+"""
+    words = [sys.executable, "-c", code]
+    ask = partial(subprocess.run, words, env=environment, input="\n", capture_output=True, text=True, check=True)
+    with subprocess.Popen(words, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as owner:
+        try:
+            assert owner.stdout is not None
+            assert owner.stdout.readline() == "owned\n"
+            assert ask().stdout == "in_use\n"
+        finally:
+            owner.kill()
+    assert ask().stdout == "owned\n"
+
+
 @pytest.mark.parametrize("words", [("serve", "--pty")])
 def test_what_the_system_lacks_is_refused(rig: Rig, words: tuple[str, ...]) -> None:
     refused = json.loads(rig(*words, "--json", code=2).stdout)
