@@ -6,7 +6,7 @@ import stat
 import sys
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from multiprocessing import AuthenticationError
 from pathlib import Path
@@ -156,8 +156,10 @@ def lock_of(note: Path) -> filelock.FileLock:
 
 def remove(note: Path) -> None:
     """Remove a note, its socket and its lock, which the caller holds."""
-    for suffix in (".json", ".new", ".sock", ".lock"):
+    for suffix in (".json", ".new", ".sock"):
         note.with_suffix(suffix).unlink(missing_ok=True)
+    with suppress(PermissionError):  # Windows removes the file when the lock is released.
+        note.with_suffix(".lock").unlink(missing_ok=True)
 
 
 def _removed_where_left(note: Path) -> bool:

@@ -14,6 +14,7 @@ from typing import Any
 from rig.control.client import STOP, Announced, Announcement, RefusedError, lock_of, remove, runtime_folder
 from rig.control.local_socket import Channel, connected, listening
 from rig.control.messages import BROKEN, Wire, encoded, sender_of
+from rig.data.folder import put_in_place
 from rig.errors import RigError
 
 Answers = Mapping[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]
@@ -82,7 +83,7 @@ class ControlSocket:
         new = self._note.with_suffix(".new")
         with open(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w", encoding="utf-8") as file:
             file.write(announced.model_dump_json())
-        new.replace(self._note)
+        put_in_place(new, self._note)
 
     def _wait_for_one_more(self) -> None:
         threading.Thread(target=self._serve_some, name="control", daemon=True).start()

@@ -16,6 +16,7 @@ from platformdirs import user_state_path
 from pydantic import BaseModel, ValidationError
 
 from rig.clock import WallClock
+from rig.data.folder import put_in_place
 from rig.devices.base import StageStatus
 from rig.devices.registry import stage_ports
 from rig.engine.contact import KnownContact
@@ -106,7 +107,7 @@ class BenchMemory:
             self._path.parent.mkdir(parents=True, exist_ok=True)
             temporary = self._path.with_suffix(f".{os.getpid()}")
             temporary.write_text(known.model_dump_json(), encoding="utf-8")
-            temporary.replace(self._path)
+            put_in_place(temporary, self._path)
 
 
 def state_folder() -> Path:

@@ -13,7 +13,6 @@ import re
 import select
 import socket
 import sys
-import tempfile
 import types
 from typing import Any
 
@@ -81,6 +80,6 @@ def _hiding_import(name: str, *where: Any, **more: Any) -> Any:
 
 
 builtins.__import__ = _hiding_import
-_folder = os.path.join(tempfile.gettempdir(), f"rig-portable-{os.getuid()}")
-os.makedirs(_folder, exist_ok=True)
-os.environ.setdefault("PROGRAMDATA", _folder)
+if "PROGRAMDATA" not in os.environ:
+    os.environ["PROGRAMDATA"] = f"/tmp/rig-portable-{os.getuid()}"
+    os.makedirs(os.environ["PROGRAMDATA"], exist_ok=True)

@@ -298,6 +298,30 @@ except NotOwnedError as error:
     assert ask().stdout == "owned\n"
 
 
+@pytest.mark.parametrize("most", [3, 10**9])
+def test_a_file_that_is_read_is_replaced_afterwards(environment: dict[str, str], tmp_path: Path, most: int) -> None:
+    code = """
+import sys
+from pathlib import Path
+import rig.data.folder as folder
+replace, refused = Path.replace, []
+def busy(path, to):
+    refused.append(path)
+    if len(refused) > int(sys.argv[2]):
+        return replace(path, to)
+    raise PermissionError(13, "used by another process", str(to))
+Path.replace, folder._READ_S = busy, 0.1
+try:
+    folder.replace_text(Path(sys.argv[1]), "new")
+    print(Path(sys.argv[1]).read_text(), len(refused))
+except folder.UnwritableError:
+    print("refused", len(list(Path(sys.argv[1]).parent.glob("*.part"))))
+"""
+    words = [sys.executable, "-c", code, str(tmp_path / "mine"), str(most)]
+    ended = subprocess.run(words, env=environment, capture_output=True, text=True, check=True)
+    assert ended.stdout == ("new 4\n" if most == 3 else "refused 0\n")
+
+
 @pytest.mark.parametrize("words", [("serve", "--pty")])
 def test_what_the_system_lacks_is_refused(rig: Rig, words: tuple[str, ...]) -> None:
     refused = json.loads(rig(*words, "--json", code=2).stdout)
