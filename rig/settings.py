@@ -57,7 +57,8 @@ def as_tuples(value: Any) -> Any:
 def _addressed(port: str) -> str:
     if not port.strip() or (port.startswith("tcp://") and not re.fullmatch(r"tcp://[^/]+:\d{1,5}", port)):
         raise RuleError(
-            "not a port; use tcp://HOST:PORT or the name of a serial port, such as /dev/ttyUSB0", code="no_port_name"
+            "not a port; use tcp://HOST:PORT or the name of a serial port, such as /dev/ttyUSB0 or COM3",
+            code="no_port_name",
         )
     return port
 
@@ -450,7 +451,9 @@ class StageSettings(DeviceSettings):
 
     room: ClassVar[Literal["stage", "force"]] = "stage"
     kind: str = Field("grbl", description="type of the stage")
-    port: Port = Field("/dev/ttyUSB0", description="port of the stage: a serial port or tcp://HOST:PORT")
+    port: Port = Field(
+        "/dev/ttyUSB0", description="port of the stage: a serial port (/dev/ttyUSB0, COM3) or tcp://HOST:PORT"
+    )
     baud: int = Field(115200, ge=300, le=1_000_000, description="baud rate of a serial port, in bit/s")
     character: Character = Field(
         EIGHT_N_ONE, description="data bits, parity and stop bits of a serial port, e.g. 8N1"
@@ -493,7 +496,9 @@ class ForceSettings(DeviceSettings):
 
     room: ClassVar[Literal["stage", "force"]] = "force"
     kind: str = Field("mtsics", description="type of the force sensor")
-    port: Port = Field("/dev/ttyUSB1", description="port of the force sensor: a serial port or tcp://HOST:PORT")
+    port: Port = Field(
+        "/dev/ttyUSB1", description="port of the force sensor: a serial port (/dev/ttyUSB1, COM4) or tcp://HOST:PORT"
+    )
     baud: int = Field(9600, ge=300, le=1_000_000, description="baud rate of a serial port, in bit/s")
     character: Character = Field(
         EIGHT_N_ONE, description="data bits, parity and stop bits of a serial port, e.g. 8N1"

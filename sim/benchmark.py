@@ -1,8 +1,8 @@
 """Results and costs of candidate models in benchmark scenes."""
 
 import json
+import os
 import re
-import resource
 import shutil
 import subprocess
 import sys
@@ -249,9 +249,36 @@ def peak_memory_mb() -> float:
     """Return this process's peak memory; on Linux from the kernel, since getrusage starts with the parent's peak."""
     status = Path("/proc/self/status")
     if status.exists():
-        lines = dict(line.split(":", 1) for line in status.read_text().splitlines())
+        lines = dict(line.split(":", 1) for line in status.read_text(encoding="ascii").splitlines())
         return float(lines["VmHWM"].split()[0]) / 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1024**2 if sys.platform == "darwin" else 1024)
+    return _peak_bytes() / 1024**2
+
+
+if sys.platform == "win32":
+    import ctypes
+    from ctypes import wintypes
+
+    class _MemoryCounters(ctypes.Structure):
+        """PROCESS_MEMORY_COUNTERS of psapi.h."""
+
+        _fields_ = (
+            *((name, wintypes.DWORD) for name in ("cb", "page_faults")),
+            *((f"size_{n}", ctypes.c_size_t) for n in range(8)),  # the first is PeakWorkingSetSize
+        )
+
+    def _peak_bytes() -> int:
+        kernel, counters = ctypes.WinDLL("kernel32"), _MemoryCounters()
+        kernel.GetCurrentProcess.restype = wintypes.HANDLE
+        kernel.K32GetProcessMemoryInfo.argtypes = (wintypes.HANDLE, ctypes.c_void_p, wintypes.DWORD)
+        kernel.K32GetProcessMemoryInfo(kernel.GetCurrentProcess(), ctypes.byref(counters), ctypes.sizeof(counters))
+        return int(counters.size_0)
+
+else:
+    import resource
+
+    def _peak_bytes() -> int:
+        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+        return peak if sys.platform == "darwin" else 1024 * peak
 
 
 def sparse_factor_s(candidate: Candidate) -> float:
@@ -437,8 +464,8 @@ class CalculixComparison:
 
 
 def available() -> bool:
-    """Return whether CalculiX is installed."""
-    return shutil.which("ccx") is not None
+    """Return whether CalculiX is installed, on a system that reports the CPU time of other processes."""
+    return sys.platform != "win32" and shutil.which("ccx") is not None
 
 
 def compare(config: FingertipConfig = CONFIG, shape: str = SHAPE, doi_mm: float = DOI_MM) -> CalculixComparison:
@@ -462,13 +489,14 @@ def compare(config: FingertipConfig = CONFIG, shape: str = SHAPE, doi_mm: float 
 
 
 def _job(deck: Path) -> tuple[float, float]:
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    before = os.times()
     command = ["ccx", "-i", deck.stem]
     subprocess.run(command, cwd=deck.parent, capture_output=True, timeout=_LONGEST_S, check=True)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    after = os.times()
     printed = deck.with_suffix(".dat").read_text()
     total = re.findall(r"total force.*?\n\s*\n\s*(\S+)\s+(\S+)\s+(\S+)", printed)[-1]
-    return -float(total[1]), after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    cpu_s = after.children_user + after.children_system - before.children_user - before.children_system
+    return -float(total[1]), cpu_s
 
 
 # --- reference computation ---

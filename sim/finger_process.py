@@ -5,6 +5,7 @@ import logging
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable
 from multiprocessing.connection import Connection
@@ -145,7 +146,7 @@ def _serve(far: "Connection[Any, Any]", config: FingertipConfig) -> None:
 def _ignore_terminal() -> None:
     """Ignore terminal signals, including those that arrived during the start."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    if hasattr(signal, "pthread_sigmask"):  # all but Windows
+    if sys.platform != "win32":
         for name in TO_THE_GROUP:
             signal.signal(signal.Signals[name], signal.SIG_IGN)
         signal.pthread_sigmask(signal.SIG_SETMASK, ())

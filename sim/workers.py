@@ -80,7 +80,7 @@ def _pool(processes: int) -> Iterator[ProcessPoolExecutor]:
         except BaseException:
             for process in set(multiprocessing.active_children()) - before:
                 process.terminate()
-                if process.pid is not None and hasattr(signal, "SIGCONT"):
+                if sys.platform != "win32" and process.pid is not None:
                     with suppress(ProcessLookupError):
                         os.kill(process.pid, signal.SIGCONT)  # a process suspended by Ctrl-Z would never end
             raise
@@ -102,15 +102,15 @@ def leaving_signals_to_us() -> Iterator[None]:
 
 @contextmanager
 def _blocked(*names: str) -> Iterator[None]:
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
+    if sys.platform == "win32":
         yield
-        return
-    numbers = {signal.Signals[name] for name in names}
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)  # the mask is inherited
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    else:
+        numbers = {signal.Signals[name] for name in names}
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)  # the mask is inherited
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 _SESSION = Path("/proc/self/autogroup")
@@ -123,9 +123,8 @@ def give_way(to: int) -> None:
     Where Linux shares processors between sessions, niceness counts within a session alone, and a session has its own.
     Source: sched(7), The autogroup feature.
     """
-    if hasattr(os, "setsid"):
+    if sys.platform != "win32":
         os.setsid()
-    if hasattr(os, "nice"):
         to = os.nice(to)
     for _ in range(_TRIES):
         try:

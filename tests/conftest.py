@@ -10,6 +10,7 @@ import os
 import pkgutil
 import re
 import signal
+import sys
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from copy import copy
@@ -45,12 +46,14 @@ from sim.models import fingertip
 from sim.models.fingertip import Fingertip
 from sim.workers import in_processes
 from tests import preloaded
+from tests.portable.cannot import CANNOT
 
 TESTS = Path(__file__).parent
 
 # Processes, threads, ports and clocks of the real world: what `make shake` repeats beside a busy machine.
 REAL_TIME = (
     "panel/",
+    "portable/",
     "rig/real_time/",
     "rig/test_identification_mistakes.py",
     "rig/compare/test_parameter_study.py::test_processes_give_what_one_gives",
@@ -277,6 +280,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         for marker, places in (("real_time", REAL_TIME), ("study", STUDIES)):
             if item.nodeid.removeprefix("tests/").startswith(places):
                 item.add_marker(marker)
+        if hasattr(sys.modules.get("sitecustomize"), "HIDDEN"):  # tests/portable
+            for place, reason in CANNOT.items():
+                if item.nodeid.removeprefix("tests/").startswith(place):
+                    item.add_marker(pytest.mark.skip(reason=reason))
 
 
 @pytest.hookimpl(tryfirst=True)

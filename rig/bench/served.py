@@ -1,5 +1,6 @@
 """Virtual bench in real time, behind ports that any program can open."""
 
+import sys
 from collections.abc import Callable
 from contextlib import ExitStack
 from typing import TypeVar
@@ -44,10 +45,13 @@ class ServedBench:
         tcp: int | None = None,
         complain: Callable[[str], object] = print,
     ) -> None:
-        """stage, force: types of the devices, None for none. tcp: number of the first port; None: pseudo-terminals.
+        """stage, force: types of the devices, None for none. tcp: number of the first port; None: pseudo-terminals,
+        or free TCP ports on Windows.
 
         Returns when all devices respond. Raises BadInputError.
         """
+        if tcp is None and sys.platform == "win32":  # without pseudo-terminals
+            tcp = 0
         config = with_framing(with_kinds(config, stage, force), "rtu" if tcp is None else "tcp")
         self.scheduler = WallScheduler()
         self.ports: dict[str, str] = {}

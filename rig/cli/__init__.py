@@ -1,5 +1,6 @@
 """The command line: `rig COMMAND`. Exit codes: 0 done, 1 stopped by a limit or trip, 2 bad input, 130 aborted."""
 
+import io
 import json
 import sys
 from typing import NoReturn
@@ -10,6 +11,8 @@ _NOT_WRITTEN = 2
 
 def main() -> None:
     """Run the `rig` program; Ctrl-C may arrive while the rest of it is being imported."""
+    if isinstance(sys.stdout, io.TextIOWrapper):  # The encoding of a pipe may lack signs, as on Windows.
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         from rig.cli.program import run
 

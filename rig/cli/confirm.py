@@ -1,12 +1,12 @@
 """The confirmation page of `rig run` and `rig resume`, and the answer to it."""
 
 import sys
-from array import array
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
 from rig.bench.checks import refuse_bench, refuse_expired
+from rig.cli.keyboard import text_waits
 from rig.cli.output import NotConfirmedError, busy, err
 from rig.cli.signals import typed_line
 from rig.clock import WallClock
@@ -172,16 +172,11 @@ def _text_waits() -> bool:
     if sys.stdin is None:
         return False
     try:
-        import fcntl
-        import termios
-
-        waiting = array("i", [0])
-        fcntl.ioctl(sys.stdin.fileno(), termios.FIONREAD, waiting)
-    except (ImportError, ValueError):  # not available on this system, or not a file
+        return text_waits(sys.stdin.fileno())
+    except ValueError:  # not a file
         return True
     except OSError:  # a device that never has text
         return False
-    return waiting[0] > 0
 
 
 def _is_interactive() -> bool:

@@ -1,16 +1,13 @@
 """`rig jog`: move an axis while a key is held, or by a distance."""
 
-import os
-import select
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Annotated, get_args
 
 import typer
 
 from rig.bench.checks import contact, position
 from rig.cli.bench import by_hand, live_line, print_entries
+from rig.cli.keyboard import single_keys
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import ExitCode, complain, err, one_line_errors, resting
 from rig.clock import Clock
@@ -111,7 +108,7 @@ def way(axis: str, by_mm: float) -> tuple[Direction, float]:
 def _jog_by_keys(hand: ByHand, clock: Clock, speed_mm_s: float) -> Moved:
     """Jog until q; after a motion ends by itself, its key must be pressed again."""
     err.print("hold d/a to move x +/−, e/c for y +/−, w/s for z +/−; press q to quit")
-    with _single_keys() as read_keys:
+    with single_keys() as read_keys:
         held = HeldKey(clock, read_keys)
         while not held.finished:
             if held() is None:
@@ -144,29 +141,3 @@ class HeldKey:
         elif typed:
             self._held.say(KEYS.get(typed[-1]))
         return None if self.finished else self._held()
-
-
-@contextmanager
-def _single_keys() -> Iterator[Callable[[], bytes | None]]:
-    """Yield a function that reads keys from standard input without waiting for the end of a line."""
-    file = sys.stdin.fileno()
-
-    def read() -> bytes | None:
-        ready, _, _ = select.select([file], [], [], 0.0)
-        try:
-            return (os.read(file, 256) or None) if ready else b""
-        except OSError:  # the terminal now belongs to another program
-            return None
-
-    if not os.isatty(file):
-        yield read
-        return
-    import termios  # POSIX only
-    import tty
-
-    before = termios.tcgetattr(file)
-    tty.setcbreak(file)
-    try:
-        yield read
-    finally:
-        termios.tcsetattr(file, termios.TCSADRAIN, before)

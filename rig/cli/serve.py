@@ -1,6 +1,8 @@
 """`rig serve`: virtual devices in real time, and the parameters of a random finger."""
 
 import signal
+import sys
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -49,14 +51,15 @@ def serve_command(
         ),
     ] = None,
     pty: Annotated[
-        bool, typer.Option("--pty", help="Serve on pseudo-terminals (the default).", rich_help_panel=_DEVICES)
+        bool,
+        typer.Option("--pty", help="Serve on pseudo-terminals; not on Windows.", rich_help_panel=_DEVICES),
     ] = False,
     tcp: Annotated[
         int | None,
         typer.Option(
             metavar="PORT",
             help="TCP port of the stage, 0 to 65534; the force sensor has the next. 0 selects free ports. "
-            "Default: pseudo-terminals.",
+            "Default: pseudo-terminals; free TCP ports on Windows.",
             rich_help_panel=_DEVICES,
         ),
     ] = None,
@@ -113,6 +116,11 @@ def serve_command(
             raise BadInputError(
                 "--pty and --tcp cannot be combined; give one of them", code="not_together", options="--pty --tcp"
             )
+        if pty and sys.platform == "win32":
+            raise BadInputError(
+                "{option}: Windows has no pseudo-terminals; use --tcp PORT, or neither for free TCP ports",
+                code="no_terminals", option="--pty",
+            )  # fmt: skip
         if tcp is not None and not 0 <= tcp <= 65534:
             raise BadInputError(
                 "{option} {value}: must be {low} to {high}",
@@ -133,12 +141,19 @@ def serve_command(
             for number in (signal.SIGINT, signal.SIGTERM):
                 signal.signal(number, lambda *_: bench.stop())
             print_json(bench.ports)
+            if sys.stderr.isatty():
+                err.print("\n".join(["in rig.toml:", *_tables(bench.ports)]))
             with resting():
                 bench.run()
             if bench.statistics is not None:
                 err.print(_statistics_line(bench.statistics))
             if bench.press is not None and bench.press.ended:
                 raise typer.Exit(ExitCode.STOPPED)
+
+
+def _tables(ports: Mapping[str, str]) -> list[str]:
+    """Return the lines of a configuration file that names these ports."""
+    return [line for name, port in ports.items() for line in (f"[{name}]", f'port = "{port}"')]
 
 
 def _kind(room: Room, name: str | None, otherwise: str | None) -> str | None:

@@ -7,7 +7,6 @@ SIGINT ignored, and others may have blocked a signal.
 
 import _thread
 import os
-import select
 import signal
 import sys
 import threading
@@ -15,14 +14,15 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+from rig.cli.keyboard import line_waits
 from rig.cli.output import err, resting
 from rig.clock import WallClock
 
-# not on Windows, where `rig stop` can only open a port without an owner.
 STOP_SIGNAL: signal.Signals | None = getattr(signal, "SIGUSR1", None)
+"""Signal of `rig stop` to an owner whose socket does not answer; None on Windows."""
 _HANG_UP: signal.Signals | None = getattr(signal, "SIGHUP", None)
-KEYS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTSTP", "SIGQUIT") if hasattr(signal, name))
-"""Ctrl-C, Ctrl-Z and Ctrl-\\: the first requests a pause, and a second one of any kind stops at once."""
+KEYS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTSTP", "SIGQUIT", "SIGBREAK") if hasattr(signal, name))
+"""Ctrl-C, Ctrl-Z and Ctrl-\\, on Windows Ctrl-C and Ctrl-Break: the first requests a pause, a second one stops."""
 _BACKGROUND = tuple(getattr(signal, name) for name in ("SIGTTIN", "SIGTTOU") if hasattr(signal, name))
 
 Handlers = dict[signal.Signals | None, Callable[[int, FrameType | None], object] | signal.Handlers]
@@ -45,7 +45,8 @@ class PauseRequest:
 
     def ask(self, number: int | None = None, *_: object) -> None:
         """Handle the signal: from now on Ctrl-C, Ctrl-Z or Ctrl-\\ stops at once."""
-        if self._asked and number in KEYS:
+        if _stopping.is_set() or (self._asked and number in KEYS):
+            _stopping.clear()
             raise KeyboardInterrupt
         self._asked, self._from_elsewhere = True, False
         err.print(PAUSING)
@@ -93,7 +94,7 @@ class PauseRequest:
                 return False
             if not at_terminal:
                 clock.wait_s(_LOOK_S)
-            elif _typed(_LOOK_S):
+            elif line_waits(_LOOK_S):
                 return bool(typed_line())
         return True
 
@@ -107,18 +108,18 @@ def typed_line() -> str:
         return ""
 
 
-def _typed(within_s: float) -> bool:
-    """Return whether a line is waiting at the keyboard, or True if that is unknown."""
-    try:
-        return bool(select.select([sys.stdin], [], [], within_s)[0])
-    except (OSError, ValueError):  # not a file, or not available on this system
-        return True
+_stopping = threading.Event()
+"""Whether the next Ctrl-C is a stop, on a system without STOP_SIGNAL."""
 
 
 def interrupt_main() -> None:
-    """Raise KeyboardInterrupt in the main thread, even if it is blocked in a system call."""
+    """Raise KeyboardInterrupt in the main thread, even if it is blocked in a system call.
+
+    On Windows it ends a sleep; another system call returns first.
+    """
     main = threading.main_thread().ident
-    if STOP_SIGNAL is None or main is None:
+    if sys.platform == "win32" or STOP_SIGNAL is None or main is None:
+        _stopping.set()
         _thread.interrupt_main()
     else:
         signal.pthread_kill(main, STOP_SIGNAL)
@@ -179,7 +180,7 @@ def asked_to_leave(leave: Callable[[], object]) -> Iterator[None]:
 @contextmanager
 def _handling(handlers: Handlers) -> Iterator[None]:
     before = [(number, signal.signal(number, act)) for number, act in handlers.items() if number is not None]
-    if hasattr(signal, "pthread_sigmask"):  # not on Windows
+    if sys.platform != "win32":
         signal.pthread_sigmask(signal.SIG_UNBLOCK, [number for number, _ in before])
     try:
         yield

@@ -22,8 +22,9 @@ def stop_command(config: ConfigOption, as_json: JsonOption = False) -> None:
         words = f"Stop NOT sent: {error}"
         _fail(words, code_of(error), {"sent": False}, ExitCode.BAD_INPUT, as_json=as_json)
     found = send_stop(settings, signal=_signal if STOP_SIGNAL is not None else None)
+    named = None if found.owner is None else found.owner.pid  # Windows does not name it.
     result: dict[str, Any] = {
-        "owner": found.owner.pid if found.owner is not None else next(iter(found.told), None),
+        "owner": next(iter(found.told), None) if named is None else named,
         "sent": found.sent,
         "state": found.state,
     }

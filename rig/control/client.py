@@ -3,9 +3,10 @@
 import errno
 import os
 import stat
+import sys
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from multiprocessing import AuthenticationError
 from pathlib import Path
@@ -15,7 +16,8 @@ import filelock
 from platformdirs import user_runtime_path
 from pydantic import BaseModel, Field, ValidationError
 
-from rig.control.messages import BROKEN, Wire, connected, encoded
+from rig.control.local_socket import connected
+from rig.control.messages import BROKEN, Wire, encoded
 from rig.errors import RigError
 from rig.user_files import read_bytes
 
@@ -155,8 +157,10 @@ def lock_of(note: Path) -> filelock.FileLock:
 
 def remove(note: Path) -> None:
     """Remove a note, its socket and its lock, which the caller holds."""
-    for suffix in (".json", ".new", ".sock", ".lock"):
+    for suffix in (".json", ".new", ".sock"):
         note.with_suffix(suffix).unlink(missing_ok=True)
+    with suppress(PermissionError):  # Windows removes the file when the lock is released.
+        note.with_suffix(".lock").unlink(missing_ok=True)
 
 
 def _removed_where_left(note: Path) -> bool:
@@ -170,7 +174,7 @@ def _removed_where_left(note: Path) -> bool:
 
 def _private(folder: Path) -> Path:
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    if os.name == "posix":
+    if sys.platform != "win32":  # There the profile of the user is private.
         found = folder.lstat()
         if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid():
             raise PermissionError(errno.EPERM, "expected a folder of this user's own", str(folder))

@@ -2,21 +2,18 @@
 
 import hmac
 import json
-import os
 import secrets
-import socket
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from multiprocessing import AuthenticationError
-from multiprocessing.connection import Client, Connection, answer_challenge, deliver_challenge
+from multiprocessing.connection import answer_challenge, deliver_challenge
 from typing import Any
 
-from rig.clock import WallClock
+from rig.control.local_socket import Channel
 from rig.user_files import json_of
 
 MOST_BYTES = 1 << 16
-_AGAIN_S = 0.005
 BROKEN = (OSError, EOFError, ValueError, AuthenticationError, AssertionError)
 """Errors that end a connection if the other side is gone, silent, or another program."""
 
@@ -32,7 +29,7 @@ class _StopReceivedError(Exception):
 class Wire:
     """Connection with a deadline for every wait, the handshake included."""
 
-    def __init__(self, connection: "Connection[Any, Any]", within_s: float) -> None:
+    def __init__(self, connection: Channel, within_s: float) -> None:
         self._connection, self._deadline_s = connection, time.monotonic() + within_s
 
     def send_bytes(self, data: bytes) -> None:
@@ -138,22 +135,3 @@ def _object(message: bytes) -> dict[str, Any]:
 def encoded(message: Mapping[str, Any]) -> bytes:
     """Return the encoded message. Raises TypeError, ValueError if JSON cannot hold it."""
     return json.dumps(message, allow_nan=False).encode()
-
-
-def connected(address: str, within_s: float) -> "Connection[Any, Any]":
-    """Connect to an owner, not yet authenticated. Raises OSError, also if the owner accepts nobody."""
-    if os.name != "posix":
-        return Client(address)
-    deadline_s = time.monotonic() + within_s
-    with socket.socket(socket.AF_UNIX) as end:
-        end.settimeout(within_s)
-        while True:
-            try:
-                end.connect(address)
-            except BlockingIOError:  # The backlog of the socket is full.
-                if time.monotonic() >= deadline_s:
-                    raise
-                WallClock().wait_s(_AGAIN_S)
-            else:
-                end.setblocking(True)
-                return Connection(end.detach())

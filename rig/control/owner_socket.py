@@ -4,17 +4,17 @@ import gc
 import os
 import secrets
 import sys
-import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
-from multiprocessing.connection import Connection, Listener
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 from rig.control.client import STOP, Announced, Announcement, RefusedError, lock_of, remove, runtime_folder
-from rig.control.messages import BROKEN, Wire, connected, encoded, sender_of
+from rig.control.local_socket import Channel, connected, listening
+from rig.control.messages import BROKEN, Wire, encoded, sender_of
+from rig.data.folder import put_in_place
 from rig.errors import RigError
 
 Answers = Mapping[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]
@@ -34,9 +34,7 @@ of rig/cli/program.py.
 """
 
 _SPARE = 3  # threads that wait for the next client
-_BACKLOG = 16
 _AGAIN_S = 0.05
-_LONGEST_ADDRESS = 100  # bytes; the path of a socket may have 103 on some systems
 
 
 class ControlSocket:
@@ -60,7 +58,7 @@ class ControlSocket:
         with ExitStack() as undo:
             undo.enter_context(quick_switches())
             self._note = undo.enter_context(_own_note(self._announcement.pid))
-            self._listener = undo.enter_context(_listening(self._note))
+            self._listener = undo.enter_context(listening(self._note.with_suffix(".sock")))
             self._write_note()
             undo.callback(self._note.unlink, missing_ok=True)
             undo.callback(self._wake_waiting)
@@ -85,7 +83,7 @@ class ControlSocket:
         new = self._note.with_suffix(".new")
         with open(os.open(new, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w", encoding="utf-8") as file:
             file.write(announced.model_dump_json())
-        new.replace(self._note)
+        put_in_place(new, self._note)
 
     def _wait_for_one_more(self) -> None:
         threading.Thread(target=self._serve_some, name="control", daemon=True).start()
@@ -111,7 +109,7 @@ class ControlSocket:
                 self._wait_for_one_more()
             self._serve(connection)
 
-    def _accepted(self) -> "Connection[Any, Any] | None":
+    def _accepted(self) -> Channel | None:
         """Return the next connection, or None at the end."""
         while not self._ending.is_set():
             try:
@@ -131,7 +129,7 @@ class ControlSocket:
             for thread in waiting:
                 thread.join(PATIENCE_S)
 
-    def _serve(self, connection: "Connection[Any, Any]") -> None:
+    def _serve(self, connection: Channel) -> None:
         """Serve one request; drop a client that is foreign or gone."""
         with connection:
             try:
@@ -183,26 +181,3 @@ def _own_note(pid: int) -> Iterator[Path]:
             yield note
         finally:
             remove(note)
-
-
-@contextmanager
-def _listening(note: Path) -> Iterator[Listener]:
-    """Yield a socket beside the note, or in a temporary folder if that path is too long."""
-    if os.name != "posix":
-        with Listener() as listener:
-            yield listener
-        return
-    address = note.with_suffix(".sock")
-    with ExitStack() as undo:
-        if len(os.fsencode(address)) > _LONGEST_ADDRESS:
-            address = Path(undo.enter_context(tempfile.TemporaryDirectory(prefix="rig-"))) / "control.sock"
-        address.unlink(missing_ok=True)
-        listener = Listener(str(address), backlog=_BACKLOG)
-        address.chmod(0o600)
-        undo.callback(_closed, listener)
-        yield listener
-
-
-def _closed(listener: Listener) -> None:
-    with suppress(OSError):  # It removes its file, which may be gone.
-        listener.close()

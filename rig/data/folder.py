@@ -6,6 +6,7 @@ import json
 import os
 import secrets
 import shutil
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -15,11 +16,13 @@ from typing import Any
 
 import filelock
 
+from rig.clock import WallClock
 from rig.errors import RigError
 from rig.user_files import read_bytes, read_text, sha256_of
 
 _SUMS, _LOCK = "SHA256SUMS", ".lock"
 _DIGITS = 64
+_READ_S, _AGAIN_S = 0.5, 0.005
 _FULL = (errno.ENOSPC, errno.EDQUOT)
 _COPIES = ("protocol.py", "config.toml", "provenance.json")
 SHAPE_COPY = "shape_"
@@ -237,6 +240,21 @@ def free_space(path: Path) -> str:
     return f"{shutil.disk_usage(path if path.is_dir() else path.parent).free / 1e6:.0f} MB free"
 
 
+def put_in_place(partial: Path, path: Path) -> None:
+    """Replace a file by another one in one step; Windows waits for a program that reads it. Raises OSError."""
+    clock = WallClock()
+    deadline_s = clock.monotonic_s() + _READ_S
+    while True:
+        try:
+            partial.replace(path)
+        except PermissionError:
+            if sys.platform != "win32" or clock.monotonic_s() >= deadline_s:
+                raise
+            clock.wait_s(_AGAIN_S)
+        else:
+            return
+
+
 def replace_text(path: Path, text: str, *, new: bool = False) -> None:
     """Replace a file on disk in one step, or write a new one. Raises UnwritableError, FileExistsError if `new`."""
     replace_bytes(path, text.encode("utf-8", "backslashreplace"), new=new)  # half of a surrogate pair
@@ -254,7 +272,7 @@ def replace_bytes(path: Path, content: bytes, *, new: bool = False) -> None:
             os.link(partial, path)  # which replaces nothing, even if the file appears at this moment
             partial.unlink()
         else:
-            partial.replace(path)
+            put_in_place(partial, path)
     except OSError as error:
         with contextlib.suppress(OSError):
             partial.unlink(missing_ok=True)

@@ -8,12 +8,25 @@ import os
 import select
 import stat
 import struct
+import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
 from rig.transport.wire import TransportError
+
+if sys.platform == "win32":
+    import errno
+
+    _NONBLOCK = 0
+
+    def _ioctl(file: int, request: int, argument: int | bytearray) -> None:
+        raise OSError(errno.ENOSYS, "stop buttons on an input device need Linux")
+else:
+    from fcntl import ioctl as _ioctl
+
+    _NONBLOCK = os.O_NONBLOCK
 
 _EVENT = struct.Struct("llHHi")  # seconds, microseconds, type, code, value
 _KEY = 1
@@ -113,8 +126,8 @@ class StopKey:
 def _opened(path: Path) -> int:
     try:
         pipe = stat.S_ISFIFO(path.stat().st_mode)
-        file = os.open(path, (os.O_RDWR if pipe else os.O_RDONLY) | os.O_NONBLOCK)
-    except (OSError, AttributeError) as error:
+        file = os.open(path, (os.O_RDWR if pipe else os.O_RDONLY) | _NONBLOCK)
+    except OSError as error:
         raise StopKeyError(
             "{path}: {problem}; connect the stop button, or correct stop.device",
             code="not_opened",
@@ -124,10 +137,8 @@ def _opened(path: Path) -> int:
     if pipe:
         return file
     try:
-        from fcntl import ioctl  # available on Linux only
-
-        ioctl(file, _GRAB, 1)
-    except (OSError, ImportError) as error:
+        _ioctl(file, _GRAB, 1)
+    except OSError as error:
         os.close(file)
         raise StopKeyError(
             "{path}: cannot be reserved for the rig: {problem}; close other programs that use it",
@@ -145,8 +156,6 @@ def _what(error: Exception) -> str:
 def _held_keys(file: int) -> list[int]:
     """Return the codes of the keys that are down at opening; none for a pipe."""
     bits = bytearray(_KEY_BYTES)
-    with suppress(OSError, ImportError):
-        from fcntl import ioctl
-
-        ioctl(file, _HELD_KEYS, bits)
+    with suppress(OSError):
+        _ioctl(file, _HELD_KEYS, bits)
     return [8 * byte + bit for byte, word in enumerate(bits) for bit in range(8) if word >> bit & 1]

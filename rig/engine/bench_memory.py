@@ -16,6 +16,7 @@ from platformdirs import user_state_path
 from pydantic import BaseModel, ConfigDict
 
 from rig.clock import WallClock
+from rig.data.folder import put_in_place
 from rig.devices.base import StageStatus
 from rig.devices.registry import stage_ports
 from rig.engine.contact import KnownContact
@@ -111,7 +112,7 @@ class BenchMemory:
             temporary.unlink(missing_ok=True)
             with temporary.open("x", encoding="utf-8") as file:  # writes through no link
                 file.write(known.model_dump_json())
-            temporary.replace(self._path)
+            put_in_place(temporary, self._path)
 
 
 def state_folder() -> Path:

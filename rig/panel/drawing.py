@@ -5,14 +5,14 @@ import contextlib
 import math
 import multiprocessing
 import signal
+import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,14 @@ from sim.finger.surface import FingertipSurface
 from sim.models.fingertip import Fingertip
 from sim.models.result import IndentationResult
 from sim.workers import give_way, leaving_ctrl_c_to_us
+
+if TYPE_CHECKING:
+    if sys.platform == "win32":
+        from multiprocessing.connection import PipeConnection as Connection
+    else:
+        from multiprocessing.connection import Connection
+
+    PipeEnd = Connection[Any, Any]
 
 
 @dataclass(frozen=True)
@@ -76,7 +84,7 @@ class DrawingProcess:
 
     def __init__(self) -> None:
         self._process: multiprocessing.process.BaseProcess | None = None
-        self._near: Connection[Job, DrawingAnswer] | None = None
+        self._near: PipeEnd | None = None
         self._changing = threading.Lock()
 
     def ask(self, job: Job) -> DrawingAnswer:
@@ -104,7 +112,7 @@ class DrawingProcess:
             process.join()
             near.close()
 
-    def _begun(self) -> "Connection[Job, DrawingAnswer]":
+    def _begun(self) -> "PipeEnd":
         with self._changing:
             if self._near is None:
                 context = multiprocessing.get_context("spawn")
@@ -116,7 +124,7 @@ class DrawingProcess:
             return self._near
 
 
-def _serve(far: "Connection[DrawingAnswer, Job]") -> None:
+def _serve(far: "PipeEnd") -> None:
     give_way(_GIVES_WAY)
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)

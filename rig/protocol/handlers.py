@@ -1,6 +1,8 @@
 """Handlers around another one: replay of a resumed run, and the end of a script that makes no steps."""
 
+import ctypes
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -81,7 +83,8 @@ class SilentScriptError(BaseException):
 
     code = "silent"
 
-    def __init__(self, longest_s: float) -> None:
+    def __init__(self, longest_s: float | None = None) -> None:
+        longest_s = LONGEST_SILENCE_S if longest_s is None else longest_s
         super().__init__(f"the script makes no step for {longest_s:g} s, expected one")
         self.fields = {"longest_s": longest_s}
 
@@ -93,7 +96,7 @@ class Patience:
     """Handler that limits the number of steps, and with `impatient` the time between two of them.
 
     Only the script's own time counts, not that of a step: model, stage, rest or operator. It is measured by an
-    alarm, on the main thread of a system that has alarms; elsewhere Ctrl-C ends a script that makes no steps.
+    alarm on the main thread, or by another thread on Windows; elsewhere Ctrl-C ends a script that makes no steps.
 
     Parameters
     ----------
@@ -123,29 +126,95 @@ class Patience:
 @contextmanager
 def impatient() -> Iterator[None]:
     """Raise SilentScriptError in a script that makes no step for LONGEST_SILENCE_S."""
-    if not _has_alarms():
+    if threading.current_thread() is not threading.main_thread():
         yield
         return
-
-    def too_long(number: int, frame: FrameType | None) -> None:
-        raise SilentScriptError(LONGEST_SILENCE_S)
-
-    before, began_s = signal.signal(signal.SIGALRM, too_long), time.monotonic()
-    left_s, _ = signal.getitimer(signal.ITIMER_REAL)  # an alarm set by the caller
-    _alarm_in(LONGEST_SILENCE_S)
-    try:
-        yield
-    finally:
-        _alarm_in(0.0)
-        signal.signal(signal.SIGALRM, before)
-        if left_s:
-            _alarm_in(max(left_s - (time.monotonic() - began_s), 1e-3))
+    with _alarms():
+        _alarm_in(LONGEST_SILENCE_S)
+        try:
+            yield
+        finally:
+            _alarm_in(0.0)
 
 
 def _alarm_in(seconds: float) -> None:
-    if _has_alarms():
+    if threading.current_thread() is threading.main_thread():
+        _set_alarm(seconds)
+
+
+if sys.platform == "win32":
+
+    class _Watch(threading.Thread):
+        """Thread that raises SilentScriptError in the main thread; a script in compiled code or asleep ends later."""
+
+        def __init__(self) -> None:
+            super().__init__(name="patience", daemon=True)
+            self._changed = threading.Condition()
+            self._deadline_s: float | None = None
+            self._over = self._raised = False
+
+        def set(self, seconds: float) -> None:
+            """Set the alarm, or none for 0. Raises SilentScriptError if it went off before."""
+            with self._changed:
+                self._deadline_s = time.monotonic() + seconds if seconds else None
+                self._changed.notify()
+                went_off, self._raised = self._raised, False
+                if went_off:  # It may not have arrived yet, and must not do so in a step.
+                    _raise_in_main(None)
+            if went_off and not isinstance(sys.exc_info()[1], SilentScriptError):
+                raise SilentScriptError
+
+        def run(self) -> None:
+            with self._changed:
+                while not self._over:
+                    left_s = None if self._deadline_s is None else self._deadline_s - time.monotonic()
+                    if left_s is not None and left_s <= 0.0:
+                        self._deadline_s, self._raised = None, True
+                        _raise_in_main(SilentScriptError)
+                    else:
+                        self._changed.wait(left_s)
+
+        def end(self) -> None:
+            """End the thread."""
+            with self._changed:
+                self._over = True
+                self._changed.notify()
+
+    def _raise_in_main(kind: type[BaseException] | None) -> None:
+        main = ctypes.c_ulong(threading.main_thread().ident or 0)
+        ctypes.pythonapi.PyThreadState_SetAsyncExc(main, None if kind is None else ctypes.py_object(kind))
+
+    _watches: list[_Watch] = []
+
+    @contextmanager
+    def _alarms() -> Iterator[None]:
+        watch = _Watch()
+        watch.start()
+        _watches.append(watch)
+        try:
+            yield
+        finally:
+            _watches.remove(watch)
+            watch.end()
+
+    def _set_alarm(seconds: float) -> None:
+        if _watches:
+            _watches[-1].set(seconds)
+else:
+
+    @contextmanager
+    def _alarms() -> Iterator[None]:
+        def too_long(number: int, frame: FrameType | None) -> None:
+            raise SilentScriptError(LONGEST_SILENCE_S)
+
+        before, began_s = signal.signal(signal.SIGALRM, too_long), time.monotonic()
+        left_s, _ = signal.getitimer(signal.ITIMER_REAL)  # an alarm set by the caller
+        try:
+            yield
+        finally:
+            signal.signal(signal.SIGALRM, before)
+            if left_s:
+                _set_alarm(max(left_s - (time.monotonic() - began_s), 1e-3))
+
+    def _set_alarm(seconds: float) -> None:
         signal.setitimer(signal.ITIMER_REAL, seconds)
-
-
-def _has_alarms() -> bool:
-    return hasattr(signal, "SIGALRM") and threading.current_thread() is threading.main_thread()

@@ -104,19 +104,24 @@ def _is_here(family: int, address: tuple[Any, ...]) -> bool:
         return False
 
 
-def _of_device(path: str) -> str:
-    if sys.platform == "win32":
-        return re.sub(r"^\\\\\.\\", "", path).upper()
-    real = os.path.realpath(path)
-    if sys.platform == "darwin":  # A line has two devices there, for calling in and out.
-        real = real.replace("/dev/cu.", "/dev/tty.")
-    try:
-        found = os.stat(real)
-    except OSError:
-        return real
-    if stat.S_ISCHR(found.st_mode):
-        return f"device-{os.major(found.st_rdev)}-{os.minor(found.st_rdev)}"
-    return f"file-{found.st_dev}-{found.st_ino}"
+if sys.platform == "win32":
+
+    def _of_device(path: str) -> str:
+        r"""Return the name of a COM port: COM12, com12 and \\.\COM12 are one."""
+        return re.sub(r"^\\\\[.?]\\", "", path).upper()
+else:
+
+    def _of_device(path: str) -> str:
+        real = os.path.realpath(path)
+        if sys.platform == "darwin":  # A line has two devices there, for calling in and out.
+            real = real.replace("/dev/cu.", "/dev/tty.")
+        try:
+            found = os.stat(real)
+        except OSError:
+            return real
+        if stat.S_ISCHR(found.st_mode):
+            return f"device-{os.major(found.st_rdev)}-{os.minor(found.st_rdev)}"
+        return f"file-{found.st_dev}-{found.st_ino}"
 
 
 # Locks that every account of this machine sees, and that the system releases when their process ends.
@@ -139,18 +144,7 @@ class PortOwner:
     @property
     def same_account(self) -> bool:
         """Whether the process belongs to this account and may be signaled."""
-        if self.pid is None:
-            return False
-        if os.path.isdir("/proc/self"):
-            with suppress(OSError):
-                return os.stat(f"/proc/{self.pid}").st_uid == os.geteuid()
-            return False
-        if os.geteuid() == 0:  # Root may signal every process, so this shows nothing.
-            return False
-        with suppress(OSError):
-            os.kill(self.pid, 0)
-            return True
-        return False
+        return self.pid is not None and _same_account(self.pid)
 
     def __str__(self) -> str:
         if self.pid is None:
@@ -171,11 +165,15 @@ class LockHeldError(RigError):
 if sys.platform == "win32":
     import filelock
 
+    def _same_account(pid: int) -> bool:
+        return False  # Windows has no signal that stops a process in order.
+
     class MachineLock:
         """Lock on a name, by a file that the system keeps open for one process."""
 
         def __init__(self, name: str) -> None:
-            self._lock = filelock.FileLock(Path("C:/ProgramData") / _file_name(name), timeout=0, thread_local=False)
+            self.path = Path(os.environ.get("PROGRAMDATA", "C:/ProgramData")) / _file_name(name)
+            self._lock = filelock.FileLock(self.path, timeout=0, thread_local=False)
             try:
                 self._lock.acquire()
             except filelock.Timeout:
@@ -195,6 +193,18 @@ if sys.platform == "win32":
 
 else:
     import fcntl
+
+    def _same_account(pid: int) -> bool:
+        if os.path.isdir("/proc/self"):
+            with suppress(OSError):
+                return os.stat(f"/proc/{pid}").st_uid == os.geteuid()
+            return False
+        if os.geteuid() == 0:  # Root may signal every process, so this shows nothing.
+            return False
+        with suppress(OSError):
+            os.kill(pid, 0)
+            return True
+        return False
 
     # struct flock: the type comes first on Linux, and after the numbers on BSD and macOS.
     _LINUX = sys.platform.startswith("linux")
@@ -228,7 +238,7 @@ else:
         """
 
         def __init__(self, name: str) -> None:
-            self._path, self._pid = _folder() / _file_name(name), os.getpid()
+            self.path, self._pid = _folder() / _file_name(name), os.getpid()
             with _guard:
                 self._fd = self._locked()
                 self._inode = _inode(os.fstat(self._fd))
@@ -240,20 +250,20 @@ else:
                 if self._inode not in _held or os.getpid() != self._pid:
                     return
                 with suppress(OSError):  # A file of another account stays, and anybody may lock it.
-                    if _inode(os.lstat(self._path)) == self._inode:
-                        self._path.unlink()
+                    if _inode(os.lstat(self.path)) == self._inode:
+                        self.path.unlink()
                 os.close(self._fd)
                 _held.discard(self._inode)
 
         def _locked(self) -> int:
             for _ in range(_TRIES):
                 with suppress(FileNotFoundError):
-                    if _inode(os.lstat(self._path)) in _held:
+                    if _inode(os.lstat(self.path)) in _held:
                         raise LockHeldError(PortOwner(os.getpid()))
                 try:
-                    fd = _opened(self._path)
+                    fd = _opened(self.path)
                 except FileNotFoundError:
-                    _make(self._path)
+                    _make(self.path)
                     continue
                 try:
                     fcntl.lockf(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -264,10 +274,10 @@ else:
                         raise LockHeldError(owner) from None
                     continue  # The lock was just released.
                 with suppress(FileNotFoundError):
-                    if _inode(os.lstat(self._path)) == _inode(os.fstat(fd)):
+                    if _inode(os.lstat(self.path)) == _inode(os.fstat(fd)):
                         return fd
                 _close(fd)  # The previous owner removed the file meanwhile.
-            raise OSError(errno.EAGAIN, "the lock file keeps changing", str(self._path))
+            raise OSError(errno.EAGAIN, "the lock file keeps changing", str(self.path))
 
     def lock_owner(name: str) -> PortOwner | None:
         """Return the owner of a lock, or None, without locking, writing or waiting."""

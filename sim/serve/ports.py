@@ -7,6 +7,7 @@ devices continue.
 import contextlib
 import os
 import socket
+import sys
 from collections.abc import Iterator
 
 from sim.devices.line import SerialLine
@@ -25,19 +26,30 @@ class PortBusyError(SimError):
     default_code = "port_busy"
 
 
+if sys.platform == "win32":
+
+    def _terminal() -> tuple[int, int, str]:
+        raise PortBusyError("this system has no pseudo-terminals; use TCP ports", code="no_terminals")
+else:
+    import pty
+    import tty
+
+    def _terminal() -> tuple[int, int, str]:
+        """Return both ends of a new pseudo-terminal in raw mode, and the name of the second one."""
+        far, near = pty.openpty()
+        tty.setraw(near)
+        os.set_blocking(far, False)
+        return far, near, os.ttyname(near)
+
+
 class PtyPort:
     """Line behind a pseudo-terminal; clients may connect and disconnect."""
 
     def __init__(self, scheduler: WallScheduler, line: SerialLine) -> None:
-        import pty  # POSIX only
-        import tty
-
+        """Raises PortBusyError on a system without pseudo-terminals."""
         self._scheduler, self._line = scheduler, line
         # The near end stays open here too: it keeps its raw mode, and the far end readable, between clients.
-        self._far, self._near = pty.openpty()
-        tty.setraw(self._near)
-        os.set_blocking(self._far, False)
-        self.name = os.ttyname(self._near)
+        self._far, self._near, self.name = _terminal()
         line.forward(self._to_client)
         scheduler.watch(self, self._from_client)
 

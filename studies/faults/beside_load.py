@@ -8,7 +8,6 @@ processes from when the last port is said. Prints a row for each meeting; some f
 
 import argparse
 import json
-import os
 import re
 import signal
 import subprocess
@@ -16,6 +15,8 @@ import sys
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+
+from studies.posix import os
 
 RIG = (sys.executable, "-c", "from rig.cli import main; main()")
 NEVER_RESTS = (sys.executable, "-c", "while True: pass")

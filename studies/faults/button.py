@@ -9,7 +9,6 @@ wall clock. What the kernel and USB add, about 10 ms, is not in it. `--load N` a
 
 import argparse
 import json
-import os
 import struct
 import subprocess
 import sys
@@ -22,6 +21,7 @@ from statistics import median
 
 from rig.control.client import Announced
 from studies.faults.stops import Benches, Stop
+from studies.posix import os
 
 PHASES = ("approach", "solve", "hold")
 _EVENT, _KEY, _CODE = struct.Struct("llHHi"), 1, 30

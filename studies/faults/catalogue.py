@@ -1,12 +1,12 @@
 """The fault catalogue: each fault, how it strikes, and what must come of it."""
 
-import resource
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from rig.units import GWT_N
 from studies.faults.faulty_bench import Change, FaultyBench, bad_crc, delayed, framed, lost, once, swapped
+from studies.posix import resource
 
 GRBL: dict[str, Any] = {}
 MODBUS: dict[str, Any] = {"stage": {"kind": "leadshine"}, "force": {"kind": "laumas", "baud": 115200}}

@@ -32,6 +32,7 @@ from rig.protocol.script import Script, load_script
 from rig.session.resume import StoppedRun, read_stopped
 from rig.session.session import NewRun, Nobody, Session, dry_run
 from sim.models.fingertip import Fingertip
+from studies import posix
 from studies.faults.attempts import mixed
 from studies.faults.strikes import Strike, cuts, kills
 from studies.registry import as_markdown
@@ -130,7 +131,7 @@ class Trials:
 
 def _forked(work: Callable[[PauseRequest], object], strike: Strike | None) -> int:
     """Do it in a forked process; its exit code, negative for the signal that ended it."""
-    child = os.fork()
+    child = posix.os.fork()
     if child == 0:
         code = 1
         try:

@@ -10,10 +10,7 @@ byte. tests/rig/test_stopping_needs_nothing.py has the promises.
 
 import argparse
 import json
-import os
-import resource
 import select
-import signal
 import socket
 import subprocess
 import sys
@@ -27,6 +24,7 @@ from pathlib import Path
 from statistics import median
 
 from rig.transport.ownership import MachineLock, identities
+from studies.posix import os, pty, resource, signal, tty
 
 STOP = b"!\x18"
 SOMEBODY = 60001
@@ -122,9 +120,6 @@ class Board:
     @contextmanager
     def behind_serial(self) -> Iterator[str]:
         """A serial port."""
-        import pty
-        import tty
-
         far, near = pty.openpty()
         tty.setraw(near)
         ended, end = os.pipe()
@@ -167,12 +162,12 @@ class StopScene:
     def hung_owner(self, announced: str = "no") -> None:
         """A process that owns the port and is stopped by the system."""
         self.owner = self.begun(_OWNER, self.port, announced).pid
-        os.waitid(os.P_PID, self.owner, os.WSTOPPED | os.WNOWAIT)
+        os.waitpid(self.owner, os.WUNTRACED)
 
     def lock_file(self) -> Path:
         """Where the lock of the port lies."""
         lock = MachineLock(identities(self.port)[0])
-        path = lock._path
+        path: Path = lock.path
         lock.release()
         self.stack.callback(path.unlink, missing_ok=True)
         return path
@@ -293,7 +288,7 @@ def _stale_lock(scene: StopScene) -> None:
     scene.hung_owner()
     assert scene.owner is not None
     os.kill(scene.owner, signal.SIGKILL)
-    os.waitid(os.P_PID, scene.owner, os.WEXITED | os.WNOWAIT)
+    os.waitpid(scene.owner, 0)
     scene.owner = None
 
 

@@ -7,7 +7,6 @@ Drivers, wire and virtual devices are those of a dry-run; bytes are lost, change
 """
 
 import json
-import resource
 import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -23,6 +22,7 @@ from rig.transport import TransportError
 from rig.units import GWT_N
 from studies.faults.catalogue import CATALOGUE, Fault
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, TARGET, FaultyBench
+from studies.posix import resource
 
 
 @dataclass(frozen=True)

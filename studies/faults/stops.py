@@ -1,11 +1,13 @@
 """How long a stop takes from its request to its byte, whatever a run is at, and whether the run is told as stopped.
 
     .venv/bin/python -m studies.faults.stops --stops 50
+    .venv/bin/python -m studies.faults.stops --stops 20 --channels unix tcp
 
 `rig run`, behind `rig serve` in processes of their own, is stopped over its control socket, in turn in each of five
 phases: while it is planned, in an approach, while the model solves for a script that decides as it goes, in a hold,
 and while the report is made. The request is timed here by the wall clock. The byte log times the byte by the time of
-the run, whose beginning the journal records by the same wall clock.
+the run, whose beginning the journal records by the same wall clock. With `--channels unix tcp`, every second run has
+no Unix socket but a TCP port, as on Windows (tests/portable/sitecustomize.py).
 """
 
 import argparse
@@ -18,7 +20,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
 from types import MappingProxyType
@@ -47,6 +49,7 @@ def run(rig):
         rig.move_to(x_mm=0.02 * n + 1e-4 * force_gwt)
         rig.indent(force_gwt=1.0 + 1e-4 * force_gwt, hold_s=0.1)
 """
+WITHOUT_UNIX_SOCKETS = Path(__file__).parents[2] / "tests" / "portable"
 STOP = {"grbl": "2118", "leadshine": f"06{reg.TRIGGER:04x}{reg.QUICK_STOP:04x}"}
 _STATES = {"plan": "planning", "report": "reporting"}
 _STOPPED = 130
@@ -61,6 +64,7 @@ class Stop:
     latency_s: float
     recorded: str  # the journal's status, and the state in which it was stopped after its end
     code: int
+    channel: str = "unix"
 
 
 def decides(hold_s: float = 0.1, times: int = 1) -> str:
@@ -112,14 +116,18 @@ class Benches:
             finally:
                 serve.terminate()
 
-    def stopped(self, number: int, phase: str) -> Stop:
-        """One run, stopped in a phase."""
+    def stopped(self, number: int, phase: str, channel: str = "unix") -> Stop:
+        """One run, stopped in a phase over a kind of socket."""
+        return replace(self._stopped(number, phase, channel), channel=channel)
+
+    def _stopped(self, number: int, phase: str, channel: str) -> Stop:
         out, said = self._folder / f"{number:03}", self._folder / f"{number:03}.log"
         script = self._folder / "decides.py"
         script.write_text(decides(0.1 if phase == "report" else 2.0, times=4), encoding="utf-8")
         words = [sys.executable, "-m", "rig", "run", str(script), "--yes", "--config", str(self.config)]
         with said.open("w") as errors, subprocess.Popen(
-            [*words, "--out", str(out)], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=errors, text=True
+            [*words, "--out", str(out)], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=errors, text=True,
+            env={**os.environ, **({"PYTHONPATH": str(WITHOUT_UNIX_SOCKETS)} if channel == "tcp" else {})},
         ) as run:  # fmt: skip
             try:
                 assert run.stdin is not None
@@ -188,14 +196,18 @@ def _until(look: Callable[[], Any]) -> Any:
 
 
 def table(stops: Sequence[Stop]) -> str:
-    """For each phase: request to byte, and what the journals say."""
-    lines = ["| stopped in | stops | request to byte, ms: median, worst | recorded |", "|---|---|---|---|"]
-    for phase in PHASES:
-        those = [stop for stop in stops if stop.phase == phase]
-        if those:
-            ms = [1e3 * stop.latency_s for stop in those]
-            said = ", ".join(sorted({stop.recorded for stop in those}))
-            lines.append(f"| {phase} | {len(those)} | {median(ms):.1f}, {max(ms):.1f} | {said} |")
+    """For each phase, and each kind of socket if there are two: request to byte, and what the journals say."""
+    several = len({stop.channel for stop in stops}) > 1
+    head, rule = ("| over | stopped in", "|---|---") if several else ("| stopped in", "|---")
+    lines = [f"{head} | stops | request to byte, ms: median, worst | recorded |", f"{rule}|---|---|---|"]
+    for channel in dict.fromkeys(stop.channel for stop in stops):
+        for phase in PHASES:
+            those = [stop for stop in stops if (stop.phase, stop.channel) == (phase, channel)]
+            if those:
+                ms = [1e3 * stop.latency_s for stop in those]
+                said = ", ".join(sorted({stop.recorded for stop in those}))
+                over = f"| {channel} " if several else ""
+                lines.append(f"{over}| {phase} | {len(those)} | {median(ms):.1f}, {max(ms):.1f} | {said} |")
     return "\n".join(lines)
 
 
@@ -204,6 +216,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--stops", type=int, default=50)
     parser.add_argument("--stage", choices=sorted(STOP), default="grbl")
+    parser.add_argument("--channels", choices=["unix", "tcp"], nargs="+", default=["unix"])
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
@@ -212,7 +225,11 @@ def main() -> None:
         with benches.served():
             stops = []
             for number in range(options.stops):
-                stops.append(benches.stopped(number, PHASES[number % len(PHASES)]))
+                phase, channel = (
+                    PHASES[number // len(options.channels) % len(PHASES)],
+                    options.channels[number % len(options.channels)],
+                )
+                stops.append(benches.stopped(number, phase, channel))
                 print(stops[-1], file=sys.stderr, flush=True)
     print(json.dumps([vars(stop) for stop in stops]) if options.json else table(stops))
     bad = [stop for stop in stops if not stop.latency_s < 0.1 or stop.code != _STOPPED]

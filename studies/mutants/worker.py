@@ -7,15 +7,14 @@ module reads the mutant, tests' own subprocesses included. Requests and answers 
 import gc
 import importlib
 import json
-import os
-import resource
-import signal
 import sys
 import time
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from studies.posix import os, resource, signal
 
 _LIBRARIES = (
     *("numpy", "scipy.linalg", "scipy.sparse.linalg", "scipy.sparse.csgraph", "scipy.interpolate", "scipy.optimize"),

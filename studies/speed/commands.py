@@ -7,7 +7,6 @@ The tests count what is done instead of timing it: nothing is built or solved fo
 
 import contextlib
 import io
-import resource
 import shutil
 import subprocess
 import sys
@@ -22,6 +21,7 @@ from rig.devices.grbl import GrblStage
 from rig.transport import LoopbackTransport
 from sim.devices import SerialLine, VirtualGrbl
 from sim.devices.clock import VirtualClock
+from studies.posix import resource
 
 REPEATS, QUESTIONS, RUNS = 3, 2000, 200
 

@@ -10,7 +10,6 @@ takes more of them.
 """
 
 import argparse
-import os
 import subprocess
 import sys
 import tempfile
@@ -30,6 +29,7 @@ from sim.contact.indentor import ACROSS, ALONG, BOTH
 from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
 from studies.accuracy.random_poses import ON_ITS_PATCH, PosedShape, draw
+from studies.posix import os
 from studies.registry import show
 from studies.speed import cold_build
 from studies.speed.demo import DEMO, HERE

@@ -11,7 +11,6 @@ program starts is left out: it says nothing of its progress.
 
 import argparse
 import json
-import os
 import re
 import selectors
 import shutil
@@ -29,6 +28,7 @@ from typing import NamedTuple
 
 from rig.cli.durations import FILE
 from sim.benchmark import reference_s
+from studies.posix import os
 
 LIMIT_S, REFERENCE_S = 3.0, 0.3
 """Longest silence, and the time of the reference computation on the machine it holds for."""

@@ -6,7 +6,6 @@
 """
 
 import os
-import resource
 import sys
 import tempfile
 import time
@@ -26,6 +25,7 @@ from sim.models.cache import cache_dir
 from sim.models.fingertip import Fingertip
 from sim.models.pressing import Pressing
 from sim.models.result import IndentationResult
+from studies.posix import resource
 from studies.speed import cold_build
 
 Shape = str | MeasuredProfile

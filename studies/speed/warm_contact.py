@@ -12,7 +12,6 @@ The last table is of the load cell itself, on the wall clock: `rig serve`'s own 
 finger in a second process) with a carriage on its way down, asked at every hundredth or thousandth of a second.
 """
 
-import os
 import time
 from dataclasses import dataclass
 
@@ -27,6 +26,7 @@ from sim.serve.force_process import PressProcess
 from sim.serve.prefetch import PressAhead
 from sim.serve.real_time_loop import WallScheduler
 from sim.workers import keep_freed_memory
+from studies.posix import os
 
 Array = NDArray[np.float64]
 

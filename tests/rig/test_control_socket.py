@@ -21,9 +21,11 @@ import filelock
 import pytest
 
 import rig.control.client as announcements
+import rig.control.local_socket as local_socket
 import rig.control.owner_socket as control_socket
 from rig.control.client import Announced, Announcement, ControlError, RefusedError, announced, runtime_folder
-from rig.control.messages import Wire, connected
+from rig.control.local_socket import connected
+from rig.control.messages import Wire
 from rig.control.owner_socket import ControlSocket
 from rig.errors import RigError
 from tests.error_codes import raises
@@ -32,9 +34,12 @@ from tests.waiting import DEADLINE_S, until
 
 OWNER = """
 import os, sys, time
+import rig.control.local_socket
 from rig.control.client import Announcement
 from rig.control.owner_socket import ControlSocket
 
+if sys.argv[1] == "tcp":
+    rig.control.local_socket.UNIX = None
 about = Announcement(pid=os.getpid(), kind="run", virtual=True, ports=("a", "b"), began_unix_s=5.0)
 with ControlSocket(about, {"status": lambda _: {"state": "planning"}, "end": lambda _: os._exit(3)}):
     print("ready", flush=True)
@@ -49,10 +54,22 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return tmp_path / "r"
 
 
+ON_UNIX = pytest.mark.parametrize("transport", ["unix"], indirect=True)
+ON_TCP = pytest.mark.parametrize("transport", ["tcp"], indirect=True)
+
+
+@pytest.fixture(autouse=True, params=["unix", "tcp"])
+def transport(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Unix sockets, and TCP as on a system without them."""
+    if request.param == "tcp":
+        monkeypatch.setattr(local_socket, "UNIX", None)
+    return str(request.param)
+
+
 @pytest.fixture
-def elsewhere() -> Iterator[subprocess.Popen[str]]:
+def elsewhere(transport: str) -> Iterator[subprocess.Popen[str]]:
     """An owner in a process of its own, which ends when its input does."""
-    words = [sys.executable, "-c", OWNER]
+    words = [sys.executable, "-c", OWNER, transport]
     with Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
@@ -78,9 +95,10 @@ def _only() -> Announced:
 
 
 def _raw(one: Announced) -> socket.socket:
-    end = socket.socket(socket.AF_UNIX)
+    host, colon, port = one.address.partition(":")
+    end = socket.socket(socket.AF_INET if colon else socket.AF_UNIX)
     end.settimeout(DEADLINE_S)
-    end.connect(one.address)
+    end.connect((host, int(port)) if colon else one.address)
     return end
 
 
@@ -285,8 +303,9 @@ def test_an_owner_that_does_not_know_the_key_is_not_believed() -> None:
         one = _only()
     from multiprocessing.connection import Listener, deliver_challenge
 
+    host, colon, port = one.address.partition(":")
     heard: list[bytes] = []
-    with Listener(one.address) as listener:
+    with Listener((host, int(port)) if colon else one.address) as listener:
 
         def lets_in() -> None:
             with listener.accept() as connection:
@@ -483,14 +502,15 @@ def test_a_request_is_an_object() -> None:
 # --- where it lies ---
 
 
-def test_only_this_user_reads_the_note_and_the_socket(folder: Path) -> None:
+def test_only_this_user_reads_the_note_and_the_socket(folder: Path, transport: str) -> None:
     before = os.umask(0)
     try:
         with _owner():
             note = folder / f"{os.getpid()}.json"
             modes = {path.suffix: stat.S_IMODE(path.stat().st_mode) for path in folder.iterdir()}
             assert stat.S_IMODE(folder.stat().st_mode) == 0o700
-            assert modes[".json"] == modes[".sock"] == 0o600
+            assert (".sock" in modes) is (transport == "unix")
+            assert modes[".json"] == modes.get(".sock", 0o600) == 0o600
             assert set(json.loads(note.read_text())) == {
                 *("pid", "kind", "virtual", "ports", "out", "run", "protocol", "config", "began_unix_s"),
                 *("address", "key"),
@@ -524,7 +544,7 @@ def test_what_is_announced_changes_as_a_whole(folder: Path) -> None:
         after = _only()
         assert (before.run, after.run) == (None, "/runs/a")
         assert after.model_copy(update={"run": None}) == before
-        assert {path.suffix for path in folder.iterdir()} == {".json", ".lock", ".sock"}
+        assert {path.suffix for path in folder.iterdir()} - {".sock"} == {".json", ".lock"}
 
 
 def test_the_oldest_is_first() -> None:
@@ -541,6 +561,7 @@ def test_one_process_announces_itself_once() -> None:
         assert _only().ask("status") == {"ok": True}, "the first one is as it was"
 
 
+@ON_UNIX
 def test_a_path_too_long_for_a_socket_is_replaced(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RIG_RUNTIME_DIR", str(tmp_path / ("long" * 40)))
     with _owner(status=lambda _: {}):
@@ -552,6 +573,7 @@ def test_a_path_too_long_for_a_socket_is_replaced(tmp_path: Path, monkeypatch: p
     assert not address.parent.exists()
 
 
+@ON_UNIX
 @pytest.mark.parametrize(("length", "beside"), [(100, True), (101, False)])
 def test_the_longest_path_for_a_socket(monkeypatch: pytest.MonkeyPatch, length: int, beside: bool) -> None:
     name = f"/{os.getpid()}.sock"
@@ -597,6 +619,57 @@ def test_the_users_own_folder_is_taken_without_a_word(tmp_path: Path, monkeypatc
     assert runtime_folder() == tmp_path / "own"
 
 
+@ON_TCP
+def test_a_port_is_of_this_machine_alone() -> None:
+    with _owner(status=lambda _: {}):
+        host, _, port = _only().address.partition(":")
+        assert host == "127.0.0.1"
+        with closing(socket.socket()) as outside, pytest.raises(ConnectionRefusedError):
+            outside.connect(("127.0.0.2", int(port)))
+
+
+@ON_TCP
+def test_a_client_that_reaches_itself_has_reached_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A free port of the machine may be given to the end that connects."""
+    end = socket.socket()
+    end.bind(("127.0.0.1", 0))
+    end.connect(end.getsockname())
+    monkeypatch.setattr(socket, "create_connection", lambda *_: end)
+    with pytest.raises(ConnectionRefusedError):
+        connected("127.0.0.1:1", DEADLINE_S)
+    assert end.fileno() == -1
+
+
+@pytest.mark.parametrize("sent", [b"\x00\x00", b"\x00\x00\x00\x09{}"])
+def test_the_rest_of_a_message_is_not_waited_for_for_ever(monkeypatch: pytest.MonkeyPatch, sent: bytes) -> None:
+    monkeypatch.setattr(local_socket, "_WHOLE_S", 0.05)
+    near, far = socket.socketpair()
+    with closing(far), local_socket.Channel(near) as channel:
+        far.sendall(sent)
+        assert channel.poll(DEADLINE_S)
+        with pytest.raises(TimeoutError):
+            channel.recv_bytes(100)
+
+
+@pytest.mark.parametrize("within_s", [0.0, DEADLINE_S])
+def test_messages_are_those_of_multiprocessing(within_s: float) -> None:
+    """A panel and a run of two versions understand each other."""
+    from multiprocessing.connection import Connection
+
+    near, far = socket.socketpair()
+    with local_socket.Channel(near) as channel, Connection(far.detach()) as other:
+        assert not channel.poll(0.0)
+        for length in (0, 1, 5000, 40_000):
+            channel.send_bytes(b"x" * length)
+            assert other.recv_bytes() == b"x" * length
+            other.send_bytes(b"y" * length)
+            assert channel.poll(within_s)
+            assert channel.recv_bytes(length) == b"y" * length
+        other.send_bytes(b"too long")
+        with pytest.raises(OSError, match="length"):
+            channel.recv_bytes(7)
+
+
 # --- notes that nobody stands behind ---
 
 
@@ -634,6 +707,7 @@ def test_other_files_are_left_alone(folder: Path) -> None:
     assert [path.name for path in folder.iterdir()] == ["notes.txt"]
 
 
+@ON_UNIX
 def test_a_socket_whose_file_is_gone_ends_all_the_same(folder: Path) -> None:
     with _owner(status=lambda _: {}):
         one = _only()

@@ -88,6 +88,9 @@ NOT_RUN = {
     "python -m venv elsewhere && elsewhere/bin/pip install dist/indentation_rig-*.whl": "tests/test_wheel.py",
     "elsewhere/bin/python examples/gallery/library/01_press_and_plot.py": "tests/test_wheel.py",
     "mbpoll -m tcp -p 5020 -a 1 -t 4:hex -0 -r 25088 -c 8 -1 127.0.0.1": "tests/rig/test_modbus_counterparties.py",
+    "py -m venv .venv": "a command of Windows",
+    r".venv\Scripts\pip install -e .": "a command of Windows",
+    r".venv\Scripts\rig doctor": "a command of Windows",
     # --- blocks, by their first line ---
     "git clone https://github.com/gnea/grbl && git clone https://github.com/grbl/grbl-sim grbl/grbl/sim": NETWORK,
     "auto chose finger, level coarse: force and contact, no receptors; patch ± 3.30 × ± 3.50 mm; "

@@ -15,6 +15,7 @@ import pytest
 
 import rig.cli.script_execution as owning_module
 import rig.cli.signals as interrupts
+from rig.cli.keyboard import line_waits
 from rig.cli.script_execution import AtTheTerminal, RunOwner, owning
 from rig.cli.signals import STOP_SIGNAL, PauseRequest, at_a_safe_point, interrupt_main, stoppable
 from rig.clock import WallClock
@@ -293,13 +294,12 @@ def test_a_pause_of_ones_own_is_the_one_that_is_asked(nobody: object) -> None:
 
 
 def test_where_a_keyboard_cannot_be_looked_at_it_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Windows, whose select knows sockets only."""
 
     def no_socket(*_: object) -> None:
         raise OSError(10038, "not a socket")
 
     monkeypatch.setattr(select, "select", no_socket)
-    assert interrupts._typed(0.0) is True
+    assert line_waits(0.0) is True
 
 
 # --- the main thread ---

@@ -9,8 +9,6 @@ import io
 import json
 import mmap
 import multiprocessing
-import os
-import signal
 import struct
 import tempfile
 import time
@@ -33,6 +31,7 @@ from studies.faults.campaign.runner import DEFAULTS, about, commit, ended, finis
 from studies.faults.campaign.scenarios import SCENARIOS
 from studies.faults.campaign.tables import Record
 from studies.faults.campaign.world import Message, RememberingBench, World, Worst, config_of, untouched
+from studies.posix import forking, os, signal
 
 BENCHES = ("grbl", "tcp")
 AT_ONCE = 4
@@ -175,7 +174,7 @@ class RealPlace:
 def one(case: FaultCase, folder: Path) -> Record:
     """Carry a case out in real time; takes as long as it takes a rig."""
     os.environ["RIG_STATE_DIR"] = os.environ["RIG_RUNTIME_DIR"] = str(folder)
-    shared, context = Shared(), multiprocessing.get_context("fork")
+    shared, context = Shared(), forking()
     here, there = context.Pipe()
     devices = context.Process(target=_serve, args=(case, shared, there), daemon=True)
     devices.start()
@@ -235,19 +234,19 @@ def carry_out(cases: Sequence[FaultCase], out: Path, load: int, say: Callable[[s
 
 
 def _begun(case: FaultCase, out: Path) -> int:
-    child = os.fork()
-    if child:
-        return child
-    try:
-        with ExitStack() as stack:
-            folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-            record = one(case, folder)
-            with out.open("a", encoding="ascii") as file:
-                file.write(json.dumps(record) + "\n")
-    except BaseException:
-        traceback.print_exc()
-    finally:
-        os._exit(0)
+    child: int = os.fork()
+    if child == 0:
+        try:
+            with ExitStack() as stack:
+                folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+                record = one(case, folder)
+                with out.open("a", encoding="ascii") as file:
+                    file.write(json.dumps(record) + "\n")
+        except BaseException:
+            traceback.print_exc()
+        finally:
+            os._exit(0)
+    return child
 
 
 @contextmanager

@@ -9,12 +9,9 @@ import gc
 import hashlib
 import json
 import logging
-import os
 import re
-import resource
 import select
 import shutil
-import signal
 import subprocess
 import tempfile
 import time
@@ -47,6 +44,7 @@ from studies.faults.campaign.judge import (
 )
 from studies.faults.campaign.scenarios import SCENARIOS, Finished, Scenario
 from studies.faults.campaign.world import Message, VirtualWorld, Worst, untouched
+from studies.posix import os, resource, signal
 
 LONGEST_CPU_S = 20
 FOLLOWED = 8

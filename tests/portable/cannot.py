@@ -1,0 +1,15 @@
+"""Tests that cannot pass with POSIX hidden from the product (sitecustomize.py), each with the reason."""
+
+_MODES = "modes and owners of a POSIX folder; Windows has the profile of a user"
+_UNIX = "Unix sockets"
+_LOCKS = "POSIX record locks and their owner; test_without_posix.py has the locks of Windows"
+CANNOT = {
+    "rig/test_control_socket.py::test_only_this_user_reads_the_note_and_the_socket[unix]": _UNIX,
+    "rig/test_control_socket.py::test_a_path_too_long_for_a_socket_is_replaced": _UNIX,
+    "rig/test_control_socket.py::test_the_longest_path_for_a_socket": _UNIX,
+    "rig/test_control_socket.py::test_a_socket_whose_file_is_gone_ends_all_the_same": _UNIX,
+    "rig/test_control_socket.py::test_a_folder_that_others_could_read_is_closed": _MODES,
+    "rig/test_control_socket.py::test_somebody_elses_folder_is_not_used": _MODES,
+    "rig/test_control_socket.py::test_a_link_to_a_folder_is_not_used": _MODES,
+    "rig/test_ownership.py": _LOCKS,
+}
