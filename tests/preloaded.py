@@ -49,7 +49,7 @@ class Server:
         code = f"from tests import preloaded; preloaded.import_all(); preloaded.serve({far.fileno()})"
         process = subprocess.Popen(
             [sys.executable, "-c", code], pass_fds=[far.fileno()], stdin=subprocess.DEVNULL,
-            cwd=Path(__file__).parents[1], env={**os.environ, "OMP_NUM_THREADS": "1"},
+            cwd=Path(__file__).parents[1], env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
         )  # fmt: skip
         far.close()
         return cls(near, process)

@@ -67,7 +67,7 @@ def ell(path: Path) -> None:
     Image.fromarray(pixels).save(path)
 
 
-def test_a_letter_is_pressed_in_a_run(rig: Callable[..., Any], tmp_path: Path) -> None:
+def test_a_letter_is_pressed_in_a_run(rig: Callable[..., Any], empty_figures: None, tmp_path: Path) -> None:
     found = rig("dry-run", "letter.py", "--config", "coarse.toml")
     assert found["code"] == 0, found["err"]
     run = read_run(Path(found["run"]))

@@ -214,7 +214,7 @@ Ask = Callable[..., Numbers]
 
 
 @pytest.fixture
-def ask(program: Program, tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> Ask:
+def ask(program: Program, tmp_path: Path, run: Run, empty_figures: None, monkeypatch: pytest.MonkeyPatch) -> Ask:
     """Ask a way to numbers, with a cache that is a copy of another, or empty; nothing is kept in memory."""
     asked: list[str] = []
 
