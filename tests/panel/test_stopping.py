@@ -235,6 +235,17 @@ def test_a_tab_that_only_watches_stops_too(running: StandIn, opened: Opened) -> 
     expect(page.locator("#stop_said")).to_have_class("good")
 
 
+def test_it_needs_no_new_connection(running: StandIn, opened: Opened) -> None:
+    """Other programs may flood the server with theirs."""
+    running.state["controls"] = "another"  # it asks for nothing else before
+    page = opened(running.address)
+    until(lambda: running.stays)
+    page.locator("#watching").wait_for()
+    page.locator("#stop").click()
+    expect(page.locator("#stop_said")).to_have_class("good")
+    assert set(running.stays) & {one.connection for one in running.asked if one.path == "/stop"}
+
+
 def test_without_a_token_it_says_that_it_does_not_work(running: StandIn, opened: Opened) -> None:
     page = opened(running.address.partition("#")[0])
     expect(page.locator("#stop_key")).to_have_attribute(*coded("no_token"))

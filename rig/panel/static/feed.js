@@ -67,6 +67,7 @@ export class Feed {
     const options = { headers: headers(), cache: "no-store", credentials: "omit", redirect: "error", signal };
     const response = await fetch(`/events?tab=${encodeURIComponent(tab)}`, options);
     if (!response.ok) return;
+    window.dispatchEvent(new Event("stream"));
     const reader = response.body.pipeThrough(new TextDecoderStream()).getReader();
     for (let text = ""; ; ) {
       const { value, done } = await reader.read();

@@ -10,6 +10,7 @@ const LOUD_MS = 300;
 const FINAL = [200, 403, 409];
 const NOT_CONFIRMED = "STOP NOT CONFIRMED: USE THE EMERGENCY STOP";
 
+const STAY_MS = 60_000; // the server closes an idle connection after five minutes
 const WORKER_FIRST_MS = 50; // it knows when its reply came, even if this page is late
 
 const worker = new Worker("/static/stop_worker.js");
@@ -61,6 +62,13 @@ function tell(how, code, words) {
   show("stop_said", true);
 }
 
+/** Keep a connection open, so that STOP needs no new one while other programs flood the server with theirs. */
+function stay() {
+  if (!hasToken()) return;
+  const options = { method: "HEAD", headers: headers(), cache: "no-store", credentials: "omit", redirect: "error" };
+  fetch("/events", options).catch(() => {});
+}
+
 function arm() {
   at("stop").disabled = false;
   if (hasToken()) write("stop_key", "or Esc, anywhere", "works");
@@ -76,4 +84,6 @@ window.addEventListener("keydown", (event) => {
 at("stop_close").addEventListener("click", () => (giveUp(), show("stop_said", false), at("stop").focus()));
 window.addEventListener("token", arm);
 arm();
+window.addEventListener("stream", stay); // which occupies the connection that was open
+setInterval(stay, STAY_MS);
 document.documentElement.dataset.tab = tab;
