@@ -5,16 +5,22 @@ import os
 import pickle
 import py_compile
 import shutil
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from importlib.util import cache_from_source
+from importlib.util import cache_from_source, module_from_spec, spec_from_file_location
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from rig.cli import durations
+from rig.compare import wider_run
+from rig.engine.bench_memory import BenchMemory
 from rig.protocol.script import load_script
-from sim import compiling
+from sim import compiling, trust
 from sim.models import cache
 from sim.models.cache import cached_arrays
 
@@ -99,7 +105,7 @@ def formerly_writable(folder: Path) -> None:
 def linked_files(folder: Path) -> None:
     store = folder.with_name("store")
     store.mkdir()
-    for n, file in enumerate([path for path in folder.rglob("*") if path.is_file() and path.suffix != ".py"]):
+    for n, file in enumerate([path for path in folder.rglob("*") if path.is_file() and path.name != "mine.py"]):
         shutil.move(file, store / str(n))
         file.symlink_to(store / str(n))
     give(store)
@@ -191,6 +197,20 @@ def bytecode(folder: Path, mark: Path) -> Use:
     return use
 
 
+def compared_run(folder: Path, mark: Path) -> Use:
+    folder.mkdir()
+    (folder / "protocol.py").write_text(f"import os\nos.mkdir({str(mark)!r})\ndef run(rig): ...\n")
+    start = {"parameters": {"from_mm": 0.0, "to_mm": 1.0}, "protocol": "mine"}
+    run: Any = SimpleNamespace(folder=SimpleNamespace(path=folder), start=start)
+
+    def use() -> bool:
+        wider_run._script(run)
+        return mark.exists()
+
+    return use
+
+
+SILENT = ("bytecode", "compared run")
 KINDS: dict[str, tuple[str, Callable[[Path, Path], Use]]] = {
     "index beside the modules": ("modules/__pycache__", machine_code("nbi")),
     "code beside the modules": ("modules/__pycache__", machine_code("nbc")),
@@ -198,6 +218,7 @@ KINDS: dict[str, tuple[str, Callable[[Path, Path], Use]]] = {
     "code in the cache": ("shared/cache", machine_code("nbc")),
     "arrays": ("shared/cache", arrays),
     "bytecode": ("shared/scripts", bytecode),
+    "compared run": ("shared/run", compared_run),
 }
 
 
@@ -226,7 +247,7 @@ def test_nothing_of_others_is_used(
     counts = kind == "arrays" and situation in (CHOSEN | OURS if ROOT else CHOSEN)
     assert used == counts
     assert not mark.exists()
-    if kind == "bytecode" or counts:
+    if kind in SILENT or counts:
         assert not caplog.records
     else:
         assert len(caplog.records) in (1, 2)  # refused; in a folder of others the new one is not stored
@@ -244,9 +265,70 @@ def test_what_is_ours_alone_is_used(here: Path, kind: str, monkeypatch: pytest.M
     use = plant(folder, here / "mark")
     if kind == "bytecode":
         assert not use()
-    elif kind == "arrays":
+    elif kind in ("arrays", "compared run"):
         assert use()
     else:
         with suppress(FileExistsError):  # numba reads an index twice
             use()
         assert (here / "mark").exists()
+
+
+# --- temporary files, whose names another account may know before ---
+
+
+def stored_arrays(folder: Path) -> None:
+    cached_arrays("k", lambda: {"a": np.zeros(3)})
+
+
+def noted_duration(folder: Path) -> None:
+    durations._write({"kind": [1.0]})
+
+
+def recorded_zero(folder: Path) -> None:
+    memory = BenchMemory.__new__(BenchMemory)
+    memory._path = folder / "bench.json"
+    memory.moves()
+
+
+TEMPORARY = {
+    f"k.{os.getpid()}.part": stored_arrays,
+    f"durations.{os.getpid()}": noted_duration,
+    f"bench.{os.getpid()}": recorded_zero,
+}
+
+
+@pytest.mark.parametrize("name", TEMPORARY, ids=["arrays", "durations", "bench"])
+def test_nothing_is_written_through_a_link(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path / "cache"))
+    (tmp_path / "cache").mkdir()
+    (tmp_path / "mine").write_text("mine")
+    (tmp_path / "cache" / name).symlink_to(tmp_path / "mine")
+    TEMPORARY[name](tmp_path / "cache")
+    assert (tmp_path / "mine").read_text() == "mine"
+    assert len([path for path in (tmp_path / "cache").iterdir() if path.suffix != ".lock"]) == 1
+
+
+# --- what has no modes ---
+
+
+def test_on_windows_machine_code_is_read_inside_the_profile_only(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spec = spec_from_file_location("trust_on_windows", trust.__file__)
+    assert spec is not None
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    with monkeypatch.context() as patch:
+        patch.setattr(sys, "platform", "win32")
+        spec.loader.exec_module(module)
+    monkeypatch.setattr(Path, "home", lambda: tmp_path / "profile")
+    inside, outside = tmp_path / "profile" / "loops", tmp_path / "elsewhere" / "loops"
+    assert module.own_folder(inside) == inside
+    link = tmp_path / "profile" / "link"
+    link.symlink_to(outside.parent)
+    for folder in (outside, link / "loops"):
+        with pytest.raises(module.ChangeableError):
+            module.own_folder(folder)
+    (tmp_path / "file").write_bytes(b"numbers")
+    with module.open_trusted(tmp_path / "file", module.trusted_in(outside)) as stream:
+        assert stream.read() == b"numbers"

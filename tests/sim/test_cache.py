@@ -2,19 +2,25 @@
 
 import ast
 import errno
+import io
 import json
 import os
+import pickle
 import shutil
-from collections.abc import Iterator
+import tracemalloc
+import zipfile
+from collections.abc import Callable, Iterator
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from sim.config import FingertipConfig
 from sim.finger.surface import published_points
+from sim.models import cache as model_cache
 from sim.models.cache import Arrays, CacheError, cache_dir, cached_arrays, content_key, model_code
 from tests.error_codes import raises
 
@@ -127,6 +133,89 @@ def test_a_failed_making_leaves_nothing(folder: Path) -> None:
         cached_arrays("k", fail)
     assert [p.name for p in folder.iterdir() if p.suffix != ".lock"] == []
     assert Maker().get()[1] is False
+
+
+def sealed(folder: Path, content: bytes) -> None:
+    folder.mkdir(exist_ok=True)
+    (folder / "k.model").write_bytes(model_cache._seal("k", memoryview(content)) + content)
+
+
+def zipped(parts: dict[str, bytes], method: int = zipfile.ZIP_STORED) -> bytes:
+    stream = io.BytesIO()
+    with zipfile.ZipFile(stream, "w", method) as archive:
+        for name, part in parts.items():
+            archive.writestr(name, part)
+    return stream.getvalue()
+
+
+def npy(array: NDArray[Any]) -> bytes:
+    stream = io.BytesIO()
+    np.save(stream, array)
+    return stream.getvalue()
+
+
+def npy_header(shape: str, padding: int = 0) -> bytes:
+    header = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}{' ' * padding}\n".encode()
+    if len(header) < 1 << 16:
+        return b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header
+    return b"\x93NUMPY\x02\x00" + len(header).to_bytes(4, "little") + header
+
+
+def a_pipe(folder: Path) -> None:
+    folder.mkdir()
+    os.mkfifo(folder / "k.model")
+
+
+def a_sparse_file(folder: Path) -> None:
+    folder.mkdir()
+    (folder / "k.model").touch()
+    os.truncate(folder / "k.model", 1 << 40)
+
+
+def two(a: NDArray[Any], b: NDArray[Any]) -> bytes:
+    return zipped({"a.npy": npy(a), "b.npy": npy(b)})
+
+
+HOSTILE: dict[str, Callable[[Path], None]] = {
+    "no archive": lambda folder: sealed(folder, b"PK"),
+    "nothing in it": lambda folder: sealed(folder, zipped({})),
+    "a pickle": lambda folder: sealed(folder, pickle.dumps([1])),
+    "objects": lambda folder: sealed(folder, zipped({"a.npy": npy(np.array([{}]))})),
+    "compressed": lambda folder: sealed(folder, zipped({"a.npy": npy(np.zeros(10**7))}, zipfile.ZIP_DEFLATED)),
+    "a terabyte": lambda folder: sealed(folder, zipped({"a.npy": npy_header("(1000000000000,)")})),
+    "no length": lambda folder: sealed(folder, zipped({"a.npy": npy_header("(-1,)")})),
+    "a huge header": lambda folder: sealed(folder, zipped({"a.npy": npy_header("(1,)", 10**6)})),
+    "no header": lambda folder: sealed(folder, zipped({"a.npy": npy_header("__import__('os').getpid()")})),
+    "nested": lambda folder: sealed(folder, zipped({"a.npy": npy_header("(" * 5000)})),
+    "integers": lambda folder: sealed(folder, two(np.arange(5), np.ones((2, 3)))),
+    "another axis": lambda folder: sealed(folder, two(np.ones((5, 1)), np.ones((2, 3)))),
+    "another length": lambda folder: sealed(folder, two(np.ones(5), np.ones((2, 4)))),
+    "one missing": lambda folder: sealed(folder, zipped({"a.npy": npy(np.ones(5))})),
+    "a folder": lambda folder: (folder / "k.model").mkdir(parents=True),
+    "a pipe": a_pipe,
+    "a sparse file": a_sparse_file,
+}
+
+
+@pytest.mark.skipif(os.name != "posix", reason="Windows has no pipes in folders")
+@pytest.mark.parametrize("what", HOSTILE)
+def test_what_is_no_arrays_is_made_anew_with_one_line(
+    folder: Path, what: str, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(model_cache, "_reported", set())
+    HOSTILE[what](folder)
+    expected = {"a": np.arange(5.0), "b": np.zeros((2, 3))}
+    tracemalloc.start()
+    found, read = cached_arrays("k", lambda: expected, layout={"a": ("f", "n"), "b": ("f", "23")})
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert found is expected
+    assert not read
+    assert peak < 5e7
+    reasons = [record.args for record in caplog.records]
+    assert len(reasons) == (2 if what == "a folder" else 1)  # a folder stays in the way
+    if what != "a folder":
+        assert cached_arrays("k", lambda: {}, layout={"a": ("f", "n"), "b": ("f", "23")})[1]
 
 
 def leaves(tree: dict[str, Any], path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:

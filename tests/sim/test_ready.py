@@ -61,7 +61,9 @@ def test_where_nothing_may_be_written_it_is_kept_in_the_cache(
 def test_what_cannot_be_kept_is_compiled_all_the_same(modules: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (modules / "a_file").write_text("")
     monkeypatch.setattr(compiling, "_folder", lambda: modules / "a_file" / "below")
-    assert compiling.compiled(doubled)(3.0) == 6.0
+    made = compiling.compiled(doubled)
+    assert made(3.0) == 6.0
+    assert vars(made)["_cache"].cache_path is None  # numba would have taken a folder of its own choice
 
 
 @pytest.mark.parametrize("changed", LOOPS)
