@@ -192,7 +192,7 @@ def test_the_panel_serves_its_page(begun: Callable[..., "subprocess.Popen[str]"]
 
     def answers() -> bool:
         try:
-            return bool(urllib.request.urlopen(url, timeout=10.0).status == 200)
+            return bool(urllib.request.urlopen(url, timeout=DEADLINE_S).status == 200)
         except urllib.error.URLError:
             return False
 
