@@ -19,5 +19,6 @@ CANNOT = {
     "rig/test_transport.py::test_a_missing_port_is_named[refuse_missing]": _NO_LOOK,
     "rig/test_transport.py::test_one_owner_a_port": _UNNAMED,
     "rig/test_transport.py::test_tcp_both_ways_and_one_owner": _UNNAMED,
+    "rig/test_stop_button.py": "an input device of Linux",
     "rig/test_stopping_needs_nothing.py::test_the_bytes_go_out_through_it[lock cannot be taken]": _LOCKS,
 }
