@@ -245,11 +245,11 @@ def put_in_place(partial: Path, path: Path) -> None:
         try:
             partial.replace(path)
         except PermissionError:
-            if sys.platform != "win32" or clock.monotonic_s() >= deadline_s:
-                raise
-            clock.wait_s(_AGAIN_S)
-        else:
-            return
+            if sys.platform == "win32" and clock.monotonic_s() < deadline_s:
+                clock.wait_s(_AGAIN_S)
+                continue
+            raise
+        return
 
 
 def replace_text(path: Path, text: str, *, new: bool = False) -> None:
