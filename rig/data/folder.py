@@ -242,20 +242,17 @@ def free_space(path: Path) -> str:
 
 def put_in_place(partial: Path, path: Path) -> None:
     """Replace a file by another one in one step; Windows waits for a program that reads it. Raises OSError."""
-    if sys.platform == "win32":
-        clock = WallClock()
-        deadline_s = clock.monotonic_s() + _READ_S
-        while True:
-            try:
-                partial.replace(path)
-            except PermissionError:
-                if clock.monotonic_s() >= deadline_s:
-                    raise
+    clock = WallClock()
+    deadline_s = clock.monotonic_s() + _READ_S
+    while True:
+        try:
+            partial.replace(path)
+        except PermissionError:
+            if sys.platform == "win32" and clock.monotonic_s() < deadline_s:
                 clock.wait_s(_AGAIN_S)
-            else:
-                return
-    else:
-        partial.replace(path)
+                continue
+            raise
+        return
 
 
 def replace_text(path: Path, text: str, *, new: bool = False) -> None:

@@ -225,6 +225,7 @@ class ByHandProcess:
             stdout=subprocess.DEVNULL,
             stderr=self._output,
             start_new_session=True,  # Ctrl-C ends the panel, not this process.
+            creationflags=getattr(subprocess, "CREATE_NEW_PROCESS_GROUP", 0),  # the same on Windows
         )
 
     def _announced(self) -> bool:

@@ -3,11 +3,15 @@
 import math
 import selectors
 import socket
+import sys
 import time
 from collections.abc import Callable
 from typing import Protocol
 
 from sim.devices.clock import EventQueue, Handle
+
+# Ctrl-C does not end a wait for sockets on Windows: its handler runs afterwards.
+_LONGEST_WAIT_S = 0.1 if sys.platform == "win32" else math.inf
 
 
 class HasFileno(Protocol):
@@ -56,6 +60,7 @@ class WallScheduler:
         """Run due calls, then wait for data, the next timer, or until_s."""
         self._run_due()
         left_s = max(min(self._queue.next_s(), until_s) - self.monotonic_s(), 0.0)
+        left_s = min(left_s, _LONGEST_WAIT_S)
         for key, _ in self._selector.select(None if left_s == math.inf else left_s):
             key.data()
 

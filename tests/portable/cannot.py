@@ -2,6 +2,8 @@
 
 _MODES = "modes and owners of a POSIX folder; Windows has the profile of a user"
 _UNIX = "Unix sockets"
+_UNNAMED = "Windows does not name the owner of a port"
+_NO_LOOK = "Windows finds a missing port when it opens it"
 _LOCKS = "POSIX record locks and their owner; test_without_posix.py has the locks of Windows"
 CANNOT = {
     "rig/test_control_socket.py::test_only_this_user_reads_the_note_and_the_socket[unix]": _UNIX,
@@ -12,4 +14,11 @@ CANNOT = {
     "rig/test_control_socket.py::test_somebody_elses_folder_is_not_used": _MODES,
     "rig/test_control_socket.py::test_a_link_to_a_folder_is_not_used": _MODES,
     "rig/test_ownership.py": _LOCKS,
+    "rig/test_page.py::test_text_that_waits_can_answer_and_nothing_cannot": "Windows does not say what a pipe holds",
+    "rig/test_page.py::test_what_ends_before_it_begins_says_that_nothing_was_moved[no port": _NO_LOOK,
+    "rig/test_transport.py::test_a_missing_port_is_named[refuse_missing]": _NO_LOOK,
+    "rig/test_transport.py::test_one_owner_a_port": _UNNAMED,
+    "rig/test_transport.py::test_tcp_both_ways_and_one_owner": _UNNAMED,
+    "rig/test_stop_button.py": "an input device of Linux",
+    "rig/test_stopping_needs_nothing.py::test_the_bytes_go_out_through_it[lock cannot be taken]": _LOCKS,
 }

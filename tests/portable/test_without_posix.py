@@ -192,7 +192,7 @@ def test_the_panel_serves_its_page(begun: Callable[..., "subprocess.Popen[str]"]
 
     def answers() -> bool:
         try:
-            return bool(urllib.request.urlopen(url, timeout=10.0).status == 200)
+            return bool(urllib.request.urlopen(url, timeout=DEADLINE_S).status == 200)
         except urllib.error.URLError:
             return False
 
@@ -200,6 +200,19 @@ def test_the_panel_serves_its_page(begun: Callable[..., "subprocess.Popen[str]"]
     panel.send_signal(signal.SIGINT)
     panel.communicate(timeout=DEADLINE_S)
     assert panel.returncode == 0
+
+
+def test_what_waits_for_sockets_looks_up_for_ctrl_c(environment: dict[str, str]) -> None:
+    """Windows runs the handler of a signal when the wait has ended."""
+    code = """
+from sim.serve.real_time_loop import WallScheduler
+scheduler = WallScheduler()
+scheduler.run_once()
+print("looked up")
+"""
+    words = [sys.executable, "-c", code]
+    ended = subprocess.run(words, env=environment, capture_output=True, text=True, timeout=DEADLINE_S, check=True)
+    assert ended.stdout == "looked up\n"
 
 
 def test_a_finger_is_identified_in_a_rehearsal(rig: Rig, tmp_path: Path) -> None:

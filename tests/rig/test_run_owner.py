@@ -7,7 +7,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -313,8 +313,11 @@ def _from_a_thread(act: Callable[[], object]) -> None:
 
 
 @pytest.mark.parametrize("signals", [True, False])
-def test_the_main_thread_is_interrupted_from_another_one(monkeypatch: pytest.MonkeyPatch, signals: bool) -> None:
-    with stoppable():
+@pytest.mark.parametrize("enter", [stoppable, at_a_safe_point])
+def test_the_main_thread_is_interrupted_from_another_one(
+    monkeypatch: pytest.MonkeyPatch, enter: Callable[[], AbstractContextManager[object]], signals: bool
+) -> None:
+    with enter():
         if not signals:
             monkeypatch.setattr(interrupts, "STOP_SIGNAL", None)
         with pytest.raises(KeyboardInterrupt):
