@@ -1,8 +1,8 @@
 """`make shake`: the suite twice and its real-time tests many times, beside as many busy processes as cores.
 
-Then, beside nothing else, the whole fault campaign (studies/faults/campaign), which is on the virtual clock, and all
-commands with an empty cache (studies/speed/silence). Tests that measure a study are left out unless they are named:
-the Makefile runs them afterwards (`make test-studies`).
+Then, beside nothing else, the whole fault campaign (studies/faults/campaign), which is on the virtual clock, all
+commands with an empty cache (studies/speed/silence), and a million mutated files (tests/fuzz/campaign). Tests that
+measure a study are left out unless they are named: the Makefile runs them afterwards (`make test-studies`).
 """
 
 import argparse
@@ -22,6 +22,7 @@ def main() -> None:
     parser.add_argument("--real-time", type=int, default=20, help="times what is marked real_time")
     parser.add_argument("--busy", type=int, default=os.cpu_count() or 1, help="others that never rest, beside it")
     parser.add_argument("--no-campaign", action="store_true", help="not the fault campaign")
+    parser.add_argument("--inputs", type=int, default=1_000_000, help="mutated files that the program reads")
     parser.add_argument("tests", nargs="*", help="files, folders or single tests instead of all of them")
     asked = parser.parse_args()
     failed: Counter[str] = Counter()
@@ -34,6 +35,7 @@ def main() -> None:
     if not (asked.no_campaign or asked.tests):
         failed.update(campaign())
         failed.update(silences())
+        failed.update(hostile_files(asked.inputs))
     for name, times in failed.most_common():
         print(f"{times} × {name}")
     print(f"{failed.total()} failures")
@@ -70,6 +72,12 @@ def silences() -> Iterator[str]:
     """All commands with an empty cache, none of which may be silent for long."""
     if subprocess.run([sys.executable, "-m", "studies.speed.silence"], check=False).returncode:
         yield "a command is silent for too long"
+
+
+def hostile_files(inputs: int) -> Iterator[str]:
+    """Files of every kind that the program reads, mutated; prints its progress and what fails."""
+    if subprocess.run([sys.executable, "-m", "tests.fuzz.campaign", "--inputs", str(inputs)], check=False).returncode:
+        yield "a mutated file"
 
 
 @contextmanager

@@ -1,7 +1,6 @@
 """How long kinds of work took before, kept beside the cache of models, for the estimates of later commands."""
 
 import json
-import math
 import os
 from collections.abc import Mapping
 from contextlib import suppress
@@ -13,6 +12,7 @@ from rig.user_files import json_of, read_text
 FILE = "durations.json"
 MOST_KINDS, MOST_TIMES = 100, 5
 _LONGEST_KIND = 200  # characters
+_LONGEST_S = 1e9
 LEAST_S = 0.3
 """Shorter work is not recorded unless its kind took longer before."""
 
@@ -64,7 +64,7 @@ def _read() -> Times:
 def _is_sound(times: object) -> bool:
     if not isinstance(times, list) or not 0 < len(times) <= MOST_TIMES:
         return False
-    return all(isinstance(one, int | float) and math.isfinite(one) and one >= 0 for one in times)
+    return all(isinstance(one, int | float) and 0 <= one <= _LONGEST_S for one in times)
 
 
 def _write(times: Mapping[str, list[float]]) -> None:

@@ -197,7 +197,7 @@ class Course:
             words = {name: text for name, _, text in passes if text}
             marks = {name: dict(p[5]) for p, (name, _, _) in zip(stored["passes"], passes, strict=True) if p[5:]}
             return cls(float(stored["duration_s"]), {name: instant_s for name, instant_s, _ in passes}, words, marks)
-        except (OSError, ValueError, TypeError, KeyError, IndexError):
+        except (OSError, ValueError, TypeError, KeyError, IndexError, OverflowError, AttributeError):
             return None
 
 

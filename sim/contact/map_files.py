@@ -156,8 +156,11 @@ def _grey(where: str, file: str) -> Array:
     from PIL import Image, UnidentifiedImageError
 
     try:
-        with warnings.catch_warnings(), open_file(file) as stream, Image.open(stream, formats=["PNG"]) as image:
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # the size is checked below
+        with (
+            warnings.catch_warnings(action="ignore"),  # of a size that is checked below, and of animations
+            open_file(file) as stream,
+            Image.open(stream, formats=["PNG"]) as image,
+        ):
             if image.width * image.height > MOST_POINTS:
                 raise HeightMapError(
                     "{name}: {columns} × {rows} pixels; at most {most} in all are allowed",

@@ -120,7 +120,7 @@ def _lines(read: int, child: int) -> Iterator[str]:
 
 def _child(name: str, first: int, number: int, write: int) -> None:
     """Read the inputs; before each its number is written, and behind it what failed. Never returns."""
-    ended = 1
+    ended, seed = 1, first
     try:
         from tests.fuzz.harness import Target
 
@@ -151,7 +151,7 @@ def _child(name: str, first: int, number: int, write: int) -> None:
             os.chdir("/")
         ended = 0
     except BaseException:
-        os.write(write, f"{first} {' '.join(traceback.format_exc()[-900:].split())}\n".encode())
+        os.write(write, f"{seed} {' '.join(traceback.format_exc()[-900:].split())}\n".encode())
     finally:
         os._exit(ended)
 

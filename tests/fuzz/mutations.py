@@ -315,7 +315,8 @@ def _mutated(rng: random.Random, tree: Any, other: Any) -> Any:
             case 3:
                 inside[key] = {"a": value}
             case 4 if isinstance(value, int | float) and not isinstance(value, bool):
-                inside[key] = value * rng.choice((-1, 0, 0.5, 1e-9, 1e3, 10**30, 1e300))
+                factor = rng.choice((-1, 0, 0.5, 1e-9, 1e3, 10**30, 1e300))
+                inside[key] = value * (int(factor) if isinstance(value, int) and abs(value) > 10**300 else factor)
             case 5:
                 inside[key] = _at(other, rng.choice(_paths(other) or [()]))
             case 6 if isinstance(value, list) and value:

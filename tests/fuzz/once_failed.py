@@ -1,6 +1,8 @@
 """Files that once failed, by reader: what each is, and its content, or the number of a mutated example."""
 
 import io
+import struct
+import zlib
 from collections.abc import Callable
 
 import h5py
@@ -39,6 +41,18 @@ def _npy(header: str) -> bytes:
     """Return a NumPy file whose header is any text."""
     text = header.encode().ljust(118) + b"\n"
     return b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text + bytes(320)
+
+
+def _png(*chunks: tuple[bytes, bytes]) -> bytes:
+    """Return a picture of 4 × 4 pixels, after any other chunks."""
+    size = (b"IHDR", struct.pack(">IIBBBBB", 4, 4, 8, 0, 0, 0, 0))
+    first = [] if chunks[0][0] == b"IHDR" else [size]
+    whole = [*first, *chunks, (b"IDAT", zlib.compress(bytes(20))), (b"IEND", b"")]
+    parts = (
+        struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+        for kind, body in whole
+    )
+    return b"\x89PNG\r\n\x1a\n" + b"".join(parts)
 
 
 def _event(data: str, stream: str = '"mount"', t_s: str = "0.0") -> bytes:
@@ -81,6 +95,10 @@ ONCE_FAILED: dict[str, dict[str, bytes | int]] = {
         "a shape of texts": _npy("{'descr': '<f8', 'fortran_order': False, 'shape': ('a', 2)}"),
         "a shape of truths": _npy("{'descr': '<f8', 'fortran_order': False, 'shape': (True, 2)}"),
     },
+    "height map, picture": {
+        "an animation without frames": _png((b"acTL", bytes(8))),
+        "half the size that is a bomb": _png((b"IHDR", struct.pack(">IIBBBBB", 10_000, 10_000, 8, 0, 0, 0, 0))),
+    },
     "table of rates or counts": {"a rate of 1e308": RATES.replace("30", "1e308").encode()},
     "spike times": {"all pulses at one time": b"time_s,kind\n1,spike\n" + b"5,sync\n" * 4},
     "spike times, NWB": {
@@ -117,6 +135,11 @@ ONCE_FAILED: dict[str, dict[str, bytes | int]] = {
         "parameters that are a list": b'{"protocol": "p.py", "parameters": [], "virtual": true}',
     },
     "checksums": {"bytes that are no text": b"\xff\n", "a line without a name": b"0" * 64 + b"\n", "no lines": b""},
+    "course of a run": {
+        "a duration of 400 digits": b'{"duration_s": ' + b"9" * 400 + b', "passes": []}',
+        "marks that are a list": b'{"duration_s": 1.0, "passes": [["mount", 1, 0, 0.0, "", [1]]]}',
+    },
+    "durations": {"a duration of 400 digits": b'{"rig check: checking": [' + b"9" * 400 + b"]}"},
     "memory of a bench": {"bytes that are no text": b"\xff"},
     "notes of owners": {
         "a key that is no hexadecimal number": b'{"pid": 1, "kind": "run", "virtual": true, "ports": ["a"], '

@@ -56,9 +56,9 @@ def _damage_in_one_line(path: Path) -> Iterator[None]:
         yield
     except RecordingError:
         raise
-    except (OSError, KeyError, RuntimeError, ValueError, TypeError, AttributeError, MemoryError) as error:
-        if isinstance(error, OSError) and not h5py.is_hdf5(path):
-            raise RecordingError("{path}: not an NWB file (HDF5)", code="no_hdf5", path=str(path)) from None
+    except OSError:
+        raise RecordingError("{path}: not an NWB file (HDF5)", code="no_hdf5", path=str(path)) from None
+    except (KeyError, RuntimeError, ValueError, TypeError, AttributeError, MemoryError) as error:
         reason = (str(error).strip("'\" ") or type(error).__name__).splitlines()[0]
         raise RecordingError(
             "{path}: this NWB file (HDF5) is damaged: {reason}", code="damaged_hdf5", path=str(path), reason=reason
