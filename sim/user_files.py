@@ -40,7 +40,7 @@ def open_file(path: str | Path, *, buffering: int = -1) -> BinaryIO:
         raise OSError(errno.EINVAL, "not the name of a file", str(path)) from None
     try:
         _refuse_special(path, os.fstat(number))  # it may have been replaced in between
-        return os.fdopen(number, "rb", buffering)  # type: ignore[return-value]
+        return os.fdopen(number, "rb", buffering)
     except OSError:
         os.close(number)
         raise
@@ -93,5 +93,8 @@ def read_text(path: str | Path, *, encoding: str = "utf-8", errors: str = "stric
 
 def sha256_of(path: str | Path) -> str:
     """Return the SHA-256 of a regular file of any size. Raises OSError."""
+    digest = hashlib.sha256()
     with open_file(path) as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+        while part := file.read(1 << 20):
+            digest.update(part)
+    return digest.hexdigest()

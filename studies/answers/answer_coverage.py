@@ -68,7 +68,7 @@ def inside(plausible: PlausibleFingers) -> list[FingertipConfig]:
     """The fingers at the places that were drawn."""
     places = drawn(len(plausible.free))
     trees = [{name.partition(".")[2]: v for name, v in plausible.values(place).items()} for place in places]
-    return [FingertipConfig(tissue=Tissue(**tree)) for tree in trees]
+    return [FingertipConfig(tissue=Tissue.model_validate(tree)) for tree in trees]
 
 
 def with_design(default: Families, design: list[Families]) -> Families:

@@ -84,7 +84,7 @@ class Level:
 
 def tissue(**changed: float) -> FingertipConfig:
     """Return the default finger with other tissue."""
-    return FingertipConfig(tissue=Tissue(**changed))
+    return FingertipConfig(tissue=Tissue.model_validate(changed))
 
 
 LEVELS = (
