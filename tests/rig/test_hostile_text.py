@@ -183,3 +183,11 @@ def test_pages_and_tables_hold_the_text_as_text(run: Path, program: Program, fin
 def test_half_a_surrogate_pair_is_written_as_text(tmp_path: Path) -> None:
     replace_text(tmp_path / "page.html", "a\ud800b")
     assert (tmp_path / "page.html").read_text(encoding="utf-8") == r"a\ud800b"
+
+
+def test_a_stream_is_no_path(run: Path, program: Program) -> None:
+    journal = run / "events.jsonl"
+    journal.write_text(journal.read_text(encoding="utf-8").replace('"note"', '"../../note"'), encoding="utf-8")
+    ended = program("export", str(run), "--csv", "--json")
+    assert (ended.code, ended.error_code) == (2, "bad_journal")
+    assert not list(run.parents[1].glob("*.csv"))
