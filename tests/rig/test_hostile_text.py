@@ -14,7 +14,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from rig.cli import output
+from rig.cli import output, program
 from rig.data import read_run
 from rig.data.folder import replace_text
 from rig.printable import on_one_line, printable
@@ -54,6 +54,7 @@ WAYS: dict[str, Callable[[], object]] = {
     "activity": lambda: output._activities._say(output.Activity(HOSTILE)),
     "spinner": lambda: output.say_now(HOSTILE),
     "warning of the simulator": lambda: _warning(),
+    "traceback": lambda: program._print_traceback(ValueError, ValueError(HOSTILE), None),
     "JSON": lambda: output.print_json({"a": HOSTILE}),
 }
 
