@@ -143,9 +143,14 @@ def first_problem(where: str, error: ValidationError, model: type[BaseModel] | N
     if isinstance(problem["input"], dict):  # about a whole table: the message names the keys
         parts = ("{where}" if where else "", "{key}" if place else "", "{problem}" if what else "")
         return BadInputError(": ".join(part for part in parts if part), code=code or "invalid_table", **fields)
-    value = list(problem["input"]) if isinstance(problem["input"], tuple) else problem["input"]
+    value = _as_lists(problem["input"])
     fields |= {"value": value, "shown": _SHORT.repr(value)}
     return BadInputError("{where}: {key} = {shown}: {problem}", code=code or "invalid_value", **fields)
+
+
+def _as_lists(value: Any) -> Any:
+    """Return a value as files write it, with lists for tuples."""
+    return [_as_lists(one) for one in value] if isinstance(value, tuple) else value
 
 
 def _short(place: str) -> str:

@@ -14,6 +14,7 @@ import typer
 
 from rig.cli.help import START_PAGE, PlainCommand, PlainGroup
 from rig.cli.output import ExitCode, fail, out, renamed, show_builds, starting
+from rig.printable import printable
 
 # some versions of typer carry their own copy of click, whose exceptions are reached through a public one.
 _ClickException = typer.BadParameter.mro()[2]
@@ -96,6 +97,7 @@ thousand objects, so the threshold must not be much larger."""
 def run() -> None:
     """Run the requested command; always end by SystemExit."""
     gc.set_threshold(*LOOKED_THROUGH)
+    sys.excepthook = _print_traceback
     atexit.register(gc.freeze)  # the exit of the process frees memory, so no last collection is needed
     # Our own error has what pymodbus logs of a bad frame, in one line.
     logging.getLogger("pymodbus").addHandler(logging.NullHandler())
@@ -116,6 +118,13 @@ def run() -> None:
             sys.exit(ExitCode.BAD_INPUT)
         fail(message, "usage", ExitCode.BAD_INPUT, as_json="--json" in sys.argv)
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _print_traceback(_kind: type[BaseException], error: BaseException, _trace: object) -> None:
+    """Print the traceback of an unforeseen error, whose message may contain anything."""
+    import traceback
+
+    print(printable("".join(traceback.format_exception(error))), end="", file=sys.stderr)
 
 
 def _with_new_name(arguments: list[str]) -> list[str]:

@@ -2,7 +2,9 @@
 
 import csv
 import io
+import re
 from collections.abc import Mapping
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -12,7 +14,7 @@ import numpy as np
 
 from rig.data.dictionary import FLAGS, TEXT, about_table, meaning
 from rig.data.folder import replace_bytes, replace_text
-from rig.data.run import Run, provenance_of
+from rig.data.run import Run, RunError, provenance_of
 from rig.data.tables import Table, tables
 from rig.errors import RigError
 from rig.printable import printable
@@ -24,13 +26,34 @@ def export_run(run: Run, *, again: bool = True) -> None:
 
     Events of indentations that were interrupted and repeated go into separate tables, STREAM_superseded.
     """
+    run = _visible(run)
     found = tables(run)
+    for name in found:
+        if not re.fullmatch(r"\w+", name):  # it becomes the name of a file
+            raise RunError(
+                "run folder {run}: the stream {stream!r} is not a name", code="bad_journal",
+                run=str(run.folder.path), stream=name,
+            )  # fmt: skip
     if again or not run.folder.data.exists():
         _write_hdf5(run, found)
     for name, table in found.items():
         path = run.folder.path / f"{name}.csv"
         if again or not path.exists():
             replace_text(path, _as_csv(table.columns))
+
+
+def _visible(run: Run) -> Run:
+    """Return a run whose texts HDF5 can hold: without NUL, halves of surrogate pairs and other control characters."""
+    parts = {name: _plain(getattr(run, name)) for name in ("start", "units", "events", "superseded")}
+    return replace(run, **parts)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain(one) for key, one in value.items()}
+    if isinstance(value, list):
+        return [_plain(one) for one in value]
+    return printable(value) if isinstance(value, str) else value
 
 
 def _write_hdf5(run: Run, found: Mapping[str, Table]) -> None:
@@ -51,10 +74,10 @@ def _attributes(run: Run) -> dict[str, Any]:
     """Return the attributes of the file, as described in rig/data/dictionary.py."""
     start = run.start
     return {
-        "run": run.folder.path.resolve().name,
+        "run": printable(run.folder.path.resolve().name),
         "uid": start.get("uid", ""),
         "date_utc": datetime.fromtimestamp(start["unix_s"], UTC).isoformat(timespec="seconds"),
-        "version": provenance_of(run).get("versions", {}).get("indentation-rig", ""),
+        "version": _plain(provenance_of(run)).get("versions", {}).get("indentation-rig", ""),
         "protocol": start["protocol"],
         "title": start["title"],
         "subject": start.get("subject") or "",
@@ -70,7 +93,7 @@ def _as_array(name: str, values: list[Any]) -> Any:
         return np.array([value is True for value in values])
     if name not in TEXT and all(value is None or isinstance(value, int | float) for value in values):
         return np.array([np.nan if value is None else float(value) for value in values])
-    return np.array(["" if value is None else printable(str(value)) for value in values], dtype=h5py.string_dtype())
+    return np.array(["" if value is None else str(value) for value in values], dtype=h5py.string_dtype())
 
 
 def _as_csv(columns: dict[str, list[Any]]) -> str:
@@ -111,7 +134,7 @@ def export_nwb(run: Run) -> Path:
     path = run.folder.path / "run.nwb"
     image = io.BytesIO()  # On a full disk HDF5 itself ends the program.
     with h5py.File(image, "w") as hdf5, pynwb.NWBHDF5IO(mode="w", file=hdf5) as file:
-        file.write(_as_nwb(run, pynwb))
+        file.write(_as_nwb(_visible(run), pynwb))
     replace_bytes(path, image.getvalue())
     return path
 
@@ -123,7 +146,7 @@ def _as_nwb(run: Run, pynwb: Any) -> Any:
         identifier=run.start["uid"],
         session_start_time=began,
         file_create_date=began,
-        session_id=run.folder.path.name,
+        session_id=printable(run.folder.path.name),
         protocol=run.start["protocol"],
         notes=f"virtual bench: {run.start['virtual']}; complete: {run.complete}",
         subject=_subject(run, pynwb),
@@ -144,7 +167,7 @@ def _subject(run: Run, pynwb: Any) -> Any:
 
 def _add_devices(run: Run, file: Any) -> None:
     """Add stage, force sensor and indentors with their identifications."""
-    kinds = provenance_of(run).get("devices", {})
+    kinds = _plain(provenance_of(run)).get("devices", {})
     identifications = {
         "stage": _identification(run, "home", "controller"),
         "force": _identification(run, "zero", "sensor"),

@@ -14,7 +14,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from rig.cli import output
+from rig.cli import output, program
 from rig.data import read_run
 from rig.data.folder import replace_text
 from rig.printable import on_one_line, printable
@@ -54,6 +54,7 @@ WAYS: dict[str, Callable[[], object]] = {
     "activity": lambda: output._activities._say(output.Activity(HOSTILE)),
     "spinner": lambda: output.say_now(HOSTILE),
     "warning of the simulator": lambda: _warning(),
+    "traceback": lambda: program._print_traceback(ValueError, ValueError(HOSTILE), None),
     "JSON": lambda: output.print_json({"a": HOSTILE}),
 }
 
@@ -121,8 +122,9 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     lines = (folder / "events.jsonl").read_text(encoding="utf-8").splitlines()
     documents = [_changed(json.loads(line)) for line in lines]
     documents[0]["subject"] = HOSTILE
-    note = {"doc": "event", "uid": "n", "seq": 1, "t_s": 0.0, "unix_s": documents[0]["unix_s"], "stream": "note"}
-    documents.insert(1, {**note, "data": {"text": HOSTILE}})
+    note = {"uid": "n", "seq": 1, "t_s": 0.0, "unix_s": documents[0]["unix_s"], "stream": "note"}
+    documents.insert(1, {"doc": "descriptor", **note, "units": {"text": ""}})
+    documents.insert(2, {"doc": "event", **note, "data": {"text": HOSTILE}})
     (folder / "events.jsonl").write_text("".join(json.dumps(one) + "\n" for one in documents), encoding="utf-8")
     about = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))
     (folder / "provenance.json").write_text(json.dumps(_changed(about)), encoding="utf-8")
@@ -137,7 +139,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "list as a table": ("runs", "--table", "table.csv"),
     "monitor": ("monitor", "RUN"),
     "monitor as JSON": ("monitor", "RUN", "--json"),
-    "export": ("export", "RUN"),
+    "export": ("export", "RUN", "--csv"),
     "bundle": ("doctor", "--bundle", "RUN"),
     "no such run": ("show", f"none{HOSTILE.replace(chr(0), '')}"),
     "no such command": (f"x{HOSTILE}",),
@@ -174,7 +176,7 @@ def test_pages_and_tables_hold_the_text_as_text(run: Path, program: Program, fin
     page = write_report(read_run(run), finger).read_text(encoding="utf-8")
     assert "<script>alert" not in page
     assert steers(page) == []
-    assert program("export", str(run)).code == 0
+    assert program("export", str(run), "--csv").code == 0
     with h5py.File(run / "data.h5") as file:
         assert len(file) > 0
 
@@ -182,3 +184,11 @@ def test_pages_and_tables_hold_the_text_as_text(run: Path, program: Program, fin
 def test_half_a_surrogate_pair_is_written_as_text(tmp_path: Path) -> None:
     replace_text(tmp_path / "page.html", "a\ud800b")
     assert (tmp_path / "page.html").read_text(encoding="utf-8") == r"a\ud800b"
+
+
+def test_a_stream_is_no_path(run: Path, program: Program) -> None:
+    journal = run / "events.jsonl"
+    journal.write_text(journal.read_text(encoding="utf-8").replace('"note"', '"../../note"'), encoding="utf-8")
+    ended = program("export", str(run), "--csv", "--json")
+    assert (ended.code, ended.error_code) == (2, "bad_journal")
+    assert not list(run.parents[1].glob("*.csv"))
