@@ -27,7 +27,8 @@ def test_two_presses_under_each_force_sensor(kind: str, tmp_path: Path) -> None:
     found = suffer(Fault("none", "done", "", _nothing, tables), tmp_path)
     assert (found.outcome, found.ended_by) == ("done", None)
     events = [json.loads(line) for line in (tmp_path / "events.jsonl").read_text(encoding="utf-8").splitlines()]
-    forces = [event["force_gwt"] for event in events if event["stream"] == "hold_end"]
+    holds = [event["data"] for event in events if (event["doc"], event["stream"]) == ("event", "hold_end")]
+    forces = [hold["force_gwt"] for hold in holds]
     assert forces == pytest.approx([TARGET.value] * 2, abs=HELD_TO_GWT)
     assert found.worst_gwt <= TARGET.value + HELD_TO_GWT
 
