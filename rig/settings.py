@@ -183,6 +183,52 @@ class DrivesSettings(Settings):
     z: DriveSettings = DriveSettings(device_id=2)
 
 
+class ZaberAxisSettings(Settings):
+    """Settings of one axis of a Zaber chain."""
+
+    address: int = Field(ge=1, le=99, description="address of the device in the chain")
+    axis: int = Field(1, ge=1, le=9, description="number of the axis of that device")
+    microstep_um: float = Field(
+        2.5,
+        gt=0,
+        le=10,
+        description="length of one microstep, from the stage's data sheet; a calibration of steps_per_mm replaces it",
+    )
+    resolution: int = Field(
+        64,
+        ge=1,
+        le=256,
+        description="microsteps per full step for which microstep_um holds; compared with the device",
+    )
+    encoder: bool = Field(False, description="read the position from the encoder instead of the motor's step counter")
+
+
+class ZaberSettings(Settings):
+    """Settings of two Zaber axes.
+
+    x is lateral and z vertical; y stays where it was set by hand. The two units are second-hand.
+    """
+
+    x: ZaberAxisSettings = ZaberAxisSettings(address=1)
+    z: ZaberAxisSettings = ZaberAxisSettings(address=2)
+    speed_unit: float = Field(
+        1.6384,
+        gt=0,
+        description="native speed for one microstep per second; not from the maker's manual, check it",
+    )
+    acceleration_unit: float = Field(
+        1.6384e-4,
+        gt=0,
+        description="native acceleration for one microstep per second squared; not from the maker's manual, check it",
+    )
+
+    @model_validator(mode="after")
+    def _axes_are_distinct(self) -> Self:
+        if (self.x.address, self.x.axis) == (self.z.address, self.z.axis):
+            raise RuleError("x and z: same address and axis; give each its own", code="one_axis_for_two")
+        return self
+
+
 def _said(text: str) -> str:
     if not text.strip():
         raise RuleError("the name is empty; give a name", code="no_name")

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from rig.devices.base import ForceSensor, Stage
 from rig.devices.make_drivers import force_driver, stage_driver
-from rig.devices.registry import DEFAULTS, DeviceKind, as_kind, kind_of, moves_along
+from rig.devices.registry import DEFAULTS, DeviceKind, StageKind, as_kind, find, kind_of, moves_along
 from rig.engine.bench import LOOK_S, NO_PAUSE, Heartbeat, Pause
 from rig.engine.bench_memory import LastKnown
 from rig.engine.contact import KnownContact
@@ -19,7 +19,7 @@ from rig.engine.sensing import ForceZero
 from rig.errors import BadInputError, around, first_problem
 from rig.plan.config import Config
 from rig.plan.finger_model import kept_in
-from rig.settings import NOMINAL_STEPS_PER_MM, DeviceSettings, ForceSettings, Framing, StageSettings, SyncSettings
+from rig.settings import DeviceSettings, ForceSettings, Framing, StageSettings, SyncSettings
 from rig.transport.stop_gate import StopGate
 from rig.transport.wire import LoggedTransport, LoopbackTransport, Sink
 from rig.units import GWT_N
@@ -45,7 +45,8 @@ if TYPE_CHECKING:
 
 def calibrated_steps_per_mm(config: Config, axis: str) -> float:
     """Return the calibrated or nominal steps per mm, negative if the motor runs against the axis."""
-    return config.calibration.value(f"{axis}_steps_per_mm", NOMINAL_STEPS_PER_MM)
+    nominal = find(StageKind, config.stage.kind).steps_per_mm(config.stage, axis)
+    return config.calibration.value(f"{axis}_steps_per_mm", nominal)
 
 
 def _screw(config: Config, axis: str) -> float:
@@ -130,6 +131,7 @@ def virtual_stage(scheduler: Scheduler, line: SerialLine, config: Config) -> Vir
         _own(config.stage),
         config.sync.model_dump(),
         config.stop.inputs_register,
+        config.stage.acceleration_mm_s2,
     )
     return _made(config.stage, lambda twin: twin(scheduler, line, description))
 

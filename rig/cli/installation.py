@@ -22,7 +22,7 @@ from rig.cli.progress import counted
 from rig.data.bug_report import LEFT_OUT, bug_report, bundle_name
 from rig.devices import registry
 from rig.errors import BadInputError
-from rig.plan.config import Config, Key, as_toml, keys, load_config, unit
+from rig.plan.config import Config, Key, as_toml, keys, keys_of_other_kinds, load_config, unit
 from rig.protocol.script import shipped_protocols
 from rig.report.benchmark_page import page
 from rig.session.resume import left_on_record
@@ -50,7 +50,9 @@ def config_command(
 ) -> None:
     """Print a configuration file with a comment on each key, or on one key or table if named."""
     with one_line_errors(as_json=as_json):
-        found = _named(list(keys(load_config(config))), key)
+        loaded = load_config(config)
+        others = keys_of_other_kinds(loaded) if markdown or key is not None else ()
+        found = _named([*keys(loaded), *others], key)
         if as_json:
             print_json({"keys": [_described(one) for one in found]})
         else:

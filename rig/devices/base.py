@@ -31,8 +31,8 @@ class StageAlarm(StageError):  # noqa: N818
 
     Parameters
     ----------
-    number : int
-        Number of the alarm in the manual of the controller.
+    number : int or str
+        Number of the alarm in the manual of the controller, or its letters.
     meaning : str
         What the manual says about this number.
     **fields
@@ -41,7 +41,7 @@ class StageAlarm(StageError):  # noqa: N818
 
     default_code = "alarm"
 
-    def __init__(self, number: int, meaning: str, **fields: Any) -> None:
+    def __init__(self, number: int | str, meaning: str, **fields: Any) -> None:
         super().__init__("stage alarm {number}: {meaning}", number=number, meaning=meaning, **fields)
         self.number = number
         self.meaning = meaning
@@ -109,22 +109,25 @@ class StageRejected(StageError):  # noqa: N818
 
     Parameters
     ----------
-    number : int
-        Number of the error in the manual of the controller.
+    number : int or str
+        Number of the error in the manual of the controller, or its word.
     line : str
         The line that was sent.
     meaning : str
         What the manual says about this number.
+    **fields
+        Further fields of the error.
     """
 
     default_code = "line_refused"
 
-    def __init__(self, number: int, line: str, meaning: str) -> None:
+    def __init__(self, number: int | str, line: str, meaning: str, **fields: Any) -> None:
         super().__init__(
             "the stage's controller refused {line!r} with error {number}: {meaning}",
             number=number,
             line=line,
             meaning=meaning,
+            **fields,
         )
         self.number = number
         self.line = line

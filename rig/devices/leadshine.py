@@ -1,16 +1,15 @@
 """Stage with two Leadshine drives, x lateral and z vertical, on one Modbus port or on two."""
 
-import math
 from collections.abc import Callable, Mapping
 
 from rig.clock import Clock
 from rig.devices import leadshine_drive as reg
-from rig.devices.base import LOOK_S, Axis, Looks, MoveError, Stage, StageError, StageNotHomed, StageStatus
+from rig.devices.base import LOOK_S, Axis, Looks, Stage, StageError, StageNotHomed, StageStatus
 from rig.devices.leadshine_drive import LeadshineDrive, Status
+from rig.devices.one_axis import one_axis, refuse_not_finite
 from rig.devices.registry import Opener, StageKind
 from rig.settings import (
     NOMINAL_STEPS_PER_MM,
-    SLOWEST_MM_S,
     BenchSettings,
     DriveSettings,
     DrivesSettings,
@@ -18,8 +17,6 @@ from rig.settings import (
     SyncSettings,
 )
 from rig.transport.modbus import ModbusError, ModbusMaster
-
-_SAME_PLACE_MM = 1e-6
 
 
 class LeadshineStage(Stage):
@@ -98,7 +95,7 @@ class LeadshineStage(Stage):
         Raises StageError; MoveError, StageNotHomed before any byte: for two axes at once, another y, or a speed out
         of range.
         """
-        axis, target_mm = self._one_axis(x_mm, y_mm, z_mm, speed_mm_s)
+        axis, target_mm = one_axis(x_mm, y_mm, z_mm, speed_mm_s, self._y_mm)
         if axis is None:
             return
         drive = self._drives[axis]
@@ -132,10 +129,7 @@ class LeadshineStage(Stage):
         """
         drive, keep_on = self._drive(axis), self._until_stopped()
         drive.rpm(speed_mm_s)
-        if not math.isfinite(by_mm):
-            raise MoveError(
-                "{name} must be a finite number, got {value}", code="not_finite", name="by_mm", value=by_mm
-            )
+        refuse_not_finite("by_mm", by_mm)
         self._disarm()
         drive.go_on(by_mm, speed_mm_s, keep_on)
 
@@ -247,36 +241,6 @@ class LeadshineStage(Stage):
 
     def _up_first(self) -> tuple[LeadshineDrive, LeadshineDrive]:
         return self._drives["z"], self._drives["x"]
-
-    def _one_axis(
-        self, x_mm: float | None, y_mm: float | None, z_mm: float | None, speed_mm_s: float
-    ) -> tuple[str | None, float]:
-        for name, value in (("x_mm", x_mm), ("y_mm", y_mm), ("z_mm", z_mm), ("speed_mm_s", speed_mm_s)):
-            if value is not None and not math.isfinite(value):
-                raise MoveError(
-                    "{name} must be a finite number, got {value}", code="not_finite", name=name, value=value
-                )
-        if speed_mm_s < SLOWEST_MM_S:
-            raise MoveError(
-                "speed_mm_s must be at least {least_mm_s:.4f}, got {speed_mm_s}",
-                code="too_slow",
-                least_mm_s=SLOWEST_MM_S,
-                speed_mm_s=speed_mm_s,
-            )
-        if y_mm is not None and abs(y_mm - self._y_mm) > _SAME_PLACE_MM:
-            raise MoveError(
-                "y_mm must be {set_mm:g}, the position set by hand, got {y_mm:g}",
-                code="set_by_hand",
-                set_mm=self._y_mm,
-                y_mm=y_mm,
-            )
-        moves = {axis: mm for axis, mm in (("x", x_mm), ("z", z_mm)) if mm is not None}
-        if len(moves) > 1 or not (moves or y_mm is not None):
-            raise MoveError(
-                "a move needs exactly one of x_mm and z_mm: two drives cannot keep a straight line",
-                code="not_one_axis",
-            )
-        return next(iter(moves.items()), (None, self._y_mm))
 
     def _stops(self, axis: str, to_mm: float) -> list[float]:
         """Return the successive targets: one, or two to take up backlash."""

@@ -18,12 +18,17 @@ from pydantic_core import InitErrorDetails
 from rig.clock import Clock
 from rig.devices.base import ForceSensor, Stage
 from rig.errors import RigError, RuleError
-from rig.settings import BenchSettings, DeviceSettings, ForceSettings, Settings, StageSettings
+from rig.settings import NOMINAL_STEPS_PER_MM, BenchSettings, DeviceSettings, ForceSettings, Settings, StageSettings
 from rig.transport import Transport
 
 Opener = Callable[[str], Transport]
 Probe = Callable[[Opener, Clock, BenchSettings], str | None]
 Room = Literal["stage", "force"]
+
+
+def nominal_steps_per_mm(stage: StageSettings, axis: str) -> float:
+    """Return the steps per mm of an axis that is not calibrated."""
+    return NOMINAL_STEPS_PER_MM
 
 
 def own_port(stage: StageSettings) -> tuple[str, ...]:
@@ -89,6 +94,9 @@ class StageKind(DeviceKind):
         Axes with a motor: x lateral, y along the finger, z vertical.
     outputs : tuple of str, optional
         Values of `sync.output` that the stage can switch.
+    steps_per_mm : callable, optional
+        Returns the steps per mm of an axis that is not calibrated, from its settings and the name of the axis;
+        negative where the motor runs against the axis. Default: 400.
     inputs : tuple of str, optional
         Names of the stop inputs that the driver can report, for [stop].
     """
@@ -97,6 +105,7 @@ class StageKind(DeviceKind):
     driver: Callable[[Opener, Clock, BenchSettings], Stage]
     ports: Callable[[StageSettings], tuple[str, ...]] = own_port
     axes: Literal["xz", "xyz"] = "xyz"
+    steps_per_mm: Callable[[StageSettings, str], float] = nominal_steps_per_mm
     outputs: tuple[str, ...] = ("off",)
     inputs: tuple[str, ...] = ()
 
@@ -120,7 +129,7 @@ class ForceKind(DeviceKind):
 
 GROUP = "rig.devices"
 BUILT_IN: dict[Room, tuple[str, ...]] = {
-    "stage": ("grbl", "leadshine"),
+    "stage": ("grbl", "leadshine", "zaber"),
     "force": ("mtsics", "laumas", "text_cell"),
 }
 """Built-in types, the default first."""

@@ -13,7 +13,7 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic import AfterValidator, AliasChoices, BaseModel, Field, ValidationError, model_validator
 from pydantic.fields import FieldInfo
 
-from rig.devices.registry import KnownBench, names, with_kind_tables
+from rig.devices.registry import BUILT_IN, KINDS, KnownBench, find, names, with_kind_tables
 from rig.errors import WRITTEN_BY_COMMANDS, RigError, RuleError, around, first_problem, plain_rule
 from rig.plan.finger_file import (
     IdentifiedFinger,
@@ -198,6 +198,7 @@ UNITS = {
     "deg": "°",
     "rpm": "1/min",
     "mm": "mm",
+    "um": "µm",
     "ms": "ms",
     "gb": "GB",
     "baud": "bit/s",
@@ -249,6 +250,16 @@ class Key:
 def keys(settings: BaseModel) -> Iterator[Key]:
     """Yield every key that a person may write, in the order of the tables."""
     return _keys(settings, type(settings)(), "")
+
+
+def keys_of_other_kinds(config: Config) -> Iterator[Key]:
+    """Yield the keys in the own tables of built-in kinds that this configuration does not use."""
+    for of in KINDS:
+        device = getattr(config, of.room)
+        for name in BUILT_IN[of.room]:
+            entry = find(of, name)
+            if entry.settings is not None and not hasattr(device, entry.place):
+                yield from _keys(entry.settings(), entry.settings(), f"{of.room}.{entry.place}")
 
 
 def _keys(settings: BaseModel, default: BaseModel | None, table: str) -> Iterator[Key]:

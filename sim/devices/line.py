@@ -203,7 +203,7 @@ class VirtualStageSpec:
     steps_per_mm: as configured, negative where the motor runs against the axis. play_steps: lost motion of the true
     screws. own: the configuration table of its kind; sync: that of the amplifier's pulse. inputs_register: of a
     drive's
-    digital inputs.
+    digital inputs. acceleration_mm_s2: as configured.
     """
 
     travel_mm: PerAxis
@@ -213,6 +213,7 @@ class VirtualStageSpec:
     own: Mapping[str, Any] = field(default_factory=dict)
     sync: Mapping[str, Any] = field(default_factory=dict)
     inputs_register: int = 0x0179
+    acceleration_mm_s2: float = 50.0
 
 
 @dataclass(frozen=True)

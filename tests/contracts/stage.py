@@ -94,8 +94,8 @@ class StageBytes:
     trigger: bytes
     stop: Sequence[bytes]
     halt: bytes
-    unlock: tuple[bytes, bytes, str, int]
-    alarm: int
+    unlock: tuple[bytes, bytes, str, int | str]
+    alarm: int | str
     held: tuple[type[StageError], str]
     garbled: Mapping[str, Garbled]
     limit: Limit | None = None

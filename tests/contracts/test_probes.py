@@ -94,8 +94,17 @@ LAUMAS_TCP = ReadOnly(
     }),
     "Laumas transmitter type 30, serial 1234 of 2024, firmware 261",
 )  # fmt: skip
+ZABER = ReadOnly(
+    "zaber", SERIAL, (115200, "8N1"),
+    {
+        b"/1 0 00 get deviceid:42\n": b"@01 0 00 OK IDLE WR 50081:F0\r\n",
+        b"/2 0 00 get deviceid:41\n": b"@02 0 00 OK IDLE WR 50081:EF\r\n",
+    },
+    "Zaber devices 1 (id 50081) and 2 (id 50081)",
+    unusable={"one_device": {b"/2 0 00 get deviceid:41\n": b""}},
+)  # fmt: skip
 TABLES = {
-    "grbl": GRBL, "leadshine_rtu": LEADSHINE_RTU, "leadshine_tcp": LEADSHINE_TCP,
+    "grbl": GRBL, "leadshine_rtu": LEADSHINE_RTU, "leadshine_tcp": LEADSHINE_TCP, "zaber": ZABER,
     "mtsics": MTSICS, "laumas_rtu": LAUMAS_RTU, "laumas_tcp": LAUMAS_TCP,
 }  # fmt: skip
 

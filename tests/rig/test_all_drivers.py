@@ -18,7 +18,7 @@ from rig.errors import RigError
 from rig.transport.modbus import ModbusError
 from sim.devices.clock import VirtualClock
 
-UNITS = ("_mm", "_mm_s", "_s", "_n", "_gwt", "_g", "_steps", "_rpm", "_ms")
+UNITS = ("_mm", "_mm_s", "_mm_s2", "_s", "_n", "_gwt", "_g", "_steps", "_rpm", "_ms")
 # A ratio of two forces has no unit; this one is pulses in each mm.
 NO_UNIT = {"scale", "pulses_per_mm"}
 QUIET = {"close", "steps_per_mm"}  # send nothing and cannot fail
@@ -58,8 +58,9 @@ def _told(driver: type, name: str) -> str:
 def test_the_walk_finds_every_kind_of_device() -> None:
     assert {driver.__name__ for driver in DRIVERS} == {
         "GrblStage", "LeadshineStage", "LeadshineDrive", "MtSicsForce", "LaumasForce", "TextCellForce",
+        "ZaberStage", "ZaberAxis",
     }  # fmt: skip
-    assert BUILT_IN["stage"] == ("grbl", "leadshine")
+    assert BUILT_IN["stage"] == ("grbl", "leadshine", "zaber")
     assert BUILT_IN["force"] == ("mtsics", "laumas", "text_cell")
 
 

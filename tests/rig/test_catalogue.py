@@ -86,14 +86,16 @@ def _config(of: type[DeviceKind], name: str, **tables: object) -> Config:
 def _project(name: str) -> tuple[Path, Path]:
     """Where an entry's tests lie, and the page that tells of it."""
     inside = name in (name for _, name in BUILT_IN)
-    return (ROOT, ROOT / "docs" / "devices.md") if inside else (EXAMPLE, EXAMPLE / "README.md")
+    own = ROOT / "docs" / f"{name}.md"
+    page = own if own.exists() else ROOT / "docs" / "devices.md"
+    return (ROOT, page) if inside else (EXAMPLE, EXAMPLE / "README.md")
 
 
 # --- every entry ---
 
 
 def test_the_names_that_there_are() -> None:
-    assert names("stage") == ["grbl", "leadshine"]
+    assert names("stage") == ["grbl", "leadshine", "zaber"]
     assert names("force") == ["mtsics", "laumas", "text_cell"]
     assert StageSettings().kind == names("stage")[0]
     assert ForceSettings().kind == names("force")[0]
@@ -181,7 +183,7 @@ def test_a_stage_has_the_ports_axes_and_outputs_that_it_says(name: str) -> None:
 def test_a_list_of_names_imports_nothing(offered: Offer) -> None:
     offered("odd", {"force.odd": "odd_there:DEVICE", "stage.odd": "odd_elsewhere:DEVICE"}, odd_there="1 / 0")
     assert names("force") == ["mtsics", "laumas", "text_cell", "odd"]
-    assert names("stage") == ["grbl", "leadshine", "odd"]
+    assert names("stage") == ["grbl", "leadshine", "zaber", "odd"]
     assert not [name for name in sys.modules if name.startswith("odd_")]
 
 
@@ -398,7 +400,7 @@ def test_a_name_that_is_taken(offered: Offer) -> None:
     has_code(nameless, "bad_entry_point", package="odd-two 1.0", entry="force")
     has_code(twice, "offered_twice", room="force", kind="odd", packages="odd-one 1.0 and odd-two 1.0")
     has_code(taken, "name_taken", package="odd-one 1.0", room="stage", kind="grbl")
-    assert names("stage") == ["grbl", "leadshine"]
+    assert names("stage") == ["grbl", "leadshine", "zaber"]
 
 
 def test_doctor_tells_of_packages(
@@ -410,9 +412,8 @@ def test_doctor_tells_of_packages(
         main()
     told = json.loads(capsys.readouterr().out)
     assert [(one["role"], one["kind"], one["package"]) for one in told["devices"]] == [
-        ("stage", "grbl", None), ("stage", "leadshine", None),
+        ("stage", "grbl", None), ("stage", "leadshine", None), ("stage", "zaber", None),
         ("force", "mtsics", None), ("force", "laumas", None), ("force", "text_cell", None),
-        ("force", "odd", "odd 1.0"),
     ]  # fmt: skip
     assert told["problems_text"] == [
         "force.kind = 'odd': odd 1.0 cannot be used: ZeroDivisionError: division by zero"

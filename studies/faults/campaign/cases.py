@@ -140,6 +140,8 @@ def is_command(message: Message) -> bool:
     if message.wire != "stage" or message.way != "to":
         return False
     data = message.data
+    if data.startswith(b"/"):
+        return re.search(rb" \d\d (home|move|stop|estop|set|warnings clear)", data) is not None
     if _is_text(data):
         return data.endswith(b"\n")
     return data[7 if _is_tcp(data) else 1] != 3
@@ -156,7 +158,7 @@ def _is_tcp(data: bytes) -> bool:
 def shape(data: bytes) -> str:
     """What a message is besides its numbers."""
     if _is_text(data):
-        return re.sub(r"[0-9]", "#", data.decode("latin-1"))
+        return re.sub(r"[0-9]", "#", content(data).decode("latin-1"))
     body = data[6:] if _is_tcp(data) else data[:-2]
     answers = body[1] == 3 and len(body) > 2 and body[2] == len(body) - 3
     return f"{body[: 3 if answers else 6].hex()} {len(body)}"
@@ -165,5 +167,14 @@ def shape(data: bytes) -> str:
 def content(data: bytes) -> bytes:
     """A message without what changes although nothing is said anew: its transaction, its checksum."""
     if _is_text(data):
-        return data
+        return _of_a_chain(data)
     return b"\0\0" + data[2:] if _is_tcp(data) else data[:-2] + b"\0\0"
+
+
+_CHAIN = re.compile(rb"([/@]\d+ \d+ )\d\d((?: .*)?:)[0-9A-F]{2}(\r?\n)", re.S)
+
+
+def _of_a_chain(data: bytes) -> bytes:
+    """A line of a Zaber chain without its id and its checksum; any other line as it is."""
+    found = _CHAIN.fullmatch(data)
+    return data if found is None else b"00".join(found.groups())

@@ -35,8 +35,9 @@ _LEADSHINE = {"kind": "leadshine"}
 _LAUMAS = {"kind": "laumas", "baud": 115200}
 _MODBUS: dict[str, dict[str, Any]] = {"stage": _LEADSHINE, "force": _LAUMAS}
 _TCP = {name: {**device, "framing": "tcp"} for name, device in _MODBUS.items()}
-BENCHES: dict[str, Mapping[str, Any]] = {"grbl": {}, "rtu": _MODBUS, "tcp": _TCP}
-"""GRBL with MT-SICS; Leadshine with Laumas as Modbus RTU, and in the frames of Modbus TCP."""
+_ZABER = {"stage": {"kind": "zaber"}}
+BENCHES: dict[str, Mapping[str, Any]] = {"grbl": {}, "rtu": _MODBUS, "tcp": _TCP, "zaber": _ZABER}
+"""GRBL with MT-SICS; Leadshine with Laumas as Modbus RTU, and in the frames of Modbus TCP; Zaber with MT-SICS."""
 
 Way = Literal["to", "from"]
 """To the device, or from it."""
@@ -212,7 +213,7 @@ class World:
 
     def speaks_lines(self, wire: str) -> bool:
         """Whether a message on this wire is a line; else it is a frame."""
-        return {"stage": self.config.stage.kind, "force": self.config.force.kind}[wire] in ("grbl", "mtsics")
+        return {"stage": self.config.stage.kind, "force": self.config.force.kind}[wire] in ("grbl", "zaber", "mtsics")
 
 
 class VirtualWorld(World):

@@ -1,0 +1,729 @@
+"""Stage with two axes of Zaber X-series devices, x lateral and z vertical, on one port.
+
+Sources: Zaber ASCII protocol manual, firmware 6 and 7; transcripts of the maker's client, zaber-motion 10.3.0.
+
+A device counts microsteps away from its home position, and machine coordinates fall away from home, so the counts of
+an axis are minus the machine coordinate. The driver writes only `limit.min` and `limit.max`, and only if they differ,
+because a device stores its settings permanently.
+"""
+
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from typing import Any
+
+from rig.clock import Clock
+from rig.devices.base import (
+    LOOK_S,
+    Axis,
+    Looks,
+    MoveError,
+    Stage,
+    StageAlarm,
+    StageError,
+    StageHeld,
+    StageNotHomed,
+    StageOverridden,
+    StageReset,
+    StageStatus,
+    StageTimeout,
+    next_look_s,
+)
+from rig.devices.one_axis import one_axis, refuse_not_finite
+from rig.devices.registry import Opener, StageKind
+from rig.devices.zaber_link import NO_WARNING, Reply, ZaberLink
+from rig.settings import BenchSettings, StageSettings, ZaberAxisSettings, ZaberSettings
+
+POLL_S, ALARM_S = 0.02, 0.25
+HOME_S = 180.0
+# A move may take this much longer than computed from length, speed and acceleration.
+LATE_FACTOR, LATE_S = 1.5, 5.0
+STOP_S, HALT_S = 1.0, 2.0
+# A stage that still moves so long after a stop gets an emergency stop.
+ESTOP_AFTER_S = 0.3
+TOLERANCE_MM = 2.5e-3
+LEAST_FIRMWARE = (7, 25)
+
+ALARMS = {
+    "FF": "critical system error",
+    "FN": "peripheral not supported",
+    "FZ": "peripheral inactive",
+    "FH": "hardware emergency stop",
+    "FV": "supply voltage out of range, driver off",
+    "FO": "driver disabled",
+    "FC": "current inrush error",
+    "FM": "motor temperature",
+    "FD": "driver disabled",
+    "FQ": "encoder error",
+    "FI": "index error",
+    "FA": "encoder synchronization",
+    "FR": "overdrive limit exceeded",
+    "FS": "stalled and stopped",
+    "FB": "stream bounds",
+    "FP": "path deviation",
+    "FE": "limit sensor not reached or faulty",
+    "FT": "excessive twist",
+    "WL": "unexpected limit sensor",
+    "WS": "stalled and recovered",
+    "WM": "moved while standing",
+}
+UNREFERENCED = frozenset(("WR", "WH"))
+MANUAL, INTERRUPTED, DISPLACED = "NC", "NI", "WM"
+HARMLESS = frozenset((*UNREFERENCED, MANUAL, INTERRUPTED, "WV", "WT", "WP", "ND", "NR", "NT", "NU", "NJ", "NB"))
+
+_VERSION = re.compile(r"(\d+)\.(\d+)(?:\.\d+)?")
+
+
+def _always() -> bool:
+    return True
+
+
+class ZaberAxis:
+    """One axis of a chain, in machine mm. counts_per_mm: microsteps for each mm of travel, positive."""
+
+    def __init__(
+        self,
+        link: ZaberLink,
+        clock: Clock,
+        name: str,
+        address: ZaberAxisSettings,
+        units: ZaberSettings,
+        *,
+        counts_per_mm: float,
+        travel_mm: float,
+        least_acceleration_mm_s2: float = 0.0,
+    ) -> None:
+        self.name, self.travel_mm = name, travel_mm
+        self._link, self._clock, self._address, self._units = link, clock, address, units
+        self._counts_per_mm = counts_per_mm
+        self._least_acceleration_mm_s2 = least_acceleration_mm_s2
+        self._acceleration_mm_s2 = math.inf
+        self._question = "get encoder.pos" if address.encoder else "get pos"
+        self._jogs_to: int | None = None
+
+    @property
+    def steps_per_mm(self) -> float:
+        """Microsteps for each mm, negative because the counts grow away from home."""
+        return -self._counts_per_mm
+
+    def connect(self) -> str:
+        """Compare the device with the configuration and return its identification. Raises StageError."""
+        self._jogs_to = None
+        link, address = self._link, self._address.address
+        device_id = link.ask(address, 0, "get deviceid").data
+        version = link.ask(address, 0, "get version").data
+        found = _VERSION.fullmatch(version)
+        if found is None or (int(found[1]), int(found[2])) < LEAST_FIRMWARE:
+            self._refuse_setting("firmware", version, "7.25 or later")
+        resolution = self._number("get resolution")
+        if resolution != self._address.resolution:
+            self._refuse_setting("resolution", resolution, self._address.resolution)
+        acceleration = self._number("get accel")
+        self._acceleration_mm_s2 = acceleration / self._units.acceleration_unit / self._counts_per_mm or math.inf
+        if self._acceleration_mm_s2 < self._least_acceleration_mm_s2:
+            least = self._least_acceleration_mm_s2 * self._counts_per_mm * self._units.acceleration_unit
+            self._refuse_setting("accel", acceleration, f"at least {math.ceil(least)} (stage.acceleration_mm_s2)")
+        longest = self._number("get limit.max")
+        if longest < self._travel:
+            self._refuse_setting("limit.max", longest, f"at least {self._travel} (stage.travel_mm)")
+        axis = self._address.axis
+        return f"{self.name}: Zaber device {address}, axis {axis}, id {device_id}, firmware {version}"
+
+    def set_limits(self) -> None:
+        """Make the limits of the device those of the travel; they are written only if they differ.
+
+        Raises StageError if the device does not confirm them.
+        """
+        for setting, value in (("limit.min", 0), ("limit.max", self._travel)):
+            if self._number(f"get {setting}") != value:
+                self._command(f"set {setting} {value}")
+                found = self._number(f"get {setting}")
+                if found != value:
+                    self._refuse_setting(setting, found, value)
+
+    # --- motion ---
+
+    def homing(self, keep_on: Callable[[], bool]) -> Iterator[Reply]:
+        """Find the home position, which is 0 from then on; yield at each look. Raises StageError."""
+        self._jogs_to = None
+        if not keep_on():
+            raise self._stopped()
+        self._command("home")
+
+        def look() -> Reply:
+            reply = self.look()
+            self.refuse_alarm(self.warnings(reply), homing=True)
+            return reply
+
+        yield from self._until(look, HOME_S, 0.0, "homing")
+        reply = self.look()
+        warnings = self.warnings(reply)
+        at = self._position(reply)
+        if warnings & (UNREFERENCED | {INTERRUPTED}) or abs(at) > self._tolerance:
+            raise StageError(
+                "{port}: {axis} axis did not home: it is at {position} with the warnings {warnings}; home again",
+                code="did_not_home",
+                position=at,
+                warnings=" ".join(sorted(warnings)) or "none",
+                **self._names,
+            )
+
+    def moving(self, to_mm: float, speed_mm_s: float, keep_on: Callable[[], bool], look_s: float) -> Iterator[Reply]:
+        """Move to a position at a speed; yield each look, until arrival.
+
+        A motion that leaves the way from start to target is stopped. Raises StageError; MoveError before any byte.
+        """
+        speed, target = self.native_speed(speed_mm_s), self._counts(to_mm)
+        self._jogs_to = None
+        start = self._standing()
+        if not keep_on():
+            raise self._stopped()
+        self._command(f"move abs {target} {speed}")
+        low, high = sorted((start, target))
+
+        def look() -> Reply:
+            reply = self.look()
+            if not keep_on():
+                raise self._stopped()
+            self._refuse_interference(reply)
+            at = self._position(reply)
+            if not low - self._tolerance <= at <= high + self._tolerance:
+                at = self._position(self.look())  # Two digits of one reply may have changed places.
+            if not low - self._tolerance <= at <= high + self._tolerance:
+                self._link.send_now("stop")
+                raise self._not_there(at, to_mm)
+            return reply
+
+        mm = abs(target - start) / self._counts_per_mm
+        expected_s = self._travel_s(mm, speed_mm_s)
+        what = f"the move to {to_mm:g} mm"
+        yield from self._until(look, LATE_FACTOR * expected_s + LATE_S, expected_s, what, look_s)
+        at = self._position(self.look())
+        if abs(at - target) > self._tolerance:
+            at = self._position(self.look())
+        if abs(at - target) > self._tolerance:
+            raise self._not_there(at, to_mm)
+
+    def jog(self, by_mm: float, speed_mm_s: float, *, trusted: bool) -> None:
+        """Extend the present motion by a distance, and return at once.
+
+        Without a trusted position the device counts from where it stands, so a previous jog ends first. Raises
+        StageError.
+        """
+        speed, by = self.native_speed(speed_mm_s), round(-by_mm * self._counts_per_mm)
+        reply = self.look()
+        self.refuse_alarm(self.warnings(reply))
+        going_to, self._jogs_to = self._jogs_to, None
+        if not trusted:
+            deadline_s = self._clock.monotonic_s() + LATE_S
+            while self.look().busy:
+                self._refuse_late(deadline_s, "a jog", LATE_S)
+                self._clock.wait_s(POLL_S)
+            self._command(f"move rel {by} {speed}")
+            return
+        if going_to is None or not reply.busy:
+            going_to = self._standing()
+        target = going_to + by
+        self._command(f"move abs {target} {speed}")
+        self._jogs_to = target
+
+    def halt(self) -> None:
+        """Stop this axis and return at rest; steps are not lost. Raises StageError."""
+        self._jogs_to = None
+        deadline_s = self._clock.monotonic_s() + HALT_S
+        problem: StageError | None = None
+        while self._clock.monotonic_s() < deadline_s:
+            try:
+                self._command("stop")
+                while self._clock.monotonic_s() < deadline_s:
+                    if not self._ask("").busy:
+                        return
+                    self._clock.wait_s(POLL_S)
+            except StageError as error:
+                problem = error
+        raise problem or self._still_moves(HALT_S)
+
+    def confirm_stopped(self) -> None:
+        """Verify a stop that was sent; one that does not take effect becomes an emergency stop. Raises StageError."""
+        self._jogs_to = None
+        begun_s = self._clock.monotonic_s()
+        problem: StageError | None = None
+        while self._clock.monotonic_s() < begun_s + STOP_S:
+            try:
+                if not self._command("").busy:
+                    return
+                problem = None
+            except StageError as error:
+                problem = error
+            late = self._clock.monotonic_s() >= begun_s + ESTOP_AFTER_S
+            if late or problem is not None:
+                self._link.send_now("estop" if late else "stop")
+            self._clock.wait_s(POLL_S)
+        raise problem or self._still_moves(STOP_S)
+
+    # --- state ---
+
+    def look(self) -> Reply:
+        """Return the reply with position, state and warning. Raises StageError."""
+        return self._ask(self._question)
+
+    def mm(self, reply: Reply) -> float:
+        """Return the machine coordinate in a reply to `look`. Raises StageError."""
+        return -self._position(reply) / self._counts_per_mm + 0.0
+
+    def warnings(self, reply: Reply) -> frozenset[str]:
+        """Return every warning of this axis: a reply shows the highest one alone, which may hide others.
+
+        Raises StageError.
+        """
+        place = (self._address.address, self._address.axis)
+        alerted = self._link.alerts.pop(place, NO_WARNING)
+        if NO_WARNING == reply.warning == alerted:
+            return frozenset()
+        found = {reply.warning, alerted} - {NO_WARNING}
+        if found <= HARMLESS:
+            count, *rest = self._ask("warnings").data.split()
+            found |= set(rest)
+            if not count.isdigit() or int(count) != len(rest):
+                raise StageError(
+                    "{port}: {axis} axis: {heard!a} is not a list of warnings",
+                    code="no_warnings",
+                    heard=" ".join((count, *rest)),
+                    **self._names,
+                )
+        return frozenset(found)
+
+    def refuse_alarm(self, warnings: frozenset[str], *, homing: bool = False) -> None:
+        """Refuse a fault, and a warning that is not known to be harmless. Raises StageAlarm."""
+        tolerated = HARMLESS | {DISPLACED} if homing else HARMLESS
+        for flag in sorted(warnings - tolerated):
+            meaning = ALARMS.get(flag, "unknown warning, see its manual")
+            raise StageAlarm(flag, f"{self._link.name}: {self.name} axis: {meaning}", **self._names)
+
+    def refuse_unreferenced(self, warnings: frozenset[str]) -> None:
+        """Refuse a device that has lost its home position. Raises StageReset."""
+        if warnings & UNREFERENCED:
+            raise StageReset(
+                "{port}: {axis} axis is no longer homed, probably because it was switched off; home again",
+                code="was_reset",
+                **self._names,
+            )
+
+    def clear_warnings(self) -> None:
+        """Clear the warnings that stay until they are cleared. Raises StageAlarm if a fault is still there."""
+        self._link.alerts.pop((self._address.address, self._address.axis), None)
+        self._command("warnings clear")
+        self.refuse_alarm(self.warnings(self._ask("")), homing=True)
+
+    def native_speed(self, speed_mm_s: float) -> int:
+        """Return the speed in native units, rounded down. Raises MoveError below 1."""
+        unit = self._counts_per_mm * self._units.speed_unit
+        native = math.floor(speed_mm_s * unit + 1e-9)
+        if native < 1:
+            raise MoveError(
+                "speed_mm_s must be at least {least_mm_s:.4f}, got {speed_mm_s}",
+                code="too_slow",
+                least_mm_s=1 / unit,
+                speed_mm_s=speed_mm_s,
+            )
+        return native
+
+    # --- helpers ---
+
+    def _until(
+        self, look: Callable[[], Reply], most_s: float, first_s: float, what: str, look_s: float = LOOK_S
+    ) -> Iterator[Reply]:
+        """Look until the axis rests; yield a look every look_s.
+
+        During the first first_s the axis is looked at seldom, for alarms, and steadily afterwards.
+        """
+        begun_s = self._clock.monotonic_s()
+        over_s, due_s = begun_s + first_s, next_look_s(begun_s, begun_s + first_s, look_s)
+        while True:
+            now_s = self._clock.monotonic_s()
+            self._clock.wait_s(min(over_s - now_s, due_s - now_s, ALARM_S) if over_s > now_s else POLL_S)
+            reply = look()
+            if not reply.busy:
+                return
+            self._refuse_late(begun_s + most_s, what, most_s)
+            if self._clock.monotonic_s() >= due_s:
+                yield reply
+                due_s = next_look_s(self._clock.monotonic_s(), over_s, look_s)
+
+    def _refuse_late(self, deadline_s: float, what: str, most_s: float) -> None:
+        if self._clock.monotonic_s() >= deadline_s:
+            raise StageTimeout(
+                "{port}: {axis} axis: {what} takes longer than {timeout_s:.1f} s",
+                code="not_over",
+                what=what,
+                timeout_s=most_s,
+                **self._names,
+            )
+
+    def _refuse_interference(self, reply: Reply) -> None:
+        """Raise for what ends a motion: a fault, a reset, a hand at the knob, another program."""
+        warnings = self.warnings(reply)
+        self.refuse_alarm(warnings)
+        self.refuse_unreferenced(warnings)
+        if MANUAL in warnings:
+            raise StageHeld(MANUAL, f"{self._link.name}: {self.name} axis: ")
+        if INTERRUPTED in warnings:
+            raise StageOverridden(
+                "{port}: {axis} axis: another program or the device itself has interrupted the motion",
+                code="overridden",
+                **self._names,
+            )
+
+    def _standing(self) -> int:
+        """Return the position at rest; read twice, since an error would become a wrong target."""
+        reply = self.look()
+        warnings = self.warnings(reply)
+        self.refuse_alarm(warnings)
+        self.refuse_unreferenced(warnings)
+        if reply.busy:
+            raise StageHeld(MANUAL if MANUAL in warnings else "BUSY", f"{self._link.name}: {self.name} axis: ")
+        once, again = self._position(reply), self._position(self.look())
+        if abs(once - again) > self._tolerance:
+            raise StageError(
+                "{port}: {axis} axis reports position {once} and then {again} at rest; check whether it moves",
+                code="answers_differ",
+                once=once,
+                again=again,
+                **self._names,
+            )
+        return again
+
+    def _travel_s(self, mm: float, speed_mm_s: float) -> float:
+        ramp_s = speed_mm_s / self._acceleration_mm_s2
+        if mm <= speed_mm_s * ramp_s:
+            return 2 * math.sqrt(mm / self._acceleration_mm_s2)
+        return mm / speed_mm_s + ramp_s
+
+    @property
+    def _travel(self) -> int:
+        return round(self.travel_mm * self._counts_per_mm)
+
+    @property
+    def _tolerance(self) -> float:
+        return max(TOLERANCE_MM * self._counts_per_mm, 1.0)
+
+    def _counts(self, mm: float) -> int:
+        return round(-mm * self._counts_per_mm)
+
+    def _position(self, reply: Reply) -> int:
+        return self._whole(reply.data, self._question)
+
+    def _number(self, question: str) -> int:
+        return self._whole(self._ask(question).data, question)
+
+    def _whole(self, data: str, question: str) -> int:
+        if not re.fullmatch(r"-?\d{1,10}", data):
+            raise StageError(
+                "{port}: {axis} axis: {heard!a} is not a reply to {command!r}",
+                code="no_number",
+                heard=data,
+                command=question,
+                **self._names,
+            )
+        return int(data)
+
+    def _ask(self, words: str) -> Reply:
+        return self._link.ask(self._address.address, self._address.axis, words)
+
+    def _command(self, words: str) -> Reply:
+        return self._link.command(self._address.address, self._address.axis, words)
+
+    def _refuse_setting(self, setting: str, found: object, expected: object) -> None:
+        raise StageError(
+            "{port}: {axis} axis: {setting} of the device is {found}, expected {expected}",
+            code="not_as_configured",
+            setting=setting,
+            found=found,
+            expected=expected,
+            **self._names,
+        )
+
+    def _not_there(self, at: int, target_mm: float) -> StageError:
+        return StageError(
+            "{port}: {axis} axis is at {at_mm:.4f} mm instead of {target_mm:g} mm",
+            code="not_there",
+            at_mm=-at / self._counts_per_mm,
+            target_mm=target_mm,
+            **self._names,
+        )
+
+    def _still_moves(self, timeout_s: float) -> StageTimeout:
+        return StageTimeout(
+            "{port}: {axis} axis still moves {timeout_s:g} s after a stop; use the emergency stop",
+            code="still_runs",
+            timeout_s=timeout_s,
+            **self._names,
+        )
+
+    def _stopped(self) -> StageError:
+        return StageError("{port}: {axis} axis was stopped", code="stopped", **self._names)
+
+    @property
+    def _names(self) -> dict[str, Any]:
+        return {
+            "port": self._link.name,
+            "axis": self.name,
+            "device": self._address.address,
+            "device_axis": self._address.axis,
+        }
+
+
+class ZaberStage(Stage):
+    """Stage with two axes, which move one at a time.
+
+    y_mm: position along the finger, set by hand. An axis with backlash always arrives in its negative direction
+    (down, for z): an opposite move overruns by twice the backlash and returns.
+    """
+
+    def __init__(
+        self,
+        link: ZaberLink,
+        x: ZaberAxis,
+        z: ZaberAxis,
+        *,
+        y_mm: float = 0.0,
+        x_backlash_mm: float = 0.0,
+        z_backlash_mm: float = 0.0,
+    ) -> None:
+        self._link = link
+        self._axes = {"x": x, "z": z}
+        self._overrun_mm = {"x": 2 * x_backlash_mm, "z": 2 * z_backlash_mm}
+        self._y_mm = y_mm
+        self._trusted = False
+        self._times_stopped = 0  # counted from any thread
+
+    @property
+    def homed(self) -> bool:
+        """Whether the position is trusted: homed, and no alarm, reset, timeout or stop since."""
+        return self._trusted
+
+    def connect(self) -> str:
+        """Compare both axes with the configuration and return their identification. Raises StageError."""
+        self._trusted = False
+        return "; ".join(axis.connect() for axis in self._axes.values())
+
+    def homing(self) -> Looks:
+        """Home z, then x, and set the limits of the devices. A fault is not cleared. Raises StageError."""
+        self._trusted = False
+        keep_on = self._until_stopped()
+        for axis in self._up_first():
+            axis.refuse_alarm(axis.warnings(axis.look()), homing=True)
+        for axis in self._up_first():
+            for _ in axis.homing(keep_on):
+                yield None
+            axis.set_limits()
+        self._trusted = keep_on()
+
+    def unlock(self) -> None:
+        """Clear the warnings of both axes; the position stays untrusted. Raises StageError."""
+        self._trusted = False
+        for axis in self._up_first():
+            axis.clear_warnings()
+
+    def status(self) -> StageStatus:
+        """Return the state and position of both axes.
+
+        Raises StageError, also for the first fault or reset while the position is trusted.
+        """
+        return self._status({})
+
+    def moving(
+        self,
+        *,
+        x_mm: float | None = None,
+        y_mm: float | None = None,
+        z_mm: float | None = None,
+        speed_mm_s: float,
+        look_s: float = LOOK_S,
+    ) -> Looks:
+        """Move straight to a position (machine mm).
+
+        Raises StageError; MoveError, StageNotHomed before any byte: for two axes at once, another y, or a speed out
+        of range.
+        """
+        name, target_mm = one_axis(x_mm, y_mm, z_mm, speed_mm_s, self._y_mm)
+        if name is None:
+            return
+        axis = self._axes[name]
+        axis.native_speed(speed_mm_s)
+        if not self._trusted:
+            raise StageNotHomed(f"{self._link.name}: the stage")
+        try:
+            for stop_mm in self._stops(name, target_mm):
+                for reply in axis.moving(stop_mm, speed_mm_s, lambda: self._trusted, look_s):
+                    yield self._status({name: reply})
+        except (StageHeld, StageOverridden):
+            raise
+        except StageError:
+            self._trusted = False
+            raise
+
+    def halt(self) -> None:
+        """Stop each axis at its acceleration; no step is lost. Raises StageError."""
+        for axis in self._up_first():
+            axis.halt()
+
+    def look(self) -> StageStatus:
+        return self.status()
+
+    def steps_per_mm(self, axis: Axis) -> float:
+        """Return the microsteps per mm. Raises StageError for y."""
+        return self._axis(axis).steps_per_mm
+
+    def jog(self, axis: Axis, by_mm: float, speed_mm_s: float) -> None:
+        """Extend the present move by a distance; whether the position is trusted does not change.
+
+        Raises StageError; MoveError before any byte.
+        """
+        moves = self._axis(axis)
+        moves.native_speed(speed_mm_s)
+        refuse_not_finite("by_mm", by_mm)
+        keep_on = self._until_stopped()
+        if keep_on():
+            moves.jog(by_mm, speed_mm_s, trusted=self._trusted)
+
+    def end_jog(self) -> None:
+        self.halt()
+
+    def set_output(self, on: bool) -> None:
+        """Refuse: no output of a Zaber device is supported. Raises StageError."""
+        raise StageError("a Zaber stage has no output for pulses; set sync.output to off", code="no_output")
+
+    def stop(self) -> None:
+        """Stop every device of the chain in one write, past every wait, and confirm it.
+
+        The stop is verified for up to 1 s; an axis that still moves after 0.3 s gets an emergency stop. Raises
+        StageError if one does not come to rest, TransportError.
+        """
+        self._times_stopped += 1
+        self._trusted = False
+        self._link.send_now("stop")
+        problems = [problem for axis in self._up_first() if (problem := _unconfirmed(axis))]
+        if problems:
+            raise problems[0]
+
+    def close(self) -> None:
+        self._link.close()
+
+    def _status(self, known: Mapping[str, Reply]) -> StageStatus:
+        """known: replies that were already read and checked, by axis."""
+        busy, alarm, at_mm = False, False, {}
+        for name, axis in self._axes.items():
+            reply = known[name] if name in known else axis.look()
+            if name not in known:
+                alarm |= self._refuse_news(axis, reply)
+            busy |= reply.busy
+            at_mm[name] = axis.mm(reply)
+        state = "Alarm" if alarm else "Run" if busy else "Idle"
+        return StageStatus(state, at_mm["x"], self._y_mm, at_mm["z"])
+
+    def _refuse_news(self, axis: ZaberAxis, reply: Reply) -> bool:
+        """Return whether an axis has a fault; raise if it has one since the position is trusted."""
+        warnings = axis.warnings(reply)
+        try:
+            axis.refuse_alarm(warnings)
+            if self._trusted:
+                axis.refuse_unreferenced(warnings)
+        except (StageAlarm, StageReset):
+            if self._trusted:
+                self._trusted = False
+                raise
+            return True
+        return False
+
+    def _until_stopped(self) -> Callable[[], bool]:
+        times = self._times_stopped
+        return lambda: self._times_stopped == times
+
+    def _axis(self, name: Axis) -> ZaberAxis:
+        if name not in self._axes:
+            raise StageError("the stage has no drive for the {axis} axis; set it by hand", code="no_drive", axis=name)
+        return self._axes[name]
+
+    def _up_first(self) -> tuple[ZaberAxis, ZaberAxis]:
+        return self._axes["z"], self._axes["x"]
+
+    def _stops(self, name: str, to_mm: float) -> list[float]:
+        """Return the successive targets: one, or two to take up backlash."""
+        axis, overrun_mm = self._axes[name], self._overrun_mm[name]
+        if not (overrun_mm and to_mm > axis.mm(axis.look())):
+            return [to_mm]
+        return [min(to_mm + overrun_mm, 0.0), to_mm]
+
+
+def _unconfirmed(axis: ZaberAxis) -> StageError | None:
+    try:
+        axis.confirm_stopped()
+    except StageError as problem:
+        return problem
+    return None
+
+
+def steps_per_mm(stage: StageSettings, axis: str) -> float:
+    """Return the microsteps per mm that the configuration gives; y has no motor."""
+    own = stage.own(ZaberSettings)
+    return -1e3 / (own.x if axis == "x" else own.z).microstep_um
+
+
+def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
+    stage = settings.stage
+    link, own = ZaberLink(opener(stage.port), clock), stage.own(ZaberSettings)
+    x, z = (
+        ZaberAxis(
+            link,
+            clock,
+            name,
+            address,
+            own,
+            counts_per_mm=abs(settings.calibration.value(f"{name}_steps_per_mm", steps_per_mm(stage, name))),
+            travel_mm=stage.travel_mm["xyz".index(name)],
+            least_acceleration_mm_s2=stage.acceleration_mm_s2 if name == "z" else 0.0,
+        )
+        for name, address in (("x", own.x), ("z", own.z))
+    )
+    x_backlash, z_backlash = (settings.calibration.value(f"{name}_backlash_mm", 0.0) for name in "xz")
+    return ZaberStage(link, x, z, y_mm=settings.frame.pad_y_mm, x_backlash_mm=x_backlash, z_backlash_mm=z_backlash)
+
+
+def _probe(opener: Opener, clock: Clock, settings: BenchSettings) -> str | None:
+    """Ask both devices for their device id."""
+    own = settings.stage.own(ZaberSettings)
+    transport = opener(settings.stage.port)
+    found: dict[int, str] = {}
+    for address in dict.fromkeys((own.x.address, own.z.address)):
+        with suppress(StageError):
+            found[address] = ZaberLink(transport, clock).command(address, 0, "get deviceid").data
+    if not found:
+        return None
+    if len(found) < len({own.x.address, own.z.address}):
+        (answers,) = found
+        silent = own.x.address + own.z.address - answers
+        raise StageError(
+            "{port}: of the Zaber devices {first} and {second}, only one answers; device {silent} does not; check "
+            "its power, cable and address, or set the addresses under [stage.zaber]",
+            code="one_device",
+            port=transport.name,
+            first=own.x.address,
+            second=own.z.address,
+            silent=silent,
+        )
+    return "Zaber devices " + " and ".join(f"{address} (id {device_id})" for address, device_id in found.items())
+
+
+DEVICE = StageKind(
+    name="zaber",
+    device="two axes of Zaber X-series devices (ASCII protocol)",
+    driver=_driver,
+    settings=ZaberSettings,
+    axes="xz",
+    steps_per_mm=steps_per_mm,
+    twin="sim.devices.zaber:zaber_twin",
+    probe=_probe,
+    tests=("tests/rig/test_zaber_driver.py", "tests/rig/test_zaber_client.py"),
+)

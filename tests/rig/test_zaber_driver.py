@@ -1,0 +1,473 @@
+"""The Zaber driver byte for byte: transcripts of the maker's client, faults, retries; and the virtual chain."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+
+from rig.bench.virtual import virtual_stage
+from rig.devices.base import Stage, StageAlarm, StageError, StageHeld, StageOverridden, StageReset, StageTimeout
+from rig.devices.make_drivers import stage_driver
+from rig.devices.zaber_link import LATE_S, READ_TRIES, REPLY_S, ZaberLink, checksum, frame, parse_reply, unsealed
+from rig.plan.config import Config
+from rig.transport import LoopbackTransport
+from sim.devices.clock import VirtualClock
+from sim.devices.line import SerialLine
+from sim.devices.zaber import ZaberChain
+from tests.error_codes import raises
+
+# --- frames, as the maker's client sends and reads them ---
+
+SENT = [
+    ("/0 0 00:00\n", (0, 0, 0, "")),
+    ("/1 0 01 get comm.packet.size.max:CF\n", (1, 0, 1, "get comm.packet.size.max")),
+    ("/1 1 03 home:32\n", (1, 1, 3, "home")),
+    ("/1 1 05 move abs 10000:BB\n", (1, 1, 5, "move abs 10000")),
+    ("/1 1 09 move rel 500:06\n", (1, 1, 9, "move rel 500")),
+    ("/1 1 06:F8\n", (1, 1, 6, "")),
+    ("/1 1 15 stop:12\n", (1, 1, 15, "stop")),
+    ("/0 0 21 stop:17\n", (0, 0, 21, "stop")),
+]
+
+
+@pytest.mark.parametrize(("sent", "words"), SENT, ids=[sent.strip() for sent, _ in SENT])
+def test_a_command_is_the_one_of_the_makers_client(sent: str, words: tuple[int, int, int, str]) -> None:
+    assert frame(*words) == sent.encode("ascii")
+
+
+def test_replies_alerts_and_info_lines() -> None:
+    reply = parse_reply(unsealed("@01 1 05 OK BUSY -- 0:E2") or "")
+    assert reply is not None
+    assert (reply.device, reply.axis, reply.number, reply.accepted, reply.busy) == (1, 1, 5, True, True)
+    assert (reply.warning, reply.data) == ("--", "0")
+    packet = parse_reply(unsealed("@01 0 01 OK IDLE WR 80:85") or "")
+    assert packet is not None
+    assert (packet.warning, packet.data) == ("WR", "80")
+    without_id = parse_reply(unsealed("@01 0 OK IDLE -- 0:8D") or "")
+    assert without_id is not None
+    assert without_id.number is None
+    assert unsealed("!01 1 IDLE FS:57") == "!01 1 IDLE FS"
+    assert parse_reply("#01 1 05 text") is None
+
+
+@pytest.mark.parametrize(
+    "line", ["@01 1 05 OK BUSY -- 0:E3", "@01 1 05 OK BUSY -- 0", "@01 1 05 OK IDLE -- 0:E2", ""]
+)
+def test_a_line_with_a_wrong_checksum_or_none_is_not_believed(line: str) -> None:
+    assert unsealed(line) is None
+
+
+def sealed(content: str) -> bytes:
+    """A line of a device."""
+    return f"{content}:{checksum(content[1:])}\r\n".encode("ascii")
+
+
+class Wire:
+    """A wire whose far end says, to each command, what the test wants."""
+
+    name = "wire"
+
+    def __init__(self, clock: VirtualClock, says: Callable[[bytes], list[bytes]]) -> None:
+        self.clock, self.says = clock, says
+        self.sent: list[bytes] = []
+        self._coming: list[bytes] = []
+
+    def write(self, data: bytes) -> None:
+        self.sent.append(data)
+        self._coming += self.says(data)
+
+    def read(self, timeout_s: float) -> bytes:
+        if not self._coming:
+            self.clock.wait_s(timeout_s)
+        return self._coming.pop(0) if self._coming else b""
+
+    def close(self) -> None:
+        pass
+
+
+def linked(*replies: list[bytes]) -> tuple[Wire, ZaberLink]:
+    """A link at whose far end the commands get these lines in turn, and then nothing."""
+    clock, left = VirtualClock(0.0, 100.0), list(replies)
+    wire = Wire(clock, lambda data: left.pop(0) if left else [])
+    return wire, ZaberLink(wire, clock)
+
+
+def test_other_lines_and_late_replies_are_passed_over() -> None:
+    """An alert, an info line, another device, another axis, an older id, rubbish; then the reply in two pieces."""
+    answer = sealed("@01 1 00 OK BUSY -- 4711")
+    wire, link = linked([
+        sealed("!02 1 IDLE FS"), sealed("#01 1 00 text"), sealed("@02 1 00 OK IDLE -- 1"),
+        sealed("@01 2 00 OK IDLE -- 2"), sealed("@01 1 99 OK IDLE -- 3"), b"\xff\x00rubbish\r\n",
+        answer[:7], answer[7:],
+    ])  # fmt: skip
+    assert link.ask(1, 1, "get pos").data == "4711"
+    assert wire.sent == [frame(1, 1, 0, "get pos")]
+    assert link.alerts == {(2, 1): "FS"}
+
+
+def test_a_question_is_repeated_and_a_command_is_not() -> None:
+    wire, link = linked([b"@01 1 00 OK IDL"], [], [sealed("@01 1 02 OK IDLE -- 5")])
+    assert link.ask(1, 1, "get pos").data == "5"
+    assert [data.split()[2] for data in wire.sent] == [b"00", b"01", b"02"]
+    wire, link = linked()
+    begun_s = wire.clock.monotonic_s()
+    with raises(StageTimeout, "no_reply", port="wire", device=1, axis=1, command="home"):
+        link.command(1, 1, "home")
+    assert wire.clock.monotonic_s() - begun_s == pytest.approx(REPLY_S)
+    assert len(wire.sent) == 1
+
+
+def test_an_id_without_a_reply_is_not_used_again_soon() -> None:
+    """Its reply may come when the ids have gone once round."""
+    clock = VirtualClock(0.0, 100.0)
+    wire = Wire(clock, lambda data: [] if b" home" in data else [_echo(data)])
+    link = ZaberLink(wire, clock)
+    with raises(StageTimeout, "no_reply"):
+        link.command(1, 1, "home")
+    for _ in range(99):
+        link.command(1, 1, "")
+    assert {data[5:7] for data in wire.sent[1:]} == {b"%02d" % n for n in range(1, 100)}
+    link.command(1, 1, "")
+    assert wire.sent[-1][5:7] == b"01"
+    clock.wait_s(LATE_S)
+    for _ in range(99):
+        link.command(1, 1, "")
+    assert wire.sent[-1][5:7] == b"00"
+
+
+def _echo(data: bytes) -> bytes:
+    return sealed(f"@01 1 {data[5:7].decode()} OK IDLE -- 0")
+
+
+@pytest.mark.parametrize(
+    ("reply", "number"), [("RJ IDLE -- BADCOMMAND", "BADCOMMAND"), ("RJ BUSY FS DRIVERDISABLED", "DRIVERDISABLED")]
+)
+def test_a_refusal_is_not_repeated(reply: str, number: str) -> None:
+    wire, link = linked([sealed(f"@01 1 00 {reply}")])
+    with raises(StageError, "line_refused", number=number, line="/1 1 get pos", port="wire"):
+        link.ask(1, 1, "get pos")
+    assert len(wire.sent) == 1
+
+
+def test_a_device_that_never_stops_talking_is_a_timeout() -> None:
+    clock = VirtualClock(0.0, 100.0)
+    wire = Wire(clock, lambda data: [])
+
+    def chatter(timeout_s: float) -> bytes:
+        clock.wait_s(0.01)
+        return sealed("!02 1 IDLE --")
+
+    wire.read = chatter  # type: ignore[method-assign]
+    with raises(StageTimeout, "no_reply"):
+        ZaberLink(wire, clock).ask(1, 1, "get pos")
+    assert clock.monotonic_s() - 100.0 == pytest.approx(READ_TRIES * REPLY_S, abs=0.05)
+
+
+# --- the stage on the virtual chain ---
+
+
+@dataclass
+class Bench:
+    """Driver and chain on one line."""
+
+    clock: VirtualClock
+    chain: ZaberChain
+    stage: Stage
+    sent: list[tuple[float, bytes]]
+
+    def commands(self) -> list[str]:
+        """What was sent, without ids and checksums."""
+        found = []
+        for _, data in self.sent:
+            device, axis, _, *words = data[1:-1].rpartition(b":")[0].decode("ascii").split()
+            found.append(" ".join([device, axis, *words]))
+        return found
+
+
+def bench_of(*, homed: bool = True, baud: int = 115200, **tables: Any) -> Bench:
+    """A bench, homed."""
+    stage = {"kind": "zaber", "baud": baud, **tables.pop("stage", {})}
+    config = Config.model_validate({"stage": stage, **tables})
+    clock = VirtualClock(1.7e9, 50.0)
+    line = SerialLine(clock, config.stage.baud)
+    wire, sent = LoopbackTransport(line, clock, "wire"), list[tuple[float, bytes]]()
+    write = wire.write
+
+    def noted(data: bytes) -> None:
+        sent.append((clock.monotonic_s(), data))
+        write(data)
+
+    wire.write = noted  # type: ignore[method-assign]
+    chain: Any = virtual_stage(clock, line, config)
+    stage_: Stage = stage_driver(lambda _: wire, clock, config)
+    stage_.connect()
+    if homed:
+        stage_.home()
+    sent.clear()
+    return Bench(clock, chain, stage_, sent)
+
+
+ONE_CONTROLLER = {"zaber": {"x": {"address": 3, "axis": 2}, "z": {"address": 3, "axis": 1}}}
+FINE = {"zaber": {"x": {"address": 1, "microstep_um": 0.047625}, "z": {"address": 2, "microstep_um": 0.09525}}}
+
+
+@pytest.mark.parametrize("own", [{}, ONE_CONTROLLER, FINE], ids=["two devices", "one controller", "fine"])
+def test_it_homes_moves_and_knows_where_it_is(own: dict[str, Any]) -> None:
+    bench = bench_of(stage=own, homed=False)
+    assert not bench.stage.homed
+    bench.stage.home()
+    assert bench.stage.homed
+    bench.stage.move_to(z_mm=-11.0, speed_mm_s=5.0)
+    bench.stage.move_to(x_mm=-3.5, speed_mm_s=5.0)
+    now = bench.stage.status()
+    assert (now.state, now.x_mm, now.z_mm) == ("Idle", pytest.approx(-3.5, abs=2e-3), pytest.approx(-11.0, abs=2e-3))
+    x, _, z = bench.chain.carriage_steps_at(bench.clock.monotonic_s())
+    assert x / -bench.stage.steps_per_mm("x") == pytest.approx(-3.5, abs=2e-3)
+    assert z / -bench.stage.steps_per_mm("z") == pytest.approx(-11.0, abs=2e-3)
+
+
+def test_a_move_has_its_speed_and_its_ramp() -> None:
+    """10 mm at 2 mm/s; `accel` 4 is 61 mm/s²."""
+    bench = bench_of()
+    begun_s = bench.clock.monotonic_s()
+    bench.stage.move_to(z_mm=-10.0, speed_mm_s=2.0)
+    assert bench.clock.monotonic_s() - begun_s == pytest.approx(10 / 2 + 2 / 61, abs=0.05)
+    assert [words for words in bench.commands() if "move" in words] == ["2 1 move abs 4000 1310"]
+
+
+def test_homing_makes_the_limits_those_of_the_travel_and_writes_them_once() -> None:
+    bench = bench_of(homed=False)
+    bench.stage.home()
+    assert [words for words in bench.commands() if " set " in words] == [
+        "2 1 set limit.max 16000", "1 1 set limit.max 24000",
+    ]  # fmt: skip
+    bench.sent.clear()
+    bench.stage.home()
+    assert not [words for words in bench.commands() if " set " in words]
+    assert bench.chain.z.settings["limit.max"] == 16000
+
+
+@pytest.mark.parametrize(
+    ("change", "setting"),
+    [
+        (lambda chain: chain.z.settings.update(resolution=128), "resolution"),
+        (lambda chain: chain.z.settings.update(accel=1), "accel"),
+        (lambda chain: chain.x.settings.update({"limit.max": 100}), "limit.max"),
+        (lambda chain: chain.devices[1].settings.update(version="7.20"), "firmware"),
+        (lambda chain: chain.devices[1].settings.update(version="6.28"), "firmware"),
+    ],
+)
+def test_a_device_that_is_set_otherwise_is_refused(change: Callable[[ZaberChain], Any], setting: str) -> None:
+    bench = bench_of(homed=False)
+    change(bench.chain)
+    with raises(StageError, "not_as_configured", setting=setting, port="wire"):
+        bench.stage.connect()
+
+
+def test_a_device_without_checksums_is_refused() -> None:
+    bench = bench_of(homed=False)
+    bench.chain.devices[1].settings["comm.checksum"] = "0"
+    with raises(StageError, "no_checksum"):
+        bench.stage.connect()
+
+
+# --- what stops it ---
+
+TRIPS = ["FS", "FE", "FH", "FD", "FO", "FQ", "FR", "FT", "FF", "WS", "WL"]
+
+
+@pytest.mark.parametrize("flag", TRIPS)
+def test_a_fault_under_way_is_an_alarm_with_its_letters_and_stays_until_it_is_cleared(flag: str) -> None:
+    bench = bench_of()
+    looks = bench.stage.moving(z_mm=-10.0, speed_mm_s=2.0)
+    next(looks)
+    (bench.chain.z.warn if flag == "WS" else bench.chain.z.fail)(flag)
+    with raises(StageAlarm, "alarm", number=flag, axis="z", device=2):
+        list(looks)
+    assert not bench.stage.homed
+    bench.stage.halt()
+    assert bench.stage.status().state == "Alarm"
+    with raises(StageAlarm, "alarm", number=flag):
+        bench.stage.home()
+    bench.chain.z.repair(flag) if flag in ("FH", "FD", "FO", "FF") else None
+    bench.stage.unlock()
+    bench.stage.home()
+    assert bench.stage.homed
+
+
+def test_a_stage_that_is_moved_while_it_stands_is_an_alarm_at_the_next_status() -> None:
+    bench = bench_of()
+    bench.chain.z.warn("WM")
+    with raises(StageAlarm, "alarm", number="WM", axis="z"):
+        bench.stage.status()
+    assert not bench.stage.homed
+    bench.stage.home()
+    assert bench.stage.homed
+
+
+@pytest.mark.parametrize("hides", ["WV", "WT"])
+def test_a_warning_that_is_hidden_behind_a_harmless_one_is_seen(hides: str) -> None:
+    bench = bench_of()
+    bench.chain.z.warn(hides)
+    bench.stage.move_to(z_mm=-1.0, speed_mm_s=2.0)
+    bench.chain.z.warn("WS")
+    with raises(StageAlarm, "alarm", number="WS"):
+        bench.stage.status()
+
+
+def test_an_alert_that_came_in_between_is_not_forgotten() -> None:
+    """A fault that is gone when the next reply comes has been there."""
+    bench = bench_of()
+    bench.chain.devices[2].settings["comm.alert"] = "1"
+    looks = bench.stage.moving(z_mm=-10.0, speed_mm_s=2.0)
+    next(looks)
+    bench.chain.z.fail("FS")
+    bench.chain.z.repair("FS")
+    with raises(StageAlarm, "alarm", number="FS", axis="z"):
+        list(looks)
+
+
+def test_switched_off_and_on_it_is_no_longer_homed() -> None:
+    bench = bench_of()
+    looks = bench.stage.moving(z_mm=-10.0, speed_mm_s=2.0)
+    next(looks)
+    bench.chain.power_cycle()
+    with raises(StageReset, "was_reset", axis="z"):
+        list(looks)
+    assert not bench.stage.homed
+    bench = bench_of()
+    bench.chain.power_cycle()
+    with raises(StageReset, "was_reset"):
+        bench.stage.status()
+    assert not bench.stage.homed
+
+
+def test_the_knob_and_another_program_end_a_move_and_the_position_stays_trusted() -> None:
+    for kind, code, act in (
+        (StageHeld, "held", lambda bench: bench.chain.z.turn_knob(200)),
+        (StageOverridden, "overridden", lambda bench: bench.chain.z.obey(["move", "abs", "400"])),
+    ):
+        bench = bench_of()
+        looks = bench.stage.moving(z_mm=-10.0, speed_mm_s=2.0)
+        next(looks)
+        act(bench)
+        with raises(kind, code):
+            list(looks)
+        bench.stage.halt()
+        assert bench.stage.homed
+        bench.stage.move_to(z_mm=-1.0, speed_mm_s=5.0)
+
+
+def test_two_digits_that_change_places_move_it_no_farther_than_its_brakes() -> None:
+    """The checksum is right: the device goes to 4100 instead of 1400."""
+    bench = bench_of()
+    read = bench.chain._read
+    bench.chain._read = lambda line: read(line.replace(b"abs 1400", b"abs 4100"))  # type: ignore[method-assign]
+    with raises(StageError, "not_there", target_mm=-3.5):
+        bench.stage.move_to(z_mm=-3.5, speed_mm_s=5.0)
+    assert not bench.stage.homed
+    bench.clock.wait_s(1.0)
+    assert -bench.chain.z.carriage_at(bench.clock.monotonic_s()) / 400 < 3.5 + 2 * 5.0**2 / (2 * 61) + 0.05
+
+
+# --- stop ---
+
+
+def test_a_stop_is_one_write_to_the_whole_chain_and_is_confirmed() -> None:
+    bench = bench_of()
+    next(bench.stage.moving(z_mm=-10.0, speed_mm_s=5.0))
+    bench.sent.clear()
+    asked_s = bench.clock.monotonic_s()
+    bench.stage.stop()
+    assert bench.sent[0][0] == asked_s
+    assert bench.commands()[0] == "0 0 stop"
+    assert not [words for words in bench.commands() if "estop" in words]
+    assert not bench.stage.homed
+    before = bench.chain.carriage_steps_at(bench.clock.monotonic_s())
+    bench.clock.wait_s(1.0)
+    assert bench.chain.carriage_steps_at(bench.clock.monotonic_s()) == before
+
+
+def test_a_stop_that_does_not_take_effect_becomes_an_emergency_stop() -> None:
+    bench = bench_of()
+    next(bench.stage.moving(z_mm=-30.0, speed_mm_s=5.0))
+    obey = bench.chain.z.obey
+    bench.chain.z.obey = lambda words: "0" if list(words) == ["stop"] else obey(words)  # type: ignore[method-assign]
+    bench.sent.clear()
+    asked_s = bench.clock.monotonic_s()
+    bench.stage.stop()
+    first = next(at_s for (at_s, _), words in zip(bench.sent, bench.commands(), strict=True) if "estop" in words)
+    assert first - asked_s == pytest.approx(0.3, abs=0.03)
+    assert not bench.chain.z.busy
+
+
+def test_a_stage_that_cannot_be_stopped_says_so_within_a_second_per_axis() -> None:
+    bench = bench_of()
+    next(bench.stage.moving(z_mm=-30.0, speed_mm_s=1.0))
+    obey = bench.chain.z.obey
+    stops = (["stop"], ["estop"])
+    bench.chain.z.obey = lambda words: "0" if list(words) in stops else obey(words)  # type: ignore[method-assign]
+    asked_s = bench.clock.monotonic_s()
+    with raises(StageTimeout, "still_runs", axis="z"):
+        bench.stage.stop()
+    assert bench.clock.monotonic_s() - asked_s < 1.3
+
+
+# --- jogs ---
+
+
+@pytest.mark.parametrize("homed", [True, False])
+def test_a_jog_goes_so_far_and_stops_by_itself(homed: bool) -> None:
+    bench = bench_of(homed=homed)
+    low = bench.stage.status().z_mm
+    bench.stage.jog("z", -0.5, 2.0)
+    bench.clock.wait_s(0.1)
+    bench.stage.jog("z", -0.5, 2.0)
+    bench.clock.wait_s(2.0)
+    assert bench.stage.status().z_mm - low == pytest.approx(-1.0, abs=1e-6)
+    bench.stage.jog("z", -5.0, 2.0)
+    bench.clock.wait_s(0.2)
+    bench.stage.end_jog()
+    assert bench.stage.status().state == "Idle"
+    assert bench.stage.homed is homed
+
+
+# --- encoder, configuration ---
+
+
+def test_the_position_of_an_encoder_is_read_and_a_slip_is_no_arrival() -> None:
+    bench = bench_of(stage={"zaber": {"z": {"address": 2, "encoder": True}}})
+    bench.stage.move_to(z_mm=-2.0, speed_mm_s=5.0)
+    assert "2 1 get encoder.pos" in bench.commands()
+    bench.chain.z.encoder_slip = 4
+    with raises(StageError, "not_there", at_mm=-3.01, target_mm=-3.0):
+        bench.stage.move_to(z_mm=-3.0, speed_mm_s=5.0)
+
+
+def test_a_calibration_replaces_the_length_of_a_microstep() -> None:
+    measured = {"value": 500.0, "date": "2026-01-01", "expires": "2027-01-01"}
+    bench = bench_of(calibration={"z_steps_per_mm": measured})
+    assert bench.stage.steps_per_mm("z") == -500.0
+    assert bench.stage.steps_per_mm("x") == -400.0
+    bench.stage.move_to(z_mm=-2.0, speed_mm_s=5.0)
+    assert bench.chain.z.position() == 1000
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("address", 0), ("address", 100), ("axis", 0), ("axis", 10), ("microstep_um", 0.0), ("microstep_um", 10.1),
+        ("microstep_um", float("nan")), ("resolution", 0), ("resolution", 257), ("encoder", 2), ("adress", 1),
+    ],
+)  # fmt: skip
+def test_a_value_out_of_its_bounds_is_refused(key: str, value: object) -> None:
+    with pytest.raises(ValidationError) as caught:
+        Config.model_validate({"stage": {"kind": "zaber", "zaber": {"z": {"address": 2, key: value}}}})
+    assert [problem["loc"] for problem in caught.value.errors()] == [("stage", "zaber", "z", key)]
+
+
+def test_two_axes_need_two_places() -> None:
+    with pytest.raises(ValidationError, match="same address and axis"):
+        Config.model_validate({"stage": {"kind": "zaber", "zaber": {"x": {"address": 2}}}})
