@@ -8,6 +8,7 @@ import pytest
 
 from studies.faults.panel_attacks import ATTACKS, BIG, under
 from studies.faults.panel_under_attack import panel_under_attack
+from tests.program import beside_progress
 from tests.waiting import DEADLINE_S, until
 
 pytest.importorskip("resource")
@@ -16,7 +17,7 @@ DESCRIPTORS, CONNECTIONS = 1024, 1200
 AGAIN_S = 30.0
 """A page repeats STOP far sooner; nothing here depends on it."""
 MOST_LINES = 8
-"""Two loggers of two levels, a line of each in a minute; the progress of a slow start besides."""
+"""Two loggers of two levels, a line of each in a minute."""
 
 
 def answered(ask: Callable[[], int]) -> int:
@@ -49,6 +50,6 @@ def test_stop_is_answered_beside_every_attack(name: str, tmp_path: Path) -> None
             streams = 503 if name == "streams_with_token" else 200
             assert answered(lambda: panel.stream(AGAIN_S)) == streams or attack.known
         assert panel.process.poll() is None
-        lines = panel.log.read_text("utf-8").splitlines()
+        lines = beside_progress(panel.log.read_text("utf-8")).splitlines()
         assert len(lines) <= MOST_LINES
         assert not any(line.startswith("Traceback") for line in lines)
