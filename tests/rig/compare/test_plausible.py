@@ -80,7 +80,7 @@ def invalid(key: str, rule: str) -> dict[str, Any]:
         ("[0.3, 0.5]", "[0.3, inf]", "invalid_value", invalid("finger.tissue.epidermis_mm.1", "finite_number")),
         ("[0.3, 0.5]", "[0.3]", "invalid_value", invalid("finger.tissue.epidermis_mm.1", "missing")),
         ("[0.3, 0.5]", "0.3", "invalid_value", invalid("finger.tissue.epidermis_mm", "tuple_type")),
-        ("[0.3, 0.5]", '["thin", 0.5]', "invalid_value", invalid("finger.tissue.epidermis_mm.0", "float_parsing")),
+        ("[0.3, 0.5]", '["thin", 0.5]', "invalid_value", invalid("finger.tissue.epidermis_mm.0", "float_type")),
         ("[0.3, 0.5]", "[0.3, 9.0]", "invalid_value", invalid("tissue.epidermis_mm", "less_than")),
         (
             "[0.3, 0.5]",
