@@ -407,14 +407,14 @@ READERS: dict[str, Reader] = {
         "rig.toml", of.of_toml,
         _files(OLD / "every_key.toml", OLD / "small.toml", OLD / "complete" / "config.toml"),
         load_config,
-        in_suite=400,
+        in_suite=200,
     ),
     "configuration, for a stop": Reader(
         "rig.toml", of.of_toml, _files(OLD / "every_key.toml", OLD / "small.toml"), stage_alone,
-        in_suite=300,
+        in_suite=200,
     ),
     "identified finger": Reader("finger.toml", of.of_toml, _finger_files, read_finger_file,
-        in_suite=400,
+        in_suite=250,
     ),
     "plausible fingers": Reader(
         "fingers.toml", of.of_toml,
@@ -428,12 +428,12 @@ READERS: dict[str, Reader] = {
     "points of a skin": Reader(
         "points.csv", of.of_table, _files(EXAMPLES / "own_finger" / "synthetic_larger_finger_points.csv"),
         _skin("points"),
-        in_suite=400,
+        in_suite=200,
     ),
     "sections of a finger": Reader(
         "sections.csv", of.of_table, _files(EXAMPLES / "own_finger" / "synthetic_larger_finger_sections.csv"),
         _skin("sections"),
-        in_suite=400,
+        in_suite=200,
     ),
     "profile": Reader("a.csv", of.of_table, _texts(PROFILE), lambda path: parse_shape(f"profile:{path}")),
     "profile of lines": Reader(
@@ -444,7 +444,7 @@ READERS: dict[str, Reader] = {
     ),
     "height map of rows": Reader(
         "a.csv", of.of_table, _texts(MAP_ROWS), lambda path: parse_shape(f"heightmap:{path},spacing_mm=0.2"),
-        in_suite=300,
+        in_suite=200,
     ),
     "height map, NumPy": Reader(
         "a.npy", of.of_npy, _arrays, lambda path: parse_shape(f"heightmap:{path},spacing_mm=0.2"),
@@ -452,7 +452,7 @@ READERS: dict[str, Reader] = {
     ),
     "height map, picture": Reader(
         "a.png", of.of_png, _pictures, lambda path: parse_shape(f"heightmap:{path},width_mm=4,height_mm=0.3"),
-        in_suite=200,
+        in_suite=150,
     ),
     "table of rates or counts": Reader("a.csv", of.of_table, _texts(RATES, REPEATS, COUNTS), _recording()),
     "table with named columns": Reader(
@@ -462,10 +462,10 @@ READERS: dict[str, Reader] = {
         in_suite=700,
     ),
     "spike times, NWB": Reader("a.nwb", of.of_hdf5, _nwb, _recording("#7"),
-        in_suite=400,
+        in_suite=250,
     ),
     "spike times, NIX": Reader("a.nix", of.of_hdf5, _by_neo("NIX"), _recording("#unit 1"),
-        in_suite=5,
+        in_suite=3,
     ),
     "spike times, Spike2": Reader(
         "a.smr", of.of_bytes, _by_neo("Spike2"), _recording("#unit 1", "sync=pulses"), in_suite=50
@@ -491,7 +491,7 @@ READERS: dict[str, Reader] = {
     "deflection of the skin": Reader("a.csv", of.of_table, _texts(SKIN), read_skin_deflection),
     "deflection along the finger": Reader("a.csv", of.of_table, _texts(AXIAL), read_deflections),
     "readings of a row": Reader("a.csv", of.of_table, _texts(ROW), lambda path: read_readings(path, _finger()),
-        in_suite=80,
+        in_suite=60,
     ),
     "readings of a sheet": Reader("a.csv", of.of_table, _texts(SHEET), lambda path: read_readings(path, _finger()),
         in_suite=80,
@@ -509,12 +509,12 @@ READERS: dict[str, Reader] = {
             _bundle,
         ),
         beside=_run_folder, writes=RUN_WRITES,
-        in_suite=80,
+        in_suite=50,
     ),
     "journal, exported": Reader(
         "run/events.jsonl", of.of_json_lines, _short_journals, lambda path: export_command(path.parent, as_csv=True),
         beside=_run_folder, writes=RUN_WRITES,
-        in_suite=20,
+        in_suite=10,
     ),
     "journal, resumed": Reader(
         "run/events.jsonl", of.of_json_lines, _short_journals, _resume, beside=_run_folder,
@@ -528,7 +528,7 @@ READERS: dict[str, Reader] = {
             lambda path: left_on_record(path.parents[1], load_config(None)),
         ),
         beside=_run_folder, writes=RUN_WRITES,
-        in_suite=60,
+        in_suite=40,
     ),
     "configuration of a run": Reader(
         "run/config.toml", of.of_toml, _of_runs("config.toml"),
@@ -538,7 +538,7 @@ READERS: dict[str, Reader] = {
     ),
     "checksums": Reader(
         "run/SHA256SUMS", of.of_bytes, _of_runs("SHA256SUMS"), _resume, beside=_run_folder, writes=RUN_WRITES,
-        in_suite=500,
+        in_suite=300,
     ),
     "script of a run": Reader(
         "run/protocol.py", of.of_bytes, _of_runs("protocol.py"), _all_of(_resume, _bundle), beside=_run_folder,
@@ -553,13 +553,13 @@ READERS: dict[str, Reader] = {
     ),
     "byte log": Reader(
         "run/bytes.jsonl", of.of_json_lines, _texts(BYTES), _bundle, beside=_run_folder, writes=RUN_WRITES,
-        in_suite=100,
+        in_suite=60,
     ),
     "index of runs": Reader(
         f"runs/{INDEX}", of.of_bytes, _indexes, lambda path: runs_command(path.parent, as_json=True),
         beside=lambda path: shutil.copytree(OLD / "complete", path.parent / "complete"),
         writes=(f"*{INDEX}*",),
-        in_suite=150,
+        in_suite=80,
     ),
     "memory of a bench": Reader("a.json", of.of_json, _texts(json.dumps(KNOWN)), _memory),
     "durations": Reader(
