@@ -49,6 +49,8 @@ Pairs = list[tuple[bytes, bytes]]
 
 def descriptors() -> int:
     """Return how many descriptors this process may open."""
+    if sys.platform == "win32":
+        return _SELECT
     try:
         import resource
     except ImportError:
@@ -82,8 +84,9 @@ class Served(H11Protocol):
 
     @property
     def is_pending(self) -> bool:
-        """Whether a request other than for a stream waits for its answer."""
-        return not self.idle and (self.scope is None or self.scope["path"] != EVENTS)
+        """Whether a complete request, other than for a stream, waits for its answer."""
+        complete = self.cycle is not None and not self.cycle.more_body
+        return complete and not self.idle and (self.scope is None or self.scope["path"] != EVENTS)
 
     def abort(self) -> None:
         """Close the connection at once."""

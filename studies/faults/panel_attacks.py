@@ -17,6 +17,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 
 from rig.clock import WallClock
+from studies.posix import resource
 
 _HERE = "Host: 127.0.0.1:{port}\r\n"
 _OWN = _HERE + "Origin: http://127.0.0.1:{port}\r\nX-Rig-Tab: a\r\nX-Rig-Token: {token}\r\n"
@@ -159,8 +160,6 @@ def main() -> None:
     parser.add_argument("--port", type=int, required=True)
     parser.add_argument("--connections", type=int, default=1200)
     options = parser.parse_args()
-    import resource
-
     hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
     resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
     attack, clock = ATTACKS[options.name], WallClock()
