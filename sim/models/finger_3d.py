@@ -80,5 +80,5 @@ class _Stopwatch:
     def lap(self, name: str) -> None:
         now = time.perf_counter()
         self.laps[name] = now - self._last
-        _log.debug("building a model: %s done, %.0f s so far …", name, sum(self.laps.values()))
+        _log.debug("building a model: %s done", name)
         self._last = now
