@@ -90,5 +90,4 @@ def test_each_step_of_a_finger_is_said_quietly(skin: FingertipSurface, caplog: p
     steps = [record for record in caplog.records if record.name == "sim.models.finger_3d"]
     assert {record.levelno for record in steps} == {logging.DEBUG}
     for name, record in zip(finger.model.timing_s, steps, strict=True):
-        assert f"building a model: {name} done" in record.getMessage()
-    assert steps[-1].getMessage().endswith(f", {sum(finger.model.timing_s.values()):.0f} s so far …")
+        assert record.args == (name,)
