@@ -1,5 +1,6 @@
 """The Zaber driver byte for byte: transcripts of the maker's client, faults, retries; and the virtual chain."""
 
+import random
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -163,6 +164,23 @@ def test_a_device_that_never_stops_talking_is_a_timeout() -> None:
     with raises(StageTimeout, "no_reply"):
         ZaberLink(wire, clock).ask(1, 1, "get pos")
     assert clock.monotonic_s() - 100.0 == pytest.approx(READ_TRIES * REPLY_S, abs=0.05)
+
+
+def test_a_thousand_odd_lines_are_errors_of_the_stage_and_nothing_else() -> None:
+    """Random bytes, and replies with a byte changed: what is believed is the reply itself."""
+    chance, true = random.Random(0), b"@01 1 00 OK IDLE -- 4711"
+    for _ in range(1000):
+        odd = bytearray(sealed(true.decode("ascii")))
+        if chance.random() < 0.5:
+            odd[chance.randrange(len(odd))] = chance.randrange(256)
+        else:
+            odd = bytearray(chance.randbytes(chance.randrange(1, 60)) + b"\n")
+        _, link = linked([bytes(odd)])
+        try:
+            reply = link.command(1, 1, "get pos")
+        except StageError:
+            continue
+        assert (reply.data, reply.busy, reply.warning) == ("4711", False, "--")
 
 
 # --- the stage on the virtual chain ---
