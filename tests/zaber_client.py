@@ -6,10 +6,12 @@ database is used: the devices are not identified, and its address is a closed po
 
 import json
 import sys
+import threading
+import time
 from typing import Any
 
 from zaber_motion import DeviceDbSourceType, Library, MotionLibException, Units
-from zaber_motion.ascii import Connection
+from zaber_motion.ascii import Axis, Connection
 
 NATIVE = Units.NATIVE
 
@@ -21,6 +23,22 @@ def failure(act: Any) -> str:
     except MotionLibException as error:
         return type(error).__name__
     return ""
+
+
+def interrupted(axis: Axis) -> str:
+    """How a move ends that another one interrupts."""
+    found: list[str] = []
+    move = threading.Thread(
+        target=lambda: found.append(
+            failure(lambda: axis.move_absolute(6000, NATIVE, velocity=3276, velocity_unit=NATIVE))
+        )
+    )
+    move.start()
+    while not axis.is_busy():
+        time.sleep(0.05)
+    axis.move_absolute(400, NATIVE)
+    move.join()
+    return found[0]
 
 
 def main() -> None:
@@ -52,6 +70,7 @@ def main() -> None:
         found["stopped"] = not axis.is_busy()
         found["too_far"] = failure(lambda: axis.move_absolute(999_999, NATIVE))
         found["unknown"] = failure(lambda: axis.generic_command("frobnicate"))
+        found["interrupted"] = interrupted(axis)
         connection.enable_alerts()
         axis.move_absolute(800, NATIVE)
         found["with_alerts"] = axis.get_position()

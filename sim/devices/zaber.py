@@ -21,6 +21,8 @@ PRIORITY = (
 )  # fmt: skip
 """Warnings, the highest first."""
 DISABLING = frozenset(("FF", "FH", "FV", "FO", "FC", "FM", "FD"))
+CLEARED = frozenset(("FQ", "FI", "FA", "FR", "FS", "FB", "FP", "FE", "FT", "WL", "WS"))
+"""Warnings that stay until they are cleared; the others end with their cause, or with the next movement."""
 NO_WARNING = "--"
 DEVICE_ID, FIRMWARE, BUILD = 50081, "7.38", "20000"
 ESTOP_S, BACK_OFF_MM, HOME_MM_S = 0.01, 0.5, 5.0
@@ -157,7 +159,7 @@ class VirtualZaberAxis:
                 return " ".join([f"{len(found):02d}", *found])
             case ["warnings", "clear"]:
                 found = self.warnings
-                self._warnings -= {flag for flag in self._warnings if flag not in DISABLING}
+                self._warnings -= CLEARED
                 return " ".join([f"{len(found):02d}", *found])
             case ["home"]:
                 self._begin()

@@ -59,6 +59,7 @@ def test_zabers_own_client_homes_moves_and_stops_the_virtual_chain(tcp: int | No
         "stopped": True,
         "too_far": "BadDataException",
         "unknown": "BadCommandException",
+        "interrupted": "MovementInterruptedException",
         "with_alerts": 800.0,
     }
 
