@@ -42,7 +42,7 @@ def _ended(begin: type[subprocess.Popen[Any]], words: list[str], **how: Any) -> 
     return process.returncode, out, err and err.splitlines()[-1]
 
 
-@pytest.mark.parametrize("how", HOW, ids=str)
+@pytest.mark.parametrize("how", HOW, ids=lambda how: "-".join(how) or "plain")
 def test_it_is_begun_as_any_other(how: dict[str, Any]) -> None:
     assert _ended(Popen, ["-c", SAID, "a", "b"], **how) == _ended(subprocess.Popen, ["-c", SAID, "a", "b"], **how)
 

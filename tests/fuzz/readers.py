@@ -569,7 +569,7 @@ READERS: dict[str, Reader] = {
         "a.json", of.of_json, _texts(json.dumps(NOTE)), _owners, beside=_owner_lives, in_suite=200
     ),
     "model in the cache": Reader(
-        "a.model", of.of_bytes, _model_files, lambda path: model_cache._read(path, "key")
+        "a.model", of.of_bytes, _model_files, lambda path: model_cache._read(path, "key", None)
     ),
 }  # fmt: skip
 
