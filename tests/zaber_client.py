@@ -7,7 +7,6 @@ database is used: the devices are not identified, and its address is a closed po
 import json
 import sys
 import threading
-import time
 from typing import Any
 
 from zaber_motion import DeviceDbSourceType, Library, MotionLibException, Units
@@ -35,7 +34,7 @@ def interrupted(axis: Axis) -> str:
     )
     move.start()
     while not axis.is_busy():
-        time.sleep(0.05)
+        pass
     axis.move_absolute(400, NATIVE)
     move.join()
     return found[0]

@@ -19,7 +19,7 @@ from rig.cli.output import NotConfirmedError, complain, err, one_line_errors, ou
 from rig.cli.signals import typed_line
 from rig.clock import WallClock
 from rig.data.folder import replace_text
-from rig.devices.registry import DEFAULTS, Room, names, with_kind_tables
+from rig.devices.registry import DEFAULTS, Room, either, names, with_kind_tables
 from rig.errors import BadInputError, first_problem
 from rig.plan.config import Config, Key, as_toml, config_from, keys
 from rig.plan.finger_file import example_finger
@@ -51,8 +51,8 @@ def init_command(
     stage: Annotated[
         str | None,
         typer.Option(
-            metavar="|".join(names("stage")),
-            help="Kind of stage. Default: the one that is found.",
+            metavar="KIND",
+            help=f"Kind of stage: {either(names('stage'))}. Default: the one that is found.",
             rich_help_panel=_DEVICES,
         ),
     ] = None,
@@ -65,8 +65,8 @@ def init_command(
     sensor: Annotated[
         str | None,
         typer.Option(
-            metavar="|".join(names("force")),
-            help="Kind of force sensor. Default: the one that is found.",
+            metavar="KIND",
+            help=f"Kind of force sensor: {either(names('force'))}. Default: the one that is found.",
             rich_help_panel=_DEVICES,
         ),
     ] = None,

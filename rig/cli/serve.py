@@ -22,7 +22,7 @@ from rig.cli.output import (
     renamed,
     resting,
 )
-from rig.devices.registry import Room, names
+from rig.devices.registry import Room, either, names
 from rig.errors import BadInputError
 from rig.identify.random_finger import truth_of, with_random_finger
 from rig.plan.config import Config, load_config, unit
@@ -37,16 +37,16 @@ def serve_command(
     stage: Annotated[
         str | None,
         typer.Option(
-            metavar="|".join(names("stage")),
-            help="Kind of stage. Default: the configured one.",
+            metavar="KIND",
+            help=f"Kind of stage: {either(names('stage'))}. Default: the configured one.",
             rich_help_panel=_DEVICES,
         ),
     ] = None,
     force: Annotated[
         str | None,
         typer.Option(
-            metavar="|".join(names("force")),
-            help="Kind of force sensor. Default: the configured one.",
+            metavar="KIND",
+            help=f"Kind of force sensor: {either(names('force'))}. Default: the configured one.",
             rich_help_panel=_DEVICES,
         ),
     ] = None,

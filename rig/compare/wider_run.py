@@ -115,7 +115,7 @@ def _ours(path: Path, name: str) -> Path:
     A comparison reads runs of other accounts, and must not run what they wrote.
     """
     shipped = shipped_protocols() / f"{Path(name).stem}.py"
-    if shipped.is_file() and shipped.read_bytes() == path.read_bytes():
+    if shipped.is_file() and read_bytes(shipped) == read_bytes(path):
         return shipped
     real = path.resolve()
     refuse_if_changeable(real.parent, this_account())

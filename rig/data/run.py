@@ -175,7 +175,7 @@ _TYPES_OF_PROVENANCE: dict[str, type | tuple[type, ...]] = {
     "subject": (str, type(None)),
     "devices": dict,
     "versions": dict,
-    "model": dict,
+    "model": (dict, type(None)),
     "python": str,
 }
 

@@ -157,7 +157,7 @@ def find(of: type[K], name: str) -> K:
         raise KindError(
             "must be {either}",
             code="unknown_kind",
-            either=_either([repr(one) for one in known]),
+            either=either([repr(one) for one in known]),
             kinds=known,
             kind=name,
         )
@@ -259,7 +259,8 @@ def _loaded(of: type[K], name: str, point: EntryPoint) -> K:
     return found
 
 
-def _either(words: list[str]) -> str:
+def either(words: list[str]) -> str:
+    """Return words joined by commas and or."""
     return f"{', '.join(words[:-1])} or {words[-1]}"
 
 

@@ -42,6 +42,7 @@ _CODE = (
     *(
         "compiling.py",
         "trust.py",
+        "user_files.py",
         "errors.py",
         "units.py",
         "tables.py",

@@ -55,9 +55,9 @@ def tap(engine: Engine, step: Tap, expected: ExpectedTouch) -> None:
     ),
 ]
 
-STAGE = [("rig/devices/registry.py", '"leadshine"),', '"hobby", ')]
+STAGE = [("rig/devices/registry.py", '"zaber"),', '"hobby", ')]
 
-FORCE = [("rig/devices/registry.py", '"laumas"),', '"plain", ')]
+FORCE = [("rig/devices/registry.py", '"text_cell"),', '"plain", ')]
 
 SHAPE = [
     (

@@ -414,6 +414,7 @@ def test_doctor_tells_of_packages(
     assert [(one["role"], one["kind"], one["package"]) for one in told["devices"]] == [
         ("stage", "grbl", None), ("stage", "leadshine", None), ("stage", "zaber", None),
         ("force", "mtsics", None), ("force", "laumas", None), ("force", "text_cell", None),
+        ("force", "odd", "odd 1.0"),
     ]  # fmt: skip
     assert told["problems_text"] == [
         "force.kind = 'odd': odd 1.0 cannot be used: ZeroDivisionError: division by zero"

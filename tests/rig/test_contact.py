@@ -178,13 +178,13 @@ def test_a_record_that_cannot_be_written_does_not_go_on_saying_that_the_finger_i
 
     memory = BenchMemory(settings)
     memory.touched(KnownContact("lifted"))
-    monkeypatch.setattr(Path, "write_text", full)
+    monkeypatch.setattr(Path, "open", full)
     memory.touched(KnownContact("unknown"))
     assert memory.read().contact is None, "the disk lets the file go"
     monkeypatch.undo()
     monkeypatch.setenv("RIG_STATE_DIR", str(tmp_path / "state"))
     memory.touched(KnownContact("lifted"))
-    monkeypatch.setattr(Path, "write_text", full)
+    monkeypatch.setattr(Path, "open", full)
     monkeypatch.setattr(Path, "unlink", full)
     with raises(RecordError, "says_not_touched"):
         memory.touched(KnownContact("unknown"))

@@ -422,8 +422,12 @@ BOMBS: dict[str, tuple[Make, tuple[str, ...], tuple[str, ...]]] = {
 }  # fmt: skip
 
 
+def _peak_kb() -> int:
+    return int(Path("/proc/self/status").read_text(encoding="ascii").split("VmHWM:")[1].split()[0])
+
+
 def _in_a_child(call: Callable[[], object]) -> tuple[str, float, float]:
-    """Return the code, the processor seconds, and the peak memory in GB of a call in a process of its own."""
+    """Return code, processor seconds, and rise of the peak memory in GB, of a call in its own process."""
     import resource  # only of POSIX systems
 
     read_end, write_end = os.pipe()
@@ -432,15 +436,14 @@ def _in_a_child(call: Callable[[], object]) -> tuple[str, float, float]:
         resource.setrlimit(resource.RLIMIT_CPU, (int(SECONDS * SLOWER), int(SECONDS * SLOWER)))
         with open("/proc/self/clear_refs", "w", encoding="ascii") as peak:
             peak.write("5")
+        before_kb = _peak_kb()
         found = OK
         try:
             call()
         except BaseException as error:
             found = code_of(error) if _line_of(error) is not None else f"unforeseen: {error!r:.500}"
-        status = Path("/proc/self/status").read_text(encoding="ascii")
-        peak_kb = int(status.split("VmHWM:")[1].split()[0])
         used = resource.getrusage(resource.RUSAGE_SELF)
-        os.write(write_end, pickle.dumps((found, used.ru_utime + used.ru_stime, peak_kb / 1e6)))
+        os.write(write_end, pickle.dumps((found, used.ru_utime + used.ru_stime, (_peak_kb() - before_kb) / 1e6)))
         os._exit(0)
     os.close(write_end)
     with open(read_end, "rb") as file:
