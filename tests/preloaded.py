@@ -8,6 +8,7 @@ import ctypes
 import fcntl
 import gc
 import inspect
+import io
 import multiprocessing.util
 import os
 import pickle
@@ -185,7 +186,17 @@ def _inherit(asked: dict[str, Any], handles: Sequence[int]) -> None:
     os.chdir(asked["cwd"])
     os.environ.clear()
     os.environ.update(asked["env"])
-    sys.stdout.reconfigure(line_buffering=sys.stdout.isatty())  # type: ignore[union-attr]
+    # The streams of the server still believe that they write to its own files.
+    unbuffered, out = bool(asked["env"].get("PYTHONUNBUFFERED")), io.FileIO(1, "w", closefd=False)
+    sys.stdin = sys.__stdin__ = io.TextIOWrapper(io.BufferedReader(io.FileIO(0, closefd=False)), "utf-8")
+    sys.stdout = sys.__stdout__ = io.TextIOWrapper(
+        out if unbuffered else io.BufferedWriter(out),
+        "utf-8",
+        line_buffering=out.isatty(),
+        write_through=unbuffered,
+    )
+    errors = io.BufferedWriter(io.FileIO(2, "w", closefd=False))
+    sys.stderr = sys.__stderr__ = io.TextIOWrapper(errors, "utf-8", "backslashreplace", line_buffering=True)
     for number in LEFT_TO_PROGRAMS:
         begun = signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL
         signal.signal(number, signal.SIG_IGN if number in asked["ignored"] else begun)

@@ -696,7 +696,10 @@ def _probe(opener: Opener, clock: Clock, settings: BenchSettings) -> str | None:
     own = settings.stage.own(ZaberSettings)
     transport = opener(settings.stage.port)
     found: dict[int, str] = {}
-    for address in dict.fromkeys((own.x.address, own.z.address)):
+    # The first command may follow bytes of another probe without a line end, and is then not understood.
+    for address in 2 * list(dict.fromkeys((own.x.address, own.z.address))):
+        if address in found:
+            continue
         with suppress(StageError):
             found[address] = ZaberLink(transport, clock).command(address, 0, "get deviceid").data
     if not found:

@@ -9,13 +9,13 @@ import pytest
 
 from rig.bench.checks import bench_problems, look
 from rig.bench.served import ServedBench
-from rig.devices.registry import BUILT_IN
+from rig.devices.registry import BUILT_IN, ForceKind, find
 from rig.plan.config import Config, load_config
 from tests.program import INIT_ANSWERS, Program
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 
-PAIRS = list(product(BUILT_IN["stage"], BUILT_IN["force"]))
+PAIRS = [pair for pair in product(BUILT_IN["stage"], BUILT_IN["force"]) if find(ForceKind, pair[1]).probe is not None]
 
 
 def _way(stage: str, force: str) -> str:
