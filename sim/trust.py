@@ -120,7 +120,7 @@ if sys.platform == "win32":
         return None
 
     def _refuse_foreign(path: Path, accounts: Accounts) -> None:
-        if path.lstat().st_file_attributes & stat.FILE_ATTRIBUTE_REPARSE_POINT:
+        if getattr(path.lstat(), "st_file_attributes", 0) & stat.FILE_ATTRIBUTE_REPARSE_POINT:
             raise ChangeableError(path, "is a link")
 
 else:
