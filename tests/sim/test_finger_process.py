@@ -203,7 +203,7 @@ def _gone(pid: int) -> bool:
 def test_where_there_are_no_sessions_ctrl_c_is_ignored(monkeypatch: pytest.MonkeyPatch) -> None:
     """Windows."""
     ignored: list[Any] = []
-    monkeypatch.delattr(signal, "pthread_sigmask")
+    monkeypatch.setattr(sys, "platform", "win32")
     monkeypatch.setattr(signal, "signal", lambda number, act: ignored.append((number, act)))
     finger_process._ignore_terminal()
     assert ignored == [(signal.SIGINT, signal.SIG_IGN)]
