@@ -179,7 +179,7 @@ class TextCellForce:
         while (line := self._reader.read_line(deadline_s)) is not None:
             if line.startswith(self._settings.zero_done):
                 return
-        raise self._timeout("no_reply", SETTLE_S)
+        raise self._timeout(SETTLE_S)
 
     def _steady_gwt(self) -> float:
         """Return the mean of three readings that lie close together."""
@@ -228,20 +228,21 @@ class TextCellForce:
     def _line(self, within_s: float) -> str:
         """Return a line that is no older than the request, or than the last line of a stream."""
         in_step, self._in_step = self._in_step, False
-        deadline_s = self._clock.monotonic_s() + within_s
-        if self._settings.poll:
+        polled = bool(self._settings.poll)
+        if polled:
             self._ask(in_step=in_step)
-            deadline_s = self._clock.monotonic_s() + within_s
         else:
             self._drop_arrived()
-            # The first line may lack its beginning: the port was opened within it, or the system's buffer was full.
-            if not in_step or self._clock.monotonic_s() - self._heard_s > self._silence_s:
-                self._reader.read_line(deadline_s)
+        began_s = self._clock.monotonic_s()
+        deadline_s = began_s + within_s
+        # The first line may lack its beginning: the port was opened within it, or the system's buffer was full.
+        if not polled and (not in_step or began_s - self._heard_s > self._silence_s):
+            self._reader.read_line(deadline_s)
         while (line := self._reader.read_line(deadline_s)) is not None:
-            if not line.startswith(self._settings.ignore or ("\n",)):
+            if not line.startswith(self._settings.ignore):
                 self._in_step, self._heard_s = True, self._clock.monotonic_s()
                 return line
-        raise self._timeout("no_reply", within_s)
+        raise self._timeout(within_s)
 
     def _ask(self, *, in_step: bool) -> None:
         """Request a reading when no earlier reply can be on its way."""
@@ -261,10 +262,10 @@ class TextCellForce:
         while self._reader.next_pending() is not None:
             pass
 
-    def _timeout(self, code: str, timeout_s: float) -> ForceTimeout:
+    def _timeout(self, timeout_s: float) -> ForceTimeout:
         return ForceTimeout(
             "{port}: no line within {timeout_s:g} s; check the power and the cable",
-            code=code,
+            code="no_reply",
             port=self._transport.name,
             timeout_s=timeout_s,
         )

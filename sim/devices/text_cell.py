@@ -1,5 +1,7 @@
 """Virtual load cell whose board sends each reading as a line of text, by itself or on request."""
 
+import math
+
 from sim.devices.clock import Scheduler
 from sim.devices.line import Load, Samples, SerialLine, VirtualForceSpec
 
@@ -38,7 +40,7 @@ class VirtualTextCell:
     def _send_reading(self) -> None:
         grams = self._samples.grams(self._samples.newest()) - self._zero_g
         unit = str(self._own["unit"])
-        if grams == grams:
+        if not math.isnan(grams):
             grams = round(grams / self._resolution_g) * self._resolution_g
         value = f"{grams / _GRAMS[unit]:.{3 + _FINER[unit]}f}"
         self._send(str(self._own["line"]).replace("{value}", value).replace("{skip}", "0"))

@@ -1,6 +1,5 @@
 """The same protocol on every stage with every force sensor, and on Modbus with other steps and counts."""
 
-from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -66,12 +65,22 @@ VARIANTS: dict[str, list[dict[str, Any]]] = {
     "text_cell": [{}, {"text_cell": {"poll": "<w>", "zero": "t", "zero_done": "done"}}],
 }
 """Ways to configure a device; a kind that is not here has one."""
+
+
+def _ways(kind: str) -> list[dict[str, Any]]:
+    return VARIANTS.get(kind, [{}])
+
+
+def _way(kind: str, n: int) -> dict[str, Any]:
+    """Return the way of this number, the first one where there are fewer."""
+    return dict(enumerate(_ways(kind))).get(n, _ways(kind)[0])
+
+
 BENCHES = [
-    {"stage": {"kind": stage, **moved}, "force": {"kind": force, **weighed}}
+    {"stage": {"kind": stage, **_way(stage, n)}, "force": {"kind": force, **_way(force, n)}}
     for stage in BUILT_IN["stage"]
     for force in BUILT_IN["force"]
-    for moved, weighed in zip_longest(VARIANTS.get(stage, [{}]), VARIANTS.get(force, [{}]))
-    for moved, weighed in [(moved or VARIANTS.get(stage, [{}])[0], weighed or VARIANTS.get(force, [{}])[0])]
+    for n in range(max(len(_ways(stage)), len(_ways(force))))
     if (stage, force) != ("grbl", "mtsics")
 ]
 
