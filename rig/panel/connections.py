@@ -37,7 +37,7 @@ LINE_EVERY_S = 60.0
 _GUEST_S = 2.0  # after which an unanswered guest gives way to another one
 _MOST_GUEST_BYTES = 1 << 18  # a guest only reads
 _MOST_WAITING, _FEWEST_WAITING = 1024, 16
-_ACCEPTED_AT_ONCE, _SERVED_AT_ONCE = 64, 2  # in one turn of the loop; one while a request with the token is pending
+_ACCEPTED_AT_ONCE, _SERVED_AT_ONCE = 128, 2  # in one turn of the loop; one while a request with the token is pending
 _SPARE, _SPARE_FOR_STOP = 16, 12
 _LOOK_S, _AGAIN_S = 0.25, 0.02
 _HEADER_END = re.compile(rb"\n\r?\n")
@@ -83,10 +83,14 @@ class Served(H11Protocol):
         return self.cycle is not None and self.cycle.response_complete
 
     @property
+    def is_unanswered(self) -> bool:
+        """Whether a complete request waits for its answer, or for the end of it."""
+        return self.cycle is not None and not self.cycle.more_body and not self.idle
+
+    @property
     def is_pending(self) -> bool:
         """Whether a complete request, other than for a stream, waits for its answer."""
-        complete = self.cycle is not None and not self.cycle.more_body
-        return complete and not self.idle and (self.scope is None or self.scope["path"] != EVENTS)
+        return self.is_unanswered and (self.scope is None or self.scope["path"] != EVENTS)
 
     def abort(self) -> None:
         """Close the connection at once."""
@@ -130,7 +134,7 @@ class Connections:
         self._holders: dict[Served, None] = {}
         self._begun: set[asyncio.Task[Any]] = set()
         self._spare: list[int] = []
-        self._stops, self._open, self._serving = 0, False, False
+        self._stops, self._open, self._serving, self._crowded = 0, False, False, False
 
     def begin(self, **of_the_server: Any) -> None:
         """Accept connections in the running loop; of_the_server: arguments of the server's protocol."""
@@ -191,7 +195,8 @@ class Connections:
     # --- waiting connections ---
 
     def _accept(self) -> None:
-        for _ in range(1 if self._is_pending() else _ACCEPTED_AT_ONCE):
+        self._crowded, pending = False, self._is_pending()
+        for _ in range(1 if pending else _ACCEPTED_AT_ONCE):
             try:
                 end, _address = self._listener.accept()
             except (BlockingIOError, InterruptedError, ConnectionAbortedError):
@@ -208,6 +213,7 @@ class Connections:
             one = _Waiting(end, self._clock.monotonic_s())
             self._waiting[one] = None
             self._read(one)
+        self._crowded = not pending
 
     def _accept_again(self) -> None:
         if self._open:
@@ -216,7 +222,7 @@ class Connections:
     def _read(self, one: _Waiting) -> None:
         """Read what has come of a header."""
         try:
-            data = one.end.recv(MOST_HEADER)
+            data = one.end.recv(MOST_HEADER + 1)
         except (BlockingIOError, InterruptedError):
             self._watch(one)
             return
@@ -267,12 +273,11 @@ class Connections:
         return one in self._holders
 
     def enter_as_holder(self, one: Served) -> None:
-        """Count a connection that has shown the token; the oldest idle one gives way."""
+        """Count a connection that has shown the token; the oldest idle one gives way, a complete request last."""
         one.timeout_keep_alive = HOLDER_KEPT_S
         self._guests.pop(one, None)
         if len(self._holders) >= MOST_HOLDERS:
-            oldest = next(iter(self._holders))
-            next((other for other in self._holders if other.idle), oldest).abort()
+            min(self._holders, key=lambda other: (not other.idle, other.is_unanswered)).abort()
         self._holders[one] = None
 
     def left(self, one: Served) -> None:
@@ -291,8 +296,11 @@ class Connections:
             self._loop.call_soon(self._serve_guests)
 
     def _serve_guests(self) -> None:
-        """Serve a few guests in one turn of the loop, so that a request with the token waits for few."""
+        """Serve a few guests in one turn of the loop, and none while more connections wait to be accepted."""
         self._serving = False
+        if self._crowded:
+            self._serve_soon()
+            return
         for _ in range(1 if self._is_pending() else _SERVED_AT_ONCE):
             if not self._complete or not self._has_place():
                 return
