@@ -1,4 +1,4 @@
-"""What a user installs: a wheel with `rig` and `sim` that needs nothing of the repository.
+"""What a user installs: a wheel with `rig`, `sim` and `rig_shared` that needs nothing of the repository.
 
 tests/device_packages.py makes it from what `pyproject.toml` says belongs in it, without the build system.
 """

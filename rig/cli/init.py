@@ -19,12 +19,13 @@ from rig.cli.output import NotConfirmedError, complain, err, one_line_errors, ou
 from rig.cli.signals import typed_line
 from rig.clock import WallClock
 from rig.data.folder import replace_text
-from rig.devices.registry import DEFAULTS, Room, either, names, with_kind_tables
+from rig.devices.registry import DEFAULTS, Room, names, with_kind_tables
 from rig.errors import BadInputError, first_problem
 from rig.plan.config import Config, Key, as_toml, config_from, keys
 from rig.plan.finger_file import example_finger
+from rig.printable import either
 from rig.units import GWT_N
-from rig.user_files import toml_of
+from rig_shared.user_files import toml_of
 
 _DEVICES, _ANSWERS = "Devices", "Answers"
 WORDS: Mapping[Room, tuple[str, str, str]] = {
@@ -245,7 +246,7 @@ def _refuse_unknown_kind(room: Room, kind: str | None) -> None:
     if kind is not None and kind not in names(room):
         raise BadInputError(
             "{option} {value}: unknown kind of device; choose {expected}",
-            code="unknown_device", option=WORDS[room][0], value=kind, expected=" or ".join(names(room)),
+            code="unknown_device", option=WORDS[room][0], value=kind, expected=either(names(room)),
         )  # fmt: skip
 
 
@@ -459,7 +460,7 @@ def _finger(text: str, so_far: Config) -> Tables:
     if text not in FINGERS:
         raise BadInputError(
             "{option} {value!r}: must be {expected}",
-            code="unknown_finger", option="--finger", value=text, expected=" or ".join(FINGERS),
+            code="unknown_finger", option="--finger", value=text, expected=either([*FINGERS]),
         )  # fmt: skip
     table = dict(FINGERS[text]())
     return {"finger": table} if table else {}

@@ -23,6 +23,7 @@ from rig.data.bug_report import LEFT_OUT, bug_report, bundle_name
 from rig.devices import registry
 from rig.errors import BadInputError
 from rig.plan.config import Config, Key, as_toml, keys, keys_of_other_kinds, load_config, unit
+from rig.printable import either
 from rig.protocol.script import shipped_protocols
 from rig.report.benchmark_page import page
 from rig.session.resume import left_on_record
@@ -69,7 +70,7 @@ def _named(every: Sequence[Key], name: str | None) -> list[Key]:
     if not found:
         whole = "." in name
         known = dict.fromkeys(word for one in every for word in (one.place if whole else one.name, one.table))
-        near = " or ".join(get_close_matches(name, known, n=2)) or "a key or table that `rig config` lists"
+        near = either(get_close_matches(name, known, n=2)) or "a key or table that `rig config` lists"
         raise BadInputError(
             "{key}: there is no such key; use {expected}", code="unknown_key", key=name, expected=near
         )

@@ -22,11 +22,12 @@ from rig.cli.output import (
     renamed,
     resting,
 )
-from rig.devices.registry import Room, either, names
+from rig.devices.registry import Room, names
 from rig.errors import BadInputError
 from rig.identify.random_finger import truth_of, with_random_finger
 from rig.plan.config import Config, load_config, unit
 from rig.plan.finger_file import IdentifiedFinger, read_finger_file
+from rig.printable import either
 from sim.identification.prior import named, plain
 from sim.serve.prefetch import PressStatistics
 
@@ -160,7 +161,7 @@ def _kind(room: Room, name: str | None, otherwise: str | None) -> str | None:
     if name is not None and name not in names(room):
         raise BadInputError(
             "{option} {value}: unknown kind of device; choose {expected}",
-            code="unknown_device", option=f"--{room}", value=name, expected=" or ".join(names(room)),
+            code="unknown_device", option=f"--{room}", value=name, expected=either(names(room)),
         )  # fmt: skip
     return name or otherwise
 

@@ -16,7 +16,7 @@ from typing import Any
 from rig.data.folder import RunFolder, replace_bytes
 from rig.data.run import RunError
 from rig.data.run_time import RunTime, is_timed
-from rig.user_files import json_of, read_text
+from rig_shared.user_files import json_of, read_text
 
 GONE = "(removed)"
 _SUBJECT = "SUBJECT"

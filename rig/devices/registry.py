@@ -18,6 +18,7 @@ from pydantic_core import InitErrorDetails
 from rig.clock import Clock
 from rig.devices.base import ForceSensor, Stage
 from rig.errors import RigError, RuleError
+from rig.printable import either
 from rig.settings import NOMINAL_STEPS_PER_MM, BenchSettings, DeviceSettings, ForceSettings, Settings, StageSettings
 from rig.transport import Transport
 
@@ -259,11 +260,6 @@ def _loaded(of: type[K], name: str, point: EntryPoint) -> K:
     return found
 
 
-def either(words: list[str]) -> str:
-    """Return words joined by commas and or."""
-    return f"{', '.join(words[:-1])} or {words[-1]}"
-
-
 D = TypeVar("D", bound=DeviceSettings)
 M = TypeVar("M", bound=BaseModel)
 
@@ -361,7 +357,7 @@ class KnownBench(BenchSettings):
                 "sync.output: {output!r} is not available on a {stage} stage; allowed: {allowed}",
                 code="no_such_output",
                 output=self.sync.output,
-                allowed=" or ".join(allowed),
+                allowed=either(allowed),
                 stage=self.stage.kind,
             )
         if self.sync.output == "drive" and self.sync.words is None:
@@ -377,13 +373,12 @@ class KnownBench(BenchSettings):
         allowed = find(StageKind, self.stage.kind).inputs
         for key, name in self.stop.inputs.items():
             if name not in allowed:
-                either = " or ".join(allowed) or "none, because it reports no inputs"
                 raise RuleError(
                     "stop.{setting} = {input!r} is not available on a {stage} stage; allowed: {allowed}",
                     code="no_such_input",
                     setting=key,
                     input=name,
-                    allowed=either,
+                    allowed=either(allowed) or "none, because it reports no inputs",
                     stage=self.stage.kind,
                 )
         return self

@@ -18,7 +18,7 @@ from rig.protocol.script import Script, script_error
 from rig.protocol.steps import ExpectedPresses, ExpectedTouch, Mount, Step
 from rig.records import PlannedIndentation, Purpose
 from rig.units import GWT_N
-from rig.user_files import read_bytes
+from rig_shared.user_files import read_bytes
 from sim.contact.shapes import ShapeError
 from sim.errors import ModelRangeError
 from sim.finger_process import Finger, FingerLostError

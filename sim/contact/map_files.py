@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rig_shared.user_files import lines_of, open_file
 from sim.contact.height_map import MOST_POINTS, HeightMap, HeightMapError, refuse_far, refuse_uneven
-from sim.user_files import lines_of, open_file
 
 Array = NDArray[np.float64]
 

@@ -4,8 +4,17 @@ _MODES = "modes and owners of a POSIX folder; Windows has the profile of a user"
 _UNIX = "Unix sockets"
 _UNNAMED = "Windows does not name the owner of a port"
 _NO_LOOK = "Windows finds a missing port when it opens it"
+_NICE = "niceness and sessions of POSIX"
 _LOCKS = "POSIX record locks and their owner; test_without_posix.py has the locks of Windows"
 CANNOT = {
+    "rig/real_time/test_bench_verbs.py::test_a_stage_is_owned_by_whoever_has_the_port_of_one_of_its_drives": _UNNAMED,
+    "rig/real_time/test_bench_verbs.py::test_status_of_ports_that_are_not_there_and_of_one_that_is_owned": _UNNAMED,
+    "rig/real_time/test_panel_served.py::"
+    "test_the_program_prints_where_its_page_is_and_logs_nothing_of_what_is_asked[1]": "SIGHUP",
+    "rig/real_time/test_who_gives_way.py::test_a_served_finger_gives_way_to_nobody": _NICE,
+    "rig/real_time/test_who_gives_way.py::test_a_session_s_niceness": _NICE,
+    "rig/real_time/test_who_gives_way.py::test_each_gives_way": _NICE,
+    "rig/test_at_work.py::test_both_devices_name_it": _UNNAMED,
     "rig/test_control_socket.py::test_only_this_user_reads_the_note_and_the_socket[unix]": _UNIX,
     "rig/test_control_socket.py::test_a_path_too_long_for_a_socket_is_replaced": _UNIX,
     "rig/test_control_socket.py::test_the_longest_path_for_a_socket": _UNIX,

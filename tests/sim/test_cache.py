@@ -279,10 +279,10 @@ def test_the_limit_is_what_the_environment_says(folder: Path, monkeypatch: pytes
 
 
 def imported(source: Path) -> set[Path]:
-    """The modules of sim that a module imports."""
+    """The modules of sim, and of what it shares, that a module imports."""
     found = set()
     for node in ast.walk(ast.parse(source.read_text())):
-        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("sim"):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(("sim", "rig_shared")):
             place = ROOT.parent.joinpath(*(node.module or "").split("."))
             candidates = [place.with_suffix(".py"), *(place / f"{alias.name}.py" for alias in node.names)]
             found |= {candidate for candidate in candidates if candidate.exists()}

@@ -12,7 +12,7 @@ from rig.compare.recordings.neo_file import neo_format
 from rig.compare.recordings.recording import Recording, ShapeKey, recording, shape_key, with_enough_positions
 from rig.compare.recordings.spikes import NWB, SPIKES, SPIKES_IN_NEO, SPIKES_IN_NWB, rates_in_run, read_spike_times
 from rig.data import Run
-from rig.user_files import sha256_of
+from rig_shared.user_files import sha256_of
 from sim.contact.shapes import shape_name
 
 # Rates, or counts of spikes, against position, from a user's CSV.

@@ -18,7 +18,8 @@ from rig.compare.recordings.recording import Recording, condition_of, finite_tim
 from rig.compare.stimuli import Stimulus
 from rig.data import Run
 from rig.data.folder import replace_text
-from rig.user_files import open_file
+from rig.printable import either
+from rig_shared.user_files import open_file
 from sim.contact.shapes import shape_name
 from sim.measures.measures import MEASURES
 
@@ -125,7 +126,7 @@ def _pulses(file: h5py.File, path: Path, columns: ColumnMap) -> Array:
             code="no_pulses",
             path=str(path),
             name=name,
-            places=" or ".join(places),
+            places=either(places),
         )
     return np.empty(0) if found is None else _numbers(values_of(found[1], path), path, found[0])
 
