@@ -17,6 +17,7 @@ from rig.bench.virtual import (
     with_framing,
     with_kinds,
 )
+from rig.devices.registry import StageKind, find, kind_of
 from rig.errors import BadInputError, around
 from rig.plan.config import Config
 from sim.carriage import Carriage
@@ -100,6 +101,10 @@ class ServedBench:
         refuse_twinless(*(device for device, kind in ((config.stage, stage), (config.force, force)) if kind))
         stage_line = self._open("stage", config.stage.baud) if stage else None
         force_line = self._open("force", config.force.baud) if force else None
+        if stage_line:
+            further = find(StageKind, config.stage.kind).further_ports
+            place = kind_of(config.stage).place
+            stage_line.further = tuple(self._open(f"stage.{place}.{key}", config.stage.baud) for key in further)
         board = virtual_stage(self.scheduler, stage_line, config) if stage_line else None
         if force_line:
             load = self._finger(config, board, complain) if board else Load(lambda t_s: 0.0)

@@ -153,7 +153,9 @@ def serve_command(
 
 def _tables(ports: Mapping[str, str]) -> list[str]:
     """Return the lines of a configuration file that names these ports."""
-    return [line for name, port in ports.items() for line in (f"[{name}]", f'port = "{port}"')]
+    whole = {name if "." in name else f"{name}.port": port for name, port in ports.items()}
+    places = [(*key.rpartition(".")[::2], port) for key, port in whole.items()]
+    return [line for table, key, port in places for line in (f"[{table}]", f'{key} = "{port}"')]
 
 
 def _kind(room: Room, name: str | None, otherwise: str | None) -> str | None:
