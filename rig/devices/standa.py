@@ -5,7 +5,8 @@ Sources: Standa 8SMC5-USB manual, communication protocol; protocol.xi of libximc
 The axis homes to a limit switch and counts from there; machine coordinates fall away from home. The driver writes the
 speed before a move and the zero at homing, both volatile, and no other setting.
 
-The command `stop` also clears an alarm of the controller. An alarm that was seen is therefore kept here until `unlock`.
+The command `stop` also clears an alarm of the controller. An alarm that was seen is therefore kept here until
+`unlock`.
 """
 
 import math

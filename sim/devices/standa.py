@@ -1,9 +1,9 @@
 """Virtual Standa 8SMC controller in its binary protocol: settings, motion, homing, limit switches, alarms.
 
-Sources: Standa 8SMC5-USB manual, communication protocol; protocol.xi of libximc, version 20.8. Simplified: homing runs
-to the switch and back by HomeDelta in one go, whatever the flags of the second motion say; in an alarm every command
-but `stop` is confirmed and ignored; an error discards the received bytes; power-off loses the home position; a stop
-while the motor turns is harsh at any speed.
+Sources: Standa 8SMC5-USB manual, communication protocol; protocol.xi of libximc, version 20.8. Simplified: homing
+runs to the switch and back by HomeDelta, whatever the flags of the second motion say; in an alarm every command but
+`stop` is confirmed and ignored; an error discards the received bytes; power-off loses the home position; a stop while
+the motor turns is harsh at any speed.
 """
 
 import struct

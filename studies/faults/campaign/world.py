@@ -44,7 +44,7 @@ BENCHES: dict[str, Mapping[str, Any]] = {
     "zaber": _ZABER,
     "standa": _STANDA,
 }
-"""GRBL with MT-SICS; Leadshine with Laumas as Modbus RTU, and in the frames of Modbus TCP; the others with MT-SICS."""
+"""GRBL, Zaber and Standa with MT-SICS; Leadshine with Laumas as Modbus RTU, and in the frames of Modbus TCP."""
 
 Way = Literal["to", "from"]
 """To the device, or from it."""
