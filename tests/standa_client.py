@@ -67,7 +67,8 @@ def whole(axis: ximc.Axis) -> dict[str, Any]:
     axis.command_sstp()
     axis.command_wait_for_stop(10)
     status = axis.get_status()
-    found["soft stop"] = [int(status.MvCmdSts), bool(status.Flags & StateFlags.STATE_IS_HOMED), status.CurPosition > 50]
+    homed = bool(status.Flags & StateFlags.STATE_IS_HOMED)
+    found["soft stop"] = [int(status.MvCmdSts), homed, status.CurPosition > 50]
     axis.command_left()
     time.sleep(0.1)
     axis.command_stop()

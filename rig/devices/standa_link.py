@@ -26,6 +26,7 @@ SYNC_TRIES, SYNC_S, QUIET_S = 3, 0.1, 0.02
 FORGETS_S = 0.45
 """The controller forgets the beginning of a command 0.4 s after its last byte."""
 MOST_CHUNKS = 100
+SHOWN = 16
 STOP = "stop"
 ERRORS = {
     "errc": "unknown command",
@@ -128,7 +129,7 @@ class StandaLink:
     def _exchange(self, letters: str, payload: bytes, size: int) -> bytes:
         with self._turn():
             if not self._clear:
-                self._synchronize()
+                self._synchronize(letters)
             for _ in range(MOST_CHUNKS):
                 if not self._transport.read(0.0):
                     break
@@ -148,7 +149,7 @@ class StandaLink:
             if mine:
                 self._one.release()
 
-    def _synchronize(self) -> None:
+    def _synchronize(self, letters: str) -> None:
         """Send zero bytes until the controller returns them, which ends every frame that was cut short.
 
         Raises StageTimeout, TransportError.
@@ -157,12 +158,12 @@ class StandaLink:
             self._transport.write(ZEROS)
             heard, deadline_s = b"", self._clock.monotonic_s() + SYNC_S
             while (left_s := deadline_s - self._clock.monotonic_s()) > 0:
-                quiet = heard.endswith(b"\0")
+                quiet = b"\0" in heard
                 data = self._transport.read(min(QUIET_S, left_s) if quiet else left_s)
                 heard += data
                 if heard.endswith(ZEROS) or (quiet and not data):
                     return
-        raise self._silent("zero bytes", SYNC_TRIES * SYNC_S)
+        raise self._silent(letters, SYNC_TRIES * SYNC_S)
 
     def _answer(self, letters: str, size: int) -> bytes:
         """Return the payload of the reply; skip zero bytes, and the reply to a stop from another thread."""
@@ -198,7 +199,7 @@ class StandaLink:
             code="garbled",
             port=self.name,
             command=letters,
-            heard=heard.hex(" "),
+            heard=heard[:SHOWN].hex(" "),
         )
 
     def _silent(self, what: str, timeout_s: float) -> StageTimeout:

@@ -54,8 +54,8 @@ def frame(letters: str, payload: bytes = b"") -> bytes:
 class VirtualStandaController:
     """Controller of one axis on its line.
 
-    counts_per_mm: microsteps, negative if the axis homes to the left switch. The carriage's height is in microsteps,
-    0 where homing ends. start: height at power-on. play: the screw's lost motion.
+    counts_per_mm: microsteps. homes_right: the upper switch is the right one. The carriage's height is in
+    microsteps, 0 where homing ends. start: height at power-on. play: the screw's lost motion.
     """
 
     def __init__(
@@ -65,6 +65,7 @@ class VirtualStandaController:
         *,
         serial: int,
         counts_per_mm: float,
+        homes_right: bool,
         microsteps: int,
         travel_mm: float,
         acceleration_mm_s2: float,
@@ -73,8 +74,7 @@ class VirtualStandaController:
     ) -> None:
         self._scheduler, self._line = scheduler, line
         self._serial, self._microsteps = serial, microsteps
-        self._sign = 1 if counts_per_mm > 0 else -1
-        per_mm = abs(counts_per_mm)
+        self._sign, per_mm = 1 if homes_right else -1, abs(counts_per_mm)
         self._axis = DriveAxis(start, play)
         steps_per_mm, self._beyond = per_mm / microsteps, round(BEYOND_MM * per_mm)
         ramp = min(max(round(1.2 * acceleration_mm_s2 * steps_per_mm), 1), 0xFFFF)
@@ -345,6 +345,7 @@ def standa_twin(scheduler: Scheduler, line: SerialLine, spec: VirtualStageSpec) 
             one,
             serial=10001 + number,
             counts_per_mm=spec.steps_per_mm[number],
+            homes_right=spec.own["xyz"[number]]["home"] == "right",
             microsteps=spec.own["xyz"[number]]["microsteps"],
             travel_mm=spec.travel_mm[number],
             acceleration_mm_s2=spec.acceleration_mm_s2,
