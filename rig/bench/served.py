@@ -34,7 +34,8 @@ Process = TypeVar("Process", PressProcess, WayProcess)
 class ServedBench:
     """Served stage, force sensor or both, with a finger between them; close it, or use it in a `with`.
 
-    ports: names by which clients open the devices.
+    ports: names by which clients open the devices; those of further ports of a stage have the name of their key.
+    tables: table of the configuration that names each port.
     """
 
     def __init__(
@@ -56,6 +57,7 @@ class ServedBench:
         config = with_framing(with_kinds(config, stage, force), "rtu" if tcp is None else "tcp")
         self.scheduler = WallScheduler()
         self.ports: dict[str, str] = {}
+        self.tables = {"stage": "stage", "force": "force"}
         self.press: ForcePrefetcher | None = None
         self._tcp = tcp
         self._refusing: list[TcpPort] = []
@@ -103,8 +105,8 @@ class ServedBench:
         force_line = self._open("force", config.force.baud) if force else None
         if stage_line:
             further = find(StageKind, config.stage.kind).further_ports
-            place = kind_of(config.stage).place
-            stage_line.further = tuple(self._open(f"stage.{place}.{key}", config.stage.baud) for key in further)
+            stage_line.further = tuple(self._open(key, config.stage.baud) for key in further)
+            self.tables |= dict.fromkeys(further, f"stage.{kind_of(config.stage).place}")
         board = virtual_stage(self.scheduler, stage_line, config) if stage_line else None
         if force_line:
             load = self._finger(config, board, complain) if board else Load(lambda t_s: 0.0)

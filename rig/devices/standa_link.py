@@ -69,13 +69,20 @@ class AxisStatus:
         return bool(self.command & RUNNING) or self.moves
 
 
+def _shifted(value: int) -> int:
+    for _ in range(8):
+        value = value >> 1 ^ (0xA001 if value & 1 else 0)
+    return value
+
+
+_SHIFTED = [_shifted(byte) for byte in range(256)]
+
+
 def crc(payload: bytes) -> int:
     """Return the CRC-16 of Modbus."""
     value = 0xFFFF
     for byte in payload:
-        value ^= byte
-        for _ in range(8):
-            value = value >> 1 ^ (0xA001 if value & 1 else 0)
+        value = value >> 8 ^ _SHIFTED[(value ^ byte) & 0xFF]
     return value
 
 

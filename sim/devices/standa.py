@@ -36,13 +36,20 @@ FASTEST = 100_000
 BEYOND_MM = 0.5
 
 
+def _shifted(value: int) -> int:
+    for _ in range(8):
+        value = value >> 1 ^ (0xA001 if value & 1 else 0)
+    return value
+
+
+_SHIFTED = [_shifted(byte) for byte in range(256)]
+
+
 def crc(payload: bytes) -> bytes:
     """Return the CRC-16 of Modbus, low byte first."""
     value = 0xFFFF
     for byte in payload:
-        value ^= byte
-        for _ in range(8):
-            value = value >> 1 ^ (0xA001 if value & 1 else 0)
+        value = value >> 8 ^ _SHIFTED[(value ^ byte) & 0xFF]
     return value.to_bytes(CRC_BYTES, "little")
 
 

@@ -56,7 +56,7 @@ def test_standas_own_client_moves_homes_and_stops_a_virtual_controller(tcp: int 
     with _served(tcp) as ports:
         uris = {name: f"xi-{port}" if "://" in port else f"xi-com://{port}" for name, port in ports.items()}
         found = {name: _client(uri, "all") for name, uri in uris.items()}
-    for name, serial in (("stage", 10003), ("stage.standa.x_port", 10001)):
+    for name, serial in (("stage", 10003), ("x_port", 10001)):
         assert found[name] == {
             **MOVES,
             "serial": serial,
@@ -80,7 +80,7 @@ def test_its_emulator_makes_the_same_moves(tmp_path: Path) -> None:
 @WAYS
 def test_the_driver_does_the_same_over_a_real_wire(tcp: int | None) -> None:
     with _served(tcp) as ports:
-        own = {"x_port": ports["stage.standa.x_port"]}
+        own = {"x_port": ports["x_port"]}
         config = Config.model_validate({"stage": {"kind": "standa", "port": ports["stage"], "standa": own}})
         with closing(open_stage(config, WallClock())) as stage:
             stage.connect()
