@@ -105,7 +105,7 @@ class StandaAxis:
         counts_per_mm: float,
         least_acceleration_mm_s2: float = 0.0,
     ) -> None:
-        self.name = name
+        self.name, self.microsteps = name, settings.microsteps
         self._link, self._clock, self._settings = link, clock, settings
         self._counts_per_mm = counts_per_mm
         self._least_acceleration_mm_s2 = least_acceleration_mm_s2
@@ -130,7 +130,7 @@ class StandaAxis:
         *_, power_flags = self._link.ask("gpwr", POWER)
         microsteps = 1 << mode - 1 if 1 <= mode <= 9 else 0
         for name, found, expected in (
-            ("MicrostepMode", microsteps, self._settings.microsteps),
+            ("MicrostepMode", microsteps, self.microsteps),
             ("ENGINE_ACCEL_ON", bool(engine_flags & ACCELERATES), True),
             ("ENGINE_ANTIPLAY", bool(engine_flags & ANTIPLAY), False),
             ("BORDER_STOP_LEFT and _RIGHT", borders & STOPS_AT_EDGES, STOPS_AT_EDGES),
@@ -261,7 +261,7 @@ class StandaAxis:
 
     def mm(self, status: AxisStatus) -> float:
         """Return the machine coordinate."""
-        return self._at(status) / self.steps_per_mm + 0.0
+        return (status.steps * self.microsteps + status.microsteps) / self.steps_per_mm + 0.0
 
     def refuse_alarm(self, status: AxisStatus) -> None:
         """Refuse an alarm, now or since the last `unlock`, and a flag that is not known. Raises StageAlarm."""
@@ -385,7 +385,7 @@ class StandaAxis:
         return self._at(status)
 
     def _set_speed(self, speed_mm_s: float) -> None:
-        steps, part = divmod(self.native_speed(speed_mm_s), self._settings.microsteps)
+        steps, part = divmod(self.native_speed(speed_mm_s), self.microsteps)
         self._link.command("smov", SPEED.pack(steps, part, *self._ramp(), 0, 0, 0, 9 * RESERVED))
 
     def _ramp(self) -> tuple[int, int]:
@@ -396,7 +396,7 @@ class StandaAxis:
         return self._ramps
 
     def _travel_s(self, mm: float, speed_mm_s: float) -> float:
-        slowest = min(self._ramp()) * self._settings.microsteps / self._counts_per_mm
+        slowest = min(self._ramp()) * self.microsteps / self._counts_per_mm
         ramp_s = speed_mm_s / slowest if slowest else 0.0
         if slowest and mm <= speed_mm_s * ramp_s:
             return 2 * math.sqrt(mm / slowest)
@@ -410,11 +410,11 @@ class StandaAxis:
         return round(mm * self.steps_per_mm)
 
     def _at(self, status: AxisStatus) -> int:
-        return status.steps * self._settings.microsteps + status.microsteps
+        return status.steps * self.microsteps + status.microsteps
 
     def _payload(self, counts: int) -> bytes:
-        steps = math.trunc(counts / self._settings.microsteps)
-        return MOVE.pack(steps, counts - steps * self._settings.microsteps, 6 * RESERVED)
+        steps = math.trunc(counts / self.microsteps)
+        return MOVE.pack(steps, counts - steps * self.microsteps, 6 * RESERVED)
 
     def _refuse_setting(self, setting: str, found: object, expected: object) -> None:
         raise StageError(
