@@ -229,6 +229,37 @@ class ZaberSettings(Settings):
         return self
 
 
+class StandaAxisSettings(Settings):
+    """Settings of one axis with a Standa controller."""
+
+    step_um: float = Field(
+        10.0,
+        gt=0,
+        le=100,
+        description="length of a full step, from the stage's data sheet; a calibration of steps_per_mm replaces it",
+    )
+    microsteps: Literal[1, 2, 4, 8, 16, 32, 64, 128, 256] = Field(
+        256, description="microsteps per full step; compared with the controller"
+    )
+    home: Literal["left", "right"] = Field(
+        "left",
+        description="limit switch to which the axis homes, as in the controller's home flags; for z the upper one",
+    )
+
+
+class StandaSettings(Settings):
+    """Settings of two Standa controllers, that of z on the port of the stage.
+
+    x is lateral and z vertical; y stays where it was set by hand.
+    """
+
+    x_port: Port = Field(
+        "/dev/ttyACM1", description="port of the controller of the x axis: a serial port or tcp://HOST:PORT"
+    )
+    x: StandaAxisSettings = StandaAxisSettings()
+    z: StandaAxisSettings = StandaAxisSettings()
+
+
 def _said(text: str) -> str:
     if not text.strip():
         raise RuleError("the name is empty; give a name", code="no_name")

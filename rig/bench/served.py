@@ -17,6 +17,7 @@ from rig.bench.virtual import (
     with_framing,
     with_kinds,
 )
+from rig.devices.registry import StageKind, find, kind_of
 from rig.errors import BadInputError, around
 from rig.plan.config import Config
 from sim.carriage import Carriage
@@ -33,7 +34,8 @@ Process = TypeVar("Process", PressProcess, WayProcess)
 class ServedBench:
     """Served stage, force sensor or both, with a finger between them; close it, or use it in a `with`.
 
-    ports: names by which clients open the devices.
+    ports: names by which clients open the devices; those of further ports of a stage have the name of their key.
+    tables: table of the configuration that names each port.
     """
 
     def __init__(
@@ -55,6 +57,7 @@ class ServedBench:
         config = with_framing(with_kinds(config, stage, force), "rtu" if tcp is None else "tcp")
         self.scheduler = WallScheduler()
         self.ports: dict[str, str] = {}
+        self.tables = {"stage": "stage", "force": "force"}
         self.press: ForcePrefetcher | None = None
         self._tcp = tcp
         self._refusing: list[TcpPort] = []
@@ -100,6 +103,10 @@ class ServedBench:
         refuse_twinless(*(device for device, kind in ((config.stage, stage), (config.force, force)) if kind))
         stage_line = self._open("stage", config.stage.baud) if stage else None
         force_line = self._open("force", config.force.baud) if force else None
+        if stage_line:
+            further = find(StageKind, config.stage.kind).further_ports
+            stage_line.further = tuple(self._open(key, config.stage.baud) for key in further)
+            self.tables |= dict.fromkeys(further, f"stage.{kind_of(config.stage).place}")
         board = virtual_stage(self.scheduler, stage_line, config) if stage_line else None
         if force_line:
             load = self._finger(config, board, complain) if board else Load(lambda t_s: 0.0)

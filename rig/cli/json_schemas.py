@@ -1084,6 +1084,8 @@ class ServedPortsJson(Output):
 
     stage: NotRequired[Port]
     force: NotRequired[Port]
+    x_port: NotRequired[Port]
+    """Second port of a stage with a controller for each axis."""
 
 
 class TrueParameterJson(Output):

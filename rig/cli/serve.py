@@ -2,7 +2,6 @@
 
 import signal
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -143,7 +142,7 @@ def serve_command(
                 signal.signal(number, lambda *_: bench.stop())
             print_json(bench.ports)
             if sys.stderr.isatty():
-                err.print("\n".join(["in rig.toml:", *_tables(bench.ports)]))
+                err.print("\n".join(["in rig.toml:", *_tables(bench)]))
             with resting():
                 bench.run()
             if bench.statistics is not None:
@@ -152,9 +151,13 @@ def serve_command(
                 raise typer.Exit(ExitCode.STOPPED)
 
 
-def _tables(ports: Mapping[str, str]) -> list[str]:
+def _tables(bench: ServedBench) -> list[str]:
     """Return the lines of a configuration file that names these ports."""
-    return [line for name, port in ports.items() for line in (f"[{name}]", f'port = "{port}"')]
+    return [
+        line
+        for name, port in bench.ports.items()
+        for line in (f"[{bench.tables[name]}]", f'{"port" if name in ("stage", "force") else name} = "{port}"')
+    ]
 
 
 def _kind(room: Room, name: str | None, otherwise: str | None) -> str | None:

@@ -91,6 +91,9 @@ class StageKind(DeviceKind):
         raises.
     ports : callable, optional
         Returns every port that the stage uses, from its settings. Default: its `port`.
+    further_ports : tuple of str, optional
+        Keys of the kind's own table that name a port each, beside the `port` of the stage. The twin finds their
+        lines in `SerialLine.further`.
     axes : {'xz', 'xyz'}, optional
         Axes with a motor: x lateral, y along the finger, z vertical.
     outputs : tuple of str, optional
@@ -105,6 +108,7 @@ class StageKind(DeviceKind):
     room: ClassVar[Room] = "stage"
     driver: Callable[[Opener, Clock, BenchSettings], Stage]
     ports: Callable[[StageSettings], tuple[str, ...]] = own_port
+    further_ports: tuple[str, ...] = ()
     axes: Literal["xz", "xyz"] = "xyz"
     steps_per_mm: Callable[[StageSettings, str], float] = nominal_steps_per_mm
     outputs: tuple[str, ...] = ("off",)
@@ -130,7 +134,7 @@ class ForceKind(DeviceKind):
 
 GROUP = "rig.devices"
 BUILT_IN: dict[Room, tuple[str, ...]] = {
-    "stage": ("grbl", "leadshine", "zaber"),
+    "stage": ("grbl", "leadshine", "zaber", "standa"),
     "force": ("mtsics", "laumas", "text_cell"),
 }
 """Built-in types, the default first."""

@@ -6,7 +6,7 @@ from typing import Any
 
 from pymodbus.framer import FramerRTU
 
-from rig.bench.virtual import true_carriage, virtual_force, virtual_stage
+from rig.bench.virtual import stage_opener, true_carriage, virtual_force, virtual_stage
 from rig.data.schema import STREAMS
 from rig.devices.make_drivers import force_driver, stage_driver
 from rig.engine import Engine, Journal, Target
@@ -43,7 +43,7 @@ class FaultyBench:
         self.sensor: Any = virtual_force(clock, self.force_line, config, load)
         self.stage_wire = LoopbackTransport(self.stage_line, clock, "stage")
         self.force_wire = LoopbackTransport(self.force_line, clock, "force")
-        self.stage = stage_driver(lambda _: self.stage_wire, clock, config)
+        self.stage = stage_driver(stage_opener(config, self.stage_line, self._stage_wire), clock, config)
         self.force = force_driver(lambda _: self.force_wire, clock, config)
         self.on_sample: dict[str, Callable[[], object]] = {}
         self.journal_path = folder / "events.jsonl"
@@ -52,6 +52,9 @@ class FaultyBench:
         self.engine = Engine(config, self, self.journal, SOFT_TRIP_N)
         self.worst_n = 0.0
         self._look()
+
+    def _stage_wire(self, line: SerialLine, name: str) -> LoopbackTransport:
+        return self.stage_wire if line is self.stage_line else LoopbackTransport(line, self.clock, name)
 
     def mount(self, indentor: str) -> str:
         """Whatever is asked for."""

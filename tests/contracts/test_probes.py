@@ -103,7 +103,13 @@ ZABER = ReadOnly(
     "Zaber devices 1 (id 50081) and 2 (id 50081)",
     unusable={"one_device": {b"/2 0 00 get deviceid:41\n": b""}},
 )  # fmt: skip
+STANDA = ReadOnly(
+    "standa", SERIAL, (115200, "8N1"),
+    _hex({"67 73 65 72": "67 73 65 72 67 12 00 00 BF 55"}),
+    "Standa controller 4711",
+)  # fmt: skip
 TABLES = {
+    "standa": STANDA,
     "grbl": GRBL, "leadshine_rtu": LEADSHINE_RTU, "leadshine_tcp": LEADSHINE_TCP, "zaber": ZABER,
     "mtsics": MTSICS, "laumas_rtu": LAUMAS_RTU, "laumas_tcp": LAUMAS_TCP,
 }  # fmt: skip

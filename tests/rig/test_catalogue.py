@@ -13,7 +13,15 @@ import tomlkit
 from pydantic import BaseModel, ValidationError
 
 from rig.bench.served import ServedBench
-from rig.bench.virtual import bench_around, refuse_twinless, virtual_force, virtual_stage, with_kinds, with_stand_ins
+from rig.bench.virtual import (
+    bench_around,
+    refuse_twinless,
+    stage_opener,
+    virtual_force,
+    virtual_stage,
+    with_kinds,
+    with_stand_ins,
+)
 from rig.cli import main
 from rig.control.stop import NoStageError, stage_alone
 from rig.data import RunFolder
@@ -27,6 +35,7 @@ from rig.devices.registry import (
     Room,
     StageKind,
     as_kind,
+    checked,
     find,
     kind_of,
     moves_along,
@@ -95,7 +104,7 @@ def _project(name: str) -> tuple[Path, Path]:
 
 
 def test_the_names_that_there_are() -> None:
-    assert names("stage") == ["grbl", "leadshine", "zaber"]
+    assert names("stage") == ["grbl", "leadshine", "zaber", "standa"]
     assert names("force") == ["mtsics", "laumas", "text_cell"]
     assert StageSettings().kind == names("stage")[0]
     assert ForceSettings().kind == names("force")[0]
@@ -159,7 +168,8 @@ def test_driver_and_twin_meet_on_one_line(of: type[DeviceKind], name: str, examp
     wire = LoopbackTransport(line, clock, "wire")
     if of is StageKind:
         virtual_stage(clock, line, config)
-        assert stage_driver(lambda _: wire, clock, config).connect()
+        opener = stage_opener(config, line, lambda one, name: LoopbackTransport(one, clock, name))
+        assert stage_driver(opener, clock, config).connect()
     else:
         virtual_force(clock, line, config, Load(lambda t_s: 0.02))
         force = force_driver(lambda _: wire, clock, config)
@@ -169,8 +179,10 @@ def test_driver_and_twin_meet_on_one_line(of: type[DeviceKind], name: str, examp
 
 @pytest.mark.parametrize("name", registry.BUILT_IN["stage"])
 def test_a_stage_has_the_ports_axes_and_outputs_that_it_says(name: str) -> None:
-    entry, stage = find(StageKind, name), StageSettings(kind=name, port="/dev/a")
-    assert stage_ports(stage) == entry.ports(stage) == ("/dev/a",)
+    entry, stage = find(StageKind, name), checked(StageSettings, {"kind": name, "port": "/dev/a"})
+    assert stage_ports(stage) == entry.ports(stage)
+    assert stage_ports(stage)[0] == "/dev/a"
+    assert len(set(stage_ports(stage))) == 1 + len(entry.further_ports)
     assert moves_along(stage) is (entry.axes == "xyz")
     assert entry.outputs[0] == "off"
     for output in entry.outputs:
@@ -183,7 +195,7 @@ def test_a_stage_has_the_ports_axes_and_outputs_that_it_says(name: str) -> None:
 def test_a_list_of_names_imports_nothing(offered: Offer) -> None:
     offered("odd", {"force.odd": "odd_there:DEVICE", "stage.odd": "odd_elsewhere:DEVICE"}, odd_there="1 / 0")
     assert names("force") == ["mtsics", "laumas", "text_cell", "odd"]
-    assert names("stage") == ["grbl", "leadshine", "zaber", "odd"]
+    assert names("stage") == ["grbl", "leadshine", "zaber", "standa", "odd"]
     assert not [name for name in sys.modules if name.startswith("odd_")]
 
 
@@ -400,7 +412,7 @@ def test_a_name_that_is_taken(offered: Offer) -> None:
     has_code(nameless, "bad_entry_point", package="odd-two 1.0", entry="force")
     has_code(twice, "offered_twice", room="force", kind="odd", packages="odd-one 1.0 and odd-two 1.0")
     has_code(taken, "name_taken", package="odd-one 1.0", room="stage", kind="grbl")
-    assert names("stage") == ["grbl", "leadshine", "zaber"]
+    assert names("stage") == ["grbl", "leadshine", "zaber", "standa"]
 
 
 def test_doctor_tells_of_packages(
@@ -413,6 +425,7 @@ def test_doctor_tells_of_packages(
     told = json.loads(capsys.readouterr().out)
     assert [(one["role"], one["kind"], one["package"]) for one in told["devices"]] == [
         ("stage", "grbl", None), ("stage", "leadshine", None), ("stage", "zaber", None),
+        ("stage", "standa", None),
         ("force", "mtsics", None), ("force", "laumas", None), ("force", "text_cell", None),
         ("force", "odd", "odd 1.0"),
     ]  # fmt: skip

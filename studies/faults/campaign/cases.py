@@ -142,9 +142,16 @@ def is_command(message: Message) -> bool:
     data = message.data
     if data.startswith(b"/"):
         return re.search(rb" \d\d (home|move|stop|estop|set|warnings clear)", data) is not None
+    if is_ximc(data):
+        return data[:1] not in b"g\0"
     if _is_text(data):
         return data.endswith(b"\n")
     return data[7 if _is_tcp(data) else 1] != 3
+
+
+def is_ximc(data: bytes) -> bool:
+    """Whether it is a frame of a Standa controller: four letters and perhaps a payload, or zero bytes."""
+    return re.match(rb"[a-z]{4}|\0{4}", data) is not None and re.fullmatch(rb"[ -~\t]*\r?\n", data) is None
 
 
 def _is_text(data: bytes) -> bool:
@@ -157,6 +164,8 @@ def _is_tcp(data: bytes) -> bool:
 
 def shape(data: bytes) -> str:
     """What a message is besides its numbers."""
+    if is_ximc(data):
+        return f"{data[:4].hex()} {len(data)}"
     if _is_text(data):
         return re.sub(r"[0-9]", "#", content(data).decode("latin-1"))
     body = data[6:] if _is_tcp(data) else data[:-2]
@@ -166,6 +175,8 @@ def shape(data: bytes) -> str:
 
 def content(data: bytes) -> bytes:
     """A message without what changes although nothing is said anew: its transaction, its checksum."""
+    if is_ximc(data):
+        return data if len(data) == 4 else data[:-2] + b"\0\0"
     if _is_text(data):
         return _of_a_chain(data)
     return b"\0\0" + data[2:] if _is_tcp(data) else data[:-2] + b"\0\0"

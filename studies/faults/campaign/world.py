@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol, Self
 
-from rig.bench.virtual import looked_after_by, true_carriage, virtual_force, virtual_stage
+from rig.bench.virtual import looked_after_by, stage_opener, true_carriage, virtual_force, virtual_stage
 from rig.clock import Clock
 from rig.devices.base import ForceSensor, Stage, StageError
 from rig.devices.make_drivers import force_driver, stage_driver
@@ -36,8 +36,15 @@ _LAUMAS = {"kind": "laumas", "baud": 115200}
 _MODBUS: dict[str, dict[str, Any]] = {"stage": _LEADSHINE, "force": _LAUMAS}
 _TCP = {name: {**device, "framing": "tcp"} for name, device in _MODBUS.items()}
 _ZABER = {"stage": {"kind": "zaber"}}
-BENCHES: dict[str, Mapping[str, Any]] = {"grbl": {}, "rtu": _MODBUS, "tcp": _TCP, "zaber": _ZABER}
-"""GRBL with MT-SICS; Leadshine with Laumas as Modbus RTU, and in the frames of Modbus TCP; Zaber with MT-SICS."""
+_STANDA = {"stage": {"kind": "standa"}}
+BENCHES: dict[str, Mapping[str, Any]] = {
+    "grbl": {},
+    "rtu": _MODBUS,
+    "tcp": _TCP,
+    "zaber": _ZABER,
+    "standa": _STANDA,
+}
+"""GRBL, Zaber and Standa with MT-SICS; Leadshine with Laumas as Modbus RTU, and in the frames of Modbus TCP."""
 
 Way = Literal["to", "from"]
 """To the device, or from it."""
@@ -142,7 +149,8 @@ class World:
         load = Load(lambda t_s: self.felt_n(t_s))
         self.sensor: Any = virtual_force(clock, self.lines["force"], config, load)
         for name, line in self.lines.items():
-            self._tap_device(name, line)
+            for one in (line, *line.further):
+                self._tap_device(name, one)
         self._before: tuple[float, float] | None = None
         self.touch_n = config.habits.touch_force_gwt * GWT_N
         self._look()
@@ -226,16 +234,16 @@ class VirtualWorld(World):
         self.folder: Path | None = None
         super().__init__(bench, self.clock)
 
-    def wire(self, name: str) -> "TappedWire":
-        """The host's end of a wire."""
-        return TappedWire(self, self.lines[name], self.clock, name)
+    def wire(self, name: str, line: SerialLine | None = None) -> "TappedWire":
+        """The host's end of a wire; line: of a further port of that device."""
+        return TappedWire(self, line or self.lines[name], self.clock, name)
 
     def connected(self, *, moves: bool = True) -> "CampaignBench":
         """Fresh drivers on these devices: the bench of another program."""
         if self.config.stage.framing == "tcp":
             for line in self.lines.values():
                 line.renewed()  # another connection
-        stage_wire, force_wire = self.wire("stage"), self.wire("force")
+        force_wire = self.wire("force")
         memory = BenchMemory(self.config)
         before = memory.read()
         if moves:
@@ -243,7 +251,11 @@ class VirtualWorld(World):
         return CampaignBench(
             self,
             self.clock,
-            stage_driver(lambda _: stage_wire, self.clock, self.config),
+            stage_driver(
+                stage_opener(self.config, self.lines["stage"], lambda line, _: self.wire("stage", line)),
+                self.clock,
+                self.config,
+            ),
             force_driver(lambda _: force_wire, self.clock, self.config),
             before,
         )
