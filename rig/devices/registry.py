@@ -129,7 +129,7 @@ class ForceKind(DeviceKind):
 
 GROUP = "rig.devices"
 BUILT_IN: dict[Room, tuple[str, ...]] = {
-    "stage": ("grbl", "leadshine", "zaber"),
+    "stage": ("grbl", "leadshine", "zaber", "tmcl"),
     "force": ("mtsics", "laumas", "text_cell"),
 }
 """Built-in types, the default first."""

@@ -36,8 +36,10 @@ _LAUMAS = {"kind": "laumas", "baud": 115200}
 _MODBUS: dict[str, dict[str, Any]] = {"stage": _LEADSHINE, "force": _LAUMAS}
 _TCP = {name: {**device, "framing": "tcp"} for name, device in _MODBUS.items()}
 _ZABER = {"stage": {"kind": "zaber"}}
+_TMCL = {"stage": {"kind": "tmcl"}}
 BENCHES: dict[str, Mapping[str, Any]] = {"grbl": {}, "rtu": _MODBUS, "tcp": _TCP, "zaber": _ZABER}
-"""GRBL with MT-SICS; Leadshine with Laumas as Modbus RTU, and in the frames of Modbus TCP; Zaber with MT-SICS."""
+BENCHES["tmcl"] = _TMCL
+"""GRBL with MT-SICS; Leadshine with Laumas as Modbus RTU, and in the frames of Modbus TCP; others with MT-SICS."""
 
 Way = Literal["to", "from"]
 """To the device, or from it."""
