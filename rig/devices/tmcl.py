@@ -299,8 +299,11 @@ class TmclAxis:
             raise self._was_reset(found)
 
     def refuse_moving(self) -> None:
-        """Refuse an axis that moves without a command. Raises StageError."""
-        if self.look().busy:
+        """Stop and refuse an axis that moves without a command. Raises StageError."""
+        (speed,), search = self._link.ask(self.motor, (SPEED,))
+        if speed or search:
+            self._command(RFS, END_SEARCH)
+            self._command(MST)
             raise StageError(
                 "{port}: {axis} axis moves without a command; check the addresses", code="moves", **self._names
             )

@@ -123,6 +123,7 @@ class TmclLink:
     def command(self, motor: Motor, command: int, kind: int = 0, value: int = 0) -> None:
         """Send a command once and wait for its reply. Raises StageError, TransportError."""
         with self._turn():
+            self._quieten()
             self._exchanged(Request(motor, command, kind, value))
 
     def version(self, motor: Motor) -> str:
@@ -169,9 +170,10 @@ class TmclLink:
                 self._one.release()
 
     def _group(self, motor: Motor, parameters: Sequence[int]) -> tuple[list[int], int]:
+        last = Request(motor, RFS, SEARCH_STATUS)
         with self._turn():
+            self._quieten()
             values = [self._exchanged(Request(motor, GAP, parameter))[0].value for parameter in parameters]
-            last = Request(motor, RFS, SEARCH_STATUS)
             reply, others = self._exchanged(last)
         if GAP in others:
             raise StageError(
@@ -183,11 +185,12 @@ class TmclLink:
 
     def _exchanged(self, request: Request) -> tuple[Reply, list[int]]:
         """Return the reply, and the commands of replies that came before it."""
-        self._send(request)
+        self._transport.write(request.frame())
         others, garbled = list[int](), b""
         deadline_s = self._clock.monotonic_s() + REPLY_S
         while (left_s := deadline_s - self._clock.monotonic_s()) > 0:
-            self._heard += self._transport.read(left_s)
+            if len(self._heard) < LENGTH:
+                self._heard += self._transport.read(left_s)
             while len(self._heard) >= LENGTH:
                 reply = parse_reply(self._heard[:LENGTH], self._host)
                 if reply is None:
@@ -220,7 +223,8 @@ class TmclLink:
         request = Request(motor, VERSION, AS_TEXT)
         for _ in range(READ_TRIES):
             with self._turn():
-                self._send(request)
+                self._quieten()
+                self._transport.write(request.frame())
                 deadline_s = self._clock.monotonic_s() + REPLY_S
                 while (left_s := deadline_s - self._clock.monotonic_s()) > 0:
                     self._heard += self._transport.read(left_s)
@@ -231,8 +235,8 @@ class TmclLink:
                 self._lost += 1
         raise self._failure(request, self._heard)
 
-    def _send(self, request: Request) -> None:
-        """Send a request when the line is quiet.
+    def _quieten(self) -> None:
+        """Discard what is still coming.
 
         After two requests without a reply, the module may wait for the end of a frame that lost a byte: one byte
         ends it, and a module that drops incomplete frames drops this byte.
@@ -243,7 +247,6 @@ class TmclLink:
         while self._transport.read(QUIET_S if self._lost else 0.0) and self._clock.monotonic_s() < until_s:
             pass
         self._heard = b""
-        self._transport.write(request.frame())
 
     def _failure(self, request: Request, heard: bytes) -> StageError:
         about = "{port}: TMCL module {device}, motor {motor}, {command}: "

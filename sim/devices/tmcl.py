@@ -24,6 +24,8 @@ TARGET, POSITION, TARGET_SPEED, SPEED, MAX_SPEED, ACCELERATION = 0, 1, 2, 3, 4, 
 REACHED, RIGHT_SWITCH, LEFT_SWITCH, SEARCH_MODE, LOST_STEPS, DRIVER = 8, 10, 11, 193, 207, 208
 SWITCHES = {"right": RIGHT_SWITCH, "left": LEFT_SWITCH}
 FIRMWARE = b"1161V146"
+OFF = 0x1A
+"""Flags of the motor driver that switch it off: temperature, short circuits."""
 FASTEST = 7_999_774
 """Largest speed and acceleration, in the module's own units."""
 BACK_OFF_MM, FAR_MM = 0.5, 1.0
@@ -115,7 +117,7 @@ class VirtualTmclAxis:
         self.lost |= 1
 
     def fail(self, flags: int) -> None:
-        """Report flags of the motor driver, which is off until they are 0 again."""
+        """Report flags of the motor driver, and stop."""
         self._halt()
         self.driver = flags
 
@@ -194,6 +196,8 @@ class VirtualTmclAxis:
         self._settle()
         self._positions, self._searching, self._target_speed = False, False, speed
         height = 0.0 if self._sign * speed > 0 else self._lowest
+        if not speed:
+            self._brake(self._acceleration)
         self._go([(height, abs(speed) / self._units.speed)])
 
     def stop(self) -> None:
@@ -204,7 +208,7 @@ class VirtualTmclAxis:
 
     def search(self) -> None:
         """Search the home switch: run to it, back off, and come back slowly."""
-        if self.driver:
+        if self.driver & OFF:
             return
         fast, slow = self.parameters[194] / self._units.speed, self.parameters[195] / self._units.speed
         self._go([(0.0, fast), (-BACK_OFF_MM * self._counts_per_mm, fast), (0.0, slow)])
@@ -228,7 +232,7 @@ class VirtualTmclAxis:
             self._go([(min(max(height, self._lowest), max(self.carriage_at(self._now_s), 0)), speed)])
 
     def _go(self, targets: list[tuple[float, float]]) -> None:
-        if not self.driver and not self.pressed and all(speed for _, speed in targets):
+        if not self.driver & OFF and not self.pressed and all(speed for _, speed in targets):
             self._axis.go(targets, self._acceleration, self._acceleration, self._now_s)
 
     def _halt(self) -> None:
