@@ -260,6 +260,88 @@ class StandaSettings(Settings):
     z: StandaAxisSettings = StandaAxisSettings()
 
 
+class TmclAxisSettings(Settings):
+    """Settings of one motor of a Trinamic module."""
+
+    address: int = Field(1, ge=1, le=255, description="address of the module")
+    motor: int = Field(ge=0, le=5, description="number of the motor of that module")
+    microstep_um: float = Field(
+        2.5,
+        gt=0,
+        le=10,
+        description="length of one microstep, in µm; a calibration of steps_per_mm replaces it",
+    )
+    resolution: int = Field(
+        8,
+        ge=0,
+        le=8,
+        description="microstep resolution of the module, 8 for 256 microsteps per step; compared with parameter 140",
+    )
+    home_switch: Literal["left", "right"] = Field(
+        "left", description="switch at the home position; with left, the module counts upwards away from home"
+    )
+    far_switch: bool = Field(True, description="whether the other switch is wired; if it is active, the stage trips")
+    search_mode: int = Field(
+        1,
+        ge=1,
+        le=255,
+        description=(
+            "mode of the reference search, compared with parameter 193; 65 for a right switch; not from the maker's "
+            "manual, check it"
+        ),
+    )
+    home_speed_mm_s: float = Field(
+        5.0, gt=0, le=20, description="maximum speed set before the reference search, in mm/s"
+    )
+
+
+class TmclSettings(Settings):
+    """Settings of two motors of Trinamic modules.
+
+    x is lateral and z vertical; y stays where it was set by hand. Units and flags differ between modules.
+    """
+
+    x: TmclAxisSettings = TmclAxisSettings(motor=0)
+    z: TmclAxisSettings = TmclAxisSettings(motor=1)
+    host_address: int = Field(2, ge=1, le=255, description="address to which the modules reply")
+    speed_unit: float = Field(
+        1.0,
+        gt=0,
+        description="the module's speed for one microstep per second; not from the maker's manual, check it",
+    )
+    acceleration_unit: float = Field(
+        1.0,
+        gt=0,
+        description=(
+            "the module's acceleration for one microstep per second squared; not from the maker's manual, check it"
+        ),
+    )
+    lost_steps_parameter: int = Field(
+        207,
+        ge=0,
+        le=255,
+        description="axis parameter with flags of lost steps, 0: none; not from the maker's manual, check it",
+    )
+    fault_parameter: int = Field(
+        208,
+        ge=0,
+        le=255,
+        description="axis parameter with flags of the motor driver, 0: none; not from the maker's manual, check it",
+    )
+    fault_mask: int = Field(
+        0x1A,
+        ge=0,
+        le=0x7FFFFFFF,
+        description="flags of fault_parameter that trip; not from the maker's manual, check it",
+    )
+
+    @model_validator(mode="after")
+    def _motors_are_distinct(self) -> Self:
+        if (self.x.address, self.x.motor) == (self.z.address, self.z.motor):
+            raise RuleError("x and z: same address and motor; give each its own", code="one_axis_for_two")
+        return self
+
+
 def _said(text: str) -> str:
     if not text.strip():
         raise RuleError("the name is empty; give a name", code="no_name")

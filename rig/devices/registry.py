@@ -134,7 +134,7 @@ class ForceKind(DeviceKind):
 
 GROUP = "rig.devices"
 BUILT_IN: dict[Room, tuple[str, ...]] = {
-    "stage": ("grbl", "leadshine", "zaber", "standa"),
+    "stage": ("grbl", "leadshine", "zaber", "standa", "tmcl"),
     "force": ("mtsics", "laumas", "text_cell"),
 }
 """Built-in types, the default first."""

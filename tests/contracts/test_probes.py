@@ -108,9 +108,20 @@ STANDA = ReadOnly(
     _hex({"67 73 65 72": "67 73 65 72 67 12 00 00 BF 55"}),
     "Standa controller 4711",
 )  # fmt: skip
+TMCL = ReadOnly(
+    "tmcl", SERIAL, (115200, "8N1"),
+    _hex({
+        "01 06 01 00 00 00 00 00 08": "02 01 64 06 00 00 C7 00 34",
+        "01 0D 02 00 00 00 00 00 10": "02 01 64 0D 00 00 00 00 74",
+        "01 06 01 01 00 00 00 00 09": "02 01 64 06 00 00 C7 00 34",
+        "01 0D 02 01 00 00 00 00 11": "02 01 64 0D 00 00 00 00 74",
+    }),
+    "TMCL module 1, motor 0 and module 1, motor 1",
+    unusable={"one_motor": _hex({"01 06 01 01 00 00 00 00 09": ""})},
+)  # fmt: skip
 TABLES = {
-    "standa": STANDA,
-    "grbl": GRBL, "leadshine_rtu": LEADSHINE_RTU, "leadshine_tcp": LEADSHINE_TCP, "zaber": ZABER,
+    "grbl": GRBL, "leadshine_rtu": LEADSHINE_RTU, "leadshine_tcp": LEADSHINE_TCP, "zaber": ZABER, "standa": STANDA,
+    "tmcl": TMCL,
     "mtsics": MTSICS, "laumas_rtu": LAUMAS_RTU, "laumas_tcp": LAUMAS_TCP,
 }  # fmt: skip
 

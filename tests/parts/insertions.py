@@ -55,7 +55,7 @@ def tap(engine: Engine, step: Tap, expected: ExpectedTouch) -> None:
     ),
 ]
 
-STAGE = [("rig/devices/registry.py", '"standa"),', '"hobby", ')]
+STAGE = [("rig/devices/registry.py", '"tmcl"),', '"hobby", ')]
 
 FORCE = [("rig/devices/registry.py", '"text_cell"),', '"plain", ')]
 

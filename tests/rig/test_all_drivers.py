@@ -59,9 +59,9 @@ def test_the_walk_finds_every_kind_of_device() -> None:
     assert {driver.__name__ for driver in DRIVERS} == {
         "GrblStage", "LeadshineStage", "LeadshineDrive", "MtSicsForce", "LaumasForce", "TextCellForce",
         "ZaberStage", "ZaberAxis",
-        "StandaStage", "StandaAxis",
+        "StandaStage", "StandaAxis", "TmclStage", "TmclAxis",
     }  # fmt: skip
-    assert BUILT_IN["stage"] == ("grbl", "leadshine", "zaber", "standa")
+    assert BUILT_IN["stage"] == ("grbl", "leadshine", "zaber", "standa", "tmcl")
     assert BUILT_IN["force"] == ("mtsics", "laumas", "text_cell")
 
 

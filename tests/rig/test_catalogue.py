@@ -104,7 +104,7 @@ def _project(name: str) -> tuple[Path, Path]:
 
 
 def test_the_names_that_there_are() -> None:
-    assert names("stage") == ["grbl", "leadshine", "zaber", "standa"]
+    assert names("stage") == ["grbl", "leadshine", "zaber", "standa", "tmcl"]
     assert names("force") == ["mtsics", "laumas", "text_cell"]
     assert StageSettings().kind == names("stage")[0]
     assert ForceSettings().kind == names("force")[0]
@@ -195,7 +195,7 @@ def test_a_stage_has_the_ports_axes_and_outputs_that_it_says(name: str) -> None:
 def test_a_list_of_names_imports_nothing(offered: Offer) -> None:
     offered("odd", {"force.odd": "odd_there:DEVICE", "stage.odd": "odd_elsewhere:DEVICE"}, odd_there="1 / 0")
     assert names("force") == ["mtsics", "laumas", "text_cell", "odd"]
-    assert names("stage") == ["grbl", "leadshine", "zaber", "standa", "odd"]
+    assert names("stage") == ["grbl", "leadshine", "zaber", "standa", "tmcl", "odd"]
     assert not [name for name in sys.modules if name.startswith("odd_")]
 
 
@@ -412,7 +412,7 @@ def test_a_name_that_is_taken(offered: Offer) -> None:
     has_code(nameless, "bad_entry_point", package="odd-two 1.0", entry="force")
     has_code(twice, "offered_twice", room="force", kind="odd", packages="odd-one 1.0 and odd-two 1.0")
     has_code(taken, "name_taken", package="odd-one 1.0", room="stage", kind="grbl")
-    assert names("stage") == ["grbl", "leadshine", "zaber", "standa"]
+    assert names("stage") == ["grbl", "leadshine", "zaber", "standa", "tmcl"]
 
 
 def test_doctor_tells_of_packages(
@@ -425,7 +425,7 @@ def test_doctor_tells_of_packages(
     told = json.loads(capsys.readouterr().out)
     assert [(one["role"], one["kind"], one["package"]) for one in told["devices"]] == [
         ("stage", "grbl", None), ("stage", "leadshine", None), ("stage", "zaber", None),
-        ("stage", "standa", None),
+        ("stage", "standa", None), ("stage", "tmcl", None),
         ("force", "mtsics", None), ("force", "laumas", None), ("force", "text_cell", None),
         ("force", "odd", "odd 1.0"),
     ]  # fmt: skip

@@ -54,7 +54,7 @@ VALUE, TABLE, RULE = "invalid_value", "invalid_table", "value_error"
          {"key": "limits.max_doi_mm", "value": 2.5, "rule": "less_than_equal", "le": 2.0}),
         ("[habits]\nincrement_mm = 0.1\n", VALUE, {"key": "habits.increment_mm", "value": 0.1, "le": 0.05}),
         ('[stage]\nkind = "rack"\n', "unknown_kind",
-         {"key": "stage.kind", "value": "rack", "either": "'grbl', 'leadshine', 'zaber' or 'standa'"}),
+         {"key": "stage.kind", "value": "rack", "either": "'grbl', 'leadshine', 'zaber', 'standa' or 'tmcl'"}),
         ('[force]\nkind = "scale"\n', "unknown_kind",
          {"key": "force.kind", "value": "scale", "either": "'mtsics', 'laumas' or 'text_cell'"}),
         ('[stage]\nframing = "ascii"\n', VALUE,

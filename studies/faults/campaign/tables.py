@@ -19,6 +19,7 @@ TITLES = {
     "tcp": "TCP",
     "zaber": "Zaber",
     "standa": "Standa",
+    "tmcl": "TMCL",
 }
 WORST = 5
 _NAME = re.compile(r'"commit": "([^"]*)", "case": "([^"]*)"')

@@ -37,14 +37,16 @@ _MODBUS: dict[str, dict[str, Any]] = {"stage": _LEADSHINE, "force": _LAUMAS}
 _TCP = {name: {**device, "framing": "tcp"} for name, device in _MODBUS.items()}
 _ZABER = {"stage": {"kind": "zaber"}}
 _STANDA = {"stage": {"kind": "standa"}}
+_TMCL = {"stage": {"kind": "tmcl"}}
 BENCHES: dict[str, Mapping[str, Any]] = {
     "grbl": {},
     "rtu": _MODBUS,
     "tcp": _TCP,
     "zaber": _ZABER,
     "standa": _STANDA,
+    "tmcl": _TMCL,
 }
-"""GRBL, Zaber and Standa with MT-SICS; Leadshine with Laumas as Modbus RTU, and in the frames of Modbus TCP."""
+"""GRBL with MT-SICS; Leadshine with Laumas as Modbus RTU, and in the frames of Modbus TCP; others with MT-SICS."""
 
 Way = Literal["to", "from"]
 """To the device, or from it."""
