@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
 from sim import Fields, Fingertip, FingertipConfig, IndentationResult, ModelRangeError, ReceptorError, Tissue, load
@@ -34,6 +33,7 @@ from sim.models.factored_interior import Interior
 from sim.models.full_mesh import mesh_of
 from studies.verification.halfspace import boussinesq_strain
 from tests.error_codes import raises
+from tests.sim.whole_solve import superlu
 
 Array = NDArray[np.float64]
 
@@ -79,7 +79,7 @@ def whole(small: Fingertip, results: list[IndentationResult]) -> list[tuple[Arra
         load = np.zeros((len(mesh.nodes), 3))
         load[mesh.patch_nodes[:, None], result.model.patch.axes] = result.state.force.T
         u = np.zeros(mesh.nodes.size)
-        u[problem.free] = spla.spsolve(symmetric(problem.upper).tocsc(), load.ravel()[problem.free])
+        u[problem.free] = superlu(symmetric(problem.upper)).solve(load.ravel()[problem.free])
         points = _inside(mesh, 5)
         found.append((points, (strain_operator(mesh, points)[0] @ u).reshape(-1, 6)))
     return found

@@ -4,8 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy.sparse as sp
-from scipy.sparse.linalg import splu
 
 from sim.config import FingertipConfig, MeshSpec, Tissue
 from sim.fem.elements import HEX8, HEX27, gauss_points, gradients, shape_functions, symmetric
@@ -16,6 +14,7 @@ from sim.models.catalogue import load
 from sim.models.condensed import assembled, discretise, factorise
 from sim.models.full_mesh import MeshedFinger
 from tests.error_codes import raises
+from tests.sim.whole_solve import superlu
 
 COARSE = {
     "spacing_mm": 0.6,
@@ -92,7 +91,7 @@ def test_elements_that_reach_over_three_rows_of_nodes_are_condensed(skin: Finger
     problem = discretise(config, build_mesh(config, skin))
     unit = np.zeros((problem.upper.shape[0], len(problem.kept)))
     unit[problem.kept, np.arange(len(problem.kept))] = 1.0
-    direct = splu(sp.csc_array(symmetric(problem.upper))).solve(unit)[problem.kept]
+    direct = superlu(symmetric(problem.upper)).solve(unit)[problem.kept]
     np.testing.assert_allclose(factorise(problem).compliance, direct, rtol=0, atol=1e-9 * np.abs(direct).max())
 
 
