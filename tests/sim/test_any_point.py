@@ -18,6 +18,7 @@ from sim.fem.dissection import DissectionFactor
 from sim.fem.elements import symmetric
 from sim.finger.mesh import BONE, DERMIS, EPIDERMIS, FAT, FingerMesh
 from sim.finger.surface import FingertipSurface
+from sim.measures import receptors
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import (
     DEFAULT_X_MM,
@@ -384,8 +385,10 @@ def test_too_many_receptors_and_none(coarse_config: FingertipConfig, x: int, dep
         receptors_at(coarse_config, surface, places)
 
 
-def test_as_many_receptors_as_there_may_be(coarse_config: FingertipConfig) -> None:
+def test_as_many_receptors_as_there_may_be(coarse_config: FingertipConfig, monkeypatch: pytest.MonkeyPatch) -> None:
     surface = FingertipSurface.fit(coarse_config.geometry)
+    there = receptors.point_below(surface, 0.1, 0.5, 7.0)  # once: it takes a millisecond or two
+    monkeypatch.setattr(receptors, "point_below", lambda *_: there)
     placed = receptors_at(coarse_config, surface, ReceptorPlaces((0.1,) * 1000, (0.5,), (7.0,)))
     assert placed.position_mm.shape == (1000, 3)
 

@@ -90,10 +90,11 @@ def test_the_skin_is_where_the_contact_says(coarse_finger: Fingertip, solved: di
     assert other.moved_mm[:, 0, 1].max() < other.corner_mm[:, 0, 1].max()
     x, y = result.skin_profile
     skin = found.moved_mm[:, 0]
-    pulp = skin[(skin[:, 1] > 1) & (np.abs(skin[:, 0]) < 3)]
+    pulp = skin[(skin[:, 1] > 1) & (skin[:, 0] >= x.min()) & (skin[:, 0] <= x.max())]
+    assert len(pulp) >= len(x) - 2  # of the ends round-off may leave one out
     np.testing.assert_allclose(np.interp(np.sort(pulp[:, 0]), x, y), pulp[np.argsort(pulp[:, 0]), 1], atol=1e-6)
     assert found.measures["sed"].min() >= 0
     height_mm = float(coarse_finger.surface.height(0.0, coarse_finger.config.receptor_plane_mm))
-    on_the_skin = np.array([[0.0, height_mm - 1e-3]])
+    on_the_skin = np.array([[0.0, height_mm - 5e-3]])  # the edges of elements of 0.3 mm lie 2 µm below the round skin
     # a point of the skin's middle under a flat bar goes down by the depth
     np.testing.assert_allclose(found.carried(on_the_skin)[0, 1] - on_the_skin[0, 1], -0.6, atol=0.02)
