@@ -146,15 +146,17 @@ def force_n(spec: MeshSpec = COARSE, doi_mm: float = 0.3, **tissue: float) -> fl
 @pytest.mark.parametrize(
     ("parameter", "values"),
     [
-        ("epidermis_mm", (0.06, 0.2, 0.4, 0.9)),  # the stiffest layer, thicker
+        ("epidermis_mm", (0.06, 0.4, 0.9)),  # the stiffest layer, thicker
         ("bone_fraction", (0.1, 0.32, 0.55)),  # less tissue over the bone
-        ("e_dermis", (1e-4, 0.1, 1.0, 10.0)),
-        ("e_fat", (2e-6, 1e-3, 0.1, 1.0, 10.0)),
+        ("e_dermis", (1e-4, 0.1, 10.0)),
+        ("e_fat", (2e-6, 0.1, 10.0)),
         ("nail_arc_deg", (0.0, 140.0, 200.0)),  # more of the skin held
     ],
 )
 def test_more_of_the_stiff_makes_a_stiffer_finger(parameter: str, values: tuple[float, ...]) -> None:
-    forces = [force_n(**{parameter: value}) for value in values]
+    # The patch is as wide as the contact at this depth, and elements are as large as layers allow.
+    small = COARSE.model_copy(update={"spacing_mm": 0.5, "patch_x_mm": 1.5, "patch_z_mm": 1.5, "growth": 2.0})
+    forces = [force_n(small, doi_mm=0.15, **{parameter: value}) for value in values]
     assert np.diff(forces).min() > 0, forces
 
 
