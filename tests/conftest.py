@@ -146,6 +146,8 @@ STUDIES = (
     # rig/test_every_signal.py, and [SIGTSTP] in a process of its own
     "rig/real_time/test_keys_of_a_terminal.py::test_it_lifts_first[SIGINT]",
     "rig/real_time/test_keys_of_a_terminal.py::test_it_lifts_first[SIGQUIT]",
+    # A board's other input, which it answers as it does its door; [door-*] and [di1-*] are every phase.
+    "rig/test_stop_button.py::test_a_press_of_the_boards_input_stops_the_stage_whatever_it_does_and_ends_the_run[hold-",
     # Whole pages, scripts and sites: what they name and type is checked in `make test`.
     # [empty], and rig/compare/test_report_sections.py::test_a_figure_has_the_same_bytes_each_time
     "rig/compare/test_compare_command.py::test_the_same_input_gives_the_same_bytes[drawn]",

@@ -188,7 +188,7 @@ def test_a_stop_from_another_process_ends_a_run_in_a_hold(
     rig: Rig, bench: Path, begun: Callable[..., "subprocess.Popen[str]"], tmp_path: Path
 ) -> None:
     """The owner sends the bytes and confirms; its main thread is interrupted without a signal."""
-    running = begun("run", _script(tmp_path, 600.0), "--yes", "--config", bench, "--out", "runs")
+    running = begun("run", _script(tmp_path, 30.0), "--yes", "--config", bench, "--out", "runs")
     assert running.stdin is not None
     running.stdin.write("\n" * 9)
     running.stdin.flush()

@@ -17,7 +17,6 @@ from sim.devices.line import SerialLine
 from sim.models.fingertip import Fingertip
 from studies.faults.attempts import mixed
 from studies.faults.strikes import CABLES, CutWire
-from tests.program import EMPTY_FIGURES
 
 KILLS = 8
 ROOT = Path(__file__).parents[2]
@@ -25,8 +24,7 @@ needs_fork = pytest.mark.skipif(sys.platform == "win32", reason="needs fork and 
 
 
 def _found(*options: str) -> dict[str, Any]:
-    code = f"{EMPTY_FIGURES}\nfrom studies.faults.kills import main; main()"
-    command = [sys.executable, "-c", code, *options, "--seed", "11", "--json"]
+    command = [sys.executable, "-m", "studies.faults.kills", *options, "--seed", "11", "--json"]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=170, check=False, cwd=ROOT)
     assert ended.returncode == 0, ended.stderr
     found: dict[str, Any] = json.loads(ended.stdout)
