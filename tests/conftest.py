@@ -184,9 +184,17 @@ STUDIES = (
     "sim/test_quadratic_finger.py::test_it_is_pressed_like_the_finger_of_half_as_large_elements",  # its section is
     "sim/test_patches.py::test_scenes_that_leave_the_own_patch_are_answered[bar:3-",
     "sim/test_patches.py::test_scenes_that_leave_the_own_patch_are_answered[sphere:2-place1-",
+    # rig/test_every_signal.py, and [SIGTSTP] in a process of its own
+    "rig/real_time/test_keys_of_a_terminal.py::test_it_lifts_first[SIGINT]",
+    "rig/real_time/test_keys_of_a_terminal.py::test_it_lifts_first[SIGQUIT]",
+    # A board's other input, which it answers as it does its door; [door-*] and [di1-*] are every phase.
+    "rig/test_stop_button.py::test_a_press_of_the_boards_input_stops_the_stage_whatever_it_does_and_ends_the_run[hold-",
+    # rig/test_identification.py; stopped, it is on these wires in rig/real_time/test_stopped_from_elsewhere.py
+    "rig/real_time/test_identify_a_random_finger.py",
     # Whole pages, scripts and sites: what they name and type is checked in `make test`.
     # [empty], and rig/compare/test_report_sections.py::test_a_figure_has_the_same_bytes_each_time
     "rig/compare/test_compare_command.py::test_the_same_input_gives_the_same_bytes[drawn]",
+    "rig/compare/test_place_fit.py::test_intervals_hold_the_truth_as_often_as_they_say",  # its other tests, once each
     "rig/test_every_block.py::test_what_is_shown_runs[comparison]",  # rig/compare/test_compare_command.py
     "rig/test_every_block.py::test_what_is_shown_runs[find_finger]",  # rig/test_frozen.py: `find`
     "rig/test_every_block.py::test_what_is_shown_runs[identify]",  # rig/test_identification.py
@@ -194,8 +202,10 @@ STUDIES = (
     "rig/test_find.py::test_the_finger_is_found_by_touching_it",  # its other tests, on exact geometry
     "rig/test_followed_pages.py::test_a_page_can_be_followed_literally[coding]",  # rig/test_decode_command.py
     "rig/test_frozen.py::test_the_demo_sends_and_records_what_it_did[tcp]",  # [rtu] and rig/test_modbus_master.py
+    "test_gallery.py::test_decode",  # rig/test_decode_command.py, sim/test_decoding.py
     "test_gallery.py::test_device_added",  # test_third_party_device.py
     "test_gallery.py::test_finger_identified",  # rig/test_identification.py
+    "test_gallery.py::test_recording_compared",  # its test_recorded_bar, rig/compare/test_compare_command.py
     "test_gallery.py::test_strain_anywhere",  # sim/test_any_point.py
     "test_site.py",  # `make docs`
 )

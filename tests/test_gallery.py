@@ -15,7 +15,7 @@ import pytest
 
 from sim import MEASURES
 from tests.preloaded import Popen
-from tests.program import Program, program_of
+from tests.program import WHOLE, Program, program_of
 
 ROOT = Path(__file__).parents[1]
 GALLERY = ROOT / "examples" / "gallery"
@@ -55,6 +55,14 @@ def in_this_process(program: Program, empty_figures: None, monkeypatch: pytest.M
         return subprocess.CompletedProcess(command, ended.code, ended.out, ended.err)
 
     monkeypatch.setattr(subprocess, "run", run)
+
+
+class Undrawn(Popen):
+    """A script's `python -m rig` is a process that draws nothing on a page that is thrown away."""
+
+    def __init__(self, command: list[str], **options: Any) -> None:
+        python, *words = command
+        super().__init__([python, WHOLE, *words[2:]] if words[:2] == ["-m", "rig"] else command, **options)
 
 
 def _run(name: str) -> dict[str, Any]:
@@ -197,7 +205,7 @@ def test_finger_identified(in_this_process: None) -> None:
 
 
 def test_run_resumed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(subprocess, "Popen", Popen)
+    monkeypatch.setattr(subprocess, "Popen", Undrawn)
     left = _run("06_run_resumed")
     assert left["stopped"].missing > 0
     assert len(left["resumed"].done) == 4
