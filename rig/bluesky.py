@@ -433,6 +433,9 @@ def press(rig: Bench, **order: Any) -> Messages:
     except failed:
         yield from _emitted(rig, begins, plans)
         raise
+    except BaseException:  # An abort or a halt: the stage stops before any cleanup of an outer plan.
+        rig.press.stop()
+        raise
     yield from _emitted(rig, begins, plans)
 
 
