@@ -23,6 +23,7 @@ from rig.errors import RigError
 
 LOOK_S = 0.01
 ANSWER_S = 5.0
+PROGRAM = ["-m", "rig"]
 
 ROWS = {
     "sample": {
@@ -258,7 +259,7 @@ class Bench:
     def __enter__(self) -> Self:
         """Start the program, and wait until it is ready for orders. Raises PressFailedError."""
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "rig", "take-orders", *self._words],
+            [sys.executable, *PROGRAM, "take-orders", *self._words],
             stdout=subprocess.PIPE,
             stdin=subprocess.DEVNULL if self._virtual else None,
             stderr=subprocess.DEVNULL if self._virtual else None,  # The page of a real run needs the terminal.
@@ -466,12 +467,15 @@ def indent(rig: Bench, *, md: Mapping[str, Any] | None = None, **order: Any) -> 
 
 
 def _emitted(rig: Bench, begins: int, plans: Any) -> Messages:
-    """Emit the events of the journal since then, in its order."""
+    """Emit the events of the journal from the next beginning of a press on, in its order."""
+    begun = False
     for document in rig.journalled[begins:]:
-        device = rig.rows.get(document.get("stream", "")) if document["doc"] == "event" else None
-        if device is not None:
+        stream = document["stream"] if document["doc"] == "event" else ""
+        begun = begun or stream == "indentation_start"
+        device = rig.rows.get(stream)
+        if begun and device is not None:
             device.show({**document["data"], "t_s": document["t_s"]}, document["unix_s"])
-            yield from plans.create(STREAM_NAMES[document["stream"]])
+            yield from plans.create(STREAM_NAMES[stream])
             yield from plans.read(device)
             yield from plans.save()
 
