@@ -179,13 +179,14 @@ def _halted(bench: Bench, engine: Engine) -> None:
 
 
 ENDED = {
-    "trip": (None, "next_move_past_soft_trip", "tripped"),
+    "force limit": ("stiffness = 8.0", "next_move_past_soft_trip", "limited"),
+    "trip": ("finger_z_offset_mm = -2.0", "no_contact", "tripped"),
     "STOP from elsewhere": (_stopped_elsewhere, "stopped_at_once", "aborted"),
     "RE.abort": (_aborted, None, "aborted"),
     "RE.halt": (_halted, None, "aborted"),
     "RE.request_pause": (_paused, None, "aborted"),
 }
-"""What ends a press: the act during its hold, the code of the failed status, and how the journal ends."""
+"""What ends a press (another virtual finger, or an act during its hold), the code, and how the journal ends."""
 
 
 @pytest.mark.parametrize("promise", [*REFUSED_BEFORE, *REFUSED_ORDERS, *ENDED, "most presses"])
@@ -217,15 +218,16 @@ def test_no_promise_is_lost_below_bluesky(
 
 
 def _ends(
-    act: Callable[[Bench, Engine], None] | None, code: str | None, status: str, engine: Engine, at: Path
+    act: Callable[[Bench, Engine], None] | str, code: str | None, status: str, engine: Engine, at: Path
 ) -> None:
     config = at / "rig.toml"
-    config.write_text("" if act else "[virtual]\nstiffness = 8.0\n", encoding="utf-8")
-    target = {"force_gwt": 2.33} if act else {"doi_mm": 1.0}
-    speed = 50.0 if act else None
+    finger = act if isinstance(act, str) else ""
+    config.write_text(f"[virtual]\n{finger}\n", encoding="utf-8")
+    target = {"doi_mm": 1.0} if finger else {"force_gwt": 2.33}
+    speed = None if finger else 50.0
     options: dict[str, Any] = {**PRESS, "force_gwt": None, **target, "speed": speed, "virtual": True}
     with Bench(config, **options, out=at / "runs") as bench:
-        if act is not None:
+        if not isinstance(act, str):
             during = threading.Thread(target=_during_the_hold, args=(act, bench, engine))
             during.start()
         plan = indent(bench, **target, hold_s=60.0)
@@ -237,7 +239,7 @@ def _ends(
         else:
             assert engine.failure(plan) == (code, "fail")
             assert engine.failure(indent(bench, **target)) == (code, "fail")  # until a new bench
-        if act is not None:
+        if not isinstance(act, str):
             during.join()
     run = read_run(bench.folder.path)
     assert run.stop is not None
