@@ -1,6 +1,6 @@
 """The rig in Bluesky: stage, cell and press as devices of its protocols, and a press as a plan.
 
-A `Bench` starts the same program as `rig run` in a process of its own, which owns the ports, confirms, limits, trips
+A `BlueskyBench` starts the same program as `rig run` in a process of its own, which owns the ports, confirms, limits, trips
 and journals. Orders reach it over its control socket; all that is known comes back from its journal.
 """
 
@@ -165,7 +165,7 @@ class _Movable(_Readable):
         self._stop()
 
 
-class Stage(_Movable):
+class StageDevice(_Movable):
     """The stage: a position is x at clearance (mm)."""
 
     def set(self, value: float) -> OrderStatus:
@@ -173,7 +173,7 @@ class Stage(_Movable):
         return self._order(what="move", x_mm=float(value))
 
 
-class Press(_Movable):
+class PressDevice(_Movable):
     """The press: its value is a mapping of the arguments of `press`."""
 
     def set(self, value: Mapping[str, Any]) -> OrderStatus:
@@ -181,7 +181,7 @@ class Press(_Movable):
         return self._order(what="press", **value)
 
 
-class Bench:
+class BlueskyBench:
     """The rig, homed and zeroed by its own process, as devices of Bluesky.
 
     Parameters
@@ -215,7 +215,7 @@ class Bench:
     Examples
     --------
     >>> from bluesky import RunEngine  # doctest: +SKIP
-    >>> with Bench("rig.toml", indentor="bar:3.0", force_gwt=2.33) as rig:  # doctest: +SKIP
+    >>> with BlueskyBench("rig.toml", indentor="bar:3.0", force_gwt=2.33) as rig:  # doctest: +SKIP
     ...     RunEngine()(indent(rig, force_gwt=2.33))
     """
 
@@ -250,9 +250,9 @@ class Bench:
         self._ended: PressFailedError | None = None
         self._rows: list[Document] = []
         source = "journal"
-        self.stage = Stage("rig_stage", {"x_mm": "mm", "height_mm": "mm"}, source, self._order, self._stop)
+        self.stage = StageDevice("rig_stage", {"x_mm": "mm", "height_mm": "mm"}, source, self._order, self._stop)
         self.cell = _Readable("rig_cell", {"force_gwt": "gwt"}, source)
-        self.press = Press("rig_press", {"index": ""}, source, self._order, self._stop)
+        self.press = PressDevice("rig_press", {"index": ""}, source, self._order, self._stop)
         self.rows = {stream: _Readable(f"rig_{stream}", keys, source) for stream, keys in ROWS.items()}
         self.start: Document = {}
 
@@ -409,12 +409,12 @@ def _heard(answer: Callable[[float], Any]) -> None:
         return
 
 
-def press(rig: Bench, **order: Any) -> Messages:
+def press(rig: BlueskyBench, **order: Any) -> Messages:
     """Press once, within a run of Bluesky, and emit its touch, holds and readings as events.
 
     Parameters
     ----------
-    rig : Bench
+    rig : BlueskyBench
     order : float
         `doi_mm` or `force_gwt` of the last increment; optionally `x_mm`, `increments` and `hold_s`.
 
@@ -440,12 +440,12 @@ def press(rig: Bench, **order: Any) -> Messages:
     yield from _emitted(rig, begins, plans)
 
 
-def indent(rig: Bench, *, md: Mapping[str, Any] | None = None, **order: Any) -> Messages:
+def indent(rig: BlueskyBench, *, md: Mapping[str, Any] | None = None, **order: Any) -> Messages:
     """Run one press as a run of Bluesky; its start document names the run folder.
 
     Parameters
     ----------
-    rig : Bench
+    rig : BlueskyBench
     md : mapping, optional
         Metadata.
     order : float
@@ -466,7 +466,7 @@ def indent(rig: Bench, *, md: Mapping[str, Any] | None = None, **order: Any) -> 
     return (yield from run_wrapper(press(rig, **order), md={**about, **(md or {})}))
 
 
-def _emitted(rig: Bench, begins: int, plans: Any) -> Messages:
+def _emitted(rig: BlueskyBench, begins: int, plans: Any) -> Messages:
     """Emit the events of the journal from the next beginning of a press on, in its order."""
     begun = False
     for document in rig.journalled[begins:]:

@@ -20,7 +20,7 @@ from rig.clock import WallClock
 from rig.control.stop import StageInHand
 from rig.plan.config import Config, load_config, with_finger
 from rig.plan.plan import Plan
-from rig.session.orders import Orders, scope_of
+from rig.session.orders import PressOrders, scope_of
 from rig.session.resume import left_on_record
 from rig.session.session import FinishedRun, NewRun, Session, dry_run, real_run
 from sim.finger_process import FingerProcess
@@ -52,7 +52,7 @@ def take_orders_command(
         settings = with_finger(load_config(config), finger_file)
         targets = {"doi_mm": doi_mm, "force_gwt": force_gwt, "presses": presses, "increments": increments}
         scope = scope_of({"indentor": indentor, "x_mm": numbers("--x-mm", x_mm), "hold_s": hold_s, **targets})
-        orders = Orders(scope, lambda: os.getppid() != parent)
+        orders = PressOrders(scope, lambda: os.getppid() != parent)
         into = new_run(out_dir, subject)
         if virtual:
             refuse_twinless(settings.stage, settings.force)
@@ -74,7 +74,7 @@ def take_orders_command(
 
 
 def _carried_out(
-    orders: Orders,
+    orders: PressOrders,
     settings: Config,
     into: NewRun,
     how: Callable[[Session], FinishedRun],

@@ -80,8 +80,8 @@ class GrowingRuns:
         return found
 
 
-class Outlet(Protocol):
-    """Outlet of pylsl."""
+class LslOutlet(Protocol):
+    """LslOutlet of pylsl."""
 
     def push_sample(self, x: Sequence[Any], timestamp: float) -> None: ...
 
@@ -92,7 +92,7 @@ class RunStreams:
     The time of a sample is `t_s` of the journal plus an offset, which is constant within a part of a run.
     """
 
-    def __init__(self, samples: Outlet, markers: Outlet, offset_s: Callable[[], float]) -> None:
+    def __init__(self, samples: LslOutlet, markers: LslOutlet, offset_s: Callable[[], float]) -> None:
         """offset_s: returns the clock of LSL minus the wall clock (s)."""
         self._samples, self._markers, self._offset_s = samples, markers, offset_s
         self._origins_s: dict[Path, float] = {}

@@ -28,7 +28,7 @@ LOOK_S = 0.005
 _AT_MM = 1e-9
 
 
-class Scope(ProtocolParameters):
+class OrderScope(ProtocolParameters):
     """Limits of the orders of a run, which a person confirms: the highest press, the positions and the numbers."""
 
     indentor: str = Field(description="shape of the indentor")
@@ -87,10 +87,10 @@ def next_order(engine: Engine, step: NextOrder, expected: None) -> Order | None:
     return step.planned
 
 
-class Orders:
-    """Orders of a run: other threads put them in, one at a time, and the script carries them out."""
+class PressOrders:
+    """PressOrders of a run: other threads put them in, one at a time, and the script carries them out."""
 
-    def __init__(self, scope: Scope, alone: Callable[[], bool] = lambda: False) -> None:
+    def __init__(self, scope: OrderScope, alone: Callable[[], bool] = lambda: False) -> None:
         """alone: returns whether the program that gives orders has ended, which ends the run."""
         self.scope, self._alone = scope, alone
         self._guard = threading.Lock()
@@ -191,7 +191,7 @@ class Orders:
 class Ordered(Live):
     """Handler that waits for real orders, and carries out all other steps."""
 
-    def __init__(self, engine: Engine, walk: Walk, orders: Orders) -> None:
+    def __init__(self, engine: Engine, walk: Walk, orders: PressOrders) -> None:
         super().__init__(engine, walk)
         self._orders = orders
 
@@ -202,10 +202,10 @@ class Ordered(Live):
         return super().handle(step, spot)
 
 
-def scope_of(values: Mapping[str, Any]) -> Scope:
+def scope_of(values: Mapping[str, Any]) -> OrderScope:
     """Return the checked limits of orders. Raises BadInputError."""
     try:
-        scope = Scope.model_validate(values)
+        scope = OrderScope.model_validate(values)
     except ValidationError as error:
         raise first_problem("orders", error) from None
     if len(scope.highest) != 1:

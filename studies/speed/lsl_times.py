@@ -100,23 +100,27 @@ def measured(runs: int, seconds: float, rate: float) -> Mapping[str, Any]:
     lost = len(sent) - len(received)
     whole = lost == 0 and bool((received[:, 2] == np.tile(np.arange(len(sent) // runs), runs)).all())
     if not whole:
-        return {"sent": len(sent), "lost": lost}
+        return {"readings": len(sent), "lost": lost}
     error_us, late_ms = 1e6 * np.abs(received[:, 0] - sent), 1e3 * (received[:, 1] - sent)
     later_ms = late_ms.reshape(runs, -1)[:, int(rate) :]  # from a second after the beginning of a run
     return {
-        "rate_per_s": f"{rate:g}",
+        "readings/s": f"{rate:g}",
         "runs": runs,
-        "sent": len(sent),
+        "readings": len(sent),
         "lost": lost,
-        **_spread("error_us", error_us),
-        **_spread("late_ms", later_ms),
-        "first_second_late_ms": f"{late_ms.max():.0f}",
+        **_spread("error", "µs", error_us),
+        **_spread("arrival", "ms", later_ms),
+        "worst in the first second (ms)": f"{late_ms.max():.0f}",
     }
 
 
-def _spread(name: str, values: "np.ndarray[Any, Any]") -> dict[str, str]:
-    low, high = np.percentile(values, [50, 99])
-    return {name: f"{low:.1f}", f"{name}_p99": f"{high:.1f}", f"{name}_worst": f"{values.max():.1f}"}
+def _spread(what: str, unit: str, values: "np.ndarray[Any, Any]") -> dict[str, str]:
+    middle, high = np.percentile(values, [50, 99])
+    return {
+        f"{what} median ({unit})": f"{middle:.1f}",
+        f"{what} 99 % ({unit})": f"{high:.1f}",
+        f"worst {what} ({unit})": f"{values.max():.1f}",
+    }
 
 
 def main() -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 import rig.bluesky
-from rig.bluesky import ROWS, STREAM_NAMES, Bench, PressFailedError, indent
+from rig.bluesky import ROWS, STREAM_NAMES, BlueskyBench, PressFailedError, indent
 from rig.control.client import announced
 from rig.data import read_run
 from rig.data.run import Following
@@ -70,9 +70,9 @@ def engine() -> Engine:
 
 
 @pytest.fixture(scope="module")
-def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[BlueskyBench]:
     """A bench that is left at the end, after refused orders and presses."""
-    with Bench(**PRESS, virtual=True, out=tmp_path_factory.mktemp("runs")) as bench:
+    with BlueskyBench(**PRESS, virtual=True, out=tmp_path_factory.mktemp("runs")) as bench:
         yield bench
     run = read_run(bench.folder.path)
     assert run.stop is not None
@@ -94,7 +94,7 @@ def _of(journal: Sequence[Mapping[str, Any]], stream: str) -> list[Mapping[str, 
     return [one for one in journal if one["doc"] == "event" and one["stream"] == stream]
 
 
-def test_documents_equal_the_journal_number_by_number(shared: Bench, engine: Engine) -> None:
+def test_documents_equal_the_journal_number_by_number(shared: BlueskyBench, engine: Engine) -> None:
     engine(indent(shared, force_gwt=2.0, x_mm=0.5, increments=2, hold_s=0.5, md={"sample": "finger 1"}))
     start = engine.documents[0][1]
     journal = Following(shared.folder).new()
@@ -116,7 +116,7 @@ def test_documents_equal_the_journal_number_by_number(shared: Bench, engine: Eng
     assert engine.documents[-1][1]["exit_status"] == "success"
 
 
-def test_a_plan_of_bluesky_moves_the_stage_and_reads_the_cell(shared: Bench, engine: Engine) -> None:
+def test_a_plan_of_bluesky_moves_the_stage_and_reads_the_cell(shared: BlueskyBench, engine: Engine) -> None:
     plans = pytest.importorskip("bluesky.plans")
     engine(plans.list_scan([shared.cell], shared.stage, [0.5, 0.0]))
     (events,) = _events(engine.documents).values()
@@ -127,7 +127,7 @@ def test_a_plan_of_bluesky_moves_the_stage_and_reads_the_cell(shared: Bench, eng
 
 
 @pytest.mark.parametrize("device", ["stage", "press"])
-def test_devices_have_the_protocols(shared: Bench, device: str) -> None:
+def test_devices_have_the_protocols(shared: BlueskyBench, device: str) -> None:
     from bluesky import protocols
 
     movable = getattr(shared, device)
@@ -161,20 +161,20 @@ REFUSED_ORDERS = {
 """What is refused as an order, while the run waits on: the order, and the code."""
 
 
-def _stopped_elsewhere(bench: Bench, engine: Engine) -> None:
+def _stopped_elsewhere(bench: BlueskyBench, engine: Engine) -> None:
     (one,) = (one for one in announced() if one.run == str(bench.folder.path))
     one.say_stop()(60.0)
 
 
-def _aborted(bench: Bench, engine: Engine) -> None:
+def _aborted(bench: BlueskyBench, engine: Engine) -> None:
     engine.engine.abort()
 
 
-def _paused(bench: Bench, engine: Engine) -> None:
+def _paused(bench: BlueskyBench, engine: Engine) -> None:
     engine.engine.request_pause()
 
 
-def _halted(bench: Bench, engine: Engine) -> None:
+def _halted(bench: BlueskyBench, engine: Engine) -> None:
     engine.engine.halt()
 
 
@@ -198,19 +198,19 @@ def test_no_promise_is_lost_below_bluesky(
         stage, force = request.getfixturevalue("ports")
         config = request.getfixturevalue("rig_toml")(stage, force)
         with closing(open_port(stage, 115200)) if promise == "owner lock" else nullcontext():
-            bench = Bench(config, **{**PRESS, "out": tmp_path / "runs", **more})
+            bench = BlueskyBench(config, **{**PRESS, "out": tmp_path / "runs", **more})
             with pytest.raises(PressFailedError) as refused, bench:
                 pass
         assert refused.value.code == code
         assert not list((tmp_path / "runs").glob("*/events.jsonl"))
     elif promise in REFUSED_ORDERS:
-        shared: Bench = request.getfixturevalue("shared")
+        shared: BlueskyBench = request.getfixturevalue("shared")
         order, code = REFUSED_ORDERS[promise]
         before = len(shared.journalled)
         assert engine.failure(indent(shared, **order)) == (code, "fail")
         assert len(shared.journalled) == before
     elif promise == "most presses":
-        with Bench(**{**PRESS, "presses": 1}, virtual=True, out=tmp_path / "runs") as bench:
+        with BlueskyBench(**{**PRESS, "presses": 1}, virtual=True, out=tmp_path / "runs") as bench:
             engine(indent(bench, force_gwt=1.0))
             assert engine.failure(indent(bench, force_gwt=1.0)) == ("too_many_presses", "fail")
     else:
@@ -218,7 +218,7 @@ def test_no_promise_is_lost_below_bluesky(
 
 
 def _ends(
-    act: Callable[[Bench, Engine], None] | str, code: str | None, status: str, engine: Engine, at: Path
+    act: Callable[[BlueskyBench, Engine], None] | str, code: str | None, status: str, engine: Engine, at: Path
 ) -> None:
     config = at / "rig.toml"
     finger = act if isinstance(act, str) else ""
@@ -226,7 +226,7 @@ def _ends(
     target = {"doi_mm": 1.0} if finger else {"force_gwt": 2.33}
     speed = None if finger else 50.0
     options: dict[str, Any] = {**PRESS, "force_gwt": None, **target, "speed": speed, "virtual": True}
-    with Bench(config, **options, out=at / "runs") as bench:
+    with BlueskyBench(config, **options, out=at / "runs") as bench:
         if not isinstance(act, str):
             during = threading.Thread(target=_during_the_hold, args=(act, bench, engine))
             during.start()
@@ -252,16 +252,16 @@ def _ends(
         assert [one["data"]["rig_sample_force_gwt"] for one in samples] == journalled
 
 
-def _during_the_hold(act: Callable[[Bench, Engine], None], bench: Bench, engine: Engine) -> None:
+def _during_the_hold(act: Callable[[BlueskyBench, Engine], None], bench: BlueskyBench, engine: Engine) -> None:
     until(lambda: _of(bench.journalled, "hold_start"))
     act(bench, engine)
 
 
 GIVES_ORDERS = """\
 import os, signal, sys
-from rig.bluesky import Bench
+from rig.bluesky import BlueskyBench
 
-with Bench(indentor="bar:3.0", force_gwt=1.0, virtual=True, out=sys.argv[1]) as bench:
+with BlueskyBench(indentor="bar:3.0", force_gwt=1.0, virtual=True, out=sys.argv[1]) as bench:
     print(bench._process.pid, flush=True)
     signal.pause()
 """
