@@ -1,7 +1,7 @@
 """The rig in Bluesky: stage, cell and press as devices of its protocols, and a press as a plan.
 
-A `BlueskyBench` starts the same program as `rig run` in a process of its own, which owns the ports, confirms, limits, trips
-and journals. Orders reach it over its control socket; all that is known comes back from its journal.
+A `BlueskyBench` starts the same program as `rig run` in a process of its own, which owns the ports, confirms, limits,
+trips and journals. Orders reach it over its control socket; all that is known comes back from its journal.
 """
 
 import json
