@@ -225,6 +225,14 @@ def test_device_added() -> None:
     assert max(_forces(samples, 1)) > 1
 
 
+def test_bluesky(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(subprocess, "Popen", Popen)
+    left = _run("10_bluesky")
+    assert [one["rig_hold_end_force_gwt"] for one in left["holds"]] == pytest.approx([1.0, 2.0], abs=0.05)
+    journalled = [one["force_gwt"] for one in left["journal"].stream("sample") if one["index"] >= 0]
+    assert [one["rig_sample_force_gwt"] for one in left["samples"] if one["rig_sample_index"] >= 0] == journalled
+
+
 def _forces(samples: list[dict[str, Any]], index: int) -> list[float]:
     return [one["force_gwt"] for one in samples if one["index"] == index]
 
@@ -234,7 +242,7 @@ def _forces(samples: list[dict[str, Any]], index: int) -> list[float]:
 
 def test_each_is_tried() -> None:
     assert [path.stem[:3] for path in LIBRARY] == [f"{n:02}_" for n in range(1, 13)]
-    assert [path.stem[:3] for path in RIG] == [f"{n:02}_" for n in range(1, 10)]
+    assert [path.stem[:3] for path in RIG] == [f"{n:02}_" for n in range(1, 11)]
     tried = {name.removeprefix("test_") for name in globals() if name.startswith("test_")}
     assert {path.stem[3:] for path in SCRIPTS} <= tried
 
