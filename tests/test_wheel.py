@@ -24,9 +24,9 @@ def _wheel(folder: Path) -> Path:
     about, target = told["project"], told["tool"]["hatch"]["build"]["targets"]["wheel"]
     places = {name: name for name in target["packages"]} | target["force-include"]
     files = {
-        f"{inside}/{path.relative_to(ROOT / outside).as_posix()}": path.read_bytes()
+        (Path(inside) / path.relative_to(ROOT / outside)).as_posix(): path.read_bytes()
         for outside, inside in places.items()
-        for path in sorted((ROOT / outside).rglob("*"))
+        for path in sorted([ROOT / outside, *(ROOT / outside).rglob("*")])
         if path.is_file() and "__pycache__" not in path.parts
     }
     known = dist_info(about["name"], about["version"], {})

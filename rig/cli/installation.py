@@ -16,6 +16,7 @@ import typer
 from serial.tools import list_ports
 
 from rig.bench.checks import as_words, bench_problems, contact, in_one_line, look, today
+from rig.cli import device_catalogue
 from rig.cli.options import FingerConfigOption, JsonOption, checked_file
 from rig.cli.output import err, one_line_errors, out, print_json
 from rig.cli.progress import counted
@@ -44,6 +45,9 @@ def config_command(
         str | None, typer.Argument(metavar="KEY", help="Key or table to print, e.g. limits. Default: all.")
     ] = None,
     config: FingerConfigOption = None,
+    devices: Annotated[
+        bool, typer.Option("--devices", help="Print what each kind of device was tested with, and its speed.")
+    ] = False,
     markdown: Annotated[
         bool, typer.Option("--markdown", help="Print a Markdown table for the documentation.")
     ] = False,
@@ -51,6 +55,9 @@ def config_command(
 ) -> None:
     """Print a configuration file with a comment on each key, or on one key or table if named."""
     with one_line_errors(as_json=as_json):
+        if devices:
+            _print_devices(key, markdown=markdown, as_json=as_json)
+            return
         loaded = load_config(config)
         others = keys_of_other_kinds(loaded) if markdown or key is not None else ()
         found = _named([*keys(loaded), *others], key)
@@ -60,6 +67,19 @@ def config_command(
             out.print(
                 _page(found) if markdown else _file(found), markup=False, highlight=False, soft_wrap=True, end=""
             )
+
+
+def _print_devices(key: str | None, *, markdown: bool, as_json: bool) -> None:
+    """Print the catalogue of devices. Raises BadInputError with a key."""
+    if key is not None:
+        raise BadInputError(
+            "KEY and --devices cannot be combined; give one of them", code="not_together", options="KEY --devices"
+        )
+    if as_json:
+        print_json({"devices": device_catalogue.as_json()})
+        return
+    text = device_catalogue.as_markdown() if markdown else device_catalogue.as_text()
+    out.print(text, markup=False, highlight=False, soft_wrap=True, end="")
 
 
 def _named(every: Sequence[Key], name: str | None) -> list[Key]:
@@ -257,20 +277,6 @@ def _calibrated(one: Mapping[str, Any]) -> str:
     return f"{one['name']} {one['value']:g}, {'expired' if one['expired'] else 'until'} {one['expires']}"
 
 
-def _kinds() -> list[dict[str, Any]]:
-    """Return the kinds of devices, with the packages that add them."""
-    added = registry.third_party()
-    return [
-        {
-            "kind": name,
-            "role": kind.room,
-            "package": None if name in registry.BUILT_IN[kind.room] else added[f"{kind.room}.{name}"],
-        }
-        for kind in registry.KINDS
-        for name in registry.names(kind.room)
-    ]
-
-
 def _bench(settings: Config) -> dict[str, Any]:
     """Return which devices answer, how long calibrations are valid, and where the last run left the indentor."""
     expired = settings.calibration.expired(today())
@@ -306,7 +312,7 @@ def _installation(settings: Config) -> dict[str, Any]:
             "stage": {"kind": settings.stage.kind, "ports": list(registry.stage_ports(settings.stage))},
             "force": {"kind": settings.force.kind, "ports": [settings.force.port]},
         },
-        "devices": _kinds(),
+        "devices": device_catalogue.kinds(),
         "limits": settings.limits.model_dump(),
         "cache": {
             "folder": str(folder),

@@ -39,6 +39,7 @@ SUFFIXES: Mapping[str, str] = UNITS | {
     "pseudo": "pseudo-unit",
     "mb": "MB",
     "bytes": "bytes",
+    "hz": "1/s",
 }
 """Units by the end of a key."""
 
@@ -1497,6 +1498,45 @@ class DeviceKindJson(Output):
     package: Name | None
 
 
+class SpreadJson(Output):
+    """Median, 99th percentile and worst of several times."""
+
+    median_s: float
+    p99_s: float
+    worst_s: float
+
+
+class MeasuredJson(Output):
+    """What was measured of a kind of device on one wire of its virtual twin."""
+
+    wire: Name
+    samples: int
+    rate_hz: float
+    age: SpreadJson
+    """Of a reading when the program decides about a trip; of a position, at most."""
+    stops: int
+    to_bytes: SpreadJson | None
+    """From the call of a stop; null for a force sensor."""
+    to_rest: SpreadJson | None
+
+
+class CataloguedDeviceJson(DeviceKindJson):
+    """A kind of device and what it was tested with; a text is null where nothing was."""
+
+    device_text: str
+    manual_text: str | None
+    client_text: str | None
+    firmware_text: str | None
+    hardware_text: str | None
+    measured: list[MeasuredJson]
+
+
+class DeviceCatalogueJson(Output):
+    """Every kind of device, with --devices."""
+
+    devices: list[CataloguedDeviceJson]
+
+
 class CalibrationOnRecordJson(Output):
     """A calibration of the configuration."""
 
@@ -1611,7 +1651,7 @@ OUTPUTS: Mapping[str, tuple[Any, ...]] = {
     "calibrate": (CalibrationJson,),
     "bench": (BenchmarkJson,),
     "cache": (CacheJson,),
-    "config": (ConfigurationJson,),
+    "config": (ConfigurationJson, DeviceCatalogueJson),
     "doctor": (DoctorJson, BugReportJson),
 }
 """What a command with --json prints if it ends in a result; any of them may print a Failure instead."""

@@ -18,7 +18,7 @@ from rig.devices.base import (
     ForceTimeout,
     ForceUnderload,
 )
-from rig.devices.registry import ForceKind, Opener
+from rig.devices.registry import Evidence, ForceKind, Opener
 from rig.settings import BenchSettings, LaumasSettings
 from rig.transport.modbus import ModbusError, ModbusMaster, ModbusRefused, ModbusTimeout
 from rig.units import GWT_N
@@ -217,4 +217,8 @@ DEVICE = ForceKind(
     twin="sim.devices.laumas:laumas_twin",
     probe=_probe,
     tests=("tests/rig/test_laumas_driver.py", "tests/rig/test_modbus_counterparties.py"),
+    evidence=Evidence(
+        manual="TLU manual, LCB protocols manual",
+        client="minimalmodbus 2.1.1, modbus-tk 1.1.5, mbpoll 1.4.11",
+    ),
 )

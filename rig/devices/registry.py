@@ -38,6 +38,28 @@ def own_port(stage: StageSettings) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """What driver and twin were tested with; an empty text claims nothing.
+
+    Parameters
+    ----------
+    manual : str, optional
+        Source of the bytes that the tests compare with.
+    client : str, optional
+        Programs of others that opened the virtual twin.
+    firmware : str, optional
+        Firmware or emulator of the maker that the driver drove.
+    hardware : str, optional
+        Real device that the driver drove, with its firmware and the date.
+    """
+
+    manual: str = ""
+    client: str = ""
+    firmware: str = ""
+    hardware: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
 class DeviceKind:
     """Entry of a device in the registry.
 
@@ -49,6 +71,8 @@ class DeviceKind:
         What the device is, in words.
     tests : tuple of str
         Test modules that compare the driver with the bytes of the real device, from the folder of its project.
+    evidence : Evidence, optional
+        What these tests and others compared the driver with. Default: nothing.
     settings : type of Settings, optional
         Table of the configuration that only this kind has.
     table : str, optional
@@ -67,6 +91,7 @@ class DeviceKind:
     name: str
     device: str
     tests: tuple[str, ...]
+    evidence: Evidence = Evidence()
     settings: type[Settings] | None = None
     table: str = ""
     twin: str = ""
@@ -84,7 +109,7 @@ class StageKind(DeviceKind):
 
     Parameters
     ----------
-    name, device, tests, settings, table, twin, probe : as in DeviceKind
+    name, device, tests, evidence, settings, table, twin, probe : as in DeviceKind
         See there.
     driver : callable
         Makes the `Stage` from a function that opens ports, the clock and the settings. It raises what that function
@@ -121,7 +146,7 @@ class ForceKind(DeviceKind):
 
     Parameters
     ----------
-    name, device, tests, settings, table, twin, probe : as in DeviceKind
+    name, device, tests, evidence, settings, table, twin, probe : as in DeviceKind
         See there.
     driver : callable
         Makes the `ForceSensor` from a function that opens ports, the clock and the settings. It raises what that

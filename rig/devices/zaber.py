@@ -31,7 +31,7 @@ from rig.devices.base import (
     next_look_s,
 )
 from rig.devices.one_axis import one_axis, refuse_not_finite
-from rig.devices.registry import Opener, StageKind
+from rig.devices.registry import Evidence, Opener, StageKind
 from rig.devices.zaber_link import NO_WARNING, Reply, ZaberLink
 from rig.settings import BenchSettings, StageSettings, ZaberAxisSettings, ZaberSettings
 
@@ -729,4 +729,8 @@ DEVICE = StageKind(
     twin="sim.devices.zaber:zaber_twin",
     probe=_probe,
     tests=("tests/rig/test_zaber_driver.py", "tests/rig/test_zaber_client.py"),
+    evidence=Evidence(
+        manual="ASCII protocol manual, firmware 6 and 7",
+        client="zaber-motion 10.3.0",
+    ),
 )

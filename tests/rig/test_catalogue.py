@@ -2,9 +2,11 @@
 
 import io
 import json
+import os
 import re
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -23,10 +25,12 @@ from rig.bench.virtual import (
     with_stand_ins,
 )
 from rig.cli import main
+from rig.cli.device_catalogue import NOT_MEASURED, as_json, as_markdown, as_text
 from rig.control.stop import NoStageError, stage_alone
 from rig.data import RunFolder
 from rig.devices import registry
 from rig.devices.make_drivers import force_driver, stage_driver
+from rig.devices.measured import COLUMNS, measured
 from rig.devices.registry import (
     DeviceKind,
     ForceKind,
@@ -49,6 +53,7 @@ from rig.settings import BenchSettings, DrivesSettings, ForceSettings, Settings,
 from rig.transport import LoopbackTransport
 from sim.devices.clock import VirtualClock
 from sim.devices.line import Load, SerialLine, VirtualForceSpec, VirtualStageSpec
+from studies.registry import read_table
 from tests.device_packages import EXAMPLE, forget, offer
 from tests.error_codes import has_code, raises
 
@@ -95,8 +100,8 @@ def _config(of: type[DeviceKind], name: str, **tables: object) -> Config:
 def _project(name: str) -> tuple[Path, Path]:
     """Where an entry's tests lie, and the page that tells of it."""
     inside = name in (name for _, name in BUILT_IN)
-    own = ROOT / "docs" / f"{name}.md"
-    page = own if own.exists() else ROOT / "docs" / "devices.md"
+    own = next((page for one in (name, f"{name}s") if (page := ROOT / "docs" / f"{one}.md").exists()), None)
+    page = own or ROOT / "docs" / "devices.md"
     return (ROOT, page) if inside else (EXAMPLE, EXAMPLE / "README.md")
 
 
@@ -135,6 +140,54 @@ def test_the_page_tells_of_each_kind_what_its_entry_says() -> None:
             row += [", ".join(entry.axes), ", ".join(f"`{one}`" for one in entry.outputs)]
         row += [f"`{entry.twin}`", ", ".join(f"`{path}`" for path in entry.tests)]
         assert f"| `{name}` | {' | '.join(row)} |\n" in page, name
+
+
+def test_the_page_has_the_catalogue_that_the_command_prints() -> None:
+    """`rig config --devices --markdown`, without other packages."""
+    page = (ROOT / "docs" / "devices.md").read_text(encoding="utf-8")
+    found = as_markdown()
+    marked = f"<!-- rig config --devices --markdown -->\n{found}\n"
+    if os.environ.get("GOLDEN") == "write":
+        page = re.sub(r"<!-- rig config --devices --markdown -->\n(\|.*\n)*\n", lambda _: marked, page)
+        (ROOT / "docs" / "devices.md").write_text(page, encoding="utf-8")
+    assert marked in page
+
+
+@every_kind
+def test_the_command_tells_what_an_entry_says_and_claims_no_more(
+    of: type[DeviceKind], name: str, example: None
+) -> None:
+    (told,) = (one for one in as_json() if (one["role"], one["kind"]) == (of.room, name))
+    entry = find(of, name)
+    assert told["device_text"] == entry.device
+    assert told["measured"] == [asdict(one) for one in measured(of.room, name)]
+    for what, text in asdict(entry.evidence).items():
+        assert told[f"{what}_text"] == (text or None)
+        if (of, name) in BUILT_IN and what == "hardware":
+            assert not text, "no real device was tried"
+    (row,) = (line for line in as_text().splitlines() if line.startswith(f"{of.room}.{name} "))
+    assert row.count("yes") == sum(map(bool, asdict(entry.evidence).values()))
+    assert (NOT_MEASURED in row) == (not told["measured"])
+    assert max(map(len, as_text().splitlines())) <= 100
+
+
+def test_every_measured_kind_is_one_of_ours_and_has_both_wires_in_ms() -> None:
+    head, *rows = read_table("devices/measured")
+    assert tuple(head) == COLUMNS
+    assert {row[0] for row in rows} <= {f"{of.room}.{name}" for of, name in BUILT_IN}
+    for row in rows:
+        room, _, name = row[0].partition(".")
+        (found,) = (one for one in measured(room, name) if one.wire == row[1])
+        assert 1e3 * found.age.worst_s == pytest.approx(float(row[6]))
+        assert found.age.median_s <= found.age.p99_s <= found.age.worst_s
+        assert (found.to_rest is None) == (room == "force") == (found.stops == 0)
+
+
+def test_a_package_that_cannot_be_used_is_in_the_catalogue(offered: Offer) -> None:
+    offered("odd", {"force.odd": "odd_there:DEVICE"}, odd_there="1 / 0")
+    told = as_json()[-1]
+    assert (told["kind"], told["package"], told["manual_text"], told["measured"]) == ("odd", "odd 1.0", None, [])
+    assert "ZeroDivisionError" in told["device_text"]
 
 
 def _keys(table: type[BaseModel]) -> Iterator[str]:

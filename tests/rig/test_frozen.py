@@ -236,6 +236,7 @@ ASKED = (
     ("compare runs/complete --recorded bar:3.0=recorded.csv", ""),
     ("compare runs/complete --recorded afferents.csv", "of several afferents"),
     ("config limits", ""),
+    ("config --devices", "of devices"),
     ("doctor", ""),
     ("doctor --bundle runs/complete", "as a bundle"),
     ("cache", ""),
