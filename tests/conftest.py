@@ -80,6 +80,7 @@ REAL_TIME = (
     "rig/test_run_owner.py",
     "rig/test_runs_command.py::test_several_at_once_see_the_same",
     "rig/test_zaber_client.py",
+    "rig/test_net_ft_clients.py",
     "rig/test_same_numbers.py::test_two_processes_give_the_numbers_of_one",
     "rig/test_safety.py::test_a_silent_engine_stops_the_stage_while_another_thread_blocks",
     "rig/test_safety.py::test_a_beating_or_resting_engine_is_left_alone",

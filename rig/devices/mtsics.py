@@ -209,5 +209,6 @@ DEVICE = ForceKind(
     driver=_driver,
     twin="sim.devices.mtsics:balance_twin",
     probe=_probe,
+    max_age_s=lambda force: REPLY_S,
     tests=("tests/rig/test_mtsics_driver.py",),
 )
