@@ -55,9 +55,10 @@ def as_tuples(value: Any) -> Any:
 
 
 def _addressed(port: str) -> str:
-    if not port.strip() or (port.startswith("tcp://") and not re.fullmatch(r"tcp://[^/]+:\d{1,5}", port)):
+    over_ip = port.startswith(("tcp://", "udp://"))
+    if not port.strip() or (over_ip and not re.fullmatch(r"(tcp|udp)://[^/]+:\d{1,5}", port)):
         raise RuleError(
-            "not a port; use tcp://HOST:PORT or the name of a serial port, such as /dev/ttyUSB0 or COM3",
+            "not a port; use tcp://HOST:PORT, udp://HOST:PORT or a serial port, such as /dev/ttyUSB0 or COM3",
             code="no_port_name",
         )
     return port
@@ -656,7 +657,8 @@ class ForceSettings(DeviceSettings):
     room: ClassVar[Literal["stage", "force"]] = "force"
     kind: str = Field("mtsics", description="type of the force sensor")
     port: Port = Field(
-        "/dev/ttyUSB1", description="port of the force sensor: a serial port (/dev/ttyUSB1, COM4) or tcp://HOST:PORT"
+        "/dev/ttyUSB1",
+        description="port of the force sensor: a serial port (/dev/ttyUSB1, COM4), tcp://HOST:PORT or udp://HOST:PORT",
     )
     baud: int = Field(9600, ge=300, le=1_000_000, description="baud rate of a serial port, in bit/s")
     character: Character = Field(

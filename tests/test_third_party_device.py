@@ -121,13 +121,13 @@ def test_doctor_and_serve_know_it(folder: Path) -> None:
     assert (bool(catalogued["manual_text"]), catalogued["hardware_text"], catalogued["measured"]) == (True, None, [])
     refused = _rig(folder, "serve", "--force", "scale")
     assert refused.returncode == 2
-    assert "mtsics, laumas, text_cell or line_scale" in refused.stderr
+    assert "mtsics, laumas, text_cell, net_ft or line_scale" in refused.stderr
 
 
 def test_init_offers_it_and_takes_it_without_a_probe(folder: Path) -> None:
     ports = ("--stage", "grbl", "--stage-port", "nowhere0", "--sensor-port", "nowhere1")
     refused = _rig(folder, "init", "--sensor", "scale", *ports, *INIT_ANSWERS)
-    assert (refused.returncode, "mtsics, laumas, text_cell or line_scale" in refused.stderr) == (2, True)
+    assert (refused.returncode, "mtsics, laumas, text_cell, net_ft or line_scale" in refused.stderr) == (2, True)
     written = _rig(folder, "init", "--yes", "--to", "found.toml", "--sensor", "line_scale", *ports, *INIT_ANSWERS)
     assert written.returncode == 0, written.stderr
     assert 'kind = "line_scale"' in (folder / "found.toml").read_text(encoding="utf-8")

@@ -130,6 +130,15 @@ def load_on_sensor(load: Load, config: Config) -> Load:
     return Load(force_n, lambda t_s: load.fresh(t_s - latency_s))
 
 
+_ETHERNET_BIT_S = 1e9
+
+
+def virtual_line(scheduler: Scheduler, device: StageSettings | ForceSettings) -> SerialLine:
+    """Return the line to a device: at its baud rate, or as fast as Ethernet if it sends datagrams."""
+    baud = _ETHERNET_BIT_S if kind_of(device).datagrams else device.baud
+    return SerialLine(scheduler, baud)
+
+
 def virtual_stage(scheduler: Scheduler, line: SerialLine, config: Config) -> VirtualStage:
     """Create the twin of the configured stage on a line; its further ports get lines. Raises BadInputError."""
     more = find(StageKind, config.stage.kind).further_ports
@@ -341,8 +350,7 @@ def bench_around(
     gate: gate between the stage and its driver, which a stop closes.
     """
     config = with_framing(config, "rtu")  # Drives share one wire, whatever ports are configured.
-    stage_line = SerialLine(clock, config.stage.baud)
-    force_line = SerialLine(clock, config.force.baud)
+    stage_line, force_line = virtual_line(clock, config.stage), virtual_line(clock, config.force)
     board = virtual_stage(clock, stage_line, config)
     plant = make_plant(true_carriage(board, config))
     load = load_on_sensor(Load(plant.force_n), config)

@@ -253,6 +253,9 @@ class CheckJson(Output):
     soft_trip_n: float
     hard_trip_n: float
     margins: MarginsJson
+    sample_age_s: float
+    press_speed_mm_s: float
+    rise_gwt: float
     stop_distance_mm: float
     overshoot_gwt: float
     steps: list[PlannedStepJson]

@@ -30,7 +30,7 @@ _INSIDE = r"[^\\/\n\"'<>|:]+"
 _POSIX = re.compile(rf"(?<![\w.…])/(?:{_INSIDE}/)+")
 _WINDOWS = re.compile(rf"\b[A-Za-z]:\\+(?:{_INSIDE}\\+)*")
 _AGAIN = re.compile("(?:…/)+")
-_HOST = re.compile(r"(tcp://)[^:\s\"'/]+")
+_HOST = re.compile(r"((?:tcp|udp)://)[^:\s\"'/]+")
 _STRINGS = {tokenize.STRING, getattr(tokenize, "FSTRING_MIDDLE", tokenize.STRING)}
 
 

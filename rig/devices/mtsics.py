@@ -209,6 +209,7 @@ DEVICE = ForceKind(
     driver=_driver,
     twin="sim.devices.mtsics:balance_twin",
     probe=_probe,
+    max_age_s=lambda force: REPLY_S,
     tests=("tests/rig/test_mtsics_driver.py",),
     evidence=Evidence(manual="MT-SICS reference manual, levels 0 and 1"),
 )

@@ -37,6 +37,11 @@ def own_port(stage: StageSettings) -> tuple[str, ...]:
     return (stage.port,)
 
 
+def one_second(force: ForceSettings) -> float:
+    """Return the maximum sample age of a sensor that declares none (s)."""
+    return 1.0
+
+
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
     """What driver and twin were tested with; an empty text claims nothing.
@@ -85,6 +90,8 @@ class DeviceKind:
         or set anything, because any device may be on that port. It returns the identity, or None if no such device
         answers, and raises StageError or ForceError if one answers but cannot be used. Without it, `rig init` lists
         the kind and asks for its port.
+    datagrams : bool, optional
+        Whether the device sends datagrams over Ethernet (udp://) and serves a web page at the same address.
     """
 
     room: ClassVar[Room]
@@ -96,6 +103,7 @@ class DeviceKind:
     table: str = ""
     twin: str = ""
     probe: Probe | None = None
+    datagrams: bool = False
 
     @property
     def place(self) -> str:
@@ -151,16 +159,23 @@ class ForceKind(DeviceKind):
     driver : callable
         Makes the `ForceSensor` from a function that opens ports, the clock and the settings. It raises what that
         function raises.
+    max_age_s : callable, optional
+        Returns the longest time from the request for a reading to its arrival (s), from the settings. An older
+        reading trips. Default: 1 s.
+    also : tuple of str, optional
+        Keys of `ForceReading.also`, which samples of the journal then have (`rig/data/schema.py`: `OF_A_SENSOR`).
     """
 
     room: ClassVar[Room] = "force"
     driver: Callable[[Opener, Clock, BenchSettings], ForceSensor]
+    max_age_s: Callable[[ForceSettings], float] = one_second
+    also: tuple[str, ...] = ()
 
 
 GROUP = "rig.devices"
 BUILT_IN: dict[Room, tuple[str, ...]] = {
     "stage": ("grbl", "leadshine", "zaber", "standa", "tmcl"),
-    "force": ("mtsics", "laumas", "text_cell"),
+    "force": ("mtsics", "laumas", "text_cell", "net_ft"),
 }
 """Built-in types, the default first."""
 DEFAULTS: dict[Room, str] = {room: names[0] for room, names in BUILT_IN.items()}

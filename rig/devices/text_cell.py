@@ -23,7 +23,7 @@ from rig.devices.base import (
 )
 from rig.devices.registry import Evidence, ForceKind, Opener
 from rig.errors import RuleError
-from rig.settings import BenchSettings, Settings
+from rig.settings import BenchSettings, ForceSettings, Settings
 from rig.transport import LineReader, Transport
 from rig.units import GWT_N
 
@@ -311,12 +311,20 @@ def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> ForceSenso
     )
 
 
+def _max_age_s(force: ForceSettings) -> float:
+    """Return the longest wait for a line, or after an error for silence and a reply."""
+    settings = force.own(TextCellSettings)
+    wait_s = settings.silence_s + 2 * force.sample_period_s
+    return 2 * wait_s if settings.poll else wait_s
+
+
 DEVICE = ForceKind(
     name="text_cell",
     device="load cell with an HX711 or other board that sends lines of text",
     driver=_driver,
     settings=TextCellSettings,
     twin="sim.devices.text_cell:text_twin",
+    max_age_s=_max_age_s,
     tests=("tests/rig/test_text_cell_driver.py",),
     evidence=Evidence(
         manual="examples of HX711_ADC and bogde/HX711, SparkFun OpenScale 1.2, DFRobot HX711, serial-scale",

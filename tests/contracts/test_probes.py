@@ -39,6 +39,7 @@ class ReadOnly:
     identity: str
     unusable: Mapping[str, Mapping[bytes, bytes]] = field(default_factory=dict)
     elsewhere: Mapping[bytes, bytes] = field(default_factory=dict)
+    opens: str = ""  # what is opened instead of the port
 
 
 GRBL = ReadOnly(
@@ -119,10 +120,28 @@ TMCL = ReadOnly(
     "TMCL module 1, motor 0 and module 1, motor 1",
     unusable={"one_motor": _hex({"01 06 01 01 00 00 00 00 09": ""})},
 )  # fmt: skip
+NET_FT = ReadOnly(
+    "net_ft", "udp://10.0.0.7:49152", (9600, "8N1"),
+    {
+        b"GET /netftapi2.xml HTTP/1.0\r\n\r\n":
+            b"HTTP/1.0 200 OK\r\n\r\n<netft><prodname>Axia</prodname><cfgcpf>1000000</cfgcpf>"
+            b"<cfgcpt>1000000</cfgcpt><scfgfu>N</scfgfu><scfgtu>Nm</scfgtu></netft>"
+    },
+    "Axia, 1000000 counts per N, 1000000 counts per Nm",
+    unusable={
+        "wrong_unit": {
+            b"GET /netftapi2.xml HTTP/1.0\r\n\r\n":
+                b"HTTP/1.0 200 OK\r\n\r\n<netft><prodname>Axia</prodname><cfgcpf>1000000</cfgcpf>"
+                b"<cfgcpt>1000000</cfgcpt><scfgfu>oz</scfgfu><scfgtu>Nm</scfgtu></netft>"
+        }
+    },
+    opens="tcp://10.0.0.7:80",
+)  # fmt: skip
 TABLES = {
     "grbl": GRBL, "leadshine_rtu": LEADSHINE_RTU, "leadshine_tcp": LEADSHINE_TCP, "zaber": ZABER, "standa": STANDA,
     "tmcl": TMCL,
     "mtsics": MTSICS, "laumas_rtu": LAUMAS_RTU, "laumas_tcp": LAUMAS_TCP,
+    "net_ft": NET_FT,
 }  # fmt: skip
 
 
@@ -172,7 +191,7 @@ def ask(monkeypatch: pytest.MonkeyPatch) -> Ask:
         port.chatter = chatter
 
         def open_port(name: str, baud: int, *, character: str, dtr: bool, owned: bool) -> Port:
-            assert (name, (baud, character), owned) == (table.port, table.opened, True)
+            assert (name, (baud, character), owned) == (table.opens or table.port, table.opened, True)
             return port
 
         monkeypatch.setattr(make_drivers, "open_port", open_port)

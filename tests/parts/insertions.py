@@ -57,7 +57,7 @@ def tap(engine: Engine, step: Tap, expected: ExpectedTouch) -> None:
 
 STAGE = [("rig/devices/registry.py", '"tmcl"),', '"hobby", ')]
 
-FORCE = [("rig/devices/registry.py", '"text_cell"),', '"plain", ')]
+FORCE = [("rig/devices/registry.py", '"net_ft"),', '"plain", ')]
 
 SHAPE = [
     (

@@ -110,7 +110,7 @@ def _project(name: str) -> tuple[Path, Path]:
 
 def test_the_names_that_there_are() -> None:
     assert names("stage") == ["grbl", "leadshine", "zaber", "standa", "tmcl"]
-    assert names("force") == ["mtsics", "laumas", "text_cell"]
+    assert names("force") == ["mtsics", "laumas", "text_cell", "net_ft"]
     assert StageSettings().kind == names("stage")[0]
     assert ForceSettings().kind == names("force")[0]
 
@@ -247,7 +247,7 @@ def test_a_stage_has_the_ports_axes_and_outputs_that_it_says(name: str) -> None:
 
 def test_a_list_of_names_imports_nothing(offered: Offer) -> None:
     offered("odd", {"force.odd": "odd_there:DEVICE", "stage.odd": "odd_elsewhere:DEVICE"}, odd_there="1 / 0")
-    assert names("force") == ["mtsics", "laumas", "text_cell", "odd"]
+    assert names("force") == ["mtsics", "laumas", "text_cell", "net_ft", "odd"]
     assert names("stage") == ["grbl", "leadshine", "zaber", "standa", "tmcl", "odd"]
     assert not [name for name in sys.modules if name.startswith("odd_")]
 
@@ -276,7 +276,10 @@ def test_its_table_is_a_part_of_the_configuration(example: None, tmp_path: Path)
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ('kind = "line_scal"\n', "force.kind = 'line_scal': must be 'mtsics', 'laumas', 'text_cell' or 'line_scale'"),
+        (
+            'kind = "line_scal"\n',
+            "force.kind = 'line_scal': must be 'mtsics', 'laumas', 'text_cell', 'net_ft' or 'line_scale'",
+        ),
         (
             'kind = "line_scale"\nline_scale.adress = 7\n',
             "force.line_scale.adress: there is no such key, did you mean",
@@ -448,7 +451,7 @@ def test_a_sensor_is_no_stage(offered: Offer) -> None:
     offered("odd", {"stage.odd": "odd_there:DEVICE"}, odd_there=ENTRY)
     with raises(KindError, "wrong_type", package="odd 1.0", entry="odd_there:DEVICE", expected="StageKind"):
         find(StageKind, "odd")
-    with raises(KindError, "unknown_kind", kind="odd", kinds=["mtsics", "laumas", "text_cell"]):
+    with raises(KindError, "unknown_kind", kind="odd", kinds=["mtsics", "laumas", "text_cell", "net_ft"]):
         find(ForceKind, "odd")
 
 
@@ -480,6 +483,7 @@ def test_doctor_tells_of_packages(
         ("stage", "grbl", None), ("stage", "leadshine", None), ("stage", "zaber", None),
         ("stage", "standa", None), ("stage", "tmcl", None),
         ("force", "mtsics", None), ("force", "laumas", None), ("force", "text_cell", None),
+        ("force", "net_ft", None),
         ("force", "odd", "odd 1.0"),
     ]  # fmt: skip
     assert told["problems_text"] == [

@@ -56,7 +56,7 @@ VALUE, TABLE, RULE = "invalid_value", "invalid_table", "value_error"
         ('[stage]\nkind = "rack"\n', "unknown_kind",
          {"key": "stage.kind", "value": "rack", "either": "'grbl', 'leadshine', 'zaber', 'standa' or 'tmcl'"}),
         ('[force]\nkind = "scale"\n', "unknown_kind",
-         {"key": "force.kind", "value": "scale", "either": "'mtsics', 'laumas' or 'text_cell'"}),
+         {"key": "force.kind", "value": "scale", "either": "'mtsics', 'laumas', 'text_cell' or 'net_ft'"}),
         ('[stage]\nframing = "ascii"\n', VALUE,
          {"key": "stage.framing", "value": "ascii", "rule": "literal_error", "expected": "'rtu' or 'tcp'"}),
         ("[stage.drives.x]\npulses_per_rev = 400\n", "missing_key", {"key": "stage.drives.x.device_id"}),

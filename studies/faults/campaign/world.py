@@ -6,7 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol, Self
 
-from rig.bench.virtual import looked_after_by, stage_opener, true_carriage, virtual_force, virtual_stage
+from rig.bench.virtual import (
+    looked_after_by,
+    stage_opener,
+    true_carriage,
+    virtual_force,
+    virtual_line,
+    virtual_stage,
+)
 from rig.clock import Clock
 from rig.devices.base import ForceSensor, Stage, StageError
 from rig.devices.make_drivers import force_driver, stage_driver
@@ -143,8 +150,8 @@ class World:
         self.felt_n: Callable[[float], float] = self.true_n
         self.worst = Worst()
         self.lines = {
-            "stage": SerialLine(clock, config.stage.baud),
-            "force": SerialLine(clock, config.force.baud),
+            "stage": virtual_line(clock, config.stage),
+            "force": virtual_line(clock, config.force),
         }
         self.board: Any = virtual_stage(clock, self.lines["stage"], config)
         self.carriage = true_carriage(self.board, config)
