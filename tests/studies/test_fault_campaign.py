@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from rig.devices.registry import BUILT_IN
 from rig.engine.bench_memory import state_folder
 from rig.session.early_ending import FinalPosition
 from studies.faults.campaign import runner
@@ -15,7 +16,7 @@ from studies.faults.campaign.faults import LATE_S, FaultyCarriage, WireFault, pa
 from studies.faults.campaign.judge import BOUND_GWT, EXEMPTIONS, claim_of, exemption_of, true_claim, violations
 from studies.faults.campaign.scenarios import SCENARIOS, Finished
 from studies.faults.campaign.tables import CampaignSummary, Record, names_in, records_of, told
-from studies.faults.campaign.world import ScenarioBench, VirtualWorld
+from studies.faults.campaign.world import BENCHES, ScenarioBench, VirtualWorld, config_of
 from studies.registry import read_table, tables_in
 
 # --- faults ---
@@ -339,9 +340,12 @@ def test_the_stored_tables_have_the_rows_that_a_summary_has() -> None:
 
 SAMPLED = 1
 """Of each bench, scenario and kind: few seconds of the suite. `make shake` does all on every bench."""
-PLAYED = {"grbl": ("press", "hand"), "rtu": ("again",), "tcp": ("press", "resume")} | dict.fromkeys(
-    ("zaber", "standa", "tmcl"), ("press",)
-)
+PLAYED = dict.fromkeys(BENCHES, ("press",)) | {
+    "grbl": ("press", "hand"),
+    "rtu": ("again",),
+    "tcp": ("press", "resume"),
+}
+"""Scenarios of each bench; of a kind that is in no other bench, a press."""
 
 
 def _alone(case: FaultCase) -> bool:
@@ -352,6 +356,12 @@ def _alone(case: FaultCase) -> bool:
 def _told_to_leave(case: FaultCase) -> bool:
     """A command to the stage on its way up, aside, or back to the finger."""
     return (case.wire, case.way) == ("stage", "to") and case.phase in ("lift", "sideways", "return")
+
+
+def test_every_kind_is_on_a_bench() -> None:
+    configs = [config_of(bench) for bench in BENCHES]
+    assert {one.stage.kind for one in configs} == set(BUILT_IN["stage"])
+    assert {one.force.kind for one in configs} == set(BUILT_IN["force"])
 
 
 @pytest.mark.parametrize("bench", PLAYED)

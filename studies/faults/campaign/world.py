@@ -1,5 +1,6 @@
 """The virtual bench of the campaign: real drivers and bytes, a finger of springs, and the truth beside them."""
 
+import string
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from rig.bench.virtual import (
 from rig.clock import Clock
 from rig.devices.base import ForceSensor, Stage, StageError
 from rig.devices.make_drivers import force_driver, stage_driver
+from rig.devices.registry import BUILT_IN
 from rig.engine import Journal
 from rig.engine.bench import NO_PAUSE, Heartbeat, Pause, WatchedBench
 from rig.engine.bench_memory import BenchMemory, LastKnown
@@ -38,25 +40,23 @@ _ALWAYS: Mapping[str, Any] = {
     "frame": {"apex_z_mm": -12.0},  # a shorter way down than the default, and as many digits
     "habits": {"clearance_mm": 1.0},
 }
-_LEADSHINE = {"kind": "leadshine"}
-_LAUMAS = {"kind": "laumas", "baud": 115200}
-_MODBUS: dict[str, dict[str, Any]] = {"stage": _LEADSHINE, "force": _LAUMAS}
+_MODBUS: dict[str, dict[str, Any]] = {"stage": {"kind": "leadshine"}, "force": {"kind": "laumas", "baud": 115200}}
 _TCP = {name: {**device, "framing": "tcp"} for name, device in _MODBUS.items()}
-_ZABER = {"stage": {"kind": "zaber"}}
-_STANDA = {"stage": {"kind": "standa"}}
-_TMCL = {"stage": {"kind": "tmcl"}}
-BENCHES: dict[str, Mapping[str, Any]] = {
-    "grbl": {},
-    "rtu": _MODBUS,
-    "tcp": _TCP,
-    "zaber": _ZABER,
-    "standa": _STANDA,
-    "tmcl": _TMCL,
+_FIRST: dict[str, Mapping[str, Any]] = {"grbl": {}, "rtu": _MODBUS, "tcp": _TCP}
+_OTHER_KINDS = [(room, name) for room, kinds in BUILT_IN.items() for name in kinds[1:]]
+BENCHES: dict[str, Mapping[str, Any]] = _FIRST | {
+    name: {room: {"kind": name}}
+    for room, name in _OTHER_KINDS
+    if not any(bench.get(room, {}).get("kind") == name for bench in _FIRST.values())
 }
-"""GRBL with MT-SICS; Leadshine with Laumas as Modbus RTU, and in the frames of Modbus TCP; others with MT-SICS."""
+"""GRBL with MT-SICS; Leadshine with Laumas as Modbus RTU, and in the frames of Modbus TCP; every other kind in the
+registry in the place of the usual one."""
 
 Way = Literal["to", "from"]
 """To the device, or from it."""
+
+_TEXT = set(string.printable.encode("ascii"))
+"""Bytes of lines; a frame of Modbus has others, such as its device."""
 
 
 @dataclass(frozen=True)
@@ -219,18 +219,14 @@ class World:
             action()
 
     def _tap_device(self, name: str, line: SerialLine) -> None:
-        send, text = line.device_write, self.speaks_lines(name)
+        send = line.device_write
 
         def tapped(data: bytes) -> None:
-            for part in data.splitlines(keepends=True) if text else [data]:
+            for part in data.splitlines(keepends=True) if set(data) <= _TEXT else [data]:
                 for late_s, piece in self.passed(name, "from", part):
                     self.later(late_s, lambda piece=piece: send(piece))  # type: ignore[misc]
 
         line.device_write = tapped  # type: ignore[method-assign]
-
-    def speaks_lines(self, wire: str) -> bool:
-        """Whether a message on this wire is a line; else it is a frame."""
-        return {"stage": self.config.stage.kind, "force": self.config.force.kind}[wire] in ("grbl", "zaber", "mtsics")
 
 
 class VirtualWorld(World):
