@@ -24,7 +24,7 @@ from rig.devices.base import (
     ForceTimeout,
     ForceUnderload,
 )
-from rig.devices.registry import ForceKind, Opener
+from rig.devices.registry import Evidence, ForceKind, Opener
 from rig.settings import BenchSettings, ForceSettings, Settings
 from rig.transport import Transport, TransportError
 from rig.units import GWT_N
@@ -474,4 +474,5 @@ DEVICE = ForceKind(
     max_age_s=lambda force: MAX_AGE_S,
     also=(*_AXES, *_COUNTS),
     tests=("tests/rig/test_net_ft_driver.py", "tests/rig/test_net_ft_clients.py"),
+    evidence=Evidence(manual="netft-cpp, netft_utils, ati-netft-cpp", client="pynetft 2.1.3"),
 )

@@ -32,7 +32,7 @@ from rig.devices.base import (
     next_look_s,
 )
 from rig.devices.one_axis import one_axis, refuse_not_finite
-from rig.devices.registry import Opener, StageKind
+from rig.devices.registry import Evidence, Opener, StageKind
 from rig.devices.standa_link import (
     COMMAND,
     EDGES,
@@ -716,4 +716,5 @@ DEVICE = StageKind(
     twin="sim.devices.standa:standa_twin",
     probe=_probe,
     tests=("tests/rig/test_standa_driver.py", "tests/rig/test_standa_client.py"),
+    evidence=Evidence(manual="protocol.xi of libximc, version 20.8", client="libximc 2.14.30"),
 )

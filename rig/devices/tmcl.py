@@ -30,7 +30,7 @@ from rig.devices.base import (
     next_look_s,
 )
 from rig.devices.one_axis import one_axis, refuse_not_finite
-from rig.devices.registry import Opener, StageKind
+from rig.devices.registry import Evidence, Opener, StageKind
 from rig.devices.tmcl_link import ABSOLUTE, END_SEARCH, MST, MVP, RFS, SAP, SEARCH, Motor, TmclLink
 from rig.settings import BenchSettings, StageSettings, TmclAxisSettings, TmclSettings
 
@@ -766,4 +766,5 @@ DEVICE = StageKind(
     twin="sim.devices.tmcl:tmcl_twin",
     probe=_probe,
     tests=("tests/rig/test_tmcl_driver.py", "tests/rig/test_tmcl_client.py"),
+    evidence=Evidence(manual="commands and parameters in pytrinamic 0.2.26", client="pytrinamic 0.2.26"),
 )
