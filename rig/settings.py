@@ -332,7 +332,7 @@ class TmclSettings(Settings):
     fault_mask: int = Field(
         0x1A,
         ge=0,
-        le=0x7FFFFFFF,
+        le=0xFFFF,
         description="flags of fault_parameter that trip; not from the maker's manual, check it",
     )
 
