@@ -340,6 +340,7 @@ def test_the_stored_tables_have_the_rows_that_a_summary_has() -> None:
 SAMPLED = 3
 """Of each bench and kind: few seconds of the suite. `make shake` does them all, of each scenario on each bench."""
 PLAYED = {"grbl": ("press", "hand", "resume"), "rtu": ("again",), "tcp": ("press", "resume"), "zaber": ("press",)}
+PLAYED["net_ft"] = ("press",)
 
 
 def _alone(case: FaultCase) -> bool:

@@ -14,6 +14,7 @@ Record = dict[str, Any]
 CLASSES = ("force", "sideways", "report", "lost or repeated", "not resumed", "crash")
 KEPT = ("case", "data", "worst_gwt", "left_gwt", "drag_mm", "exit", "claim", "on_record", "violations", "exempt")
 TITLES = {"grbl": "GRBL", "rtu": "RTU", "tcp": "TCP", "zaber": "Zaber"}
+TITLES["net_ft"] = "Net F/T"
 WORST = 5
 _NAME = re.compile(r'"commit": "([^"]*)", "case": "([^"]*)"')
 

@@ -36,8 +36,11 @@ _LAUMAS = {"kind": "laumas", "baud": 115200}
 _MODBUS: dict[str, dict[str, Any]] = {"stage": _LEADSHINE, "force": _LAUMAS}
 _TCP = {name: {**device, "framing": "tcp"} for name, device in _MODBUS.items()}
 _ZABER = {"stage": {"kind": "zaber"}}
+_NET_FT = {"force": {"kind": "net_ft"}}
 BENCHES: dict[str, Mapping[str, Any]] = {"grbl": {}, "rtu": _MODBUS, "tcp": _TCP, "zaber": _ZABER}
-"""GRBL with MT-SICS; Leadshine with Laumas as Modbus RTU, and in the frames of Modbus TCP; Zaber with MT-SICS."""
+BENCHES["net_ft"] = _NET_FT
+"""GRBL with MT-SICS; Leadshine with Laumas as Modbus RTU, and in the frames of Modbus TCP; Zaber with MT-SICS; GRBL
+with a Net F/T."""
 
 Way = Literal["to", "from"]
 """To the device, or from it."""
@@ -192,7 +195,12 @@ class World:
             self.messages, self.phase, wire, way, data, self.scheduler.monotonic_s(), round(self.true_gwt, 3)
         )
         self.messages += 1
-        return self.tap(message)
+        found = self.tap(message)
+        if (
+            wire == "force" and self.config.force.kind == "net_ft"
+        ):  # UDP and TCP drop what their checksum does not fit.
+            return [(late_s, piece) for late_s, piece in found if piece == data]
+        return found
 
     def later(self, late_s: float, action: Callable[[], None]) -> None:
         """At once, or on the clock."""
