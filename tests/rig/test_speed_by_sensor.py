@@ -34,7 +34,7 @@ def _script(folder: Path, verb: str) -> Any:
         ({}, 0.05, 0.05 / (0.05 + 0.05)),
         ({"kind": "net_ft", "sample_period_s": 0.01}, 0.01, 0.05 / (0.05 + 0.01)),
         (HX711, 0.25, 0.05 / (0.05 + 0.25)),
-        ({"kind": "text_cell", "sample_period_s": 2.0}, 2.0, 0.05 / (0.05 + 2.0)),
+        ({"kind": "text_cell", "sample_period_s": 0.5}, 0.5, 0.05 / (0.05 + 0.5)),
     ],
 )
 def test_a_slow_sensor_presses_slowly_and_the_plan_reports_it(
