@@ -455,15 +455,16 @@ def indent(rig: BlueskyBench, *, md: Mapping[str, Any] | None = None, **order: A
     ------
     Msg
     """
-    from bluesky.preprocessors import run_wrapper
+    from bluesky import preprocessors
 
+    wrapped: Any = preprocessors.run_wrapper
     about = {
         "plan_name": "indent",
         "plan_args": order,
         "rig_run": rig.folder.path.name,
         "rig_journal": rig.start["uid"],
     }
-    return (yield from run_wrapper(press(rig, **order), md={**about, **(md or {})}))
+    return (yield from wrapped(press(rig, **order), md={**about, **(md or {})}))
 
 
 def _emitted(rig: BlueskyBench, begins: int, plans: Any) -> Messages:

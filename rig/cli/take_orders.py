@@ -29,8 +29,12 @@ from sim.finger_process import FingerProcess
 def take_orders_command(
     indentor: Annotated[str, typer.Option(metavar="SHAPE", help="Indentor of all presses.")],
     x_mm: Annotated[str, typer.Option(metavar="X,X…", help="Positions of the presses, in mm.")] = "0",
-    doi_mm: Annotated[float | None, typer.Option(metavar="D", help="Deepest press, in mm.")] = None,
-    force_gwt: Annotated[float | None, typer.Option(metavar="F", help="Highest force of a press, in gwt.")] = None,
+    doi_mm: Annotated[
+        float | None, typer.Option(metavar="D", help="Deepest press, in mm. Give this or --force-gwt.")
+    ] = None,
+    force_gwt: Annotated[
+        float | None, typer.Option(metavar="F", help="Highest force of a press, in gwt. Give this or --doi-mm.")
+    ] = None,
     presses: Annotated[int, typer.Option(metavar="N", help="Maximum number of presses.")] = 1,
     increments: Annotated[int, typer.Option(metavar="N", help="Maximum number of increments.")] = 1,
     hold_s: Annotated[float, typer.Option(metavar="S", help="Longest hold, in s.")] = 1.0,

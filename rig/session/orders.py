@@ -119,7 +119,7 @@ class PressOrders:
                 at_mm = order.x_mm
                 rig.move_to(x_mm=at_mm)
             if order.what == "press":
-                rig.indent(**order.target, increments=order.increments, hold_s=order.hold_s)  # type: ignore[arg-type]
+                rig.indent(**order.target, increments=order.increments, hold_s=order.hold_s)
 
     def _planned(self) -> Iterator[Order]:
         scope = self.scope
@@ -180,11 +180,12 @@ class PressOrders:
         while True:
             verbs.safe_point(engine)
             with self._guard:
-                if self._order is not None:
-                    return None if self._order.what == "leave" else self._order
-                if self._alone():
-                    self._waiting = False
+                order = self._order
+                if order is None and self._alone():
+                    self._waiting = False  # No order comes after the last look.
                     return None
+            if order is not None:
+                return None if order.what == "leave" else order
             clock.wait_s(LOOK_S)
 
 
