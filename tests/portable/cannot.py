@@ -4,6 +4,8 @@ _MODES = "modes and owners of a POSIX folder; Windows has the profile of a user"
 _UNIX = "Unix sockets"
 _UNNAMED = "Windows does not name the owner of a port"
 _NO_LOOK = "Windows finds a missing port when it opens it"
+_SIGNALS = "signals that Windows lacks"
+_ALARMS = "alarms of POSIX; test_without_posix.py has the limit on a thread"
 _NICE = "niceness and sessions of POSIX"
 _LOCKS = "POSIX record locks and their owner; test_without_posix.py has the locks of Windows"
 CANNOT = {
@@ -22,9 +24,16 @@ CANNOT = {
     "rig/test_control_socket.py::test_a_folder_that_others_could_read_is_closed": _MODES,
     "rig/test_control_socket.py::test_somebody_elses_folder_is_not_used": _MODES,
     "rig/test_control_socket.py::test_a_link_to_a_folder_is_not_used": _MODES,
+    "rig/test_every_signal.py::test_no_signal_suspends_or_ends": _SIGNALS,
+    **{
+        f"rig/test_every_signal.py::test_the_first_lifts_and_a_second_key_stops_at_once[{times}-{name}": _SIGNALS
+        for times in (1, 2)
+        for name in ("SIGTSTP", "SIGQUIT")
+    },
     "rig/test_ownership.py": _LOCKS,
     "rig/test_page.py::test_text_that_waits_can_answer_and_nothing_cannot": "Windows does not say what a pipe holds",
     "rig/test_page.py::test_what_ends_before_it_begins_says_that_nothing_was_moved[no port": _NO_LOOK,
+    "rig/test_patience.py": _ALARMS,
     "rig/test_transport.py::test_a_missing_port_is_named[refuse_missing]": _NO_LOOK,
     "rig/test_transport.py::test_one_owner_a_port": _UNNAMED,
     "rig/test_transport.py::test_tcp_both_ways_and_one_owner": _UNNAMED,

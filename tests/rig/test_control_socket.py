@@ -278,16 +278,21 @@ def test_clients_without_the_key_are_few_and_the_newest_are_served(monkeypatch: 
 def test_a_stop_that_has_arrived_is_carried_out_before_its_client_is_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
     """As many clients as there may be connect before the message is read."""
     monkeypatch.setattr(control_socket, "MOST_UNPROVEN", 1)
-    stopped, read, reading = threading.Event(), threading.Event(), threading.Event()
-    challenge = Wire.challenge
+    stopped, let_go, reading = threading.Event(), threading.Event(), threading.Event()
+    challenge, end_reading = Wire.challenge, local_socket.Channel.end_reading
+
+    def ends(channel: local_socket.Channel) -> None:
+        end_reading(channel)
+        let_go.set()
 
     def late(wire: Wire, key: bytes) -> bytes | None:
         if not reading.is_set():
             reading.set()
-            assert read.wait(DEADLINE_S)
+            assert let_go.wait(DEADLINE_S)
         return challenge(wire, key)
 
     monkeypatch.setattr(Wire, "challenge", late)
+    monkeypatch.setattr(local_socket.Channel, "end_reading", ends)
     with _owner(stop=lambda _: {"stopped": not stopped.set()}):
         one = _only()
         with connected(one.address, DEADLINE_S) as channel, ExitStack() as hanging:
@@ -295,7 +300,6 @@ def test_a_stop_that_has_arrived_is_carried_out_before_its_client_is_let_go(monk
             nonce = wire.say_stop(key)
             assert reading.wait(DEADLINE_S)
             hanging.enter_context(closing(_raw(one)))
-            read.set()
             assert wire.stopped(key, nonce)["stopped"]
         assert stopped.wait(DEADLINE_S)
 
