@@ -114,7 +114,7 @@ def test_what_runs_in_real_time_is_shaken(trees: dict[str, ast.Module]) -> None:
     shaken = {name for name in found if any(name.startswith(place.partition("::")[0]) for place in REAL_TIME)}
     assert found - shaken == {
         "rig/test_run_time.py",  # its clock is a virtual one below the wall clock
-        "sim/test_calculix.py",  # takes minutes
+        "sim/test_calculix.py",  # another program, which nothing hurries
         "studies/test_allowed_page.py",  # git waits for nobody
         "test_house.py",  # and here
         "test_site.py",
