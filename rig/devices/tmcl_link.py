@@ -51,7 +51,7 @@ class Motor:
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class TmclRequest:
     """Command to a motor."""
 
     motor: Motor
@@ -69,7 +69,7 @@ class Request:
 
 
 @dataclass(frozen=True, slots=True)
-class Reply:
+class TmclReply:
     """Reply of a module."""
 
     address: int
@@ -83,12 +83,12 @@ def sealed(body: bytes) -> bytes:
     return body + bytes([sum(body) & 0xFF])
 
 
-def parse_reply(data: bytes, host: int) -> Reply | None:
+def parse_reply(data: bytes, host: int) -> TmclReply | None:
     """Return the reply in nine bytes, or None if they are something else."""
     if len(data) != LENGTH or data[0] != host or sealed(data[:-1]) != data:
         return None
     _, address, status, command, value = _FRAME.unpack(data[:-1])
-    return Reply(address, status, command, value) if status in _STATUSES else None
+    return TmclReply(address, status, command, value) if status in _STATUSES else None
 
 
 class TmclLink:
@@ -124,7 +124,7 @@ class TmclLink:
         """Send a command once and wait for its reply. Raises StageError, TransportError."""
         with self._turn():
             self._quieten()
-            self._exchanged(Request(motor, command, kind, value))
+            self._exchanged(TmclRequest(motor, command, kind, value))
 
     def version(self, motor: Motor) -> str:
         """Return the name of a module and its firmware; asked twice, since the reply has no checksum.
@@ -153,7 +153,7 @@ class TmclLink:
         for number, motor in enumerate(motors):
             if number:
                 self._clock.wait_s(self._exchange_s)
-            self._transport.write(Request(motor, MST).frame())
+            self._transport.write(TmclRequest(motor, MST).frame())
 
     def close(self) -> None:
         """Close the transport."""
@@ -170,10 +170,10 @@ class TmclLink:
                 self._one.release()
 
     def _group(self, motor: Motor, parameters: Sequence[int]) -> tuple[list[int], int]:
-        last = Request(motor, RFS, SEARCH_STATUS)
+        last = TmclRequest(motor, RFS, SEARCH_STATUS)
         with self._turn():
             self._quieten()
-            values = [self._exchanged(Request(motor, GAP, parameter))[0].value for parameter in parameters]
+            values = [self._exchanged(TmclRequest(motor, GAP, parameter))[0].value for parameter in parameters]
             reply, others = self._exchanged(last)
         if GAP in others:
             raise StageError(
@@ -183,7 +183,7 @@ class TmclLink:
             )
         return values, reply.value
 
-    def _exchanged(self, request: Request) -> tuple[Reply, list[int]]:
+    def _exchanged(self, request: TmclRequest) -> tuple[TmclReply, list[int]]:
         """Return the reply, and the commands of replies that came before it."""
         self._transport.write(request.frame())
         others, garbled = list[int](), b""
@@ -207,7 +207,7 @@ class TmclLink:
         self._lost += 1
         raise self._failure(request, garbled + self._heard)
 
-    def _accepted(self, request: Request, reply: Reply) -> Reply:
+    def _accepted(self, request: TmclRequest, reply: TmclReply) -> TmclReply:
         if reply.status != DONE:
             raise StageRejected(
                 reply.status,
@@ -220,7 +220,7 @@ class TmclLink:
         return reply
 
     def _version_of(self, motor: Motor) -> str:
-        request = Request(motor, VERSION, AS_TEXT)
+        request = TmclRequest(motor, VERSION, AS_TEXT)
         for _ in range(READ_TRIES):
             with self._turn():
                 self._quieten()
@@ -248,7 +248,7 @@ class TmclLink:
             pass
         self._heard = b""
 
-    def _failure(self, request: Request, heard: bytes) -> StageError:
+    def _failure(self, request: TmclRequest, heard: bytes) -> StageError:
         about = "{port}: TMCL module {device}, motor {motor}, {command}: "
         if heard:
             return StageError(
@@ -264,6 +264,6 @@ class TmclLink:
             **self._about(request),
         )
 
-    def _about(self, request: Request) -> dict[str, Any]:
+    def _about(self, request: TmclRequest) -> dict[str, Any]:
         motor = request.motor
         return {"port": self.name, "device": motor.address, "motor": motor.number, "command": str(request)}

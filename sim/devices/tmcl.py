@@ -32,7 +32,7 @@ BACK_OFF_MM, FAR_MM = 0.5, 1.0
 _BODY = struct.Struct(">BBBBi")
 
 
-class CommandRejected(Exception):  # noqa: N818
+class TmclRefusal(Exception):  # noqa: N818
     """A command that is not obeyed, with the status of the reply."""
 
     def __init__(self, status: int) -> None:
@@ -140,11 +140,11 @@ class VirtualTmclAxis:
         return self._sign * (self.carriage_at(self._now_s) - self._zero)
 
     def parameter(self, number: int) -> int:
-        """Return an axis parameter. Raises CommandRejected."""
+        """Return an axis parameter. Raises TmclRefusal."""
         self._settle()
         if number == LOST_STEPS:
-            found, self.lost = self.lost, 0
-            return found
+            lost, self.lost = self.lost, 0
+            return lost
         height = self.carriage_at(self._now_s)
         shown = {
             TARGET: self._target,
@@ -158,13 +158,13 @@ class VirtualTmclAxis:
         }
         found = {**self.parameters, **shown}
         if number not in found:
-            raise CommandRejected(WRONG_TYPE)
+            raise TmclRefusal(WRONG_TYPE)
         return found[number]
 
     # --- commands ---
 
     def set_parameter(self, number: int, value: int) -> None:
-        """Set an axis parameter. Raises CommandRejected."""
+        """Set an axis parameter. Raises TmclRefusal."""
         self._settle()
         if number == TARGET:
             self.move_to(value)
@@ -173,9 +173,9 @@ class VirtualTmclAxis:
         elif number == TARGET_SPEED:
             self.rotate(value)
         elif number not in self.parameters:
-            raise CommandRejected(WRONG_TYPE)
+            raise TmclRefusal(WRONG_TYPE)
         elif not 0 <= value <= FASTEST:
-            raise CommandRejected(BAD_VALUE)
+            raise TmclRefusal(BAD_VALUE)
         else:
             self.parameters[number] = value
             if number in (MAX_SPEED, ACCELERATION) and self._positions and not self._searching:
@@ -324,7 +324,7 @@ class TmclModules:
             return
         try:
             self._reply(address, DONE, command, self._obey(address, command, kind, number, value))
-        except CommandRejected as refusal:
+        except TmclRefusal as refusal:
             self._reply(address, refusal.status, command, value)
 
     def _reply(self, address: int, status: int, command: int, value: int) -> None:
@@ -332,7 +332,7 @@ class TmclModules:
         self._line.device_write(body + bytes([sum(body) & 0xFF]))
 
     def _obey(self, address: int, command: int, kind: int, number: int, value: int) -> int:
-        """Execute a command and return the value of its reply. Raises CommandRejected."""
+        """Execute a command and return the value of its reply. Raises TmclRefusal."""
         place = (address, number, kind)
         if command == VERSION:
             return int.from_bytes(FIRMWARE[1:4], "big")
@@ -343,7 +343,7 @@ class TmclModules:
             return self._globals.get(place, 0)
         axis = self.modules[address].get(number)
         if axis is None:
-            raise CommandRejected(BAD_VALUE)
+            raise TmclRefusal(BAD_VALUE)
         if command == GAP:
             return axis.parameter(kind)
         if command == SAP:
@@ -366,7 +366,7 @@ class TmclModules:
             (RFS, 2): lambda: None,
         }
         if (command, kind) not in acts:
-            raise CommandRejected(WRONG_TYPE if any(command == known for known, _ in acts) else UNKNOWN_COMMAND)
+            raise TmclRefusal(WRONG_TYPE if any(command == known for known, _ in acts) else UNKNOWN_COMMAND)
         acts[command, kind]()
         return value if command != RFS or kind != 2 else int(axis.searching)
 

@@ -24,9 +24,9 @@ from rig.devices.tmcl_link import (
     SEARCH_STATUS,
     VERSION,
     Motor,
-    Reply,
-    Request,
     TmclLink,
+    TmclReply,
+    TmclRequest,
     parse_reply,
     sealed,
 )
@@ -42,30 +42,30 @@ X, Z = Motor(1, 0), Motor(1, 1)
 # --- frames, as the maker's client sends and reads them ---
 
 SENT = [
-    ("01 04 00 00 00 00 C8 00 CD", Request(X, MVP, 0, 51200)),
-    ("01 05 04 00 00 00 01 F4 FF", Request(X, SAP, 4, 500)),
-    ("01 04 01 00 FF FF FF 00 03", Request(X, MVP, 1, -256)),
-    ("01 06 01 00 00 00 00 00 08", Request(X, GAP, 1)),
-    ("01 03 00 00 00 00 00 00 04", Request(X, MST)),
-    ("01 0D 00 00 00 00 00 00 0E", Request(X, RFS, SEARCH)),
-    ("01 0D 01 00 00 00 00 00 0F", Request(X, RFS, END_SEARCH)),
-    ("01 0D 02 00 00 00 00 00 10", Request(X, RFS, SEARCH_STATUS)),
-    ("01 88 00 00 00 00 00 00 89", Request(X, VERSION)),
+    ("01 04 00 00 00 00 C8 00 CD", TmclRequest(X, MVP, 0, 51200)),
+    ("01 05 04 00 00 00 01 F4 FF", TmclRequest(X, SAP, 4, 500)),
+    ("01 04 01 00 FF FF FF 00 03", TmclRequest(X, MVP, 1, -256)),
+    ("01 06 01 00 00 00 00 00 08", TmclRequest(X, GAP, 1)),
+    ("01 03 00 00 00 00 00 00 04", TmclRequest(X, MST)),
+    ("01 0D 00 00 00 00 00 00 0E", TmclRequest(X, RFS, SEARCH)),
+    ("01 0D 01 00 00 00 00 00 0F", TmclRequest(X, RFS, END_SEARCH)),
+    ("01 0D 02 00 00 00 00 00 10", TmclRequest(X, RFS, SEARCH_STATUS)),
+    ("01 88 00 00 00 00 00 00 89", TmclRequest(X, VERSION)),
 ]
 READ = [
-    ("02 01 64 04 00 00 C8 00 33", Reply(1, 100, MVP, 51200)),
-    ("02 01 64 06 00 00 C7 00 34", Reply(1, 100, GAP, 50944)),
-    ("02 01 64 03 00 00 00 00 6A", Reply(1, 100, MST, 0)),
+    ("02 01 64 04 00 00 C8 00 33", TmclReply(1, 100, MVP, 51200)),
+    ("02 01 64 06 00 00 C7 00 34", TmclReply(1, 100, GAP, 50944)),
+    ("02 01 64 03 00 00 00 00 6A", TmclReply(1, 100, MST, 0)),
 ]
 
 
 @pytest.mark.parametrize(("frame", "request_"), SENT, ids=[frame for frame, _ in SENT])
-def test_a_command_is_the_one_of_the_makers_client(frame: str, request_: Request) -> None:
+def test_a_command_is_the_one_of_the_makers_client(frame: str, request_: TmclRequest) -> None:
     assert request_.frame() == bytes.fromhex(frame)
 
 
 @pytest.mark.parametrize(("frame", "reply"), READ, ids=[frame for frame, _ in READ])
-def test_a_reply_is_read_as_the_maker_means_it(frame: str, reply: Reply) -> None:
+def test_a_reply_is_read_as_the_maker_means_it(frame: str, reply: TmclReply) -> None:
     assert parse_reply(bytes.fromhex(frame), 2) == reply
     assert parse_reply(bytes.fromhex(frame), 3) is None
 
@@ -166,12 +166,12 @@ def test_a_question_is_repeated_and_a_command_is_not() -> None:
     wire, link = linked(lambda n, reply: [])
     with raises(StageTimeout, "no_reply", port="wire", device=1, motor=1, command="MVP 0 700"):
         link.command(Z, MVP, 0, 700)
-    assert wire.sent == [Request(Z, MVP, 0, 700).frame()]
+    assert wire.sent == [TmclRequest(Z, MVP, 0, 700).frame()]
     begun_s = wire.clock.monotonic_s()
     with raises(StageTimeout, "no_reply", command="GAP 1"):
         link.ask(Z, (1,))
     assert wire.clock.monotonic_s() - begun_s == pytest.approx(READ_TRIES * REPLY_S, abs=0.1)
-    assert wire.sent[1:].count(Request(Z, GAP, 1).frame()) == READ_TRIES
+    assert wire.sent[1:].count(TmclRequest(Z, GAP, 1).frame()) == READ_TRIES
 
 
 @pytest.mark.parametrize("status", [1, 2, 3, 4, 5, 6])
@@ -188,7 +188,7 @@ def test_a_module_that_never_stops_talking_is_an_error_in_bounded_time() -> None
 
     def chatter(timeout_s: float) -> bytes:
         clock.wait_s(0.01)
-        return reply_to(Request(Motor(7, 0), GAP).frame(), 5)
+        return reply_to(TmclRequest(Motor(7, 0), GAP).frame(), 5)
 
     wire.read = chatter  # type: ignore[method-assign]
     with raises(StageTimeout, "no_reply"):
@@ -200,7 +200,7 @@ def test_a_thousand_odd_replies_are_errors_of_the_stage_and_nothing_else() -> No
     """Random bytes, and replies with a byte changed: what is believed is the reply itself."""
     chance = random.Random(0)
     for _ in range(1000):
-        odd = bytearray(reply_to(Request(X, GAP, 1).frame(), 100))
+        odd = bytearray(reply_to(TmclRequest(X, GAP, 1).frame(), 100))
         if chance.random() < 0.5:
             odd[chance.randrange(len(odd))] = chance.randrange(256)
         else:
@@ -489,8 +489,8 @@ def test_a_stop_goes_to_z_at_once_then_to_x_and_is_confirmed() -> None:
     bench.sent.clear()
     asked_s = bench.clock.monotonic_s()
     bench.stage.stop()
-    assert bench.sent[0] == (asked_s, Request(Z, MST).frame())
-    assert bench.sent[1] == (pytest.approx(asked_s + 2e-3 + 180 / 115200), Request(X, MST).frame())
+    assert bench.sent[0] == (asked_s, TmclRequest(Z, MST).frame())
+    assert bench.sent[1] == (pytest.approx(asked_s + 2e-3 + 180 / 115200), TmclRequest(X, MST).frame())
     assert not bench.stage.homed
     before = bench.board.carriage_steps_at(bench.clock.monotonic_s())
     bench.clock.wait_s(1.0)
