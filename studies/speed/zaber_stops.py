@@ -1,6 +1,6 @@
-"""How fast a virtual Zaber stage stops, and how old a position is when the program has it, in real time.
+"""How fast a virtual Zaber or Standa stage stops, and how old a position is when the program has it, in real time.
 
-    .venv/bin/python -m studies.speed.zaber_stops [--stops 200]
+    .venv/bin/python -m studies.speed.zaber_stops [--stage standa] [--stops 200]
 
 `rig serve` is a process of its own, behind a pseudo-terminal and behind TCP. Each stop strikes a move at 5 mm/s at a
 chance instant. Measured from the call: the written bytes, the first reply, and known rest of both axes. The age of a
@@ -13,7 +13,7 @@ import random
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -50,11 +50,13 @@ class TimedWire:
         self._inner.close()
 
 
-def measured(port: str, stops: int) -> dict[str, list[float]]:
-    """Seconds of each kind, of so many stops."""
-    config = Config.model_validate({"stage": {"kind": "zaber", "port": port}})
+def measured(kind: str, ports: Mapping[str, str], stops: int) -> dict[str, list[float]]:
+    """Seconds of each kind, of so many stops; of two ports those of z."""
+    port = ports["stage"]
+    own = {kind: {"x_port": ports["x_port"]}} if "x_port" in ports else {}
+    config = Config.model_validate({"stage": {"kind": kind, "port": port, **own}})
     wire, clock, chance = TimedWire(open_port(port, config.stage.baud)), WallClock(), random.Random(0)
-    stage = stage_driver(lambda _: wire, clock, config)
+    stage = stage_driver(lambda name: wire if name == port else open_port(name, config.stage.baud), clock, config)
     stage.connect()
     found: dict[str, list[float]] = {"bytes": [], "reply": [], "rest": [], "age": []}
     for _ in range(stops):
@@ -85,16 +87,17 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--stops", type=int, default=200)
+    parser.add_argument("--stage", choices=("zaber", "standa"), default="zaber")
     parser.add_argument("--wire", choices=[*WAYS], action="append", help="this wire only")
     asked = parser.parse_args()
     stops = asked.stops
     print("| wire | ms from the call to | times | median | p99 | worst |\n|---|---|---|---|---|---|")
     for way, options in ((way, WAYS[way]) for way in asked.wire or WAYS):
-        words = [sys.executable, "-m", "rig", "serve", "--stage", "zaber", *options]
+        words = [sys.executable, "-m", "rig", "serve", "--stage", asked.stage, *options]
         with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as serve:
             try:
                 assert serve.stdout is not None
-                found = measured(json.loads(serve.stdout.readline())["stage"], stops)
+                found = measured(asked.stage, json.loads(serve.stdout.readline()), stops)
             finally:
                 serve.terminate()
         for name, what in (("bytes", "written bytes"), ("reply", "first reply"), ("rest", "known rest")):
