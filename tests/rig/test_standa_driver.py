@@ -375,15 +375,18 @@ def test_a_position_error_without_an_alarm_is_one() -> None:
     assert not bench.stage.homed
 
 
-def test_a_limit_switch_within_the_travel_is_an_alarm() -> None:
-    bench = bench_of()
+@pytest.mark.parametrize(("home", "edge", "word"), [("left", 1, "RIGHT_EDGE"), ("right", 2, "LEFT_EDGE")])
+def test_a_limit_switch_within_the_travel_is_an_alarm(home: str, edge: int, word: str) -> None:
+    """That of home is none."""
+    bench = bench_of(stage={"standa": {"z": {"home": home}}})
+    bench.pair.z.inputs = edge ^ 3
     looks = under_way(bench)
-    bench.pair.z.inputs |= 1
-    with raises(StageAlarm, "alarm", number="RIGHT_EDGE", axis="z"):
+    bench.pair.z.inputs = edge
+    with raises(StageAlarm, "alarm", number=word, axis="z"):
         list(looks)
     bench.pair.z.inputs = 0
     bench.stage.stop()
-    with raises(StageAlarm, "alarm", number="RIGHT_EDGE"):
+    with raises(StageAlarm, "alarm", number=word):
         bench.stage.home()
 
 
@@ -393,7 +396,7 @@ ENDS: list[tuple[type[StageError], str, Callable[[StandaPair], object], bool]] =
     (StageReset, "was_reset", lambda pair: pair.z._obey("stop", b""), False),
     (StageHeld, "held", lambda pair: pair.z.push_button(), True),
     (StageOverridden, "overridden", lambda pair: pair.z._obey("sstp", b""), True),
-    (StageError, "not_there", lambda pair: pair.z.slip(-4000), False),
+    (StageError, "not_there", lambda pair: pair.z.slip(-20000), False),
 ]
 
 
@@ -410,6 +413,9 @@ def test_what_ends_a_move(
     with raises(kind, code):
         list(looks)
     assert bench.stage.homed is trusted
+    if code == "not_there":
+        bench.clock.wait_s(0.01)
+        assert not bench.pair.z.busy, "it is stopped off its way"
 
 
 def test_switched_off_and_on_at_rest_it_is_no_longer_homed() -> None:
