@@ -147,6 +147,10 @@ def is_command(message: Message) -> bool:
     return data[7 if _is_tcp(data) else 1] != 3
 
 
+_RECORD_BYTES, _LINES = 36, (b"<", b"[", b"@", b"!", b"#", b"/", b"$", b"G")
+"""Length of a record of the Net F/T, and what lines of other devices begin with."""
+
+
 def _is_text(data: bytes) -> bool:
     return data.endswith(b"\n") or len(data) <= 3
 
@@ -157,6 +161,8 @@ def _is_tcp(data: bytes) -> bool:
 
 def shape(data: bytes) -> str:
     """What a message is besides its numbers."""
+    if len(data) == _RECORD_BYTES and not data.startswith(_LINES):
+        return "record"
     if _is_text(data):
         return re.sub(r"[0-9]", "#", content(data).decode("latin-1"))
     body = data[6:] if _is_tcp(data) else data[:-2]
