@@ -151,6 +151,10 @@ def is_command(message: Message) -> bool:
     return data[7 if _is_tcp(data) else 1] != 3
 
 
+_RECORD_BYTES, _LINES = 36, (b"<", b"[", b"@", b"!", b"#", b"/", b"$", b"G")
+"""Length of a record of the Net F/T, and what lines of other devices begin with."""
+
+
 def is_ximc(data: bytes) -> bool:
     """Whether it is a frame of a Standa controller: four letters and perhaps a payload, or zero bytes."""
     return re.match(rb"[a-z]{4}|\0{4}", data) is not None and re.fullmatch(rb"[ -~\t]*\r?\n", data) is None
@@ -171,6 +175,8 @@ def _is_tcp(data: bytes) -> bool:
 
 def shape(data: bytes) -> str:
     """What a message is besides its numbers."""
+    if len(data) == _RECORD_BYTES and not data.startswith(_LINES):
+        return "record"
     if is_ximc(data) or _is_tmcl(data):
         return f"{data[:4].hex()} {len(data)}"
     if _is_text(data):
