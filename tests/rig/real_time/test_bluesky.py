@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 import rig.bluesky
+from rig.bench.served import ServedBench
 from rig.bluesky import ROWS, STREAM_NAMES, BlueskyBench, PressFailedError, indent
 from rig.control.client import announced
 from rig.data import read_run
@@ -21,6 +22,7 @@ from tests.preloaded import Popen
 from tests.program import WHOLE
 from tests.waiting import until
 
+pytest.importorskip("pty", reason="needs pseudo-terminals and signals")
 bluesky = pytest.importorskip("bluesky", reason="needs bluesky (extra bluesky)")
 
 PRESS = {"indentor": "bar:3.0", "x_mm": (0.0, 0.5), "force_gwt": 2.33, "presses": 4, "increments": 2, "hold_s": 60.0}
@@ -259,6 +261,7 @@ def _during_the_hold(act: Callable[[BlueskyBench, Engine], None], bench: Bluesky
 
 GIVES_ORDERS = """\
 import os, signal, sys
+from rig.bench.served import ServedBench
 from rig.bluesky import BlueskyBench
 
 with BlueskyBench(indentor="bar:3.0", force_gwt=1.0, virtual=True, out=sys.argv[1]) as bench:
@@ -284,3 +287,21 @@ def _lives(pid: int) -> bool:
     except ProcessLookupError:
         return False
     return True
+
+
+def test_a_press_on_real_wires(whole: tuple[ServedBench, Path], engine: Engine, tmp_path: Path) -> None:
+    _, config = whole
+    options = ["--yes", "--mounted=bar:3.0"]
+    with BlueskyBench(
+        config, indentor="bar:3.0", force_gwt=1.0, hold_s=0.2, out=tmp_path / "runs", options=options
+    ) as bench:
+        (one,) = (one for one in announced() if one.run == str(bench.folder.path))
+        assert not one.virtual
+        assert len(one.ports) == 2
+        engine(indent(bench, force_gwt=1.0, hold_s=0.2))
+    run = read_run(bench.folder.path)
+    assert run.complete
+    assert run.start["virtual"] is False
+    (hold,) = _events(engine.documents)["primary"]
+    assert hold["data"]["rig_hold_end_force_gwt"] == run.stream("hold_end")[0]["force_gwt"]
+    assert hold["data"]["rig_hold_end_force_gwt"] == pytest.approx(1.0, abs=0.05)

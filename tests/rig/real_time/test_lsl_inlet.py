@@ -16,6 +16,7 @@ from rig.data.run import Following, RunFolder
 from rig.engine import Target, indentation
 from tests.waiting import until
 
+pytest.importorskip("pty", reason="needs pseudo-terminals and signals")
 pytest.importorskip("pylsl", reason="needs pylsl (extra lsl)", exc_type=ImportError)
 
 CLIENT = Path(__file__).parents[2] / "lsl_client.py"
