@@ -146,6 +146,10 @@ STUDIES = (
     "studies/test_allowed_finger.py::test_a_finger_answers_for_every_fact_and_one_that_fails_takes_no_other_with_it",
     "studies/test_stiffening_study.py::test_a_twin_is_what_was_kept",
     "studies/test_stiffening_study.py::test_relaxation_is_as_near_as_the_page_says[finite_strain]",  # [creep]
+    "studies/test_allowed_page.py::test_the_tables_have_a_figure",
+    "studies/test_coding_limits.py::test_curvature_comes_from_the_skin_and_from_the_formula",
+    # sim/test_decoding.py: its worked example
+    "studies/test_coding_limits.py::test_the_worked_example_ends_where_the_source_says_and_sticks_on_grids",
     "studies/test_coding_limits.py::test_draws_are_of_the_distribution_and_the_same_again",
     "studies/test_coding_limits.py::test_the_limit_is_below_every_decoder",
     "studies/test_coding_limits.py::test_rows_are_as_wide_as_their_headers",  # of studies alone
@@ -162,7 +166,16 @@ STUDIES = (
     "sim/test_decoding.py::test_its_band_covers_two_samples_as_often_as_it_says",
     "sim/test_decoding.py::test_it_is_better_than_the_univariate_search_where_noise_is_loud",
     "sim/test_speed_and_error.py::test_what_is_promised_of_the_half_space_holds_in_nine_of_ten",  # of the finger
+    "sim/test_axial_row.py::test_a_cylinder_is_read_back_under_the_length_that_explains_it_best",
+    "sim/test_sheets.py::test_the_study_presses_finer_meshes_and_a_finger_that_feels_otherwise",
+    "sim/test_speed_and_error.py::test_the_unit_of_time_is__of_a_solution_that_is_right",
+    # sim/test_sharp_sweep.py, and the poses that once did not
+    "sim/test_random_poses.py::test_every_random_pose_converges",
     # Rows of a table whose other rows stay.
+    "sim/test_friction.py::test_smaller_increments_give_the_same[bar:3.0]",
+    "sim/test_friction.py::test_smaller_increments_give_the_same[sphere:4]",
+    "sim/test_hard_cases.py::test_force_control_where_the_slope_changes[profile2-",
+    "sim/test_sheets.py::test_a_sphere_is_read_back[20.0-0.5]",
     "sim/test_friction.py::test_every_press_obeys_coulombs_law[0.05-",
     "sim/test_friction.py::test_every_press_obeys_coulombs_law[0.6-",
     "sim/test_hard_cases.py::test_force_to_depth_to_force_from_rest[0.5-",

@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import dblquad
 
+from sim.config import FingertipConfig
 from sim.contact.indentor import Indentor
 from sim.contact.patch import Patch, X, Y, Z
 from sim.contact.points import ContactPose
@@ -14,6 +15,7 @@ from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.halfspace import interior_strain, surface_compliance
 from studies.verification.halfspace import boussinesq_strain
+from tests.sim.coarse_mesh import coarse_mesh
 
 POISSON = 0.48
 SHEAR = 1 / (2 * (1 + POISSON))
@@ -87,7 +89,7 @@ def test_a_sphere_on_it_is_hertzs() -> None:
 @pytest.mark.parametrize("shape", ["sphere:5", "line"])
 def test_it_takes_every_kind_of_shape(shape: str) -> None:
     indentor = parse_shape(shape)
-    model = load("halfspace", slopes=indentor.axes)
+    model = load("halfspace", FingertipConfig(mesh=coarse_mesh(0.3, 0.4)), slopes=indentor.axes)
     result = model.indent(indentor, 0.0, doi_mm=0.2)
     assert result.state.converged
     assert result.as_json()["solver"]["model"] == "halfspace"

@@ -8,7 +8,7 @@ from sim.models.fingertip import Fingertip
 from studies.accuracy.random_poses import FAMILIES, touches_an_edge
 from studies.accuracy.random_poses import solved as draw
 
-POSES = 30
+POSES = 45
 
 
 def test_every_random_pose_converges(unwidened: Fingertip) -> None:

@@ -18,6 +18,7 @@ from sim.models.viscoelastic import InTime
 from sim.plant import SampledForce
 from studies.verification import relaxing_contact
 from tests.error_codes import raises
+from tests.sim.coarse_mesh import coarse_mesh
 
 TERMS = (PronyTerm(0.3, 0.5), PronyTerm(0.15, 4.0))
 SERIES = Prony(TERMS)
@@ -177,7 +178,7 @@ def test_on_the_way_back_it_is_tings(flat: Patch) -> None:
 @pytest.fixture(scope="module")
 def finger() -> Fingertip:
     """The cheapest that has curved skin; what is asserted holds for any."""
-    return load("halfspace")
+    return load("halfspace", FingertipConfig(mesh=coarse_mesh(0.25, 0.4)))
 
 
 @pytest.mark.parametrize("shape", ["cylinder:9", "bar:3.0", "step:5", "grating:1,2"])
