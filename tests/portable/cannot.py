@@ -30,6 +30,7 @@ CANNOT = {
         for times in (1, 2)
         for name in ("SIGTSTP", "SIGQUIT")
     },
+    "rig/test_mistakes.py::test_a_script_that_makes_no_step_is_refused[time.sleep(3600)]": _ALARMS,
     "rig/test_ownership.py": _LOCKS,
     "rig/test_page.py::test_text_that_waits_can_answer_and_nothing_cannot": "Windows does not say what a pipe holds",
     "rig/test_page.py::test_what_ends_before_it_begins_says_that_nothing_was_moved[no port": _NO_LOOK,
@@ -39,4 +40,7 @@ CANNOT = {
     "rig/test_transport.py::test_tcp_both_ways_and_one_owner": _UNNAMED,
     "rig/test_stop_button.py": "an input device of Linux",
     "rig/test_stopping_needs_nothing.py::test_the_bytes_go_out_through_it[lock cannot be taken]": _LOCKS,
+    "sim/test_cache.py::test_what_is_no_arrays_is_made_anew_with_one_line[a pipe]": "pipes in folders",
+    "sim/test_workers.py::test_they_leave_ctrl_c_to_us": "masks of signals",
+    "test_other_accounts.py": _MODES,
 }
