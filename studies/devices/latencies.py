@@ -19,7 +19,7 @@ import os
 import random
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from typing import Any
@@ -87,7 +87,7 @@ class TimedWire:
         self._inner.close()
 
 
-def _serve(tables: dict[str, Any], kinds: dict[str, str], tcp: int | None, moved: Any, told: Connection) -> None:
+def _serve(tables: dict[str, Any], kinds: Mapping[str, str], tcp: int | None, moved: Any, told: Connection) -> None:
     with TimedBench(Config.model_validate(tables), moved, tcp=tcp, **kinds) as bench:
         told.send(bench.ports)
         bench.run()
@@ -97,7 +97,7 @@ def _serve(tables: dict[str, Any], kinds: dict[str, str], tcp: int | None, moved
 def served(room: str, name: str, tcp: int | None) -> Iterator[tuple[Config, Any]]:
     """The configuration of a device that is served, beside the usual one, and the time of the last motion."""
     spawning = multiprocessing.get_context("spawn")
-    kinds = {**DEFAULTS, room: name}
+    kinds = {one: name if one == room else usual for one, usual in DEFAULTS.items()}
     tables = {one: {"kind": kind} for one, kind in kinds.items()}
     moved, (here, there) = spawning.Value("d", 0.0), spawning.Pipe()
     process = spawning.Process(target=_serve, args=(tables, kinds, tcp, moved, there), daemon=True)
@@ -202,7 +202,8 @@ def main() -> None:
             if asked.kind is not None and kind not in asked.kind:
                 yield from (row for row in stored if row[0] == kind)
             else:
-                yield from rows_of(*kind.split("."), asked.stops, asked.seconds)
+                room, _, name = kind.partition(".")
+                yield from rows_of(room, name, asked.stops, asked.seconds)
 
     show(COLUMNS, rows())
     print(f"load {os.getloadavg()[0]:.1f}", file=sys.stderr)
