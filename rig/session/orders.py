@@ -179,14 +179,19 @@ class PressOrders:
         clock = WallClock()
         while True:
             verbs.safe_point(engine)
-            with self._guard:
-                order = self._order
-                if order is None and self._alone():
-                    self._waiting = False  # No order comes after the last look.
-                    return None
+            order, over = self._look()
             if order is not None:
                 return None if order.what == "leave" else order
+            if over:
+                return None
             clock.wait_s(LOOK_S)
+
+    def _look(self) -> tuple[Order | None, bool]:
+        """Return the order if there is one, and whether none can come any more."""
+        with self._guard:
+            over = self._order is None and self._alone()
+            self._waiting = self._waiting and not over
+            return self._order, over
 
 
 class Ordered(Live):
