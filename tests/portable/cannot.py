@@ -30,7 +30,9 @@ CANNOT = {
         for times in (1, 2)
         for name in ("SIGTSTP", "SIGQUIT")
     },
+    "rig/test_init_command.py::test_a_port_in_use_is_left_alone_and_its_owner_is_named": _UNNAMED,
     "rig/test_mistakes.py::test_a_script_that_makes_no_step_is_refused[time.sleep(3600)]": _ALARMS,
+    "rig/test_mistakes.py::test_what_the_model_takes_is_no_silence_of_the_script": _ALARMS,
     "rig/test_ownership.py": _LOCKS,
     "rig/test_page.py::test_text_that_waits_can_answer_and_nothing_cannot": "Windows does not say what a pipe holds",
     "rig/test_page.py::test_what_ends_before_it_begins_says_that_nothing_was_moved[no port": _NO_LOOK,
