@@ -117,6 +117,13 @@ REAL_TIME = (
     "test_third_party_device.py::test_nothing_is_imported_but_the_kinds_that_are_used",
 )
 
+# Attacks on the panel of which another of the same kind (held, slow, streams, flooding, reset, no descriptor) stays.
+OTHER_ATTACKS = (
+    *("half_requests_anew", "half_requests_of_many_addresses", "slow_headers", "foreign_streams"),
+    *("many_streams_with_token", "slow_bodies_with_token", "slow_readers", "pages", "changes_without_token"),
+    *("long_headers", "long_addresses", "upgrades", "pipelines", "hellos", "no_requests"),
+)
+
 # What measures a study again: many fingers built, statistics drawn, emulators learned, references pressed once more;
 # and what takes long and is held by shorter tests. `make test-studies` runs it, `make test` does not. Pages and kept
 # files of studies are checked in `make test`.
@@ -198,6 +205,10 @@ STUDIES = (
     "sim/test_quadratic_finger.py::test_it_is_pressed_like_the_finger_of_half_as_large_elements",  # its section is
     "sim/test_patches.py::test_scenes_that_leave_the_own_patch_are_answered[bar:3-",
     "sim/test_patches.py::test_scenes_that_leave_the_own_patch_are_answered[sphere:2-place1-",
+    *(
+        f"rig/real_time/test_panel_under_attack.py::test_stop_is_answered_beside_every_attack[{name}]"
+        for name in OTHER_ATTACKS
+    ),
     "rig/test_kills.py::test_runs_whose_cables_were_pulled_are_taken_up",  # killed ones, rig/test_resume.py
     # rig/test_every_signal.py, and [SIGTSTP] in a process of its own
     "rig/real_time/test_keys_of_a_terminal.py::test_it_lifts_first[SIGINT]",

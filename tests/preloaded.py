@@ -29,7 +29,7 @@ from tests.waiting import until
 POSSIBLE = sys.platform == "linux"
 IMPORTED = (
     *("rig.cli.program", "rig.cli.run", "rig.cli.dry_run", "rig.cli.serve", "rig.cli.jog", "rig.cli.by_hand"),
-    *("rig.devices.grbl", "rig.devices.mtsics", "sim.devices.grbl", "rig.report.run_report"),
+    *("rig.devices.grbl", "rig.devices.mtsics", "sim.devices.grbl", "rig.report.run_report", "rig.panel.app"),
     *("multiprocessing.spawn", "sim.finger_process", "sim.models.fingertip", "sim.contact.warmup"),
 )
 SET_CHILD_SUBREAPER = 36  # of <linux/prctl.h>: orphans below become our children
