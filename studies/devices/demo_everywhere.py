@@ -71,8 +71,8 @@ def pressed(config: Config, finger: Fingertip) -> Pressed:
 
 def pairs() -> list[tuple[str, str]]:
     """Every stage and force sensor with a virtual twin, the usual ones first."""
-    kinds = [[name for name in names(of.room) if find(of, name).twin] for of in KINDS]
-    found = list(itertools.product(*kinds))
+    stages, forces = ([name for name in names(of.room) if find(of, name).twin] for of in KINDS)
+    found = list(itertools.product(stages, forces))
     return sorted(found, key=lambda pair: pair != (DEFAULTS["stage"], DEFAULTS["force"]))
 
 
