@@ -3,6 +3,7 @@
 tests/device_packages.py makes it from what `pyproject.toml` says belongs in it, without the build system.
 """
 
+import json
 import os
 import subprocess
 import sys
@@ -75,5 +76,7 @@ def test_an_example_runs_there(site: Path) -> None:
 
 def test_the_command_line_and_its_scripts_are_there(site: Path) -> None:
     assert "Usage: rig check" in _python(site, "-c", "from rig.cli import main; main()", "check", "--help")
+    devices = _python(site, "-c", "from rig.cli import main; main()", "config", "--devices", "--json")
+    assert json.loads(devices)["devices"][0]["measured"], "the numbers are in the package"
     code = "from rig.protocol.script import load_script; print(load_script('steps', []).path)"
     assert _python(site, "-c", code).strip() == str(site / "rig" / "shipped_protocols" / "steps.py")
