@@ -119,8 +119,8 @@ REAL_TIME = (
 
 # Attacks on the panel of which another of the same kind (held, slow, streams, flooding, reset, no descriptor) stays.
 OTHER_ATTACKS = (
-    *("half_requests_anew", "half_requests_of_many_addresses", "slow_headers", "foreign_streams"),
-    *("many_streams_with_token", "slow_bodies_with_token", "slow_readers", "pages", "changes_without_token"),
+    *("half_requests_anew", "half_requests_of_many_addresses", "slow_headers"),
+    *("many_streams_with_token", "slow_readers", "pages", "changes_without_token"),
     *("long_headers", "long_addresses", "upgrades", "pipelines", "hellos", "no_requests"),
 )
 
