@@ -333,7 +333,12 @@ def far() -> Any:
 
 def _gathered(wire: Any, size: int) -> list[bytes]:
     found = list[bytes]()
-    until(lambda: found.append(wire.read(0.1)) or sum(map(len, found)) >= size)
+
+    def whole() -> bool:
+        found.append(wire.read(0.1))
+        return sum(map(len, found)) >= size
+
+    until(whole)
     return [one for one in found if one]
 
 
