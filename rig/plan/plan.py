@@ -118,14 +118,16 @@ def make_plan(
             code="indents_nowhere",
             path=str(script.path),
         )
-    _refuse_unseen(plan, config)
+    refuse_unseen(plan, config)
     return plan
 
 
-def _refuse_unseen(plan: Plan, config: Config) -> None:
-    """Raise an error for a press whose force could pass from its target to the trip while a sample ages."""
-    age, limits = SampleAge.of(config), config.limits
-    trip_gwt = min(plan.soft_trip_n, limits.soft_trip_n, limits.hard_trip_n) / GWT_N
+def refuse_unseen(plan: Plan, config: Config) -> None:
+    """Raise an error for a press whose force could pass from its target to the plan's trip while a sample ages.
+
+    A lower limits.soft_trip_n trips earlier, and is no reason to refuse.
+    """
+    age, trip_gwt = SampleAge.of(config), plan.soft_trip_n / GWT_N
     for speed_mm_s, press in plan.speeds_mm_s:
         left_gwt = trip_gwt - press.highest_gwt
         stiffness_gwt_mm = CONTACT_EXPONENT * press.highest_gwt / press.predicted_doi_mm

@@ -9,11 +9,11 @@ import struct
 
 from sim.devices.clock import Handle, Scheduler
 from sim.devices.line import Load, Samples, SerialLine, VirtualForceSpec
-from sim.units import GWT_N
 
 RATE_HZ = 200
 """Records a second, unless the page sets another rate."""
-COUNTS_PER_N = COUNTS_PER_NM = 1_000_000
+COUNTS_PER_KGF = COUNTS_PER_NM = 1_000_000
+"""In kgf, so that steps of a gram-weight are whole counts."""
 HEADER, STOP, REAL_TIME, BUFFERED, RESET_LATCH, BIAS = 0x1234, 0, 2, 3, 0x41, 0x42
 NO_CELL = 1 << 31 | 1 << 28
 _SET = re.compile(rb"GET /(?:comm|setting)\.cgi\?(comrdtrate|setuserfilter)=(\d{1,4}) ")
@@ -78,7 +78,7 @@ class VirtualNetFt:
     def page(self) -> str:
         """Return netftapi2.xml."""
         values = {
-            "prodname": "Virtual Net F/T", "cfgcpf": COUNTS_PER_N, "cfgcpt": COUNTS_PER_NM, "scfgfu": "N",
+            "prodname": "Virtual Net F/T", "cfgcpf": COUNTS_PER_KGF, "cfgcpt": COUNTS_PER_NM, "scfgfu": "kgf",
             "scfgtu": "Nm", "setuserfilter": self.filter, "comrdtrate": round(self.rate_hz),
             "runrate": round(self.rate_hz), "runstat": self.status,
         }  # fmt: skip
@@ -110,7 +110,7 @@ class VirtualNetFt:
         if math.isnan(grams):
             return None
         shown_g = round(grams / self._resolution_g) * self._resolution_g
-        return round(self._sign * shown_g * GWT_N * COUNTS_PER_N)
+        return round(self._sign * shown_g * 1e-3 * COUNTS_PER_KGF)
 
     def start_at(self, number: int) -> None:
         """Let the next record have the number after this one."""

@@ -1,5 +1,7 @@
 """Every kind of force sensor has a declared maximum sample age, and an older reading trips."""
 
+from typing import Any
+
 import pytest
 
 from rig.devices.registry import BUILT_IN, ForceKind, KnownBench, find
@@ -57,7 +59,7 @@ def test_a_reading_within_it_is_used_and_an_older_one_trips(device: ForceBytes) 
 def test_a_driver_that_returns_late_is_not_believed(kind: str) -> None:
     """A computer that stood still between the request and the reading."""
     clock = VirtualClock()
-    sensor = StubSensor(clock)
+    sensor: Any = StubSensor(clock)
     sensing = Sensing(Config.model_validate({"force": {"kind": kind}}), clock, sensor)
     sensor.at_read = lambda: clock.wait_s(0.99 * DECLARED_S[kind])
     sensing.now()

@@ -8,7 +8,7 @@ import pytest
 from rig.engine.limits import SampleAge
 from rig.errors import BadInputError
 from rig.plan.config import Config
-from rig.plan.plan import make_plan
+from rig.plan.plan import Plan, make_plan, refuse_unseen
 from rig.protocol.script import load_script
 from rig.session.rehearsal_summary import preflight
 from rig.units import GWT_N
@@ -55,22 +55,22 @@ def test_a_slow_sensor_presses_slowly_and_the_plan_reports_it(
 
 def test_a_press_that_could_pass_the_trip_unseen_is_refused(finger: Fingertip, tmp_path: Path) -> None:
     """At and below the speed that the error names it is accepted."""
-    script = _script(tmp_path, "indent(doi_mm=0.6, hold_s=0.0, speed_mm_s={})".replace("{}", "1.0"))
-    usual = make_plan(script, Config.model_validate({"force": HX711}), finger)
-    peak_gwt = usual.peak_force_gwt
-    tight = {"force": HX711, "limits": {"soft_trip_n": 1.05 * peak_gwt * GWT_N, "hard_trip_n": 5.0}}
-    config = Config.model_validate(tight)
+    config = Config.model_validate({"force": HX711})
+
+    def planned(speed_mm_s: float) -> Plan:
+        plan = make_plan(
+            _script(tmp_path, f"indent(doi_mm=0.6, hold_s=0.0, speed_mm_s={speed_mm_s})"), config, finger
+        )
+        plan.first_soft_trip_n = 1.05 * plan.peak_force_gwt * GWT_N
+        return plan
+
     with raises(BadInputError, "too_fast_for_sensor", speed_mm_s=1.0, age_s=0.25) as caught:
-        make_plan(script, config, finger)
+        refuse_unseen(planned(1.0), config)
     limit_mm_s = caught.value.fields["limit_mm_s"]
-    assert limit_mm_s == pytest.approx(0.05 * peak_gwt / (1.5 * peak_gwt / 0.6) / 0.25, rel=0.05)
-    for speed_mm_s, refused in ((0.99 * limit_mm_s, False), (1.01 * limit_mm_s, True)):
-        slower = _script(tmp_path, f"indent(doi_mm=0.6, hold_s=0.0, speed_mm_s={speed_mm_s})")
-        if refused:
-            with raises(BadInputError, "too_fast_for_sensor"):
-                make_plan(slower, config, finger)
-        else:
-            make_plan(slower, config, finger)
+    assert limit_mm_s == pytest.approx(0.05 * 0.6 / 1.5 / 0.25, rel=0.01)
+    refuse_unseen(planned(0.99 * limit_mm_s), config)
+    with raises(BadInputError, "too_fast_for_sensor"):
+        refuse_unseen(planned(1.01 * limit_mm_s), config)
 
 
 def test_an_increment_is_the_longest_move_without_a_reading() -> None:
