@@ -239,13 +239,20 @@ class StandaAxisSettings(Settings):
         le=100,
         description="length of a full step, from the stage's data sheet; a calibration of steps_per_mm replaces it",
     )
-    microsteps: Literal[1, 2, 4, 8, 16, 32, 64, 128, 256] = Field(
-        256, description="microsteps per full step; compared with the controller"
+    microsteps: int = Field(
+        256, ge=1, le=256, description="microsteps per full step, a power of two; compared with the controller"
     )
     home: Literal["left", "right"] = Field(
         "left",
         description="limit switch to which the axis homes, as in the controller's home flags; for z the upper one",
     )
+
+    @field_validator("microsteps")
+    @classmethod
+    def _is_power_of_two(cls, value: int) -> int:
+        if value & (value - 1):
+            raise RuleError("{value}: must be a power of two", code="no_power_of_two", value=value)
+        return value
 
 
 class StandaSettings(Settings):

@@ -83,6 +83,8 @@ REAL_TIME = (
     "rig/test_standa_client.py",
     "rig/test_tmcl_client.py",
     "rig/test_net_ft_clients.py",
+    "rig/test_net_ft_driver.py::test_records_come_joined_and_another_datagram_alone",
+    "rig/test_net_ft_driver.py::test_where_nothing_listens_it_is_an_error_and_then_goes_on",
     "rig/test_same_numbers.py::test_two_processes_give_the_numbers_of_one",
     "rig/test_safety.py::test_a_silent_engine_stops_the_stage_while_another_thread_blocks",
     "rig/test_safety.py::test_a_beating_or_resting_engine_is_left_alone",

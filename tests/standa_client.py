@@ -8,6 +8,7 @@ out of the rest.
 import json
 import sys
 import time
+from collections.abc import Callable
 from typing import Any
 
 import libximc.highlevel as ximc
@@ -55,6 +56,13 @@ def moves(axis: ximc.Axis) -> dict[str, Any]:
     return found
 
 
+def until(holds: Callable[[], bool]) -> None:
+    """Poll, for at most a minute."""
+    latest_s = time.monotonic() + 60.0
+    while not holds() and time.monotonic() < latest_s:
+        time.sleep(0.01)
+
+
 def whole(axis: ximc.Axis) -> dict[str, Any]:
     """What the emulator does not know."""
     found: dict[str, Any] = {"serial": axis.get_serial_number(), "new": int(axis.get_status().Flags)}
@@ -62,7 +70,7 @@ def whole(axis: ximc.Axis) -> dict[str, Any]:
     status = axis.get_status()
     found["homed"] = [bool(status.Flags & StateFlags.STATE_IS_HOMED), *place(axis)]
     axis.command_right()
-    time.sleep(0.2)
+    until(lambda: axis.get_status().CurPosition > 50)
     found["runs"] = bool(axis.get_status().MvCmdSts & MvcmdStatus.MVCMD_RUNNING)
     axis.command_sstp()
     axis.command_wait_for_stop(10)
@@ -70,7 +78,7 @@ def whole(axis: ximc.Axis) -> dict[str, Any]:
     homed = bool(status.Flags & StateFlags.STATE_IS_HOMED)
     found["soft stop"] = [int(status.MvCmdSts), homed, status.CurPosition > 50]
     axis.command_left()
-    time.sleep(0.1)
+    until(lambda: axis.get_status().CurPosition < 50)
     axis.command_stop()
     status = axis.get_status()
     found["hard stop"] = [int(status.MvCmdSts), bool(status.Flags & StateFlags.STATE_IS_HOMED)]

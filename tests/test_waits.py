@@ -21,6 +21,9 @@ MAY = {
     "sim/test_workers.py": "a sleep as a piece of work that never ends",
     "fuzz/campaign.py": "progress of a campaign, which is no test",
     "rig/test_kills.py": "a study of its own, that ends before pytest's deadline",
+    "standa_client.py": "a program that polls, and ends before pytest's deadline",
+    "tmcl_client.py": "a program that polls, and ends before pytest's deadline",
+    "lsl_client.py": "a program that waits for the streams, and ends before pytest's deadline",
     "sim/test_calculix.py": "another program, that ends before pytest's deadline",
 }
 

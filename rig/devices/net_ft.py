@@ -80,7 +80,7 @@ class NetFtSettings(Settings):
 
 
 @dataclass(frozen=True)
-class Page:
+class SensorPage:
     """What the sensor's page says: name, counts, their units (N, N·m), and, where given, filter and rate (1/s)."""
 
     name: str
@@ -177,7 +177,7 @@ class NetFtForce:
         self._axis = "xyz".index(settings.press[1])
         self._sign = -1.0 if settings.press[0] == "-" else 1.0
         self._sequence = Sequence()
-        self._page: Page | None = None
+        self._page: SensorPage | None = None
         self._runs, self._read_s, self._offset_n = False, 0.0, 0.0
         self._bits, self._reported, self._odd = 0, False, 0
 
@@ -267,12 +267,12 @@ class NetFtForce:
             what=what,
         )
 
-    def _checked(self, text: str) -> Page:
+    def _checked(self, text: str) -> SensorPage:
         """Return what the page says. Raises ForceError if counts are missing, or settings do not fit the rig."""
         status = re.search(r"HTTP/1\.\d (\d{3})", text)
         if status is None or status[1] != "200":
             raise self._bad_page("no HTTP status" if status is None else f"HTTP status {status[1]}")
-        page = Page(
+        page = SensorPage(
             self._word(text, "prodname"),
             self._number(text, "cfgcpf"),
             self._number(text, "cfgcpt"),
@@ -296,7 +296,7 @@ class NetFtForce:
         self._refuse_slow(page)
         return page
 
-    def _refuse_slow(self, page: Page) -> None:
+    def _refuse_slow(self, page: SensorPage) -> None:
         lowest_hz = max(LOWEST_HZ, round(1 / self.sample_period_s))
         if page.rate_hz is not None and page.rate_hz < lowest_hz:
             raise ForceError(

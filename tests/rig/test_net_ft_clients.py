@@ -4,7 +4,6 @@ import itertools
 import shutil
 import subprocess
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from importlib.util import find_spec
@@ -135,7 +134,7 @@ def test_the_driver_reads_over_real_datagrams() -> None:
         with closing(open_force(config, WallClock())) as force:
             assert "Virtual Net F/T" in force.connect()
             for _ in range(20):
-                began_s = time.monotonic()
+                began_s = WallClock().monotonic_s()
                 reading = _reading(force)
                 assert reading.t_s >= began_s
                 assert reading.force_n == pytest.approx(GRAMS * GWT_N, abs=1e-6)

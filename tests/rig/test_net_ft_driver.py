@@ -20,7 +20,7 @@ from sim.devices.line import Load, SerialLine, VirtualForceSpec
 from sim.devices.net_ft import VirtualNetFt
 from tests.contracts.bytes.net_ft import PAGE
 from tests.error_codes import raises
-from tests.waiting import until
+from tests.waiting import DEADLINE_S, until
 
 STEP_S = 0.001
 TOP = 0xFFFFFFFF
@@ -327,7 +327,7 @@ def test_the_twins_page_and_its_settings() -> None:
 def far() -> Any:
     with closing(socket.socket(type=socket.SOCK_DGRAM)) as there:
         there.bind(("127.0.0.1", 0))
-        there.settimeout(10.0)
+        there.settimeout(DEADLINE_S)
         yield there
 
 
@@ -374,7 +374,7 @@ def test_where_nothing_listens_it_is_an_error_and_then_goes_on() -> None:
             until(lambda: wire.read(0.5) and False)
         with closing(socket.socket(type=socket.SOCK_DGRAM)) as again:
             again.bind(("127.0.0.1", number))
-            again.settimeout(10.0)
+            again.settimeout(DEADLINE_S)
             wire.write(START)
             _, peer = again.recvfrom(64)
             again.sendto(record(1), peer)
