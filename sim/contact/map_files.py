@@ -4,6 +4,7 @@ A table or picture shows the indentor's face with the finger's tip up: columns a
 tip. Its middle is the reference point.
 """
 
+import struct
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -178,7 +179,7 @@ def _grey(where: str, file: str) -> Array:
     except OSError as error:
         what = "not a picture" if isinstance(error, UnidentifiedImageError) else error.strerror or "damaged"
         raise _no_picture(where, what) from None
-    except (SyntaxError, ValueError, Image.DecompressionBombError) as error:
+    except (SyntaxError, ValueError, LookupError, struct.error, Image.DecompressionBombError) as error:
         if isinstance(error, HeightMapError):
             raise
         raise _no_picture(where, str(error)) from None

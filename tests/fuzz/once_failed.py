@@ -97,10 +97,14 @@ ONCE_FAILED: dict[str, dict[str, bytes | int]] = {
     },
     "height map, picture": {
         "an animation without frames": _png((b"acTL", bytes(8))),
+        "a color profile without a method": 5000289,
         "half the size that is a bomb": _png((b"IHDR", struct.pack(">IIBBBBB", 10_000, 10_000, 8, 0, 0, 0, 0))),
     },
     "table of rates or counts": {"a rate of 1e308": RATES.replace("30", "1e308").encode()},
-    "spike times": {"all pulses at one time": b"time_s,kind\n1,spike\n" + b"5,sync\n" * 4},
+    "spike times": {
+        "all pulses at one time": b"time_s,kind\n1,spike\n" + b"5,sync\n" * 4,
+        "all pulses at one late time": b"time_s,kind\n1,spike\n" + b"1e18,sync\n" * 4,
+    },
     "spike times, NWB": {
         "a link to itself": _nwb(_instead("units/id", h5py.SoftLink("/units/id"))),
         "a link to nowhere": _nwb(_instead("units/id", h5py.SoftLink("/nowhere"))),
@@ -112,6 +116,7 @@ ONCE_FAILED: dict[str, dict[str, bytes | int]] = {
         "complex times": _nwb(_instead("units/spike_times", np.array([1 + 2j, 2, 3]))),
         "records": _nwb(_instead("units/spike_times", np.zeros(3, [("a", "f8")]))),
         "an index of NaN": _nwb(_instead("units/spike_times_index", [np.nan])),
+        "all pulses at one late time": 5000787,
         "an index that falls": _nwb(_instead("units/spike_times_index", [-2])),
     },
     "readings of a row": {"readings at rest of 1e308": ROW.replace(",4.1", ",1e308").encode()},

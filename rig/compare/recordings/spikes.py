@@ -230,12 +230,15 @@ def _on_the_runs_clock(path: Path, spike_s: Array, pulse_s: Array, run: Run) -> 
 
 def _line_through(pulse_s: Array, rise_s: Array) -> Callable[[Array], Array]:
     """Return the fitted line of the run's time over the amplifier's; a constant if all pulses are at one time."""
+    constant = np.polynomial.Polynomial([float(rise_s.mean())])
+    if np.ptp(pulse_s) == 0:
+        return constant
     with warnings.catch_warnings():
         warnings.simplefilter("error", np.exceptions.RankWarning)
         try:
             return np.polynomial.Polynomial.fit(pulse_s, rise_s, deg=1)
         except np.exceptions.RankWarning:
-            return np.polynomial.Polynomial([float(rise_s.mean())])
+            return constant
 
 
 _PULSE_TOLERANCE_S = 0.005
