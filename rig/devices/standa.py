@@ -10,28 +10,25 @@ The command `stop` also clears an alarm of the controller. An alarm that was see
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import Any
 
 from rig.clock import Clock
 from rig.devices.base import (
     LOOK_S,
-    Axis,
     Looks,
     MoveError,
     Stage,
     StageAlarm,
     StageError,
     StageHeld,
-    StageNotHomed,
     StageOverridden,
     StageReset,
-    StageStatus,
     StageTimeout,
     next_look_s,
 )
-from rig.devices.one_axis import one_axis, refuse_not_finite
+from rig.devices.one_axis import TwoAxisStage
 from rig.devices.registry import Evidence, Opener, StageKind
 from rig.devices.standa_link import (
     COMMAND,
@@ -210,7 +207,7 @@ class StandaAxis:
             if not away:
                 return
 
-    def jog(self, by_mm: float, speed_mm_s: float, *, trusted: bool) -> None:
+    def jog(self, by_mm: float, speed_mm_s: float, keep_on: Callable[[], bool], *, trusted: bool) -> None:
         """Extend the present motion by a distance, and return at once.
 
         Without a trusted position the controller counts from where it stands, so a previous jog ends first. Raises
@@ -226,12 +223,16 @@ class StandaAxis:
                 self._refuse_late(deadline_s, "a jog", LATE_S)
                 self._clock.wait_s(POLL_S)
             self._set_speed(speed_mm_s)
+            if not keep_on():
+                raise self._stopped()
             self._link.command("movr", self._payload(by))
             return
         if going_to is None or not status.busy:
             going_to = self._standing()
         target = going_to + by
         self._set_speed(speed_mm_s)
+        if not keep_on():
+            raise self._stopped()
         self._link.command("move", self._payload(target))
         self._jogs_to = target
 
@@ -452,39 +453,12 @@ class StandaAxis:
         return {"port": self._link.name, "axis": self.name}
 
 
-class StandaStage(Stage):
-    """Stage with two controllers, whose axes move one at a time.
+class StandaStage(TwoAxisStage[StandaAxis, AxisStatus]):
+    """Stage with two controllers."""
 
-    y_mm: position along the finger, set by hand. An axis with backlash always arrives in its negative direction
-    (down, for z): an opposite move overruns by twice the backlash and returns.
-    """
-
-    def __init__(
-        self,
-        links: tuple[StandaLink, ...],
-        x: StandaAxis,
-        z: StandaAxis,
-        *,
-        y_mm: float = 0.0,
-        x_backlash_mm: float = 0.0,
-        z_backlash_mm: float = 0.0,
-    ) -> None:
+    def __init__(self, links: tuple[StandaLink, ...], x: StandaAxis, z: StandaAxis, settings: BenchSettings) -> None:
+        super().__init__(x, z, name="the stage", settings=settings)
         self._links = links
-        self._axes = {"x": x, "z": z}
-        self._overrun_mm = {"x": 2 * x_backlash_mm, "z": 2 * z_backlash_mm}
-        self._y_mm = y_mm
-        self._trusted = False
-        self._times_stopped = 0  # counted from any thread
-
-    @property
-    def homed(self) -> bool:
-        """Whether the position is trusted: homed, and no alarm, reset, timeout or stop since."""
-        return self._trusted
-
-    def connect(self) -> str:
-        """Compare both axes with the configuration and return their identification. Raises StageError."""
-        self._trusted = False
-        return "; ".join(axis.connect() for axis in self._axes.values())
 
     def homing(self) -> Looks:
         """Home z, then x. An alarm is not cleared, also one that a stop has cleared in the controller.
@@ -506,145 +480,24 @@ class StandaStage(Stage):
         for axis in self._up_first():
             axis.clear_alarm()
 
-    def status(self) -> StageStatus:
-        """Return the state and position of both axes.
-
-        Raises StageError, also for the first alarm or reset while the position is trusted.
-        """
-        return self._status({})
-
-    def moving(
-        self,
-        *,
-        x_mm: float | None = None,
-        y_mm: float | None = None,
-        z_mm: float | None = None,
-        speed_mm_s: float,
-        look_s: float = LOOK_S,
-    ) -> Looks:
-        """Move straight to a position (machine mm).
-
-        Raises StageError; MoveError, StageNotHomed before any byte: for two axes at once, another y, or a speed out
-        of range.
-        """
-        name, target_mm = one_axis(x_mm, y_mm, z_mm, speed_mm_s, self._y_mm)
-        if name is None:
-            return
-        axis = self._axes[name]
-        axis.native_speed(speed_mm_s)
-        if not self._trusted:
-            raise StageNotHomed("the stage")
-        try:
-            for stop_mm in self._stops(name, target_mm):
-                for status in axis.moving(stop_mm, speed_mm_s, lambda: self._trusted, look_s):
-                    yield self._status({name: status})
-        except (StageHeld, StageOverridden):
-            raise
-        except StageError:
-            self._trusted = False
-            raise
-
-    def halt(self) -> None:
-        """Slow down each axis to rest; no step is lost. Raises StageError."""
-        for axis in self._up_first():
-            axis.halt()
-
-    def look(self) -> StageStatus:
-        return self.status()
-
-    def steps_per_mm(self, axis: Axis) -> float:
-        """Return the microsteps per mm. Raises StageError for y."""
-        return self._axis(axis).steps_per_mm
-
-    def jog(self, axis: Axis, by_mm: float, speed_mm_s: float) -> None:
-        """Extend the present move by a distance; whether the position is trusted does not change.
-
-        Raises StageError; MoveError before any byte.
-        """
-        moves = self._axis(axis)
-        moves.native_speed(speed_mm_s)
-        refuse_not_finite("by_mm", by_mm)
-        keep_on = self._until_stopped()
-        if keep_on():
-            moves.jog(by_mm, speed_mm_s, trusted=self._trusted)
-
-    def end_jog(self) -> None:
-        self.halt()
-
     def set_output(self, on: bool) -> None:
         """Refuse: no output of a Standa controller is supported. Raises StageError."""
         raise StageError("a Standa stage has no output for pulses; set sync.output to off", code="no_output")
-
-    def stop(self) -> None:
-        """Stop both motors at once, past every wait, and confirm it.
-
-        The stop clears alarms in the controllers, but not those that this driver has seen. It is verified and
-        repeated for up to 1 s. Raises StageError if an axis does not come to rest, TransportError.
-        """
-        self._times_stopped += 1
-        self._trusted = False
-        for axis in self._up_first():
-            axis.stop_now()
-        problems = [problem for axis in self._up_first() if (problem := _unconfirmed(axis))]
-        if problems:
-            raise problems[0]
 
     def close(self) -> None:
         for link in self._links:
             link.close()
 
-    def _status(self, known: Mapping[str, AxisStatus]) -> StageStatus:
-        """known: statuses that were already read and checked, by axis."""
-        busy, alarm, at_mm = False, False, {}
-        for name, axis in self._axes.items():
-            status = known[name] if name in known else axis.look()
-            if name not in known:
-                alarm |= self._refuse_news(axis, status)
-            busy |= status.busy
-            at_mm[name] = axis.mm(status)
-        state = "Alarm" if alarm else "Run" if busy else "Idle"
-        return StageStatus(state, at_mm["x"], self._y_mm, at_mm["z"])
+    def _send_stop(self) -> None:
+        # It clears alarms in the controllers, but not those that this driver has seen.
+        for axis in self._up_first():
+            axis.stop_now()
 
-    def _refuse_news(self, axis: StandaAxis, status: AxisStatus) -> bool:
-        """Return whether an axis has an alarm; raise if it has one since the position is trusted."""
-        try:
-            axis.refuse_alarm(status)
-            if self._trusted:
-                axis.refuse_unreferenced(status)
-                axis.refuse_far_edge(status)
-        except (StageAlarm, StageReset):
-            if self._trusted:
-                self._trusted = False
-                raise
-            return True
-        return False
-
-    def _until_stopped(self) -> Callable[[], bool]:
-        times = self._times_stopped
-        return lambda: self._times_stopped == times
-
-    def _axis(self, name: Axis) -> StandaAxis:
-        if name not in self._axes:
-            raise StageError("the stage has no drive for the {axis} axis; set it by hand", code="no_drive", axis=name)
-        return self._axes[name]
-
-    def _up_first(self) -> tuple[StandaAxis, StandaAxis]:
-        return self._axes["z"], self._axes["x"]
-
-    def _stops(self, name: str, to_mm: float) -> list[float]:
-        """Return the successive targets: one, or two to take up backlash."""
-        axis, overrun_mm = self._axes[name], self._overrun_mm[name]
-        if not (overrun_mm and to_mm > axis.mm(axis.look())):
-            return [to_mm]
-        return [min(to_mm + overrun_mm, 0.0), to_mm]
-
-
-def _unconfirmed(axis: StandaAxis) -> StageError | None:
-    try:
-        axis.confirm_stopped()
-    except StageError as problem:
-        return problem
-    return None
+    def _refuse_alarm(self, axis: StandaAxis, look: AxisStatus) -> None:
+        axis.refuse_alarm(look)
+        if self._trusted:
+            axis.refuse_unreferenced(look)
+            axis.refuse_far_edge(look)
 
 
 def steps_per_mm(stage: StageSettings, axis: str) -> float:
@@ -687,10 +540,7 @@ def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
         )
         for link, (name, axis) in zip(links, (("z", own.z), ("x", own.x)), strict=True)
     )
-    x_backlash, z_backlash = (settings.calibration.value(f"{name}_backlash_mm", 0.0) for name in "xz")
-    return StandaStage(
-        tuple(links), x, z, y_mm=settings.frame.pad_y_mm, x_backlash_mm=x_backlash, z_backlash_mm=z_backlash
-    )
+    return StandaStage(tuple(links), x, z, settings)
 
 
 def _probe(opener: Opener, clock: Clock, settings: BenchSettings) -> str | None:

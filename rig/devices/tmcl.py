@@ -16,20 +16,17 @@ from typing import Any
 from rig.clock import Clock
 from rig.devices.base import (
     LOOK_S,
-    Axis,
     Looks,
     MoveError,
     Stage,
     StageAlarm,
     StageError,
-    StageNotHomed,
     StageOverridden,
     StageReset,
-    StageStatus,
     StageTimeout,
     next_look_s,
 )
-from rig.devices.one_axis import one_axis, refuse_not_finite
+from rig.devices.one_axis import TwoAxisStage
 from rig.devices.registry import Evidence, Opener, StageKind
 from rig.devices.tmcl_link import ABSOLUTE, END_SEARCH, MST, MVP, RFS, SAP, SEARCH, Motor, TmclLink
 from rig.settings import BenchSettings, StageSettings, TmclAxisSettings, TmclSettings
@@ -241,6 +238,10 @@ class TmclAxis:
         """Stop this axis and return at rest; steps are not lost. Raises StageError."""
         self._stop(HALT_S)
         self.disarm()
+
+    def mm(self, look: Look) -> float:
+        """Return the position (mm)."""
+        return look.position_mm
 
     def confirm_stopped(self) -> None:
         """Repeat the stop until the axis rests. Raises StageError."""
@@ -507,39 +508,12 @@ class TmclAxis:
         }
 
 
-class TmclStage(Stage):
-    """Stage with two axes, which move one at a time.
+class TmclStage(TwoAxisStage[TmclAxis, Look]):
+    """Stage with two motors of Trinamic modules."""
 
-    y_mm: position along the finger, set by hand. An axis with backlash always arrives in its negative direction
-    (down, for z): an opposite move overruns by twice the backlash and returns.
-    """
-
-    def __init__(
-        self,
-        link: TmclLink,
-        x: TmclAxis,
-        z: TmclAxis,
-        *,
-        y_mm: float = 0.0,
-        x_backlash_mm: float = 0.0,
-        z_backlash_mm: float = 0.0,
-    ) -> None:
+    def __init__(self, link: TmclLink, x: TmclAxis, z: TmclAxis, settings: BenchSettings) -> None:
+        super().__init__(x, z, name=f"{link.name}: the stage", settings=settings)
         self._link = link
-        self._axes = {"x": x, "z": z}
-        self._overrun_mm = {"x": 2 * x_backlash_mm, "z": 2 * z_backlash_mm}
-        self._y_mm = y_mm
-        self._trusted = False
-        self._times_stopped = 0  # counted from any thread
-
-    @property
-    def homed(self) -> bool:
-        """Whether the position is trusted: homed, and no alarm, reset, timeout or stop since."""
-        return self._trusted
-
-    def connect(self) -> str:
-        """Compare both axes with the configuration and return their identification. Raises StageError."""
-        self._trusted = False
-        return "; ".join(axis.connect() for axis in self._axes.values())
 
     def homing(self) -> Looks:
         """Home z, then x. A fault is not cleared. Raises StageError."""
@@ -555,7 +529,7 @@ class TmclStage(Stage):
                 for _ in axis.homing(keep_on, other.refuse_moving):
                     yield None
             except StageError:
-                self._link.send_now([z.motor, x.motor])
+                self._send_stop()
                 raise
         self._trusted = keep_on()
 
@@ -565,139 +539,20 @@ class TmclStage(Stage):
         for axis in self._up_first():
             axis.clear_flags()
 
-    def status(self) -> StageStatus:
-        """Return the state and position of both axes.
-
-        Raises StageError, also for the first fault or reset while the position is trusted.
-        """
-        return self._status({})
-
-    def moving(
-        self,
-        *,
-        x_mm: float | None = None,
-        y_mm: float | None = None,
-        z_mm: float | None = None,
-        speed_mm_s: float,
-        look_s: float = LOOK_S,
-    ) -> Looks:
-        """Move straight to a position (machine mm).
-
-        Raises StageError; MoveError, StageNotHomed before any byte: for two axes at once, another y, or a speed out
-        of range.
-        """
-        name, target_mm = one_axis(x_mm, y_mm, z_mm, speed_mm_s, self._y_mm)
-        if name is None:
-            return
-        axis = self._axes[name]
-        axis.native_speed(speed_mm_s)
-        if not self._trusted:
-            raise StageNotHomed(f"{self._link.name}: the stage")
-        try:
-            for stop_mm in self._stops(name, target_mm):
-                for found in axis.moving(stop_mm, speed_mm_s, lambda: self._trusted, look_s):
-                    yield self._status({name: found})
-        except StageOverridden:
-            raise
-        except StageError:
-            self._trusted = False
-            raise
-
-    def halt(self) -> None:
-        """Stop each axis at its acceleration; no step is lost. Raises StageError."""
-        for axis in self._up_first():
-            axis.halt()
-
-    def look(self) -> StageStatus:
-        return self.status()
-
-    def steps_per_mm(self, axis: Axis) -> float:
-        """Return the microsteps per mm. Raises StageError for y."""
-        return self._axis(axis).steps_per_mm
-
-    def jog(self, axis: Axis, by_mm: float, speed_mm_s: float) -> None:
-        """Extend the present move by a distance; whether the position is trusted does not change.
-
-        Raises StageError; MoveError before any byte.
-        """
-        moves = self._axis(axis)
-        moves.native_speed(speed_mm_s)
-        refuse_not_finite("by_mm", by_mm)
-        moves.jog(by_mm, speed_mm_s, self._until_stopped(), trusted=self._trusted)
-
-    def end_jog(self) -> None:
-        self.halt()
-
     def set_output(self, on: bool) -> None:
         """Refuse: no output of a module is supported. Raises StageError."""
         raise StageError("a TMCL stage has no output for pulses; set sync.output to off", code="no_output")
 
-    def stop(self) -> None:
-        """Stop both motors, z first, past every wait, and confirm it for up to 1 s each.
-
-        Raises StageError if one does not come to rest, TransportError.
-        """
-        self._times_stopped += 1
-        self._trusted = False
-        self._link.send_now([axis.motor for axis in self._up_first()])
-        problems = [problem for axis in self._up_first() if (problem := _unconfirmed(axis))]
-        if problems:
-            raise problems[0]
-
     def close(self) -> None:
         self._link.close()
 
-    def _status(self, known: Mapping[str, Look]) -> StageStatus:
-        """known: looks that were already checked, by axis."""
-        busy, alarm, at_mm = False, False, {}
-        for name, axis in self._axes.items():
-            found = known[name] if name in known else axis.look()
-            if name not in known:
-                alarm |= self._refuse_news(axis, found)
-            busy |= found.busy
-            at_mm[name] = found.position_mm
-        state = "Alarm" if alarm else "Run" if busy else "Idle"
-        return StageStatus(state, at_mm["x"], self._y_mm, at_mm["z"])
+    def _send_stop(self) -> None:
+        self._link.send_now([axis.motor for axis in self._up_first()])
 
-    def _refuse_news(self, axis: TmclAxis, found: Look) -> bool:
-        """Return whether an axis has a fault; raise if it has one since the position is trusted."""
-        try:
-            if self._trusted:
-                axis.refuse_news(found)
-            axis.refuse_flags()
-        except (StageAlarm, StageReset):
-            if self._trusted:
-                self._trusted = False
-                raise
-            return True
-        return False
-
-    def _until_stopped(self) -> Callable[[], bool]:
-        times = self._times_stopped
-        return lambda: self._times_stopped == times
-
-    def _axis(self, name: Axis) -> TmclAxis:
-        if name not in self._axes:
-            raise StageError("the stage has no drive for the {axis} axis; set it by hand", code="no_drive", axis=name)
-        return self._axes[name]
-
-    def _up_first(self) -> tuple[TmclAxis, TmclAxis]:
-        return self._axes["z"], self._axes["x"]
-
-    def _stops(self, name: str, to_mm: float) -> list[float]:
-        """Return the successive targets: one, or two to take up backlash."""
-        axis, overrun_mm = self._axes[name], self._overrun_mm[name]
-        if not (overrun_mm and to_mm > axis.look().position_mm):
-            return [to_mm]
-        return [min(to_mm + overrun_mm, 0.0), to_mm]
-
-
-def _unconfirmed(axis: TmclAxis) -> StageError | None:
-    try:
-        axis.confirm_stopped()
-    except StageError as problem:
-        return problem
-    return None
+    def _refuse_alarm(self, axis: TmclAxis, look: Look) -> None:
+        if self._trusted:
+            axis.refuse_news(look)
+        axis.refuse_flags()
 
 
 def steps_per_mm(stage: StageSettings, axis: str) -> float:
@@ -724,8 +579,7 @@ def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
         for name, axis in (("x", own.x), ("z", own.z))
         if (nominal := steps_per_mm(stage, name))
     )
-    x_backlash, z_backlash = (settings.calibration.value(f"{name}_backlash_mm", 0.0) for name in "xz")
-    return TmclStage(link, x, z, y_mm=settings.frame.pad_y_mm, x_backlash_mm=x_backlash, z_backlash_mm=z_backlash)
+    return TmclStage(link, x, z, settings)
 
 
 def _probe(opener: Opener, clock: Clock, settings: BenchSettings) -> str | None:
