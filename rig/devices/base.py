@@ -606,7 +606,7 @@ class ForceReading:
     force_n: float
     stable: bool
     t_s: float
-    also: Mapping[str, float] = field(default_factory=dict, compare=False)
+    also: Mapping[str, float] = field(default_factory=dict, compare=False, repr=False)
 
 
 class ForceSensor(Protocol):

@@ -117,7 +117,7 @@ class StageKind(DeviceKind):
 
     Parameters
     ----------
-    name, device, tests, evidence, settings, table, twin, probe : as in DeviceKind
+    name, device, tests, evidence, settings, table, twin, probe, datagrams : as in DeviceKind
         See there.
     driver : callable
         Makes the `Stage` from a function that opens ports, the clock and the settings. It raises what that function
@@ -154,7 +154,7 @@ class ForceKind(DeviceKind):
 
     Parameters
     ----------
-    name, device, tests, evidence, settings, table, twin, probe : as in DeviceKind
+    name, device, tests, evidence, settings, table, twin, probe, datagrams : as in DeviceKind
         See there.
     driver : callable
         Makes the `ForceSensor` from a function that opens ports, the clock and the settings. It raises what that

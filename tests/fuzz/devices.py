@@ -8,6 +8,7 @@ import importlib
 import math
 import pkgutil
 import random
+import struct
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -67,7 +68,7 @@ class Odd:
         patch = odd[-3:] if self.form == PATCHED else b""
         try:
             framed = self.said(frame, odd[: len(odd) - len(patch)])
-        except (ValueError, OverflowError):  # no reply that a frame could hold
+        except (ValueError, OverflowError, struct.error):  # no reply that a frame could hold
             return odd
         return _patched(framed, patch) if len(patch) == 3 else framed
 
@@ -115,12 +116,12 @@ class Parser:
     def _bounded(self, bench: Any) -> None:
         inner = bench.wire.read
 
-        def read(timeout_s: float) -> bytes:
+        def read(*asked: Any) -> bytes:
             self._reads += 1
             if self._reads > MOST_READS:
                 raise HangError
             bench.clock.wait_s(READ_S)
-            return inner(timeout_s)
+            return inner(*asked)
 
         bench.wire.read = read
 
