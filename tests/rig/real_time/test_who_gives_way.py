@@ -55,6 +55,7 @@ BEGUN = {
 NEITHER_SOLVES_NOR_DRAWS = {
     "rig/panel/owners.py": "owns the ports itself",
     "rig/session/resume.py": "asks git",
+    "rig/bluesky.py": "begins the program that owns the ports",
 }
 NOT_BESIDE_A_STAGE = {
     "sim/workers.py": "many presses at once, for studies, comparisons and benches",
