@@ -31,7 +31,7 @@ from rig.bench.virtual import true_carriage
 from rig.clock import WallClock
 from rig.devices.make_drivers import open_force, open_stage
 from rig.devices.measured import COLUMNS
-from rig.devices.registry import DEFAULTS, KINDS, find, names
+from rig.devices.registry import DEFAULTS, KINDS, ForceKind, StageKind, find, names
 from rig.engine.sensing import read
 from rig.plan.config import Config
 from rig.transport import Transport
@@ -106,7 +106,12 @@ def served(room: str, name: str, tcp: int | None) -> Iterator[tuple[Config, Any]
         if not here.poll(60.0):
             raise SystemExit(f"{room}.{name}: not served within 60 s")
         ports = here.recv()
-        yield Config.model_validate({one: {"kind": kind, "port": ports[one]} for one, kind in kinds.items()}), moved
+        found: dict[str, dict[str, Any]] = {one: {"kind": kind, "port": ports[one]} for one, kind in kinds.items()}
+        if further := find(StageKind, kinds["stage"]).further_ports:
+            found["stage"][kinds["stage"]] = {key: ports[key] for key in further}
+        if find(ForceKind, kinds["force"]).datagrams:  # its page is at the TCP port of the same number
+            found["force"][kinds["force"]] = {"http_port": int(ports["force"].rpartition(":")[2])}
+        yield Config.model_validate(found), moved
     finally:
         process.terminate()
         process.join()
