@@ -15,7 +15,6 @@ The virtual devices are in a process of their own, behind a pseudo-terminal and 
 import argparse
 import math
 import multiprocessing
-import os
 import random
 import sys
 import time
@@ -37,6 +36,7 @@ from rig.plan.config import Config
 from rig.transport import Transport
 from rig.units import GWT_N
 from sim.devices.line import Load, VirtualStage
+from studies.posix import os
 from studies.registry import read_table, show
 
 RAMP_S, GWT_PER_S, WITHIN_S = 2.0, 50.0, 0.5
