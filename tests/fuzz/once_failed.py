@@ -119,6 +119,10 @@ ONCE_FAILED: dict[str, dict[str, bytes | int]] = {
         "all pulses at one late time": 5000787,
         "an index that falls": _nwb(_instead("units/spike_times_index", [-2])),
     },
+    "table of afferents": {
+        "many signs of equality": b"afferent,shape,force_gwt,file\na1,step" + b"{a=" * 30_000 + b",5,rates.csv\n",
+        "many number signs": b"afferent,shape,force_gwt,file\na1,step:1,5,a.nwb" + b"#" * 60_000 + b"\n",
+    },
     "readings of a row": {"readings at rest of 1e308": ROW.replace(",4.1", ",1e308").encode()},
     "journal": {
         "data nested too deeply": _event("[" * 5000),
