@@ -119,6 +119,8 @@ ONCE_FAILED: dict[str, dict[str, bytes | int]] = {
         "all pulses at one late time": 5000787,
         "an index that falls": _nwb(_instead("units/spike_times_index", [-2])),
     },
+    "index of runs": {"a text that is no UTF-8": 5000070},
+    "script of a run": {"thousands of strings in a line": 5000351},
     "table of afferents": {
         "many signs of equality": b"afferent,shape,force_gwt,file\na1,step" + b"{a=" * 30_000 + b",5,rates.csv\n",
         "many number signs": b"afferent,shape,force_gwt,file\na1,step:1,5,a.nwb" + b"#" * 60_000 + b"\n",
@@ -145,6 +147,7 @@ ONCE_FAILED: dict[str, dict[str, bytes | int]] = {
     },
     "checksums": {"bytes that are no text": b"\xff\n", "a line without a name": b"0" * 64 + b"\n", "no lines": b""},
     "course of a run": {
+        "half of a surrogate pair": 5000243,
         "a duration of 400 digits": b'{"duration_s": ' + b"9" * 400 + b', "passes": []}',
         "marks that are a list": b'{"duration_s": 1.0, "passes": [["mount", 1, 0, 0.0, "", [1]]]}',
     },
