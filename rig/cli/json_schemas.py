@@ -1510,7 +1510,7 @@ class SpreadJson(Output):
 
 
 class MeasuredJson(Output):
-    """What was measured of a kind of device on one wire of its virtual twin."""
+    """Measurements of one kind of device on one wire of its virtual twin."""
 
     wire: Name
     samples: int

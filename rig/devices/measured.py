@@ -28,7 +28,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class DeviceTimes:
-    """What was measured of a kind of device on one wire.
+    """Measurements of one kind of device on one wire.
 
     Parameters
     ----------

@@ -5,6 +5,7 @@ from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, Generic, Protocol, TypeVar
 
+from rig.clock import Clock
 from rig.devices.base import (
     LOOK_S,
     Axis,
@@ -18,10 +19,14 @@ from rig.devices.base import (
     StageOverridden,
     StageReset,
     StageStatus,
+    StageTimeout,
+    next_look_s,
 )
 from rig.settings import SLOWEST_MM_S, BenchSettings
 
 _SAME_PLACE_MM = 1e-6
+POLL_S, ALARM_S = 0.02, 0.25
+"""Time between questions near the end of a motion, and longest time without one for alarms before (s)."""
 
 
 def one_axis(
@@ -112,6 +117,57 @@ class DrivenAxis(Protocol[Look]):
     def confirm_stopped(self) -> None:
         """Return once the axis rests after a stop. Raises StageError."""
         ...
+
+
+class WatchedAxis(Generic[Look]):
+    """Base class of the axis of a drive that is asked whether it still moves."""
+
+    name: str
+    _clock: Clock
+
+    @property
+    @abstractmethod
+    def _names(self) -> dict[str, Any]:
+        """Fields of every error of this axis: `port`, `axis`, and its place."""
+        ...
+
+    def _until(
+        self,
+        look: Callable[[], tuple[Look, bool]],
+        most_s: float,
+        first_s: float,
+        what: str,
+        look_s: float = LOOK_S,
+    ) -> Iterator[Look]:
+        """Look until look() returns that the motion is over; yield a look every look_s.
+
+        During the first first_s the axis is looked at seldom, for alarms, and steadily afterwards.
+        """
+        begun_s = self._clock.monotonic_s()
+        over_s, due_s = begun_s + first_s, next_look_s(begun_s, begun_s + first_s, look_s)
+        while True:
+            now_s = self._clock.monotonic_s()
+            self._clock.wait_s(min(over_s - now_s, due_s - now_s, ALARM_S) if over_s > now_s else POLL_S)
+            found, over = look()
+            if over:
+                return
+            self._refuse_late(begun_s + most_s, what, most_s)
+            if self._clock.monotonic_s() >= due_s:
+                yield found
+                due_s = next_look_s(self._clock.monotonic_s(), over_s, look_s)
+
+    def _refuse_late(self, deadline_s: float, what: str, most_s: float) -> None:
+        if self._clock.monotonic_s() >= deadline_s:
+            raise StageTimeout(
+                "{port}: {axis} axis: {what} takes longer than {timeout_s:.1f} s",
+                code="not_over",
+                what=what,
+                timeout_s=most_s,
+                **self._names,
+            )
+
+    def _stopped(self) -> StageError:
+        return StageError("{port}: {axis} axis was stopped", code="stopped", **self._names)
 
 
 AnAxis = TypeVar("AnAxis", bound=DrivenAxis[Any])

@@ -16,7 +16,6 @@ from typing import Any
 
 from rig.clock import Clock
 from rig.devices.base import (
-    LOOK_S,
     Looks,
     MoveError,
     Stage,
@@ -26,9 +25,8 @@ from rig.devices.base import (
     StageOverridden,
     StageReset,
     StageTimeout,
-    next_look_s,
 )
-from rig.devices.one_axis import TwoAxisStage
+from rig.devices.one_axis import POLL_S, TwoAxisStage, WatchedAxis
 from rig.devices.registry import Evidence, Opener, StageKind
 from rig.devices.standa_link import (
     COMMAND,
@@ -53,7 +51,6 @@ from rig.devices.standa_link import (
 )
 from rig.settings import BenchSettings, StageSettings, StandaAxisSettings, StandaSettings
 
-POLL_S, ALARM_S = 0.02, 0.25
 HOME_S = 180.0
 # A move may take this much longer than computed from length, speed and acceleration.
 LATE_FACTOR, LATE_S = 1.5, 5.0
@@ -89,7 +86,7 @@ SWITCHES_OFF = 0x02
 HOMES_RIGHT = 0x0001
 
 
-class StandaAxis:
+class StandaAxis(WatchedAxis[AxisStatus]):
     """One controller, in machine mm. counts_per_mm: microsteps for each mm of travel, positive."""
 
     def __init__(
@@ -152,10 +149,10 @@ class StandaAxis:
             raise self._stopped()
         self._link.command("home")
 
-        def look() -> AxisStatus:
+        def look() -> tuple[AxisStatus, bool]:
             status = self.look()
             self.refuse_alarm(status)
-            return status
+            return status, not status.busy
 
         yield from self._until(look, HOME_S, 0.0, "homing")
         status = self.look()
@@ -184,7 +181,7 @@ class StandaAxis:
         self._link.command("move", self._payload(target))
         low, high = sorted((start, target))
 
-        def look() -> AxisStatus:
+        def look() -> tuple[AxisStatus, bool]:
             status = self.look()
             if not keep_on():
                 raise self._stopped()
@@ -193,7 +190,7 @@ class StandaAxis:
             if not low - self._tolerance <= at <= high + self._tolerance:
                 self._link.send_now("stop")
                 raise self._not_there(at, to_mm)
-            return status
+            return status, not status.busy
 
         mm = abs(target - start) / self._counts_per_mm
         expected_s = self._travel_s(mm, speed_mm_s)
@@ -330,36 +327,6 @@ class StandaAxis:
             **self._names,
         )
 
-    def _until(
-        self, look: Callable[[], AxisStatus], most_s: float, first_s: float, what: str, look_s: float = LOOK_S
-    ) -> Iterator[AxisStatus]:
-        """Look until the axis rests; yield a look every look_s.
-
-        During the first first_s the axis is looked at seldom, for alarms, and steadily afterwards.
-        """
-        begun_s = self._clock.monotonic_s()
-        over_s, due_s = begun_s + first_s, next_look_s(begun_s, begun_s + first_s, look_s)
-        while True:
-            now_s = self._clock.monotonic_s()
-            self._clock.wait_s(min(over_s - now_s, due_s - now_s, ALARM_S) if over_s > now_s else POLL_S)
-            status = look()
-            if not status.busy:
-                return
-            self._refuse_late(begun_s + most_s, what, most_s)
-            if self._clock.monotonic_s() >= due_s:
-                yield status
-                due_s = next_look_s(self._clock.monotonic_s(), over_s, look_s)
-
-    def _refuse_late(self, deadline_s: float, what: str, most_s: float) -> None:
-        if self._clock.monotonic_s() >= deadline_s:
-            raise StageTimeout(
-                "{port}: {axis} axis: {what} takes longer than {timeout_s:.1f} s",
-                code="not_over",
-                what=what,
-                timeout_s=most_s,
-                **self._names,
-            )
-
     def _refuse_interference(self, status: AxisStatus, command: int) -> None:
         """Raise for what ends a motion: an alarm, a reset, a button at the controller, another program."""
         self.refuse_alarm(status)
@@ -444,9 +411,6 @@ class StandaAxis:
             target_mm=target_mm,
             **self._names,
         )
-
-    def _stopped(self) -> StageError:
-        return StageError("{port}: {axis} axis was stopped", code="stopped", **self._names)
 
     @property
     def _names(self) -> dict[str, Any]:

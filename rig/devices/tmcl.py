@@ -15,7 +15,6 @@ from typing import Any
 
 from rig.clock import Clock
 from rig.devices.base import (
-    LOOK_S,
     Looks,
     MoveError,
     Stage,
@@ -24,9 +23,8 @@ from rig.devices.base import (
     StageOverridden,
     StageReset,
     StageTimeout,
-    next_look_s,
 )
-from rig.devices.one_axis import TwoAxisStage
+from rig.devices.one_axis import POLL_S, TwoAxisStage, WatchedAxis
 from rig.devices.registry import Evidence, Opener, StageKind
 from rig.devices.tmcl_link import ABSOLUTE, END_SEARCH, MST, MVP, RFS, SAP, SEARCH, Motor, TmclLink
 from rig.settings import BenchSettings, StageSettings, TmclAxisSettings, TmclSettings
@@ -35,7 +33,6 @@ TARGET, POSITION, SPEED, MAX_SPEED, ACCELERATION = 0, 1, 3, 4, 5
 RIGHT_SWITCH, LEFT_SWITCH, RESOLUTION, SEARCH_MODE = 10, 11, 140, 193
 SWITCHES = {"right": RIGHT_SWITCH, "left": LEFT_SWITCH}
 
-POLL_S, ALARM_S = 0.02, 0.25
 HOME_S, HOMING_BEGINS_S = 180.0, 0.5
 # A move may take this much longer than computed from length, speed and acceleration.
 LATE_FACTOR, LATE_S = 1.5, 5.0
@@ -68,7 +65,7 @@ class Look:
         return self.speed != 0 or self.searching
 
 
-class TmclAxis:
+class TmclAxis(WatchedAxis[Look]):
     """One axis, in machine mm.
 
     counts_per_mm: microsteps for each mm, negative if the module counts upwards away from home.
@@ -382,41 +379,6 @@ class TmclAxis:
         (again, speed), search = self._link.ask(self.motor, (POSITION, SPEED))
         return again == once and not (speed or search)
 
-    def _until(
-        self,
-        look: Callable[[], tuple[Look, bool]],
-        most_s: float,
-        first_s: float,
-        what: str,
-        look_s: float = LOOK_S,
-    ) -> Iterator[Look]:
-        """Look until look() returns that the motion is over; yield a look every look_s.
-
-        During the first first_s the axis is looked at seldom, for alarms, and steadily afterwards.
-        """
-        begun_s = self._clock.monotonic_s()
-        over_s, due_s = begun_s + first_s, next_look_s(begun_s, begun_s + first_s, look_s)
-        while True:
-            now_s = self._clock.monotonic_s()
-            self._clock.wait_s(min(over_s - now_s, due_s - now_s, ALARM_S) if over_s > now_s else POLL_S)
-            found, over = look()
-            if over:
-                return
-            self._refuse_late(begun_s + most_s, what, most_s)
-            if self._clock.monotonic_s() >= due_s:
-                yield found
-                due_s = next_look_s(self._clock.monotonic_s(), over_s, look_s)
-
-    def _refuse_late(self, deadline_s: float, what: str, most_s: float) -> None:
-        if self._clock.monotonic_s() >= deadline_s:
-            raise StageTimeout(
-                "{port}: {axis} axis: {what} takes longer than {timeout_s:.1f} s",
-                code="not_over",
-                what=what,
-                timeout_s=most_s,
-                **self._names,
-            )
-
     def _standing(self, *, trusted: bool = True) -> int:
         """Return the position at rest; read twice, since an error would become a wrong target."""
         found = self.look()
@@ -494,9 +456,6 @@ class TmclAxis:
             expected=self._max_speed,
             **self._names,
         )
-
-    def _stopped(self) -> StageError:
-        return StageError("{port}: {axis} axis was stopped", code="stopped", **self._names)
 
     @property
     def _names(self) -> dict[str, Any]:

@@ -15,7 +15,6 @@ from typing import Any
 
 from rig.clock import Clock
 from rig.devices.base import (
-    LOOK_S,
     Looks,
     MoveError,
     Stage,
@@ -25,14 +24,12 @@ from rig.devices.base import (
     StageOverridden,
     StageReset,
     StageTimeout,
-    next_look_s,
 )
-from rig.devices.one_axis import TwoAxisStage
+from rig.devices.one_axis import POLL_S, TwoAxisStage, WatchedAxis
 from rig.devices.registry import Evidence, Opener, StageKind
 from rig.devices.zaber_link import NO_WARNING, Reply, ZaberLink
 from rig.settings import BenchSettings, StageSettings, ZaberAxisSettings, ZaberSettings
 
-POLL_S, ALARM_S = 0.02, 0.25
 HOME_S = 180.0
 # A move may take this much longer than computed from length, speed and acceleration.
 LATE_FACTOR, LATE_S = 1.5, 5.0
@@ -76,7 +73,7 @@ def _always() -> bool:
     return True
 
 
-class ZaberAxis:
+class ZaberAxis(WatchedAxis[Reply]):
     """One axis of a chain, in machine mm. counts_per_mm: microsteps for each mm of travel, positive."""
 
     def __init__(
@@ -148,10 +145,10 @@ class ZaberAxis:
             raise self._stopped()
         self._command("home")
 
-        def look() -> Reply:
+        def look() -> tuple[Reply, bool]:
             reply = self.look()
             self.refuse_alarm(self.warnings(reply), homing=True)
-            return reply
+            return reply, not reply.busy
 
         yield from self._until(look, HOME_S, 0.0, "homing")
         reply = self.look()
@@ -179,7 +176,7 @@ class ZaberAxis:
         self._command(f"move abs {target} {speed}")
         low, high = sorted((start, target))
 
-        def look() -> Reply:
+        def look() -> tuple[Reply, bool]:
             reply = self.look()
             if not keep_on():
                 raise self._stopped()
@@ -190,7 +187,7 @@ class ZaberAxis:
             if not low - self._tolerance <= at <= high + self._tolerance:
                 self._link.send_now("stop")
                 raise self._not_there(at, to_mm)
-            return reply
+            return reply, not reply.busy
 
         mm = abs(target - start) / self._counts_per_mm
         expected_s = self._travel_s(mm, speed_mm_s)
@@ -332,36 +329,6 @@ class ZaberAxis:
 
     # --- helpers ---
 
-    def _until(
-        self, look: Callable[[], Reply], most_s: float, first_s: float, what: str, look_s: float = LOOK_S
-    ) -> Iterator[Reply]:
-        """Look until the axis rests; yield a look every look_s.
-
-        During the first first_s the axis is looked at seldom, for alarms, and steadily afterwards.
-        """
-        begun_s = self._clock.monotonic_s()
-        over_s, due_s = begun_s + first_s, next_look_s(begun_s, begun_s + first_s, look_s)
-        while True:
-            now_s = self._clock.monotonic_s()
-            self._clock.wait_s(min(over_s - now_s, due_s - now_s, ALARM_S) if over_s > now_s else POLL_S)
-            reply = look()
-            if not reply.busy:
-                return
-            self._refuse_late(begun_s + most_s, what, most_s)
-            if self._clock.monotonic_s() >= due_s:
-                yield reply
-                due_s = next_look_s(self._clock.monotonic_s(), over_s, look_s)
-
-    def _refuse_late(self, deadline_s: float, what: str, most_s: float) -> None:
-        if self._clock.monotonic_s() >= deadline_s:
-            raise StageTimeout(
-                "{port}: {axis} axis: {what} takes longer than {timeout_s:.1f} s",
-                code="not_over",
-                what=what,
-                timeout_s=most_s,
-                **self._names,
-            )
-
     def _refuse_interference(self, reply: Reply) -> None:
         """Raise for what ends a motion: a fault, a reset, a hand at the knob, another program."""
         warnings = self.warnings(reply)
@@ -461,9 +428,6 @@ class ZaberAxis:
             timeout_s=timeout_s,
             **self._names,
         )
-
-    def _stopped(self) -> StageError:
-        return StageError("{port}: {axis} axis was stopped", code="stopped", **self._names)
 
     @property
     def _names(self) -> dict[str, Any]:
