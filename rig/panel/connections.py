@@ -133,6 +133,7 @@ class Connections:
         self._most_waiting = max(_FEWEST_WAITING, min(_MOST_WAITING, descriptors() // 2))
         self._waiting: dict[_Waiting, None] = {}
         self._complete: dict[_Waiting, None] = {}
+        self._unwatched: list[_Waiting] = []
         self._guests: dict[Served, None] = {}
         self._holders: dict[Served, None] = {}
         self._begun: set[asyncio.Task[Any]] = set()
@@ -189,10 +190,14 @@ class Connections:
                     return
 
     def _give_way(self) -> bool:
-        """Close the connection that has waited longest; return whether there was one."""
+        """Close the connection that has waited longest, unless its header has come; return whether there was one."""
         if not self._waiting:
             return False
-        self._drop(next(iter(self._waiting)))
+        one = next(iter(self._waiting))
+        if not one.watched and one not in self._complete:
+            self._read(one)
+        if one in self._waiting:
+            self._drop(one)
         return True
 
     # --- waiting connections ---
@@ -203,6 +208,7 @@ class Connections:
             try:
                 end, _address = self._listener.accept()
             except (BlockingIOError, InterruptedError, ConnectionAbortedError):
+                self._watch()
                 return
             except OSError:  # No descriptor is left.
                 if self._give_way() or self._release(_SPARE_FOR_STOP):
@@ -217,6 +223,8 @@ class Connections:
             self._waiting[one] = None
             self._read(one)
         self._crowded = not pending
+        if pending:
+            self._watch()
 
     def _accept_again(self) -> None:
         if self._open:
@@ -227,7 +235,7 @@ class Connections:
         try:
             data = one.end.recv(MOST_HEADER + 1)
         except (BlockingIOError, InterruptedError):
-            self._watch(one)
+            self._watch_later(one)
             return
         except OSError:
             data = b""
@@ -242,12 +250,19 @@ class Connections:
                 self._complete[one] = None
                 self._serve_soon()
         else:
-            self._watch(one)
+            self._watch_later(one)
 
-    def _watch(self, one: _Waiting) -> None:
+    def _watch_later(self, one: _Waiting) -> None:
+        """Watch a connection once no more wait to be accepted: watching takes as long as accepting."""
         if not one.watched:
-            one.watched = True
-            self._loop.add_reader(one.end.fileno(), self._read, one)
+            self._unwatched.append(one)
+
+    def _watch(self) -> None:
+        for one in self._unwatched:
+            if one in self._waiting and not one.watched:
+                one.watched = True
+                self._loop.add_reader(one.end.fileno(), self._read, one)
+        self._unwatched.clear()
 
     def _unwatch(self, one: _Waiting) -> None:
         if one.watched:
@@ -263,6 +278,7 @@ class Connections:
     def _look(self) -> None:
         """Close connections that wait for too long, and take spare descriptors."""
         then_s = self._clock.monotonic_s() - HEADER_S
+        self._watch()
         while self._waiting and next(iter(self._waiting)).since_s < then_s:
             self._give_way()
         self._fill()
