@@ -11,7 +11,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import closing
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import Any
 
@@ -190,6 +190,19 @@ def test_what_is_no_request_of_a_page_is_refused_and_the_next_is_answered(reques
         said = b""
     assert said.partition(b" ")[2][:3] in (b"", b"400", b"403", b"431")
     assert post(panel, "/take")[0] == 200
+
+
+@pytest.mark.parametrize("silent", [0, 300])
+def test_a_header_in_two_parts_is_answered_beside_silent_connections(silent: int, serve: Serve) -> None:
+    panel = serve()
+    here = ("127.0.0.1", panel.port)
+    with ExitStack() as opened:
+        ends = [opened.enter_context(socket.create_connection(here, timeout=DEADLINE_S)) for _ in range(silent + 1)]
+        wire = ends[silent // 2]
+        wire.sendall(b"GET / HTTP/1.1\r\n")
+        assert post(panel, "/take")[0] == 200
+        wire.sendall(f"Host: {here[0]}:{here[1]}\r\nConnection: close\r\n\r\n".encode())
+        assert wire.recv(12) == b"HTTP/1.1 200"
 
 
 def test_a_body_without_end_is_not_waited_for(serve: Serve) -> None:
