@@ -79,15 +79,18 @@ check-platforms: .venv/.ready-dev
 	$(BIN)/mypy --platform win32
 	$(BIN)/mypy --platform darwin
 
-# POSIX-only modules and attributes are hidden from the product (tests/portable); a few tests cannot (cannot.py there).
-test-portable: .venv/.ready-dev
-	PYTHONPATH=tests/portable $(BIN)/pytest -m "not study" $(WORKERS)
-
 # What waits for the real world runs alone at the end, in more workers than there are cores. Both parts always run.
-test: check
-	$(BIN)/pytest -m "not study and not real_time" $(WORKERS) --durations=20; \
+RUN_SUITE = $(BIN)/pytest -m "not study and not real_time" $(WORKERS) --durations=20; \
 	rest=$$?; \
 	$(BIN)/pytest -m "real_time and not study" -n $(REAL_TIME_WORKERS) $(BY_FILE) --durations=20 && exit $$rest
+
+test: check
+	$(RUN_SUITE)
+
+# POSIX-only modules and attributes are hidden from the product (tests/portable); a few tests cannot (cannot.py there).
+test-portable: export PYTHONPATH = $(CURDIR)/tests/portable
+test-portable: .venv/.ready-dev
+	$(RUN_SUITE)
 
 MEASURE_STUDIES = $(BIN)/pytest -m study $(WORKERS) --durations=20
 
@@ -110,7 +113,7 @@ bench: .venv/.ready-dev
 
 test test-portable test-studies shake mutants: export OMP_NUM_THREADS = 1  # of each worker
 # Where nothing compiled is written, every worker and every program that a test starts compiles all it imports.
-test test-studies shake: export PYTHONDONTWRITEBYTECODE =
+test test-portable test-studies shake: export PYTHONDONTWRITEBYTECODE =
 mutants: .venv/.ready-dev
 	$(BIN)/python -m studies.mutants --fresh
 

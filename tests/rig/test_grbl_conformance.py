@@ -13,7 +13,8 @@ from rig.bench.served import ServedBench
 from rig.clock import Clock, WallClock
 from rig.devices.base import StageAlarm, StageError, StageOverridden, StageRejected
 from rig.devices.grbl import GrblStage
-from rig.transport import LineReader, LoopbackTransport, SerialTransport, Transport
+from rig.transport import LineReader, LoopbackTransport, Transport
+from rig.transport.ports import open_port
 from sim.devices import SerialLine, VirtualGrbl
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
@@ -34,7 +35,7 @@ def wire(request: pytest.FixtureRequest, served: Callable[..., ServedBench]) -> 
         yield LoopbackTransport(line, clock), clock
         return
     port = str(PORT) if request.param == "real" else served(stage="grbl").ports["stage"]
-    transport = SerialTransport(port)
+    transport = open_port(port, 115200)
     yield transport, WallClock()
     transport.close()
 
