@@ -40,6 +40,7 @@ CANNOT = {
     "rig/test_control_socket.py::test_somebody_elses_folder_is_not_used": _MODES,
     "rig/test_control_socket.py::test_a_link_to_a_folder_is_not_used": _MODES,
     "rig/test_every_end.py::test_every_end_says_where_the_indentor_is_and_how_to_go_on[SIGHUP": _SIGNALS,
+    "rig/test_every_end.py::test_every_end_says_where_the_indentor_is_and_how_to_go_on[rig stop, or Ctrl-C": _SIGNALS,
     "rig/test_every_signal.py::test_no_signal_suspends_or_ends": _SIGNALS,
     **{
         f"rig/test_every_signal.py::test_the_first_lifts_and_a_second_key_stops_at_once[{times}-{name}": _SIGNALS
