@@ -228,6 +228,8 @@ STUDIES = (
     # its test_the_command
     "rig/compare/test_on_fingers.py::test_the_shipped_fingers_that_the_source_allows_are_compared_with",
     "rig/compare/test_place_fit.py::test_intervals_hold_the_truth_as_often_as_they_say",  # its other tests, once each
+    # rig/compare/test_stimuli.py: a run over more than one patch; this file's own ranges
+    "rig/compare/test_wider_run.py::test_presses_on_patches_of_two_widths_are_compared",
     "rig/test_every_block.py::test_what_is_shown_runs[comparison]",  # rig/compare/test_compare_command.py
     "rig/test_every_block.py::test_what_is_shown_runs[find_finger]",  # rig/test_frozen.py: `find`
     "rig/test_every_block.py::test_what_is_shown_runs[identify]",  # rig/test_identification.py
