@@ -130,6 +130,7 @@ OTHER_ATTACKS = (
 # and what takes long and is held by shorter tests. `make test-studies` runs it, `make test` does not. Pages and kept
 # files of studies are checked in `make test`.
 # Behind each stands the test that guards the same code in `make test`.
+# Of a large table, `@pytest.mark.quick(rows=lambda one, other: …)` says which rows stay in `make test`.
 STUDIES = (
     "studies/test_strangers_are_met.py",  # rig/test_identification.py, studies/test_identification_study.py
     "studies/test_allowed_page.py::test_what_is_kept_is_not_pressed_again_and_leaves_what_is_shipped",
@@ -149,6 +150,8 @@ STUDIES = (
     "studies/test_finite_strain.py::test_calculix_has_the_same_equilibrium_at_finite_strain",
     # Presses and searches of studies alone; the other tests of these files hold the same code on less.
     "studies/test_source_figures.py::test_an_entry_has_its_verdict_and_figures",
+    # rig/test_shift_invariance_command.py, and the claims of this file
+    "studies/test_source_figures.py::test_shift_invariance_is_told_of_the_sites",
     "studies/test_source_figures.py::test_the_search_under_noise_is_that_of_the_study",
     "studies/test_allowed_match.py::test_waves_on_a_section_close_in_on_the_finger_that_made_the_facts",
     "studies/test_allowed_finger.py::test_a_pulp_too_thin_for_the_deep_row_goes_without",
@@ -162,7 +165,6 @@ STUDIES = (
     "studies/test_coding_limits.py::test_draws_are_of_the_distribution_and_the_same_again",
     "studies/test_coding_limits.py::test_the_limit_is_below_every_decoder",
     "studies/test_coding_limits.py::test_rows_are_as_wide_as_their_headers",  # of studies alone
-    "studies/test_fault_campaign.py::test_a_sample_of_the_campaign[tcp]",  # rig/test_one_wrong_frame.py
     # How large the boxes of the oracle must be; the recovery of strain is held by the other tests of the file.
     "sim/oracles/test_halfspace.py::test_line_load_truncation_falls_with_the_box",
     "sim/oracles/test_halfspace.py::test_point_load_truncation",
@@ -226,9 +228,12 @@ STUDIES = (
     # its test_the_command
     "rig/compare/test_on_fingers.py::test_the_shipped_fingers_that_the_source_allows_are_compared_with",
     "rig/compare/test_place_fit.py::test_intervals_hold_the_truth_as_often_as_they_say",  # its other tests, once each
+    # rig/compare/test_stimuli.py: a run over more than one patch; this file's own ranges
+    "rig/compare/test_wider_run.py::test_presses_on_patches_of_two_widths_are_compared",
     "rig/test_every_block.py::test_what_is_shown_runs[comparison]",  # rig/compare/test_compare_command.py
     "rig/test_every_block.py::test_what_is_shown_runs[find_finger]",  # rig/test_frozen.py: `find`
     "rig/test_every_block.py::test_what_is_shown_runs[identify]",  # rig/test_identification.py
+    "rig/test_every_block.py::test_what_is_shown_runs[own_recordings]",  # rig/compare/test_afferents_table.py
     "rig/test_every_block.py::test_what_is_shown_runs[schedules]",  # rig/test_schedule.py
     "rig/test_find.py::test_the_finger_is_found_by_touching_it",  # its other tests, on exact geometry
     "rig/test_followed_pages.py::test_a_page_can_be_followed_literally[coding]",  # rig/test_decode_command.py
@@ -345,10 +350,16 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     asked = config.option.markexpr.split(" and ")
     for marker, places in (("real_time", REAL_TIME), ("study", STUDIES)):
         wholly = name.startswith(tuple(place for place in places if "::" not in place))
+        if wholly and f"not {marker}" in asked:
+            return True
         partly = wholly or any(place.startswith(f"{name}::") for place in places)
-        if (wholly and f"not {marker}" in asked) or (not partly and marker in asked):
+        if marker in asked and not partly and not (marker == "study" and _has_quick_rows(collection_path)):
             return True
     return None
+
+
+def _has_quick_rows(path: Path) -> bool:
+    return b"@pytest.mark.quick(" in path.read_bytes()
 
 
 def pytest_collection_finish() -> None:
@@ -363,6 +374,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         for marker, places in (("real_time", REAL_TIME), ("study", STUDIES)):
             if item.nodeid.removeprefix("tests/").startswith(places):
                 item.add_marker(marker)
+        quick = item.get_closest_marker("quick")
+        if quick is not None and not quick.kwargs["rows"](**item.callspec.params):  # type: ignore[attr-defined]
+            item.add_marker("study")
         if hasattr(sys.modules.get("sitecustomize"), "HIDDEN"):  # tests/portable
             for place, reason in CANNOT.items():
                 if item.nodeid.removeprefix("tests/").startswith(place):

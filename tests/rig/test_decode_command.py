@@ -160,15 +160,15 @@ def test_influence_reads_back_normal_pressures(rig: Program) -> None:
 
 @pytest.mark.parametrize("operator", ["influence", "convolution"])
 def test_a_press_is_felt_as_finite_elements_have_it(rig: Program, operator: str) -> None:
-    press = ("--shape", "cylinder:9", "--x-mm", 0.5, "--doi-mm", 0.4, "--half-length", 15, "--json")
+    press = ("--shape", "cylinder:9", "--x-mm", 0.5, "--doi-mm", 0.4, "--half-length", 10, "--json")
     found = rig("decode", *press, "--operator", operator).json
     assert (found["operator"], found["samples"], len(found["pressure_pseudo"])) == (
         operator,
-        31,
-        25,
+        21,
+        17,
     )  # 0.8 of the half length
-    assert_allclose(found["receptor_mm"], 0.17 * np.arange(-15, 16), atol=1e-12)
-    assert found["place_mm"][0] == pytest.approx(-12 * 0.17)
+    assert_allclose(found["receptor_mm"], 0.17 * np.arange(-10, 11), atol=1e-12)
+    assert found["place_mm"][0] == pytest.approx(-8 * 0.17)
     assert_allclose(found["reading"], rig("encode", *press, "--operator", "influence").json["sed_pseudo"])
     true = np.array(found["true_pseudo"])
     assert 0.05 < found["place_mm"] @ true / true.sum() < 0.45  # between the pad's apex, −0.1, and the cylinder's

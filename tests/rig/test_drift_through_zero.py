@@ -84,6 +84,9 @@ def _leave(engine: Engine) -> None:
     verbs.move_to(engine, 1.0)
 
 
+@pytest.mark.quick(
+    rows=lambda stage: stage == "grbl"
+)  # the engine's; both stages: tests/rig/test_mechanical_faults.py
 @pytest.mark.parametrize("stage", STAGES)
 def test_a_run_does_not_go_sideways(tmp_path: Path, stage: str) -> None:
     """The motor stalls in a touch; then `retract` and `move_to`."""

@@ -38,16 +38,18 @@ SCRIPTS = {
 }
 BY, X_TRAVEL_MM, Y_TRAVEL_MM, Z_TRAVEL_MM = 0.02, 60.0, 30.0, 40.0
 CLEARANCE_MM, SEARCH_MM = 0.3, 0.5
+HIGH = {"apex_z_mm": -3.0}
+"""A short way down where the ends of z are not looked at."""
 MEASURED = {"date": "2026-01-05", "expires": "2126-01-05"}
 
 
 def _configurations() -> Iterator[tuple[str, dict[str, Any]]]:
     """Each with an end of the stage within, at and beyond what some verb needs."""
     for way, by in (("within", BY), ("at", 0.0), ("beyond", -BY)):
-        yield f"left {way}", {"frame": {"pad_centre_x_mm": -X_TRAVEL_MM + 1.0 + by}}
-        yield f"right {way}", {"frame": {"pad_centre_x_mm": -1.0 - by}}
-        yield f"front {way}", {"frame": {"pad_y_mm": -Y_TRAVEL_MM + by}}
-        yield f"back {way}", {"frame": {"pad_y_mm": -by}}
+        yield f"left {way}", {"frame": {"pad_centre_x_mm": -X_TRAVEL_MM + 1.0 + by, **HIGH}}
+        yield f"right {way}", {"frame": {"pad_centre_x_mm": -1.0 - by, **HIGH}}
+        yield f"front {way}", {"frame": {"pad_y_mm": -Y_TRAVEL_MM + by, **HIGH}}
+        yield f"back {way}", {"frame": {"pad_y_mm": -by, **HIGH}}
         yield f"top {way}", {"frame": {"apex_z_mm": -CLEARANCE_MM - by}}
         for what, below_mm in (("search", SEARCH_MM), ("0.8 mm", 0.8), ("1 mm", 1.0)):
             yield f"bottom {way}, {what}", {"frame": {"apex_z_mm": -Z_TRAVEL_MM + below_mm + by}}
@@ -57,7 +59,7 @@ def _configurations() -> Iterator[tuple[str, dict[str, Any]]]:
         slack = {"z_backlash_mm": {"value": 0.1, **MEASURED}, "x_backlash_mm": {"value": 0.1, **MEASURED}}
         yield f"top {way}, with backlash", {"frame": {"apex_z_mm": -CLEARANCE_MM - by}, "calibration": slack}
         yield f"bottom {way}, with backlash", {"frame": {"apex_z_mm": -Z_TRAVEL_MM + 1.0 + by}, "calibration": slack}
-        yield f"right {way}, with backlash", {"frame": {"pad_centre_x_mm": -1.0 - by}, "calibration": slack}
+        yield f"right {way}, with backlash", {"frame": {"pad_centre_x_mm": -1.0 - by, **HIGH}, "calibration": slack}
     yield "clearance above travel", {"frame": {"apex_z_mm": -0.1}}
     yield "the apex above travel", {"frame": {"apex_z_mm": 0.5}}
     yield "all below travel", {"frame": {"apex_z_mm": -Z_TRAVEL_MM - 1.0}}
@@ -94,6 +96,7 @@ CONFIGURATIONS = [("grbl", name, tables) for name, tables in _configurations()]
 CONFIGURATIONS += [("leadshine", name, tables) for name, tables in _configurations() if " beyond" not in name]
 
 
+@pytest.mark.quick(rows=lambda stage, what, tables: stage == "grbl" or " at" in what)
 @pytest.mark.parametrize(
     ("stage", "what", "tables"), CONFIGURATIONS, ids=[f"{stage}, {what}" for stage, what, _ in CONFIGURATIONS]
 )
@@ -101,7 +104,7 @@ CONFIGURATIONS += [("leadshine", name, tables) for name, tables in _configuratio
 def test_refused_by_the_plan_or_done(
     finger: Fingertip, scripts: dict[str, Script], stage: str, what: str, tables: dict[str, Any]
 ) -> None:
-    habits = {"clearance_mm": CLEARANCE_MM, "descent_step_mm": 5.0}
+    habits = {"clearance_mm": CLEARANCE_MM, "descent_step_mm": 5.0, "travel_speed_mm_s": 10.0}
     common = {"habits": habits, "limits": {"search_mm": SEARCH_MM}, "stage": {"kind": stage}}
     config = Config.model_validate(common | tables)
     ended = {name: _ended(script, config, finger) for name, script in scripts.items()}

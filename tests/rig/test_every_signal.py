@@ -199,6 +199,7 @@ def test_the_participants_key_stops_a_command_at_the_bench(
     assert stops
 
 
+@pytest.mark.quick(rows=lambda command, name, times: command == "run" or name == "SIGINT")
 @pytest.mark.parametrize("command", ["dry-run", "run"])
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGTSTP", "SIGQUIT"])
 @pytest.mark.parametrize("times", [1, 2])

@@ -446,6 +446,7 @@ def _in_a_child(call: Callable[[], object]) -> tuple[str, float, float]:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="measures memory by /proc")
+@pytest.mark.quick(rows=lambda bomb: bomb != "10⁶ spikes")
 @pytest.mark.parametrize("bomb", BOMBS)
 def test_a_bomb_costs_little(tmp_path: Path, bomb: str) -> None:
     make, readers, codes = BOMBS[bomb]

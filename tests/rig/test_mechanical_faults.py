@@ -32,12 +32,14 @@ class Slipping(FaultyBench):
         self.dragged_gwt, self.x_mm = 0.0, 0.0
         super().__init__(folder, tables)
 
+    def reached_mm(self, height_mm: float) -> float:
+        if self.slips_from_mm is None:
+            return height_mm
+        return self.slips_from_mm + self.follows * (height_mm - self.slips_from_mm)
+
     def true_n(self, t_s: float) -> float:
         pose = self.carriage.pose_at(t_s)
-        height_mm = pose.above_apex_mm
-        if self.slips_from_mm is not None:
-            height_mm = self.slips_from_mm + self.follows * (height_mm - self.slips_from_mm)
-        force_n = PREDICTED.force_at(height_mm)
+        force_n = PREDICTED.force_at(self.reached_mm(pose.above_apex_mm))
         if abs(pose.x_mm - self.x_mm) > 1e-3:
             self.dragged_gwt = max(self.dragged_gwt, force_n / GWT_N)
         self.x_mm = pose.x_mm

@@ -352,6 +352,7 @@ def test_there_is_nothing_to_jog_along_y(make: Make) -> None:
         (lambda t_s: -11_000 * GWT_N, "gross_out_of_range"),
     ],
 )
+@pytest.mark.quick(rows=lambda phase, load_n, reason: phase == "press" or reason == "cell_error")
 @pytest.mark.parametrize("phase", ["approach", "press", "hold"])
 def test_what_the_status_word_says_trips(
     make: Make, phase: str, load_n: Callable[[float], float], reason: str

@@ -76,6 +76,7 @@ def test_a_session_starts_where_the_run_s_clock_shows_zero(run: Run) -> None:
         assert io.read().session_start_time == datetime.fromtimestamp(1.7e9 - 2.5, UTC)
 
 
+@pytest.mark.quick(rows=lambda code: code != "")
 @pytest.mark.parametrize("code", ["S07", "", None])
 def test_a_subject_is_in_the_file_by_its_code(run: Run, code: str | None) -> None:
     path = export_nwb(replace(run, start={**run.start, "subject": code}))

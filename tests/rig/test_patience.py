@@ -27,7 +27,7 @@ from tests.waiting import until
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="needs alarms (POSIX)")
 
-SILENT: tuple[str, dict[str, object]] = ("silent", {"longest_s": 0.5})
+SILENT: tuple[str, dict[str, object]] = ("silent", {"longest_s": 0.2})
 MANY: tuple[str, dict[str, object]] = ("too_many_steps", {"verb": "note", "high": 50})
 ROUNDS = {
     "silent": ("while True: pass", SILENT),
@@ -51,7 +51,7 @@ def run(rig):
 @pytest.fixture
 def going_round(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str, int], Script]:
     monkeypatch.setattr(patience, "MOST_STEPS", 50)
-    monkeypatch.setattr(patience, "LONGEST_SILENCE_S", 0.5)
+    monkeypatch.setattr(patience, "LONGEST_SILENCE_S", 0.2)
 
     def make(what: str, at: int) -> Script:
         path = tmp_path / "round.py"
@@ -66,7 +66,7 @@ def _lifted(done: FinishedRun, code: str, fields: dict[str, object], left: str =
     has_code(done.problem, code, **fields)
     assert re.search(r"\.py, line [78]$", done.problem.fields["place"])
     assert (done.complete, done.indentations, done.at.left) == (False, 1, left)
-    assert not 0 < signal.getitimer(signal.ITIMER_REAL)[0] <= 0.5, "nothing is waited for any more"
+    assert not 0 < signal.getitimer(signal.ITIMER_REAL)[0] <= 0.2, "nothing is waited for any more"
 
 
 @pytest.mark.parametrize("round_", ROUNDS)

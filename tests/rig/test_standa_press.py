@@ -20,6 +20,7 @@ def _nothing(bench: FaultyBench) -> None:
     pass
 
 
+@pytest.mark.quick(rows=lambda kind: kind == "mtsics")  # others: tests/rig/test_same_indentations.py
 @pytest.mark.parametrize("kind", BUILT_IN["force"])
 def test_two_presses_under_each_force_sensor(kind: str, tmp_path: Path) -> None:
     """To the same force as on any other stage."""

@@ -364,6 +364,8 @@ def test_every_kind_is_on_a_bench() -> None:
     assert {one.force.kind for one in configs} == set(BUILT_IN["force"])
 
 
+# Drivers and faults of the other kinds: tests/rig/test_zaber_press.py and its like, tests/contracts.
+@pytest.mark.quick(rows=lambda bench: bench in ("grbl", "rtu"))
 @pytest.mark.parametrize("bench", PLAYED)
 def test_a_sample_of_the_campaign(bench: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """No case presses beyond the bound, reports what is not so, or loses or repeats a press; see judge.py."""

@@ -114,6 +114,7 @@ RECORDED_MM = {"within the run": (-1.5, -0.75, 0.0, 0.75, 1.5), "beyond it": (-4
 
 
 @pytest.mark.usefixtures("empty_figures")
+@pytest.mark.quick(rows=lambda shape: shape in ("bar:3.0", "sphere:4"))  # a patch of a section, and a round one
 @pytest.mark.parametrize("shape", ["bar:3.0", "step:3", "cylinder:4", "sphere:4"])
 def test_a_run_over_more_than_one_patch_is_compared_to_the_end(
     shape: str, program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -65,6 +65,7 @@ def _identified(
     return identification
 
 
+@pytest.mark.quick(rows=lambda name: name in ("default", "most stiffening", "relaxing", "random finger 7"))
 @pytest.mark.parametrize("name", CASES)
 def test_it_is_identified_and_its_forces_lie_in_their_bands(name: str) -> None:
     numbers = {**DEFAULT, **CASES[name]}
@@ -79,6 +80,7 @@ def test_it_is_identified_and_its_forces_lie_in_their_bands(name: str) -> None:
         assert none.mean() == pytest.approx(float(numbers[name] == 0), abs=0.3)
 
 
+@pytest.mark.quick(rows=lambda power: power > 0)
 @pytest.mark.parametrize("power", [0.4, -0.4])
 def test_force_that_grows_as_in_no_finger_is_flagged(power: float) -> None:
     """Bone under the skin, and rubber: no kind of tissue takes them in."""
