@@ -10,7 +10,7 @@ from rig.devices.registry import BUILT_IN
 from rig.engine.bench_memory import state_folder
 from rig.session.early_ending import FinalPosition
 from studies.faults.campaign import runner
-from studies.faults.campaign.__main__ import sample
+from studies.faults.campaign.__main__ import in_shard, sample
 from studies.faults.campaign.cases import FaultCase, cases
 from studies.faults.campaign.faults import LATE_S, FaultyCarriage, WireFault, parsed, wire_faults
 from studies.faults.campaign.judge import BOUND_GWT, EXEMPTIONS, claim_of, exemption_of, true_claim, violations
@@ -331,6 +331,12 @@ def test_a_case_that_ended_is_judged_as_it_ended_whatever_is_done_after_it(
     runner.carry_out(chosen, tmp_path / "found.jsonl", 1)
     (record,) = records_of(tmp_path / "found.jsonl")
     assert (record["exit"], record["reason"], record["resumed"]) == ("failed", "move 0", True)
+
+
+def test_shards_together_are_the_whole() -> None:
+    found = [[n for n in range(1000) if in_shard(f"grbl/lift/{n}/stage to drop 1", one, 7)] for one in range(1, 8)]
+    assert sorted(itertools.chain(*found)) == [*range(1000)]
+    assert min(map(len, found)) > 100
 
 
 def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:
