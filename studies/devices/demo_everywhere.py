@@ -111,7 +111,7 @@ def over_wires(bench: Bench) -> Record:
             run = read_run(runs[0].parent)
             if not run.missing:
                 return record_of(bench, wires, run, resumed)
-            resumed.append(str((run.stop or {}).get("code") or told))
+            resumed.append(str((run.stop or {}).get("reason") or told))
             if len(resumed) > MOST_RESUMED:
                 raise RuntimeError(f"{', '.join(bench)}: {run.missing} presses are missing after {resumed}")
             told = _rig(folder, "resume", str(runs[0].parent), *shared)
