@@ -162,6 +162,7 @@ def _env(folder: Path) -> dict[str, str]:
 
 def carry_out(benches: Sequence[Bench], file: Path, at_once: int) -> None:
     """Play the demo on benches that are not in the file, so many at a time."""
+    file.parent.mkdir(parents=True, exist_ok=True)
     known = {(one["stage"], one["force"]) for one in records(file)}
     left, began_s = [bench for bench in benches if bench not in known], time.monotonic()
 
@@ -180,7 +181,7 @@ def carry_out(benches: Sequence[Bench], file: Path, at_once: int) -> None:
 
 
 def records(file: Path) -> list[Record]:
-    """What is in a file, in the order of the benches."""
+    """What is in a file, in the order of the benches; nothing of one that is not there."""
     found = [json.loads(line) for line in file.read_text(encoding="ascii").splitlines()] if file.exists() else []
     order = pairs()
     return sorted(found, key=lambda one: order.index((one["stage"], one["force"])))
