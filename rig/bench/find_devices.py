@@ -1,9 +1,9 @@
 """Find the devices on ports by the probes of their registry entries, which only ask questions."""
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from rig.devices.make_drivers import probe
 from rig.devices.registry import KINDS, DeviceKind, KindError, find, names
 from rig.errors import RigError
 from rig.transport import PortOwner, TransportError, port_owner
+from rig.transport.ownership import DATAGRAMS
 
 AT_ONCE = 16
 """Maximum number of ports that are asked at the same time."""
@@ -29,7 +30,8 @@ class PortFound:
     """Answer of a port.
 
     kind and identity: device that answered. problem: why the port could not be asked, or what is wrong with the
-    device. owner: process that uses the port, which was then not asked.
+    device. owner: process that uses the port, which was then not asked. own: keys of the kind's own table, without
+    which the device does not answer.
     """
 
     port: str
@@ -37,6 +39,7 @@ class PortFound:
     identity: str | None = None
     problem: RigError | None = None
     owner: PortOwner | None = None
+    own: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def words(self) -> str:
@@ -93,16 +96,29 @@ def look_at_port(port: str, clock: Clock) -> PortFound:
     owner = port_owner(port)
     if owner is not None:
         return PortFound(port, owner=owner)
+    unopened: TransportError | None = None
     for kind in _probed():
-        try:
-            identity = probe(kind, port, clock)
-        except TransportError as problem:
-            return PortFound(port, problem=problem)
-        except (StageError, ForceError) as problem:
-            return PortFound(port, kind, problem=problem)
-        if identity is not None:
-            return PortFound(port, kind, identity)
-    return PortFound(port)
+        for own in _tables(kind, port):
+            try:
+                identity = probe(kind, port, clock, own=own)
+            except TransportError as problem:
+                if not kind.page_port:
+                    return PortFound(port, problem=problem)
+                unopened = unopened or problem
+                continue
+            except (StageError, ForceError) as problem:
+                return PortFound(port, kind, problem=problem, own=own)
+            if identity is not None:
+                return PortFound(port, kind, identity, own=own)
+    return PortFound(port, problem=unopened)
+
+
+def _tables(kind: DeviceKind, port: str) -> Iterator[Mapping[str, Any]]:
+    """Yield keys of a kind's own table to ask with: the defaults, then the page of a virtual device."""
+    yield {}
+    number = port.rpartition(":")[2]
+    if kind.page_port and port.startswith(DATAGRAMS) and number.isdecimal():
+        yield {kind.page_port: int(number)}
 
 
 def _probed() -> Iterator[DeviceKind]:

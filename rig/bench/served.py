@@ -37,7 +37,7 @@ class ServedBench:
     """Served stage, force sensor or both, with a finger between them; close it, or use it in a `with`.
 
     ports: names by which clients open the devices; those of further ports of a stage have the name of their key.
-    tables: table of the configuration that names each port.
+    pages: numbers of the TCP ports of web pages, by their keys. tables: table of the configuration that names each.
     """
 
     def __init__(
@@ -59,6 +59,7 @@ class ServedBench:
         config = with_framing(with_kinds(config, stage, force), "rtu" if tcp is None else "tcp")
         self.scheduler = WallScheduler()
         self.ports: dict[str, str] = {}
+        self.pages: dict[str, int] = {}
         self.tables = {"stage": "stage", "force": "force"}
         self.press: ForcePrefetcher | None = None
         self._tcp = tcp
@@ -128,6 +129,9 @@ class ServedBench:
             self._refusing.append(port)
         self._closing.callback(port.close)
         self.ports[name] = port.name
+        if page := kind_of(device).page_port:
+            self.pages[page] = int(port.name.rpartition(":")[2])
+            self.tables[page] = f"{name}.{kind_of(device).place}"
         return line
 
     def _finger(self, config: Config, board: VirtualStage, complain: Callable[[str], object]) -> Load:

@@ -30,13 +30,20 @@ _YES = ("", "y", "yes")
 
 
 def nothing_to_confirm(*, as_json: bool) -> Confirm:
-    """Return a confirmation for a dry run, which starts at once but still predicts its duration."""
+    """Return a confirmation for a dry run, which starts at once but still predicts duration and press speed."""
 
     def rehearse(session: Session) -> Page:
-        with busy("rehearsing the protocol on a spring model …", as_json=as_json):
-            return Page.of(session)
+        page = _rehearsed(session, as_json=as_json)
+        if not as_json:
+            _print(page.speed)
+        return page
 
     return rehearse
+
+
+def _rehearsed(session: Session, *, as_json: bool) -> Page:
+    with busy("rehearsing the protocol on a spring model …", as_json=as_json):
+        return Page.of(session)
 
 
 def ready_for_a_real_run(command: str, config: Config, out: Path, *, yes: bool) -> None:
@@ -96,7 +103,7 @@ def at_the_page(
     """
 
     def confirm(session: Session) -> Page:
-        page = nothing_to_confirm(as_json=False)(session)
+        page = _rehearsed(session, as_json=False)
         lines = page.lines if before is None else {"careful": before, **page.lines}
         confirmed_with(lines, yes=yes, asking=asking, button=button)
         return page
@@ -117,8 +124,7 @@ def confirmed_with(
     """
     if button is not None:
         lines = {**lines, "stop": button.words}
-    for about, words in lines.items():
-        err.print(f"{about:<10}{words}")
+    _print(lines)
     if not yes:
         with asking():
             confirmed = _confirmed()
@@ -126,6 +132,11 @@ def confirmed_with(
             raise NotConfirmedError("not confirmed; nothing has moved")
     if button is not None:
         _button_checked(button, yes=yes, asking=asking)
+
+
+def _print(lines: Mapping[str, str]) -> None:
+    for about, words in lines.items():
+        err.print(f"{about:<10}{words}")
 
 
 def _button_checked(button: StopButton, *, yes: bool, asking: Callable[[], AbstractContextManager[None]]) -> None:

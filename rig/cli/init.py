@@ -279,10 +279,13 @@ def _choose(room: Room, given: _Given, found: Sequence[PortFound], draft: _Draft
 
     def take(kind: str, port: str) -> None:
         _refuse_unknown_kind(room, kind)
-        draft.put(of_port, {room: {"kind": kind, "port": port, **_further_ports(room, kind, port, found)}})
-        identity = next((one.identity for one in found if one.port == port and one.kind is not None), None)
-        if identity is not None:
-            draft.identities[room] = identity
+        there = next((one for one in found if one.port == port and one.kind is not None), None)
+        table: dict[str, Any] = {"kind": kind, "port": port, **_further_ports(room, kind, port, found)}
+        if there is not None and there.kind is not None and there.own and there.kind.name == kind:
+            table[there.kind.place] = dict(there.own)
+        draft.put(of_port, {room: table})
+        if there is not None and there.identity is not None:
+            draft.identities[room] = there.identity
 
     if given.port is not None:
         there = next(one for one in found if one.port == given.port)

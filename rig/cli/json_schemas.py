@@ -1090,6 +1090,8 @@ class ServedPortsJson(Output):
     force: NotRequired[Port]
     x_port: NotRequired[Port]
     """Second port of a stage with a controller for each axis."""
+    http_port: NotRequired[int]
+    """TCP port of the web page of a Net F/T."""
 
 
 class TrueParameterJson(Output):

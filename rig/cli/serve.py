@@ -1,5 +1,6 @@
 """`rig serve`: virtual devices in real time, and the parameters of a random finger."""
 
+import json
 import signal
 import sys
 from pathlib import Path
@@ -140,7 +141,7 @@ def serve_command(
         with bench:
             for number in (signal.SIGINT, signal.SIGTERM):
                 signal.signal(number, lambda *_: bench.stop())
-            print_json(bench.ports)
+            print_json(bench.ports | bench.pages)
             if sys.stderr.isatty():
                 err.print("\n".join(["in rig.toml:", *_tables(bench)]))
             with resting():
@@ -155,8 +156,11 @@ def _tables(bench: ServedBench) -> list[str]:
     """Return the lines of a configuration file that names these ports."""
     return [
         line
-        for name, port in bench.ports.items()
-        for line in (f"[{bench.tables[name]}]", f'{"port" if name in ("stage", "force") else name} = "{port}"')
+        for name, port in (*bench.ports.items(), *bench.pages.items())
+        for line in (
+            f"[{bench.tables[name]}]",
+            f"{'port' if name in ('stage', 'force') else name} = {json.dumps(port)}",
+        )
     ]
 
 

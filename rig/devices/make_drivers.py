@@ -1,7 +1,8 @@
 """Drivers of the configured devices, on any transport or on the configured ports."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
+from typing import Any
 
 from pydantic import ValidationError
 
@@ -53,16 +54,20 @@ PROBE_S = 6.0
 """Longest time that a probe may take at a port (s)."""
 
 
-def probe(kind: DeviceKind, port: str, clock: Clock, byte_log: Sink | None = None) -> str | None:
+def probe(
+    kind: DeviceKind, port: str, clock: Clock, byte_log: Sink | None = None, *, own: Mapping[str, Any] | None = None
+) -> str | None:
     """Return the identity of a device of this kind at a port, or None if no such device answers.
 
-    Only the questions of the kind's own probe are sent, with its default settings. Raises TransportError if the port
-    does not open; StageError or ForceError if the device answers but cannot be used.
+    Only the questions of the kind's own probe are sent, with its default settings but for `own`, keys of its own
+    table. Raises TransportError if the port does not open; StageError or ForceError if the device answers but cannot
+    be used.
     """
     if kind.probe is None:
         return None
     try:
-        settings = KnownBench.model_validate({kind.room: {"kind": kind.name, "port": port}})
+        table = {"kind": kind.name, "port": port, **({kind.place: dict(own)} if own else {})}
+        settings = KnownBench.model_validate({kind.room: table})
     except ValidationError:  # A kind with settings that have no default cannot be asked.
         return None
     device = settings.stage if kind.room == "stage" else settings.force

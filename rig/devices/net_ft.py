@@ -471,6 +471,7 @@ DEVICE = ForceKind(
     twin="sim.devices.net_ft:net_ft_twin",
     probe=_probe,
     datagrams=True,
+    page_port="http_port",
     max_age_s=lambda force: MAX_AGE_S,
     also=(*_AXES, *_COUNTS),
     tests=("tests/rig/test_net_ft_driver.py", "tests/rig/test_net_ft_clients.py"),

@@ -92,6 +92,9 @@ class DeviceKind:
         the kind and asks for its port.
     datagrams : bool, optional
         Whether the device sends datagrams over Ethernet (udp://) and serves a web page at the same address.
+    page_port : str, optional
+        Key of the kind's own table for the TCP port of that page. The page of a virtual device is at the number of
+        its UDP port: `rig serve` prints the key with it, and `rig init` asks there, too.
     """
 
     room: ClassVar[Room]
@@ -104,6 +107,7 @@ class DeviceKind:
     twin: str = ""
     probe: Probe | None = None
     datagrams: bool = False
+    page_port: str = ""
 
     @property
     def place(self) -> str:
@@ -117,7 +121,7 @@ class StageKind(DeviceKind):
 
     Parameters
     ----------
-    name, device, tests, evidence, settings, table, twin, probe, datagrams : as in DeviceKind
+    name, device, tests, evidence, settings, table, twin, probe, datagrams, page_port : as in DeviceKind
         See there.
     driver : callable
         Makes the `Stage` from a function that opens ports, the clock and the settings. It raises what that function
@@ -154,7 +158,7 @@ class ForceKind(DeviceKind):
 
     Parameters
     ----------
-    name, device, tests, evidence, settings, table, twin, probe, datagrams : as in DeviceKind
+    name, device, tests, evidence, settings, table, twin, probe, datagrams, page_port : as in DeviceKind
         See there.
     driver : callable
         Makes the `ForceSensor` from a function that opens ports, the clock and the settings. It raises what that

@@ -1,6 +1,7 @@
 """Summary that `rig check` and `rig run` print before a motion: steps, forces, margins, stopping."""
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -40,10 +41,6 @@ class Preflight:
         """Stopping from the fastest press that the limits allow."""
         return Stopping.of(self.config, self.config.limits.max_press_speed_mm_s)
 
-    @property
-    def _age(self) -> SampleAge:
-        return SampleAge.of(self.config)
-
     def as_json(self) -> dict[str, Any]:
         """Return the fields that `rig check --json` prints."""
         steps = [self._step(index, planned) for index, planned in enumerate(self.plan.indentations)]
@@ -66,14 +63,7 @@ class Preflight:
                 "mean_pressure_kpa": min(limits.max_pressure_kpa - step["mean_pressure_kpa"] for step in steps),
                 "contact_s": limits.max_contact_s - self.rehearsed.contact_s,
             },
-            "sample_age_s": self._age.age_s,
-            "press_speed_mm_s": max(
-                self._age.press_speed_mm_s(speed_mm_s) for speed_mm_s, _ in self.plan.speeds_mm_s
-            ),
-            "rise_gwt": max(
-                self._age.rise_gwt(speed_mm_s, CONTACT_EXPONENT * planned.highest_gwt / planned.predicted_doi_mm)
-                for speed_mm_s, planned in self.plan.speeds_mm_s
-            ),
+            **press_speed(self.config, self.plan),
             "stop_distance_mm": self.stopping.distance_mm,
             "overshoot_gwt": max(step["overshoot_gwt"] for step in steps),
             "steps": steps,
@@ -107,6 +97,32 @@ def _band(planned: PlannedIndentation) -> dict[str, Any]:
         return {}
     force, depth = planned.band.force_gwt, planned.band.doi_mm
     return {"force_band_gwt": list(force), "doi_band_mm": list(depth), "highest_gwt": planned.band.highest_gwt}
+
+
+def press_speed(config: Config, plan: Plan) -> dict[str, float]:
+    """Return the press speed that the force sensor allows, the age of a sample, and the highest rise in it.
+
+    Empty for a plan without presses.
+    """
+    age, speeds = SampleAge.of(config), plan.speeds_mm_s
+    if not speeds:
+        return {}
+    return {
+        "sample_age_s": age.age_s,
+        "press_speed_mm_s": max(age.press_speed_mm_s(speed_mm_s) for speed_mm_s, _ in speeds),
+        "rise_gwt": max(
+            age.rise_gwt(speed_mm_s, CONTACT_EXPONENT * planned.highest_gwt / planned.predicted_doi_mm)
+            for speed_mm_s, planned in speeds
+        ),
+    }
+
+
+def press_speed_in_words(found: Mapping[str, Any]) -> str:
+    """Return the sentence about what `press_speed` found."""
+    return (
+        f"the sensor is read after each increment: press at most {found['press_speed_mm_s']:.2g} mm/s; a sample "
+        f"is up to {found['sample_age_s']:g} s old, in which the force may rise by {found['rise_gwt']:.3g} gwt"
+    )
 
 
 def preflight(script: Script, config: Config, finger: "Fingertip", plan: Plan) -> Preflight:
@@ -149,9 +165,16 @@ class Page:
             "duration": self._duration,
             "force": self._force,
             "trips": f"soft {in_both_units(self._soft_trip_n)}, hard {in_both_units(config.limits.hard_trip_n)}",
+            **self.speed,
             "first": self._first,
             "safety": "check that the emergency stop is in reach and the finger is clear of the indentor",
         }
+
+    @property
+    def speed(self) -> Lines:
+        """Line about the press speed that the force sensor allows, if there is a press."""
+        found = press_speed(self.session.config, self._plan)
+        return {"speed": press_speed_in_words(found)} if found else {}
 
     @property
     def _plan(self) -> Plan:

@@ -55,9 +55,9 @@ def tap(engine: Engine, step: Tap, expected: ExpectedTouch) -> None:
     ),
 ]
 
-STAGE = [("rig/devices/registry.py", '"tmcl"),', '"hobby", ')]
+STAGE = [("rig/devices/registry.py", '"leadshine", ', '"hobby", ')]
 
-FORCE = [("rig/devices/registry.py", '"net_ft"),', '"plain", ')]
+FORCE = [("rig/devices/registry.py", '"laumas", ', '"plain", ')]
 
 SHAPE = [
     (

@@ -107,6 +107,9 @@ def test_the_page_says_what_will_be_done(rig: Run, opened: list[Any], finger: Fi
     assert (soft, hard) == (pytest.approx(2 * peak, rel=1e-3), pytest.approx(5.0 / GWT_N, rel=1e-3))
     assert left_said == pytest.approx(soft - peak_said, rel=1e-3)
     assert [float(text) for text in re.findall(r"([\d.]+) N", page["trips"])][1] == 5.0
+    speed_mm_s, age_s, rise_gwt = (float(text) for text in re.findall(r"([\d.]+) (?:mm/s|s old|gwt)", page["speed"]))
+    assert (speed_mm_s, age_s) == (0.5, 0.05)
+    assert 0 < rise_gwt < peak
     assert page["first"].startswith("you mount bar:3.0 (3 mm wide); homing lifts the indentor")
     assert "x = -0.5 mm and down to 2 mm above the finger" in page["first"]
     assert "emergency stop" in page["safety"]

@@ -10,10 +10,22 @@ from rig.devices.registry import BUILT_IN
 from rig.engine.bench_memory import state_folder
 from rig.session.early_ending import FinalPosition
 from studies.faults.campaign import runner
-from studies.faults.campaign.__main__ import sample
-from studies.faults.campaign.cases import FaultCase, cases, content, shape
+from studies.faults.campaign.__main__ import in_shard, sample
+from studies.faults.campaign.cases import FaultCase, cases
 from studies.faults.campaign.faults import LATE_S, FaultyCarriage, WireFault, parsed, wire_faults
 from studies.faults.campaign.judge import BOUND_GWT, EXEMPTIONS, claim_of, exemption_of, true_claim, violations
+from studies.faults.campaign.messages import (
+    LANGUAGES,
+    LINES,
+    MODBUS,
+    MODBUS_TCP,
+    NET_FT,
+    TMCL,
+    XIMC,
+    ZABER,
+    Language,
+    language,
+)
 from studies.faults.campaign.scenarios import SCENARIOS, Finished
 from studies.faults.campaign.tables import CampaignSummary, Record, names_in, records_of, told
 from studies.faults.campaign.world import BENCHES, ScenarioBench, VirtualWorld, config_of
@@ -45,30 +57,58 @@ def test_a_fault_is_known_by_its_name() -> None:
         assert parsed(str(fault)) == fault
 
 
+_hex = bytes.fromhex
+
+
 @pytest.mark.parametrize(
-    ("one", "other", "alike"),
+    ("spoken", "one", "other", "shapes", "contents"),
     [
-        (b"G53Z-1.5\n", b"G53Z-2.7\n", True),
-        (b"G53Z-1.5\n", b"G53Z-12.7\n", False),
-        (bytes.fromhex("020310140002 80fc"), bytes.fromhex("020310140002 81fc"), True),
-        (bytes.fromhex("020304000000 00c933"), bytes.fromhex("020304ffffdc 10901b"), True),
-        (bytes.fromhex("000100000006 020310140002"), bytes.fromhex("00ff00000006 020310140002"), True),
-        (bytes.fromhex("000100000006 020310140002"), bytes.fromhex("000100000006 020310150002"), False),
-        (b"/2 1 05 move abs 1000 327:0A\n", b"/2 1 77 move abs 2000 327:F1\n", True),
-        (b"@02 1 05 OK IDLE -- 1000:0A\r\n", b"@02 1 77 OK IDLE -- 2000:F1\r\n", True),
-        (b"@02 1 05 OK IDLE -- 1000:0A\r\n", b"@02 1 05 OK BUSY -- 1000:F1\r\n", False),
+        (LINES, b"G53Z-1.5\n", b"G53Z-2.7\n", True, False),
+        (LINES, b"G53Z-1.5\n", b"G53Z-12.7\n", False, False),
+        (LINES, b"SI\r\n", b"S\r\n", False, False),
+        (MODBUS, _hex("020310140002 80fc"), _hex("020310140002 0a0a"), True, True),
+        (MODBUS, _hex("020304000000 00c933"), _hex("020304ffffdc 10901b"), True, False),
+        (MODBUS_TCP, _hex("000100000006 020310140002"), _hex("00ff00000006 020310140002"), True, True),
+        (MODBUS_TCP, _hex("000100000006 020310140002"), _hex("000100000006 020310150002"), False, False),
+        (ZABER, b"/2 1 05 move abs 1000 327:0A\n", b"/2 1 77 move abs 2000 327:F1\n", True, False),
+        (ZABER, b"@02 1 05 OK IDLE -- 1000:0A\r\n", b"@02 1 77 OK IDLE -- 2000:F1\r\n", True, False),
+        (ZABER, b"@02 1 05 OK IDLE -- 1000:0A\r\n", b"@02 1 05 OK BUSY -- 1000:F1\r\n", False, False),
+        (ZABER, b"/2 1 05 get pos:0A\n", b"/2 1 99 get pos:F7\n", True, True),
+        (ZABER, b"/2 1 05 get pos:0A\n", b"/1 1 05 get pos:0B\n", True, False),
+        (ZABER, b"/2 1 05:0A\n", b"/2 1 00:00\n", True, True),
+        (XIMC, b"move" + bytes(17) + b"\1\n", b"move" + bytes(17) + b"\2\3", True, True),
+        (XIMC, b"gpos", b"gets", False, False),
+        (TMCL, _hex("01 04 00 00 00000001 06"), _hex("01 04 00 00 0000000a 0f"), True, False),
+        (NET_FT, bytes(35) + b"\n", b"\1" * 8 + bytes(27) + b"\n", True, True),
+        (NET_FT, bytes(36), bytes(35) + b"\1", True, False),
+        (NET_FT, b"<cfgcpf>10</cfgcpf>\n", b"<cfgcpf>20</cfgcpf>\n", True, False),
+    ],
+)  # fmt: skip
+def test_shape_and_content_of_messages(
+    spoken: Language, one: bytes, other: bytes, shapes: bool, contents: bool
+) -> None:
+    assert (spoken.shape(one) == spoken.shape(other)) is shapes
+    assert (spoken.content(one) == spoken.content(other)) is contents
+
+
+@pytest.mark.parametrize(
+    ("kind", "tells", "asks"),
+    [
+        ("grbl", b"G53Z-1.5\n", b"?"),
+        ("leadshine", bytes.fromhex("0106600200100a0a"), bytes.fromhex("0103600200010a0a")),
+        ("zaber", b"/2 1 05 move abs 1000 327:0A\n", b"/2 1 05 get pos:0A\n"),
+        ("standa", b"home", b"gpos"),
+        ("tmcl", bytes.fromhex("01 04 00 00 00000001 06"), bytes.fromhex("01 06 01 00 00000000 08")),
     ],
 )
-def test_messages_of_one_shape(one: bytes, other: bytes, alike: bool) -> None:
-    assert (shape(one) == shape(other)) is alike
+def test_commands_of_every_stage(kind: str, tells: bytes, asks: bytes) -> None:
+    assert (LANGUAGES["stage"][kind].is_command(tells), LANGUAGES["stage"][kind].is_command(asks)) == (True, False)
 
 
-def test_a_transaction_and_a_checksum_are_no_content() -> None:
-    assert content(bytes.fromhex("000100000006 020310140002")) == content(bytes.fromhex("004500000006 020310140002"))
-    assert content(bytes.fromhex("02031014000280fc")) == content(bytes.fromhex("0203101400020000"))
-    assert content(b"SI\r\n") != content(b"S\r\n")
-    assert content(b"/2 1 05 get pos:0A\n") == content(b"/2 1 99 get pos:F7\n") != content(b"/1 1 05 get pos:0B\n")
-    assert content(b"/2 1 05:0A\n") == b"/2 1 00:00\n"
+def test_every_kind_has_a_language() -> None:
+    assert {room: set(kinds) for room, kinds in LANGUAGES.items()} == {room: set(BUILT_IN[room]) for room in BUILT_IN}
+    spoken = [language(device) for bench in BENCHES for device in (config_of(bench).stage, config_of(bench).force)]
+    assert {*spoken} == {LINES, MODBUS, MODBUS_TCP, ZABER, XIMC, TMCL, NET_FT}
 
 
 @pytest.mark.parametrize(
@@ -291,6 +331,12 @@ def test_a_case_that_ended_is_judged_as_it_ended_whatever_is_done_after_it(
     runner.carry_out(chosen, tmp_path / "found.jsonl", 1)
     (record,) = records_of(tmp_path / "found.jsonl")
     assert (record["exit"], record["reason"], record["resumed"]) == ("failed", "move 0", True)
+
+
+def test_shards_together_are_the_whole() -> None:
+    found = [[n for n in range(1000) if in_shard(f"grbl/lift/{n}/stage to drop 1", one, 7)] for one in range(1, 8)]
+    assert sorted(itertools.chain(*found)) == [*range(1000)]
+    assert min(map(len, found)) > 100
 
 
 def test_what_is_done_is_not_done_again(tmp_path: Path) -> None:

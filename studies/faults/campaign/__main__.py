@@ -10,6 +10,7 @@ import json
 import random
 import sys
 import tempfile
+import zlib
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -62,6 +63,9 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--phase", action="append", help="these phases only")
     parser.add_argument("--kind", help="faults whose class holds these words, such as 'flip to stage' or pair")
     parser.add_argument("--sample", type=int, help="so many cases, as many of each bench, phase and class of fault")
+    parser.add_argument(
+        "--shard", type=_shard, metavar="K/N", help="the cases of shard K of N, chosen by their names"
+    )
     parser.add_argument("--seed", type=int, default=0, help="of the sample")
     parser.add_argument("--case", action="append", help="the case of this name")
     parser.add_argument("--real-time", type=int, metavar="N", help="N cases of a sample, in real time over TCP")
@@ -92,6 +96,8 @@ def _cases(options: argparse.Namespace, bench: str = "", scenario: Scenario | No
                     continue
                 if options.kind and options.kind not in case.kind:
                     continue
+                if options.shard and not in_shard(case.name, *options.shard):
+                    continue
                 if not options.case or case.name in options.case:
                     yield case
 
@@ -107,6 +113,18 @@ def _found(options: argparse.Namespace) -> Iterator[Record]:
         )
         if asked and record["commit"] == commit():
             yield record
+
+
+def in_shard(name: str, one: int, of: int) -> bool:
+    """Whether a case is in one of so many shards, which together are the whole."""
+    return zlib.crc32(name.encode()) % of == one - 1
+
+
+def _shard(text: str) -> tuple[int, int]:
+    one, _, of = text.partition("/")
+    if not 1 <= int(one) <= int(of):
+        raise argparse.ArgumentTypeError(f"{text}: must be K/N with K from 1 to N")
+    return int(one), int(of)
 
 
 def sample(of: Sequence[FaultCase], number: int, seed: int) -> list[FaultCase]:

@@ -24,7 +24,7 @@ from rig.engine.bench_memory import BenchMemory
 from rig.plan.config import Config
 from sim.serve.ports import TcpPort
 from sim.serve.real_time_loop import WallScheduler
-from studies.faults.campaign.cases import FaultCase, content, is_command, shape
+from studies.faults.campaign.cases import FaultCase
 from studies.faults.campaign.faults import FaultyCarriage, cell
 from studies.faults.campaign.judge import claim_of, claim_on_record, exemption_of, hidden, true_claim, violations
 from studies.faults.campaign.runner import DEFAULTS, about, commit, ended, finished_presses, kept
@@ -89,21 +89,11 @@ class ServedWorld(World):
 
     def _tap_host(self, name: str, send: Callable[[bytes], None]) -> None:
         def tapped(data: bytes) -> None:
-            for part in self._messages(data):
+            for part in self.languages[name].messages(data):
                 for late_s, piece in self.passed(name, "to", part):
                     self.later(late_s, lambda piece=piece: send(piece))  # type: ignore[misc]
 
         self.lines[name].host_write = tapped  # type: ignore[method-assign]
-
-    def _messages(self, data: bytes) -> Iterator[bytes]:
-        """What came at once: lines, real-time bytes as they were written, or frames of Modbus TCP."""
-        if self.config.stage.framing != "tcp":
-            yield from data.splitlines(keepends=True)
-            return
-        while data:
-            length = 6 + int.from_bytes(data[4:6], "big") if len(data) >= 6 else len(data)
-            yield data[:length]
-            data = data[length:]
 
     def _tell(self) -> None:
         if self._shared.flag(_MEND) and not self._mended:
@@ -133,8 +123,8 @@ class ServedWorld(World):
             return True
         if (message.wire, message.way) != (case.wire, case.way):
             return False
-        same = content(message.data) == content(case.data)
-        return same if is_command(message) else same or shape(message.data) == shape(case.data)
+        same = message.content == message.language.content(case.data)
+        return same if message.is_command else same or message.shape == message.language.shape(case.data)
 
 
 def _serve(case: FaultCase, shared: Shared, names: "multiprocessing.connection.Connection") -> None:

@@ -31,7 +31,7 @@ from rig.engine.bench_memory import BenchMemory
 from rig.errors import BadInputError
 from rig.transport import TransportError
 from studies.faults.attempts import attempts
-from studies.faults.campaign.cases import FaultCase, content, is_command
+from studies.faults.campaign.cases import FaultCase
 from studies.faults.campaign.faults import FaultyCarriage, cell
 from studies.faults.campaign.judge import (
     BOUND_GWT,
@@ -107,8 +107,8 @@ class Played:
         world = VirtualWorld(self._bench)
 
         def noted(message: Message) -> list[tuple[float, bytes]]:
-            if is_command(message):
-                self._commands.append((message.number, content(message.data), world.pose_mm(message.t_s)))
+            if message.is_command:
+                self._commands.append((message.number, message.content, world.pose_mm(message.t_s)))
             return untouched(message)
 
         world.tap = noted
@@ -117,9 +117,9 @@ class Played:
 
     def _follow(self, message: Message) -> None:
         """In a child: end it where the fault has been absorbed. What is asked or told again stands between."""
-        if not self._to_come or not is_command(message):
+        if not self._to_come or not message.is_command:
             return
-        told, (x_mm, z_mm) = content(message.data), self.world.pose_mm(message.t_s)
+        told, (x_mm, z_mm) = message.content, self.world.pose_mm(message.t_s)
         for n in (self._next, *range(max(self._next - _AROUND, 0), self._next + _AROUND)):
             if n < len(self._to_come):
                 expected, (at_x_mm, at_z_mm) = self._to_come[n]

@@ -1,6 +1,5 @@
 """The virtual bench of the campaign: real drivers and bytes, a finger of springs, and the truth beside them."""
 
-import string
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
@@ -18,7 +17,7 @@ from rig.bench.virtual import (
 from rig.clock import Clock
 from rig.devices.base import ForceSensor, Stage, StageError
 from rig.devices.make_drivers import force_driver, stage_driver
-from rig.devices.registry import BUILT_IN
+from rig.devices.registry import BUILT_IN, kind_of
 from rig.engine import Journal
 from rig.engine.bench import NO_PAUSE, Heartbeat, Pause, WatchedBench
 from rig.engine.bench_memory import BenchMemory, LastKnown
@@ -29,6 +28,7 @@ from rig.transport.wire import LoopbackTransport
 from rig.units import GWT_N
 from sim.devices.clock import Scheduler, VirtualClock
 from sim.devices.line import Load, SerialLine
+from studies.faults.campaign.messages import Language, language
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N
 
 TRUTH_S = 0.002
@@ -55,9 +55,6 @@ registry in the place of the usual one."""
 Way = Literal["to", "from"]
 """To the device, or from it."""
 
-_TEXT = set(string.printable.encode("ascii"))
-"""Bytes of lines; a frame of Modbus has others, such as its device."""
-
 
 @dataclass(frozen=True)
 class Message:
@@ -66,6 +63,7 @@ class Message:
     t_s and force_gwt (the true one) are those of its instant, phase is what the rig was doing.
     """
 
+    language: Language
     number: int
     phase: str
     wire: str
@@ -73,6 +71,21 @@ class Message:
     data: bytes
     t_s: float
     force_gwt: float
+
+    @property
+    def shape(self) -> str:
+        """What it is besides its numbers."""
+        return self.language.shape(self.data)
+
+    @property
+    def content(self) -> bytes:
+        """Without what changes although nothing is said anew."""
+        return self.language.content(self.data)
+
+    @property
+    def is_command(self) -> bool:
+        """Whether it tells the stage something, and does not only ask."""
+        return self.wire == "stage" and self.way == "to" and self.language.is_command(self.data)
 
 
 Tap = Callable[[Message], list[tuple[float, bytes]]]
@@ -149,6 +162,7 @@ class World:
         self.mechanics: FaultMechanics | None = None
         self.felt_n: Callable[[float], float] = self.true_n
         self.worst = Worst()
+        self.languages: dict[str, Language] = {one.room: language(one) for one in (config.stage, config.force)}
         self.lines = {
             "stage": virtual_line(clock, config.stage),
             "force": virtual_line(clock, config.force),
@@ -205,14 +219,11 @@ class World:
 
     def passed(self, wire: str, way: Way, data: bytes) -> list[tuple[float, bytes]]:
         """What comes of a message at the other end."""
-        message = Message(
-            self.messages, self.phase, wire, way, data, self.scheduler.monotonic_s(), round(self.true_gwt, 3)
-        )
+        now_s, language = self.scheduler.monotonic_s(), self.languages[wire]
+        message = Message(language, self.messages, self.phase, wire, way, data, now_s, round(self.true_gwt, 3))
         self.messages += 1
         found = self.tap(message)
-        if (
-            wire == "force" and self.config.force.kind == "net_ft"
-        ):  # UDP and TCP drop what their checksum does not fit.
+        if kind_of(getattr(self.config, wire)).datagrams:  # UDP and TCP drop what their checksum does not fit.
             return [(late_s, piece) for late_s, piece in found if piece == data]
         return found
 
@@ -227,7 +238,7 @@ class World:
         send = line.device_write
 
         def tapped(data: bytes) -> None:
-            for part in data.splitlines(keepends=True) if set(data) <= _TEXT else [data]:
+            for part in self.languages[name].messages(data):
                 for late_s, piece in self.passed(name, "from", part):
                     self.later(late_s, lambda piece=piece: send(piece))  # type: ignore[misc]
 

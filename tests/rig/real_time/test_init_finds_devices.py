@@ -15,8 +15,7 @@ from tests.program import INIT_ANSWERS, Program
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 
-FOUND = [name for name in BUILT_IN["force"] if find(ForceKind, name).probe and not find(ForceKind, name).datagrams]
-"""Kinds that are found without a further key: the page of a virtual Net F/T is at a TCP port of its own."""
+FOUND = [name for name in BUILT_IN["force"] if find(ForceKind, name).probe]
 PAIRS = list(product(BUILT_IN["stage"], FOUND))
 
 

@@ -44,6 +44,12 @@ def test_one_device_one_line_and_a_clean_end(serving: Serving) -> None:
     assert (code, out, beside_progress(err)) == (0, "", "")
 
 
+def test_keys_that_a_virtual_device_needs_are_printed(serving: Serving) -> None:
+    ports = serving("--stage", "standa", "--force", "net_ft").ports()
+    assert set(ports) == {"stage", "force", "x_port", "http_port"}
+    assert ports["force"] == f"udp://127.0.0.1:{ports['http_port']}"
+
+
 def test_both_devices_behind_two_tcp_ports(serving: Serving, finger: Fingertip) -> None:
     number = until(two_free_ports)
     serve = serving("--tcp", str(number), "--indentor", "step:1")
