@@ -80,7 +80,7 @@ _LEADS_TO = {
     "approach": "approach",
     "back off": "touch-off",
     "touch": "touch-off",
-    "press": "press and seek",
+    **dict.fromkeys(("press", "ramp"), "press and seek"),
     "hold": "hold",
     "retract": "lift",
 }

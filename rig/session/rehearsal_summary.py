@@ -8,7 +8,7 @@ from rig.devices.registry import stage_ports
 from rig.engine import EngineError
 from rig.engine.limits import CONTACT_EXPONENT, SampleAge, Stopping
 from rig.plan.config import Config
-from rig.plan.plan import Plan
+from rig.plan.plan import Plan, ramp_bound
 from rig.protocol.script import Script
 from rig.records import PlannedIndentation
 from rig.session.rehearse import Rehearsed, rehearsed
@@ -98,6 +98,20 @@ class Preflight:
             "overshoot_gwt": self.stopping.overshoot_gwt(
                 self.trip_gwt, planned.predicted_force_gwt, planned.predicted_doi_mm
             ),
+            **self._ramp(planned),
+        }
+
+    def _ramp(self, planned: PlannedIndentation) -> dict[str, Any]:
+        """Return speed and force limits of a ramp, if it is one."""
+        bound = ramp_bound(self.plan, self.config, planned)
+        if bound is None:
+            return {}
+        return {
+            "ramp_mm_s": bound.speed_mm_s,
+            "ramp_fastest_mm_s": bound.fastest_mm_s,
+            "ramp_stop_mm": bound.stop_mm,
+            "ramp_trip_gwt": bound.trip_gwt,
+            "ramp_bound_gwt": bound.bound_gwt,
         }
 
 
