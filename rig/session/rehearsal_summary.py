@@ -163,6 +163,7 @@ class Page:
             "duration": self._duration,
             "force": self._force,
             "trips": f"soft {in_both_units(self._soft_trip_n)}, hard {in_both_units(config.limits.hard_trip_n)}",
+            **self._ramps,
             "first": self._first,
             "safety": "check that the emergency stop is in reach and the finger is clear of the indentor",
         }
@@ -215,6 +216,20 @@ class Page:
         depths = [planned.deepest_mm for planned in self._plan.all_presses]
         stiffening = self.session.config.finger.tissue.stiffening
         return f"; {small_strain('finger', max(depths), stiffening).note}" if depths else ""
+
+    @property
+    def _ramps(self) -> Lines:
+        """Force limits of all ramps, if there are any."""
+        planned = (ramp_bound(self._plan, self.session.config, press) for press in self._plan.all_presses)
+        bounds = [bound for bound in planned if bound is not None]
+        if not bounds:
+            return {}
+        return {
+            "ramps": f"{len(bounds)} at up to {max(one.speed_mm_s for one in bounds):g} mm/s, tripped from "
+            f"{in_both_units(min(one.trip_gwt for one in bounds) * GWT_N)} on, at rest within "
+            f"{max(one.stop_mm for one in bounds):.2g} mm and below "
+            f"{in_both_units(max(one.bound_gwt for one in bounds) * GWT_N)}"
+        }
 
     @property
     def _first(self) -> str:
