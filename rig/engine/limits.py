@@ -315,10 +315,9 @@ class RampBound:
         """Raise an error of this kind for a ramp at x_mm that would trip too near to its own force."""
         if self.trip_gwt < RAMP_MARGIN * self.force_gwt:
             raise kind(
-                "a ramp at x = {x_mm:g} mm at {speed_mm_s:g} mm/s is too fast: the stage covers {stop_mm:.2g} mm before "
-                "it is at rest, so that the ramp would have to trip at {trip_gwt:.3g} gwt to stay below "
-                "{bound_gwt:.3g} gwt, too near to the {force_gwt:.3g} gwt at its depth; ramp at most at "
-                "{fastest_mm_s:.2g} mm/s",
+                "a ramp at x = {x_mm:g} mm at {speed_mm_s:g} mm/s is too fast: it needs up to {stop_mm:.2g} mm to "
+                "stop, and would have to trip at {trip_gwt:.3g} gwt to stay below {bound_gwt:.3g} gwt, too near to "
+                "the {force_gwt:.3g} gwt at its depth; ramp at most at {fastest_mm_s:.2g} mm/s",
                 code="ramp_too_fast",
                 x_mm=x_mm,
                 **vars(self),

@@ -448,26 +448,6 @@ def test_a_ramp_that_ages_past_the_trip_is_refused_without_the_cap_of_an_increme
     make_plan(_script(tmp_path, "rig.indent(doi_mm=0.4, speed_mm_s=1.0)"), config, finger)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "code"),
-    [
-        ("doi_mm=0.5, speed_mm_s=0.0", "outside_range"),
-        ("doi_mm=0.5, speed_mm_s=6.0", "outside_range"),
-        ("doi_mm=0.5, speed_mm_s='fast'", "no_number"),
-        ("doi_mm=0.5, speed_mm_s=None", "no_number"),
-        ("doi_mm=-0.5, speed_mm_s=0.2", "not_positive"),
-        ("doi_mm=1.6, speed_mm_s=0.2", "beyond_limit"),
-        ("doi_mm=0.5, speed_mm_s=0.2, hold_s=-1", "outside_range"),
-        ("doi_mm=0.5, speed_mm_s=0.2, hold_s=3601", "outside_range"),
-    ],
-)
-def test_a_bad_argument_is_refused_before_anything_moves(
-    arguments: str, code: str, finger: Fingertip, tmp_path: Path
-) -> None:
-    with raises(BadInputError, code):
-        make_plan(_script(tmp_path, f"rig.ramp({arguments})"), Config(), finger)
-
-
 def test_the_summary_has_the_bound_of_each_ramp_and_the_dry_run_keeps_it(finger: Fingertip, tmp_path: Path) -> None:
     script = _script(tmp_path, "rig.indent(doi_mm=0.5, hold_s=0.1)", "rig.ramp(doi_mm=0.8, speed_mm_s=0.3)")
     plan = make_plan(script, Config(), finger)
