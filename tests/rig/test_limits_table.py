@@ -235,7 +235,8 @@ ASKED: Mapping[str, Asked] = {
         lambda limit: (0, limit)),
     "ramp: doi_mm": Asked(
         (0.1, 2), lambda limit: _limits(max_doi_mm=limit),
-        lambda rig, doi_mm: ready(rig).ramp(doi_mm=doi_mm, speed_mm_s=0.1), lambda limit: (0, limit), open_below=True),
+        lambda rig, doi_mm: ready(rig).ramp(doi_mm=doi_mm, speed_mm_s=0.1), lambda limit: (0, limit),
+        open_below=True),
     "ramp: speed_mm_s": Asked(
         (1, 5), lambda limit: _limits(max_press_speed_mm_s=limit),
         lambda rig, speed_mm_s: ready(rig).ramp(doi_mm=0.1, speed_mm_s=speed_mm_s),

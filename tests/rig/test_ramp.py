@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ import pytest
 
 import rig.engine.indentation as indentations
 import rig.protocol.check as checks
-from rig.devices.base import ForceReading
+from rig.devices.base import StageError
 from rig.engine import LimitError, NotReadyError, RecordError, Target, TripError, indent, verbs
 from rig.engine.engine import State
 from rig.engine.indentation import ramp
@@ -32,6 +32,7 @@ from tests.error_codes import raises
 
 Make = Callable[..., Any]
 CONTACT_MM = -0.3
+COMPLIANCE = {"value": 1.0, "sd": 0.01, "date": "2026-01-01", "expires": "2036-01-01"}
 SLOW = {"doi_mm": 0.8, "speed_mm_s": 0.3}
 
 
@@ -190,7 +191,7 @@ def test_a_deeper_ramp_presses_first_and_a_shallower_one_goes_by_the_law(spring:
 
 
 def test_the_depth_is_corrected_for_the_compliance_of_the_rig(spring: Make) -> None:
-    settings = RigSettings.model_validate({"calibration": {"compliance_mm_per_n": {"value": 1.0, "sd": 0.01}}})
+    settings = RigSettings.model_validate({"calibration": {"compliance_mm_per_n": COMPLIANCE}})
     bench = spring(settings=settings, soft_trip_n=0.1)
     done = ramp(bench.ready(), **SLOW, hold_s=0.0)
     assert done.holds[0].doi_mm == pytest.approx(0.8, abs=0.004)
@@ -250,7 +251,7 @@ FAST = {"doi_mm": 0.86, "speed_mm_s": 0.75}
 
 
 @pytest.fixture(params=STAGES)
-def faulty(request: pytest.FixtureRequest, tmp_path: Path) -> FaultyBench:
+def faulty(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[FaultyBench]:
     """A bench of each stage, ready at x = 0."""
     bench = FaultyBench(tmp_path, {**STAGES[request.param], "limits": {"soft_trip_n": SOFT_TRIP_N}})
     engine = bench.engine
@@ -258,7 +259,8 @@ def faulty(request: pytest.FixtureRequest, tmp_path: Path) -> FaultyBench:
     verbs.home(engine)
     verbs.zero(engine)
     verbs.move_to(engine, 0.0)
-    return bench
+    yield bench
+    bench.journal.close()
 
 
 def _in_the_ramp(bench: FaultyBench, act: Callable[[], object], from_gwt: float = 2.0) -> None:
@@ -270,8 +272,11 @@ def _in_the_ramp(bench: FaultyBench, act: Callable[[], object], from_gwt: float 
         else:
             bench.clock.call_at(bench.clock.monotonic_s() + 0.002, watch)
 
-    bench.after("ramp", lambda: None)
-    bench.after("ramp", watch)
+    def begin() -> None:
+        bench.worst_n = 0.0  # of the ramp alone
+        watch()
+
+    bench.after("ramp", begin)
 
 
 def _ramp(bench: FaultyBench) -> Any:
@@ -285,11 +290,8 @@ def test_it_is_done_on_every_stage(faulty: FaultyBench) -> None:
     assert faulty.height_mm == pytest.approx(2.0, abs=0.003)
 
 
-@pytest.mark.parametrize("nearer_mm", [0.3, 0.6, 1.2])
+@pytest.mark.parametrize("nearer_mm", [0.3, 0.6])
 def test_a_finger_that_comes_nearer_trips_within_the_bound(faulty: FaultyBench, nearer_mm: float) -> None:
-    """By as much as leaves it below the bound of itself: nothing can prevent what a finger does."""
-    nearer_mm = min(nearer_mm, 0.6)
-
     def nearer() -> None:
         faulty.nearer_mm = nearer_mm
 
@@ -323,15 +325,8 @@ def test_a_sensor_that_lost_its_cell_ends_it(faulty: FaultyBench) -> None:
 
 
 def test_a_stage_that_goes_on_unread_ends_it(faulty: FaultyBench) -> None:
-    """The computer is away for 0.5 s: longer than was ever measured."""
-    late = faulty.force.read
-
-    def read() -> ForceReading:
-        faulty.clock.wait_s(0.5)
-        faulty.force.read = late  # type: ignore[method-assign]
-        return late()
-
-    _in_the_ramp(faulty, lambda: setattr(faulty.force, "read", read))
+    """The disk is away for 0.45 s: longer than was ever measured."""
+    _in_the_ramp(faulty, lambda: faulty.after("ramp", lambda: faulty.clock.wait_s(0.45)))
     with raises(TripError, "ramp_unread") as caught:
         _ramp(faulty)
     assert caught.value.fields["gone_mm"] > caught.value.fields["limit_mm"] > 0.35 * 0.75
@@ -393,9 +388,11 @@ def test_a_stage_that_reports_nothing_is_stopped_by_the_heartbeat(spring: Make) 
             hang()
 
     bench.on_event = watch
-    with raises(TripError, "heartbeat_lost"):
+    with pytest.raises(StageError):
         ramp(engine, 0.8, 0.1)
+    assert engine.heartbeat.lost
     assert not engine.bench.stage.homed
+    assert bench.true_pose()[1] < 0.8
 
 
 def test_a_pause_is_taken_before_the_ramp_and_begins_it_anew(spring: Make) -> None:
@@ -479,11 +476,11 @@ def test_a_run_that_was_killed_in_a_ramp_does_it_anew(at: str, finger: Fingertip
     cut = next(n for n in inside if n > (ends[0] if at == "hold" else -1))
     events.write_text("".join(documents[: cut + 1]), encoding="utf-8")
     stopped = read_stopped(whole.folder.path)
-    plan = make_plan(stopped.script, stopped.config, finger, stopped.before, stopped.folder.path)
+    plan = make_plan(stopped.script, stopped.config, finger, stopped.run, stopped.folder.path)
     again = dry_run(Session(stopped.script, stopped.config, finger, plan, stopped))
     assert again.complete, again.problem
     assert len(again.run.done) == 2
     assert len(again.run.stream("ramp")) == 2
-    assert again.run.repeated == 1
+    assert (again.run.restarted, again.run.repeated) == (1, 0)
     assert math.isclose(again.run.done[0][0]["doi_mm"], whole.run.done[0][0]["doi_mm"], abs_tol=0.003)
     assert isinstance(stopped, StoppedRun)
