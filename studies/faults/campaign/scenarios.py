@@ -238,7 +238,7 @@ RAMP = RunScenario(
     "ramp",
     _ramp,
     2,
-    {},
+    {"ramp 1": ""},
     {
         ("ramp 1", "ramp"): "ramp",
         ("ramp 1", "hold_start"): "",
