@@ -31,7 +31,7 @@ def as_fine(data: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-Phase = Literal["clearance", "moving", "approach", "back off", "touch", "press", "hold", "compliance"]
+Phase = Literal["clearance", "moving", "approach", "back off", "touch", "press", "ramp", "hold", "compliance"]
 """What was being done when the force was read."""
 
 Purpose = Literal["data", "precondition", "reference", "find"]
@@ -150,3 +150,4 @@ class PlannedIndentation(Prediction):
 
     increments: int
     hold_s: float
+    ramp_mm_s: float | None = None  # speed of a ramp

@@ -44,7 +44,13 @@ class StubStage:
         self.homed = True
 
     def moving(
-        self, *, x_mm: float | None = None, y_mm: float | None = None, z_mm: float | None = None, speed_mm_s: float
+        self,
+        *,
+        x_mm: float | None = None,
+        y_mm: float | None = None,
+        z_mm: float | None = None,
+        speed_mm_s: float,
+        look_s: float = LOOK_S,
     ) -> Iterator[StageStatus | None]:
         if not self.homed:
             raise StageNotHomed("the stub stage")

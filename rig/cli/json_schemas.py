@@ -236,6 +236,14 @@ class PlannedStepJson(Output):
     mean_pressure_kpa: float
     peak_pressure_kpa: float
     overshoot_gwt: float
+    ramp_mm_s: NotRequired[float]
+    """Speed of a ramp. The force limits below hold for the predicted stiffness."""
+    ramp_fastest_mm_s: NotRequired[float]
+    ramp_stop_mm: NotRequired[float]
+    """Stopping distance, with the delays of sensor, reading and controller."""
+    ramp_trip_gwt: NotRequired[float]
+    ramp_bound_gwt: NotRequired[float]
+    """Soft trip and overshoot of a press, which the ramp does not exceed either."""
 
 
 class CheckJson(Output):

@@ -133,8 +133,17 @@ def _tell(found: dict[str, Any]) -> None:
         press_speed_in_words(found),
         f"stopping distance {found['stop_distance_mm']:.3g} mm, overshoot at a trip at most "
         f"{found['overshoot_gwt']:.3g} gwt",
+        *(_ramp(step) for step in found["steps"] if "ramp_mm_s" in step),
     ):
         out.print(line)
+
+
+def _ramp(step: dict[str, Any]) -> str:
+    return (
+        f"{step['index']}: a ramp at {step['ramp_mm_s']:g} mm/s trips at {step['ramp_trip_gwt']:.3g} gwt, is at rest "
+        f"within {step['ramp_stop_mm']:.2g} mm, and stays below {step['ramp_bound_gwt']:.3g} gwt; at most "
+        f"{step['ramp_fastest_mm_s']:.2g} mm/s"
+    )
 
 
 def _short(value: object) -> str:

@@ -15,6 +15,10 @@ PRESS_STREAMS = {
         "index": "", "threshold_gwt": "gwt", "height_at_threshold_mm": "mm", "contact_height_mm": "mm",
         "fit_points": "", "doi_bias_mm": "mm", "doi_mm": "mm", "true_doi_bias_mm": "mm",
     },
+    "ramp": {
+        "index": "", "speed_mm_s": "mm/s", "measured_gwt": "gwt", "trip_gwt": "gwt", "bound_gwt": "gwt",
+        "stop_mm": "mm",
+    },
     "hold_start": {"index": "", "hold": "", "target": "", "commanded": "", "doi_mm": "mm", "force_gwt": "gwt"},
     "hold_end": {
         "index": "", "hold": "", "x_mm": "mm", "doi_mm": "mm", "doi_sd_mm": "mm",
@@ -27,14 +31,16 @@ PRESS_STREAMS = {
 }  # fmt: skip
 """Streams of one press. Keys starting with `true_` come from the virtual plant and are absent on hardware."""
 
+_NOT_DATA = {name: keys for name, keys in PRESS_STREAMS.items() if name != "ramp"}
+
 STREAMS = {
     "mount": {"indentor": ""},
     "home": {"controller": "", "contact": "", "force_gwt": "gwt"},
     "zero": {"sensor": "", "noise_gwt": "gwt", "offset_gwt": "gwt", "drift_gwt": "gwt"},
     "move": {"x_mm": "mm", "along_mm": "mm", "height_mm": "mm"},
     **PRESS_STREAMS,
-    **{f"precondition_{name}": keys for name, keys in PRESS_STREAMS.items()},
-    **{f"reference_{name}": keys for name, keys in PRESS_STREAMS.items()},
+    **{f"precondition_{name}": keys for name, keys in _NOT_DATA.items()},
+    **{f"reference_{name}": keys for name, keys in _NOT_DATA.items()},
     **{f"find_{name}": PRESS_STREAMS[name] for name in ("sample", "touch")},
     "find": {"index": "", "indentor": "", "x_mm": "mm", "along_mm": "mm", "contact_height_mm": "mm"},
     "retract": {"height_mm": "mm", "contact_s": "s", "contact": "", "force_gwt": "gwt"},

@@ -80,7 +80,7 @@ _LEADS_TO = {
     "approach": "approach",
     "back off": "touch-off",
     "touch": "touch-off",
-    "press": "press and seek",
+    **dict.fromkeys(("press", "ramp"), "press and seek"),
     "hold": "hold",
     "retract": "lift",
 }
@@ -127,6 +127,21 @@ def booked_s(run: Run) -> dict[str, float]:
     for span in spans(run):
         totals[span.what] += span.end_s - span.begin_s
     return totals
+
+
+def ramps(run: Run) -> list[tuple[str, str]]:
+    """Return the ramps of a run by their speed, and their force limits, in words."""
+    found: dict[float, list[TableRow]] = {}
+    for event in run.stream("ramp"):
+        found.setdefault(event["speed_mm_s"], []).append(event)
+    return [
+        (
+            f"ramps at {speed_mm_s:g} mm/s",
+            f"{len(some)}, tripped from {min(one['trip_gwt'] for one in some):.2f} gwt on, at rest within "
+            f"{max(one['stop_mm'] for one in some):.2g} mm and below {max(one['bound_gwt'] for one in some):.2f} gwt",
+        )
+        for speed_mm_s, some in found.items()
+    ]
 
 
 def _stamps(run: Run) -> list[tuple[float, str]]:

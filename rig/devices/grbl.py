@@ -589,6 +589,7 @@ DEVICE = StageKind(
     driver=_driver,
     outputs=("off", "coolant", "spindle"),
     inputs=("door", "hold"),
+    ramps=True,
     twin="sim.devices.grbl.board:grbl_twin",
     probe=_probe,
     tests=("tests/rig/test_grbl_driver.py", "tests/rig/test_grbl_conformance.py"),

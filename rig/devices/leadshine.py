@@ -354,6 +354,7 @@ DEVICE = StageKind(
     axes="xz",
     outputs=("off", "drive"),
     inputs=reg.INPUT_NAMES,
+    ramps=True,
     twin="sim.devices.leadshine:leadshine_twin",
     probe=_probe,
     tests=("tests/rig/test_leadshine_driver.py", "tests/rig/test_modbus_counterparties.py"),

@@ -140,6 +140,10 @@ class StageKind(DeviceKind):
         negative where the motor runs against the axis. Default: 400.
     inputs : tuple of str, optional
         Names of the stop inputs that the driver can report, for [stop].
+    ramps : bool, optional
+        Whether a move of the vertical axis may be a ramp into the finger: it has one speed from start to end, the
+        target is confirmed or protected by a checksum, and `Stage.moving` reports the position every look_s while
+        `Stage.halt` can end the move. Default: no ramp.
     """
 
     room: ClassVar[Room] = "stage"
@@ -150,6 +154,7 @@ class StageKind(DeviceKind):
     steps_per_mm: Callable[[StageSettings, str], float] = nominal_steps_per_mm
     outputs: tuple[str, ...] = ("off",)
     inputs: tuple[str, ...] = ()
+    ramps: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -325,6 +330,11 @@ def stage_ports(stage: StageSettings) -> tuple[str, ...]:
 def moves_along(stage: StageSettings) -> bool:
     """Return whether the stage has an axis along the finger."""
     return "y" in find(StageKind, stage.kind).axes
+
+
+def ramps(stage: StageSettings) -> bool:
+    """Return whether the stage may move into the finger at constant speed."""
+    return find(StageKind, stage.kind).ramps
 
 
 def checked(settings: type[D], device: Any) -> D:

@@ -528,6 +528,7 @@ DEVICE = StageKind(
     axes="xz",
     steps_per_mm=steps_per_mm,
     twin="sim.devices.standa:standa_twin",
+    ramps=True,
     probe=_probe,
     tests=("tests/rig/test_standa_driver.py", "tests/rig/test_standa_client.py"),
     evidence=Evidence(manual="protocol.xi of libximc, version 20.8", client="libximc 2.14.30"),

@@ -577,6 +577,7 @@ DEVICE = StageKind(
     axes="xz",
     steps_per_mm=steps_per_mm,
     twin="sim.devices.tmcl:tmcl_twin",
+    ramps=True,
     probe=_probe,
     tests=("tests/rig/test_tmcl_driver.py", "tests/rig/test_tmcl_client.py"),
     evidence=Evidence(manual="commands and parameters in pytrinamic 0.2.26", client="pytrinamic 0.2.26"),

@@ -542,6 +542,7 @@ DEVICE = StageKind(
     axes="xz",
     steps_per_mm=steps_per_mm,
     twin="sim.devices.zaber:zaber_twin",
+    ramps=True,
     probe=_probe,
     tests=("tests/rig/test_zaber_driver.py", "tests/rig/test_zaber_client.py"),
     evidence=Evidence(

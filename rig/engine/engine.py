@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any, NoReturn, Protocol, TypeVar
 
 from rig.data.journal import Recorder
-from rig.devices.base import ForceReading, StageError
+from rig.devices.base import LOOK_S, ForceReading, StageError
 from rig.engine.bench import Bench, Heartbeat
 from rig.engine.contact import ContactKind, KnownContact, judged
 from rig.engine.dead_man import UP, jog_up_from_rest
@@ -45,6 +45,10 @@ class StopProblem(Protocol):
 
 def _no_stop_inputs(*, at_rest: bool) -> TripError | None:
     return None
+
+
+EachReading = Callable[[float], None]
+"""Called with each force (gwt) of a motion that is below its trips; it may raise InterruptedMotionError."""
 
 
 class State(Enum):
@@ -89,6 +93,7 @@ class Engine:
         self._journal = journal
         # below clearance since the last lift or homing; of this motion
         self.may_touch = self._touch_ends_it = False
+        self._each: EachReading | None = None  # of this motion
         self.keep_contact: Callable[[KnownContact], None] = lambda known: None  # for the next command
         # last measured state, and whether the stage has been at rest since
         self._known, self._measured = KnownContact(), False
@@ -132,29 +137,49 @@ class Engine:
 
     # --- motion ---
 
-    def go_to_height(self, height_mm: float, speed_mm_s: float, *, touch_ends_it: bool = False) -> None:
+    def go_to_height(
+        self,
+        height_mm: float,
+        speed_mm_s: float,
+        *,
+        touch_ends_it: bool = False,
+        ramp: EachReading | None = None,
+    ) -> None:
         """Move vertically.
 
-        Below clearance a move down is at most one increment, or ends just above an earlier contact.
+        Below clearance a move down is at most one increment, or ends just above an earlier contact, or is a ramp
+        (rig/engine/ramp.py), whose readings this function receives as they arrive.
         """
         clearance_mm, from_mm = self.settings.habits.clearance_mm, self.height_mm
-        free_mm = self.touched.free_mm(self.x_mm, self.along_mm, speed_mm_s)
+        free_mm = height_mm if ramp else self.touched.free_mm(self.x_mm, self.along_mm, speed_mm_s)
         refuse_height(self.settings, from_mm, height_mm, speed_mm_s, free_mm)
         if height_mm < clearance_mm - AT_MM:
             self._below_clearance()
+        away = height_mm > from_mm
+        if ramp:
+            self.beat()  # A ramp is polled from its start, so that it is late as soon as a hold is.
+            look_s = min(self.sensing.sensor.sample_period_s, LOOK_S)
+            self.move(lambda: self.motion.to_height(height_mm, speed_mm_s, look_s=look_s), each=ramp)
+            return
         self.beat(_LATE_FACTOR * abs(height_mm - from_mm) / speed_mm_s)
         long = longer_than_an_increment(self.settings, from_mm, height_mm, clearance_mm)
-        away = height_mm > from_mm
         self.move(
             lambda: self.motion.to_height(height_mm, speed_mm_s), away=away, touch_ends_it=long or touch_ends_it
         )
 
-    def move(self, motion: Callable[[], None], *, away: bool = False, touch_ends_it: bool = False) -> None:
+    def move(
+        self,
+        motion: Callable[[], None],
+        *,
+        away: bool = False,
+        touch_ends_it: bool = False,
+        each: EachReading | None = None,
+    ) -> None:
         """Run a motion with the force monitored; trip at rest if a force or a missing reading ended it.
 
-        away: the motion begins by leaving the finger.
+        away: the motion begins by leaving the finger. each: receives every reading that is below the trips.
         """
-        self._touch_ends_it, self._measured = touch_ends_it, False
+        self._touch_ends_it, self._measured, self._each = touch_ends_it, False, each
         try:
             if self.state is not State.TRIPPED:
                 self.sensing.begin_motion(away=away)
@@ -167,9 +192,13 @@ class Engine:
             self._strayed = self._strayed or isinstance(interruption, StrayedError)
             if self.state is State.TRIPPED:
                 raise  # The lift after a trip continues.
+            if isinstance(interruption.__cause__, RecordError):
+                self._lift_unrecorded(interruption.__cause__)
             if interruption.force_gwt is not None:
                 self._record_sample(NO_PRESS, "moving", interruption.force_gwt)
             self.trip(recast(TripError, interruption), interruption.force_gwt)
+        finally:
+            self._each = None
 
     def _glance(self) -> None:
         """Check stop inputs and force once during a motion; do nothing during the lift after a trip."""
@@ -193,6 +222,8 @@ class Engine:
             )
         if self._touch_ends_it and abs(force_gwt) >= self.sensing.touch_gwt:
             raise TouchError("a touch", force_gwt)
+        if self._each is not None:
+            self._each(force_gwt)
 
     def limit_depth(self, height_mm: float) -> None:
         """Set the lowest height that the stage itself allows, if it can; at rest only. Raises StageError."""
@@ -321,6 +352,15 @@ class Engine:
         self.contact.refuse_more()
         return force
 
+    def record_in_motion(self, press: PressId, phase: Phase, force_gwt: float, doi_mm: float) -> None:
+        """Journal a reading of a motion. Raises InterruptedMotionError if that fails: first the motion must end."""
+        if self.state is State.IN_CONTACT and force_gwt >= self.sensing.touch_gwt:
+            self.contact.begin()
+        try:
+            self._record_sample(press, phase, force_gwt, doi_mm, record=self._journalled)
+        except RecordError as error:
+            raise recast(InterruptedMotionError, error) from error
+
     def _record_sample(
         self,
         press: PressId,
@@ -330,6 +370,7 @@ class Engine:
         *,
         stable: bool = False,
         also: Mapping[str, float] = MappingProxyType({}),
+        record: Callable[[str, Mapping[str, Any]], None] | None = None,
     ) -> None:
         about = {
             "index": press.index,
@@ -342,7 +383,7 @@ class Engine:
             "contact_s": self.contact.rounded_s,
             **also,
         }
-        self.record(press.stream("sample"), about)
+        (record or self.record)(press.stream("sample"), about)
 
     def reading(self) -> ForceReading:
         """Return a new reading from zero, taken at rest; trip without one or beyond the hard trip."""
@@ -445,11 +486,17 @@ class Engine:
     def record(self, stream: str, data: Mapping[str, Any]) -> None:
         """Journal an event; it is on disk on return. If that fails, lift and raise RecordError."""
         try:
-            self._journal.event(stream, as_fine(data))
+            self._journalled(stream, data)
         except RecordError as error:
-            self.problem = self.problem or error
-            self.make_safe()
-            raise
+            self._lift_unrecorded(error)
+
+    def _journalled(self, stream: str, data: Mapping[str, Any]) -> None:
+        self._journal.event(stream, as_fine(data))
+
+    def _lift_unrecorded(self, error: RecordError) -> NoReturn:
+        self.problem = self.problem or error
+        self.make_safe()
+        raise error
 
     def beat(self, longer_s: float = 0.0) -> None:
         """Renew the heartbeat while the indentor may touch the finger; trip if it was lost."""

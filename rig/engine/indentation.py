@@ -2,15 +2,17 @@
 
 import math
 import statistics
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NoReturn
 
+from rig.devices.registry import ramps
 from rig.engine.engine import Engine
-from rig.engine.limits import fit_contact
+from rig.engine.limits import CONTACT_EXPONENT, RampBound, fit_contact
 from rig.engine.press import Press, pulse
 from rig.engine.verbs import retract, safe_point, unpaused
 from rig.errors import LimitError, NotReadyError, TripError
-from rig.records import ContactFit, Indentation, Phase, PressId, Target
+from rig.records import ContactFit, Hold, Indentation, Phase, PressId, Target
 
 _SHOWN_BY = 4  # readings
 
@@ -34,7 +36,7 @@ class Approach:
         if not self._come_back():
             self._descend(habits.increment_mm, "approach", self.lowest_mm)
         touch_mm = self.engine.height_mm
-        self._back_off()
+        self.back_off()
         lowest_mm = max(touch_mm - habits.increment_mm, self.lowest_mm)
         readings = self._descend(habits.touch_increment_mm, "touch", lowest_mm, habits.increment_mm)
         touch = fit_contact(readings, self.engine.sensing.touch_gwt, self.engine.sensing.least_gwt)
@@ -58,7 +60,7 @@ class Approach:
         engine.touched.forget_at(engine.x_mm, engine.along_mm)
         return touched
 
-    def _back_off(self) -> None:
+    def back_off(self) -> None:
         """Move up by increments until the force vanishes or clearance is reached, then by one more."""
         engine, habits = self.engine, self.engine.settings.habits
         force = math.inf
@@ -164,6 +166,73 @@ def indent(
     target is not reached within limits.max_doi_mm or the contact time exceeds its limit. The pressure limit uses
     contact_area_mm2. An indentation that the operator paused is repeated under the same press_id.
     """
+
+    def holds(approach: Approach, press: Press, before: Reached) -> tuple[Hold, ...]:
+        parts = range(1, increments + 1)
+        return tuple(press.hold_at(target.part(k, increments), hold=k, hold_s=hold_s) for k in parts)
+
+    return _indentation(
+        engine, target, increments, speed_mm_s, holds, expected_contact_mm, contact_area_mm2, press_id
+    )
+
+
+def ramp(
+    engine: Engine,
+    doi_mm: float,
+    speed_mm_s: float,
+    *,
+    hold_s: float = 1.0,
+    expected_contact_mm: float = 0.0,
+    contact_area_mm2: float = math.inf,
+    press_id: PressId | None = None,
+) -> Indentation:
+    """Touch off at the present x, move to a depth at constant speed, hold, and lift to clearance.
+
+    The stiffness is that of the last press here since the last homing, if it reached this depth; else the ramp begins
+    with a press by increments to its depth. Raises LimitError, after a lift, if the overshoot of the ramp with this
+    stiffness could pass the trip and the overshoot of a press. Otherwise as `indent`.
+    """
+    if not ramps(engine.settings.stage):
+        raise NotReadyError(
+            "ramp: a {kind} stage has no motion at constant speed under force monitoring",
+            code="no_ramps",
+            kind=engine.settings.stage.kind,
+        )
+    target = Target("doi_mm", doi_mm)
+
+    def holds(approach: Approach, press: Press, before: Reached) -> tuple[Hold, ...]:
+        if before is None or before[0] < doi_mm - engine.settings.stage.resolution_mm:
+            before = press.reach_doi(doi_mm)
+        bound = _bound(engine, doi_mm, speed_mm_s, before)
+        approach.back_off()
+        return (press.ramp_and_hold(doi_mm, bound, hold_s),)
+
+    return _indentation(engine, target, 1, None, holds, expected_contact_mm, contact_area_mm2, press_id)
+
+
+def _bound(engine: Engine, doi_mm: float, speed_mm_s: float, reached: tuple[float, float]) -> RampBound:
+    """Return the bound of a ramp with the measured stiffness. Raises LimitError for one that is too fast."""
+    deepest_mm, force_gwt = reached
+    here_gwt = max(force_gwt * (doi_mm / deepest_mm) ** CONTACT_EXPONENT, engine.sensing.touch_gwt)
+    bound = RampBound.of(engine.settings, speed_mm_s, engine.trip_gwt, here_gwt, doi_mm)
+    bound.refuse_too_fast(LimitError, engine.x_mm)
+    return bound
+
+
+Reached = tuple[float, float] | None
+"""Depth (mm) and force (gwt) of the last press at a position since the last homing."""
+
+
+def _indentation(
+    engine: Engine,
+    target: Target,
+    increments: int,
+    speed_mm_s: float | None,
+    holds: Callable[[Approach, Press, Reached], tuple[Hold, ...]],
+    expected_contact_mm: float,
+    contact_area_mm2: float,
+    press_id: PressId | None,
+) -> Indentation:
     ready_to_indent(engine)
     press = PressId(engine.next_index()) if press_id is None else press_id
     speed = engine.settings.habits.press_speed_mm_s if speed_mm_s is None else speed_mm_s
@@ -172,7 +241,7 @@ def indent(
 
     def attempt() -> Indentation:
         engine.trips.press_on(contact_area_mm2)
-        return _attempt(engine, approach, target, increments, speed, hold_s)
+        return _attempt(engine, approach, target, increments, speed, holds)
 
     return unpaused(attempt)
 
@@ -197,9 +266,15 @@ def touch_place(engine: Engine, index: int, expected_contact_mm: float) -> float
 
 
 def _attempt(
-    engine: Engine, approach: Approach, target: Target, increments: int, speed_mm_s: float, hold_s: float
+    engine: Engine,
+    approach: Approach,
+    target: Target,
+    increments: int,
+    speed_mm_s: float,
+    past_touch: Callable[[Approach, Press, Reached], tuple[Hold, ...]],
 ) -> Indentation:
     safe_point(engine)
+    before = engine.touched.reached_at(engine.x_mm, engine.along_mm)
     press, start_s = approach.press, engine.clock.monotonic_s()
     engine.record(
         press.stream("indentation_start"),
@@ -215,15 +290,13 @@ def _attempt(
     )
     try:
         touch = approach.touch_off()
-        past_touch = Press(engine, press, touch, speed_mm_s)
-        holds = tuple(
-            past_touch.hold_at(target.part(k, increments), hold=k, hold_s=hold_s) for k in range(1, increments + 1)
-        )
+        pressing = Press(engine, press, touch, speed_mm_s)
+        holds = past_touch(approach, pressing, before)
     except LimitError:
         retract(engine)
         raise
     retract(engine)
-    engine.touched.at(engine.x_mm, engine.along_mm, touch.contact_height_mm)
+    engine.touched.at(engine.x_mm, engine.along_mm, touch.contact_height_mm, pressing.reached or before)
     duration = engine.clock.monotonic_s() - start_s
     engine.record(press.stream("indentation_end"), {"index": press.index, "duration_s": round(duration, 6)})
     return Indentation(press.index, engine.x_mm, holds)

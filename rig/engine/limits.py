@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.clock import Clock
-from rig.errors import LimitError, TripError
+from rig.errors import LimitError, RigError, TripError
 from rig.records import ContactFit
 from rig.settings import LimitSettings, RigSettings
 from rig.units import GWT_N
@@ -18,10 +18,11 @@ AT_MM = 0.02  # heights closer than this count as equal
 
 
 class Trips:
-    """Three force limits (gwt); a reading of either sign beyond one of them trips.
+    """Four force limits (gwt); a reading of either sign beyond one of them trips.
 
     Soft: the configured limit, lowered by the plan. Pressure: limits.max_pressure_kpa times the expected contact
-    area. Hard: the same for every plan and every reading.
+    area. Ramp: lower than both during a ramp, by what the ramp may overshoot. Hard: the same for every plan and every
+    reading.
     """
 
     def __init__(self, limits: LimitSettings, soft_trip_n: float | None) -> None:
@@ -29,20 +30,27 @@ class Trips:
         self.soft_gwt = lowest_n / GWT_N
         self.hard_gwt = limits.hard_trip_n / GWT_N
         self._max_pressure_kpa = limits.max_pressure_kpa
-        self._area_gwt = math.inf
+        self._area_gwt = self._ramp_gwt = math.inf
 
     def press_on(self, contact_area_mm2: float) -> None:
-        """Apply the pressure limit to this contact area; infinity disables it."""
-        self._area_gwt = self._max_pressure_kpa * contact_area_mm2 / 1000 / GWT_N
+        """Apply the pressure limit to this contact area, and no limit of a ramp; infinity disables it."""
+        self._area_gwt = pressure_limit_gwt(self._max_pressure_kpa, contact_area_mm2)
+        self._ramp_gwt = math.inf
+
+    def ramp_at(self, ramp_gwt: float) -> None:
+        """Apply the limit of a ramp, until the next press_on."""
+        self._ramp_gwt = ramp_gwt
 
     @property
     def lowest_gwt(self) -> float:
         """Lowest limit of a press (gwt)."""
-        return min(self.soft_gwt, self._area_gwt)
+        return min(self.soft_gwt, self._area_gwt, self._ramp_gwt)
 
     @property
     def lowest(self) -> str:
         """Name of the lowest limit."""
+        if self._ramp_gwt < min(self.soft_gwt, self._area_gwt):
+            return "ramp trip"
         return "soft trip" if self.soft_gwt <= self._area_gwt else "pressure limit"
 
     @property
@@ -75,6 +83,11 @@ class Trips:
     def passed_any(self, force_gwt: float) -> TripError | None:
         """Return the trip that a force exceeds during a motion; all limits apply."""
         return self.passed_hard(force_gwt) or self.passed(force_gwt)
+
+
+def pressure_limit_gwt(max_pressure_kpa: float, contact_area_mm2: float) -> float:
+    """Return the force (gwt) at which the mean pressure on a contact area is the highest allowed one."""
+    return max_pressure_kpa * contact_area_mm2 / 1000 / GWT_N
 
 
 class ContactTime:
@@ -244,6 +257,72 @@ class Stopping:
         trip_doi_mm = doi_mm * (trip_gwt / force_gwt) ** (1 / CONTACT_EXPONENT)
         return trip_gwt * ((1 + self.distance_mm / trip_doi_mm) ** CONTACT_EXPONENT - 1)
 
+    def fastest_mm_s(self, distance_mm: float) -> float:
+        """Return the highest speed (mm/s) whose stopping distance is this one."""
+        a, late_s = self.deceleration_mm_s2, self.latency_s
+        return a * (math.sqrt(late_s**2 + 2 * max(distance_mm, 0.0) / a) - late_s)
+
+
+RAMP_MARGIN = 1.25
+"""Lowest trip of a ramp over the force at its depth: a fast ramp leaves the tissue less time to relax."""
+
+
+@dataclass(frozen=True)
+class RampBound:
+    """Force limits of a ramp, for F ∝ d^1.5 through a depth and the force measured or predicted there.
+
+    A press may reach bound_gwt: the trip and the documented overshoot of its increments. A ramp covers a longer
+    distance before it is at rest, so that it trips at a lower force, from which that distance ends at the same bound.
+
+    Attributes
+    ----------
+    speed_mm_s : float
+        Speed of the ramp.
+    force_gwt : float
+        Force at its depth.
+    trip_gwt : float
+        Force that trips the ramp; 0 if the stopping distance alone exceeds the bound.
+    stop_mm : float
+        Stopping distance: v · (delays of sensor, reading and controller, and the longest time unread) + v² / 2a.
+    bound_gwt : float
+        Force that a ramp, like a press, does not exceed.
+    fastest_mm_s : float
+        Highest speed of a ramp to this depth.
+    """
+
+    speed_mm_s: float
+    force_gwt: float
+    trip_gwt: float
+    stop_mm: float
+    bound_gwt: float
+    fastest_mm_s: float
+
+    @classmethod
+    def of(
+        cls, settings: RigSettings, speed_mm_s: float, trip_gwt: float, force_gwt: float, doi_mm: float
+    ) -> "RampBound":
+        """Return it below the lowest trip of a press (gwt), for the force at a depth (mm)."""
+        press = Stopping.of(settings, settings.limits.max_press_speed_mm_s)
+        ramp = Stopping.in_one_move(settings, speed_mm_s)
+        bound_gwt = trip_gwt + press.overshoot_gwt(trip_gwt, force_gwt, doi_mm)
+        deepest_mm = doi_mm * (bound_gwt / force_gwt) ** (1 / CONTACT_EXPONENT)
+        left_mm = max(deepest_mm - ramp.distance_mm, 0.0)
+        room_mm = deepest_mm - doi_mm * RAMP_MARGIN ** (1 / CONTACT_EXPONENT)
+        ramp_gwt = min(trip_gwt, force_gwt * (left_mm / doi_mm) ** CONTACT_EXPONENT)
+        return cls(speed_mm_s, force_gwt, ramp_gwt, ramp.distance_mm, bound_gwt, ramp.fastest_mm_s(room_mm))
+
+    def refuse_too_fast(self, kind: type[RigError], x_mm: float) -> None:
+        """Raise an error of this kind for a ramp at x_mm that would trip too near to its own force."""
+        if self.trip_gwt < RAMP_MARGIN * self.force_gwt:
+            raise kind(
+                "a ramp at x = {x_mm:g} mm at {speed_mm_s:g} mm/s is too fast: it needs up to {stop_mm:.2g} mm to "
+                "stop, and would have to trip at {trip_gwt:.3g} gwt to stay below {bound_gwt:.3g} gwt, too near to "
+                "the {force_gwt:.3g} gwt at its depth; ramp at most at {fastest_mm_s:.2g} mm/s",
+                code="ramp_too_fast",
+                x_mm=x_mm,
+                **vars(self),
+            )
+
 
 @dataclass(frozen=True)
 class SampleAge:
@@ -273,23 +352,35 @@ class SampleAge:
 
 
 class Touched:
-    """Contact heights above the nominal apex (mm) by position, for one indentor since the last homing."""
+    """Contact heights above the nominal apex (mm) by position, for one indentor since the last homing.
+
+    Also the depth (mm) and force (gwt) that the last press there reached by increments.
+    """
 
     def __init__(self, settings: RigSettings) -> None:
         self._settings = settings
         self._contact_mm: dict[tuple[float, float], float] = {}
+        self._reached: dict[tuple[float, float], tuple[float, float]] = {}
 
-    def at(self, x_mm: float, along_mm: float, contact_mm: float) -> None:
-        """Record the contact height at a position after the lift."""
+    def at(self, x_mm: float, along_mm: float, contact_mm: float, reached: tuple[float, float] | None = None) -> None:
+        """Record the contact height at a position after the lift, and what the press there reached."""
         self._contact_mm[x_mm, along_mm] = contact_mm
+        if reached is not None:
+            self._reached[x_mm, along_mm] = reached
+
+    def reached_at(self, x_mm: float, along_mm: float) -> tuple[float, float] | None:
+        """Return the depth (mm) and force (gwt) of the last press at a position, or None."""
+        return self._reached.get((x_mm, along_mm))
 
     def forget_at(self, x_mm: float, along_mm: float) -> None:
         """Forget the contact at a position."""
         self._contact_mm.pop((x_mm, along_mm), None)
+        self._reached.pop((x_mm, along_mm), None)
 
     def forget(self) -> None:
         """Forget all contacts: new indentor, new homing, or an operator at the finger."""
         self._contact_mm.clear()
+        self._reached.clear()
 
     def free_mm(self, x_mm: float, along_mm: float, speed_mm_s: float) -> float:
         """Return the height (mm) down to which one move at this speed is safe at a position.

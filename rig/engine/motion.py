@@ -6,7 +6,7 @@ from contextlib import suppress
 from typing import Any
 
 from rig.clock import Clock
-from rig.devices.base import Looks, Stage, StageError, StageHeld, StageOverridden, StageStatus, is_held
+from rig.devices.base import LOOK_S, Looks, Stage, StageError, StageHeld, StageOverridden, StageStatus, is_held
 from rig.engine.corridor import PRINTED_MM, Corridor
 from rig.errors import RigError, recast
 from rig.settings import RigSettings
@@ -85,10 +85,11 @@ class Motion:
         self._watched(looks, self._be_over, self._stage.halt, self._corridor(x, y, self._machine_mm[2], speed_mm_s))
         self.x_mm, self.along_mm = x_mm, along_mm
 
-    def to_height(self, height_mm: float, speed_mm_s: float) -> None:
-        """Move straight up or down. Raises StageError, and what a glance raises."""
+    def to_height(self, height_mm: float, speed_mm_s: float, look_s: float = LOOK_S) -> None:
+        """Move straight up or down, polled every look_s. Raises StageError, and what a glance raises."""
         z = self._settings.frame.apex_z_mm + height_mm
-        looks, (x, y, _) = self._stage.moving(z_mm=z, speed_mm_s=speed_mm_s), self._machine_mm
+        looks = self._stage.moving(z_mm=z, speed_mm_s=speed_mm_s, look_s=look_s)
+        x, y, _ = self._machine_mm
         self._watched(looks, self._be_at_height, self._stage.halt, self._corridor(x, y, z, speed_mm_s))
         self.height_mm = height_mm
 

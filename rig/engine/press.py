@@ -3,12 +3,15 @@
 import math
 import statistics
 from collections import deque
+from collections.abc import Callable
 from itertools import pairwise
 
+from rig.engine.corridor import PRINTED_MM
 from rig.engine.engine import Engine
-from rig.engine.limits import CONTACT_EXPONENT, TRIP_MARGIN
+from rig.engine.limits import CONTACT_EXPONENT, TRIP_MARGIN, UNREAD_S, RampBound, SampleAge
+from rig.engine.motion import InterruptedMotionError
 from rig.engine.verbs import safe_point
-from rig.errors import LimitError, TripError
+from rig.errors import LimitError, TripError, recast
 from rig.records import ContactFit, Hold, Phase, PressId, Target
 
 _MOVES, _STEPS, _SHARE = 3, 5, 0.1
@@ -82,6 +85,7 @@ class Press:
         self._ramp_from = (touch.force_gwt, engine.clock.monotonic_s())
         self._stiffness_gwt_mm = 0.0  # of the last move
         self._peak_gwt = 0.0  # highest reading since the last hold
+        self.reached: tuple[float, float] | None = None  # depth (mm) and force (gwt) by increments, before the hold
         self._unanswered = Unanswered(engine.sensing.resolution_gwt)
 
     @property
@@ -91,10 +95,63 @@ class Press:
     def hold_at(self, target: Target, *, hold: int, hold_s: float) -> Hold:
         """Press to the target, hold, and journal the hold as delivered."""
         if target.kind == "doi_mm":
-            self._press_to_doi(target.value)
+            self.reach_doi(target.value)
         else:
             self._seek_force(target.value)
+            self.reached = self._doi_mm, self._force_gwt
         return self._hold(target, hold, hold_s)
+
+    def reach_doi(self, doi_mm: float) -> tuple[float, float]:
+        """Press to a depth by increments and return depth (mm) and force (gwt) as reached."""
+        self._press_to_doi(doi_mm)
+        self.reached = self._doi_mm, self._force_gwt
+        return self.reached
+
+    def ramp_and_hold(self, doi_mm: float, bound: RampBound, hold_s: float) -> Hold:
+        """Move to a depth at constant speed from above the skin, hold, and journal the hold as delivered.
+
+        Each reading is compared with the trip of the ramp as it arrives, then journalled. A ramp also trips if the
+        stage covers more than it may without a reading, and at a reading that is too small for a finger.
+        """
+        engine = self._engine
+        self._refuse_too_deep(doi_mm)
+        safe_point(engine)
+        to_mm = self._contact_mm - doi_mm - engine.sensing.deflection_mm(bound.force_gwt)
+        engine.limit_depth(to_mm - self._habits.increment_mm)
+        engine.trips.ramp_at(bound.trip_gwt)
+        data = {"index": self.id.index, "speed_mm_s": bound.speed_mm_s}
+        limits = {"trip_gwt": bound.trip_gwt, "bound_gwt": bound.bound_gwt, "stop_mm": round(bound.stop_mm, 6)}
+        engine.record(self.id.stream("ramp"), {**data, "measured_gwt": bound.force_gwt, **limits})
+        self._force_gwt = self._peak_gwt = 0.0
+        self._ramp_from = (0.0, engine.clock.monotonic_s())
+        engine.go_to_height(to_mm, bound.speed_mm_s, ramp=self._each_of_ramp(bound.speed_mm_s))
+        self._force_gwt = self._read("ramp")
+        return self._hold(Target("doi_mm", doi_mm), 1, hold_s)
+
+    def _each_of_ramp(self, speed_mm_s: float) -> Callable[[float], None]:
+        engine, settings = self._engine, self._engine.settings
+        unread_mm = speed_mm_s * UNREAD_S + self._smallest_mm + PRINTED_MM
+        late_mm = speed_mm_s * SampleAge.of(settings).wait_s
+        before_mm = engine.height_mm
+
+        def each(force_gwt: float) -> None:
+            nonlocal before_mm
+            force, gone_mm, before_mm = round(force_gwt, 6), before_mm - engine.height_mm, engine.height_mm
+            self._peak_gwt = max(self._peak_gwt, force)
+            engine.record_in_motion(self.id, "ramp", force, engine.doi_mm(self._contact_mm, force))
+            if gone_mm > unread_mm:
+                raise InterruptedMotionError(
+                    "the stage moved by {gone_mm:.3f} mm without a force reading, farther than the {limit_mm:.3f} mm "
+                    "that a ramp may",
+                    force,
+                    code="ramp_unread",
+                    gone_mm=gone_mm,
+                    limit_mm=unread_mm,
+                )
+            if lost := self._lost_finger(force, late_mm):
+                raise recast(InterruptedMotionError, lost)
+
+        return each
 
     def _press_to_doi(self, doi_mm: float) -> None:
         """Press to within half a step of the stage. Raises LimitError if a compliant rig never gets there."""
@@ -176,22 +233,26 @@ class Press:
     def _read(self, phase: Phase) -> float:
         force = self._engine.read_force_gwt(self.id, phase, self._contact_mm)
         self._peak_gwt = max(self._peak_gwt, force)
-        self._refuse_lost_finger(force)
+        if lost := self._lost_finger(force):
+            self._engine.trip(lost, force)
         return force
 
-    def _refuse_lost_finger(self, force_gwt: float) -> None:
-        """Trip if the force below the touch is too small for a finger, or a pull."""
-        engine, least_gwt = self._engine, _LOST_SHARE * self._touch.threshold_gwt
-        below_mm = self._touch.height_at_threshold_mm - engine.height_mm
-        if force_gwt < least_gwt and below_mm >= self._habits.increment_mm - 1e-9:
-            lost = TripError(
-                "the sensor reads {force_gwt:.2f} gwt {below_mm:.2f} mm below the touch; check its cable "
-                "and sign, and whether the finger has moved away",
-                code="lost_finger",
-                force_gwt=force_gwt,
-                below_mm=below_mm,
-            )
-            engine.trip(lost, force_gwt)
+    def _lost_finger(self, force_gwt: float, late_mm: float = 0.0) -> TripError | None:
+        """Return the trip of a force below the touch that is too small for a finger, or a pull, else None.
+
+        late_mm: distance that the stage covers while a reading ages.
+        """
+        least_gwt = _LOST_SHARE * self._touch.threshold_gwt
+        below_mm = self._touch.height_at_threshold_mm - self._engine.height_mm
+        if force_gwt >= least_gwt or below_mm < self._habits.increment_mm + late_mm - 1e-9:
+            return None
+        return TripError(
+            "the sensor reads {force_gwt:.2f} gwt {below_mm:.2f} mm below the touch; check its cable "
+            "and sign, and whether the finger has moved away",
+            code="lost_finger",
+            force_gwt=force_gwt,
+            below_mm=below_mm,
+        )
 
     def _to_force(self, force_gwt: float) -> float:
         """Return the move (mm) that reaches a force on F ∝ d^1.5 through the present reading."""
@@ -211,15 +272,7 @@ class Press:
                 limit_gwt=engine.trip_gwt,
             )
         step = max(min(step_mm, self._habits.increment_mm, room), -self._habits.increment_mm)
-        deepest = engine.settings.limits.max_doi_mm
-        if self._doi_mm + step > deepest + 1e-9:
-            raise LimitError(
-                "DOI {doi_mm:.3f} mm at x = {x_mm:g} mm would exceed limits.max_doi_mm = {limit_mm:g} mm",
-                code="too_deep",
-                doi_mm=self._doi_mm + step,
-                x_mm=engine.x_mm,
-                limit_mm=deepest,
-            )
+        self._refuse_too_deep(self._doi_mm + step)
         expected, before = abs(self._force_after(step) - self._force_gwt), self._force_gwt
         engine.go_to_height(engine.height_mm - step, self._speed)
         self._force_gwt = self._read(phase)
@@ -233,6 +286,17 @@ class Press:
                 force_gwt=self._force_gwt,
             )
             engine.trip(frozen, self._force_gwt)
+
+    def _refuse_too_deep(self, doi_mm: float) -> None:
+        deepest = self._engine.settings.limits.max_doi_mm
+        if doi_mm > deepest + 1e-9:
+            raise LimitError(
+                "DOI {doi_mm:.3f} mm at x = {x_mm:g} mm would exceed limits.max_doi_mm = {limit_mm:g} mm",
+                code="too_deep",
+                doi_mm=doi_mm,
+                x_mm=self._engine.x_mm,
+                limit_mm=deepest,
+            )
 
     def _force_after(self, step_mm: float) -> float:
         """Return the force expected after a step, on F ∝ d^1.5 through the present reading."""

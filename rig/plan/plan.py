@@ -1,14 +1,15 @@
 """Plan a script: check every step against limits and the finger model before anything moves."""
 
 import inspect
+import math
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 from rig.data import Run
-from rig.engine.limits import CONTACT_EXPONENT, SampleAge
+from rig.engine.limits import CONTACT_EXPONENT, RampBound, SampleAge, pressure_limit_gwt
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel, Predictions, copy_name, kept_in, named_file
@@ -119,7 +120,25 @@ def make_plan(
             path=str(script.path),
         )
     refuse_unseen(plan, config)
+    refuse_fast_ramps(plan, config)
     return plan
+
+
+def ramp_bound(plan: Plan, config: Config, ramp: PlannedIndentation) -> RampBound | None:
+    """Return the bound of a planned ramp with the predicted stiffness; None for another press."""
+    if ramp.ramp_mm_s is None:
+        return None
+    limits = config.limits
+    area_gwt = pressure_limit_gwt(limits.max_pressure_kpa, ramp.contact_area_mm2)
+    trip_gwt = min(limits.soft_trip_n / GWT_N, plan.soft_trip_n / GWT_N, area_gwt)
+    return RampBound.of(config, ramp.ramp_mm_s, trip_gwt, ramp.highest_gwt, ramp.predicted_doi_mm)
+
+
+def refuse_fast_ramps(plan: Plan, config: Config) -> None:
+    """Raise an error for a ramp whose stopping distance could pass the trip and the overshoot of a press."""
+    for press in plan.all_presses:
+        if bound := ramp_bound(plan, config, press):
+            bound.refuse_too_fast(BadInputError, press.x_mm)
 
 
 def refuse_unseen(plan: Plan, config: Config) -> None:
@@ -127,8 +146,10 @@ def refuse_unseen(plan: Plan, config: Config) -> None:
 
     A lower limits.soft_trip_n trips earlier, and is no reason to refuse.
     """
-    age, trip_gwt = SampleAge.of(config), plan.soft_trip_n / GWT_N
-    for speed_mm_s, press in plan.speeds_mm_s:
+    press_age, trip_gwt = SampleAge.of(config), plan.soft_trip_n / GWT_N
+    ramp_age = replace(press_age, increment_mm=math.inf)
+    ramps = [(press.ramp_mm_s, press, ramp_age) for press in plan.all_presses if press.ramp_mm_s is not None]
+    for speed_mm_s, press, age in [*((*one, press_age) for one in plan.speeds_mm_s), *ramps]:
         left_gwt = trip_gwt - press.highest_gwt
         stiffness_gwt_mm = CONTACT_EXPONENT * press.highest_gwt / press.predicted_doi_mm
         rise_gwt = age.rise_gwt(speed_mm_s, stiffness_gwt_mm)
@@ -167,8 +188,9 @@ class Planner:
         if isinstance(expected, ExpectedPresses):
             for press in expected.ids:
                 self._plan.presses[press.purpose].append(expected.planned)
-            speed_mm_s = getattr(step, "speed_mm_s", None) or self._walk.settings.habits.press_speed_mm_s
-            self._plan.speeds_mm_s.append((speed_mm_s, expected.planned))
+            ramps, speed_mm_s = expected.planned.ramp_mm_s is not None, self._walk.settings.habits.press_speed_mm_s
+            own_mm_s = None if ramps else getattr(step, "speed_mm_s", None)  # A ramp may begin with a press.
+            self._plan.speeds_mm_s.append((own_mm_s or speed_mm_s, expected.planned))
         elif isinstance(expected, ExpectedTouch):
             self._plan.touches.append(expected)
         elif isinstance(step, Mount):

@@ -15,6 +15,7 @@ from rig.protocol.steps import (
     MoveTo,
     Note,
     Precondition,
+    Ramp,
     Reference,
     Rest,
     Retract,
@@ -204,6 +205,35 @@ class Rig:
         return self._do(
             Indent(doi_mm=doi_mm, force_gwt=force_gwt, increments=increments, speed_mm_s=speed_mm_s, hold_s=hold_s)
         )
+
+    def ramp(self, *, doi_mm: float, speed_mm_s: float, hold_s: float = 1.0) -> Indentation:
+        """Find contact, move from above the skin to a depth at constant speed, hold, and lift to clearance.
+
+        The first ramp at a place, and a deeper one, begins with a press by increments to the same depth, which
+        measures the stiffness. A ramp trips at a force below the soft trip, such that it comes to rest within the
+        trip and the overshoot of a press.
+
+        Parameters
+        ----------
+        doi_mm : float
+            Depth past contact (mm).
+        speed_mm_s : float
+            Speed (mm/s).
+        hold_s : float, optional
+            Duration of the hold (s).
+
+        Returns
+        -------
+        Indentation
+            Mean depth (mm) and mean force (gwt) of the hold.
+
+        Raises
+        ------
+        BadInputError
+            As `indent`; if the stage cannot ramp, or the ramp is too fast for the stiffness that the finger model
+            predicts.
+        """
+        return self._do(Ramp(doi_mm=doi_mm, speed_mm_s=speed_mm_s, hold_s=hold_s))
 
     def precondition(
         self, *, presses: int, doi_mm: float | None = None, force_gwt: float | None = None, hold_s: float = 1.0

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any, Literal, Protocol
 
-from rig.devices.registry import moves_along
+from rig.devices.registry import moves_along, ramps
 from rig.errors import BadInputError, RigError
 from rig.records import Pace, PlannedIndentation, Prediction, PressId, Purpose, Target
-from rig.settings import SLOWEST_MM_S, LimitSettings, RigSettings
+from rig.settings import SLOWEST_MM_S, LimitSettings, RigSettings, StageSettings
 from rig.units import GWT_N
 
 
@@ -266,6 +266,17 @@ def refuse_along(along_mm: float, settings: RigSettings) -> None:
             key="along_mm",
             value=along_mm,
             kind=settings.stage.kind,
+        )
+
+
+def refuse_no_ramps(verb: str, stage: StageSettings) -> None:
+    """Raise an error for a stage that cannot move into the finger at constant speed."""
+    if not ramps(stage):
+        raise BadInputError(
+            "{verb}: a {kind} stage has no motion at constant speed under force monitoring",
+            code="no_ramps",
+            verb=verb,
+            kind=stage.kind,
         )
 
 

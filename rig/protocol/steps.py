@@ -22,6 +22,7 @@ from rig.protocol.check import (
     refuse_approach,
     refuse_count,
     refuse_no_number,
+    refuse_no_ramps,
     refuse_no_text,
     refuse_outside,
     refuse_place,
@@ -217,6 +218,7 @@ def expect_press(
     increments: int,
     hold_s: float,
     speed_mm_s: float | None = None,
+    ramp: bool = False,
 ) -> ExpectedPresses:
     """Return the prediction for a press, checked against the limits.
 
@@ -233,6 +235,8 @@ def expect_press(
     hold_s : float
     speed_mm_s : float, optional
         Default: habits.press_speed_mm_s.
+    ramp : bool, optional
+        Whether the press is a ramp, at constant speed without increments.
 
     Returns
     -------
@@ -244,7 +248,8 @@ def expect_press(
         If the model has no prediction, or one beyond a limit.
     """
     habits = walk.settings.habits
-    pace = Pace(speed_mm_s or habits.press_speed_mm_s, habits.increment_mm, increments, hold_s)
+    increment_mm = math.inf if ramp else habits.increment_mm
+    pace = Pace(speed_mm_s or habits.press_speed_mm_s, increment_mm, increments, hold_s)
     try:
         found = walk.model.press(spot.indentor, spot.x_mm, target, pace)
     except ForceTooDeepError:
@@ -259,7 +264,8 @@ def expect_press(
         ) from None
     except NoPredictionError as error:
         raise around(BadInputError, "{verb}: {problem}", error, verb=verb) from None
-    planned = PlannedIndentation(**vars(found), increments=increments, hold_s=hold_s)
+    ramp_mm_s = pace.speed_mm_s if ramp else None
+    planned = PlannedIndentation(**vars(found), increments=increments, hold_s=hold_s, ramp_mm_s=ramp_mm_s)
     refuse_reach(verb, planned, walk.settings)
     refuse_pressure(verb, planned, walk.settings.limits)
     return ExpectedPresses(spot.ids, planned)
@@ -307,31 +313,78 @@ class Indent(Step[ExpectedPresses, Indentation]):
         )
 
     def foreseen(self, expected: ExpectedPresses) -> Indentation:
-        planned, n = expected.planned, self.increments
-        holds = tuple(
-            Hold(
-                planned.target.part(k, n), planned.predicted_doi_mm * k / n, planned.predicted_force_gwt * k / n, 0.0
-            )
-            for k in range(1, n + 1)
-        )
-        return Indentation(expected.ids[0].index, planned.x_mm, holds)
+        return _foreseen(expected)
 
     @classmethod
     def answers(cls, before: Journalled) -> dict[int, Indentation]:
-        requested = {
-            (e["index"], e["hold"]): Target(e["target"], e["commanded"]) for e in before.stream("hold_start")
-        }
-        return {
-            index: Indentation(
-                index,
-                ends[0]["x_mm"],
-                tuple(
-                    Hold(requested[index, end["hold"]], end["doi_mm"], end["force_gwt"], end["force_sd_gwt"])
-                    for end in ends
-                ),
-            )
-            for index, ends in before.done.items()
-        }
+        return _answers(before)
+
+
+def _foreseen(expected: ExpectedPresses) -> Indentation:
+    planned, n = expected.planned, expected.planned.increments
+    holds = tuple(
+        Hold(planned.target.part(k, n), planned.predicted_doi_mm * k / n, planned.predicted_force_gwt * k / n, 0.0)
+        for k in range(1, n + 1)
+    )
+    return Indentation(expected.ids[0].index, planned.x_mm, holds)
+
+
+def _answers(before: Journalled) -> dict[int, Indentation]:
+    requested = {(e["index"], e["hold"]): Target(e["target"], e["commanded"]) for e in before.stream("hold_start")}
+    return {
+        index: Indentation(
+            index,
+            ends[0]["x_mm"],
+            tuple(
+                Hold(requested[index, end["hold"]], end["doi_mm"], end["force_gwt"], end["force_sd_gwt"])
+                for end in ends
+            ),
+        )
+        for index, ends in before.done.items()
+    }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ramp(Step[ExpectedPresses, Indentation]):
+    """Find contact, move to a depth at constant speed, hold, and lift."""
+
+    verb: ClassVar[str] = "ramp"
+    owed: ClassVar[Owed] = Owed.ANSWER
+
+    doi_mm: float
+    speed_mm_s: float
+    hold_s: float = 1.0
+
+    @property
+    def target(self) -> Target:
+        """Depth. Raises BadInputError."""
+        return checked_target(self.verb, self.doi_mm, None)
+
+    def check(self, walk: Walk) -> Spot:
+        refuse_no_ramps(self.verb, walk.settings.stage)
+        refuse_no_number(self.verb, "speed_mm_s", self.speed_mm_s)
+        check_press(self.verb, self.target, walk, increments=1, hold_s=self.hold_s, speed_mm_s=self.speed_mm_s)
+        walk.hold(self.verb, self.hold_s)
+        return walk.spot("data", 1, self.marks)
+
+    def expect(self, spot: Spot, walk: Walk) -> ExpectedPresses:
+        return expect_press(
+            self.verb,
+            self.target,
+            spot,
+            walk,
+            increments=1,
+            hold_s=self.hold_s,
+            speed_mm_s=self.speed_mm_s,
+            ramp=True,
+        )
+
+    def foreseen(self, expected: ExpectedPresses) -> Indentation:
+        return _foreseen(expected)
+
+    @classmethod
+    def answers(cls, before: Journalled) -> dict[int, Indentation]:
+        return _answers(before)
 
 
 @dataclass(frozen=True, kw_only=True)

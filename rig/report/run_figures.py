@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rig.data import Run
 from rig.data.tables import Span, spans
 from rig.plan.finger_model import Response, by_group, measured
-from rig.report.run_tables import Condition, Samples, by_target, conditions, loading, samples_of
+from rig.report.run_tables import Condition, Samples, by_target, conditions, loading, past_touch, samples_of
 from rig.report.style import (
     BLUE,
     DOTTED,
@@ -376,7 +376,7 @@ def _presses(figure: Figure, groups: dict[str, list[Condition]], run: Run) -> No
 
 
 def _since_press(samples: Sequence[dict[str, Any]]) -> tuple[Array, Array]:
-    mine = [s for s in samples if s["phase"] in ("press", "hold")]
+    mine = past_touch(samples)
     t = np.array([s["t_s"] for s in mine], dtype=float)
     return t - t[:1], np.array([s["force_gwt"] for s in mine], dtype=float)
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rig.data import Run
 from rig.data.dictionary import MODEL_TABLES, OF_A_HOLD
 from rig.data.folder import replace_text
-from rig.data.tables import booked_s, tables
+from rig.data.tables import booked_s, ramps, tables
 from rig.plan.finger_model import Response
 from rig.report.style import as_number, signed
 from rig.settings import limits_in_kpa
@@ -86,24 +86,28 @@ Array = NDArray[np.float64]
 Samples = dict[int, list[dict[str, Any]]]
 
 _UNITS = {"doi_mm": "mm", "force_gwt": "gwt"}
-_LOADING = ("press", "hold")
 _DEPTHS = 60
 
 
 @dataclass(frozen=True)
 class Condition:
-    """Presses with the same indentor, x and target of the last hold, and the indices of the repeats."""
+    """Presses with the same indentor, x and target of the last hold, and the indices of the repeats.
+
+    Ramps also have the same speed; 0 is a press by increments.
+    """
 
     indentor: str
     x_mm: float
     target: str  # doi_mm or force_gwt
     value: float
+    ramp_mm_s: float
     indices: tuple[int, ...]
 
     @property
     def group(self) -> str:
         """Label that conditions at other positions share, e.g. "step:1 to 2.33 gwt"."""
-        return f"{self.indentor} to {self.value:g} {_UNITS[self.target]}"
+        speed = f" at {self.ramp_mm_s:g} mm/s" if self.ramp_mm_s else ""
+        return f"{self.indentor} to {self.value:g} {_UNITS[self.target]}{speed}"
 
     @property
     def place(self) -> str:
@@ -122,9 +126,15 @@ class Loading:
 
 def conditions(run: Run) -> list[Condition]:
     """Return the conditions of finished indentations, by indentor, target and position."""
+    speeds = {event["index"]: event["speed_mm_s"] for event in run.stream("ramp")}
+
+    def alike(start: dict[str, Any]) -> tuple[str, float, str, float, float]:
+        speed_mm_s = speeds.get(start["index"], 0.0)
+        return start["indentor"], start["x_mm"], start["target"], start["value"], speed_mm_s
+
     begun = [event for event in run.stream("indentation_start") if event["index"] in run.done]
-    ordered = sorted(begun, key=_alike)
-    return [Condition(*alike, tuple(e["index"] for e in same)) for alike, same in _runs_of(ordered)]
+    ordered = sorted(begun, key=alike)
+    return [Condition(*key, tuple(e["index"] for e in same)) for key, same in groupby(ordered, key=alike)]
 
 
 def by_target(found: Sequence[Condition]) -> dict[str, list[Condition]]:
@@ -146,7 +156,7 @@ def loading(condition: Condition, samples: Samples) -> Loading | None:
 
 def _curve(samples: Sequence[Mapping[str, Any]]) -> tuple[Array, Array]:
     """Return (n,) ascending depths and forces; readings at one depth, as in a hold, are averaged."""
-    mine = [s for s in samples if s["doi_mm"] is not None and s["phase"] in _LOADING]
+    mine = [s for s in past_touch(samples) if s["doi_mm"] is not None]
     doi, back = np.unique([s["doi_mm"] for s in mine], return_inverse=True)
     return doi, np.bincount(back, [s["force_gwt"] for s in mine]) / np.bincount(back)
 
@@ -159,12 +169,10 @@ def samples_of(run: Run) -> Samples:
     return found
 
 
-def _alike(start: dict[str, Any]) -> tuple[str, float, str, float]:
-    return start["indentor"], start["x_mm"], start["target"], start["value"]
-
-
-def _runs_of(ordered: list[dict[str, Any]]) -> "groupby[tuple[str, float, str, float], dict[str, Any]]":
-    return groupby(ordered, key=_alike)
+def past_touch(samples: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Return the readings of press and hold; of a ramp, without the press that may have come first."""
+    down = "ramp" if any(sample["phase"] == "ramp" for sample in samples) else "press"
+    return [sample for sample in samples if sample["phase"] in (down, "hold")]
 
 
 _LIMITS = (
@@ -227,6 +235,7 @@ def limits(run: Run) -> list[tuple[str, str]]:
         rows.append(("highest measured force", f"{max(forces):.2f} gwt ({max(forces) * GWT_N:.4f} N)"))
     if depths:
         rows.append(("deepest", f"{max(depths):.3f} mm"))
+    rows += ramps(run)
     rows.append(("total contact time", f"{run.contact_s:.1f} s"))
     return rows + [(f"limits.{key}", as_number(table[key])) for key in _LIMITS if key in table]
 

@@ -17,6 +17,7 @@ from rig.protocol.steps import (
     MoveTo,
     Note,
     Precondition,
+    Ramp,
     Reference,
     Rest,
     Retract,
@@ -127,6 +128,21 @@ def move_to(engine: Engine, step: MoveTo, expected: None) -> None:
 def indent(engine: Engine, step: Indent, expected: ExpectedPresses) -> Indentation:
     """Press at the present position."""
     return _press(engine, expected.ids[0], expected.planned, step.speed_mm_s)
+
+
+@executes(Ramp)
+def ramp(engine: Engine, step: Ramp, expected: ExpectedPresses) -> Indentation:
+    """Press at the present position at constant speed."""
+    planned = expected.planned
+    return indentation.ramp(
+        engine,
+        planned.target.value,
+        float(step.speed_mm_s),
+        hold_s=float(planned.hold_s),
+        expected_contact_mm=planned.expected_contact_mm,
+        contact_area_mm2=planned.contact_area_mm2,
+        press_id=expected.ids[0],
+    )
 
 
 @executes(Precondition)

@@ -9,7 +9,7 @@ from rig.devices.registry import stage_ports
 from rig.engine import EngineError
 from rig.engine.limits import CONTACT_EXPONENT, SampleAge, Stopping
 from rig.plan.config import Config
-from rig.plan.plan import Plan
+from rig.plan.plan import Plan, ramp_bound
 from rig.protocol.script import Script
 from rig.records import PlannedIndentation
 from rig.session.rehearse import Rehearsed, rehearsed
@@ -88,6 +88,20 @@ class Preflight:
             "overshoot_gwt": self.stopping.overshoot_gwt(
                 self.trip_gwt, planned.predicted_force_gwt, planned.predicted_doi_mm
             ),
+            **self._ramp(planned),
+        }
+
+    def _ramp(self, planned: PlannedIndentation) -> dict[str, Any]:
+        """Return speed and force limits of a ramp, if it is one."""
+        bound = ramp_bound(self.plan, self.config, planned)
+        if bound is None:
+            return {}
+        return {
+            "ramp_mm_s": bound.speed_mm_s,
+            "ramp_fastest_mm_s": bound.fastest_mm_s,
+            "ramp_stop_mm": bound.stop_mm,
+            "ramp_trip_gwt": bound.trip_gwt,
+            "ramp_bound_gwt": bound.bound_gwt,
         }
 
 
@@ -166,6 +180,7 @@ class Page:
             "force": self._force,
             "trips": f"soft {in_both_units(self._soft_trip_n)}, hard {in_both_units(config.limits.hard_trip_n)}",
             **self.speed,
+            **self._ramps,
             "first": self._first,
             "safety": "check that the emergency stop is in reach and the finger is clear of the indentor",
         }
@@ -224,6 +239,20 @@ class Page:
         depths = [planned.deepest_mm for planned in self._plan.all_presses]
         stiffening = self.session.config.finger.tissue.stiffening
         return f"; {small_strain('finger', max(depths), stiffening).note}" if depths else ""
+
+    @property
+    def _ramps(self) -> Lines:
+        """Force limits of all ramps, if there are any."""
+        planned = (ramp_bound(self._plan, self.session.config, press) for press in self._plan.all_presses)
+        bounds = [bound for bound in planned if bound is not None]
+        if not bounds:
+            return {}
+        return {
+            "ramps": f"{len(bounds)} at up to {max(one.speed_mm_s for one in bounds):g} mm/s, tripped from "
+            f"{in_both_units(min(one.trip_gwt for one in bounds) * GWT_N)} on, at rest within "
+            f"{max(one.stop_mm for one in bounds):.2g} mm and below "
+            f"{in_both_units(max(one.bound_gwt for one in bounds) * GWT_N)}"
+        }
 
     @property
     def _first(self) -> str:

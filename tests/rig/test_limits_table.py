@@ -233,6 +233,20 @@ ASKED: Mapping[str, Asked] = {
         (10, 3000), lambda limit: _limits(max_contact_s=limit),
         lambda rig, hold_s: ready(rig).reference(x_mm=0, doi_mm=0.1, increments=2, hold_s=hold_s / 2),
         lambda limit: (0, limit)),
+    "ramp: doi_mm": Asked(
+        (0.1, 2), lambda limit: _limits(max_doi_mm=limit),
+        lambda rig, doi_mm: ready(rig).ramp(doi_mm=doi_mm, speed_mm_s=0.1), lambda limit: (0, limit),
+        open_below=True),
+    "ramp: speed_mm_s": Asked(
+        (1, 5), lambda limit: _limits(max_press_speed_mm_s=limit),
+        lambda rig, speed_mm_s: ready(rig).ramp(doi_mm=0.1, speed_mm_s=speed_mm_s),
+        lambda limit: (SLOWEST_MM_S, limit)),
+    "ramp: hold_s": Asked(
+        (3600, 3600), lambda limit: _limits(max_contact_s=36000.0),
+        lambda rig, hold_s: ready(rig).ramp(doi_mm=0.1, speed_mm_s=0.1, hold_s=hold_s), lambda limit: (0, limit)),
+    "ramp: hold_s in all": Asked(
+        (10, 3000), lambda limit: _limits(max_contact_s=limit),
+        lambda rig, hold_s: ready(rig).ramp(doi_mm=0.1, speed_mm_s=0.1, hold_s=hold_s), lambda limit: (0, limit)),
     "rest: seconds": Asked(
         (3600, 3600), lambda limit: {}, lambda rig, seconds: ready(rig).rest(seconds), lambda limit: (0, limit)),
     "indent: increments": Asked(

@@ -200,6 +200,15 @@ def _again(rig: Rig) -> None:
     rig.touch()
 
 
+def _ramp(rig: Rig) -> None:
+    rig.mount(INDENTOR)
+    rig.home()
+    rig.zero()
+    rig.move_to(x_mm=0.0)
+    rig.ramp(doi_mm=0.86, speed_mm_s=0.8, hold_s=0.1)
+    rig.ramp(doi_mm=0.86, speed_mm_s=0.8, hold_s=0.1)
+
+
 PRESS = RunScenario(
     "press",
     _press,
@@ -225,6 +234,19 @@ AGAIN = RunScenario(
         ("indent 2", "touch"): "",
     },
 )
+RAMP = RunScenario(
+    "ramp",
+    _ramp,
+    2,
+    {"ramp 1": ""},
+    {
+        ("ramp 1", "ramp"): "ramp",
+        ("ramp 1", "hold_start"): "",
+        ("ramp 2", "ramp"): "second ramp",
+        ("ramp 2", "hold_start"): "",
+    },
+)
+"""At 0.8 mm/s to 8 gwt: the plan allows 0.806 mm/s. The second one begins without a press by increments."""
 RESUME = RunScenario("resume", _press, 2, {}, {("", "home"): ""}, stopped_first=True)
 
 
@@ -308,4 +330,4 @@ def _hand(world: ScenarioBench, bench: RememberingBench) -> Any:
 
 
 HAND = HandScenario()
-SCENARIOS: tuple[Scenario, ...] = (PRESS, AGAIN, RESUME, HAND)
+SCENARIOS: tuple[Scenario, ...] = (PRESS, AGAIN, RAMP, RESUME, HAND)

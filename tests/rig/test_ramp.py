@@ -1,0 +1,486 @@
+"""A ramp and hold at constant speed: what it does, what ends it on every stage, and what is refused."""
+
+import itertools
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import rig.engine.indentation as indentations
+import rig.protocol.check as checks
+from rig.devices.base import StageError
+from rig.engine import LimitError, NotReadyError, RecordError, Target, TripError, indent, verbs
+from rig.engine.engine import State
+from rig.engine.indentation import ramp
+from rig.engine.limits import RAMP_MARGIN, RampBound, Stopping
+from rig.errors import BadInputError
+from rig.plan.config import Config
+from rig.plan.plan import Plan, make_plan
+from rig.protocol.script import Script, load_script
+from rig.session.rehearsal_summary import preflight
+from rig.session.resume import StoppedRun, read_stopped
+from rig.session.session import NewRun, Session, dry_run
+from rig.settings import RigSettings
+from rig.units import GWT_N
+from sim.models.fingertip import Fingertip
+from studies.faults.campaign.world import BENCHES
+from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, FaultyBench
+from studies.faults.outcomes import bound_gwt
+from tests.error_codes import raises
+
+Make = Callable[..., Any]
+CONTACT_MM = -0.3
+COMPLIANCE = {"value": 1.0, "sd": 0.01, "date": "2026-01-01", "expires": "2036-01-01"}
+SLOW = {"doi_mm": 0.8, "speed_mm_s": 0.3}
+
+
+# --- the bound ---
+
+
+@pytest.mark.parametrize("speed_mm_s", [0.02, 0.3, 0.8, 1.5])
+@pytest.mark.parametrize("tables", [{}, {"force": {"latency_s": 0.2}}, {"stage": {"acceleration_mm_s2": 5.0}}])
+@pytest.mark.parametrize(("force_gwt", "doi_mm"), [(8.0, 0.86), (8.0, 1.4), (1.0, 0.1)])
+def test_a_ramp_from_its_trip_ends_at_the_bound_of_a_press(
+    speed_mm_s: float, tables: dict[str, Any], force_gwt: float, doi_mm: float
+) -> None:
+    settings = RigSettings.model_validate(tables)
+    bound = RampBound.of(settings, speed_mm_s, 16.0, force_gwt, doi_mm)
+    press = Stopping.of(settings, settings.limits.max_press_speed_mm_s)
+    move = Stopping.in_one_move(settings, speed_mm_s)
+    assert bound.bound_gwt == 16.0 + press.overshoot_gwt(16.0, force_gwt, doi_mm)
+    assert bound.stop_mm == move.distance_mm
+    assert 0.0 <= bound.trip_gwt <= 16.0
+    if 0.0 < bound.trip_gwt < 16.0:
+        end_gwt = bound.trip_gwt + move.overshoot_gwt(bound.trip_gwt, force_gwt, doi_mm)
+        assert end_gwt == pytest.approx(bound.bound_gwt)
+
+
+@pytest.mark.parametrize(("force_gwt", "doi_mm"), [(8.0, 0.86), (5.0, 1.4)])
+def test_the_fastest_ramp_trips_at_its_margin(force_gwt: float, doi_mm: float) -> None:
+    settings = RigSettings()
+
+    def at(speed_mm_s: float) -> RampBound:
+        return RampBound.of(settings, speed_mm_s, 16.0, force_gwt, doi_mm)
+
+    fastest_mm_s = at(0.1).fastest_mm_s
+    assert at(fastest_mm_s).trip_gwt == pytest.approx(RAMP_MARGIN * force_gwt)
+    at(0.999 * fastest_mm_s).refuse_too_fast(LimitError, 0.0)
+    with raises(LimitError, "ramp_too_fast", x_mm=0.5, fastest_mm_s=fastest_mm_s):
+        at(1.001 * fastest_mm_s).refuse_too_fast(LimitError, 0.5)
+
+
+# --- what a ramp does ---
+
+
+def _samples(bench: Any, phase: str) -> list[dict[str, Any]]:
+    return [sample for sample in bench.of("sample") if sample["phase"] == phase]
+
+
+def test_events_of_a_ramp_in_order(spring: Make) -> None:
+    """The slow press measures the stiffness; the ramp begins in the air."""
+    bench = spring(soft_trip_n=0.1)
+    engine = bench.ready(0.5)
+    first = len(bench.events)
+    done = ramp(engine, **SLOW, hold_s=0.3)
+    streams = [key for key, _ in itertools.groupby(stream for stream, _ in bench.events[first:])]
+    assert streams == [
+        "indentation_start", "sample", "touch", "sample", "ramp", "sample", "hold_start", "sample", "hold_end",
+        "retract", "indentation_end",
+    ]  # fmt: skip
+    phases = [key for key, _ in itertools.groupby(e["phase"] for e in bench.of("sample"))]
+    assert phases == ["clearance", "approach", "back off", "touch", "press", "back off", "ramp", "hold"]
+    assert bench.of("indentation_start") == [
+        {"index": 0, "indentor": "bar:3.0", "x_mm": 0.5, "target": "doi_mm", "value": 0.8, "increments": 1}
+    ]
+    (hold,) = done.holds
+    assert hold.doi_mm == pytest.approx(0.8, abs=0.0025)
+    assert hold.force_gwt == pytest.approx(6.0 * 0.8**1.5, abs=0.05)
+    (end,), (begun,) = bench.of("hold_end"), bench.of("ramp")
+    assert end["peak_gwt"] == pytest.approx(hold.force_gwt, abs=0.05)
+    assert 0.3 <= end["hold_s"] <= 0.4
+    assert begun["measured_gwt"] == pytest.approx(hold.force_gwt, abs=0.05)
+    bound = RampBound.of(bench.settings, 0.3, 0.1 / GWT_N, begun["measured_gwt"], 0.8)
+    assert (begun["trip_gwt"], begun["bound_gwt"]) == pytest.approx((bound.trip_gwt, bound.bound_gwt), rel=0.01)
+    assert (begun["speed_mm_s"], begun["stop_mm"]) == (0.3, pytest.approx(bound.stop_mm))
+    assert engine.state is State.READY
+    assert engine.trips.lowest == "soft trip"
+
+
+def test_a_ramp_is_one_move_at_its_speed_with_readings_on_the_way(spring: Make) -> None:
+    bench = spring(soft_trip_n=0.1)
+    ramp(bench.ready(), **SLOW, hold_s=0.0)
+    apex_mm = bench.settings.frame.apex_z_mm
+    heights = [(move["Z"] - apex_mm, move["F"]) for move in bench.moves() if "Z" in move]
+    long = [
+        (before - after, feed)
+        for (before, _), (after, feed) in itertools.pairwise(heights)
+        if before < 1.9 and before - after > 0.06
+    ]
+    assert long == [(pytest.approx(0.84, abs=0.05), pytest.approx(60 * 0.3))]
+    on_the_way = [(s["height_mm"], s["force_gwt"], s["doi_mm"]) for s in _samples(bench, "ramp")[:-1]]
+    steps = [a[0] - b[0] for a, b in itertools.pairwise(on_the_way)]
+    assert len(steps) > 25
+    assert max(steps) < 0.3 * 0.15
+    for height_mm, force_gwt, doi_mm in on_the_way:
+        assert doi_mm == pytest.approx(CONTACT_MM - height_mm, abs=0.01)
+        assert force_gwt == pytest.approx(6.0 * max(doi_mm, 0.0) ** 1.5, abs=0.3)
+
+
+def _nothing(bench: Any) -> None:
+    """Between two ramps."""
+
+
+def _pressed(bench: Any) -> None:
+    indent(bench.engine, Target("doi_mm", 0.8), hold_s=0.0)
+
+
+def _pressed_less(bench: Any) -> None:
+    indent(bench.engine, Target("doi_mm", 0.4), hold_s=0.0)
+
+
+def _touched(bench: Any) -> None:
+    indentations.touch_place(bench.engine, 0, CONTACT_MM)
+
+
+def _homed(bench: Any) -> None:
+    verbs.home(bench.engine)
+    verbs.move_to(bench.engine, 0.0)
+
+
+def _elsewhere(bench: Any) -> None:
+    verbs.move_to(bench.engine, 0.5)
+
+
+def _mounted(bench: Any) -> None:
+    verbs.mount(bench.engine, "bar:3.0")
+
+
+def _paused(bench: Any) -> None:
+    asked = [True, False]
+    bench.interrupt = lambda: asked.pop(0) if asked else False
+    bench.pause = type(bench.pause)(bench.pause.asked, lambda: True)
+    verbs.safe_point(bench.engine)
+
+
+@pytest.mark.parametrize(
+    ("between", "presses"),
+    [(_nothing, False), (_pressed, False), (_pressed_less, True), (_touched, True), (_homed, True),
+     (_elsewhere, True), (_mounted, True), (_paused, True)],
+)  # fmt: skip
+def test_only_where_the_stiffness_is_not_measured_it_presses_first(
+    spring: Make, between: Callable[[Any], None], presses: bool
+) -> None:
+    bench = spring(soft_trip_n=0.1)
+    ramp(bench.ready(), **SLOW, hold_s=0.0)
+    between(bench)
+    bench.events.clear()
+    done = ramp(bench.engine, **SLOW, hold_s=0.0)
+    assert bool(_samples(bench, "press")) is presses
+    assert done.holds[0].doi_mm == pytest.approx(0.8, abs=0.0025)
+
+
+def test_a_deeper_ramp_presses_first_and_a_shallower_one_goes_by_the_law(spring: Make) -> None:
+    bench = spring(soft_trip_n=0.15)
+    for doi_mm, presses in ((0.6, True), (0.8, True), (0.7, False)):
+        bench.events.clear()
+        ramp(bench.engine if bench.engine.placed else bench.ready(), doi_mm, 0.2, hold_s=0.0)
+        assert bool(_samples(bench, "press")) is presses
+        assert bench.of("ramp")[0]["measured_gwt"] == pytest.approx(6.0 * doi_mm**1.5, rel=0.02)
+
+
+def test_the_depth_is_corrected_for_the_compliance_of_the_rig(spring: Make) -> None:
+    settings = RigSettings.model_validate({"calibration": {"compliance_mm_per_n": COMPLIANCE}})
+    bench = spring(settings=settings, soft_trip_n=0.1)
+    done = ramp(bench.ready(), **SLOW, hold_s=0.0)
+    assert done.holds[0].doi_mm == pytest.approx(0.8, abs=0.004)
+
+
+# --- what is refused ---
+
+
+def test_a_stiffer_finger_than_predicted_is_refused_as_measured(spring: Make) -> None:
+    """It is lifted; the ramp itself never begins."""
+    bench = spring(k_gwt=6.0, soft_trip_n=0.1)
+    ramp(bench.ready(), 0.8, 0.5, hold_s=0.0)
+    bench.k_gwt = 10.0
+    verbs.home(bench.engine)
+    verbs.move_to(bench.engine, 0.0)
+    bench.events.clear()
+    with raises(LimitError, "ramp_too_fast", speed_mm_s=0.5):
+        ramp(bench.engine, 0.8, 0.5, hold_s=0.0)
+    assert not bench.of("ramp")
+    assert bench.engine.state is State.READY
+    assert bench.height_mm == pytest.approx(2.0, abs=0.003)
+
+
+def test_a_depth_beyond_its_limit_is_refused_by_the_engine(spring: Make) -> None:
+    bench = spring(k_gwt=1.0)
+    with raises(LimitError, "too_deep"):
+        ramp(bench.ready(), 1.6, 0.1)
+    assert bench.engine.state is State.READY
+
+
+def test_a_stage_that_cannot_ramp_is_refused_by_engine_and_plan(
+    spring: Make, finger: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for module in (indentations, checks):
+        monkeypatch.setattr(module, "ramps", lambda stage: False)
+    bench = spring()
+    engine = bench.ready()
+    moves = len(bench.moves())
+    with raises(NotReadyError, "no_ramps", kind="grbl"):
+        ramp(engine, **SLOW)
+    assert len(bench.moves()) == moves
+    with raises(BadInputError, "no_ramps", kind="grbl"):
+        make_plan(_script(tmp_path, "rig.ramp(doi_mm=0.5, speed_mm_s=0.2)"), Config(), finger)
+
+
+def test_a_stage_of_another_package_cannot_ramp_unless_it_says_so() -> None:
+    from rig.devices.registry import StageKind
+
+    kind = StageKind(name="other", device="another stage", tests=(), driver=lambda *_: None)  # type: ignore[arg-type, return-value]
+    assert kind.ramps is False
+
+
+# --- what ends it: every stage, real bytes ---
+
+STAGES = {name: BENCHES[name] for name in ("grbl", "rtu", "zaber", "standa", "tmcl")}
+FAST = {"doi_mm": 0.86, "speed_mm_s": 0.75}
+
+
+@pytest.fixture(params=STAGES)
+def faulty(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[FaultyBench]:
+    """A bench of each stage, ready at x = 0."""
+    bench = FaultyBench(tmp_path, {**STAGES[request.param], "limits": {"soft_trip_n": SOFT_TRIP_N}})
+    engine = bench.engine
+    verbs.mount(engine, "bar:3.0")
+    verbs.home(engine)
+    verbs.zero(engine)
+    verbs.move_to(engine, 0.0)
+    yield bench
+    bench.journal.close()
+
+
+def _in_the_ramp(bench: FaultyBench, act: Callable[[], object], from_gwt: float = 2.0) -> None:
+    """Act once, when the finger feels this force in the ramp."""
+
+    def watch() -> None:
+        if bench.true_n(bench.clock.monotonic_s()) >= from_gwt * GWT_N:
+            act()
+        else:
+            bench.clock.call_at(bench.clock.monotonic_s() + 0.002, watch)
+
+    def begin() -> None:
+        bench.worst_n = 0.0  # of the ramp alone
+        watch()
+
+    bench.after("ramp", begin)
+
+
+def _ramp(bench: FaultyBench) -> Any:
+    return ramp(bench.engine, **FAST, hold_s=0.1, expected_contact_mm=PREDICTED.contact_mm)
+
+
+def test_it_is_done_on_every_stage(faulty: FaultyBench) -> None:
+    done = _ramp(faulty)
+    assert done.holds[0].doi_mm == pytest.approx(0.86, abs=0.003)
+    assert faulty.worst_n / GWT_N == pytest.approx(10.0 * 0.86**1.5, rel=0.03)
+    assert faulty.height_mm == pytest.approx(2.0, abs=0.003)
+
+
+@pytest.mark.parametrize("nearer_mm", [0.3, 0.6])
+def test_a_finger_that_comes_nearer_trips_within_the_bound(faulty: FaultyBench, nearer_mm: float) -> None:
+    def nearer() -> None:
+        faulty.nearer_mm = nearer_mm
+
+    _in_the_ramp(faulty, nearer, 0.3)
+    with raises(TripError, "ramp_trip", phase="moving") as caught:
+        _ramp(faulty)
+    assert caught.value.fields["limit_gwt"] < SOFT_TRIP_N / GWT_N
+    assert faulty.worst_n / GWT_N <= bound_gwt()
+    assert faulty.engine.state is State.TRIPPED
+    assert faulty.height_mm == pytest.approx(2.0, abs=0.003)
+
+
+def test_a_sensor_that_falls_silent_ends_it_at_once(faulty: FaultyBench) -> None:
+    def silent() -> None:
+        faulty.force_line.device_write = lambda data: None  # type: ignore[method-assign]
+
+    _in_the_ramp(faulty, silent)
+    with pytest.raises(TripError):
+        _ramp(faulty)
+    assert faulty.worst_n / GWT_N < 10.0 * 0.86**1.5 + 0.1
+    assert faulty.height_mm == pytest.approx(2.0, abs=0.003)
+
+
+def test_a_sensor_that_lost_its_cell_ends_it(faulty: FaultyBench) -> None:
+    """Zero from 0.5 gwt on: far less than half a touch, where a finger is."""
+    _in_the_ramp(faulty, lambda: setattr(faulty, "felt_n", lambda t_s: 0.0), 0.5)
+    with raises(TripError, "lost_finger"):
+        _ramp(faulty)
+    assert faulty.worst_n / GWT_N < 5.0
+    assert faulty.height_mm == pytest.approx(2.0, abs=0.003)
+
+
+def test_a_stage_that_goes_on_unread_ends_it(faulty: FaultyBench) -> None:
+    """The disk is away for 0.45 s: longer than was ever measured."""
+    _in_the_ramp(faulty, lambda: faulty.after("ramp", lambda: faulty.clock.wait_s(0.45)))
+    with raises(TripError, "ramp_unread") as caught:
+        _ramp(faulty)
+    assert caught.value.fields["gone_mm"] > caught.value.fields["limit_mm"] > 0.35 * 0.75
+    assert faulty.height_mm == pytest.approx(2.0, abs=0.003)
+
+
+def test_a_lost_journal_ends_it_and_lifts(faulty: FaultyBench) -> None:
+    """At rest first: no lift is asked of a stage that moves."""
+
+    def away() -> None:
+        faulty.journal_path.rename(faulty.journal_path.with_suffix(".old"))
+
+    _in_the_ramp(faulty, away)
+    with pytest.raises(RecordError):
+        _ramp(faulty)
+    assert faulty.stage.homed
+    assert faulty.height_mm == pytest.approx(2.0, abs=0.003)
+    assert faulty.worst_n / GWT_N < 10.0 * 0.86**1.5
+
+
+def test_a_stop_from_another_thread_ends_it(faulty: FaultyBench) -> None:
+    stopped_mm: list[float] = []
+
+    def stop() -> None:
+        faulty.stage.stop()
+        stopped_mm.append(faulty.height_mm)
+
+    _in_the_ramp(faulty, stop)
+    with pytest.raises(Exception):  # noqa: B017, PT011  # each driver has an error of its own
+        _ramp(faulty)
+    assert not faulty.stage.homed
+    assert faulty.height_mm == pytest.approx(stopped_mm[0], abs=0.02)
+
+
+def test_a_stop_input_ends_it(faulty: FaultyBench) -> None:
+    pressed: list[bool] = []
+    button = TripError("a button", code="stop_input")
+    faulty.engine.stop_problem = lambda *, at_rest: button if pressed else None
+    _in_the_ramp(faulty, lambda: pressed.append(True))
+    with raises(TripError, "stop_input"):
+        _ramp(faulty)
+    assert faulty.worst_n / GWT_N < 5.0
+
+
+def test_a_stage_that_reports_nothing_is_stopped_by_the_heartbeat(spring: Make) -> None:
+    bench = spring(soft_trip_n=0.1)
+    engine = bench.ready()
+    silence_s = bench.settings.limits.heartbeat_s + 0.5
+
+    def hang() -> None:
+        bench.clock.call_at(bench.clock.monotonic_s() + silence_s, engine.heartbeat.look)
+        bench.clock.wait_s(silence_s + 1.0)
+
+    hung: list[bool] = []
+
+    def watch(stream: str, data: Any) -> None:
+        if stream == "sample" and data["phase"] == "ramp" and not hung:
+            hung.append(True)
+            hang()
+
+    bench.on_event = watch
+    with pytest.raises(StageError):
+        ramp(engine, 0.8, 0.1)
+    assert engine.heartbeat.lost
+    assert not engine.bench.stage.homed
+    assert bench.true_pose()[1] < 0.8
+
+
+def test_a_pause_is_taken_before_the_ramp_and_begins_it_anew(spring: Make) -> None:
+    bench = spring(soft_trip_n=0.1)
+    engine = bench.ready()
+    asked = [False]
+    bench.pause = type(bench.pause)(lambda: asked[0] and not asked.clear() if asked else False, lambda: True)
+    bench.on_event = lambda stream, data: (
+        asked.__setitem__(slice(None), [True])
+        if (stream == "sample" and data["phase"] == "press" and not bench.of("paused") and data["force_gwt"] > 3.0)
+        else None
+    )
+    done = ramp(engine, **SLOW, hold_s=0.0)
+    assert len(bench.of("paused")) == len(bench.of("ramp")) == 1
+    assert done.holds[0].doi_mm == pytest.approx(0.8, abs=0.0025)
+
+
+# --- plan, summary, dry-run, resume ---
+
+
+def _script(folder: Path, *lines: str) -> Script:
+    path = folder / "one.py"
+    ready = ('rig.mount("bar:3.0")', "rig.home()", "rig.zero()", "rig.move_to(x_mm=0.0)")
+    body = "".join(f"    {line}\n" for line in (*ready, *lines))
+    path.write_text(f"from rig.protocol import Rig\n\ndef run(rig: Rig) -> None:\n{body}", encoding="utf-8")
+    return load_script(str(path))
+
+
+def test_the_plan_refuses_a_ramp_that_is_too_fast_and_names_the_fastest(finger: Fingertip, tmp_path: Path) -> None:
+    def planned(speed_mm_s: float) -> Plan:
+        return make_plan(_script(tmp_path, f"rig.ramp(doi_mm=0.8, speed_mm_s={speed_mm_s})"), Config(), finger)
+
+    with raises(BadInputError, "ramp_too_fast", x_mm=0.0, speed_mm_s=2.0) as caught:
+        planned(2.0)
+    fastest_mm_s = caught.value.fields["fastest_mm_s"]
+    assert 0.1 < fastest_mm_s < 2.0
+    (ramp_planned,) = planned(0.99 * fastest_mm_s).indentations
+    assert (ramp_planned.ramp_mm_s, ramp_planned.increments) == (0.99 * fastest_mm_s, 1)
+    with raises(BadInputError, "ramp_too_fast"):
+        planned(1.01 * fastest_mm_s)
+
+
+def test_a_ramp_that_ages_past_the_trip_is_refused_without_the_cap_of_an_increment(
+    finger: Fingertip, tmp_path: Path
+) -> None:
+    """A press waits for its reading after each increment; a ramp goes on."""
+    config = Config.model_validate({"force": {"latency_s": 0.5}})
+    with raises(BadInputError, "too_fast_for_sensor", speed_mm_s=1.0):
+        make_plan(_script(tmp_path, "rig.ramp(doi_mm=0.4, speed_mm_s=1.0)"), config, finger)
+    make_plan(_script(tmp_path, "rig.indent(doi_mm=0.4, speed_mm_s=1.0)"), config, finger)
+
+
+def test_the_summary_has_the_bound_of_each_ramp_and_the_dry_run_keeps_it(finger: Fingertip, tmp_path: Path) -> None:
+    script = _script(tmp_path, "rig.indent(doi_mm=0.5, hold_s=0.1)", "rig.ramp(doi_mm=0.8, speed_mm_s=0.3)")
+    plan = make_plan(script, Config(), finger)
+    found = preflight(script, Config(), finger, plan).as_json()
+    press, step = found["steps"]
+    assert not [key for key in press if key.startswith("ramp_")]
+    assert step["ramp_mm_s"] == 0.3 < step["ramp_fastest_mm_s"]
+    assert RAMP_MARGIN * step["force_gwt"] < step["ramp_trip_gwt"] < step["ramp_bound_gwt"]
+    done = dry_run(Session(script, Config(), finger, plan, NewRun(tmp_path / "runs")))
+    assert done.complete, done.problem
+    (begun,) = done.run.stream("ramp")
+    assert begun["trip_gwt"] == pytest.approx(step["ramp_trip_gwt"], rel=0.1)
+    peak_gwt = max(sample["force_gwt"] for sample in done.run.stream("sample"))
+    assert peak_gwt <= step["ramp_bound_gwt"]
+    assert found["duration_s"] == pytest.approx(done.run.duration_s, rel=0.02)
+
+
+@pytest.mark.usefixtures("empty_figures")
+@pytest.mark.parametrize("at", ["press", "ramp", "hold"])
+def test_a_run_that_was_killed_in_a_ramp_does_it_anew(at: str, finger: Fingertip, tmp_path: Path) -> None:
+    lines = ["answer = rig.ramp(doi_mm=0.5, speed_mm_s=0.3, hold_s=0.1)", "rig.note(f'{answer.holds[0].doi_mm:.6f}')"]
+    script = _script(tmp_path, *lines, "rig.ramp(doi_mm=0.5, speed_mm_s=0.3, hold_s=0.2)")
+    config = Config()
+    whole = dry_run(Session(script, config, finger, make_plan(script, config, finger), NewRun(tmp_path / "runs")))
+    events = whole.folder.events
+    documents = events.read_text(encoding="utf-8").splitlines(keepends=True)
+    ends = [n for n, line in enumerate(documents) if '"stream": "indentation_end"' in line]
+    inside = [n for n, line in enumerate(documents) if f'"phase": "{at}"' in line]
+    cut = next(n for n in inside if n > (ends[0] if at == "hold" else -1))
+    events.write_text("".join(documents[: cut + 1]), encoding="utf-8")
+    stopped = read_stopped(whole.folder.path)
+    plan = make_plan(stopped.script, stopped.config, finger, stopped.run, stopped.folder.path)
+    again = dry_run(Session(stopped.script, stopped.config, finger, plan, stopped))
+    assert again.complete, again.problem
+    assert len(again.run.done) == 2
+    assert len(again.run.stream("ramp")) == 2
+    assert (again.run.restarted, again.run.repeated) == (1, 0)
+    assert math.isclose(again.run.done[0][0]["doi_mm"], whole.run.done[0][0]["doi_mm"], abs_tol=0.003)
+    assert isinstance(stopped, StoppedRun)
