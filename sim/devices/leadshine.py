@@ -14,7 +14,7 @@ from math import sqrt
 from typing import Any
 
 from sim.devices.clock import Scheduler
-from sim.devices.grbl.planner import Piece, Ramp, Track
+from sim.devices.grbl.planner import ConstantAcceleration, Piece, Track
 from sim.devices.line import SerialLine, TwinError, VirtualStageSpec
 from sim.devices.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, ModbusBus, RegisterFault, signed, words
 
@@ -74,7 +74,11 @@ class DriveAxis:
         speed, cruise = abs(present), abs(velocity)
         rising_s = min(max(cruise - speed, 0.0) / up, for_s)
         top = speed + up * rising_s
-        ramps = [Ramp(rising_s, speed, up), Ramp(for_s - rising_s, top, 0.0), Ramp(top / down, top, -down)]
+        ramps = [
+            ConstantAcceleration(rising_s, speed, up),
+            ConstantAcceleration(for_s - rising_s, top, 0.0),
+            ConstantAcceleration(top / down, top, -down),
+        ]
         if sum(ramp.mm for ramp in ramps) > room:
             ramps = ramps_to_rest(room, speed, cruise, up, down)
         path = _Path(self._track.position_at(now_s)[0], now_s)
@@ -88,7 +92,7 @@ class DriveAxis:
     def _braked(self, down: float, now_s: float) -> "_Path":
         path = _Path(self._track.position_at(now_s)[0], now_s)
         velocity = self.velocity_at(now_s)
-        path.run(velocity, [Ramp(abs(velocity) / down, abs(velocity), -down)])
+        path.run(velocity, [ConstantAcceleration(abs(velocity) / down, abs(velocity), -down)])
         return path
 
     def _follow(self, path: "_Path", now_s: float) -> None:
@@ -102,7 +106,7 @@ class _Path:
         self.position, self._t_s = position, t_s
         self.pieces: list[Piece] = []
 
-    def run(self, direction: float, ramps: list[Ramp]) -> None:
+    def run(self, direction: float, ramps: list[ConstantAcceleration]) -> None:
         sign = 1.0 if direction >= 0 else -1.0
         for ramp in ramps:
             if ramp.duration_s > 0:
@@ -111,19 +115,19 @@ class _Path:
                 self.position += sign * ramp.mm
 
 
-def ramps_to_rest(length: float, speed: float, cruise: float, up: float, down: float) -> list[Ramp]:
+def ramps_to_rest(length: float, speed: float, cruise: float, up: float, down: float) -> list[ConstantAcceleration]:
     """Return ramps over `length` pulses from `speed` to rest, up to cruise; a short distance is braked harder."""
     if length < _NEGLIGIBLE_PULSES:
         return []
     top = sqrt((length + 0.5 * speed * speed / up) / (0.5 / up + 0.5 / down))
     if top <= speed:
-        return [Ramp(2 * length / speed, speed, -0.5 * speed * speed / length)]
+        return [ConstantAcceleration(2 * length / speed, speed, -0.5 * speed * speed / length)]
     peak = max(min(top, cruise), speed)
     level = length - 0.5 * (peak * peak - speed * speed) / up - 0.5 * peak * peak / down
     return [
-        Ramp((peak - speed) / up, speed, up),
-        Ramp(max(level, 0.0) / peak, peak, 0.0),
-        Ramp(peak / down, peak, -down),
+        ConstantAcceleration((peak - speed) / up, speed, up),
+        ConstantAcceleration(max(level, 0.0) / peak, peak, 0.0),
+        ConstantAcceleration(peak / down, peak, -down),
     ]
 
 

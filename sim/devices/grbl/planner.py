@@ -23,7 +23,7 @@ _NO_MOTION_MM = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
-class Ramp:
+class ConstantAcceleration:
     """Constant acceleration along a path: duration in s, initial speed in mm/s, acceleration in mm/s²."""
 
     duration_s: float
@@ -37,10 +37,10 @@ class Ramp:
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """Ramp in time and space: origin in steps at t0_s, slope in steps per mm, done_mm behind it."""
+    """Constant acceleration in time and space: origin in steps at t0_s, slope in steps per mm, done_mm behind it."""
 
     t0_s: float
-    ramp: Ramp
+    ramp: ConstantAcceleration
     origin: Vec
     slope: Vec
     done_mm: float = 0.0
@@ -124,7 +124,7 @@ class Track:
         del self._pieces[index:], self._starts[index:], self._nuts[index:]
         if self._pieces and self._pieces[-1].t1_s > t_s:
             last = self._pieces[-1]
-            shorter = Ramp(t_s - last.t0_s, last.ramp.v0, last.ramp.accel)
+            shorter = ConstantAcceleration(t_s - last.t0_s, last.ramp.v0, last.ramp.accel)
             self._pieces[-1] = Piece(last.t0_s, shorter, last.origin, last.slope, last.done_mm)
 
     def _prune(self, now_s: float) -> None:
@@ -148,20 +148,20 @@ class Track:
         return (x, y, z)
 
 
-def trapezoid(mm: float, v0: float, v1: float, cruise: float, accel: float) -> list[Ramp]:
+def trapezoid(mm: float, v0: float, v1: float, cruise: float, accel: float) -> list[ConstantAcceleration]:
     """Return ramps over a distance from speed v0 to v1, within cruise (mm/s) and accel (mm/s²)."""
     if mm < _NO_MOTION_MM:
         return []
     top = sqrt(accel * mm + 0.5 * (v0 * v0 + v1 * v1))
     if top <= max(v0, v1) * (1 + 1e-12):
         # One ramp needs the whole length: rounding must not leave it short or long.
-        return [Ramp(2 * mm / (v0 + v1), v0, (v1 * v1 - v0 * v0) / (2 * mm))]
+        return [ConstantAcceleration(2 * mm / (v0 + v1), v0, (v1 * v1 - v0 * v0) / (2 * mm))]
     peak = max(min(top, cruise), v0, v1)
     level_mm = mm - (2 * peak * peak - v0 * v0 - v1 * v1) / (2 * accel)
     ramps = [
-        Ramp((peak - v0) / accel, v0, accel),
-        Ramp(max(level_mm, 0.0) / peak, peak, 0.0),
-        Ramp((peak - v1) / accel, peak, -accel),
+        ConstantAcceleration((peak - v0) / accel, v0, accel),
+        ConstantAcceleration(max(level_mm, 0.0) / peak, peak, 0.0),
+        ConstantAcceleration((peak - v1) / accel, peak, -accel),
     ]
     return [ramp for ramp in ramps if ramp.duration_s > 0]
 
@@ -422,18 +422,18 @@ def _exit_speeds_sq(blocks: list[PlannerBlock], entry_sq: float) -> list[float]:
     return exits
 
 
-def _ramps(block: PlannerBlock, entry_sq: float, exit_sq: float) -> list[Ramp]:
+def _ramps(block: PlannerBlock, entry_sq: float, exit_sq: float) -> list[ConstantAcceleration]:
     """Return the remaining ramps of a block; above its cruise speed, as after an override, it brakes first."""
     mm, v0, v1 = block.mm - block.done_mm, sqrt(entry_sq), sqrt(exit_sq)
     top = max(block.cruise, v1)
     slowing_mm = (entry_sq - top * top) / (2 * block.accel)
     if not _NEGLIGIBLE_MM < slowing_mm < mm:
         return trapezoid(mm, v0, v1, block.cruise, block.accel)
-    slowing = Ramp((v0 - top) / block.accel, v0, -block.accel)
+    slowing = ConstantAcceleration((v0 - top) / block.accel, v0, -block.accel)
     return [slowing, *trapezoid(mm - slowing_mm, top, v1, block.cruise, block.accel)]
 
 
-def _lay(block: PlannerBlock, ramps: list[Ramp], t_s: float, pieces: list[Piece]) -> float:
+def _lay(block: PlannerBlock, ramps: list[ConstantAcceleration], t_s: float, pieces: list[Piece]) -> float:
     """Append ramps of a block to the pieces; return their end time."""
     done_mm = block.done_mm
     for ramp in ramps:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import sqrt
 
-from sim.devices.grbl.planner import AxisLimits, Counts, Piece, Ramp, Vec, trapezoid
+from sim.devices.grbl.planner import AxisLimits, ConstantAcceleration, Counts, Piece, Vec, trapezoid
 
 STEP_DIRECTION, INCHES, SOFT_LIMITS, HOMING = 3, 13, 20, 22
 STEPS_PER_MM, TRAVEL = 100, 130  # of x, the other axes after it
@@ -120,7 +120,7 @@ def _approach(cycle: _Cycle, axes: tuple[int, ...], rate: float) -> None:
         running = [axis for axis in axes if to_switch[axis] > begin_mm]
         v0 = min(sqrt(2 * accel * begin_mm), speed)
         v1 = min(sqrt(2 * accel * end_mm), speed)
-        ramp = Ramp(2 * (end_mm - begin_mm) / (v0 + v1), v0, accel if begin_mm < ramp_mm else 0.0)
+        ramp = ConstantAcceleration(2 * (end_mm - begin_mm) / (v0 + v1), v0, accel if begin_mm < ramp_mm else 0.0)
         _run(cycle, running, ramp, +1)
         begin_mm = end_mm
     _debounce(cycle)
@@ -133,7 +133,7 @@ def _pull_off(cycle: _Cycle, axes: tuple[int, ...]) -> None:
     _debounce(cycle)
 
 
-def _run(cycle: _Cycle, axes: tuple[int, ...] | list[int], ramp: Ramp, sign: int) -> None:
+def _run(cycle: _Cycle, axes: tuple[int, ...] | list[int], ramp: ConstantAcceleration, sign: int) -> None:
     per_mm = cycle.settings.per_axis(100)
     i, j, k = (sign * per_mm[axis] if axis in axes else 0.0 for axis in range(3))
     slope: Vec = (i, j, k)
