@@ -96,7 +96,9 @@ CONFIGURATIONS = [("grbl", name, tables) for name, tables in _configurations()]
 CONFIGURATIONS += [("leadshine", name, tables) for name, tables in _configurations() if " beyond" not in name]
 
 
-@pytest.mark.quick(rows=lambda stage, what, tables: stage == "grbl" or " at" in what)
+@pytest.mark.quick(
+    rows=lambda stage, what, tables: stage == "grbl" or what in ("left at", "right at", "top at", "bottom at, 1 mm")
+)
 @pytest.mark.parametrize(
     ("stage", "what", "tables"), CONFIGURATIONS, ids=[f"{stage}, {what}" for stage, what, _ in CONFIGURATIONS]
 )

@@ -30,6 +30,9 @@ SOFT = {"relaxation": [[0.2, 0.5], [0.2, 5.0]], "cell_noise_gwt": 0.02, "cell_la
 LATE = {"latency_s": 0.08, "resolution_gwt": 0.02}
 
 
+pytestmark = pytest.mark.quick(rows=lambda pressed: pressed > 1)  # the stiffer finger, which overshoots
+
+
 @pytest.fixture(scope="module", params=[0.7, 1.3])
 def pressed(request: pytest.FixtureRequest, finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> Any:
     """A finished run, and the true force at every instant that the sensor looked at: (n, 2) s, gwt."""

@@ -344,7 +344,10 @@ def test_it_says_what_it_could_not_learn(finger: Fingertip, tmp_path: Path) -> N
 
 
 def test_each_press_and_the_end_are_said(
-    identified: tuple[Identification, FinishedRun], capsys: pytest.CaptureFixture[str], tmp_path: Path
+    identified: tuple[Identification, FinishedRun],
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    empty_figures: None,
 ) -> None:
     identification, done = identified
     print_before_press(identification, None)

@@ -190,6 +190,7 @@ def _in_a_run(ways: list[tuple[str, str, Way]]) -> Any:
     )
 
 
+@pytest.mark.quick(rows=lambda bench, name, way: bench == "run" or (name == NAMES[0] and way is FILE["deleted"]))
 @_in_a_run(LOST)
 def test_a_run_whose_files_are_lost_is_lifted_at_the_next_record_and_goes_on_from_what_was_saved(
     name: str, way: Way, bench: Bench, in_contact: Callable[..., None], request: pytest.FixtureRequest

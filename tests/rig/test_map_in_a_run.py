@@ -218,8 +218,8 @@ def _drawn(draw: Callable[[Figure], None]) -> Figure:
 
 
 def test_rig_indent_draws_what_it_pressed(rig: Callable[..., Any], tmp_path: Path) -> None:
-    shape = "heightmap:parts/letter.png,width_mm=2,height_mm=0.4"
-    for picture, begins in (("a.svg", b"<?xml"), ("a.png", b"\x89PNG")):
+    letter = "heightmap:parts/letter.png,width_mm=2,height_mm=0.4"
+    for shape, picture, begins in ((letter, "a.svg", b"<?xml"), ("sphere:2", "a.png", b"\x89PNG")):
         found = rig(
             *("indent", "--shape", shape, "--x-mm", "0", "--doi-mm", "0.2"),
             *("--model", "halfspace", "--picture", picture),

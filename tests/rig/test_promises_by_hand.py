@@ -437,6 +437,7 @@ def test_a_stop_goes_out_at_once_in_every_state_and_nothing_after_it(kind: str, 
         assert state == "about_to_home" or '"stopped at once by the operator"' in did[0]
 
 
+@pytest.mark.quick(rows=lambda name, kind: kind == "grbl")  # drives: tests/rig/test_by_hand.py, test_hand_owner.py
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", PROMISES)
 def test_what_is_promised_by_hand_holds_through_the_socket(name: str, kind: str) -> None:

@@ -58,6 +58,7 @@ def model_gwt(finger: Fingertip, run: Run) -> float:
     return finger.indent("bar:3.0", hold["true_x_mm"], doi_mm=hold["true_doi_mm"]).force_gwt
 
 
+@pytest.mark.quick(rows=lambda x_port, port, framing: framing is None or (x_port is None and port == "/dev/both"))
 @pytest.mark.parametrize("x_port", ["/dev/x", "tcp://gateway:503", None])
 @pytest.mark.parametrize("port", ["/dev/both", "tcp://gateway:502"])
 @pytest.mark.parametrize("framing", ["rtu", "tcp", None])

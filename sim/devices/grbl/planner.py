@@ -67,7 +67,7 @@ class Track:
 
     def __init__(self, rest: Counts, play: Vec = (0.0, 0.0, 0.0)) -> None:
         self._rest: Vec = rest
-        self._play = play
+        self._play, self._has_play = play, any(play)
         self._nut_rest: Vec = rest
         self._nuts: list[Vec] = []  # at the start of each piece
         self._pieces: list[Piece] = []
@@ -144,6 +144,8 @@ class Track:
 
     def _followed(self, nut: Vec, screw: Vec) -> Vec:
         """Return the nut's position after one-way motion of the screw: pushed down, or pulled up behind the play."""
+        if not self._has_play:
+            return screw
         x, y, z = (min(max(n, s - play), s) for n, s, play in zip(nut, screw, self._play, strict=True))
         return (x, y, z)
 

@@ -63,6 +63,7 @@ def row(rows: list[Ranked], name: str) -> Ranked:
     return next(one for one in rows if one.name == name)
 
 
+@pytest.mark.quick(rows=lambda number: number == 3)
 @pytest.mark.parametrize("number", [2, 3, 6])
 def test_the_truth_leads_and_its_population_is_found(stimulus: Stimulus, number: int) -> None:
     """Seeded sample of studies/answers/group_coverage.py."""
