@@ -37,8 +37,8 @@ def main() -> None:
     if number is not None:
         picked = {case.name for case in sample(list(_cases(options)), number, options.seed)}
     shard = list(_cases(options)) if options.shard else None
-    found = _cases(options) if shard is None else shard
-    counts = _counted(case for case in found if picked is None or case.name in picked)
+    every = _cases(options) if shard is None else shard
+    counts = _counted(case for case in every if picked is None or case.name in picked)
     if options.count:
         return
     going = CampaignProgress(counts, lambda line: print(line, flush=True))
