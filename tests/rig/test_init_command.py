@@ -284,7 +284,7 @@ def test_kinds_are_asked_in_order_until_one_answers(monkeypatch: pytest.MonkeyPa
     """Boards first: they act on single bytes. What cannot be opened is asked no more."""
     asked: list[str] = []
 
-    def probe(kind: Any, port: str, clock: Any) -> str | None:
+    def probe(kind: Any, port: str, clock: Any, *, own: Any) -> str | None:
         asked.append(kind.name)
         return "it" if kind.name == "mtsics" else None
 
@@ -292,7 +292,7 @@ def test_kinds_are_asked_in_order_until_one_answers(monkeypatch: pytest.MonkeyPa
     assert look_at_port(SILENT, WallClock()) == PortFound(SILENT, MTSICS, "it")
     assert asked == ["grbl", "leadshine", "zaber", "standa", "tmcl", "mtsics"]
 
-    def closed(kind: Any, port: str, clock: Any) -> str | None:
+    def closed(kind: Any, port: str, clock: Any, *, own: Any) -> str | None:
         asked.append(kind.name)
         raise TransportError("no", code="no_permission")
 

@@ -36,13 +36,16 @@ def main() -> None:
     picked: set[str] | None = None
     if number is not None:
         picked = {case.name for case in sample(list(_cases(options)), number, options.seed)}
-    counts = _counted(case for case in _cases(options) if picked is None or case.name in picked)
+    shard = list(_cases(options)) if options.shard else None
+    every = _cases(options) if shard is None else shard
+    counts = _counted(case for case in every if picked is None or case.name in picked)
     if options.count:
         return
     going = CampaignProgress(counts, lambda line: print(line, flush=True))
     for bench, scenario in _units(options):  # one at a time: what lies in memory makes every fork slower
         done = names_in(options.out, commit(), f"{bench}/")
-        some = [case for case in _cases(options, bench, scenario) if picked is None or case.name in picked]
+        of_unit = _cases(options, bench, scenario) if shard is None else _of_unit(shard, bench, scenario)
+        some = [case for case in of_unit if picked is None or case.name in picked]
         left = [case for case in some if case.name not in done]
         going.skip(len(some) - len(left))
         del done, some
@@ -50,11 +53,11 @@ def main() -> None:
             real_time.carry_out(left, options.out, options.load, lambda line: print(line, flush=True))
         else:
             carry_out(left, options.out, options.processes, going)
-    found = CampaignSummary(r for r in _found(options) if picked is None or r["case"] in picked)
-    print(found)
+    summary = CampaignSummary(r for r in _found(options) if picked is None or r["case"] in picked)
+    print(summary)
     for record in _found(options) if options.case else ():
         print(json.dumps(record, indent=1))
-    sys.exit(bool(found.bad))
+    sys.exit(bool(summary.bad))
 
 
 def _options() -> argparse.Namespace:
@@ -100,6 +103,10 @@ def _cases(options: argparse.Namespace, bench: str = "", scenario: Scenario | No
                     continue
                 if not options.case or case.name in options.case:
                     yield case
+
+
+def _of_unit(shard: Sequence[FaultCase], bench: str, scenario: Scenario) -> Iterator[FaultCase]:
+    return (case for case in shard if (case.bench, case.scenario) == (bench, scenario.name))
 
 
 def _found(options: argparse.Namespace) -> Iterator[Record]:

@@ -62,6 +62,7 @@ def usual(device: int, lowest: str, homing: str) -> Replies:
         **{key: reply for n in range(16) for key, reply in shown(device, f"62 {8 * n:02X}", "00 00").items()},
         **shown(device, "60 0F", CREEP),
         **shown(device, "01 E1", "00 01"),
+        **shown(device, "22 03", "00 00"),
         **several(f"{d} 10 60 0A 00 01 02 00 01"),
         **shown(device, "60 0A", "00 01"),
         **several(f"{d} 10 60 0F 00 04 08 {SEARCH}", homing),
