@@ -11,7 +11,7 @@ LOCKED ?= yes
 NEWEST ?= no
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
-.PHONY: setup demo study study-bench study-coding studies docs test test-portable test-studies panel-test shake check check-platforms bench mutants release-check clean lock check-wheels licenses
+.PHONY: setup demo study study-bench study-coding studies docs test test-portable test-studies panel-test shake check check-platforms bench mutants release-check clean lock check-wheels licenses clients
 
 setup: .venv/.ready
 
@@ -39,6 +39,15 @@ endif
 
 .venv/.ready-dev: .venv/.ready requirements/dev.txt
 	$(install)
+	touch $@
+
+# Makers' clients that do not fit beside the other packages; each has an environment of its own.
+CLIENTS ?= .clients
+clients: $(patsubst requirements/clients/%.txt,$(CLIENTS)/%/.ready,$(wildcard requirements/clients/*.txt))
+
+$(CLIENTS)/%/.ready: requirements/clients/%.txt
+	$(PYTHON) -m venv $(@D)
+	$(@D)/bin/python -m pip --quiet --disable-pip-version-check install --require-hashes -r $<
 	touch $@
 
 demo: setup

@@ -1,6 +1,7 @@
-"""Text for a terminal: what would steer it is printed as an escape sequence of Python instead."""
+"""Text for a terminal: control characters as escape sequences of Python; lists of words."""
 
 import unicodedata
+from collections.abc import Sequence
 
 
 def printable(text: str) -> str:
@@ -27,3 +28,8 @@ def _harmless(character: str) -> bool:
 def on_one_line(text: str) -> str:
     """Return a printable text on one line, with visible line feeds."""
     return printable(text).replace("\n", "\\n")
+
+
+def either(words: Sequence[str]) -> str:
+    """Return words with commas between them and "or" before the last; an empty text for none."""
+    return " or ".join(part for part in (", ".join(words[:-1]), *words[-1:]) if part)

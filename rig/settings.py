@@ -55,9 +55,10 @@ def as_tuples(value: Any) -> Any:
 
 
 def _addressed(port: str) -> str:
-    if not port.strip() or (port.startswith("tcp://") and not re.fullmatch(r"tcp://[^/]+:\d{1,5}", port)):
+    over_ip = port.startswith(("tcp://", "udp://"))
+    if not port.strip() or (over_ip and not re.fullmatch(r"(tcp|udp)://[^/]+:\d{1,5}", port)):
         raise RuleError(
-            "not a port; use tcp://HOST:PORT or the name of a serial port, such as /dev/ttyUSB0 or COM3",
+            "not a port; use tcp://HOST:PORT, udp://HOST:PORT or a serial port, such as /dev/ttyUSB0 or COM3",
             code="no_port_name",
         )
     return port
@@ -226,6 +227,126 @@ class ZaberSettings(Settings):
     def _axes_are_distinct(self) -> Self:
         if (self.x.address, self.x.axis) == (self.z.address, self.z.axis):
             raise RuleError("x and z: same address and axis; give each its own", code="one_axis_for_two")
+        return self
+
+
+class StandaAxisSettings(Settings):
+    """Settings of one axis with a Standa controller."""
+
+    step_um: float = Field(
+        10.0,
+        gt=0,
+        le=100,
+        description="length of a full step, from the stage's data sheet; a calibration of steps_per_mm replaces it",
+    )
+    microsteps: int = Field(
+        256, ge=1, le=256, description="microsteps per full step, a power of two; compared with the controller"
+    )
+    home: Literal["left", "right"] = Field(
+        "left",
+        description="limit switch to which the axis homes, as in the controller's home flags; for z the upper one",
+    )
+
+    @field_validator("microsteps")
+    @classmethod
+    def _is_power_of_two(cls, value: int) -> int:
+        if value & (value - 1):
+            raise RuleError("{value}: must be a power of two", code="no_power_of_two", value=value)
+        return value
+
+
+class StandaSettings(Settings):
+    """Settings of two Standa controllers, that of z on the port of the stage.
+
+    x is lateral and z vertical; y stays where it was set by hand.
+    """
+
+    x_port: Port = Field(
+        "/dev/ttyACM1", description="port of the controller of the x axis: a serial port or tcp://HOST:PORT"
+    )
+    x: StandaAxisSettings = StandaAxisSettings()
+    z: StandaAxisSettings = StandaAxisSettings()
+
+
+class TmclAxisSettings(Settings):
+    """Settings of one motor of a Trinamic module."""
+
+    address: int = Field(1, ge=1, le=255, description="address of the module")
+    motor: int = Field(ge=0, le=5, description="number of the motor of that module")
+    microstep_um: float = Field(
+        2.5,
+        gt=0,
+        le=10,
+        description="length of one microstep, in µm; a calibration of steps_per_mm replaces it",
+    )
+    resolution: int = Field(
+        8,
+        ge=0,
+        le=8,
+        description="microstep resolution of the module, 8 for 256 microsteps per step; compared with parameter 140",
+    )
+    home_switch: Literal["left", "right"] = Field(
+        "left", description="switch at the home position; with left, the module counts upwards away from home"
+    )
+    far_switch: bool = Field(True, description="whether the other switch is wired; if it is active, the stage trips")
+    search_mode: int = Field(
+        1,
+        ge=1,
+        le=255,
+        description=(
+            "mode of the reference search, compared with parameter 193; 65 for a right switch; not from the maker's "
+            "manual, check it"
+        ),
+    )
+    home_speed_mm_s: float = Field(
+        5.0, gt=0, le=20, description="maximum speed set before the reference search, in mm/s"
+    )
+
+
+class TmclSettings(Settings):
+    """Settings of two motors of Trinamic modules.
+
+    x is lateral and z vertical; y stays where it was set by hand. Units and flags differ between modules.
+    """
+
+    x: TmclAxisSettings = TmclAxisSettings(motor=0)
+    z: TmclAxisSettings = TmclAxisSettings(motor=1)
+    host_address: int = Field(2, ge=1, le=255, description="address to which the modules reply")
+    speed_unit: float = Field(
+        1.0,
+        gt=0,
+        description="the module's speed for one microstep per second; not from the maker's manual, check it",
+    )
+    acceleration_unit: float = Field(
+        1.0,
+        gt=0,
+        description=(
+            "the module's acceleration for one microstep per second squared; not from the maker's manual, check it"
+        ),
+    )
+    lost_steps_parameter: int = Field(
+        207,
+        ge=0,
+        le=255,
+        description="axis parameter with flags of lost steps, 0: none; not from the maker's manual, check it",
+    )
+    fault_parameter: int = Field(
+        208,
+        ge=0,
+        le=255,
+        description="axis parameter with flags of the motor driver, 0: none; not from the maker's manual, check it",
+    )
+    fault_mask: int = Field(
+        0x1A,
+        ge=0,
+        le=0xFFFF,
+        description="flags of fault_parameter that trip; not from the maker's manual, check it",
+    )
+
+    @model_validator(mode="after")
+    def _motors_are_distinct(self) -> Self:
+        if (self.x.address, self.x.motor) == (self.z.address, self.z.motor):
+            raise RuleError("x and z: same address and motor; give each its own", code="one_axis_for_two")
         return self
 
 
@@ -543,7 +664,8 @@ class ForceSettings(DeviceSettings):
     room: ClassVar[Literal["stage", "force"]] = "force"
     kind: str = Field("mtsics", description="type of the force sensor")
     port: Port = Field(
-        "/dev/ttyUSB1", description="port of the force sensor: a serial port (/dev/ttyUSB1, COM4) or tcp://HOST:PORT"
+        "/dev/ttyUSB1",
+        description="port of the force sensor: a serial port (/dev/ttyUSB1, COM4), tcp://HOST:PORT or udp://HOST:PORT",
     )
     baud: int = Field(9600, ge=300, le=1_000_000, description="baud rate of a serial port, in bit/s")
     character: Character = Field(

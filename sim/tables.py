@@ -10,8 +10,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from rig_shared.user_files import MOST_TABLE_BYTES, lines_of
 from sim.errors import SimError
-from sim.user_files import MOST_BYTES, lines_of
 
 # --- csv table ---
 
@@ -74,7 +74,7 @@ def read_numbered(path: Path, columns: Sequence[str]) -> tuple[tuple[int, Row], 
 def _lines(path: Path) -> list[tuple[int, list[str]]]:
     """Return the lines that are not empty or comments, with their numbers."""
     try:
-        reader = csv.reader(lines_of(path, most=MOST_BYTES))
+        reader = csv.reader(lines_of(path, most=MOST_TABLE_BYTES))
         return [(reader.line_num, row) for row in reader if any(row) and not row[0].startswith("#")]
     except OSError as error:
         raise TableError(

@@ -45,7 +45,7 @@ def run(rig):
 EVERYTHING = """\
 import importlib, pkgutil, sys
 
-for package in ("rig", "sim"):
+for package in ("rig", "sim", "rig_shared"):
     for found in pkgutil.walk_packages([importlib.import_module(package).__path__[0]], package + "."):
         if not found.name.startswith({left_out}):
             importlib.import_module(found.name)

@@ -80,6 +80,11 @@ REAL_TIME = (
     "rig/test_run_owner.py",
     "rig/test_runs_command.py::test_several_at_once_see_the_same",
     "rig/test_zaber_client.py",
+    "rig/test_standa_client.py",
+    "rig/test_tmcl_client.py",
+    "rig/test_net_ft_clients.py",
+    "rig/test_net_ft_driver.py::test_records_come_joined_and_another_datagram_alone",
+    "rig/test_net_ft_driver.py::test_where_nothing_listens_it_is_an_error_and_then_goes_on",
     "rig/test_same_numbers.py::test_two_processes_give_the_numbers_of_one",
     "rig/test_safety.py::test_a_silent_engine_stops_the_stage_while_another_thread_blocks",
     "rig/test_safety.py::test_a_beating_or_resting_engine_is_left_alone",
@@ -114,6 +119,13 @@ REAL_TIME = (
     "test_third_party_device.py::test_nothing_is_imported_but_the_kinds_that_are_used",
 )
 
+# Attacks on the panel of which another of the same kind (held, slow, streams, flooding, reset, no descriptor) stays.
+OTHER_ATTACKS = (
+    *("half_requests_anew", "half_requests_of_many_addresses", "slow_headers"),
+    *("many_streams_with_token", "slow_readers", "pages", "changes_without_token"),
+    *("long_headers", "long_addresses", "upgrades", "pipelines", "hellos", "no_requests"),
+)
+
 # What measures a study again: many fingers built, statistics drawn, emulators learned, references pressed once more;
 # and what takes long and is held by shorter tests. `make test-studies` runs it, `make test` does not. Pages and kept
 # files of studies are checked in `make test`.
@@ -131,21 +143,89 @@ STUDIES = (
     "studies/test_finite_strain.py::test_skin_slides_round_the_edges_of_a_bar",
     "studies/test_finite_strain.py::test_friction_on_a_bar_and_round_its_edge",
     "studies/test_relaxing_bricks.py::test_a_section_is_pressed_held_let_back_and_held_by_its_force",
+    # CalculiX, minutes of it in all; sim/test_calculix.py presses a coarser finger with it.
+    "studies/test_friction_studies.py::test_calculix_has_the_same_force_and_sed",  # sim/test_friction.py
+    "studies/test_stiffening_confirmed.py::test_calculix_has_the_same_state",  # test_a_deck_has_yeohs_numbers
+    "studies/test_finite_strain.py::test_calculix_has_the_same_equilibrium_at_finite_strain",
+    # Presses and searches of studies alone; the other tests of these files hold the same code on less.
+    "studies/test_source_figures.py::test_an_entry_has_its_verdict_and_figures",
+    "studies/test_source_figures.py::test_the_search_under_noise_is_that_of_the_study",
+    "studies/test_allowed_match.py::test_waves_on_a_section_close_in_on_the_finger_that_made_the_facts",
+    "studies/test_allowed_finger.py::test_a_pulp_too_thin_for_the_deep_row_goes_without",
+    "studies/test_allowed_finger.py::test_a_finger_answers_for_every_fact_and_one_that_fails_takes_no_other_with_it",
+    "studies/test_stiffening_study.py::test_a_twin_is_what_was_kept",
+    "studies/test_stiffening_study.py::test_relaxation_is_as_near_as_the_page_says[finite_strain]",  # [creep]
+    "studies/test_allowed_page.py::test_the_tables_have_a_figure",
+    "studies/test_coding_limits.py::test_curvature_comes_from_the_skin_and_from_the_formula",
+    # sim/test_decoding.py: its worked example
+    "studies/test_coding_limits.py::test_the_worked_example_ends_where_the_source_says_and_sticks_on_grids",
+    "studies/test_coding_limits.py::test_draws_are_of_the_distribution_and_the_same_again",
+    "studies/test_coding_limits.py::test_the_limit_is_below_every_decoder",
     "studies/test_coding_limits.py::test_rows_are_as_wide_as_their_headers",  # of studies alone
     "studies/test_fault_campaign.py::test_a_sample_of_the_campaign[tcp]",  # rig/test_one_wrong_frame.py
     # How large the boxes of the oracle must be; the recovery of strain is held by the other tests of the file.
     "sim/oracles/test_halfspace.py::test_line_load_truncation_falls_with_the_box",
     "sim/oracles/test_halfspace.py::test_point_load_truncation",
     "sim/oracles/test_halfspace.py::test_point_load_converges",
+    "sim/oracles/test_layered_halfspace.py::test_elements_round_it_off_and_finer_ones_less",
+    "sim/oracles/test_membrane.py::test_the_reference_has_converged",
+    "sim/oracles/test_round_contact.py::test_flat_punch_converges_at_first_order",  # test_line_contact.py
     "sim/oracles/test_round_contact.py::test_depth_misses_a_first_order_part_of_the_box",
+    # Means over draws; bands: sim/test_profile_table.py.
+    "sim/test_decoding.py::test_its_band_covers_two_samples_as_often_as_it_says",
+    "sim/test_decoding.py::test_it_is_better_than_the_univariate_search_where_noise_is_loud",
+    "sim/test_speed_and_error.py::test_what_is_promised_of_the_half_space_holds_in_nine_of_ten",  # of the finger
+    "sim/test_axial_row.py::test_a_cylinder_is_read_back_under_the_length_that_explains_it_best",
+    "sim/test_sheets.py::test_the_study_presses_finer_meshes_and_a_finger_that_feels_otherwise",
+    "sim/test_speed_and_error.py::test_the_unit_of_time_is__of_a_solution_that_is_right",
+    # sim/test_sharp_sweep.py, and the poses that once did not
+    "sim/test_random_poses.py::test_every_random_pose_converges",
+    # Rows of a table whose other rows stay.
+    "sim/test_friction.py::test_smaller_increments_give_the_same[bar:3.0]",
+    "sim/test_friction.py::test_smaller_increments_give_the_same[sphere:4]",
+    "sim/test_hard_cases.py::test_force_control_where_the_slope_changes[profile2-",
+    "sim/test_sheets.py::test_a_sphere_is_read_back[20.0-0.5]",
+    "sim/test_friction.py::test_every_press_obeys_coulombs_law[0.05-",
+    "sim/test_friction.py::test_every_press_obeys_coulombs_law[0.6-",
+    "sim/test_hard_cases.py::test_force_to_depth_to_force_from_rest[0.5-",
+    "sim/test_hard_cases.py::test_force_to_depth_to_force_from_rest[5.0-",
+    "sim/test_hard_cases.py::test_the_rim_is_refused_by_name[cone:80-",
+    "sim/test_hard_cases.py::test_the_rim_is_refused_by_name[flat:3-",
+    "sim/test_hard_cases.py::test_the_rim_is_refused_by_name[sphere:5-place6-",
+    "sim/test_uncondensed.py::test_the_whole_solution_is_in_equilibrium[default]",
+    "sim/test_uncondensed.py::test_displacements_of_the_patch[default]",
+    "sim/test_uncondensed.py::test_contact_holds_on_the_whole_solution[default]",
+    "sim/test_uncondensed.py::test_strain_at_the_receptors[default]",
+    "sim/test_uncondensed.py::test_held_nodes_carry_the_force[default]",
     # Fingers of their own, built for one row of a table whose other rows stay.
+    "sim/test_hard_cases.py::test_contact_on_extreme_tissue[poisson 0.4999, bone rigid 10000, dermis 0.1]",
+    "sim/test_hard_cases.py::test_contact_on_extreme_tissue[poisson 0.48, bone rigid 10000, dermis 0.001]",
     "sim/test_hard_cases.py::test_contact_on_extreme_tissue[poisson 0.48, bone elastic 1000,",
     "sim/test_hard_cases.py::test_contact_on_extreme_tissue[poisson 0.48, bone elastic 10000,",
     "sim/test_hard_cases.py::test_contact_on_extreme_tissue[poisson 0.48, bone elastic 1e+06,",
+    "sim/test_own_finger.py::test_a_finger_lying_off_centre[1.0]",
+    "sim/test_quadratic_finger.py::test_it_is_pressed_like_the_finger_of_half_as_large_elements",  # its section is
     "sim/test_patches.py::test_scenes_that_leave_the_own_patch_are_answered[bar:3-",
+    "sim/test_patches.py::test_scenes_that_leave_the_own_patch_are_answered[sphere:2-place1-",
+    *(
+        f"rig/real_time/test_panel_under_attack.py::test_stop_is_answered_beside_every_attack[{name}]"
+        for name in OTHER_ATTACKS
+    ),
+    "rig/test_kills.py::test_runs_whose_cables_were_pulled_are_taken_up",  # killed ones, rig/test_resume.py
+    # rig/test_every_signal.py, and [SIGTSTP] in a process of its own
+    "rig/real_time/test_keys_of_a_terminal.py::test_it_lifts_first[SIGINT]",
+    "rig/real_time/test_keys_of_a_terminal.py::test_it_lifts_first[SIGQUIT]",
+    # A board's other input, which it answers as it does its door; [door-*] and [di1-*] are every phase.
+    "rig/test_stop_button.py::test_a_press_of_the_boards_input_stops_the_stage_whatever_it_does_and_ends_the_run[hold-",
+    # rig/test_identification.py; stopped, it is on these wires in rig/real_time/test_stopped_from_elsewhere.py
+    "rig/real_time/test_identify_a_random_finger.py",
     # Whole pages, scripts and sites: what they name and type is checked in `make test`.
     # [empty], and rig/compare/test_report_sections.py::test_a_figure_has_the_same_bytes_each_time
     "rig/compare/test_compare_command.py::test_the_same_input_gives_the_same_bytes[drawn]",
+    "rig/compare/test_comparison_figures.py::test_letters_do_not_lie_over_each_other",  # its other tests
+    # its test_the_command
+    "rig/compare/test_on_fingers.py::test_the_shipped_fingers_that_the_source_allows_are_compared_with",
+    "rig/compare/test_place_fit.py::test_intervals_hold_the_truth_as_often_as_they_say",  # its other tests, once each
     "rig/test_every_block.py::test_what_is_shown_runs[comparison]",  # rig/compare/test_compare_command.py
     "rig/test_every_block.py::test_what_is_shown_runs[find_finger]",  # rig/test_frozen.py: `find`
     "rig/test_every_block.py::test_what_is_shown_runs[identify]",  # rig/test_identification.py
@@ -153,8 +233,10 @@ STUDIES = (
     "rig/test_find.py::test_the_finger_is_found_by_touching_it",  # its other tests, on exact geometry
     "rig/test_followed_pages.py::test_a_page_can_be_followed_literally[coding]",  # rig/test_decode_command.py
     "rig/test_frozen.py::test_the_demo_sends_and_records_what_it_did[tcp]",  # [rtu] and rig/test_modbus_master.py
+    "test_gallery.py::test_decode",  # rig/test_decode_command.py, sim/test_decoding.py
     "test_gallery.py::test_device_added",  # test_third_party_device.py
     "test_gallery.py::test_finger_identified",  # rig/test_identification.py
+    "test_gallery.py::test_recording_compared",  # its test_recorded_bar, rig/compare/test_compare_command.py
     "test_gallery.py::test_strain_anywhere",  # sim/test_any_point.py
     "test_site.py",  # `make docs`
 )

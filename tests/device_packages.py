@@ -2,6 +2,7 @@
 
 import sys
 import tomllib
+import venv
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -44,6 +45,19 @@ def wheel(project: Path, folder: Path) -> Path:
         for path, text in files.items():
             archive.writestr(path, text)
     return made
+
+
+def scratch(folder: Path, *sources: Path) -> None:
+    """Make an environment without pip, in which the packages of this one and these source trees can be imported."""
+    venv.create(folder, with_pip=False)
+    (there,) = (path for path in folder.rglob("site-packages") if not path.is_symlink())
+    borrowed = [*map(str, sources), *(path for path in sys.path if path.endswith("-packages"))]
+    (there / "borrowed.pth").write_text("\n".join(borrowed) + "\n", encoding="utf-8")
+
+
+def interpreter(folder: Path) -> str:
+    """Return the Python of an environment."""
+    return str(folder / ("Scripts/python.exe" if sys.platform == "win32" else "bin/python"))
 
 
 def forget(prefix: str) -> None:

@@ -19,7 +19,7 @@ import subprocess
 import sys
 import threading
 import types
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -29,9 +29,11 @@ from tests.waiting import until
 POSSIBLE = sys.platform == "linux"
 IMPORTED = (
     *("rig.cli.program", "rig.cli.run", "rig.cli.dry_run", "rig.cli.serve", "rig.cli.jog", "rig.cli.by_hand"),
+    *("rig.devices.grbl", "rig.devices.mtsics", "sim.devices.grbl", "rig.report.run_report", "rig.panel.app"),
     *("multiprocessing.spawn", "sim.finger_process", "sim.models.fingertip", "sim.contact.warmup"),
 )
 SET_CHILD_SUBREAPER = 36  # of <linux/prctl.h>: orphans below become our children
+PATH = "PYTHONPATH"
 LONGEST, MOST_HANDLES = 1 << 18, 32
 ENDS = ("p2cread", "p2cwrite", "c2pread", "c2pwrite", "errread", "errwrite")
 NOT_HERE = ("preexec_fn", "shell", "executable", "pass_fds")
@@ -45,12 +47,12 @@ class Server:
         self._near, self._process, self._lock = near, process, threading.Lock()
 
     @classmethod
-    def begin(cls) -> "Server":
+    def begin(cls, env: Mapping[str, str]) -> "Server":
         near, far = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         code = f"from tests import preloaded; preloaded.import_all(); preloaded.serve({far.fileno()})"
         process = subprocess.Popen(
             [sys.executable, "-c", code], pass_fds=[far.fileno()], stdin=subprocess.DEVNULL,
-            cwd=Path(__file__).parents[1], env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+            cwd=Path(__file__).parents[1], env={**env, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
         )  # fmt: skip
         far.close()
         return cls(near, process)
@@ -79,23 +81,21 @@ def _adopt(orphans: bool) -> None:
     assert not ctypes.CDLL(None).prctl(SET_CHILD_SUBREAPER, int(orphans), 0, 0, 0)
 
 
-_server: Server | None = None
+_servers: dict[str, Server] = {}
 
 
-def server() -> Server:
-    """The one of this process."""
-    global _server
-    if _server is None:
-        _server = Server.begin()
-    return _server
+def server(env: Mapping[str, str] = os.environ) -> Server:
+    """The one of this process that has this path of modules."""
+    path = env.get(PATH, "")
+    if path not in _servers:
+        _servers[path] = Server.begin(env)
+    return _servers[path]
 
 
 def close() -> None:
-    """End it."""
-    global _server
-    if _server is not None:
-        _server.close()
-        _server = None
+    """End all of them."""
+    while _servers:
+        _servers.popitem()[1].close()
 
 
 class Popen(subprocess.Popen[Any]):
@@ -105,7 +105,7 @@ class Popen(subprocess.Popen[Any]):
         really = super()._execute_child  # type: ignore[misc]
         asked = inspect.signature(really).bind(*arguments).arguments
         words, env = [os.fspath(word) for word in asked["args"]], dict(asked["env"] or os.environ)
-        names = [name for name in {*env, *os.environ} if name.startswith("PYTHON")]
+        names = [name for name in {*env, *os.environ} if name.startswith("PYTHON") and name != PATH]
         as_here = words[0] == sys.executable and all(env.get(name) == os.environ.get(name) for name in names)
         if not POSSIBLE or not as_here or any(asked[name] for name in NOT_HERE):
             really(*arguments)
@@ -113,7 +113,8 @@ class Popen(subprocess.Popen[Any]):
         ends = (asked["p2cread"], asked["c2pwrite"], asked["errwrite"])
         numbers = {number: number if end == -1 else end for number, end in enumerate(ends)}
         cwd = os.path.abspath(asked["cwd"] or ".")
-        self.pid = server().fork(words, numbers, env=env, cwd=cwd, session=asked["start_new_session"], forks=True)
+        session = asked["start_new_session"]
+        self.pid = server(env).fork(words, numbers, env=env, cwd=cwd, session=session, forks=True)
         self._child_created = True
         self._close_pipe_fds(*[asked[end] for end in ENDS])  # type: ignore[attr-defined]
 
@@ -142,8 +143,8 @@ def serve(far: int) -> None:
         near, connection = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         if os.fork():
             connection.close()
-            global _server
-            _server, multiprocessing.util.spawnv_passfds = Server(near), spawnv_passfds
+            multiprocessing.util.spawnv_passfds = spawnv_passfds
+            _servers[os.environ.get(PATH, "")] = Server(near)
             break
         for handle in {near.detach(), *handles}:
             os.close(handle)

@@ -1,8 +1,9 @@
 """`make shake`: the suite twice and its real-time tests many times, beside as many busy processes as cores.
 
 Then, beside nothing else, the whole fault campaign (studies/faults/campaign), which is on the virtual clock, all
-commands with an empty cache (studies/speed/silence), and a million mutated files (tests/fuzz/campaign). Tests that
-measure a study are left out unless they are named: the Makefile runs them afterwards (`make test-studies`).
+commands with an empty cache (studies/speed/silence), and a million mutated files and a million mutated replies of
+devices (tests/fuzz/campaign). Tests that measure a study are left out unless they are named: the Makefile runs them
+afterwards (`make test-studies`).
 """
 
 import argparse
@@ -36,6 +37,7 @@ def main() -> None:
         failed.update(campaign())
         failed.update(silences())
         failed.update(hostile_files(asked.inputs))
+        failed.update(hostile_files(asked.inputs, "--devices"))
     for name, times in failed.most_common():
         print(f"{times} × {name}")
     print(f"{failed.total()} failures")
@@ -74,10 +76,11 @@ def silences() -> Iterator[str]:
         yield "a command is silent for too long"
 
 
-def hostile_files(inputs: int) -> Iterator[str]:
-    """Files of every kind that the program reads, mutated; prints its progress and what fails."""
-    if subprocess.run([sys.executable, "-m", "tests.fuzz.campaign", "--inputs", str(inputs)], check=False).returncode:
-        yield "a mutated file"
+def hostile_files(inputs: int, *options: str) -> Iterator[str]:
+    """Files of every kind that the program reads, or replies of devices, mutated; prints what fails."""
+    command = [sys.executable, "-m", "tests.fuzz.campaign", "--inputs", str(inputs), *options]
+    if subprocess.run(command, check=False).returncode:
+        yield f"a mutated {'reply' if options else 'file'}"
 
 
 @contextmanager

@@ -22,7 +22,7 @@ from tests.program import EMPTY_FIGURES, SEVERAL
 ROOT = Path(__file__).parents[1]
 PARTS = ROOT / "tests" / "parts"
 OLD_RUN = ROOT / "tests" / "data" / "runs_of_0_1" / "complete"
-PLACES = ("rig", "sim", "protocols")
+PLACES = ("rig", "sim", "rig_shared", "protocols")
 PRESS = ("--x-mm", "0", "--doi-mm", "0.2")
 COMMAND_LINE = "from rig.cli import main; main()"
 SCRIPT = """\

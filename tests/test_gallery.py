@@ -15,7 +15,7 @@ import pytest
 
 from sim import MEASURES
 from tests.preloaded import Popen
-from tests.program import Program, program_of
+from tests.program import WHOLE, Program, program_of
 
 ROOT = Path(__file__).parents[1]
 GALLERY = ROOT / "examples" / "gallery"
@@ -55,6 +55,14 @@ def in_this_process(program: Program, empty_figures: None, monkeypatch: pytest.M
         return subprocess.CompletedProcess(command, ended.code, ended.out, ended.err)
 
     monkeypatch.setattr(subprocess, "run", run)
+
+
+class Undrawn(Popen):
+    """A script's `python -m rig` is a process that draws nothing on a page that is thrown away."""
+
+    def __init__(self, command: list[str], **options: Any) -> None:
+        python, *words = command
+        super().__init__([python, WHOLE, *words[2:]] if words[:2] == ["-m", "rig"] else command, **options)
 
 
 def _run(name: str) -> dict[str, Any]:
@@ -197,7 +205,7 @@ def test_finger_identified(in_this_process: None) -> None:
 
 
 def test_run_resumed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(subprocess, "Popen", Popen)
+    monkeypatch.setattr(subprocess, "Popen", Undrawn)
     left = _run("06_run_resumed")
     assert left["stopped"].missing > 0
     assert len(left["resumed"].done) == 4
@@ -217,6 +225,14 @@ def test_device_added() -> None:
     assert max(_forces(samples, 1)) > 1
 
 
+def test_bluesky(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(subprocess, "Popen", Popen)
+    left = _run("10_bluesky")
+    assert [one["rig_hold_end_force_gwt"] for one in left["holds"]] == pytest.approx([1.0, 2.0], abs=0.05)
+    journalled = [one["force_gwt"] for one in left["journal"].stream("sample") if one["index"] >= 0]
+    assert [one["rig_sample_force_gwt"] for one in left["samples"] if one["rig_sample_index"] >= 0] == journalled
+
+
 def _forces(samples: list[dict[str, Any]], index: int) -> list[float]:
     return [one["force_gwt"] for one in samples if one["index"] == index]
 
@@ -226,7 +242,7 @@ def _forces(samples: list[dict[str, Any]], index: int) -> list[float]:
 
 def test_each_is_tried() -> None:
     assert [path.stem[:3] for path in LIBRARY] == [f"{n:02}_" for n in range(1, 13)]
-    assert [path.stem[:3] for path in RIG] == [f"{n:02}_" for n in range(1, 10)]
+    assert [path.stem[:3] for path in RIG] == [f"{n:02}_" for n in range(1, 11)]
     tried = {name.removeprefix("test_") for name in globals() if name.startswith("test_")}
     assert {path.stem[3:] for path in SCRIPTS} <= tried
 

@@ -1,7 +1,7 @@
-"""The example of a device from another package: installed as pip does it, found by its entry point, pressed with.
+"""The example of a device from another package: installed into an environment of its own, and pressed with.
 
-The project's build system need not be there and nothing is fetched: tests/device_packages.py
-makes its wheel.
+The project's build system need not be there and nothing is fetched: tests/device_packages.py makes its wheel, and the
+environment borrows the packages of this one.
 """
 
 import json
@@ -16,13 +16,13 @@ import pytest
 
 from rig.devices.registry import BUILT_IN
 from sim.models.fingertip import Fingertip
-from tests.device_packages import EXAMPLE, wheel
+from tests.device_packages import EXAMPLE, interpreter, scratch, wheel
 from tests.program import EMPTY_FIGURES, INIT_ANSWERS, SEVERAL
 
 ROOT = Path(__file__).parents[1]
 KINDS = [f"rig.devices.{name}" for names in BUILT_IN.values() for name in names]
 COMMAND_LINE = "from rig.cli import main; main()"
-PIP = ("-m", "pip", "--disable-pip-version-check", "install", "--no-index", "--no-deps", "--quiet")
+PIP = ("--disable-pip-version-check", "install", "--no-index", "--no-deps", "--quiet")
 SCRIPT = """\
 from rig.protocol import Rig
 
@@ -37,11 +37,10 @@ def run(rig: Rig) -> None:
 
 
 def _python(folder: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    place = {"PYTHONPATH": os.pathsep.join([str(folder / "site"), str(ROOT)]), "PYTHONSAFEPATH": "1"}
-    state = {"RIG_STATE_DIR": str(folder / "state")}
+    state = {"RIG_STATE_DIR": str(folder / "state"), "PYTHONSAFEPATH": "1"}
     return subprocess.run(
-        [sys.executable, *map(str, arguments)],
-        env={**os.environ, **place, **state},
+        [interpreter(folder / "scratch"), *map(str, arguments)],
+        env={name: value for name, value in os.environ.items() if name != "PYTHONPATH"} | state,
         cwd=folder,
         capture_output=True,
         text=True,
@@ -51,9 +50,11 @@ def _python(folder: Path, *arguments: str | Path) -> subprocess.CompletedProcess
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The package in `site`, and a script."""
+    """The package in an environment `scratch`, and a script."""
     folder = tmp_path_factory.mktemp("third_party")
-    done = _python(folder, *PIP, "--target", folder / "site", wheel(EXAMPLE, folder))
+    scratch(folder / "scratch", ROOT)
+    pip = [sys.executable, "-m", "pip", "--python", str(folder / "scratch"), *PIP, str(wheel(EXAMPLE, folder))]
+    done = subprocess.run(pip, cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     (folder / "press.py").write_text(SCRIPT, encoding="utf-8")
     return folder
@@ -96,23 +97,37 @@ def test_it_is_pressed_with_like_a_built_in_sensor(folder: Path, finger: Fingert
     assert json.loads((own / "provenance.json").read_text("utf-8"))["devices"]["force"].endswith("line_scale")
 
 
+def test_it_is_installed_there_and_nowhere_else(folder: Path) -> None:
+    code = "import rig_line_scale, sys; print(rig_line_scale.__file__, sys.prefix)"
+    file, prefix = _python(folder, "-c", code).stdout.split()
+    assert Path(file).is_relative_to(folder / "scratch")
+    assert Path(prefix) == folder / "scratch"
+    ours = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False)
+    assert "ModuleNotFoundError" in ours.stderr
+
+
 def test_doctor_and_serve_know_it(folder: Path) -> None:
-    told, help_ = _several(folder, ("doctor", "--json"), ("serve", "--help"))
+    told, help_, known = _several(
+        folder, ("doctor", "--json"), ("serve", "--help"), ("config", "--devices", "--json")
+    )
     assert json.loads(told)["devices"][-1] == {
         "kind": "line_scale",
         "role": "force",
         "package": "rig-line-scale 0.1.0",
     }
     assert "line_scale" in help_
+    catalogued = json.loads(known)["devices"][-1]
+    assert (catalogued["kind"], catalogued["package"]) == ("line_scale", "rig-line-scale 0.1.0")
+    assert (bool(catalogued["manual_text"]), catalogued["hardware_text"], catalogued["measured"]) == (True, None, [])
     refused = _rig(folder, "serve", "--force", "scale")
     assert refused.returncode == 2
-    assert "mtsics or laumas or text_cell or line_scale" in refused.stderr
+    assert "mtsics, laumas, text_cell, net_ft or line_scale" in refused.stderr
 
 
 def test_init_offers_it_and_takes_it_without_a_probe(folder: Path) -> None:
     ports = ("--stage", "grbl", "--stage-port", "nowhere0", "--sensor-port", "nowhere1")
     refused = _rig(folder, "init", "--sensor", "scale", *ports, *INIT_ANSWERS)
-    assert (refused.returncode, "mtsics or laumas or text_cell or line_scale" in refused.stderr) == (2, True)
+    assert (refused.returncode, "mtsics, laumas, text_cell, net_ft or line_scale" in refused.stderr) == (2, True)
     written = _rig(folder, "init", "--yes", "--to", "found.toml", "--sensor", "line_scale", *ports, *INIT_ANSWERS)
     assert written.returncode == 0, written.stderr
     assert 'kind = "line_scale"' in (folder / "found.toml").read_text(encoding="utf-8")

@@ -21,6 +21,9 @@ MAY = {
     "sim/test_workers.py": "a sleep as a piece of work that never ends",
     "fuzz/campaign.py": "progress of a campaign, which is no test",
     "rig/test_kills.py": "a study of its own, that ends before pytest's deadline",
+    "standa_client.py": "a program that polls, and ends before pytest's deadline",
+    "tmcl_client.py": "a program that polls, and ends before pytest's deadline",
+    "lsl_client.py": "a program that waits for the streams, and ends before pytest's deadline",
     "sim/test_calculix.py": "another program, that ends before pytest's deadline",
 }
 
@@ -114,7 +117,7 @@ def test_what_runs_in_real_time_is_shaken(trees: dict[str, ast.Module]) -> None:
     shaken = {name for name in found if any(name.startswith(place.partition("::")[0]) for place in REAL_TIME)}
     assert found - shaken == {
         "rig/test_run_time.py",  # its clock is a virtual one below the wall clock
-        "sim/test_calculix.py",  # takes minutes
+        "sim/test_calculix.py",  # another program, which nothing hurries
         "studies/test_allowed_page.py",  # git waits for nobody
         "test_house.py",  # and here
         "test_site.py",

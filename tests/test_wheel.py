@@ -1,8 +1,9 @@
-"""What a user installs: a wheel with `rig` and `sim` that needs nothing of the repository.
+"""What a user installs: a wheel with `rig`, `sim` and `rig_shared` that needs nothing of the repository.
 
 tests/device_packages.py makes it from what `pyproject.toml` says belongs in it, without the build system.
 """
 
+import json
 import os
 import subprocess
 import sys
@@ -24,9 +25,9 @@ def _wheel(folder: Path) -> Path:
     about, target = told["project"], told["tool"]["hatch"]["build"]["targets"]["wheel"]
     places = {name: name for name in target["packages"]} | target["force-include"]
     files = {
-        f"{inside}/{path.relative_to(ROOT / outside).as_posix()}": path.read_bytes()
+        (Path(inside) / path.relative_to(ROOT / outside)).as_posix(): path.read_bytes()
         for outside, inside in places.items()
-        for path in sorted((ROOT / outside).rglob("*"))
+        for path in sorted([ROOT / outside, *(ROOT / outside).rglob("*")])
         if path.is_file() and "__pycache__" not in path.parts
     }
     known = dist_info(about["name"], about["version"], {})
@@ -75,5 +76,7 @@ def test_an_example_runs_there(site: Path) -> None:
 
 def test_the_command_line_and_its_scripts_are_there(site: Path) -> None:
     assert "Usage: rig check" in _python(site, "-c", "from rig.cli import main; main()", "check", "--help")
+    devices = _python(site, "-c", "from rig.cli import main; main()", "config", "--devices", "--json")
+    assert json.loads(devices)["devices"][0]["measured"], "the numbers are in the package"
     code = "from rig.protocol.script import load_script; print(load_script('steps', []).path)"
     assert _python(site, "-c", code).strip() == str(site / "rig" / "shipped_protocols" / "steps.py")

@@ -12,18 +12,21 @@ from rig.bench.virtual import (
     true_carriage,
     truth,
     virtual_force,
+    virtual_line,
     virtual_stage,
     wire_hardware_trip,
     with_framing,
     with_kinds,
 )
+from rig.devices.registry import StageKind, find, kind_of
 from rig.errors import BadInputError, around
 from rig.plan.config import Config
+from rig.settings import ForceSettings, StageSettings
 from sim.carriage import Carriage
 from sim.contact.shapes import parse_shape
 from sim.devices.line import Load, SerialLine, VirtualStage
 from sim.serve.force_process import FingerNotLoadedError, PressProcess, WayProcess
-from sim.serve.ports import PortBusyError, PtyPort, TcpPort
+from sim.serve.ports import PortBusyError, PtyPort, TcpPort, UdpPort
 from sim.serve.prefetch import ForcePrefetcher, PressAhead, PressStatistics, WayAhead
 from sim.serve.real_time_loop import WallScheduler
 
@@ -33,7 +36,8 @@ Process = TypeVar("Process", PressProcess, WayProcess)
 class ServedBench:
     """Served stage, force sensor or both, with a finger between them; close it, or use it in a `with`.
 
-    ports: names by which clients open the devices.
+    ports: names by which clients open the devices; those of further ports of a stage have the name of their key.
+    tables: table of the configuration that names each port.
     """
 
     def __init__(
@@ -55,9 +59,10 @@ class ServedBench:
         config = with_framing(with_kinds(config, stage, force), "rtu" if tcp is None else "tcp")
         self.scheduler = WallScheduler()
         self.ports: dict[str, str] = {}
+        self.tables = {"stage": "stage", "force": "force"}
         self.press: ForcePrefetcher | None = None
         self._tcp = tcp
-        self._refusing: list[TcpPort] = []
+        self._refusing: list[TcpPort | UdpPort] = []
         self._closing = ExitStack()
         self._closing.callback(self.scheduler.close)
         try:
@@ -98,8 +103,12 @@ class ServedBench:
     def _build(self, config: Config, stage: str | None, force: str | None, complain: Callable[[str], object]) -> None:
         parse_shape(config.virtual.indentor)
         refuse_twinless(*(device for device, kind in ((config.stage, stage), (config.force, force)) if kind))
-        stage_line = self._open("stage", config.stage.baud) if stage else None
-        force_line = self._open("force", config.force.baud) if force else None
+        stage_line = self._open("stage", config.stage) if stage else None
+        force_line = self._open("force", config.force) if force else None
+        if stage_line:
+            further = find(StageKind, config.stage.kind).further_ports
+            stage_line.further = tuple(self._open(key, config.stage) for key in further)
+            self.tables |= dict.fromkeys(further, f"stage.{kind_of(config.stage).place}")
         board = virtual_stage(self.scheduler, stage_line, config) if stage_line else None
         if force_line:
             load = self._finger(config, board, complain) if board else Load(lambda t_s: 0.0)
@@ -108,12 +117,14 @@ class ServedBench:
         for port in self._refusing:  # Not earlier, because clients would wait for a reply.
             port.listen()
 
-    def _open(self, name: str, baud: int) -> SerialLine:
-        line = SerialLine(self.scheduler, baud)
-        if self._tcp is None:
-            port: PtyPort | TcpPort = PtyPort(self.scheduler, line)
+    def _open(self, name: str, device: StageSettings | ForceSettings) -> SerialLine:
+        line, number = virtual_line(self.scheduler, device), self._tcp + len(self.ports) if self._tcp else 0
+        port: PtyPort | TcpPort | UdpPort
+        if self._tcp is None and not kind_of(device).datagrams:
+            port = PtyPort(self.scheduler, line)
         else:
-            port = TcpPort(self.scheduler, line, self._tcp + len(self.ports) if self._tcp else 0)
+            of = UdpPort if kind_of(device).datagrams else TcpPort
+            port = of(self.scheduler, line, number)
             self._refusing.append(port)
         self._closing.callback(port.close)
         self.ports[name] = port.name

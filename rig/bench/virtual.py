@@ -11,7 +11,17 @@ from pydantic import ValidationError
 
 from rig.devices.base import ForceSensor, Stage
 from rig.devices.make_drivers import force_driver, stage_driver
-from rig.devices.registry import DEFAULTS, DeviceKind, StageKind, as_kind, find, kind_of, moves_along
+from rig.devices.registry import (
+    DEFAULTS,
+    DeviceKind,
+    Opener,
+    StageKind,
+    as_kind,
+    find,
+    kind_of,
+    moves_along,
+    stage_ports,
+)
 from rig.engine.bench import LOOK_S, NO_PAUSE, Heartbeat, Pause
 from rig.engine.bench_memory import LastKnown
 from rig.engine.contact import KnownContact
@@ -21,7 +31,7 @@ from rig.plan.config import Config
 from rig.plan.finger_model import kept_in
 from rig.settings import DeviceSettings, ForceSettings, Framing, StageSettings, SyncSettings
 from rig.transport.stop_gate import StopGate
-from rig.transport.wire import LoggedTransport, LoopbackTransport, Sink
+from rig.transport.wire import LoggedTransport, LoopbackTransport, Sink, Transport
 from rig.units import GWT_N
 from sim.carriage import Carriage, Placement, Screws, TruePose, Truth, Turn
 from sim.devices.clock import Scheduler, VirtualClock
@@ -120,8 +130,19 @@ def load_on_sensor(load: Load, config: Config) -> Load:
     return Load(force_n, lambda t_s: load.fresh(t_s - latency_s))
 
 
+_ETHERNET_BIT_S = 1e9
+
+
+def virtual_line(scheduler: Scheduler, device: StageSettings | ForceSettings) -> SerialLine:
+    """Return the line to a device: at its baud rate, or as fast as Ethernet if it sends datagrams."""
+    baud = _ETHERNET_BIT_S if kind_of(device).datagrams else device.baud
+    return SerialLine(scheduler, baud)
+
+
 def virtual_stage(scheduler: Scheduler, line: SerialLine, config: Config) -> VirtualStage:
-    """Create the twin of the configured stage on a line. Raises BadInputError."""
+    """Create the twin of the configured stage on a line; its further ports get lines. Raises BadInputError."""
+    more = find(StageKind, config.stage.kind).further_ports
+    line.further = line.further or tuple(SerialLine(scheduler, config.stage.baud) for _ in more)
     x, y, z = (calibrated_steps_per_mm(config, axis) for axis in "xyz")
     description = VirtualStageSpec(
         config.stage.travel_mm,
@@ -134,6 +155,17 @@ def virtual_stage(scheduler: Scheduler, line: SerialLine, config: Config) -> Vir
         config.stage.acceleration_mm_s2,
     )
     return _made(config.stage, lambda twin: twin(scheduler, line, description))
+
+
+def stage_opener(config: Config, line: SerialLine, wire: Callable[[SerialLine, str], Transport]) -> Opener:
+    """Return the opener of the virtual ports of a stage.
+
+    wire: returns the transport over a line of the stage, with a name for the log.
+    """
+    entry = find(StageKind, config.stage.kind)
+    names = ("stage", *(f"stage.{entry.place}.{key}" for key in entry.further_ports))
+    wires = [wire(one, name) for one, name in zip((line, *line.further), names, strict=True)]
+    return lambda port: wires[stage_ports(config.stage).index(port)] if line.further else wires[0]
 
 
 def virtual_force(scheduler: Scheduler, line: SerialLine, config: Config, load: Load) -> object:
@@ -317,19 +349,21 @@ def bench_around(
 
     gate: gate between the stage and its driver, which a stop closes.
     """
-    config = with_framing(config, "rtu")  # There is one wire, whatever ports are configured.
-    stage_line = SerialLine(clock, config.stage.baud)
-    force_line = SerialLine(clock, config.force.baud)
+    config = with_framing(config, "rtu")  # Drives share one wire, whatever ports are configured.
+    stage_line, force_line = virtual_line(clock, config.stage), virtual_line(clock, config.force)
     board = virtual_stage(clock, stage_line, config)
     plant = make_plant(true_carriage(board, config))
     load = load_on_sensor(Load(plant.force_n), config)
     wire_hardware_trip(config, board, virtual_force(clock, force_line, config, load))
-    stage_wire = LoggedTransport(LoopbackTransport(stage_line, clock, name="stage"), clock, byte_log)
-    stage_port = stage_wire if gate is None else gate.guarded(stage_wire)
+
+    def stage_wire(line: SerialLine, name: str) -> Transport:
+        wire = LoggedTransport(LoopbackTransport(line, clock, name=name), clock, byte_log)
+        return wire if gate is None else gate.guarded(wire)
+
     force_port = LoggedTransport(LoopbackTransport(force_line, clock, name="force"), clock, byte_log)
     return VirtualBench(
         clock,
-        stage_driver(lambda _port: stage_port, clock, config),
+        stage_driver(stage_opener(config, stage_line, stage_wire), clock, config),
         force_driver(lambda _port: force_port, clock, config),
         plant,
         pause,

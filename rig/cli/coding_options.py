@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rig.cli.options import unit_of
 from rig.errors import BadInputError, around
+from rig.printable import either
 from sim.coding.decoder_results import CodingError
 from sim.coding.readings_file import checked_pressures, read_pressures
 from sim.coding.section import Axes, Sampling
@@ -90,7 +91,7 @@ def named(option: str, text: str, words: Sequence[_Word]) -> _Word:
             return word
     raise BadInputError(
         "{option} {value!r}: must be {expected}",
-        code="unknown_choice", option=option, value=text, expected=" or ".join(words),
+        code="unknown_choice", option=option, value=text, expected=either(words),
     )  # fmt: skip
 
 

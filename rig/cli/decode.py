@@ -30,6 +30,7 @@ from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_
 from rig.cli.output import THE_FINGER, busy, one_line_errors, out, print_json, renamed
 from rig.errors import BadInputError, around
 from rig.plan.config import load_config
+from rig.printable import either
 from sim.coding.bayes import FittedReceptor
 from sim.coding.decoder_results import CodingError
 from sim.coding.decoders_by_search import error_surface
@@ -160,7 +161,7 @@ def _refuse(option: str, value: object, decoder: DecoderName, takers: tuple[Deco
     if value is not None and decoder not in takers:
         raise BadInputError(
             "{option} does not apply to --decoder {decoder}; use it with {expected}",
-            code="not_this_decoder", option=option, decoder=decoder, expected=" or ".join(takers),
+            code="not_this_decoder", option=option, decoder=decoder, expected=either(takers),
         )  # fmt: skip
 
 

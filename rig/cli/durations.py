@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 from statistics import median
 
-from rig.user_files import json_of, read_text
+from rig_shared.user_files import json_of, read_text
 
 FILE = "durations.json"
 MOST_KINDS, MOST_TIMES = 100, 5

@@ -11,6 +11,7 @@ BAD_INPUT = {
     "rig.data.run:RunError",
     "rig.data.folder:FolderBusyError",
     "rig.data.export:NwbMissingError",
+    "rig.data.lsl:LslMissingError",
     "rig.compare.exceptions:RecordingError",
     "rig.compare.exceptions:ComparisonError",
     "rig.study.exceptions:StudyError",

@@ -98,7 +98,7 @@ def scope_of(options: IdentificationOptions) -> tuple[float, float]:
     return max(places) + _BEYOND_X_MM, BEYOND_DEPTH * max(depths)
 
 
-_SERVED = ("tcp://127.", "tcp://localhost:", "tcp://[::1]:", "/dev/pts/")
+_SERVED = ("tcp://127.", "tcp://localhost:", "tcp://[::1]:", "udp://127.", "/dev/pts/")
 
 
 def is_virtual(config: Config) -> bool:

@@ -19,12 +19,13 @@ from rig.cli.output import NotConfirmedError, complain, err, one_line_errors, ou
 from rig.cli.signals import typed_line
 from rig.clock import WallClock
 from rig.data.folder import replace_text
-from rig.devices.registry import DEFAULTS, Room, either, names, with_kind_tables
+from rig.devices.registry import DEFAULTS, Room, StageKind, find, names, with_kind_tables
 from rig.errors import BadInputError, first_problem
 from rig.plan.config import Config, Key, as_toml, config_from, keys
 from rig.plan.finger_file import example_finger
+from rig.printable import either
 from rig.units import GWT_N
-from rig.user_files import toml_of
+from rig_shared.user_files import toml_of
 
 _DEVICES, _ANSWERS = "Devices", "Answers"
 WORDS: Mapping[Room, tuple[str, str, str]] = {
@@ -245,7 +246,7 @@ def _refuse_unknown_kind(room: Room, kind: str | None) -> None:
     if kind is not None and kind not in names(room):
         raise BadInputError(
             "{option} {value}: unknown kind of device; choose {expected}",
-            code="unknown_device", option=WORDS[room][0], value=kind, expected=" or ".join(names(room)),
+            code="unknown_device", option=WORDS[room][0], value=kind, expected=either(names(room)),
         )  # fmt: skip
 
 
@@ -278,7 +279,7 @@ def _choose(room: Room, given: _Given, found: Sequence[PortFound], draft: _Draft
 
     def take(kind: str, port: str) -> None:
         _refuse_unknown_kind(room, kind)
-        draft.put(of_port, {room: {"kind": kind, "port": port}})
+        draft.put(of_port, {room: {"kind": kind, "port": port, **_further_ports(room, kind, port, found)}})
         identity = next((one.identity for one in found if one.port == port and one.kind is not None), None)
         if identity is not None:
             draft.identities[room] = identity
@@ -319,6 +320,19 @@ def _choose(room: Room, given: _Given, found: Sequence[PortFound], draft: _Draft
         silent = [one.port for one in found if one.kind is None]
         usual = silent[0] if silent else str(getattr(Config(), room).port)
         talk.ask(of_port, f"port of the {device}", usual, lambda word: take(kind or DEFAULTS[room], word))
+
+
+def _further_ports(room: Room, kind: str, port: str, found: Sequence[PortFound]) -> dict[str, Any]:
+    """Return the table with the further port of a stage, if one other port has a device of its kind."""
+    entry = find(StageKind, kind) if room == "stage" else None
+    if entry is None or not entry.further_ports:
+        return {}
+    others = [one.port for one in found if one.port != port and one.kind is not None and one.kind.name == kind]
+    if len(others) != len(entry.further_ports):
+        keys = " and ".join(f"{room}.{entry.place}.{key}" for key in entry.further_ports)
+        complain(f"warning: the stage has further ports; set {keys} in the file")
+        return {}
+    return {entry.place: dict(zip(entry.further_ports, others, strict=True))}
 
 
 def _kinds_of(room: Room) -> str:
@@ -459,7 +473,7 @@ def _finger(text: str, so_far: Config) -> Tables:
     if text not in FINGERS:
         raise BadInputError(
             "{option} {value!r}: must be {expected}",
-            code="unknown_finger", option="--finger", value=text, expected=" or ".join(FINGERS),
+            code="unknown_finger", option="--finger", value=text, expected=either([*FINGERS]),
         )  # fmt: skip
     table = dict(FINGERS[text]())
     return {"finger": table} if table else {}

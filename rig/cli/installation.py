@@ -16,6 +16,7 @@ import typer
 from serial.tools import list_ports
 
 from rig.bench.checks import as_words, bench_problems, contact, in_one_line, look, today
+from rig.cli import device_catalogue
 from rig.cli.options import FingerConfigOption, JsonOption, checked_file
 from rig.cli.output import err, one_line_errors, out, print_json
 from rig.cli.progress import counted
@@ -23,6 +24,7 @@ from rig.data.bug_report import LEFT_OUT, bug_report, bundle_name
 from rig.devices import registry
 from rig.errors import BadInputError
 from rig.plan.config import Config, Key, as_toml, keys, keys_of_other_kinds, load_config, unit
+from rig.printable import either
 from rig.protocol.script import shipped_protocols
 from rig.report.benchmark_page import page
 from rig.session.resume import left_on_record
@@ -43,6 +45,9 @@ def config_command(
         str | None, typer.Argument(metavar="KEY", help="Key or table to print, e.g. limits. Default: all.")
     ] = None,
     config: FingerConfigOption = None,
+    devices: Annotated[
+        bool, typer.Option("--devices", help="Print what each kind of device was tested with, and its speed.")
+    ] = False,
     markdown: Annotated[
         bool, typer.Option("--markdown", help="Print a Markdown table for the documentation.")
     ] = False,
@@ -50,6 +55,9 @@ def config_command(
 ) -> None:
     """Print a configuration file with a comment on each key, or on one key or table if named."""
     with one_line_errors(as_json=as_json):
+        if devices:
+            _print_devices(key, markdown=markdown, as_json=as_json)
+            return
         loaded = load_config(config)
         others = keys_of_other_kinds(loaded) if markdown or key is not None else ()
         found = _named([*keys(loaded), *others], key)
@@ -61,6 +69,19 @@ def config_command(
             )
 
 
+def _print_devices(key: str | None, *, markdown: bool, as_json: bool) -> None:
+    """Print the catalogue of devices. Raises BadInputError with a key."""
+    if key is not None:
+        raise BadInputError(
+            "KEY and --devices cannot be combined; give one of them", code="not_together", options="KEY --devices"
+        )
+    if as_json:
+        print_json({"devices": device_catalogue.as_json()})
+        return
+    text = device_catalogue.as_markdown() if markdown else device_catalogue.as_text()
+    out.print(text, markup=False, highlight=False, soft_wrap=True, end="")
+
+
 def _named(every: Sequence[Key], name: str | None) -> list[Key]:
     """Return all keys, those of a table and its tables, or those of a name; raise BadInputError if unknown."""
     if name is None:
@@ -69,7 +90,7 @@ def _named(every: Sequence[Key], name: str | None) -> list[Key]:
     if not found:
         whole = "." in name
         known = dict.fromkeys(word for one in every for word in (one.place if whole else one.name, one.table))
-        near = " or ".join(get_close_matches(name, known, n=2)) or "a key or table that `rig config` lists"
+        near = either(get_close_matches(name, known, n=2)) or "a key or table that `rig config` lists"
         raise BadInputError(
             "{key}: there is no such key; use {expected}", code="unknown_key", key=name, expected=near
         )
@@ -256,20 +277,6 @@ def _calibrated(one: Mapping[str, Any]) -> str:
     return f"{one['name']} {one['value']:g}, {'expired' if one['expired'] else 'until'} {one['expires']}"
 
 
-def _kinds() -> list[dict[str, Any]]:
-    """Return the kinds of devices, with the packages that add them."""
-    added = registry.third_party()
-    return [
-        {
-            "kind": name,
-            "role": kind.room,
-            "package": None if name in registry.BUILT_IN[kind.room] else added[f"{kind.room}.{name}"],
-        }
-        for kind in registry.KINDS
-        for name in registry.names(kind.room)
-    ]
-
-
 def _bench(settings: Config) -> dict[str, Any]:
     """Return which devices answer, how long calibrations are valid, and where the last run left the indentor."""
     expired = settings.calibration.expired(today())
@@ -305,7 +312,7 @@ def _installation(settings: Config) -> dict[str, Any]:
             "stage": {"kind": settings.stage.kind, "ports": list(registry.stage_ports(settings.stage))},
             "force": {"kind": settings.force.kind, "ports": [settings.force.port]},
         },
-        "devices": _kinds(),
+        "devices": device_catalogue.kinds(),
         "limits": settings.limits.model_dump(),
         "cache": {
             "folder": str(folder),

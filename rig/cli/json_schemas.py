@@ -39,6 +39,7 @@ SUFFIXES: Mapping[str, str] = UNITS | {
     "pseudo": "pseudo-unit",
     "mb": "MB",
     "bytes": "bytes",
+    "hz": "1/s",
 }
 """Units by the end of a key."""
 
@@ -252,6 +253,9 @@ class CheckJson(Output):
     soft_trip_n: float
     hard_trip_n: float
     margins: MarginsJson
+    sample_age_s: float
+    press_speed_mm_s: float
+    rise_gwt: float
     stop_distance_mm: float
     overshoot_gwt: float
     steps: list[PlannedStepJson]
@@ -1084,6 +1088,8 @@ class ServedPortsJson(Output):
 
     stage: NotRequired[Port]
     force: NotRequired[Port]
+    x_port: NotRequired[Port]
+    """Second port of a stage with a controller for each axis."""
 
 
 class TrueParameterJson(Output):
@@ -1495,6 +1501,45 @@ class DeviceKindJson(Output):
     package: Name | None
 
 
+class SpreadJson(Output):
+    """Median, 99th percentile and worst of several times."""
+
+    median_s: float
+    p99_s: float
+    worst_s: float
+
+
+class MeasuredJson(Output):
+    """Measurements of one kind of device on one wire of its virtual twin."""
+
+    wire: Name
+    samples: int
+    rate_hz: float
+    age: SpreadJson
+    """Of a reading when the program decides about a trip; of a position, at most."""
+    stops: int
+    to_bytes: SpreadJson | None
+    """From the call of a stop; null for a force sensor."""
+    to_rest: SpreadJson | None
+
+
+class CataloguedDeviceJson(DeviceKindJson):
+    """A kind of device and what it was tested with; a text is null where nothing was."""
+
+    device_text: str
+    manual_text: str | None
+    client_text: str | None
+    firmware_text: str | None
+    hardware_text: str | None
+    measured: list[MeasuredJson]
+
+
+class DeviceCatalogueJson(Output):
+    """Every kind of device, with --devices."""
+
+    devices: list[CataloguedDeviceJson]
+
+
 class CalibrationOnRecordJson(Output):
     """A calibration of the configuration."""
 
@@ -1609,7 +1654,7 @@ OUTPUTS: Mapping[str, tuple[Any, ...]] = {
     "calibrate": (CalibrationJson,),
     "bench": (BenchmarkJson,),
     "cache": (CacheJson,),
-    "config": (ConfigurationJson,),
+    "config": (ConfigurationJson, DeviceCatalogueJson),
     "doctor": (DoctorJson, BugReportJson),
 }
 """What a command with --json prints if it ends in a result; any of them may print a Failure instead."""

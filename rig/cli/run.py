@@ -130,6 +130,8 @@ def _tell(found: dict[str, Any]) -> None:
         f"soft trip {in_both_units(found['soft_trip_n'])}, hard trip {in_both_units(found['hard_trip_n'])}",
         f"remaining up to the limits: {left['force_gwt']:.3g} gwt, DOI {left['doi_mm']:.3g} mm, "
         f"{left['mean_pressure_kpa']:.3g} kPa, {left['contact_s']:.0f} s of contact",
+        f"the sensor is read after each increment: press at most {found['press_speed_mm_s']:.2g} mm/s; a sample "
+        f"is up to {found['sample_age_s']:g} s old, in which the force may rise by {found['rise_gwt']:.3g} gwt",
         f"stopping distance {found['stop_distance_mm']:.3g} mm, overshoot at a trip at most "
         f"{found['overshoot_gwt']:.3g} gwt",
     ):

@@ -31,7 +31,7 @@ from rig.data.tables import (
 )
 from rig.errors import BadInputError
 from rig.printable import on_one_line
-from rig.user_files import read_text, toml_of
+from rig_shared.user_files import read_text, toml_of
 
 _DAY = "a day such as 2026-03-01"
 

@@ -18,7 +18,7 @@ from rig.cli.progress import progress
 from rig.cli.signals import PauseRequest, at_a_safe_point, interrupt_main, stoppable, unstoppable
 from rig.clock import WallClock
 from rig.control.client import Announcement
-from rig.control.owner_socket import ControlSocket
+from rig.control.owner_socket import Answers, ControlSocket
 from rig.control.stop import StageInHand, StopSwitch, answer_to_a_stop
 from rig.data import FolderBusyError, Run, RunFolder, export_run
 from rig.data.journal import Watch
@@ -144,12 +144,13 @@ def owning(
     into: NewRun | StoppedRun,
     stage: StageInHand | None = None,
     config_file: Path | None = None,
+    more_answers: Answers | None = None,
 ) -> Iterator[RunOwner]:
     """Announce a run, and record a stop that another process requests.
 
-    stage: None for a virtual bench; the caller closes it, once no request can arrive. If the run cannot be
-    announced, it continues and prints that the panel cannot reach it. A stop is recorded, or refused, at any time
-    between the announcement and its end.
+    stage: None for a virtual bench; the caller closes it, once no request can arrive. more_answers: handlers of
+    further requests. If the run cannot be announced, it continues and prints that the panel cannot reach it. A stop
+    is recorded, or refused, at any time between the announcement and its end.
     """
     out, virtual = into.out if isinstance(into, NewRun) else into.folder.path.parent, stage is None
     owner = RunOwner(StopSwitch(stage, interrupt_main), virtual=virtual)
@@ -167,7 +168,7 @@ def owning(
         if stage is not None and (config.stop.kind != "off" or config.stop.inputs):
             owner.button = announced.enter_context(StopButton(config.stop, stage, owner.switch.stop))
         try:
-            socket = announced.enter_context(ControlSocket(about, owner.answers))
+            socket = announced.enter_context(ControlSocket(about, {**(more_answers or {}), **owner.answers}))
             owner.announce = lambda run: socket.tell(run=str(run.resolve()))
         except (OSError, filelock.Timeout) as error:
             complain(f"warning: the panel cannot reach this run: {error}")

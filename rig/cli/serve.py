@@ -2,7 +2,6 @@
 
 import signal
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,11 +21,12 @@ from rig.cli.output import (
     renamed,
     resting,
 )
-from rig.devices.registry import Room, either, names
+from rig.devices.registry import Room, names
 from rig.errors import BadInputError
 from rig.identify.random_finger import truth_of, with_random_finger
 from rig.plan.config import Config, load_config, unit
 from rig.plan.finger_file import IdentifiedFinger, read_finger_file
+from rig.printable import either
 from sim.identification.prior import named, plain
 from sim.serve.prefetch import PressStatistics
 
@@ -142,7 +142,7 @@ def serve_command(
                 signal.signal(number, lambda *_: bench.stop())
             print_json(bench.ports)
             if sys.stderr.isatty():
-                err.print("\n".join(["in rig.toml:", *_tables(bench.ports)]))
+                err.print("\n".join(["in rig.toml:", *_tables(bench)]))
             with resting():
                 bench.run()
             if bench.statistics is not None:
@@ -151,16 +151,20 @@ def serve_command(
                 raise typer.Exit(ExitCode.STOPPED)
 
 
-def _tables(ports: Mapping[str, str]) -> list[str]:
+def _tables(bench: ServedBench) -> list[str]:
     """Return the lines of a configuration file that names these ports."""
-    return [line for name, port in ports.items() for line in (f"[{name}]", f'port = "{port}"')]
+    return [
+        line
+        for name, port in bench.ports.items()
+        for line in (f"[{bench.tables[name]}]", f'{"port" if name in ("stage", "force") else name} = "{port}"')
+    ]
 
 
 def _kind(room: Room, name: str | None, otherwise: str | None) -> str | None:
     if name is not None and name not in names(room):
         raise BadInputError(
             "{option} {value}: unknown kind of device; choose {expected}",
-            code="unknown_device", option=f"--{room}", value=name, expected=" or ".join(names(room)),
+            code="unknown_device", option=f"--{room}", value=name, expected=either(names(room)),
         )  # fmt: skip
     return name or otherwise
 

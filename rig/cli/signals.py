@@ -13,6 +13,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
+from typing import NoReturn
 
 from rig.cli.keyboard import line_waits
 from rig.cli.output import err, resting
@@ -110,6 +111,8 @@ def typed_line() -> str:
 
 _stopping = threading.Event()
 """Whether the next Ctrl-C is a stop, on a system without STOP_SIGNAL."""
+_deaf = threading.Event()
+"""Whether a stop interrupts nothing there."""
 
 
 def interrupt_main() -> None:
@@ -119,10 +122,19 @@ def interrupt_main() -> None:
     """
     main = threading.main_thread().ident
     if sys.platform == "win32" or STOP_SIGNAL is None or main is None:
-        _stopping.set()
-        _thread.interrupt_main()
+        if not _deaf.is_set():
+            _stopping.set()
+            _thread.interrupt_main()
     else:
         signal.pthread_kill(main, STOP_SIGNAL)
+
+
+def _interrupt(*_: object) -> NoReturn:
+    _stopping.clear()
+    raise KeyboardInterrupt
+
+
+_ONCE: Handlers = {signal.SIGINT: _interrupt}
 
 
 @contextmanager
@@ -143,7 +155,7 @@ def at_a_safe_point(pause: PauseRequest | None = None) -> Iterator[PauseRequest]
 @contextmanager
 def stoppable() -> Iterator[None]:
     """Turn `rig stop`, a stop from another thread and the keys into KeyboardInterrupt."""
-    with _handling(dict.fromkeys((*KEYS, STOP_SIGNAL), signal.default_int_handler) | _NOT_SUSPENDED):
+    with _handling({**dict.fromkeys((*KEYS, STOP_SIGNAL), signal.default_int_handler), **_NOT_SUSPENDED, **_ONCE}):
         yield
 
 
@@ -151,14 +163,18 @@ def stoppable() -> Iterator[None]:
 def unstoppable() -> Iterator[None]:
     """Ignore `rig stop` while the end of a run is being recorded."""
     with _handling({STOP_SIGNAL: signal.SIG_IGN}):
-        yield
+        _deaf.set()
+        try:
+            yield
+        finally:
+            _deaf.clear()
 
 
 @contextmanager
 def at_once() -> Iterator[None]:
     """Turn each of these signals into KeyboardInterrupt, so that the stage stops when its process ends."""
     numbers = (*KEYS, signal.SIGTERM, _HANG_UP, STOP_SIGNAL)
-    with _handling(dict.fromkeys(numbers, signal.default_int_handler) | _NOT_SUSPENDED):
+    with _handling({**dict.fromkeys(numbers, signal.default_int_handler), **_NOT_SUSPENDED, **_ONCE}):
         yield
 
 

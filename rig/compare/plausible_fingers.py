@@ -32,7 +32,7 @@ from rig.plan.finger_file import TISSUE, FingerFile, finger_file_of, is_finger_f
 from rig.settings import Settings
 from rig.study.parallel import spread
 from rig.study.parameter_study import interpolated, nodes_to_build
-from rig.user_files import MOST_TOML_BYTES, read_bytes, toml_of
+from rig_shared.user_files import MOST_TOML_BYTES, read_bytes, toml_of
 from sim.config import FingertipConfig
 from sim.contact.shapes import contents, parse_shape
 from sim.errors import ModelRangeError

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rig.data import Run
 from rig.plan.finger_model import Response, from_copy, responses
-from rig.user_files import sha256_of
+from rig_shared.user_files import sha256_of
 from sim.contact.patch import X, Z
 from sim.contact.shapes import contents, parse_shape, shape_name
 from sim.measures.measures import MEASURES, shown

@@ -26,7 +26,7 @@ from rig.protocol.check import Walk
 from rig.protocol.handlers import Patience
 from rig.protocol.script import Script, find_script, script_with, shipped_protocols
 from rig.records import Pace, Prediction, Target
-from rig.user_files import read_bytes, read_text
+from rig_shared.user_files import read_bytes, read_text
 from sim.errors import SimError
 from sim.models.cache import cached_arrays, content_key
 from sim.models.fingertip import Fingertip

@@ -19,7 +19,7 @@ from pydantic import BaseModel, Field, ValidationError
 from rig.control.local_socket import connected
 from rig.control.messages import BROKEN, Wire, encoded
 from rig.errors import RigError
-from rig.user_files import read_bytes
+from rig_shared.user_files import read_bytes
 
 ASK_S = 1.0
 STOP = {"do": "stop"}

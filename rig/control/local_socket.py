@@ -75,6 +75,11 @@ class Channel:
             data += more
         return data
 
+    def end_reading(self) -> None:
+        """End every read after what has arrived; called from another thread."""
+        with suppress(OSError):  # It has just been closed.
+            self._end.shutdown(socket.SHUT_RD)
+
     def close(self) -> None:
         """Close the connection."""
         self._end.close()

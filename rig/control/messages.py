@@ -11,7 +11,7 @@ from multiprocessing.connection import answer_challenge, deliver_challenge
 from typing import Any
 
 from rig.control.local_socket import Channel
-from rig.user_files import json_of
+from rig_shared.user_files import json_of
 
 MOST_BYTES = 1 << 16
 BROKEN = (OSError, EOFError, ValueError, AuthenticationError, AssertionError)

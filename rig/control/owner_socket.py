@@ -23,6 +23,9 @@ Answers = Mapping[str, Callable[[Mapping[str, Any]], Mapping[str, Any]]]
 PATIENCE_S = 2.0
 """Time until a silent client is disconnected (s)."""
 
+MOST_UNPROVEN = 32
+"""Clients that have not yet shown that they know the key; for one more, the one that connected first is let go."""
+
 SWITCH_S = 5e-4
 """Longest delay of a waiting thread by a busy main thread (s), some ten times for one reply."""
 
@@ -48,7 +51,8 @@ class ControlSocket:
         self._announcement, self._answers = announcement, answers
         self._key = secrets.token_bytes(32)
         self._ending = threading.Event()
-        self._counting, self._waiting = threading.Lock(), set[threading.Thread]()
+        self._counting, self._waiting = threading.Condition(), set[threading.Thread]()
+        self._unproven: dict[Channel, None] = {}  # in the order in which they connected
 
     def __enter__(self) -> "ControlSocket":
         """Announce the process and listen.
@@ -97,12 +101,15 @@ class ControlSocket:
                     return
                 self._waiting.add(this)
             connection = self._accepted()
+            if connection is not None:
+                self._admit(connection)
             with self._counting:
                 self._waiting.discard(this)
                 alone = not self._waiting
             if connection is None:
                 return
             if self._ending.is_set():
+                self._dismiss(connection)
                 connection.close()
                 return
             if alone:
@@ -117,6 +124,20 @@ class ControlSocket:
             except OSError:  # Too many are open; silent ones are disconnected soon.
                 self._ending.wait(_AGAIN_S)
         return None
+
+    def _admit(self, connection: Channel) -> None:
+        """Count a client without the key; above the limit, wait for the end of the first ones."""
+        with self._counting:
+            self._unproven[connection] = None
+            for first in list(self._unproven)[: max(len(self._unproven) - MOST_UNPROVEN, 0)]:
+                first.end_reading()
+            self._counting.wait_for(lambda: len(self._unproven) <= MOST_UNPROVEN, PATIENCE_S)
+
+    def _dismiss(self, connection: Channel) -> None:
+        """Count a client no longer: it knows the key, or goes."""
+        with self._counting:
+            self._unproven.pop(connection, None)
+            self._counting.notify_all()
 
     def _wake_waiting(self) -> None:
         """Wake the waiting threads with connections of our own, and join them."""
@@ -134,7 +155,10 @@ class ControlSocket:
         with connection:
             try:
                 wire = Wire(connection, PATIENCE_S)
-                nonce = wire.challenge(self._key)
+                try:
+                    nonce = wire.challenge(self._key)
+                finally:
+                    self._dismiss(connection)
                 if nonce is None:
                     wire.send_bytes(self._answer(wire.hear()))
                 else:

@@ -23,7 +23,7 @@ from rig.settings import BenchSettings, StageSettings
 from rig.transport import NotOwnedError, PortOwner, Transport, TransportError, first_owner, open_port, port_owner
 from rig.transport.stop_gate import StopGate
 from rig.transport.wire import Sink
-from rig.user_files import MOST_TOML_BYTES, read_bytes, toml_of
+from rig_shared.user_files import MOST_TOML_BYTES, read_bytes, toml_of
 
 _OPEN_S = 3.0
 _IN_HAND_AGAIN_S = 0.005

@@ -9,14 +9,14 @@ import tempfile
 import tokenize
 import zipfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from pathlib import Path
 from typing import Any
 
 from rig.data.folder import RunFolder, replace_bytes
 from rig.data.run import RunError
 from rig.data.run_time import RunTime, is_timed
-from rig.user_files import json_of, read_text
+from rig_shared.user_files import json_of, read_text
 
 GONE = "(removed)"
 _SUBJECT = "SUBJECT"
@@ -30,7 +30,7 @@ _INSIDE = r"[^\\/\n\"'<>|:]+"
 _POSIX = re.compile(rf"(?<![\w.…])/(?:{_INSIDE}/)+")
 _WINDOWS = re.compile(rf"\b[A-Za-z]:\\+(?:{_INSIDE}\\+)*")
 _AGAIN = re.compile("(?:…/)+")
-_HOST = re.compile(r"(tcp://)[^:\s\"'/]+")
+_HOST = re.compile(r"((?:tcp|udp)://)[^:\s\"'/]+")
 _STRINGS = {tokenize.STRING, getattr(tokenize, "FSTRING_MIDDLE", tokenize.STRING)}
 
 
@@ -83,14 +83,15 @@ class Scrubber:
             tokens = list(tokenize.generate_tokens(io.StringIO(source).readline))
         except (tokenize.TokenError, SyntaxError):
             return None
-        lines = source.splitlines(keepends=True)
-        for token in reversed(tokens):
+        starts = [0, *accumulate(map(len, io.StringIO(source)))]
+        pieces, at = list[str](), 0
+        for token in tokens:
             put = _put(token)
             if put is not None:
                 (first, start), (last, end) = token.start, token.end
-                whole = lines[first - 1][:start] + put + lines[last - 1][end:]
-                lines[first - 1 : last] = whole.splitlines(keepends=True)
-        return self.text("".join(lines))
+                pieces += [source[at : starts[first - 1] + start], put]
+                at = starts[last - 1] + end
+        return self.text("".join([*pieces, source[at:]]))
 
 
 def _put(token: tokenize.TokenInfo) -> str | None:
@@ -217,9 +218,10 @@ def _json(document: Any) -> str:
 
 
 def _write(to: Path, members: Mapping[str, str]) -> dict[str, int]:
+    contents = {name: text.encode("utf-8", "backslashreplace") for name, text in members.items()}
     image = io.BytesIO()
     with zipfile.ZipFile(image, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, text in members.items():
-            archive.writestr(zipfile.ZipInfo(name), text, zipfile.ZIP_DEFLATED)  # without the time of day
+        for name, content in contents.items():
+            archive.writestr(zipfile.ZipInfo(name), content, zipfile.ZIP_DEFLATED)  # without the time of day
     replace_bytes(to, image.getvalue())
-    return {name: len(text.encode("utf-8")) for name, text in members.items()}
+    return {name: len(content) for name, content in contents.items()}

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from rig.data.schema import PRESS_STREAMS, STREAMS
+from rig.data.schema import OF_A_SENSOR, PRESS_STREAMS, STREAMS
 from rig.data.tables import HOLD_COLUMNS, OF_THE_PRESS, RUN_COLUMNS, SUPERSEDED
 
 TABLES = {
@@ -98,6 +98,19 @@ MEANINGS = {
 }
 """Descriptions by column, or by table and column where they differ."""
 
+OF_A_SENSOR_MEANINGS = {
+    "fx_n": "force along the sensor's x axis, not zeroed",
+    "fy_n": "force along the sensor's y axis, not zeroed",
+    "fz_n": "force along the sensor's z axis, not zeroed",
+    "tx_nm": "torque about the sensor's x axis, not zeroed",
+    "ty_nm": "torque about the sensor's y axis, not zeroed",
+    "tz_nm": "torque about the sensor's z axis, not zeroed",
+    "packets_lost": "packets of the sensor that have not arrived since its stream was started",
+    "packets_repeated": "packets of the sensor without a new sample since its stream was started",
+    "packets_late": "packets of the sensor that arrived after a newer one since its stream was started",
+}
+"""Descriptions of the columns that a sensor adds to `sample`."""
+
 OF_A_HOLD = {
     "index": MEANINGS["index"],
     "hold": MEANINGS["hold"],
@@ -176,7 +189,7 @@ def about_table(stream: str) -> str:
 
 def meaning(stream: str, column: str) -> str:
     """Return the description of a column, or an empty text."""
-    return MEANINGS.get(f"{_plain(stream)[1]}.{column}", MEANINGS.get(column, ""))
+    return MEANINGS.get(f"{_plain(stream)[1]}.{column}", MEANINGS.get(column, OF_A_SENSOR_MEANINGS.get(column, "")))
 
 
 def _plain(stream: str) -> tuple[str, str]:
@@ -225,6 +238,8 @@ def _tables() -> str:
     for stream, words in TABLES.items():
         parts.append(f"\n### `{stream}`\n\nOne row per event: {words}.\n\n{_HEAD}")
         parts += [_row(one.name, one.unit, one.dtype, one.what) for one in columns() if one.table == stream]
+    parts.append(f"\n### Columns of `sample` with a Net F/T sensor\n\n{_HEAD}")
+    parts += [_row(name, unit, dtype(name), meaning("sample", name)) for name, unit in OF_A_SENSOR.items()]
     parts.append("\n### The same columns\n\n| table | rows |\n|---|---|\n")
     parts += [f"| `{begin}…` | {words} |\n" for begin, words in FAMILIES.items()]
     return "".join([*parts, f"| `…{SUPERSEDED}` | of indentations that were interrupted and repeated |\n"])

@@ -18,7 +18,7 @@ import filelock
 
 from rig.clock import WallClock
 from rig.errors import RigError
-from rig.user_files import read_bytes, read_text, sha256_of
+from rig_shared.user_files import read_bytes, read_text, sha256_of
 
 _SUMS, _LOCK = "SHA256SUMS", ".lock"
 _DIGITS = 64

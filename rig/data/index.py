@@ -89,6 +89,10 @@ def _entry(path: Path, mark: str, read: Read) -> IndexEntry:
     return IndexEntry(mark, summary, json.dumps(rows))
 
 
+_CORRUPT = (sqlite3.Error, UnicodeDecodeError)
+"""Errors of a damaged index; SQLite does not check the texts in it."""
+
+
 def _stored(path: Path) -> dict[str, IndexEntry] | None:
     """Return the entries of the index, or None if it cannot be read."""
     if not path.is_file():
@@ -103,7 +107,7 @@ def _stored(path: Path) -> dict[str, IndexEntry] | None:
         return {
             name: IndexEntry(mark, _summary(json.loads(summary)), holds) for name, mark, summary, holds, _ in rows
         }
-    except sqlite3.Error:
+    except _CORRUPT:
         return None
 
 
@@ -122,7 +126,7 @@ def _store(path: Path, fresh: Mapping[str, IndexEntry], gone: set[str], *, anew:
         try:
             _write(path, fresh, gone, anew=anew)
             return
-        except sqlite3.Error as error:
+        except _CORRUPT as error:
             if getattr(error, "sqlite_errorcode", 0) & 0xFF in _PASSING:
                 return
             _remove(path)

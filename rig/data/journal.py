@@ -14,7 +14,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol
 
 from rig.errors import LimitError, LostRecordError, RecordError, RigError, RunAborted, TripError
-from rig.user_files import json_of, open_file, read_bytes
+from rig_shared.user_files import json_of, open_file, read_bytes
 
 if TYPE_CHECKING:
     from rig.clock import Clock

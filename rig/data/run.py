@@ -13,7 +13,7 @@ from rig.data.journal import MOST_ON_A_LINE, Document, JournalError, document_on
 from rig.data.run_time import RunTime, on_run_time
 from rig.data.schema import PRESS_STREAMS
 from rig.errors import RigError
-from rig.user_files import MOST_BYTES, json_of, open_file, read_text
+from rig_shared.user_files import MOST_BYTES, json_of, open_file, read_text
 
 if TYPE_CHECKING:
     from rig.data.run_state import RunState

@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple
 from rig.data.folder import RunFolder, replace_text
 from rig.data.journal import Document
 from rig.data.schema import WAITED_FOR
-from rig.user_files import json_of, read_text
+from rig_shared.user_files import json_of, read_text
 
 Milestone = tuple[str, int, int]
 """Stream; number of the press, or of the event in its stream; number of the hold."""

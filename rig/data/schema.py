@@ -1,5 +1,7 @@
 """Streams of a journal: their keys and units. Positions are in the finger's frame."""
 
+from collections.abc import Iterable, Mapping
+
 PRESS_STREAMS = {
     "indentation_start": {
         "index": "", "indentor": "", "x_mm": "mm", "target": "", "value": "", "increments": "",
@@ -46,6 +48,19 @@ STREAMS = {
     "resumed": {"by": ""},
 }  # fmt: skip
 """All streams. Presses that are not data (`precondition_…`, `reference_…`) have separate streams."""
+
+OF_A_SENSOR = {
+    "fx_n": "N", "fy_n": "N", "fz_n": "N", "tx_nm": "N·m", "ty_nm": "N·m", "tz_nm": "N·m",
+    "packets_lost": "", "packets_repeated": "", "packets_late": "",
+}  # fmt: skip
+"""Keys that a force sensor may add to samples (`ForceReading.also`); its entry in the registry names them."""
+
+
+def streams_with(also: Iterable[str]) -> Mapping[str, Mapping[str, str]]:
+    """Return all streams, with these keys of `OF_A_SENSOR` in samples."""
+    more = {key: OF_A_SENSOR[key] for key in also}
+    return {name: {**keys, **more} if name.endswith("sample") else keys for name, keys in STREAMS.items()}
+
 
 INSTANTS = ("rise_s",)
 """Keys whose values are times of the run, like `t_s`; any other time is a duration."""

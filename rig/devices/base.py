@@ -2,8 +2,8 @@
 
 import math
 from abc import abstractmethod
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol, runtime_checkable
 
 from rig.errors import RigError
@@ -598,15 +598,19 @@ class ForceReading:
         Whether the instrument reports the value as stable.
     t_s : float
         Monotonic time of the host at which the reading arrived (s).
+    also : mapping of str to float, optional
+        What else the sensor measured, for the journal, by the keys of its `sample` stream: all axes of a sensor with
+        several, and counts of its packets. Default: nothing.
     """
 
     force_n: float
     stable: bool
     t_s: float
+    also: Mapping[str, float] = field(default_factory=dict, compare=False, repr=False)
 
 
 class ForceSensor(Protocol):
-    """Interface of a force sensor with one axis; press on the sensor is positive."""
+    """Interface of a force sensor; the rig uses one axis, on which a press is positive."""
 
     @property
     def sample_period_s(self) -> float:

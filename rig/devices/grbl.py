@@ -55,7 +55,7 @@ from rig.devices.grbl_link import (
     states,
     unsuited,
 )
-from rig.devices.registry import Opener, StageKind
+from rig.devices.registry import Evidence, Opener, StageKind
 from rig.settings import BenchSettings, StageBounds
 from rig.transport import Transport
 
@@ -592,4 +592,8 @@ DEVICE = StageKind(
     twin="sim.devices.grbl.board:grbl_twin",
     probe=_probe,
     tests=("tests/rig/test_grbl_driver.py", "tests/rig/test_grbl_conformance.py"),
+    evidence=Evidence(
+        manual="GRBL 1.1 wiki: commands, interface, configuration",
+        firmware="GRBL 1.1h and grblHAL, each as a process on a host",
+    ),
 )

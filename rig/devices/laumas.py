@@ -18,9 +18,9 @@ from rig.devices.base import (
     ForceTimeout,
     ForceUnderload,
 )
-from rig.devices.registry import ForceKind, Opener
+from rig.devices.registry import Evidence, ForceKind, Opener
 from rig.settings import BenchSettings, LaumasSettings
-from rig.transport.modbus import ModbusError, ModbusMaster, ModbusRefused, ModbusTimeout
+from rig.transport.modbus import REPLY_S, ModbusError, ModbusMaster, ModbusRefused, ModbusTimeout
 from rig.units import GWT_N
 
 # Registers by their 0-based address; weights are two registers, high word first.
@@ -216,5 +216,10 @@ DEVICE = ForceKind(
     settings=LaumasSettings,
     twin="sim.devices.laumas:laumas_twin",
     probe=_probe,
+    max_age_s=lambda force: 2 * REPLY_S,  # a request may first wait for the bus
     tests=("tests/rig/test_laumas_driver.py", "tests/rig/test_modbus_counterparties.py"),
+    evidence=Evidence(
+        manual="TLU manual, LCB protocols manual",
+        client="minimalmodbus 2.1.1, modbus-tk 1.1.5, mbpoll 1.4.11",
+    ),
 )

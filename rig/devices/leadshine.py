@@ -7,7 +7,7 @@ from rig.devices import leadshine_drive as reg
 from rig.devices.base import LOOK_S, Axis, Looks, Stage, StageError, StageNotHomed, StageStatus
 from rig.devices.leadshine_drive import LeadshineDrive, Status
 from rig.devices.one_axis import one_axis, refuse_not_finite
-from rig.devices.registry import Opener, StageKind
+from rig.devices.registry import Evidence, Opener, StageKind
 from rig.settings import (
     NOMINAL_STEPS_PER_MM,
     BenchSettings,
@@ -357,4 +357,8 @@ DEVICE = StageKind(
     twin="sim.devices.leadshine:leadshine_twin",
     probe=_probe,
     tests=("tests/rig/test_leadshine_driver.py", "tests/rig/test_modbus_counterparties.py"),
+    evidence=Evidence(
+        manual="CS2RS and iEM-RS user manuals",
+        client="minimalmodbus 2.1.1, modbus-tk 1.1.5, mbpoll 1.4.11",
+    ),
 )

@@ -16,7 +16,7 @@ from rig.devices.base import (
     ForceTimeout,
     ForceUnderload,
 )
-from rig.devices.registry import ForceKind, Opener
+from rig.devices.registry import Evidence, ForceKind, Opener
 from rig.settings import BenchSettings
 from rig.transport import LineReader, Transport
 from rig.units import GWT_N
@@ -209,5 +209,7 @@ DEVICE = ForceKind(
     driver=_driver,
     twin="sim.devices.mtsics:balance_twin",
     probe=_probe,
+    max_age_s=lambda force: REPLY_S,
     tests=("tests/rig/test_mtsics_driver.py",),
+    evidence=Evidence(manual="MT-SICS reference manual, levels 0 and 1"),
 )

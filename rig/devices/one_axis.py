@@ -1,11 +1,32 @@
-"""Moves of a stage whose axes cannot keep a straight line together: one axis at a time, y set by hand."""
+"""Stage whose axes cannot keep a straight line together: one axis moves at a time, y is set by hand."""
 
 import math
+from abc import abstractmethod
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Generic, Protocol, TypeVar
 
-from rig.devices.base import MoveError
-from rig.settings import SLOWEST_MM_S
+from rig.clock import Clock
+from rig.devices.base import (
+    LOOK_S,
+    Axis,
+    Looks,
+    MoveError,
+    Stage,
+    StageAlarm,
+    StageError,
+    StageHeld,
+    StageNotHomed,
+    StageOverridden,
+    StageReset,
+    StageStatus,
+    StageTimeout,
+    next_look_s,
+)
+from rig.settings import SLOWEST_MM_S, BenchSettings
 
 _SAME_PLACE_MM = 1e-6
+POLL_S, ALARM_S = 0.02, 0.25
+"""Time between questions near the end of a motion, and longest time without one for alarms before (s)."""
 
 
 def one_axis(
@@ -45,3 +66,270 @@ def refuse_not_finite(name: str, value: float) -> None:
     """Raise MoveError for a number that is not finite."""
     if not math.isfinite(value):
         raise MoveError("{name} must be a finite number, got {value}", code="not_finite", name=name, value=value)
+
+
+class _Look(Protocol):
+    @property
+    def busy(self) -> bool:
+        """Whether the axis moves."""
+        ...
+
+
+Look = TypeVar("Look", bound=_Look)
+
+
+class DrivenAxis(Protocol[Look]):
+    """Axis of a `TwoAxisStage`: one drive, in machine mm. `Look` is what the drive replies about itself."""
+
+    @property
+    def steps_per_mm(self) -> float:
+        """Native steps per mm."""
+        ...
+
+    def connect(self) -> str:
+        """Compare the drive with the configuration and return its identification. Raises StageError."""
+        ...
+
+    def native_speed(self, speed_mm_s: float) -> int:
+        """Return the speed in the drive's unit. Raises MoveError."""
+        ...
+
+    def look(self) -> Look:
+        """Ask the drive. Raises StageError."""
+        ...
+
+    def mm(self, look: Look) -> float:
+        """Return the position (mm)."""
+        ...
+
+    def moving(self, to_mm: float, speed_mm_s: float, keep_on: Callable[[], bool], look_s: float) -> Iterator[Look]:
+        """Move to a position. Raises StageError."""
+        ...
+
+    def jog(self, by_mm: float, speed_mm_s: float, keep_on: Callable[[], bool], *, trusted: bool) -> None:
+        """Extend the present motion by a distance, and return at once. Raises StageError."""
+        ...
+
+    def halt(self) -> None:
+        """Stop and return at rest; steps are not lost. Raises StageError."""
+        ...
+
+    def confirm_stopped(self) -> None:
+        """Return once the axis rests after a stop. Raises StageError."""
+        ...
+
+
+class WatchedAxis(Generic[Look]):
+    """Base class of the axis of a drive that is asked whether it still moves."""
+
+    name: str
+    _clock: Clock
+
+    @property
+    @abstractmethod
+    def _names(self) -> dict[str, Any]:
+        """Fields of every error of this axis: `port`, `axis`, and its place."""
+        ...
+
+    def _until(
+        self,
+        look: Callable[[], tuple[Look, bool]],
+        most_s: float,
+        first_s: float,
+        what: str,
+        look_s: float = LOOK_S,
+    ) -> Iterator[Look]:
+        """Look until look() returns that the motion is over; yield a look every look_s.
+
+        During the first first_s the axis is looked at seldom, for alarms, and steadily afterwards.
+        """
+        begun_s = self._clock.monotonic_s()
+        over_s, due_s = begun_s + first_s, next_look_s(begun_s, begun_s + first_s, look_s)
+        while True:
+            now_s = self._clock.monotonic_s()
+            self._clock.wait_s(min(over_s - now_s, due_s - now_s, ALARM_S) if over_s > now_s else POLL_S)
+            found, over = look()
+            if over:
+                return
+            self._refuse_late(begun_s + most_s, what, most_s)
+            if self._clock.monotonic_s() >= due_s:
+                yield found
+                due_s = next_look_s(self._clock.monotonic_s(), over_s, look_s)
+
+    def _refuse_late(self, deadline_s: float, what: str, most_s: float) -> None:
+        if self._clock.monotonic_s() >= deadline_s:
+            raise StageTimeout(
+                "{port}: {axis} axis: {what} takes longer than {timeout_s:.1f} s",
+                code="not_over",
+                what=what,
+                timeout_s=most_s,
+                **self._names,
+            )
+
+    def _stopped(self) -> StageError:
+        return StageError("{port}: {axis} axis was stopped", code="stopped", **self._names)
+
+
+AnAxis = TypeVar("AnAxis", bound=DrivenAxis[Any])
+
+
+class TwoAxisStage(Stage, Generic[AnAxis, Look]):
+    """Base class of a stage with drives for x and z, which move one at a time.
+
+    name: what a stage that is not homed is called. The position along the finger is set by hand. An axis with
+    backlash always arrives in its negative direction (down, for z): an opposite move overruns by twice the backlash
+    and returns.
+    """
+
+    def __init__(self, x: AnAxis, z: AnAxis, *, name: str, settings: BenchSettings) -> None:
+        self._axes = {"x": x, "z": z}
+        self._overrun_mm = {axis: 2 * settings.calibration.value(f"{axis}_backlash_mm", 0.0) for axis in "xz"}
+        self._name, self._y_mm = name, settings.frame.pad_y_mm
+        self._trusted = False
+        self._times_stopped = 0  # counted from any thread
+
+    @abstractmethod
+    def _send_stop(self) -> None:
+        """Send a stop to both drives past every wait. Raises TransportError."""
+        ...
+
+    @abstractmethod
+    def _refuse_alarm(self, axis: AnAxis, look: Look) -> None:
+        """Raise StageAlarm or StageReset for an alarm; for a trusted position, also for what ends the trust."""
+        ...
+
+    @property
+    def homed(self) -> bool:
+        """Whether the position is trusted: homed, and no alarm, reset, timeout or stop since."""
+        return self._trusted
+
+    def connect(self) -> str:
+        """Compare both axes with the configuration and return their identification. Raises StageError."""
+        self._trusted = False
+        return "; ".join(axis.connect() for axis in self._axes.values())
+
+    def status(self) -> StageStatus:
+        """Return the state and position of both axes.
+
+        Raises StageError, also for the first alarm or reset while the position is trusted.
+        """
+        return self._status({})
+
+    def look(self) -> StageStatus:
+        return self.status()
+
+    def moving(
+        self,
+        *,
+        x_mm: float | None = None,
+        y_mm: float | None = None,
+        z_mm: float | None = None,
+        speed_mm_s: float,
+        look_s: float = LOOK_S,
+    ) -> Looks:
+        """Move straight to a position (machine mm).
+
+        Raises StageError; MoveError, StageNotHomed before any byte: for two axes at once, another y, or a speed out
+        of range.
+        """
+        name, target_mm = one_axis(x_mm, y_mm, z_mm, speed_mm_s, self._y_mm)
+        if name is None:
+            return
+        axis = self._axes[name]
+        axis.native_speed(speed_mm_s)
+        if not self._trusted:
+            raise StageNotHomed(self._name)
+        try:
+            for stop_mm in self._stops(name, target_mm):
+                for look in axis.moving(stop_mm, speed_mm_s, lambda: self._trusted, look_s):
+                    yield self._status({name: look})
+        except (StageHeld, StageOverridden):
+            raise
+        except StageError:
+            self._trusted = False
+            raise
+
+    def halt(self) -> None:
+        """Stop each axis at its acceleration; no step is lost. Raises StageError."""
+        for axis in self._up_first():
+            axis.halt()
+
+    def steps_per_mm(self, axis: Axis) -> float:
+        """Return the native steps per mm. Raises StageError for y."""
+        return self._axis(axis).steps_per_mm
+
+    def jog(self, axis: Axis, by_mm: float, speed_mm_s: float) -> None:
+        """Extend the present move by a distance; whether the position is trusted does not change.
+
+        Raises StageError; MoveError before any byte.
+        """
+        moves = self._axis(axis)
+        moves.native_speed(speed_mm_s)
+        refuse_not_finite("by_mm", by_mm)
+        moves.jog(by_mm, speed_mm_s, self._until_stopped(), trusted=self._trusted)
+
+    def end_jog(self) -> None:
+        self.halt()
+
+    def stop(self) -> None:
+        """Stop both axes at once, past every wait, and confirm it.
+
+        The stop is verified, and repeated, for up to 1 s. Raises StageError if an axis does not come to rest,
+        TransportError.
+        """
+        self._times_stopped += 1
+        self._trusted = False
+        self._send_stop()
+        problems = [problem for axis in self._up_first() if (problem := _unconfirmed(axis))]
+        if problems:
+            raise problems[0]
+
+    def _status(self, known: Mapping[str, Look]) -> StageStatus:
+        """known: looks that were already checked, by axis."""
+        busy, alarm, at_mm = False, False, {}
+        for name, axis in self._axes.items():
+            look = known[name] if name in known else axis.look()
+            if name not in known:
+                alarm |= self._has_alarm(axis, look)
+            busy |= look.busy
+            at_mm[name] = axis.mm(look)
+        state = "Alarm" if alarm else "Run" if busy else "Idle"
+        return StageStatus(state, at_mm["x"], self._y_mm, at_mm["z"])
+
+    def _has_alarm(self, axis: AnAxis, look: Look) -> bool:
+        """Return whether an axis has an alarm; raise if it has one since the position is trusted."""
+        try:
+            self._refuse_alarm(axis, look)
+        except (StageAlarm, StageReset):
+            if self._trusted:
+                self._trusted = False
+                raise
+            return True
+        return False
+
+    def _until_stopped(self) -> Callable[[], bool]:
+        times = self._times_stopped
+        return lambda: self._times_stopped == times
+
+    def _axis(self, name: Axis) -> AnAxis:
+        if name not in self._axes:
+            raise StageError("the stage has no drive for the {axis} axis; set it by hand", code="no_drive", axis=name)
+        return self._axes[name]
+
+    def _up_first(self) -> tuple[AnAxis, AnAxis]:
+        return self._axes["z"], self._axes["x"]
+
+    def _stops(self, name: str, to_mm: float) -> list[float]:
+        """Return the successive targets: one, or two to take up backlash."""
+        axis, overrun_mm = self._axes[name], self._overrun_mm[name]
+        if not (overrun_mm and to_mm > axis.mm(axis.look())):
+            return [to_mm]
+        return [min(to_mm + overrun_mm, 0.0), to_mm]
+
+
+def _unconfirmed(axis: DrivenAxis[Any]) -> StageError | None:
+    try:
+        axis.confirm_stopped()
+    except StageError as problem:
+        return problem
+    return None

@@ -18,6 +18,7 @@ from pydantic_core import InitErrorDetails
 from rig.clock import Clock
 from rig.devices.base import ForceSensor, Stage
 from rig.errors import RigError, RuleError
+from rig.printable import either
 from rig.settings import NOMINAL_STEPS_PER_MM, BenchSettings, DeviceSettings, ForceSettings, Settings, StageSettings
 from rig.transport import Transport
 
@@ -36,6 +37,33 @@ def own_port(stage: StageSettings) -> tuple[str, ...]:
     return (stage.port,)
 
 
+def one_second(force: ForceSettings) -> float:
+    """Return the maximum sample age of a sensor that declares none (s)."""
+    return 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """What driver and twin were tested with; an empty text claims nothing.
+
+    Parameters
+    ----------
+    manual : str, optional
+        Source of the bytes that the tests compare with.
+    client : str, optional
+        Programs of others that opened the virtual twin.
+    firmware : str, optional
+        Firmware or emulator of the maker that the driver drove.
+    hardware : str, optional
+        Real device that the driver drove, with its firmware and the date.
+    """
+
+    manual: str = ""
+    client: str = ""
+    firmware: str = ""
+    hardware: str = ""
+
+
 @dataclass(frozen=True, kw_only=True)
 class DeviceKind:
     """Entry of a device in the registry.
@@ -48,6 +76,8 @@ class DeviceKind:
         What the device is, in words.
     tests : tuple of str
         Test modules that compare the driver with the bytes of the real device, from the folder of its project.
+    evidence : Evidence, optional
+        What these tests and others compared the driver with. Default: nothing.
     settings : type of Settings, optional
         Table of the configuration that only this kind has.
     table : str, optional
@@ -60,16 +90,20 @@ class DeviceKind:
         or set anything, because any device may be on that port. It returns the identity, or None if no such device
         answers, and raises StageError or ForceError if one answers but cannot be used. Without it, `rig init` lists
         the kind and asks for its port.
+    datagrams : bool, optional
+        Whether the device sends datagrams over Ethernet (udp://) and serves a web page at the same address.
     """
 
     room: ClassVar[Room]
     name: str
     device: str
     tests: tuple[str, ...]
+    evidence: Evidence = Evidence()
     settings: type[Settings] | None = None
     table: str = ""
     twin: str = ""
     probe: Probe | None = None
+    datagrams: bool = False
 
     @property
     def place(self) -> str:
@@ -83,13 +117,16 @@ class StageKind(DeviceKind):
 
     Parameters
     ----------
-    name, device, tests, settings, table, twin, probe : as in DeviceKind
+    name, device, tests, evidence, settings, table, twin, probe, datagrams : as in DeviceKind
         See there.
     driver : callable
         Makes the `Stage` from a function that opens ports, the clock and the settings. It raises what that function
         raises.
     ports : callable, optional
         Returns every port that the stage uses, from its settings. Default: its `port`.
+    further_ports : tuple of str, optional
+        Keys of the kind's own table that name a port each, beside the `port` of the stage. The twin finds their
+        lines in `SerialLine.further`.
     axes : {'xz', 'xyz'}, optional
         Axes with a motor: x lateral, y along the finger, z vertical.
     outputs : tuple of str, optional
@@ -104,6 +141,7 @@ class StageKind(DeviceKind):
     room: ClassVar[Room] = "stage"
     driver: Callable[[Opener, Clock, BenchSettings], Stage]
     ports: Callable[[StageSettings], tuple[str, ...]] = own_port
+    further_ports: tuple[str, ...] = ()
     axes: Literal["xz", "xyz"] = "xyz"
     steps_per_mm: Callable[[StageSettings, str], float] = nominal_steps_per_mm
     outputs: tuple[str, ...] = ("off",)
@@ -116,21 +154,28 @@ class ForceKind(DeviceKind):
 
     Parameters
     ----------
-    name, device, tests, settings, table, twin, probe : as in DeviceKind
+    name, device, tests, evidence, settings, table, twin, probe, datagrams : as in DeviceKind
         See there.
     driver : callable
         Makes the `ForceSensor` from a function that opens ports, the clock and the settings. It raises what that
         function raises.
+    max_age_s : callable, optional
+        Returns the longest time from the request for a reading to its arrival (s), from the settings. An older
+        reading trips. Default: 1 s.
+    also : tuple of str, optional
+        Keys of `ForceReading.also`, which samples of the journal then have (`rig/data/schema.py`: `OF_A_SENSOR`).
     """
 
     room: ClassVar[Room] = "force"
     driver: Callable[[Opener, Clock, BenchSettings], ForceSensor]
+    max_age_s: Callable[[ForceSettings], float] = one_second
+    also: tuple[str, ...] = ()
 
 
 GROUP = "rig.devices"
 BUILT_IN: dict[Room, tuple[str, ...]] = {
-    "stage": ("grbl", "leadshine", "zaber"),
-    "force": ("mtsics", "laumas", "text_cell"),
+    "stage": ("grbl", "leadshine", "zaber", "standa", "tmcl"),
+    "force": ("mtsics", "laumas", "text_cell", "net_ft"),
 }
 """Built-in types, the default first."""
 DEFAULTS: dict[Room, str] = {room: names[0] for room, names in BUILT_IN.items()}
@@ -259,11 +304,6 @@ def _loaded(of: type[K], name: str, point: EntryPoint) -> K:
     return found
 
 
-def either(words: list[str]) -> str:
-    """Return words joined by commas and or."""
-    return f"{', '.join(words[:-1])} or {words[-1]}"
-
-
 D = TypeVar("D", bound=DeviceSettings)
 M = TypeVar("M", bound=BaseModel)
 
@@ -361,7 +401,7 @@ class KnownBench(BenchSettings):
                 "sync.output: {output!r} is not available on a {stage} stage; allowed: {allowed}",
                 code="no_such_output",
                 output=self.sync.output,
-                allowed=" or ".join(allowed),
+                allowed=either(allowed),
                 stage=self.stage.kind,
             )
         if self.sync.output == "drive" and self.sync.words is None:
@@ -377,13 +417,12 @@ class KnownBench(BenchSettings):
         allowed = find(StageKind, self.stage.kind).inputs
         for key, name in self.stop.inputs.items():
             if name not in allowed:
-                either = " or ".join(allowed) or "none, because it reports no inputs"
                 raise RuleError(
                     "stop.{setting} = {input!r} is not available on a {stage} stage; allowed: {allowed}",
                     code="no_such_input",
                     setting=key,
                     input=name,
-                    allowed=either,
+                    allowed=either(allowed) or "none, because it reports no inputs",
                     stage=self.stage.kind,
                 )
         return self

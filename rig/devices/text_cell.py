@@ -21,18 +21,27 @@ from rig.devices.base import (
     ForceTimeout,
     ForceUnderload,
 )
-from rig.devices.registry import ForceKind, Opener
+from rig.devices.registry import Evidence, ForceKind, Opener
 from rig.errors import RuleError
-from rig.settings import BenchSettings, Settings
+from rig.settings import BenchSettings, ForceSettings, Settings
 from rig.transport import LineReader, Transport
 from rig.units import GWT_N
 
 SETTLE_S = 10.0
 """Longest time until a load is steady, and until a board has zeroed itself (s)."""
 _STEADY_READINGS = 3
+_LONGEST = 500
+"""Most characters of a line with a reading."""
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)", re.ASCII)
 _NO_NUMBER = re.compile(r"[+-]?(nan|inf|infinity|ovf)", re.IGNORECASE)
-_FIELDS = {"value": r"(?P<value>[^\s,;:|]+?)", "skip": ".*?"}
+_APART = r"\s,;:|"
+_FIELDS = {"value": rf"(?P<value>[^{_APART}]+?)", "skip": ".*?"}
+_SIDE_BY_SIDE = {
+    "value skip": rf"(?P<value>[^{_APART}]++).*?",
+    "skip value": rf"(?:|.*?[{_APART}])(?P<value>[^{_APART}]+?)",
+    "skip value skip": rf"(?:|.*?[{_APART}])(?P<value>[^{_APART}]++).*?",
+}
+"""Fields without text between them: a value is a whole word."""
 _FIELD = re.compile(r"\{(\w*)\}")
 
 
@@ -90,11 +99,20 @@ class TextCellSettings(Settings):
 
     @cached_property
     def pattern(self) -> re.Pattern[str]:
-        """What a whole line with a reading matches; white space matches any white space."""
+        """What a whole line with a reading matches; white space matches any white space.
+
+        {skip} ends where the text behind it first stands. Nothing is tried twice, so that no line takes long.
+        """
         parts = _FIELD.split(self.line)
         texts = [r"\s+".join(re.escape(word) for word in re.split(r"\s+", text)) for text in parts[0::2]]
-        fields = [_FIELDS[name] for name in parts[1::2]]
-        return re.compile("".join(f"{text}{field}" for text, field in zip(texts, [*fields, ""], strict=True)))
+        found, fields = texts[0], list[str]()
+        for name, text in zip(parts[1::2], [*texts[1:-1], texts[-1] + r"\Z"], strict=True):
+            fields += [name] if fields[-1:] != [name] else []
+            if text:
+                side_by_side = " ".join(fields)
+                found += f"(?>{_SIDE_BY_SIDE.get(side_by_side) or _FIELDS[side_by_side]}{text})"
+                fields.clear()
+        return re.compile(found)
 
 
 class TextCellForce:
@@ -202,7 +220,7 @@ class TextCellForce:
         """Return what the board shows, true by the calibration."""
         settings, port = self._settings, self._transport.name
         line = self._line(self._silence_s)
-        found = settings.pattern.fullmatch(line)
+        found = settings.pattern.fullmatch(line) if len(line) <= _LONGEST else None
         if found is None:
             raise self._garbled(line)
         if _NO_NUMBER.fullmatch(found["value"]):
@@ -293,11 +311,22 @@ def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> ForceSenso
     )
 
 
+def _max_age_s(force: ForceSettings) -> float:
+    """Return the longest wait for a line, or after an error for silence and a reply."""
+    settings = force.own(TextCellSettings)
+    wait_s = settings.silence_s + 2 * force.sample_period_s
+    return 2 * wait_s if settings.poll else wait_s
+
+
 DEVICE = ForceKind(
     name="text_cell",
     device="load cell with an HX711 or other board that sends lines of text",
     driver=_driver,
     settings=TextCellSettings,
     twin="sim.devices.text_cell:text_twin",
+    max_age_s=_max_age_s,
     tests=("tests/rig/test_text_cell_driver.py",),
+    evidence=Evidence(
+        manual="examples of HX711_ADC and bogde/HX711, SparkFun OpenScale 1.2, DFRobot HX711, serial-scale",
+    ),
 )

@@ -9,33 +9,27 @@ because a device stores its settings permanently.
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import Any
 
 from rig.clock import Clock
 from rig.devices.base import (
-    LOOK_S,
-    Axis,
     Looks,
     MoveError,
     Stage,
     StageAlarm,
     StageError,
     StageHeld,
-    StageNotHomed,
     StageOverridden,
     StageReset,
-    StageStatus,
     StageTimeout,
-    next_look_s,
 )
-from rig.devices.one_axis import one_axis, refuse_not_finite
-from rig.devices.registry import Opener, StageKind
+from rig.devices.one_axis import POLL_S, TwoAxisStage, WatchedAxis
+from rig.devices.registry import Evidence, Opener, StageKind
 from rig.devices.zaber_link import NO_WARNING, Reply, ZaberLink
 from rig.settings import BenchSettings, StageSettings, ZaberAxisSettings, ZaberSettings
 
-POLL_S, ALARM_S = 0.02, 0.25
 HOME_S = 180.0
 # A move may take this much longer than computed from length, speed and acceleration.
 LATE_FACTOR, LATE_S = 1.5, 5.0
@@ -79,7 +73,7 @@ def _always() -> bool:
     return True
 
 
-class ZaberAxis:
+class ZaberAxis(WatchedAxis[Reply]):
     """One axis of a chain, in machine mm. counts_per_mm: microsteps for each mm of travel, positive."""
 
     def __init__(
@@ -151,10 +145,10 @@ class ZaberAxis:
             raise self._stopped()
         self._command("home")
 
-        def look() -> Reply:
+        def look() -> tuple[Reply, bool]:
             reply = self.look()
             self.refuse_alarm(self.warnings(reply), homing=True)
-            return reply
+            return reply, not reply.busy
 
         yield from self._until(look, HOME_S, 0.0, "homing")
         reply = self.look()
@@ -182,7 +176,7 @@ class ZaberAxis:
         self._command(f"move abs {target} {speed}")
         low, high = sorted((start, target))
 
-        def look() -> Reply:
+        def look() -> tuple[Reply, bool]:
             reply = self.look()
             if not keep_on():
                 raise self._stopped()
@@ -193,7 +187,7 @@ class ZaberAxis:
             if not low - self._tolerance <= at <= high + self._tolerance:
                 self._link.send_now("stop")
                 raise self._not_there(at, to_mm)
-            return reply
+            return reply, not reply.busy
 
         mm = abs(target - start) / self._counts_per_mm
         expected_s = self._travel_s(mm, speed_mm_s)
@@ -205,7 +199,7 @@ class ZaberAxis:
         if abs(at - target) > self._tolerance:
             raise self._not_there(at, to_mm)
 
-    def jog(self, by_mm: float, speed_mm_s: float, *, trusted: bool) -> None:
+    def jog(self, by_mm: float, speed_mm_s: float, keep_on: Callable[[], bool], *, trusted: bool) -> None:
         """Extend the present motion by a distance, and return at once.
 
         Without a trusted position the device counts from where it stands, so a previous jog ends first. Raises
@@ -220,11 +214,15 @@ class ZaberAxis:
             while self.look().busy:
                 self._refuse_late(deadline_s, "a jog", LATE_S)
                 self._clock.wait_s(POLL_S)
+            if not keep_on():
+                raise self._stopped()
             self._command(f"move rel {by} {speed}")
             return
         if going_to is None or not reply.busy:
             going_to = self._standing()
         target = going_to + by
+        if not keep_on():
+            raise self._stopped()
         self._command(f"move abs {target} {speed}")
         self._jogs_to = target
 
@@ -331,36 +329,6 @@ class ZaberAxis:
 
     # --- helpers ---
 
-    def _until(
-        self, look: Callable[[], Reply], most_s: float, first_s: float, what: str, look_s: float = LOOK_S
-    ) -> Iterator[Reply]:
-        """Look until the axis rests; yield a look every look_s.
-
-        During the first first_s the axis is looked at seldom, for alarms, and steadily afterwards.
-        """
-        begun_s = self._clock.monotonic_s()
-        over_s, due_s = begun_s + first_s, next_look_s(begun_s, begun_s + first_s, look_s)
-        while True:
-            now_s = self._clock.monotonic_s()
-            self._clock.wait_s(min(over_s - now_s, due_s - now_s, ALARM_S) if over_s > now_s else POLL_S)
-            reply = look()
-            if not reply.busy:
-                return
-            self._refuse_late(begun_s + most_s, what, most_s)
-            if self._clock.monotonic_s() >= due_s:
-                yield reply
-                due_s = next_look_s(self._clock.monotonic_s(), over_s, look_s)
-
-    def _refuse_late(self, deadline_s: float, what: str, most_s: float) -> None:
-        if self._clock.monotonic_s() >= deadline_s:
-            raise StageTimeout(
-                "{port}: {axis} axis: {what} takes longer than {timeout_s:.1f} s",
-                code="not_over",
-                what=what,
-                timeout_s=most_s,
-                **self._names,
-            )
-
     def _refuse_interference(self, reply: Reply) -> None:
         """Raise for what ends a motion: a fault, a reset, a hand at the knob, another program."""
         warnings = self.warnings(reply)
@@ -461,9 +429,6 @@ class ZaberAxis:
             **self._names,
         )
 
-    def _stopped(self) -> StageError:
-        return StageError("{port}: {axis} axis was stopped", code="stopped", **self._names)
-
     @property
     def _names(self) -> dict[str, Any]:
         return {
@@ -474,39 +439,12 @@ class ZaberAxis:
         }
 
 
-class ZaberStage(Stage):
-    """Stage with two axes, which move one at a time.
+class ZaberStage(TwoAxisStage[ZaberAxis, Reply]):
+    """Stage with two axes of a Zaber chain."""
 
-    y_mm: position along the finger, set by hand. An axis with backlash always arrives in its negative direction
-    (down, for z): an opposite move overruns by twice the backlash and returns.
-    """
-
-    def __init__(
-        self,
-        link: ZaberLink,
-        x: ZaberAxis,
-        z: ZaberAxis,
-        *,
-        y_mm: float = 0.0,
-        x_backlash_mm: float = 0.0,
-        z_backlash_mm: float = 0.0,
-    ) -> None:
+    def __init__(self, link: ZaberLink, x: ZaberAxis, z: ZaberAxis, settings: BenchSettings) -> None:
+        super().__init__(x, z, name=f"{link.name}: the stage", settings=settings)
         self._link = link
-        self._axes = {"x": x, "z": z}
-        self._overrun_mm = {"x": 2 * x_backlash_mm, "z": 2 * z_backlash_mm}
-        self._y_mm = y_mm
-        self._trusted = False
-        self._times_stopped = 0  # counted from any thread
-
-    @property
-    def homed(self) -> bool:
-        """Whether the position is trusted: homed, and no alarm, reset, timeout or stop since."""
-        return self._trusted
-
-    def connect(self) -> str:
-        """Compare both axes with the configuration and return their identification. Raises StageError."""
-        self._trusted = False
-        return "; ".join(axis.connect() for axis in self._axes.values())
 
     def homing(self) -> Looks:
         """Home z, then x, and set the limits of the devices. A fault is not cleared. Raises StageError."""
@@ -526,143 +464,21 @@ class ZaberStage(Stage):
         for axis in self._up_first():
             axis.clear_warnings()
 
-    def status(self) -> StageStatus:
-        """Return the state and position of both axes.
-
-        Raises StageError, also for the first fault or reset while the position is trusted.
-        """
-        return self._status({})
-
-    def moving(
-        self,
-        *,
-        x_mm: float | None = None,
-        y_mm: float | None = None,
-        z_mm: float | None = None,
-        speed_mm_s: float,
-        look_s: float = LOOK_S,
-    ) -> Looks:
-        """Move straight to a position (machine mm).
-
-        Raises StageError; MoveError, StageNotHomed before any byte: for two axes at once, another y, or a speed out
-        of range.
-        """
-        name, target_mm = one_axis(x_mm, y_mm, z_mm, speed_mm_s, self._y_mm)
-        if name is None:
-            return
-        axis = self._axes[name]
-        axis.native_speed(speed_mm_s)
-        if not self._trusted:
-            raise StageNotHomed(f"{self._link.name}: the stage")
-        try:
-            for stop_mm in self._stops(name, target_mm):
-                for reply in axis.moving(stop_mm, speed_mm_s, lambda: self._trusted, look_s):
-                    yield self._status({name: reply})
-        except (StageHeld, StageOverridden):
-            raise
-        except StageError:
-            self._trusted = False
-            raise
-
-    def halt(self) -> None:
-        """Stop each axis at its acceleration; no step is lost. Raises StageError."""
-        for axis in self._up_first():
-            axis.halt()
-
-    def look(self) -> StageStatus:
-        return self.status()
-
-    def steps_per_mm(self, axis: Axis) -> float:
-        """Return the microsteps per mm. Raises StageError for y."""
-        return self._axis(axis).steps_per_mm
-
-    def jog(self, axis: Axis, by_mm: float, speed_mm_s: float) -> None:
-        """Extend the present move by a distance; whether the position is trusted does not change.
-
-        Raises StageError; MoveError before any byte.
-        """
-        moves = self._axis(axis)
-        moves.native_speed(speed_mm_s)
-        refuse_not_finite("by_mm", by_mm)
-        keep_on = self._until_stopped()
-        if keep_on():
-            moves.jog(by_mm, speed_mm_s, trusted=self._trusted)
-
-    def end_jog(self) -> None:
-        self.halt()
-
     def set_output(self, on: bool) -> None:
         """Refuse: no output of a Zaber device is supported. Raises StageError."""
         raise StageError("a Zaber stage has no output for pulses; set sync.output to off", code="no_output")
 
-    def stop(self) -> None:
-        """Stop every device of the chain in one write, past every wait, and confirm it.
-
-        The stop is verified for up to 1 s; an axis that still moves after 0.3 s gets an emergency stop. Raises
-        StageError if one does not come to rest, TransportError.
-        """
-        self._times_stopped += 1
-        self._trusted = False
-        self._link.send_now("stop")
-        problems = [problem for axis in self._up_first() if (problem := _unconfirmed(axis))]
-        if problems:
-            raise problems[0]
-
     def close(self) -> None:
         self._link.close()
 
-    def _status(self, known: Mapping[str, Reply]) -> StageStatus:
-        """known: replies that were already read and checked, by axis."""
-        busy, alarm, at_mm = False, False, {}
-        for name, axis in self._axes.items():
-            reply = known[name] if name in known else axis.look()
-            if name not in known:
-                alarm |= self._refuse_news(axis, reply)
-            busy |= reply.busy
-            at_mm[name] = axis.mm(reply)
-        state = "Alarm" if alarm else "Run" if busy else "Idle"
-        return StageStatus(state, at_mm["x"], self._y_mm, at_mm["z"])
+    def _send_stop(self) -> None:
+        self._link.send_now("stop")  # to every device of the chain
 
-    def _refuse_news(self, axis: ZaberAxis, reply: Reply) -> bool:
-        """Return whether an axis has a fault; raise if it has one since the position is trusted."""
-        warnings = axis.warnings(reply)
-        try:
-            axis.refuse_alarm(warnings)
-            if self._trusted:
-                axis.refuse_unreferenced(warnings)
-        except (StageAlarm, StageReset):
-            if self._trusted:
-                self._trusted = False
-                raise
-            return True
-        return False
-
-    def _until_stopped(self) -> Callable[[], bool]:
-        times = self._times_stopped
-        return lambda: self._times_stopped == times
-
-    def _axis(self, name: Axis) -> ZaberAxis:
-        if name not in self._axes:
-            raise StageError("the stage has no drive for the {axis} axis; set it by hand", code="no_drive", axis=name)
-        return self._axes[name]
-
-    def _up_first(self) -> tuple[ZaberAxis, ZaberAxis]:
-        return self._axes["z"], self._axes["x"]
-
-    def _stops(self, name: str, to_mm: float) -> list[float]:
-        """Return the successive targets: one, or two to take up backlash."""
-        axis, overrun_mm = self._axes[name], self._overrun_mm[name]
-        if not (overrun_mm and to_mm > axis.mm(axis.look())):
-            return [to_mm]
-        return [min(to_mm + overrun_mm, 0.0), to_mm]
-
-
-def _unconfirmed(axis: ZaberAxis) -> StageError | None:
-    try:
-        axis.confirm_stopped()
-    except StageError as problem:
-        return problem
-    return None
+    def _refuse_alarm(self, axis: ZaberAxis, look: Reply) -> None:
+        warnings = axis.warnings(look)
+        axis.refuse_alarm(warnings)
+        if self._trusted:
+            axis.refuse_unreferenced(warnings)
 
 
 def steps_per_mm(stage: StageSettings, axis: str) -> float:
@@ -687,8 +503,7 @@ def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
         )
         for name, address in (("x", own.x), ("z", own.z))
     )
-    x_backlash, z_backlash = (settings.calibration.value(f"{name}_backlash_mm", 0.0) for name in "xz")
-    return ZaberStage(link, x, z, y_mm=settings.frame.pad_y_mm, x_backlash_mm=x_backlash, z_backlash_mm=z_backlash)
+    return ZaberStage(link, x, z, settings)
 
 
 def _probe(opener: Opener, clock: Clock, settings: BenchSettings) -> str | None:
@@ -729,4 +544,8 @@ DEVICE = StageKind(
     twin="sim.devices.zaber:zaber_twin",
     probe=_probe,
     tests=("tests/rig/test_zaber_driver.py", "tests/rig/test_zaber_client.py"),
+    evidence=Evidence(
+        manual="ASCII protocol manual, firmware 6 and 7",
+        client="zaber-motion 10.3.0",
+    ),
 )

@@ -23,7 +23,7 @@ from rig.engine.contact import KnownContact
 from rig.engine.sensing import ForceZero
 from rig.errors import RecordError
 from rig.settings import BenchSettings
-from rig.user_files import read_text
+from rig_shared.user_files import read_text
 
 _SAME_PLACE_MM = 0.003  # A board prints 0.001 mm and rests on a step.
 

@@ -4,6 +4,7 @@ import contextlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from enum import Enum
+from types import MappingProxyType
 from typing import Any, NoReturn, Protocol, TypeVar
 
 from rig.data.journal import Recorder
@@ -314,14 +315,21 @@ class Engine:
         doi = None if contact_height_mm is None else self.doi_mm(contact_height_mm, force)
         if self.state is State.IN_CONTACT and force >= self.sensing.touch_gwt:
             self.contact.begin()
-        self._record_sample(press, phase, force, doi, stable=reading.stable)
+        self._record_sample(press, phase, force, doi, stable=reading.stable, also=reading.also)
         if passed := self.trips.passed(force):
             self.trip(passed, force)
         self.contact.refuse_more()
         return force
 
     def _record_sample(
-        self, press: PressId, phase: Phase, force_gwt: float, doi_mm: float | None = None, *, stable: bool = False
+        self,
+        press: PressId,
+        phase: Phase,
+        force_gwt: float,
+        doi_mm: float | None = None,
+        *,
+        stable: bool = False,
+        also: Mapping[str, float] = MappingProxyType({}),
     ) -> None:
         about = {
             "index": press.index,
@@ -332,6 +340,7 @@ class Engine:
             "force_gwt": force_gwt,
             "stable": stable,
             "contact_s": self.contact.rounded_s,
+            **also,
         }
         self.record(press.stream("sample"), about)
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 from rig.clock import Clock
 from rig.devices.base import ForceBusy, ForceError, ForceOverload, ForceReading, ForceSensor, ForceUnderload
+from rig.devices.registry import ForceKind, find
 from rig.errors import RigError, code_of
 from rig.settings import RigSettings
 from rig.transport.wire import TransportError
@@ -37,8 +38,11 @@ class NoReadingError(RigError):
         return isinstance(self.__cause__, _OUT_OF_RANGE)
 
 
-def read(sensor: ForceSensor, clock: Clock, wait_s: float) -> ForceReading:
-    """Return a reading taken after the wait. Raises NoReadingError if it is missing, not a number, or stale."""
+def read(sensor: ForceSensor, clock: Clock, wait_s: float, max_age_s: float = math.inf) -> ForceReading:
+    """Return a reading taken after the wait.
+
+    Raises NoReadingError if it is missing, not a number, stale, or came later than max_age_s after its request.
+    """
     clock.wait_s(wait_s)
     requested_s = clock.monotonic_s()
     try:
@@ -54,6 +58,14 @@ def read(sensor: ForceSensor, clock: Clock, wait_s: float) -> ForceReading:
             "the force reading is stale: the sensor took it {older_s:.3f} s before the request",
             code="stale_reading",
             older_s=requested_s - reading.t_s,
+        )
+    age_s = clock.monotonic_s() - requested_s
+    if age_s > max_age_s + _TINY_S:
+        raise NoReadingError(
+            "the force reading took {age_s:.3f} s, longer than the maximum sample age of the sensor, {max_age_s:g} s",
+            code="too_old",
+            age_s=age_s,
+            max_age_s=max_age_s,
         )
     return reading
 
@@ -87,6 +99,7 @@ class Sensing:
     def __init__(self, settings: RigSettings, clock: Clock, sensor: ForceSensor) -> None:
         self.sensor, self.moved = sensor, True  # moved: since the last settled reading.
         self.zero: ForceZero | None = None  # zero that forces are counted from
+        self.max_age_s = find(ForceKind, settings.force.kind).max_age_s(settings.force)
         self._settings, self._clock = settings, clock
         # State of the present motion.
         self._baseline_n: float | None = 0.0
@@ -139,7 +152,7 @@ class Sensing:
 
     def now(self) -> ForceReading:
         """Return the newest reading from zero without waiting for rest. Raises NoReadingError."""
-        return self._from_zero(read(self.sensor, self._clock, 0.0))
+        return self._from_zero(self._read(0.0))
 
     def settled(self) -> ForceReading:
         """Return a new reading from zero, taken at rest. Raises NoReadingError."""
@@ -150,7 +163,7 @@ class Sensing:
         until_s = self._clock.monotonic_s() + self.wait_s + BUSY_S
         while True:
             try:
-                reading = read(self.sensor, self._clock, self.wait_s)
+                reading = self._read(self.wait_s)
             except NoReadingError as error:
                 if not isinstance(error.__cause__, ForceBusy) or self._clock.monotonic_s() >= until_s:
                     raise
@@ -223,7 +236,7 @@ class Sensing:
         if self.zeroed and not away:
             return
         try:
-            before = self._at_rest_n if rested and self.zeroed else read(self.sensor, self._clock, 0.0).force_n
+            before = self._at_rest_n if rested and self.zeroed else self._read(0.0).force_n
         except NoReadingError as error:
             if not (away and (self.zeroed or error.out_of_range)):
                 raise
@@ -254,13 +267,16 @@ class Sensing:
         """
         if self._baseline_n is None:
             return None
-        reading = self._from_zero(read(self.sensor, self._clock, 0.0))
+        reading = self._from_zero(self._read(0.0))
         return (reading.force_n - self._baseline_n) / GWT_N
 
     def take_zero(self, readings_gwt: Sequence[float], *, provisional: bool = False) -> ForceZero:
         """Count forces from the mean of these readings; provisional: contact is possible."""
         self.zero = ForceZero.of(readings_gwt, provisional=provisional)
         return self.zero
+
+    def _read(self, wait_s: float) -> ForceReading:
+        return read(self.sensor, self._clock, wait_s, self.max_age_s)
 
     def _from_zero(self, reading: ForceReading) -> ForceReading:
         return reading if self.zero is None else self.zero.without_offset(reading)

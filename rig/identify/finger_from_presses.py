@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rig.identify.adaptive_presses import Identification
 from rig.plan.config import Config
 from rig.plan.finger_file import Band, Draw, FingerFile, IdentifiedFinger, Place, Posterior
-from rig.user_files import sha256_of
+from rig_shared.user_files import sha256_of
 from sim.identification.prior import Prior, series_of, tissue_of
 from sim.identification.uncertainty_bands import COVERAGE, parameter_ends
 

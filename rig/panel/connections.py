@@ -47,16 +47,19 @@ Pairs = list[tuple[bytes, bytes]]
 """Headers of a request, with lower-case names."""
 
 
-def descriptors() -> int:
-    """Return how many descriptors this process may open."""
-    if sys.platform == "win32":
+if sys.platform == "win32":
+
+    def descriptors() -> int:
+        """Return how many descriptors this process may open."""
         return _SELECT
-    try:
-        import resource
-    except ImportError:
-        return _SELECT
-    soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
-    return sys.maxsize if soft == resource.RLIM_INFINITY else soft
+
+else:
+    import resource
+
+    def descriptors() -> int:
+        """Return how many descriptors this process may open."""
+        soft, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
+        return sys.maxsize if soft == resource.RLIM_INFINITY else soft
 
 
 @dataclass(eq=False)

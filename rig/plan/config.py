@@ -298,7 +298,7 @@ def _allowed(field: FieldInfo, device: BaseModel | None) -> str:
     bounds = [*field.metadata, *getattr(kind, "__metadata__", ())]
     kind = get_args(kind)[0] if hasattr(kind, "__metadata__") else kind
     if get_origin(kind) is Literal:
-        return " | ".join(get_args(kind))
+        return " | ".join(map(str, get_args(kind)))
     if get_origin(kind) is tuple:
         return _several(get_args(kind), bounds)
     if isinstance(kind, type) and issubclass(kind, BaseModel):

@@ -14,7 +14,7 @@ from pydantic import AliasChoices, Field, ValidationError, field_validator, mode
 import rig
 from rig.errors import BadInputError, RuleError, first_problem
 from rig.settings import Settings
-from rig.user_files import MOST_TOML_BYTES, read_text, toml_of
+from rig_shared.user_files import MOST_TOML_BYTES, read_text, toml_of
 from sim.config import FingertipConfig, Tissue
 from sim.identification.uncertainty_bands import standard_deviations
 from sim.models.interpolation_weights import DERMIS, FAT

@@ -20,7 +20,7 @@ from rig.errors import around
 from rig.plan.finger_file import IdentifiedFinger, fingers_of
 from rig.protocol.check import ForceTooDeepError, NoPredictionError
 from rig.records import Pace, Prediction, PredictionBand, Target
-from rig.user_files import read_bytes
+from rig_shared.user_files import read_bytes
 from sim.config import FingertipConfig
 from sim.contact import shapes
 from sim.contact.indentor import Indentor

@@ -17,7 +17,7 @@ from rig.plan.config import Config, load_config
 from rig.plan.finger_file import Draw, FingerFile, IdentifiedFinger, Posterior
 from rig.plan.finger_model import answers
 from rig.records import Pace, Target
-from rig.user_files import sha256_of
+from rig_shared.user_files import sha256_of
 from sim.contact.shapes import parse_shape
 from sim.identification.prior import LEAST_STIFFENING
 from sim.models.fingertip import Fingertip

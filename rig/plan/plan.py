@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from rig.data import Run
+from rig.engine.limits import CONTACT_EXPONENT, SampleAge
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel, Predictions, copy_name, kept_in, named_file
@@ -18,7 +19,7 @@ from rig.protocol.script import Script, script_error
 from rig.protocol.steps import ExpectedPresses, ExpectedTouch, Mount, Step
 from rig.records import PlannedIndentation, Purpose
 from rig.units import GWT_N
-from rig.user_files import read_bytes
+from rig_shared.user_files import read_bytes
 from sim.contact.shapes import ShapeError
 from sim.errors import ModelRangeError
 from sim.finger_process import Finger, FingerLostError
@@ -51,6 +52,7 @@ class Plan:
     first_soft_trip_n: float | None = None
     shape_files: dict[str, bytes] = field(default_factory=dict)  # content, by the names of their copies
     mounts: list[str] = field(default_factory=list)  # indentors to be mounted by hand, in order
+    speeds_mm_s: list[tuple[float, PlannedIndentation]] = field(default_factory=list)  # speed of each press
 
     @property
     def indentations(self) -> list[PlannedIndentation]:
@@ -116,7 +118,33 @@ def make_plan(
             code="indents_nowhere",
             path=str(script.path),
         )
+    refuse_unseen(plan, config)
     return plan
+
+
+def refuse_unseen(plan: Plan, config: Config) -> None:
+    """Raise an error for a press whose force could pass from its target to the plan's trip while a sample ages.
+
+    A lower limits.soft_trip_n trips earlier, and is no reason to refuse.
+    """
+    age, trip_gwt = SampleAge.of(config), plan.soft_trip_n / GWT_N
+    for speed_mm_s, press in plan.speeds_mm_s:
+        left_gwt = trip_gwt - press.highest_gwt
+        stiffness_gwt_mm = CONTACT_EXPONENT * press.highest_gwt / press.predicted_doi_mm
+        rise_gwt = age.rise_gwt(speed_mm_s, stiffness_gwt_mm)
+        if rise_gwt > left_gwt:
+            raise BadInputError(
+                "a press at x = {x_mm:g} mm at {speed_mm_s:g} mm/s is too fast for the sensor: a sample is up to "
+                "{age_s:g} s old, in which the force rises by {rise_gwt:.2g} gwt, and the trip is {left_gwt:.2g} gwt "
+                "away; press at most at {limit_mm_s:.2g} mm/s",
+                code="too_fast_for_sensor",
+                x_mm=press.x_mm,
+                speed_mm_s=speed_mm_s,
+                rise_gwt=rise_gwt,
+                age_s=age.age_s,
+                left_gwt=left_gwt,
+                limit_mm_s=max(left_gwt, 0.0) / (stiffness_gwt_mm * age.age_s),
+            )
 
 
 def _kept(plan: Plan, indentor: str) -> str:
@@ -139,6 +167,8 @@ class Planner:
         if isinstance(expected, ExpectedPresses):
             for press in expected.ids:
                 self._plan.presses[press.purpose].append(expected.planned)
+            speed_mm_s = getattr(step, "speed_mm_s", None) or self._walk.settings.habits.press_speed_mm_s
+            self._plan.speeds_mm_s.append((speed_mm_s, expected.planned))
         elif isinstance(expected, ExpectedTouch):
             self._plan.touches.append(expected)
         elif isinstance(step, Mount):

@@ -21,7 +21,7 @@ from rig.report.page_parts import PageFigure, figures_of, render
 from rig.report.run_figures import PICTURES_A_PAGE, contacts_from_below, is_relief
 from rig.report.run_tables import Condition, by_target, conditions, numbers_missing, write_numbers
 from rig.report.style import signed
-from rig.user_files import read_text
+from rig_shared.user_files import read_text
 from sim.models.fingertip import Fingertip
 
 AFTER = "finger_after.toml"

@@ -18,7 +18,7 @@ from rig.data.tables import booked_s, tables
 from rig.plan.finger_model import Response
 from rig.report.style import as_number, signed
 from rig.settings import limits_in_kpa
-from rig.user_files import read_text, toml_of
+from rig_shared.user_files import read_text, toml_of
 from sim.measures.measures import MEASURES
 from sim.units import GWT_N
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from rig.devices.registry import stage_ports
 from rig.engine import EngineError
-from rig.engine.limits import Stopping
+from rig.engine.limits import CONTACT_EXPONENT, SampleAge, Stopping
 from rig.plan.config import Config
 from rig.plan.plan import Plan
 from rig.protocol.script import Script
@@ -40,6 +40,10 @@ class Preflight:
         """Stopping from the fastest press that the limits allow."""
         return Stopping.of(self.config, self.config.limits.max_press_speed_mm_s)
 
+    @property
+    def _age(self) -> SampleAge:
+        return SampleAge.of(self.config)
+
     def as_json(self) -> dict[str, Any]:
         """Return the fields that `rig check --json` prints."""
         steps = [self._step(index, planned) for index, planned in enumerate(self.plan.indentations)]
@@ -62,6 +66,14 @@ class Preflight:
                 "mean_pressure_kpa": min(limits.max_pressure_kpa - step["mean_pressure_kpa"] for step in steps),
                 "contact_s": limits.max_contact_s - self.rehearsed.contact_s,
             },
+            "sample_age_s": self._age.age_s,
+            "press_speed_mm_s": max(
+                self._age.press_speed_mm_s(speed_mm_s) for speed_mm_s, _ in self.plan.speeds_mm_s
+            ),
+            "rise_gwt": max(
+                self._age.rise_gwt(speed_mm_s, CONTACT_EXPONENT * planned.highest_gwt / planned.predicted_doi_mm)
+                for speed_mm_s, planned in self.plan.speeds_mm_s
+            ),
             "stop_distance_mm": self.stopping.distance_mm,
             "overshoot_gwt": max(step["overshoot_gwt"] for step in steps),
             "steps": steps,

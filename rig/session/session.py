@@ -18,7 +18,8 @@ from rig.control.stop import StageInHand
 from rig.data import Run, RunFolder, export_run, new_run_folder, read_run
 from rig.data.folder import UnwritableError
 from rig.data.journal import ByteLog, Watch, add_to_end, read_journal
-from rig.data.schema import STREAMS
+from rig.data.schema import STREAMS, streams_with
+from rig.devices.registry import ForceKind, find
 from rig.engine import Engine, Journal, Pause, RecordError, RunAborted, WatchedBench, verbs
 from rig.errors import LostRecordError
 from rig.plan.config import Config
@@ -262,7 +263,8 @@ def _on_a_bench(
         watch = byte_log.checked_before(_paced(session, bench.clock, speed))
         with closing(bench):
             refuse_stop_inputs(session.config, bench)
-            journal = Journal(folder.events, bench.clock, STREAMS, watch, bench.witness, virtual=bench.virtual)
+            streams = streams_with(find(ForceKind, session.config.force.kind).also)
+            journal = Journal(folder.events, bench.clock, streams, watch, bench.witness, virtual=bench.virtual)
             engine = Engine(session.config, bench, journal, session.plan.soft_trip_n, contact_s)
             engine.keep_contact = bench.touched
             journal.at_end = lambda: {"indentor": asdict(FinalPosition.of(engine))}

@@ -24,7 +24,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_valida
 from rig.plan.config import reraised_as
 from rig.settings import as_tuples
 from rig.study.exceptions import StudyError
-from rig.user_files import MOST_TOML_BYTES, read_text, toml_of
+from rig_shared.user_files import MOST_TOML_BYTES, read_text, toml_of
 from sim.config import FingertipConfig
 from sim.contact.indentor import ALONG
 from sim.contact.patch import X

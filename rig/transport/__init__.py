@@ -1,10 +1,10 @@
-"""Transports of bytes: serial port, TCP or in-process loopback, with a byte log.
+"""Transports of bytes: serial port, TCP, UDP or in-process loopback, with a byte log.
 
 Modbus frames are in `rig/transport/modbus.py`, which only Modbus drivers import.
 """
 
 from rig.transport.ownership import NotOwnedError, PortOwner, first_owner, port_owner
-from rig.transport.ports import SerialTransport, TcpTransport, open_port, refuse_missing
+from rig.transport.ports import SerialTransport, TcpTransport, UdpTransport, open_port, refuse_missing
 from rig.transport.wire import (
     LineReader,
     LoggedTransport,
@@ -25,6 +25,7 @@ __all__ = [
     "TimeLimitedTransport",
     "Transport",
     "TransportError",
+    "UdpTransport",
     "first_owner",
     "open_port",
     "port_owner",

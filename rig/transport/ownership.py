@@ -21,6 +21,7 @@ from rig.errors import RigError
 from rig.transport.wire import TransportError
 
 SCHEME = "tcp://"
+DATAGRAMS = "udp://"
 
 Address = tuple[int, tuple[Any, ...]]
 """Family and socket address."""
@@ -58,6 +59,27 @@ def tcp_addresses(port: str) -> tuple[Address, ...]:
     return tuple(dict.fromkeys((int(family), address) for family, _, _, _, address in found))
 
 
+def udp_addresses(port: str) -> tuple[Address, ...]:
+    """Resolve a UDP port.
+
+    Parameters
+    ----------
+    port : str
+        ``udp://HOST:PORT``.
+
+    Returns
+    -------
+    tuple of (int, tuple)
+        As `tcp_addresses`.
+
+    Raises
+    ------
+    TransportError
+        If the port has another form, or its host has no address.
+    """
+    return tcp_addresses(SCHEME + port.removeprefix(DATAGRAMS))
+
+
 def identities(port: str) -> tuple[str, ...]:
     """Return the identities of a port.
 
@@ -67,7 +89,7 @@ def identities(port: str) -> tuple[str, ...]:
     Parameters
     ----------
     port : str
-        ``tcp://HOST:PORT``, a serial device or a pyserial URL.
+        ``tcp://HOST:PORT``, ``udp://HOST:PORT``, a serial device or a pyserial URL.
 
     Returns
     -------
@@ -83,15 +105,17 @@ def identities(port: str) -> tuple[str, ...]:
         url = urlsplit(port)
         port = f"{SCHEME}[{url.hostname}]:{url.port}"
     if port.startswith(SCHEME):
-        return tuple(sorted({_of_address(*address) for address in tcp_addresses(port)}))
+        return tuple(sorted({_of_address("tcp", *address) for address in tcp_addresses(port)}))
+    if port.startswith(DATAGRAMS):
+        return tuple(sorted({_of_address("udp", *address) for address in udp_addresses(port)}))
     return (port if "://" in port else _of_device(port),)
 
 
-def _of_address(family: int, address: tuple[Any, ...]) -> str:
+def _of_address(protocol: str, family: int, address: tuple[Any, ...]) -> str:
     ip = ipaddress.ip_address(address[0])
     mapped = getattr(ip, "ipv4_mapped", None) or ip
     here = mapped.is_loopback or mapped.is_unspecified or _is_here(family, address)
-    return f"tcp-{'this-machine' if here else mapped}-{address[1]}"
+    return f"{protocol}-{'this-machine' if here else mapped}-{address[1]}"
 
 
 def _is_here(family: int, address: tuple[Any, ...]) -> bool:

@@ -1,16 +1,26 @@
-"""Open a port by its name: serial, or TCP to a gateway or to virtual devices."""
+"""Open a port by its name: serial, TCP to a gateway or virtual devices, or UDP to a sensor."""
 
 import errno
 import os
 import select
 import socket
+import threading
+from collections import deque
 from contextlib import suppress
 from typing import Any
 
 import serial
 
 from rig.settings import EIGHT_N_ONE
-from rig.transport.ownership import SCHEME, Address, PortOwnership, identities, tcp_addresses
+from rig.transport.ownership import (
+    DATAGRAMS,
+    SCHEME,
+    Address,
+    PortOwnership,
+    identities,
+    tcp_addresses,
+    udp_addresses,
+)
 from rig.transport.wire import Transport, TransportError
 
 WRITE_TIMEOUT_S = 1.0
@@ -185,6 +195,93 @@ class TcpTransport:
             self._ownership.release()
 
 
+RECORD_BYTES = 36
+"""Length of the datagrams that UdpTransport joins: a record of the Net F/T sensor."""
+_DATAGRAMS_KEPT = 1 << 14
+_LONGEST_DATAGRAM = 2048
+_RECEIVE_BUFFER = 1 << 22  # bytes; the system grants fewer
+
+
+class UdpTransport:
+    """Transport of datagrams to and from `udp://HOST:PORT`, owned by one process of this machine at a time.
+
+    A thread takes the datagrams as they arrive, because the system's buffer holds those of some 40 ms at 7000 a
+    second, and then drops the newest. read() returns the records that have arrived, joined, or one datagram of
+    another length. owned: as for TcpTransport. Raises TransportError.
+    """
+
+    def __init__(self, port: str, *, name: str | None = None, owned: bool = True) -> None:
+        self.name = name or port
+        self._port = port
+        family, address = udp_addresses(port)[0]
+        self._ownership = PortOwnership(port) if owned else None
+        self._socket = socket.socket(family, socket.SOCK_DGRAM)
+        try:
+            self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+            self._socket.connect(address)  # Datagrams of other senders are dropped.
+        except OSError as problem:
+            self.close()
+            raise TransportError(
+                "cannot open port {port}: {problem}", code="not_opened", port=port, problem=_reason(problem)
+            ) from problem
+        self._arrived: deque[bytes] = deque(maxlen=_DATAGRAMS_KEPT)
+        self._news = threading.Condition()
+        self._problem: OSError | None = None
+        self._closed = False
+        self._thread = threading.Thread(target=self._receive, name=f"datagrams of {self.name}", daemon=True)
+        self._thread.start()
+
+    def write(self, data: bytes) -> None:
+        try:
+            self._socket.send(data)
+        except OSError as problem:
+            raise TransportError(
+                "cannot write to port {port}: {problem}",
+                code="not_written",
+                port=self._port,
+                problem=_reason(problem),
+            ) from problem
+
+    def read(self, timeout_s: float) -> bytes:
+        with self._news:
+            if not self._arrived and self._problem is None and timeout_s > 0:
+                self._news.wait(timeout_s)
+            problem, self._problem = self._problem, None
+            if problem is None:
+                return self._joined()
+        raise TransportError(
+            "cannot read from port {port}: {problem}", code="not_read", port=self._port, problem=_reason(problem)
+        ) from problem
+
+    def close(self) -> None:
+        self._closed = True
+        with suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)  # Ends a receive that waits.
+        self._socket.close()
+        if self._ownership is not None:
+            self._ownership.release()
+
+    def _joined(self) -> bytes:
+        arrived, whole = self._arrived, list[bytes]()
+        while arrived and len(arrived[0]) == RECORD_BYTES:
+            whole.append(arrived.popleft())
+        return b"".join(whole) if whole or not arrived else arrived.popleft()
+
+    def _receive(self) -> None:
+        while not self._closed:
+            try:
+                data, problem = self._socket.recv(_LONGEST_DATAGRAM), None
+            except OSError as error:
+                data, problem = b"", error
+            with self._news:
+                if data:
+                    self._arrived.append(data)
+                self._problem = problem or self._problem
+                self._news.notify()
+            if problem is not None and problem.errno != errno.ECONNREFUSED:
+                return  # Nothing listens there (yet) after ECONNREFUSED; any other error ends the port.
+
+
 def _connect(port: str, addresses: tuple[Address, ...]) -> socket.socket:
     try:
         connection = _connected(addresses)
@@ -235,12 +332,14 @@ def open_port(
     dtr: bool = True,
     owned: bool = True,
 ) -> Transport:
-    """Open `tcp://HOST:PORT`, a serial device or a pyserial URL.
+    """Open `tcp://HOST:PORT`, `udp://HOST:PORT`, a serial device or a pyserial URL.
 
     Raises TransportError; NotOwnedError if another process owns the port, unless owned is False, as for a stop.
     """
     if port.startswith(SCHEME):
         return TcpTransport(port, name=name, owned=owned)
+    if port.startswith(DATAGRAMS):
+        return UdpTransport(port, name=name, owned=owned)
     return SerialTransport(port, baud, name=name, character=character, dtr=dtr, owned=owned)
 
 

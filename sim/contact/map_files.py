@@ -4,6 +4,7 @@ A table or picture shows the indentor's face with the finger's tip up: columns a
 tip. Its middle is the reference point.
 """
 
+import struct
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -11,8 +12,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rig_shared.user_files import lines_of, open_file
 from sim.contact.height_map import MOST_POINTS, HeightMap, HeightMapError, refuse_far, refuse_uneven
-from sim.user_files import lines_of, open_file
 
 Array = NDArray[np.float64]
 
@@ -178,7 +179,7 @@ def _grey(where: str, file: str) -> Array:
     except OSError as error:
         what = "not a picture" if isinstance(error, UnidentifiedImageError) else error.strerror or "damaged"
         raise _no_picture(where, what) from None
-    except (SyntaxError, ValueError, Image.DecompressionBombError) as error:
+    except (SyntaxError, ValueError, LookupError, struct.error, Image.DecompressionBombError) as error:
         if isinstance(error, HeightMapError):
             raise
         raise _no_picture(where, str(error)) from None

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rig_shared.user_files import MOST_TABLE_BYTES, lines_of
 from sim.contact.profiles import STEEPEST_SLOPE, arc_tangent
 from sim.errors import SimError
 from sim.tables import is_number
-from sim.user_files import MOST_BYTES, lines_of
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly  # slow to import, and few shapes are measured
@@ -221,7 +221,7 @@ def _filleted(x_mm: tuple[float, ...], height_mm: tuple[float, ...]) -> "PPoly":
 def read_profile(path: str, *, linear: bool = False) -> MeasuredProfile:
     """Read a profile from a CSV file with the columns x_mm and height_mm. Raises ProfileError."""
     try:
-        rows = list(csv.reader(lines_of(path, most=MOST_BYTES)))
+        rows = list(csv.reader(lines_of(path, most=MOST_TABLE_BYTES)))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         what = getattr(error, "strerror", None) or error
         raise ProfileError(

@@ -4,13 +4,13 @@ import re
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+from rig_shared.user_files import sha256_of
 from sim.contact.height_map import HeightMapError
 from sim.contact.indentor import ACROSS, Indentor, Prismatic, Revolved
 from sim.contact.map_files import read_height_map
 from sim.contact.measured_profile import LINEAR, ProfileError, read_profile
 from sim.contact.profiles import STEP_HALF_WAVELENGTH_MM, Bar, Cylinder, Grating, Plane, SinusoidalStep, Wedge
 from sim.errors import ArgumentError, SimError
-from sim.user_files import sha256_of
 
 EXPECTED = (
     "bar:WIDTH, cylinder:DIAMETER, step:1|3|5, grating:RIDGE,PITCH, wedge:ANGLE, profile:FILE.csv[,linear], "

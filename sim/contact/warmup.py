@@ -6,7 +6,7 @@ from functools import cache
 import numba.core.event as numba_events
 import numpy as np
 
-from sim.contact.indentor import Indentor
+from sim.contact.indentor import Indentor, Revolved
 from sim.contact.measured_profile import MeasuredProfile
 from sim.contact.patch import Patch
 from sim.contact.points import ContactPose
@@ -40,6 +40,8 @@ def make_ready() -> None:
     with numba_events.install_listener("numba:compile", _Compiling()):
         for profile in (SinusoidalStep("1"), MeasuredProfile("two points", (-1.0, 1.0), (0.0, 0.0))):
             profile.evaluate(np.zeros(1))
+            profile.tangent(np.zeros(1), np.zeros(1))  # a loop that another one called is not loaded with it
+        Revolved("ball", Cylinder(1.0)).evaluate(np.zeros((2, 1)))
         pose = ContactPose(Indentor.along(Cylinder(1.0)), (0.0,), -_DEEP_MM, _DEEP_MM)
         solve_contact(_few_nodes(), pose, between_nodes=True)
 

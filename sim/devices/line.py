@@ -49,6 +49,8 @@ class SerialLine:
         self.renewed: Callable[[], None] = _nothing
         self._on_host_bytes: Callable[[bytes], object] = self._arrived.extend
         self.echoes = False  # as an RS-485 adapter that receives what the host writes
+        self.further: tuple[SerialLine, ...] = ()
+        """Lines of the further ports of the same device."""
 
     def host_write(self, data: bytes) -> None:
         if data:

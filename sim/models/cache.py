@@ -42,7 +42,6 @@ _CODE = (
     *(
         "compiling.py",
         "trust.py",
-        "user_files.py",
         "errors.py",
         "units.py",
         "tables.py",
@@ -54,7 +53,7 @@ _CODE = (
     ),
     *("models/adjoint.py", "models/condensed.py", "models/finger_3d.py"),
 )
-"""Folders and modules of `sim` that determine a finger's model."""
+"""Folders and modules of `sim` that determine a finger's model; the reader of their tables is in `rig_shared`."""
 
 
 class CacheError(SimError, ValueError):
@@ -132,7 +131,7 @@ def content_key(parameters: object) -> str:
     digest = hashlib.sha256(json.dumps(parameters, sort_keys=True).encode())
     root = Path(str(files("sim")))
     for source in (root / "data" / "fingertip_surface_points.csv", *model_code(root)):
-        digest.update(source.relative_to(root).as_posix().encode())
+        digest.update(source.relative_to(root.parent).as_posix().encode())
         digest.update(source.read_bytes())
     return digest.hexdigest()[:32]
 
@@ -146,8 +145,8 @@ def simulator_code() -> str:
 
 
 def model_code(root: Path) -> list[Path]:
-    """Return the modules below `sim` that determine a finger's model."""
-    paths = [root / code for code in _CODE]
+    """Return the modules of `sim`, at `root`, and of `rig_shared` beside it that determine a finger's model."""
+    paths = [root.parent / "rig_shared" / "user_files.py", *(root / code for code in _CODE)]
     return [source for path in paths for source in (sorted(path.rglob("*.py")) if path.is_dir() else [path])]
 
 

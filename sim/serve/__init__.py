@@ -3,7 +3,7 @@
 `ports` run on a `real_time_loop`; `prefetch` has upcoming forces solved in a separate process (`force_process`).
 """
 
-from sim.serve.ports import PortBusyError, PtyPort, TcpPort
+from sim.serve.ports import PortBusyError, PtyPort, TcpPort, UdpPort
 from sim.serve.prefetch import PressAhead
 
-__all__ = ["PortBusyError", "PressAhead", "PtyPort", "TcpPort"]
+__all__ = ["PortBusyError", "PressAhead", "PtyPort", "TcpPort", "UdpPort"]

@@ -1,4 +1,4 @@
-"""Host end of a virtual line as a local port: a pseudo-terminal or a TCP port.
+"""Host end of a virtual line as a local port: a pseudo-terminal, a TCP port, or a UDP port with a web page.
 
 Without a client, with one that does not read, or with one that vanishes, bytes are lost as on a real cable, and the
 devices continue.
@@ -159,3 +159,102 @@ class TcpPort:
             self._scheduler.unwatch(self._client)
             self._client.close()
             self._client = None
+
+
+_PAGE = b"HTTP/"
+_TRIES = 20
+
+
+class UdpPort:
+    """Line behind a local UDP port, and behind the TCP port of the same number for its web page.
+
+    Datagrams go to the client that sent the last one. What the device sends as HTTP goes to the oldest client of the
+    page.
+    """
+
+    def __init__(self, scheduler: WallScheduler, line: SerialLine, port: int) -> None:
+        """Bind both ports, any free number for 0. Raises PortBusyError."""
+        self._scheduler, self._line = scheduler, line
+        self._peer: tuple[str, int] | None = None
+        self._clients: list[socket.socket] = []
+        self._datagrams, self._server = _both(port)
+        self.name = f"udp://{HOST}:{self._server.getsockname()[1]}"
+        line.forward(self._to_client)
+        self._listens = False
+
+    def listen(self) -> None:
+        """Accept clients."""
+        self._server.listen()
+        self._scheduler.watch(self._server, self._accept)
+        self._scheduler.watch(self._datagrams, self._from_client)
+        self._listens = True
+
+    def close(self) -> None:
+        while self._clients:
+            self._drop(self._clients[0])
+        for one in (self._server, self._datagrams):
+            if self._listens:
+                self._scheduler.unwatch(one)
+            one.close()
+
+    def _from_client(self) -> None:
+        with contextlib.suppress(OSError):  # such as a refusal of an earlier datagram
+            data, self._peer = self._datagrams.recvfrom(_CHUNK)
+            self._line.host_write(data)
+
+    def _accept(self) -> None:
+        with contextlib.suppress(OSError):
+            client, _ = self._server.accept()
+            client.setblocking(False)
+            self._clients.append(client)
+            self._scheduler.watch(client, lambda: self._from_page_client(client))
+
+    def _from_page_client(self, client: socket.socket) -> None:
+        try:
+            data = client.recv(_CHUNK)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        if data:
+            self._line.host_write(data)
+        elif client in self._clients:
+            self._drop(client)
+
+    def _to_client(self, data: bytes) -> None:
+        if data.startswith(_PAGE):
+            if self._clients:
+                with contextlib.suppress(OSError):
+                    self._clients[0].sendall(data)
+                self._drop(self._clients[0])
+        elif self._peer is not None:
+            with contextlib.suppress(OSError):  # a full buffer, or a client that is gone
+                self._datagrams.sendto(data, self._peer)
+
+    def _drop(self, client: socket.socket) -> None:
+        self._clients.remove(client)
+        self._scheduler.unwatch(client)
+        client.close()
+
+
+def _both(port: int) -> tuple[socket.socket, socket.socket]:
+    """Return a UDP and a TCP socket of one number, any free one for 0."""
+    for last in range(_TRIES - 1, -1, -1):
+        datagrams, server = socket.socket(type=socket.SOCK_DGRAM), socket.socket()
+        try:
+            if os.name == "posix":
+                server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            server.bind((HOST, port))
+            datagrams.bind((HOST, server.getsockname()[1]))
+        except OSError as problem:
+            datagrams.close()
+            server.close()
+            if port or not last:
+                raise PortBusyError(
+                    "UDP port {port}: {problem}", port=port, problem=os.strerror(problem.errno or 0).lower()
+                ) from None
+        else:
+            datagrams.setblocking(False)
+            server.setblocking(False)
+            return datagrams, server
+    raise AssertionError

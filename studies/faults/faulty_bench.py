@@ -6,9 +6,10 @@ from typing import Any
 
 from pymodbus.framer import FramerRTU
 
-from rig.bench.virtual import true_carriage, virtual_force, virtual_stage
-from rig.data.schema import STREAMS
+from rig.bench.virtual import stage_opener, true_carriage, virtual_force, virtual_line, virtual_stage
+from rig.data.schema import streams_with
 from rig.devices.make_drivers import force_driver, stage_driver
+from rig.devices.registry import ForceKind, find
 from rig.engine import Engine, Journal, Target
 from rig.engine.bench import NO_PAUSE
 from rig.plan.config import Config
@@ -32,7 +33,7 @@ class FaultyBench:
     def __init__(self, folder: Path, tables: Mapping[str, Any]) -> None:
         self.config = config = Config.model_validate(tables)
         self.clock = clock = VirtualClock(1.7e9)
-        self.stage_line, self.force_line = SerialLine(clock, config.stage.baud), SerialLine(clock, config.force.baud)
+        self.stage_line, self.force_line = virtual_line(clock, config.stage), virtual_line(clock, config.force)
         self.board: Any = virtual_stage(clock, self.stage_line, config)
         self.carriage = true_carriage(self.board, config)
         self.extra_n: Callable[[float], float] = lambda t_s: 0.0
@@ -43,15 +44,19 @@ class FaultyBench:
         self.sensor: Any = virtual_force(clock, self.force_line, config, load)
         self.stage_wire = LoopbackTransport(self.stage_line, clock, "stage")
         self.force_wire = LoopbackTransport(self.force_line, clock, "force")
-        self.stage = stage_driver(lambda _: self.stage_wire, clock, config)
+        self.stage = stage_driver(stage_opener(config, self.stage_line, self._stage_wire), clock, config)
         self.force = force_driver(lambda _: self.force_wire, clock, config)
         self.on_sample: dict[str, Callable[[], object]] = {}
         self.journal_path = folder / "events.jsonl"
-        self.journal = Journal(self.journal_path, clock, STREAMS, self._watch)
+        streams = streams_with(find(ForceKind, config.force.kind).also)
+        self.journal = Journal(self.journal_path, clock, streams, self._watch)
         self.operator, self.pause = self, NO_PAUSE
         self.engine = Engine(config, self, self.journal, SOFT_TRIP_N)
         self.worst_n = 0.0
         self._look()
+
+    def _stage_wire(self, line: SerialLine, name: str) -> LoopbackTransport:
+        return self.stage_wire if line is self.stage_line else LoopbackTransport(line, self.clock, name)
 
     def mount(self, indentor: str) -> str:
         """Whatever is asked for."""

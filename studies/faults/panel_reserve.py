@@ -7,7 +7,6 @@ once the owner of the port has confirmed the stop. The attacks are those of `stu
 """
 
 import argparse
-import os
 import sys
 import tempfile
 import time
@@ -21,6 +20,7 @@ from statistics import median
 from rig.clock import WallClock
 from studies.faults.panel_attacks import ATTACKS, BIG, under
 from studies.faults.panel_under_attack import UnderAttack, panel_under_attack
+from studies.posix import os
 from studies.registry import show
 
 DESCRIPTORS = (1024, 20_000)

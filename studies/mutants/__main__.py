@@ -93,7 +93,9 @@ def _options() -> argparse.Namespace:
 
 def _wanted(options: argparse.Namespace) -> list[tuple[str, Mutant]]:
     """The first group whole and a seeded sample of the rest; or the modules asked for."""
-    modules = sorted(p.relative_to(ROOT) for room in ("rig", "sim") for p in (ROOT / room).rglob("*.py"))
+    modules = sorted(
+        p.relative_to(ROOT) for room in ("rig", "sim", "rig_shared") for p in (ROOT / room).rglob("*.py")
+    )
     if options.only:
         chosen = [p for p in modules if any(p.match(glob) for glob in options.only)]
         return [("first", m) for p in chosen for m in mutants_of(ROOT, p.as_posix())]

@@ -14,7 +14,7 @@ from typing import Any
 import coverage
 import pytest
 
-ROOMS = ("rig", "sim")
+ROOMS = ("rig", "sim", "rig_shared")
 _WIDER = ("session", "package", "module", "class")
 
 

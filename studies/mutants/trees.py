@@ -24,7 +24,7 @@ def copy_project(root: Path, to: Path) -> None:
             shutil.copy2(root / name, to / name)
     # a mutant may be as long as the original and of the same second: only its content tells them apart
     by_content = py_compile.PycInvalidationMode.CHECKED_HASH
-    for room in ("rig", "sim", "tests", "studies"):
+    for room in ("rig", "sim", "rig_shared", "tests", "studies"):
         compileall.compile_dir(to / room, quiet=2, invalidation_mode=by_content)
 
 

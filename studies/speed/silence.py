@@ -57,6 +57,7 @@ WORDS = {
     "runs": "runs",
     "show": "runs/RUN",
     "watch": "runs/RUN",
+    "stream": "--out runs",
     "panel": "--no-browser --port 0",
     "export": "runs/RUN --csv",
     "study": "study.toml",
@@ -84,7 +85,7 @@ WORDS = {
 }
 """Arguments of every command that a person starts."""
 
-_SERVICES = ("serve", "panel")
+_SERVICES = ("serve", "panel", "stream")
 """Commands that wait for others; they are interrupted once they are ready."""
 
 _READY_S = 20.0
@@ -225,7 +226,9 @@ def _waited(name: str, folder: Path) -> Waited:
         for chunk in _chunks(process):
             at_s.append(time.monotonic())
             said += chunk
-            if name in _SERVICES and (b"http" in said or b"tcp" in said or b"socket" in said):
+            if name in _SERVICES and (
+                b"http" in said or b"tcp" in said or b"socket" in said or b"rig_markers" in said
+            ):
                 at_s.append(time.monotonic())
                 process.send_signal(signal.SIGINT)
                 break

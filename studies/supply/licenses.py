@@ -22,9 +22,10 @@ SHORTEST = 60
 READ: Mapping[str, str] = {
     "axe-playwright-python": "MIT",
     "colorama": "BSD License",
+    "historydict": "BSD-3-Clause",
     "quantities": "BSD-3-Clause",
 }
-"""Where the metadata names none, from the license file; colorama is installed on Windows only."""
+"""Where the metadata names none, from the license file or the module; colorama is installed on Windows only."""
 
 
 def main() -> None:

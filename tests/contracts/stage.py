@@ -77,6 +77,7 @@ class StageBytes:
     move: arguments of move_to(), from home to `arrived`; trigger: the frame before which nothing moves. stop: the
     frames of a stop, all in one write; halt: the first one of a halt. unlock: how unlock() is refused, with the
     maker's number. held: the error where somebody stops it at the controller. lacks: what it cannot do, and why.
+    ports: of a controller with several, what stands before the frames on each.
     """
 
     name: str
@@ -84,6 +85,7 @@ class StageBytes:
     source: str
     table: Mapping[str, Any] = field(default_factory=dict)
     identity: str
+    ports: Mapping[str, bytes] = field(default_factory=dict)
     usual: Replies
     states: Mapping[str, Replies]
     where: bytes
@@ -117,20 +119,25 @@ class StageEnd:
         self.mangled: Callable[[bytes], bytes] = as_it_is
         self.asked: list[bytes] = []
         self.writes: list[tuple[float, list[bytes]]] = []
-        self._coming: list[bytes] = []
+        self._coming: dict[bytes, list[bytes]] = {}
 
-    def write(self, data: bytes) -> None:
+    def write(self, data: bytes, port: bytes = b"") -> None:
         self._refuse_cut()
         frames = list(self.device.frames(data))
-        self.writes.append((self.clock.monotonic_s(), [self.device.heard(frame) for frame in frames]))
+        self.writes.append((self.clock.monotonic_s(), [port + self.device.heard(frame) for frame in frames]))
         for frame in frames:
-            self._hear(frame)
+            self._hear(frame, port)
 
-    def read(self, timeout_s: float) -> bytes:
+    def read(self, timeout_s: float, port: bytes = b"") -> bytes:
         self._refuse_cut()
-        if not self._coming:
+        coming = self._coming.setdefault(port, [])
+        if not coming:
             self.clock.wait_s(timeout_s)
-        return self._coming.pop(0) if self._coming else b""
+        return coming.pop(0) if coming else b""
+
+    def at(self, port: str) -> "StageEnd | PortEnd":
+        """The wire at a port: this one, or one of several."""
+        return PortEnd(self, self.device.ports[port]) if self.device.ports else self
 
     def close(self) -> None:
         self.closed = True
@@ -140,8 +147,8 @@ class StageEnd:
         self.asked.clear()
         self.writes.clear()
 
-    def _hear(self, frame: bytes) -> None:
-        asked = self.device.heard(frame)
+    def _hear(self, frame: bytes, port: bytes) -> None:
+        asked = port + self.device.heard(frame)
         said = {**self.device.usual, **self.device.states[self.state], **self.instead}
         assert asked in said, f"{asked!r} is not in the table of {self.device.name}, state {self.state}"
         self.asked.append(asked)
@@ -150,11 +157,29 @@ class StageEnd:
         found = said[asked]
         reply, self.state = found if isinstance(found, tuple) else (found, self.state)
         if reply:
-            self._coming.append(self.mangled(self.device.said(frame, reply)))
+            self._coming.setdefault(port, []).append(self.mangled(self.device.said(frame, reply)))
 
     def _refuse_cut(self) -> None:
         if self.cut:
             raise TransportError("the wire is cut")
+
+
+class PortEnd:
+    """One of the ports of a controller that has several."""
+
+    name = PORT
+
+    def __init__(self, end: StageEnd, port: bytes) -> None:
+        self._end, self._port = end, port
+
+    def write(self, data: bytes) -> None:
+        self._end.write(data, self._port)
+
+    def read(self, timeout_s: float) -> bytes:
+        return self._end.read(timeout_s, self._port)
+
+    def close(self) -> None:
+        self._end.close()
 
 
 class StageBench:
@@ -165,7 +190,7 @@ class StageBench:
         self.clock = VirtualClock(1.7e9, BEGUN_S)
         self.wire = StageEnd(device, self.clock)
         settings = KnownBench.model_validate({"stage": {"kind": device.kind, **device.table}})
-        self.stage: Stage = find(StageKind, device.kind).driver(lambda port: self.wire, self.clock, settings)
+        self.stage: Stage = find(StageKind, device.kind).driver(self.wire.at, self.clock, settings)
         if connected or homed:
             self.stage.connect()
         if homed:

@@ -39,6 +39,7 @@ class ReadOnly:
     identity: str
     unusable: Mapping[str, Mapping[bytes, bytes]] = field(default_factory=dict)
     elsewhere: Mapping[bytes, bytes] = field(default_factory=dict)
+    opens: str = ""  # what is opened instead of the port
 
 
 GRBL = ReadOnly(
@@ -103,9 +104,44 @@ ZABER = ReadOnly(
     "Zaber devices 1 (id 50081) and 2 (id 50081)",
     unusable={"one_device": {b"/2 0 00 get deviceid:41\n": b""}},
 )  # fmt: skip
+STANDA = ReadOnly(
+    "standa", SERIAL, (115200, "8N1"),
+    _hex({"67 73 65 72": "67 73 65 72 67 12 00 00 BF 55"}),
+    "Standa controller 4711",
+)  # fmt: skip
+TMCL = ReadOnly(
+    "tmcl", SERIAL, (115200, "8N1"),
+    _hex({
+        "01 06 01 00 00 00 00 00 08": "02 01 64 06 00 00 C7 00 34",
+        "01 0D 02 00 00 00 00 00 10": "02 01 64 0D 00 00 00 00 74",
+        "01 06 01 01 00 00 00 00 09": "02 01 64 06 00 00 C7 00 34",
+        "01 0D 02 01 00 00 00 00 11": "02 01 64 0D 00 00 00 00 74",
+    }),
+    "TMCL module 1, motor 0 and module 1, motor 1",
+    unusable={"one_motor": _hex({"01 06 01 01 00 00 00 00 09": ""})},
+)  # fmt: skip
+NET_FT = ReadOnly(
+    "net_ft", "udp://10.0.0.7:49152", (9600, "8N1"),
+    {
+        b"GET /netftapi2.xml HTTP/1.0\r\n\r\n":
+            b"HTTP/1.0 200 OK\r\n\r\n<netft><prodname>Axia</prodname><cfgcpf>1000000</cfgcpf>"
+            b"<cfgcpt>1000000</cfgcpt><scfgfu>N</scfgfu><scfgtu>Nm</scfgtu></netft>"
+    },
+    "Axia, 1000000 counts per N, 1000000 counts per Nm",
+    unusable={
+        "wrong_unit": {
+            b"GET /netftapi2.xml HTTP/1.0\r\n\r\n":
+                b"HTTP/1.0 200 OK\r\n\r\n<netft><prodname>Axia</prodname><cfgcpf>1000000</cfgcpf>"
+                b"<cfgcpt>1000000</cfgcpt><scfgfu>oz</scfgfu><scfgtu>Nm</scfgtu></netft>"
+        }
+    },
+    opens="tcp://10.0.0.7:80",
+)  # fmt: skip
 TABLES = {
-    "grbl": GRBL, "leadshine_rtu": LEADSHINE_RTU, "leadshine_tcp": LEADSHINE_TCP, "zaber": ZABER,
+    "grbl": GRBL, "leadshine_rtu": LEADSHINE_RTU, "leadshine_tcp": LEADSHINE_TCP, "zaber": ZABER, "standa": STANDA,
+    "tmcl": TMCL,
     "mtsics": MTSICS, "laumas_rtu": LAUMAS_RTU, "laumas_tcp": LAUMAS_TCP,
+    "net_ft": NET_FT,
 }  # fmt: skip
 
 
@@ -155,7 +191,7 @@ def ask(monkeypatch: pytest.MonkeyPatch) -> Ask:
         port.chatter = chatter
 
         def open_port(name: str, baud: int, *, character: str, dtr: bool, owned: bool) -> Port:
-            assert (name, (baud, character), owned) == (table.port, table.opened, True)
+            assert (name, (baud, character), owned) == (table.opens or table.port, table.opened, True)
             return port
 
         monkeypatch.setattr(make_drivers, "open_port", open_port)

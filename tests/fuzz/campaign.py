@@ -33,8 +33,13 @@ def main() -> None:
     parser.add_argument("--from", dest="first", type=int, default=1_000_000, help="number of the first input")
     parser.add_argument("--processes", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--show", nargs=2, metavar=("READER", "NUMBER"))
-    parser.add_argument("readers", nargs="*", help="names of readers instead of all")
+    parser.add_argument("--devices", action="store_true", help="parsers of what devices send, instead of readers")
+    parser.add_argument("readers", nargs="*", help="names of readers or parsers instead of all readers")
     asked = parser.parse_args()
+    if asked.devices:
+        from tests.fuzz.devices import DEVICES
+
+        asked.readers = list(DEVICES)
     if asked.show:
         from tests.fuzz.harness import Target
 
@@ -46,7 +51,8 @@ def main() -> None:
 
 def failures(inputs: int, first: int, processes: int, readers: list[str]) -> int:
     """Run a campaign, print its failures and progress, and return how many inputs failed."""
-    from tests.fuzz.readers import READERS  # here, so that processes inherit what is imported
+    import tests.fuzz.harness  # noqa: F401  # here, so that processes inherit what is imported
+    from tests.fuzz.readers import READERS
 
     names = readers or list(READERS)
     each = shares(inputs, names)
@@ -66,10 +72,10 @@ def failures(inputs: int, first: int, processes: int, readers: list[str]) -> int
 
 def shares(inputs: int, names: list[str]) -> dict[str, int]:
     """Return the number of inputs of each reader, in proportion to those in the suite."""
-    from tests.fuzz.readers import READERS
+    from tests.fuzz.harness import EVERY
 
-    total = sum(READERS[name].in_suite for name in names)
-    return {name: max(round(inputs * READERS[name].in_suite / total), 1) for name in names}
+    total = sum(EVERY[name].in_suite for name in names)
+    return {name: max(round(inputs * EVERY[name].in_suite / total), 1) for name in names}
 
 
 def _supervised(task: tuple[str, int, int]) -> tuple[str, int, list[tuple[int, str]]]:

@@ -7,7 +7,11 @@ import shutil
 import warnings
 from pathlib import Path
 
-from tests.fuzz.readers import READERS, failure_of
+from tests.fuzz.devices import DEVICES
+from tests.fuzz.readers import READERS, Reader, failure_of
+
+EVERY: dict[str, Reader] = READERS | DEVICES
+"""Readers of files, and parsers of what devices send."""
 
 
 class Target:
@@ -22,7 +26,7 @@ class Target:
     """
 
     def __init__(self, name: str, folder: Path) -> None:
-        self.name, self._reader, self._folder = name, READERS[name], folder
+        self.name, self._reader, self._folder = name, EVERY[name], folder
         scratch = folder.with_name(f"{folder.name} examples")
         scratch.mkdir(parents=True)
         self.examples = list(self._reader.examples(scratch))

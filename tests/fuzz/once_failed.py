@@ -97,10 +97,14 @@ ONCE_FAILED: dict[str, dict[str, bytes | int]] = {
     },
     "height map, picture": {
         "an animation without frames": _png((b"acTL", bytes(8))),
+        "a color profile without a method": 5000289,
         "half the size that is a bomb": _png((b"IHDR", struct.pack(">IIBBBBB", 10_000, 10_000, 8, 0, 0, 0, 0))),
     },
     "table of rates or counts": {"a rate of 1e308": RATES.replace("30", "1e308").encode()},
-    "spike times": {"all pulses at one time": b"time_s,kind\n1,spike\n" + b"5,sync\n" * 4},
+    "spike times": {
+        "all pulses at one time": b"time_s,kind\n1,spike\n" + b"5,sync\n" * 4,
+        "all pulses at one late time": b"time_s,kind\n1,spike\n" + b"1e18,sync\n" * 4,
+    },
     "spike times, NWB": {
         "a link to itself": _nwb(_instead("units/id", h5py.SoftLink("/units/id"))),
         "a link to nowhere": _nwb(_instead("units/id", h5py.SoftLink("/nowhere"))),
@@ -112,7 +116,14 @@ ONCE_FAILED: dict[str, dict[str, bytes | int]] = {
         "complex times": _nwb(_instead("units/spike_times", np.array([1 + 2j, 2, 3]))),
         "records": _nwb(_instead("units/spike_times", np.zeros(3, [("a", "f8")]))),
         "an index of NaN": _nwb(_instead("units/spike_times_index", [np.nan])),
+        "all pulses at one late time": 5000787,
         "an index that falls": _nwb(_instead("units/spike_times_index", [-2])),
+    },
+    "index of runs": {"a text that is no UTF-8": 5000070},
+    "script of a run": {"thousands of strings in a line": 5000351},
+    "table of afferents": {
+        "many signs of equality": b"afferent,shape,force_gwt,file\na1,step" + b"{a=" * 30_000 + b",5,rates.csv\n",
+        "many number signs": b"afferent,shape,force_gwt,file\na1,step:1,5,a.nwb" + b"#" * 60_000 + b"\n",
     },
     "readings of a row": {"readings at rest of 1e308": ROW.replace(",4.1", ",1e308").encode()},
     "journal": {
@@ -136,6 +147,7 @@ ONCE_FAILED: dict[str, dict[str, bytes | int]] = {
     },
     "checksums": {"bytes that are no text": b"\xff\n", "a line without a name": b"0" * 64 + b"\n", "no lines": b""},
     "course of a run": {
+        "half of a surrogate pair": 5000243,
         "a duration of 400 digits": b'{"duration_s": ' + b"9" * 400 + b', "passes": []}',
         "marks that are a list": b'{"duration_s": 1.0, "passes": [["mount", 1, 0, 0.0, "", [1]]]}',
     },

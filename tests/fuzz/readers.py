@@ -76,7 +76,7 @@ class Reader:
     writes : tuple of str
         Patterns of files that the call may write, relative to the folder.
     in_suite : int
-        Inputs of one run of the suite.
+        Share of a campaign's inputs; the suite reads a quarter of so many.
     """
 
     file: str

@@ -1,18 +1,25 @@
-"""Every file that the program reads: a success, or its own error with a code, whatever is in the file.
+"""Every file that the program reads, and every reply of a device: a success, or its own error with a code.
 
 In the suite a thousand inputs for each quick reader, fewer for slow ones, and all that once failed. `make shake` runs
 a million (tests/fuzz/campaign.py). The program reads in this process here; limits of time and memory are the
 campaign's.
 """
 
+import math
+from collections.abc import Callable
 from pathlib import Path
+from typing import NoReturn
 
 import pytest
 
+from rig.devices.base import ForceError, ForceReading, StageError
+from rig.devices.registry import BUILT_IN
+from tests.contracts.force import Connected, ForceBytes
+from tests.fuzz import devices
 from tests.fuzz.campaign import shares
-from tests.fuzz.harness import Target
+from tests.fuzz.harness import EVERY, Target
 from tests.fuzz.once_failed import ONCE_FAILED
-from tests.fuzz.readers import NOT_READ, READERS, failure_of
+from tests.fuzz.readers import NOT_READ, failure_of
 
 
 @pytest.fixture
@@ -24,14 +31,14 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-@pytest.mark.parametrize("name", READERS)
+@pytest.mark.parametrize("name", EVERY)
 def test_a_reader_ends_well(name: str, here: Path) -> None:
     target = Target(name, here / "files")
     for example in target.examples:
         assert target.failure(example) == ""
         assert name in NOT_READ or target.succeeded
     failed = {}
-    for seed in range(READERS[name].in_suite):
+    for seed in range(EVERY[name].in_suite):
         if what := target.failure(target.mutated(seed)):
             failed[seed] = what
     assert failed == {}
@@ -62,6 +69,57 @@ def test_the_harness_sees_what_is_wrong(tmp_path: Path, capsys: pytest.CaptureFi
 
 
 def test_a_million_inputs_leave_none_out() -> None:
-    each = shares(1_000_000, list(READERS))
+    each = shares(1_000_000, list(EVERY))
     assert sum(each.values()) == pytest.approx(1_000_000, rel=1e-3)
     assert min(each.values()) >= 100
+
+
+# --- devices ---
+
+
+def test_every_kind_of_device_is_in_the_table() -> None:
+    assert {name for names in BUILT_IN.values() for name in names} == devices.KINDS
+    for kind in devices.KINDS:
+        of_a_kind = [table.name for table in devices.tables() if table.kind == kind]
+        assert sum(EVERY[name].in_suite for name in of_a_kind) >= devices.IN_SUITE
+
+
+def raise_(error: Exception) -> NoReturn:
+    raise error
+
+
+class Wrong:
+    """A driver with a mistake, in the place of a sensor that has connected."""
+
+    def __init__(self, act: Callable[[], ForceReading]) -> None:
+        self.read = act
+        self.identify = self.connect = lambda: ""
+
+
+@pytest.mark.parametrize(
+    ("mistake", "found"),
+    [
+        (lambda bench: float("x"), "ValueError"),
+        (lambda bench: ForceReading(math.nan, True, 0.0), "AssertionError"),
+        (lambda bench: raise_(StageError("of another device")), "AssertionError"),
+        (lambda bench: bench.clock.wait_s(60.0), "AssertionError"),
+        (lambda bench: bench.wire.asked.append(bench.device.zero), "AssertionError"),
+        (lambda bench: [bench.wire.read(0.0) for _ in range(devices.MOST_READS + 1)], "AssertionError"),
+        (lambda bench: raise_(ForceError("its own")), ""),
+    ],
+)
+def test_a_parser_with_a_mistake_is_seen(
+    mistake: Callable[[Connected], object], found: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    table = next(table for table in devices.tables() if isinstance(table, ForceBytes))
+    parser = devices.ForceParser(table)
+    made = parser._new
+
+    def with_a_mistake() -> Connected:
+        bench = made()
+        bench.driver = Wrong(lambda: mistake(bench))
+        return bench
+
+    monkeypatch.setattr(parser, "_new", with_a_mistake)
+    (tmp_path / "reply").write_bytes(b"\0\0")
+    assert failure_of(parser.read, tmp_path / "reply").partition(":")[0] == found

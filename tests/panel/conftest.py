@@ -1,7 +1,8 @@
-"""A browser for the panel's page; these tests are skipped without Playwright or Chromium (`make panel-test`)."""
+"""A browser for the panel's page: `make panel-test` gets Playwright and names these tests, or they are skipped."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -16,18 +17,24 @@ except ImportError:
     sync_playwright = None
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What needs the browser is skipped where there is none, and says so."""
+HERE = Path(__file__).parent
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """What needs the browser is skipped where there is none, or where these tests are not asked for by name."""
     reason = MISSING if chromium() is None else "Playwright is not installed (make panel-test installs it)"
-    if sync_playwright is None or chromium() is None:
+    named = any(Path(place.partition("::")[0]).resolve().is_relative_to(HERE) for place in config.args)
+    if not named:
+        reason = "not named (make panel-test)"
+    if sync_playwright is None or chromium() is None or not named:
         for item in items:
             if "/panel/" in item.nodeid and "browser" in item.fixturenames:
                 item.add_marker(pytest.mark.skip(reason=reason))
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser() -> "Iterator[Browser]":
-    """Chromium, without a window."""
+    """Chromium, without a window. Until Playwright ends, its event loop keeps asyncio out of this thread."""
     expect.set_options(timeout=1000 * DEADLINE_S)
     with sync_playwright() as playwright:
         found = playwright.chromium.launch(executable_path=chromium(), args=list(FLAGS))

@@ -55,9 +55,9 @@ def tap(engine: Engine, step: Tap, expected: ExpectedTouch) -> None:
     ),
 ]
 
-STAGE = [("rig/devices/registry.py", '"zaber"),', '"hobby", ')]
+STAGE = [("rig/devices/registry.py", '"tmcl"),', '"hobby", ')]
 
-FORCE = [("rig/devices/registry.py", '"text_cell"),', '"plain", ')]
+FORCE = [("rig/devices/registry.py", '"net_ft"),', '"plain", ')]
 
 SHAPE = [
     (

@@ -4,8 +4,19 @@ _MODES = "modes and owners of a POSIX folder; Windows has the profile of a user"
 _UNIX = "Unix sockets"
 _UNNAMED = "Windows does not name the owner of a port"
 _NO_LOOK = "Windows finds a missing port when it opens it"
+_SIGNALS = "signals that Windows lacks"
+_ALARMS = "alarms of POSIX; test_without_posix.py has the limit on a thread"
+_NICE = "niceness and sessions of POSIX"
 _LOCKS = "POSIX record locks and their owner; test_without_posix.py has the locks of Windows"
 CANNOT = {
+    "rig/real_time/test_bench_verbs.py::test_a_stage_is_owned_by_whoever_has_the_port_of_one_of_its_drives": _UNNAMED,
+    "rig/real_time/test_bench_verbs.py::test_status_of_ports_that_are_not_there_and_of_one_that_is_owned": _UNNAMED,
+    "rig/real_time/test_panel_served.py::"
+    "test_the_program_prints_where_its_page_is_and_logs_nothing_of_what_is_asked[1]": "SIGHUP",
+    "rig/real_time/test_who_gives_way.py::test_a_served_finger_gives_way_to_nobody": _NICE,
+    "rig/real_time/test_who_gives_way.py::test_a_session_s_niceness": _NICE,
+    "rig/real_time/test_who_gives_way.py::test_each_gives_way": _NICE,
+    "rig/test_at_work.py::test_both_devices_name_it": _UNNAMED,
     "rig/test_control_socket.py::test_only_this_user_reads_the_note_and_the_socket[unix]": _UNIX,
     "rig/test_control_socket.py::test_a_path_too_long_for_a_socket_is_replaced": _UNIX,
     "rig/test_control_socket.py::test_the_longest_path_for_a_socket": _UNIX,
@@ -13,12 +24,25 @@ CANNOT = {
     "rig/test_control_socket.py::test_a_folder_that_others_could_read_is_closed": _MODES,
     "rig/test_control_socket.py::test_somebody_elses_folder_is_not_used": _MODES,
     "rig/test_control_socket.py::test_a_link_to_a_folder_is_not_used": _MODES,
+    "rig/test_every_signal.py::test_no_signal_suspends_or_ends": _SIGNALS,
+    **{
+        f"rig/test_every_signal.py::test_the_first_lifts_and_a_second_key_stops_at_once[{times}-{name}": _SIGNALS
+        for times in (1, 2)
+        for name in ("SIGTSTP", "SIGQUIT")
+    },
+    "rig/test_init_command.py::test_a_port_in_use_is_left_alone_and_its_owner_is_named": _UNNAMED,
+    "rig/test_mistakes.py::test_a_script_that_makes_no_step_is_refused[time.sleep(3600)]": _ALARMS,
+    "rig/test_mistakes.py::test_what_the_model_takes_is_no_silence_of_the_script": _ALARMS,
     "rig/test_ownership.py": _LOCKS,
     "rig/test_page.py::test_text_that_waits_can_answer_and_nothing_cannot": "Windows does not say what a pipe holds",
     "rig/test_page.py::test_what_ends_before_it_begins_says_that_nothing_was_moved[no port": _NO_LOOK,
+    "rig/test_patience.py": _ALARMS,
     "rig/test_transport.py::test_a_missing_port_is_named[refuse_missing]": _NO_LOOK,
     "rig/test_transport.py::test_one_owner_a_port": _UNNAMED,
     "rig/test_transport.py::test_tcp_both_ways_and_one_owner": _UNNAMED,
     "rig/test_stop_button.py": "an input device of Linux",
     "rig/test_stopping_needs_nothing.py::test_the_bytes_go_out_through_it[lock cannot be taken]": _LOCKS,
+    "sim/test_cache.py::test_what_is_no_arrays_is_made_anew_with_one_line[a pipe]": "pipes in folders",
+    "sim/test_workers.py::test_they_leave_ctrl_c_to_us": "masks of signals",
+    "test_other_accounts.py": _MODES,
 }

@@ -2,7 +2,7 @@
 
     PYTHONPATH=tests/portable .venv/bin/python -m pytest -n 0 tests/portable
 
-For modules of `rig`, `sim` and the example device, the system has no module or attribute of POSIX alone, and says
+For modules of this program and of the example device, the system has no module or attribute of POSIX alone, and says
 that it is Windows. Other packages, and the tests, see the real system. It is no Windows: paths, files, signals,
 processes and the console are those of this machine, and `msvcrt` is a stand-in that reads standard input.
 """
@@ -16,7 +16,7 @@ import sys
 import types
 from typing import Any
 
-PROJECT = frozenset({"rig", "sim", "rig_line_scale"})
+PROJECT = frozenset({"rig", "sim", "rig_shared", "rig_line_scale"})
 MODULES = frozenset({"fcntl", "grp", "posix", "pty", "pwd", "resource", "syslog", "termios", "tty"})
 HIDDEN = {
     "os": """

@@ -25,8 +25,15 @@ KINDS: dict[str, dict[str, Any]] = {
     "leadshine": {"stage": {"kind": "leadshine"}, "force": {"kind": "laumas", "baud": 115200}},
 }
 APEX_MM = Config().frame.apex_z_mm
-STOPS = {"grbl": b"!\x18", "leadshine": bytes.fromhex("00 06 60 02 00 40"), "zaber": b"/0 0 "}
-"""A feed hold and a reset; to all drives: the control word, quick stop; to the whole chain, by an id: stop."""
+STOPS = {
+    "grbl": b"!\x18",
+    "leadshine": bytes.fromhex("00 06 60 02 00 40"),
+    "zaber": b"/0 0 ",
+    "standa": b"stop",
+    "tmcl": b"\1\3\0\1",
+}
+"""A feed hold and a reset; to all drives: the control word, quick stop; to the whole chain, by an id: stop; stop; to
+the motor of z: stop."""
 Person = Iterator[float]
 
 

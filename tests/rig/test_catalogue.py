@@ -2,9 +2,11 @@
 
 import io
 import json
+import os
 import re
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -13,12 +15,22 @@ import tomlkit
 from pydantic import BaseModel, ValidationError
 
 from rig.bench.served import ServedBench
-from rig.bench.virtual import bench_around, refuse_twinless, virtual_force, virtual_stage, with_kinds, with_stand_ins
+from rig.bench.virtual import (
+    bench_around,
+    refuse_twinless,
+    stage_opener,
+    virtual_force,
+    virtual_stage,
+    with_kinds,
+    with_stand_ins,
+)
 from rig.cli import main
+from rig.cli.device_catalogue import NOT_MEASURED, as_json, as_markdown, as_text
 from rig.control.stop import NoStageError, stage_alone
 from rig.data import RunFolder
 from rig.devices import registry
 from rig.devices.make_drivers import force_driver, stage_driver
+from rig.devices.measured import COLUMNS, measured
 from rig.devices.registry import (
     DeviceKind,
     ForceKind,
@@ -27,6 +39,7 @@ from rig.devices.registry import (
     Room,
     StageKind,
     as_kind,
+    checked,
     find,
     kind_of,
     moves_along,
@@ -40,6 +53,7 @@ from rig.settings import BenchSettings, DrivesSettings, ForceSettings, Settings,
 from rig.transport import LoopbackTransport
 from sim.devices.clock import VirtualClock
 from sim.devices.line import Load, SerialLine, VirtualForceSpec, VirtualStageSpec
+from studies.registry import read_table
 from tests.device_packages import EXAMPLE, forget, offer
 from tests.error_codes import has_code, raises
 
@@ -86,8 +100,8 @@ def _config(of: type[DeviceKind], name: str, **tables: object) -> Config:
 def _project(name: str) -> tuple[Path, Path]:
     """Where an entry's tests lie, and the page that tells of it."""
     inside = name in (name for _, name in BUILT_IN)
-    own = ROOT / "docs" / f"{name}.md"
-    page = own if own.exists() else ROOT / "docs" / "devices.md"
+    own = next((page for one in (name, f"{name}s") if (page := ROOT / "docs" / f"{one}.md").exists()), None)
+    page = own or ROOT / "docs" / "devices.md"
     return (ROOT, page) if inside else (EXAMPLE, EXAMPLE / "README.md")
 
 
@@ -95,8 +109,8 @@ def _project(name: str) -> tuple[Path, Path]:
 
 
 def test_the_names_that_there_are() -> None:
-    assert names("stage") == ["grbl", "leadshine", "zaber"]
-    assert names("force") == ["mtsics", "laumas", "text_cell"]
+    assert names("stage") == ["grbl", "leadshine", "zaber", "standa", "tmcl"]
+    assert names("force") == ["mtsics", "laumas", "text_cell", "net_ft"]
     assert StageSettings().kind == names("stage")[0]
     assert ForceSettings().kind == names("force")[0]
 
@@ -126,6 +140,54 @@ def test_the_page_tells_of_each_kind_what_its_entry_says() -> None:
             row += [", ".join(entry.axes), ", ".join(f"`{one}`" for one in entry.outputs)]
         row += [f"`{entry.twin}`", ", ".join(f"`{path}`" for path in entry.tests)]
         assert f"| `{name}` | {' | '.join(row)} |\n" in page, name
+
+
+def test_the_page_has_the_catalogue_that_the_command_prints() -> None:
+    """`rig config --devices --markdown`, without other packages."""
+    page = (ROOT / "docs" / "devices.md").read_text(encoding="utf-8")
+    found = as_markdown()
+    marked = f"<!-- rig config --devices --markdown -->\n{found}\n"
+    if os.environ.get("GOLDEN") == "write":
+        page = re.sub(r"<!-- rig config --devices --markdown -->\n(\|.*\n)*\n", lambda _: marked, page)
+        (ROOT / "docs" / "devices.md").write_text(page, encoding="utf-8")
+    assert marked in page
+
+
+@every_kind
+def test_the_command_tells_what_an_entry_says_and_claims_no_more(
+    of: type[DeviceKind], name: str, example: None
+) -> None:
+    (told,) = (one for one in as_json() if (one["role"], one["kind"]) == (of.room, name))
+    entry = find(of, name)
+    assert told["device_text"] == entry.device
+    assert told["measured"] == [asdict(one) for one in measured(of.room, name)]
+    for what, text in asdict(entry.evidence).items():
+        assert told[f"{what}_text"] == (text or None)
+        if (of, name) in BUILT_IN and what == "hardware":
+            assert not text, "no real device was tried"
+    (row,) = (line for line in as_text().splitlines() if line.startswith(f"{of.room}.{name} "))
+    assert row.count("yes") == sum(map(bool, asdict(entry.evidence).values()))
+    assert (NOT_MEASURED in row) == (not told["measured"])
+    assert max(map(len, as_text().splitlines())) <= 100
+
+
+def test_every_measured_kind_is_one_of_ours_and_has_both_wires_in_ms() -> None:
+    head, *rows = read_table("devices/measured")
+    assert tuple(head) == COLUMNS
+    assert {row[0] for row in rows} <= {f"{of.room}.{name}" for of, name in BUILT_IN}
+    for row in rows:
+        room, _, name = row[0].partition(".")
+        (found,) = (one for one in measured(room, name) if one.wire == row[1])
+        assert 1e3 * found.age.worst_s == pytest.approx(float(row[6]))
+        assert found.age.median_s <= found.age.p99_s <= found.age.worst_s
+        assert (found.to_rest is None) == (room == "force") == (found.stops == 0)
+
+
+def test_a_package_that_cannot_be_used_is_in_the_catalogue(offered: Offer) -> None:
+    offered("odd", {"force.odd": "odd_there:DEVICE"}, odd_there="1 / 0")
+    told = as_json()[-1]
+    assert (told["kind"], told["package"], told["manual_text"], told["measured"]) == ("odd", "odd 1.0", None, [])
+    assert "ZeroDivisionError" in told["device_text"]
 
 
 def _keys(table: type[BaseModel]) -> Iterator[str]:
@@ -159,7 +221,8 @@ def test_driver_and_twin_meet_on_one_line(of: type[DeviceKind], name: str, examp
     wire = LoopbackTransport(line, clock, "wire")
     if of is StageKind:
         virtual_stage(clock, line, config)
-        assert stage_driver(lambda _: wire, clock, config).connect()
+        opener = stage_opener(config, line, lambda one, name: LoopbackTransport(one, clock, name))
+        assert stage_driver(opener, clock, config).connect()
     else:
         virtual_force(clock, line, config, Load(lambda t_s: 0.02))
         force = force_driver(lambda _: wire, clock, config)
@@ -169,8 +232,10 @@ def test_driver_and_twin_meet_on_one_line(of: type[DeviceKind], name: str, examp
 
 @pytest.mark.parametrize("name", registry.BUILT_IN["stage"])
 def test_a_stage_has_the_ports_axes_and_outputs_that_it_says(name: str) -> None:
-    entry, stage = find(StageKind, name), StageSettings(kind=name, port="/dev/a")
-    assert stage_ports(stage) == entry.ports(stage) == ("/dev/a",)
+    entry, stage = find(StageKind, name), checked(StageSettings, {"kind": name, "port": "/dev/a"})
+    assert stage_ports(stage) == entry.ports(stage)
+    assert stage_ports(stage)[0] == "/dev/a"
+    assert len(set(stage_ports(stage))) == 1 + len(entry.further_ports)
     assert moves_along(stage) is (entry.axes == "xyz")
     assert entry.outputs[0] == "off"
     for output in entry.outputs:
@@ -182,8 +247,8 @@ def test_a_stage_has_the_ports_axes_and_outputs_that_it_says(name: str) -> None:
 
 def test_a_list_of_names_imports_nothing(offered: Offer) -> None:
     offered("odd", {"force.odd": "odd_there:DEVICE", "stage.odd": "odd_elsewhere:DEVICE"}, odd_there="1 / 0")
-    assert names("force") == ["mtsics", "laumas", "text_cell", "odd"]
-    assert names("stage") == ["grbl", "leadshine", "zaber", "odd"]
+    assert names("force") == ["mtsics", "laumas", "text_cell", "net_ft", "odd"]
+    assert names("stage") == ["grbl", "leadshine", "zaber", "standa", "tmcl", "odd"]
     assert not [name for name in sys.modules if name.startswith("odd_")]
 
 
@@ -211,7 +276,10 @@ def test_its_table_is_a_part_of_the_configuration(example: None, tmp_path: Path)
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ('kind = "line_scal"\n', "force.kind = 'line_scal': must be 'mtsics', 'laumas', 'text_cell' or 'line_scale'"),
+        (
+            'kind = "line_scal"\n',
+            "force.kind = 'line_scal': must be 'mtsics', 'laumas', 'text_cell', 'net_ft' or 'line_scale'",
+        ),
         (
             'kind = "line_scale"\nline_scale.adress = 7\n',
             "force.line_scale.adress: there is no such key, did you mean",
@@ -383,7 +451,7 @@ def test_a_sensor_is_no_stage(offered: Offer) -> None:
     offered("odd", {"stage.odd": "odd_there:DEVICE"}, odd_there=ENTRY)
     with raises(KindError, "wrong_type", package="odd 1.0", entry="odd_there:DEVICE", expected="StageKind"):
         find(StageKind, "odd")
-    with raises(KindError, "unknown_kind", kind="odd", kinds=["mtsics", "laumas", "text_cell"]):
+    with raises(KindError, "unknown_kind", kind="odd", kinds=["mtsics", "laumas", "text_cell", "net_ft"]):
         find(ForceKind, "odd")
 
 
@@ -400,7 +468,7 @@ def test_a_name_that_is_taken(offered: Offer) -> None:
     has_code(nameless, "bad_entry_point", package="odd-two 1.0", entry="force")
     has_code(twice, "offered_twice", room="force", kind="odd", packages="odd-one 1.0 and odd-two 1.0")
     has_code(taken, "name_taken", package="odd-one 1.0", room="stage", kind="grbl")
-    assert names("stage") == ["grbl", "leadshine", "zaber"]
+    assert names("stage") == ["grbl", "leadshine", "zaber", "standa", "tmcl"]
 
 
 def test_doctor_tells_of_packages(
@@ -413,7 +481,9 @@ def test_doctor_tells_of_packages(
     told = json.loads(capsys.readouterr().out)
     assert [(one["role"], one["kind"], one["package"]) for one in told["devices"]] == [
         ("stage", "grbl", None), ("stage", "leadshine", None), ("stage", "zaber", None),
+        ("stage", "standa", None), ("stage", "tmcl", None),
         ("force", "mtsics", None), ("force", "laumas", None), ("force", "text_cell", None),
+        ("force", "net_ft", None),
         ("force", "odd", "odd 1.0"),
     ]  # fmt: skip
     assert told["problems_text"] == [

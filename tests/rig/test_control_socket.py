@@ -97,8 +97,8 @@ def _only() -> Announced:
 def _raw(one: Announced) -> socket.socket:
     host, colon, port = one.address.partition(":")
     end = socket.socket(socket.AF_INET if colon else socket.AF_UNIX)
+    end.connect((host, int(port)) if colon else one.address)  # waits for a place in the backlog
     end.settimeout(DEADLINE_S)
-    end.connect((host, int(port)) if colon else one.address)
     return end
 
 
@@ -240,6 +240,68 @@ def test_however_many_hang_the_next_is_served_and_no_thread_is_left_of_them() ->
         hanging.close()
         until(lambda: len(_serving()) == control_socket._SPARE)
     until(lambda: not _serving())
+
+
+def _let_go(end: socket.socket) -> bool:
+    end.setblocking(False)
+    with suppress(BlockingIOError):
+        while end.recv(4096):
+            pass
+        return True
+    return False
+
+
+def test_clients_without_the_key_are_few_and_the_newest_are_served(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For one more the first is let go; a client that has shown the key is not counted."""
+    monkeypatch.setattr(control_socket, "PATIENCE_S", DEADLINE_S)  # only the limit ends them
+    most, begun, over = control_socket.MOST_UNPROVEN, threading.Event(), threading.Event()
+
+    def home(_: object) -> dict[str, Any]:
+        begun.set()
+        return {"homed": over.wait(DEADLINE_S)}
+
+    with _owner(home=home, stop=lambda _: {"stopped": True}), ExitStack() as hanging:
+        one, homed = _only(), list[dict[str, Any]]()
+        asking = threading.Thread(target=lambda: homed.append(one.ask("home", within_s=DEADLINE_S)))
+        asking.start()
+        assert begun.wait(DEADLINE_S)
+        ends = [hanging.enter_context(closing(_raw(one))) for _ in range(2 * most)]
+        until(lambda: all(map(_let_go, ends[:most])))
+        until(lambda: len(_serving()) <= most + control_socket._SPARE + 1)  # and the one at home
+        assert one.ask("stop", within_s=DEADLINE_S)["stopped"]
+        assert not any(map(_let_go, ends[most + 1 :]))
+        over.set()
+        asking.join(DEADLINE_S)
+        assert homed == [{"ok": True, "homed": True}]
+
+
+def test_a_stop_that_has_arrived_is_carried_out_before_its_client_is_let_go(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As many clients as there may be connect before the message is read."""
+    monkeypatch.setattr(control_socket, "MOST_UNPROVEN", 1)
+    stopped, let_go, reading = threading.Event(), threading.Event(), threading.Event()
+    challenge, end_reading = Wire.challenge, local_socket.Channel.end_reading
+
+    def ends(channel: local_socket.Channel) -> None:
+        end_reading(channel)
+        let_go.set()
+
+    def late(wire: Wire, key: bytes) -> bytes | None:
+        if not reading.is_set():
+            reading.set()
+            assert let_go.wait(DEADLINE_S)
+        return challenge(wire, key)
+
+    monkeypatch.setattr(Wire, "challenge", late)
+    monkeypatch.setattr(local_socket.Channel, "end_reading", ends)
+    with _owner(stop=lambda _: {"stopped": not stopped.set()}):
+        one = _only()
+        with connected(one.address, DEADLINE_S) as channel, ExitStack() as hanging:
+            wire, key = Wire(channel, DEADLINE_S), bytes.fromhex(one.key)
+            nonce = wire.say_stop(key)
+            assert reading.wait(DEADLINE_S)
+            hanging.enter_context(closing(_raw(one)))
+            assert wire.stopped(key, nonce)["stopped"]
+        assert stopped.wait(DEADLINE_S)
 
 
 # --- who may not ask ---

@@ -36,7 +36,7 @@ FROZEN = ROOT / "tests" / "frozen"
 OLD_RUNS = ROOT / "tests" / "data" / "runs_of_0_1"
 WRITES = os.environ.get("FROZEN") == "write"
 DOCUMENTED = ("README.md", "docs", "examples", "protocols")
-OURS = ("rig", "sim")
+OURS = ("rig", "sim", "rig_shared")
 
 
 def _as_frozen(name: str, found: list[str]) -> None:
@@ -184,7 +184,7 @@ def _imported(text: str) -> Iterator[str]:
 
 def _documented() -> Iterator[str]:
     """What packages export, and what pages, examples and shipped protocols import."""
-    for package in ("rig", "sim"):
+    for package in ("rig", "sim", "rig_shared"):
         for place in sorted((ROOT / package).rglob("__init__.py")):
             module = ".".join(place.parent.relative_to(ROOT).parts)
             yield from (f"{module} {name}" for name in getattr(import_module(module), "__all__", ()))
@@ -236,6 +236,7 @@ ASKED = (
     ("compare runs/complete --recorded bar:3.0=recorded.csv", ""),
     ("compare runs/complete --recorded afferents.csv", "of several afferents"),
     ("config limits", ""),
+    ("config --devices", "of devices"),
     ("doctor", ""),
     ("doctor --bundle runs/complete", "as a bundle"),
     ("cache", ""),

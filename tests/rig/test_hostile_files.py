@@ -16,7 +16,6 @@ import h5py
 import numpy as np
 import pytest
 
-from rig import user_files
 from rig.cli.error_exit_codes import outcome
 from rig.compare.plausible_fingers import read_plausible
 from rig.compare.recordings.afferents_table import read_afferents
@@ -34,7 +33,7 @@ from rig.plan.finger_file import read_finger_file
 from rig.protocol.script import load_script
 from rig.report.recording_sections import read_deflections
 from rig.study.parameter_study import read_study
-from sim import user_files as files_of_sim
+from rig_shared import user_files
 from sim.coding.readings_file import read_pressures, read_readings
 from sim.config import FingertipConfig
 from sim.contact.map_files import read_height_map
@@ -187,7 +186,7 @@ class _alarm:  # noqa: N801
 
 
 OWN_FILES = {
-    "rig/user_files.py", "sim/user_files.py",
+    "rig_shared/user_files.py",
     "rig/cli/installation.py", "rig/report/example_page.py", "sim/cheapest_model.py", "sim/compiling.py",
     "sim/finger/surface.py", "sim/identification/force_table.py", "sim/models/cache.py",
     "sim/models/small_strain_error.py", "sim/benchmark.py",
@@ -198,7 +197,7 @@ OWN_FILES = {
 
 def test_files_are_read_in_one_place() -> None:
     found = set()
-    for path in [path for package in ("rig", "sim") for path in (ROOT / package).rglob("*.py")]:
+    for path in [path for package in ("rig", "sim", "rig_shared") for path in (ROOT / package).rglob("*.py")]:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
                 mode = next((one.value for one in node.args[:1] if isinstance(one, ast.Constant)), "r")
@@ -206,12 +205,6 @@ def test_files_are_read_in_one_place() -> None:
                 if node.func.attr in ("read_text", "read_bytes") or (opens and mode in ("rb", "rb+")):
                     found.add(str(path.relative_to(ROOT)))
     assert found <= OWN_FILES
-
-
-def test_both_packages_read_files_alike() -> None:
-    for name in ("open_file", "_refuse_special", "read_bytes", "text_of", "lines_of", "read_text", "sha256_of"):
-        ours, theirs = (getattr(module, name).__code__.co_code for module in (user_files, files_of_sim))
-        assert ours == theirs, name
 
 
 def test_a_file_that_grows_while_it_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -290,7 +290,7 @@ def test_kinds_are_asked_in_order_until_one_answers(monkeypatch: pytest.MonkeyPa
 
     monkeypatch.setattr(finding, "probe", probe)
     assert look_at_port(SILENT, WallClock()) == PortFound(SILENT, MTSICS, "it")
-    assert asked == ["grbl", "leadshine", "zaber", "mtsics"]
+    assert asked == ["grbl", "leadshine", "zaber", "standa", "tmcl", "mtsics"]
 
     def closed(kind: Any, port: str, clock: Any) -> str | None:
         asked.append(kind.name)

@@ -57,6 +57,8 @@ WALK = {
     "runs": Walked(".", "rig.cli.runs.listed"),
     "show": Walked("run", "rig.cli.runs.read_run", own=False),
     "watch": Walked("run", "rig.cli.watch.RunScreen", own=False),
+    "stream": Walked("--out .", "rig.cli.stream.open_streams", own=False),
+    "take-orders": Walked("--indentor bar:3.0 --doi-mm 0.2 --virtual", "rig.cli.take_orders.load_config", own=False),
     "panel": Walked("--no-browser", "rig.cli.panel._panel", own=False),
     "export": Walked("run --csv", "rig.data.export.export_run"),
     "study": Walked("study.toml", "rig.study.parallel.in_processes"),

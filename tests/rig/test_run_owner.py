@@ -17,7 +17,15 @@ import rig.cli.script_execution as owning_module
 import rig.cli.signals as interrupts
 from rig.cli.keyboard import line_waits
 from rig.cli.script_execution import AtTheTerminal, RunOwner, owning
-from rig.cli.signals import STOP_SIGNAL, PauseRequest, at_a_safe_point, interrupt_main, stoppable
+from rig.cli.signals import (
+    STOP_SIGNAL,
+    PauseRequest,
+    at_a_safe_point,
+    at_once,
+    interrupt_main,
+    stoppable,
+    unstoppable,
+)
 from rig.clock import WallClock
 from rig.control.client import RefusedError, announced
 from rig.control.owner_socket import ControlSocket
@@ -322,6 +330,18 @@ def test_the_main_thread_is_interrupted_from_another_one(
             monkeypatch.setattr(interrupts, "STOP_SIGNAL", None)
         with pytest.raises(KeyboardInterrupt):
             _from_a_thread(interrupt_main)
+
+
+def test_without_a_signal_a_stop_spares_the_record_and_counts_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on Windows: what stopped one command is no second Ctrl-C of the next."""
+    monkeypatch.setattr(interrupts, "STOP_SIGNAL", None)
+    with unstoppable():
+        interrupt_main()
+    with pytest.raises(KeyboardInterrupt), at_once():
+        _from_a_thread(interrupt_main)
+    with at_a_safe_point() as pause:
+        signal.raise_signal(signal.SIGINT)
+        assert pause.asked()
 
 
 def test_afterwards_the_signal_does_what_it_did_before() -> None:

@@ -62,6 +62,8 @@ VARIANTS: dict[str, list[dict[str, Any]]] = {
     "leadshine": [{"framing": "rtu"}, {"framing": "tcp"}],
     "laumas": [{"framing": "rtu", "baud": 38400}, {"framing": "tcp"}],
     "zaber": [{"zaber": {axis: {"address": n, "microstep_um": 2.5} for n, axis in enumerate("xz", 1)}}],
+    "standa": [{"standa": {axis: {"step_um": 5.0, "microsteps": 2} for axis in "xz"}}],
+    "tmcl": [{"tmcl": {axis: {"motor": n, "microstep_um": 2.5} for n, axis in enumerate("xz")}}],
     "text_cell": [{}, {"text_cell": {"poll": "<w>", "zero": "t", "zero_done": "done"}}],
 }
 """Ways to configure a device; a kind that is not here has one."""

@@ -14,7 +14,7 @@ from rig.bench.virtual import virtual_stage
 from rig.cli.script_execution import RunOwner
 from rig.control.stop import StageInHand, StopSwitch
 from rig.devices.base import Stage
-from rig.devices.registry import BUILT_IN
+from rig.devices.registry import BUILT_IN, StageKind, find
 from rig.errors import RigError
 from rig.plan.config import Config
 from rig.transport import LoopbackTransport, NotOwnedError, PortOwner, TransportError
@@ -31,8 +31,8 @@ PHASES = ("planning", "asking", "running", "reporting")
 class Port(LoopbackTransport):
     """One opening of the port; what it says it did stands in `done`."""
 
-    def __init__(self, ports: "Ports") -> None:
-        super().__init__(ports.line, ports.clock, "stage")
+    def __init__(self, ports: "Ports", line: SerialLine) -> None:
+        super().__init__(line, ports.clock, "stage")
         self._ports, self.dropped, self.refuses = ports, False, False
 
     def write(self, data: bytes) -> None:
@@ -53,12 +53,14 @@ class Port(LoopbackTransport):
 
 
 class Ports:
-    """The virtual stage of a kind behind its port."""
+    """The virtual stage of a kind behind its ports."""
 
     def __init__(self, kind: str, clock: VirtualClock) -> None:
         self.config = Config.model_validate({"stage": {"kind": kind}})
         self.clock, self.line = clock, SerialLine(clock, self.config.stage.baud)
         virtual_stage(clock, self.line, self.config)
+        own = find(StageKind, kind).ports(self.config.stage)
+        self.lines = dict(zip(own, (self.line, *self.line.further), strict=True))
         self.done: list[str] = []
         self.reads: list[float] = []
         self.opened: list[Port] = []
@@ -66,14 +68,14 @@ class Ports:
         self.owner: PortOwner | None = None
 
     def open(self, port: str, baud: int, *, owned: bool = True, **settings: Any) -> Port:
-        assert (port, baud) == (self.config.stage.port, self.config.stage.baud)
+        assert baud == self.config.stage.baud
         if self.owner is not None and owned:
             raise NotOwnedError("in use", self.owner)
         if self.refused:
             self.refused -= 1
             raise TransportError("in use", code="in_use")
         self.done.append("opened")
-        self.opened.append(Port(self))
+        self.opened.append(Port(self, self.lines[port]))
         return self.opened[-1]
 
     def held(self) -> StageInHand:
@@ -133,7 +135,7 @@ def test_in_every_phase_a_stop_is_the_next_byte_on_the_wire(
         assert ports.done == []
         return
     assert ports.done[len(before)].startswith(STOPS[kind].hex())
-    assert ports.done.count("opened") == 1, "before anybody could ask, and never again"
+    assert ports.done.count("opened") == len(ports.lines), "before anybody could ask, and never again"
     recorded, elsewhere = log.getvalue()[said:], owner.switch.kept
     if phase != "running":
         recorded, elsewhere = elsewhere, recorded

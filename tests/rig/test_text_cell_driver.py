@@ -69,6 +69,37 @@ def test_lines_that_boards_send(line: str, unit: str, sent: bytes, gwt: float) -
 
 
 @pytest.mark.parametrize(
+    ("line", "sent", "gwt"),
+    [
+        ("{value}{skip}", b"12.5 g", 12.5),
+        ("{value}{skip}", b"12.5g", None),
+        ("{skip}{value}", b"load: 12.5", 12.5),
+        ("{skip}{value}", b"load12.5", None),
+        ("x={skip}{value}", b"x=12.5", 12.5),
+        ("{skip}{skip},{value}", b"a b,12.5", 12.5),
+        ("{skip}g {value}", b"1 g 2 g 3", None),  # {skip} ends at the first g
+    ],
+)
+def test_a_value_is_a_whole_word_of_the_line(line: str, sent: bytes, gwt: float | None) -> None:
+    board = Board((0.05, b"of a line\r\n"), (0.1, sent + b"\r\n"), line=line)
+    if gwt is None:
+        with raises(ForceError, "garbled"):
+            board.gwt()
+    else:
+        assert board.gwt() == gwt
+
+
+@pytest.mark.parametrize(
+    "line", ["{skip},{value},lbs,{skip},{skip},", "{skip},{skip},{skip},{value},{skip},{skip},g",
+             "{skip}{value}", "{skip}{value}{skip} g", "{skip} " * 20 + "{value}"],
+)  # fmt: skip
+@pytest.mark.parametrize("piece", ["1,lbs,", "1,", "1", "1 g", "g ", " "])
+def test_no_line_takes_long(line: str, piece: str) -> None:
+    """A format with five {skip} once took half a minute for 250 characters: for these, longer than a test may."""
+    TextCellSettings(line=line).pattern.fullmatch((500 * piece)[:499] + "x")
+
+
+@pytest.mark.parametrize(
     ("table", "key", "code"),
     [
         ({"line": "weight 12"}, "force.text_cell.line", "bad_line_format"),

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import scipy.sparse.linalg as spla
 from numpy.typing import NDArray
 
 from sim import Fields, Fingertip, FingertipConfig, IndentationResult, ModelRangeError, ReceptorError, Tissue, load
@@ -19,6 +18,7 @@ from sim.fem.dissection import DissectionFactor
 from sim.fem.elements import symmetric
 from sim.finger.mesh import BONE, DERMIS, EPIDERMIS, FAT, FingerMesh
 from sim.finger.surface import FingertipSurface
+from sim.measures import receptors
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import (
     DEFAULT_X_MM,
@@ -34,6 +34,8 @@ from sim.models.factored_interior import Interior
 from sim.models.full_mesh import mesh_of
 from studies.verification.halfspace import boussinesq_strain
 from tests.error_codes import raises
+from tests.sim.coarse_mesh import coarse_mesh
+from tests.sim.whole_solve import superlu
 
 Array = NDArray[np.float64]
 
@@ -48,6 +50,13 @@ def small(coarse_config: FingertipConfig) -> Fingertip:
 @pytest.fixture(scope="module")
 def results(small: Fingertip) -> list[IndentationResult]:
     return [small.indent(shape, 0.2, doi_mm=0.2, **place) for shape, place in SHAPES]
+
+
+@pytest.fixture(scope="module")
+def tiny_config() -> FingertipConfig:
+    """For what is kept and counted, whatever the numbers are."""
+    below = {"growth": 2.0, "far_growth": 3.0, "far_spacing_mm": 3.0}
+    return FingertipConfig(mesh=coarse_mesh(0.7, 0.7, patch_x_mm=1.4, patch_z_mm=1.4, **below))
 
 
 def _inside(mesh: FingerMesh, n: int) -> Array:
@@ -79,7 +88,7 @@ def whole(small: Fingertip, results: list[IndentationResult]) -> list[tuple[Arra
         load = np.zeros((len(mesh.nodes), 3))
         load[mesh.patch_nodes[:, None], result.model.patch.axes] = result.state.force.T
         u = np.zeros(mesh.nodes.size)
-        u[problem.free] = spla.spsolve(symmetric(problem.upper).tocsc(), load.ravel()[problem.free])
+        u[problem.free] = superlu(symmetric(problem.upper)).solve(load.ravel()[problem.free])
         points = _inside(mesh, 5)
         found.append((points, (strain_operator(mesh, points)[0] @ u).reshape(-1, 6)))
     return found
@@ -151,35 +160,35 @@ def _files(folder: Path) -> Counter[str]:
 
 
 def test_other_receptors_are_added_to_the_same_model(
-    coarse_config: FingertipConfig, folder: Path, work: Counter[str]
+    tiny_config: FingertipConfig, folder: Path, work: Counter[str]
 ) -> None:
-    Fingertip.load(coarse_config)
+    Fingertip.load(tiny_config)
     at_first = _files(folder)  # the finger's, and what belongs to its skin alone
     assert at_first[".columns"] == 1
-    deeper = Fingertip.load(coarse_config, receptor_depth_mm=0.9)
+    deeper = Fingertip.load(tiny_config, receptor_depth_mm=0.9)
     assert not deeper.from_cache
     assert _files(folder) - at_first == {".columns": 1}
-    Fingertip.load(coarse_config, receptor_x_mm=[0.1])
+    Fingertip.load(tiny_config, receptor_x_mm=[0.1])
     assert _files(folder) - at_first == {".columns": 2}
     assert work["models"] == 1
-    both = Fingertip.load(coarse_config, receptor_depth_mm=[0.76, 0.9])
-    one, two, three = (f.indent("bar:1.5", doi_mm=0.2) for f in (both, deeper, Fingertip.load(coarse_config)))
+    both = Fingertip.load(tiny_config, receptor_depth_mm=[0.76, 0.9])
+    one, two, three = (f.indent("bar:1.5", doi_mm=0.2) for f in (both, deeper, Fingertip.load(tiny_config)))
     joined = np.concatenate([three.receptor_strain, two.receptor_strain])
     np.testing.assert_allclose(one.receptor_strain, joined, rtol=0, atol=1e-12 * np.abs(joined).max())
-    assert Fingertip.load(coarse_config, receptor_depth_mm=0.9).from_cache
+    assert Fingertip.load(tiny_config, receptor_depth_mm=0.9).from_cache
 
 
 def test_points_asked_for_again_cost_nothing(
-    coarse_config: FingertipConfig, folder: Path, monkeypatch: pytest.MonkeyPatch
+    tiny_config: FingertipConfig, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    finger = Fingertip.load(coarse_config)
+    finger = Fingertip.load(tiny_config)
     result = finger.indent("bar:1.5", doi_mm=0.2)
     at_first = _files(folder)
     sets = [finger.points_below(x, 0.5) for x in np.linspace(-1, 1, 6)]
     first = [finger.fields(result, points).strain for points in sets]
     assert _files(folder) - at_first == {".columns": 6}
     monkeypatch.setattr(factored_interior, "factorise", None)
-    other = Fingertip.load(coarse_config)  # from the disk
+    other = Fingertip.load(tiny_config)  # from the disk
     np.testing.assert_array_equal([other.fields(result, points).strain for points in sets], first)
     monkeypatch.setattr(sources, "cached_arrays", None)
     for points, strain in zip(sets[2:], first[2:], strict=True):  # the last four, from memory
@@ -188,7 +197,7 @@ def test_points_asked_for_again_cost_nothing(
         other.fields(result, sets[1])
 
 
-def test_one_factor_is_kept_for_many_points(coarse_config: FingertipConfig, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_factor_is_kept_for_many_points(tiny_config: FingertipConfig, monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[weakref.ref[DissectionFactor]] = []
     real = factored_interior.factorise
 
@@ -198,7 +207,7 @@ def test_one_factor_is_kept_for_many_points(coarse_config: FingertipConfig, monk
         return factor
 
     monkeypatch.setattr(factored_interior, "factorise", factorise)
-    finger = load("finger", coarse_config, cached=False)
+    finger = load("finger", tiny_config, cached=False)
     result = finger.indent("bar:1.5", doi_mm=0.2)
     for n in (strain_at_points.FEW_POINTS + 1, 1, 60):
         assert finger.fields(result, finger.points_below(np.linspace(-1, 1, n), 0.5)).strain.shape == (n, 6)
@@ -208,9 +217,9 @@ def test_one_factor_is_kept_for_many_points(coarse_config: FingertipConfig, monk
     assert [one() for one in made] == [None]
 
 
-def test_columns_where_they_cost_less(coarse_config: FingertipConfig, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_columns_where_they_cost_less(tiny_config: FingertipConfig, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(strain_at_points, "FEW_POINTS", 1)
-    finger = load("finger", coarse_config, cached=False)
+    finger = load("finger", tiny_config, cached=False)
     result = finger.indent("bar:1.5", doi_mm=0.2)
     two = finger.points_below([0.0, 0.5], 0.5)
     finger.fields([result] * 11, two)  # eleven solves are fewer than twelve columns
@@ -222,9 +231,9 @@ def test_columns_where_they_cost_less(coarse_config: FingertipConfig, monkeypatc
 
 
 def test_progress_counts_points(
-    coarse_config: FingertipConfig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+    tiny_config: FingertipConfig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
-    finger = load("finger", coarse_config, cached=False)
+    finger = load("finger", tiny_config, cached=False)
     result = finger.indent("bar:1.5", doi_mm=0.2)
     said: list[tuple[int, int]] = []
     caplog.set_level(logging.DEBUG, "sim.models")
@@ -353,9 +362,9 @@ def test_an_elastic_bone_has_strain_half_way_in(coarse_config: FingertipConfig) 
     assert BONE == 3
 
 
-def test_receptors_at_every_combination(coarse_config: FingertipConfig, folder: Path) -> None:
+def test_receptors_at_every_combination(tiny_config: FingertipConfig, folder: Path) -> None:
     finger = Fingertip.load(
-        coarse_config, receptor_x_mm=[-1, 1], receptor_depth_mm=[0.5, 0.8], receptor_z_mm=(6.0, 7.0)
+        tiny_config, receptor_x_mm=[-1, 1], receptor_depth_mm=[0.5, 0.8], receptor_z_mm=(6.0, 7.0)
     )
     receptors = finger.model.receptors
     assert receptors.position_mm[:, X] == pytest.approx([-1, 1] * 4)
@@ -365,7 +374,7 @@ def test_receptors_at_every_combination(coarse_config: FingertipConfig, folder: 
     assert depths_of(finger.surface, receptors.position_mm) == pytest.approx(receptors.depths_mm, abs=1e-9)
     result = finger.indent("bar:1.5", doi_mm=0.2)
     assert result.receptor_table()["depth_mm"].tolist() == receptors.depths_mm.tolist()
-    one = Fingertip.load(coarse_config, receptor_x_mm=[1], receptor_depth_mm=0.8, receptor_z_mm=7.0)
+    one = Fingertip.load(tiny_config, receptor_x_mm=[1], receptor_depth_mm=0.8, receptor_z_mm=7.0)
     assert one.model.receptors.depth_mm == 0.8
     np.testing.assert_allclose(
         one.indent("bar:1.5", doi_mm=0.2).receptor_strain[0], result.receptor_strain[-1], atol=1e-13
@@ -384,8 +393,10 @@ def test_too_many_receptors_and_none(coarse_config: FingertipConfig, x: int, dep
         receptors_at(coarse_config, surface, places)
 
 
-def test_as_many_receptors_as_there_may_be(coarse_config: FingertipConfig) -> None:
+def test_as_many_receptors_as_there_may_be(coarse_config: FingertipConfig, monkeypatch: pytest.MonkeyPatch) -> None:
     surface = FingertipSurface.fit(coarse_config.geometry)
+    there = receptors.point_below(surface, 0.1, 0.5, 7.0)  # once: it takes a millisecond or two
+    monkeypatch.setattr(receptors, "point_below", lambda *_: there)
     placed = receptors_at(coarse_config, surface, ReceptorPlaces((0.1,) * 1000, (0.5,), (7.0,)))
     assert placed.position_mm.shape == (1000, 3)
 

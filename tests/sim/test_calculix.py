@@ -8,23 +8,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim.config import Contact, FingertipConfig, MeshSpec
+from sim.config import Contact, FingertipConfig
 from sim.finger.mesh import build_mesh
 from sim.models.fingertip import Fingertip
 from sim.models.full_mesh import MeshedFinger, write_contact_deck, write_load_deck
 from sim.models.result import IndentationResult
+from tests.sim.coarse_mesh import coarse_mesh
 
 pytestmark = [
     pytest.mark.skipif(shutil.which("ccx") is None, reason="no ccx (Debian package calculix-ccx)"),
     pytest.mark.xdist_group("calculix"),
 ]
 
-# Like with like: CalculiX's C3D8 is fully integrated, its contact is at nodes. Coarse, so that its job takes seconds.
+# Like with like: CalculiX's C3D8 is fully integrated, its contact is at nodes. Coarse, so that its jobs take seconds:
+# both programs have the same mesh, so that its errors are theirs alike.
 CONFIG = FingertipConfig(
     contact=Contact(between_nodes=False),
-    mesh=MeshSpec(
-        spacing_mm=0.5, axial_spacing_mm=0.5, element="full", epidermis_elements=1, dermis_spacing_mm=0.4, growth=1.5
-    ),
+    mesh=coarse_mesh(0.8, 1.0, patch_x_mm=2.4, patch_z_mm=3.2).model_copy(update={"element": "full"}),
 )
 DOI_MM = 0.8
 

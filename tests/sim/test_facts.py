@@ -159,7 +159,9 @@ class Pass:
 
 
 def moved(finger: Fingertip, shape: str, step_mm: float) -> Pass:
-    x_mm = np.append(np.arange(2.0, -3.7, -step_mm), [-1.63, -3.7])
+    # Flats alone touch beyond 1.2 mm and −2.8 mm: an element from one place to the next.
+    ends = np.append(np.arange(2.0, 1.2, -SPACING_MM), np.arange(-2.8, -3.7, -SPACING_MM))
+    x_mm = np.concatenate([ends, np.arange(1.2, -2.8, -step_mm), [-1.63, -3.7]])
     x_mm = np.sort(x_mm)[::-1]
     results = [finger.indent(shape, float(x), force_gwt=2.33) for x in x_mm]
     return Pass(x_mm, results, [InPlane.of(r) for r in results])

@@ -285,7 +285,7 @@ if __name__ == "__main__":
     depths = [0.1, 0.2, 0.3]
     here = [force_n(finger, doi_mm) for doi_mm in depths]
     for way in ("fork", "spawn"):
-        with multiprocessing.get_context(way).Pool(2) as pool:
+        with multiprocessing.get_context(way).Pool(1) as pool:
             assert pool.map(partial(force_n, finger), depths) == here, way
 """
 

@@ -28,6 +28,8 @@ COARSE = MeshSpec(
     near_width_mm=0.5,
     far_spacing_mm=2.0,
 )
+NARROW = COARSE.model_copy(update={"patch_x_mm": 1.5, "patch_z_mm": 1.5})
+"""As wide as contact is at 0.15 mm."""
 SCENES = [("cylinder:3", -0.7), ("cylinder:3", 0.4), ("bar:1.5", -0.7), ("bar:1.5", 0.4)]
 
 
@@ -146,15 +148,16 @@ def force_n(spec: MeshSpec = COARSE, doi_mm: float = 0.3, **tissue: float) -> fl
 @pytest.mark.parametrize(
     ("parameter", "values"),
     [
-        ("epidermis_mm", (0.06, 0.2, 0.4, 0.9)),  # the stiffest layer, thicker
+        ("epidermis_mm", (0.06, 0.4, 0.9)),  # the stiffest layer, thicker
         ("bone_fraction", (0.1, 0.32, 0.55)),  # less tissue over the bone
-        ("e_dermis", (1e-4, 0.1, 1.0, 10.0)),
-        ("e_fat", (2e-6, 1e-3, 0.1, 1.0, 10.0)),
+        ("e_dermis", (1e-4, 0.1, 10.0)),
+        ("e_fat", (2e-6, 0.1, 10.0)),
         ("nail_arc_deg", (0.0, 140.0, 200.0)),  # more of the skin held
     ],
 )
 def test_more_of_the_stiff_makes_a_stiffer_finger(parameter: str, values: tuple[float, ...]) -> None:
-    forces = [force_n(**{parameter: value}) for value in values]
+    coarser = NARROW.model_copy(update={"spacing_mm": 0.5, "growth": 2.0})
+    forces = [force_n(coarser, doi_mm=0.15, **{parameter: value}) for value in values]
     assert np.diff(forces).min() > 0, forces
 
 
@@ -172,7 +175,7 @@ def test_high_aspect_ratios() -> None:
     # Epidermis of 0.06 mm in four elements, 0.25 mm wide: aspect ratio 23 in the patch, 310 at the tip. Against two
     # elements of 0.2 mm: measured 0.1 % in force; 1 % is what the meshes of different sizes above differ by.
     alike = {"e_dermis": 1.0, "e_fat": 1.0}
-    fine = COARSE.model_copy(update={"spacing_mm": 0.25, "near_spacing_mm": 0.6})
+    fine = NARROW.model_copy(update={"spacing_mm": 0.25, "near_spacing_mm": 0.6})
     flat = fine.model_copy(update={"epidermis_elements": 4})
     config = FingertipConfig(tissue=Tissue(epidermis_mm=0.06, **alike), mesh=flat)
     mesh = build_mesh(config, FingertipSurface.fit(config.geometry))
@@ -180,8 +183,8 @@ def test_high_aspect_ratios() -> None:
     quality = mesh_quality(mesh.nodes, mesh.hexes)
     assert quality.aspect_ratio[under].max() > 15
     assert quality.aspect_ratio.max() > 200
-    cubes = force_n(fine.model_copy(update={"epidermis_elements": 2}), **alike)
-    assert force_n(flat, epidermis_mm=0.06, **alike) == pytest.approx(cubes, rel=0.01)
+    cubes = force_n(fine.model_copy(update={"epidermis_elements": 2}), 0.15, **alike)
+    assert force_n(flat, 0.15, epidermis_mm=0.06, **alike) == pytest.approx(cubes, rel=0.01)
 
 
 @pytest.mark.parametrize(

@@ -171,7 +171,7 @@ def test_going_on_from_a_state_of_another_patch_is_starting_from_rest(coarse_fin
 def test_a_plate_on_a_flat_pad() -> None:
     """Radii of 6.4 and 6 mm at its apex: pressed to 2 mm, touched nearly as wide as it is."""
     geometry = Geometry(sections=tuple((z, 5.5, 4.2 - (z - 6.9) ** 2 / 12, 0.0) for z in np.linspace(0, 12.75, 8)))
-    mesh = MeshSpec(spacing_mm=0.4, axial_spacing_mm=0.5, patch_x_mm=2.0, patch_z_mm=2.0, epidermis_elements=1,
+    mesh = MeshSpec(spacing_mm=0.6, axial_spacing_mm=0.8, patch_x_mm=2.0, patch_z_mm=2.0, epidermis_elements=1,
                     dermis_spacing_mm=0.4, dermis_fine_depth_mm=0.5, near_spacing_mm=1.0)  # fmt: skip
     finger = load("finger", FingertipConfig(geometry=geometry, mesh=mesh), cached=False)
     result = finger.indent("flat", doi_mm=2.0)

@@ -166,4 +166,7 @@ def test_a_level_sets_what_is_not_given() -> None:
 
 def test_the_unit_of_time_is__of_a_solution_that_is_right() -> None:
     assert reference_s() > 0  # or an ArithmeticError
+
+
+def test_the_unit_of_time_stays_what_it_was() -> None:
     assert (ORDER, RIGHT_SIDES, SEED) == (2048, 768, 16), "figures in its units are compared over years"

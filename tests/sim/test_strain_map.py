@@ -7,9 +7,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from sim.config import FingertipConfig
+from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.full_mesh import StrainMap, displacements, mesh_of, strain_maps
 from sim.models.result import IndentationResult
+from tests.sim.coarse_mesh import coarse_mesh
 
 
 @dataclass(frozen=True)
@@ -23,11 +26,19 @@ class Solved:
 
 
 @pytest.fixture(scope="module")
-def solved(finger: Fingertip, coarse_finger: Fingertip) -> dict[str, Solved]:
-    """Along the default finger; across and along a coarse one at once: three meshes, each factorised once."""
-    along = [finger.indent("bar:3.0", doi_mm=doi) for doi in (0.3, 0.6)] + [finger.indent("cylinder:9", doi_mm=0.8)]
+def fine() -> Fingertip:
+    """The default's elements across the finger and in depth, where a map is compared; longer ones along it."""
+    below = {"dermis_spacing_mm": 0.2, "epidermis_elements": 2, "dermis_fine_depth_mm": 1.2}
+    mesh = coarse_mesh(0.17, 0.9, patch_x_mm=2.2, patch_z_mm=2.7, **below)
+    return load("finger", FingertipConfig(mesh=mesh), cached=False)
+
+
+@pytest.fixture(scope="module")
+def solved(fine: Fingertip, coarse_finger: Fingertip) -> dict[str, Solved]:
+    """Across and along a coarse finger at once; along a fine one: three meshes, each factorised once."""
     across = [coarse_finger.indent("line", doi_mm=doi) for doi in (0.3, 0.6)]
-    beside = coarse_finger.indent("bar:3.0", doi_mm=0.3)
+    along = [coarse_finger.indent("bar:3.0", doi_mm=doi) for doi in (0.3, 0.6)]
+    alone = fine.indent("cylinder:9", doi_mm=0.4)
     moved: list[NDArray[np.float64]] = []
 
     def noted(*arguments: Any) -> NDArray[np.float64]:
@@ -36,19 +47,18 @@ def solved(finger: Fingertip, coarse_finger: Fingertip) -> dict[str, Solved]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("sim.models.full_mesh.displacements", noted)
-        maps = strain_maps(finger.config, along)
-        mixed = strain_maps(coarse_finger.config, [across[0], beside, across[1]])
-    fine, *both = moved
-    of_one, of_two = sorted(both, key=len)
+        maps = strain_maps(fine.config, [alone])
+        mixed = strain_maps(coarse_finger.config, [across[0], along[0], across[1], along[1], across[0]])
+    of_alone, *both = moved
+    of_bars, of_lines = sorted(both, key=len)
     return {
-        "line": Solved(coarse_finger, across, of_two, [mixed[0], mixed[2]]),
-        "bar beside lines": Solved(coarse_finger, [beside], of_one, [mixed[1]]),
-        "bar:3.0": Solved(finger, along[:2], fine[:2], maps[:2]),
-        "cylinder:9": Solved(finger, along[2:], fine[2:], maps[2:]),
+        "line": Solved(coarse_finger, [*across, across[0]], of_lines, [mixed[0], mixed[2], mixed[4]]),
+        "bar:3.0": Solved(coarse_finger, along, of_bars, [mixed[1], mixed[3]]),
+        "cylinder:9": Solved(fine, [alone], of_alone, maps),
     }
 
 
-@pytest.mark.parametrize("shape", ["bar:3.0", "line", "bar beside lines"])
+@pytest.mark.parametrize("shape", ["bar:3.0", "line", "cylinder:9"])
 def test_displacements_of_the_skin_are_the_contacts(solved: dict[str, Solved], shape: str) -> None:
     results = solved[shape].results
     mesh = mesh_of(solved[shape].finger.config, results[0])
@@ -75,14 +85,16 @@ def test_the_map_agrees_with_the_receptors(solved: dict[str, Solved]) -> None:
         np.testing.assert_allclose(near, read, rtol=0, atol=0.13 * np.abs(read).max())
 
 
-def test_the_skin_is_where_the_contact_says(finger: Fingertip, solved: dict[str, Solved]) -> None:
+def test_the_skin_is_where_the_contact_says(coarse_finger: Fingertip, solved: dict[str, Solved]) -> None:
     result, found, other = solved["bar:3.0"].results[1], solved["bar:3.0"].maps[1], solved["line"].maps[0]
     assert other.moved_mm[:, 0, 1].max() < other.corner_mm[:, 0, 1].max()
     x, y = result.skin_profile
     skin = found.moved_mm[:, 0]
-    pulp = skin[(skin[:, 1] > 1) & (np.abs(skin[:, 0]) < 3)]
+    pulp = skin[(skin[:, 1] > 1) & (skin[:, 0] >= x.min()) & (skin[:, 0] <= x.max())]
+    assert len(pulp) >= len(x) - 2  # of the ends round-off may leave one out
     np.testing.assert_allclose(np.interp(np.sort(pulp[:, 0]), x, y), pulp[np.argsort(pulp[:, 0]), 1], atol=1e-6)
     assert found.measures["sed"].min() >= 0
-    on_the_skin = np.array([[0.0, float(finger.surface.height(0.0, finger.config.receptor_plane_mm)) - 1e-3]])
+    height_mm = float(coarse_finger.surface.height(0.0, coarse_finger.config.receptor_plane_mm))
+    on_the_skin = np.array([[0.0, height_mm - 5e-3]])  # the edges of elements of 0.3 mm lie 2 µm below the round skin
     # a point of the skin's middle under a flat bar goes down by the depth
     np.testing.assert_allclose(found.carried(on_the_skin)[0, 1] - on_the_skin[0, 1], -0.6, atol=0.02)

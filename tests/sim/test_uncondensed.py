@@ -1,4 +1,4 @@
-"""Contact forces put back into the stiffness of all 53 000 nodes: the condensed answer is the whole one."""
+"""Contact forces put back into the stiffness of all nodes: the condensed answer is the whole one."""
 
 from dataclasses import dataclass, replace
 
@@ -8,11 +8,13 @@ from numpy.typing import NDArray
 
 from sim.config import FingertipConfig
 from sim.fem.elements import symmetric
-from sim.finger.mesh import FingerMesh
+from sim.finger.mesh import FingerMesh, build_mesh
+from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import strain_operator
 from sim.models.condensed import discretise, factorise
 from sim.models.fingertip import Fingertip
 from sim.models.result import IndentationResult
+from tests.sim.coarse_mesh import coarse_mesh
 
 Array = NDArray[np.float64]
 
@@ -23,25 +25,28 @@ SCENES = (("step:1", -1.63, 0.73), ("bar:3.0", 0.0, 1.33), ("cylinder:9", -0.4, 
 class Whole:
     """Condensed answers, and every node's displacement under their forces."""
 
+    mesh: FingerMesh
     results: list[IndentationResult]
     displacement: Array  # (n_scenes, n_nodes, 3)
     imbalance: Array  # (n_scenes,) ‖Ku − f‖ / ‖f‖
 
 
-@pytest.fixture(scope="module")
-def whole(finger: Fingertip, default_mesh: FingerMesh) -> Whole:
+@pytest.fixture(scope="module", params=["coarse", "default"])
+def whole(request: pytest.FixtureRequest, skin: FingertipSurface) -> Whole:
     """Nothing is condensed: one unknown only is kept, and K·u is formed by the whole symmetric matrix."""
-    problem = discretise(FingertipConfig(), default_mesh)
+    config = FingertipConfig() if request.param == "default" else FingertipConfig(mesh=coarse_mesh(0.4, 0.6))
+    finger, mesh = Fingertip.load(config), build_mesh(config, skin)
+    problem = discretise(config, mesh)
     results = [finger.indent(shape, x, doi_mm=doi) for shape, x, doi in SCENES]
-    loads = np.zeros((len(results), *default_mesh.nodes.shape))
+    loads = np.zeros((len(results), *mesh.nodes.shape))
     for load, result in zip(loads, results, strict=True):
-        load[default_mesh.patch_nodes, :2] = result.state.force.T
+        load[mesh.patch_nodes, :2] = result.state.force.T
     f = loads.reshape(len(results), -1)[:, problem.free]
     u = factorise(replace(problem, kept=problem.kept[:1])).solve(f)
     imbalance = np.linalg.norm(symmetric(problem.upper) @ u.T - f.T, axis=0) / np.linalg.norm(f, axis=1)
-    displacement = np.zeros((len(results), default_mesh.nodes.size))
+    displacement = np.zeros((len(results), mesh.nodes.size))
     displacement[:, problem.free] = u
-    return Whole(results, displacement.reshape(loads.shape), imbalance)
+    return Whole(mesh, results, displacement.reshape(loads.shape), imbalance)
 
 
 def test_the_whole_solution_is_in_equilibrium(whole: Whole) -> None:
@@ -49,37 +54,38 @@ def test_the_whole_solution_is_in_equilibrium(whole: Whole) -> None:
     assert (whole.imbalance <= 1e-9).all(), whole.imbalance
 
 
-def test_displacements_of_the_patch(whole: Whole, default_mesh: FingerMesh) -> None:
+def test_displacements_of_the_patch(whole: Whole) -> None:
     # The Schur complement's inverse equals the direct solution to about 1e-13 of the largest displacement.
     for result, u in zip(whole.results, whole.displacement, strict=True):
-        there = u[default_mesh.patch_nodes, :2].T
+        there = u[whole.mesh.patch_nodes, :2].T
         here = result.state.displacement
         np.testing.assert_allclose(here, there, rtol=0, atol=1e-10 * np.abs(there).max())
 
 
-def test_contact_holds_on_the_whole_solution(whole: Whole, default_mesh: FingerMesh) -> None:
+def test_contact_holds_on_the_whole_solution(whole: Whole) -> None:
     # Non-penetration of every skin node of the pulp, not only of the patch, and touching where there is force: to
     # 1e-8 of the depth along the normal, as required of a solve.
-    skin = np.arange(len(default_mesh.nodes)).reshape(default_mesh.grid)[:, :, 0].ravel()
-    skin = skin[default_mesh.nodes[skin, 1] > 0]
+    mesh = whole.mesh
+    skin = np.arange(len(mesh.nodes)).reshape(mesh.grid)[:, :, 0].ravel()
+    skin = skin[mesh.nodes[skin, 1] > 0]
     for result, u in zip(whole.results, whole.displacement, strict=True):
-        x, y, _ = (default_mesh.nodes + u).T
+        x, y, _ = (mesh.nodes + u).T
         h, slope, _ = result.indentor.profile.evaluate(x - result.x_mm)
         gap = (result.touch_height_mm - result.doi_mm + h - y) / np.hypot(1, slope)
         assert gap[skin].min() >= -1e-8 * result.doi_mm
-        touching = default_mesh.patch_nodes[result.state.held.nodes]
+        touching = mesh.patch_nodes[result.state.held.nodes]
         assert np.abs(gap[touching]).max() <= 1e-8 * result.doi_mm
 
 
-def test_strain_at_the_receptors(whole: Whole, default_mesh: FingerMesh) -> None:
+def test_strain_at_the_receptors(whole: Whole) -> None:
     # The adjoint right-hand sides of the condensed model against the operator on all displacements.
-    operator, _ = strain_operator(default_mesh, whole.results[0].model.receptors.position_mm)
+    operator, _ = strain_operator(whole.mesh, whole.results[0].model.receptors.position_mm)
     for result, u in zip(whole.results, whole.displacement, strict=True):
         strain = (operator @ u.ravel()).reshape(-1, 6)
         np.testing.assert_allclose(result.receptor_strain, strain, rtol=0, atol=1e-10 * np.abs(strain).max())
 
 
-def test_held_nodes_carry_the_force(whole: Whole, default_mesh: FingerMesh) -> None:
+def test_held_nodes_carry_the_force(whole: Whole) -> None:
     # Free nodes inside the finger carry nothing, and what is held does not move.
     for u in whole.displacement:
-        assert not u[default_mesh.fixed].any()
+        assert not u[whole.mesh.fixed].any()

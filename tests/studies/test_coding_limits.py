@@ -61,14 +61,13 @@ def test_nobody_is_better_than_the_limit_on_average(two: ForwardOperator) -> Non
     """Against the mean of the distribution, and against the likeliest pressures."""
     low, high = ENDS["[20 14] ± 3"]
     errors = []
+    grid = np.stack(np.meshgrid(*np.linspace(low, high, 40).T, indexing="ij"), axis=-1).reshape(-1, 2)
+    sed_of_grid = np.array([two.sed(one) for one in grid])
     for k in range(60):
         rng = np.random.default_rng(k)
         true = rng.uniform(low, high)
         reading = two.sed(true) + 800 * rng.normal(size=12)
-        grid = np.stack(np.meshgrid(*np.linspace(low, high, 40).T, indexing="ij"), axis=-1).reshape(-1, 2)
-        likeliest = grid[[((two.sed(one) - reading) ** 2).sum() for one in grid].index(
-            min(((two.sed(one) - reading) ** 2).sum() for one in grid)
-        )]  # fmt: skip
+        likeliest = grid[((sed_of_grid - reading) ** 2).sum(axis=1).argmin()]
         found = (bayes_found(two, reading, 800.0, (low, high)), TRUE, likeliest)
         errors.append([decoding_errors(true, one).eq_6_8 for one in found])
     limit, middle, likely = np.mean(errors, axis=0)

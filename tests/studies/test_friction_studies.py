@@ -8,7 +8,8 @@ from studies.friction import mindlin
 from studies.friction.beside_calculix import SCENES, Scene, calculix, here, largest_sed_error
 
 
-def test_a_sphere_is_cattaneos_and_mindlins() -> None:
+def test_a_sphere_is_cattaneos_and_mindlins(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mindlin, "ACROSS", 15)  # the page has 21; errors of both are within what is asked for
     rows = list(mindlin.rows())
     assert len(rows) == len(mindlin.PARTS_OF_SLIDING)
     for row in rows:

@@ -51,6 +51,13 @@ def coarse() -> Fingertip:
 
 @pytest.fixture(scope="module")
 def answered(coarse: Fingertip) -> FingerAnswers:
+    """What is asked for is pressed."""
+    return FingerAnswers(coarse)
+
+
+@pytest.fixture(scope="module")
+def all_answered(coarse: Fingertip) -> FingerAnswers:
+    """Every scene of every entry, seconds of presses."""
     all_of_them = FingerAnswers(coarse)
     all_of_them.press_all(scenes_of(ENTRIES), cores=1)
     with pytest.MonkeyPatch.context() as patched:
@@ -77,17 +84,21 @@ def test_every_entry_has_a_number_of_its_own() -> None:
 
 
 @pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry.key)
-def test_an_entry_is_whole(entry: Entry, answered: FingerAnswers) -> None:
-    """It shows something in a sentence, has claims and figures or a reason why not, and a command that is there."""
+def test_an_entry_is_described(entry: Entry) -> None:
+    """It shows something in a sentence, has claims or a reason why not, and a command that is there."""
     assert entry.shows.endswith(".")
     reasons = [why for why in (entry.missing, entry.outside, entry.elsewhere) if why]
     assert len(reasons) <= 1
     assert entry.claims or reasons
     assert command_is_there(entry)
-    row = found(entry, answered)
+
+
+@pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry.key)
+def test_an_entry_has_its_verdict_and_figures(entry: Entry, all_answered: FingerAnswers) -> None:
+    row = found(entry, all_answered)
     assert row.verdict in VERDICTS
     assert [len(one.row) for one in row.found] == [6] * len(entry.claims)
-    figures = entry.figures(answered)
+    figures = entry.figures(all_answered)
     assert all(figure.caption.rstrip().endswith(".") for figure in figures)
     if entry.claims and entry.number not in ("Table 5.2", "ch. 5, survivors"):
         assert figures
@@ -113,7 +124,7 @@ def test_every_rule_can_give_each_verdict() -> None:
         assert claim.rule.bounds, f"{key}: {claim.says}"
 
 
-def test_an_entry_can_have_each_verdict(answered: FingerAnswers) -> None:
+def test_an_entry_can_have_each_verdict() -> None:
     rule = Below(1, 2)
     told = {
         together([rule.verdict(value) for value in values]) for values in ((0.0, 1.0), (0.0, 9.0), (2.0, 2.0), (9.0,))
@@ -135,7 +146,7 @@ def test_bars_stand_where_the_protocol_moves_them(width: str) -> None:
     assert places[0] == -places[-1]
 
 
-def test_what_is_announced_is_pressed_once(answered: FingerAnswers) -> None:
+def test_what_is_announced_is_pressed_once() -> None:
     scenes = scenes_of(ENTRIES)
     assert len(scenes) == len(set(scenes))
     assert all(scene in scenes for entry in ENTRIES for scene in entry.scenes)
@@ -270,7 +281,7 @@ def test_which_edges_are_touched(left: float, right: float, told: str) -> None:
 
 
 def test_shares_of_the_force_add_up(answered: FingerAnswers) -> None:
-    for scene in (*steps.MOVED["1"], *steps.MOVED["5"]):
+    for scene in (*steps.MOVED["1"][::6], *steps.MOVED["5"][::6]):
         assert sum(steps.shares(answered, scene)) == pytest.approx(1.0)
     assert steps.shares(answered, steps.MOVED["1"][0]) == pytest.approx((1, 0, 0, 0))  # the lower flat
     assert steps.shares(answered, steps.MOVED["1"][-1]) == pytest.approx((0, 0, 0, 1))

@@ -4,7 +4,7 @@ from pydantic import Field
 
 from rig.clock import Clock
 from rig.devices.base import ForceSensor
-from rig.devices.registry import ForceKind, Opener
+from rig.devices.registry import Evidence, ForceKind, Opener
 from rig.settings import BenchSettings, Settings
 from rig_line_scale.driver import LineScaleForce
 
@@ -35,4 +35,5 @@ DEVICE = ForceKind(
     settings=LineScaleSettings,
     twin="rig_line_scale.twin:line_scale_twin",
     tests=("tests/test_line_scale.py",),
+    evidence=Evidence(manual="README.md of this package"),
 )

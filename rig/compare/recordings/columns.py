@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rig.compare.exceptions import RecordingError
-from rig.user_files import lines_of
+from rig_shared.user_files import lines_of
 from sim.tables import is_number
 
 MOST_TABLE_BYTES = 100_000_000

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import ColumnMap
 from rig.compare.recordings.recording import finite_times
-from rig.user_files import open_file
+from rig_shared.user_files import open_file
 
 Array = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from rig.compare.recordings.neo_file import neo_format
 from rig.compare.recordings.recording import Recording, ShapeKey, recording, shape_key, with_enough_positions
 from rig.compare.recordings.spikes import NWB, SPIKES, SPIKES_IN_NEO, SPIKES_IN_NWB, rates_in_run, read_spike_times
 from rig.data import Run
-from rig.user_files import sha256_of
+from rig_shared.user_files import sha256_of
 from sim.contact.shapes import shape_name
 
 # Rates, or counts of spikes, against position, from a user's CSV.
@@ -20,6 +20,9 @@ from sim.contact.shapes import shape_name
 # Columns `position_mm,rate[,sd][,repeat]` or `position_mm,count,window_s[,repeat]`, by these names or as `--columns`
 # says: the indentor's reference point from the receptive field's centre in the finger's frame, and the discharge rate
 # (any unit, ≥ 0) or the spikes that were counted in a window. Rows of one position need a `repeat`.
+
+_MOST_SIGNS = 20
+"""Signs of equality in a shape, or # before a unit, that count; a name with more of them stays whole behind these."""
 
 Roles = tuple[tuple[str, ...], tuple[str, ...]]
 
@@ -151,7 +154,7 @@ def read_recordings(
 
 def _shape_and_file(text: str) -> tuple[str, str]:
     """Of "step:1=mine.csv"; both may have further signs of equality: "bar:3,turn_deg=30=mine.csv"."""
-    words = text.split("=")
+    words = text.split("=", _MOST_SIGNS)
     parted = [("=".join(words[:n]), "=".join(words[n:])) for n in range(1, len(words))]
     if not parted or not all(parted[-1]):
         raise RecordingError("--recorded {given!r}: must be SHAPE=CSV", code="no_shape_and_file", given=text)
@@ -168,7 +171,7 @@ def _is_shape(text: str) -> bool:
 
 def _file_and_unit(text: str) -> tuple[Path, str]:
     """A file, and of a file with units the one that is named after it: "afferent.nwb#3"."""
-    marks = [] if Path(text).exists() else [n for n, sign in enumerate(text) if sign == "#"]
+    marks = [] if Path(text).exists() else [n for n, sign in enumerate(text) if sign == "#"][:_MOST_SIGNS]
     parted = [(text[:n], text[n + 1 :]) for n in marks]  # a unit may be called "ch1#2"
     named = (one for one in parted if one[0].endswith(NWB) or neo_format(Path(one[0])) is not None)
     file, unit = next(named, (text, ""))

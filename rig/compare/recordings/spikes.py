@@ -18,7 +18,8 @@ from rig.compare.recordings.recording import Recording, condition_of, finite_tim
 from rig.compare.stimuli import Stimulus
 from rig.data import Run
 from rig.data.folder import replace_text
-from rig.user_files import open_file
+from rig.printable import either
+from rig_shared.user_files import open_file
 from sim.contact.shapes import shape_name
 from sim.measures.measures import MEASURES
 
@@ -125,7 +126,7 @@ def _pulses(file: h5py.File, path: Path, columns: ColumnMap) -> Array:
             code="no_pulses",
             path=str(path),
             name=name,
-            places=" or ".join(places),
+            places=either(places),
         )
     return np.empty(0) if found is None else _numbers(values_of(found[1], path), path, found[0])
 
@@ -229,12 +230,15 @@ def _on_the_runs_clock(path: Path, spike_s: Array, pulse_s: Array, run: Run) -> 
 
 def _line_through(pulse_s: Array, rise_s: Array) -> Callable[[Array], Array]:
     """Return the fitted line of the run's time over the amplifier's; a constant if all pulses are at one time."""
+    constant = np.polynomial.Polynomial([float(rise_s.mean())])
+    if np.ptp(pulse_s) == 0:
+        return constant
     with warnings.catch_warnings():
         warnings.simplefilter("error", np.exceptions.RankWarning)
         try:
             return np.polynomial.Polynomial.fit(pulse_s, rise_s, deg=1)
         except np.exceptions.RankWarning:
-            return np.polynomial.Polynomial([float(rise_s.mean())])
+            return constant
 
 
 _PULSE_TOLERANCE_S = 0.005

@@ -30,9 +30,9 @@ export const tab = await (async () => {
 })();
 
 function alone(id) {
-  return new Promise((told) => {
-    const held = (lock) => (told(lock !== null), lock && new Promise(() => {}));
-    navigator.locks.request(`rig panel ${id}`, { ifAvailable: true }, held).catch(() => told(true));
+  return new Promise((resolve) => {
+    const held = (lock) => (resolve(lock !== null), lock && new Promise(() => {}));
+    navigator.locks.request(`rig panel ${id}`, { ifAvailable: true }, held).catch(() => resolve(true));
   });
 }
 
@@ -55,7 +55,7 @@ function request(body, options) {
 }
 
 async function answered(response) {
-  const told = await response.json().catch(() => ({}));
+  const reply = await response.json().catch(() => ({}));
   const unexplained = response.ok ? { problem: null, code: null } : { problem: `the server returned ${response.status}`, code: "unexplained" };
-  return { ...unexplained, ...told, status: response.status, ok: response.ok && told.ok !== false };
+  return { ...unexplained, ...reply, status: response.status, ok: response.ok && reply.ok !== false };
 }

@@ -9,7 +9,7 @@ export class Controls {
   constructor(said, mine) {
     this.said = said;
     this.mine = mine;
-    this.told = null;
+    this.latest = null;
     this.held = new Held();
     for (const button of document.querySelectorAll("[data-post]")) button.addEventListener("click", () => this.ask(button));
     for (const button of at("jog").children) this.jogged(button);
@@ -19,7 +19,7 @@ export class Controls {
   }
 
   state(data) {
-    this.told = data;
+    this.latest = data;
   }
 
   async ask(button) {
@@ -75,12 +75,12 @@ export class Controls {
   }
 
   look() {
-    const { told, held } = this;
-    const kind = told?.owner?.kind ?? null;
+    const { latest, held } = this;
+    const kind = latest?.owner?.kind ?? null;
     const may = this.mine();
     show("run_controls", kind === "run");
     show("hand_controls", kind === "by hand");
-    show("idle_controls", told !== null && kind === null);
+    show("idle_controls", latest !== null && kind === null);
     for (const button of document.querySelectorAll("[data-post]")) button.disabled = !may || this.refused(button.dataset.post);
     for (const button of at("jog").children) {
       button.disabled = !may || this.refused("hold");
@@ -94,7 +94,7 @@ export class Controls {
 
   /** Whether the server would refuse a request. */
   refused(what) {
-    const { owner, hand, configured } = this.told ?? {};
+    const { owner, hand, configured } = this.latest ?? {};
     if (what === "by_hand") return !configured;
     if (what === "pause") return owner?.state !== "running";
     if (what === "go_on") return owner?.state !== "paused";
@@ -104,8 +104,8 @@ export class Controls {
 
   /** What the controls do now: pairs of code and words. */
   saying(kind) {
-    if (this.told === null) return [["waiting", "no controls available yet"]];
-    const { owner, hand, configured } = this.told;
+    if (this.latest === null) return [["waiting", "no controls available yet"]];
+    const { owner, hand, configured } = this.latest;
     if (kind === "run") return [owner.reachable === false ? ["no_answer", "the process of the run does not answer"] : owner.stopped ? ["stopped", "stopped"] : [owner.state, `the run is ${owner.state}`]];
     if (kind === null) return [configured ? ["free", "no process owns the ports"] : ["not_configured", "no process owns the ports; for manual control start rig panel --config TOML"]];
     if (hand === null || hand === undefined) return [["starting", "starting manual control …"]];

@@ -13,8 +13,8 @@ export class Devices {
 
   state({ unix_s, devices, owner }) {
     for (const name of ["stage", "force"]) {
-      const told = devices?.[name];
-      this.seen[name] = told ? { told, read: known(told.age_s) ? new Instant(unix_s - told.age_s) : null } : null;
+      const status = devices?.[name];
+      this.seen[name] = status ? { status, read: known(status.age_s) ? new Instant(unix_s - status.age_s) : null } : null;
     }
     const ports = owner?.ports ?? [];
     this.button = owner?.stop_button ?? null;
@@ -39,10 +39,10 @@ export class Devices {
   say(name, id) {
     const seen = this.seen[name];
     if (!seen) return write(id, "–");
-    const { told, read } = seen;
-    const homed = told.homed === undefined || told.homed === null ? "" : told.homed ? ", homed" : ", not homed";
+    const { status, read } = seen;
+    const homed = status.homed === undefined || status.homed === null ? "" : status.homed ? ", homed" : ", not homed";
     const when = read === null ? "" : read.age_s > OLD_S ? `, ${timeOfDay(read.unix_s)}, ${ago(read.age_s)}` : "";
-    write(id, `${told.word ?? "–"}${homed}${when}`);
+    write(id, `${status.word ?? "–"}${homed}${when}`);
     mark(at(id), "old", read !== null && read.age_s > OLD_S);
   }
 }

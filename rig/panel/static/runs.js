@@ -25,10 +25,10 @@ export class Runs {
     wanted.set("limit", this.limit);
     try {
       const response = await fetch(`/runs.json?${wanted}`, { cache: "no-store" });
-      const told = await response.json();
+      const reply = await response.json();
       if (asked !== this.asked) return;
-      if (response.ok) this.list(told);
-      else write("runs_words", told.problem ?? `the server returned ${response.status}`);
+      if (response.ok) this.list(reply);
+      else write("runs_words", reply.problem ?? `the server returned ${response.status}`);
     } catch {
       write("runs_words", "the panel's server does not answer");
     }

@@ -18,9 +18,9 @@ export class Schedule {
 
   schedule({ run, steps }) {
     this.of = run ?? null;
-    const told = JSON.stringify(steps);
-    if (told === this.shown) return;
-    this.shown = told;
+    const text = JSON.stringify(steps);
+    if (text === this.shown) return;
+    this.shown = text;
     const list = at("steps");
     while (list.children.length > steps.length) list.lastChild.remove();
     while (list.children.length < steps.length) list.append(document.createElement("li"));
@@ -60,8 +60,8 @@ function written(row, { words, block, condition, repeat, done, now }) {
   const marks = [known(block) ? `block ${block}` : null, condition, known(repeat) ? `repeat ${repeat}` : null];
   const text = [words, marks.filter(Boolean).join(", ")].filter(Boolean).join(" · ");
   const state = now ? "now" : done ? "done" : "";
-  if (row.dataset.told === `${state} ${text}`) return;
-  row.dataset.told = `${state} ${text}`;
+  if (row.dataset.shown === `${state} ${text}`) return;
+  row.dataset.shown = `${state} ${text}`;
   const first = document.createElement("span");
   first.className = "mark";
   first.textContent = state;

@@ -22,7 +22,7 @@ let loud = null;
 /** Every press sends a request; one that follows before there is a reply belongs to the same stop. */
 function stop(event) {
   const of = pressed_ms === null ? number + 1 : number;
-  post("/stop", {}, { keepalive: true, priority: "high" }).then((told) => setTimeout(said, WORKER_FIRST_MS, { ...told, of }));
+  post("/stop", {}, { keepalive: true, priority: "high" }).then((reply) => setTimeout(said, WORKER_FIRST_MS, { ...reply, of }));
   if (of > number) worker.postMessage({ headers: headers(), of });
   event.preventDefault();
   if (of === number) return;

@@ -19,23 +19,23 @@ onmessage = ({ data }) => {
 
 async function ask() {
   const asked = trying;
-  const told = await answer();
+  const reply = await answer();
   if (asked !== trying) return;
-  if (FINAL.includes(told.status)) {
+  if (FINAL.includes(reply.status)) {
     clearInterval(trying);
     trying = null;
   }
-  postMessage({ ...told, of });
+  postMessage({ ...reply, of });
 }
 
 async function answer() {
   try {
     const options = { method: "POST", cache: "no-store", credentials: "omit", redirect: "error", priority: "high" };
     const response = await fetch("/stop", { ...options, headers, body: "{}", signal: AbortSignal.timeout(PATIENCE_MS) });
-    const told = await response.json().catch(() => ({}));
+    const reply = await response.json().catch(() => ({}));
     const problem = response.ok ? null : `the server returned ${response.status}`;
     const at_ms = performance.timeOrigin + performance.now();
-    return { problem, ...told, status: response.status, ok: response.ok && told.ok !== false, at_ms };
+    return { problem, ...reply, status: response.status, ok: response.ok && reply.ok !== false, at_ms };
   } catch {
     return { status: 0, ok: false, problem: "the panel's server does not answer" };
   }

@@ -124,7 +124,7 @@ def _struck(messages: Sequence[Message]) -> dict[int, list[WireFault]]:
         for message in sorted(group, key=lambda m: (m.number not in whole, -m.force_gwt, m.number)):
             new = {at for at, byte in enumerate(content(message.data)) if (at, byte) not in met}
             met |= set(enumerate(content(message.data)))
-            sealed = way == "from" and not (_is_text(message.data) or _is_tcp(message.data))
+            sealed = way == "from" and not any(known(message.data) for known in (_is_text, _is_tcp, _is_tmcl))
             if message.number not in whole and (sealed or not new):
                 continue
             faults = list(wire_faults(message.data, from_device=way == "from"))
@@ -142,13 +142,31 @@ def is_command(message: Message) -> bool:
     data = message.data
     if data.startswith(b"/"):
         return re.search(rb" \d\d (home|move|stop|estop|set|warnings clear)", data) is not None
+    if is_ximc(data):
+        return data[:1] not in b"g\0"
+    if _is_tmcl(data):
+        return data[1] not in (6, 136) and (data[1], data[2]) != (13, 2)
     if _is_text(data):
         return data.endswith(b"\n")
     return data[7 if _is_tcp(data) else 1] != 3
 
 
+_RECORD_BYTES, _LINES = 36, (b"<", b"[", b"@", b"!", b"#", b"/", b"$", b"G")
+"""Length of a record of the Net F/T, and what lines of other devices begin with."""
+
+
+def is_ximc(data: bytes) -> bool:
+    """Whether it is a frame of a Standa controller: four letters and perhaps a payload, or zero bytes."""
+    return re.match(rb"[a-z]{4}|\0{4}", data) is not None and re.fullmatch(rb"[ -~\t]*\r?\n", data) is None
+
+
 def _is_text(data: bytes) -> bool:
     return data.endswith(b"\n") or len(data) <= 3
+
+
+def _is_tmcl(data: bytes) -> bool:
+    """Whether it is a frame of a Trinamic module; a reply with two registers of RTU is as long."""
+    return len(data) == 9 and data[1:3] != b"\3\4" and sum(data[:8]) & 0xFF == data[8]
 
 
 def _is_tcp(data: bytes) -> bool:
@@ -157,6 +175,10 @@ def _is_tcp(data: bytes) -> bool:
 
 def shape(data: bytes) -> str:
     """What a message is besides its numbers."""
+    if len(data) == _RECORD_BYTES and not data.startswith(_LINES):
+        return "record"
+    if is_ximc(data) or _is_tmcl(data):
+        return f"{data[:4].hex()} {len(data)}"
     if _is_text(data):
         return re.sub(r"[0-9]", "#", content(data).decode("latin-1"))
     body = data[6:] if _is_tcp(data) else data[:-2]
@@ -166,6 +188,10 @@ def shape(data: bytes) -> str:
 
 def content(data: bytes) -> bytes:
     """A message without what changes although nothing is said anew: its transaction, its checksum."""
+    if is_ximc(data):
+        return data if len(data) == 4 else data[:-2] + b"\0\0"
+    if _is_tmcl(data):
+        return data
     if _is_text(data):
         return _of_a_chain(data)
     return b"\0\0" + data[2:] if _is_tcp(data) else data[:-2] + b"\0\0"

@@ -89,15 +89,15 @@ class ServedWorld(World):
 
     def _tap_host(self, name: str, send: Callable[[bytes], None]) -> None:
         def tapped(data: bytes) -> None:
-            for part in self._messages(name, data):
+            for part in self._messages(data):
                 for late_s, piece in self.passed(name, "to", part):
                     self.later(late_s, lambda piece=piece: send(piece))  # type: ignore[misc]
 
         self.lines[name].host_write = tapped  # type: ignore[method-assign]
 
-    def _messages(self, wire: str, data: bytes) -> Iterator[bytes]:
-        """What came at once: lines, real-time bytes as they were written, or frames."""
-        if self.speaks_lines(wire):
+    def _messages(self, data: bytes) -> Iterator[bytes]:
+        """What came at once: lines, real-time bytes as they were written, or frames of Modbus TCP."""
+        if self.config.stage.framing != "tcp":
             yield from data.splitlines(keepends=True)
             return
         while data:

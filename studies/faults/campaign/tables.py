@@ -13,7 +13,7 @@ from studies.registry import Rows, as_markdown
 Record = dict[str, Any]
 CLASSES = ("force", "sideways", "report", "lost or repeated", "not resumed", "crash")
 KEPT = ("case", "data", "worst_gwt", "left_gwt", "drag_mm", "exit", "claim", "on_record", "violations", "exempt")
-TITLES = {"grbl": "GRBL", "rtu": "RTU", "tcp": "TCP", "zaber": "Zaber"}
+TITLES = {"grbl": "GRBL", "rtu": "RTU", "tcp": "TCP"}
 WORST = 5
 _NAME = re.compile(r'"commit": "([^"]*)", "case": "([^"]*)"')
 
@@ -103,7 +103,7 @@ class CampaignSummary:
     def phases(self) -> Rows:
         """Cases and worst force of each phase on each bench: studies/results/faults/campaign.csv."""
         benches = list(dict.fromkeys(bench for bench, _ in self.cases))
-        rows = [["phase", *(cell for bench in benches for cell in (f"{TITLES[bench]}: cases", "worst, gwt"))]]
+        rows = [["phase", *(cell for bench in benches for cell in (f"{_title(bench)}: cases", "worst, gwt"))]]
         for phase in dict.fromkeys(phase for _, phase in self.cases):
             rows.append([phase])
             for bench in benches:
@@ -133,6 +133,10 @@ class CampaignSummary:
                 row = {**record, "violations": " and ".join(record["violations"]), "exempt": record["exempt"] or ""}
                 lines.append(",".join(str(row.get(key, "")).replace(",", ";") for key in KEPT))
         return "\n".join(lines) + "\n"
+
+
+def _title(bench: str) -> str:
+    return TITLES.get(bench, bench.replace("_", " ").capitalize())
 
 
 def _spaced(number: int) -> str:

@@ -1,15 +1,24 @@
 """The virtual bench of the campaign: real drivers and bytes, a finger of springs, and the truth beside them."""
 
+import string
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol, Self
 
-from rig.bench.virtual import looked_after_by, true_carriage, virtual_force, virtual_stage
+from rig.bench.virtual import (
+    looked_after_by,
+    stage_opener,
+    true_carriage,
+    virtual_force,
+    virtual_line,
+    virtual_stage,
+)
 from rig.clock import Clock
 from rig.devices.base import ForceSensor, Stage, StageError
 from rig.devices.make_drivers import force_driver, stage_driver
+from rig.devices.registry import BUILT_IN
 from rig.engine import Journal
 from rig.engine.bench import NO_PAUSE, Heartbeat, Pause, WatchedBench
 from rig.engine.bench_memory import BenchMemory, LastKnown
@@ -31,16 +40,23 @@ _ALWAYS: Mapping[str, Any] = {
     "frame": {"apex_z_mm": -12.0},  # a shorter way down than the default, and as many digits
     "habits": {"clearance_mm": 1.0},
 }
-_LEADSHINE = {"kind": "leadshine"}
-_LAUMAS = {"kind": "laumas", "baud": 115200}
-_MODBUS: dict[str, dict[str, Any]] = {"stage": _LEADSHINE, "force": _LAUMAS}
+_MODBUS: dict[str, dict[str, Any]] = {"stage": {"kind": "leadshine"}, "force": {"kind": "laumas", "baud": 115200}}
 _TCP = {name: {**device, "framing": "tcp"} for name, device in _MODBUS.items()}
-_ZABER = {"stage": {"kind": "zaber"}}
-BENCHES: dict[str, Mapping[str, Any]] = {"grbl": {}, "rtu": _MODBUS, "tcp": _TCP, "zaber": _ZABER}
-"""GRBL with MT-SICS; Leadshine with Laumas as Modbus RTU, and in the frames of Modbus TCP; Zaber with MT-SICS."""
+_FIRST: dict[str, Mapping[str, Any]] = {"grbl": {}, "rtu": _MODBUS, "tcp": _TCP}
+_OTHER_KINDS = [(room, name) for room, kinds in BUILT_IN.items() for name in kinds[1:]]
+BENCHES: dict[str, Mapping[str, Any]] = _FIRST | {
+    name: {room: {"kind": name}}
+    for room, name in _OTHER_KINDS
+    if not any(bench.get(room, {}).get("kind") == name for bench in _FIRST.values())
+}
+"""GRBL with MT-SICS; Leadshine with Laumas as Modbus RTU, and in the frames of Modbus TCP; every other kind in the
+registry in the place of the usual one."""
 
 Way = Literal["to", "from"]
 """To the device, or from it."""
+
+_TEXT = set(string.printable.encode("ascii"))
+"""Bytes of lines; a frame of Modbus has others, such as its device."""
 
 
 @dataclass(frozen=True)
@@ -134,15 +150,16 @@ class World:
         self.felt_n: Callable[[float], float] = self.true_n
         self.worst = Worst()
         self.lines = {
-            "stage": SerialLine(clock, config.stage.baud),
-            "force": SerialLine(clock, config.force.baud),
+            "stage": virtual_line(clock, config.stage),
+            "force": virtual_line(clock, config.force),
         }
         self.board: Any = virtual_stage(clock, self.lines["stage"], config)
         self.carriage = true_carriage(self.board, config)
         load = Load(lambda t_s: self.felt_n(t_s))
         self.sensor: Any = virtual_force(clock, self.lines["force"], config, load)
         for name, line in self.lines.items():
-            self._tap_device(name, line)
+            for one in (line, *line.further):
+                self._tap_device(name, one)
         self._before: tuple[float, float] | None = None
         self.touch_n = config.habits.touch_force_gwt * GWT_N
         self._look()
@@ -192,7 +209,12 @@ class World:
             self.messages, self.phase, wire, way, data, self.scheduler.monotonic_s(), round(self.true_gwt, 3)
         )
         self.messages += 1
-        return self.tap(message)
+        found = self.tap(message)
+        if (
+            wire == "force" and self.config.force.kind == "net_ft"
+        ):  # UDP and TCP drop what their checksum does not fit.
+            return [(late_s, piece) for late_s, piece in found if piece == data]
+        return found
 
     def later(self, late_s: float, action: Callable[[], None]) -> None:
         """At once, or on the clock."""
@@ -202,18 +224,14 @@ class World:
             action()
 
     def _tap_device(self, name: str, line: SerialLine) -> None:
-        send, text = line.device_write, self.speaks_lines(name)
+        send = line.device_write
 
         def tapped(data: bytes) -> None:
-            for part in data.splitlines(keepends=True) if text else [data]:
+            for part in data.splitlines(keepends=True) if set(data) <= _TEXT else [data]:
                 for late_s, piece in self.passed(name, "from", part):
                     self.later(late_s, lambda piece=piece: send(piece))  # type: ignore[misc]
 
         line.device_write = tapped  # type: ignore[method-assign]
-
-    def speaks_lines(self, wire: str) -> bool:
-        """Whether a message on this wire is a line; else it is a frame."""
-        return {"stage": self.config.stage.kind, "force": self.config.force.kind}[wire] in ("grbl", "zaber", "mtsics")
 
 
 class VirtualWorld(World):
@@ -226,16 +244,16 @@ class VirtualWorld(World):
         self.folder: Path | None = None
         super().__init__(bench, self.clock)
 
-    def wire(self, name: str) -> "TappedWire":
-        """The host's end of a wire."""
-        return TappedWire(self, self.lines[name], self.clock, name)
+    def wire(self, name: str, line: SerialLine | None = None) -> "TappedWire":
+        """The host's end of a wire; line: of a further port of that device."""
+        return TappedWire(self, line or self.lines[name], self.clock, name)
 
     def connected(self, *, moves: bool = True) -> "CampaignBench":
         """Fresh drivers on these devices: the bench of another program."""
         if self.config.stage.framing == "tcp":
             for line in self.lines.values():
                 line.renewed()  # another connection
-        stage_wire, force_wire = self.wire("stage"), self.wire("force")
+        force_wire = self.wire("force")
         memory = BenchMemory(self.config)
         before = memory.read()
         if moves:
@@ -243,7 +261,11 @@ class VirtualWorld(World):
         return CampaignBench(
             self,
             self.clock,
-            stage_driver(lambda _: stage_wire, self.clock, self.config),
+            stage_driver(
+                stage_opener(self.config, self.lines["stage"], lambda line, _: self.wire("stage", line)),
+                self.clock,
+                self.config,
+            ),
             force_driver(lambda _: force_wire, self.clock, self.config),
             before,
         )

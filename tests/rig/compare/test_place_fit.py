@@ -142,7 +142,8 @@ def test_only_what_the_run_covers_counts(laid: Laid) -> None:
 
 
 def test_every_measure_has_its_row(laid: Laid) -> None:
-    found = whereabouts(laid(0.1, 0.8), WHERE, Form())
+    near = PlaceRange((-0.2, 0.2), (0.7, 0.9))
+    found = whereabouts(laid(0.1, 0.8, near), near, Form())
     assert found is not None
     assert sorted(row.measure for row in found.rows) == sorted(MEASURES)
     deviances = [row.deviance for row in found.rows]

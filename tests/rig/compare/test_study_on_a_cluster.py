@@ -35,7 +35,7 @@ MANY_PLACES = """\
 shape = "bar:3.0"
 x_mm = [{places}]
 doi_mm = [0.1, 0.2, 0.3, 0.4]
-""".format(places=", ".join(f"{0.05 * k - 0.5:.2f}" for k in range(21)))
+""".format(places=", ".join(f"{0.25 * k - 0.5:.2f}" for k in range(5)))
 CASES = 2 * 4
 
 SCHEDULER = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]

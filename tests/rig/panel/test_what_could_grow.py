@@ -34,6 +34,7 @@ HAS_AN_END = {
     "rig/panel/stream.py _rows": "MOST_ROWS, and a minute",
     "rig/panel/watcher.py _status": "the last one",
     "rig/panel/owners.py _open": "the tabs that look on now",
+    "rig/control/owner_socket.py _unproven": "MOST_UNPROVEN",
     "rig/control/owner_socket.py _waiting": "_SPARE",
     "rig/control/stop.py _recipients": "one for each owner, until the stop is over",
     "rig/control/stop.py problems": "of one stop, until it is over",

@@ -87,7 +87,7 @@ def test_the_finger_ends_with_its_run(
     elsewhere: Callable[..., Elsewhere], whole: tuple[ServedBench, Path], finger: Fingertip
 ) -> None:
     _, config = whole
-    run = elsewhere(decides(hold_s=60.0), "run", "--yes", "--config", config)
+    run = elsewhere(decides(hold_s=20.0), "run", "--yes", "--config", config)
     run.comes_to(lambda: at_phase("hold")(run))
     (child,) = _children(run.process.pid)
     run.process.kill()
@@ -96,7 +96,7 @@ def test_the_finger_ends_with_its_run(
 
 
 def test_a_dry_run_answers_too(elsewhere: Callable[..., Elsewhere], finger: Fingertip) -> None:
-    run = elsewhere(decides(hold_s=60.0), "dry-run", "--speed", "10")
+    run = elsewhere(decides(hold_s=20.0), "dry-run", "--speed", "10")
     assert (run.one.virtual, run.one.ports, run.one.kind) == (True, (), "run")
     run.comes_to(lambda: at_phase("hold")(run))
     assert run.ask("status") == {"ok": True, "state": "running", "run": str(run.folder), "stopped": False}

@@ -9,13 +9,15 @@ import pytest
 
 from rig.bench.checks import bench_problems, look
 from rig.bench.served import ServedBench
-from rig.devices.registry import BUILT_IN, ForceKind, find
+from rig.devices.registry import BUILT_IN, ForceKind, find, stage_ports
 from rig.plan.config import Config, load_config
 from tests.program import INIT_ANSWERS, Program
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 
-PAIRS = [pair for pair in product(BUILT_IN["stage"], BUILT_IN["force"]) if find(ForceKind, pair[1]).probe is not None]
+FOUND = [name for name in BUILT_IN["force"] if find(ForceKind, name).probe and not find(ForceKind, name).datagrams]
+"""Kinds that are found without a further key: the page of a virtual Net F/T is at a TCP port of its own."""
+PAIRS = list(product(BUILT_IN["stage"], FOUND))
 
 
 def _way(stage: str, force: str) -> str:
@@ -23,7 +25,7 @@ def _way(stage: str, force: str) -> str:
     return ("pty", "tcp")[(BUILT_IN["stage"].index(stage) + BUILT_IN["force"].index(force)) % 2]
 
 
-Serve = Callable[..., str]
+Serve = Callable[..., list[str]]
 
 
 @pytest.fixture
@@ -31,13 +33,13 @@ def serve() -> Iterator[Serve]:
     """Serve one device in a thread; the sensor bears no finger."""
     running: list[tuple[ServedBench, threading.Thread]] = []
 
-    def served(room: str, kind: str, way: str) -> str:
+    def served(room: str, kind: str, way: str) -> list[str]:
         other = {"stage": None, "force": None, room: kind}
         bench = ServedBench(Config(), stage=other["stage"], force=other["force"], tcp=0 if way == "tcp" else None)
         thread = threading.Thread(target=bench.run)
         thread.start()
         running.append((bench, thread))
-        return bench.ports[room]
+        return list(bench.ports.values())
 
     yield served
     for bench, thread in running:
@@ -51,15 +53,15 @@ def test_the_devices_are_found_and_the_file_is_right(
     stage: str, force: str, serve: Serve, program: Program, tmp_path: Path
 ) -> None:
     way, to = _way(stage, force), tmp_path / "rig.toml"
-    ports = {"stage": serve("stage", stage, way), "force": serve("force", force, way)}
-    ended = program(
-        "init", "--yes", "--json", "--to", to, "--port", ports["force"], "--port", ports["stage"], *INIT_ANSWERS
-    )
+    of_stage, (of_force,) = serve("stage", stage, way), serve("force", force, way)
+    words = [word for port in (of_force, *of_stage) for word in ("--port", port)]
+    words += ["--stage-port", of_stage[0]] if len(of_stage) > 1 else []
+    ended = program("init", "--yes", "--json", "--to", to, *words, *INIT_ANSWERS)
     assert ended.code == 0, ended.err
     found = {one["port"]: (one["role"], one["kind"], one["code"]) for one in ended.json["ports"]}
-    assert found == {ports["stage"]: ("stage", stage, None), ports["force"]: ("force", force, None)}
+    assert found == dict.fromkeys(of_stage, ("stage", stage, None)) | {of_force: ("force", force, None)}
     config = load_config(to)
-    assert {"stage": config.stage.port, "force": config.force.port} == ports
+    assert (stage_ports(config.stage), config.force.port) == (tuple(of_stage), of_force)
     assert bench_problems(config) == []
     seen = look(config, closely=True)
     assert seen["stage"]["identity"], "the driver connects with that file"
@@ -67,7 +69,7 @@ def test_the_devices_are_found_and_the_file_is_right(
 
 
 def test_swapped_ports_are_noticed(serve: Serve, program: Program, tmp_path: Path) -> None:
-    stage, force = serve("stage", "grbl", "pty"), serve("force", "mtsics", "pty")
+    (stage,), (force,) = serve("stage", "grbl", "pty"), serve("force", "mtsics", "pty")
     to = tmp_path / "rig.toml"
     ended = program(
         "init", "--yes", "--json", "--to", to, "--stage-port", force, "--sensor-port", stage, *INIT_ANSWERS

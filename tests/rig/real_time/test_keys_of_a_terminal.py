@@ -35,7 +35,7 @@ def test_it_lifts_first(name: str, whole: tuple[ServedBench, Path], tmp_path: Pa
     command = [sys.executable, WHOLE, "run", "first_press"]
     with _in_the_background():
         run = Popen(
-            [*command, "hold_s=30", "--yes", "--config", str(config), "--out", str(tmp_path / "runs")],
+            [*command, "presses=1", "hold_s=30", "--yes", "--config", str(config), "--out", str(tmp_path / "runs")],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
     try:

@@ -366,10 +366,14 @@ def test_a_process_that_draws_is_ended_while_it_is_asked(tmp_path: Path) -> None
 
 
 def test_what_is_not_drawn_in_time_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    process, job = DrawingProcess(), Job(tmp_path / "config.toml")
+    process.ask(job)
+    assert process._process is not None
+    assert process._process.pid is not None
+    os.kill(process._process.pid, signal.SIGSTOP)
     monkeypatch.setattr("rig.panel.drawing.PATIENCE_S", 0.01)
-    process = DrawingProcess()
     with raises(DrawingError, "too_slow", within_s=0.01):
-        process.ask(Job(tmp_path / "config.toml"))
+        process.ask(job)
     assert process._process is None
 
 

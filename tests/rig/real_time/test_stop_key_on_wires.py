@@ -41,7 +41,7 @@ def held(
                 deed(file)
 
         monkeypatch.setattr(Journal, "event", seen)
-        arguments = ("run", "first_press", "hold_s=30", "--config", config, "--out", tmp_path / "runs")
+        arguments = ("run", "first_press", "presses=1", "hold_s=30", "--config", config, "--out", tmp_path / "runs")
         return rig(*arguments, "--yes", "--json", typed="\n")
 
     yield run

@@ -28,7 +28,7 @@ def _solves(run: Elsewhere) -> bool:
 PHASES: dict[str, tuple[str, Callable[[Elsewhere], bool]]] = {
     "approach": (decides(), at_phase("approach")),
     "solve": (decides(times=12), _solves),
-    "hold": (decides(hold_s=60.0), at_phase("hold")),
+    "hold": (decides(hold_s=20.0), at_phase("hold")),
 }
 
 

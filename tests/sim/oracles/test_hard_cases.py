@@ -1,12 +1,16 @@
 """Nearly incompressible tissue, unlike layers, long flat elements."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
 from studies.verification.contact import contact_errors
-from studies.verification.contrast import condensed
+from studies.verification.contrast import condensed as solved
 from studies.verification.layer import Layer, compliance, layers_compliance, one_layer_compliance
 from studies.verification.line_contact import cylinder, half_space
+
+condensed = cache(solved)  # the same blocks serve several tests
 
 
 @pytest.mark.parametrize("poisson", [0.48, 0.49, 0.499, 0.4999])

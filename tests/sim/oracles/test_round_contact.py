@@ -14,9 +14,9 @@ Boxes = tuple[Patch, Patch]
 
 
 @pytest.fixture(scope="module")
-def sixteen() -> Patch:
-    """16 elements across the contact radius; 1.4 is a coarser grading than the finger's."""
-    return quarter_space(16, 10, growth=1.4)
+def ten() -> Patch:
+    """Ten elements across the contact radius; 1.4 is a coarser grading than the finger's."""
+    return quarter_space(10, 10, growth=1.4)
 
 
 @pytest.fixture(scope="module")
@@ -29,18 +29,19 @@ def four() -> Boxes:
     return quarter_space(4, 10), quarter_space(4, 20)
 
 
-def test_sphere_within_one_per_cent(sixteen: Patch) -> None:
-    # Measured contact radius 0.15 %, spread −0.04 %, pressure inside 0.44 % of the mean.
-    errors = contact_errors(sixteen, sphere())
+def test_sphere_within_one_per_cent(ten: Patch) -> None:
+    # Measured contact radius 0.38 %, spread 0.14 %, pressure inside 0.70 % of the mean;
+    # at 16 elements 0.15, −0.04 and 0.44 %.
+    errors = contact_errors(ten, sphere())
     assert errors.converged
     assert abs(errors.half_width) < 0.01
     assert abs(errors.spread) < 0.01
     assert errors.inside < 0.01
 
 
-def test_cone_within_one_per_cent(sixteen: Patch) -> None:
-    # Measured contact radius −0.13 %, spread −0.05 %; the pressure, 1.3 %, is worst next to the logarithm at the tip.
-    errors = contact_errors(sixteen, cone())
+def test_cone_within_one_per_cent(ten: Patch) -> None:
+    # Measured contact radius −0.19 %, spread 0.21 %; the pressure, 1.2 %, is worst next to the logarithm at the tip.
+    errors = contact_errors(ten, cone())
     assert errors.converged
     assert abs(errors.half_width) < 0.01
     assert abs(errors.spread) < 0.01

@@ -15,6 +15,8 @@ from typing import Any, BinaryIO
 MOST_BYTES = 256_000_000
 """Largest file that is read as a whole, such as a journal."""
 
+MOST_TABLE_BYTES = 32_000_000
+
 MOST_TOML_BYTES = 4_000_000
 
 MOST_LINES = 1_000_100

@@ -1,0 +1,220 @@
+"""Binary protocol of Standa 8SMC controllers: frames, CRC, error answers, resynchronization.
+
+Sources: Standa 8SMC5-USB manual, communication protocol; protocol.xi of libximc, version 20.8.
+
+A frame is four letters and, if there is a payload, a CRC-16 of the payload alone. Replies have no number: one request
+is under way at a time, and after a lost or garbled reply zero bytes clear the line first.
+"""
+
+import struct
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+from rig.clock import Clock
+from rig.devices.base import StageError, StageRejected, StageTimeout
+from rig.transport import Transport
+
+REPLY_S = 0.2
+READ_TRIES = 3
+LETTERS, CRC_BYTES = 4, 2
+ZEROS = bytes(64)
+"""As many as complete any frame that was cut short; the controller returns each that it does not need."""
+SYNC_TRIES, SYNC_S, QUIET_S = 3, 0.1, 0.02
+FORGETS_S = 0.45
+"""The controller forgets the beginning of a command 0.4 s after its last byte."""
+MOST_CHUNKS = 100
+SHOWN = 16
+STOP = "stop"
+ERRORS = {
+    "errc": "unknown command",
+    "errd": "wrong checksum",
+    "errv": "value out of range, which it has replaced",
+}
+
+MOVE = struct.Struct("<ih6s")
+SPEED = struct.Struct("<IBHHIBB9s")
+RESERVED = b"\xcc"
+"""What the maker's library writes to the reserved bytes."""
+STATUS = struct.Struct("<5Bihqih5hIIB4x")
+ENGINE = struct.Struct("<HHIBHhBH12x")
+EDGES = struct.Struct("<BBihih6x")
+HOMING = struct.Struct("<IBIBihH9x")
+POWER = struct.Struct("<BHHHB6x")
+SERIAL = struct.Struct("<I")
+VERSION = struct.Struct("<BBH")
+
+RUNNING, FAILED, COMMAND = 0x80, 0x40, 0x3F
+MOVES, LEFT, RIGHT, STOPPED, HOMES = 1, 3, 4, 5, 6
+POWER_OFF = 1
+
+
+@dataclass(frozen=True, slots=True)
+class AxisStatus:
+    """Reply to `gets`: command state, power state, position in full steps and microsteps, flags, inputs."""
+
+    command: int
+    power: int
+    steps: int
+    microsteps: int
+    moves: bool
+    flags: int
+    inputs: int
+
+    @property
+    def busy(self) -> bool:
+        """Whether a command is under way, or the motor turns."""
+        return bool(self.command & RUNNING) or self.moves
+
+
+def _shifted(value: int) -> int:
+    for _ in range(8):
+        value = value >> 1 ^ (0xA001 if value & 1 else 0)
+    return value
+
+
+_SHIFTED = [_shifted(byte) for byte in range(256)]
+
+
+def crc(payload: bytes) -> int:
+    """Return the CRC-16 of Modbus."""
+    value = 0xFFFF
+    for byte in payload:
+        value = value >> 8 ^ _SHIFTED[(value ^ byte) & 0xFF]
+    return value
+
+
+def frame(letters: str, payload: bytes = b"") -> bytes:
+    """Return a command or a reply."""
+    return letters.encode("ascii") + payload + (crc(payload).to_bytes(CRC_BYTES, "little") if payload else b"")
+
+
+class StandaLink:
+    """Port of one controller; one command at a time waits for its reply."""
+
+    def __init__(self, transport: Transport, clock: Clock) -> None:
+        self.name = transport.name
+        self._transport, self._clock = transport, clock
+        self._one = threading.Lock()
+        self._clear = True
+
+    def ask(self, letters: str, layout: struct.Struct, tries: int = READ_TRIES) -> tuple[Any, ...]:
+        """Ask a question that changes nothing; a missing or garbled reply is asked for again.
+
+        Raises StageError, TransportError.
+        """
+        for left in reversed(range(tries)):
+            try:
+                return layout.unpack(self._exchange(letters, b"", layout.size))
+            except StageError:
+                if not left:
+                    raise
+        raise AssertionError("tries is positive")
+
+    def status(self, tries: int = READ_TRIES) -> AxisStatus:
+        """Return position and state. Raises StageError, TransportError."""
+        moving, command, power, _, _, steps, microsteps, _, speed, part, *_, flags, inputs, _ = self.ask(
+            "gets", STATUS, tries
+        )
+        turns = bool(moving & 1 or speed or part)
+        return AxisStatus(command, power, steps, microsteps, turns, flags, inputs)
+
+    def command(self, letters: str, payload: bytes = b"") -> None:
+        """Send a command once and wait until it is confirmed. Raises StageError, TransportError."""
+        self._exchange(letters, payload, 0)
+
+    def send_now(self, letters: str) -> None:
+        """Send a command without waiting for its reply. Raises TransportError."""
+        self._transport.write(frame(letters))
+
+    def close(self) -> None:
+        """Close the transport."""
+        self._transport.close()
+
+    def _exchange(self, letters: str, payload: bytes, size: int) -> bytes:
+        with self._turn():
+            if not self._clear:
+                self._synchronize(letters)
+            for _ in range(MOST_CHUNKS):
+                if not self._transport.read(0.0):
+                    break
+            self._clear = False
+            self._transport.write(frame(letters, payload))
+            reply = self._answer(letters, size)
+            self._clear = True
+            return reply
+
+    @contextmanager
+    def _turn(self) -> Iterator[None]:
+        """Wait for a command in another thread, but not for one that hangs."""
+        mine = self._one.acquire(timeout=2 * REPLY_S)
+        try:
+            yield
+        finally:
+            if mine:
+                self._one.release()
+
+    def _synchronize(self, letters: str) -> None:
+        """Send zero bytes until the controller returns them, which ends every frame that was cut short.
+
+        Raises StageTimeout, TransportError.
+        """
+        for _ in range(SYNC_TRIES):
+            self._transport.write(ZEROS)
+            heard, deadline_s = b"", self._clock.monotonic_s() + SYNC_S
+            while (left_s := deadline_s - self._clock.monotonic_s()) > 0:
+                quiet = b"\0" in heard
+                data = self._transport.read(min(QUIET_S, left_s) if quiet else left_s)
+                heard += data
+                if heard.endswith(ZEROS) or (quiet and not data):
+                    return
+        raise self._silent(letters, SYNC_TRIES * SYNC_S)
+
+    def _answer(self, letters: str, size: int) -> bytes:
+        """Return the payload of the reply; skip zero bytes, and the reply to a stop from another thread."""
+        name, deadline_s = letters.encode("ascii"), self._clock.monotonic_s() + REPLY_S
+        whole = LETTERS + (size + CRC_BYTES if size else 0)
+        heard, odd = b"", b""
+        while True:
+            heard = heard.lstrip(b"\0")
+            head = heard[:LETTERS]
+            if head == name and len(heard) >= whole:
+                payload = heard[LETTERS : LETTERS + size]
+                if heard[LETTERS:whole] == frame(letters, payload)[LETTERS:]:
+                    return payload
+                raise self._garbled(letters, heard)
+            if head.decode("latin-1") in ERRORS:
+                word = head.decode("ascii")
+                raise StageRejected(word, letters, ERRORS[word], port=self.name)
+            if len(head) == LETTERS and head != name:
+                odd = odd or heard
+                heard = heard[LETTERS if head == STOP.encode() else 1 :]
+                continue
+            left_s = deadline_s - self._clock.monotonic_s()
+            if left_s <= 0:
+                break
+            heard += self._transport.read(left_s)
+        if odd or heard:
+            raise self._garbled(letters, odd or heard)
+        raise self._silent(letters, REPLY_S)
+
+    def _garbled(self, letters: str, heard: bytes) -> StageError:
+        return StageError(
+            "{port}: Standa controller, command {command}: the reply {heard} is garbled; check the cable",
+            code="garbled",
+            port=self.name,
+            command=letters,
+            heard=heard[:SHOWN].hex(" "),
+        )
+
+    def _silent(self, what: str, timeout_s: float) -> StageTimeout:
+        return StageTimeout(
+            "{port}: Standa controller, command {command}: no reply within {timeout_s:g} s; check the power, the "
+            "cable and the port",
+            code="no_reply",
+            port=self.name,
+            command=what,
+            timeout_s=timeout_s,
+        )

@@ -1,0 +1,219 @@
+"""Presses ordered one by one by another program, within what a person has confirmed.
+
+The script of such a run waits for orders; each one becomes the verbs of any protocol, with the same checks. The plan
+contains the highest press at every position, so the page, the limits and the soft trip are those of any run.
+"""
+
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar, Literal, TypeVar
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from rig.clock import WallClock
+from rig.engine import Engine, verbs
+from rig.errors import BadInputError, first_problem
+from rig.protocol.api import ProtocolParameters, Rig
+from rig.protocol.check import Spot, Walk
+from rig.protocol.script import Script
+from rig.protocol.steps import Owed, Step
+from rig.session.execute import Live, executes
+
+E = TypeVar("E")
+A = TypeVar("A")
+
+LOOK_S = 0.005
+_AT_MM = 1e-9
+
+
+class OrderScope(ProtocolParameters):
+    """Limits of the orders of a run, which a person confirms: the highest press, the positions and the numbers."""
+
+    indentor: str = Field(description="shape of the indentor")
+    x_mm: tuple[float, ...] = Field((0.0,), min_length=1, description="positions of the presses")
+    doi_mm: float | None = Field(None, gt=0, description="deepest press past contact; or force_gwt")
+    force_gwt: float | None = Field(None, gt=0, description="highest force of a press")
+    presses: int = Field(1, ge=1, le=1000, description="number of presses at most")
+    increments: int = Field(1, ge=1, le=100, description="increments of a press at most")
+    hold_s: float = Field(1.0, gt=0, description="longest hold")
+
+    @property
+    def highest(self) -> dict[str, float]:
+        """The target of the highest press, as an argument of `Rig.indent`."""
+        targets = {"doi_mm": self.doi_mm, "force_gwt": self.force_gwt}
+        return {name: value for name, value in targets.items() if value is not None}
+
+
+class Order(BaseModel):
+    """One order: a move to a position at clearance, a press there, or the end of the run."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
+
+    what: Literal["move", "press", "leave"]
+    x_mm: float | None = None
+    doi_mm: float | None = None
+    force_gwt: float | None = None
+    increments: int = Field(1, ge=1)
+    hold_s: float = Field(1.0, gt=0)
+
+    @property
+    def target(self) -> dict[str, float]:
+        """The target of the press."""
+        targets = {"doi_mm": self.doi_mm, "force_gwt": self.force_gwt}
+        return {name: value for name, value in targets.items() if value is not None}
+
+
+@dataclass(frozen=True, kw_only=True)
+class NextOrder(Step[None, Order | None]):
+    """Wait at clearance for the next order; None ends the run."""
+
+    verb: ClassVar[str] = "next_order"
+    owed: ClassVar[Owed] = Owed.NOTHING
+
+    planned: Order | None
+
+    def check(self, walk: Walk) -> Spot:
+        return walk.spot()
+
+    def foreseen(self, expected: None) -> Order | None:
+        return self.planned
+
+
+@executes(NextOrder)
+def next_order(engine: Engine, step: NextOrder, expected: None) -> Order | None:
+    """Return the planned order, in a rehearsal."""
+    return step.planned
+
+
+class PressOrders:
+    """PressOrders of a run: other threads put them in, one at a time, and the script carries them out."""
+
+    def __init__(self, scope: OrderScope, alone: Callable[[], bool] = lambda: False) -> None:
+        """alone: returns whether the program that gives orders has ended, which ends the run."""
+        self.scope, self._alone = scope, alone
+        self._guard = threading.Lock()
+        self._waiting = False
+        self._order: Order | None = None
+        self._presses = 0
+
+    def as_script(self) -> Script:
+        """Return the script that carries out orders."""
+        return Script(Path(__file__), "orders", "Presses ordered by another program", "", self.scope, self.run)
+
+    def handler(self, engine: Engine, walk: Walk) -> "Ordered":
+        """Return the handler that waits for real orders."""
+        return Ordered(engine, walk, self)
+
+    def run(self, rig: Rig) -> None:
+        """Mount, home and zero, then carry out orders until the last one."""
+        rig.mount(self.scope.indentor)
+        rig.home()
+        at_mm = self.scope.x_mm[0]
+        rig.move_to(x_mm=at_mm)
+        rig.zero()
+        planned = self._planned()
+        while order := rig._do(NextOrder(planned=next(planned, None))):
+            if order.x_mm is not None and (order.what == "move" or order.x_mm != at_mm):
+                at_mm = order.x_mm
+                rig.move_to(x_mm=at_mm)
+            if order.what == "press":
+                rig.indent(**order.target, increments=order.increments, hold_s=order.hold_s)
+
+    def _planned(self) -> Iterator[Order]:
+        scope = self.scope
+        for n in range(scope.presses):
+            x_mm, held = scope.x_mm[n % len(scope.x_mm)], {"increments": scope.increments, "hold_s": scope.hold_s}
+            yield Order(what="press", x_mm=x_mm, **scope.highest, **held)  # type: ignore[arg-type]
+
+    # --- orders from other threads ---
+
+    @property
+    def answers(self) -> Mapping[str, Callable[[Mapping[str, Any]], dict[str, Any]]]:
+        """Handlers of requests, by name."""
+        return {"order": self.take}
+
+    def take(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """Put in an order for the waiting run. Raises BadInputError if it is not allowed; nothing moves then."""
+        try:
+            order = Order.model_validate({key: value for key, value in request.items() if key != "do"})
+        except ValidationError as error:
+            raise first_problem("order", error) from None
+        with self._guard:
+            self._refuse(order)
+            if not self._waiting:
+                raise BadInputError("order: the run is not ready for an order; wait for the last one", code="busy")
+            self._waiting, self._order = False, order
+            self._presses += order.what == "press"
+        return {}
+
+    def _refuse(self, order: Order) -> None:
+        """Raise an error for an order outside of what was confirmed."""
+        scope = self.scope
+        if order.what == "press" and order.target.keys() != scope.highest.keys():
+            raise BadInputError("order: a press needs {target} alone, as it was confirmed", code="another_target",
+                                target=next(iter(scope.highest)))  # fmt: skip
+        if order.what == "move" and order.x_mm is None:
+            raise BadInputError("order: a move needs x_mm", code="no_position")
+        if order.x_mm is not None and all(abs(order.x_mm - x_mm) > _AT_MM for x_mm in scope.x_mm):
+            raise BadInputError("order: {key} = {value:g}: the confirmed positions are {expected}",
+                                code="another_position", key="x_mm", value=order.x_mm,
+                                expected=", ".join(f"{x_mm:g}" for x_mm in scope.x_mm))  # fmt: skip
+        most = {"increments": scope.increments, "hold_s": scope.hold_s, **scope.highest}
+        asked = {"increments": order.increments, "hold_s": order.hold_s, **order.target}
+        for key in most if order.what == "press" else ():
+            if not 0 < asked[key] <= most[key]:
+                raise BadInputError("order: {key} = {value:g}: more than 0 and at most {high:g} was confirmed",
+                                    code="not_confirmed", key=key, value=asked[key], high=most[key])  # fmt: skip
+        if order.what == "press" and self._presses >= scope.presses:
+            raise BadInputError("order: all {high} confirmed presses are done", code="too_many_presses",
+                                high=scope.presses)  # fmt: skip
+
+    # --- the run's own thread ---
+
+    def next(self, engine: Engine) -> Order | None:
+        """Wait for the next order at clearance, where a pause takes effect; None ends the run."""
+        with self._guard:
+            self._waiting, self._order = True, None
+        clock = WallClock()
+        while True:
+            verbs.safe_point(engine)
+            order, over = self._look()
+            if order is not None:
+                return None if order.what == "leave" else order
+            if over:
+                return None
+            clock.wait_s(LOOK_S)
+
+    def _look(self) -> tuple[Order | None, bool]:
+        """Return the order if there is one, and whether none can come any more."""
+        with self._guard:
+            over = self._order is None and self._alone()
+            self._waiting = self._waiting and not over
+            return self._order, over
+
+
+class Ordered(Live):
+    """Handler that waits for real orders, and carries out all other steps."""
+
+    def __init__(self, engine: Engine, walk: Walk, orders: PressOrders) -> None:
+        super().__init__(engine, walk)
+        self._orders = orders
+
+    def handle(self, step: Step[E, A], spot: Spot) -> A:
+        """Carry out the step and return its result."""
+        if isinstance(step, NextOrder):
+            return self._orders.next(self._engine)  # type: ignore[return-value]
+        return super().handle(step, spot)
+
+
+def scope_of(values: Mapping[str, Any]) -> OrderScope:
+    """Return the checked limits of orders. Raises BadInputError."""
+    try:
+        scope = OrderScope.model_validate(values)
+    except ValidationError as error:
+        raise first_problem("orders", error) from None
+    if len(scope.highest) != 1:
+        raise BadInputError("orders: expected either doi_mm or force_gwt", code="not_one_target", verb="orders")
+    return scope

@@ -1,0 +1,364 @@
+"""Virtual Standa 8SMC controller in its binary protocol: settings, motion, homing, limit switches, alarms.
+
+Sources: Standa 8SMC5-USB manual, communication protocol; protocol.xi of libximc, version 20.8. Simplified: homing
+runs to the switch and back by HomeDelta, whatever the flags of the second motion say; in an alarm every command but
+`stop` is confirmed and ignored; an error discards the received bytes; power-off loses the home position; a stop while
+the motor turns is harsh at any speed.
+"""
+
+import struct
+from math import inf, trunc
+
+from sim.devices.clock import Scheduler
+from sim.devices.leadshine import DriveAxis
+from sim.devices.line import SerialLine, VirtualStageSpec
+
+SETTINGS = {
+    "fbs": 18, "hom": 33, "mov": 30, "eng": 34, "ent": 14, "pwr": 20, "sec": 28, "eds": 26, "pid": 48, "sni": 28,
+    "sno": 16, "eio": 18, "brk": 25, "ctl": 93, "joy": 22, "ctp": 18, "urt": 16, "net": 38, "pwd": 36, "cal": 118,
+    "nmf": 30, "nvm": 36, "emf": 48, "eas": 54, "est": 46, "nme": 30, "sti": 70, "sts": 70, "mti": 70, "mts": 112,
+    "eni": 70, "ens": 54, "hsi": 70, "hss": 50, "gri": 70, "grs": 58, "acc": 114,
+}  # fmt: skip
+"""Length of the frame that sets or returns each group of settings."""
+COMMANDS = {"move": 18, "movr": 18, "spos": 26} | dict.fromkeys(
+    ("stop", "sstp", "home", "left", "rigt", "zero", "pwof", "save", "read", "sars", "rers", "eesv", "eerd"), 4
+)
+LENGTHS = COMMANDS | {f"s{name}": length for name, length in SETTINGS.items()}
+LETTERS, CRC_BYTES, FORGETS_S = 4, 2, 0.4
+
+MOVE, MOVR, LEFT, RIGHT, STOP, HOME, SSTP = 1, 2, 3, 4, 5, 6, 8
+FAILED, RUNNING = 0x40, 0x80
+ERRC, ERRD, ERRV, HOMED, ALARM = 0x01, 0x02, 0x04, 0x20, 0x40
+RIGHT_EDGE, LEFT_EDGE, BUTTON_RIGHT = 0x01, 0x02, 0x04
+POWER_OFF, POWER_ON = 1, 3
+ACCELERATES, STOPS_AT_EDGES, HOMES_RIGHT = 0x10, 0x06, 0x01
+FASTEST = 100_000
+BEYOND_MM = 0.5
+
+
+def _shifted(value: int) -> int:
+    for _ in range(8):
+        value = value >> 1 ^ (0xA001 if value & 1 else 0)
+    return value
+
+
+_SHIFTED = [_shifted(byte) for byte in range(256)]
+
+
+def crc(payload: bytes) -> bytes:
+    """Return the CRC-16 of Modbus, low byte first."""
+    value = 0xFFFF
+    for byte in payload:
+        value = value >> 8 ^ _SHIFTED[(value ^ byte) & 0xFF]
+    return value.to_bytes(CRC_BYTES, "little")
+
+
+def frame(letters: str, payload: bytes = b"") -> bytes:
+    """Return a frame."""
+    return letters.encode("ascii") + payload + (crc(payload) if payload else b"")
+
+
+class VirtualStandaController:
+    """Controller of one axis on its line.
+
+    counts_per_mm: microsteps. homes_right: the upper switch is the right one. The carriage's height is in
+    microsteps, 0 where homing ends. start: height at power-on. play: the screw's lost motion.
+    """
+
+    def __init__(
+        self,
+        scheduler: Scheduler,
+        line: SerialLine,
+        *,
+        serial: int,
+        counts_per_mm: float,
+        homes_right: bool,
+        microsteps: int,
+        travel_mm: float,
+        acceleration_mm_s2: float,
+        start: int = 0,
+        play: float = 0.0,
+    ) -> None:
+        self._scheduler, self._line = scheduler, line
+        self._serial, self._microsteps = serial, microsteps
+        self._sign, per_mm = 1 if homes_right else -1, abs(counts_per_mm)
+        self._axis = DriveAxis(start, play)
+        steps_per_mm, self._beyond = per_mm / microsteps, round(BEYOND_MM * per_mm)
+        ramp = min(max(round(1.2 * acceleration_mm_s2 * steps_per_mm), 1), 0xFFFF)
+        delta, part = divmod(self._beyond, microsteps)
+        homing = (round(5 * steps_per_mm), 0, round(steps_per_mm), 0, -self._sign * delta, -self._sign * part)
+        self.settings = {name: bytes(length - LETTERS - CRC_BYTES) for name, length in SETTINGS.items()}
+        self.settings |= {
+            "hom": struct.pack("<IBIBihH9x", *homing, HOMES_RIGHT if self._sign > 0 else 0),
+            "mov": struct.pack("<IBHHIBB9x", round(2 * steps_per_mm), 0, ramp, ramp, 0, 0, 0),
+            "eng": struct.pack("<HHIBHhBH12x", 0, 500, 5000, 0, ACCELERATES, 0, microsteps.bit_length(), 200),
+            "eds": struct.pack("<BBihih6x", STOPS_AT_EDGES, 0, 0, 0, 0, 0),
+            "pwr": struct.pack("<BHHHB6x", 50, 1000, 60, 300, 0),
+        }
+        self._lowest = -round((travel_mm + 1.0) * per_mm)
+        self._zero = start
+        self._command, self._failed, self._power = 0, False, POWER_OFF
+        self.flags = self.inputs = 0
+        self._causes = 0
+        self._homing = False
+        self._target = start
+        self._heard, self._heard_s = b"", -inf
+        line.connect(self._hear, self._forget)
+
+    # --- truth, and what an operator or an accident does ---
+
+    def carriage_at(self, t_s: float) -> int:
+        """Return the motor's true height, past, present or planned."""
+        return self._axis.position_at(t_s)
+
+    def nut_at(self, t_s: float) -> int:
+        """Return the nut's height: behind by the play where the motor went up last."""
+        return self._axis.nut_at(t_s)
+
+    def power_cycle(self) -> None:
+        """Switch off and on: the carriage stops at once, and the home position is lost."""
+        self._brake(inf)
+        self._command, self._failed, self._power, self.flags = 0, False, POWER_OFF, 0
+        self._zero = self.carriage_at(self._now_s)
+        self._forget()
+
+    def fail(self, flag: int, *, lasting: bool = False) -> None:
+        """Enter the alarm state with a flag that stays until a stop; lasting: also after it."""
+        self._brake(inf)
+        self._causes = ALARM | flag if lasting else 0
+        self.flags |= ALARM | flag
+        self._power = POWER_OFF
+
+    def slip(self, counts: int) -> None:
+        """Lose steps: the carriage counts on from another position."""
+        self._zero += counts
+
+    def push_button(self) -> None:
+        """Hold down the button `right` of the controller, which moves the axis."""
+        self.inputs |= BUTTON_RIGHT
+        self._run("rigt")
+
+    # --- state ---
+
+    @property
+    def busy(self) -> bool:
+        """Whether the motor turns."""
+        self._settle()
+        return self._axis.moving(self._now_s)
+
+    def position(self) -> int:
+        """Return the count in microsteps."""
+        return self._sign * (self.carriage_at(self._now_s) - self._zero)
+
+    def edges(self) -> int:
+        """Return the active limit switches."""
+        height = self.carriage_at(self._now_s)
+        home, far = (RIGHT_EDGE, LEFT_EDGE) if self._sign > 0 else (LEFT_EDGE, RIGHT_EDGE)
+        return home * (height >= self._beyond) | far * (height <= self._lowest)
+
+    # --- frames ---
+
+    def _forget(self) -> None:
+        self._heard = b""
+
+    def _hear(self, data: bytes) -> None:
+        if self._now_s - self._heard_s > FORGETS_S:
+            self._heard = b""
+        self._heard_s = self._now_s
+        self._heard += data
+        while self._heard:
+            zeros = len(self._heard) - len(self._heard.lstrip(b"\0"))
+            if zeros:
+                self._heard = self._heard[zeros:]
+                self._line.device_write(bytes(zeros))
+                continue
+            if len(self._heard) < LETTERS:
+                return
+            letters = self._heard[:LETTERS].decode("latin-1")
+            length = self._length(letters)
+            if length is None:
+                self._refuse("errc", ERRC)
+                return
+            if len(self._heard) < length:
+                return
+            payload, seal = self._heard[LETTERS : length - CRC_BYTES], self._heard[length - CRC_BYTES : length]
+            if length > LETTERS and crc(payload) != seal:
+                self._refuse("errd", ERRD)
+                return
+            self._heard = self._heard[length:]
+            self._settle()
+            self._line.device_write(self._obey(letters, payload))
+
+    def _length(self, letters: str) -> int | None:
+        """Return the length of a command, None if there is none of this name."""
+        reads = letters in ("gets", "gpos", "geti", "gser", "gfwv") or (letters[0] == "g" and letters[1:] in SETTINGS)
+        return LETTERS if reads else LENGTHS.get(letters)
+
+    def _refuse(self, word: str, flag: int) -> None:
+        self.flags |= flag
+        self._forget()
+        self._line.device_write(word.encode("ascii"))
+
+    def _obey(self, letters: str, payload: bytes) -> bytes:
+        match letters:
+            case "gets":
+                return frame(letters, self._status())
+            case "gpos":
+                return frame(letters, struct.pack("<ihq6x", *self._parts(self.position()), 0))
+            case "gser":
+                return frame(letters, struct.pack("<I", self._serial))
+            case "gfwv":
+                return frame(letters, struct.pack("<BBH", 4, 7, 12))
+            case "geti":
+                return frame(letters, struct.pack("<4s2s8sBBH12x", b"XIMC", b"SM", b"8SMC5", 2, 3, 0))
+        if letters[0] == "g":
+            return frame(letters, self.settings[letters[1:]])
+        if letters[0] == "s" and letters[1:] in SETTINGS:
+            return self._set(letters, payload)
+        if letters == "spos":
+            steps, part, _, ignored = struct.unpack("<ihqB5x", payload)
+            if not ignored & 1:
+                self._zero = self.carriage_at(self._now_s) - self._sign * self._whole(steps, part)
+        elif letters == "zero":
+            self._zero = self.carriage_at(self._now_s)
+        elif letters == "pwof":
+            self._brake(inf)
+            self._power, self.flags = POWER_OFF, self.flags & ~HOMED
+        elif letters in ("stop", "sstp"):
+            self._end(letters)
+        elif letters in ("move", "movr", "home", "left", "rigt"):
+            self._run(letters, payload)
+        return frame(letters)
+
+    def _set(self, letters: str, payload: bytes) -> bytes:
+        if letters == "smov":
+            speed, *rest = struct.unpack("<IBHHIBB9x", payload)
+            if speed > FASTEST or not all(rest[1:3]):
+                ramps = [max(one, 1) for one in rest[1:3]]
+                self.settings["mov"] = struct.pack("<IBHHIBB9x", min(speed, FASTEST), rest[0], *ramps, *rest[3:])
+                self.flags |= ERRV
+                return b"errv"
+        self.settings[letters[1:]] = payload
+        return frame(letters)
+
+    def _status(self) -> bytes:
+        moves = self.busy
+        command = self._command | FAILED * self._failed | RUNNING * moves
+        speed = self._parts(trunc(self._sign * self._axis.velocity_at(self._now_s))) if moves else (0, 0)
+        return struct.pack(
+            "<5Bihqih5hIIB4x",
+            moves, command, self._power, 0, 0, *self._parts(self.position()), 0, *speed, 500, 2400, 100, 500, 300,
+            self.flags, self.inputs | self.edges(), 1,
+        )  # fmt: skip
+
+    def _parts(self, counts: int) -> tuple[int, int]:
+        """Return full steps, and the rest in microsteps of the present mode; both have the sign of the sum."""
+        steps = trunc(counts / self._microsteps)
+        return steps, trunc((counts - steps * self._microsteps) * self._mode / self._microsteps)
+
+    def _whole(self, steps: int, part: int) -> int:
+        return steps * self._microsteps + round(part * self._microsteps / self._mode)
+
+    @property
+    def _mode(self) -> int:
+        """Microsteps per full step of the present mode."""
+        return 1 << max(struct.unpack("<HHIBHhBH12x", self.settings["eng"])[6] - 1, 0)
+
+    # --- motion ---
+
+    def _run(self, letters: str, payload: bytes = b"") -> None:
+        names = {"move": MOVE, "movr": MOVR, "home": HOME, "left": LEFT, "rigt": RIGHT}
+        self._command, self._failed, self._homing = names[letters], bool(self.flags & ALARM), False
+        if self.flags & ALARM:
+            return
+        self._power = POWER_ON
+        if letters == "home":
+            self._home()
+            return
+        if letters in ("left", "rigt"):
+            height = self._beyond if (letters == "rigt") == (self._sign > 0) else self._lowest
+        else:
+            counts = self._whole(*struct.unpack("<ih6x", payload))
+            height = self._sign * counts + (self._zero if letters == "move" else self.carriage_at(self._now_s))
+        allowed = min(max(height, self._lowest), self._beyond)
+        self._failed = allowed != height
+        speed, part, *ramps = struct.unpack("<IBHHIBB9x", self.settings["mov"])[:4]
+        self._go([(allowed, self._whole(speed, part))], ramps)
+
+    def _home(self) -> None:
+        fast, part, _, _, delta, delta_part, _ = struct.unpack("<IBIBihH9x", self.settings["hom"])
+        _, _, *ramps = struct.unpack("<IBHHIBB9x", self.settings["mov"])[:4]
+        speed = self._whole(fast, part)
+        rest = self._beyond + self._sign * self._whole(delta, delta_part)
+        self._homing, self.flags = True, self.flags & ~HOMED
+        self._go([(self._beyond, speed), (rest, speed)], ramps)
+
+    def _go(self, targets: list[tuple[float, float]], ramps: list[int]) -> None:
+        flags = struct.unpack("<HHIBHhBH12x", self.settings["eng"])[4]
+        up, down = (ramp * self._microsteps if flags & ACCELERATES else inf for ramp in ramps)
+        if targets[0][1]:
+            self._axis.go(targets, min(up, 1e12), min(down, 1e12), self._now_s)
+
+    def _end(self, letters: str) -> None:
+        if letters == "stop":
+            self.flags &= HOMED | self._causes
+            if self._axis.velocity_at(self._now_s):
+                self.flags &= ~HOMED
+            self._brake(inf)
+        elif not self.flags & ALARM:
+            self._brake(struct.unpack("<IBHHIBB9x", self.settings["mov"])[3] * self._microsteps)
+        self._command, self._failed = STOP if letters == "stop" else SSTP, False
+
+    def _settle(self) -> None:
+        """Update the state after homing."""
+        if self._homing and not self._axis.moving(self._now_s):
+            self._homing, self.flags = False, self.flags | HOMED
+
+    def _brake(self, deceleration: float) -> None:
+        self._homing = False
+        if self._axis.velocity_at(self._now_s):
+            self._axis.brake(deceleration, self._now_s)
+
+    @property
+    def _now_s(self) -> float:
+        return self._scheduler.monotonic_s()
+
+
+class StandaPair:
+    """Two controllers as a stage: x lateral, z vertical, y set by hand."""
+
+    def __init__(self, x: VirtualStandaController, z: VirtualStandaController) -> None:
+        self.x, self.z = x, z
+
+    def carriage_steps_at(self, t_s: float) -> tuple[int, int, int]:
+        """Return the motors' true position in microsteps, + up, from home (x, y, z)."""
+        return self.x.carriage_at(t_s), 0, self.z.carriage_at(t_s)
+
+    def nut_steps_at(self, t_s: float) -> tuple[int, int, int]:
+        """Return the nuts' true position in microsteps, + up, from home (x, y, z)."""
+        return self.x.nut_at(t_s), 0, self.z.nut_at(t_s)
+
+    def power_cycle(self) -> None:
+        """Switch both off and on."""
+        self.x.power_cycle()
+        self.z.power_cycle()
+
+
+def standa_twin(scheduler: Scheduler, line: SerialLine, spec: VirtualStageSpec) -> StandaPair:
+    """Return both controllers, that of z on the line of the stage and that of x on its further line."""
+    x, z = (
+        VirtualStandaController(
+            scheduler,
+            one,
+            serial=10001 + number,
+            counts_per_mm=spec.steps_per_mm[number],
+            homes_right=spec.own["xyz"[number]]["home"] == "right",
+            microsteps=spec.own["xyz"[number]]["microsteps"],
+            travel_mm=spec.travel_mm[number],
+            acceleration_mm_s2=spec.acceleration_mm_s2,
+            start=round(-10.0 * abs(spec.steps_per_mm[number])),
+            play=spec.play_steps[number],
+        )
+        for number, one in ((0, line.further[0]), (2, line))
+    )
+    return StandaPair(x, z)

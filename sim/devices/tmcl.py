@@ -1,0 +1,404 @@
+"""Virtual Trinamic modules in binary TMCL: axis parameters, motion, reference search, limit switches, flags.
+
+Sources: Trinamic TMCL firmware manuals (reading of the TMCM-1161); bytes exchanged with pytrinamic 0.2.26. From
+secondary sources and so parameters: units, and the pause after which a module drops an incomplete frame. Also from
+secondary sources: the flags, which reading clears, the reference search, and that a stop command does not end one.
+Simplified: the home switch is at the upper end of every axis in every search mode, every stop brakes with the
+acceleration, and a limit switch stops at once.
+"""
+
+import struct
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from math import ceil, inf
+from typing import Any
+
+from sim.devices.clock import Scheduler
+from sim.devices.leadshine import DriveAxis
+from sim.devices.line import SerialLine, TwinError, VirtualStageSpec
+
+LENGTH = 9
+ROR, ROL, MST, MVP, SAP, GAP, STAP, RSAP, SGP, GGP, RFS, VERSION = 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 13, 136
+DONE, BAD_CHECKSUM, UNKNOWN_COMMAND, WRONG_TYPE, BAD_VALUE = 100, 1, 2, 3, 4
+TARGET, POSITION, TARGET_SPEED, SPEED, MAX_SPEED, ACCELERATION = 0, 1, 2, 3, 4, 5
+REACHED, RIGHT_SWITCH, LEFT_SWITCH, SEARCH_MODE, LOST_STEPS, DRIVER = 8, 10, 11, 193, 207, 208
+SWITCHES = {"right": RIGHT_SWITCH, "left": LEFT_SWITCH}
+FIRMWARE = b"1161V146"
+OFF = 0x1A
+"""Flags of the motor driver that switch it off: temperature, short circuits."""
+FASTEST = 7_999_774
+"""Largest speed and acceleration, in the module's own units."""
+BACK_OFF_MM, FAR_MM = 0.5, 1.0
+_BODY = struct.Struct(">BBBBi")
+
+
+class TmclRefusal(Exception):  # noqa: N818
+    """A command that is not obeyed, with the status of the reply."""
+
+    def __init__(self, status: int) -> None:
+        super().__init__(status)
+        self.status = status
+
+
+@dataclass(frozen=True)
+class TmclUnits:
+    """A module's speed for one microstep per second, and its acceleration for one microstep per second squared."""
+
+    speed: float = 1.0
+    acceleration: float = 1.0
+
+
+class VirtualTmclAxis:
+    """One motor with its axis parameters; `carriage_at(t)` is its true height in microsteps, 0 at home.
+
+    start: height at power-on. play: the screw's lost motion. left_home: the home switch is the left one, and the
+    module counts upwards away from it.
+    """
+
+    def __init__(
+        self,
+        scheduler: Scheduler,
+        units: TmclUnits,
+        *,
+        counts_per_mm: float,
+        travel_mm: float,
+        acceleration_mm_s2: float,
+        left_home: bool = True,
+        resolution: int = 8,
+        search_mode: int = 1,
+        start: int = 0,
+        play: float = 0.0,
+    ) -> None:
+        self._scheduler, self._units = scheduler, units
+        self._counts_per_mm, self._lowest = counts_per_mm, -(travel_mm + FAR_MM) * counts_per_mm
+        self._sign = -1 if left_home else 1
+        self._home, self._far = (LEFT_SWITCH, RIGHT_SWITCH) if left_home else (RIGHT_SWITCH, LEFT_SWITCH)
+        self._axis = DriveAxis(start, play)
+        self.stored: dict[int, int] = {
+            MAX_SPEED: ceil(10.0 * counts_per_mm * units.speed),
+            ACCELERATION: ceil(acceleration_mm_s2 * counts_per_mm * units.acceleration),
+            **dict.fromkeys((6, 7, 12, 13, 149), 0),
+            140: resolution,
+            SEARCH_MODE: search_mode,
+            194: ceil(5.0 * counts_per_mm * units.speed),
+            195: ceil(0.5 * counts_per_mm * units.speed),
+        }
+        self.pressed: set[int] = set()
+        self.power_cycle()
+
+    # --- truth, and what an operator or an accident does ---
+
+    def carriage_at(self, t_s: float) -> int:
+        """Return the motor's true height, past, present or planned."""
+        return self._axis.position_at(t_s)
+
+    def nut_at(self, t_s: float) -> int:
+        """Return the nut's height: behind by the play where the motor went up last."""
+        return self._axis.nut_at(t_s)
+
+    def power_cycle(self) -> None:
+        """Switch off and on: the carriage stops at once, position and parameters are those of the start."""
+        self._brake(inf)
+        self.parameters = dict(self.stored)
+        self._zero = self.carriage_at(self._now_s)
+        self._target = self._target_speed = 0
+        self._positions = True  # towards the target; else at a speed
+        self._searching = False
+        self.lost = self.driver = 0
+
+    def press(self, side: str) -> None:
+        """Make a limit switch active, left or right; the motor stops at once."""
+        self.pressed.add(SWITCHES[side])
+        self._halt()
+
+    def stall(self) -> None:
+        """Block the carriage: the module notices lost steps, and stops."""
+        self._halt()
+        self.lost |= 1
+
+    def fail(self, flags: int) -> None:
+        """Report flags of the motor driver, and stop."""
+        self._halt()
+        self.driver = flags
+
+    # --- state ---
+
+    @property
+    def searching(self) -> bool:
+        """Whether a reference search is active."""
+        self._settle()
+        return self._searching
+
+    @property
+    def busy(self) -> bool:
+        """Whether the axis moves."""
+        return self._axis.moving(self._now_s)
+
+    def position(self) -> int:
+        """Return the module's count."""
+        self._settle()
+        return self._sign * (self.carriage_at(self._now_s) - self._zero)
+
+    def parameter(self, number: int) -> int:
+        """Return an axis parameter. Raises TmclRefusal."""
+        self._settle()
+        if number == LOST_STEPS:
+            lost, self.lost = self.lost, 0
+            return lost
+        height = self.carriage_at(self._now_s)
+        shown = {
+            TARGET: self._target,
+            POSITION: self.position(),
+            TARGET_SPEED: self._target_speed,
+            SPEED: self._speed(),
+            REACHED: int(self.position() == self._target and not self.busy),
+            self._home: int(height >= 0 or self._home in self.pressed),
+            self._far: int(height <= self._lowest or self._far in self.pressed),
+            DRIVER: self.driver,
+        }
+        found = {**self.parameters, **shown}
+        if number not in found:
+            raise TmclRefusal(WRONG_TYPE)
+        return found[number]
+
+    # --- commands ---
+
+    def set_parameter(self, number: int, value: int) -> None:
+        """Set an axis parameter. Raises TmclRefusal."""
+        self._settle()
+        if number == TARGET:
+            self.move_to(value)
+        elif number == POSITION:
+            self._zero = self.carriage_at(self._now_s) - self._sign * value
+        elif number == TARGET_SPEED:
+            self.rotate(value)
+        elif number not in self.parameters:
+            raise TmclRefusal(WRONG_TYPE)
+        elif not 0 <= value <= FASTEST:
+            raise TmclRefusal(BAD_VALUE)
+        else:
+            self.parameters[number] = value
+            if number in (MAX_SPEED, ACCELERATION) and self._positions and not self._searching:
+                self._follow()
+
+    def move_to(self, target: int) -> None:
+        """Go to a position."""
+        self._settle()
+        self._target, self._positions, self._searching = target, True, False
+        self._follow()
+
+    def move_by(self, counts: int) -> None:
+        """Go on by a distance from the present position."""
+        self.move_to(self.position() + counts)
+
+    def rotate(self, speed: int) -> None:
+        """Run at a speed, until a limit switch."""
+        self._settle()
+        self._positions, self._searching, self._target_speed = False, False, speed
+        height = 0.0 if self._sign * speed > 0 else self._lowest
+        if not speed:
+            self._brake(self._acceleration)
+        self._go([(height, abs(speed) / self._units.speed)])
+
+    def stop(self) -> None:
+        """Brake to rest; a reference search goes on."""
+        if not self.searching:
+            self._positions, self._target_speed = False, 0
+            self._brake(self._acceleration)
+
+    def search(self) -> None:
+        """Search the home switch: run to it, back off, and come back slowly."""
+        if self.driver & OFF:
+            return
+        fast, slow = self.parameters[194] / self._units.speed, self.parameters[195] / self._units.speed
+        self._go([(0.0, fast), (-BACK_OFF_MM * self._counts_per_mm, fast), (0.0, slow)])
+        self._searching = True
+
+    def end_search(self) -> None:
+        """End a reference search."""
+        if self.searching:
+            self._searching, self._positions = False, False
+            self._brake(self._acceleration)
+
+    # --- motion ---
+
+    def _follow(self) -> None:
+        """Go to the target at the maximum speed; brake if that is 0."""
+        height = self._zero + self._sign * self._target
+        speed = self.parameters[MAX_SPEED] / self._units.speed
+        if not speed:
+            self._brake(self._acceleration)
+        elif height != self._axis.position_at(self._axis.end_s) or self.busy:
+            self._go([(min(max(height, self._lowest), max(self.carriage_at(self._now_s), 0)), speed)])
+
+    def _go(self, targets: list[tuple[float, float]]) -> None:
+        if not self.driver & OFF and not self.pressed and all(speed for _, speed in targets):
+            self._axis.go(targets, self._acceleration, self._acceleration, self._now_s)
+
+    def _halt(self) -> None:
+        self._positions = self._searching = False
+        self._brake(inf)
+
+    def _brake(self, deceleration: float) -> None:
+        if self._axis.velocity_at(self._now_s):
+            self._axis.brake(deceleration, self._now_s)
+
+    def _settle(self) -> None:
+        """Update the state after a reference search."""
+        if self._searching and not self.busy:
+            self._zero = self._target = 0
+            self._searching, self._positions = False, True
+
+    def _speed(self) -> int:
+        """Return the speed in the module's unit; not 0 as long as the motor moves."""
+        velocity = self._sign * self._axis.velocity_at(self._now_s) * self._units.speed
+        return round(velocity) or int(self.busy and bool(velocity))
+
+    @property
+    def _acceleration(self) -> float:
+        return max(self.parameters[ACCELERATION], 1) / self._units.acceleration
+
+    @property
+    def _now_s(self) -> float:
+        return self._scheduler.monotonic_s()
+
+
+class TmclModules:
+    """Modules on one line: each reads nine bytes and replies to those with its address.
+
+    frame_pause_s: pause after which an incomplete frame is dropped; infinite for a module that waits for ever.
+    """
+
+    def __init__(
+        self,
+        scheduler: Scheduler,
+        line: SerialLine,
+        modules: Mapping[int, Mapping[int, VirtualTmclAxis]],
+        x: VirtualTmclAxis,
+        z: VirtualTmclAxis,
+        *,
+        host: int = 2,
+        frame_pause_s: float = 0.02,
+    ) -> None:
+        self._scheduler, self._line, self.modules, self.x, self.z = scheduler, line, modules, x, z
+        self._host, self.frame_pause_s = host, frame_pause_s
+        self._globals: dict[tuple[int, int, int], int] = {}
+        self._heard, self._heard_s = b"", -inf
+        line.connect(self._hear, self._forget)
+
+    def nut_steps_at(self, t_s: float) -> tuple[int, int, int]:
+        """Return the nuts' true position in microsteps, + up, from home (x, y, z)."""
+        return self.x.nut_at(t_s), 0, self.z.nut_at(t_s)
+
+    def carriage_steps_at(self, t_s: float) -> tuple[int, int, int]:
+        """Return the motors' true position in microsteps, + up, from home (x, y, z)."""
+        return self.x.carriage_at(t_s), 0, self.z.carriage_at(t_s)
+
+    def power_cycle(self) -> None:
+        """Switch the modules off and on."""
+        self._forget()
+        for axis in (self.x, self.z):
+            axis.power_cycle()
+
+    def _forget(self) -> None:
+        self._heard = b""
+
+    def _hear(self, data: bytes) -> None:
+        now_s = self._scheduler.monotonic_s()
+        if now_s - self._heard_s > self.frame_pause_s:
+            self._forget()
+        self._heard, self._heard_s = self._heard + data, now_s
+        while len(self._heard) >= LENGTH:
+            frame, self._heard = self._heard[:LENGTH], self._heard[LENGTH:]
+            self._read(frame)
+
+    def _read(self, frame: bytes) -> None:
+        address, command, kind, number, value = _BODY.unpack(frame[:-1])
+        if address not in self.modules:
+            return
+        if sum(frame[:-1]) & 0xFF != frame[-1]:
+            self._reply(address, BAD_CHECKSUM, command, value)
+            return
+        if (command, kind) == (VERSION, 0):
+            self._line.device_write(bytes([self._host]) + FIRMWARE)
+            return
+        try:
+            self._reply(address, DONE, command, self._obey(address, command, kind, number, value))
+        except TmclRefusal as refusal:
+            self._reply(address, refusal.status, command, value)
+
+    def _reply(self, address: int, status: int, command: int, value: int) -> None:
+        body = _BODY.pack(self._host, address, status, command, value)
+        self._line.device_write(body + bytes([sum(body) & 0xFF]))
+
+    def _obey(self, address: int, command: int, kind: int, number: int, value: int) -> int:
+        """Execute a command and return the value of its reply. Raises TmclRefusal."""
+        place = (address, number, kind)
+        if command == VERSION:
+            return int.from_bytes(FIRMWARE[1:4], "big")
+        if command == SGP:
+            self._globals[place] = value
+            return value
+        if command == GGP:
+            return self._globals.get(place, 0)
+        axis = self.modules[address].get(number)
+        if axis is None:
+            raise TmclRefusal(BAD_VALUE)
+        if command == GAP:
+            return axis.parameter(kind)
+        if command == SAP:
+            axis.set_parameter(kind, value)
+            return value
+        if command == STAP:
+            axis.stored[kind] = axis.parameter(kind)
+            return 0
+        if command == RSAP:
+            axis.set_parameter(kind, axis.stored.get(kind, 0))
+            return 0
+        acts: dict[tuple[int, int], Callable[[], None]] = {
+            (ROR, 0): lambda: axis.rotate(value),
+            (ROL, 0): lambda: axis.rotate(-value),
+            (MST, 0): axis.stop,
+            (MVP, 0): lambda: axis.move_to(value),
+            (MVP, 1): lambda: axis.move_by(value),
+            (RFS, 0): axis.search,
+            (RFS, 1): axis.end_search,
+            (RFS, 2): lambda: None,
+        }
+        if (command, kind) not in acts:
+            raise TmclRefusal(WRONG_TYPE if any(command == known for known, _ in acts) else UNKNOWN_COMMAND)
+        acts[command, kind]()
+        return value if command != RFS or kind != 2 else int(axis.searching)
+
+
+def tmcl_twin(scheduler: Scheduler, line: SerialLine, spec: VirtualStageSpec) -> TmclModules:
+    """Return the modules of both axes on one line. Raises TwinError."""
+    own = spec.own
+    units = TmclUnits(own["speed_unit"], own["acceleration_unit"])
+    places: dict[str, tuple[int, int]] = {name: (own[name]["address"], own[name]["motor"]) for name in "xz"}
+    if places["x"] == places["z"]:
+        raise TwinError("tmcl: x and z have one address and motor; give each its own", code="same_axis")
+    axes = {name: _axis(scheduler, units, spec, name, own[name]) for name in "xz"}
+    modules: dict[int, dict[int, VirtualTmclAxis]] = {}
+    for name, (address, number) in places.items():
+        modules.setdefault(address, {})[number] = axes[name]
+    return TmclModules(scheduler, line, modules, axes["x"], axes["z"], host=own["host_address"])
+
+
+def _axis(
+    scheduler: Scheduler, units: TmclUnits, spec: VirtualStageSpec, name: str, own: Mapping[str, Any]
+) -> VirtualTmclAxis:
+    number = "xyz".index(name)
+    counts_per_mm = abs(spec.steps_per_mm[number])
+    return VirtualTmclAxis(
+        scheduler,
+        units,
+        counts_per_mm=counts_per_mm,
+        travel_mm=spec.travel_mm[number],
+        acceleration_mm_s2=spec.acceleration_mm_s2,
+        left_home=own["home_switch"] == "left",
+        resolution=own["resolution"],
+        search_mode=own["search_mode"],
+        start=round(-10.0 * counts_per_mm),
+        play=spec.play_steps[number],
+    )

@@ -1,0 +1,146 @@
+"""Two Standa controllers, z on the port of the stage and x on its own, full steps of 10 µm in 256: 2.5 mm down.
+
+Frames are written as the port, the letters and the numbers; `sealed` and `content` add and check the CRC. Where home
+is left, counts grow away from it, so 250 full steps are 2.5 mm down.
+"""
+
+import struct
+from collections.abc import Sequence
+
+from rig.devices.base import StageError, StageHeld, StageStatus, StageTimeout
+from tests.contracts.stage import Garbled, Replies, StageBytes
+
+Y_MM = -15.0  # set by hand, as the configuration says by default
+RUNS, MOVE, LEFT, STOP, HOME, SSTP = 0x80, 1, 3, 5, 6, 8
+HOMED, ALARM = 0x20, 0x40
+POWERED = 3
+
+
+def crc(data: bytes) -> bytes:
+    """CRC-16 of Modbus, computed bit by bit."""
+    value = 0xFFFF
+    for byte in data:
+        value ^= byte
+        for _ in range(8):
+            value = value >> 1 ^ 0xA001 if value & 1 else value >> 1
+    return struct.pack("<H", value)
+
+
+def status(command: int, steps: int, flags: int, part: int = 0) -> bytes:
+    """Payload of `gets`: offsets as in the manual, without the four letters."""
+    found = bytearray(48)
+    found[0] = command >> 7
+    found[1], found[2] = command, POWERED
+    found[5:11] = struct.pack("<ih", steps, part)
+    found[35:39] = struct.pack("<I", flags)
+    return b"gets" + bytes(found)
+
+
+def shows(axis: str, command: int, steps: int, flags: int = HOMED) -> Replies:
+    """An axis in a state."""
+    return {f"{axis} gets".encode(): status(command, steps, flags)}
+
+
+def usual(axis: str, serial: int) -> Replies:
+    """Identity, settings, and what is obeyed at once."""
+    a = f"{axis} ".encode()
+    return {
+        **shows(axis, HOME, 0),
+        a + b"gser": b"gser" + struct.pack("<I", serial),
+        a + b"gfwv": b"gfwv" + struct.pack("<BBH", 4, 7, 12),
+        a + b"geng": b"geng" + struct.pack("<HHIBHhBH12x", 0, 500, 5000, 0, 0x10, 0, 9, 200),
+        a + b"geds": b"geds" + bytes([6]) + bytes(19),
+        a + b"ghom": b"ghom" + bytes(27),
+        a + b"gpwr": b"gpwr" + bytes(14),
+        a + b"gmov": b"gmov" + struct.pack("<IBHHIBB9x", 200, 0, 6000, 6000, 0, 0, 0),
+        a + b"sstp": b"sstp",
+        a + b"stop": b"stop",
+        a + b"zero": b"zero",
+        a + b"zeros": bytes(64),
+    }
+
+
+def content(frame: bytes) -> bytes:
+    """The command and its numbers; its CRC is right, and what is reserved is CC."""
+    if not any(frame):
+        assert len(frame) == 64
+        return b"zeros"
+    letters, payload, seal = frame[:4], frame[4:-2], frame[-2:]
+    if len(frame) == 4:
+        return letters
+    assert crc(payload) == seal, frame.hex(" ")
+    if letters in (b"move", b"movr"):
+        assert payload[6:] == b"\xcc" * 6
+        numbers: Sequence[int] = struct.unpack("<ih", payload[:6])
+    else:
+        assert letters == b"smov"
+        assert payload[15:] == b"\xcc" * 9
+        numbers = struct.unpack("<IBHHIBB", payload[:15])
+    return b" ".join([letters, *(b"%d" % number for number in numbers)])
+
+
+def sealed(frame: bytes, reply: bytes) -> bytes:
+    """The reply with the CRC of its payload."""
+    return reply if len(reply) == 4 or not any(reply) else reply + crc(reply[4:])
+
+
+REST = status(HOME, 0, HOMED)
+
+DEVICE = StageBytes(
+    name="standa",
+    kind="standa",
+    source="Standa 8SMC5-USB manual, communication protocol; protocol.xi of libximc, version 20.8",
+    identity="x: Standa controller 4712, firmware 4.7.12; z: Standa controller 4711, firmware 4.7.12",
+    ports={"/dev/ttyUSB0": b"z ", "/dev/ttyACM1": b"x "},
+    usual={
+        **usual("z", 4711),
+        **usual("x", 4712),
+        b"z home": (b"home", "z homes"),
+        b"x home": (b"home", "x homes"),
+        b"z smov 50 0 6000 6000 0 0 0": b"smov",
+        b"z move 250 0": (b"move", "moving"),
+        b"z smov 100 0 6000 6000 0 0 0": b"smov",
+        b"z move 10 0": b"move",  # a jog, 0.1 mm at 1 mm/s
+        b"z stop": (b"stop", "rested"),
+    },
+    states={
+        "new": {**shows("x", 0, 30, 0), **shows("z", 0, 40, 0)},
+        "z homes": {**shows("x", 0, 30, 0), b"z gets": (status(RUNS | HOME, 40, 0), "z is home")},
+        "z is home": {**shows("x", 0, 30, 0), **shows("z", HOME, 50), b"z zero": (b"zero", "z is zero")},
+        "z is zero": shows("x", 0, 30, 0),
+        "x homes": {b"x gets": (status(RUNS | HOME, 30, 0), "x is home")},
+        "x is home": {b"x zero": (b"zero", "home"), **shows("x", HOME, 50)},
+        "home": {},
+        "moving": {**shows("z", RUNS | MOVE, 125), b"z sstp": (b"sstp", "slowing")},
+        "arrived": shows("z", MOVE, 250),
+        "elsewhere": shows("z", MOVE, 247),
+        "held": shows("z", RUNS | LEFT, 125),
+        "alarm": shows("z", MOVE, 125, HOMED | ALARM | 0x800),
+        "slowing": {b"z gets": (status(RUNS | SSTP, 126, HOMED), "rested")},
+        "rested": shows("z", SSTP, 127),
+    },
+    where=b"z gets",
+    move={"z_mm": -2.5, "speed_mm_s": 0.5},
+    home=StageStatus("Idle", 0.0, Y_MM, 0.0),
+    under_way=StageStatus("Run", 0.0, Y_MM, -1.25),
+    arrived=StageStatus("Idle", 0.0, Y_MM, -2.5),
+    trigger=b"z move 250 0",
+    stop=[b"z stop"],
+    halt=b"z sstp",
+    unlock=(b"z stop", b"errc", "line_refused", "errc"),
+    alarm="ALARM OVERLOAD_POWER_CURRENT",
+    held=(StageHeld, "held"),
+    garbled={
+        "a wrong bit": Garbled(REST, StageError, "garbled", lambda f: f[:20] + b"\1" + f[21:]),
+        "a wrong checksum": Garbled(REST, StageError, "garbled", lambda f: f[:-1] + bytes([f[-1] ^ 1])),
+        "of another command": Garbled(b"geds" + bytes(20), StageError, "garbled"),
+        "cut short": Garbled(REST, StageError, "garbled", lambda f: f[:30]),
+        "without its letters": Garbled(REST, StageError, "garbled", lambda f: f[2:]),
+        "zero bytes": Garbled(REST, StageTimeout, "no_reply", lambda f: bytes(54)),
+        "wrong checksum there": Garbled(b"errd", StageError, "line_refused"),
+        "unknown there": Garbled(b"errc", StageError, "line_refused"),
+    },
+    lacks={"limit": "borders at positions would replace the limit switches"},
+    heard=content,
+    said=sealed,
+)

@@ -1,0 +1,307 @@
+"""Presses ordered by Bluesky: documents equal the journal, and no promise of safety is lost on the way."""
+
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import closing, nullcontext
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import rig.bluesky
+from rig.bench.served import ServedBench
+from rig.bluesky import ROWS, STREAM_NAMES, BlueskyBench, PressFailedError, indent
+from rig.control.client import announced
+from rig.data import read_run
+from rig.data.run import Following
+from rig.transport import open_port
+from tests.preloaded import Popen
+from tests.program import WHOLE
+from tests.waiting import until
+
+pytest.importorskip("pty", reason="needs pseudo-terminals and signals")
+bluesky = pytest.importorskip("bluesky", reason="needs bluesky (extra bluesky)")
+
+PRESS = {"indentor": "bar:3.0", "x_mm": (0.0, 0.5), "force_gwt": 2.33, "presses": 4, "increments": 2, "hold_s": 60.0}
+Documents = list[tuple[str, Mapping[str, Any]]]
+
+
+class Engine:
+    """A run engine outside of the main thread's signals, and its documents."""
+
+    def __init__(self) -> None:
+        self.documents: Documents = []
+        self.engine = bluesky.RunEngine({}, context_managers=[])
+        self.engine.subscribe(lambda name, document: self.documents.append((name, document)))
+
+    def __call__(self, plan: Any) -> None:
+        self.engine(plan)
+
+    def failure(self, plan: Any) -> tuple[Any, str]:
+        """The code with which a plan fails, in its FailedStatus, and how its run ended."""
+        with pytest.raises(bluesky.utils.FailedStatus) as failed:
+            self.engine(plan)
+        (status,) = failed.value.args
+        stops = [document["exit_status"] for name, document in self.documents if name == "stop"]
+        return status.exception().code, stops[-1]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _begun_at_once() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(subprocess, "Popen", Popen)
+        patch.setattr(rig.bluesky, "PROGRAM", [WHOLE])
+        yield
+
+
+@pytest.fixture
+def ports() -> Iterator[tuple[str, str]]:
+    """Names of two ports at which nothing answers."""
+    ends = [*os.openpty(), *os.openpty()]
+    yield os.ttyname(ends[1]), os.ttyname(ends[3])
+    for end in ends:
+        os.close(end)
+
+
+@pytest.fixture
+def engine() -> Engine:
+    return Engine()
+
+
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[BlueskyBench]:
+    """A bench that is left at the end, after refused orders and presses."""
+    with BlueskyBench(**PRESS, virtual=True, out=tmp_path_factory.mktemp("runs")) as bench:
+        yield bench
+    run = read_run(bench.folder.path)
+    assert run.stop is not None
+    assert (run.stop["status"], run.complete) == ("done", True)
+    assert bench.folder.report.exists()
+
+
+def _events(documents: Documents) -> dict[str, list[Mapping[str, Any]]]:
+    """Event documents by the name of their stream."""
+    names = {one["uid"]: one["name"] for name, one in documents if name == "descriptor"}
+    found: dict[str, list[Mapping[str, Any]]] = {}
+    for name, one in documents:
+        if name == "event":
+            found.setdefault(names[one["descriptor"]], []).append(one)
+    return found
+
+
+def _of(journal: Sequence[Mapping[str, Any]], stream: str) -> list[Mapping[str, Any]]:
+    return [one for one in journal if one["doc"] == "event" and one["stream"] == stream]
+
+
+def test_documents_equal_the_journal_number_by_number(shared: BlueskyBench, engine: Engine) -> None:
+    engine(indent(shared, force_gwt=2.0, x_mm=0.5, increments=2, hold_s=0.5, md={"sample": "finger 1"}))
+    start = engine.documents[0][1]
+    journal = Following(shared.folder).new()
+    assert (start["rig_run"], start["rig_journal"]) == (shared.folder.path.name, journal[0]["uid"])
+    assert (start["plan_name"], start["sample"]) == ("indent", "finger 1")
+    (index,) = [one["data"]["index"] for one in _of(journal, "indentation_start")][-1:]
+    found = _events(engine.documents)
+    assert set(found) == set(STREAM_NAMES.values())
+    for stream, keys in ROWS.items():
+        rows = [one for one in _of(journal, stream) if one["data"]["index"] == index]
+        events = found[STREAM_NAMES[stream]]
+        assert len(events) == len(rows) > 0
+        for event, row in zip(events, rows, strict=True):
+            values = {**row["data"], "t_s": row["t_s"]}
+            expected = {f"rig_{stream}_{key}": values[key] for key in keys if values[key] is not None}
+            given = {key: value for key, value in event["data"].items() if value == value}
+            assert given == expected
+            assert set(event["timestamps"].values()) == {row["unix_s"]}
+    assert engine.documents[-1][1]["exit_status"] == "success"
+
+
+def test_a_plan_of_bluesky_moves_the_stage_and_reads_the_cell(shared: BlueskyBench, engine: Engine) -> None:
+    plans = pytest.importorskip("bluesky.plans")
+    engine(plans.list_scan([shared.cell], shared.stage, [0.5, 0.0]))
+    (events,) = _events(engine.documents).values()
+    assert [one["data"]["rig_stage_x_mm"] for one in events] == [0.5, 0.0]
+    assert all(isinstance(one["data"]["rig_cell_force_gwt"], float) for one in events)
+    moves = [one["data"]["x_mm"] for one in _of(Following(shared.folder).new(), "move")]
+    assert moves[-2:] == [0.5, 0.0]
+
+
+@pytest.mark.parametrize("device", ["stage", "press"])
+def test_devices_have_the_protocols(shared: BlueskyBench, device: str) -> None:
+    from bluesky import protocols
+
+    movable = getattr(shared, device)
+    for protocol in (protocols.Movable, protocols.Readable, protocols.Stoppable, protocols.Configurable):
+        assert isinstance(movable, protocol)
+    assert isinstance(shared.cell, protocols.Readable)
+    assert isinstance(movable.set(7.0 if device == "stage" else {}), protocols.Status)
+
+
+# --- every promise that a second way to press could break ---
+
+REFUSED_BEFORE = {
+    "confirmation": ({}, "no_terminal"),
+    "limit of the force": ({"force_gwt": 1e4, "options": ("--yes", "--mounted=bar:3.0")}, "beyond_limit"),
+    "one target": ({"doi_mm": 1.0, "options": ("--yes", "--mounted=bar:3.0")}, "not_one_target"),
+    "a person mounts": ({"options": ("--yes",)}, "mount_by_hand"),
+    "owner lock": ({"options": ("--yes", "--mounted=bar:3.0")}, "in_use"),
+}
+"""What is refused before a port is written to: further options of the bench, and the code."""
+
+REFUSED_ORDERS = {
+    "confirmed force": ({"force_gwt": 2.34}, "not_confirmed"),
+    "confirmed target": ({"doi_mm": 0.1}, "another_target"),
+    "two targets": ({"doi_mm": 0.1, "force_gwt": 1.0}, "another_target"),
+    "confirmed position": ({"force_gwt": 1.0, "x_mm": 0.25}, "another_position"),
+    "confirmed hold": ({"force_gwt": 1.0, "hold_s": 61.0}, "not_confirmed"),
+    "confirmed increments": ({"force_gwt": 1.0, "increments": 3}, "not_confirmed"),
+    "a number": ({"force_gwt": -1.0}, "not_confirmed"),
+    "no other key": ({"force_gwt": 1.0, "speed_mm_s": 9.0}, "unknown_key"),
+}
+"""What is refused as an order, while the run waits on: the order, and the code."""
+
+
+def _stopped_elsewhere(bench: BlueskyBench, engine: Engine) -> None:
+    (one,) = (one for one in announced() if one.run == str(bench.folder.path))
+    one.say_stop()(60.0)
+
+
+def _aborted(bench: BlueskyBench, engine: Engine) -> None:
+    engine.engine.abort()
+
+
+def _paused(bench: BlueskyBench, engine: Engine) -> None:
+    engine.engine.request_pause()
+
+
+def _halted(bench: BlueskyBench, engine: Engine) -> None:
+    engine.engine.halt()
+
+
+ENDED = {
+    "force limit": ("stiffness = 8.0", "next_move_past_soft_trip", "limited"),
+    "trip": ("finger_z_offset_mm = -2.0", "no_contact", "tripped"),
+    "STOP from elsewhere": (_stopped_elsewhere, "stopped_at_once", "aborted"),
+    "RE.abort": (_aborted, None, "aborted"),
+    "RE.halt": (_halted, None, "aborted"),
+    "RE.request_pause": (_paused, None, "aborted"),
+}
+"""What ends a press (another virtual finger, or an act during its hold), the code, and how the journal ends."""
+
+
+@pytest.mark.parametrize("promise", [*REFUSED_BEFORE, *REFUSED_ORDERS, *ENDED, "most presses"])
+def test_no_promise_is_lost_below_bluesky(
+    promise: str, engine: Engine, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    if promise in REFUSED_BEFORE:
+        more, code = REFUSED_BEFORE[promise]
+        stage, force = request.getfixturevalue("ports")
+        config = request.getfixturevalue("rig_toml")(stage, force)
+        with closing(open_port(stage, 115200)) if promise == "owner lock" else nullcontext():
+            bench = BlueskyBench(config, **{**PRESS, "out": tmp_path / "runs", **more})
+            with pytest.raises(PressFailedError) as refused, bench:
+                pass
+        assert refused.value.code == code
+        assert not list((tmp_path / "runs").glob("*/events.jsonl"))
+    elif promise in REFUSED_ORDERS:
+        shared: BlueskyBench = request.getfixturevalue("shared")
+        order, code = REFUSED_ORDERS[promise]
+        before = len(shared.journalled)
+        assert engine.failure(indent(shared, **order)) == (code, "fail")
+        assert len(shared.journalled) == before
+    elif promise == "most presses":
+        with BlueskyBench(**{**PRESS, "presses": 1}, virtual=True, out=tmp_path / "runs") as bench:
+            engine(indent(bench, force_gwt=1.0))
+            assert engine.failure(indent(bench, force_gwt=1.0)) == ("too_many_presses", "fail")
+    else:
+        _ends(*ENDED[promise], engine, tmp_path)
+
+
+def _ends(
+    act: Callable[[BlueskyBench, Engine], None] | str, code: str | None, status: str, engine: Engine, at: Path
+) -> None:
+    config = at / "rig.toml"
+    finger = act if isinstance(act, str) else ""
+    config.write_text(f"[virtual]\n{finger}\n", encoding="utf-8")
+    target = {"doi_mm": 1.0} if finger else {"force_gwt": 2.33}
+    speed = None if finger else 50.0
+    options: dict[str, Any] = {**PRESS, "force_gwt": None, **target, "speed": speed, "virtual": True}
+    with BlueskyBench(config, **options, out=at / "runs") as bench:
+        if not isinstance(act, str):
+            during = threading.Thread(target=_during_the_hold, args=(act, bench, engine))
+            during.start()
+        plan = indent(bench, **target, hold_s=60.0)
+        if code is None:
+            with pytest.raises(bluesky.utils.RunEngineInterrupted):
+                engine(plan)
+            if engine.engine.state == "paused":
+                engine.engine.abort()
+        else:
+            assert engine.failure(plan) == (code, "fail")
+            assert engine.failure(indent(bench, **target)) == (code, "fail")  # until a new bench
+        if not isinstance(act, str):
+            during.join()
+    run = read_run(bench.folder.path)
+    assert run.stop is not None
+    assert run.stop["status"] == status
+    assert run.done == {}
+    if code is not None:
+        begins_s = run.stream("indentation_start")[0]["t_s"]
+        journalled = [one["force_gwt"] for one in run.stream("sample") if one["t_s"] > begins_s]
+        samples = _events(engine.documents)["samples"]
+        assert [one["data"]["rig_sample_force_gwt"] for one in samples] == journalled
+
+
+def _during_the_hold(act: Callable[[BlueskyBench, Engine], None], bench: BlueskyBench, engine: Engine) -> None:
+    until(lambda: _of(bench.journalled, "hold_start"))
+    act(bench, engine)
+
+
+GIVES_ORDERS = """\
+import os, signal, sys
+from rig.bench.served import ServedBench
+from rig.bluesky import BlueskyBench
+
+with BlueskyBench(indentor="bar:3.0", force_gwt=1.0, virtual=True, out=sys.argv[1]) as bench:
+    print(bench._process.pid, flush=True)
+    signal.pause()
+"""
+
+
+def test_a_run_ends_with_the_program_that_orders(tmp_path: Path) -> None:
+    process = subprocess.Popen([sys.executable, "-c", GIVES_ORDERS, tmp_path], stdout=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    pid = int(process.stdout.readline())
+    process.kill()
+    process.communicate()
+    (folder,) = tmp_path.iterdir()
+    until(lambda: (run := read_run(folder)).stop is not None and run.stop["status"] == "done")
+    until(lambda: not _lives(pid))
+
+
+def _lives(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+def test_a_press_on_real_wires(whole: tuple[ServedBench, Path], engine: Engine, tmp_path: Path) -> None:
+    _, config = whole
+    options = ["--yes", "--mounted=bar:3.0"]
+    with BlueskyBench(
+        config, indentor="bar:3.0", force_gwt=1.0, hold_s=0.2, out=tmp_path / "runs", options=options
+    ) as bench:
+        (one,) = (one for one in announced() if one.run == str(bench.folder.path))
+        assert not one.virtual
+        assert len(one.ports) == 2
+        engine(indent(bench, force_gwt=1.0, hold_s=0.2))
+    run = read_run(bench.folder.path)
+    assert run.complete
+    assert run.start["virtual"] is False
+    (hold,) = _events(engine.documents)["primary"]
+    assert hold["data"]["rig_hold_end_force_gwt"] == run.stream("hold_end")[0]["force_gwt"]
+    assert hold["data"]["rig_hold_end_force_gwt"] == pytest.approx(1.0, abs=0.05)

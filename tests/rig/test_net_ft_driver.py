@@ -1,0 +1,417 @@
+"""An ATI Net F/T: sequence numbers, its page, status bits, axes, and what else comes as a datagram."""
+
+import random
+import socket
+import struct
+from collections.abc import Callable
+from contextlib import closing
+from typing import Any
+
+import pytest
+
+from rig.devices.base import ForceError, ForceOverload, ForceTimeout
+from rig.devices.net_ft import _CUTOFFS_HZ, GET_PAGE, MAX_AGE_S, START, NetFtForce, NetFtSettings, Sequence
+from rig.devices.registry import ForceKind, KnownBench, find
+from rig.plan.config import Config
+from rig.transport import LoopbackTransport, NotOwnedError, TransportError, UdpTransport, open_port
+from rig.units import GWT_N
+from sim.devices.clock import VirtualClock
+from sim.devices.line import Load, SerialLine, VirtualForceSpec
+from sim.devices.net_ft import VirtualNetFt
+from tests.contracts.bytes.net_ft import PAGE
+from tests.error_codes import raises
+from tests.waiting import DEADLINE_S, until
+
+STEP_S = 0.001
+TOP = 0xFFFFFFFF
+
+
+def record(rdt: int, *, ft: int | None = None, status: int = 0, axes: tuple[int, ...] = (0, 0, 0, 0, 0, 0)) -> bytes:
+    return struct.pack(">III6i", rdt & TOP, (5 * rdt if ft is None else ft) & TOP, status, *axes)
+
+
+class Wire:
+    """Datagrams that come at given times, and a driver that is connected."""
+
+    name = "wire"
+
+    def __init__(self, page: bytes = PAGE, connect: bool = True, begin: int = 0, **table: Any) -> None:
+        self.clock, self.sent, self.page = VirtualClock(0.0, 100.0), list[bytes](), page
+        self.begin = begin
+        self.coming: list[tuple[float, bytes]] = []
+        force = {key: table.pop(key) for key in ("sample_period_s", "latency_s") if key in table}
+        self.driver = NetFtForce(self, lambda: self, self.clock, NetFtSettings(**table), **force)
+        if connect:
+            self.driver.connect()
+
+    def write(self, data: bytes) -> None:
+        self.sent.append(data)
+        reply = self.page if data == GET_PAGE else record(self.begin)
+        self.coming.append((self.clock.monotonic_s(), reply))
+
+    def read(self, timeout_s: float) -> bytes:
+        now_s = self.clock.monotonic_s()
+        if self.coming and self.coming[0][0] <= now_s + timeout_s:
+            due_s, data = self.coming.pop(0)
+            self.clock.wait_s(max(due_s - now_s, 0.0))
+            return data
+        self.clock.wait_s(timeout_s)
+        return b""
+
+    def close(self) -> None:
+        """There is nothing to close."""
+
+    def come(self, *datagrams: bytes, after_s: float = STEP_S) -> None:
+        """One after the other, the first one after the request that follows."""
+        now_s = self.clock.monotonic_s()
+        self.coming += [(now_s + (n + 1) * after_s, data) for n, data in enumerate(datagrams)]
+
+    def read_after(self, *datagrams: bytes) -> dict[str, float]:
+        """What a reading says besides its force, when all but the last datagram came before its request."""
+        now_s = self.clock.monotonic_s()
+        self.coming = [(now_s, data) for data in datagrams[:-1]] + [(now_s + STEP_S, datagrams[-1])]
+        return dict(self.driver.read().also)
+
+
+# --- sequence numbers ---
+
+
+@pytest.mark.parametrize(
+    ("numbers", "lost", "repeated", "late"),
+    [
+        ([1, 2, 3, 4], 0, 0, 0),
+        ([1, 2, 5], 2, 0, 0),
+        ([1, 2, 2, 3], 0, 1, 0),
+        ([2, 1, 3], 0, 0, 1),
+        ([1, 4, 2, 3, 5], 0, 0, 2),
+        ([1, 4, 2, 5], 1, 0, 1),
+        ([3, 3, 3, 9], 7, 2, 0),
+        ([1 << 30, (1 << 30) + 1], (1 << 30) - 1, 0, 0),
+    ],
+)
+@pytest.mark.parametrize("begin", [0, TOP - 2, 1 << 31], ids=["from 0", "over the top", "sign"])
+@pytest.mark.parametrize("joined", [False, True], ids=["single", "joined"])
+def test_lost_repeated_and_late_packets_are_counted(
+    numbers: list[int], lost: int, repeated: int, late: int, begin: int, joined: bool
+) -> None:
+    there = Wire(begin=begin)
+    records = [record(begin + number) for number in numbers]
+    found = there.read_after(b"".join(records[:-1]), records[-1]) if joined else there.read_after(*records)
+    assert (found["packets_lost"], found["packets_repeated"], found["packets_late"]) == (lost, repeated, late)
+
+
+def test_a_sample_that_stands_still_is_no_new_one() -> None:
+    there = Wire()
+    there.come(*(record(n, ft=0) for n in range(1, 40)))
+    with raises(ForceTimeout, "no_reply", port="wire", timeout_s=MAX_AGE_S):
+        there.driver.read()
+
+
+def test_the_newest_record_counts() -> None:
+    there = Wire()
+    records = [record(n, axes=(0, 0, -1000 * n, 0, 0, 0)) for n in range(1, 6)]
+    there.come(b"".join(records))
+    assert there.driver.read().force_n == pytest.approx(5e-3)
+
+
+def test_what_came_before_the_request_is_not_used() -> None:
+    there = Wire()
+    there.coming = [(there.clock.monotonic_s(), record(1, axes=(0, 0, -9, 0, 0, 0)))]
+    there.come(record(2, axes=(0, 0, -5, 0, 0, 0)))
+    assert there.driver.read().force_n == pytest.approx(5e-6)
+
+
+def test_the_stream_is_started_again_after_silence() -> None:
+    there = Wire()
+    assert there.sent == [GET_PAGE, START]
+    with raises(ForceTimeout, "no_reply", port="wire"):
+        there.driver.read()
+    there.come(record(900), record(901))
+    there.driver.read()
+    assert there.sent == [GET_PAGE, START, START]
+
+
+# --- the page ---
+
+
+def _page(**changed: str | None) -> bytes:
+    page = PAGE.decode()
+    for tag, value in changed.items():
+        begin, _, rest = page.partition(f"<{tag}>")
+        end = rest.partition(f"</{tag}>")[2]
+        page = begin + ("" if value is None else f"<{tag}>{value}</{tag}>") + end
+    return page.encode()
+
+
+@pytest.mark.parametrize(
+    ("page", "code"),
+    [
+        *(pytest.param(_page(**{tag: None}), "no_counts", id=f"no {tag}")
+          for tag in ("prodname", "cfgcpf", "cfgcpt", "scfgfu", "scfgtu")),
+        *(pytest.param(_page(cfgcpf=value), "no_counts", id=f"counts {value}") for value in ("0", "-5", "1e6", "x")),
+        pytest.param(_page(cfgcpt="0"), "no_counts", id="torque counts 0"),
+        pytest.param(_page(scfgfu="oz"), "wrong_unit", id="oz"),
+        pytest.param(_page(scfgtu="oz-in"), "wrong_unit", id="oz-in"),
+        pytest.param(_page(comrdtrate="99"), "slow_records", id="99 records a second"),
+        pytest.param(_page(setuserfilter="8"), "slow_filter", id="5 Hz"),
+        pytest.param(_page(setuserfilter="9"), "slow_filter", id="no such filter"),
+        pytest.param(PAGE.replace(b"200 OK", b"404 Not Found"), "no_counts", id="404"),
+        pytest.param(PAGE.replace(b"HTTP/1.0 200 OK", b""), "no_counts", id="no status"),
+        pytest.param(PAGE[:-20], "no_counts", id="no end"),
+        pytest.param(b"", "no_device", id="nothing"),
+    ],
+)  # fmt: skip
+def test_without_its_counts_and_units_it_does_not_run(page: bytes, code: str) -> None:
+    there = Wire(page, connect=False)
+    for ask in (there.driver.connect, there.driver.identify, there.driver.read):
+        with raises(ForceTimeout if code == "no_device" else ForceError, code, port="wire"):
+            ask()
+    assert START not in there.sent
+
+
+@pytest.mark.parametrize("number", range(len(_CUTOFFS_HZ)))
+def test_a_filter_must_be_covered_by_the_latency(number: int) -> None:
+    """Else a reading at rest would show the force before it."""
+    cutoff_hz = _CUTOFFS_HZ[number]
+    lag_s = 0.0 if cutoff_hz is None else 1 / cutoff_hz
+    Wire(_page(setuserfilter=str(number)), latency_s=lag_s, sample_period_s=0.01)
+    if lag_s > 0.01:
+        with raises(ForceError, "slow_filter", latency_s=lag_s):
+            Wire(_page(setuserfilter=str(number)), latency_s=lag_s - 0.0101, sample_period_s=0.01)
+
+
+@pytest.mark.parametrize(
+    ("unit", "newton"), [("N", 1.0), ("kN", 1e3), ("lbf", 4.4482216), ("klbf", 4448.2216), ("kgf", 9.80665)]
+)
+def test_counts_become_newtons_by_the_page(unit: str, newton: float) -> None:
+    there = Wire(_page(cfgcpf="2000", scfgfu=unit))
+    there.come(record(1, axes=(0, 0, -500, 0, 0, 0)))
+    assert there.driver.read().force_n == pytest.approx(0.25 * newton)
+
+
+# --- axes and status ---
+
+
+@pytest.mark.parametrize("press", ["+x", "-x", "+y", "-y", "+z", "-z"])
+def test_the_axis_of_a_press_and_all_six_beside_it(press: str) -> None:
+    there = Wire(press=press)
+    there.come(record(1, axes=(1000, -2000, 3000, 40, -50, 60)))
+    reading = there.driver.read()
+    force_n = {"x": 1e-3, "y": -2e-3, "z": 3e-3}[press[1]]
+    assert reading.force_n == pytest.approx(-force_n if press[0] == "-" else force_n)
+    axes = {"fx_n": 1e-3, "fy_n": -2e-3, "fz_n": 3e-3, "tx_nm": 4e-5, "ty_nm": -5e-5, "tz_nm": 6e-5}
+    counts = dict.fromkeys(("packets_lost", "packets_repeated", "packets_late"), 0)
+    assert dict(reading.also) == pytest.approx({**axes, **counts})
+    assert set(reading.also) == set(find(ForceKind, "net_ft").also)
+
+
+def test_a_status_between_two_readings_is_reported_once() -> None:
+    """A saturation of milliseconds is not missed, and an old one does not hide that the indentor is clear."""
+    there = Wire()
+    there.come(record(1))
+    there.driver.read()
+    there.coming = [(there.clock.monotonic_s(), record(2, status=0x80020000))]
+    there.come(record(3))
+    with raises(ForceOverload, "saturated", port="wire", status="80020000"):
+        there.driver.read()
+    there.coming = [(there.clock.monotonic_s(), record(4, status=0x80020000))]
+    there.come(record(5))
+    assert there.driver.read().force_n == 0
+
+
+# --- odd datagrams ---
+
+
+def test_a_thousand_odd_datagrams() -> None:
+    """Each reading is a finite force or an error of the sensor within the maximum age."""
+    chance = random.Random(40)
+    there, number, errors = Wire(), 0, list[ForceError]()
+    for _ in range(1000):
+        good = record(number := number + 1, axes=(0, 0, -7000, 0, 0, 0))
+        form = chance.randrange(8)
+        odd = [
+            chance.randbytes(chance.randrange(1, 80)),
+            good[: chance.randrange(1, 36)],
+            good + chance.randbytes(chance.randrange(1, 36)),
+            record(number, ft=0),
+            record(chance.randrange(1 << 32)),
+            record(number, status=chance.randrange(1, 1 << 32)),
+            chance.randbytes(36),
+            PAGE,
+        ][form]
+        there.coming = []
+        there.come(odd, *([good] if chance.random() < 0.7 else []))
+        asked_s = there.clock.monotonic_s()
+        try:
+            force_n = there.driver.read().force_n
+            assert abs(force_n) <= 2**31 / 1e6
+        except ForceError as error:
+            errors.append(error)
+        assert there.clock.monotonic_s() - asked_s <= 1.0
+        number = there.driver._sequence._last[0] if there.driver._sequence._last else number
+    assert 100 < len(errors) < 1000
+    assert {error.fields["port"] for error in errors} == {"wire"}
+
+
+def test_a_thousand_odd_pages() -> None:
+    chance, errors = random.Random(41), list[ForceError]()
+    for _ in range(1000):
+        page = bytearray(PAGE)
+        for _ in range(chance.randrange(1, 6)):
+            page[chance.randrange(len(page))] = chance.randrange(256)
+        there = Wire(bytes(page), connect=False)
+        try:
+            there.driver.identify()
+        except ForceError as error:
+            errors.append(error)
+    assert {error.fields["port"] for error in errors} == {"wire"}
+
+
+# --- the twin, in bytes ---
+
+
+class Twin:
+    """A twin on a line, with a host that writes and reads bytes."""
+
+    def __init__(self, grams: Callable[[float], float] = lambda t_s: 100.0) -> None:
+        self.clock = VirtualClock()
+        self.line = SerialLine(self.clock, 1e9)
+        load = Load(lambda t_s: grams(t_s) * GWT_N)
+        spec = VirtualForceSpec(0.01, 0.01, own={"press": "-z"})
+        self.twin = VirtualNetFt(self.clock, self.line, load, spec)
+        self.wire = LoopbackTransport(self.line, self.clock)
+
+    def asks(self, request: bytes, wait_s: float = 0.1) -> bytes:
+        self.wire.write(request)
+        self.clock.wait_s(wait_s)
+        return self.wire.read(0.0)
+
+
+def test_the_twin_sends_records_until_it_is_stopped() -> None:
+    there = Twin()
+    assert there.asks(bytes(8)) == there.asks(b"\x12\x34") == b""
+    data = there.asks(START)
+    records = [struct.unpack(">III6i", data[at : at + 36]) for at in range(0, len(data), 36)]
+    assert len(records) in (19, 20)
+    assert [found[0] for found in records] == list(range(1, len(records) + 1))
+    assert {found[2:] for found in records} == {(0, 0, 0, -100_000, 0, 0, 0)}
+    there.asks(bytes.fromhex("1234 0000 00000000"))
+    assert there.asks(b"") == b""
+    assert len(there.asks(bytes.fromhex("1234 0002 00000003"))) == 3 * 36
+
+
+def test_the_twin_biases_and_reports_a_dead_cell() -> None:
+    there = Twin()
+    there.asks(bytes.fromhex("1234 0042 00000000"))
+    data = there.asks(START)
+    assert struct.unpack(">III6i", data[:36])[5] == 0
+    dead = Twin(lambda t_s: float("nan"))
+    assert struct.unpack(">III6i", dead.asks(START)[:36])[2] == 0x90000000
+
+
+def test_the_twins_page_and_its_settings() -> None:
+    there = Twin()
+    assert b"<cfgcpf>1000000</cfgcpf>" in there.asks(GET_PAGE)
+    there.asks(b"GET /comm.cgi?comrdtrate=1000 HTTP/1.0\r\n\r\n")
+    there.asks(b"GET /setting.cgi?setuserfilter=5 HTTP/1.0\r\n\r\n")
+    page = there.asks(GET_PAGE)
+    assert b"<comrdtrate>1000<" in page
+    assert b"<setuserfilter>5<" in page
+    assert there.asks(b"GET /other HTTP/1.0\r\n\r\n").startswith(b"HTTP/1.0 404")
+
+
+# --- datagrams of the system ---
+
+
+@pytest.fixture
+def far() -> Any:
+    with closing(socket.socket(type=socket.SOCK_DGRAM)) as there:
+        there.bind(("127.0.0.1", 0))
+        there.settimeout(DEADLINE_S)
+        yield there
+
+
+def _gathered(wire: Any, size: int) -> list[bytes]:
+    found = list[bytes]()
+
+    def whole() -> bool:
+        found.append(wire.read(0.1))
+        return sum(map(len, found)) >= size
+
+    until(whole)
+    return [one for one in found if one]
+
+
+def test_records_come_joined_and_another_datagram_alone(far: socket.socket) -> None:
+    port = f"udp://127.0.0.1:{far.getsockname()[1]}"
+    with closing(open_port(port, 9600)) as wire:
+        assert isinstance(wire, UdpTransport)
+        wire.write(START)
+        data, peer = far.recvfrom(64)
+        assert data == START
+        with pytest.raises(NotOwnedError):
+            open_port(port, 9600)
+        sent = [record(1), record(2), bytes(18), bytes(18), record(3)]
+        for one in sent:
+            far.sendto(one, peer)
+        found = _gathered(wire, sum(map(len, sent)))
+        assert b"".join(found) == b"".join(sent)
+        assert found.count(bytes(18)) == 2
+        assert wire.read(0.01) == b""
+        with closing(socket.socket(type=socket.SOCK_DGRAM)) as stranger:
+            stranger.sendto(record(4), peer)
+            assert wire.read(0.2) == b""
+    open_port(port, 9600).close()
+
+
+def test_where_nothing_listens_it_is_an_error_and_then_goes_on() -> None:
+    with closing(socket.socket(type=socket.SOCK_DGRAM)) as gone:
+        gone.bind(("127.0.0.1", 0))
+        number = gone.getsockname()[1]
+    with closing(UdpTransport(f"udp://127.0.0.1:{number}")) as wire:
+        wire.write(START)
+        with pytest.raises(TransportError):
+            until(lambda: wire.read(0.5) and False)
+        with closing(socket.socket(type=socket.SOCK_DGRAM)) as again:
+            again.bind(("127.0.0.1", number))
+            again.settimeout(DEADLINE_S)
+            wire.write(START)
+            _, peer = again.recvfrom(64)
+            again.sendto(record(1), peer)
+            assert _gathered(wire, 36) == [record(1)]
+
+
+@pytest.mark.parametrize("port", ["udp://", "udp://host", "udp://host:x", "udp://:5"])
+def test_what_is_no_udp_port(port: str) -> None:
+    with pytest.raises(ValueError):  # noqa: PT011
+        KnownBench.model_validate({"force": {"kind": "net_ft", "port": port}})
+
+
+def test_the_page_is_at_the_host_of_the_records() -> None:
+    opened = list[str]()
+
+    def opener(port: str) -> Any:
+        opened.append(port)
+        return Wire(connect=False)
+
+    config = Config.model_validate({"force": {"kind": "net_ft", "port": "udp://10.0.0.7:49152"}})
+    find(ForceKind, "net_ft").driver(opener, VirtualClock(), config).identify()
+    assert opened == ["udp://10.0.0.7:49152", "tcp://10.0.0.7:80"]
+
+
+def test_counts_do_not_depend_on_how_records_are_joined() -> None:
+    """The quick way through records in step, and the careful one, agree."""
+    import numpy as np
+
+    chance = random.Random(7)
+    for _ in range(200):
+        numbers = [5]
+        for _ in range(20):
+            numbers.append(numbers[-1] + chance.choice((1, 1, 1, 1, 0, 2, -1)) & TOP)
+        one, other = Sequence(), Sequence()
+        rdt = np.array(numbers, ">u4")
+        for at in range(len(rdt)):
+            one.newest(rdt[at : at + 1], rdt[at : at + 1])
+        for at in range(0, len(rdt), 7):
+            other.newest(rdt[at : at + 7], rdt[at : at + 7])
+        assert (one.lost, one.repeated, one.late) == (other.lost, other.repeated, other.late)

@@ -1,0 +1,532 @@
+"""The Standa driver byte for byte: frames of the maker's library, alarms, retries; and the virtual controllers."""
+
+import random
+import struct
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+
+from rig.bench.virtual import stage_opener, virtual_stage
+from rig.devices.base import Stage, StageAlarm, StageError, StageHeld, StageOverridden, StageReset, StageTimeout
+from rig.devices.make_drivers import stage_driver
+from rig.devices.standa_link import (
+    MOVE,
+    READ_TRIES,
+    REPLY_S,
+    RESERVED,
+    SERIAL,
+    SPEED,
+    STATUS,
+    SYNC_S,
+    SYNC_TRIES,
+    ZEROS,
+    StandaLink,
+    frame,
+)
+from rig.plan.config import Config
+from rig.transport import LoopbackTransport
+from sim.devices.clock import VirtualClock
+from sim.devices.line import SerialLine
+from sim.devices.standa import StandaPair, VirtualStandaController
+from tests.error_codes import raises
+
+# --- frames, as the maker's library sends and reads them ---
+
+SENT = {
+    "move": (MOVE.pack(1000, 128, 6 * RESERVED), "6D 6F 76 65 E8 03 00 00 80 00 CC CC CC CC CC CC AB E1"),
+    "smov": (
+        SPEED.pack(0x1234, 7, 0x222, 0x333, 0, 0, 0, 9 * RESERVED),
+        "73 6D 6F 76 34 12 00 00 07 22 02 33 03 00 00 00 00 00 00 CC CC CC CC CC CC CC CC CC E4 3D",
+    ),
+    "stop": (b"", "73 74 6F 70"),
+    "gets": (b"", "67 65 74 73"),
+}
+
+
+@pytest.mark.parametrize("letters", SENT)
+def test_a_command_is_the_one_of_the_makers_library(letters: str) -> None:
+    payload, sent = SENT[letters]
+    assert frame(letters, payload) == bytes.fromhex(sent)
+
+
+def test_an_empty_status_ends_with_the_crc_of_the_makers_library() -> None:
+    assert frame("gets", bytes(48))[-2:] == bytes.fromhex("55 FF")
+
+
+OFFSETS = [
+    ("command", "B", 5, 0x86), ("power", "B", 6, 4), ("steps", "<i", 9, -70000), ("microsteps", "<h", 13, -255),
+    ("flags", "<I", 39, 0x01A00040), ("inputs", "<I", 43, 2),
+]  # fmt: skip
+
+
+def test_the_fields_of_a_status_are_where_the_maker_has_them() -> None:
+    data = bytearray(54)
+    for _, layout, offset, value in OFFSETS:
+        struct.pack_into(layout, data, offset, value)
+    _, link = linked([frame("gets", bytes(data[4:52]))])
+    found = link.status()
+    assert [getattr(found, name) for name, *_ in OFFSETS] == [value for *_, value in OFFSETS]
+    assert STATUS.size + 6 == 54
+
+
+class Wire:
+    """A wire whose far end says, to each write, what the test wants."""
+
+    name = "wire"
+
+    def __init__(self, clock: VirtualClock, says: Callable[[bytes], list[bytes]]) -> None:
+        self.clock, self.says = clock, says
+        self.sent: list[bytes] = []
+        self.coming: list[bytes] = []
+
+    def write(self, data: bytes) -> None:
+        self.sent.append(data)
+        self.coming += self.says(data)
+
+    def read(self, timeout_s: float) -> bytes:
+        if not self.coming:
+            self.clock.wait_s(timeout_s)
+        return self.coming.pop(0) if self.coming else b""
+
+    def close(self) -> None:
+        pass
+
+
+def linked(*replies: list[bytes]) -> tuple[Wire, StandaLink]:
+    """A link at whose far end the writes get these bytes in turn, and then nothing; zero bytes are returned."""
+    clock, left = VirtualClock(0.0, 100.0), list(replies)
+    wire = Wire(clock, lambda data: [data] if data == ZEROS else left.pop(0) if left else [])
+    return wire, StandaLink(wire, clock)
+
+
+ANSWER = frame("gser", SERIAL.pack(4711))
+
+
+def test_what_came_before_is_not_the_reply() -> None:
+    """An older reply, zero bytes, the confirmation of a stop; then the reply in two pieces."""
+    wire, link = linked([bytes(7), b"stop", ANSWER[:5], ANSWER[5:]])
+    wire.coming = [frame("gser", SERIAL.pack(1)), b"stop"]
+    assert link.ask("gser", SERIAL) == (4711,)
+    assert wire.sent == [b"gser"]
+
+
+def test_a_question_is_repeated_after_zero_bytes_and_a_command_is_not() -> None:
+    wire, link = linked([ANSWER[:-1]], [], [ANSWER])
+    assert link.ask("gser", SERIAL) == (4711,)
+    assert wire.sent == [b"gser", ZEROS, b"gser", ZEROS, b"gser"]
+    wire, link = linked()
+    begun_s = wire.clock.monotonic_s()
+    with raises(StageTimeout, "no_reply", port="wire", command="home"):
+        link.command("home")
+    assert wire.clock.monotonic_s() - begun_s == pytest.approx(REPLY_S)
+    assert wire.sent == [b"home"]
+
+
+@pytest.mark.parametrize("word", ["errc", "errd", "errv"])
+def test_an_error_answer_has_the_makers_word(word: str) -> None:
+    wire, link = linked([word.encode("ascii")])
+    with raises(StageError, "line_refused", number=word, line="home", port="wire"):
+        link.command("home")
+    assert wire.sent == [b"home"]
+
+
+def test_a_controller_that_never_stops_talking_is_an_error() -> None:
+    clock = VirtualClock(0.0, 100.0)
+    wire = Wire(clock, lambda data: [])
+
+    def chatter(timeout_s: float) -> bytes:
+        clock.wait_s(0.01)
+        return b"xyz"
+
+    wire.read = chatter  # type: ignore[method-assign]
+    with pytest.raises(StageError) as caught:
+        StandaLink(wire, clock).ask("gser", SERIAL)
+    assert caught.value.code in ("garbled", "no_reply")
+    most_s = READ_TRIES * (REPLY_S + SYNC_TRIES * SYNC_S + 1.1)
+    assert clock.monotonic_s() - 100.0 < most_s
+
+
+def test_a_thousand_odd_replies_are_errors_of_the_stage_and_nothing_else() -> None:
+    """Random bytes, and replies with a byte changed: what is believed is the reply itself."""
+    chance = random.Random(0)
+    payload = bytes(chance.randrange(256) for _ in range(STATUS.size))
+    true = frame("gets", payload)
+    for _ in range(1000):
+        odd = bytearray(true)
+        if chance.random() < 0.5:
+            odd[chance.randrange(len(odd))] = chance.randrange(256)
+        else:
+            odd = bytearray(chance.randbytes(chance.randrange(1, 80)))
+        _, link = linked([bytes(odd)])
+        try:
+            found = link.ask("gets", STATUS, tries=1)
+        except StageError:
+            continue
+        assert found == STATUS.unpack(payload)
+
+
+def test_a_thousand_odd_bytes_leave_the_virtual_controller_at_rest() -> None:
+    """Also frames of which a byte is changed: it answers afterwards and has not moved."""
+    chance, bench = random.Random(1), bench_of()
+    sent = [frame(letters, payload) for letters, (payload, _) in SENT.items()]
+    sent += [frame("movr", MOVE.pack(5, 0, 6 * RESERVED))]
+    line, before = bench.lines[0], bench.pair.carriage_steps_at(bench.clock.monotonic_s())
+    for _ in range(1000):
+        odd = bytearray(chance.choice(sent))
+        if chance.random() < 0.5:
+            odd[chance.randrange(len(odd))] ^= 1 << chance.randrange(8)
+        else:
+            odd = bytearray(chance.randbytes(chance.randrange(1, 40)))
+        line.host_write(bytes(odd))
+        bench.clock.wait_s(0.5)
+        line.host_read()
+    assert bench.pair.carriage_steps_at(bench.clock.monotonic_s()) == before
+    assert bench.stage.status().state == "Idle"
+
+
+# --- the stage on the virtual controllers ---
+
+
+@dataclass
+class Bench:
+    """Driver and controllers on two lines."""
+
+    clock: VirtualClock
+    pair: StandaPair
+    stage: Stage
+    lines: tuple[SerialLine, ...]
+    sent: list[tuple[float, str, bytes]]
+
+    def letters(self, axis: str) -> list[str]:
+        """The commands that one controller got."""
+        return [data[:4].decode("latin-1") for _, to, data in self.sent if to == axis]
+
+
+def bench_of(*, homed: bool = True, **tables: Any) -> Bench:
+    """A bench, homed."""
+    config = Config.model_validate({"stage": {"kind": "standa", **tables.pop("stage", {})}, **tables})
+    clock = VirtualClock(1.7e9, 50.0)
+    line, sent = SerialLine(clock, config.stage.baud), list[tuple[float, str, bytes]]()
+    pair: Any = virtual_stage(clock, line, config)
+
+    def noted(one: SerialLine, name: str) -> LoopbackTransport:
+        wire, axis = LoopbackTransport(one, clock, "wire"), "z" if one is line else "x"
+        write = wire.write
+
+        def writing(data: bytes) -> None:
+            sent.append((clock.monotonic_s(), axis, data))
+            write(data)
+
+        wire.write = writing  # type: ignore[method-assign]
+        return wire
+
+    stage: Stage = stage_driver(stage_opener(config, line, noted), clock, config)
+    stage.connect()
+    if homed:
+        stage.home()
+    sent.clear()
+    return Bench(clock, pair, stage, (line, *line.further), sent)
+
+
+RIGHT = {"standa": {"x": {"home": "right"}, "z": {"home": "right", "step_um": 2.5, "microsteps": 8}}}
+
+
+@pytest.mark.parametrize("own", [{}, RIGHT], ids=["left", "right"])
+def test_it_homes_moves_and_knows_where_it_is(own: dict[str, Any]) -> None:
+    bench = bench_of(stage=own)
+    assert bench.stage.homed
+    assert (bench.stage.steps_per_mm("z") > 0) is bool(own)
+    bench.stage.move_to(z_mm=-11.0013, speed_mm_s=5.0)
+    bench.stage.move_to(x_mm=-3.5, speed_mm_s=5.0)
+    now = bench.stage.status()
+    assert now.state == "Idle"
+    assert (now.x_mm, now.z_mm) == pytest.approx((-3.5, -11.0013), abs=2e-4)
+    x, _, z = bench.pair.carriage_steps_at(bench.clock.monotonic_s())
+    assert x / abs(bench.stage.steps_per_mm("x")) == pytest.approx(-3.5, abs=2e-4)
+    assert z / abs(bench.stage.steps_per_mm("z")) == pytest.approx(-11.0013, abs=2e-4)
+
+
+def test_a_move_has_its_speed_and_the_ramp_of_the_controller() -> None:
+    """10 mm at 2 mm/s; 6000 full steps/s² of 10 µm."""
+    bench = bench_of()
+    begun_s = bench.clock.monotonic_s()
+    bench.stage.move_to(z_mm=-10.0, speed_mm_s=2.0)
+    assert bench.clock.monotonic_s() - begun_s == pytest.approx(10 / 2 + 2 / 60, abs=0.05)
+    assert [data for _, _, data in bench.sent if data[:4] in (b"smov", b"move")] == [
+        frame("smov", SPEED.pack(200, 0, 6000, 6000, 0, 0, 0, 9 * RESERVED)),
+        frame("move", MOVE.pack(1000, 0, 6 * RESERVED)),
+    ]
+
+
+def _changed(name: str, layout: str, place: int, value: int) -> Callable[[VirtualStandaController], None]:
+    def change(controller: VirtualStandaController) -> None:
+        fields = list(struct.unpack(layout, controller.settings[name]))
+        fields[place] = value
+        controller.settings[name] = struct.pack(layout, *fields)
+
+    return change
+
+
+ENGINE, SPEEDS = "<HHIBHhBH12x", "<IBHHIBB9x"
+OTHERWISE = [
+    (_changed("eng", ENGINE, 6, 8), "MicrostepMode"),
+    (_changed("eng", ENGINE, 4, 0), "ENGINE_ACCEL_ON"),
+    (_changed("eng", ENGINE, 4, 0x18), "ENGINE_ANTIPLAY"),
+    (_changed("eds", "<BBihih6x", 0, 2), "BORDER_STOP_LEFT and _RIGHT"),
+    (_changed("eds", "<BBihih6x", 0, 7), "BORDER_IS_ENCODER"),
+    (_changed("hom", "<IBIBihH9x", 6, 1), "HOME_DIR_FIRST"),
+    (_changed("pwr", "<BHHHB6x", 4, 2), "POWER_OFF_ENABLED"),
+    (_changed("mov", SPEEDS, 2, 4000), "Accel"),
+    (_changed("mov", SPEEDS, 3, 4000), "Decel"),
+]
+
+
+@pytest.mark.parametrize(("change", "setting"), OTHERWISE, ids=[setting for _, setting in OTHERWISE])
+def test_a_controller_that_is_set_otherwise_is_refused(
+    change: Callable[[VirtualStandaController], None], setting: str
+) -> None:
+    bench = bench_of(homed=False)
+    fresh = bench_of(homed=False)
+    change(bench.pair.z)
+    bench.stage._axes["z"]._ramps = None  # type: ignore[attr-defined]
+    with raises(StageError, "not_as_configured", setting=setting, port="wire", axis="z"):
+        bench.stage.connect()
+    assert fresh.stage.connect()
+
+
+def test_nothing_but_speed_and_zero_is_ever_written() -> None:
+    """All else is kept by the controller, whose owner has set it."""
+    bench = bench_of(homed=False)
+    stored = [dict(one.settings) for one in (bench.pair.x, bench.pair.z)]
+    bench.stage.home()
+    bench.stage.move_to(z_mm=-2.0, speed_mm_s=2.0)
+    bench.stage.stop()
+    bench.stage.unlock()
+    for one, before in zip((bench.pair.x, bench.pair.z), stored, strict=True):
+        assert {name for name in before if one.settings[name] != before[name]} <= {"mov"}
+        assert struct.unpack(SPEEDS, one.settings["mov"])[2:] == struct.unpack(SPEEDS, before["mov"])[2:]
+    assert not {"save", "sars", "eesv"} & {*bench.letters("x"), *bench.letters("z")}
+
+
+# --- what stops it ---
+
+ALARMS = [
+    (0, "ALARM"), (0x80, "ALARM CTP_ERROR"), (0x800, "ALARM OVERLOAD_POWER_CURRENT"),
+    (0x20000, "ALARM H_BRIDGE_FAULT"), (0x1000000, "ALARM EXTIO_ALARM"), (0x40000, "ALARM 40000 hex"),
+]  # fmt: skip
+
+
+def under_way(bench: Bench) -> Iterator[Any]:
+    """A move that has been looked at once."""
+    looks = bench.stage.moving(z_mm=-10.0, speed_mm_s=2.0)
+    next(looks)
+    return looks
+
+
+@pytest.mark.parametrize(("flag", "word"), ALARMS, ids=[word for _, word in ALARMS])
+def test_a_stop_clears_the_alarm_of_the_controller_but_not_ours(flag: int, word: str) -> None:
+    """Only `unlock` does; until then nothing moves or homes."""
+    bench = bench_of()
+    looks = under_way(bench)
+    bench.pair.z.fail(flag)
+    with raises(StageAlarm, "alarm", number=word, axis="z"):
+        list(looks)
+    bench.stage.stop()
+    assert not bench.pair.z.flags & 0x40, "the controller has forgotten it"
+    bench.sent.clear()
+    for act in (bench.stage.home, lambda: bench.stage.jog("z", 0.1, 1.0)):
+        with raises(StageAlarm, "alarm", number=word, axis="z"):
+            act()
+    assert bench.stage.status().state == "Alarm"
+    bench.stage.halt()
+    assert not {"home", "move", "movr"} & {*bench.letters("x"), *bench.letters("z")}
+    bench.stage.unlock()
+    bench.stage.home()
+    assert bench.stage.homed
+
+
+def test_an_alarm_whose_cause_is_there_is_not_unlocked() -> None:
+    bench = bench_of()
+    looks = under_way(bench)
+    bench.pair.z.fail(0x200, lasting=True)
+    with raises(StageAlarm, "alarm", number="ALARM CONTROLLER_OVERHEAT"):
+        list(looks)
+    with raises(StageAlarm, "alarm", number="ALARM CONTROLLER_OVERHEAT"):
+        bench.stage.unlock()
+
+
+def test_a_halt_clears_no_alarm() -> None:
+    bench = bench_of()
+    bench.pair.z.fail(0x80)
+    bench.stage.halt()
+    with raises(StageAlarm, "alarm", number="ALARM CTP_ERROR"):
+        bench.stage.status()
+
+
+def test_a_position_error_without_an_alarm_is_one() -> None:
+    """The encoder and the steps are apart."""
+    bench = bench_of()
+    bench.pair.z.flags |= 0x80
+    with raises(StageAlarm, "alarm", number="CTP_ERROR", axis="z"):
+        bench.stage.move_to(z_mm=-1.0, speed_mm_s=2.0)
+    assert not bench.stage.homed
+
+
+@pytest.mark.parametrize(("home", "edge", "word"), [("left", 1, "RIGHT_EDGE"), ("right", 2, "LEFT_EDGE")])
+def test_a_limit_switch_within_the_travel_is_an_alarm(home: str, edge: int, word: str) -> None:
+    """That of home is none."""
+    bench = bench_of(stage={"standa": {"z": {"home": home}}})
+    bench.pair.z.inputs = edge ^ 3
+    looks = under_way(bench)
+    bench.pair.z.inputs = edge
+    with raises(StageAlarm, "alarm", number=word, axis="z"):
+        list(looks)
+    bench.pair.z.inputs = 0
+    bench.stage.stop()
+    with raises(StageAlarm, "alarm", number=word):
+        bench.stage.home()
+
+
+ENDS: list[tuple[type[StageError], str, Callable[[StandaPair], object], bool]] = [
+    (StageReset, "was_reset", lambda pair: pair.power_cycle(), False),
+    (StageReset, "was_reset", lambda pair: pair.z._obey("pwof", b""), False),
+    (StageReset, "was_reset", lambda pair: pair.z._obey("stop", b""), False),
+    (StageHeld, "held", lambda pair: pair.z.push_button(), True),
+    (StageOverridden, "overridden", lambda pair: pair.z._obey("sstp", b""), True),
+    (StageError, "not_there", lambda pair: pair.z.slip(-20000), False),
+]
+
+
+@pytest.mark.parametrize(
+    ("kind", "code", "act", "trusted"), ENDS, ids=["power", "pwof", "stop", "button", "soft stop", "slip"]
+)
+def test_what_ends_a_move(
+    kind: type[StageError], code: str, act: Callable[[StandaPair], object], trusted: bool
+) -> None:
+    """Power, another program, a button at the controller, a position off the way."""
+    bench = bench_of()
+    looks = under_way(bench)
+    act(bench.pair)
+    with raises(kind, code):
+        list(looks)
+    assert bench.stage.homed is trusted
+    if code == "not_there":
+        bench.clock.wait_s(0.01)
+        assert not bench.pair.z.busy, "it is stopped off its way"
+
+
+def test_switched_off_and_on_at_rest_it_is_no_longer_homed() -> None:
+    bench = bench_of()
+    bench.pair.power_cycle()
+    with raises(StageReset, "was_reset"):
+        bench.stage.status()
+    assert not bench.stage.homed
+
+
+# --- stop ---
+
+
+def test_a_stop_goes_to_both_controllers_at_one_instant_and_is_confirmed() -> None:
+    bench = bench_of()
+    next(bench.stage.moving(z_mm=-10.0, speed_mm_s=5.0))
+    bench.sent.clear()
+    asked_s = bench.clock.monotonic_s()
+    bench.stage.stop()
+    assert bench.sent[:2] == [(asked_s, "z", b"stop"), (asked_s, "x", b"stop")]
+    assert not bench.stage.homed
+    before = bench.pair.carriage_steps_at(bench.clock.monotonic_s())
+    bench.clock.wait_s(1.0)
+    assert bench.pair.carriage_steps_at(bench.clock.monotonic_s()) == before
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [lambda data: b"", lambda data: data[:3], lambda data: b"stoq", lambda data: data[1:], lambda data: data * 2],
+    ids=["lost", "cut", "changed", "late begun", "twice"],
+)
+def test_a_stop_that_does_not_get_through_is_repeated(damage: Callable[[bytes], bytes]) -> None:
+    bench = bench_of()
+    next(bench.stage.moving(z_mm=-30.0, speed_mm_s=5.0))
+    write, left = bench.lines[0].host_write, [1]
+
+    def damaged(data: bytes) -> None:
+        hit = data == b"stop" and bool(left)
+        write(damage(data) if hit and left.pop() else data)
+
+    bench.lines[0].host_write = damaged  # type: ignore[method-assign]
+    asked_s = bench.clock.monotonic_s()
+    bench.stage.stop()
+    assert bench.clock.monotonic_s() - asked_s < 0.5
+    assert not bench.pair.z.busy
+
+
+def test_a_stop_after_a_command_that_was_cut_short() -> None:
+    """The controller waits for the rest of a frame and takes the stop for it; zero bytes complete the frame."""
+    bench = bench_of()
+    next(bench.stage.moving(z_mm=-30.0, speed_mm_s=5.0))
+    bench.lines[0].host_write(frame("move", MOVE.pack(9, 9, 6 * RESERVED))[:7])
+    asked_s = bench.clock.monotonic_s()
+    bench.stage.stop()
+    assert bench.clock.monotonic_s() - asked_s < 0.5
+    assert not bench.pair.z.busy
+
+
+def test_a_controller_that_cannot_be_stopped_says_so() -> None:
+    bench = bench_of()
+    next(bench.stage.moving(z_mm=-30.0, speed_mm_s=1.0))
+    bench.pair.z._end = lambda letters: None  # type: ignore[method-assign]
+    asked_s = bench.clock.monotonic_s()
+    with raises(StageTimeout, "still_runs", axis="z"):
+        bench.stage.stop()
+    assert bench.clock.monotonic_s() - asked_s < 1.3
+
+
+# --- jogs, configuration ---
+
+
+@pytest.mark.parametrize("homed", [True, False])
+def test_a_jog_goes_so_far_and_stops_by_itself(homed: bool) -> None:
+    bench = bench_of(homed=homed)
+    low = bench.stage.status().z_mm
+    bench.stage.jog("z", -0.5, 2.0)
+    bench.clock.wait_s(0.1)
+    bench.stage.jog("z", -0.5, 2.0)
+    bench.clock.wait_s(2.0)
+    assert bench.stage.status().z_mm - low == pytest.approx(-1.0, abs=1e-4)
+    bench.stage.jog("z", -5.0, 2.0)
+    bench.clock.wait_s(0.2)
+    bench.stage.end_jog()
+    assert bench.stage.status().state == "Idle"
+    assert bench.stage.homed is homed
+
+
+def test_a_calibration_replaces_the_length_of_a_step() -> None:
+    measured = {"value": 51200.0, "date": "2026-01-01", "expires": "2027-01-01"}
+    bench = bench_of(calibration={"z_steps_per_mm": measured})
+    assert bench.stage.steps_per_mm("z") == -51200.0
+    assert bench.stage.steps_per_mm("x") == -25600.0
+    bench.stage.move_to(z_mm=-2.0, speed_mm_s=5.0)
+    assert bench.pair.z.position() == 102400
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("step_um", 0.0), ("step_um", 100.1), ("step_um", float("nan")), ("microsteps", 3), ("microsteps", 512),
+        ("home", "up"), ("steps", 1),
+    ],
+)  # fmt: skip
+def test_a_value_out_of_its_bounds_is_refused(key: str, value: object) -> None:
+    with pytest.raises(ValidationError) as caught:
+        Config.model_validate({"stage": {"kind": "standa", "standa": {"z": {key: value}}}})
+    assert [problem["loc"] for problem in caught.value.errors()] == [("stage", "standa", "z", key)]
+
+
+def test_two_controllers_need_two_ports() -> None:
+    config = Config.model_validate({"stage": {"kind": "standa", "port": "/dev/a", "standa": {"x_port": "/dev/a"}}})
+    clock = VirtualClock()
+    with raises(StageError, "one_port_for_two", port="/dev/a"):
+        stage_driver(lambda port: LoopbackTransport(SerialLine(clock, 9600), clock), clock, config)

@@ -1,0 +1,573 @@
+"""The TMCL driver byte for byte: frames of the maker's client, odd bytes, faults; and the virtual modules."""
+
+import random
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+from pydantic import ValidationError
+
+from rig.bench.virtual import virtual_stage
+from rig.devices.base import Stage, StageAlarm, StageError, StageOverridden, StageRejected, StageReset, StageTimeout
+from rig.devices.make_drivers import stage_driver
+from rig.devices.tmcl_link import (
+    END_SEARCH,
+    GAP,
+    MST,
+    MVP,
+    READ_TRIES,
+    REPLY_S,
+    RFS,
+    SAP,
+    SEARCH,
+    SEARCH_STATUS,
+    VERSION,
+    Motor,
+    TmclLink,
+    TmclReply,
+    TmclRequest,
+    parse_reply,
+    sealed,
+)
+from rig.plan.config import Config
+from rig.transport import LoopbackTransport
+from sim.devices.clock import VirtualClock
+from sim.devices.line import SerialLine
+from sim.devices.tmcl import TmclModules
+from tests.error_codes import raises
+
+X, Z = Motor(1, 0), Motor(1, 1)
+
+# --- frames, as the maker's client sends and reads them ---
+
+SENT = [
+    ("01 04 00 00 00 00 C8 00 CD", TmclRequest(X, MVP, 0, 51200)),
+    ("01 05 04 00 00 00 01 F4 FF", TmclRequest(X, SAP, 4, 500)),
+    ("01 04 01 00 FF FF FF 00 03", TmclRequest(X, MVP, 1, -256)),
+    ("01 06 01 00 00 00 00 00 08", TmclRequest(X, GAP, 1)),
+    ("01 03 00 00 00 00 00 00 04", TmclRequest(X, MST)),
+    ("01 0D 00 00 00 00 00 00 0E", TmclRequest(X, RFS, SEARCH)),
+    ("01 0D 01 00 00 00 00 00 0F", TmclRequest(X, RFS, END_SEARCH)),
+    ("01 0D 02 00 00 00 00 00 10", TmclRequest(X, RFS, SEARCH_STATUS)),
+    ("01 88 00 00 00 00 00 00 89", TmclRequest(X, VERSION)),
+]
+READ = [
+    ("02 01 64 04 00 00 C8 00 33", TmclReply(1, 100, MVP, 51200)),
+    ("02 01 64 06 00 00 C7 00 34", TmclReply(1, 100, GAP, 50944)),
+    ("02 01 64 03 00 00 00 00 6A", TmclReply(1, 100, MST, 0)),
+]
+
+
+@pytest.mark.parametrize(("frame", "request_"), SENT, ids=[frame for frame, _ in SENT])
+def test_a_command_is_the_one_of_the_makers_client(frame: str, request_: TmclRequest) -> None:
+    assert request_.frame() == bytes.fromhex(frame)
+
+
+@pytest.mark.parametrize(("frame", "reply"), READ, ids=[frame for frame, _ in READ])
+def test_a_reply_is_read_as_the_maker_means_it(frame: str, reply: TmclReply) -> None:
+    assert parse_reply(bytes.fromhex(frame), 2) == reply
+    assert parse_reply(bytes.fromhex(frame), 3) is None
+
+
+class Wire:
+    """A wire whose far end says, to each frame, what the test wants."""
+
+    name = "wire"
+
+    def __init__(self, clock: VirtualClock, says: Callable[[bytes], list[bytes]]) -> None:
+        self.clock, self.says = clock, says
+        self.sent: list[bytes] = []
+        self._coming: list[tuple[float, bytes]] = []
+
+    def write(self, data: bytes) -> None:
+        self.sent.append(data)
+        now_s = self.clock.monotonic_s()
+        self._coming += [(now_s + 1e-3 * n, piece) for n, piece in enumerate(self.says(data), 1)]
+
+    def read(self, timeout_s: float) -> bytes:
+        """A piece in each ms, so that a second reply comes when the next question is out."""
+        if self._coming and self._coming[0][0] - self.clock.monotonic_s() <= timeout_s:
+            due_s, piece = self._coming.pop(0)
+            self.clock.wait_s(due_s - self.clock.monotonic_s())
+            return piece
+        self.clock.wait_s(timeout_s)
+        return b""
+
+    def close(self) -> None:
+        pass
+
+
+def reply_to(frame: bytes, value: int, status: int = 100) -> bytes:
+    """The module's reply to a frame."""
+    return sealed(bytes([2, frame[0], status, frame[1]]) + value.to_bytes(4, "big", signed=True))
+
+
+def linked(change: Callable[[int, bytes], list[bytes]] = lambda n, reply: [reply]) -> tuple[Wire, TmclLink]:
+    """A module whose parameter n is 100 n; change: what becomes of its nth reply."""
+    clock, said = VirtualClock(0.0, 100.0), list[bytes]()
+
+    def says(frame: bytes) -> list[bytes]:
+        if len(frame) != 9:
+            return []
+        said.append(frame)
+        return change(len(said), reply_to(frame, 100 * frame[2] if frame[1] == GAP else 0))
+
+    wire = Wire(clock, says)
+    return wire, TmclLink(wire, clock)
+
+
+def only(number: int, change: Callable[[bytes], list[bytes]]) -> Callable[[int, bytes], list[bytes]]:
+    """Change the reply of this number alone."""
+    return lambda n, reply: change(reply) if n == number else [reply]
+
+
+ODD: dict[str, Callable[[bytes], list[bytes]]] = {
+    "lost": lambda reply: [],
+    "twice": lambda reply: [reply, reply],
+    "three times": lambda reply: [reply] * 3,
+    "a stray byte before it": lambda reply: [b"\x02" + reply],
+    "stray bytes before it": lambda reply: [b"\xff\x02\x01\x64\x06", reply],
+    "in pieces": lambda reply: [reply[:1], reply[1:8], reply[8:]],
+    "cut short": lambda reply: [reply[:-1]],
+    "a wrong bit": lambda reply: [reply[:6] + bytes([reply[6] ^ 1]) + reply[7:]],
+    "of another module": lambda reply: [sealed(b"\x02\x05" + reply[2:8]), reply],
+    "after the reply to a stop": lambda reply: [bytes.fromhex("02 01 64 03 00 00 00 00 6A"), reply],
+    "refused for its checksum": lambda reply: [sealed(reply[:2] + b"\x01" + reply[3:8])],
+}
+
+
+@pytest.mark.parametrize("odd", ODD)
+@pytest.mark.parametrize("number", [1, 2, 3, 4, 5])
+def test_each_parameter_gets_its_own_value_whatever_happens_to_one_reply(number: int, odd: str) -> None:
+    """Twice asked for, since a reply too many may come after the last question."""
+    _, link = linked(only(number, ODD[odd]))
+    for _ in range(2):
+        assert link.ask(Z, (1, 3, 4)) == ([100, 300, 400], 0)
+
+
+def test_replies_of_an_earlier_group_that_come_late_are_not_believed() -> None:
+    """Each 0.25 s late: after the module was given up."""
+    clock, coming = VirtualClock(0.0, 100.0), list[bytes]()
+    wire = Wire(clock, lambda frame: [])
+    late: list[float] = [0.25]
+
+    def write(data: bytes) -> None:
+        at_s = clock.monotonic_s() + (late.pop(0) if late else 1e-3)
+        wire._coming.append((at_s, reply_to(data, 100 * data[2] if data[1] == GAP else 0)))
+        wire._coming.sort()
+
+    wire.write = write  # type: ignore[method-assign]
+    assert TmclLink(wire, clock).ask(Z, (1, 3, 4)) == ([100, 300, 400], 0)
+    assert not coming
+
+
+def test_a_question_is_repeated_and_a_command_is_not() -> None:
+    wire, link = linked(lambda n, reply: [])
+    with raises(StageTimeout, "no_reply", port="wire", device=1, motor=1, command="MVP 0 700"):
+        link.command(Z, MVP, 0, 700)
+    assert wire.sent == [TmclRequest(Z, MVP, 0, 700).frame()]
+    begun_s = wire.clock.monotonic_s()
+    with raises(StageTimeout, "no_reply", command="GAP 1"):
+        link.ask(Z, (1,))
+    assert wire.clock.monotonic_s() - begun_s == pytest.approx(READ_TRIES * REPLY_S, abs=0.1)
+    assert wire.sent[1:].count(TmclRequest(Z, GAP, 1).frame()) == READ_TRIES
+
+
+@pytest.mark.parametrize("status", [1, 2, 3, 4, 5, 6])
+def test_a_refusal_has_the_number_of_its_status(status: int) -> None:
+    wire, link = linked(lambda n, reply: [sealed(reply[:2] + bytes([status]) + reply[3:8])])
+    with raises(StageRejected, "line_refused", number=status, line="SAP 4 500", port="wire"):
+        link.command(X, SAP, 4, 500)
+    assert len(wire.sent) == 1
+
+
+def test_a_module_that_never_stops_talking_is_an_error_in_bounded_time() -> None:
+    clock = VirtualClock(0.0, 100.0)
+    wire = Wire(clock, lambda data: [])
+
+    def chatter(timeout_s: float) -> bytes:
+        clock.wait_s(0.01)
+        return reply_to(TmclRequest(Motor(7, 0), GAP).frame(), 5)
+
+    wire.read = chatter  # type: ignore[method-assign]
+    with raises(StageTimeout, "no_reply"):
+        TmclLink(wire, clock).ask(X, (1,))
+    assert clock.monotonic_s() - 100.0 < 2 * READ_TRIES * REPLY_S + 0.1
+
+
+def test_a_thousand_odd_replies_are_errors_of_the_stage_and_nothing_else() -> None:
+    """Random bytes, and replies with a byte changed: what is believed is the reply itself."""
+    chance = random.Random(0)
+    for _ in range(1000):
+        odd = bytearray(reply_to(TmclRequest(X, GAP, 1).frame(), 100))
+        if chance.random() < 0.5:
+            odd[chance.randrange(len(odd))] = chance.randrange(256)
+        else:
+            odd = bytearray(chance.randbytes(chance.randrange(1, 60)))
+        _, link = linked(lambda n, reply, odd=odd: [bytes(odd)] if reply[3] == GAP else [reply])  # type: ignore[misc]
+        try:
+            values = link.ask(X, (1,), tries=1)
+        except StageError:
+            continue
+        assert values == ([100], 0)
+
+
+# --- the stage on the virtual modules ---
+
+
+@dataclass
+class Bench:
+    """Driver and modules on one line."""
+
+    clock: VirtualClock
+    board: TmclModules
+    stage: Stage
+    sent: list[tuple[float, bytes]]
+
+    def commands(self) -> list[str]:
+        """What was sent, without questions."""
+        found = []
+        for _, data in self.sent:
+            if len(data) == 9 and data[1] not in (GAP, VERSION) and (data[1], data[2]) != (RFS, SEARCH_STATUS):
+                value = int.from_bytes(data[4:8], "big", signed=True)
+                found.append(f"{data[0]}.{data[3]} {data[1]} {data[2]} {value}")
+        return found
+
+
+def bench_of(*, homed: bool = True, baud: int = 115200, **tables: Any) -> Bench:
+    """A bench, homed."""
+    stage = {"kind": "tmcl", "baud": baud, **tables.pop("stage", {})}
+    config = Config.model_validate({"stage": stage, **tables})
+    clock = VirtualClock(1.7e9, 50.0)
+    line = SerialLine(clock, config.stage.baud)
+    wire, sent = LoopbackTransport(line, clock, "wire"), list[tuple[float, bytes]]()
+    write = wire.write
+
+    def noted(data: bytes) -> None:
+        sent.append((clock.monotonic_s(), data))
+        write(data)
+
+    wire.write = noted  # type: ignore[method-assign]
+    board: Any = virtual_stage(clock, line, config)
+    stage_: Stage = stage_driver(lambda _: wire, clock, config)
+    stage_.connect()
+    if homed:
+        stage_.home()
+    sent.clear()
+    return Bench(clock, board, stage_, sent)
+
+
+TWO_MODULES = {"tmcl": {"x": {"address": 1, "motor": 0}, "z": {"address": 2, "motor": 0}}}
+RIGHT = {"tmcl": {"z": {"motor": 1, "home_switch": "right", "search_mode": 65}}}
+FINE = {"tmcl": {"x": {"motor": 0, "microstep_um": 0.1}, "z": {"motor": 1, "microstep_um": 0.05}}}
+OLD = {"tmcl": {"z": {"motor": 1, "microstep_um": 0.1}, "speed_unit": 0.0328, "acceleration_unit": 0.0022}}
+
+
+@pytest.mark.parametrize(
+    "own", [{}, TWO_MODULES, RIGHT, FINE, OLD], ids=["one module", "two modules", "right", "fine", "old units"]
+)
+def test_it_homes_moves_and_knows_where_it_is(own: dict[str, Any]) -> None:
+    bench = bench_of(stage=own)
+    assert bench.stage.homed
+    bench.stage.move_to(z_mm=-11.0, speed_mm_s=5.0)
+    bench.stage.move_to(x_mm=-3.5, speed_mm_s=5.0)
+    now = bench.stage.status()
+    assert now.state == "Idle"
+    assert (now.x_mm, now.z_mm) == pytest.approx((-3.5, -11.0), abs=2e-3)
+    x, _, z = bench.board.carriage_steps_at(bench.clock.monotonic_s())
+    assert x / abs(bench.stage.steps_per_mm("x")) == pytest.approx(-3.5, abs=2e-3)
+    assert z / abs(bench.stage.steps_per_mm("z")) == pytest.approx(-11.0, abs=2e-3)
+
+
+def test_a_move_is_aimed_at_speed_0_and_started_by_its_speed() -> None:
+    """10 mm at 2 mm/s and 50 mm/s²."""
+    bench = bench_of()
+    begun_s = bench.clock.monotonic_s()
+    bench.stage.move_to(z_mm=-10.0, speed_mm_s=2.0)
+    assert bench.clock.monotonic_s() - begun_s == pytest.approx(10 / 2 + 2 / 50, abs=0.1)
+    assert bench.commands() == ["1.1 4 0 4000", "1.1 5 4 800", "1.1 5 4 0"]
+    assert bench.board.z.parameter(4) == bench.board.x.parameter(4) == 0
+
+
+@pytest.mark.parametrize(
+    ("number", "value", "setting"),
+    [(140, 4, "microstep resolution"), (193, 2, "reference search mode"), (5, 100, "acceleration")],
+)
+def test_a_module_that_is_set_otherwise_is_refused(number: int, value: int, setting: str) -> None:
+    bench = bench_of(homed=False)
+    bench.board.z.parameters[number] = value
+    with raises(StageError, "not_as_configured", setting=setting, parameter=number, found=value, axis="z"):
+        bench.stage.connect()
+
+
+# --- what stops it ---
+
+ACCIDENTS: dict[int, Callable[[TmclModules], object]] = {
+    207: lambda board: board.z.stall(),
+    208: lambda board: board.z.fail(2),
+    10: lambda board: board.z.press("right"),
+    11: lambda board: board.z.press("left"),
+}
+
+
+@pytest.mark.parametrize("number", ACCIDENTS)
+def test_a_fault_under_way_is_an_alarm_with_its_parameter(number: int) -> None:
+    bench = bench_of()
+    bench.stage.move_to(z_mm=-3.0, speed_mm_s=5.0)
+    looks = bench.stage.moving(z_mm=-10.0, speed_mm_s=2.0)
+    next(looks)
+    ACCIDENTS[number](bench.board)
+    with raises(StageAlarm, "alarm", number=number, axis="z", device=1, motor=1):
+        list(looks)
+    assert not bench.stage.homed
+    bench.stage.stop()
+    if number > 100:
+        assert bench.stage.status().state == "Alarm"
+        with raises(StageAlarm, "alarm", number=number):
+            bench.stage.home()
+    bench.board.z.driver, bench.board.z.pressed = 0, set()
+    bench.stage.unlock()
+    bench.stage.home()
+    assert bench.stage.homed
+
+
+@pytest.mark.parametrize("number", ACCIDENTS)
+@pytest.mark.parametrize("name", ["x", "z"])
+def test_a_fault_at_rest_is_an_alarm_at_the_next_status(number: int, name: str) -> None:
+    bench = bench_of()
+    bench.stage.move_to(z_mm=-3.0, speed_mm_s=5.0)
+    bench.stage.move_to(x_mm=-3.0, speed_mm_s=5.0)
+    if name == "x":
+        bench.board.x, bench.board.z = bench.board.z, bench.board.x
+    ACCIDENTS[number](bench.board)
+    with raises(StageAlarm, "alarm", number=number, axis=name):
+        bench.stage.status()
+    assert not bench.stage.homed
+
+
+def test_flags_that_do_not_trip_and_a_switch_that_is_not_wired_are_left_alone() -> None:
+    own = {"tmcl": {"z": {"motor": 1, "far_switch": False}}}
+    bench = bench_of(stage=own)
+    bench.board.z.driver = 0x65
+    bench.stage.move_to(z_mm=-3.0, speed_mm_s=5.0)
+    bench.board.z.pressed.add(10)
+    assert bench.stage.status().state == "Idle"
+    own = {"tmcl": {"lost_steps_parameter": 0, "fault_parameter": 0}}
+    bench = bench_of(stage=own)
+    bench.stage.status()
+    assert not {207, 208} & {data[2] for _, data in bench.sent}
+
+
+def test_switched_off_and_on_it_is_no_longer_homed() -> None:
+    bench = bench_of()
+    looks = bench.stage.moving(z_mm=-10.0, speed_mm_s=2.0)
+    next(looks)
+    bench.board.power_cycle()
+    with raises(StageReset, "was_reset", axis="z", expected=800, found=4000):
+        list(looks)
+    assert not bench.stage.homed
+    bench = bench_of()
+    bench.board.power_cycle()
+    with raises(StageReset, "was_reset", expected=0):
+        bench.stage.status()
+    assert not bench.stage.homed
+
+
+@pytest.mark.parametrize("act", [lambda z: z.move_to(400), lambda z: z.move_by(50), lambda z: z.set_parameter(0, 1)])
+def test_another_program_ends_a_move_and_the_position_stays_trusted(act: Callable[[Any], object]) -> None:
+    bench = bench_of()
+    looks = bench.stage.moving(z_mm=-10.0, speed_mm_s=2.0)
+    next(looks)
+    act(bench.board.z)
+    with raises(StageOverridden, "overridden"):
+        list(looks)
+    bench.stage.halt()
+    assert bench.stage.homed
+    bench.stage.move_to(z_mm=-1.0, speed_mm_s=5.0)
+
+
+def test_a_stop_of_another_program_is_no_arrival() -> None:
+    bench = bench_of()
+    looks = bench.stage.moving(z_mm=-10.0, speed_mm_s=2.0)
+    next(looks)
+    bench.board.z.stop()
+    with raises(StageError, "not_there", target_mm=-10.0):
+        list(looks)
+    assert not bench.stage.homed
+
+
+def read_as(bench: Bench, change: Callable[[bytes], bytes]) -> None:
+    """What the module hears instead of a frame, with a right checksum."""
+    read = bench.board._read
+    bench.board._read = lambda frame: read(sealed(change(frame[:8])))  # type: ignore[method-assign]
+
+
+SWAPS: dict[str, Callable[[bytes], bytes]] = {
+    "digits of the target": lambda f: f.replace(
+        bytes.fromhex("04 00 01 00 00 05 78"), bytes.fromhex("04 00 01 00 00 78 05")
+    ),
+    "type and motor": lambda f: f.replace(
+        bytes.fromhex("04 00 01 00 00 05 78"), bytes.fromhex("04 01 00 00 00 05 78")
+    ),
+}
+
+
+@pytest.mark.parametrize("swap", SWAPS)
+def test_two_bytes_of_a_target_that_change_places_move_nothing(swap: str) -> None:
+    """The checksum is right: a target of 1400 becomes 30725, or a distance of the other axis."""
+    bench = bench_of()
+    read_as(bench, SWAPS[swap])
+    before = bench.board.carriage_steps_at(bench.clock.monotonic_s())
+    with raises(StageError, "not_as_configured", parameter=0, expected=1400):
+        bench.stage.move_to(z_mm=-3.5, speed_mm_s=5.0)
+    bench.clock.wait_s(1.0)
+    assert bench.board.carriage_steps_at(bench.clock.monotonic_s()) == before
+    assert not bench.stage.homed
+
+
+def test_two_bytes_of_a_speed_that_change_places_move_it_no_farther_than_its_brakes() -> None:
+    """2000 becomes 53255."""
+    bench = bench_of()
+    read_as(bench, lambda f: f.replace(b"\x00\x00\x07\xd0", b"\x00\x00\xd0\x07"))
+    with raises(StageError, "not_as_configured", parameter=4, found=53255, expected=2000):
+        bench.stage.move_to(z_mm=-30.0, speed_mm_s=5.0)
+    bench.clock.wait_s(1.0)
+    assert -bench.board.z.carriage_at(bench.clock.monotonic_s()) / 400 < 0.01
+
+
+def test_a_unit_of_speed_that_is_wrong_stops_the_first_move() -> None:
+    """The module is ten times as fast as the configuration says."""
+    bench = bench_of()
+    bench.board.z._units = type(bench.board.z._units)(0.1, 1.0)
+    with raises(StageError, "too_fast", speed_mm_s=1.0, axis="z"):
+        bench.stage.move_to(z_mm=-30.0, speed_mm_s=1.0)
+    bench.clock.wait_s(2.0)
+    assert -bench.board.z.carriage_at(bench.clock.monotonic_s()) / 400 < 3.5
+
+
+# --- reference search ---
+
+
+def test_a_search_that_does_not_begin_is_no_homing() -> None:
+    """The position of a module that was just switched on is 0."""
+    bench = bench_of(homed=False)
+    bench.board.z.search = lambda: None  # type: ignore[method-assign]
+    with raises(StageError, "did_not_home", axis="z", position=0):
+        bench.stage.home()
+    assert not bench.stage.homed
+
+
+def test_a_search_of_the_wrong_axis_is_stopped() -> None:
+    """Motor and type have not changed places, but the number of the motor has."""
+    bench = bench_of(homed=False)
+    read_as(bench, lambda f: f.replace(b"\x01\x0d\x00\x01", b"\x01\x0d\x00\x00"))
+    with raises(StageError, "moves", axis="x"):
+        bench.stage.home()
+    bench.stage.stop()
+    bench.clock.wait_s(1.0)
+    assert abs(bench.board.x.carriage_at(bench.clock.monotonic_s()) + 4000) <= 3
+
+
+def test_a_stop_ends_a_search_too() -> None:
+    bench = bench_of(homed=False)
+    next(bench.stage.homing())
+    assert bench.board.z.busy
+    bench.stage.stop()
+    assert not bench.board.z.searching
+    before = bench.board.carriage_steps_at(bench.clock.monotonic_s())
+    bench.clock.wait_s(1.0)
+    assert bench.board.carriage_steps_at(bench.clock.monotonic_s()) == before
+
+
+# --- stop ---
+
+
+def test_a_stop_goes_to_z_at_once_then_to_x_and_is_confirmed() -> None:
+    bench = bench_of()
+    next(bench.stage.moving(z_mm=-10.0, speed_mm_s=5.0))
+    bench.sent.clear()
+    asked_s = bench.clock.monotonic_s()
+    bench.stage.stop()
+    assert bench.sent[0] == (asked_s, TmclRequest(Z, MST).frame())
+    assert bench.sent[1] == (pytest.approx(asked_s + 2e-3 + 180 / 115200), TmclRequest(X, MST).frame())
+    assert not bench.stage.homed
+    before = bench.board.carriage_steps_at(bench.clock.monotonic_s())
+    bench.clock.wait_s(1.0)
+    assert bench.board.carriage_steps_at(bench.clock.monotonic_s()) == before
+
+
+def test_a_stage_that_cannot_be_stopped_says_so_within_a_second_per_axis() -> None:
+    bench = bench_of()
+    next(bench.stage.moving(z_mm=-30.0, speed_mm_s=1.0))
+    bench.board.z.stop = lambda: None  # type: ignore[method-assign]
+    asked_s = bench.clock.monotonic_s()
+    with raises(StageTimeout, "still_runs", axis="z"):
+        bench.stage.stop()
+    assert bench.clock.monotonic_s() - asked_s < 1.3
+
+
+@pytest.mark.parametrize("pause_s", [0.02, float("inf")], ids=["drops parts", "waits for ever"])
+@pytest.mark.parametrize("what", ["a question", "a stop"])
+def test_a_byte_that_is_lost_on_its_way_to_a_module_does_not_lock_it_out(pause_s: float, what: str) -> None:
+    """Also where the module waits for the end of the frame for ever."""
+    bench = bench_of()
+    next(bench.stage.moving(z_mm=-20.0, speed_mm_s=1.0))
+    bench.board.frame_pause_s = pause_s
+    hear, lost = bench.board._hear, [4]
+    bench.board._line.connect(lambda data: hear(data[1:] if lost and lost.pop() else data))
+    if what == "a stop":
+        bench.stage.stop()
+        assert not bench.board.z.busy
+    else:
+        assert bench.stage.status().state == "Run"
+
+
+# --- jogs ---
+
+
+@pytest.mark.parametrize("homed", [True, False])
+def test_a_jog_goes_so_far_and_stops_by_itself(homed: bool) -> None:
+    bench = bench_of(homed=homed)
+    low = bench.stage.status().z_mm
+    bench.stage.jog("z", -0.5, 2.0)
+    bench.clock.wait_s(0.1)
+    bench.stage.jog("z", -0.5, 2.0)
+    bench.clock.wait_s(2.0)
+    assert bench.stage.status().z_mm - low == pytest.approx(-1.0, abs=1e-6)
+    bench.stage.jog("z", -5.0, 2.0)
+    bench.clock.wait_s(0.2)
+    bench.stage.end_jog()
+    assert bench.stage.status().state == "Idle"
+    assert bench.stage.homed is homed
+
+
+# --- configuration ---
+
+
+def test_a_calibration_replaces_the_length_of_a_microstep() -> None:
+    measured = {"value": 500.0, "date": "2026-01-01", "expires": "2027-01-01"}
+    bench = bench_of(calibration={"z_steps_per_mm": measured})
+    assert bench.stage.steps_per_mm("z") == -500.0
+    assert bench.stage.steps_per_mm("x") == -400.0
+    bench.stage.move_to(z_mm=-2.0, speed_mm_s=5.0)
+    assert bench.board.z.position() == 1000
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("address", 0), ("address", 256), ("motor", -1), ("motor", 6), ("microstep_um", 0.0), ("microstep_um", 10.1),
+        ("microstep_um", float("nan")), ("resolution", 9), ("home_switch", "up"), ("far_switch", 1),
+        ("search_mode", 0), ("home_speed_mm_s", 0.0), ("home_speed_mm_s", 21.0), ("adress", 1),
+    ],
+)  # fmt: skip
+def test_a_value_out_of_its_bounds_is_refused(key: str, value: object) -> None:
+    with pytest.raises(ValidationError) as caught:
+        Config.model_validate({"stage": {"kind": "tmcl", "tmcl": {"z": {"motor": 1, key: value}}}})
+    assert [problem["loc"] for problem in caught.value.errors()] == [("stage", "tmcl", "z", key)]
+
+
+def test_two_axes_need_two_motors() -> None:
+    with pytest.raises(ValidationError, match="same address and motor"):
+        Config.model_validate({"stage": {"kind": "tmcl", "tmcl": {"x": {"motor": 1}}}})
