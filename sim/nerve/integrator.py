@@ -1,7 +1,8 @@
 """Leaky integrator that turns current into spikes: τ dV/dt = −V + I + noise, a spike at V = 1.
 
-Between samples the current is constant, for which the step is exact. The noise is white: its increments grow with
-the root of the step, so that rates do not depend on the step.
+V is stepped by the exact exponential, at most `MOST_STEP_S` at a time; the current is linear between its samples and
+constant within a step. The noise is white: its increments grow with the root of the step, so that rates do not depend
+on it.
 """
 
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from sim.compiling import compiled
 Array = NDArray[np.float64]
 
 MOST_STEP_S = 1e-4
-"""Longest step (s): with longer ones a spike's time and the share of missed crossings depend on the step."""
+"""Longest step of V (s): with longer ones a spike's time and the share of missed crossings depend on the step."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +25,7 @@ class Membrane:
     Attributes
     ----------
     tau_s : float
-        Time constant (s).
+        Time constant τ (s).
     refractory_s : float
         Time after a spike in which nothing is integrated (s).
     noise : float
@@ -36,18 +37,19 @@ class Membrane:
     noise: float
 
 
-def spikes(current: Array, step_s: float, membrane: Membrane, generator: np.random.Generator) -> Array:
+def spikes(current: Array, step_s: float, membrane: Membrane, sites: int, generator: np.random.Generator) -> Array:
     """Return the spike times of one afferent.
 
     Parameters
     ----------
-    current : ndarray of shape (n_sites, n_samples)
-        Current into each spike site, in units of the rheobase. The first site at its threshold makes the spike and
-        resets all.
+    current : ndarray of shape (n_samples,)
+        Current, in units of the rheobase.
     step_s : float
-        Time between samples (s), at most `MOST_STEP_S`.
+        Time between samples (s).
     membrane : Membrane
         Time constant, refractory time and noise.
+    sites : int
+        Number of spike sites, each with its own noise. The first at its threshold makes the spike and resets all.
     generator : numpy.random.Generator
         The afferent's own.
 
@@ -56,35 +58,48 @@ def spikes(current: Array, step_s: float, membrane: Membrane, generator: np.rand
     ndarray of shape (n_spikes,)
         Times from the first sample (s), ascending.
     """
-    decay = np.exp(-step_s / membrane.tau_s)
-    kick = membrane.noise * np.sqrt(1 - decay**2)
-    noise = generator.standard_normal(current.shape[::-1])
-    found = np.empty(current.shape[1] + 1)
-    count = _fired(np.ascontiguousarray(current.T), decay, kick, noise, step_s, membrane.refractory_s, found)
+    parts = max(1, int(np.ceil(step_s / MOST_STEP_S - 1e-9)))
+    short_s = step_s / parts
+    decay = float(np.exp(-short_s / membrane.tau_s))
+    kick = membrane.noise * float(np.sqrt(1 - decay**2))
+    steps = parts * max(0, len(current) - 1)
+    noise = generator.standard_normal((steps, sites), dtype=np.float32)
+    found = np.empty(steps)
+    count = _fired(np.ascontiguousarray(current), parts, decay, kick, noise, short_s, membrane.refractory_s, found)
     return found[:count].copy()
 
 
 @compiled
 def _fired(
-    current: Array, decay: float, kick: float, noise: Array, step_s: float, refractory_s: float, found: Array
+    current: Array,
+    parts: int,
+    decay: float,
+    kick: float,
+    noise: NDArray[np.float32],
+    short_s: float,
+    refractory_s: float,
+    found: Array,
 ) -> int:
     """Write spike times; return their number."""
-    steps, sites = current.shape
+    steps, sites = noise.shape
     v = np.zeros(sites)
     silent_until_s = -1.0
     count = 0
     for k in range(steps):
-        now_s = k * step_s
+        now_s = k * short_s
         if now_s < silent_until_s:
             continue
+        sample = k // parts
+        share = (k - sample * parts + 0.5) / parts
+        flow = current[sample] + share * (current[sample + 1] - current[sample])
         first = 2.0
         for site in range(sites):
             before = v[site]
-            v[site] = current[k, site] + (before - current[k, site]) * decay + kick * noise[k, site]
+            v[site] = flow + (before - flow) * decay + kick * noise[k, site]
             if v[site] >= 1.0:
                 first = min(first, (1.0 - before) / (v[site] - before))
         if first < 2.0:
-            found[count] = now_s + first * step_s
+            found[count] = now_s + first * short_s
             silent_until_s = found[count] + refractory_s
             count += 1
             v[:] = 0.0

@@ -1,4 +1,4 @@
-"""Depth of an indentor against time, with its speed and acceleration in closed form."""
+"""Depth of an indentor against time: ramps with rounded corners, and vibrations."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -49,7 +49,7 @@ class Stimulus:
     Raises
     ------
     ArgumentError
-        If the times do not ascend, or a number is not finite.
+        If the times do not ascend, a number is not finite, or a vibration has no frequency.
     """
 
     def __init__(
@@ -66,6 +66,16 @@ class Stimulus:
             raise ArgumentError("a stimulus needs as many finite depths as times", code="bad_stimulus")
         if not (np.isfinite(self.times_s).all() and (np.diff(self.times_s) > 0).all() and corner_s > 0):
             raise ArgumentError("the times of a stimulus must ascend", code="bad_stimulus")
+        for one in self.vibrations:
+            if not (0 < one.frequency_hz < np.inf and 0 <= one.amplitude_um < np.inf and 0 < one.lasts_s < np.inf):
+                raise ArgumentError(
+                    "a vibration of {frequency_hz:g} Hz, {amplitude_um:g} µm for {lasts_s:g} s: frequency and "
+                    "duration must be more than 0, the amplitude at least 0",
+                    code="bad_vibration",
+                    frequency_hz=one.frequency_hz,
+                    amplitude_um=one.amplitude_um,
+                    lasts_s=one.lasts_s,
+                )
 
     @classmethod
     def ramp(
@@ -105,54 +115,34 @@ class Stimulus:
         """
         down_s, away_s = doi_mm / speed_mm_s, away_mm / speed_mm_s
         times = np.cumsum([begins_s - away_s, away_s + down_s, hold_s, down_s + away_s])
-        return cls(
-            times.tolist(), [-away_mm, doi_mm, doi_mm, -away_mm], corner_s=corner_s, vibrations=vibrations
-        )
+        return cls(times.tolist(), [-away_mm, doi_mm, doi_mm, -away_mm], corner_s=corner_s, vibrations=vibrations)
 
     @property
     def ends_s(self) -> float:
         """Time after which nothing changes (s)."""
         return max(
-            float(self.times_s[-1]) + self.corner_s, *(one.begins_s + one.lasts_s for one in self.vibrations), 0.0
+            0.0, float(self.times_s[-1]) + self.corner_s, *(one.begins_s + one.lasts_s for one in self.vibrations)
         )
 
     @property
     def deepest_mm(self) -> float:
-        """Largest depth (mm), vibrations apart."""
-        return float(self.depths_mm.max())
+        """Largest depth (mm), with the amplitudes of all vibrations."""
+        return float(self.depths_mm.max()) + 1e-3 * sum(one.amplitude_um for one in self.vibrations)
 
     def depth_mm(self, t_s: ArrayLike) -> Array:
         """Return depths at times (mm), vibrations apart: means over the corner's time."""
-        return self._averaged(self._area, t_s)
+        t, half = np.asarray(t_s, dtype=float), 0.5 * self.corner_s
+        return np.asarray((self._area(t + half) - self._area(t - half)) / self.corner_s)
 
-    def speed_mm_s(self, t_s: ArrayLike) -> Array:
-        """Return speeds into the skin at times (mm/s), vibrations apart."""
-        return self._averaged(self._straight, t_s)
-
-    def acceleration_mm_s2(self, t_s: ArrayLike) -> Array:
-        """Return accelerations into the skin at times (mm/s²), vibrations apart."""
-        return self._averaged(self._slope, t_s)
-
-    def vibration_mm(self, t_s: ArrayLike, derivative: int = 0) -> Array:
-        """Return the vibrations' part of the depth (mm), or a time derivative of it (mm/s, mm/s²)."""
+    def vibration_mm(self, t_s: ArrayLike) -> Array:
+        """Return the vibrations' part of the depth at times (mm)."""
         t = np.asarray(t_s, dtype=float)
         total = np.zeros(t.shape)
         for one in self.vibrations:
-            rate, since = 2 * np.pi * one.frequency_hz, t - one.begins_s
-            wave = 1e-3 * one.amplitude_um * rate**derivative * np.sin(rate * since + derivative * np.pi / 2)
+            since = t - one.begins_s
+            wave = 1e-3 * one.amplitude_um * np.sin(2 * np.pi * one.frequency_hz * since)
             total += np.where((since >= 0) & (since < one.lasts_s), wave, 0.0)
         return total
-
-    def _averaged(self, antiderivative: "object", t_s: ArrayLike) -> Array:
-        t, half = np.asarray(t_s, dtype=float), 0.5 * self.corner_s
-        return np.asarray((antiderivative(t + half) - antiderivative(t - half)) / self.corner_s)  # type: ignore[operator]
-
-    def _straight(self, t_s: Array) -> Array:
-        return np.interp(t_s, self.times_s, self.depths_mm)
-
-    def _slope(self, t_s: Array) -> Array:
-        slopes = np.concatenate([[0.0], np.diff(self.depths_mm) / np.diff(self.times_s), [0.0]])
-        return np.asarray(slopes[np.searchsorted(self.times_s, t_s, side="right")])
 
     def _area(self, t_s: Array) -> Array:
         """Return ∫ depth dt from the first corner."""
@@ -160,5 +150,5 @@ class Stimulus:
         areas = np.concatenate([[0.0], np.cumsum(np.diff(t) * (d[1:] + d[:-1]) / 2)])
         piece = np.clip(np.searchsorted(t, t_s, side="right") - 1, 0, len(t) - 1)
         since = t_s - t[piece]
-        slope = self._slope(t_s)
-        return np.asarray(areas[piece] + since * d[piece] + np.where(since > 0, slope, 0.0) * since**2 / 2)
+        slopes = np.append(np.diff(d) / np.diff(t), 0.0)
+        return np.asarray(areas[piece] + since * d[piece] + np.where(since > 0, slopes[piece], 0.0) * since**2 / 2)
