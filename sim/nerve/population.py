@@ -35,8 +35,8 @@ DENSITY_PER_CM2: Mapping[str, Mapping[str, float]] = {
 }
 """Afferents per cm² of skin.
 
-Monkey, distal pad and middle phalanx: Darian-Smith and Kenins (1980, J Physiol 309:147). Human: the table of TouchSim;
-Johansson and Vallbo (1979, J Physiol 286:283) give 241 for all four classes at the tip and 58 in the palm.
+Monkey, distal pad and middle phalanx: Darian-Smith and Kenins (1980, J Physiol 309:147). Human: the table of
+TouchSim; Johansson and Vallbo (1979, J Physiol 286:283) give 241 for all four classes at the tip, 58 in the palm.
 """
 
 VELOCITY_M_S: Mapping[str, tuple[float, float, float, float]] = {
@@ -332,7 +332,9 @@ class AfferentPopulation(Sequence[Afferent]):
         skin = self.pressed(finger, indentor, stimulus.deepest_mm, x_mm, z_mm)
         found = self.spikes(skin.signal(stimulus, MOST_STEP_S))
         late = [one + afferent.delay_s(path_m) for one, afferent in zip(found, self, strict=True)]
-        return Response(self, tuple(late), 0.0, stimulus.ends_s + max((one.delay_s(path_m) for one in self), default=0))
+        return Response(
+            self, tuple(late), 0.0, stimulus.ends_s + max((one.delay_s(path_m) for one in self), default=0)
+        )
 
 
 # --- drawing ---
@@ -476,7 +478,9 @@ def draw(
     drawn: dict[str, Iterator[tuple[float, float]]] = {}
     numbers: dict[str, int] = {}
     for one in asked:
-        if one.place_mm is not None and not (pad.has(*one.place_mm) and _has_tissue(finger, models[one.model])(*one.place_mm)):
+        if one.place_mm is not None and not (
+            pad.has(*one.place_mm) and _has_tissue(finger, models[one.model])(*one.place_mm)
+        ):
             raise ModelRangeError(
                 "{model} at x = {x_mm:g} mm, {along_mm:g} mm along the finger: lies off the pad, which reaches "
                 "{half_x_mm:.2f} mm across and {half_along_mm:.2f} mm along the finger",
