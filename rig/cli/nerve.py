@@ -15,8 +15,9 @@ from rig.plan.config import Config, load_config
 
 if TYPE_CHECKING:
     from rig.data.spike_files import SpikeRecord
-    from rig.plan.nerve import WantedSpikes
+    from rig.plan.nerve import Visits, WantedSpikes
     from sim.models.fingertip import Fingertip
+    from sim.nerve.population import AfferentPopulation
 
 AFFERENTS = "3xSA1,5xRA"
 AFFERENTS_HELP = (
@@ -42,12 +43,14 @@ def nerve_command(
         with foreign_in_one_line(run):
             settings = load_config(found.folder.config)
             with busy(THE_FINGER, as_json=as_json):
+                from rig.plan.nerve import visits_of
                 from sim.models.fingertip import Fingertip
 
                 finger = Fingertip.load(settings.finger)
+            begun = visits_of(found, settings), wanted.drawn(finger)
             with found.folder.owned():
                 before = found.folder.files
-                answer = add_spikes(finger, found, settings, wanted, as_json=as_json)
+                answer = _add(finger, found, wanted, *begun, as_json=as_json)
                 with busy("writing the report …", as_json=as_json):
                     from rig.report.run_report import write_report
 
@@ -83,11 +86,23 @@ def add_spikes(
     finger: "Fingertip", run: Run, config: Config, wanted: "WantedSpikes", *, as_json: bool
 ) -> dict[str, Any]:
     """Write the spikes of a run into its folder; return what commands print as JSON, without the report."""
-    from rig.data.export import export_spikes
-    from rig.plan.nerve import run_spikes, visits_of
+    from rig.plan.nerve import visits_of
 
-    found = visits_of(run, config)
-    afferents = wanted.drawn(finger)
+    return _add(finger, run, wanted, visits_of(run, config), wanted.drawn(finger), as_json=as_json)
+
+
+def _add(
+    finger: "Fingertip",
+    run: Run,
+    wanted: "WantedSpikes",
+    found: "Visits",
+    afferents: "AfferentPopulation",
+    *,
+    as_json: bool,
+) -> dict[str, Any]:
+    from rig.data.export import export_spikes
+    from rig.plan.nerve import run_spikes
+
     with busy(f"spikes of {len(afferents)} afferents …", as_json=as_json, size=len(afferents) * run.end_s) as now:
         record = run_spikes(run, found, finger, afferents, seed=wanted.seed, path_m=wanted.path_m, told=now.at)
     with busy("writing the spikes …", as_json=as_json, quick=True):
