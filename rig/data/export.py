@@ -300,9 +300,7 @@ def _add_sync(run: Run, file: Any, pynwb: Any) -> None:
 
 def _add_spikes(run: Run, spikes: SpikeRecord, file: Any) -> None:
     """Add simulated spikes as units, with the electrode that they would have been recorded by."""
-    device = file.create_device(
-        name="virtual nerve", description=f"{SYNTHETIC}; seed {spikes.seed}", manufacturer="none, simulated"
-    )
+    device = file.create_device(name="virtual nerve", description=f"{SYNTHETIC}; seed {spikes.seed}")
     group = file.create_electrode_group(
         name="nerve", description=f"One electrode {spikes.electrode}.", location=spikes.electrode, device=device
     )
