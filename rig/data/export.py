@@ -169,7 +169,8 @@ def _as_nwb(run: Run, pynwb: Any, spikes: SpikeRecord | None) -> Any:
         session_id=printable(run.folder.path.name),
         protocol=run.start["protocol"],
         notes=f"virtual bench: {run.start['virtual']}; complete: {run.complete}",
-        subject=_subject(run, pynwb),
+        subject=_subject(run, pynwb) if spikes is None else _subject(run, pynwb) or _model_subject(pynwb),
+        **({} if spikes is None else {"experiment_description": SYNTHETIC, "keywords": ["synthetic", "simulation"]}),
     )
     _add_devices(run, file)
     _add_samples(run, file, pynwb)
@@ -177,7 +178,7 @@ def _as_nwb(run: Run, pynwb: Any, spikes: SpikeRecord | None) -> Any:
     _add_holds(run, file, pynwb)
     _add_sync(run, file, pynwb)
     if spikes is not None:
-        _add_spikes(run, spikes, file)
+        _add_spikes(run, spikes, file, pynwb)
     return file
 
 
@@ -185,6 +186,20 @@ def _subject(run: Run, pynwb: Any) -> Any:
     """Return the subject by its code, or None without one: nothing else about a participant is recorded."""
     code = run.start.get("subject")
     return pynwb.file.Subject(subject_id=code) if code else None
+
+
+def _model_subject(pynwb: Any) -> Any:
+    """Return the finger model as a subject, which the file format requires beside spikes."""
+    return pynwb.file.Subject(
+        subject_id="synthetic",
+        description=(
+            "Finite-element model of a fingertip, not an animal and not a participant. Species: of the finger whose "
+            "shape is the model's default. Sex and age do not apply."
+        ),
+        species="Macaca mulatta",
+        sex="U",
+        age="P0D",
+    )
 
 
 def _add_devices(run: Run, file: Any) -> None:
@@ -298,13 +313,14 @@ def _add_sync(run: Run, file: Any, pynwb: Any) -> None:
     file.add_time_intervals(table)
 
 
-def _add_spikes(run: Run, spikes: SpikeRecord, file: Any) -> None:
+def _add_spikes(run: Run, spikes: SpikeRecord, file: Any, pynwb: Any) -> None:
     """Add simulated spikes as units, with the electrode that they would have been recorded by."""
     device = file.create_device(name="virtual nerve", description=f"{SYNTHETIC}; seed {spikes.seed}")
     group = file.create_electrode_group(
         name="nerve", description=f"One electrode {spikes.electrode}.", location=spikes.electrode, device=device
     )
     file.add_electrode(location=spikes.electrode, group=group)
+    file.units = pynwb.misc.Units(name="units", description=SYNTHETIC, resolution=spikes.resolution_s)
     for name, about in about_columns().items():
         file.add_unit_column(name, f"{SYNTHETIC}: {about}")
     for number, train in enumerate(spikes.trains):

