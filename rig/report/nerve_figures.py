@@ -91,8 +91,8 @@ def nerve_figures(run: Run, record: SpikeRecord) -> list[PageFigure]:
                     lambda figure: _against_position(figure, record, presses),
                     layout=None,
                 ),
-                "Mean rate of each afferent from touch to the last hold (press), and in the last hold (hold), against "
-                "the position of the indentor; mean of repeats. "
+                "Mean rate of each afferent from touch to the last hold (press), and in the last hold (hold), "
+                "against the position of the indentor; mean of repeats. "
                 f"Black: mean of the class. {about}",
             )
         )
