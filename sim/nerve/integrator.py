@@ -30,11 +30,14 @@ class Membrane:
         Time after a spike in which nothing is integrated (s).
     noise : float
         Standard deviation of V without a threshold, in units of the threshold.
+    reset : float
+        V after a spike; below 0 it makes the class refractory for some time constants. Default: 0.
     """
 
     tau_s: float
     refractory_s: float
     noise: float
+    reset: float = 0.0
 
 
 def spikes(current: Array, step_s: float, membrane: Membrane, sites: int, generator: np.random.Generator) -> Array:
@@ -65,7 +68,17 @@ def spikes(current: Array, step_s: float, membrane: Membrane, sites: int, genera
     steps = parts * max(0, len(current) - 1)
     noise = generator.standard_normal((steps, sites), dtype=np.float32)
     found = np.empty(steps)
-    count = _fired(np.ascontiguousarray(current), parts, decay, kick, noise, short_s, membrane.refractory_s, found)
+    count = _fired(
+        np.ascontiguousarray(current),
+        parts,
+        decay,
+        kick,
+        noise,
+        short_s,
+        membrane.refractory_s,
+        membrane.reset,
+        found,
+    )
     return found[:count].copy()
 
 
@@ -78,6 +91,7 @@ def _fired(
     noise: NDArray[np.float32],
     short_s: float,
     refractory_s: float,
+    reset: float,
     found: Array,
 ) -> int:
     """Write spike times; return their number."""
@@ -102,5 +116,5 @@ def _fired(
             found[count] = now_s + first * short_s
             silent_until_s = found[count] + refractory_s
             count += 1
-            v[:] = 0.0
+            v[:] = reset
     return count

@@ -19,7 +19,7 @@ from sim.nerve.skin import Signal
 
 Array = NDArray[np.float64]
 
-MEMBRANE = Membrane(tau_s=0.006, refractory_s=0.002, noise=0.1)
+MEMBRANE = Membrane(tau_s=0.004, refractory_s=0.003, noise=0.1, reset=-3.0)
 
 
 @dataclass(frozen=True)
@@ -48,10 +48,10 @@ class RA:
         Depth of Meissner corpuscles below the skin (mm).
     """
 
-    reference_sed: float = 1.0
+    reference_sed: float = 19000.0
     corner_hz: float = 75.0
-    falling: float = 0.5
-    most: float = 5.0
+    falling: float = 0.3
+    most: float = 6.0
     slow_share: float = 0.3
     slow_tau_s: float = 15.0
     sites: int = 1

@@ -19,7 +19,7 @@ from sim.nerve.skin import Signal
 
 Array = NDArray[np.float64]
 
-MEMBRANE = Membrane(tau_s=0.03, refractory_s=0.001, noise=0.2)
+MEMBRANE = Membrane(tau_s=0.058, refractory_s=0.001, noise=0.41)
 
 
 @dataclass(frozen=True)
@@ -48,11 +48,11 @@ class SA1:
         Depth of Merkel cells below the skin (mm), at the tips of the intermediate ridges.
     """
 
-    weights: tuple[float, ...] = (0.6, 0.8, 0.3, 1.0)
+    weights: tuple[float, ...] = (6.0, 3.5, 0.1, 1.0)
     tau_s: tuple[float, ...] = (0.008, 0.2, 1.832, np.inf)
-    reference_sed: float = 1.0
-    threshold: float = 0.5
-    slow_share: float = 0.3
+    reference_sed: float = 63.0
+    threshold: float = 3.3
+    slow_share: float = 0.38
     slow_tau_s: float = 6.0
     sites: int = 4
     membrane: Membrane = MEMBRANE
