@@ -24,7 +24,7 @@ AFFERENTS_HELP = (
     "Afferents: 3xSA1 at places drawn on the pad, SA1@X or SA1@X:ALONG at a place (mm), separated by commas; "
     "or a density such as 'monkey fingertip'."
 )
-MOST_SEED, MOST_PATH_M = 2**32, 2.0
+MOST_SEED, MOST_PATH_M = 1_000_000, 2.0
 
 
 def nerve_command(
