@@ -2,9 +2,11 @@
 
 V is stepped by the exact exponential, at most `MOST_STEP_S` at a time; the current is linear between its samples and
 constant within a step. The noise is white: its increments grow with the root of the step, so that rates do not depend
-on it.
+on it. It is shot noise of the current: its variance grows with the current up to the rheobase, so that an afferent
+without a current is silent.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,7 +31,7 @@ class Membrane:
     refractory_s : float
         Time after a spike in which nothing is integrated (s).
     noise : float
-        Standard deviation of V without a threshold, in units of the threshold.
+        Standard deviation of V without a threshold, in units of the threshold, from a current of 1 on.
     reset : float
         V after a spike; below 0 it makes the class refractory for some time constants. Default: 0.
     """
@@ -106,10 +108,11 @@ def _fired(
         sample = k // parts
         share = (k - sample * parts + 0.5) / parts
         flow = current[sample] + share * (current[sample + 1] - current[sample])
+        jolt = kick * math.sqrt(min(max(flow, 0.0), 1.0))
         first = 2.0
         for site in range(sites):
             before = v[site]
-            v[site] = flow + (before - flow) * decay + kick * noise[k, site]
+            v[site] = flow + (before - flow) * decay + jolt * noise[k, site]
             if v[site] >= 1.0:
                 first = min(first, (1.0 - before) / (v[site] - before))
         if first < 2.0:

@@ -19,7 +19,7 @@ from sim.nerve.skin import Signal
 
 Array = NDArray[np.float64]
 
-MEMBRANE = Membrane(tau_s=0.058, refractory_s=0.001, noise=0.41)
+MEMBRANE = Membrane(tau_s=0.058, refractory_s=0.001, noise=0.5)
 
 
 @dataclass(frozen=True)
@@ -48,11 +48,11 @@ class SA1:
         Depth of Merkel cells below the skin (mm), at the tips of the intermediate ridges.
     """
 
-    weights: tuple[float, ...] = (6.0, 3.5, 0.1, 1.0)
+    weights: tuple[float, ...] = (3.2, 2.2, 0.25, 1.0)
     tau_s: tuple[float, ...] = (0.008, 0.2, 1.832, np.inf)
-    reference_sed: float = 63.0
-    threshold: float = 3.3
-    slow_share: float = 0.38
+    reference_sed: float = 17.6
+    threshold: float = 1.9
+    slow_share: float = 0.44
     slow_tau_s: float = 6.0
     sites: int = 4
     membrane: Membrane = MEMBRANE

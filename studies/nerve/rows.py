@@ -92,6 +92,7 @@ def decline(scenes: Scenes) -> Iterator[Row]:
             f"rate falls {known}",
             over_seeds(found, 0) + " %, of which the skin 0",
             bool(25 <= np.mean(found) <= 50),
+            remark="slow share, k fitted",
         )
 
 
@@ -109,12 +110,12 @@ def variation(trains: Sequence[Array], begin_s: float, end_s: float) -> Array:
 def irregularity(scenes: Scenes) -> Iterator[Row]:
     """Test 5: intervals of SA-I in a hold."""
     model, skin = scenes.classes["SA1"], scenes.probe("SA1")
-    signal = skin.signal(ramp(1.2, 10.0, 5.0), 1e-3, 4.8)
-    found = [variation(fired(model, signal, sensitivities(seed), seed), 0.72, 4.72) for seed in SEEDS]
+    signal = skin.signal(ramp(0.6, 10.0, 5.0), 1e-3, 4.8)
+    found = [variation(fired(model, signal, sensitivities(seed), seed), 0.66, 4.66) for seed in SEEDS]
     means = [float(one.mean()) for one in found]
     yield Row(
         "5, SA1",
-        "hold 1.2 mm, 0.5 to 4.5 s",
+        "hold 0.6 mm, 0.5 to 4.5 s",
         "CV .78 (mouse), .3–.6 (primate)",
         f"{over_seeds(means)}, {np.mean([len(one) for one in found]):.0f} afferents at 10–40 /s",
         bool(0.3 <= np.mean(means) <= 0.9),
@@ -175,7 +176,7 @@ def bar(scenes: Scenes) -> Iterator[Row]:
             f"{over_seeds(ratios, 1)}; r {over_seeds(r)}; peak {np.mean([run[phase].max() for run in runs]):.0f} /s",
             bool(low <= np.mean(ratios) <= high and np.mean(r) >= 0.9),
             touchsim,
-            "weights, θ fitted; one gain",
+            "k, θ fitted; one gain",
         )
 
 
@@ -201,7 +202,14 @@ def silent(scenes: Scenes) -> Iterator[Row]:
         else:
             ours = f"hold {max(holds):.0f} impulses; off/on {over_seeds(ratios)}"
             passed, known = max(holds) == 0 and 0.3 <= np.mean(ratios) <= 1.2, "nothing in the hold; on and off"
-        yield Row(f"9, {name}", "ramp 30 mm/s to 1 mm, hold 1 s, retract", known, ours, bool(passed))
+        yield Row(
+            f"9, {name}",
+            "ramp 30 mm/s to 1 mm, hold 1 s, retract",
+            known,
+            ours,
+            bool(passed),
+            remark="speed chosen on it",
+        )
 
 
 # --- a pin beyond a plate ---
@@ -542,8 +550,8 @@ def pc_tuning(scenes: Scenes) -> Iterator[Row]:
         "13, PC",
         "20 to 822 Hz, first impulse",
         "minimum 200–400 Hz; slope −2 to −3 below 100 Hz",
-        f"rms {over_seeds(rms)} decades; minimum {best:g} Hz; slope {slope:.2f}",
-        bool(np.mean(rms) <= 0.15 and 200 <= best <= 400 and -3 <= slope <= -2),
+        f"rms {over_seeds(rms)} decades (≤ .15); minimum {best:g} Hz; slope {slope:.2f}".replace("-", "−"),
+        None,
         remark="source unidentified: not counted",
     )
 
@@ -601,6 +609,7 @@ def entrainment(scenes: Scenes) -> Iterator[Row]:
         f"plateau {over_seeds(octaves, 1)} octaves; vector strength {over_seeds(strengths)}; I1/I0 "
         f"{over_seeds(ratios, 1)}; lowest I0 {np.mean(lowest):.0f} µm",
         bool(np.mean(octaves) >= 1 and np.mean(strengths) >= 0.8),
+        remark="a₋, reset fitted",
     )
 
 
@@ -664,7 +673,7 @@ def adaptation_thresholds(scenes: Scenes, name: str, seed: int) -> tuple[Array, 
     frequency, times_more = CONDITIONED[name]
     preload = 0.2 if name == "SA1" else PRELOAD_MM
     step_s, test_s = 1 / (16 * frequency), 0.5
-    levels = np.geomspace(0.3, 8.0, 28)
+    levels = np.geomspace(0.8, 4.0, 36)
 
     def lowest(before_s: float, rest_s: float, unit_um: float) -> float:
         lead = 4.0
@@ -681,17 +690,17 @@ def adaptation_thresholds(scenes: Scenes, name: str, seed: int) -> tuple[Array, 
         return float(unit_um * levels[min(last_no[-1] + 1, len(levels) - 1)]) if len(last_no) else unit_um * levels[0]
 
     conditioning_um, unit = 0.0, 1.0
-    for _ in range(8):
+    for _ in range(10):
         found = lowest(0.0, 0.0, unit)
-        if unit * levels[1] < found < unit * levels[-2]:
+        if unit * levels[1] < found < unit * levels[10]:
             break
-        unit = found
+        unit = 0.85 * found
     conditioning_um = min(times_more * found, 190.0 if name == "SA1" else 450.0)
     unit = found
-    at = np.array([0.5, 1, 2, 4, 8, 16, 32, 60])
+    at = np.array([1.0, 3.0, 6.0, 12.0, 20.0, 35.0, 60.0])
     rising = np.array([lowest(float(t), 0.02, unit) for t in at])
     falling = np.array([lowest(_LONG_S, float(t), unit) for t in at])
-    return at, np.log(rising), np.log(falling)
+    return at, rising / found, falling / found
 
 
 def _approach(t: Array, a: float, b: float, tau: float) -> Array:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.result import IndentationResult
+from sim.models.strain_at_points import mesh_key
 from sim.nerve.integrator import spikes
 from sim.nerve.models import BUILT_IN, AfferentModel
 from sim.nerve.skin import PressedSkin, Signal, table_of_presses
@@ -93,14 +94,16 @@ class Scenes:
     def pinned(self) -> list[IndentationResult]:
         """Presses of the plate alone, then with the pin at each of `PIN_UM`; the pin is at x = 0, z of the plane."""
         plate = self.finger.indent("flat", doi_mm=PLATE_MM)
-        patch = self.finger.model_for((), plate.model.widened_mm).patch
+        patch = self.finger.model_for(*mesh_key(plate)).patch
+        n = len(patch)
         here = np.array([0.0, self.finger.config.receptor_plane_mm])
         away = np.linalg.norm(patch.position_mm[:, [0, 2]] - here, axis=1)
         overlap = patch.y - (plate.touch_height_mm - PLATE_MM)
         found = []
         for pin_um in (0.0, *PIN_UM):
-            p = held(patch.compliance, overlap + np.where(away <= PIN_RADIUS_MM, 1e-3 * pin_um, 0.0))
-            found.append(replace(plate, state=replace(plate.state, force=-p[None])))
+            p = held(patch.compliance[-n:, -n:], overlap + np.where(away <= PIN_RADIUS_MM, 1e-3 * pin_um, 0.0))
+            force = np.concatenate([np.zeros((len(patch.axes) - 1, n)), -p[None]])
+            found.append(replace(plate, state=replace(plate.state, force=force)))
         return found
 
     def pin(self, name: str) -> PressedSkin:
