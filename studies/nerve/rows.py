@@ -22,6 +22,7 @@ from studies.nerve.scenes import (
     STEP_X_MM,
     Scenes,
     counts,
+    fire,
     fired,
     ramp,
     sensitivities,
@@ -215,7 +216,7 @@ def silent(scenes: Scenes) -> Iterator[Row]:
 # --- a pin beyond a plate ---
 
 RISE_S, STAYS_S = 0.025, 0.15
-TRIALS = 8
+TRIALS = 6
 
 
 def pin_counts(scenes: Scenes, name: str, gain: float, seed: int, trials: int = TRIALS) -> Array:
@@ -232,13 +233,9 @@ def pin_counts(scenes: Scenes, name: str, gain: float, seed: int, trials: int = 
         rise = np.linspace(0.0, 1.0, 2001)[:-1]
         arrival = skin.value(PLATE_MM * np.sin(0.5 * np.pi * rise) ** 2).T
         signal = Signal(1e-3, np.concatenate([arrival, signal.value], axis=1))
+        currents = model.current(signal, np.full(signal.value.shape[0], gain))[:, 4900:]
         per_trial = [
-            counts(
-                fired(model, signal, np.full(signal.value.shape[0], gain), 100 * seed + 10 * k + trial, 4.9),
-                5.0,
-                5.26,
-            )
-            for trial in range(trials)
+            counts(fire(model, currents, 1e-3, 100 * seed + 10 * k + trial), 0.1, 0.36) for trial in range(trials)
         ]
         found.append(per_trial)
     all_counts = np.array(found)
@@ -254,7 +251,7 @@ def pin(scenes: Scenes) -> Iterator[Row]:
     for name in ("SA1", "RA"):
         runs = []
         for seed in SEEDS:
-            gains = sensitivities(seed, 4)
+            gains = sensitivities(seed, 3)
             runs.append(np.array([pin_counts(scenes, name, float(g), seed) for g in gains]))
         # (seeds, afferents, depths, trials, sites)
         all_runs = np.array(runs)
