@@ -48,7 +48,7 @@ def sensitivities(seed: int, n: int = AFFERENTS) -> Array:
 class Scenes:
     """Tables of presses, made when they are first needed."""
 
-    finger: Fingertip = field(default_factory=lambda: load("finger"))  # type: ignore[assignment,return-value]
+    finger: Fingertip = field(default_factory=lambda: load("finger"))
     classes: dict[str, AfferentModel] = field(default_factory=lambda: dict(BUILT_IN))
 
     def __post_init__(self) -> None:
