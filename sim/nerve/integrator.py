@@ -103,20 +103,22 @@ def _fired(
     count = 0
     for k in range(steps):
         now_s = k * short_s
-        if now_s < silent_until_s:
+        part = min(1.0, k + 1 - silent_until_s / short_s)  # of the step, after the refractory time
+        if part <= 0.0:
             continue
         sample = k // parts
         share = (k - sample * parts + 0.5) / parts
         flow = current[sample] + share * (current[sample + 1] - current[sample])
-        jolt = kick * math.sqrt(min(max(flow, 0.0), 1.0))
+        jolt = kick * math.sqrt(part * min(max(flow, 0.0), 1.0))
+        kept = decay if part == 1.0 else decay**part
         first = 2.0
         for site in range(sites):
             before = v[site]
-            v[site] = flow + (before - flow) * decay + jolt * noise[k, site]
+            v[site] = flow + (before - flow) * kept + jolt * noise[k, site]
             if v[site] >= 1.0:
                 first = min(first, (1.0 - before) / (v[site] - before))
         if first < 2.0:
-            found[count] = now_s + first * short_s
+            found[count] = now_s + (1.0 - part + first * part) * short_s
             silent_until_s = found[count] + refractory_s
             count += 1
             v[:] = reset

@@ -1,5 +1,6 @@
 """The 18 published tests: a function each, which returns what our classes do and whether that passes."""
 
+import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -22,6 +23,7 @@ from studies.nerve.scenes import (
     STEP_X_MM,
     Scenes,
     counts,
+    fire,
     fired,
     ramp,
     sensitivities,
@@ -198,10 +200,10 @@ def silent(scenes: Scenes) -> Iterator[Row]:
         holds, ratios, lates = (list(map(float, column)) for column in zip(*found, strict=True))
         if name == "SA1":
             ours = f"{over_seeds(lates)} impulses from 20 ms after retraction starts"
-            passed, known = max(lates) <= 1, "nothing on retraction"
+            passed, known = max(lates) <= 1.0, "nothing on retraction"
         else:
             ours = f"hold {max(holds):.0f} impulses; off/on {over_seeds(ratios)}"
-            passed, known = max(holds) == 0 and 0.3 <= np.mean(ratios) <= 1.2, "nothing in the hold; on and off"
+            passed, known = bool(max(holds) == 0 and 0.3 <= np.mean(ratios) <= 1.2), "nothing in the hold; on and off"
         yield Row(
             f"9, {name}",
             "ramp 30 mm/s to 1 mm, hold 1 s, retract",
@@ -215,7 +217,7 @@ def silent(scenes: Scenes) -> Iterator[Row]:
 # --- a pin beyond a plate ---
 
 RISE_S, STAYS_S = 0.025, 0.15
-TRIALS = 8
+TRIALS = 6
 
 
 def pin_counts(scenes: Scenes, name: str, gain: float, seed: int, trials: int = TRIALS) -> Array:
@@ -232,13 +234,9 @@ def pin_counts(scenes: Scenes, name: str, gain: float, seed: int, trials: int = 
         rise = np.linspace(0.0, 1.0, 2001)[:-1]
         arrival = skin.value(PLATE_MM * np.sin(0.5 * np.pi * rise) ** 2).T
         signal = Signal(1e-3, np.concatenate([arrival, signal.value], axis=1))
+        currents = model.current(signal, np.full(signal.value.shape[0], gain))[:, 4900:]
         per_trial = [
-            counts(
-                fired(model, signal, np.full(signal.value.shape[0], gain), 100 * seed + 10 * k + trial, 4.9),
-                5.0,
-                5.26,
-            )
-            for trial in range(trials)
+            counts(fire(model, currents, 1e-3, 100 * seed + 10 * k + trial), 0.1, 0.36) for trial in range(trials)
         ]
         found.append(per_trial)
     all_counts = np.array(found)
@@ -254,7 +252,7 @@ def pin(scenes: Scenes) -> Iterator[Row]:
     for name in ("SA1", "RA"):
         runs = []
         for seed in SEEDS:
-            gains = sensitivities(seed, 4)
+            gains = sensitivities(seed, 3)
             runs.append(np.array([pin_counts(scenes, name, float(g), seed) for g in gains]))
         # (seeds, afferents, depths, trials, sites)
         all_runs = np.array(runs)
@@ -370,7 +368,9 @@ def _power(v: Array, a: float, b: float) -> Array:
 def aic(form: Callable[..., Array], start: Sequence[float], v: Array, rate: Array) -> float:
     """Return Akaike's criterion of a least-squares fit, infinite where there is none."""
     try:
-        found, _ = curve_fit(form, v, rate, p0=start, maxfev=4000)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # no covariance; logarithms of what a step of the fit makes negative
+            found, _ = curve_fit(form, v, rate, p0=start, maxfev=4000)
     except RuntimeError:
         return float("inf")
     residual = max(float(((rate - form(v, *found)) ** 2).mean()), 1e-9)
@@ -420,13 +420,13 @@ def step(scenes: Scenes) -> Iterator[Row]:
         model = scenes.classes[name]
         for seed in SEEDS:
             gains = sensitivities(seed, 20)
-            early, late = [], []
+            onsets, holds = [], []
             for place in x:
                 signal = scenes.step(name, float(place)).signal(stimulus, 1e-3, 2.2)
                 trains = fired(model, signal, gains, seed)
-                early.append(counts(trains, 0.1, 0.38).mean())
-                late.append(counts(trains, 1.18, 2.18).mean())
-            found[name].append((np.array(early), np.array(late)))
+                onsets.append(counts(trains, 0.1, 0.38).mean())
+                holds.append(counts(trains, 1.18, 2.18).mean())
+            found[name].append((np.array(onsets), np.array(holds)))
     # s = −x: the raised flat at s < 0, the convex edge at 0 to 0.65 mm, the concave one at 0.65 to 1.3 mm.
     convex, concave, flat = (-x >= -0.3) & (-x <= 0.65), (-x > 0.65) & (-x <= 1.5), (-x <= -1.2) & (-x >= -2.0)
     orders, growths, weaker = [], [], []
@@ -436,7 +436,7 @@ def step(scenes: Scenes) -> Iterator[Row]:
             float((p[convex].max() - p[concave].min()) / (p[convex].max() + p[concave].min())) for p in (early, late)
         ]
         growths.append(contrast[1] - contrast[0])
-        depth = [float((p.max() - p.min()) / max(p.max() + p.min(), 1e-9)) for p in (early, ra)]
+        depth = [float(np.ptp(p) / max(p.max() + p.min(), 1e-9)) for p in (early, ra)]
         weaker.append((float(ra.mean() / early.mean()), depth[1] / depth[0]))
     top, level, low = np.mean(orders, axis=0)
     fewer, modulation = np.mean(weaker, axis=0)
@@ -550,7 +550,7 @@ def pc_tuning(scenes: Scenes) -> Iterator[Row]:
         "13, PC",
         "20 to 822 Hz, first impulse",
         "minimum 200–400 Hz; slope −2 to −3 below 100 Hz",
-        f"rms {over_seeds(rms)} decades (≤ .15); minimum {best:g} Hz; slope {slope:.2f}".replace("-", "−"),
+        f"rms {over_seeds(rms)} decades (≤ .15); minimum {best:g} Hz; slope {slope:.2f}",
         None,
         remark="source unidentified: not counted",
     )
@@ -719,7 +719,9 @@ def slow_adaptation(scenes: Scenes) -> Iterator[Row]:
         at, rising, falling = adaptation_thresholds(scenes, name, SEEDS[0])
         both = []
         for y in (rising, falling):
-            found, _ = curve_fit(_approach, at, y, p0=(y[-1], y[0] - y[-1], 8.0), maxfev=20000)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                found, _ = curve_fit(_approach, at, y, p0=(y[-1], y[0] - y[-1], 8.0), maxfev=20000)
             both.append(float(abs(found[2])))
             beats.append(aic(_approach, (y[-1], y[0] - y[-1], 8.0), at, y) < aic(_line, (y[0], 0.0), at, y))
         taus[name] = (both[0], both[1])
@@ -732,6 +734,18 @@ def slow_adaptation(scenes: Scenes) -> Iterator[Row]:
         f"{ours}; exponential beats a line in {sum(beats)} of {len(beats)}",
         bool(sa < ra < pa and sr < min(rr, pr) and all(beats)),
         remark="order of the time constants chosen",
+    )
+
+
+def population(_: Scenes) -> Iterator[Row]:
+    """Test 18: densities and velocities of a drawn population, which this study does not draw."""
+    yield Row(
+        "18, all",
+        "drawn population",
+        "densities, conduction velocities",
+        NOTHING,
+        None,
+        remark="not counted: this study places each receptor under the probe",
     )
 
 
@@ -750,5 +764,6 @@ TESTS: tuple[Callable[[Scenes], Iterator[Row]], ...] = (
     slow_adaptation,
     entrainment,
     regularity,
+    population,
 )
 """In the order of their numbers."""

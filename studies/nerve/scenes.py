@@ -48,7 +48,7 @@ def sensitivities(seed: int, n: int = AFFERENTS) -> Array:
 class Scenes:
     """Tables of presses, made when they are first needed."""
 
-    finger: Fingertip = field(default_factory=lambda: load("finger"))  # type: ignore[assignment,return-value]
+    finger: Fingertip = field(default_factory=lambda: load("finger"))
     classes: dict[str, AfferentModel] = field(default_factory=lambda: dict(BUILT_IN))
 
     def __post_init__(self) -> None:
@@ -141,8 +141,13 @@ def fired(
     """Return spike times of afferents; before `from_s` only their currents have a history."""
     first = round(from_s / signal.step_s)
     currents = model.current(signal, np.atleast_1d(np.asarray(sensitivity, dtype=float)))[:, first:]
+    return [from_s + one for one in fire(model, currents, signal.step_s, seed)]
+
+
+def fire(model: AfferentModel, currents: Array, step_s: float, seed: int) -> list[Array]:
+    """Return spike times of afferents from their currents."""
     return [
-        from_s + spikes(one, signal.step_s, model.membrane, model.sites, np.random.default_rng((seed, k)))
+        spikes(one, step_s, model.membrane, model.sites, np.random.default_rng((seed, k)))
         for k, one in enumerate(currents)
     ]
 
