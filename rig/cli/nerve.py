@@ -7,7 +7,6 @@ import typer
 
 from rig.cli.options import JsonOption
 from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
-from rig.cli.runs import ending_lines
 from rig.data.run import Run, read_run
 from rig.data.tables import foreign_in_one_line
 from rig.errors import BadInputError
@@ -52,6 +51,7 @@ def nerve_command(
                 before = found.folder.files
                 answer = _add(finger, found, wanted, *begun, as_json=as_json)
                 with busy("writing the report …", as_json=as_json):
+                    from rig.cli.runs import ending_lines  # `rig run` does without
                     from rig.report.run_report import write_report
 
                     report = write_report(found, finger, None, ending_lines(found))
