@@ -36,7 +36,14 @@ Loops = TypeVar("Loops", bound=Callable[..., Any])
 
 _config: Any = numba_config
 _HERE = Path(__file__).parent
-_WITH_LOOPS = ("contact/compiled", "contact/lcp.py", "contact/newton.py", "coding/evidence.py", "fem/dissection.py")
+_WITH_LOOPS = (
+    "contact/compiled",
+    "contact/lcp.py",
+    "contact/newton.py",
+    "coding/evidence.py",
+    "fem/dissection.py",
+    "nerve/integrator.py",
+)
 _UNUSED_S = 86_400
 _log = logging.getLogger(__name__)
 

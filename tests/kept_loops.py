@@ -5,7 +5,7 @@ from hashlib import sha1
 from pathlib import Path
 
 SIM = Path("sim")
-ROOMS = (SIM / "contact", SIM / "contact" / "compiled", SIM / "coding", SIM / "fem")
+ROOMS = (SIM / "contact", SIM / "contact" / "compiled", SIM / "coding", SIM / "fem", SIM / "nerve")
 ROOT = Path(__file__).parents[1]
 
 

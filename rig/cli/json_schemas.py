@@ -470,6 +470,35 @@ class ExportJson(Output):
     files: list[File]
 
 
+class SimulatedAfferentJson(Output):
+    """An afferent of the finger model, and how many spikes it fired."""
+
+    afferent: Name
+    model: Name
+    """Class: SA1, RA or PC."""
+    x_mm: float
+    along_mm: float
+    """Place along the finger, from the receptor plane."""
+    depth_mm: float
+    sensitivity: Ratio
+    delay_s: float
+    """Between a spike at the receptor and the same spike at the electrode."""
+    spikes: int
+
+
+class NerveJson(Output):
+    """Spikes of simulated afferents, which are not data."""
+
+    run: File
+    seed: int
+    electrode_text: str
+    afferents: list[SimulatedAfferentJson]
+    left_out: int
+    """Number of presses without a contact height."""
+    files: list[File]
+    report: File
+
+
 class StimulusJson(Output):
     """A stimulus, and the number that was commanded."""
 
@@ -1639,6 +1668,7 @@ OUTPUTS: Mapping[str, tuple[Any, ...]] = {
     "identify": (IdentificationJson,),
     "check": (CheckJson,),
     "resume": (FinishedRunJson,),
+    "nerve": (NerveJson,),
     "compare": (CompareJson, GroupJson),
     "runs": (RunsJson,),
     "show": (ShowJson, ColumnsJson),

@@ -42,6 +42,7 @@ COMMANDS = {
     ),
     "check": Command("run.check_command", "Check a protocol against the limits without motion.", "Experiment"),
     "resume": Command("run.resume_command", "Resume a stopped run and do the remaining steps.", "Experiment"),
+    "nerve": Command("nerve.nerve_command", "Add spikes of simulated afferents to a run.", "Results"),
     "compare": Command("compare.command", "Compare runs with recordings and write a report.", "Results"),
     "runs": Command("runs.runs_command", "List runs, or write a table of their holds.", "Results"),
     "show": Command("runs.show_command", "Describe a run: state, limits, forces and files.", "Results"),

@@ -22,6 +22,7 @@ from rig.cli.confirm import (
     refuse_mounts,
     same_shape,
 )
+from rig.cli.nerve import spikes_wanted
 from rig.cli.options import (
     FingerConfigOption,
     FingerFileOption,
@@ -165,6 +166,10 @@ def dry_run_command(
         str, typer.Option(metavar="max|N", help="Simulated seconds per real second, or max for no limit.")
     ] = "max",
     subject: SubjectOption = None,
+    afferents: Annotated[
+        str | None,
+        typer.Option(metavar="LIST", help="Add spikes of simulated afferents, e.g. 3xSA1,5xRA (rig nerve)."),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Check the script, run it on the virtual bench, write the run folder and its report."""
@@ -176,6 +181,7 @@ def dry_run_command(
             complain(f"warning: {problem}; `rig run` would refuse this configuration")
         script = load_script(protocol, [*(set_ or []), *(more or [])])
         faster = _times_real(speed)
+        spikes = None if afferents is None else spikes_wanted(afferents, seed=0)
         into = new_run(out_dir, subject)
         with owning(script, settings, into, config_file=config) as owner:
             done = carry_out(
@@ -187,6 +193,7 @@ def dry_run_command(
                 as_json=as_json,
                 pace=None if faster is None else 1 / faster,
                 begins=beginning.begins,
+                spikes=spikes,
             )
     leave(done)
 

@@ -26,6 +26,7 @@ from rig.data.tables import (
     Summary,
     alive,
     foreign_in_one_line,
+    state_of,
     summary_of,
     tables,
 )
@@ -233,6 +234,14 @@ def ending_of(run: Run, state: str) -> dict[str, Any] | None:
     at = FinalPosition(**run.stop["indentor"]) if "indentor" in run.stop else None
     words = None if at is None else at.words
     return {"reason_text": run.stop.get("reason") or ENDED_EARLY, "where_text": words}
+
+
+def ending_lines(run: Run) -> dict[str, str] | None:
+    """Return how a run ended early, as its report says it, or None."""
+    ending = ending_of(run, state_of(run))
+    if ending is None:
+        return None
+    return {name: str(ending[key]) for key, name in _OF_AN_ENDING.items() if name != "because" and ending.get(key)}
 
 
 def _identities(run: Run) -> dict[str, str]:

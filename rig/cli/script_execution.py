@@ -13,6 +13,7 @@ import typer
 
 from rig.bench.checks import checked_subject
 from rig.cli.confirm import Confirm, nothing_to_confirm
+from rig.cli.nerve import add_spikes, spike_lines
 from rig.cli.output import THE_FINGER, ExitCode, busy, checking_the_script, complain, out, print_json, screen_aside
 from rig.cli.progress import progress
 from rig.cli.signals import PauseRequest, at_a_safe_point, interrupt_main, stoppable, unstoppable
@@ -37,9 +38,11 @@ from rig.session.rehearsal_summary import Page
 from rig.session.resume import StoppedRun
 from rig.session.script_run import AT_ONCE, FROM_THE_PANEL
 from rig.session.session import FinishedRun, NewRun, Nobody, Session, record_after, record_before
+from sim.errors import ModelRangeError
 from sim.finger_process import Finger, FingerLostError, FingerProcess, asked
 
 if TYPE_CHECKING:
+    from rig.plan.nerve import WantedSpikes
     from sim.models.fingertip import Fingertip
 
 
@@ -256,14 +259,17 @@ def carry_out(
     finger: FingerProcess | None = None,
     confirm: Confirm | None = None,
     pace: float | None = 1.0,
+    spikes: "WantedSpikes | None" = None,
 ) -> FinishedRun:
     """Check the script, run or resume it, write its report, and print the location.
 
     `confirm` is called after all checks and before any motion (None starts at once), `begins` before the first
     motion. `pace` is real seconds per second of bench time; None runs as fast as possible. `finger` serves a run
-    whose own process must not solve.
+    whose own process must not solve. `spikes` are simulated after the run, before its report.
     """
     session = _planned(script, config, into, loaded(config, finger, as_json=as_json))
+    if spikes is not None:
+        asked(session.finger, spikes.drawn)  # which refuses afferents that have no place
     page = (confirm or nothing_to_confirm(as_json=as_json))(session)
     began = time.perf_counter()
     owner.at("running")
@@ -274,8 +280,12 @@ def carry_out(
             replace(session, attendant=AtTheTerminal(pause, watch, begins, course, owner), button=owner.button)
         )
     owner.at("reporting")
+    added = None if spikes is None else _with_spikes(done, session.finger, config, spikes, as_json=as_json)
     with busy("writing the report …", as_json=as_json):
         done = _reported(done, session.finger, owner)
+    if added is not None and not as_json:
+        for line in spike_lines(added):
+            out.print(line)
     _print(done, time.perf_counter() - began, as_json=as_json, resumed=isinstance(into, StoppedRun))
     return done
 
@@ -321,6 +331,17 @@ def _made_whole(done: FinishedRun, config: Config, *, as_json: bool) -> Finished
         except OSError as error:
             return replace(done, problem=error)
     return done
+
+
+def _with_spikes(
+    done: FinishedRun, finger: Finger, config: Config, spikes: "WantedSpikes", *, as_json: bool
+) -> dict[str, Any] | None:
+    """Write simulated spikes beside a run; a run without a press gets none, and a line that says so."""
+    try:
+        return asked(finger, add_spikes, done.run, config, spikes, as_json=as_json)
+    except (BadInputError, ModelRangeError, OSError) as error:
+        complain(f"no spikes: {error}")
+        return None
 
 
 def _reported(done: FinishedRun, finger: Finger, owner: RunOwner) -> FinishedRun:

@@ -15,6 +15,7 @@ import numpy as np
 from rig.data.dictionary import FLAGS, TEXT, about_table, meaning
 from rig.data.folder import replace_bytes, replace_text
 from rig.data.run import Run, RunError, provenance_of
+from rig.data.spike_files import SPIKES, SYNTHETIC, SpikeRecord, about_columns, columns_of, write_csv, write_nix
 from rig.data.tables import Table, tables
 from rig.errors import RigError
 from rig.printable import printable
@@ -123,39 +124,61 @@ class NwbMissingError(RigError):
     default_code = "pynwb_missing"
 
 
-def export_nwb(run: Run) -> Path:
-    """Write run.nwb into the run's folder in one step. Raises NwbMissingError without pynwb, UnwritableError."""
+def export_spikes(run: Run, spikes: SpikeRecord) -> tuple[list[Path], list[str]]:
+    """Write simulated spikes as CSV, NWB and NIX; return the files and the extras that were missing."""
+    written, missing = write_csv(run.folder, spikes), []
+    try:
+        written.append(export_nwb(run, spikes))
+    except NwbMissingError:
+        missing.append("nwb")
+    nix = write_nix(run, spikes)
+    if nix is None:
+        missing.append("neo")
+    else:
+        written.append(nix)
+    return written, missing
+
+
+def export_nwb(run: Run, spikes: SpikeRecord | None = None) -> Path:
+    """Write run.nwb, or the run with simulated spikes, into the run's folder in one step.
+
+    Raises NwbMissingError without pynwb, UnwritableError.
+    """
     try:
         import pynwb
     except ImportError:
         raise NwbMissingError(
             "export --nwb requires pynwb; install it with pip install 'indentation-rig[nwb]'"
         ) from None
-    path = run.folder.path / "run.nwb"
+    path = run.folder.path / ("run.nwb" if spikes is None else f"{SPIKES}.nwb")
     image = io.BytesIO()  # On a full disk HDF5 itself ends the program.
     with h5py.File(image, "w") as hdf5, pynwb.NWBHDF5IO(mode="w", file=hdf5) as file:
-        file.write(_as_nwb(_visible(run), pynwb))
+        file.write(_as_nwb(_visible(run), pynwb, spikes))
     replace_bytes(path, image.getvalue())
     return path
 
 
-def _as_nwb(run: Run, pynwb: Any) -> Any:
+def _as_nwb(run: Run, pynwb: Any, spikes: SpikeRecord | None) -> Any:
     began = datetime.fromtimestamp(run.start["unix_s"] - run.start["t_s"], UTC)
+    description = f"{run.start['title']}. {run.start['source']}".strip()
     file = pynwb.NWBFile(
-        session_description=f"{run.start['title']}. {run.start['source']}".strip(),
-        identifier=run.start["uid"],
+        session_description=description if spikes is None else f"{SYNTHETIC}. {description}",
+        identifier=run.start["uid"] if spikes is None else f"synthetic {run.start['uid']}",
         session_start_time=began,
         file_create_date=began,
         session_id=printable(run.folder.path.name),
         protocol=run.start["protocol"],
         notes=f"virtual bench: {run.start['virtual']}; complete: {run.complete}",
-        subject=_subject(run, pynwb),
+        subject=_subject(run, pynwb) if spikes is None else _subject(run, pynwb) or _model_subject(pynwb),
+        **({} if spikes is None else {"experiment_description": SYNTHETIC, "keywords": ["synthetic", "simulation"]}),
     )
     _add_devices(run, file)
     _add_samples(run, file, pynwb)
     _add_indentations(run, file)
     _add_holds(run, file, pynwb)
     _add_sync(run, file, pynwb)
+    if spikes is not None:
+        _add_spikes(run, spikes, file, pynwb)
     return file
 
 
@@ -163,6 +186,20 @@ def _subject(run: Run, pynwb: Any) -> Any:
     """Return the subject by its code, or None without one: nothing else about a participant is recorded."""
     code = run.start.get("subject")
     return pynwb.file.Subject(subject_id=code) if code else None
+
+
+def _model_subject(pynwb: Any) -> Any:
+    """Return the finger model as a subject, which the file format requires beside spikes."""
+    return pynwb.file.Subject(
+        subject_id="synthetic",
+        description=(
+            "Finite-element model of a fingertip, not an animal and not a participant. Species: of the finger whose "
+            "shape is the model's default. Sex and age do not apply."
+        ),
+        species="Macaca mulatta",
+        sex="U",
+        age="P0D",
+    )
 
 
 def _add_devices(run: Run, file: Any) -> None:
@@ -274,6 +311,28 @@ def _add_sync(run: Run, file: Any, pynwb: Any) -> None:
         rise, width = pulse["rise_s"], pulse["width_s"]
         table.add_row(start_time=rise, stop_time=rise + width, uncertainty_s=pulse["uncertainty_s"])
     file.add_time_intervals(table)
+
+
+def _add_spikes(run: Run, spikes: SpikeRecord, file: Any, pynwb: Any) -> None:
+    """Add simulated spikes as units, with the electrode that they would have been recorded by."""
+    device = file.create_device(name="virtual nerve", description=f"{SYNTHETIC}; seed {spikes.seed}")
+    group = file.create_electrode_group(
+        name="nerve", description=f"One electrode {spikes.electrode}.", location=spikes.electrode, device=device
+    )
+    file.add_electrode(location=spikes.electrode, group=group)
+    file.units = pynwb.misc.Units(name="units", description=SYNTHETIC, resolution=spikes.resolution_s)
+    for name, about in about_columns().items():
+        file.add_unit_column(name, f"{SYNTHETIC}: {about}")
+    for number, train in enumerate(spikes.trains):
+        end_s = max([run.end_s, *train.spike_s[-1:].tolist()])
+        file.add_unit(
+            id=number,
+            spike_times=train.spike_s,
+            obs_intervals=[[0.0, end_s]],
+            electrodes=[0],
+            electrode_group=group,
+            **columns_of(train),
+        )
 
 
 def _numbers(events: list[dict[str, Any]], key: str) -> np.ndarray:

@@ -11,12 +11,14 @@ import numpy as np
 from rig.data import Run
 from rig.data.folder import replace_text
 from rig.data.run import read_provenance
+from rig.data.spike_files import read_spikes
 from rig.plan.config import load_config
 from rig.plan.finger_file import TISSUE, Draw
 from rig.plan.finger_model import Response, by_group, responses
 from rig.plan.finger_update import learned
 from rig.plan.plan import PredictionCheck, found
 from rig.report import run_figures, run_tables
+from rig.report.nerve_figures import nerve_figures
 from rig.report.page_parts import PageFigure, figures_of, render
 from rig.report.run_figures import PICTURES_A_PAGE, contacts_from_below, is_relief
 from rig.report.run_tables import Condition, by_target, conditions, numbers_missing, write_numbers
@@ -126,7 +128,8 @@ def run_page_figures(run: Run, found: list[Response]) -> list[PageFigure]:
         return over_time
     moved = any(len(members) > 1 for members in by_group(found).values())
     pressed = [*over_time, *_press_figures(run), *_contact_figures(run, found)]
-    return [*pressed, *_ssrp_figures(found)] if moved else pressed
+    spikes = read_spikes(run.folder)
+    return [*pressed, *(_ssrp_figures(found) if moved else ()), *(nerve_figures(run, spikes) if spikes else ())]
 
 
 def _small_strain(found: Sequence[Response]) -> str:

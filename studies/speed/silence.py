@@ -53,6 +53,7 @@ WORDS = {
     "identify": "--dry-run --config finger.toml --to found.toml --presses 4",
     "check": "mine.py --config finger.toml",
     "resume": "stopped",
+    "nerve": "runs/RUN",
     "compare": "runs/RUN",
     "runs": "runs",
     "show": "runs/RUN",

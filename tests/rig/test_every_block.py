@@ -32,6 +32,7 @@ DRAWN = {"mermaid", "{toctree}", "{eval-rst}", "{literalinclude}", "{csv-table}"
 
 HARDWARE, SLOW, NETWORK, SETUP = "needs a rig", "takes long", "needs the network", "what every test begins with"
 PRINTED, SKETCH = "what is printed", "shown in part"
+NERVE = "tests/rig/test_nerve_command.py"
 NOT_RUN = {
     # --- commands, a line each ---
     "make setup": SETUP,
@@ -81,6 +82,9 @@ NOT_RUN = {
     ".venv/bin/rig bench --out bench.html --json > bench.json": SLOW,
     "dask scheduler": "tests/rig/compare/test_study_on_a_cluster.py",
     "dask worker tcp://scheduler:8786 --nthreads 1": "tests/rig/compare/test_study_on_a_cluster.py",
+    "rig dry-run bars --out rehearsals --afferents 3xSA1,5xRA": NERVE,
+    "rig nerve RUN --afferents SA1@0,RA@0.5:1 --seed 3": NERVE,
+    'rig compare RUN --recorded "bar:3.0=RUN/synthetic_spikes.nwb#0" --window-s 0,0.2': NERVE,
     'rig compare RUN --recorded "step:1=session.nix#unit 1" --columns sync=TTL': "tests/rig/compare/test_neo_file.py",
     "rig compare RUN --recorded afferents.csv --out group.html": "tests/rig/compare/test_afferents_table.py",
     "pip install 'indentation-rig[cluster]'": NETWORK,

@@ -233,6 +233,7 @@ ASKED = (
     ("runs runs", ""),
     ("watch runs/complete", ""),
     ("export runs/complete --csv", ""),
+    ("nerve runs/complete --afferents SA1@0", ""),
     ("compare runs/complete --recorded bar:3.0=recorded.csv", ""),
     ("compare runs/complete --recorded afferents.csv", "of several afferents"),
     ("config limits", ""),

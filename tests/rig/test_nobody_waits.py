@@ -53,6 +53,7 @@ WALK = {
     "identify": Walked("--dry-run --to finger.toml", LOAD),
     "check": Walked("mine.py", LOAD),
     "resume": Walked("run", "rig.cli.run.read_stopped", own=False),
+    "nerve": Walked("run", LOAD),
     "compare": Walked("run", LOAD),
     "runs": Walked(".", "rig.cli.runs.listed"),
     "show": Walked("run", "rig.cli.runs.read_run", own=False),

@@ -1,0 +1,157 @@
+"""`rig nerve`: add the spikes of simulated afferents to a run."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from rig.cli.options import JsonOption
+from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
+from rig.data.run import Run, read_run
+from rig.data.tables import foreign_in_one_line
+from rig.errors import BadInputError
+from rig.plan.config import Config, load_config
+
+if TYPE_CHECKING:
+    from rig.data.spike_files import SpikeRecord
+    from rig.plan.nerve import Visits, WantedSpikes
+    from sim.models.fingertip import Fingertip
+    from sim.nerve.population import AfferentPopulation
+
+AFFERENTS = "3xSA1,5xRA"
+AFFERENTS_HELP = (
+    "Afferents: 3xSA1 at places drawn on the pad, SA1@X or SA1@X:ALONG at a place (mm), separated by commas; "
+    "or a density such as 'monkey fingertip'."
+)
+MOST_SEED, MOST_PATH_M = 1_000_000, 2.0
+
+
+def nerve_command(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the run.")],
+    afferents: Annotated[str, typer.Option(metavar="LIST", help=AFFERENTS_HELP)] = AFFERENTS,
+    seed: Annotated[int, typer.Option(metavar="N", help="Seed of places, sensitivities and noise.")] = 0,
+    path_m: Annotated[
+        float, typer.Option(metavar="M", help="Nerve from the fingertip to the electrode, in m.")
+    ] = 0.2,
+    as_json: JsonOption = False,
+) -> None:
+    """Simulate spikes during a run, write them beside it, and renew its report. They are synthetic, not data."""
+    with one_line_errors(as_json=as_json):
+        wanted = spikes_wanted(afferents, seed, path_m)
+        found = read_run(run)
+        with foreign_in_one_line(run):
+            settings = load_config(found.folder.config)
+            with busy(THE_FINGER, as_json=as_json):
+                from rig.plan.nerve import visits_of
+                from sim.models.fingertip import Fingertip
+
+                finger = Fingertip.load(settings.finger)
+            begun = visits_of(found, settings), wanted.drawn(finger)
+            with found.folder.owned():
+                before = found.folder.files
+                answer = _add(finger, found, wanted, *begun, as_json=as_json)
+                with busy("writing the report …", as_json=as_json):
+                    from rig.cli.runs import ending_lines  # `rig run` does without
+                    from rig.report.run_report import write_report
+
+                    report = write_report(found, finger, None, ending_lines(found))
+                written = {Path(name).name for name in answer["files"]}
+                found.folder.add_checksums((found.folder.files - before) | written | _renewed(found))
+        if as_json:
+            print_json({**answer, "report": str(report)})
+        else:
+            _print(answer, report)
+
+
+def spikes_wanted(afferents: str, seed: int, path_m: float = 0.2) -> "WantedSpikes":
+    """Return what a command asks for; raise BadInputError or ModelRangeError before any work."""
+    from rig.plan.nerve import WantedSpikes
+
+    if not 0 <= seed < MOST_SEED:
+        raise BadInputError(
+            "{option} {value:g}: must be {low:g} to {high:g}",
+            code="outside_range", option="--seed", value=seed, low=0, high=MOST_SEED - 1,
+        )  # fmt: skip
+    if not 0 < path_m <= MOST_PATH_M:
+        raise BadInputError(
+            "{option} {value:g}: must be more than {low:g} and at most {high:g}",
+            code="outside_range", option="--path-m", value=path_m, low=0.0, high=MOST_PATH_M,
+        )  # fmt: skip
+    wanted = WantedSpikes(afferents, seed, path_m)
+    wanted.refuse()
+    return wanted
+
+
+def add_spikes(
+    finger: "Fingertip", run: Run, config: Config, wanted: "WantedSpikes", *, as_json: bool
+) -> dict[str, Any]:
+    """Write the spikes of a run into its folder; return what commands print as JSON, without the report."""
+    from rig.plan.nerve import visits_of
+
+    return _add(finger, run, wanted, visits_of(run, config), wanted.drawn(finger), as_json=as_json)
+
+
+def _add(
+    finger: "Fingertip",
+    run: Run,
+    wanted: "WantedSpikes",
+    found: "Visits",
+    afferents: "AfferentPopulation",
+    *,
+    as_json: bool,
+) -> dict[str, Any]:
+    from rig.data.export import export_spikes
+    from rig.plan.nerve import run_spikes
+
+    with busy(f"spikes of {len(afferents)} afferents …", as_json=as_json, size=len(afferents) * run.end_s) as now:
+        record = run_spikes(run, found, finger, afferents, seed=wanted.seed, path_m=wanted.path_m, told=now.at)
+    with busy("writing the spikes …", as_json=as_json, quick=True):
+        files, missing = export_spikes(run, record)
+    if missing:
+        extras = ",".join(missing)
+        complain(f"warning: not written without the extra {extras}: pip install 'indentation-rig[{extras}]'")
+    return {
+        "run": str(run.folder.path),
+        "seed": wanted.seed,
+        "electrode_text": record.electrode,
+        "afferents": _as_rows(record),
+        "left_out": found.left_out,
+        "files": [str(path) for path in files],
+    }
+
+
+def _as_rows(record: "SpikeRecord") -> list[dict[str, Any]]:
+    return [
+        {
+            "afferent": one.afferent,
+            "model": one.model,
+            "x_mm": one.x_mm,
+            "along_mm": one.along_mm,
+            "depth_mm": one.depth_mm,
+            "sensitivity": one.sensitivity,
+            "delay_s": one.delay_s,
+            "spikes": len(one.spike_s),
+        }
+        for one in record.trains
+    ]
+
+
+def _renewed(run: Run) -> set[str]:
+    """Return the files that a report writes anew."""
+    return {name for name in run.folder.files if name.startswith("model_") or name == run.folder.report.name}
+
+
+def _print(answer: dict[str, Any], report: Path) -> None:
+    for line in spike_lines(answer):
+        out.print(line)
+    out.print(f"report  {report}")
+
+
+def spike_lines(answer: dict[str, Any]) -> list[str]:
+    """Return the lines that describe simulated spikes."""
+    counts = ", ".join(f"{one['afferent']} {one['spikes']}" for one in answer["afferents"][:20])
+    more = f", and {len(answer['afferents']) - 20} more" if len(answer["afferents"]) > 20 else ""
+    lines = [f"spikes  synthetic, electrode {answer['electrode_text']}: {counts}{more}"]
+    if answer["left_out"]:
+        lines.append(f"        {answer['left_out']} presses without a contact height are left out")
+    return [*lines, *(f"file    {name}" for name in answer["files"])]

@@ -1,0 +1,341 @@
+"""Spikes of simulated afferents during a run, from the positions, times and contact heights in its journal.
+
+The indentor is where the journal knows it, and moves between these places as the stage does. The depth under it gives
+the measures at every receptor, from presses of the finger at the same place. One record covers the whole run, so that
+a response depends on the presses before it.
+"""
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from statistics import fmean
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.data.run import Run
+from rig.data.spike_files import SpikeRecord, SpikeTrain
+from rig.errors import BadInputError
+from rig.plan.config import Config
+from rig.plan.finger_model import from_copy
+from rig.units import GWT_N
+from sim.contact.patch import Z
+from sim.contact.shapes import parse_shape
+from sim.models.fingertip import Fingertip
+from sim.nerve.integrator import MOST_STEP_S
+from sim.nerve.models import spikes_of
+from sim.nerve.population import DENSITY_PER_CM2, PATH_M, Afferent, AfferentPopulation, draw, population, wanted
+from sim.nerve.skin import PressedSkin, Signal, table_of_presses
+from sim.nerve.staircase import Staircase
+
+Array = NDArray[np.float64]
+Told = Callable[[int, int], None]
+
+PIECE_S = 120.0
+"""Duration for which spikes are computed at once (s). It bounds the memory, whatever the run's duration."""
+HISTORY_S = 120.0
+"""Time before a piece that its spikes depend on (s)."""
+_FAMILIES = ("precondition_", "reference_", "find_")
+_LEAST_MM = 0.01
+_PLACE_DECIMALS = 4
+
+
+class Knot(NamedTuple):
+    """A known position: its time, height above the nominal apex, force, and the speed of the move to it."""
+
+    t_s: float
+    height_mm: float
+    force_gwt: float
+    speed_mm_s: float
+
+
+@dataclass(frozen=True)
+class WantedSpikes:
+    """What a command asks for: afferents as text, the seed, and the nerve to the electrode (m)."""
+
+    afferents: str
+    seed: int = 0
+    path_m: float = PATH_M
+
+    def refuse(self) -> None:
+        """Raise ModelRangeError for afferents that cannot be read, without a finger."""
+        if self.afferents not in DENSITY_PER_CM2:
+            wanted(self.afferents)
+
+    def drawn(self, finger: Fingertip) -> AfferentPopulation:
+        """Return the afferents of a finger. Raises ModelRangeError."""
+        if self.afferents in DENSITY_PER_CM2:
+            return population(finger, self.afferents, self.seed)
+        return draw(finger, self.afferents, self.seed)
+
+
+@dataclass(frozen=True)
+class Visit:
+    """Time over one place of the finger, with depths past first touch on the run's clock."""
+
+    indentor: str
+    x_mm: float
+    along_mm: float
+    path: Staircase
+
+    @property
+    def place(self) -> tuple[str, float, float]:
+        """What presses have in common."""
+        return self.indentor, round(self.x_mm, _PLACE_DECIMALS), round(self.along_mm, _PLACE_DECIMALS)
+
+
+@dataclass(frozen=True)
+class Visits:
+    """Visits of a run, and the number of those that touched the finger without a contact height."""
+
+    visits: tuple[Visit, ...]
+    left_out: int
+
+
+def visits_of(run: Run, config: Config) -> Visits:
+    """Return the visits of a run in order.
+
+    Raises
+    ------
+    BadInputError
+        If the run never came near a finger, or never measured a contact height.
+    """
+    walk = _Walk(config)
+    for stream, event in run.in_order:
+        walk.see(stream, event)
+    walk.close()
+    if not walk.found:
+        code, what = (
+            ("no_contact_heights", "measured no contact height")
+            if walk.left_out
+            else ("no_presses", "contains no press")
+        )
+        raise BadInputError(
+            "run folder {run}: this run {what}; spikes need a run with a touch and a press",
+            code=code, run=str(run.folder.path), what=what,
+        )  # fmt: skip
+    return Visits(tuple(walk.found), walk.left_out)
+
+
+class _Walk:
+    """Walk through the journal that collects what is known of each visit."""
+
+    def __init__(self, config: Config) -> None:
+        self.found: list[Visit] = []
+        self.left_out = 0
+        habits = config.habits
+        self._clearance_mm, self._travel_mm_s = habits.clearance_mm, habits.travel_speed_mm_s
+        self._press_mm_s, self._approach_mm_s = habits.press_speed_mm_s, habits.approach_speed_mm_s
+        self._acceleration_mm_s2 = config.stage.acceleration_mm_s2
+        self._compliance_mm_gwt = config.calibration.value("compliance_mm_per_n", 0.0) * GWT_N
+        self._touch_gwt = habits.touch_force_gwt
+        self._stays = config.limits.on_trip == "stop"
+        self._indentor = ""
+        self._x_mm, self._along_mm = math.nan, 0.0
+        self._knots: list[Knot] = []
+        self._contact_mm: float | None = None
+        self._bias_mm: list[float] = []
+        self._true_x_mm: float | None = None
+
+    def see(self, stream: str, event: dict[str, Any]) -> None:
+        """Take one event."""
+        name = next((stream.removeprefix(one) for one in _FAMILIES if stream.startswith(one)), stream)
+        t_s = float(event["t_s"])
+        if name in ("mount", "indentation_start") and "indentor" in event:
+            if name == "mount":
+                self.close()
+            self._indentor = str(event["indentor"])
+        elif name == "sample":
+            self._sample(t_s, event)
+        elif name == "move":
+            self.close()
+            self._x_mm, self._along_mm = float(event["x_mm"]), float(event.get("along_mm") or 0.0)
+            self._knots = [Knot(t_s, float(event["height_mm"]), 0.0, self._travel_mm_s)]
+        elif name == "touch":
+            self._contact_mm = float(event["contact_height_mm"])
+            if event.get("true_doi_bias_mm") is not None:
+                self._bias_mm = [float(event["true_doi_bias_mm"])]
+        elif name == "hold_end" and event.get("true_doi_mm") is not None:
+            self._bias_mm.append(float(event["true_doi_mm"]) - float(event["doi_mm"]))
+            self._true_x_mm = float(event["true_x_mm"])
+        elif name == "retract":
+            self._add(Knot(t_s, float(event["height_mm"]), 0.0, self._travel_mm_s))
+            self.close()
+        elif name == "trip":
+            if not self._stays:
+                self._add(Knot(t_s, self._clearance_mm, 0.0, self._travel_mm_s))
+            self.close()
+        elif name == "home":
+            self.close()
+
+    def _sample(self, t_s: float, event: dict[str, Any]) -> None:
+        if event.get("height_mm") is None or event.get("x_mm") is None:
+            return
+        if not math.isclose(event["x_mm"], self._x_mm, abs_tol=1e-6):
+            self.close()
+            self._knots = []
+            self._x_mm = float(event["x_mm"])
+        press = event["phase"] in ("press", "hold", "compliance")
+        speed_mm_s = self._press_mm_s if press else self._approach_mm_s
+        self._add(Knot(t_s, float(event["height_mm"]), float(event["force_gwt"]), speed_mm_s))
+
+    def _add(self, knot: Knot) -> None:
+        if self._knots and knot.t_s <= self._knots[-1].t_s:
+            self._knots.pop()
+        self._knots.append(knot)
+
+    def close(self) -> None:
+        """End the visit; the indentor stays where it is."""
+        knots, contact_mm = self._knots, self._contact_mm
+        touched = any(knot.force_gwt >= self._touch_gwt for knot in knots)
+        if contact_mm is None or len(knots) < 2:
+            self.left_out += touched
+        else:
+            bias = fmean(self._bias_mm) if self._bias_mm else 0.0
+            t = [knot.t_s for knot in knots]
+            depth = [contact_mm - knot.height_mm - self._compliance_mm_gwt * knot.force_gwt + bias for knot in knots]
+            speed = [knot.speed_mm_s for knot in knots]
+            if depth[-1] > 0:  # the journal does not know how it was lifted
+                t, depth = [*t, t[-1] + 2 * depth[-1] / self._travel_mm_s + 0.5], [*depth, -_LEAST_MM]
+                speed = [*speed, self._travel_mm_s]
+            if max(depth) > 0:
+                x_mm = self._x_mm if self._true_x_mm is None else self._true_x_mm
+                path = Staircase(t, depth, speed, self._acceleration_mm_s2)
+                self.found.append(Visit(self._indentor, x_mm, self._along_mm, path))
+        self._knots = knots[-1:]
+        self._contact_mm, self._bias_mm, self._true_x_mm = None, [], None
+
+
+class Table(NamedTuple):
+    """Measures of all afferents against the depth over one place."""
+
+    depths_mm: Array
+    values: Array  # (n_depths, n_afferents)
+
+
+def run_spikes(
+    run: Run,
+    found: Visits,
+    finger: Fingertip,
+    afferents: AfferentPopulation,
+    *,
+    seed: int = 0,
+    path_m: float = PATH_M,
+    told: Told = lambda done, of: None,
+) -> SpikeRecord:
+    """Return the spikes of a population during a run, at the electrode.
+
+    Parameters
+    ----------
+    run : Run
+        The run.
+    found : Visits
+        Its visits.
+    finger : Fingertip
+        The finger of its configuration.
+    afferents : AfferentPopulation
+        The afferents.
+    seed : int, optional
+        Seed of the population, which is recorded.
+    path_m : float, optional
+        Nerve between the fingertip and the electrode (m).
+    told : callable, optional
+        Called as ``told(done, of)`` with numbers of places and then of pieces of the run.
+
+    Returns
+    -------
+    SpikeRecord
+        Spike times on the run's clock.
+
+    Raises
+    ------
+    ModelRangeError
+        If the finger model cannot press that deep, at a place, or is of tissue that stiffens.
+    """
+    tables = tables_of(run, found, finger, afferents, told)
+    pieces = list(_pieces(run.end_s))
+    spikes: list[list[Array]] = [[] for _ in afferents]
+    for number, (first_s, begin_s, end_s) in enumerate(pieces):
+        told(number, len(pieces))
+        depths = _depths(found, first_s, end_s)
+        if not depths:
+            continue
+        samples = math.ceil((end_s - first_s) / MOST_STEP_S)
+        for k, afferent in enumerate(afferents):
+            value = np.zeros((1, samples))
+            for place, at, depth in depths:
+                table = tables[place]
+                skin = PressedSkin.of_values(table.depths_mm, table.values[:, k : k + 1])
+                value[0, at : at + len(depth)] = skin.value(np.clip(depth, 0.0, table.depths_mm[-1]))[:, 0]
+            model = afferents.models[afferent.model]
+            (own,) = spikes_of(model, Signal(MOST_STEP_S, value), [afferent.sensitivity], [[afferent.seed, number]])
+            own = own[first_s + own >= begin_s] + first_s
+            if spikes[k] and len(own) and len(spikes[k][-1]):  # of two pieces, which know nothing of each other
+                own = own[own >= spikes[k][-1][-1] + model.membrane.refractory_s]
+            spikes[k].append(own)
+    told(len(pieces), len(pieces))
+    trains = [
+        _train(afferent, afferents.models[afferent.model].depth_mm, mine, path_m)
+        for afferent, mine in zip(afferents, spikes, strict=True)
+    ]
+    return SpikeRecord(tuple(trains), seed, path_m, MOST_STEP_S)
+
+
+def tables_of(
+    run: Run,
+    found: Visits,
+    finger: Fingertip,
+    afferents: AfferentPopulation,
+    told: Told = lambda done, of: None,
+) -> dict[tuple[str, float, float], Table]:
+    """Return the measures of all afferents at every place of a run."""
+    deepest: dict[tuple[str, float, float], float] = {}
+    for visit in found.visits:
+        deepest[visit.place] = max(deepest.get(visit.place, _LEAST_MM), visit.path.deepest_mm)
+    points = afferents.points_mm(finger)
+    shapes = {name: from_copy(run.folder.path, name) for name, _, _ in deepest}
+    tables = {}
+    for number, (place, deepest_mm) in enumerate(deepest.items()):
+        told(number, len(deepest))
+        name, x_mm, along_mm = place
+        shape = parse_shape(shapes[name])
+        z_mm = finger.config.receptor_plane_mm + along_mm if along_mm and Z in shape.axes else None
+        presses = table_of_presses(finger, shapes[name], deepest_mm, shape.lateral_mm(x_mm), z_mm)
+        fields = finger.fields(presses, points)
+        tables[place] = Table(
+            np.array([one.doi_mm for one in presses]), np.array([afferents.measure(one.measures) for one in fields])
+        )
+    return tables
+
+
+def _pieces(end_s: float) -> Iterator[tuple[float, float, float]]:
+    """Yield where the signal of each piece begins, where its spikes begin, and its end (s)."""
+    for k in range(max(math.ceil(end_s / PIECE_S), 1)):
+        begin_s = k * PIECE_S
+        yield max(begin_s - HISTORY_S, 0.0), begin_s, begin_s + PIECE_S
+
+
+def _depths(found: Visits, first_s: float, end_s: float) -> list[tuple[tuple[str, float, float], int, Array]]:
+    """Return the place, the first sample and the depths of each visit between two times."""
+    depths = []
+    for visit in found.visits:
+        a = max(math.ceil((float(visit.path.times_s[0]) - first_s) / MOST_STEP_S), 0)
+        b = math.ceil((min(float(visit.path.times_s[-1]), end_s) - first_s) / MOST_STEP_S)
+        if a < b:
+            depths.append((visit.place, a, visit.path.depth_mm(first_s + MOST_STEP_S * np.arange(a, b))))
+    return depths
+
+
+def _train(afferent: Afferent, depth_mm: float, pieces: list[Array], path_m: float) -> SpikeTrain:
+    delay_s = afferent.delay_s(path_m)
+    return SpikeTrain(
+        afferent.name,
+        afferent.model,
+        afferent.x_mm,
+        afferent.along_mm,
+        depth_mm,
+        afferent.sensitivity,
+        delay_s,
+        np.concatenate([*pieces, np.empty(0)]) + delay_s,
+    )

@@ -1,0 +1,217 @@
+"""Figures of simulated spikes: raster, rate over the press, rate against position."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from numpy.typing import NDArray
+
+from rig.data import Run
+from rig.data.spike_files import SpikeRecord, SpikeTrain
+from rig.report.page_parts import PageFigure
+from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, Plot, Room, signed
+
+Array = NDArray[np.float64]
+
+_COLORS = {"SA1": BLUE, "RA": ORANGE, "PC": GREEN}
+_OTHER_COLORS = (PURPLE, YELLOW, GREY)
+_BIN_S = 0.05
+_BEFORE_S, _ROOM_S = 0.5, 3.0
+_MOST_LABELS = 25
+
+
+@dataclass(frozen=True)
+class Pressed:
+    """A finished indentation: where, and when it touched, began and ended its last hold, and was lifted (s)."""
+
+    group: str
+    x_mm: float
+    touch_s: float
+    hold_s: float
+    hold_end_s: float
+    end_s: float
+
+
+def pressed(run: Run) -> list[Pressed]:
+    """Return the finished indentations in order."""
+    touches = {event["index"]: event["t_s"] for event in run.stream("touch")}
+    ends = {event["index"]: event["t_s"] for event in run.stream("indentation_end")}
+    holds = {(event["index"], event["hold"]): event["t_s"] for event in run.stream("hold_start")}
+    found = []
+    for start in run.stream("indentation_start"):
+        index = start["index"]
+        if index not in run.done or index not in touches:
+            continue
+        last = run.done[index][-1]
+        hold_s = holds[index, last["hold"]]
+        unit = {"doi_mm": "mm", "force_gwt": "gwt"}[start["target"]]
+        group = f"{start['indentor']} to {start['value']:g} {unit}"
+        end_s = ends.get(index, last["t_s"])
+        found.append(Pressed(group, last["x_mm"], touches[index], hold_s, last["t_s"], end_s))
+    return found
+
+
+def nerve_figures(run: Run, record: SpikeRecord) -> list[PageFigure]:
+    """Return the figures of simulated spikes; none without a finished indentation."""
+    presses = pressed(run)
+    if not presses or not record.trains:
+        return []
+    busiest = max(presses, key=lambda one: sum(_count(train, one.touch_s, one.end_s) for train in record.trains))
+    about = (
+        f"Synthetic: spikes of simulated afferents, seed {record.seed}, at an electrode {record.electrode}. "
+        f"Data: synthetic_spikes.csv, synthetic_afferents.csv."
+    )
+    figures = [
+        PageFigure(
+            "Simulated spikes",
+            Plot((9.6, _raster_in(record) + 1.9), lambda figure: _run_raster(figure, run, record), layout=None),
+            f"Each row is an afferent, each mark a spike. Above: force. {about}",
+        ),
+        PageFigure(
+            "Simulated spikes over the press",
+            Plot(
+                (9.6, max(_raster_in(record) + 1.9, 3.6)),
+                lambda figure: _over_press(figure, run, record, busiest, presses),
+                layout=None,
+            ),
+            f"Left: the press with the most spikes, {busiest.group} at x = {signed(busiest.x_mm)} mm. Right: rate of "
+            f"each class from touch to lift, in bins of {1e3 * _BIN_S:g} ms, mean over its afferents and all "
+            f"{len(presses)} presses, each from the start of its last hold. {about}",
+        ),
+    ]
+    if len({round(one.x_mm, 3) for one in presses}) > 1:
+        figures.append(
+            PageFigure(
+                "Simulated rate against position",
+                Plot(
+                    (9.6, 0.8 + 3.6 * len(_groups(presses))),
+                    lambda figure: _against_position(figure, record, presses),
+                    layout=None,
+                ),
+                "Mean rate of each afferent from touch to the last hold (press), and in the last hold (hold), "
+                "against the position of the indentor; mean of repeats. "
+                f"Black: mean of the class. {about}",
+            )
+        )
+    return figures
+
+
+def _color(record: SpikeRecord, model: str) -> str:
+    others = [name for name in _models(record) if name not in _COLORS]
+    return _COLORS.get(model) or _OTHER_COLORS[others.index(model) % len(_OTHER_COLORS)]
+
+
+def _models(record: SpikeRecord) -> list[str]:
+    return list(dict.fromkeys(one.model for one in record.trains))
+
+
+def _groups(presses: Sequence[Pressed]) -> list[str]:
+    return list(dict.fromkeys(one.group for one in presses))
+
+
+def _raster_in(record: SpikeRecord) -> float:
+    """Height of a raster (in)."""
+    return float(np.clip(0.17 * len(record.trains), 0.8, 4.2))
+
+
+def _count(train: SpikeTrain, begin_s: float, end_s: float) -> int:
+    return int(np.diff(np.searchsorted(train.spike_s, (begin_s, end_s)))[0])
+
+
+def _run_raster(figure: Figure, run: Run, record: SpikeRecord) -> None:
+    high = _raster_in(record)
+    above, below = (
+        Room(left=0.9, bottom=0.5, top=0.1, rows=0.08)
+        .panels(figure, 2, 1, sharex=True, height_ratios=(1.0, high))
+        .ravel()
+    )
+    begin_s, end_s = max(pressed(run)[0].touch_s - _ROOM_S, run.start["t_s"]), run.end_s
+    _force(above, run, begin_s, end_s)
+    _raster(below, record, begin_s, end_s)
+    above.set(xlim=(begin_s, end_s), ylabel="force (gwt)")
+    below.set(xlabel="time since the start of the run (s)")
+
+
+def _over_press(figure: Figure, run: Run, record: SpikeRecord, one: Pressed, presses: Sequence[Pressed]) -> None:
+    width, height = figure.get_size_inches()
+    begin_s, end_s = one.touch_s - _BEFORE_S, one.end_s + _BEFORE_S
+    left, wide = 0.9 / width, 4.5 / width
+    above = figure.add_axes((left, (height - 0.95) / height, wide, 0.85 / height))
+    below = figure.add_axes((left, 0.5 / height, wide, (height - 1.55) / height), sharex=above)
+    _force(above, run, begin_s, end_s)
+    _raster(below, record, begin_s, end_s)
+    above.set(xlim=(begin_s, end_s), ylabel="force (gwt)")
+    above.tick_params(labelbottom=False)
+    below.set(xlabel="time since the start of the run (s)")
+    right = figure.add_axes(((0.9 + 4.5 + 0.85) / width, 0.5 / height, 3.1 / width, (height - 0.6) / height))
+    before = max(press.hold_s - press.touch_s for press in presses) + _BEFORE_S
+    after = max(press.end_s - press.hold_s for press in presses) + _BEFORE_S
+    bins = max(round((before + after) / _BIN_S), 1)
+    edges = np.linspace(-before, bins * _BIN_S - before, bins + 1)
+    for model in _models(record):
+        trains = [train.spike_s for train in record.trains if train.model == model]
+        counts = sum(np.histogram(spikes - press.hold_s, edges)[0] for spikes in trains for press in presses)
+        rate = counts / (len(trains) * len(presses) * _BIN_S)
+        right.stairs(rate, edges, color=_color(record, model), label=model, lw=1)
+    right.axvline(0.0, color=GREY, lw=0.6)
+    right.set(xlabel="time since the start of the last hold (s)", ylabel="rate (impulses/s)")
+    right.set_ylim(bottom=0)
+    right.legend(fontsize=8, loc="upper right")
+
+
+def _against_position(figure: Figure, record: SpikeRecord, presses: Sequence[Pressed]) -> None:
+    groups, models = _groups(presses), _models(record)
+    panels = Room(left=0.7, right=0.2, columns=0.6, rows=0.6).panels(
+        figure, 2 * len(groups), len(models), sharex=True
+    )
+    for k, group in enumerate(groups):
+        mine = [one for one in presses if one.group == group]
+        places = np.array([round(one.x_mm, 3) for one in mine])
+        windows = {
+            "press": [(one.touch_s, one.hold_s) for one in mine],
+            "hold": [(one.hold_s, one.hold_end_s) for one in mine],
+        }
+        for row, (name, window) in zip(panels[2 * k : 2 * k + 2], windows.items(), strict=True):
+            for axes, model in zip(row, models, strict=True):
+                trains = [train for train in record.trains if train.model == model]
+                _rates(axes, trains, window, places, _color(record, model))
+                axes.set_title(f"{model}, {group}, {name}", fontsize=8)
+            row[0].set_ylabel("rate (impulses/s)")
+    for axes in panels[-1]:
+        axes.set_xlabel("indentor x (mm)")
+
+
+def _rates(
+    axes: Axes, trains: Sequence[SpikeTrain], windows: Sequence[tuple[float, float]], places: Array, color: str
+) -> None:
+    """Plot mean rates in windows against place: each afferent, and their mean in black."""
+    x = np.unique(places)
+    rates = []
+    for train in trains:
+        each = np.array([_count(train, begin, end) / max(end - begin, 1e-9) for begin, end in windows])
+        rates.append([float(each[places == one].mean()) for one in x])
+        axes.plot(x, rates[-1], color=color, lw=0.8, alpha=0.6)
+    axes.plot(x, np.mean(rates, axis=0), "-o", ms=2, color="black", lw=1.2)
+    axes.set_ylim(0, max(axes.get_ylim()[1], 1.0))
+
+
+def _force(axes: Axes, run: Run, begin_s: float, end_s: float) -> None:
+    read = [s for s in run.stream("sample") if begin_s <= s["t_s"] <= end_s]
+    axes.plot([s["t_s"] for s in read], [s["force_gwt"] for s in read], color="black", lw=0.8)
+    axes.tick_params(labelsize=8)
+
+
+def _raster(axes: Axes, record: SpikeRecord, begin_s: float, end_s: float) -> None:
+    shown = [one.spike_s[(one.spike_s >= begin_s) & (one.spike_s <= end_s)] for one in record.trains]
+    colors = [_color(record, one.model) for one in record.trains]
+    axes.eventplot(shown, colors=colors, linewidths=0.5, linelengths=0.8)
+    axes.set(ylim=(len(shown) - 0.5, -0.5))
+    if len(shown) <= _MOST_LABELS:
+        axes.set_yticks(range(len(shown)), [one.afferent for one in record.trains], fontsize=7)
+    else:
+        axes.set_yticks(())
+        handles = [Line2D([], [], color=_color(record, name), label=name) for name in _models(record)]
+        axes.legend(handles=handles, fontsize=8, loc="upper right")

@@ -1,0 +1,118 @@
+"""Classes of afferents by name, and spikes of any class."""
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sim.errors import ArgumentError
+from sim.nerve.integrator import Membrane, spikes
+from sim.nerve.pc import PC
+from sim.nerve.ra import RA
+from sim.nerve.sa1 import SA1
+from sim.nerve.skin import Signal
+
+Array = NDArray[np.float64]
+
+MOST_SAMPLES = 100_000_000
+"""Largest number of samples of all afferents together; their currents take 0.8 GB."""
+
+
+class AfferentModel(Protocol):
+    """A class of afferents: from the measures at a receptor to the current at its spike sites.
+
+    Attributes
+    ----------
+    name : str
+        Name in tables and options.
+    depth_mm : float
+        Depth of the receptor below the skin (mm).
+    membrane : Membrane
+        Time constant, refractory time and noise of a spike site.
+    sites : int
+        Number of spike sites.
+    """
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def depth_mm(self) -> float: ...
+
+    @property
+    def membrane(self) -> Membrane: ...
+
+    @property
+    def sites(self) -> int: ...
+
+    def measure(self, measures: dict[str, Array]) -> Array:
+        """Return the signal at receptors, shape (n_receptors,), from the measures there."""
+        ...
+
+    def current(self, signal: Signal, sensitivity: Array) -> Array:
+        """Return the current of each afferent in units of the rheobase, shape (n_afferents, n_samples).
+
+        The signal has a row for each afferent, or one for all.
+        """
+        ...
+
+
+BUILT_IN: dict[str, AfferentModel] = {model.name: model for model in (SA1(), RA(), PC())}
+"""The classes of this package by their names."""
+
+
+def spikes_of(
+    model: AfferentModel, signal: Signal, sensitivity: ArrayLike, seeds: Sequence[int | Sequence[int]]
+) -> list[Array]:
+    """Return the spike times of afferents of one class.
+
+    Parameters
+    ----------
+    model : AfferentModel
+        The class.
+    signal : Signal
+        The measure at the receptor of each afferent, or one row for all.
+    sensitivity : array_like of shape (n_afferents,)
+        Sensitivity of each afferent, more than 0.
+    seeds : sequence of int or of sequences of int
+        Seed of each afferent's own random numbers. The same seed gives the same spikes.
+
+    Returns
+    -------
+    list of ndarray
+        Spike times of each afferent, from the signal's first sample (s), ascending.
+
+    Raises
+    ------
+    ArgumentError
+        If the numbers of afferents differ, a sensitivity is not positive, or the signal is not finite or too long.
+    """
+    gains = np.atleast_1d(np.asarray(sensitivity, dtype=float))
+    rows, samples = signal.value.shape
+    if len(seeds) != len(gains) or rows not in (1, len(gains)):
+        raise ArgumentError(
+            "{sensitivities} sensitivities, {seeds} seeds and {signals} signals: there must be one of each for every "
+            "afferent",
+            code="afferents_differ",
+            sensitivities=len(gains),
+            seeds=len(seeds),
+            signals=rows,
+        )
+    if not (np.isfinite(gains).all() and (gains > 0).all()):
+        raise ArgumentError("the sensitivity of an afferent must be more than 0", code="bad_sensitivity")
+    if not np.isfinite(signal.value).all():
+        raise ArgumentError("the signal at a receptor must be finite", code="bad_signal")
+    if len(gains) * samples > MOST_SAMPLES:
+        raise ArgumentError(
+            "{samples} samples of all afferents together; must be at most {most}: take a longer step or fewer "
+            "afferents at once",
+            code="too_many_samples",
+            samples=len(gains) * samples,
+            most=MOST_SAMPLES,
+        )
+    currents = model.current(signal, gains)
+    return [
+        spikes(current, signal.step_s, model.membrane, model.sites, np.random.default_rng(seed))
+        for current, seed in zip(currents, seeds, strict=True)
+    ]

@@ -1,0 +1,68 @@
+"""PC afferents (Pacinian corpuscles, FA-II): the current follows the second derivative of strain.
+
+x = low-pass(d²m/dt²), I = s [x]₊ less a slow threshold, then c·I / (c + I), m = √SED / √SED₀
+
+Corner of the low-pass, a Butterworth filter of third order, time constant of the membrane and refractory time: within
+those of Saal et al. (2017, PNAS 114:E5693); slow threshold: Leung et al. (2005, J Neurophysiol). SED₀ is fitted;
+`docs/validation/nerve.md` names the published response that it was fitted to. A deceleration fires
+it as an acceleration does, so that it answers to both ends of a ramp. The finger is quasi-static: waves,
+which carry vibration to corpuscles far from the probe, are missing, so the class is good under the probe only.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.nerve.filters import acceleration_low_pass, adapted
+from sim.nerve.integrator import Membrane
+from sim.nerve.skin import Signal
+
+Array = NDArray[np.float64]
+
+MEMBRANE = Membrane(tau_s=0.0012, refractory_s=0.0015, noise=0.15)
+
+
+@dataclass(frozen=True)
+class PC:
+    """Parameters of the class; every afferent has its own sensitivity s.
+
+    Attributes
+    ----------
+    reference_sed : float
+        SED₀, in pseudo-units: √SED whose rate rises by √SED₀ per second in a second makes a current of 1 at s = 1.
+    corner_hz : float
+        Corner of the low-pass (Hz).
+    most : float
+        c, the current that is never exceeded, in units of the rheobase.
+    slow_share, slow_tau_s : float
+        Slow threshold after a long time, relative to the current, and its time constant (s).
+    sites : int
+        Number of spike sites.
+    membrane : Membrane
+        Time constant, refractory time and noise.
+    name : str
+        Name in tables and options.
+    depth_mm : float
+        Depth of Pacinian corpuscles below the skin (mm).
+    """
+
+    reference_sed: float = 1.82e7
+    corner_hz: float = 320.0
+    most: float = 2.0
+    slow_share: float = 0.3
+    slow_tau_s: float = 30.0
+    sites: int = 1
+    membrane: Membrane = MEMBRANE
+    name: str = "PC"
+    depth_mm: float = 1.8
+
+    def measure(self, measures: dict[str, Array]) -> Array:
+        """Return m at receptors from the 18 measures."""
+        return np.sqrt(np.maximum(measures["sed"], 0.0) / self.reference_sed)
+
+    def current(self, signal: Signal, sensitivity: Array) -> Array:
+        """Return the current of each afferent, shape (n_afferents, n_samples)."""
+        x = np.asarray(sensitivity)[:, None] * acceleration_low_pass(signal.value, self.corner_hz, signal.step_s)
+        drive = adapted(np.maximum(0.0, x), self.slow_share, self.slow_tau_s, signal.step_s)
+        return self.most * drive / (self.most + drive)

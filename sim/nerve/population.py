@@ -1,0 +1,598 @@
+"""Afferents under the pad: where they end, how sensitive they are, how long their spikes take, and what they answer.
+
+The words are those of TouchSim (Saal, Delhaye, Rayhaun and Bensmaia 2017, PNAS 114:E5693): `Stimulus`, `Afferent`,
+`AfferentPopulation`, `Response`, `rate`, `psth`. Times are seconds here, and places are on the finger model.
+"""
+
+import math
+import re
+import zlib
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.errors import ModelRangeError
+from sim.measures.receptors import ReceptorError
+from sim.models.fingertip import Fingertip
+from sim.nerve.integrator import MOST_STEP_S
+from sim.nerve.models import BUILT_IN, AfferentModel, spikes_of
+from sim.nerve.skin import PressedSkin, Signal, table_of_presses
+from sim.nerve.stimulus import Stimulus
+
+Array = NDArray[np.float64]
+Models = Mapping[str, AfferentModel]
+
+DENSITY_PER_CM2: Mapping[str, Mapping[str, float]] = {
+    "monkey fingertip": {"SA1": 134, "RA": 178, "PC": 13},
+    "monkey finger": {"SA1": 46, "RA": 80, "PC": 13},
+    "human fingertip": {"SA1": 70, "RA": 140, "PC": 23},
+    "human finger": {"SA1": 30, "RA": 40, "PC": 10},
+    "human palm": {"SA1": 10, "RA": 25, "PC": 10},
+}
+"""Afferents per cm² of skin.
+
+Monkey, distal pad and middle phalanx: Darian-Smith and Kenins (1980, J Physiol 309:147). Human: the table of
+TouchSim; Johansson and Vallbo (1979, J Physiol 286:283) give 241 for all four classes at the tip, 58 in the palm.
+"""
+
+VELOCITY_M_S: Mapping[str, tuple[float, float, float, float]] = {
+    "SA1": (59.0, 9.0, 36.0, 82.0),
+    "RA": (55.3, 14.0, 26.0, 91.0),
+    "PC": (46.9, 9.0, 34.0, 61.0),
+}
+"""Mean, standard deviation, lowest and highest conduction velocity (m/s).
+
+RA and PC: Knibestöl (1973, J Physiol 232:427), whose ranges these are. SA-I: Knibestöl (1975), from memory. Standard
+deviations are chosen so that the ranges hold most afferents.
+"""
+_OTHER_VELOCITY_M_S = (53.0, 8.0, 36.0, 73.0)
+
+PATH_M = 0.2
+"""Nerve between the fingertip and the electrode (m): from a monkey's fingertip to its forearm."""
+HUMAN_PATH_M = 0.65
+"""From a human fingertip to the upper arm (m)."""
+AT_THE_RECEPTOR_S = (0.001, 0.002)
+"""Range of the delay between the membrane of the receptor and its fiber (s)."""
+
+SENSITIVITY_SD = math.log(2.0)
+"""Standard deviation of the logarithm of the sensitivity: a factor of 2."""
+
+PAD_SHARE = 0.7
+"""Radius of the pad, as a share of the half-width of the finger at the receptor plane."""
+SPACING_SHARE = 0.6
+"""Least distance between afferents of one class, as a share of 1/√density."""
+_MOST_TRIES = 4000
+MOST_AFFERENTS = 2000
+"""Most afferents in one population."""
+
+
+@dataclass(frozen=True)
+class Afferent:
+    """One afferent with a receptor under the pad.
+
+    Attributes
+    ----------
+    model : str
+        Its class: SA1, RA, PC, or the name of your own.
+    number : int
+        Number within its class, from 1.
+    x_mm, along_mm : float
+        Place of the receptor across the finger, and along it from the receptor plane (mm).
+    sensitivity : float
+        Factor of the receptor's signal.
+    velocity_m_s : float
+        Conduction velocity (m/s).
+    receptor_delay_s : float
+        Delay at the receptor (s).
+    seed : int
+        Seed of its noise.
+    """
+
+    model: str
+    number: int
+    x_mm: float
+    along_mm: float
+    sensitivity: float
+    velocity_m_s: float
+    receptor_delay_s: float
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """Class and number, for example ``"SA1-2"``."""
+        return f"{self.model}-{self.number}"
+
+    def delay_s(self, path_m: float = PATH_M) -> float:
+        """Return the time between a spike at the receptor and the same spike at the electrode (s)."""
+        return path_m / self.velocity_m_s + self.receptor_delay_s
+
+
+@dataclass(frozen=True)
+class Response:
+    """Spikes of a population at the electrode.
+
+    Attributes
+    ----------
+    afferents : AfferentPopulation
+        The afferents.
+    spikes : tuple of ndarray
+        Spike times of each (s), ascending.
+    begins_s, ends_s : float
+        Time that the response covers (s).
+    """
+
+    afferents: "AfferentPopulation"
+    spikes: tuple[Array, ...]
+    begins_s: float
+    ends_s: float
+
+    def rate(self, begins_s: float | None = None, ends_s: float | None = None) -> Array:
+        """Return the mean rate of each afferent between two times (impulses/s). Default: the whole response."""
+        begin, end = self._between(begins_s, ends_s)
+        counts = [np.searchsorted(one, end) - np.searchsorted(one, begin) for one in self.spikes]
+        return np.array(counts, dtype=float) / (end - begin)
+
+    def psth(
+        self, bin_s: float = 0.02, begins_s: float | None = None, ends_s: float | None = None
+    ) -> tuple[Array, Array]:
+        """Return a histogram of each afferent's spikes.
+
+        Parameters
+        ----------
+        bin_s : float, optional
+            Width of a bin (s).
+        begins_s, ends_s : float, optional
+            First and last edge (s). Default: those of the response.
+
+        Returns
+        -------
+        edges_s : ndarray of shape (n_bins + 1,)
+            Edges of the bins (s).
+        rate : ndarray of shape (n_afferents, n_bins)
+            Rates (impulses/s).
+        """
+        begin, end = self._between(begins_s, ends_s)
+        bins = max(round((end - begin) / bin_s), 1)
+        edges = np.linspace(begin, end, bins + 1)
+        counts = np.array([np.histogram(one, edges)[0] for one in self.spikes], dtype=float)
+        return edges, counts.reshape(len(self.spikes), bins) / np.diff(edges)
+
+    def only(self, model: str) -> "Response":
+        """Return the response of one class."""
+        kept = [k for k, one in enumerate(self.afferents) if one.model == model]
+        return Response(
+            AfferentPopulation([self.afferents[k] for k in kept]),
+            tuple(self.spikes[k] for k in kept),
+            self.begins_s,
+            self.ends_s,
+        )
+
+    def _between(self, begins_s: float | None, ends_s: float | None) -> tuple[float, float]:
+        begin = self.begins_s if begins_s is None else begins_s
+        end = self.ends_s if ends_s is None else ends_s
+        if not begin < end:
+            raise ModelRangeError(
+                "from {begins_s:g} to {ends_s:g} s: the end must come after the beginning",
+                code="no_window", begins_s=begin, ends_s=end,
+            )  # fmt: skip
+        return begin, end
+
+
+class AfferentPopulation(Sequence[Afferent]):
+    """Afferents of a finger.
+
+    Parameters
+    ----------
+    afferents : sequence of Afferent
+        The afferents.
+    models : mapping of str to AfferentModel, optional
+        Classes by name. Default: SA1, RA and PC.
+    """
+
+    def __init__(self, afferents: Sequence[Afferent], models: Models = BUILT_IN) -> None:
+        self._afferents, self.models = tuple(afferents), models
+
+    @overload
+    def __getitem__(self, k: int) -> Afferent: ...
+
+    @overload
+    def __getitem__(self, k: slice) -> "AfferentPopulation": ...
+
+    def __getitem__(self, k: int | slice) -> "Afferent | AfferentPopulation":
+        """Return one afferent, or a part of the population."""
+        if isinstance(k, slice):
+            return AfferentPopulation(self._afferents[k], self.models)
+        return self._afferents[k]
+
+    def __len__(self) -> int:
+        """Return the number of afferents."""
+        return len(self._afferents)
+
+    def __repr__(self) -> str:
+        counts = {name: sum(one.model == name for one in self) for name in dict.fromkeys(one.model for one in self)}
+        return f"<AfferentPopulation of {', '.join(f'{n} {name}' for name, n in counts.items()) or 'nothing'}>"
+
+    @cached_property
+    def groups(self) -> dict[str, list[int]]:
+        """Indices of the afferents of each class."""
+        names = dict.fromkeys(one.model for one in self)
+        return {name: [k for k, one in enumerate(self) if one.model == name] for name in names}
+
+    def points_mm(self, finger: Fingertip) -> Array:
+        """Return the receptors of all afferents in a finger, (n, 3) in mm."""
+        x = [one.x_mm for one in self]
+        depth = [self.models[one.model].depth_mm for one in self]
+        z = [finger.config.receptor_plane_mm + one.along_mm for one in self]
+        return finger.points_below(x, depth, z)
+
+    def measure(self, measures: dict[str, Array]) -> Array:
+        """Return each afferent's own measure, (n,), from the 18 measures at all receptors."""
+        found = np.empty(len(self))
+        for name, mine in self.groups.items():
+            found[mine] = self.models[name].measure({key: values[mine] for key, values in measures.items()})
+        return found
+
+    def pressed(
+        self,
+        finger: Fingertip,
+        indentor: str,
+        deepest_mm: float,
+        x_mm: float = 0.0,
+        z_mm: float | None = None,
+    ) -> PressedSkin:
+        """Return the signals at all receptors while an indentor moves over one place.
+
+        Parameters
+        ----------
+        finger : Fingertip
+            The finger.
+        indentor : str
+            The shape, for example ``"bar:3.0"``.
+        deepest_mm : float
+            Largest depth (mm).
+        x_mm, z_mm : float, optional
+            Place of the indentor (mm).
+
+        Returns
+        -------
+        PressedSkin
+            Signals against depth, in the order of the afferents.
+        """
+        points = self.points_mm(finger)
+        presses = table_of_presses(finger, indentor, deepest_mm, x_mm, z_mm)
+        return PressedSkin(finger, "", points, self.measure, deepest_mm, presses=presses)
+
+    def spikes(self, signal: Signal) -> list[Array]:
+        """Return the spikes of each afferent at its receptor.
+
+        Parameters
+        ----------
+        signal : Signal
+            Signals in the order of the afferents.
+
+        Returns
+        -------
+        list of ndarray
+            Spike times from the first sample (s).
+        """
+        found: list[Array] = [np.empty(0)] * len(self)
+        for name, mine in self.groups.items():
+            part = Signal(signal.step_s, signal.value[mine])
+            sensitivity = [self[k].sensitivity for k in mine]
+            own = spikes_of(self.models[name], part, sensitivity, [self[k].seed for k in mine])
+            for k, one in zip(mine, own, strict=True):
+                found[k] = one
+        return found
+
+    def response(
+        self,
+        finger: Fingertip,
+        indentor: str,
+        stimulus: Stimulus,
+        *,
+        x_mm: float = 0.0,
+        z_mm: float | None = None,
+        path_m: float = PATH_M,
+    ) -> Response:
+        """Return the response to a stimulus at one place.
+
+        Parameters
+        ----------
+        finger : Fingertip
+            The finger.
+        indentor : str
+            The shape, for example ``"bar:3.0"``.
+        stimulus : Stimulus
+            Depth against time.
+        x_mm, z_mm : float, optional
+            Place of the indentor (mm).
+        path_m : float, optional
+            Nerve between the fingertip and the electrode (m).
+
+        Returns
+        -------
+        Response
+            Spike times at the electrode, on the clock of the stimulus.
+
+        Examples
+        --------
+        >>> from sim import load
+        >>> from sim.nerve.population import draw
+        >>> from sim.nerve.stimulus import Stimulus
+        >>> finger = load("halfspace")
+        >>> population = draw(finger, "2xSA1@0:0")
+        >>> found = population.response(finger, "cylinder:9", Stimulus.ramp(0.1, 1.0, 0.5))
+        >>> len(found.spikes)
+        2
+        """
+        skin = self.pressed(finger, indentor, stimulus.deepest_mm, x_mm, z_mm)
+        found = self.spikes(skin.signal(stimulus, MOST_STEP_S))
+        late = [one + afferent.delay_s(path_m) for one, afferent in zip(found, self, strict=True)]
+        return Response(
+            self, tuple(late), 0.0, stimulus.ends_s + max((one.delay_s(path_m) for one in self), default=0)
+        )
+
+
+# --- drawing ---
+
+
+@dataclass(frozen=True)
+class Pad:
+    """The part of the skin in which afferents end: an ellipse about the middle of the receptor plane.
+
+    Attributes
+    ----------
+    half_x_mm, half_along_mm : float
+        Half-axes (mm).
+    """
+
+    half_x_mm: float
+    half_along_mm: float
+
+    @classmethod
+    def of(cls, finger: Fingertip) -> "Pad":
+        """Return the pad of a finger."""
+        plane = finger.config.receptor_plane_mm
+        across = np.abs(finger.surface.section(np.linspace(0.0, np.pi, 181), plane)[0]).max()
+        half = PAD_SHARE * float(across)
+        ends = min(plane, finger.config.geometry.length_mm - plane)
+        return cls(half, min(half, PAD_SHARE * ends))
+
+    @property
+    def area_cm2(self) -> float:
+        """Area (cm²)."""
+        return math.pi * self.half_x_mm * self.half_along_mm / 100
+
+    def has(self, x_mm: float, along_mm: float) -> bool:
+        """Return whether a place lies on the pad."""
+        return (x_mm / self.half_x_mm) ** 2 + (along_mm / self.half_along_mm) ** 2 <= 1 + 1e-9
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Afferents of one class that a text asks for; without a place they are drawn over the pad."""
+
+    model: str
+    count: int
+    place_mm: tuple[float, float] | None = None
+
+
+_ITEM = re.compile(r"(?:(\d+)x)?([^@\s]+?)(?:@([^:]+)(?::(.+))?)?", re.ASCII)
+
+
+def wanted(text: str, models: Models = BUILT_IN) -> tuple[Wanted, ...]:
+    """Return the afferents that a text asks for.
+
+    Parameters
+    ----------
+    text : str
+        Items separated by commas: ``3xSA1`` draws three places, ``SA1@0.5:1`` is one at x = 0.5 mm, 1 mm along the
+        finger from the receptor plane.
+    models : mapping of str to AfferentModel, optional
+        Classes by name.
+
+    Returns
+    -------
+    tuple of Wanted
+        One for each item.
+
+    Raises
+    ------
+    ModelRangeError
+        If an item cannot be read, its class is unknown, or there are too many.
+    """
+    found = []
+    for item in text.split(","):
+        match = _ITEM.fullmatch(item.strip()) if len(item) < 100 else None
+        place = None if match is None else _place(match[3], match[4])
+        if match is None or (place is not None and not all(map(math.isfinite, place))):
+            raise ModelRangeError(
+                "{item!r}: must be afferents such as 3xSA1, or one at a place, SA1@X or SA1@X:ALONG in mm",
+                code="bad_afferents", item=item.strip()[:100],
+            )  # fmt: skip
+        if match[2] not in models:
+            raise ModelRangeError(
+                "{model!r}: there is no such class of afferents; use {known}",
+                code="unknown_afferent", model=match[2], known=", ".join(models),
+            )  # fmt: skip
+        found.append(Wanted(match[2], int(match[1] or 1), place))
+    total = sum(one.count for one in found)
+    if not 0 < total <= MOST_AFFERENTS or any(one.count == 0 for one in found):
+        raise ModelRangeError(
+            "{count} afferents: must be 1 to {most}", code="number_of_afferents", count=total, most=MOST_AFFERENTS
+        )
+    return tuple(found)
+
+
+def _place(x: str | None, along: str | None) -> tuple[float, float] | None:
+    if x is None:
+        return None
+    try:
+        return float(x), float(along or 0.0)
+    except ValueError:
+        return math.nan, math.nan
+
+
+def draw(
+    finger: Fingertip,
+    afferents: str | Sequence[Wanted],
+    seed: int = 0,
+    *,
+    density: str = "monkey fingertip",
+    models: Models = BUILT_IN,
+) -> AfferentPopulation:
+    """Return afferents at places on the pad, with sensitivities and delays.
+
+    An afferent depends on the seed, its class and its number only, not on the others that are asked for.
+
+    Parameters
+    ----------
+    finger : Fingertip
+        The finger.
+    afferents : str or sequence of Wanted
+        What to draw, for example ``"3xSA1,5xRA"``.
+    seed : int, optional
+        Seed.
+    density : str, optional
+        Key of `DENSITY_PER_CM2`; it sets the least distance between afferents of a class.
+    models : mapping of str to AfferentModel, optional
+        Classes by name.
+
+    Returns
+    -------
+    AfferentPopulation
+        The afferents, in the order in which they were asked for.
+
+    Raises
+    ------
+    ModelRangeError
+        If the text cannot be used, a place lies off the pad, or the pad has no room for so many.
+    """
+    asked = wanted(afferents, models) if isinstance(afferents, str) else tuple(afferents)
+    pad = Pad.of(finger)
+    found: list[Afferent] = []
+    drawn: dict[str, Iterator[tuple[float, float]]] = {}
+    numbers: dict[str, int] = {}
+    for one in asked:
+        if one.place_mm is not None and not (
+            pad.has(*one.place_mm) and _has_tissue(finger, models[one.model])(*one.place_mm)
+        ):
+            raise ModelRangeError(
+                "{model} at x = {x_mm:g} mm, {along_mm:g} mm along the finger: lies off the pad, which reaches "
+                "{half_x_mm:.2f} mm across and {half_along_mm:.2f} mm along the finger",
+                code="afferent_off_pad", model=one.model, x_mm=one.place_mm[0], along_mm=one.place_mm[1],
+                half_x_mm=pad.half_x_mm, half_along_mm=pad.half_along_mm,
+            )  # fmt: skip
+        for _ in range(one.count):
+            if one.place_mm is None and one.model not in drawn:
+                spacing = _spacing_mm(density, one.model)
+                tissue = _has_tissue(finger, models[one.model])
+                drawn[one.model] = _places(pad, spacing, _generator(seed, one.model, 0), tissue)
+            place = next(drawn[one.model], None) if one.place_mm is None else one.place_mm
+            if place is None:
+                raise ModelRangeError(
+                    "{model}: the pad has no room for {count} afferents at least {spacing_mm:.2f} mm apart",
+                    code="no_room", model=one.model, count=one.count, spacing_mm=_spacing_mm(density, one.model),
+                )  # fmt: skip
+            numbers[one.model] = numbers.get(one.model, 0) + 1
+            found.append(_afferent(one.model, numbers[one.model], place, seed))
+    return AfferentPopulation(found, models)
+
+
+def population(finger: Fingertip, density: str = "monkey fingertip", seed: int = 0) -> AfferentPopulation:
+    """Return all afferents of the pad at a published density.
+
+    Parameters
+    ----------
+    finger : Fingertip
+        The finger.
+    density : str, optional
+        Key of `DENSITY_PER_CM2`.
+    seed : int, optional
+        Seed.
+
+    Returns
+    -------
+    AfferentPopulation
+        SA1, RA and PC.
+
+    Raises
+    ------
+    ModelRangeError
+        If there is no such density.
+    """
+    area = Pad.of(finger).area_cm2
+    return draw(
+        finger,
+        [Wanted(name, max(round(area * per_cm2), 1)) for name, per_cm2 in _densities(density).items()],
+        seed,
+        density=density,
+    )
+
+
+def _densities(density: str) -> Mapping[str, float]:
+    if density not in DENSITY_PER_CM2:
+        raise ModelRangeError(
+            "{density!r}: must be one of {known}",
+            code="unknown_density", density=density, known=", ".join(DENSITY_PER_CM2),
+        )  # fmt: skip
+    return DENSITY_PER_CM2[density]
+
+
+def _spacing_mm(density: str, model: str) -> float:
+    known = _densities(density)
+    return SPACING_SHARE * 10 / math.sqrt(known.get(model, max(known.values())))
+
+
+def _generator(seed: int, model: str, number: int) -> np.random.Generator:
+    return np.random.default_rng([seed, zlib.crc32(model.encode()), number])
+
+
+def _has_tissue(finger: Fingertip, model: AfferentModel) -> Callable[[float, float], bool]:
+    """Return whether there is tissue at a class's depth below a place."""
+
+    def has(x_mm: float, along_mm: float) -> bool:
+        try:
+            finger.points_below(x_mm, model.depth_mm, finger.config.receptor_plane_mm + along_mm)
+        except ReceptorError:
+            return False
+        return True
+
+    return has
+
+
+def _places(
+    pad: Pad, spacing_mm: float, generator: np.random.Generator, has_tissue: Callable[[float, float], bool]
+) -> Iterator[tuple[float, float]]:
+    """Yield places on the pad, even but for a least distance, until there seems to be no room."""
+    found = np.empty((0, 2))
+    tries = 0
+    while tries < _MOST_TRIES:
+        tries += 1
+        at = generator.uniform(-1.0, 1.0, 2) * (pad.half_x_mm, pad.half_along_mm)
+        x_mm, along_mm = (round(float(mm), 3) for mm in at)
+        near = len(found) and np.hypot(*(found - at).T).min() < spacing_mm
+        if pad.has(x_mm, along_mm) and not near and has_tissue(x_mm, along_mm):
+            found, tries = np.vstack([found, [x_mm, along_mm]]), 0
+            yield x_mm, along_mm
+
+
+def _afferent(model: str, number: int, place_mm: tuple[float, float], seed: int) -> Afferent:
+    generator = _generator(seed, model, number)
+    mean, sd, lowest, highest = VELOCITY_M_S.get(model, _OTHER_VELOCITY_M_S)
+    velocity = lowest - 1.0
+    while not lowest <= velocity <= highest:
+        velocity = float(generator.normal(mean, sd))
+    return Afferent(
+        model,
+        number,
+        *place_mm,
+        sensitivity=float(np.exp(SENSITIVITY_SD * generator.standard_normal())),
+        velocity_m_s=velocity,
+        receptor_delay_s=float(generator.uniform(*AT_THE_RECEPTOR_S)),
+        seed=int(generator.integers(2**63)),
+    )

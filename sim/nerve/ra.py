@@ -1,0 +1,70 @@
+"""RA afferents (Meissner corpuscles, FA-I): the current follows the rate of strain, both ways.
+
+x = low-pass(dm/dt), I = s (a₊ [x]₊ + a₋ [−x]₊) less a slow threshold, then c·I / (c + I), m = √SED / √SED₀
+
+The square root of SED is linear in the strain, so that its rate has no term in position: the class is silent in a
+hold. Corner of the low-pass, a Butterworth filter of third order, and time constant of the membrane: within those of
+Saal et al. (2017, PNAS 114:E5693); slow threshold: Leung et al. (2005, J Neurophysiol). SED₀ is fitted;
+`docs/validation/nerve.md` names the published response that it was fitted to.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.nerve.filters import adapted, rate_low_pass
+from sim.nerve.integrator import Membrane
+from sim.nerve.skin import Signal
+
+Array = NDArray[np.float64]
+
+MEMBRANE = Membrane(tau_s=0.004, refractory_s=0.003, noise=0.1, reset=-3.0)
+
+
+@dataclass(frozen=True)
+class RA:
+    """Parameters of the class; every afferent has its own sensitivity s.
+
+    Attributes
+    ----------
+    reference_sed : float
+        SED₀, in pseudo-units: √SED that rises by √SED₀ in a second makes a current of 1 at s = 1.
+    corner_hz : float
+        Corner of the low-pass (Hz).
+    falling : float
+        a₋, with a₊ = 1.
+    most : float
+        c, the current that is never exceeded, in units of the rheobase.
+    slow_share, slow_tau_s : float
+        Slow threshold after a long time, relative to the current, and its time constant (s).
+    sites : int
+        Number of spike sites.
+    membrane : Membrane
+        Time constant, refractory time and noise.
+    name : str
+        Name in tables and options.
+    depth_mm : float
+        Depth of Meissner corpuscles below the skin (mm).
+    """
+
+    reference_sed: float = 19000.0
+    corner_hz: float = 75.0
+    falling: float = 0.3
+    most: float = 6.0
+    slow_share: float = 0.3
+    slow_tau_s: float = 15.0
+    sites: int = 1
+    membrane: Membrane = MEMBRANE
+    name: str = "RA"
+    depth_mm: float = 0.6
+
+    def measure(self, measures: dict[str, Array]) -> Array:
+        """Return m at receptors from the 18 measures."""
+        return np.sqrt(np.maximum(measures["sed"], 0.0) / self.reference_sed)
+
+    def current(self, signal: Signal, sensitivity: Array) -> Array:
+        """Return the current of each afferent, shape (n_afferents, n_samples)."""
+        x = np.asarray(sensitivity)[:, None] * rate_low_pass(signal.value, self.corner_hz, signal.step_s)
+        drive = adapted(np.where(x > 0, x, -self.falling * x), self.slow_share, self.slow_tau_s, signal.step_s)
+        return self.most * drive / (self.most + drive)

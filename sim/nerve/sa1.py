@@ -1,0 +1,71 @@
+"""SA-I afferents (Merkel cells): the current follows strain energy density (SED), with four memories that fade.
+
+I(t) = [s Σᵢ kᵢ ∫ exp(−(t − u)/τᵢ) dm(u) − θ]₊ less a slow threshold, m = SED / SED₀
+
+Each spike site has its own noise; the first at the threshold of the membrane resets all. Form and time constants of
+the memories: Gerling et al. (2018, PLoS Comput Biol), for mouse skin; several sites: Lesniak et al. (2014, eLife);
+slow threshold: Leung et al. (2005, J Neurophysiol). The weights k, the threshold θ, SED₀ and the noise are fitted;
+`docs/validation/nerve.md` names the published responses that they were fitted to.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim.nerve.filters import adapted, fading
+from sim.nerve.integrator import Membrane
+from sim.nerve.skin import Signal
+
+Array = NDArray[np.float64]
+
+MEMBRANE = Membrane(tau_s=0.058, refractory_s=0.001, noise=0.5)
+
+
+@dataclass(frozen=True)
+class SA1:
+    """Parameters of the class; every afferent has its own sensitivity s.
+
+    Attributes
+    ----------
+    weights : tuple of float
+        k of the rapid, slow, ultra-slow and lasting memory.
+    tau_s : tuple of float
+        Their time constants τ (s).
+    reference_sed : float
+        SED₀, the strain energy density that makes a lasting current of 1 at s = 1, in pseudo-units.
+    threshold : float
+        θ, in units of the rheobase.
+    slow_share, slow_tau_s : float
+        Slow threshold after a long time, relative to the current, and its time constant (s).
+    sites : int
+        Number of spike sites.
+    membrane : Membrane
+        Time constant, refractory time and noise of a site.
+    name : str
+        Name in tables and options.
+    depth_mm : float
+        Depth of Merkel cells below the skin (mm), at the tips of the intermediate ridges.
+    """
+
+    weights: tuple[float, ...] = (3.2, 2.2, 0.25, 1.0)
+    tau_s: tuple[float, ...] = (0.008, 0.2, 1.832, np.inf)
+    reference_sed: float = 17.6
+    threshold: float = 1.9
+    slow_share: float = 0.44
+    slow_tau_s: float = 6.0
+    sites: int = 4
+    membrane: Membrane = MEMBRANE
+    name: str = "SA1"
+    depth_mm: float = 0.75
+
+    def measure(self, measures: dict[str, Array]) -> Array:
+        """Return m at receptors from the 18 measures."""
+        return np.maximum(measures["sed"], 0.0) / self.reference_sed
+
+    def current(self, signal: Signal, sensitivity: Array) -> Array:
+        """Return the current of each afferent, shape (n_afferents, n_samples)."""
+        terms = zip(self.weights, self.tau_s, strict=True)
+        total = sum(k * fading(signal.value, tau_s, signal.step_s) for k, tau_s in terms)
+        drive = np.maximum(0.0, np.asarray(sensitivity)[:, None] * total - self.threshold)
+        return adapted(drive, self.slow_share, self.slow_tau_s, signal.step_s)

@@ -1,0 +1,323 @@
+"""Spikes of simulated afferents beside a run: from its journal to files, report and `rig compare`."""
+
+import csv
+import json
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rig.compare.recordings.spikes import rates_in_run, read_spike_times
+from rig.data import Run, read_run
+from rig.data.export import export_nwb
+from rig.data.spike_files import SpikeRecord, SpikeTrain, read_spikes, write_csv, write_nix
+from rig.errors import BadInputError
+from rig.plan.config import Config, load_config
+from rig.plan.nerve import Table, Visits, WantedSpikes, run_spikes, visits_of
+from rig.report.nerve_figures import nerve_figures
+from sim.measures.measures import MEASURES
+from sim.models.fingertip import Fingertip
+from sim.nerve.population import AfferentPopulation
+from tests.error_codes import raises
+from tests.program import Program
+
+OLD_RUNS = Path(__file__).parents[1] / "data" / "runs_of_0_1"
+AFFERENTS = "SA1@0,SA1@1:0.5,RA@0"
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Run:
+    """Five presses of a bar to 0.4 mm."""
+    return read_run(shutil.copytree(OLD_RUNS / "complete", tmp_path / "complete"))
+
+
+@pytest.fixture
+def config(run: Run) -> Config:
+    """Its configuration."""
+    return load_config(run.folder.config)
+
+
+@pytest.fixture
+def cheap(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Presses whose strain energy density is that under a bar, roughly, at no cost."""
+
+    def tables(run: Run, found: Visits, finger: Fingertip, afferents: AfferentPopulation, told: object) -> Any:
+        depths = np.linspace(0.05, 0.6, 12)
+        near = {place: np.exp(-0.1 * (np.array([one.x_mm for one in afferents]) - place[1]) ** 2)
+                for place in {visit.place for visit in found.visits}}  # fmt: skip
+        return {
+            place: Table(depths, np.array([
+                afferents.measure(dict.fromkeys(MEASURES, 120 * depth ** 2 * share)) for depth in depths
+            ]))
+            for place, share in near.items()
+        }  # fmt: skip
+
+    monkeypatch.setattr("rig.plan.nerve.tables_of", tables)
+
+
+def _spikes(run: Run, config: Config, finger: Fingertip, afferents: str = AFFERENTS, seed: int = 0) -> SpikeRecord:
+    drawn = WantedSpikes(afferents, seed).drawn(finger)
+    return run_spikes(run, visits_of(run, config), finger, drawn, seed=seed)
+
+
+# --- the journal ---
+
+
+def test_depth_is_that_of_the_journal(run: Run, config: Config) -> None:
+    """At every sample the indentor is where it was read, at the depth of the fit and the virtual bench's truth."""
+    found = visits_of(run, config)
+    assert found.left_out == 0
+    assert [round(one.x_mm, 2) for one in found.visits] == [3.0, 1.5, 0.0, -1.5, -3.0]
+    for index, visit in enumerate(found.visits):
+        (hold,) = [one for one in run.stream("hold_end") if one["index"] == index]
+        touch = next(one for one in run.stream("touch") if one["index"] == index)
+        assert visit.path.depth_mm(hold["t_s"]) == pytest.approx(hold["true_doi_mm"], abs=0.01)
+        bias = np.mean([touch["true_doi_bias_mm"], hold["true_doi_mm"] - hold["doi_mm"]])
+        for sample in (one for one in run.stream("sample") if one["index"] == index):
+            expected = touch["contact_height_mm"] - sample["height_mm"] + bias
+            assert visit.path.depth_mm(sample["t_s"]) == pytest.approx(expected, abs=1e-9)
+        end = next(one for one in run.stream("indentation_end") if one["index"] == index)
+        assert visit.path.depth_mm(end["t_s"]) < 0
+
+
+def test_presses_that_are_not_data_count_too(run: Run, config: Config) -> None:
+    """What preconditions the finger is part of its history."""
+    renamed = [(f"precondition_{name}" if event.get("index") == 0 else name, event) for name, event in run.in_order]
+    found = visits_of(replace(run, in_order=renamed), config)
+    assert [one.place for one in found.visits] == [one.place for one in visits_of(run, config).visits]
+
+
+def _without(run: Run, *streams: str) -> Run:
+    return replace(run, in_order=[(name, event) for name, event in run.in_order if name not in streams])
+
+
+def test_a_run_without_presses_has_no_spikes(run: Run, config: Config) -> None:
+    with raises(BadInputError, "no_presses", run=str(run.folder.path)):
+        visits_of(replace(run, in_order=[]), config)
+
+
+def test_a_run_without_contact_heights_has_no_spikes(run: Run, config: Config) -> None:
+    with raises(BadInputError, "no_contact_heights", run=str(run.folder.path)):
+        visits_of(_without(run, "touch"), config)
+
+
+def test_a_run_that_was_killed_in_a_hold_is_lifted(run: Run, config: Config) -> None:
+    """The journal ends in contact; the depth does not stay for ever."""
+    last = max(n for n, (name, _) in enumerate(run.in_order) if name == "hold_end")
+    found = visits_of(replace(run, in_order=run.in_order[: last + 1]), config)
+    assert len(found.visits) == 5
+    assert found.visits[-1].path.depth_mm(found.visits[-1].path.times_s[-1]) < 0
+
+
+# --- spikes ---
+
+
+@pytest.mark.usefixtures("cheap")
+def test_spikes_are_made_again_by_their_seed(run: Run, config: Config, finger: Fingertip) -> None:
+    first, again = _spikes(run, config, finger), _spikes(run, config, finger)
+    assert [one.spike_s.tolist() for one in first.trains] == [one.spike_s.tolist() for one in again.trains]
+    alone = _spikes(run, config, finger, "RA@0")
+    assert alone.trains[0].spike_s == pytest.approx(first.trains[2].spike_s, abs=1e-9)
+    other = _spikes(run, config, finger, seed=1)
+    assert other.trains[0].spike_s.tolist() != first.trains[0].spike_s.tolist()
+
+
+@pytest.mark.usefixtures("cheap")
+def test_afferents_fire_while_they_are_pressed(run: Run, config: Config, finger: Fingertip) -> None:
+    """Each spike comes in a visit or shortly after it, later by the delay; the receptor under the bar fires."""
+    found = visits_of(run, config)
+    trains = _spikes(run, config, finger).trains
+    assert len(trains[0].spike_s) > 5
+    for train in trains:
+        at_receptor = train.spike_s - train.delay_s
+        inside = [
+            (at_receptor >= one.path.times_s[0]) & (at_receptor <= one.path.times_s[-1] + 0.2) for one in found.visits
+        ]
+        assert np.any(inside, axis=0).all()
+        assert (np.diff(train.spike_s) > 0).all()
+
+
+@pytest.mark.usefixtures("cheap")
+def test_pieces_do_not_move_spikes_before_them(
+    run: Run, config: Config, finger: Fingertip, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = _spikes(run, config, finger, "SA1@0").trains[0].spike_s
+    monkeypatch.setattr("rig.plan.nerve.PIECE_S", 45.0)
+    parts = _spikes(run, config, finger, "SA1@0").trains[0].spike_s
+    before = whole[whole < 45.0]
+    assert len(before)
+    assert np.array_equal(parts[: len(before)], before)
+    assert len(parts) == pytest.approx(len(whole), rel=0.3)
+    assert (np.diff(parts) > 0).all()
+
+
+# --- files ---
+
+
+@pytest.fixture
+def record() -> SpikeRecord:
+    """Times of which every digit counts."""
+    rng = np.random.default_rng(5)
+    trains = [
+        SpikeTrain(f"SA1-{k}", "SA1", 0.1 * k, -0.3, 0.75, 1 / 3, 1 / 230, np.sort(rng.uniform(30.0, 60.0, 40 * k)))
+        for k in range(3)
+    ]
+    return SpikeRecord(tuple(trains), 7, 0.2)
+
+
+def _with_pulses(run: Run) -> Run:
+    pulses = [{"t_s": t, "rise_s": t, "width_s": 0.01, "uncertainty_s": 0.001} for t in (31.123457, 40.1, 55.300001)]
+    return replace(run, events={**run.events, "sync": pulses})
+
+
+def _same(record: SpikeRecord, times: Callable[[int], Any]) -> None:
+    """Every spike is there to the last bit; an afferent may be silent."""
+    for k, train in enumerate(record.trains):
+        if len(train.spike_s):
+            assert np.asarray(times(k)).tolist() == train.spike_s.tolist()
+
+
+def test_csv_is_read_back_to_the_last_bit(run: Run, record: SpikeRecord) -> None:
+    write_csv(run.folder, record)
+    again = read_spikes(run.folder)
+    assert again is not None
+    _same(record, lambda k: again.trains[k].spike_s)
+    assert [replace(one, spike_s=record.trains[0].spike_s) for one in again.trains] == [
+        replace(one, spike_s=record.trains[0].spike_s) for one in record.trains
+    ]
+    assert (again.seed, again.path_m) == (7, 0.2)
+
+
+@pytest.mark.parametrize("pulses", [False, True])
+def test_nwb_keeps_every_bit_to_compare(run: Run, record: SpikeRecord, pulses: bool) -> None:
+    pynwb: Any = pytest.importorskip("pynwb", reason="needs pynwb: pip install 'indentation-rig[nwb]'")
+    run = _with_pulses(run) if pulses else run
+    path = export_nwb(run, record)
+    assert path.name == "synthetic_spikes.nwb"
+    with pynwb.NWBHDF5IO(path, "r") as io:
+        file = io.read()
+        _same(record, lambda k: file.units["spike_times"][k])
+        assert file.session_description.startswith("Synthetic")
+        assert all(one.startswith("synthetic") for one in (file.identifier, path.name))
+        assert file.units["afferent"][:].tolist() == ["SA1-0", "SA1-1", "SA1-2"]
+        assert "0.2 m" in file.electrode_groups["nerve"].location
+        assert ("sync_pulses" in file.intervals) == pulses
+    _same(record, lambda k: read_spike_times(path, run, str(k)))
+
+
+def test_the_inspector_finds_nothing(run: Run, record: SpikeRecord) -> None:
+    pynwb: Any = pytest.importorskip("pynwb", reason="needs pynwb: pip install 'indentation-rig[nwb]'")
+    inspector: Any = pytest.importorskip("nwbinspector", reason="needs nwbinspector: pip install nwbinspector")
+    path = export_nwb(_with_pulses(run), record)
+    assert pynwb.validate(path=str(path)) in ([], ([], 0))
+    found = inspector.inspect_nwbfile(nwbfile_path=str(path))
+    # what nobody did, nowhere, is left out; a number may be 0 or 1 by chance
+    left = {"check_experimenter_exists", "check_institution", "check_column_binary_capability"}
+    assert {one.check_function_name for one in found} <= left
+
+
+@pytest.mark.parametrize("pulses", [False, True])
+def test_nix_keeps_every_bit_to_compare(run: Run, record: SpikeRecord, pulses: bool) -> None:
+    pytest.importorskip("nixio", reason="needs neo and nixio: pip install 'indentation-rig[neo]'")
+    run = _with_pulses(run) if pulses else run
+    path = write_nix(run, record)
+    assert path is not None
+    assert path.name == "synthetic_spikes.nix"
+    _same(record, lambda k: read_spike_times(path, run, f"SA1-{k}"))
+
+
+# --- the command ---
+
+
+def test_the_command_writes_files_and_figures(run: Run, program: Program, finger: Fingertip) -> None:
+    assert finger is not None
+    ended = program("nerve", str(run.folder.path), "--afferents", AFFERENTS, "--json")
+    assert ended.code == 0, ended.err
+    answer = ended.json
+    assert [one["afferent"] for one in answer["afferents"]] == ["SA1-1", "SA1-2", "RA-1"]
+    assert all(Path(name).name.startswith("synthetic_") for name in answer["files"])
+    text = (run.folder.path / "synthetic_spikes.csv").read_text(encoding="utf-8")
+    rows = list(csv.DictReader(text.splitlines()))
+    for one in answer["afferents"]:
+        assert sum(row["afferent"] == one["afferent"] for row in rows) == one["spikes"]
+    assert answer["afferents"][0]["spikes"] > 5
+    page = run.folder.report.read_text(encoding="utf-8")
+    found = read_spikes(run.folder)
+    assert found is not None
+    figures = nerve_figures(run, found)
+    assert len(figures) == 3
+    assert all(f">{figure.title}</h2>" in page for figure in figures)
+    sums = (run.folder.path / "SHA256SUMS").read_text(encoding="utf-8")
+    assert all(f"  {Path(name).name}\n" in sums for name in (*answer["files"], answer["report"]))
+    assert not run.folder.changed()
+
+
+@pytest.mark.usefixtures("cheap")
+def test_spikes_become_rates(run: Run, config: Config, finger: Fingertip) -> None:
+    """What `rig compare --recorded bar:3.0=synthetic_spikes.nwb#0` reads: counts in the holds, at each position."""
+    record = _spikes(run, config, finger, "SA1@0")
+    path = export_nwb(run, record)
+    spikes = read_spike_times(path, run, "0")
+    found = rates_in_run(run, "bar:3.0", spikes, path.name, (0.0, 0.2))
+    counts = sorted(
+        int(((spikes >= one["t_s"]) & (spikes < one["t_s"] + 0.2)).sum()) for one in run.stream("hold_start")
+    )
+    assert sorted(round(0.2 * float(rate)) for rate in found.rate) == counts
+    assert found.name == "synthetic_spikes.nwb"
+
+
+WRONG = {
+    "--afferents 3xQQ": ("unknown_afferent", 2),
+    "--afferents SA1@9": ("afferent_off_pad", 2),
+    "--afferents ,": ("bad_afferents", 2),
+    "--seed -1": ("outside_range", 2),
+    "--path-m 0": ("outside_range", 2),
+    "--path-m nan": ("outside_range", 2),
+}
+
+
+@pytest.mark.parametrize("words", WRONG)
+def test_what_is_wrong_changes_nothing(run: Run, program: Program, finger: Fingertip, words: str) -> None:
+    assert finger is not None
+    before = {path.name: path.read_bytes() for path in run.folder.path.iterdir() if path.name != ".lock"}
+    ended = program("nerve", str(run.folder.path), *words.split(), "--json")
+    assert (ended.error_code, ended.code) == WRONG[words]
+    assert {path.name: path.read_bytes() for path in run.folder.path.iterdir() if path.name != ".lock"} == before
+
+
+SCRIPT = 'def run(rig):\n    rig.mount("bar:3.0")\n    rig.home()\n    rig.zero()\n    rig.move_to(x_mm=0.0)\n'
+
+
+def test_a_dry_run_adds_spikes(
+    program: Program, finger: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And `rig nerve` gives the same spikes afterwards."""
+    assert finger is not None
+    monkeypatch.chdir(tmp_path)
+    Path("mine.py").write_text(SCRIPT + "    rig.indent(doi_mm=0.4, hold_s=0.3)\n", encoding="utf-8")
+    ended = program("dry-run", "mine.py", "--afferents", "SA1@0", "--json")
+    assert ended.code == 0, ended.err
+    folder = Path(ended.json["run"])
+    spikes = (folder / "synthetic_spikes.csv").read_bytes()
+    assert len(spikes.splitlines()) > 5
+    assert "Simulated spikes" in (folder / "report.html").read_text(encoding="utf-8")
+    assert "  synthetic_spikes.csv\n" in (folder / "SHA256SUMS").read_text(encoding="utf-8")
+    assert program("nerve", str(folder), "--afferents", "SA1@0").code == 0
+    assert (folder / "synthetic_spikes.csv").read_bytes() == spikes
+
+
+@pytest.mark.parametrize(("afferents", "code"), [("3xQQ", "unknown_afferent"), ("SA1@9", "afferent_off_pad")])
+def test_a_dry_run_is_refused_before_it_begins(
+    program: Program, finger: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, afferents: str, code: str
+) -> None:
+    assert finger is not None
+    monkeypatch.chdir(tmp_path)
+    Path("mine.py").write_text(SCRIPT + "    rig.indent(doi_mm=0.4, hold_s=0.3)\n", encoding="utf-8")
+    ended = program("dry-run", "mine.py", "--afferents", afferents, "--json")
+    assert json.loads(ended.out)["code"] == code
+    assert ended.code == 2
+    assert not Path("runs").exists()

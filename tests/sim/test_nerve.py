@@ -1,0 +1,272 @@
+"""Afferents: filters and integrator against closed forms, and what each class does under a press and a vibration."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.signal import butter, lsim
+
+from sim.errors import ArgumentError, ModelRangeError
+from sim.models.catalogue import load
+from sim.nerve.filters import acceleration_low_pass, adapted, fading, rate_low_pass
+from sim.nerve.integrator import MOST_STEP_S, Membrane, spikes
+from sim.nerve.models import BUILT_IN, spikes_of
+from sim.nerve.skin import LEVELS, PressedSkin, Signal
+from sim.nerve.stimulus import Stimulus, Vibration
+from tests.error_codes import raises
+
+Array = NDArray[np.float64]
+
+DEPTHS_MM = np.linspace(0.0625, 1.5, 24)
+SED = {"SA1": 200 * DEPTHS_MM**2, "RA": 240 * DEPTHS_MM**2, "PC": 46 * DEPTHS_MM**2}
+"""Some strain energy at the receptors of each class under a small probe."""
+
+
+def skin(name: str) -> PressedSkin:
+    return PressedSkin.of_values(DEPTHS_MM, BUILT_IN[name].measure({"sed": SED[name][:, None]}))
+
+
+def trains(
+    name: str, stimulus: Stimulus, gains: Array, step_s: float = 5e-4, lasts_s: float | None = None
+) -> list[Array]:
+    seeds = [(3, k) for k in range(len(gains))]
+    return spikes_of(BUILT_IN[name], skin(name).signal(stimulus, step_s, lasts_s), gains, seeds)
+
+
+def vibrating(frequency_hz: float, amplitude_um: float, lasts_s: float = 1.0) -> Stimulus:
+    """On a preload of 0.5 mm since 0.55 s, from 1 s on."""
+    one = Vibration(frequency_hz, amplitude_um, 1.0, lasts_s)
+    return Stimulus([0.05, 0.55], [0.0, 0.5], corner_s=0.1, vibrations=[one])
+
+
+def total(found: list[Array], begin_s: float = 0.0, end_s: float = np.inf) -> int:
+    return sum(int(((one >= begin_s) & (one < end_s)).sum()) for one in found)
+
+
+# --- filters and integrator ---
+
+T = np.arange(0.0, 0.3, 1e-3)
+BENT = np.interp(T, [0.0, 0.05, 0.06, 0.2, 0.21], [0.0, 0.0, 2.0, 1.5, -1.0])
+
+
+def of(numerator: Any, denominator: Any) -> Array:
+    return np.asarray(lsim((numerator, denominator), BENT, T)[1])
+
+
+def butterworth(derivative: int) -> Array:
+    above, below = butter(3, 2 * np.pi * 120, analog=True)
+    return of(np.polymul(above, [1] + derivative * [0]), below)
+
+
+@pytest.mark.parametrize(
+    ("ours", "exact"),
+    [
+        (lambda m: fading(m, 0.02, 1e-3), lambda: of([0.02, 0], [0.02, 1])),
+        (lambda m: fading(m, np.inf, 1e-3), lambda: BENT),
+        (lambda m: rate_low_pass(m, 120.0, 1e-3), lambda: butterworth(1)),
+        (lambda m: acceleration_low_pass(m, 120.0, 1e-3), lambda: butterworth(2)),
+        (
+            lambda m: adapted(np.abs(m), 0.0, 0.02, 1e-3),
+            lambda: np.abs(BENT),
+        ),
+    ],
+)
+def test_filters_are_exact_between_samples(ours: Callable[[Array], Array], exact: Callable[[], Array]) -> None:
+    known = exact()
+    np.testing.assert_allclose(ours(BENT[None])[0], known, rtol=0, atol=1e-9 * np.abs(known).max())
+
+
+def test_what_is_there_at_the_first_sample_came_at_once() -> None:
+    np.testing.assert_allclose(fading(np.ones((1, 50)), 0.01, 1e-3)[0], np.exp(-np.arange(50) / 10))
+
+
+def test_a_slow_threshold_approaches_its_share() -> None:
+    found = adapted(np.full((1, 5001), 4.0), 0.25, 0.5, 1e-3)[0]
+    np.testing.assert_allclose(found[[0, 500, 5000]], [4.0, 4 - (1 - np.exp(-1)), 3.0], atol=1e-3)
+
+
+@pytest.mark.parametrize("membrane", [Membrane(0.02, 0.002, 0.0), Membrane(0.02, 0.002, 0.0, reset=-2.0)])
+def test_without_noise_intervals_are_those_of_the_closed_form(membrane: Membrane) -> None:
+    found = spikes(np.full(2001, 1.5), 1e-3, membrane, 2, np.random.default_rng(1))
+    known = 0.002 + 0.02 * np.log((1.5 - membrane.reset) / 0.5)
+    np.testing.assert_allclose(np.diff(found), known, atol=MOST_STEP_S)
+    np.testing.assert_allclose(np.diff(found).mean(), known, rtol=5e-3)
+
+
+def test_noise_grows_with_the_root_of_the_step() -> None:
+    membrane, lasts_s = Membrane(0.02, 0.002, 0.4), 40.0
+    rates, spreads = [], []
+    for step_s in (MOST_STEP_S, MOST_STEP_S / 4):
+        current = np.full(round(lasts_s / step_s) + 1, 0.9)
+        gaps = np.diff(spikes(current, step_s, membrane, 1, np.random.default_rng(2)))
+        rates.append(1 / gaps.mean())
+        spreads.append(gaps.std() / gaps.mean())
+    assert rates[0] == pytest.approx(rates[1], rel=0.06)
+    assert spreads[0] == pytest.approx(spreads[1], abs=0.06)
+
+
+def test_without_a_current_there_is_no_spike() -> None:
+    assert len(spikes(np.zeros(20001), 1e-3, Membrane(0.02, 0.002, 2.0), 4, np.random.default_rng(3))) == 0
+
+
+# --- stimulus and skin ---
+
+
+def test_depth_is_that_of_the_ramp_with_rounded_corners() -> None:
+    stimulus = Stimulus.ramp(1.0, 10.0, 0.5, begins_s=0.1, away_mm=0.2, corner_s=0.02)
+    np.testing.assert_allclose(
+        stimulus.depth_mm([0.0, 0.1, 0.15, 0.4, 0.75, 1.0]), [-0.2, 0.0, 0.5, 1.0, 0.5, -0.2], atol=1e-12
+    )
+    np.testing.assert_allclose(stimulus.depth_mm(0.2), 1.0 - 10 * 0.02 / 8, atol=1e-12)
+    t = np.linspace(0.0, 1.0, 100_001)
+    acceleration = np.gradient(np.gradient(stimulus.depth_mm(t), t), t)
+    assert np.abs(acceleration).max() == pytest.approx(10 / 0.02, rel=1e-3)
+
+
+def test_a_table_of_presses_gives_the_press_between_its_levels() -> None:
+    finger, model = load("halfspace"), BUILT_IN["SA1"]
+    points = finger.points_below([0.0, 0.5], model.depth_mm)
+    found = PressedSkin(finger, "cylinder:9", points, model.measure, 0.4)
+    assert len(found.depths_mm) == LEVELS
+    depth_mm = 0.5 * (found.depths_mm[7] + found.depths_mm[8])
+    known = model.measure(finger.fields(finger.indent("cylinder:9", doi_mm=depth_mm), points).measures)
+    np.testing.assert_allclose(found.value(depth_mm), known, rtol=5e-3)
+    signal = found.signal(Stimulus([0.0, 0.1], [0.0, depth_mm]), 1e-3, 0.2)
+    np.testing.assert_allclose(signal.value[:, -1], found.value(depth_mm))
+
+
+@pytest.mark.parametrize("frequency_hz", [5.0, 250.0])
+def test_a_small_sine_follows_the_slope_at_the_preload(frequency_hz: float) -> None:
+    table = skin("SA1")
+    signal = table.signal(vibrating(frequency_hz, 0.1), 1e-4, 1.8)
+    moved = signal.value[0, 15_000:] - table.value(0.5)[0]
+    assert np.ptp(moved) / 2 == pytest.approx(1e-4 * float(table.value.derivative()(0.5)[0]), rel=1e-2)
+
+
+# --- classes ---
+
+PRESS = Stimulus.ramp(1.0, 30.0, 1.0, begins_s=0.1)
+DOWN_S, UP_S = 0.1 + 1 / 30, 1.1 + 1 / 30
+GAINS = np.geomspace(0.4, 2.5, 12)
+
+
+@pytest.mark.parametrize("name", ["RA", "PC"])
+def test_rapidly_adapting_classes_fire_on_and_off_and_are_silent_in_the_hold(name: str) -> None:
+    found = trains(name, PRESS, GAINS)
+    on, hold, off = (total(found, *w) for w in ((0, DOWN_S + 0.1), (DOWN_S + 0.1, UP_S - 0.02), (UP_S - 0.02, 9)))
+    assert hold == 0
+    assert on >= len(GAINS)
+    assert 0.2 <= off / on <= 1.5
+
+
+def test_sa1_fires_in_the_hold_and_not_on_retraction() -> None:
+    found = trains("SA1", PRESS, GAINS)
+    assert min(total([one], DOWN_S + 0.1, UP_S) for one in found) > 5
+    assert total(found, UP_S + 0.02) <= len(found)
+    assert total(found, UP_S + 0.06) == 0
+
+
+def test_sa1_declines_irregularly_in_a_hold() -> None:
+    hold = Stimulus.ramp(0.6, 10.0, 13.0, begins_s=0.1)
+    found = trains("SA1", hold, np.full(16, 1.0), 1e-3, 12.5)
+    first, last = total(found, 0.2, 1.2), total(found, 11.2, 12.2)
+    assert 0.2 <= 1 - last / first <= 0.6
+    late = [np.diff(one[one > 4]) for one in found]
+    assert 10 <= np.mean([1 / gaps.mean() for gaps in late]) <= 60
+    assert 0.2 <= np.mean([gaps.std() / gaps.mean() for gaps in late]) <= 0.9
+
+
+def test_an_earlier_press_is_remembered() -> None:
+    def press(at_s: float) -> list[float]:
+        return [at_s, at_s + 0.1, at_s + 5, at_s + 5.1]
+
+    depths = [0.0, 0.8, 0.8, -0.1]
+    alone = trains("SA1", Stimulus(press(6.0), depths), GAINS, 1e-3, 8.0)
+    after = trains("SA1", Stimulus(press(0.1) + press(6.0), 2 * depths), GAINS, 1e-3, 8.0)
+    assert total(after, 6.0) < 0.95 * total(alone, 6.0)
+
+
+@pytest.mark.parametrize(("name", "frequency_hz", "amplitude_um"), [("RA", 40.0, 110.0), ("PC", 250.0, 30.0)])
+def test_one_spike_a_cycle_in_its_phase(name: str, frequency_hz: float, amplitude_um: float) -> None:
+    found = trains(name, vibrating(frequency_hz, amplitude_um), np.ones(6), 2e-4)
+    cut = [one[(one > 1.1) & (one < 1.9)] for one in found]
+    assert [len(one) / (0.8 * frequency_hz) for one in cut] == pytest.approx(np.ones(6), rel=0.05)
+    strength = [abs(np.exp(2j * np.pi * frequency_hz * one).mean()) for one in cut]
+    assert min(strength) > 0.8
+
+
+@pytest.mark.parametrize("name", list(BUILT_IN))
+def test_the_step_of_the_signal_has_no_say(name: str) -> None:
+    gains = np.geomspace(0.4, 2.5, 150)
+    coarse, fine = (total(trains(name, PRESS, gains, step_s)) for step_s in (1e-3, 2.5e-4))
+    assert coarse == pytest.approx(fine, rel=0.03)
+
+
+def test_a_seed_gives_its_spikes_whatever_the_others_are() -> None:
+    signal, model = skin("SA1").signal(PRESS, 1e-3), BUILT_IN["SA1"]
+    one = spikes_of(model, signal, [1.0], [7])
+    several = spikes_of(model, signal, [0.8, 1.0, 1.0], [1, 7, 8])
+    np.testing.assert_array_equal(one[0], several[1])
+    assert not np.array_equal(several[1], several[2])
+
+
+@dataclass(frozen=True)
+class Own:
+    """A class of one's own: the current is the measure."""
+
+    name: str = "own"
+    depth_mm: float = 0.75
+    membrane: Membrane = Membrane(0.01, 0.001, 0.0)  # noqa: RUF009  (immutable)
+    sites: int = 1
+
+    def measure(self, measures: dict[str, Array]) -> Array:
+        return measures["e33"]
+
+    def current(self, signal: Signal, sensitivity: Array) -> Array:
+        return sensitivity[:, None] * signal.value
+
+
+def test_a_class_of_ones_own_fires() -> None:
+    found = spikes_of(Own(), Signal(1e-3, np.full((1, 1001), 1.0)), [0.5, 2.0], [1, 2])
+    assert [len(one) for one in found] == [0, pytest.approx(1 / (0.001 + 0.01 * np.log(2)), abs=1)]
+
+
+# --- bad input ---
+
+QUIET = Signal(1e-3, np.zeros((1, 10)))
+
+
+@pytest.mark.parametrize(
+    ("code", "wrong"),
+    [
+        ("afferents_differ", lambda: spikes_of(BUILT_IN["RA"], QUIET, [1.0, 1.0], [1])),
+        (
+            "afferents_differ",
+            lambda: spikes_of(BUILT_IN["RA"], Signal(1e-3, np.zeros((2, 10))), 3 * [1.0], [1, 2, 3]),
+        ),
+        ("bad_sensitivity", lambda: spikes_of(BUILT_IN["RA"], QUIET, [0.0], [1])),
+        ("bad_signal", lambda: spikes_of(BUILT_IN["RA"], replace(QUIET, value=np.full((1, 9), np.nan)), [1.0], [1])),
+        ("bad_stimulus", lambda: Stimulus([0.0, 0.0], [0.0, 1.0])),
+        ("bad_stimulus", lambda: Stimulus([0.0], [np.nan])),
+        ("bad_vibration", lambda: vibrating(0.0, 10.0)),
+    ],
+)
+def test_bad_arguments_have_a_code(code: str, wrong: Callable[[], object]) -> None:
+    with raises(ArgumentError, code):
+        wrong()
+
+
+@pytest.mark.parametrize(
+    ("code", "stimulus", "step_s"),
+    [
+        ("doi_beyond_table", Stimulus.ramp(1.6, 10.0, 0.1), 1e-3),
+        ("doi_beyond_table", vibrating(50.0, 1200.0), 1e-3),
+        ("step_too_long", vibrating(250.0, 10.0), 1e-3),
+    ],
+)
+def test_a_stimulus_out_of_range_has_a_code(code: str, stimulus: Stimulus, step_s: float) -> None:
+    with raises(ModelRangeError, code):
+        skin("SA1").signal(stimulus, step_s)

@@ -1,0 +1,148 @@
+"""Afferents drawn over the pad, what a population answers, and the staircase of a stage."""
+
+import math
+
+import numpy as np
+import pytest
+
+from sim.errors import ModelRangeError
+from sim.models.catalogue import load
+from sim.models.fingertip import Fingertip
+from sim.nerve.population import (
+    DENSITY_PER_CM2,
+    SPACING_SHARE,
+    VELOCITY_M_S,
+    AfferentPopulation,
+    Pad,
+    Wanted,
+    draw,
+    population,
+    wanted,
+)
+from sim.nerve.staircase import Staircase
+from sim.nerve.stimulus import Stimulus
+from tests.error_codes import raises
+
+
+@pytest.fixture(scope="module")
+def flat() -> Fingertip:
+    """The half-space: a finger that costs nothing, with the skin of the default finger."""
+    return load("halfspace")
+
+
+def test_a_text_asks_for_afferents() -> None:
+    assert wanted("3xSA1, 5xRA,PC@0.5:-1,2xSA1@-1") == (
+        Wanted("SA1", 3),
+        Wanted("RA", 5),
+        Wanted("PC", 1, (0.5, -1.0)),
+        Wanted("SA1", 2, (-1.0, 0.0)),
+    )
+
+
+REFUSED = {
+    "3xQQ": ("unknown_afferent", {"model": "QQ", "known": "SA1, RA, PC"}),
+    "": ("bad_afferents", {}),
+    "SA1@a": ("bad_afferents", {"item": "SA1@a"}),
+    "SA1@nan": ("bad_afferents", {}),
+    "SA1@1:2:3": ("bad_afferents", {}),
+    "0xRA": ("number_of_afferents", {"count": 0}),
+    "9999999xRA": ("number_of_afferents", {"count": 9999999}),
+    "SA1@9": ("afferent_off_pad", {"model": "SA1", "x_mm": 9.0, "along_mm": 0.0}),
+    "RA@0:7": ("afferent_off_pad", {"model": "RA", "along_mm": 7.0}),
+    "1500xPC": ("no_room", {"model": "PC"}),
+}
+
+
+@pytest.mark.parametrize("text", REFUSED)
+def test_what_cannot_be_drawn_is_refused(flat: Fingertip, text: str) -> None:
+    code, fields = REFUSED[text]
+    with raises(ModelRangeError, code, **fields):
+        draw(flat, text)
+
+
+def test_a_density_that_nobody_published(flat: Fingertip) -> None:
+    with raises(ModelRangeError, "unknown_density", density="cat paw"):
+        population(flat, "cat paw")
+
+
+def test_an_afferent_depends_on_seed_class_and_number_only(flat: Fingertip) -> None:
+    alone, together = draw(flat, "2xSA1", 3), draw(flat, "4xRA,3xSA1", 3)
+    assert list(alone) == [one for one in together if one.model == "SA1"][:2]
+    assert list(alone) != list(draw(flat, "2xSA1", 4))
+    assert [one.name for one in together] == ["RA-1", "RA-2", "RA-3", "RA-4", "SA1-1", "SA1-2", "SA1-3"]
+
+
+@pytest.mark.parametrize("density", ["monkey fingertip", "human fingertip"])
+def test_a_population_has_the_published_density_and_room_between(flat: Fingertip, density: str) -> None:
+    """Row 18 of the published tests: densities within 10 %, and no two afferents of a class too close."""
+    found, pad = population(flat, density, seed=1), Pad.of(flat)
+    for name, per_cm2 in DENSITY_PER_CM2[density].items():
+        mine = np.array([(one.x_mm, one.along_mm) for one in found if one.model == name])
+        assert len(mine) == pytest.approx(per_cm2 * pad.area_cm2, rel=0.1, abs=0.5)
+        assert all(pad.has(*place) for place in mine)
+        apart = np.hypot(*(mine[:, None] - mine[None]).T) + np.diag([math.inf] * len(mine))
+        assert apart.min() >= SPACING_SHARE * 10 / math.sqrt(per_cm2) - 2e-3  # places are rounded
+
+
+def test_velocities_and_sensitivities_are_as_published(flat: Fingertip) -> None:
+    """Row 18: means within the printed ± of Knibestöl (1973), and the range of each class."""
+    for name, within in {"RA": 3.4, "PC": 3.6}.items():
+        mine = draw(flat, f"400x{name}@0", 5)
+        velocity = np.array([one.velocity_m_s for one in mine])
+        mean, _, lowest, highest = VELOCITY_M_S[name]
+        assert velocity.mean() == pytest.approx(mean, abs=within)
+        assert lowest <= velocity.min() < velocity.max() <= highest
+        log = np.log([one.sensitivity for one in mine])
+        assert (log.mean(), log.std()) == (pytest.approx(0, abs=0.1), pytest.approx(math.log(2), abs=0.1))
+        # from a monkey's fingertip to the forearm, 3 to 6 ms; a human's to the upper arm, 9 to 18 ms
+        assert 0.003 <= np.median([one.delay_s() for one in mine]) <= 0.006
+        assert 0.009 <= np.median([one.delay_s(0.65) for one in mine]) <= 0.018
+
+
+def test_a_population_answers_a_press(flat: Fingertip) -> None:
+    """Rates, histogram and part of a response agree with its spikes, which come later by the delay."""
+    found = draw(flat, "2xSA1@0,RA@0", 2)
+    stimulus = Stimulus.ramp(0.4, 4.0, 0.5)
+    near = found.response(flat, "cylinder:9", stimulus, path_m=0.2)
+    far = found.response(flat, "cylinder:9", stimulus, path_m=0.65)
+    assert [len(one) for one in near.spikes] == [len(one) for one in far.spikes]
+    for one, a, b in zip(found, near.spikes, far.spikes, strict=True):
+        np.testing.assert_allclose(b - a, 0.45 / one.velocity_m_s, rtol=0, atol=1e-12)
+    edges, rate = near.psth(0.05)
+    assert (rate * np.diff(edges)).sum(axis=1).round().tolist() == [len(one) for one in near.spikes]
+    np.testing.assert_allclose(near.rate(0.1, 0.3), [((s >= 0.1) & (s < 0.3)).sum() / 0.2 for s in near.spikes])
+    assert len(near.only("SA1").spikes) == 2
+    assert near.only("RA").spikes[0] is near.spikes[2]
+    with raises(ModelRangeError, "no_window"):
+        near.rate(0.3, 0.1)
+    again = found.response(flat, "cylinder:9", stimulus, path_m=0.2)
+    assert all(np.array_equal(a, b) for a, b in zip(near.spikes, again.spikes, strict=True))
+    (alone,) = AfferentPopulation([found[2]]).response(flat, "cylinder:9", stimulus).spikes
+    assert np.array_equal(alone, near.spikes[2])
+
+
+# --- the staircase ---
+
+
+def test_a_stage_moves_and_rests() -> None:
+    """0.3 mm at 1 mm/s and 50 mm/s²: 0.3 s and 0.02 s more, halfway after half of it; then a rest."""
+    stairs = Staircase([0.0, 1.0, 2.0], [-0.1, 0.2, 0.2], [1.0, 1.0, 1.0], 50.0)
+    assert stairs.depth_mm([-1.0, 0.0, 0.16, 0.32, 0.7, 1.5, 3.0]) == pytest.approx(
+        [-0.1, -0.1, 0.05, 0.2, 0.2, 0.2, 0.2]
+    )
+    t = np.linspace(0.0, 0.32, 3201)
+    speed = np.diff(stairs.depth_mm(t)) / np.diff(t)
+    assert speed.max() == pytest.approx(1.0)
+    assert (np.abs(np.diff(speed)) / 1e-4).max() == pytest.approx(50.0, rel=1e-3)
+    assert stairs.deepest_mm == 0.2
+
+
+def test_a_short_move_never_reaches_its_speed() -> None:
+    stairs = Staircase([0.0, 1.0], [0.0, 0.01], [1.0, 1.0], 50.0)
+    lasts_s = 2 * math.sqrt(0.01 / 50)
+    assert stairs.depth_mm([lasts_s / 2, lasts_s]) == pytest.approx([0.005, 0.01])
+
+
+def test_a_move_that_would_end_too_late_is_faster() -> None:
+    stairs = Staircase([0.0, 0.2, 1.0], [0.0, 1.0, 0.0], [1.0, 1.0, 2.0], 50.0)
+    assert stairs.depth_mm([0.1, 0.2, 0.2 + 0.27, 0.2 + 0.54]) == pytest.approx([0.5, 1.0, 0.5, 0.0])
