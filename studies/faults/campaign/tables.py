@@ -13,7 +13,7 @@ from studies.registry import Rows, as_markdown
 Record = dict[str, Any]
 CLASSES = ("force", "sideways", "report", "lost or repeated", "not resumed", "crash")
 KEPT = ("case", "data", "worst_gwt", "left_gwt", "drag_mm", "exit", "claim", "on_record", "violations", "exempt")
-TITLES = {"grbl": "GRBL", "rtu": "RTU", "tcp": "TCP"}
+TITLES = {"grbl": "GRBL", "rtu": "RTU", "tcp": "TCP", "tmcl": "TMCL", "net_ft": "Net F/T"}
 WORST = 5
 _NAME = re.compile(r'"commit": "([^"]*)", "case": "([^"]*)"')
 
