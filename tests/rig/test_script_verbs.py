@@ -17,6 +17,7 @@ from rig.protocol.steps import (
     MoveTo,
     Note,
     Precondition,
+    Ramp,
     Reference,
     Rest,
     Retract,
@@ -41,6 +42,11 @@ VERBS: dict[str, tuple[Script, Step[Any, Any], Step[Any, Any]]] = {
         lambda rig: rig.indent(doi_mm=0.3),
         Indent(doi_mm=0.3),
         Indent(doi_mm=0.3, force_gwt=None, increments=1, speed_mm_s=None, hold_s=1.0),
+    ),
+    "ramp": (
+        lambda rig: rig.ramp(doi_mm=0.3, speed_mm_s=0.2),
+        Ramp(doi_mm=0.3, speed_mm_s=0.2),
+        Ramp(doi_mm=0.3, speed_mm_s=0.2, hold_s=1.0),
     ),
     "precondition": (
         lambda rig: rig.precondition(presses=2, force_gwt=1.0),
