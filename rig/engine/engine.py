@@ -148,7 +148,7 @@ class Engine:
         """Move vertically.
 
         Below clearance a move down is at most one increment, or ends just above an earlier contact, or is a ramp
-        (rig/engine/ramp.py), whose readings this function receives as they arrive.
+        (rig/engine/press.py), whose readings this function receives as they arrive.
         """
         clearance_mm, from_mm = self.settings.habits.clearance_mm, self.height_mm
         free_mm = height_mm if ramp else self.touched.free_mm(self.x_mm, self.along_mm, speed_mm_s)

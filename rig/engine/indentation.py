@@ -213,7 +213,9 @@ def ramp(
 def _bound(engine: Engine, doi_mm: float, speed_mm_s: float, reached: tuple[float, float]) -> RampBound:
     """Return the bound of a ramp with the measured stiffness. Raises LimitError for one that is too fast."""
     deepest_mm, force_gwt = reached
-    here_gwt = max(force_gwt * (doi_mm / deepest_mm) ** CONTACT_EXPONENT, engine.sensing.touch_gwt)
+    # A press ends within half a step of its depth; that may be above contact.
+    share = doi_mm / max(deepest_mm, doi_mm)
+    here_gwt = max(force_gwt * share**CONTACT_EXPONENT, engine.sensing.touch_gwt)
     bound = RampBound.of(engine.settings, speed_mm_s, engine.trip_gwt, here_gwt, doi_mm)
     bound.refuse_too_fast(LimitError, engine.x_mm)
     return bound

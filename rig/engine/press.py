@@ -34,6 +34,25 @@ class Unanswered:
         return self._moves >= _MOVES and self._expected_gwt > enough_gwt
 
 
+class Unchanged:
+    """Since when, in a ramp, the reading has not changed by half a step, although the finger must push harder.
+
+    late_mm: distance that the stage covers while a reading ages.
+    """
+
+    def __init__(self, resolution_gwt: float, late_mm: float) -> None:
+        self._resolution_gwt, self._late_mm = resolution_gwt, late_mm
+        self._force_gwt = self._height_mm = self._expected_gwt = math.nan  # at the last change
+
+    def too_long(self, force_gwt: float, height_mm: float, expected_gwt: float) -> bool:
+        """Return whether it is so for longer than a reading ages; expected_gwt: force by the stiffness there."""
+        if not abs(force_gwt - self._force_gwt) <= 0.5 * self._resolution_gwt:
+            self._force_gwt, self._height_mm, self._expected_gwt = force_gwt, height_mm, expected_gwt
+            return False
+        enough_gwt = max(_STEPS * self._resolution_gwt, _SHARE * force_gwt)
+        return self._height_mm - height_mm > self._late_mm and expected_gwt - self._expected_gwt > enough_gwt
+
+
 def pulse(engine: Engine, press: PressId, at: str) -> None:
     """Pulse the sync output, if configured, for presses that are data.
 
@@ -124,21 +143,23 @@ class Press:
         engine.record(self.id.stream("ramp"), {**data, "measured_gwt": bound.force_gwt, **limits})
         self._force_gwt = self._peak_gwt = 0.0
         self._ramp_from = (0.0, engine.clock.monotonic_s())
-        engine.go_to_height(to_mm, bound.speed_mm_s, ramp=self._each_of_ramp(bound.speed_mm_s))
+        engine.go_to_height(to_mm, bound.speed_mm_s, ramp=self._each_of_ramp(doi_mm, bound))
         self._force_gwt = self._read("ramp")
         return self._hold(Target("doi_mm", doi_mm), 1, hold_s)
 
-    def _each_of_ramp(self, speed_mm_s: float) -> Callable[[float], None]:
-        engine, settings = self._engine, self._engine.settings
+    def _each_of_ramp(self, doi_mm: float, bound: RampBound) -> Callable[[float], None]:
+        engine, settings, speed_mm_s = self._engine, self._engine.settings, bound.speed_mm_s
         unread_mm = speed_mm_s * UNREAD_S + self._smallest_mm + PRINTED_MM
         late_mm = speed_mm_s * SampleAge.of(settings).wait_s
         before_mm = engine.height_mm
+        unchanged = Unchanged(engine.sensing.resolution_gwt, late_mm)
 
         def each(force_gwt: float) -> None:
             nonlocal before_mm
             force, gone_mm, before_mm = round(force_gwt, 6), before_mm - engine.height_mm, engine.height_mm
             self._peak_gwt = max(self._peak_gwt, force)
-            engine.record_in_motion(self.id, "ramp", force, engine.doi_mm(self._contact_mm, force))
+            here_mm = engine.doi_mm(self._contact_mm, force)
+            engine.record_in_motion(self.id, "ramp", force, here_mm)
             if gone_mm > unread_mm:
                 raise InterruptedMotionError(
                     "the stage moved by {gone_mm:.3f} mm without a force reading, farther than the {limit_mm:.3f} mm "
@@ -150,6 +171,10 @@ class Press:
                 )
             if lost := self._lost_finger(force, late_mm):
                 raise recast(InterruptedMotionError, lost)
+            expected_gwt = bound.force_gwt * (max(here_mm, 0.0) / doi_mm) ** CONTACT_EXPONENT
+            feels = force >= _LOST_SHARE * self._touch.threshold_gwt  # Below, the finger is lost, or not yet reached.
+            if feels and unchanged.too_long(force, engine.height_mm, expected_gwt):
+                raise recast(InterruptedMotionError, _frozen(force))
 
         return each
 
@@ -279,13 +304,7 @@ class Press:
         if abs(step) >= self._smallest_mm:
             self._stiffness_gwt_mm = (self._force_gwt - before) / step
         if self._unanswered.too_long(before, self._force_gwt, expected):
-            frozen = TripError(
-                "the force stays at {force_gwt:.2f} gwt while the stage moves; check for a frozen reading "
-                "or a stalled motor",
-                code="frozen",
-                force_gwt=self._force_gwt,
-            )
-            engine.trip(frozen, self._force_gwt)
+            engine.trip(_frozen(self._force_gwt), self._force_gwt)
 
     def _refuse_too_deep(self, doi_mm: float) -> None:
         deepest = self._engine.settings.limits.max_doi_mm
@@ -378,6 +397,14 @@ class Press:
         aim = min(goal + 0.5 * lost, _HIGHEST_AIM * target_gwt)
         step = _FOLLOWED * self._to_force(aim)
         return (step, aim) if abs(step) >= self._smallest_mm else (0.0, aim_gwt)
+
+
+def _frozen(force_gwt: float) -> TripError:
+    return TripError(
+        "the force stays at {force_gwt:.2f} gwt while the stage moves; check for a frozen reading or a stalled motor",
+        code="frozen",
+        force_gwt=force_gwt,
+    )
 
 
 def _within(value: float, most: float) -> float:

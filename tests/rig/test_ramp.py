@@ -197,6 +197,26 @@ def test_the_depth_is_corrected_for_the_compliance_of_the_rig(spring: Make) -> N
     assert done.holds[0].doi_mm == pytest.approx(0.8, abs=0.004)
 
 
+def test_a_late_sensor_is_no_frozen_one(tmp_path: Path) -> None:
+    """It reads zero for 0.06 mm below the contact, and shows each force 0.2 s after it was there."""
+    bench = FaultyBench(tmp_path, {"force": {"latency_s": 0.2}, "limits": {"soft_trip_n": SOFT_TRIP_N}})
+    bench.felt_n = lambda t_s: bench.true_n(t_s - 0.2)
+    verbs.mount(bench.engine, "bar:3.0")
+    verbs.home(bench.engine)
+    verbs.zero(bench.engine)
+    verbs.move_to(bench.engine, 0.0)
+    done = ramp(bench.engine, 0.86, 0.3, hold_s=0.1, expected_contact_mm=PREDICTED.contact_mm)
+    bench.journal.close()
+    assert done.holds[0].doi_mm == pytest.approx(0.86, abs=0.003)
+
+
+@pytest.mark.parametrize("reached_mm", [-0.0005, 0.0, 0.0005])
+def test_a_press_to_a_tiny_depth_that_ended_above_contact_has_a_bound(spring: Make, reached_mm: float) -> None:
+    engine = spring(soft_trip_n=0.1).ready()
+    bound = indentations._bound(engine, 0.0005, 0.02, (reached_mm, 0.01))
+    assert bound.force_gwt == engine.sensing.touch_gwt
+
+
 # --- what is refused ---
 
 
@@ -322,6 +342,21 @@ def test_a_sensor_that_lost_its_cell_ends_it(faulty: FaultyBench) -> None:
         _ramp(faulty)
     assert faulty.worst_n / GWT_N < 5.0
     assert faulty.height_mm == pytest.approx(2.0, abs=0.003)
+
+
+@pytest.mark.parametrize("stays_gwt", [2.0, 5.0])
+@pytest.mark.parametrize("nearer_mm", [0.0, 0.6])
+def test_a_reading_that_stays_ends_it(faulty: FaultyBench, stays_gwt: float, nearer_mm: float) -> None:
+    """A frozen or saturated sensor that answers in time, far above half a touch and below the trip."""
+
+    def stays() -> None:
+        faulty.felt_n = lambda t_s: stays_gwt * GWT_N
+        faulty.clock.call_at(faulty.clock.monotonic_s() + 0.05, lambda: setattr(faulty, "nearer_mm", nearer_mm))
+
+    _in_the_ramp(faulty, stays, stays_gwt)
+    with raises(TripError, "frozen", force_gwt=stays_gwt):
+        _ramp(faulty)
+    assert faulty.worst_n / GWT_N <= bound_gwt()
 
 
 def test_a_stage_that_goes_on_unread_ends_it(faulty: FaultyBench) -> None:
