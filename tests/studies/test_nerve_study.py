@@ -1,13 +1,18 @@
 """The study of published tests of afferents: what it scores with."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from sim.nerve.models import BUILT_IN
 from studies.nerve.rows import Row, _line, _log, _power, aic, over_seeds, rate_errors, variation
 from studies.nerve.scenes import held
 from studies.nerve.table import CAUSES, FITTED, cells, parameters
 from studies.registry import read_table
+
+Array = NDArray[np.float64]
 
 
 def test_a_plate_holds_what_it_overlaps_and_pulls_nowhere() -> None:
@@ -32,10 +37,10 @@ def test_variation_removes_a_line_and_leaves_other_rates_out() -> None:
 
 
 @pytest.mark.parametrize(("form", "start"), [(_log, (1.0, 1.0)), (_power, (1.0, 0.5)), (_line, (1.0, 1.0))])
-def test_the_right_form_has_the_least_criterion(form, start) -> None:  # type: ignore[no-untyped-def]
+def test_the_right_form_has_the_least_criterion(form: Callable[..., Array], start: tuple[float, float]) -> None:
     v = np.geomspace(1, 60, 10)
     rate = form(v, 12.0, 0.6) + 0.01 * np.sin(9 * v)
-    found = {one.__name__: aic(one, (1.0, 0.5), v, rate) for one in (_log, _power, _line)}
+    found = {one.__name__: aic(one, start, v, rate) for one in (_log, _power, _line)}
     assert min(found, key=found.__getitem__) == form.__name__
 
 
