@@ -4,9 +4,9 @@ x = low-pass(d²m/dt²), I = s [x]₊ less a slow threshold, then c·I / (c + I)
 
 Corner of the low-pass, a Butterworth filter of third order, time constant of the membrane and refractory time: within
 those of Saal et al. (2017, PNAS 114:E5693); slow threshold: Leung et al. (2005, J Neurophysiol). SED₀ is fitted;
-`docs/validation/nerve.md` names the published response that it was fitted to. A deceleration fires
-it as an acceleration does, so that it answers to both ends of a ramp. The finger is quasi-static: waves,
-which carry vibration to corpuscles far from the probe, are missing, so the class is good under the probe only.
+`docs/validation/nerve.md` names the published response that it was fitted to. A ramp's end fires
+the class as its beginning does. The finger is quasi-static: waves, which carry vibration to corpuscles far from the
+probe, are missing, so the class is good under the probe only.
 """
 
 from dataclasses import dataclass
