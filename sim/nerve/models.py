@@ -5,6 +5,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicSpline
 
 from sim.errors import ArgumentError
 from sim.nerve.integrator import Membrane, spikes
@@ -17,6 +18,10 @@ Array = NDArray[np.float64]
 
 MOST_SAMPLES = 100_000_000
 """Largest number of samples of all afferents together; their currents take 0.8 GB."""
+
+
+_MOST_STEP_S = 2.5e-4
+"""Longest step of a signal (s); between samples that are farther apart a spline is read. PC follows its curvature."""
 
 
 class AfferentModel(Protocol):
@@ -103,6 +108,7 @@ def spikes_of(
         raise ArgumentError("the sensitivity of an afferent must be more than 0", code="bad_sensitivity")
     if not np.isfinite(signal.value).all():
         raise ArgumentError("the signal at a receptor must be finite", code="bad_signal")
+    samples *= max(1, int(np.ceil(signal.step_s / _MOST_STEP_S - 1e-9)))
     if len(gains) * samples > MOST_SAMPLES:
         raise ArgumentError(
             "{samples} samples of all afferents together; must be at most {most}: take a longer step or fewer "
@@ -111,8 +117,19 @@ def spikes_of(
             samples=len(gains) * samples,
             most=MOST_SAMPLES,
         )
+    signal = _finer(signal)
     currents = model.current(signal, gains)
     return [
         spikes(current, signal.step_s, model.membrane, model.sites, np.random.default_rng(seed))
         for current, seed in zip(currents, seeds, strict=True)
     ]
+
+
+def _finer(signal: Signal) -> Signal:
+    """Return a signal whose step is short enough for every class."""
+    parts = int(np.ceil(signal.step_s / _MOST_STEP_S - 1e-9))
+    samples = signal.value.shape[-1]
+    if parts == 1 or samples < 2:
+        return signal
+    between = np.arange(parts * (samples - 1) + 1) / parts
+    return Signal(signal.step_s / parts, CubicSpline(np.arange(samples), signal.value, axis=-1)(between))

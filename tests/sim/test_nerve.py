@@ -198,11 +198,12 @@ def test_one_spike_a_cycle_in_its_phase(name: str, frequency_hz: float, amplitud
     assert min(strength) > 0.8
 
 
-@pytest.mark.parametrize("name", list(BUILT_IN))
-def test_the_step_of_the_signal_has_no_say(name: str) -> None:
-    gains = np.geomspace(0.4, 2.5, 150)
-    coarse, fine = (total(trains(name, PRESS, gains, step_s)) for step_s in (1e-3, 2.5e-4))
-    assert coarse == pytest.approx(fine, rel=0.03)
+@pytest.mark.parametrize(("name", "most"), [("SA1", 0.02), ("RA", 0.02), ("PC", 0.04)])
+def test_the_step_of_the_signal_has_little_say(name: str, most: float) -> None:
+    slow, gains = Stimulus.ramp(0.8, 10.0, 0.4, begins_s=0.1), np.geomspace(0.4, 2.5, 150)
+    coarse, fine = (total(trains(name, slow, gains, step_s)) for step_s in (1e-3, 2.5e-4))
+    assert fine > 100
+    assert coarse == pytest.approx(fine, rel=most)
 
 
 def test_a_seed_gives_its_spikes_whatever_the_others_are() -> None:

@@ -97,6 +97,12 @@ def cases() -> list[float]:
     return [*map(float, divmod(sum(int(cell.replace(" ", "")) for cell in totals[1:] if cell), 1000))]
 
 
+def passed(table: str) -> list[float]:
+    """Rows that pass, and rows that count."""
+    verdicts = cells(table, "verdict")
+    return [float(verdicts.count("pass")), float(verdicts.count("pass") + verdicts.count("fail"))]
+
+
 MEDIAN = "seconds of bench time, median and most"
 
 
@@ -192,6 +198,7 @@ QUOTED: list[tuple[str, str, list[float]]] = [
         r"Classes\]\S+ are right in (\d+) %",
         each("coding/shapes", "class", first="0.17 mm", second="skin")[:1],
     ),
+    ("validation/nerve", r"(\d+) of (\d+) rows pass", passed("nerve/tests")),
     ("validation/hard_cases", r"by up to ([\d.]+) %", most("hard_cases/flags", SPREAD)),
 ]
 
