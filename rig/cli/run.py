@@ -168,7 +168,11 @@ def dry_run_command(
     subject: SubjectOption = None,
     afferents: Annotated[
         str | None,
-        typer.Option(metavar="LIST", help="Add spikes of simulated afferents, e.g. 3xSA1,5xRA (rig nerve)."),
+        typer.Option(
+            metavar="LIST",
+            help="Add spikes of simulated afferents, e.g. 3xSA1,5xRA (rig nerve).",
+            rich_help_panel="Simulated spikes",
+        ),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:

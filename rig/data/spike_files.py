@@ -117,8 +117,12 @@ def read_spikes(folder: RunFolder) -> SpikeRecord | None:
             SpikeTrain(
                 row["afferent"],
                 row["class"],
-                *(float(row[name]) for name in ("x_mm", "along_mm", "depth_mm", "sensitivity", "delay_s")),
-                spike_s=_finite(times[row["afferent"]]),
+                float(row["x_mm"]),
+                float(row["along_mm"]),
+                float(row["depth_mm"]),
+                float(row["sensitivity"]),
+                float(row["delay_s"]),
+                _finite(times[row["afferent"]]),
             )
             for row in afferents
         )

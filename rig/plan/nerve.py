@@ -38,6 +38,7 @@ HISTORY_S = 120.0
 """Time before a piece that its spikes depend on (s)."""
 _FAMILIES = ("precondition_", "reference_", "find_")
 _LEAST_MM = 0.01
+_AFTER_S = 1.0  # after a run, in which afferents may still fire
 _PLACE_DECIMALS = 4
 
 
@@ -313,7 +314,7 @@ def _pieces(end_s: float) -> Iterator[tuple[float, float, float]]:
     """Yield where the signal of each piece begins, where its spikes begin, and its end (s)."""
     for k in range(max(math.ceil(end_s / PIECE_S), 1)):
         begin_s = k * PIECE_S
-        yield max(begin_s - HISTORY_S, 0.0), begin_s, begin_s + PIECE_S
+        yield max(begin_s - HISTORY_S, 0.0), begin_s, min(begin_s + PIECE_S, end_s + _AFTER_S)
 
 
 def _depths(found: Visits, first_s: float, end_s: float) -> list[tuple[tuple[str, float, float], int, Array]]:

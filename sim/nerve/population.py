@@ -65,7 +65,9 @@ PAD_SHARE = 0.7
 """Radius of the pad, as a share of the half-width of the finger at the receptor plane."""
 SPACING_SHARE = 0.6
 """Least distance between afferents of one class, as a share of 1/√density."""
-_MOST_TRIES = 4000
+_MOST_TRIES = 2000
+_BARE_MM = 0.25
+"""Distance from a place without tissue within which no other is tried."""
 MOST_AFFERENTS = 2000
 """Most afferents in one population."""
 
@@ -569,16 +571,23 @@ def _places(
     pad: Pad, spacing_mm: float, generator: np.random.Generator, has_tissue: Callable[[float, float], bool]
 ) -> Iterator[tuple[float, float]]:
     """Yield places on the pad, even but for a least distance, until there seems to be no room."""
-    found = np.empty((0, 2))
+    found, bare = np.empty((0, 2)), np.empty((0, 2))
     tries = 0
     while tries < _MOST_TRIES:
         tries += 1
         at = generator.uniform(-1.0, 1.0, 2) * (pad.half_x_mm, pad.half_along_mm)
         x_mm, along_mm = (round(float(mm), 3) for mm in at)
-        near = len(found) and np.hypot(*(found - at).T).min() < spacing_mm
-        if pad.has(x_mm, along_mm) and not near and has_tissue(x_mm, along_mm):
+        if not pad.has(x_mm, along_mm) or _near(found, at, spacing_mm) or _near(bare, at, _BARE_MM):
+            continue
+        if has_tissue(x_mm, along_mm):
             found, tries = np.vstack([found, [x_mm, along_mm]]), 0
             yield x_mm, along_mm
+        else:
+            bare = np.vstack([bare, at])
+
+
+def _near(places: Array, at: Array, distance_mm: float) -> bool:
+    return len(places) > 0 and bool(np.hypot(*(places - at).T).min() < distance_mm)
 
 
 def _afferent(model: str, number: int, place_mm: tuple[float, float], seed: int) -> Afferent:
