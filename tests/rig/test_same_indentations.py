@@ -87,13 +87,6 @@ BENCHES = [
 ]
 
 
-def _stays(bench: dict[str, Any]) -> bool:
-    """Each stage beside the usual sensor, each sensor on the usual stage, and both on Modbus."""
-    stage, force = bench["stage"]["kind"], bench["force"]["kind"]
-    return stage == "grbl" or force == "mtsics" or (stage, force) == ("leadshine", "laumas")
-
-
-@pytest.mark.quick(rows=_stays)
 @pytest.mark.parametrize("bench", BENCHES, ids=lambda bench: "-".join(map(str, _words(bench))))
 def test_equal_steps_and_counts_leave_nothing_to_differ(
     grbl: Run, finger: Fingertip, tmp_path: Path, bench: dict[str, Any]
