@@ -37,6 +37,7 @@ SUFFIXES: Mapping[str, str] = UNITS | {
     "pa_per_pseudo": "Pa per pseudo-unit",
     "mpa": "MPa",
     "pseudo": "pseudo-unit",
+    "bits": "bit",
     "mb": "MB",
     "bytes": "bytes",
     "hz": "1/s",
@@ -1019,6 +1020,90 @@ class IndentJson(Output):
     code: NotRequired[Code]
 
 
+class DesignedPressJson(Output):
+    """A press of a design, in order."""
+
+    shape: Shape
+    x_mm: float
+    target: Literal["doi_mm", "force_gwt"]
+    value: float
+    unit: Literal["mm", "gwt"]
+
+
+class DesignOutcomeJson(Output):
+    """Simulated experiments of a design; shares with their Monte Carlo errors.
+
+    An experiment fails if the truth is not in the 95 % set, or more than two candidates are.
+    """
+
+    design: Literal["designed", "21 positions of one shape", "a grid of depths", "random presses", "all presses"]
+    minutes: float
+    presses: int
+    experiments: int
+    failed: Ratio
+    failed_error: Ratio
+    truth_in_set: Ratio
+    truth_in_set_error: Ratio
+    right: Ratio
+    right_error: Ratio
+
+
+class ConfusionJson(Output):
+    """Share of experiments (row: true, column: most probable) and its Monte Carlo error."""
+
+    true: list[Candidate]
+    share: list[list[Ratio]]
+    error: list[list[Ratio]]
+
+
+class NotSeparatedJson(Output):
+    """A pair between which all presses in an hour choose wrongly too often."""
+
+    one: Candidate
+    other: Candidate
+    right: Ratio
+
+
+class PowerJson(Output):
+    """Experiments with so many fibers: share with the truth and at most one other candidate in the set, and alone."""
+
+    minutes: float
+    presses: int
+    fibers: int
+    few: Ratio
+    few_error: Ratio
+    one: Ratio
+    one_error: Ratio
+
+
+class DesignJson(Output):
+    """A design of presses, its script and its page."""
+
+    script: File
+    report: File
+    duration_s: float
+    candidates: list[Candidate]
+    shapes: list[Shape]
+    minutes: float
+    seed: int
+    quick: bool
+    possible_presses: int
+    refused_presses: int
+    fingers: int
+    presses: list[DesignedPressJson]
+    information_bits: float
+    effective_draws: float
+    """Of the true candidate's evidence, in nine of ten experiments at least."""
+    outcomes: list[DesignOutcomeJson]
+    confusion: ConfusionJson
+    not_separated: list[NotSeparatedJson]
+    separated_from: Ratio
+    dependence: Ratio
+    carried_over: Ratio | None
+    power: list[PowerJson]
+    wall_s: float
+
+
 class StudyJson(Output):
     """A parameter study."""
 
@@ -1628,6 +1713,7 @@ OUTPUTS: Mapping[str, tuple[Any, ...]] = {
     "run": (FinishedRunJson,),
     "identify": (IdentificationJson,),
     "check": (CheckJson,),
+    "design": (DesignJson,),
     "resume": (FinishedRunJson,),
     "compare": (CompareJson, GroupJson),
     "runs": (RunsJson,),

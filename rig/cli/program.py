@@ -41,6 +41,7 @@ COMMANDS = {
         "identify_finger.identify_command", "Identify the finger from a few light presses.", "Experiment"
     ),
     "check": Command("run.check_command", "Check a protocol against the limits without motion.", "Experiment"),
+    "design": Command("design.command", "Choose presses that distinguish candidate measures.", "Experiment"),
     "resume": Command("run.resume_command", "Resume a stopped run and do the remaining steps.", "Experiment"),
     "compare": Command("compare.command", "Compare runs with recordings and write a report.", "Results"),
     "runs": Command("runs.runs_command", "List runs, or write a table of their holds.", "Results"),
