@@ -1,8 +1,8 @@
 """Choice of presses: greedy by information per second over simulated data, then exchange.
 
-Every step asks what one more press would tell, averaged over data sets in which each candidate is true in turn. Presses
-come in blocks, one for each shape, since a change of indentor takes long; the shapes are chosen by coarse designs of
-every few of them.
+Every step asks what one more press would tell, averaged over data sets in which each candidate is true in turn.
+Presses come in blocks, one for each shape, since a change of indentor takes long; the shapes are chosen by coarse
+designs of every few of them.
 """
 
 from collections.abc import Callable, Sequence
@@ -32,11 +32,12 @@ _TRIED_OUT = 5  # presses that a round of exchange tries to do without
 
 
 class Effort(NamedTuple):
-    """Size of the computation: fibers per candidate, data sets, particles, steps of a design and of a coarse one,
-    rounds of exchange.
+    """Size of the computation: fibers per candidate, data sets by which designs are compared, those by which presses
+    are chosen, particles, steps of a design and of a coarse one, rounds of exchange.
     """
 
     draws: int = 2048
+    compared: int = 144
     sets: int = 36
     particles: int = 40
     steps: int = 16
@@ -45,7 +46,7 @@ class Effort(NamedTuple):
     exchanges: int = 4
 
 
-QUICK = Effort(draws=1024, sets=18, particles=24, steps=6, coarse_sets=12, coarse_steps=2, exchanges=0)
+QUICK = Effort(draws=1024, compared=72, sets=18, particles=24, steps=6, coarse_sets=12, coarse_steps=2, exchanges=0)
 """Effort of `--quick`."""
 
 
@@ -126,7 +127,7 @@ class Chooser:
 
     def _simulated(self, seed: int) -> _Data:
         """Return data of fibers that are not among the draws."""
-        sets = -(-self.effort.sets // len(self.candidates)) * len(self.candidates)
+        sets = -(-self.effort.compared // len(self.candidates)) * len(self.candidates)
         truth = np.arange(sets) % len(self.candidates)
         fibers = draw_fibers(sets, self.table, self.model.unknowns, seed, evenly=False)
         rates = np.stack([relative_rates(self.table, c, fibers) for c in self.candidates])[truth, np.arange(sets)]
@@ -140,7 +141,8 @@ class Chooser:
 
     def chosen(self, minutes: float, shapes: Sequence[str], progress: Callable[[int, int], None]) -> Chosen:
         """Return the design for a session of so many minutes, with these shapes."""
-        return self._exchanged(self._greedy(shapes, minutes, self.effort.steps, None, progress), minutes, progress)
+        grown = self._greedy(shapes, minutes, self.effort.steps, self.effort.sets, progress)
+        return self._exchanged(grown, minutes, progress)
 
     def coarse(
         self, minutes: float, combinations_of_shapes: Sequence[tuple[str, ...]], progress: Callable[[int, int], None]
@@ -184,7 +186,7 @@ class Chooser:
         shapes: Sequence[str],
         minutes: float,
         steps: int,
-        sets: int | None,
+        sets: int,
         progress: Callable[[int, int], None],
     ) -> Chosen:
         mine = np.flatnonzero(np.isin(self._of_shape, list(shapes)))
@@ -197,8 +199,8 @@ class Chooser:
         while True:
             sums = self._data.sums(repeats, sets)
             told = information_bits(
-                self.model, self._bins, sums, self.log_rate, self.draws, likelihood, self._particles(sets), self._chance,
-                mine,
+                self.model, self._bins, sums, self.log_rate, self.draws, likelihood, self._particles(sets),
+                self._chance, mine,
             )  # fmt: skip
             added = self._best(told / cost, mine, repeats, room, batch)
             if not added:
@@ -211,10 +213,10 @@ class Chooser:
             grown.append(Step(tuple(added), bits))
             progress(len(grown), steps)
         used = tuple(shape for shape in shapes if repeats[self._of_shape == shape].any())
-        return Chosen(repeats, used, tuple(grown), bits, told)
+        return Chosen(repeats, used, tuple(grown), self.bits(repeats), told)
 
-    def _particles(self, sets: int | None) -> int:
-        return self.effort.particles if sets is None else self.effort.particles // 2
+    def _particles(self, sets: int) -> int:
+        return self.effort.particles if sets >= self.effort.sets else self.effort.particles // 2
 
     def _best(self, worth: Array, mine: Ints, repeats: Ints, room: float, batch: int) -> list[int]:
         """Return the best presses at different places, as many as a batch and the time allow."""
@@ -244,7 +246,7 @@ class Chooser:
             without = np.array([self.bits(_with(repeats, k, -1)) for k in least])
             out = int(least[np.argmax(without)])
             base = _with(repeats, out, -1)
-            sums = self._data.sums(base)
+            sums = self._data.sums(base, self.effort.sets)
             told = information_bits(
                 self.model, self._bins, sums, self.log_rate, self.draws, self._likelihood(sums),
                 self.effort.particles, self._chance, mine,

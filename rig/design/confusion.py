@@ -171,7 +171,7 @@ def expected_confusion(
 def _evidence(
     model: CountModel, sums: Sequence[CountSums], log_rate: Floats, known: FiberDraws, mine: NDArray[np.bool_]
 ) -> tuple[Array, Array]:
-    """Return the log evidence (designs, s) of a candidate, and its effective draws (designs, of experiments `mine`)."""
+    """Return the log evidence (designs, s) of a candidate, and its effective draws (designs, those of `mine`)."""
     evidence, effective = np.empty((len(sums), len(mine))), np.empty((len(sums), int(mine.sum())))
     for d, one in enumerate(sums):
         likelihood = model.log_likelihood(one, log_rate, known)

@@ -1,9 +1,9 @@
 """Counts of spikes: how they scatter, and their log-likelihood with the gain integrated out.
 
 A count y in a window w has the mean μ = k w g and the variance φ μ. Its quasi-log-likelihood is
-(y ln μ − μ − y ln y + y) / φ − ½ ln φ, which is Poisson's at φ = 1 (Nelder & Pregibon, Biometrika 74, 221, 1987). With
-a gamma distribution of k, ∫ k^(Y/φ) e^(−kG/φ) p(k) dk is a gamma function: no draws are spent on the gain. What the
-counts contribute are sums, so that a press adds to them and many data sets need one product of matrices.
+(y ln μ − μ − y ln y + y) / φ − ½ ln φ, which is Poisson's at φ = 1 (Nelder & Pregibon, Biometrika 74, 221, 1987).
+With a gamma distribution of k, ∫ k^(Y/φ) e^(−kG/φ) p(k) dk is a gamma function: no draws are spent on the gain. What
+the counts contribute are sums, so that a press adds to them and many data sets need one product of matrices.
 """
 
 from dataclasses import dataclass

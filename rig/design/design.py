@@ -1,7 +1,7 @@
 """A design from request to result: presses, script, expected confusion beside usual designs, and sample sizes."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -47,7 +47,7 @@ class Request:
     minutes: float = 20.0
     kind: Kind = "doi_mm"
     targets: tuple[float, ...] = (0.25, 0.5, 0.75, 1.0)
-    unknowns: Unknowns = Unknowns()
+    unknowns: Unknowns = field(default_factory=Unknowns)
     hold_s: float = 1.0
     rest_s: float = 2.0
     change_s: float = 60.0
@@ -91,8 +91,8 @@ _SIZES, _QUICK_SIZES = Sizes(360, 16384, 180, 8192, 32768), Sizes(120, 4096, 60,
 class Design:
     """A design with all that its page says.
 
-    `made` is the design in order. `outcomes` has every design at every duration, and `outcome` this one at the requested
-    duration; `bound` all presses in an hour. `growth` (steps,) is what each group of presses adds.
+    `made` is the design in order. `outcomes` has every design at every duration, and `outcome` this one at the
+    requested duration; `bound` all presses in an hour.
     """
 
     request: Request

@@ -50,8 +50,8 @@ def quick_line(found: Design) -> str | None:
         return None
     _, error = share_and_error(found.outcome.failed)
     return (
-        f"Quick: a coarser choice without exchange, one duration, and a Monte Carlo error of {100 * error:.1f} points. "
-        "The design without --quick is at least as good; docs/design.md has the measured loss."
+        "The choice is coarser, without exchange, and for one duration only; its failures are known to "
+        f"{100 * error:.1f} points. docs/design.md has the measured loss."
     )
 
 
@@ -65,8 +65,8 @@ def history_line(found: Design) -> str:
     else:
         carries = f"Relaxation lowers the force of the next press by {100 * found.carried_over:.1f} %."
     return (
-        f"The order within a block is random; of 300 orders it is the one in which depth and position depend least on "
-        f"the press before (|r| ≤ {found.dependence:.2f}). The washout is the approach and a rest of {rest:g} s. {carries}"
+        "Of 300 random orders of each block, the script has the one in which depth and position depend least on the "
+        f"press before (|r| ≤ {found.dependence:.2f}). Washout: the approach and a rest of {rest:g} s. {carries}"
     )
 
 

@@ -6,6 +6,7 @@ candidate. All candidates share the draws, so that differences between them are 
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -114,7 +115,7 @@ def relative_rates(table: ResponseTable, candidate: str, draws: FiberDraws) -> F
     eps = np.empty((len(draws), values.shape[1]), dtype=np.float32)
     order = np.argsort(draws.of_finger, kind="stable")
     ends = np.searchsorted(draws.of_finger[order], np.arange(len(draws.finger) + 1))
-    for number, (first, last) in enumerate(zip(ends[:-1], ends[1:], strict=True)):
+    for number, (first, last) in enumerate(pairwise(ends.tolist())):
         mine = order[first:last]
         there = np.tensordot(draws.finger[number], values, 1)
         eps[mine] = draws.place[mine] @ there.T

@@ -154,7 +154,7 @@ def _mutual(p: Array, mean: Array, scatter: Array) -> Array:
     safe = np.maximum(together, 1e-12)
     with np.errstate(divide="ignore", invalid="ignore"):
         of_each = np.where(mean > 1e-12, mean * np.log2(mean / safe), 0.0).sum(axis=2)
-    # Second order of the scatter: half of the sum of variances over probabilities, of each candidate and of the mixture.
+    # Second order of the scatter: half of variances over probabilities, of each candidate and of the mixture.
     bias = (scatter / np.maximum(mean, 1e-4)).sum(axis=2) / (2 * np.log(2))
     of_mixture = (np.tensordot((p**2).astype(np.float32), scatter, 1) / np.maximum(together, 1e-4)).sum(axis=1) / (
         2 * np.log(2)

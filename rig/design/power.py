@@ -20,8 +20,8 @@ _DRAWN = 400
 class PowerRow(NamedTuple):
     """Success with so many fibers, each recorded for the same time.
 
-    `few` is the share of experiments whose set has the truth and at most one other candidate, `one` of those whose set
-    is the truth alone; with Monte Carlo errors.
+    `few` is the share of experiments whose set has the truth and at most one other candidate, `one` of those whose
+    set is the truth alone; with Monte Carlo errors.
     """
 
     minutes: float

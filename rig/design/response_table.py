@@ -53,7 +53,7 @@ ABOUT = ("contact_mm", "force_gwt", "doi_mm", "area_mm2", "peak_mpa")
 class ResponseTable:
     """Values of the candidates.
 
-    `values` (fingers, presses, candidates, nodes), x varying fastest over nodes; measures are in the signs of `shown`.
+    `values` (fingers, presses, candidates, nodes), x varying fastest over nodes; measures have the signs of `shown`.
     `about` (presses, 5) are contact height above the apex (mm), force (gwt), depth (mm), contact area (mm²) and peak
     pressure (MPa) on the configured finger. Presses that no model solves are NaN.
     """

@@ -54,9 +54,9 @@ def write_design_page(path: Path, page: DesignPage) -> None:
         *figure_sections(page),
         Section(
             "Beside other designs",
-            f"Failures, and how often the truth is in the set, with the Monte Carlo error of the simulation. The last "
-            f"row has all {len(found.table.presses)} possible presses in {BOUND_MIN:g} minutes: no design of this bench "
-            "can do much better.",
+            "Failures, and how often the truth is in the set, with the Monte Carlo error of the simulation. The last "
+            f"row has all {len(found.table.presses)} possible presses in {BOUND_MIN:g} minutes: no design of this "
+            "bench can do much better.",
             ("design", "minutes", "presses", "failures", "truth in the set", "most probable is the truth"),
             tuple(_outcome_row(one) for one in (*found.outcomes, found.bound)),
         ),
@@ -85,12 +85,12 @@ _CURVES = (
     "simulation. Dotted: 90 %."
 )
 _CONFUSION = (
-    "Share of experiments in which the column is the most probable candidate, when the row is true. Of each row as many "
-    "experiments were simulated."
+    "Share of experiments in which the column is the most probable candidate, when the row is true. Every row has as "
+    "many experiments."
 )
 _GROWTH = (
-    "Information about the candidate as the design grew, before presses were exchanged, on the simulated data that it "
-    "was chosen with. The dashed line is complete knowledge. It may fall by the error of its simulation."
+    "Information about the candidate as the design grew, before presses were exchanged, on the simulated data that "
+    "it was chosen with. The dashed line is complete knowledge. It may fall by the error of its simulation."
 )
 
 
@@ -201,7 +201,8 @@ def _pairs(found: Design) -> Section:
     rows = tuple((a, b, f"{100 * share:.0f} %") for a, b, share in found.bound.not_separated())
     return Section(
         "Pairs that this bench cannot separate",
-        f"{separation_line(found)} A pair is separated if the choice between the two is right in 80 % of experiments.",
+        f"{separation_line(found)} A pair is separated if the choice between the two is right in 80 % of "
+        "experiments.",
         ("one", "other", "right choices"),
         rows,
     )
@@ -230,17 +231,17 @@ def _assumptions(found: Design, command: str) -> Section:
     u = found.request.unknowns
     least = np.quantile(found.outcome.effective, 0.1)
     points = (
-        f"A fiber fires at R = max(0, k(ε − ε₀)). Its rate at the strongest press on this bench is {_between(u.rate_per_s)} "
-        f"spikes/s, and ε₀ is {_between(u.threshold)} of ε there.",
-        f"The receptor lies at x = {_between(u.x_mm)} mm from the center of the pad, {_between(u.below_mm)} mm below the "
-        "epidermis, in the receptor plane.",
-        f"Counts in {found.request.hold_s:g} s have {_between(u.dispersion)} times the variance of Poisson's. The gain "
-        f"drifts by a standard deviation of {100 * u.drift:.0f} % in ten minutes.",
+        "A fiber fires at R = max(0, k(ε − ε₀)). Its rate at the strongest press on this bench is "
+        f"{_between(u.rate_per_s)} spikes/s, and ε₀ is {_between(u.threshold)} of ε there.",
+        f"The receptor lies at x = {_between(u.x_mm)} mm from the center of the pad, {_between(u.below_mm)} mm below "
+        "the epidermis, in the receptor plane.",
+        f"Counts in {found.request.hold_s:g} s have {_between(u.dispersion)} times the variance of Poisson's. The "
+        f"gain drifts by a standard deviation of {100 * u.drift:.0f} % in ten minutes.",
         f"{found.fingers} finger{'s' if found.fingers > 1 else ''}: "
         + (
             "interpolated quadratically between them." if found.fingers > 1 else "the configured one is the true one."
         ),
-        "Shear strains may have either sign; all other measures rise with the rate in the sign in which they are plotted.",
+        "Shear strains may have either sign. The rate rises with every other measure, in the sign of its plots.",
         "All candidates are equally probable beforehand, and one of them is true.",
         f"The evidence of a candidate is a mean over draws of fibers, of which {as_number(float(least), 2)} count "
         "effectively in nine of ten experiments; below 2 the confusion is overestimated.",

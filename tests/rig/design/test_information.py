@@ -69,10 +69,8 @@ def test_the_gain_is_integrated_out() -> None:
     for press, count in enumerate(counts):
         now = now.updated(press, np.array([count]))
     shape, mean = unknowns.gain_shape, unknowns.gain_mean_per_s
-    exact = [
-        quad(lambda k, g=g: gamma.pdf(k, shape, scale=mean / shape) * poisson.pmf(counts, 0.5 * k * g).prod(), 0, 400)[0]
-        for g in rates
-    ]
+    prior = gamma(shape, scale=mean / shape)
+    exact = [quad(lambda k, g=g: prior.pdf(k) * poisson.pmf(counts, 0.5 * k * g).prod(), 0, 400)[0] for g in rates]
     evidence = now.log_evidence[0]
     assert evidence[0] - evidence[1] == pytest.approx(np.log(exact[0] / exact[1]), abs=1e-4)
 
