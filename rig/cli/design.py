@@ -89,7 +89,7 @@ def command(
     dispersion: Annotated[
         str,
         typer.Option(metavar="LOW,HIGH", help="Variance of counts over Poisson's.", rich_help_panel=_FIBER),
-    ] = "1.5,1.5",
+    ] = "1.5",
     drift: Annotated[
         float,
         typer.Option(metavar="SD", help="Drift of the gain in ten minutes, as a share.", rich_help_panel=_FIBER),

@@ -1,5 +1,6 @@
 """A design from request to result: presses, script, expected confusion beside usual designs, and sample sizes."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
@@ -70,8 +71,15 @@ class Request:
                 code="too_few_candidates",
                 candidates=", ".join(self.candidates),
             )
-        for shape in self.shapes:
+        for number, shape in enumerate(self.shapes):
             parse_shape(shape)
+            if shape in self.shapes[:number]:
+                raise DesignError("--shapes: {shape} is named twice; remove one", code="shape_twice", shape=shape)
+        for target in self.targets:
+            if not (math.isfinite(target) and target > 0):
+                raise DesignError(
+                    "{key} = {value:g}: must be a positive number", code="not_positive", key=self.kind, value=target
+                )
 
 
 class Sizes(NamedTuple):
@@ -193,7 +201,8 @@ def _limited(
     possible = possible_presses(request.shapes, request.kind, request.targets)
     x_mm, below_mm = nodes(request.unknowns.x_mm, X_STEP_MM), nodes(request.unknowns.below_mm, DEPTH_STEP_MM)
     table = response_table(config.finger, possible, x_mm, below_mm, plausible, count)
-    table = allowed(config, finger, table, request.hold_s)
+    table = allowed(config, finger, table, request.hold_s, _part(progress, "presses compared with the limits"))
+    progress("rehearsal of a few presses", 0, 1)
     times = press_times(config, finger, table.presses, table.doi_mm, request.hold_s, request.rest_s, request.change_s)
     return _designed(request, config, table, times, len(possible), progress)
 
@@ -217,10 +226,10 @@ def _designed(
     bound = everything(table.presses, times, BOUND_MIN)
     evaluate = _Evaluation(table, request, model, progress)
     outcomes = [
-        *evaluate(main, sizes.experiments, sizes.draws, "candidates, this duration"),
-        *evaluate(curve, sizes.of_curve, sizes.draws_of_curve, "candidates, other durations"),
+        *evaluate(main, sizes.experiments, sizes.draws, "candidates after this duration"),
+        *evaluate(curve, sizes.of_curve, sizes.draws_of_curve, "candidates after other durations"),
     ]
-    (most,) = evaluate([bound], sizes.of_curve, sizes.draws_of_bound, "candidates, all presses")
+    (most,) = evaluate([bound], sizes.of_curve, sizes.draws_of_bound, "candidates after all presses")
     series = _relaxation(config)
     gap_s = float(times.press_s.mean()) - request.hold_s
     carried = carry_over(series, request.hold_s, gap_s) if series else None
@@ -250,7 +259,7 @@ def _at(
     likely = some_of(shapes) if minutes < request.minutes else [shapes, request.shapes[:3]]
     try:
         coarse = chooser.coarse(
-            minutes, list(dict.fromkeys(likely)), _part(progress, f"combinations of shapes, {minutes:g} min")
+            minutes, list(dict.fromkeys(likely)), _part(progress, "combinations of shapes for another duration")
         )
     except DesignError:
         return []

@@ -83,7 +83,9 @@ def in_memory(run: Callable[[Rig], None]) -> Script:
     return Script(Path(__file__), "design", "Designed presses", "docs/design.md", ProtocolParameters(), run)
 
 
-def allowed(config: Config, finger: Finger, table: ResponseTable, hold_s: float) -> ResponseTable:
+def allowed(
+    config: Config, finger: Finger, table: ResponseTable, hold_s: float, progress: Callable[[int, int], None]
+) -> ResponseTable:
     """Return the table of the presses that the planner accepts within the limits.
 
     Raises DesignError if there are none.
@@ -96,6 +98,7 @@ def allowed(config: Config, finger: Finger, table: ResponseTable, hold_s: float)
     first: BadInputError | None = None
     shape = ""
     for k, press in enumerate(table.presses):
+        progress(k, len(table.presses))
         if not solved[k]:
             continue
         if press.shape != shape:
